@@ -1,29 +1,31 @@
-# make demo    eight frames of the built-in scene on two virtual devices: the last one's stereo picture and a trace-file;
-#              and eight frames of a scene that moves, with all of them in one picture
+# make demo    renders eight frames of the built-in scene on two virtual devices, with a stereo picture and a
+#              trace-file; and eight frames of an animated scene, with all of them in one picture
 # make lint    checks the format, lints with clippy, builds the documentation and checks links between documents
 # make test    builds and runs the tests, in the profile `tests` of Cargo.toml
-# make test-long    all tests with whole sweeps and many samples, and those that need scenes of others or Chromium
-# make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
-# make test-hardware-rays    tests of the renderer with rays that the device follows by itself; fails where none can
-# make test-mpi    builds the program with MPI and runs it on 1, 2 and 4 ranks of this machine; with MPICH as well where its
-#              mpicc.mpich is. Installs OpenMPI where apt-get is and none was found. SOAK=10000: so many frames on 4 ranks as well
-# make test-xr    builds the program with OpenXR and runs it in Monado's simulated headset and in one that a program wears,
-#              or in that of the runtime that XR_RUNTIME_JSON names; fails where there is neither, but with NO_XR=skip
-# make golden    hashes of the images of many kinds of frames, in out/golden.txt. BEFORE=FILE of another build: what differs
-# make release-check    all of these, and writes docs/release-check.md. STEPS="lint test": these alone. NEWER_MESA=COMMAND:
-#              under a second driver as well, under which that command runs another
-# make peers    diptych beside Mitsuba 3 with OIDN, both measured here: out/peers/NAME/NAME.md and .svg. SHOT=FILE for another shot
-# make numbers    measures the tables of README.md and docs/results.md again, with nothing else running. TABLES="scale play":
-#              only these; SCENES=DIR: with scenes of others; NEWER_MESA=COMMAND: also under the driver that COMMAND runs
-#              commands with; WITH_PEERS=1: with Mitsuba and OIDN; ARGS=--smoke: tiny sizes, in out/numbers/smoke
-# make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found; says
-#              where the software driver is an old, slow one
+# make test-long    runs all tests with full sweeps and many samples, and those that need third-party scenes or Chromium
+# make test-view    tests the window of `diptych view`, which needs Xvfb and xdotool
+# make test-hardware-rays    tests the renderer with hardware ray queries; fails without a device that supports them
+# make test-mpi    builds the program with MPI and runs it on 1, 2 and 4 ranks of this machine, and again with MPICH if
+#              mpicc.mpich exists. Installs OpenMPI if no MPI is found and apt-get exists. SOAK=10000: also 10000 frames
+#              on 4 ranks
+# make test-xr    builds the program with OpenXR and runs it in Monado's simulated headsets, or in the headset of the
+#              runtime that XR_RUNTIME_JSON names; fails without either, unless NO_XR=skip
+# make golden    hashes the images of many kinds of frames into out/golden.txt. BEFORE=FILE: compares with another build
+# make release-check    runs all of these, and writes docs/release-check.md. STEPS="lint test": only these.
+#              NEWER_MESA=COMMAND: also under a second driver, where COMMAND runs another command under that driver
+# make peers    measures diptych beside Mitsuba 3 with OIDN: out/peers/NAME/NAME.md and .svg. SHOT=FILE: another shot
+# make numbers    measures the tables of README.md and docs/results.md again, on an idle machine. TABLES="scale play":
+#              only these; SCENES=DIR: with third-party scenes; NEWER_MESA=COMMAND: also under the driver with which
+#              COMMAND runs commands; WITH_PEERS=1: with Mitsuba and OIDN; ARGS=--smoke: tiny sizes, in
+#              out/numbers/smoke
+# make deps    checks for a Vulkan driver and compilers. Installs Mesa's driver if none is found and apt-get exists.
+#              Warns about an old, slow software driver
 # make clean
 #
-# RUN=COMMAND has tests, golden and their programs run by that command, under another driver for example.
-# Everything else is built in the release profile, so that the program and the benchmarks share one build of each dependency.
-# `make lint` has the profile of `make test`: clippy and the documentation share one check of each dependency, and the tests
-# share the build scripts and procedural macros.
+# RUN=COMMAND runs tests, golden and their programs by that command, for example under another driver.
+# Everything else is built in the release profile, so that the program and the benchmarks share one build of each
+# dependency. `make lint` uses the profile of `make test`: clippy and the documentation share one check of each
+# dependency, and the tests share the build scripts and procedural macros.
 
 CARGO ?= cargo
 RUSTC ?= rustc
@@ -32,16 +34,16 @@ DEMO := out/demo
 PEERS := out/peers
 SHOT ?= builtin:cornell builtin:atrium
 
-# Mesa's layer that chooses among GPUs complains on every start where no Wayland server can be found: there, tests leave
-# it out, as the program itself does.
+# Without a Wayland server, Mesa's device-selection layer complains on every start. Tests then disable it, like the
+# program does.
 ifndef XDG_RUNTIME_DIR
 export NODEVICE_SELECT := 1
 endif
 
-# The command that it names may have a variable of that name.
+# Commands may use a variable of that name.
 unexport NEWER_MESA
 
-# Cargo runs tests by it.
+# Runner for tests in Cargo.
 ifneq ($(RUN),)
 export CARGO_TARGET_$(shell $(RUSTC) -vV | sed -n 's/^host: //p' | tr a-z- A-Z_)_RUNNER := $(RUN)
 endif
@@ -87,7 +89,7 @@ test-hardware-rays: deps
 		echo "no adapter here has ray queries, which these tests are of: Mesa's software driver has them in version 25" >&2; exit 1; }
 	DIPTYCH_TRAVERSAL=hardware $(CARGO) test --release --locked --test renderer
 
-# Programs of their own, so that other targets do not take them for theirs.
+# Separate copies of the programs, so that other targets do not overwrite or use them.
 MPI := out/mpi
 
 test-mpi: deps
@@ -119,7 +121,7 @@ golden: deps
 release-check:
 	@MAKE="$(MAKE)" NEWER_MESA="$(NEWER_MESA)" sh tools/release-check.sh $(STEPS)
 
-# Python and its packages, none of which the program needs, are in a folder of their own.
+# Python packages live in a separate virtual environment. The program needs none of them.
 peers: deps peers-packages
 	$(CARGO) build --release --locked
 	$(PEERS)/venv/bin/python docs/peers/measure.py --diptych '"$(DIPTYCH)"' --out $(PEERS) $(SHOT)

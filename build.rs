@@ -1,4 +1,4 @@
-//! Lists the shaders, whose texts are compiled into the binary.
+//! Generates the table of shader sources that is compiled into the binary.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ fn main() -> io::Result<()> {
     files.sort();
     let mut table = String::from("&[");
     for path in &files {
-        // Their names are told apart without their folders.
+        // Shaders are looked up by file name alone, so names must be unique across folders.
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         if files.iter().any(|other| other != path && other.file_name() == path.file_name()) {
             return Err(io::Error::other(format!("two shaders have the name {name}")));

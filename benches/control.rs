@@ -1,5 +1,5 @@
-//! Time that a decision of the control loop takes the host: on a steady load, under noise, and on one that
-//! sends it from the floor to the top and back.
+//! Measures the host time of a decision of the control loop: on a steady load, under noise, and on a load that sends it
+//! from the floor to the top and back.
 //!
 //! `cargo bench --bench control -- [--reps N] [--rungs N]`
 
@@ -23,7 +23,7 @@ fn options() -> (usize, usize) {
     (reps, rungs)
 }
 
-/// Rungs 5 % apart, the first at 1 ms.
+/// Returns rungs 5 % apart, the first at 1 ms.
 fn ladder(rungs: usize) -> Ladder {
     let rung = |i: usize| Rung {
         time_ms: 1.05f64.powi(i as i32),
@@ -48,7 +48,7 @@ fn ladder(rungs: usize) -> Ladder {
     Ladder::new(origin, (0..rungs).map(rung).collect()).expect("rungs in order")
 }
 
-/// Microseconds of each decision, under a load by frame.
+/// Returns the time of each decision in microseconds, for a load per frame.
 fn decisions(ladder: &Ladder, budget: Budget, reps: usize, load: impl Fn(usize) -> f64) -> Vec<f64> {
     let times_ms: Vec<f64> = ladder.rungs().iter().map(|r| r.time_ms).collect();
     let mut controller = Controller::new(ladder, budget);
@@ -66,7 +66,7 @@ fn main() {
     let (reps, rungs) = options();
     let ladder = ladder(rungs);
     let top_ms = ladder.rungs()[rungs - 1].time_ms;
-    // Low on the ladder, so that there are many rungs to look at above it.
+    // The band is low on the ladder, so that many rungs lie above it.
     let budget = Budget::new(1.5, 2.5).expect("a band");
     println!("µs per decision, {reps} decisions, {rungs} rungs: median, 99th percentile, most");
     let cases: [(&str, &dyn Fn(usize) -> f64); 3] = [

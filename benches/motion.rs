@@ -1,4 +1,4 @@
-//! Time that the host takes for a frame of a scene that moves: poses, the tree over instances, and what devices are sent.
+//! Measures the host time per frame of an animated scene: poses, the tree over instances, and the data sent to devices.
 //!
 //! `cargo bench --bench motion -- [--reps N] [--bodies N]`
 
@@ -27,7 +27,7 @@ fn options() -> (usize, usize) {
     (reps, bodies)
 }
 
-/// Copies of a mesh that each fly to and fro.
+/// Returns copies of a mesh that each move back and forth.
 fn scene(bodies: usize) -> Scene {
     let mut scene = (builtin::find("cornell").expect("it is built in").build)();
     let mesh = scene.instances.iter().map(|i| i.mesh).max_by_key(|m| scene.meshes[*m].triangles.len()).unwrap_or(0);

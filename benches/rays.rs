@@ -1,15 +1,15 @@
-//! Rays per second: the shaders' traversal on one device that takes all cores, against obvhs's own traversal of the same
-//! tree on all cores, for the same rays, repeats taken in turns.
+//! Measures rays per second: the shaders' traversal on one device that uses all cores, against obvhs's own traversal of
+//! the same tree on all cores. Both trace the same rays, in alternating repeats.
 //!
 //! `cargo bench --bench rays -- [--reps N] [--size WxH] [--case NAME] [--processor-time] [--two-level]
 //! [--hardware] [--traverse FILE.wgsl]... [SHOT]...`
 //!
-//! `--hardware` measures the device's own ray queries, too.
-//! `--traverse` names another version of `trace.inc.wgsl` and `traverse_compute.inc.wgsl` of `shaders/shared`, one after the
-//! other, to measure beside the present one.
-//! `--two-level` measures the scene's instances beside the flattened scene; the rays are the same.
-//! `--processor-time` counts what the process used instead of what passed, for a machine that does other work; on a
-//! software adapter only.
+//! `--hardware` also measures the device's hardware ray queries.
+//! `--traverse` names a replacement for `trace.inc.wgsl` and `traverse_compute.inc.wgsl` of `shaders/shared`, one after
+//! the other in one file, to measure beside the current version.
+//! `--two-level` measures the two-level scene beside the flattened one, with the same rays.
+//! `--processor-time` counts processor time instead of elapsed time, for a busy machine. It works only on a software
+//! adapter.
 
 mod common;
 
@@ -66,11 +66,12 @@ fn median(values: &mut [f64]) -> f64 {
     values[values.len() / 2]
 }
 
-/// Processor time of all threads of this process so far, over the cores. Undisturbed by other processes.
+/// Returns the processor time of all threads of this process so far, over the number of cores. It does not depend on
+/// other processes.
 #[cfg(unix)]
 fn processor_s() -> f64 {
     let mut t = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: writes one timespec to a valid address.
+    // SAFETY: the call writes one timespec to a valid address.
     unsafe { libc::clock_gettime(libc::CLOCK_PROCESS_CPUTIME_ID, &mut t) };
     (t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9) / std::thread::available_parallelism().map_or(1.0, |n| n.get() as f64)
 }

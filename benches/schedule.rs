@@ -1,10 +1,10 @@
-//! Time that a frame's planning takes the host, without a device: learn, choose the halo plan, assign and predict, for each
-//! policy that learns.
+//! Measures the host time of planning a frame, without a device: learn, choose the halo plan, assign and predict, for
+//! each policy that learns.
 //!
 //! `cargo bench --bench schedule -- [--reps N] [--devices N] [--height ROWS] [--iterations N]`
 //!
-//! Costs change a little from frame to frame, so that stripes move now and then; the graph is built anew only when they
-//! or the halo plan have changed, as the renderer does, and that is timed apart.
+//! Costs change a little from frame to frame, so that stripes move now and then. Like in the renderer, the graph is
+//! rebuilt only if they or the halo plan have changed. That is timed separately.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -40,14 +40,14 @@ fn options() -> Options {
     options
 }
 
-/// Costs of a graph in a picture whose upper half is sky, on devices of equal speed.
+/// Returns the costs of a graph for a picture whose upper half is sky, on devices of equal speed.
 fn costs(spec: &FrameSpec, graph: &FrameGraph, frame: usize) -> FrameCosts {
     let Extent { width, height } = spec.extent;
     let rays = |per_pixel: u32| (0..height).map(|y| width * (1 + per_pixel * (y / (height / 2).max(1)))).collect();
     let mut costs = FrameCosts { rays: [rays(8), rays(1)], tail_ms: 0.1, ..Default::default() };
     for device in 0..spec.devices {
         costs.lead_ms.push((device, 0.3));
-        // Devices are held up in turns.
+        // Each device in turn is slower.
         let slowness = if frame % spec.devices == device { 1.03 } else { 1.0 };
         for task in graph.tasks_of(device) {
             let (view, rows) = (task.view, task.rows.clone());

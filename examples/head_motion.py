@@ -12,9 +12,9 @@ import math
 import sys
 
 RATE_HZ = 72
-# From the joint of the neck to the point between the eyes, metres.
+# From the neck joint to the point between the eyes, metres.
 EYES = (0.0, 0.075, -0.08)
-# When a turn begins, how long it takes in seconds, and where it ends: yaw to the left and pitch upwards, degrees.
+# Begin and duration of each turn in seconds, then its target: yaw to the left and pitch upwards, degrees.
 TURNS = [(0.3, 0.6, 25, 4), (1.3, 0.4, 10, -8), (2.0, 0.9, -30, 2), (3.3, 0.5, -12, 10), (4.1, 0.7, 0, 0)]
 
 

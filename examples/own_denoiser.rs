@@ -1,4 +1,4 @@
-//! The commands of `diptych` with a denoiser of your own: the mean of neighbours whose surface has the same normal.
+//! The commands of `diptych` with a custom denoiser: the mean of neighbours whose surface has the same normal.
 //!
 //! `cargo run --release --example own_denoiser -- bench --denoiser none,atrous,mean --quick --out out/own`
 
@@ -10,10 +10,10 @@ use diptych::passes::denoise::{CUT, Denoise, Light};
 use diptych::passes::{FrameSpec, gbuffer::GUIDE};
 use diptych::scene::rig::Eye;
 
-/// Rows and columns that are read on each side of a pixel.
+/// Rows and columns that the filter reads on each side of a pixel.
 const REACH: u32 = 3;
 
-/// The fourth channel of `guide` is the packed normal. Rows from `valid_begin` to `valid_end` are those that may be read.
+/// The fourth channel of `guide` is the packed normal. Only rows from `valid_begin` to `valid_end` may be read.
 const SHADER: &str = "
 //!include frame grid
 
@@ -50,7 +50,7 @@ impl Denoise for Mean {
         Some("Mean of neighbours with the same normal")
     }
 
-    /// The passes of the filter. The graph transfers the rows of their halos where stripes meet.
+    /// Returns the passes of the filter. The graph transfers the rows of their halos between stripes.
     fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let iteration = |index| {
             let (source, target) = light.advance();

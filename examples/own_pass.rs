@@ -1,5 +1,5 @@
-//! Appends a pass to those of the renderer: an outline where the distance to the eye jumps from a pixel to its neighbour.
-//! The pass is compared with its shader, runs on two virtual devices, and its output is read and written as a PNG.
+//! Appends a custom pass to the renderer: an outline where the distance to the eye jumps between neighbouring pixels.
+//! The example checks the pass against its shader, runs it on two virtual devices, and writes its output as a PNG.
 //!
 //! `cargo run --release --example own_pass -- [FILE.png]`
 
@@ -21,7 +21,7 @@ const EXTENT: Extent = Extent::new(160, 90);
 
 const OUTLINE_STAGE: Stage = Stage("outline");
 
-/// One byte of grey in 4 bytes per pixel. As an output, it is whole on the primary at the end of the frame.
+/// One byte of grey in 4 bytes per pixel. As an output, it is complete on the primary at the end of the frame.
 const OUTLINE: Resource = Resource::image("outline", 4).output();
 
 /// The fourth channel of `emission` is the distance along the ray, 0 for the sky.
@@ -48,7 +48,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     outline[pixel_index(pixel)] = select(0u, 255u, most > JUMP * least);
 }";
 
-/// It reads one row more on each side of a stripe, and has the stripes of tonemap.
+/// Returns the pass. It reads one more row on each side of a stripe, and has the stripes of tonemap.
 fn outline(view: Eye) -> Pass {
     let kernel = Kernel::from_text("outline", SHADER);
     let uses = [Use::read(EMISSION).halo(1), Use::write(OUTLINE)];

@@ -1,4 +1,4 @@
-//! The commands of `diptych` with a policy of your own, beside those that divide rows evenly and by measured cost.
+//! The commands of `diptych` with a custom policy, beside those that distribute rows evenly and by measured cost.
 //!
 //! `cargo run --release --example own_policy -- scale --counts 1,2 --balance even,measured,halving --out out/own`
 
@@ -19,7 +19,7 @@ impl Policy for Halving {
         "halving"
     }
 
-    /// The model, of which this policy makes no use, predicts the time of rows on each device.
+    /// Assigns rows. This policy ignores the model, which predicts the time of rows on each device.
     fn assign(&mut self, _model: &CostModel) -> Assignment {
         let edges: Vec<u32> = (1..self.devices).map(|device| self.rows - (self.rows >> device)).collect();
         Assignment::uniform(Stripes::from_edges(self.rows, &edges))

@@ -1,13 +1,13 @@
 # %% [markdown]
-# # Plots of what diptych measured
+# # Plots of diptych's measurements
 #
-# Reads the folder that `--out` named and plots every file of numbers in it: `frames.csv` and `run.json` of any command,
-# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, `seams.csv`, `leria.csv`, `bmfr.csv`, `koskela.csv`, `andersson.csv`,
-# `rings.csv` and `peres.csv` of `bench`. What is not there is left out. As a program:
+# Reads the folder given by `--out` and plots every data file in it: `frames.csv` and `run.json` of any command,
+# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, `seams.csv`, `leria.csv`, `bmfr.csv`, `koskela.csv`,
+# `andersson.csv`, `rings.csv` and `peres.csv` of `bench`. Missing files are skipped. As a program:
 #
 #     python examples/plot_runs.py out/play [FOLDER OF THE PLOTS]
 #
-# In an editor or notebook that knows `# %%` cells: set `FOLDER` below and run cell after cell.
+# In an editor or notebook that supports `# %%` cells, set `FOLDER` below and run the cells in order.
 
 # %%
 import io
@@ -57,7 +57,7 @@ title = f"{settings.get('shot', FOLDER.name)} at {settings.get('size', '?')}"
 # %% [markdown]
 # ## Frames: `frames.csv`, every command
 #
-# One line per frame. `scale` has those of each count of `devices`, `bench` those of each setting.
+# One line per frame. `scale` lists the frames of each count of `devices`, `bench` those of each setting.
 
 # %%
 frames = table("frames.csv")
@@ -99,7 +99,7 @@ if "rung" in frames:
     keep(figure, "rungs")
 
 # %% [markdown]
-# ## Where time went: the sums of each frame's `stages` in `run.json`
+# ## Time by stage: the sums of each frame's `stages` in `run.json`
 #
 # A line per frame, stage, view and device; transfers are the stages `download` and `upload`.
 

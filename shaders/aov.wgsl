@@ -1,4 +1,4 @@
-// One auxiliary image per dispatch, from the hit behind the pixel's centre.
+// Renders one auxiliary image per dispatch, from the hit at the pixel's centre.
 
 //!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf path split pack motion last_surface
 
@@ -30,12 +30,12 @@ fn material_value(kind: u32, s: Surface, hit: vec4<u32>, to_viewer: vec3<f32>) -
     }
 }
 
-// The point of the screen at which an eye sees `p`.
+// Screen point at which an eye sees `p`.
 fn on_screen(p: vec3<f32>, eye: View) -> vec2<f32> {
     return pinhole_point(p - eye.origin, eye, vec2<f32>(f32(pass_.args[1]), f32(pass_.args[2]))).xy;
 }
 
-// ... and this frame: where its pixel's ray goes, if the image is the screen's.
+// Screen point at which this frame sees `p`: the pixel's own centre, unless the image is polar.
 fn seen_at(p: vec3<f32>, centre: vec2<f32>) -> vec2<f32> {
     if POLAR {
         return on_screen(p, frame.camera.views[pass_.view]);
@@ -55,7 +55,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     switch pass_.args[0] {
         case ALBEDO: {
             value = unpack_albedo(albedo_image[at]).all;
-            // Packed with gloss it is rounded; the surface itself is not.
+            // If the scene has gloss, the packed albedo is rounded, so recompute it from the surface.
             if HAS_GLOSS && frame.sampling.spp == 1u {
                 value = centre_hit(pixel, hit).albedo;
             }

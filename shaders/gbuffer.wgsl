@@ -1,5 +1,5 @@
-// Primary visibility of one view: the surface behind each pixel's centre. Where later stages need the mean over the
-// pixel (several samples, and no path tracing to bring it), it is taken here too.
+// Primary visibility of one view: the surface at each pixel's centre. Means over the pixel are computed here too, if
+// later stages need them and path tracing does not write them (several samples per pixel).
 
 //!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint foveation
 
@@ -60,7 +60,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     tally_image[at] = add_tally(0u, 1u, select(1u, 0u, ok));
 }
 
-// Samples [begin, end) go into the running means.
+// Adds samples [begin, end) to the running means.
 fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
     let centre = unpack_albedo(albedo_image[at]);
     var albedo = select(vec3<f32>(0.0), centre.all, begin > 0u);

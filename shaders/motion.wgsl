@@ -1,5 +1,4 @@
-// Where the surface behind each pixel's centre was in the frame before, and which way it faced: the guide of the
-// frame before, as this frame sees it.
+// Previous position and normal of the surface at each pixel's centre, in the format of the `guide` image.
 
 //!include frame grid rng scene pack last_surface
 

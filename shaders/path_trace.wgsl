@@ -1,6 +1,6 @@
-// Light reflected by the first surfaces of one view: of the pixels in its rows, or of those that reprojection left open,
-// from their compacted list, so that no lane idles: the divergence that Leria et al. name as the limit of their
-// hole-filling. One pipeline for both, since drivers take seconds to compile it.
+// Path traces the light reflected by the first surfaces of one view: for all pixels in its rows, or for those in an
+// earlier pass's compacted list. The list keeps all lanes busy, which avoids the divergence that Leria et al. name as
+// the limit of their hole filling. Both cases share one pipeline, since drivers take seconds to compile it.
 
 //!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint pixel
 
@@ -35,7 +35,7 @@ fn main(
         if listed_only {
             let at = holes[LIST_HEADER + i];
             pixel = vec2<u32>(at % pass_.width, at / pass_.width);
-            // Where the work is cut, each dispatch takes some rows of the list.
+            // If the work is split, each dispatch takes some rows of the list.
             if pixel.y < pass_.row_begin || pixel.y >= pass_.row_end {
                 continue;
             }

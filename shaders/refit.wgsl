@@ -1,16 +1,16 @@
-// Boxes of the trees over bodies whose shape moves, one level at a time from the deepest to the roots: which node has
-// which children stays, the boxes are put around where the triangles are now. One invocation per node.
+// Refits the trees over deforming bodies, one level at a time from the deepest to the roots. The topology stays, and
+// boxes are put around the triangles' current positions. One invocation per node.
 
 //!include frame changed_tables
 
-// The nodes as they were built.
+// Nodes as they were built.
 @group(1) @binding(0) var<storage, read> nodes: array<vec4<u32>>;
-// Their indices, the deepest first.
+// Indices of the nodes, the deepest first.
 @group(1) @binding(1) var<storage, read> order: array<u32>;
-// Of nodes, then of triangles: least and largest coordinates.
+// Bounding boxes of nodes, then of triangles: least and largest coordinates.
 @group(1) @binding(2) var<storage, read_write> boxes: array<vec4<f32>>;
 
-// A box whose bounds are these parts of 2^23 in x, y and z, rounded outwards so that it holds what it is for.
+// A box in 8-bit units of its node's grid, rounded outwards so that it contains the given bounds.
 struct Bytes {
     low: vec3<u32>,
     high: vec3<u32>,
@@ -19,7 +19,7 @@ struct Bytes {
 fn quantized(low: vec3<f32>, high: vec3<f32>, corner: vec3<f32>, unit: vec3<f32>) -> Bytes {
     var l = floor((low - corner) / unit);
     var h = ceil((high - corner) / unit);
-    // The division and the product that traversal undoes it by are both rounded.
+    // Both the division and the product by which traversal reverses it are rounded.
     l -= select(vec3<f32>(0.0), vec3<f32>(1.0), corner + l * unit > low);
     h += select(vec3<f32>(0.0), vec3<f32>(1.0), corner + h * unit < high);
     return Bytes(vec3<u32>(clamp(l, vec3<f32>(0.0), vec3<f32>(255.0))), vec3<u32>(clamp(h, vec3<f32>(0.0), vec3<f32>(255.0))));
@@ -63,13 +63,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     boxes[2u * node] = vec4<f32>(low, 0.0);
     boxes[2u * node + 1u] = vec4<f32>(high, 0.0);
-    // The power of two that 254 of reach from side to side; one more is left for rounding.
+    // The least power of two such that 254 units reach from side to side. One more is left for rounding.
     let bits = bitcast<vec3<u32>>(max((high - low) / 254.0, vec3<f32>(0x1p-126)));
     let exponents = min((bits >> vec3<u32>(23u)) + select(vec3<u32>(0u), vec3<u32>(1u), (bits & vec3<u32>(0x7fffffu)) != vec3<u32>(0u)), vec3<u32>(254u));
     let unit = bitcast<vec3<f32>>(exponents << vec3<u32>(23u));
     var words: array<vec4<u32>, 3>;
     for (var slot = 0u; slot < 8u; slot += 1u) {
-        // A slot without child is never asked about.
+        // Traversal never tests a slot without a child.
         let q = quantized(min(lows[slot], high), max(highs[slot], low), low, unit);
         let shift = 8u * (slot & 3u);
         for (var axis = 0u; axis < 3u; axis += 1u) {

@@ -1,8 +1,8 @@
-// Spatial reprojection, right eye from left (Adelson & Hodges 1993; Leria et al.): each right pixel gathers what the
-// left eye saw of its surface. The eyes are rectified, so both taps lie on the pixel's own row; those of polar
-// images, four, lie within as many rows as the argument says. What cannot be gathered becomes a hole.
-// Where pixels are left to the filter, left ones that were not sampled give nothing, and only those that the right eye's
-// own mask asks for become holes. With foveation surfaces may differ more in the outer layers.
+// Spatial reprojection, right eye from left (Adelson & Hodges 1993; Leria et al.): each right pixel gathers the light
+// that the left eye saw on its surface. The eyes are rectified, so both taps lie on the pixel's own row. Polar images
+// use four taps, within as many rows as the argument gives. A pixel without any valid tap becomes a hole. If pixels are
+// left to the filter, left pixels that were not sampled give nothing, and only pixels in the right eye's own sampling
+// mask become holes. With foveation, surfaces may differ more in the outer layers.
 
 //!include frame grid split rng pack foveation
 
@@ -15,7 +15,7 @@
 @group(1) @binding(6) var<storage, read_write> right_tally: array<u32>;
 @group(1) @binding(7) var<storage, read_write> holes: array<atomic<u32>>;
 
-// Why a pixel is a hole; 0: it is none.
+// Reason that a left pixel is no valid tap; 0 if it is one.
 fn why_not(at: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32, slack: f32) -> u32 {
     let hit = left_hit[at];
     if (hit.w & FLAG_MIXED) != 0u {
@@ -47,7 +47,7 @@ struct Tap {
     is_there: bool,
 }
 
-// The `i`th around an image point, for a pixel of this row.
+// The `i`th tap around an image point, for a pixel of this row.
 fn tap_around(seen: vec2<f32>, row: u32, i: i32) -> Tap {
     if POLAR {
         let eye = frame.camera.views[0];
@@ -69,7 +69,7 @@ fn tap_around(seen: vec2<f32>, row: u32, i: i32) -> Tap {
     return Tap(at, select(fract(x), 1.0 - fract(x), i == 0), is_there);
 }
 
-// `wanted`: by the right eye's mask; else the pixel is left to the filter.
+// Lists a hole if the right eye's sampling mask contains it (`wanted`), and otherwise leaves it to the filter.
 fn open_hole(at: u32, why: u32, wanted: bool) {
     if SPARSE && !wanted {
         right_tally[at] |= SKIPPED << 28u;
@@ -103,7 +103,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     if SPARSE {
         is_full = is_full && frame.sampling.sampled_share >= 1.0;
-        // No filter brings light to a pixel without a surface at its centre.
+        // Filters do not fill a pixel without a surface at its centre.
         wanted = guide.w == NO_NORMAL || is_sampled(pixel, 1u);
     }
     if (hit.w & FLAG_MIXED) != 0u {
@@ -142,7 +142,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         }
         was_skipped = was_skipped || why_tap == SKIPPED;
         if why_tap != 0u {
-            // The reason is that of the tap that would count most.
+            // The reason is that of the invalid tap with the largest weight.
             why = select(why, why_tap, tap.weight > missed);
             missed = max(missed, tap.weight);
         } else if tap.weight > 0.0 {
@@ -157,7 +157,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     if sum < 1e-4 {
         if SPARSE && was_skipped {
-            // With its neighbours' gathers the filter has as many samples here as the mask asks for.
+            // Together with what its neighbours gather, the filter has as many samples here as the mask intends.
             wanted = is_full;
             why = OUTSIDE;
         }

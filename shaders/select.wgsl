@@ -1,7 +1,7 @@
-// Which pixels of a view are path traced where some are left to the filter, as a compacted list (Peres, section 4.2, the
-// coordinates buffer). Departure: Peres makes mask and list once on the CPU, for a gaze that stands still; here the gaze
-// moves with every frame, so each device lists the pixels of its own rows, and nothing waits for the host. Pixels left out
-// have radiance with alpha 0, the mask that the filter weighs with.
+// Mask compaction: lists the pixels of a view to path trace if others are left to the filter (Peres, section 4.2, the
+// coordinates buffer). Departure: Peres computes mask and list once on the CPU, for a fixed gaze. Here the gaze moves
+// with every frame, so each device lists the pixels of its own rows, without waiting for the host. Pixels left out have
+// radiance with alpha 0, the mask that the filter weights with.
 
 //!include frame grid rng pack foveation
 
@@ -25,7 +25,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
     var wanted = false;
     var slot = 0u;
     if !is_outside(pixel) {
-        // No filter brings light to a pixel without a surface at its centre: one at the rim of a surface is traced.
+        // Filters do not fill a pixel without a surface at its centre, so pixels at the rim of a surface are traced.
         let is_rim = guide_image[at].w == NO_NORMAL && (hit_image[at].w & FLAG_MIXED) != 0u;
         wanted = is_rim || is_sampled(pixel, pass_.view);
         radiance_image[at] = vec4<f32>(0.0);

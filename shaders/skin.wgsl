@@ -1,18 +1,18 @@
-// The triangles of bodies whose shape moves, as they are in this frame and as they were in the one before: linear blend
-// skinning of morphed vertices, as in glTF 2.0, sections 3.7.2.2 and 3.7.3. One invocation per vertex, then one per
-// triangle. Everything follows from the two poses that the host gives, so no frame depends on what another left in the
-// tables.
+// Deforms bodies, for this frame and the previous one: linear blend skinning of morphed vertices, as in glTF 2.0,
+// sections 3.7.2.2 and 3.7.3. One invocation per vertex, then one per triangle. Everything follows from the two poses
+// that the host gives, so no frame depends on another frame's tables.
 
 //!include frame changed_tables
 
 @group(1) @binding(0) var<storage, read> triangles: array<SkinTriangle>;
 @group(1) @binding(1) var<storage, read> vertices: array<SkinVertex>;
 @group(1) @binding(2) var<storage, read> morphs: array<SkinMorph>;
-// Of each joint three rows of its matrix now and three of the one before; weights of morph targets, now in x, before in y.
+// Three rows of each joint's matrix now and three of the previous one; then weights of morph targets, now in x and
+// before in y.
 @group(1) @binding(3) var<storage, read> pose: array<vec4<f32>>;
-// Vertices, brought into the world.
+// World-space vertices.
 @group(1) @binding(4) var<storage, read_write> skinned: array<Corner>;
-// Of nodes, then of triangles: least and largest coordinates.
+// Bounding boxes of nodes, then of triangles: least and largest coordinates.
 @group(1) @binding(5) var<storage, read_write> boxes: array<vec4<f32>>;
 
 struct Affine {
@@ -28,7 +28,7 @@ struct Corner {
     tangent: vec4<f32>,
 }
 
-// The weighted means of a vertex's joints.
+// Weighted means of a vertex's joint matrices.
 struct Blended {
     now: Affine,
     last: Affine,
@@ -60,7 +60,8 @@ fn vector(m: Affine, v: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(dot(m.x.xyz, v), dot(m.y.xyz, v), dot(m.z.xyz, v));
 }
 
-// By the cofactors, as cross products are: the inverse transpose up to a factor, which a matrix without inverse has as well.
+// Transforms a normal by the matrix of cofactors, which is the inverse transpose up to a factor, and exists for
+// singular matrices too.
 fn normal_vector(m: Affine, n: vec3<f32>) -> vec3<f32> {
     let rows = mat3x3<f32>(cross(m.y.xyz, m.z.xyz), cross(m.z.xyz, m.x.xyz), cross(m.x.xyz, m.y.xyz));
     return n * rows;

@@ -1,9 +1,9 @@
-// Sums what was counted per pixel into rows: the scheduler's work per row, and the run's totals.
+// Sums per-pixel counts over rows: the scheduler's work per row, and the run's totals.
 
 //!include frame grid pack
 
 @group(1) @binding(0) var<storage, read> tally: array<u32>;
-// COUNTS numbers a row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the filter, clipped
+// COUNTS counters per row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the filter, clipped
 // pixels.
 @group(1) @binding(1) var<storage, read_write> rows: array<atomic<u32>>;
 

@@ -1,4 +1,4 @@
-// Puts albedo and emission back (remodulation) and encodes for display: c / (1 + c), then sRGB.
+// Multiplies by albedo (remodulation), adds emission, and encodes for display: c / (1 + c), then sRGB.
 
 //!include frame grid pack display
 

@@ -1,12 +1,13 @@
-//! Structs and constants that the host and shaders share: declared in Rust, from which their declarations in WGSL follow.
+//! Structs and constants shared by host and shaders. They are declared in Rust, and the WGSL declarations are
+//! generated.
 
 use std::fmt;
 
 use glam::{UVec2, UVec3, Vec2, Vec3, Vec4};
 
-/// A type that shaders have as well.
+/// A type that exists in Rust and in WGSL.
 pub trait Shared {
-    /// Its name in WGSL.
+    /// Returns its name in WGSL.
     fn name() -> String;
 }
 
@@ -42,16 +43,16 @@ pub struct Member {
     pub name: &'static str,
     /// Its type in WGSL.
     pub type_name: String,
-    /// Bytes from the struct's beginning.
+    /// Offset from the start of the struct, bytes.
     pub offset: usize,
 }
 
-/// What a struct is in WGSL.
+/// Declaration of a struct in WGSL.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Declaration {
     pub name: &'static str,
     pub members: Vec<Member>,
-    /// Bytes of all of it.
+    /// Size of the struct, bytes.
     pub bytes: usize,
 }
 
@@ -69,20 +70,20 @@ impl fmt::Display for Declaration {
 pub struct Table {
     /// The struct of its entries.
     pub entry: &'static str,
-    /// What the function is called that reads an entry.
+    /// Name of the function that reads an entry.
     pub reader: &'static str,
-    /// Member of `frame.tables` that has its first row.
+    /// Member of `frame.tables` that holds the index of its first row.
     pub first_row: &'static str,
 }
 
-/// Bytes of a row of tables.
+/// Size of a table row, bytes.
 pub const ROW_BYTES: usize = 16;
 
 impl Declaration {
-    /// The function that reads an entry of a table of these.
+    /// Returns the WGSL function that reads an entry of a table of this struct.
     ///
     /// # Panics
-    /// If a member crosses rows, or is of a type that tables do not have.
+    /// If the struct does not fill whole rows, or if a member crosses rows or has a type that tables do not support.
     pub fn reader(&self, table: &Table) -> String {
         assert!(self.bytes.is_multiple_of(ROW_BYTES), "{} fills no rows", self.name);
         let rows = self.bytes / ROW_BYTES;
@@ -99,7 +100,7 @@ impl Declaration {
 }
 
 impl Member {
-    /// What it is of the rows `row0` and so on.
+    /// Returns the WGSL expression of this member in terms of `row0` and the rows after it.
     fn in_rows(&self) -> String {
         let (first, row) = (self.offset % ROW_BYTES / 4, self.offset / ROW_BYTES);
         let words = match self.type_name.as_str() {
@@ -114,7 +115,7 @@ impl Member {
     }
 }
 
-/// Declares structs of plain data that shaders have as well, under the same names, and `structs`, which lists them.
+/// Declares plain-data structs that shaders share under the same names, and a function `structs` that lists them.
 macro_rules! shared_structs {
     ($($(#[$about:meta])* pub struct $name:ident { $($(#[$what:meta])* pub $member:ident: $type:ty,)* })*) => {
         $(
@@ -132,7 +133,7 @@ macro_rules! shared_structs {
             }
         )*
 
-        /// What the structs of this module are in shaders.
+        /// Returns the WGSL declarations of this module's structs.
         pub fn structs() -> Vec<$crate::wgsl::Declaration> {
             vec![$($crate::wgsl::Declaration {
                 name: stringify!($name),
@@ -147,27 +148,27 @@ macro_rules! shared_structs {
     };
 }
 
-/// A constant of shaders: its name and its value.
+/// Name and value of a shader constant.
 pub type Constant = (&'static str, u32);
 
-/// Constants under the names that they have in Rust.
+/// Lists Rust constants as shader constants of the same names.
 macro_rules! constants {
     ($($name:ident),* $(,)?) => { &[$((stringify!($name), $name)),*] };
 }
 
-/// Declares constants, and `CONSTANTS`, which is all of them for shaders.
+/// Declares constants, and `CONSTANTS`, which lists all of them for shaders.
 macro_rules! shared_constants {
     ($($(#[$about:meta])* $visible:vis const $name:ident: u32 = $value:expr;)*) => {
         $($(#[$about])* $visible const $name: u32 = $value;)*
 
-        /// Those above, for shaders.
+        /// Constants declared above, for shaders.
         pub(crate) const CONSTANTS: &[$crate::wgsl::Constant] = $crate::wgsl::constants![$($name),*];
     };
 }
 
 pub(crate) use {constants, shared_constants, shared_structs};
 
-/// The declarations of constants.
+/// Returns the WGSL declarations of constants.
 pub fn declare(constants: &[Constant]) -> String {
     constants.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect()
 }

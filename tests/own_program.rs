@@ -1,6 +1,6 @@
-//! Programs that run the commands of `diptych` with what they register, as two examples do. A policy is in the table of
-//! `scale` beside ours, in `render` and in the help, and changes no byte; a denoiser gives the bytes of one device. This test
-//! is a program of its own, since the examples take its command line.
+//! Programs that extend the commands of `diptych`, like two of the examples. A registered policy appears in the table
+//! of `scale`, in `render` and in help, and changes no byte. A registered denoiser gives the bytes of one device. This
+//! test is a program of its own, because the examples parse its command line.
 
 #[path = "../examples/own_denoiser.rs"]
 mod own_denoiser;
@@ -10,7 +10,7 @@ mod own_policy;
 use std::path::Path;
 use std::process::{Command, ExitCode, Output};
 
-/// Names the example that this program is to be.
+/// Environment variable that names the example to run as.
 const AS_EXAMPLE: &str = "DIPTYCH_TEST_AS_EXAMPLE";
 
 fn main() -> ExitCode {
@@ -50,7 +50,7 @@ fn scale_compares_policies(folder: &Path) {
     }
 }
 
-/// Renders on so many devices and returns the right eye's file and the rows of each device.
+/// Renders on this many devices; returns the right eye's file and the rows of each device.
 fn render(example: &str, out: &Path, devices: &str, options: &[&str]) -> (Vec<u8>, serde_json::Value) {
     let args = ["render", "builtin:cornell", "--size", "32x18", "--warm-up", "1", "--quiet", "--virtual", devices];
     run(example, &[&args[..], options, &["--out", out.to_str().unwrap()]].concat());

@@ -1,4 +1,5 @@
-//! `view` opens a window, follows the pointer and shows both eyes as they are rendered. Without Xvfb it is skipped, loudly.
+//! `view` opens a window, follows the pointer and shows both eyes as rendered. Without Xvfb it is skipped with a
+//! message.
 
 #![cfg(feature = "view")]
 
@@ -14,19 +15,19 @@ use ::diptych::image::{Extent, Image};
 use common::{Stage, Subject, diptych, still_rig};
 use glam::Vec3;
 
-/// A display of its own; it ends with this.
+/// A virtual display, which ends when this is dropped.
 struct Display {
     server: Child,
     name: String,
-    /// Where the server keeps what it shows.
+    /// Folder with the server's framebuffer.
     memory: tempfile::TempDir,
 }
 
 impl Display {
-    /// None where there is no Xvfb.
+    /// Opens a display; none without Xvfb.
     fn open() -> Option<Self> {
         let memory = tempfile::tempdir().unwrap();
-        // The server picks a number that is free and writes it to its standard output.
+        // The server picks a free number and writes it to its standard output.
         let server = Command::new("Xvfb")
             .args(["-displayfd", "1", "-screen", "0", "1400x900x24", "-nolisten", "tcp", "-fbdir"])
             .arg(memory.path())
@@ -46,12 +47,12 @@ impl Display {
         Some(Self { server, name: format!(":{}", number.trim()), memory })
     }
 
-    /// A header, and the screen's pixels of four bytes each.
+    /// Returns the framebuffer's file: a header, and four bytes per pixel.
     fn shown(&self) -> Vec<u8> {
         std::fs::read(self.memory.path().join("Xvfb_screen0")).unwrap()
     }
 
-    /// Until there is more to see than that devices warm up.
+    /// Waits until the window shows more than the warm-up message.
     fn wait_for_frames(&self) {
         let begin = Instant::now();
         let is_lit = |pixel: &&[u8]| pixel[..3].iter().any(|c| *c > 60);
@@ -73,7 +74,7 @@ impl Display {
         command.args(shape).args(options).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
     }
 
-    /// Points at a place in the window, then does this; whether there is an xdotool to do it.
+    /// Moves the pointer to a place in the window, then executes `args`. Returns false without xdotool.
     fn xdotool(&self, at: [&str; 2], args: &[&str]) -> bool {
         let find = ["search", "--sync", "--name", "diptych: ", "windowfocus"];
         let point = ["mousemove", "--window", "%1", at[0], at[1]];
@@ -108,7 +109,7 @@ fn read(path: &Path) -> DisplayImage {
     Image { extent, pixels: file.pixels().map(|p| p.0).collect() }
 }
 
-/// The mean of the window's pixels over each pixel of an image shown from (`x`, `y`) on, `scale` times as large.
+/// Averages the window's pixels over each pixel of an image that is shown at (`x`, `y`), `scale` times as large.
 fn reduced(window: &DisplayImage, [x, y]: [u32; 2], scale: u32, extent: Extent) -> DisplayImage {
     let pixel = |i: usize| {
         let (column, row) = (i as u32 % extent.width * scale + x, i as u32 / extent.width * scale + y);
@@ -124,7 +125,7 @@ fn mean_difference(a: &DisplayImage, b: &DisplayImage) -> f64 {
     all.clone().map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>() / all.len() as f64
 }
 
-/// The camera of the built-in shot moves.
+/// A shot with a static camera; that of the built-in shot moves.
 const STILL: &str = r#"
 name = "cornell"
 scene = "builtin:cornell"
@@ -146,7 +147,7 @@ fn still_shot(folder: &Path) -> String {
 }
 
 const EYE: Extent = Extent::new(48, 32);
-/// Of the window: it shows each eye 13 times as large, with 4 columns between and 17 rows above and below.
+/// Layout of the window: each eye is 13 times as large, with 4 columns between and 17 rows above and below.
 const SCALE: u32 = 13;
 const RIGHT: u32 = SCALE * EYE.width + 4;
 const ABOVE: u32 = 17;
@@ -159,7 +160,7 @@ fn the_window_shows_both_eyes_as_they_are_rendered() {
     let still = still_shot(folder.path());
     let free = ["--frames", "90", "--fps", "30", "--budget-ms", "1..1000", "--screenshot", shot.to_str().unwrap()];
     let child = display.view(&[&[&still[..]], &free[..]].concat());
-    // N: pixels stay squares. O takes the overlay away, which hides a part of the left eye.
+    // N selects nearest-neighbour magnification. O removes the overlay, which covers a part of the left eye.
     let has_keys = display.xdotool(["640", "5"], &["key", "n", "o"]);
     ended(child);
     let window = read(&shot);
@@ -189,9 +190,9 @@ fn the_gaze_follows_the_pointer_and_keys_move_the_camera() {
     let shoot = |name: &str, keys: &[&str]| {
         let path = folder.path().join(name);
         let free = ["--fps", "30", "--budget-ms", "1..100", "--screenshot", path.to_str().unwrap()];
-        // It ends where there is nobody to press Escape, too.
+        // Limit the frames, so that the run also ends if no one presses Escape.
         let child = display.view(&[&[&shot, "--foveation", "layers", "--frames", "600"], &free[..]].concat());
-        // Until there are frames.
+        // Wait for the first frames.
         let patience = ["sleep", "6"];
         let pressed =
             display.xdotool(["940", "320"], &[&patience[..], keys, &["sleep", "1", "key", "Escape"]].concat());
@@ -218,7 +219,7 @@ fn the_gaze_follows_the_pointer_and_keys_move_the_camera() {
     assert!(difference > 6.0, "the camera did not move: {difference} levels");
 }
 
-/// Off its path, a camera that stands still sees what moves move on.
+/// With a free camera at rest, animations continue.
 #[test]
 fn what_moves_goes_on_while_the_camera_is_free() {
     let Some(display) = Display::open() else { return };
@@ -227,7 +228,7 @@ fn what_moves_goes_on_while_the_camera_is_free() {
     let eyes = "position = [0.0, 1.45, 5.2]\ntarget = [0.0, 1.15, 0.0]";
     let text = format!("name = 'studio'\nscene = 'builtin:studio'\n[rig]\nyfov_deg = 45\n[[rig.key]]\n{eyes}\n");
     std::fs::write(&shot, text).unwrap();
-    // Bytes of the screen that change by much within a second.
+    // Returns the number of framebuffer bytes that change considerably within a second.
     let changed = |animation: &[&str]| {
         let free = [shot.to_str().unwrap(), "--frames", "600", "--fps", "30", "--budget-ms", "1..100"];
         let child = display.view(&[&free, animation].concat());
@@ -248,7 +249,7 @@ fn what_moves_goes_on_while_the_camera_is_free() {
     );
 }
 
-/// A rig of its own for every frame, as the window's camera has, against one rig that goes along a path.
+/// Compares a new rig for every frame, as for the window's camera, with one rig that follows a path.
 #[test]
 fn a_free_camera_finds_the_same_history_as_one_on_a_path() {
     let mut on_path = Subject::load("builtin:cornell");

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Checks for what the feature `mpi` takes: OpenMPI or MPICH with its compiler driver, and libclang, which reads its headers.
-# Where something is missing and apt-get is there, installs it.
+# Checks for the dependencies of the feature `mpi`: OpenMPI or MPICH with its compiler driver, and libclang, which reads
+# its headers. If one is missing and apt-get exists, installs it.
 set -eu
 
 if command -v mpirun >/dev/null 2>&1 && command -v mpicc >/dev/null 2>&1 &&

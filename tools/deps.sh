@@ -1,8 +1,7 @@
 #!/bin/sh
-# Checks for what building and running takes beside Rust's own packages: cargo, a C++ compiler (the crate `meshopt` has
-# C++ inside) and, on Linux, a Vulkan loader and driver. Where the loader or any driver is missing and apt-get is there,
-# installs Mesa's, which has a software one. Installs nothing else, and nothing where both are found. Says so where the
-# software driver is an old and slow one.
+# Checks for build and run-time dependencies outside Cargo: cargo itself, a C++ compiler (the crate `meshopt` contains
+# C++) and, on Linux, a Vulkan loader and driver. If the loader or any driver is missing and apt-get exists, installs
+# Mesa's drivers, which include a software one. Installs nothing else. Warns about an old, slow software driver.
 set -eu
 
 fail() {
@@ -14,7 +13,7 @@ has() {
     command -v "$1" >/dev/null 2>&1
 }
 
-# Whether one of the paths in the colon-separated list $1 is there.
+# Succeeds if one of the paths in the colon-separated list $1 exists.
 any_exists() {
     old_ifs=$IFS
     IFS=:
@@ -28,7 +27,7 @@ any_exists() {
     return 1
 }
 
-# The JSON files by which drivers announce themselves, one a line; the two variables replace the search.
+# Lists the JSON manifests of Vulkan drivers, one per line; the two variables replace the search.
 driver_files() {
     named=${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}}
     if [ -n "$named" ]; then
@@ -54,7 +53,7 @@ has_driver() {
     [ -n "$(driver_files)" ]
 }
 
-# The library that the driver's JSON file $1 names, which has a path or is to be searched for.
+# Prints the library of the driver manifest $1, which names it with a path or for the linker to find.
 library_of() {
     name=$(sed -n 's/.*"library_path"[^"]*"\([^"]*\)".*/\1/p' "$1")
     case $name in
@@ -64,7 +63,7 @@ library_of() {
     esac
 }
 
-# Mesa's software driver has its version inside. 25 is the oldest that was found to be fast.
+# Mesa's software driver contains its version. 25 is the oldest version known to be fast.
 tell_old_mesa() {
     driver_files | while read -r file; do
         case $file in
@@ -90,7 +89,7 @@ has_loader() {
             return 0
         fi
     done
-    # Systems without glibc's cache.
+    # For systems without glibc's cache.
     for file in /lib/libvulkan.so.1 /usr/lib/libvulkan.so.1 /usr/lib64/libvulkan.so.1 /usr/local/lib/libvulkan.so.1 \
         /run/opengl-driver/lib/libvulkan.so.1; do
         if [ -e "$file" ]; then
@@ -120,7 +119,7 @@ install_mesa() {
     has_loader && has_driver || fail "$packages are installed, but there is still no Vulkan driver to be found"
 }
 
-# CXX if it is set, or whatever compiler there is.
+# Uses CXX if it is set, or any compiler found.
 has_cpp() {
     for compiler in ${CXX:-c++ g++ clang++}; do
         if has "$compiler"; then
@@ -143,7 +142,7 @@ Darwin)
     has_cpp || fail "no C++ compiler was found. Install Apple's: xcode-select --install"
     ;;
 MINGW* | MSYS* | CYGWIN*)
-    # Graphics come with Windows, the compiler with the linker that Rust asks for at its installation.
+    # Windows includes Vulkan, and Rust's installation requires the linker that comes with the compiler.
     ;;
 *)
     has_cpp || fail "no C++ compiler was found. Install g++ or clang"

@@ -1,9 +1,9 @@
 #!/bin/sh
-# Hashes of the images of many kinds of frames, to hold one build against another: golden.sh DIPTYCH FILE
+# Hashes the images of many kinds of frames, to compare builds: golden.sh DIPTYCH FILE
 #
-# Writes FILE, one line per image of every run: SHA-256, run, image. Images depend on the Vulkan driver, so compare files of
-# the same driver. What may differ from run to run of one build is left out: the division is even or stated. Of frames that
-# are shown late there is no image but a table of errors.
+# Writes FILE, one line per image of every run: SHA-256, run, image. Images depend on the Vulkan driver, so compare
+# files from the same driver. Anything that varies between runs of one build is excluded: rows are distributed evenly or
+# as stated. Late reprojection is represented by a table of errors instead of images.
 set -eu
 diptych=$1
 file=$2
@@ -12,7 +12,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 : >"$file.part"
 
-# NAME OPTIONS...: renders, and notes the hashes of all images of scene-referred light and auxiliary values.
+# NAME OPTIONS...: renders, and records the hashes of all images of scene-referred light and auxiliary values.
 run() {
     name=$1
     shift
@@ -23,7 +23,7 @@ run() {
     rm -rf "${folder:?}/$name"
 }
 
-# The same scene, read from glTF, and head motion of eyes that are turned apart.
+# The same scene read from glTF, and head motion with canted eyes.
 "$diptych" export builtin:studio --out "$folder/gltf" >/dev/null
 left='"position_m": [-0.032, 0, 0], "orientation": [0, 0.0436, 0, 0.999], "fov": {"left": -0.9, "right": 0.7, "up": 0.8, "down": -0.8}'
 right='"position_m": [0.032, 0, 0], "orientation": [0, -0.0436, 0, 0.999], "fov": {"left": -0.7, "right": 0.9, "up": 0.8, "down": -0.8}'

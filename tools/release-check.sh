@@ -1,12 +1,12 @@
 #!/bin/sh
-# Runs every check that a release takes, and writes docs/release-check.md: each step's result, duration and number of tests.
+# Runs all checks before a release, and writes docs/release-check.md: each step's result, duration and number of tests.
 #
 #   sh tools/release-check.sh [STEP...]        (make release-check STEPS="lint test")
 #
-# Steps whose names end in -newer run under a second driver: NEWER_MESA is a command that runs another one under it. Without
-# steps all are run. A step that lacks a tool is skipped. One that fails does not stop the others, but the status is 1 then.
-# Results of other steps stay in the report, each with the commit that it is of, so that they can be run later. GOLDEN is a folder with golden.txt and
-# golden-newer.txt of an earlier build, if there is one: images must have these hashes.
+# Steps whose names end in -newer run under a second driver: NEWER_MESA is a command that runs another one under it. By
+# default all steps run. A step that lacks a tool is skipped. A failed step does not stop the others, but the status is
+# then 1. Results of other steps stay in the report, each with its commit, so that steps can run separately. GOLDEN is
+# an optional folder with golden.txt and golden-newer.txt of an earlier build: images must have these hashes.
 set -eu
 
 cd "$(dirname "$0")/.."
@@ -15,7 +15,7 @@ state=out/release-check
 report=docs/release-check.md
 make=${MAKE:-make}
 steps=${*:-$all}
-# The command may have a variable of that name.
+# Commands may use a variable of that name.
 newer=${NEWER_MESA:-}
 unset NEWER_MESA
 
@@ -54,7 +54,7 @@ program() {
     done
 }
 
-# What devices $1, a command or nothing, gives the program: values of the field $2.
+# Lists values of the field $2 for the program's devices, run under the command $1 (or directly, if that is empty).
 devices() {
     # The command may have arguments.
     # shellcheck disable=SC2086
@@ -97,7 +97,7 @@ run_step() {
     *-newer)
         run=$newer
         [ -n "$run" ] || skip "NEWER_MESA names no command"
-        # Programs of doc tests are in the temporary folder, and the command need not have the system's.
+        # Doc tests put their programs into the temporary folder, and the command's system may have another one.
         mkdir -p $state/tmp
         export TMPDIR="$PWD/$state/tmp"
         ;;
@@ -141,7 +141,7 @@ for step in $steps; do
     echo "release-check: $step: $result $remark"
 done
 
-# Names of the driver $1, which the command $2 runs the program under. They are kept for when there is no such command.
+# Names of the driver $1, under which the command $2 runs the program. They are saved for runs without that command.
 driver() {
     [ -z "$(program)" ] || devices "$2" driver | paste -s -d , - >"$state/$1.part"
     [ ! -s "$state/$1.part" ] || mv "$state/$1.part" "$state/$1"
@@ -166,7 +166,7 @@ driver() {
     echo "| step | result | commit | ended (UTC) | duration | passed | failed | ignored | remarks |"
     echo "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
     for step in $all; do
-        # Also those of earlier commits.
+        # Includes results of earlier commits.
         cat "$state/$step.row" 2>/dev/null || grep "^| $step |" $report 2>/dev/null ||
             echo "| $step | not run | – | – | – | – | – | – | |"
     done

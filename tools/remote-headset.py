@@ -41,7 +41,7 @@ def view(side):
 
 def controller(position, stick_y, a, b):
     velocities, fingers_and_squeeze, trackpad = [0.0] * 6, [0.0] * 8, [0.0] * 3
-    # Whether a hand is tracked, whether it is there, two of the system's button, A and B each with its touch, others.
+    # Hand tracked, hand active, two of the system button, A and B each with touch, others.
     buttons = [0, 1, 0, 0, a, 0, b, 0] + [0] * 8
     values = velocities + fingers_and_squeeze + [0.0, stick_y] + trackpad
     return pose(UPRIGHT, position) + struct.pack("<19f16B", *values, *buttons)

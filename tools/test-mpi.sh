@@ -1,6 +1,6 @@
 #!/bin/sh
-# Runs diptych on 1, 2 and 4 ranks of this machine, and holds their files against those of one process. Then ranks that do
-# not go together, a device that is lost, and ranks that are told to end or killed.
+# Runs diptych on 1, 2 and 4 ranks of this machine, and compares the files with those of one process. Then tests ranks
+# that do not match, a lost device, and ranks that are terminated or killed.
 #
 #   sh tools/test-mpi.sh DIPTYCH MPIRUN OUT
 #
@@ -13,7 +13,7 @@ mkdir -p "$3"
 diptych=$(realpath "$1")
 out=$(realpath "$3")
 
-# Runs of OpenMPI as root, as in containers, and of more processes than there are cores.
+# OpenMPI needs these to run as root, like in containers, and with more processes than cores.
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1
 export OMPI_MCA_hwloc_base_binding_policy=none
 small="--size 64x72 --quiet --threads-per-device 1"
@@ -23,12 +23,12 @@ fail() {
     exit 1
 }
 
-# $1 ranks with $2 devices each, on the options that follow.
+# Runs the options that follow on $1 ranks with $2 devices each.
 on() {
     ranks=$1
     each=$2
     shift 2
-    # Words of $small are options.
+    # Split $small into options.
     # shellcheck disable=SC2086
     timeout 300 "$mpirun" -n "$ranks" "$diptych" "$@" $small --virtual "$each"
 }
@@ -61,7 +61,7 @@ case_of visual-polar builtin:checker --frames 3 --foveation visual-polar
 case_of log-polar builtin:checker --frames 3 --foveation log-polar
 case_of moving builtin:studio --frames 3 --fps 10 --frames-in-flight 2
 
-# Of the runs below, one line says what happened, and none of the processes stays.
+# Each run below must print one line that names the error, and leave no process behind.
 refused() {
     name=$1
     expected=$2
@@ -89,7 +89,7 @@ refused() {
     shot="$diptych render scene.glb $small --out $out/refused"
     refused other-scene "rank 1 on .*scene is not that of rank 0" "$mpirun" -n 1 -wdir "$out/cornell" $shot : \
         -n 1 -wdir "$out/checker" $shot
-    # Rank 0's files go before the rank's own, of which there need not be any.
+    # Rank 0's files take precedence over the rank's own, which need not exist.
     mkdir "$out/empty"
     (cd "$out/cornell" && "$diptych" render scene.glb $small --out "$out/alone")
     for folder in checker empty; do
@@ -114,12 +114,12 @@ done
 said=$(grep "^MPI threads made workers wait" "$out/trace.log") || fail "nothing says what MPI threads made workers wait"
 echo "trace: threads of all ranks; $said"
 
-# The process of rank $1, of the job that is being run. Ranks are started in their order.
+# Process of rank $1 of the current job. Ranks are started in order.
 rank_of() {
     pgrep -f "^$diptych render .*$out/ended" | sort -n | sed -n "$(($1 + 1))p"
 }
 
-# A run under way is told to end: signal $2 for rank $3. It ends within $4 seconds with status $5, or any but 0.
+# Sends signal $2 to rank $3 of a running job. It must end within $4 seconds with status $5, or with any except 0.
 ended() {
     name=$1
     rm -rf "$out/ended"
@@ -144,7 +144,7 @@ ended() {
     if [ -n "$5" ]; then
         [ -e "$out/ended/run.json" ] || fail "$name: there is no run.json"
     fi
-    # Of a process that was killed, MPICH's mpirun names the machine.
+    # MPICH's mpirun names only the machine of a killed process.
     grep -q "rank $6\|RUNNING AT" "$out/$name.log" || [ -z "$6" ] || fail "$name: rank $6 is not named: $(cat "$out/$name.log")"
     for image in "$out"/ended/left.*.exr; do
         "$diptych" compare "$image" "$image" >/dev/null || fail "$name: $image is not whole"
@@ -160,7 +160,8 @@ ended stopped-rank-1 STOP 1 10 "" 1
 ended killed-rank-1 KILL 1 10 "" 1
 ended killed-rank-0 KILL 0 10 "" 0
 
-# Many small frames with one setting, whose last has a history of all others; memory is looked at every few seconds.
+# Renders many small frames with one setting, with history from the first to the last, and samples memory every few
+# seconds.
 if [ -n "${SOAK:-}" ]; then
     cat >"$out/soak.toml" <<'RUNG'
 [origin]
@@ -191,12 +192,12 @@ RUNG
     : >"$out/soak.kib"
     while kill -0 "$soak" 2>/dev/null; do
         pids=$(pgrep -f "^$diptych play .*--out $out/soak\$" | tr '\n' ',')
-        # Until all ranks have begun, and when the first has ended.
+        # Sample from the time that all ranks have begun until the first one ends.
         [ "$(echo "$pids" | tr -cd , | wc -c)" -lt 4 ] || ps -o rss= -p "${pids%,}" | awk '{ s += $1 } END { print s }' >>"$out/soak.kib"
         sleep 5
     done
     wait "$soak" || fail "the soak ended with status $?"
-    # Of the last tenth against the second, in which all is warm.
+    # Compare the last tenth with the second, in which caches are warm.
     awk '{ kib[NR] = $1 } END {
         tenth = int(NR / 10); if (tenth < 1) { print "soak: too short to look at memory"; exit }
         for (i = 1; i <= tenth; i++) { first += kib[tenth + i]; last += kib[NR - i] }

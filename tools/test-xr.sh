@@ -1,12 +1,12 @@
 #!/bin/sh
-# Runs `diptych view --xr` in a headset and looks at what it leaves. With Monado that is its simulated headset, which this
-# script starts, and with Python 3 one that remote-headset.py wears, with controllers; without Monado, the headset of the
+# Runs `diptych view --xr` in a headset and checks its files. With Monado, this script starts its simulated headset and,
+# with Python 3, one that remote-headset.py controls, with controllers. Without Monado it uses the headset of the
 # runtime that XR_RUNTIME_JSON names, if there is one.
 #
 #   sh tools/test-xr.sh DIPTYCH OUT
 #
-# Where OpenXR's and Vulkan's validation layers are installed, a run goes through them. With nothing to run on it fails, or
-# with NO_XR=skip only says so.
+# If OpenXR's and Vulkan's validation layers are installed, one run uses them. Without any runtime the script fails, or
+# with NO_XR=skip only prints that.
 set -eu
 
 rm -rf "$2"
@@ -40,8 +40,8 @@ if ! command -v monado-service >/dev/null || [ -z "$manifest" ]; then
     manifest=""
 fi
 
-# Monado's service without anything to show frames on, with this in its environment. It watches its standard input, and ends where that is a file: it gets
-# a pipe that stays open.
+# Starts Monado's service with a null compositor and with this in its environment. It watches its standard input and
+# ends if that is a file, so it gets a pipe that stays open.
 begin_service() {
     [ -n "$manifest" ] || return 0
     XDG_RUNTIME_DIR=$(mktemp -d)
@@ -71,14 +71,14 @@ end_service() {
 end_all() {
     [ -z "$job" ] || kill "$job" 2>/dev/null || true
     end_service
-    # Names of folders are words.
+    # Split folder names into words.
     # shellcheck disable=SC2086
     rm -rf $folders
 }
 trap end_all EXIT
 trap 'exit 130' INT TERM
 
-# Words of $small are options.
+# Split $small into options.
 # shellcheck disable=SC2086
 view() {
     timeout 300 "$diptych" view "$@" --xr --quiet $small
@@ -93,7 +93,7 @@ view builtin:checker --frames 300 --out "$out/frames" --record-motion "$out/moti
     --trace "$out/trace.json" || fail "300 frames ended with status $?"
 count=$(grep -c '"motion_to_photon_ms":' "$out/frames/run.json")
 [ "$count" = 300 ] || fail "run.json has $count frames of 300"
-# From the session's start to its end.
+# States from the session's start to its end.
 states=$(tr -d ' \n' <"$out/frames/run.json" | sed 's/.*"states":\[\([^]]*\)\].*/\1/')
 case $states in
     *'"ready"'*'"synchronized"'*'"visible"'*'"stopping"'*'"exiting"') ;;
@@ -105,7 +105,7 @@ has "$out/trace.json" "motion to photon (ms)"
 has "$out/motion.jsonl" '"eyes"'
 echo "session: 300 frames, ended by the session's end; $states"
 
-# What was recorded is the same on any number of devices.
+# A recording must replay identically on any number of devices.
 replay() {
     for devices in 1 2 3; do
         "$diptych" render builtin:checker --size 32x36 --motion "$out/$1.jsonl" --frames 4 --fps 10 --quiet \
@@ -118,7 +118,7 @@ replay() {
 }
 replay motion
 
-# Under the layers that watch how OpenXR and Vulkan are used.
+# Run with the layers that validate the use of OpenXR and Vulkan.
 layers=0
 for folder in /usr/share /usr/local/share /etc; do
     for layer in "$folder"/openxr/1/api_layers/explicit.d/*core_validation*.json; do
@@ -141,7 +141,7 @@ else
     echo "validation: SKIPPED, there is no layer for it (Debian: openxr-layer-corevalidation vulkan-validationlayers)"
 fi
 
-# A run in the background, $job, that has shown some frames; its files are $1.
+# Starts a run in the background, $job, and waits until it has shown some frames. Its files are $1.
 left_running() {
     : >"$out/$1.log"
     # shellcheck disable=SC2086
@@ -155,7 +155,7 @@ left_running() {
     done
 }
 
-# Tells the run in the background to end.
+# Terminates the run in the background.
 end_job() {
     kill -TERM "$job"
     status=0
@@ -164,14 +164,14 @@ end_job() {
     [ "$status" = 143 ] || fail "$1: SIGTERM: status $status: $(tail -n 5 "$out/$1.log")"
 }
 
-# Told to end, it ends with the session, with all files.
+# After SIGTERM, the run ends the session and writes all files.
 left_running told
 end_job told
 has "$out/told/run.json" '"exiting"'
 [ "$(wc -l <"$out/told.jsonl")" -gt 1 ] || fail "SIGTERM: no motion is recorded"
 echo "sigterm: ended with status 143"
 
-# A runtime that goes away, and none at all.
+# Tests a runtime that disappears, and the absence of any runtime.
 refused() {
     [ "$(grep -c '^error: ' "$1")" = 1 ] || fail "$1: not one line says what is wrong: $(cat "$1")"
     grep -q "^error: .*$2" "$1" || fail "$1: $(cat "$1")"
@@ -187,7 +187,7 @@ if [ -n "$manifest" ]; then
     refused "$out/left.log" "headset" "gone"
     [ "$(wc -l <"$out/left.jsonl")" -gt 1 ] || fail "a runtime that goes away: no motion is recorded"
 
-    # Controllers, and eyes that are neither alike nor parallel: those of a headset that a program wears.
+    # Tests controllers, and asymmetric, canted eyes, with a headset that a program controls.
     if command -v python3 >/dev/null; then
         begin_service P_OVERRIDE_ACTIVE_CONFIG=remote
         mkfifo "$out/steps"

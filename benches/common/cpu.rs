@@ -1,4 +1,4 @@
-//! obvhs's traversal, with its own triangle test, on all cores.
+//! Traversal of obvhs with its own triangle test, on all cores.
 
 use std::sync::Mutex;
 
@@ -9,7 +9,7 @@ use obvhs::rt_triangle::RtTriangle;
 
 use super::{BenchRay, Case};
 
-/// Rays that a thread takes at once.
+/// Number of rays that a thread takes at once.
 const CHUNK: usize = 1024;
 
 pub struct Cpu {
@@ -24,7 +24,7 @@ impl Cpu {
         Self { tree, triangles: accel.triangles.iter().map(triangle).collect() }
     }
 
-    /// Bits of the distance and triangle per ray; whether anything was hit and nothing for shadow rays.
+    /// Returns the bits of the distance and the triangle of each ray; for shadow rays, a hit flag and zero.
     pub fn trace(&self, rays: &[BenchRay], case: Case) -> Vec<[u32; 2]> {
         let mut hits = vec![[0, u32::MAX]; rays.len()];
         let chunks = Mutex::new(hits.chunks_mut(CHUNK).zip(rays.chunks(CHUNK)));

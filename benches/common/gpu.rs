@@ -1,4 +1,4 @@
-//! The shaders' traversal on one device that takes all cores.
+//! The shaders' traversal on one device that uses all cores.
 
 use std::path::PathBuf;
 
@@ -20,12 +20,12 @@ pub struct Gpu {
     workgroups: [u32; 2],
 }
 
-/// A traversal that is measured.
+/// A traversal to measure.
 #[derive(Clone, Debug)]
 pub enum Version {
-    /// As it is.
+    /// The current traversal.
     Present(Traversal),
-    /// In shaders, by this file in the place of `trace` and `traverse_compute`.
+    /// Compute shaders in which this file replaces `trace` and `traverse_compute`.
     Of(PathBuf),
 }
 
@@ -45,7 +45,7 @@ impl Version {
     }
 }
 
-/// What path tracing includes up to its surfaces, with the version's traversal, and the entry point.
+/// Returns the source of path tracing up to surfaces, with the version's traversal, and the entry point.
 fn source(version: &Version, access: SceneAccess) -> String {
     let stage = include_str!("../../shaders/path_trace.wgsl");
     let includes = stage.lines().find(|l| l.starts_with("//!include ")).expect("path_trace includes its parts");
@@ -84,8 +84,8 @@ fn pipeline(
 ) -> wgpu::ComputePipeline {
     let descriptor =
         wgpu::ShaderModuleDescriptor { label: Some("rays"), source: wgpu::ShaderSource::Wgsl(text.into()) };
-    // SAFETY: loops end, integer divisors are not 0, and bounds stay checked. For a version that a file has, whoever
-    // names the file vouches for that.
+    // SAFETY: loops end, integer divisors are not 0, and bounds stay checked. For a version from a file, whoever names
+    // the file vouches for that.
     let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, ShaderChecks::Fast.runtime_checks()) };
     let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
@@ -93,7 +93,7 @@ fn pipeline(
         immediate_size: 32,
     });
     let declared = override_names(text);
-    // Opaque triangles only, as obvhs sees them.
+    // Triangles are opaque, as for obvhs.
     let value = |name: &str| f64::from(u8::from(name == "HAS_INSTANCES" && has_instances));
     let mut constants: Vec<_> = declared.iter().filter(|n| n.starts_with("HAS_")).map(|n| (*n, value(n))).collect();
     constants.push(("SEGMENTS", case.segments() as f64));
@@ -113,7 +113,7 @@ fn pipeline(
 
 impl Gpu {
     /// # Panics
-    /// Without a device, or if the shader is refused.
+    /// If there is no device, or the shader is rejected.
     pub fn new(workload: &Workload, layout: Layout, case: Case, rays: &[BenchRay], version: &Version) -> Self {
         let traversal = match version.traversal() {
             Traversal::Compute => TraversalChoice::Compute,
@@ -158,7 +158,7 @@ impl Gpu {
         Self { gpu, pipeline, groups, hits, workgroups }
     }
 
-    /// All rays once.
+    /// Traces all rays once.
     pub fn trace(&self) {
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         let mut pass = encoder.begin_compute_pass(&Default::default());
@@ -171,9 +171,9 @@ impl Gpu {
         self.gpu.wait(None).expect("the device works");
     }
 
-    /// Rays for which the other side found something else: one of the two nothing, or distances that differ by more than
-    /// 1e-4 of themselves. Instances make more of the latter: a ray's origin is rounded in their space, and short
-    /// distances show it.
+    /// Returns the number of rays with different results: only one side has a hit, or the distances differ by more than
+    /// 1e-4 in relative terms. Instances cause more of the latter: a ray's origin is rounded in their space, which
+    /// matters for short distances.
     pub fn differing(&self, expected: &[[u32; 2]], case: Case) -> usize {
         let differs = |(found, expected): &(&[u32; 2], &[u32; 2])| {
             if case == Case::Shadow {
@@ -183,7 +183,7 @@ impl Gpu {
             let hits = [found, expected].map(|r| r[1] != u32::MAX);
             hits[0] != hits[1] || hits[0] && (a - b).abs() > 1e-4 * a.abs()
         };
-        // Entries behind the end of a path keep zeros on the device.
+        // Entries after the end of a path stay zero on the device.
         let traced = |(found, expected): &(&[u32; 2], &[u32; 2])| *found != &[0; 2] || expected[0] != 0;
         self.read_hits().iter().zip(expected).filter(|pair| traced(pair) && differs(pair)).count()
     }

@@ -1,4 +1,4 @@
-//! Rays of a scene, and both sides that trace them.
+//! Rays of a scene, and the CPU and GPU sides that trace them.
 
 mod cpu;
 mod gpu;
@@ -20,7 +20,7 @@ use glam::{DVec3, Vec3};
 #[repr(C)]
 pub struct BenchRay {
     pub origin: Vec3,
-    /// 0: the path has ended.
+    /// Length of the ray; 0 after the end of a path.
     pub t_max: f32,
     pub direction: Vec3,
     pub pad: f32,
@@ -28,11 +28,11 @@ pub struct BenchRay {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Case {
-    /// Through the middles of the left eye's pixels.
+    /// Rays through the centres of the left eye's pixels.
     Primary,
-    /// Those and up to five cosine-distributed bounces each.
+    /// Primary rays and up to five cosine-distributed bounces each.
     Paths,
-    /// Whether the way back from each of the paths' surfaces to the eye is free.
+    /// Shadow rays from each of the paths' surfaces back to the eye.
     Shadow,
 }
 
@@ -61,13 +61,13 @@ const FAR: f32 = 3.0e38;
 
 pub struct Workload {
     pub extent: Extent,
-    /// Flat.
+    /// Acceleration structure of the flattened scene.
     pub accel: Accel,
     scene: Scene,
     primary: Vec<BenchRay>,
 }
 
-/// A number in [0, 1) per index (splitmix64).
+/// Returns a number in [0, 1) per index (splitmix64).
 fn random(index: u64) -> f64 {
     let mut z = index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -99,7 +99,7 @@ impl Workload {
         SceneTables::new(&self.scene, accel).expect("the scene has tables")
     }
 
-    /// Rays of a case: one image of rays per segment, one after another.
+    /// Returns the rays of a case: one image of rays per segment, one after another.
     pub fn rays(&self, cpu: &Cpu, case: Case) -> Vec<BenchRay> {
         if case == Case::Primary {
             return self.primary.clone();
@@ -121,7 +121,7 @@ impl Workload {
         all
     }
 
-    /// From a surface that `next` leaves back to the eye.
+    /// Returns the ray from a surface, which `next` leaves, back to the eye.
     fn back(&self, from: &BenchRay, next: &BenchRay) -> BenchRay {
         if next.t_max == 0.0 || from.t_max == 0.0 {
             return BenchRay::default();

@@ -1,4 +1,4 @@
-// Puts albedo and emission back (remodulation), for `resolve`.
+// Multiplies by albedo (remodulation) and adds emission, for `resolve`.
 
 //!include frame grid split pack
 
@@ -15,6 +15,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = pixel_index(pixel);
     let color = remodulated(unpack_light(radiance[at]), unpack_albedo(albedo[at])) + emission[at].rgb;
-    // Depth goes along: it tells how a pixel moved.
+    // Depth is passed on, since `resolve` derives a pixel's motion from it.
     composed[at] = select(vec4<f32>(0.0, 0.0, 0.0, DROPPED), vec4<f32>(color, emission[at].a), is_finite(color));
 }

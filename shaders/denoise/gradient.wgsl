@@ -1,8 +1,8 @@
-// Temporal gradients (Schied, Peters & Dachsbacher, "Gradient Estimation for Real-Time Adaptive Temporal Filtering", 2018):
-// a pixel's path of the frame before is traced again in the scene of now, with the same random numbers from the same point
-// of the surface, wherever that has moved; what differs is light that has changed. Departures: the surface of a pixel of
-// now is followed back instead of one of before forwards; paths are traced beside those of the frame, in whose stead the
-// paper has them; after frames of several samples there are none.
+// Temporal gradients (Schied, Peters & Dachsbacher, "Gradient Estimation for Real-Time Adaptive Temporal Filtering",
+// 2018): a path of the previous frame is traced again in the current scene, with the same random numbers from the same
+// point of the surface, wherever that has moved. Any difference is a change of light. Departures: the surface of a
+// current pixel is tracked back, instead of a previous one forwards; paths are traced in addition to those of the
+// frame, which they replace in the paper; there are none after frames of several samples.
 
 //!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf split path pack motion
 
@@ -10,21 +10,21 @@
 @group(1) @binding(1) var<storage, read> last_hit: array<vec4<u32>>;
 @group(1) @binding(2) var<storage, read> last_guide: array<vec4<u32>>;
 @group(1) @binding(3) var<storage, read> last_radiance: array<vec4<u32>>;
-// Of the luminance of light over albedo: now minus before, and the larger of both.
+// Luminance of demodulated illumination: now minus before, and the larger of both.
 @group(1) @binding(4) var<storage, read_write> gradient: array<vec2<f32>>;
 @group(1) @binding(5) var<uniform> previous: Previous;
 
-// Luminance is bounded, so that sums over tiles stay finite.
+// Total luminance, clamped so that sums over tiles stay finite.
 fn all_luminance(light: SplitLight) -> f32 {
     let both = luminances(light);
     return both.x + both.y;
 }
 
-// Light that the surface behind a pixel of the frame before, of which the eye was at `origin`, sends now.
+// Light that a surface seen by a pixel of the previous frame, whose eye was at `origin`, reflects now.
 fn light_again(hit: vec4<u32>, position: vec3<f32>, origin: vec3<f32>, pixel: vec2<u32>) -> SplitLight {
     let direction = normalize(position - origin);
     let first = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
-    // The frame before may have had another quality: its own settings apply.
+    // Use the previous frame's settings, since its quality may differ.
     var rng = rng_in(previous.sampling, pixel, 0u, 0u);
     let path = trace_path(first, direction, previous.sampling, &rng);
     // Samples that are dropped are black.
@@ -35,7 +35,7 @@ fn light_again(hit: vec4<u32>, position: vec3<f32>, origin: vec3<f32>, pixel: ve
     if HAS_GLOSS {
         packed = pack_sampled(over(path.radiance, first.matte), over(path.gloss, first.albedo - first.matte));
     }
-    // Rounded as what it is compared with.
+    // Round like the stored light to compare with.
     return unpack_sampled(packed);
 }
 
@@ -56,7 +56,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let eye = previous.views[0];
     let position = bitcast<vec3<f32>>(last.xyz);
-    // In shares of the image, as this pass has the grid of tiles.
+    // Convert by fractions of the image, since this pass has the grid of tiles.
     let point = pixel_of(position, eye);
     let seen = vec2<i32>(floor(point.xy / vec2<f32>(f32(pass_.width), f32(pass_.height)) * vec2<f32>(size)));
     let low = max(i32(pass_.valid_begin * TILE), i32(pixel.y) - i32(frame.history.rows));

@@ -1,4 +1,4 @@
-// Share of history that no longer holds: differences in light over the light, both smoothed over tiles.
+// Fraction of history that is outdated: the change of light over the light, both smoothed over tiles.
 
 //!include frame grid
 
@@ -6,9 +6,10 @@
 @group(1) @binding(1) var<storage, read_write> light_change: array<f32>;
 
 const REACH_TILES: i32 = i32(REACH);
-// Share of light that may change without any history being dropped: the light tree picks other lights when any moves.
+// Fraction of light that may change without dropping any history, since the light tree picks other lights if any of
+// them moves.
 const UNNOTICED: f32 = 0.01;
-// How many times a change beyond that counts.
+// Factor on changes beyond that.
 const STRENGTH: f32 = 4.0;
 
 @compute @workgroup_size(8, 8)

@@ -1,8 +1,8 @@
-// Temporal antialiasing (Karis, "High Quality Temporal Supersampling", SIGGRAPH 2014 courses; Salvi, "An Excursion in
-// Temporal Supersampling", GDC 2016): each frame's rays go through another point of the pixel, and frames are averaged
-// along the camera's motion. What the frame before had is clamped to what the pixel's surroundings allow. Departures:
-// averages are of linear light, so that bright edges keep their energy; history is looked up by cubic interpolation of
-// whole pixels; how long it counts is counted in frames, and bounded by how far they moved.
+// Temporal antialiasing (TAA; Karis, "High Quality Temporal Supersampling", SIGGRAPH 2014 courses; Salvi, "An Excursion
+// in Temporal Supersampling", GDC 2016): each frame's rays are jittered within the pixel, and frames are averaged along
+// motion vectors. History is clamped to the range of the pixel's neighbourhood. Departures: linear light is averaged,
+// so that bright edges keep their energy; history is looked up by cubic interpolation of whole pixels; the length of
+// history is counted in frames, and bounded by motion.
 
 //!include frame grid motion pack display light_change
 
@@ -18,29 +18,29 @@
 @group(1) @binding(8) var<storage, read> last_guide: array<vec4<u32>>;
 @group(1) @binding(9) var<storage, read> light_change: array<f32>;
 
-// Longest history in frames, of a pixel that moved and of one that did not. Frames of several samples are antialiased
-// themselves: the less is gained by those that moved, which interpolation blurs. Glare, what is far brighter than white, would
-// drag a trail along: where the surroundings deviate by more than white, history is shorter.
+// Maximum history in frames, of a pixel that moved and of one that did not. Frames of several samples are already
+// antialiased, so history gains less for moving pixels, which interpolation blurs. Light far brighter than white would
+// leave a trail, so history is shorter if the neighbourhood deviates by more than white.
 const LONGEST_MOVED: f32 = 10.0;
 const LONGEST_STILL: f32 = 255.0;
-// Of a surface that moves by itself: it turns in the light, and neighbours go other ways.
+// Maximum history of a dynamic surface, which turns in the light and moves against its neighbours.
 const LONGEST_CARRIED: f32 = 1.0;
-// What moves slowly has a history between these, over which it moves by this much, pixels: cubic interpolation moves the
-// finest detail by less than it should, and what it lags behind adds up.
+// Motion, pixels, over which slow pixels keep their history, whose length is between these. Cubic interpolation moves
+// the finest detail by too little, and the lag adds up.
 const LONGEST_WAY: f32 = 0.1;
-// Half the width of what the surroundings allow, in standard deviations.
+// Half the width of the neighbourhood's range, in standard deviations, for static and for dynamic surfaces.
 const ALLOWED_DEVIATIONS: f32 = 2.5;
 const ALLOWED_DEVIATIONS_CARRIED: f32 = 1.0;
 
-// Weights of the four pixels around a point a fraction `t` behind the second (Catmull & Rom 1974).
+// Weights of the four pixels around a point at a fraction `t` after the second (Catmull & Rom 1974).
 fn cubic(t: f32) -> vec4<f32> {
     let t2 = t * t;
     let t3 = t2 * t;
     return vec4<f32>(-0.5 * t + t2 - 0.5 * t3, 1.0 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2.0 * t2 - 1.5 * t3, 0.5 * (t3 - t2));
 }
 
-// Whether the frame before saw the surface `last`, as it was then, in one of the pixels around the point `seen`; `low` and
-// `high` are the first and last pixel that may be looked at.
+// Whether the previous frame saw the surface `last`, as it was then, in one of the pixels around the point `seen`.
+// `low` and `high` are the first and last pixel that may be read.
 fn was_seen(last: vec4<u32>, seen: vec3<f32>, low: vec2<i32>, high: vec2<i32>, fovea_rows: f32) -> bool {
     let base = vec2<i32>(floor(clamp(seen.xy - 0.5, vec2<f32>(low) - 2.0, vec2<f32>(high) + 2.0)));
     let normal = unpack_normal(last.w);
@@ -60,7 +60,7 @@ fn was_seen(last: vec4<u32>, seen: vec3<f32>, low: vec2<i32>, high: vec2<i32>, f
     return was;
 }
 
-// From one image point to another, the short way around the gaze.
+// Vector from one image point to another, the short way around the gaze.
 fn way_between(a: vec2<f32>, b: vec2<f32>, eye: View) -> vec2<f32> {
     var way = b - a;
     if POLAR && !(LOG_POLAR && b.y < eye.fovea_rows) {
@@ -69,7 +69,7 @@ fn way_between(a: vec2<f32>, b: vec2<f32>, eye: View) -> vec2<f32> {
     return way;
 }
 
-// Whether a point, from the centre of the first pixel, is within the image that an eye had.
+// Whether a point, relative to the centre of the first pixel, is within an eye's image.
 fn is_in_image(at: vec2<f32>, eye: View) -> bool {
     if POLAR {
         return at.y > -0.5 && at.y < eye.rows - 0.5;
@@ -87,7 +87,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let now = composed[at];
     let eye = previous.views[pass_.view];
 
-    // What surrounds the pixel, and the nearest of it: silhouettes move with what is in front.
+    // Statistics of the neighbourhood, and its nearest pixel: silhouettes move with the foreground.
     var mean = vec3<f32>(0.0);
     var square = vec3<f32>(0.0);
     var front = vec2<i32>(pixel);
@@ -96,7 +96,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var dx = -1; dx <= 1; dx += 1) {
             let held = beside(pixel, vec2<i32>(dx, dy)).pixel;
             let c = composed[pixel_index(vec2<u32>(held))];
-            // Squares stay finite.
+            // Clamped, so that squares stay finite.
             let bounded = min(c.rgb, vec3<f32>(1e18));
             mean += bounded;
             square += bounded * bounded;
@@ -108,14 +108,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     mean *= 1.0 / 9.0;
     let deviation = sqrt(max(square * (1.0 / 9.0) - mean * mean, vec3<f32>(0.0)));
 
-    // Where it was. The sky is as far as can be.
+    // Previous image point. The sky is at infinity.
     let at_front = point_in(vec2<f32>(front), frame.camera.centre);
     let direction = ray_of(pass_.view, vec2<f32>(front) + frame.camera.centre);
     let surface = frame.camera.views[pass_.view].origin + direction * depth;
     let stood_at = select(eye.origin + direction, surface, depth > 0.0);
     var seen = pixel_of(stood_at, eye);
     var last = vec4<u32>(0u);
-    // From 0, of a surface that stands, to 1, of one that moves by a pixel or more.
+    // Motion of the surface itself: 0 if static, 1 for a pixel or more.
     var carried = 0.0;
     if HAS_MOTION {
         last = last_surface[pixel_index(vec2<u32>(front))];
@@ -124,7 +124,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         carried = select(0.0, min(length(way_between(seen.xy, followed.xy, eye)), 1.0), is_surface);
         seen = select(seen, followed, is_surface);
     }
-    // Where something moves, what it hid and the light that it kept off change where nothing else does.
+    // In dynamic scenes, disocclusions and shadows change static pixels too.
     let is_still = !HAS_MOTION && !has_moved(frame.camera.views[pass_.view], eye);
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
     let motion = select(way_between(at_front, seen.xy, eye), vec2<f32>(0.0), is_still);
@@ -147,7 +147,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var wx = cubic(fraction.x);
     let wy = cubic(fraction.y);
     var old = vec4<f32>(0.0);
-    // Loops are what a pixel can leave early.
+    // Skip taps by the loop's bound, since software drivers only skip code by loops.
     let taps = select(0, 4, has_history);
     for (var j = 0; j < taps; j += 1) {
         let row = clamp(i32(base.y) + j - 1, rows_low, rows_high);
@@ -166,7 +166,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             old += last_resolved[u32(held.y) * pass_.width + u32(held.x)] * w;
         }
     }
-    // From 0, of what moves by so much that its history is shortest, to 1.
+    // Stillness, from 0 (enough motion for the shortest history) to 1 (hardly any).
     let way = max(max(abs(motion.x), abs(motion.y)), LONGEST_WAY / LONGEST_STILL);
     let lasting = max(LONGEST_WAY / way - LONGEST_MOVED, 0.0) / (LONGEST_STILL - LONGEST_MOVED);
     let stillness = select(lasting, 0.0, HAS_MOTION);

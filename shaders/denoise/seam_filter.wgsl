@@ -1,5 +1,5 @@
-// Bilateral filter across the seams between stripes that were filtered apart (Leria et al.). Rows near a seam are
-// smoothed, all others copied.
+// Bilateral filter across the seams between stripes that were filtered separately (Leria et al.). Rows near a seam are
+// smoothed, and all others are copied.
 
 //!include frame grid split pack edges
 

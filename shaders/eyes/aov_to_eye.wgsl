@@ -1,15 +1,15 @@
-// Resamples an auxiliary image of a rectified image to what an eye shows: each pixel has the value of the nearest.
+// Display resampling of an auxiliary image: each displayed pixel takes the value of the nearest rectified pixel.
 
 //!include frame shown
 
 @group(1) @binding(0) var<storage, read> rectified: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> aov: array<vec4<f32>>;
 
-// The point of the shown image that has a point of the rectified one.
+// Point of the displayed image that shows a point of the rectified one.
 fn shown_point(point: vec2<f32>) -> vec2<f32> {
     let shown = frame.camera.shown[pass_.view];
     let at = vec3<f32>(point, 1.0);
-    // Up to the determinant, which is in all three.
+    // Inverse map up to the determinant, which cancels in the division.
     let scaled = vec3<f32>(
         dot(cross(shown.down, shown.corner), at),
         dot(cross(shown.corner, shown.across), at),
@@ -18,7 +18,7 @@ fn shown_point(point: vec2<f32>) -> vec2<f32> {
     return scaled.xy / scaled.z;
 }
 
-// By how much the shown image moves where the rectified one does.
+// Converts motion in the rectified image to motion in the displayed one.
 fn shown_motion(point: vec2<f32>, motion: vec4<f32>) -> vec4<f32> {
     return vec4<f32>(shown_point(point + motion.xy) - shown_point(point), 0.0, motion.a);
 }
@@ -26,7 +26,7 @@ fn shown_motion(point: vec2<f32>, motion: vec4<f32>) -> vec4<f32> {
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    // Of what is shown.
+    // Outside the displayed image.
     if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }

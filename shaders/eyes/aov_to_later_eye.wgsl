@@ -1,5 +1,5 @@
-// Resamples an auxiliary image of a rectified image to what an eye shows that has moved on since: each pixel has the value of
-// the nearest, as seen from where the image was rendered.
+// Late reprojection of an auxiliary image for the display of an eye that has moved since. Each displayed pixel takes
+// the value of the nearest rectified pixel, as rendered from the earlier pose.
 
 //!include frame grid shown later
 
@@ -10,7 +10,7 @@
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    // Of what is shown.
+    // Outside the displayed image.
     if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }

@@ -1,4 +1,4 @@
-// Resamples a rectified image to what an eye shows that has moved on since.
+// Late reprojection: resamples a rectified image for the display of an eye that has moved since.
 
 //!include frame grid display shown later resampled
 
@@ -10,7 +10,7 @@
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    // Of what is shown.
+    // Outside the displayed image.
     if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }

@@ -1,5 +1,4 @@
-// Maps an auxiliary image of a polar image to the screen: each pixel of the screen has the value of the pixel that
-// lies in its direction.
+// Maps a polar auxiliary image to the screen: each screen pixel takes the value of the polar pixel in its direction.
 
 //!include frame grid
 
@@ -9,7 +8,7 @@
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    // Of the screen.
+    // Outside the screen.
     if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }

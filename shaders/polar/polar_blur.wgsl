@@ -1,21 +1,23 @@
-// Blurs a polar image along one of its axes. A visual-polar one as far as acuity allows (Koskela et al. 2019, section 3): by
-// nothing in the fovea, and by a Gaussian from there on whose deviation grows up to BLUR_FULL_DEG. A log-polar one by the
-// next pixels, which count the more, the farther the gaze is (Andersson & Hansson 2020, section 3.5). Departure: the image is
-// blurred before it is mapped to the screen, where it has fewer pixels.
+// Blurs a polar image along one of its axes. A visual-polar image is blurred as far as acuity allows (Koskela et al.
+// 2019, section 3): not at all in the fovea, and from there on by a Gaussian whose deviation grows up to BLUR_FULL_DEG.
+// A log-polar image is blurred by adjacent pixels, whose weight grows with the distance from the gaze (Andersson &
+// Hansson 2020, section 3.5). Departure: the image is blurred before it is mapped to the screen, while it has fewer
+// pixels.
 
 //!include frame grid
 
 @group(1) @binding(0) var<storage, read> source: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> blurred: array<vec4<f32>>;
 
-// Of the eye's height, which is 2 along the tangents: 6.8 of 1440 pixels.
+// Maximum standard deviation, over the tangent of half the vertical field of view: 6.8 of 1440 pixels of an eye's
+// height, which is 2 in this unit.
 const MOST_DEVIATION: f32 = 2.0 * 6.8 / 1440.0;
 const BLUR_FULL_DEG: f32 = 30.0;
-// Deviations that are summed up; and the least, pixels, that is worth it.
+// Radius of the sum, in standard deviations; and the least standard deviation, pixels, that is worth a blur.
 const REACH: f32 = 2.5;
 const LEAST_DEVIATION: f32 = 0.3;
 
-// A share of the next pixels, which is that of a Gaussian's three weights where it is 1.
+// Blends a pixel with its two neighbours. At a fraction of 1, the weights are the three of a Gaussian.
 fn blurred_by_next(pixel: vec2<u32>, along_columns: bool) -> vec3<f32> {
     let map = frame.camera.log_polar;
     let own = source[pixel_index(pixel)].rgb;

@@ -1,7 +1,7 @@
-// Maps a polar image to the screen: each pixel of the screen gathers what lies around its direction, linearly between rings
-// and columns, or is one of the square around the gaze. Departure from Koskela et al. 2019 and Andersson & Hansson 2020:
-// where the image is finer than the screen, which is near the gaze, all of a pixel is gathered, instead of from smaller
-// images that have half the columns, or of what is nearest.
+// Maps a polar image to the screen: each screen pixel is interpolated linearly between rings and columns, or copied
+// from the square around the gaze. Departure from Koskela et al. 2019 and Andersson & Hansson 2020: near the gaze,
+// where the image is finer than the screen, a pixel's whole footprint is gathered, instead of using smaller images that
+// have half the columns, or the nearest pixel.
 
 //!include frame grid display
 
@@ -9,17 +9,17 @@
 @group(1) @binding(1) var<storage, read_write> linear: array<vec4<f32>>;
 @group(1) @binding(2) var<storage, read_write> display: array<u32>;
 
-// Most pixels of the image between the middle of a pixel of the screen and the middle of the next.
+// Maximum footprint: polar pixels between the centres of adjacent screen pixels.
 const MOST_FOOTPRINT: f32 = 6.0;
 
-// Columns and rows of the image in a pixel of the screen.
+// Columns and rows of the polar image per screen pixel.
 fn density_at(at: vec2<f32>, point: vec2<f32>) -> vec2<f32> {
     if LOG_POLAR {
         return log_polar_density(max(distance(at, gaze_on_screen(pass_.view)), 1.0));
     }
     let eye = frame.camera.views[pass_.view];
     let e = eccentricity_near(point.y, eye.fovea_rows);
-    // A pixel's angle: the pinhole's image is finer away from its middle.
+    // Angle of a screen pixel, which is smaller away from the centre of a pinhole image.
     let ray = pinhole_ray(pass_.view, at, vec2<f32>(f32(pass_.width), f32(pass_.height)));
     let facing = dot(ray, eye.forward);
     let angle = 2.0 * eye.tan_half_y / f32(pass_.height) * facing * sqrt(facing);
@@ -36,7 +36,7 @@ fn gathered(at: vec2<f32>, point: vec2<f32>) -> vec3<f32> {
     var sum = vec3<f32>(0.0);
     var weight = 0.0;
     for (var row = i32(ceil(y - reach.y)); f32(row) <= y + reach.y; row += 1) {
-        // Beyond the gaze is the other side of the innermost ring.
+        // Rows beyond the gaze are on the other side of the innermost ring.
         let is_across = row < 0;
         let there = clamp(select(row, -1 - row, is_across), rows.x, rows.y - 1);
         let turned = point.x + select(0.0, 0.5 * f32(columns), is_across);
@@ -54,7 +54,7 @@ fn gathered(at: vec2<f32>, point: vec2<f32>) -> vec3<f32> {
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    // Of the screen.
+    // Outside the screen.
     if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }

@@ -1,17 +1,18 @@
 // Scattering at a surface: glTF's material model (specification 2.0, appendix B, and the KHR extensions).
 //
-// Lobes: Lambert; GGX reflection of dielectric and metal together, whose microfacets are the same; GGX transmission,
-// through a thin sheet or into a volume (Walter et al. 2007); GGX reflection of a coat. Masking and shadowing are
-// height-correlated (Heitz 2014), Fresnel is Schlick's. `evaluate` gives value and density of all lobes that are not
-// deltas, `sample_bsdf` draws from the same mixture.
+// Lobes: Lambert; GGX reflection of dielectric and metal, which share microfacets; GGX transmission, through a thin
+// sheet or into a volume (Walter et al. 2007); GGX reflection of a clear coat. Masking and shadowing are
+// height-correlated (Heitz 2014), Fresnel is Schlick's. `evaluate` returns value and density of all non-delta lobes,
+// and `sample_bsdf` samples the same mixture.
 //
-// Departure: the appendix weighs what is beneath the dielectric by 1 - F(V.H), which creates energy at grazing angles:
-// half again at a cosine of 0.1, smooth and white. The weight here is never above that of Kelemen & Szirmay-Kalos (2001), which conserves it exactly.
+// Departure: the appendix weights the lobes beneath the dielectric by 1 - F(V.H), which creates energy at grazing
+// angles: 50 % more for a smooth white surface at a cosine of 0.1. The weight here never exceeds that of Kelemen &
+// Szirmay-Kalos (2001), which conserves energy exactly.
 
 struct Scattering {
     // BSDF times cosine.
     value: vec3<f32>,
-    // Solid-angle density of `sample_bsdf`; 0: never drawn.
+    // Solid-angle density of `sample_bsdf`; 0 if it never samples this direction.
     pdf: f32,
 }
 
@@ -19,13 +20,13 @@ struct BsdfSample {
     direction: vec3<f32>,
     // BSDF times cosine over density.
     weight: vec3<f32>,
-    // 0: nothing drawn.
+    // 0 if nothing was sampled.
     pdf: f32,
-    // The direction is the only one: no light sampling can find it.
+    // Delta lobe: light sampling cannot find its direction.
     is_delta: bool,
 }
 
-// A direction with density cos / pi about `n` (Malley's method on the concentric disc of Shirley & Chiu 1997).
+// Samples a direction with density cos / pi around `n` (Malley's method on the concentric disc of Shirley & Chiu 1997).
 fn sample_cosine(n: vec3<f32>, u: vec2<f32>) -> vec3<f32> {
     let o = 2.0 * u - 1.0;
     var r = o.x;
@@ -40,8 +41,8 @@ fn sample_cosine(n: vec3<f32>, u: vec2<f32>) -> vec3<f32> {
     return normalize(frame_around(n) * vec3<f32>(d, sqrt(max(1.0 - r * r, 0.0))));
 }
 
-// Microfacet normal about `n`, as seen from `v`: GGX's visible normals (Dupuy & Benyoub, "Sampling Visible GGX Normals
-// with Spherical Caps", 2023).
+// Samples a microfacet normal around `n` that is visible from `v` (Dupuy & Benyoub, "Sampling Visible GGX Normals with
+// Spherical Caps", 2023).
 fn sample_visible_normal(n: vec3<f32>, v: vec3<f32>, alpha: f32, u: vec2<f32>) -> vec3<f32> {
     let frame_n = frame_around(n);
     let local = v * frame_n;
@@ -53,7 +54,7 @@ fn sample_visible_normal(n: vec3<f32>, v: vec3<f32>, alpha: f32, u: vec2<f32>) -
     return normalize(frame_n * vec3<f32>(h.xy * alpha, max(h.z, 1e-7)));
 }
 
-// Density of microfacet normals. The sine comes from the cross product: for small alpha it does not survive 1 - cos².
+// Density of microfacet normals. The sine comes from the cross product, since 1 - cos² cancels for small alpha.
 fn ggx(n: vec3<f32>, h: vec3<f32>, a2: f32) -> f32 {
     let across = cross(n, h);
     let along = dot(n, h);
@@ -61,12 +62,12 @@ fn ggx(n: vec3<f32>, h: vec3<f32>, a2: f32) -> f32 {
     return select(0.0, a2 / (PI * d * d), along > 0.0 && d > 0.0);
 }
 
-// Share of facets that `v` and `l` both see, over 4 nv nl.
+// Fraction of facets visible from both `v` and `l`, over 4 nv nl.
 fn ggx_visibility(nv: f32, nl: f32, a2: f32) -> f32 {
     return 0.5 / max(nl * sqrt(a2 + nv * nv * (1.0 - a2)) + nv * sqrt(a2 + nl * nl * (1.0 - a2)), 1e-20);
 }
 
-// Share of facets that `v` sees, over 4 nv: density of a reflected direction per density of its normal.
+// Fraction of facets visible from `v`, over 4 nv: density of a reflected direction per density of its normal.
 fn ggx_reflection_pdf(nv: f32, a2: f32) -> f32 {
     return 0.5 / max(nv + sqrt(a2 + nv * nv * (1.0 - a2)), 1e-20);
 }
@@ -75,14 +76,14 @@ fn fresnel(f0: vec3<f32>, f90: vec3<f32>, cosine: f32) -> vec3<f32> {
     return select(f0 + (f90 - f0) * schlick_weight(cosine), f90, cosine < 0.0);
 }
 
-// Share of light that passes the layer on its way in and out again.
+// Fraction of light that passes the dielectric layer on its way in and out.
 fn layer_passage(s: Surface, vh: f32, nl: f32) -> f32 {
     let l = layer_albedo(nl, s.roughness).towards;
     let conserving = (1.0 - s.layer_albedo) * (1.0 - (s.layer_f0 * l.x + s.layer_f90 * l.y)) / max(1.0 - s.layer_mean, 1e-3);
     return max(min(1.0 - layer_fresnel(s, vh), conserving), 0.0);
 }
 
-// Probability that a facet which `v` sees under this cosine reflects instead of letting light through.
+// Probability that a facet seen from `v` at this cosine reflects rather than transmits.
 fn reflection_odds(s: Surface, cosine: f32) -> f32 {
     if !HAS_TRANSMISSION {
         return 1.0;
@@ -135,10 +136,10 @@ fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
     return out;
 }
 
-// The transmission lobe of unit colour, and its density once facets are chosen; cosines are positive.
+// Transmission lobe of unit colour, and its density given that the facets' lobe is picked. Cosines are positive.
 fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, a2: f32) -> Scattering {
     if s.is_thin {
-        // A sheet's facets reflect, and the light comes out on the other side.
+        // Thin sheet: facets reflect, and the light leaves on the other side.
         let h = normalize(v + l + 2.0 * nl * s.normal);
         let d = ggx(s.normal, h, a2);
         let vh = clamp(dot(v, h), 0.0, 1.0);
@@ -160,7 +161,8 @@ fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, a2: f32) -
     let bend = vh + s.eta * lh;
     let cosine = fresnel_cosine(vh, s.eta);
     let passed = 1.0 - layer_fresnel(s, cosine);
-    // Both hold |l.h| / bend², Walter et al.'s Jacobian but for the eta² that the radiance is divided by.
+    // Factor of value and density: |l.h| / bend², which is Walter et al.'s Jacobian without the eta² that radiance is
+    // divided by.
     let shared_ = 4.0 * d * vh * -lh / max(bend * bend, 1e-20);
     return Scattering(
         vec3<f32>(passed * shared_ * ggx_visibility(nv, nl, a2) * nl),
@@ -168,13 +170,13 @@ fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, a2: f32) -
     );
 }
 
-// Light that crosses without being bent has one direction, however rough the surface.
+// Transmission without refraction is a delta, however rough the surface.
 fn is_straight(eta: f32) -> bool {
     return abs(eta - 1.0) < 1e-3;
 }
 
-// Fraction of light that passes a thin, smooth surface straight on, along `direction` from the viewer's side: the weight
-// of its transmission's delta. 0 for every other surface.
+// Fraction of light that passes straight through a thin, smooth surface, along `direction` from the viewer's side: the
+// weight of its delta transmission. 0 for every other surface.
 fn straight_transmittance(s: Surface, direction: vec3<f32>) -> vec3<f32> {
     if !HAS_TRANSMISSION || !s.is_thin || s.alpha >= SMOOTH {
         return vec3<f32>(0.0);
@@ -182,7 +184,7 @@ fn straight_transmittance(s: Surface, direction: vec3<f32>) -> vec3<f32> {
     return s.transmitted * ((1.0 - layer_fresnel(s, abs(dot(s.normal, direction)))) * (1.0 - s.coat));
 }
 
-// Share of the value of `evaluate` that is the Lambertian lobe's.
+// The Lambertian lobe's fraction of the value of `evaluate`.
 fn matte_share(s: Surface, v: vec3<f32>, l: vec3<f32>, value: vec3<f32>) -> vec3<f32> {
     let nl = max(dot(s.normal, l), 0.0);
     let vh = clamp(dot(v, normalize(v + l)), 0.0, 1.0);
@@ -200,7 +202,7 @@ fn sample_bsdf(s: Surface, v: vec3<f32>, pick: f32, u: vec2<f32>) -> BsdfSample 
         out.weight = s.diffuse;
         return out;
     }
-    // In the order of `odds`; the last one that is possible takes what rounding leaves.
+    // Lobes in the order of `odds`. The last possible one absorbs rounding.
     var lobe = 0u;
     lobe = select(lobe, 1u, s.odds.y > 0.0 && pick >= s.odds.x);
     lobe = select(lobe, 2u, s.odds.z > 0.0 && pick >= s.odds.x + s.odds.y);
@@ -210,7 +212,7 @@ fn sample_bsdf(s: Surface, v: vec3<f32>, pick: f32, u: vec2<f32>) -> BsdfSample 
     if lobe == 0u {
         out.direction = sample_cosine(s.normal, u);
     } else {
-        // What the choice of the lobe leaves of the number chooses between reflection and transmission.
+        // The rest of the random number chooses between reflection and transmission.
         let rest = select((pick - s.odds.x) / s.odds.y, 0.0, lobe == 2u);
         sample_facet(s, v, lobe == 2u, rest, u, &out);
         if out.is_delta || out.pdf < 0.0 {
@@ -219,13 +221,13 @@ fn sample_bsdf(s: Surface, v: vec3<f32>, pick: f32, u: vec2<f32>) -> BsdfSample 
     }
     let all = evaluate(s, v, out.direction);
     out.pdf = all.pdf;
-    // A Lambertian surface alone is weighed without rounding.
+    // Purely Lambertian surfaces have an exact weight.
     let only_diffuse = s.odds.x == 1.0 && max3(s.f0) == 0.0 && s.f90.x == 0.0;
     out.weight = select(all.value / max(all.pdf, 1e-30), s.diffuse, only_diffuse);
     return out;
 }
 
-// A direction by the facets' lobe or the coat's. Leaves a density below 0 where the facet sends nothing.
+// Samples a direction from the facets' lobe or the coat's. The density is below 0 if the facet sends no light.
 fn sample_facet(s: Surface, v: vec3<f32>, coat: bool, pick: f32, u: vec2<f32>, out: ptr<function, BsdfSample>) {
     let is_coat = HAS_CLEARCOAT && coat;
     let n = select(s.normal, s.coat_normal, is_coat);
@@ -243,7 +245,7 @@ fn sample_facet(s: Surface, v: vec3<f32>, coat: bool, pick: f32, u: vec2<f32>, o
     if crosses {
         weight = s.transmitted * ((1.0 - layer_fresnel(s, cosine)) / (1.0 - reflects));
         if s.is_thin {
-            // The facet's reflection comes out on the other side; off a smooth sheet that is straight on.
+            // The facet's reflection leaves on the other side. A smooth sheet transmits straight through.
             l -= 2.0 * dot(s.normal, l) * s.normal;
         } else if is_straight(s.eta) {
             l = -v;
@@ -255,7 +257,7 @@ fn sample_facet(s: Surface, v: vec3<f32>, coat: bool, pick: f32, u: vec2<f32>, o
         }
     }
     (*out).direction = normalize(l);
-    // A facet may send light to the other side of the surface than its lobe does, where that lobe carries none.
+    // A facet may send light to a side of the surface where its lobe is 0.
     let side = select(1.0, -1.0, crosses);
     let is_sent = side * dot((*out).direction, n) > 0.0 && side * dot((*out).direction, s.geometric_normal) > 0.0;
     (*out).pdf = select(-1.0, (*out).pdf, is_sent);

@@ -1,4 +1,4 @@
-// The environment image: looked up, and sampled by its luminance. See `emitters/env_grid.rs`.
+// The environment image: look-up, and importance sampling by luminance. See `emitters/env_grid.rs`.
 
 override HAS_ENV_MAP: bool = true;
 
@@ -10,13 +10,13 @@ fn env_texel(x: i32, y: i32) -> vec3<f32> {
     return textureLoad(env_map, vec2<i32>(column, clamp(y, 0, i32(frame.environment.height) - 1)), 0).rgb;
 }
 
-// Angle of (x, y), -pi to pi, to f32 rounding. The built-in atan2 and acos may be off by 4096 ulp, and on software
-// drivers are: enough to take a direction for one of the next cell, with that cell's density.
+// Angle of (x, y), -pi to pi, exact to f32 rounding. The built-in atan2 and acos may be off by 4096 ulp, and on
+// software drivers they are. That is enough to assign a direction to a neighbouring cell and its density.
 fn angle_of(y: f32, x: f32) -> f32 {
     let ax = abs(x);
     let ay = abs(y);
     let ratio = min(ax, ay) / max(max(ax, ay), 1e-37);
-    // atan(ratio) / ratio in ratio squared, interpolated at 9 Chebyshev nodes; off by less than 1e-8.
+    // atan(ratio) / ratio as a polynomial in ratio squared, interpolated at 9 Chebyshev nodes; the error is below 1e-8.
     let t = ratio * ratio;
     var p = 0.0027662835;
     p = p * t - 0.0157312491;
@@ -63,7 +63,7 @@ fn env_patch(x: u32, y: u32) -> vec4<f32> {
     return vec4<f32>(env_density(x, above), env_density(x + 1u, above), env_density(x, y), env_density(x + 1u, y));
 }
 
-// Density with which `sample_light` takes the direction to the environment.
+// Density with which `sample_light` samples a direction to the environment.
 fn env_light_pdf(direction: vec3<f32>) -> f32 {
     if frame.environment.grid_width == 0u {
         return 0.0;
@@ -79,13 +79,13 @@ fn env_light_pdf(direction: vec3<f32>) -> f32 {
     return group_probability() * density / max(2.0 * PI * PI * sin_theta, 1e-12);
 }
 
-// Where a number in [0, 1) falls under a density that runs linearly from `a` to `b`.
+// Maps a number in [0, 1) to a sample of a density that is linear from `a` to `b`.
 fn sample_linear(u: f32, a: f32, b: f32) -> f32 {
     return min(u * (a + b) / max(a + sqrt(mix(a * a, b * b, u)), 1e-37), 0x1.fffffep-1);
 }
 
 fn sample_env_map(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
-    // A number for rows and one for columns: one alone has too few digits for all patches. What remains of both
+    // One number for rows and one for columns, since a single one has too few digits for all patches. The rest of both
     // decides on the alias.
     let width = max(frame.environment.grid_width, 1u);
     let height = frame.environment.grid_height;

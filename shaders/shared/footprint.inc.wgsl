@@ -1,8 +1,8 @@
-// Samples all over a pixel, and the surface behind its centre that the G-buffer has: its images are bound by the shader.
+// Samples over a pixel's footprint, and the surface at its centre from the G-buffer. The shader binds the images.
 
 override JITTER: bool = true;
 
-// Offset of a sample in its pixel. Both eyes and all stages that shoot primary rays agree on it through the key.
+// Offset of a sample in its pixel. All stages that trace primary rays of an eye get the same offset from the same key.
 fn sample_offset(rng: ptr<function, Rng>) -> vec2<f32> {
     if JITTER {
         return random2(rng);
@@ -10,14 +10,14 @@ fn sample_offset(rng: ptr<function, Rng>) -> vec2<f32> {
     return frame.camera.centre;
 }
 
-// The first hit through the pixel's centre, as the G-buffer has it.
+// First hit through the pixel's centre, from the G-buffer.
 fn stored_hit(pixel: u32) -> Hit {
     let h = hit_image[pixel];
     return Hit(0.0, h.x, bitcast<vec2<f32>>(h.yz));
 }
 
-// Whether a sample of a pixel found another surface than the ray through its centre: then neither its radiance nor
-// its albedo stand for one surface, and reprojection leaves the pixel alone.
+// Whether a sample of a pixel hit another surface than the ray through its centre. The pixel's radiance and albedo then
+// mix several surfaces, so reprojection rejects it.
 fn is_elsewhere(at: u32, f: FirstHit) -> bool {
     let centre = hit_image[at];
     if f.hit.prim == NO_PRIM || (f.hit.prim & SPHERE) != 0u {
@@ -32,7 +32,7 @@ fn is_elsewhere(at: u32, f: FirstHit) -> bool {
     return dot(n, f.surface.normal) < 0.95 || apart > 0.005 * f.hit.t;
 }
 
-// Whether a first hit is finite in all that images hold of it; what is not becomes black.
+// Whether all stored properties of a first hit are finite. If not, they become black.
 fn is_sound(f: ptr<function, FirstHit>) -> bool {
     if is_finite((*f).emission) && is_finite((*f).albedo) && is_finite((*f).matte) {
         return true;

@@ -1,20 +1,20 @@
-// Which pixels are sampled. A frame may leave a share of all of them to the filter (`sampled_share`, the render scale
-// squared), whose guides are at full size. With foveation there are three layers around the gaze (Peres, sections 4.2 and
-// 4.4): the inner one is sampled in full, outside the outer radius each pixel with probability 1 - p, in between it falls
-// linearly. Departures: a pixel's threshold is not a random toss but its place on the Z curve, Owen-scrambled (Burley
-// 2020; Ahmed & Wonka 2020), so that every aligned block of 2^k pixels holds as many samples as it should; it depends on
-// the pixel alone, so that a gaze that moves leaves the mask as it is where the probability is. And each eye has a gaze of
-// its own.
+// Sampling mask. A frame may leave a fraction of all pixels to the filter, whose guides are at full resolution
+// (`sampled_share` is the render scale squared). Foveation adds three layers around the gaze (Peres, sections 4.2 and
+// 4.4): the inner one is sampled in full, and outside the outer radius each pixel is sampled with probability 1 - p. In
+// between, the probability falls linearly. Departures: a pixel's threshold is not random but its index on the Z-order
+// curve, Owen-scrambled (Burley 2020; Ahmed & Wonka 2020), so that every aligned block of 2^k pixels holds as many
+// samples as it should. It depends on the pixel alone, so that a moving gaze only changes the mask where it changes the
+// probability. Each eye has its own gaze.
 
 override FOVEATED: bool = false;
-// Whether pixels may be left to the filter; foveation does.
+// Whether pixels may be left to the filter, as foveation does.
 override SPARSE: bool = false;
 
 const INNER: u32 = 0u;
 const MIDDLE: u32 = 1u;
 const OUTER: u32 = 2u;
 
-// From the eye's gaze to the pixel's centre, pixels.
+// Distance from the eye's gaze to the pixel's centre, pixels.
 fn gaze_distance(pixel: vec2<u32>, view: u32) -> f32 {
     let gaze = select(frame.foveation.gaze.xy, frame.foveation.gaze.zw, view == 1u);
     return length(vec2<f32>(pixel) + 0.5 - gaze);
@@ -34,8 +34,8 @@ fn sampling_probability(pixel: vec2<u32>, view: u32) -> f32 {
     return frame.sampling.sampled_share * (1.0 - frame.foveation.unsampled_share * outward);
 }
 
-// Whether the mask asks for this pixel. `mask_turn` is 0 for spatial filters; one that adds the golden ratio to it every
-// frame gives all pixels their turns.
+// Whether the mask samples this pixel. `mask_turn` is 0 for spatial filters. Adding the golden ratio to it every frame
+// samples all pixels in turn.
 fn is_sampled(pixel: vec2<u32>, view: u32) -> bool {
     let place = spread_bits(pixel.x) | (spread_bits(pixel.y) << 1u);
     let threshold = reverseBits(laine_karras(place, 0x5f3759dfu)) + frame.sampling.mask_turn;

@@ -10,7 +10,7 @@ fn luminance(c: vec3<f32>) -> f32 {
     return dot(c, vec3<f32>(0.2126, 0.7152, 0.0722));
 }
 
-// Whether 0 < x <= most. Asked of bits, as drivers may take for granted that no number is NaN, which is not within.
+// Whether 0 < x <= most, which is false for NaN. Compares bits, since drivers may assume that there are no NaNs.
 fn is_within(x: f32, most: f32) -> bool {
     return bitcast<u32>(x) - 1u < bitcast<u32>(most);
 }

@@ -1,30 +1,31 @@
-// How a pixel of the pass's grid becomes a ray, and a point in the scene a pixel again: a pinhole's image, or a polar one
-// (see `stages/polar.rs`), whose rows are rings around the gaze and whose columns are directions from it.
+// Maps pixels of the pass's grid to rays, and points in the scene back to pixels. The image is a pinhole's, or a polar
+// one (see `stages/polar.rs`), whose rows are rings around the gaze and whose columns are directions from it.
 
 override POLAR: bool = false;
-// Of polar images: whether they are log-polar ones, in which rows of a square of the screen's pixels around the gaze may
-// stand before the rings. Else they are visual-polar.
+// Whether polar images are log-polar rather than visual-polar. In log-polar images, the rows of a square of screen
+// pixels around the gaze may precede the rings.
 override LOG_POLAR: bool = false;
 
 const TAU: f32 = 6.2831855;
-// Where acuity begins to fall, degrees from the gaze; square degrees within; and what acuity adds up to is a multiple of this.
+// Eccentricity at which acuity begins to fall, degrees; area within, square degrees; and factor of the integral of
+// acuity.
 const FOVEA_DEG: f32 = 5.79;
 const FOVEA_AREA: f32 = 105.31813;
 const ACUITY_SUM: f32 = 522.90064;
-// Most of a visual-polar image's rings that have fewer columns than it.
+// Maximum fraction of a visual-polar image's rings that are shortened.
 const MOST_SHORT: f32 = 0.5;
 
 fn pixel_index(pixel: vec2<u32>) -> u32 {
     return pixel.y * pass_.width + pixel.x;
 }
 
-// Whether a row is of the square around the gaze.
+// Whether a row belongs to the square around the gaze.
 fn is_in_square(eye_fovea_rows: f32, row: i32) -> bool {
     return LOG_POLAR && f32(row) < eye_fovea_rows;
 }
 
-// Columns of a row of an image that an eye sees: rings within the fovea have the fewer, the smaller they are. Where most
-// of an image is fovea, or all of it, its outer rings have all columns nonetheless.
+// Columns of a row of an eye's image. Within the fovea, smaller rings have fewer columns. If the fovea covers most of
+// the image, its outer rings still have all columns.
 fn row_length(eye_fovea_rows: f32, row: i32) -> f32 {
     let width = f32(frame.camera.width);
     if LOG_POLAR {
@@ -37,7 +38,7 @@ fn row_length(eye_fovea_rows: f32, row: i32) -> f32 {
     return width;
 }
 
-// Whether a dispatch over pixels has nothing to do here.
+// Whether a pixel is outside the image or the dispatch's rows.
 fn is_outside(pixel: vec2<u32>) -> bool {
     if POLAR {
         let rows = frame.camera.views[pass_.view].rows;
@@ -47,7 +48,7 @@ fn is_outside(pixel: vec2<u32>) -> bool {
     return pixel.x >= pass_.width || pixel.y >= pass_.row_end;
 }
 
-// A pixel of the same image, at an offset from another: the nearest that may be read, and whether that is it.
+// Pixel at an offset from another one: the nearest that may be read, and whether it is the requested one.
 struct Beside {
     pixel: vec2<i32>,
     is_there: bool,
@@ -65,7 +66,7 @@ fn beside(pixel: vec2<u32>, offset: vec2<i32>) -> Beside {
         }
         var column = column_held(fovea_rows, row, there.x);
         if !LOG_POLAR && f32(min(row, i32(pixel.y))) < fovea_rows {
-            // The same direction in a ring of another length.
+            // Map to the same direction in a ring of another length.
             let length = row_length(fovea_rows, row);
             let scaled = (f32(there.x) + 0.5) * length / row_length(fovea_rows, i32(pixel.y));
             column = column_held(fovea_rows, row, i32(floor(scaled - length * floor(scaled / length))));
@@ -76,7 +77,7 @@ fn beside(pixel: vec2<u32>, offset: vec2<i32>) -> Beside {
     return Beside(held, all(held == there));
 }
 
-// A column of a row: rings have no ends, and a column may be less than a turn beside them.
+// Wraps a column around its ring, by at most one turn. Columns of the square are clamped.
 fn column_held(eye_fovea_rows: f32, row: i32, column: i32) -> i32 {
     let length = i32(row_length(eye_fovea_rows, row));
     let turn = select(length, 0, is_in_square(eye_fovea_rows, row));
@@ -84,8 +85,8 @@ fn column_held(eye_fovea_rows: f32, row: i32, column: i32) -> i32 {
     return clamp(turned, 0, length - 1);
 }
 
-// The rows that an image goes on in from a place in them: the first, and the one after the last. What stands before rings
-// is another image.
+// Range of rows that continue the image at a place in it: the first, and the one after the last. The square and the
+// rings are separate images.
 fn rows_around(place: f32, eye_fovea_rows: f32, eye_rows: f32) -> vec2<i32> {
     if LOG_POLAR {
         let rim = i32(eye_fovea_rows);
@@ -94,7 +95,8 @@ fn rows_around(place: f32, eye_fovea_rows: f32, eye_rows: f32) -> vec2<i32> {
     return vec2<i32>(0, select(i32(pass_.height), i32(eye_rows), POLAR));
 }
 
-// Image points, as `pixel_of` finds them, have columns of rows of full length. Where in a row of another length that is.
+// Converts the column of an image point (see `pixel_of`) to a row's own columns: image points count columns of
+// full-length rows.
 fn column_in(row: i32, column: f32, eye_fovea_rows: f32) -> f32 {
     if POLAR && !is_in_square(eye_fovea_rows, row) {
         return column * row_length(eye_fovea_rows, row) / f32(frame.camera.width);
@@ -102,7 +104,7 @@ fn column_in(row: i32, column: f32, eye_fovea_rows: f32) -> f32 {
     return column;
 }
 
-// The image point at `offset` in a pixel.
+// Image point at `offset` in a pixel.
 fn point_in(pixel: vec2<f32>, offset: vec2<f32>) -> vec2<f32> {
     let at = pixel + offset;
     let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
@@ -118,7 +120,7 @@ fn acuity_part(degrees: f32) -> f32 {
     return 1.0 / falling + log(falling);
 }
 
-// Rings up to an eccentricity outside the fovea: as acuity sums up.
+// Number of rings up to an eccentricity outside the fovea, from the integral of acuity.
 fn rows_within(degrees: f32, fovea_rows: f32) -> f32 {
     let more = ACUITY_SUM * (acuity_part(degrees) - acuity_part(FOVEA_DEG));
     return fovea_rows * (1.0 + more / (2.0 * FOVEA_AREA));
@@ -128,14 +130,15 @@ fn row_of(degrees: f32, fovea_rows: f32) -> f32 {
     return select(rows_within(degrees, fovea_rows), fovea_rows * degrees / FOVEA_DEG, degrees < FOVEA_DEG);
 }
 
-// The eccentricity of a place in the rows, degrees: outside the fovea the paper's fit of the inverse, off by 0.03 at most.
+// Eccentricity at a place in the rows, degrees. Outside the fovea this is the paper's fit of the inverse, with an error
+// of at most 0.03.
 fn eccentricity_near(row: f32, fovea_rows: f32) -> f32 {
     let p = FOVEA_AREA / 1091.3 * (2.0 * row / fovea_rows - 1.0);
     let fit = (((25.09 * p + 0.168) * p + 27.61) * p + 23.87) * p + 3.232;
     return select(fit, FOVEA_DEG * row / fovea_rows, row < fovea_rows);
 }
 
-// ... and as exact as can be, by Newton's method from there.
+// Eccentricity at a place in the rows, degrees, refined by Newton's method.
 fn eccentricity_at(row: f32, fovea_rows: f32) -> f32 {
     var degrees = eccentricity_near(row, fovea_rows);
     if row < fovea_rows {
@@ -150,7 +153,7 @@ fn eccentricity_at(row: f32, fovea_rows: f32) -> f32 {
     return degrees;
 }
 
-// Unit direction through an image point of a pinhole with so many columns and rows, from the top left corner.
+// Unit direction through a point of a pinhole image of this size, measured from the top left corner.
 fn pinhole_ray(view: u32, at: vec2<f32>, size: vec2<f32>) -> vec3<f32> {
     let ndc = vec2<f32>(2.0, -2.0) * (at / size) + vec2<f32>(-1.0, 1.0);
     return normalize(frame.camera.views[view].forward
@@ -158,19 +161,19 @@ fn pinhole_ray(view: u32, at: vec2<f32>, size: vec2<f32>) -> vec3<f32> {
         + frame.camera.views[view].up * (ndc.y * frame.camera.views[view].tan_half_y));
 }
 
-// Where the gaze is on the screen, pixels; of log-polar images.
+// Position of the gaze on the screen, pixels; only for log-polar images.
 fn gaze_on_screen(view: u32) -> vec2<f32> {
     return vec2<f32>(frame.camera.views[view].gaze_x, frame.camera.views[view].gaze_y);
 }
 
-// How far from the gaze, in pixels of the screen, a place in the rows of a log-polar image is that is no place in the square.
+// Distance from the gaze, in screen pixels, of a place among the rings of a log-polar image.
 fn distance_at(row: f32, fovea_rows: f32) -> f32 {
     let map = frame.camera.log_polar;
     let share = max(row - fovea_rows + map.first_ring, 0.0) / map.rings;
     return exp(map.log_diagonal * pow(share, 1.0 / map.kernel));
 }
 
-// Columns and rows of a log-polar image in a pixel of the screen so far from the gaze, 1 pixel at least.
+// Columns and rows of a log-polar image per screen pixel, at this distance from the gaze (at least 1 pixel).
 fn log_polar_density(distance: f32) -> vec2<f32> {
     let map = frame.camera.log_polar;
     let share = max(log(distance) / map.log_diagonal, 1e-6);
@@ -178,7 +181,7 @@ fn log_polar_density(distance: f32) -> vec2<f32> {
     return vec2<f32>(map.columns / (TAU * distance), rows);
 }
 
-// The point of the screen that a place in a log-polar image shows: pixels of its row, and rows.
+// Screen point that a place in a log-polar image shows. The place is in columns of its own row, and rows.
 fn log_polar_on_screen(view: u32, at: vec2<f32>) -> vec2<f32> {
     let gaze = gaze_on_screen(view);
     let fovea_rows = frame.camera.views[view].fovea_rows;
@@ -189,7 +192,7 @@ fn log_polar_on_screen(view: u32, at: vec2<f32>) -> vec2<f32> {
     return gaze + distance_at(at.y, fovea_rows) * vec2<f32>(cos(turn), sin(turn));
 }
 
-// The point of a log-polar image that shows a point of the screen.
+// Log-polar image point that shows a screen point.
 fn log_polar_point(at: vec2<f32>, eye: View) -> vec2<f32> {
     let map = frame.camera.log_polar;
     let gaze = vec2<f32>(eye.gaze_x, eye.gaze_y);
@@ -204,7 +207,7 @@ fn log_polar_point(at: vec2<f32>, eye: View) -> vec2<f32> {
     return vec2<f32>(column, eye.fovea_rows + max(ring, 0.0));
 }
 
-// Whether a pixel shows something that is on the screen, or so close by that filters read it. Others are not traced.
+// Whether a pixel is on the screen, or so close to it that filters read it. Other pixels are not traced.
 fn is_shown(pixel: vec2<u32>) -> bool {
     if !LOG_POLAR {
         return true;
@@ -223,7 +226,7 @@ fn is_shown(pixel: vec2<u32>) -> bool {
     return is_on_disc && all(at > vec2<f32>(-margin)) && all(at < map.screen + margin);
 }
 
-// Unit direction through the place `at` in a pixel's row: pixels of that row, and rows.
+// Unit direction through the place `at`, which is in columns of its own row, and rows.
 fn ray_of(view: u32, at: vec2<f32>) -> vec3<f32> {
     if LOG_POLAR {
         return pinhole_ray(view, log_polar_on_screen(view, at), frame.camera.log_polar.screen);
@@ -239,7 +242,7 @@ fn ray_of(view: u32, at: vec2<f32>) -> vec3<f32> {
     return pinhole_ray(view, at, vec2<f32>(f32(pass_.width), f32(pass_.height)));
 }
 
-// Pixels of a visual-polar image per radian away from the gaze, and around it at a ring of `degrees`.
+// Pixels of a visual-polar image per radian at a ring of `degrees`: away from the gaze, and then around it.
 fn rows_per_radian(degrees: f32, fovea_rows: f32) -> f32 {
     let falling = 0.3 * degrees + 1.0;
     let per_degree = 0.09 * ACUITY_SUM * degrees / (falling * falling * 2.0 * FOVEA_AREA);
@@ -250,7 +253,7 @@ fn columns_per_radian(row: u32, degrees: f32, fovea_rows: f32) -> f32 {
     return row_length(fovea_rows, i32(row)) / (TAU * max(sin(radians(degrees)), 1e-6));
 }
 
-// The point of a visual-polar image in a direction from its eye.
+// Visual-polar image point in a direction from its eye.
 fn visual_polar_point(direction: vec3<f32>, eye: View) -> vec2<f32> {
     let away = vec2<f32>(dot(direction, eye.gaze_right), dot(direction, cross(eye.gaze_right, eye.gaze)));
     let off = length(away);
@@ -260,7 +263,7 @@ fn visual_polar_point(direction: vec3<f32>, eye: View) -> vec2<f32> {
     return vec2<f32>(select(0.0, column, off > 0.0), row);
 }
 
-// The point of a pinhole's image that lies at `v` from its eye, and how far along its view direction.
+// Pinhole image point at `v` from its eye, and the distance along the view direction.
 fn pinhole_point(v: vec3<f32>, eye: View, size: vec2<f32>) -> vec3<f32> {
     let z = dot(v, eye.forward);
     let front = max(z, 1e-20);
@@ -271,7 +274,7 @@ fn pinhole_point(v: vec3<f32>, eye: View, size: vec2<f32>) -> vec3<f32> {
     return vec3<f32>((ndc * 0.5 + 0.5) * size, z);
 }
 
-// The point of the pass's view of a polar image that shows a point of the screen, which has this size.
+// Polar image point of the pass's view that shows a point of the screen, which has this size.
 fn polar_point(at: vec2<f32>, size: vec2<f32>) -> vec2<f32> {
     let eye = frame.camera.views[pass_.view];
     if LOG_POLAR {
@@ -280,7 +283,7 @@ fn polar_point(at: vec2<f32>, size: vec2<f32>) -> vec2<f32> {
     return visual_polar_point(pinhole_ray(pass_.view, at, size), eye);
 }
 
-// ... and the number of the pixel there, or of the nearest.
+// Index of the polar pixel that shows a point of the screen, or of the nearest one.
 fn polar_index(at: vec2<f32>, size: vec2<f32>) -> u32 {
     let eye = frame.camera.views[pass_.view];
     let point = polar_point(at, size);
@@ -289,7 +292,7 @@ fn polar_index(at: vec2<f32>, size: vec2<f32>) -> u32 {
     return u32(row) * frame.camera.width + u32(column);
 }
 
-// Where an eye sees `p`: image point, and distance along its view direction, or of visual-polar images from the eye.
+// Image point where an eye sees `p`, and the distance along its view direction (from the eye in visual-polar images).
 fn pixel_of(p: vec3<f32>, eye: View) -> vec3<f32> {
     let v = p - eye.origin;
     if LOG_POLAR {

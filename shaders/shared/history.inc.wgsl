@@ -1,5 +1,5 @@
-// Pixels of the frame before that show a pixel's surface: the four around the image point where the surface was, each
-// held against position and normal.
+// Finds the pixels of the previous frame that show a pixel's surface: the four around the image point where the surface
+// was, each validated by position and normal.
 
 // Least sum of weights that counts as history.
 const LEAST_FOUND: f32 = 0.01;
@@ -8,17 +8,17 @@ const LEAST_FOUND: f32 = 0.01;
 struct Around {
     base: vec2<i32>,
     fraction: vec2<f32>,
-    // Rows that may be looked at: the first, and the one after the last.
+    // Rows that may be read: the first, and the one after the last.
     low: i32,
     high: i32,
-    // Largest distance off the surface's plane; below 0 where the point is behind the eye.
+    // Largest distance from the surface's plane; below 0 if the point is behind the eye.
     reach: f32,
-    // Of polar images: the point's column, and rows of the fovea.
+    // For polar images: the point's column, and rows of the fovea.
     column: f32,
     fovea_rows: f32,
 }
 
-// Those around `seen`, where this eye was, for a pixel of this row.
+// The four pixels around `seen`, which is where this eye saw the surface, for a pixel of this row.
 fn pixels_around(seen: vec3<f32>, row: u32, eye: View) -> Around {
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
     let corner = clamp(seen.xy - frame.camera.centre, vec2<f32>(-2.0), size + 1.0);
@@ -29,7 +29,7 @@ fn pixels_around(seen: vec3<f32>, row: u32, eye: View) -> Around {
     return Around(vec2<i32>(base), corner - base, low, high, select(-1.0, 0.005 * seen.z, seen.z > 0.0), seen.x, eye.fovea_rows);
 }
 
-// One of the four: where it is in an image, and its bilinear weight, 0 where it may not be looked at.
+// One of the four pixels: its index, and its bilinear weight, which is 0 if it may not be read.
 struct Corner {
     at: u32,
     weight: f32,
@@ -51,7 +51,7 @@ fn corner_of(around: Around, i: i32) -> Corner {
     return Corner(at, select(0.0, near.x * near.y, inside));
 }
 
-// Whether a pixel's guide is of the surface that was at `position`.
+// Whether a pixel's guide shows the surface that was at `position`.
 fn shows(guide: vec4<u32>, position: vec3<f32>, normal: vec3<f32>, reach: f32) -> bool {
     let off = abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position));
     return guide.w != NO_NORMAL && off < reach && dot(normal, unpack_normal(guide.w)) > 0.9;

@@ -1,5 +1,5 @@
-// Barycentrics (b1, b2) of a hit, from edge functions on vertices relative to the hit itself: relative to the ray's
-// origin, their rounding errors grow with the square of the distance, which small and distant triangles show.
+// Barycentrics (b1, b2) of a hit, from edge functions on vertices relative to the hit point. Relative to the ray's
+// origin, rounding errors would grow with the square of the distance, which small and distant triangles show.
 fn hit_barycentrics(origin: vec3<f32>, direction: vec3<f32>, hit: Hit) -> vec2<f32> {
     let tri = triangle_at(placed(hit.prim));
     let p = origin + direction * hit.t;
@@ -12,13 +12,13 @@ fn hit_barycentrics(origin: vec3<f32>, direction: vec3<f32>, hit: Hit) -> vec2<f
     if det == 0.0 {
         return hit.bary;
     }
-    // Not outside the triangle, where the next one might stand in front.
+    // Clamp to the triangle, since its neighbour might be in front outside it.
     let bary = max(vec2<f32>(v, w) / det, vec2<f32>(0.0));
     return bary / max(bary.x + bary.y, 1.0);
 }
 
-// The first entry into a spherical light other than `except` within (0, t_max), or any if `any`. Nodes are in
-// depth-first order and say where to go on a miss, see `emitters/sphere_tree.rs`.
+// First entry into a spherical light other than `except` within (0, t_max), or any entry if `any`. Nodes are in
+// depth-first order and store the node to skip to after a miss, see `emitters/sphere_tree.rs`.
 fn traverse_spheres(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
     let inverse = inverse_of(direction);
@@ -62,7 +62,7 @@ fn trace_closest(origin: vec3<f32>, direction: vec3<f32>, key: u32) -> Hit {
     return hit;
 }
 
-// Whether anything lies within (0, t_max), spherical light `except` left out.
+// Whether anything but spherical light `except` lies within (0, t_max).
 fn is_occluded(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32, key: u32) -> bool {
     if HAS_SPHERES {
         if traverse_spheres(origin, direction, t_max, except, true).prim != NO_PRIM {
@@ -72,18 +72,20 @@ fn is_occluded(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32,
     return traverse(origin, direction, t_max, key, true).prim != NO_PRIM;
 }
 
-// Thin, smooth panes before lights that only light sampling finds: the transparent shadows of such scenes.
+// Whether thin, smooth panes may be in front of lights that only light sampling finds. Such scenes have transparent
+// shadows.
 override HAS_TRANSPARENT_SHADOWS: bool = true;
 
-// Panes that one shadow ray may pass. A ray that meets more counts as cut short.
+// Maximum number of panes that a shadow ray passes. A ray that hits more counts as cut short.
 const MOST_PANES: u32 = 64u;
 
-// Fraction of the light sampled at `p` that reaches a ray's start near `p`: 0 or 1, but for panes before delta lights.
+// Fraction of the light sampled at `p` that reaches a ray's origin near `p`: 0 or 1, except through panes in front of
+// delta lights.
 fn light_visibility(origin: vec3<f32>, p: vec3<f32>, light: LightSample, key: u32, rays: ptr<function, u32>) -> vec3<f32> {
     var direction = light.direction;
     var t_max = light.distance;
     if t_max < 1e38 {
-        // To the very point, though the ray starts beside `p`.
+        // Aim at the exact point, although the ray starts next to `p`.
         let way = (p - origin) + light.direction * light.distance;
         let distance = length(way);
         direction = way / max(distance, 1e-37);
@@ -98,8 +100,8 @@ fn light_visibility(origin: vec3<f32>, p: vec3<f32>, light: LightSample, key: u3
             return vec3<f32>(0.0);
         }
     }
-    // From surface to surface. Delta lights shine through panes; other lights are found by rays that panes scatter, and
-    // would be counted twice.
+    // Step from surface to surface. Delta lights shine through panes. Other lights are hit by rays that panes scatter,
+    // and would be counted twice.
     var visibility = vec3<f32>(1.0);
     var from_ = origin;
     var panes = 0u;

@@ -1,4 +1,4 @@
-// Where a surface point was in the frame before.
+// Position of a surface point in the previous frame.
 
 struct LastSurface {
     position: vec3<f32>,
@@ -6,9 +6,9 @@ struct LastSurface {
     has_moved: bool,
 }
 
-// The corners of a triangle in the frame before, in the world.
+// World-space corners of a triangle in the previous frame.
 fn last_triangle(place: Placed) -> array<vec3<f32>, 3> {
-    // Below the first one, the difference is large.
+    // Rows below the first deforming one wrap around to large numbers.
     let deforming = place.row - frame.geometry.first_deforming;
     if deforming < frame.geometry.deforming_count {
         let at = frame.tables.last_corners + 3u * deforming;
@@ -26,8 +26,8 @@ fn last_triangle(place: Placed) -> array<vec3<f32>, 3> {
     return array<vec3<f32>, 3>(transform_point(m, tri.v0), transform_point(m, tri.v1), transform_point(m, tri.v2));
 }
 
-// A vector that is given along two edges and the normal of a triangle, brought to another triangle's: what turns and
-// stretches with the triangle.
+// Transfers a vector from one triangle to another, by its components along two edges and the normal, so that it turns
+// and stretches with the triangle.
 fn brought_along(v: vec3<f32>, e1: vec3<f32>, e2: vec3<f32>, to1: vec3<f32>, to2: vec3<f32>) -> vec3<f32> {
     let n = cross(e1, e2);
     let last_n = cross(to1, to2);
@@ -44,7 +44,7 @@ fn last_surface(prim: u32, bary: vec2<f32>, position: vec3<f32>, normal: vec3<f3
     let place = placed(prim);
     let now = triangle_at(place);
     let last = last_triangle(place);
-    // What stands still is exactly where it is.
+    // Static surfaces keep their exact position.
     let moved = array<vec3<f32>, 3>(last[0] - now.v0, last[1] - now.v1, last[2] - now.v2);
     if all(moved[0] == vec3<f32>(0.0)) && all(moved[1] == vec3<f32>(0.0)) && all(moved[2] == vec3<f32>(0.0)) {
         return LastSurface(position, normal, false);

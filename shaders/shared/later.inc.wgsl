@@ -1,11 +1,11 @@
-// Where the rectified image of the pass's eye has what the eye shows that has moved on since: each pixel looks for the surface
-// that it sees among those that were seen, by fixed-point iteration over their depths (Yang et al. 2011, "Image-based
-// bidirectional scene reprojection", section 3). What was hidden then has the light of what is next to it. The shader binds
-// these depths with `emission_image`.
+// Late reprojection: maps a displayed pixel of an eye that has moved since to the rectified image of the pass's eye.
+// Each pixel searches the rendered depths for the surface that it sees, by fixed-point iteration (Yang et al. 2011,
+// "Image-based bidirectional scene reprojection", section 3). Disocclusions get the light of what is next to them. The
+// shader binds the depths as `emission_image`.
 
 const ITERATIONS: i32 = 8;
 
-// How far along the eye's axis the surface is that the image shows at a point of it; 0: the sky.
+// Depth, along the eye's axis, of the surface at a point of the image; 0 for the sky.
 fn depth_at(point: vec2<f32>) -> f32 {
     let size = vec2<f32>(rectified_size());
     let corner = clamp(floor(point), vec2<f32>(0.0), size - 1.0);
@@ -20,7 +20,7 @@ fn depth_at(point: vec2<f32>) -> f32 {
 fn later_place(at: vec2<f32>) -> ShownPlace {
     let shown = frame.camera.shown[pass_.view];
     let seen = shown.across * at.x + shown.down * at.y + shown.corner;
-    // The point that is endlessly far.
+    // Start from a point at infinity.
     var place = shown_place(at);
     if all(shown.moved == vec3<f32>(0.0)) {
         return place;

@@ -1,6 +1,6 @@
-// By how much light in the left eye has changed since the frame before, in tiles; the image is bound by the shader.
+// Fraction by which light in the left eye has changed since the previous frame, per tile. The shader binds the image.
 
-// The tile in which the left eye sees what this pixel sees, which is at `position`.
+// Tile in which the left eye sees this pixel's surface, which is at `position`.
 fn tile_of(pixel: vec2<u32>, position: vec3<f32>) -> u32 {
     var x = pixel.x;
     if pass_.view == 1u {
@@ -10,8 +10,8 @@ fn tile_of(pixel: vec2<u32>, position: vec3<f32>) -> u32 {
     return pixel.y / TILE * ((pass_.width + TILE - 1u) / TILE) + x / TILE;
 }
 
-// Share that is left of a history that counts `old`, beside which a frame counts `new_`: where all light has changed
-// nothing is, and in between the weight of the frame is interpolated (Schied et al. 2018, section 4.3).
+// Fraction to keep of a history with weight `old`, for a new frame with weight `new_`. If all light has changed,
+// nothing is kept. In between, the weight of the new frame is interpolated (Schied et al. 2018, section 4.3).
 fn kept_in_light(tile: u32, old: f32, new_: f32) -> f32 {
     let change = light_change[tile];
     let weight = new_ / (old + new_);

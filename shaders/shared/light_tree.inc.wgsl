@@ -1,16 +1,16 @@
-// The light tree: how one of many lights is picked for a point (Conty Estevez & Kulla, "Importance Sampling of Many Lights
-// with Adaptive Tree Splitting", HPG 2018). See `emitters/light_tree.rs`.
+// The light tree, which samples one of many lights by its importance to a point (Conty Estevez & Kulla, "Importance
+// Sampling of Many Lights with Adaptive Tree Splitting", HPG 2018). See `emitters/light_tree.rs`.
 
-// Nodes of the light tree: (centre, radius), (power, axis, cosines, next).
+// Nodes of the light tree are (centre, radius), (power, axis, cosines, next). This masks the index in `next`.
 const LIGHT_INDEX: u32 = ~(LIGHT_LEAF | LIGHT_TWO_SIDED);
-// Least probability of a child that may bring light: no less than random numbers resolve.
+// Least probability of a child that may contribute, so that random numbers resolve it.
 const LEAST_SHARE: f32 = 0x1p-12;
-// What rounding may take from a cosine.
+// Rounding error of a cosine.
 const COS_SLACK: f32 = 1e-5;
 
-// What a node of the light tree may bring to a point.
+// Importance of a light tree node to a point.
 struct Prospect {
-    // Over the squared distance; 0: nothing.
+    // Importance before division by the squared distance; 0 if the node cannot contribute.
     weight: f32,
     distance2: f32,
     next: u32,
@@ -25,7 +25,8 @@ fn sine(cosine: f32) -> f32 {
     return sqrt(max(1.0 - cosine * cosine, 0.0));
 }
 
-// PBRT 4e, 12.6.3, for bounds that are spheres. 0 only where no light of the node reaches the side of `n`.
+// Importance as in PBRT 4e, 12.6.3, with spheres as bounds. It is 0 only if no light of the node reaches the side of
+// `n`.
 fn prospect(p: vec3<f32>, n: vec3<f32>, node: u32) -> Prospect {
     let place = bitcast<vec4<f32>>(table_row(frame.lights.tree + 2u * node));
     let kind = table_row(frame.lights.tree + 2u * node + 1u);
@@ -35,7 +36,7 @@ fn prospect(p: vec3<f32>, n: vec3<f32>, node: u32) -> Prospect {
     let radius2 = place.w * place.w;
     let distance2 = max(dot(away, away), 1e-37);
     let result = Prospect(power, max(distance2, max(radius2, 1e-37)), kind.w);
-    // Inside the bounds, all directions are open.
+    // Inside the bounds, all directions are possible.
     if distance2 <= radius2 * 1.00001 {
         return result;
     }
@@ -62,7 +63,7 @@ fn prospect(p: vec3<f32>, n: vec3<f32>, node: u32) -> Prospect {
     return Prospect(weight, result.distance2, kind.w);
 }
 
-// Of two siblings, the probability of the first; negative if neither may bring light.
+// Probability of the first of two siblings; negative if neither may contribute.
 fn first_share(a: Prospect, b: Prospect) -> f32 {
     if a.weight <= 0.0 && b.weight <= 0.0 {
         return -1.0;
@@ -85,7 +86,7 @@ fn light_root() -> u32 {
     return table_row(frame.lights.tree + 1u).w;
 }
 
-// Goes down the light tree. Levels take turns in using up the two numbers, so that neither runs out of digits.
+// Descends the light tree. Levels alternate between the two random numbers, so that neither runs out of digits.
 fn pick_from_tree(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>) -> Pick {
     var u = choice;
     var probability = 1.0;
@@ -106,7 +107,7 @@ fn pick_from_tree(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>) -> Pick {
     return Pick(next & LIGHT_INDEX, probability);
 }
 
-// Probability with which `pick_from_tree` comes to the light of that trail.
+// Probability with which `pick_from_tree` reaches the light of this trail.
 fn tree_probability(p: vec3<f32>, n: vec3<f32>, trail: u32) -> f32 {
     var probability = 1.0;
     var next = light_root();

@@ -1,13 +1,13 @@
-// Lights and how one is chosen and sampled. There are three groups: lights that are somewhere (emissive triangles,
-// points, spots and spheres), directional lights, and an environment image. Groups that are not empty are equally
-// likely. In the first, a tree of lights leads to one by what it may bring to the point (Conty Estevez & Kulla 2018,
-// see `emitters/light_tree.rs`); directional lights are picked in proportion to their irradiance, by an alias table
-// (Walker 1977). A constant environment is no light to pick: cosine-weighted bounces find it with less noise.
+// Light sampling. There are three groups: local lights (emissive triangles, points, spots and spheres), directional
+// lights, and an environment image. Nonempty groups are equally likely. The light tree picks a local light by its
+// importance to the point (Conty Estevez & Kulla 2018, see `emitters/light_tree.rs`). An alias table (Walker 1977)
+// picks a directional light in proportion to its irradiance. A constant environment is not sampled as a light:
+// cosine-weighted bounces find it with less noise.
 
 override HAS_EMISSIVE: bool = true;
 override HAS_LOCAL_LIGHTS: bool = true;
 override HAS_DIRECTIONAL: bool = true;
-// Emissive triangles that are masked or blended, and such under a coat.
+// Whether emissive triangles are masked or blended, and whether some are under a clear coat.
 override HAS_ALPHA_EMITTERS: bool = true;
 override HAS_COATED_EMITTERS: bool = true;
 
@@ -15,15 +15,15 @@ const PI: f32 = 3.14159265358979;
 
 struct LightSample {
     direction: vec3<f32>,
-    // 3e38: infinitely far.
+    // 3e38 if infinitely far.
     distance: f32,
     radiance: vec3<f32>,
-    // Solid-angle density; 0: nothing sampled. Delta lights: the probability of the pick, and `is_delta`.
+    // Solid-angle density, or for delta lights the probability of the pick; 0 if nothing was sampled.
     pdf: f32,
     is_delta: bool,
-    // Spherical light that the shadow ray must not be stopped by.
+    // Spherical light that the shadow ray ignores.
     sphere: u32,
-    // How much of the way is to be free: all but the error of where a ray meets the light.
+    // Fraction of the distance that must be unoccluded: all but the error of the hit point on the light.
     reach: f32,
 }
 
@@ -31,7 +31,7 @@ fn no_light() -> LightSample {
     return LightSample(vec3<f32>(0.0, 1.0, 0.0), 0.0, vec3<f32>(0.0), 0.0, false, NO_LIGHT, 1.0);
 }
 
-// The group's share of the choice.
+// Probability of picking a group.
 fn group_probability() -> f32 {
     return 1.0 / f32(frame.lights.group_count);
 }
@@ -44,9 +44,9 @@ fn spot_factor(light: Light, away: vec3<f32>) -> f32 {
     return f * f;
 }
 
-// Nearest entry of the ray into spherical light `index`, or -1 (light leaves outwards only: from inside, nothing is
-// seen of it). The distance of the centre from the ray is computed
-// from the vector between them, which keeps small and distant spheres apart from their rounding errors.
+// Distance at which the ray enters spherical light `index`; negative if it misses. Spheres emit outwards only, so that
+// it is negative from inside too. The centre's distance from the ray is computed from the vector between them, which
+// stays exact for small and distant spheres.
 fn intersect_sphere(origin: vec3<f32>, direction: vec3<f32>, index: u32) -> f32 {
     let light = stored_light(index);
     let to_centre = light.position - origin;
@@ -59,13 +59,14 @@ fn intersect_sphere(origin: vec3<f32>, direction: vec3<f32>, index: u32) -> f32 
     return along - sqrt(inside);
 }
 
-// A spot's cone dims its whole sphere alike, by the direction from the centre to the viewer.
+// Radiance of a spherical light. A spot's cone dims the whole sphere uniformly, by the direction from the centre to the
+// viewer.
 fn sphere_radiance(index: u32, viewer: vec3<f32>) -> vec3<f32> {
     let light = stored_light(index);
     return light.strength * spot_factor(light, normalize(viewer - light.position));
 }
 
-// 1 - cos of the half-angle under which a sphere is seen from outside it; 0 inside.
+// 1 - cos of the half-angle that a sphere subtends; 0 from inside.
 fn sphere_cap(light: Light, origin: vec3<f32>) -> f32 {
     let v = light.position - origin;
     let sin2 = light.radius * light.radius / max(dot(v, v), 1e-37);
@@ -88,7 +89,7 @@ fn frame_around(n: vec3<f32>) -> mat3x3<f32> {
     );
 }
 
-// A direction in the cap 1 - cos <= `cap` around `axis`.
+// Samples a direction in the cap 1 - cos <= `cap` around `axis`.
 fn sample_cap(axis: vec3<f32>, cap: f32, u: vec2<f32>) -> vec3<f32> {
     let lift = cap * u.x;
     let sin_theta = sqrt(max(lift * (2.0 - lift), 0.0));
@@ -110,7 +111,7 @@ fn sample_triangle_light(p: vec3<f32>, light: Light, probability: f32, u: vec2<f
     s.distance = distance;
     let cosine = -dot(light.axis, s.direction);
     let pdf = probability * distance * distance / (light.radius * abs(cosine));
-    // Beside the plane, and on the triangle itself, there is nothing to see.
+    // Edge-on, and on the triangle itself, no light is visible.
     if !(is_within(distance, MOST_FLOAT) && is_within(pdf, MOST_FLOAT)) || (cosine <= 0.0 && (m.flags & DOUBLE_SIDED) == 0u) {
         return no_light();
     }
@@ -118,14 +119,14 @@ fn sample_triangle_light(p: vec3<f32>, light: Light, probability: f32, u: vec2<f
     if HAS_COATED_EMITTERS {
         s.radiance = surface_at(light.prim, bary, p, s.direction).emission;
     }
-    // A scattered ray meets the triangle there with this probability, so both ways to the light have one mean, and the
-    // weights that join them need no more than the densities of directions.
+    // A scattered ray hits the triangle there with this probability. Both techniques then have the same mean, and MIS
+    // weights only need the densities of directions.
     if HAS_ALPHA_EMITTERS {
         s.radiance *= coverage_at(light.prim, bary, m);
     }
     s.pdf = pdf;
-    // A ray meets the plane where its numerator and denominator say, each off by a few roundings of the vertices'
-    // distance: slantwise, that is 1 / cosine as far along the ray.
+    // Numerator and denominator of the intersection with the plane are each off by a few roundings of the vertices'
+    // distance. At an angle, the error along the ray grows by 1 / cosine.
     let error = 1e-6 * (distance + max(length(e1), length(e2)));
     s.reach = 1.0 - min(error / (distance * abs(cosine)), 1.0);
     return s;
@@ -152,7 +153,7 @@ fn sample_local_light(p: vec3<f32>, index: u32, probability: f32, u: vec2<f32>) 
     s.direction = sample_cap(axis, cap, u);
     s.distance = intersect_sphere(p, s.direction, index);
     if s.distance <= 0.0 {
-        // The rim, missed by rounding.
+        // Rounding made the ray miss the rim.
         s.distance = sqrt(max(distance2 - light.radius * light.radius, 0.0));
     }
     s.radiance = light.strength * spot_factor(light, -axis);
@@ -167,7 +168,8 @@ fn sample_directional_light(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     index = select(stored_light(index).alias_index, index, choice.x < stored_light(index).keep);
     let light = stored_light(index);
     var s = no_light();
-    // A disc has the given irradiance, whatever its size. It is no part of the sky: neither camera nor bounces see it.
+    // A disc yields the given irradiance, whatever its size. It is not part of the sky: neither camera nor bounces see
+    // it.
     s.direction = light.position;
     if light.radius > 0.0 {
         s.direction = sample_cap(light.position, light.radius, u);
@@ -179,14 +181,14 @@ fn sample_directional_light(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     return s;
 }
 
-// Whether there is any light to pick.
+// Whether there is any light to sample.
 fn has_lights() -> bool {
     return (HAS_EMISSIVE || HAS_LOCAL_LIGHTS || HAS_DIRECTIONAL || HAS_ENV_MAP) && frame.lights.group_count > 0u;
 }
 
-// Light that may reach point `p` on the side of the unit vector `n`; on either side if that is zero.
+// Samples light that may reach point `p` on the side of the unit vector `n`, or on either side if `n` is zero.
 fn sample_light(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>, u: vec2<f32>) -> LightSample {
-    // The k-th group that is not empty.
+    // Pick the k-th nonempty group.
     let scaled = choice.x * f32(frame.lights.group_count);
     var k = min(u32(scaled), frame.lights.group_count - 1u);
     let rest = vec2<f32>(scaled - f32(k), choice.y);
@@ -217,8 +219,8 @@ fn sample_light(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>, u: vec2<f32>) -> 
     return no_light();
 }
 
-// Densities with which `sample_light` at `p`, `n` takes the direction to what a ray has just hit: triangle `prim` at
-// distance `t` along `direction`, or spherical light `index`.
+// Densities with which `sample_light` at `p`, `n` samples the direction of a ray that has hit a light: triangle `prim`
+// at distance `t` along `direction`, or spherical light `index`.
 
 fn triangle_light_pdf(p: vec3<f32>, n: vec3<f32>, prim: u32, t: f32, direction: vec3<f32>) -> f32 {
     let light = stored_light(stored_triangle(prim).light);

@@ -1,22 +1,22 @@
-// Where a surface was seen before.
+// Motion since the previous frame, and its limits on history.
 
-// Whether anything but the eyes moves.
+// Whether the scene is dynamic. Eyes may move in any scene.
 override HAS_MOTION: bool = false;
 
-// Whether rows of the frame before are among those of which nothing is known.
+// Whether any of these rows of the previous frame are lost.
 fn are_lost(begin: i32, end: i32) -> bool {
     return max(begin, i32(frame.history.lost_begin)) < min(end, i32(frame.history.lost_end));
 }
 
-// Longest history in frames where light changes: as long as what is left of light that has gone, or lacks of light that has
-// come, is no more than this share of all light.
+// Maximum outdated light in a history, as a fraction of all light: light that has gone, or that is not in it yet. This
+// bounds the length of history in frames where light changes.
 const MOST_LATE_LIGHT: f32 = 0.05;
 
 fn longest_in_light() -> f32 {
     return MOST_LATE_LIGHT / max(frame.lights.change, 1e-6);
 }
 
-// Whether an eye is anywhere else than it was, or looks another way.
+// Whether an eye has moved or turned, or its gaze has moved.
 fn has_moved(now: View, before: View) -> bool {
     return any(now.origin != before.origin) || any(now.right != before.right) || any(now.up != before.up)
         || any(now.forward != before.forward) || any(now.gaze != before.gaze);

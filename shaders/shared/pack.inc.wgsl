@@ -1,20 +1,20 @@
-// How stages pass a pixel on.
+// Packing of pixels for later stages.
 
 // `hit` image: triangle or NO_PRIM or SPHERE | light, barycentrics as bits, material and flags.
 const FLAG_MIXED: u32 = 0x80000000u;
 const FLAG_VIEW_DEPENDENT: u32 = 0x40000000u;
 const MATERIAL_MASK: u32 = 0x00ffffffu;
-// Roughness, where a scene has gloss.
+// Roughness, if the scene has gloss.
 const ROUGHNESS_SHIFT: u32 = 24u;
 const ROUGHNESS_STEPS: f32 = 63.0;
 const MATERIAL_NONE: u32 = 0x00ffffffu;
 
-// `guide` image: position as bits, packed shading normal; NO_NORMAL where there is no surface to light (sky, spheres).
-// The packing never gives that pattern: it clamps to -32767.
+// `guide` image: position as bits, packed shading normal; NO_NORMAL if there is no surface to shade (sky, spheres).
+// Packing never produces this pattern, since it clamps to -32767.
 const NO_NORMAL: u32 = 0x80008000u;
 
-// Unit vector to two 16-bit numbers (Cigolle et al., "A Survey of Efficient Representations for Independent Unit
-// Vectors", JCGT 3(2), 2014).
+// Packs a unit vector into two 16-bit numbers (Cigolle et al., "A Survey of Efficient Representations for Independent
+// Unit Vectors", JCGT 3(2), 2014).
 fn pack_normal(n: vec3<f32>) -> u32 {
     let p = n.xy / (abs(n.x) + abs(n.y) + abs(n.z));
     let signs = select(vec2<f32>(-1.0), vec2<f32>(1.0), p >= vec2<f32>(0.0));
@@ -29,8 +29,8 @@ fn unpack_normal(bits: u32) -> vec3<f32> {
     return normalize(vec3<f32>(p + select(vec2<f32>(t), vec2<f32>(-t), p >= vec2<f32>(0.0)), z));
 }
 
-// `tally` image: rays traced (20 bits), samples and later values dropped (8 bits), why a pixel is a hole (3 bits):
-// one that is left to the filter, SKIPPED, is none. The last bit: its light was too bright for half floats.
+// `tally` image: rays traced (20 bits), samples and later values dropped (8 bits), hole reason (3 bits; SKIPPED is no
+// hole but a pixel left to the filter). The last bit marks light that was too bright for half floats.
 const CLIPPED: u32 = 0x80000000u;
 
 fn hole_reason(tally: u32) -> u32 {
@@ -43,10 +43,10 @@ fn add_tally(tally: u32, rays: u32, nonfinite: u32) -> u32 {
     return (tally & 0xf0000000u) | (n << 20u) | r;
 }
 
-// In place of a composed pixel's depth: its colour was not finite. `resolve` counts it.
+// Depth of a composed pixel whose colour was not finite. `resolve` counts it.
 const DROPPED: f32 = -1.0;
 
-// Asked of bits: drivers may take for granted that nothing else happens.
+// Tests bits, since drivers may assume that all values are finite.
 fn is_finite(c: vec3<f32>) -> bool {
     let bits = bitcast<vec3<u32>>(c) & vec3<u32>(0x7f800000u);
     return all(bits != vec3<u32>(0x7f800000u));

@@ -1,9 +1,10 @@
-// Paths: next-event estimation and bounces, joined by multiple importance sampling with the balance heuristic
-// (Veach 1997), on surfaces that light reaches the eye from through at most `Sampling::reflections` reflections.
+// Path tracing with at most `Sampling::reflections` reflections: next-event estimation and bounces, combined by
+// multiple importance sampling with the balance heuristic (Veach 1997).
 
 override HAS_CONSTANT_ENV: bool = true;
 
-// Dimensions of a path's vertex, so that what a scene skips moves no other number. The pair before them is the pixel's.
+// Random dimensions of a path's vertex. They are fixed, so that features that a scene lacks do not shift other numbers.
+// The pair before them is the pixel's.
 const FIRST_DIMENSION: u32 = 1u;
 const DIMENSIONS_PER_VERTEX: u32 = 5u;
 const LIGHT_CHOICE: u32 = 0u;
@@ -13,32 +14,32 @@ const LOBE_DIRECTION: u32 = 3u;
 const SURVIVAL: u32 = 4u;
 
 struct PathSample {
-    // Light sent towards the viewer by the first surface; its own emission is not in it. Where a scene has gloss, by its
-    // Lambertian lobe, and by its facets.
+    // Light reflected towards the viewer by the first surface, without its own emission. If the scene has gloss,
+    // `radiance` is the Lambertian lobe's part and `gloss` the facets'.
     radiance: vec3<f32>,
     gloss: vec3<f32>,
     rays: u32,
 }
 
-// The first surface's emission, or what lies behind it all.
+// First hit of a primary ray. `emission` is that of the surface, or of the light or environment behind everything.
 struct FirstHit {
     hit: Hit,
     surface: Surface,
     emission: vec3<f32>,
     albedo: vec3<f32>,
     matte: vec3<f32>,
-    // Share of light that a volume lets through on the way to the eye.
+    // Transmittance of the volume between the surface and the eye.
     transmittance: vec3<f32>,
 }
 
-// What fills the space that a ray crosses.
+// Medium that a ray travels through.
 struct Medium {
     absorption: vec3<f32>,
     is_inside: bool,
 }
 
-// Share of light left after `distance` through the medium, up to a surface's hit. A ray that meets a volume's surface
-// from behind was in that volume, even if nobody saw it go in: that is where the camera is.
+// Transmittance over `distance` through the medium, up to a surface's hit. A ray that hits a volume's surface from
+// behind was in that volume, even if it never entered it: then the camera is inside.
 fn transmittance(medium: Medium, distance: f32, s: Surface) -> vec3<f32> {
     let absorption = select(stored_material(s.material).absorption, medium.absorption, medium.is_inside);
     let is_inside = medium.is_inside || !(s.is_front || s.is_thin);
@@ -76,7 +77,7 @@ fn random_at(rng: ptr<function, Rng>, depth: u32, dimension: u32) -> vec2<f32> {
     return random2(rng);
 }
 
-// The medium behind or before the surface, for light that leaves it towards `direction`.
+// Medium on the side of the surface that `direction` points to.
 fn medium_towards(s: Surface, direction: vec3<f32>, before: Medium) -> Medium {
     if !HAS_TRANSMISSION || s.is_thin || dot(s.geometric_normal, direction) > 0.0 {
         return before;
@@ -84,13 +85,13 @@ fn medium_towards(s: Surface, direction: vec3<f32>, before: Medium) -> Medium {
     return Medium(stored_material(s.material).absorption, s.is_front);
 }
 
-// The side of the surface from which light can be scattered to the viewer: 0 for both.
+// Normal of the side from which light can be scattered to the viewer; 0 for both sides.
 fn lit_normal(s: Surface) -> vec3<f32> {
     return select(s.normal, vec3<f32>(0.0), HAS_TRANSMISSION && max3(s.transmitted) > 0.0);
 }
 
-// Light that reaches the surface straight from a sampled light and is scattered towards the viewer. With gloss, `share` is
-// the Lambertian lobe's of what the first surface scatters.
+// Direct light from a sampled light, scattered towards the viewer. If the scene has gloss, `share` is the Lambertian
+// lobe's fraction of the light that the first surface scatters.
 fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<function, Rng>, rays: ptr<function, u32>, share: ptr<function, vec3<f32>>) -> vec3<f32> {
     let choice = random_at(rng, depth, LIGHT_CHOICE);
     let u = random_at(rng, depth, LIGHT_POINT);
@@ -123,7 +124,7 @@ fn clamp_indirect(c: vec3<f32>, most: f32) -> vec3<f32> {
     return select(c, c * (most / peak), most > 0.0 && peak > most);
 }
 
-// Density with which light sampling at `p` takes the direction to what a scattered ray has hit.
+// Density with which light sampling at `p` samples the direction to the light that a scattered ray has hit.
 fn found_light_pdf(p: vec3<f32>, n: vec3<f32>, direction: vec3<f32>, hit: Hit) -> f32 {
     if (hit.prim & SPHERE) != 0u {
         return sphere_pdf(p, n, hit.prim & ~SPHERE);
@@ -221,8 +222,8 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, rng: 
             break;
         }
         v = -direction;
-        // Russian roulette after the third bounce, by what the path carries over the first surface's albedo: filters
-        // see that.
+        // Russian roulette after the third bounce, by throughput over the first surface's albedo, since filters see
+        // demodulated illumination.
         if depth >= 3u {
             let survive = min(max3(throughput / max(first.albedo, vec3<f32>(1e-3))), 0.95);
             if random_at(rng, depth, SURVIVAL).x >= survive {

@@ -1,10 +1,11 @@
-// All samples of a pixel in one pass; its images are bound by the shader.
+// Samples of a pixel in one launch. The shader binds its images.
 
-// Whether the variance of samples is told along with their mean.
+// Whether the variance of samples is stored along with their mean.
 override MEASURES_VARIANCE: bool = false;
 
-// Sums over samples of the luminance of their light, of their albedo and of both, of which a mean of light over albedo
-// and its variance follow (a ratio estimator: Cochran, "Sampling Techniques", 1977, chapter 6). Matte and gloss.
+// Sums over samples of the luminances of light and albedo, their squares and their product, each for diffuse and
+// specular. They yield a mean of light over albedo and its variance (a ratio estimator: Cochran, "Sampling Techniques",
+// 1977, chapter 6).
 struct Spread {
     light: vec2<f32>,
     albedo: vec2<f32>,
@@ -13,14 +14,14 @@ struct Spread {
     albedo_albedo: vec2<f32>,
 }
 
-// Luminance of what reflects nothing.
+// Luminance of albedo up to which it counts as black.
 const BLACK_LUMINANCE: f32 = 1e-6;
 
 fn ratio_of(light: vec2<f32>, albedo: vec2<f32>) -> vec2<f32> {
     return select(vec2<f32>(0.0), light / max(albedo, vec2<f32>(BLACK_LUMINANCE)), albedo > vec2<f32>(BLACK_LUMINANCE));
 }
 
-// As filters see a sum or mean of light and albedo; bounded, so that squares stay finite.
+// Luminances of diffuse and specular light or albedo as filters see them, clamped so that squares stay finite.
 fn two_luminances(matte: vec3<f32>, gloss: vec3<f32>) -> vec2<f32> {
     return min(vec2<f32>(luminance(matte), luminance(gloss)), vec2<f32>(1e16));
 }
@@ -33,16 +34,16 @@ fn add_sample(s: ptr<function, Spread>, light: vec2<f32>, albedo: vec2<f32>) {
     (*s).albedo_albedo += albedo * albedo;
 }
 
-// The mean square by which `count` samples are off their ratio.
+// Mean squared deviation of `count` samples from their ratio.
 fn variance_of(s: Spread, count: f32) -> vec2<f32> {
     let ratio = ratio_of(s.light, s.albedo);
     let off = s.light_light - 2.0 * ratio * s.light_albedo + ratio * ratio * s.albedo_albedo;
-    // As a root, so that what counts as black is the same for it as for the mean.
+    // Take the root first, so that the same threshold for black applies as for the mean.
     let deviation = ratio_of(sqrt(max(off, vec2<f32>(0.0)) / count), s.albedo / count);
     return deviation * deviation;
 }
 
-// Leaves demodulated radiance, and the pixel's counts with it: light that is not finite over its albedo is dropped.
+// Writes demodulated illumination and the pixel's counts. Illumination that is not finite is dropped.
 fn leave_radiance(at: u32, reflected: vec3<f32>, gloss: vec3<f32>, albedo: Albedo, variance: vec2<f32>, counts: u32) {
     var matte_light = over(reflected, albedo.all);
     var gloss_light = vec3<f32>(0.0);
@@ -63,8 +64,9 @@ fn pack_mean(matte: vec3<f32>, gloss: vec3<f32>, variance: vec2<f32>) -> vec4<u3
     return pack_sampled(matte, gloss);
 }
 
-// Samples from pass_.args[0] to before pass_.args[1] of `pixel` of view `view`. Albedo, emission and radiance hold running
-// means until the pass that ends at the last sample, which leaves radiance divided by albedo.
+// Traces the samples from pass_.args[0] up to, but not including, pass_.args[1] of `pixel` of view `view`. Albedo,
+// emission and radiance hold running means until the launch that ends at the last sample, which divides radiance by
+// albedo.
 fn sample_pixel(pixel: vec2<u32>, view: u32) {
     let at = pixel_index(pixel);
     let begin = pass_.args[0];
@@ -99,7 +101,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         if (hit.prim & SPHERE) == 0u {
             path = trace_path(first.surface, direction, frame.sampling, &rng);
         }
-        // Of finite samples, sums may be infinite.
+        // Sums of finite samples may be infinite.
         let with_radiance = reflected + path.radiance * first.transmittance;
         let with_gloss = gloss + path.gloss * first.transmittance;
         let with_emission = emission + first.emission;
@@ -118,7 +120,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
             }
         }
     }
-    // Samples that the driver did not let begin.
+    // Count samples that the driver did not let begin.
     tally = add_tally(tally, 0u, end - i);
     if !JITTER {
         leave_radiance(at, reflected, gloss, Albedo(albedo, matte, 0.0), vec2<f32>(0.0), tally);
@@ -140,7 +142,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     let mean_gloss = old_radiance.gloss * keep + gloss * scale;
     var variance = vec2<f32>(0.0);
     if MEASURES_VARIANCE {
-        // Of samples so far and of these, which differ in their means as well (Chan, Golub & LeVeque 1983).
+        // Combine the variances of earlier and these samples, whose means differ as well (Chan, Golub & LeVeque 1983).
         let old_reflects = select(old_albedo.all, old_albedo.matte, HAS_GLOSS);
         let old = ratio_of(
             two_luminances(old_radiance.matte, old_radiance.gloss),

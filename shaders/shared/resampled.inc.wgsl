@@ -1,24 +1,25 @@
-// Resamples a rectified image, which the shader binds as `rectified`, of `rectified_size`. Pixels are means over their area: so that
-// a shown pixel is that of the same light, each pixel of the image gets a parabola of its mean along each axis that does not
-// overshoot, and what lies within the shown pixel is summed up (Colella & Woodward 1984, section 1: the piecewise parabolic method).
-// A pixel between two sides that are even has the edge between them instead, where its mean says (Harten 1989, "ENO schemes with
-// subcell resolution"): beside lamps, a little of their light in the wrong place is seen. No light is lost.
+// Resamples a rectified image, which the shader binds as `rectified`, of `rectified_size`. Pixels are means over their
+// area. To conserve light, each image pixel gets a parabola of its mean along each axis that does not overshoot, and
+// the parabolas are integrated over the displayed pixel (Colella & Woodward 1984, section 1: the piecewise parabolic
+// method). A pixel between two flat sides gets a sharp edge instead, placed by its mean (Harten 1989, "ENO schemes with
+// subcell resolution"): beside lamps, even a little misplaced light is visible. No light is lost.
 
-// The most and the least pixels of the rectified image that a shown one covers along an axis.
+// Maximum and minimum number of rectified pixels that a displayed pixel covers along an axis.
 const WIDEST: f32 = 8.0;
 const NARROWEST: f32 = 0.1;
 
-// Light where the second and the third of four pixels meet, which is between theirs.
+// Light at the boundary of the second and the third of four pixels, clamped to the range of these two.
 fn between(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>, d: vec3<f32>) -> vec3<f32> {
     return clamp((7.0 * (b + c) - (a + d)) / 12.0, min(b, c), max(b, c));
 }
 
-// The sum of light from `low` to `high`, both from 0 to 1, in a pixel with such light at its begin, in the mean and at its end.
+// Integral of light from `low` to `high`, both from 0 to 1, in a pixel, given the light at its start, its mean, and at
+// its end.
 fn part_of(begin: vec3<f32>, mean: vec3<f32>, end: vec3<f32>, low: f32, high: f32) -> vec3<f32> {
     let is_extreme = (end - mean) * (mean - begin) <= vec3<f32>(0.0);
     let rise = end - begin;
     let bend = rise * (6.0 * mean - 3.0 * (begin + end));
-    // Where the parabola would turn within the pixel, it turns at its begin or its end.
+    // An extremum inside the pixel is moved to its start or its end.
     var left = select(begin, 3.0 * mean - 2.0 * end, bend > rise * rise);
     var right = select(end, 3.0 * mean - 2.0 * begin, bend < -rise * rise);
     left = select(left, mean, is_extreme);
@@ -30,16 +31,16 @@ fn part_of(begin: vec3<f32>, mean: vec3<f32>, end: vec3<f32>, low: f32, high: f3
     return left * length + (right - left + curve) * squares - curve * cubes;
 }
 
-// How even the sides of an edge are, over how much it rises.
+// Maximum variation of an edge's sides, relative to its rise.
 const EVEN: f32 = 0.25;
 
-// The light of a pixel in the middle of five, from `low` to `high` of it.
+// Integral of light from `low` to `high` in the middle one of five pixels.
 fn part_among(two_before: vec3<f32>, before: vec3<f32>, own: vec3<f32>, after: vec3<f32>, two_after: vec3<f32>, low: f32, high: f32) -> vec3<f32> {
     let smooth_part = part_of(between(two_before, before, own, after), own, between(before, own, after, two_after), low, high);
     let rise = after - before;
     let is_between = (after - own) * (own - before) > vec3<f32>(0.0);
     let is_edge = is_between & (max(abs(before - two_before), abs(two_after - after)) < EVEN * abs(rise));
-    // Where in the pixel the first side ends.
+    // Position of the edge in the pixel.
     let at = clamp((after - own) / select(vec3<f32>(1.0), rise, is_edge), vec3<f32>(0.0), vec3<f32>(1.0));
     let first = max(min(at, vec3<f32>(high)) - low, vec3<f32>(0.0));
     return select(smooth_part, before * first + after * (high - low - first), is_edge);
@@ -51,7 +52,7 @@ fn light_at(column: i32, row: i32) -> vec3<f32> {
     return rectified[at.y * (last.x + 1) + at.x].rgb;
 }
 
-// The mean of a row's light from `low` to `high`.
+// Mean light of a row from `low` to `high`.
 fn mean_of_row(row: i32, low: f32, high: f32) -> vec3<f32> {
     let first = i32(floor(low));
     var two_before = light_at(first - 2, row);
@@ -71,7 +72,7 @@ fn mean_of_row(row: i32, low: f32, high: f32) -> vec3<f32> {
     return sum / (high - low);
 }
 
-// The mean of the image's light in a rectangle.
+// Mean light of the image in a rectangle.
 fn mean_of(low: vec2<f32>, high: vec2<f32>) -> vec3<f32> {
     let first = i32(floor(low.y));
     var two_before = mean_of_row(first - 2, low.x, high.x);
@@ -92,12 +93,12 @@ fn mean_of(low: vec2<f32>, high: vec2<f32>) -> vec3<f32> {
 }
 
 fn resampled(place: ShownPlace) -> vec3<f32> {
-    // As wide as its variance along each axis says.
+    // Width along each axis, from the variance of the pixel's footprint.
     let squares = place.across * place.across + place.down * place.down;
     let widths = clamp(sqrt(squares), vec2<f32>(NARROWEST), vec2<f32>(WIDEST));
-    // Bounded, as drivers may turn what is no number into any.
+    // Clamped, since drivers may convert NaN to any number.
     let size = vec2<f32>(rectified_size());
     let centre = clamp(place.point, vec2<f32>(-4.0), size + 4.0);
-    // Rounding may leave less than nothing.
+    // Rounding may leave slightly negative light.
     return max(mean_of(centre - 0.5 * widths, centre + 0.5 * widths), vec3<f32>(0.0));
 }

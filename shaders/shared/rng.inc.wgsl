@@ -1,15 +1,15 @@
-// Random numbers, keyed on (pixel of the full frame, eye, frame, sample, dimension) and on nothing else.
+// Random numbers, keyed only on (seed, frame, eye, pixel of the full frame, sample, dimension).
 //
 // `sobol`: a two-dimensional Sobol' sequence per pair of dimensions, Owen-scrambled and index-shuffled by hashing
-// (Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020, with his Laine-Karras constants). It has no table:
-// the second dimension's matrix is Pascal's triangle mod 2, that is the substitution x -> x + 1 in a polynomial
-// over GF(2), which five masked shifts compute. Sample counts up to 2^32 work.
-// Pixels share the sequences of a frame, in the order of the Z curve through the image: whatever the scrambling, pixels
-// of a block of 2^k x 2^k take their samples from one well-spread part of a sequence, so that their errors cancel, and
-// the error over the image is blue noise (Ahmed & Wonka, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error
-// via Hierarchical Ordering of Pixels", ACM TOG 39(6), 2020, with the binary shuffle above in the place of their
-// quaternary one). Accumulations do not know how many samples a pixel will take; there, each pixel has its own sequences.
-// `pcg`: independent numbers by hashing (Jarzynski & Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020).
+// (Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020, with his Laine-Karras constants). It needs no
+// table: the second dimension's matrix is Pascal's triangle mod 2, that is the substitution x -> x + 1 in a polynomial
+// over GF(2), which five masked shifts compute. Sample counts up to 2^32 work. Pixels share the sequences of a frame,
+// in Z-order: whatever the scrambling, the pixels of a 2^k x 2^k block take their samples from one well-distributed
+// part of a sequence. Their errors cancel, so that the error over the image is blue noise (Ahmed & Wonka, "Screen-Space
+// Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels", ACM TOG 39(6), 2020, with
+// the binary shuffle above instead of their quaternary one). In accumulations, whose final sample count is unknown,
+// each pixel has its own sequences. `pcg`: independent numbers by hashing (Jarzynski & Olano, "Hash Functions for GPU
+// Rendering", JCGT 9(3), 2020).
 
 override SOBOL: bool = true;
 
@@ -34,7 +34,7 @@ fn rng_for(pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
     return rng_in(frame.sampling, pixel, view, sample);
 }
 
-// The same in a frame with these constants.
+// Generator in a frame with these constants.
 fn rng_in(sampling: Sampling, pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
     let key = hash_combine(hash_combine(sampling.seed, sampling.index), view);
     let number = sampling.sample_base + sample;
@@ -45,7 +45,7 @@ fn rng_in(sampling: Sampling, pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
     return Rng(hash_combine(hash_combine(key, pixel.x), pixel.y), number, 0u);
 }
 
-// The lower 16 bits, with a gap after each.
+// Spreads the lower 16 bits, with a gap after each.
 fn spread_bits(value: u32) -> u32 {
     var x = value & 0xffffu;
     x = (x | (x << 8u)) & 0x00ff00ffu;
@@ -79,7 +79,7 @@ fn shift_polynomial(p: u32) -> u32 {
     return v;
 }
 
-// Names the ray that the generator has come to, for `is_covered`.
+// Key of the generator's current ray, for `is_covered`.
 fn alpha_key(rng: Rng) -> u32 {
     return rng.key + rng.sample * 0x9e3779b9u + rng.dimension * 0x85ebca6bu;
 }

@@ -1,21 +1,21 @@
-// The scene's tables and what a hit finds there.
+// The scene's tables, and look-ups at a hit.
 
 override HAS_TEXTURES: bool = true;
 override HAS_SECOND_UVS: bool = true;
 override HAS_VERTEX_COLORS: bool = true;
 override HAS_ALPHA: bool = true;
-// Whether triangles stand anywhere else than where the tables have them.
+// Whether any triangles are instanced.
 override HAS_INSTANCES: bool = true;
 
 @group(0) @binding(2) var texels: texture_2d_array<f32>;
 
-// A triangle where one instance of it stands. Its number in a hit is its own, several may share a row of the tables.
+// An instanced triangle. Each has its own number in hits, but several may share a row of the tables.
 struct Placed {
-    // In `triangles` and `shadings`; three times that where there are three of each a triangle.
+    // Entry in `triangles` and `shadings`; times three in tables with three entries per triangle.
     row: u32,
     // First row of its instance.
     instance: u32,
-    // Whether it stands elsewhere than its row says.
+    // Whether the instance transforms it.
     is_moved: bool,
 }
 
@@ -38,7 +38,7 @@ fn transform_point(m: Affine, p: vec3<f32>) -> vec3<f32> {
     return transform_vector(m, p) + vec3<f32>(m.x.w, m.y.w, m.z.w);
 }
 
-// First triangle's number, what leads from a number to its row, root of its tree, whether it is moved.
+// Number of the first triangle, offset from triangle numbers to rows, root of its tree, whether it is transformed.
 fn instance_header(instance: u32) -> vec4<u32> {
     return table_row(instance + INSTANCE_HEADER);
 }
@@ -47,7 +47,7 @@ fn placed(prim: u32) -> Placed {
     if !HAS_INSTANCES {
         return Placed(prim, 0u, false);
     }
-    // The last instance whose numbers begin there or before.
+    // Find the last instance whose numbers begin at or before `prim`.
     var low = 0u;
     var high = frame.geometry.instance_count;
     while high - low > 1u {
@@ -61,7 +61,7 @@ fn placed(prim: u32) -> Placed {
     return Placed(prim + header.y, instance, header.w != 0u);
 }
 
-// In the world.
+// World-space triangle.
 fn triangle_at(place: Placed) -> Triangle {
     var tri = stored_triangle(place.row);
     if HAS_INSTANCES {
@@ -73,7 +73,7 @@ fn triangle_at(place: Placed) -> Triangle {
     return tri;
 }
 
-// A row's unit normal in the world.
+// Transforms a stored unit normal to world space.
 fn normal_in_world(place: Placed, n: vec3<f32>) -> vec3<f32> {
     if !HAS_INSTANCES || !place.is_moved {
         return n;
@@ -90,7 +90,7 @@ fn shading_at(place: Placed) -> Shading {
     return shade;
 }
 
-// Of a corner, 0 to 2; without length where there is none.
+// Tangent of a corner, 0 to 2; zero if there is none.
 fn tangent_at(place: Placed, corner: u32) -> vec4<f32> {
     if frame.tables.tangents == 0u {
         return vec4<f32>(0.0);
@@ -104,9 +104,9 @@ fn tangent_at(place: Placed, corner: u32) -> vec4<f32> {
     return vec4<f32>(select(vec3<f32>(0.0), along * inverseSqrt(max(size2, 1e-30)), size2 > 1e-30), t.w);
 }
 
-// Bound of how far rounding sets a moved triangle off from where rays that start at `position` meet it: its corners are
-// brought to the world (4 roundings of the terms' magnitudes), a ray's origin back to it (4, and 2 of the matrix), and
-// it is intersected there. Doubled and rounded up to 16 of each.
+// Bound of the rounding error between a transformed triangle and the hits of rays that start at `position`. The
+// triangle's corners are transformed to the world (4 roundings of the terms' magnitudes). A ray's origin is transformed
+// back (4 roundings, and 2 of the matrix), and intersected there. The sum is doubled and rounded up to 16 of each.
 fn placing_error(place: Placed, position: vec3<f32>) -> vec3<f32> {
     if !HAS_INSTANCES || !place.is_moved {
         return vec3<f32>(0.0);
@@ -148,7 +148,7 @@ fn texel(info: TextureInfo, x: i32, y: i32, srgb: bool) -> vec4<f32> {
     return vec4<f32>(linear_from_srgb(code.r), linear_from_srgb(code.g), linear_from_srgb(code.b), stored.a);
 }
 
-// Filters linear colour: the sRGB curve is undone before the texels are mixed.
+// Filters linear colour: sRGB is decoded before texels are mixed.
 fn sample_texture(info: TextureInfo, uv: vec2<f32>) -> vec4<f32> {
     let srgb = (info.flags & TEXTURE_SRGB) != 0u;
     let size = vec2<f32>(f32(info.width), f32(info.height));
@@ -194,7 +194,7 @@ fn vertex_color(corner: u32) -> vec4<f32> {
     return bitcast<vec4<f32>>(table_row(frame.tables.vertex_colors + corner));
 }
 
-// Without the texture.
+// Base colour without the texture.
 fn base_factor_at(row: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
     if HAS_VERTEX_COLORS && frame.tables.vertex_colors > 0u {
         return m.base_color * ((1.0 - bary.x - bary.y) * vertex_color(3u * row)
@@ -212,7 +212,7 @@ fn alpha_at(row: u32, bary: vec2<f32>, m: Material) -> f32 {
     return factor;
 }
 
-// Share of rays that meet the surface there, where parts of it are cut out or thin.
+// Fraction of rays that hit the surface there, given its alpha.
 fn coverage_at(row: u32, bary: vec2<f32>, m: Material) -> f32 {
     let alpha = alpha_at(row, bary, m);
     if (m.flags & ALPHA_MASK) != 0u {
@@ -221,8 +221,8 @@ fn coverage_at(row: u32, bary: vec2<f32>, m: Material) -> f32 {
     return select(1.0, clamp(alpha, 0.0, 1.0), (m.flags & ALPHA_BLEND) != 0u);
 }
 
-// Whether a ray meets the surface there. `key` names the ray: the same ray and triangle always decide alike, in whatever
-// order a traversal meets them.
+// Whether a ray hits the surface there. `key` identifies the ray: the same ray and triangle always decide alike, in any
+// order of traversal.
 fn is_covered(row: u32, prim: u32, bary: vec2<f32>, key: u32) -> bool {
     let m = stored_material(stored_triangle(row).material);
     return unit_float(hash_combine(key, prim)) < coverage_at(row, bary, m);

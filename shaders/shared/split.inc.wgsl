@@ -1,25 +1,25 @@
-// Light that a surface's Lambertian lobe sends (matte) and what its facets send (gloss), filtered apart where a scene has
-// gloss. Both are then one pixel of half floats, scaled by exposure so that white is 1; else there is matte light alone,
-// which is all light, as floats.
+// Diffuse radiance of a surface's Lambertian lobe (matte) and specular radiance of its facets (gloss), which are
+// filtered separately if the scene has gloss. Both are then packed into one pixel of half floats, scaled by exposure so
+// that white is 1. Otherwise `matte` holds all radiance, as floats.
 
 override HAS_GLOSS: bool = true;
 
 struct SplitLight {
     matte: vec3<f32>,
     gloss: vec3<f32>,
-    // Of matte and of gloss: the variance of its luminance.
+    // Variances of the luminance of matte and of gloss.
     a: vec2<f32>,
 }
 
-// In the last word of what was sampled in this frame; 0: nothing was. As a float, what filters weigh it with.
+// Last word of a pixel that was sampled in this frame; 0 if it was not. As a float it is the pixel's weight in filters.
 const SAMPLED: u32 = 0x3f800000u;
-// Or, with this bit, the variance of its samples' luminance.
+// Flag of a last word that holds the variances of the samples' luminance instead.
 const TELLS_VARIANCE: u32 = 0x80000000u;
 
 // The largest half float.
 const MOST_LIGHT: f32 = 65504.0;
 
-// Whether light is too bright to be kept: it is cut to MOST_LIGHT times white.
+// Whether light is too bright to store. It is then clamped to MOST_LIGHT times white.
 fn is_clipped(matte: vec3<f32>, gloss: vec3<f32>) -> bool {
     return HAS_GLOSS && any(max(matte, gloss) * frame.display.exposure > vec3<f32>(MOST_LIGHT));
 }
@@ -54,23 +54,23 @@ fn pack_light(light: SplitLight) -> vec4<u32> {
     );
 }
 
-// Light of this frame.
+// Packs radiance that was sampled in this frame.
 fn pack_sampled(matte: vec3<f32>, gloss: vec3<f32>) -> vec4<u32> {
     return vec4<u32>(pack_light(SplitLight(matte, gloss, vec2<f32>(0.0))).xyz, SAMPLED);
 }
 
-// The same with the variance of samples.
+// Packs radiance with the variance of its samples.
 fn pack_sampled_with(matte: vec3<f32>, gloss: vec3<f32>, variance: vec2<f32>) -> vec4<u32> {
     let bits = pack_light(SplitLight(matte, gloss, variance));
     return vec4<u32>(bits.xyz, bits.w | TELLS_VARIANCE);
 }
 
-// Light of this frame, with the variance of samples where that is told.
+// Unpacks radiance that was sampled in this frame, with the variance of its samples if stored.
 fn unpack_sampled(bits: vec4<u32>) -> SplitLight {
     return unpack_light(vec4<u32>(bits.xyz, bits.w & ~TELLS_VARIANCE));
 }
 
-// Variances as standard deviations; what is below 0 stays.
+// Packs variances as standard deviations. Negative values (flags) stay.
 fn pack_deviations(variances: vec2<f32>) -> u32 {
     let scaled = sqrt(max(variances, vec2<f32>(0.0))) * frame.display.exposure;
     let deviations = select(scaled, variances, variances < vec2<f32>(0.0));
@@ -83,7 +83,7 @@ fn unpack_deviations(bits: u32) -> vec2<f32> {
     return select(scaled * scaled, deviations, deviations < vec2<f32>(0.0));
 }
 
-// What light is divided by for filtering: all that the surface reflects of even light, and matte's part of it.
+// Albedo for demodulation: the fraction of uniform light that the surface reflects, and its diffuse part.
 struct Albedo {
     all: vec3<f32>,
     matte: vec3<f32>,
@@ -105,7 +105,7 @@ fn pack_albedo(albedo: Albedo) -> vec4<u32> {
     if !HAS_GLOSS {
         return bitcast<vec4<u32>>(vec4<f32>(albedo.all, albedo.roughness));
     }
-    // Gloss's own part: as the difference of two rounded numbers it would be off by some percent.
+    // Store the specular part itself: as the difference of two rounded numbers it would be off by some percent.
     let gloss = max(albedo.all - albedo.matte, vec3<f32>(0.0));
     return vec4<u32>(
         pack_pair(gloss.r, gloss.g),
@@ -115,13 +115,13 @@ fn pack_albedo(albedo: Albedo) -> vec4<u32> {
     );
 }
 
-// Light over albedo. What is black reflects nothing.
+// Demodulates light by albedo. Black surfaces reflect nothing.
 fn over(light: vec3<f32>, albedo: vec3<f32>) -> vec3<f32> {
     const BLACK: vec3<f32> = vec3<f32>(1e-6);
     return select(vec3<f32>(0.0), light / max(albedo, BLACK), albedo > BLACK);
 }
 
-// Reflected light back from what `over` made of it.
+// Remodulates light, which is the inverse of `over`.
 fn remodulated(light: SplitLight, albedo: Albedo) -> vec3<f32> {
     if !HAS_GLOSS {
         return light.matte * albedo.all;
@@ -129,12 +129,12 @@ fn remodulated(light: SplitLight, albedo: Albedo) -> vec3<f32> {
     return light.matte * albedo.matte + light.gloss * max(albedo.all - albedo.matte, vec3<f32>(0.0));
 }
 
-// Square of a difference in luminance that nobody sees: 1e-10 of white.
+// Square of an invisible difference in luminance: 1e-10 of white.
 fn unseen_square() -> f32 {
     return 1e-20 / (frame.display.exposure * frame.display.exposure);
 }
 
-// Bounded, so that squares and sums of squares stay finite.
+// Luminances, clamped so that squares and sums of squares stay finite.
 fn luminances(light: SplitLight) -> vec2<f32> {
     return min(vec2<f32>(luminance(light.matte), luminance(light.gloss)), vec2<f32>(1e18));
 }

@@ -1,4 +1,4 @@
-// What a ray finds where it hits a triangle: place, normals, and what scatters there.
+// Surface at a ray's hit on a triangle: position, normals, and scattering lobes.
 
 override HAS_NORMAL_MAPS: bool = true;
 override HAS_SPECULAR: bool = true;
@@ -10,7 +10,7 @@ struct Surface {
     position: vec3<f32>,
     // Bound of the position's rounding error along the geometric normal.
     error: f32,
-    // Both face the side the ray came from.
+    // Normals that face the side the ray came from.
     geometric_normal: vec3<f32>,
     normal: vec3<f32>,
     // Whether the ray came from the triangle's front.
@@ -18,39 +18,39 @@ struct Surface {
     emission: vec3<f32>,
     material: u32,
 
-    // Share of even light from all around that is sent towards the viewer; what radiance is divided by for filtering.
+    // Fraction of uniform light that is reflected towards the viewer. Radiance is demodulated by it.
     albedo: vec3<f32>,
     // The Lambertian lobe's part of it.
     matte: vec3<f32>,
-    // Perceptual; 1 where there is no lobe that could be smooth.
+    // Perceptual roughness; 1 if no lobe could be smooth.
     roughness: f32,
     // GGX width of reflection and transmission.
     alpha: f32,
-    // Of the Lambertian lobe and of transmission, before the layers above take their share.
+    // Colours of the Lambertian lobe and of transmission, before the layers above attenuate them.
     diffuse: vec3<f32>,
     transmitted: vec3<f32>,
     // Schlick's reflectance of metal and dielectric, mixed: at normal and at grazing incidence.
     f0: vec3<f32>,
     f90: vec3<f32>,
-    // The dielectric's alone, largest channel: what the lobes beneath it lose.
+    // Largest channel of the dielectric's reflectance, which is lost to the lobes beneath it.
     layer_f0: f32,
     layer_f90: f32,
     // Directional albedo of the dielectric layer towards the viewer, and its mean over directions.
     layer_albedo: f32,
     layer_mean: f32,
-    // Index of refraction on the light's side over that on the viewer's, for light that crosses; 1: it goes straight on.
+    // Index of refraction on the light's side over that on the viewer's, for transmitted light; 1 means no refraction.
     eta: f32,
     is_thin: bool,
     // Fresnel reflectance of the coat, towards the viewer, times its strength.
     coat: f32,
     coat_alpha: f32,
     coat_normal: vec3<f32>,
-    // Probabilities with which `sample_bsdf` takes a lobe: diffuse, facets (reflection and transmission), coat.
+    // Probabilities with which `sample_bsdf` picks a lobe: diffuse, facets (reflection and transmission), coat.
     odds: vec3<f32>,
 }
 
 // Directional albedo of GGX reflection over cosine and perceptual roughness, as (scale of f0, scale of f90): a grid of
-// ALBEDO_GRID x ALBEDO_GRID nodes, and behind it the means over directions per roughness. `stages::albedo_table`.
+// ALBEDO_GRID x ALBEDO_GRID nodes, followed by the means over directions per roughness. See `stages::albedo_table`.
 fn albedo_node(at: u32) -> vec2<f32> {
     return bitcast<vec2<f32>>(table_row(frame.tables.albedo + at).xy);
 }
@@ -96,13 +96,12 @@ struct Parameters {
     transmission: f32,
     coat: f32,
     coat_roughness: f32,
-    // As stored.
+    // Normals as stored in textures.
     normal: vec3<f32>,
     coat_normal: vec3<f32>,
 }
 
-// Textures are looked up in a loop over those that there are: software drivers skip by loops alone, and the code is
-// compiled once.
+// Loops over the material's textures: software drivers only skip code by loops, and the look-up is compiled once.
 fn parameters_at(row: u32, bary: vec2<f32>, m: Material) -> Parameters {
     var p: Parameters;
     p.base = base_factor_at(row, bary, m).rgb;
@@ -136,9 +135,8 @@ fn parameters_at(row: u32, bary: vec2<f32>, m: Material) -> Parameters {
     return p;
 }
 
-// A normal-mapped normal on the front side. The tangent is made perpendicular; where texture coordinates give none, the
-// map has no direction to tilt to and leaves the normal as it is. What it says of the side that the viewer is on is not
-// believed: the normal is bent until it can be seen.
+// Applies a normal map on the front side. The tangent is orthogonalised. Without a tangent, the normal stays as it is.
+// A normal that faces away from the viewer is bent until it is visible.
 fn mapped_normal(place: Placed, bary: vec2<f32>, code: vec3<f32>, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
     let local = (2.0 * code - 1.0) * vec3<f32>(scale, scale, 1.0);
     let given = (1.0 - bary.x - bary.y) * tangent_at(place, 0u) + bary.x * tangent_at(place, 1u) + bary.y * tangent_at(place, 2u);
@@ -168,20 +166,20 @@ fn unit_normal(tri: Triangle, otherwise: vec3<f32>) -> vec3<f32> {
     return select(otherwise, n / size, size > 0.0);
 }
 
-// Where the ray meets the triangle, and by how much that is off along the normal at most, together with what a later
-// test of this triangle's plane is off there (Pharr et al., PBRT 4e, 6.8).
+// Position where the ray hits the triangle, and the bound of its error along the normal, including that of a later test
+// of this triangle's plane (Pharr et al., PBRT 4e, 6.8).
 //
-// Two ways lead there. Corners mixed by `bary` cost 7 roundings of their magnitudes (6.8.5) and, along the triangle,
-// those of the weights, times its edges: on large triangles nothing is left of a coordinate's last digits. The ray
-// followed up to the plane, then put onto it, is off by roundings of its origin and its length, and by those of the
-// plane's distance, drawn out where it grazes. The way with the smaller bound is taken.
+// There are two methods. Mixing the corners by `bary` costs 7 roundings of their magnitudes (6.8.5) and, along the
+// triangle, those of the weights times its edges: on large triangles this destroys a coordinate's last digits.
+// Following the ray to the plane and projecting onto it costs roundings of its origin and length, and those of the
+// plane's distance, which grow at grazing angles. The method with the smaller bound is used.
 fn locate(tri: Triangle, bary: vec2<f32>, ng: vec3<f32>, origin: vec3<f32>, direction: vec3<f32>) -> Located {
     let b0 = 1.0 - bary.x - bary.y;
     let mixed = b0 * tri.v0 + bary.x * tri.v1 + bary.y * tri.v2;
     let magnitude = abs(b0 * tri.v0) + abs(bary.x * tri.v1) + abs(bary.y * tri.v2);
     let e1 = tri.v1 - tri.v0;
     let e2 = tri.v2 - tri.v0;
-    // The normal is off by 3 roundings of the products that it is made of, relative to its length.
+    // The relative error of the normal is 3 roundings of the products that it is made of.
     let products = abs(e1.yzx * e2.zxy) + abs(e1.zxy * e2.yzx);
     let size = length(cross(e1, e2));
     let corner = tri.v0 - origin;
@@ -220,7 +218,7 @@ fn surface_at(prim: u32, bary: vec2<f32>, origin: vec3<f32>, direction: vec3<f32
     s.coat_normal = s.normal;
     let p = parameters_at(place.row, bary, m);
     if HAS_NORMAL_MAPS {
-        // The frame belongs to the front; seen from behind, all of it is turned over.
+        // The tangent frame belongs to the front. Seen from behind, all of it is flipped.
         let viewer = -side * direction;
         if (m.flags & NORMAL_MAP) != 0u {
             s.normal = side * mapped_normal(place, bary, p.normal, m.normal_scale, side * s.normal, viewer);
@@ -299,7 +297,8 @@ fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_view
     (*s).odds = lobe_odds(*s, table.towards);
 }
 
-// Cosine that Schlick's term takes: the one on the thinner side. Below 0: total reflection.
+// Cosine for Schlick's term: the one on the side with the lower index of refraction. Below 0: total internal
+// reflection.
 fn fresnel_cosine(cosine: f32, eta: f32) -> f32 {
     if !HAS_TRANSMISSION {
         return cosine;
@@ -308,12 +307,12 @@ fn fresnel_cosine(cosine: f32, eta: f32) -> f32 {
     return select(cosine, select(-1.0, sqrt(max(cos2, 0.0)), cos2 > 0.0), eta < 1.0);
 }
 
-// What the dielectric's layer takes from the lobes beneath it.
+// Fraction that the dielectric layer takes from the lobes beneath it.
 fn layer_fresnel(s: Surface, cosine: f32) -> f32 {
     return select(mix(s.layer_f0, s.layer_f90, schlick_weight(cosine)), s.layer_f90, cosine < 0.0);
 }
 
-// In proportion to what each lobe sends to the viewer.
+// Probabilities of the lobes, in proportion to the light that each sends to the viewer.
 fn lobe_odds(s: Surface, towards: vec2<f32>) -> vec3<f32> {
     let facets = luminance(s.f0) * towards.x + s.f90.x * towards.y;
     let beneath = vec2<f32>(luminance(s.diffuse), luminance(s.transmitted)) * max(1.0 - s.layer_albedo, 0.05);
@@ -322,7 +321,8 @@ fn lobe_odds(s: Surface, towards: vec2<f32>) -> vec3<f32> {
     return select(vec3<f32>(0.0), odds / sum, sum > 0.0);
 }
 
-// Whether the other eye sees another radiance there: a share that counts comes by lobes too narrow for both eyes.
+// Whether the other eye sees another radiance there: lobes that are too narrow for both eyes contribute a significant
+// fraction.
 fn is_view_dependent(s: Surface) -> bool {
     const NARROW: f32 = 0.25;
     const SHARE: f32 = 0.1;
@@ -333,7 +333,8 @@ fn is_view_dependent(s: Surface) -> bool {
     return narrow > SHARE;
 }
 
-// Where a ray that leaves the surface towards `direction` starts: off the surface by the error bound, then rounded away.
+// Origin of a ray that leaves the surface towards `direction`: offset from the surface by the error bound, then rounded
+// away.
 fn leave(s: Surface, direction: vec3<f32>) -> vec3<f32> {
     let n = select(-s.geometric_normal, s.geometric_normal, dot(direction, s.geometric_normal) >= 0.0);
     let moved = s.position + n * s.error;

@@ -1,4 +1,4 @@
-// All tables of the scene, one after another in rows of 16 bytes, in a buffer.
+// All tables of the scene, stored consecutively in rows of 16 bytes, in a buffer.
 @group(0) @binding(1) var<storage, read> tables: array<vec4<u32>>;
 
 fn table_row(row: u32) -> vec4<u32> {

@@ -12,12 +12,12 @@ struct Hit {
     bary: vec2<f32>,
 }
 
-// Node groups to come back to. Private to the invocation, so that it is zeroed once and not at every traversal: software
-// drivers zero an array element by element and lane by lane.
+// Stack of pending node groups. It is private to the invocation, so that it is zeroed once and not at every traversal:
+// software drivers zero an array element by element and lane by lane.
 var<private> stack: array<vec2<u32>, STACK_SIZE>;
 
-// Whether a ray of this invocation was left before its end: Mesa's software driver ends every loop of an invocation once
-// they have made 65,535 rounds together. The sample is dropped and counted.
+// Whether a ray of this invocation was cut short: Mesa's software driver ends all loops of an invocation after 65,535
+// iterations in total. The sample is dropped and counted.
 var<private> was_cut_short: bool;
 
 override HAS_SPHERES: bool = true;
@@ -27,11 +27,13 @@ struct Traversal {
     direction: vec3<f32>,
     inverse: vec3<f32>,
     octant: u32,
-    // Perpendicular columns of one length; the third has the direction. Distances along it count in the direction's lengths.
+    // Perpendicular columns of equal length; the third points along the direction. Distances along it are in units of
+    // the direction's length.
     frame: mat3x3<f32>,
 }
 
-// Not renormalised, so that distances are those in the world.
+// Transforms a ray to the instance's space. The direction is not renormalised, so that distances stay those in the
+// world.
 fn local_traversal(instance: u32, origin: vec3<f32>, direction: vec3<f32>) -> Traversal {
     let m = affine_at(instance + LOCAL_FROM_WORLD);
     let along = transform_vector(m, direction);
@@ -57,9 +59,9 @@ fn hit_children4(child_meta: u32, octant: u32, near: vec4<i32>, far: vec4<i32>) 
     return mask.x | mask.y | mask.z | mask.w;
 }
 
-// As the bits of floats, whose order is that of integers unless both are negative: then both are less than 0 either way,
-// and that alone matters. Drivers make one instruction of an integer's minimum, and several of a float's, which must
-// choose between NaNs.
+// Plane distances as the bits of floats, which sort like integers unless both are negative. Then both are less than 0
+// either way, and only that matters. An integer minimum is one instruction, but a float minimum is several, since it
+// must handle NaNs.
 fn planes(word: u32, scale: f32, offset: f32) -> vec4<i32> {
     return bitcast<vec4<i32>>(vec4<f32>(unpack4xU8(word)) * scale + offset);
 }
@@ -68,14 +70,14 @@ fn node_part(node: u32, part: u32) -> vec4<u32> {
     return table_row(node * ROWS_PER_NODE + part);
 }
 
-// Which children of a node the ray meets up to `t_max`, as a group mask without the imask.
+// Children of a node that the ray hits up to `t_max`, as a group mask without the imask.
 fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, node: u32, t_max: f32) -> u32 {
     let exponents = vec3<u32>(n0.w & 0xffu, (n0.w >> 8u) & 0xffu, (n0.w >> 16u) & 0xffu);
     let unit = bitcast<vec3<f32>>(exponents << vec3<u32>(23u));
     let corner = bitcast<vec3<f32>>(n0.xyz) - ray.origin;
     let scale = unit * ray.inverse;
     // Boxes grow by the rounding errors of their planes and of `intersect_triangle`, at most 16 x 2^-24 of the farthest
-    // coordinate: what the triangle's test lets in must not be kept out by its box.
+    // coordinate, so that no box rejects a ray that its triangle accepts.
     let reach = abs(corner) + 256.0 * unit;
     let slack = max(max(reach.x, reach.y), reach.z) * 0x1p-20 * abs(ray.inverse);
     let low = corner * ray.inverse - slack;
@@ -96,13 +98,13 @@ fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, node: u32,
 }
 
 // Edge functions of the triangle as the ray sees it, projected along itself (after Woop, Benthin & Wald, "Watertight
-// Ray/Triangle Intersection", JCGT 2(1), 2013, with an orthonormal frame for their shear). A vertex has one projection
-// in all its triangles, and the sign of an edge function is a comparison of two products, which is right or equal
-// whatever is rounded or fused: no ray slips through a shared edge or vertex. Equal is inside, so no second test in
-// doubles is needed.
+// Ray/Triangle Intersection", JCGT 2(1), 2013, with an orthonormal frame instead of their shear). A vertex has the same
+// projection in all its triangles, and the sign of an edge function is a comparison of two products, which is right or
+// equal however it is rounded or fused. So no ray slips through a shared edge or vertex. Equal counts as inside, so no
+// second test in doubles is needed.
 //
-// The distance is that of the plane, which keeps a ray that starts on a large triangle from meeting it again; seen from
-// the edge the plane has none, and the corners' distances are mixed instead. Returns (t, b1, b2); t < 0: missed.
+// The distance is that of the plane, so that a ray that starts on a large triangle does not hit it again. Edge-on, the
+// plane has no distance, and the corners' distances are interpolated instead. Returns (t, b1, b2); t < 0: missed.
 fn intersect_triangle(ray: Traversal, row: u32, t_max: f32) -> vec3<f32> {
     let tri = stored_triangle(row);
     let corner = tri.v0 - ray.origin;

@@ -1,11 +1,12 @@
-// The first covered triangle up to `t_max` in the order of (distance, index), or any if `any`: always a literal, so that
-// each call is compiled for its kind. `key` names the ray to `is_covered`.
+// Returns the first covered triangle up to `t_max` in the order of (distance, index), or any if `any`. `any` is always
+// a literal, so that each kind of call is specialised. `key` identifies the ray for `is_covered`.
 //
-// Where a triangle's alpha must be looked at, the walk pauses. Rays of a subgroup then look together: software drivers
-// mask branches instead of taking them, so that a look on the way would be paid for at every triangle.
+// Traversal pauses at triangles that need an alpha test, and the rays of a subgroup then test together. Software
+// drivers mask branches instead of skipping them, so that a test inside the traversal loop would be paid for at every
+// triangle.
 fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
-    // What the walk pauses for: a nearer hit, if it is covered.
+    // Pending alpha test: a nearer hit, if it is covered.
     var candidate = hit;
     var candidate_row = 0u;
     let world = traversal_for(origin, direction, frame_around(direction));
@@ -14,12 +15,12 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: 
     var group = vec2<u32>(0u, 0x80000000u);
     var leaf = vec2<u32>(0u);
     var is_done = false;
-    // Of the instance that the ray is in. It begins in the first, which is nowhere moved.
+    // State of the current instance. The ray begins in the first one, which is not transformed.
     var is_inside = true;
     var row_offset = 0u;
-    // Groups below belong to the tree over instances.
+    // Stack entries below this belong to the tree over instances.
     var base = 0u;
-    // A triangle group whose triangles are instances, still to be entered.
+    // A leaf group of the tree over instances, still to be entered.
     var entries = vec2<u32>(0u);
     if HAS_INSTANCES && frame.geometry.instance_count > 1u {
         stack[0] = vec2<u32>(frame.geometry.instance_tree, 0x80000000u);
@@ -29,13 +30,13 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: 
     loop {
         while !is_done && (!HAS_ALPHA || candidate.prim == NO_PRIM) {
             if HAS_ALPHA && leaf.y != 0u {
-                // The rest of the triangles among which the walk paused.
+                // Resume with the rest of the triangles where traversal paused.
             } else if group.y > 0x00ffffffu {
                 let bit = firstLeadingBit(group.y);
                 let slot = (bit - 24u) ^ (ray.octant & 7u);
                 let child = group.x + countOneBits(group.y & ~(0xffffffffu << slot) & 0xffu);
                 group.y &= ~(1u << bit);
-                // Stored in any case, as what lanes do alike costs software drivers less.
+                // Stored unconditionally, since uniform work costs software drivers less.
                 stack[min(top, STACK_SIZE - 1u)] = group;
                 top += select(0u, 1u, group.y > 0x00ffffffu && top < STACK_SIZE);
                 let n0 = node_part(child, 0u);
@@ -78,10 +79,10 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: 
                 }
             }
             if HAS_INSTANCES {
-                // Whether the ray leaves an instance, or the tree over them for one.
+                // Whether the ray leaves an instance, or leaves the tree over instances to enter one.
                 let is_through = select(entries.y != 0u, top == base, is_inside);
                 var is_over = group.y <= 0x00ffffffu && leaf.y == 0u && is_through && !is_done;
-                // Once, as a loop: software drivers skip no branch.
+                // A loop that runs once, since software drivers do not skip branches.
                 while is_over {
                     is_over = false;
                     is_inside = entries.y != 0u;

@@ -1,10 +1,10 @@
-// Closest-hit and any-hit traversal by the device's own ray queries, over the acceleration structures that
-// `stages/scene_tables/acceleration.rs` makes: an instance's custom data is its number, and primitives are numbered as
-// the triangles of its tree.
+// Closest-hit and any-hit traversal by hardware ray queries, over the acceleration structures that
+// `stages/scene_tables/acceleration.rs` builds. An instance's custom data is its number, and primitives are numbered
+// like the triangles of its tree.
 //
-// The device finds the triangle, and `intersect_triangle` says where: what follows counts on its rounding errors. A ray
-// that starts on a triangle may find it again by the device's arithmetic; it is then followed once more with a look at
-// every triangle on the way. What is equally far off is found in an order that is the device's own.
+// The device finds the triangle, and `intersect_triangle` computes the hit, since later code relies on its rounding
+// errors. By the device's arithmetic, a ray that starts on a triangle may hit it again. It is then traced once more
+// with a test of every triangle on the way. The order of equally distant hits is the device's own.
 
 @group(0) @binding(4) var scene_tree: acceleration_structure;
 
@@ -17,8 +17,8 @@ struct Found {
     row: u32,
 }
 
-// What the ray meets of what the device has found, with NO_PRIM if that is not between its start and `t_max`. Where the
-// two differ by an edge, the device is right: it is watertight by its own arithmetic.
+// Recomputes a hit that the device has found; NO_PRIM if it is not between the ray's start and `t_max`. If the two
+// disagree at an edge, the device is right: it is watertight by its own arithmetic.
 fn meet(world: Traversal, found: RayIntersection, t_max: f32) -> Found {
     var ray = world;
     var prim = found.primitive_index;
@@ -53,15 +53,15 @@ fn stops(found: Found, key: u32) -> bool {
     return true;
 }
 
-// Queries of other rays may do anything.
+// Whether a ray is valid. Queries of other rays have undefined results.
 fn is_ray(origin: vec3<f32>, direction: vec3<f32>, t_max: f32) -> bool {
     const FARTHEST: vec3<f32> = vec3<f32>(3.0e38);
     return all(abs(origin) <= FARTHEST) && all(abs(direction) <= FARTHEST) && dot(direction, direction) > 0.0 && t_max > 0.0;
 }
 
-// The nearest covered triangle up to `t_max`, or any if `any`. `key` names the ray to `is_covered`.
+// Returns the nearest covered triangle up to `t_max`, or any if `any`. `key` identifies the ray for `is_covered`.
 //
-// The query is declared up here and used once, in a loop: Mesa refuses shaders that declare one within a loop.
+// The query is declared outside the loop that uses it: Mesa refuses shaders that declare one within a loop.
 fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: bool) -> Hit {
     var query: ray_query;
     var found = Found(Hit(t_max, NO_PRIM, vec2<f32>(0.0)), 0u);

@@ -1,5 +1,5 @@
-// Accumulated light carries the variance of its luminance as alpha. Below 0 there is none yet:
-// light of too few frames,
+// The alpha of accumulated light is the variance of its luminance, or negative if that is unknown. Light of too few
+// frames:
 const UNKNOWN: f32 = -1.0;
-// or no light at all.
+// No light at all:
 const MISSING: f32 = -2.0;

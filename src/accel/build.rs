@@ -1,4 +1,4 @@
-//! How the tables are built: trees over what stands still, over bodies, and over what instances share.
+//! Construction of the tables: BVHs over static geometry, over deforming bodies and over meshes that instances share.
 
 use glam::{DVec3, Vec3};
 use obvhs::cwbvh::CwBvh;
@@ -12,7 +12,7 @@ use crate::scene::motion::bake::deformed;
 use crate::scene::{Bounds, Scene};
 
 impl Accel {
-    /// Adds triangles, in tree order, and the tree over them; returns that order as well.
+    /// Adds triangles in tree order and the tree over them. Returns the tree and that order.
     pub(super) fn push_tree(&mut self, flat: &Flat, splits: bool, room: &Room) -> Result<(Tree, Vec<u32>), AccelError> {
         self.dropped += flat.dropped;
         let (root, first_row) = (self.nodes.len() as u32, self.triangles.len() as u32);
@@ -42,7 +42,7 @@ impl Accel {
         Ok((Tree { root, first_row, rows, levels }, bvh.primitive_indices))
     }
 
-    /// Adds bodies that deform, as they are at time 0, with a tree each; returns the levels of the deepest.
+    /// Adds deforming bodies in their pose at time 0, each with its own tree. Returns the depth of the deepest tree.
     pub(super) fn push_bodies(
         &mut self,
         scene: &Scene,
@@ -73,7 +73,8 @@ impl Accel {
         Ok(deepest)
     }
 
-    /// Adds shared meshes with a tree each, and where their instances are; returns the levels of the deepest.
+    /// Adds shared meshes, each with its own tree, and the placements of their instances. Returns the depth of the
+    /// deepest tree.
     pub(super) fn push_shared(
         &mut self,
         scene: &Scene,
@@ -110,7 +111,7 @@ impl Accel {
         Ok(deepest)
     }
 
-    /// Adds a tree's nodes, whose leaves count from `first`; returns its levels.
+    /// Adds a tree's nodes, with leaf indices offset by `first`. Returns its depth.
     pub(super) fn push_nodes(&mut self, bvh: &CwBvh, first: u32) -> Result<usize, AccelError> {
         let depth = depth(bvh);
         if depth > MAX_DEPTH {
@@ -122,7 +123,7 @@ impl Accel {
     }
 }
 
-/// A tree's nodes, of which the first is to be `root`, and whose leaves count from `first`.
+/// Returns a tree's nodes for a table in which its root has index `root` and its leaf indices start at `first`.
 pub fn nodes_from(bvh: &CwBvh, root: u32, first: u32) -> impl Iterator<Item = Node> {
     bvh.nodes.iter().map(move |node| {
         let mut node = *node;
@@ -132,12 +133,12 @@ pub fn nodes_from(bvh: &CwBvh, root: u32, first: u32) -> impl Iterator<Item = No
     })
 }
 
-/// Least and largest coordinates.
+/// Returns the component-wise minimum and maximum of the positions.
 fn ends(positions: &[Vec3]) -> (Vec3, Vec3) {
     positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
 }
 
-/// Where positions are counted from.
+/// Returns the point that positions are relative to. Fails if the scene reaches too far from it.
 pub fn checked_origin(scene: &Scene) -> Result<DVec3, AccelError> {
     let bounds = scene.bounds();
     let origin = origin_for(bounds);
@@ -152,13 +153,13 @@ fn check_reach(reach: DVec3) -> Result<(), AccelError> {
     if is_within { Ok(()) } else { Err(AccelError::TooLarge(reach.max_element())) }
 }
 
-/// The corners of each triangle in tree order; none where there are none.
+/// Returns the attributes of each triangle's corners in tree order, or an empty list if the attribute is absent.
 fn corners<T: Copy>(order: &[u32], of_triangle: &[[T; 3]]) -> Vec<T> {
     if of_triangle.is_empty() { Vec::new() } else { order.iter().flat_map(|&i| of_triangle[i as usize]).collect() }
 }
 
-/// The point nearest to the scene's centre on a lattice coarser than the scene: subtracting it is exact for positions
-/// that f32 can tell apart there, and it is (0, 0, 0) for all scenes around that.
+/// Returns the point nearest to the scene's centre on a lattice coarser than the scene. Subtracting it is exact for
+/// positions that f32 can tell apart there. It is (0, 0, 0) for all scenes around the origin.
 pub fn origin_for(bounds: Bounds) -> DVec3 {
     let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
     let size = (max - min).max_element();

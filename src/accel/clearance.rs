@@ -1,4 +1,4 @@
-//! How far the nearest surface is from a point.
+//! Distance from a point to the nearest surface.
 
 use glam::Vec3;
 use obvhs::aabb::Aabb;
@@ -7,8 +7,9 @@ use obvhs::cwbvh::node::CwBvhNode;
 use super::{Accel, Instance, Triangle};
 
 impl Accel {
-    /// At most the distance from `point`, relative to [`Self::origin`], to the nearest triangle; infinite in an empty
-    /// scene. Triangles of instances that are stretched may seem nearer than they are. What moves is where it is at time 0.
+    /// Returns a lower bound on the distance from `point`, relative to [`Self::origin`], to the nearest triangle, or
+    /// infinity in an empty scene. The bound is loose for non-uniformly scaled instances. Dynamic geometry is in its
+    /// pose at time 0.
     pub fn clearance(&self, point: Vec3) -> f32 {
         let mut nearest = f32::INFINITY;
         self.visit(0, point, &mut nearest, |row, p, nearest| {
@@ -23,14 +24,14 @@ impl Accel {
     fn visit_instance(&self, row: usize, point: Vec3, nearest: &mut f32) {
         let Instance { local_from_world: rows, root, .. } = self.instances[row];
         let local = Vec3::from(rows.map(|r| r.dot(point.extend(1.0))));
-        // No direction shrinks by more than this.
+        // The Frobenius norm bounds how much any direction is stretched.
         let scale = rows.iter().map(|r| r.truncate().length_squared()).sum::<f32>().sqrt();
         let mut nearest_local = *nearest * scale;
         self.visit(root, local, &mut nearest_local, |row, p, n| *n = distance(&self.triangles[row], p).min(*n));
         *nearest = (nearest_local / scale).min(*nearest);
     }
 
-    /// Calls `leaf` with the rows of a tree's leaves that may be nearer than `nearest`.
+    /// Calls `leaf` with the row of each triangle in a leaf that may be nearer than `nearest`.
     fn visit(&self, root: u32, point: Vec3, nearest: &mut f32, leaf: impl Fn(usize, Vec3, &mut f32)) {
         let mut open = vec![(root, 0.0)];
         while let Some((index, node_distance)) = open.pop() {
@@ -51,7 +52,7 @@ impl Accel {
                     inner.push((node.child_node_index(child), child_distance));
                 }
             }
-            // The nearest one is looked into first.
+            // Visits the nearest child first.
             inner.sort_by(|a, b| b.1.total_cmp(&a.1));
             open.extend(inner);
         }
@@ -63,7 +64,8 @@ fn box_distance(bounds: &Aabb, point: Vec3) -> f32 {
     point.distance(point.clamp(min, max))
 }
 
-/// Ericson, "Real-Time Collision Detection", 2005, 5.1.5: the feature whose Voronoi region holds the point.
+/// Returns the distance to a triangle by the feature whose Voronoi region holds the point (Ericson, "Real-Time
+/// Collision Detection", 2005, 5.1.5).
 fn distance(t: &Triangle, p: Vec3) -> f32 {
     let (ab, ac, ap) = (t.v1 - t.v0, t.v2 - t.v0, p - t.v0);
     let (bp, cp) = (p - t.v1, p - t.v2);
@@ -86,7 +88,7 @@ mod tests {
     use crate::accel::Layout;
     use crate::scene::builtin;
 
-    /// Of points spread over a triangle.
+    /// Returns the smallest distance to points spread over a triangle.
     fn sampled(t: &Triangle, p: Vec3) -> f32 {
         let steps = 64;
         let points = (0..=steps).flat_map(|i| (0..=steps - i).map(move |j| (i, j)));

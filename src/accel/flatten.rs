@@ -1,4 +1,4 @@
-//! Instances to one list of world-space triangles, or a mesh to one of its own space.
+//! Flattens instances to one list of world-space triangles, or a mesh to a list in its local space.
 
 use glam::{Affine3A, DVec3, Mat3, Vec2, Vec3};
 
@@ -9,16 +9,16 @@ use crate::scene::{AlphaMode, Instance, Material, Mesh, Scene};
 pub(super) struct Flat {
     pub triangles: Vec<Triangle>,
     pub shadings: Vec<Shading>,
-    /// Per triangle; empty when no mesh has colours.
+    /// Colours per triangle; empty if no mesh has colours.
     pub colors: Vec<[[f32; 4]; 3]>,
-    /// Per triangle; empty when no texture is on coordinate set 1.
+    /// Texture coordinate set 1 per triangle; empty if no texture uses it.
     pub second_uvs: Vec<[[f32; 2]; 3]>,
-    /// Per triangle; empty when no mesh has tangents.
+    /// Tangents per triangle; empty if no mesh has tangents.
     pub tangents: Vec<[[f32; 4]; 3]>,
     pub dropped: usize,
 }
 
-/// Which attributes the scene has at all: an array is full or empty.
+/// Attributes that the scene has. An attribute's array is either full or empty.
 #[derive(Clone, Copy)]
 pub(super) struct Present {
     colors: bool,
@@ -36,7 +36,7 @@ impl Present {
         }
     }
 
-    /// What a triangle takes in all tables.
+    /// Returns the bytes of one triangle across all tables.
     pub fn row_bytes(&self) -> usize {
         let tables = [
             (true, size_of::<Triangle>() + size_of::<Shading>()),
@@ -48,13 +48,13 @@ impl Present {
     }
 }
 
-/// What an instance's positions are transformed by, relative to `origin`.
+/// Returns an instance's transform with its translation relative to `origin`.
 pub(super) fn near_from_local(instance: &Instance, origin: DVec3) -> Affine3A {
     let translation = Vec3::from(instance.world_from_local.translation).as_dvec3() - origin;
     Affine3A { translation: translation.as_vec3a(), ..instance.world_from_local }
 }
 
-/// These instances in world space. Positions are relative to `origin`.
+/// Flattens these instances to world space. Positions are relative to `origin`.
 pub(super) fn flatten<'a>(
     scene: &Scene,
     instances: impl Iterator<Item = &'a Instance>,
@@ -71,7 +71,8 @@ pub(super) fn flatten<'a>(
     flat
 }
 
-/// The shape of a body that deforms, in the world. Triangles without area are kept, as they may have some in other frames.
+/// Flattens the shape of a deforming body to world space. Keeps degenerate triangles, since they may have an area in
+/// other frames.
 pub(super) fn deforming(scene: &Scene, shape: &Mesh, origin: DVec3, present: &Present) -> Flat {
     let mut flat = Flat::default();
     let place = Affine3A::from_translation(-origin.as_vec3());
@@ -79,15 +80,15 @@ pub(super) fn deforming(scene: &Scene, shape: &Mesh, origin: DVec3, present: &Pr
     flat
 }
 
-/// A mesh in its own space, as instances take it that are mirrored or not: wound such that the corners are
-/// counter-clockwise where it is put, and with normals that the inverse transpose brings there.
+/// Flattens a mesh in its local space, for instances that are all mirrored or all not. Triangles are counter-clockwise
+/// in world space, and the inverse transpose maps normals to world space.
 pub(super) fn local(scene: &Scene, mesh: usize, mirrored: bool, present: &Present) -> Flat {
     let mut flat = Flat::default();
     let mesh = &scene.meshes[mesh];
     let material = &scene.materials[mesh.material];
     push_instance(&mut flat, &Affine3A::IDENTITY, mirrored, mesh, material, present, false);
     if mirrored {
-        // They were turned by the cofactor matrix, which the determinant's sign is in.
+        // The cofactor matrix has flipped these normals: it includes the determinant's sign.
         flat.shadings.iter_mut().for_each(|s| [s.n0, s.n1, s.n2] = [-s.n0, -s.n1, -s.n2]);
     }
     flat
@@ -111,10 +112,10 @@ fn push_instance(
     ) * if mirrored { -1.0 } else { 1.0 };
     let world: Vec<Vec3> = mesh.positions.iter().map(|&p| place.transform_point3(p)).collect();
     let first_copy = if material.alpha_mode == AlphaMode::Opaque { 0 } else { TRIANGLE_ALPHA };
-    // A mirrored frame is left-handed: the bitangent's sign turns with it.
+    // A mirrored frame is left-handed, so the bitangent's sign flips.
     let handedness = if mirrored { -1.0 } else { 1.0 };
     for &[a, b, c] in &mesh.triangles {
-        // A mirrored triangle winds the other way round.
+        // Mirroring reverses a triangle's winding.
         let corner = if mirrored { [a, c, b] } else { [a, b, c] }.map(|i| i as usize);
         let [v0, v1, v2] = corner.map(|i| world[i]);
         let cross = (v1 - v0).cross(v2 - v0);
@@ -172,7 +173,7 @@ mod tests {
         super::flatten(scene, scene.instances.iter(), DVec3::ZERO, &Present::of(scene))
     }
 
-    /// A triangle with a frame of its own at each corner, and a bare one beside it.
+    /// Returns a triangle with a different tangent frame at each corner, and a triangle without attributes.
     fn scene(world_from_local: Affine3A, uv_set: usize) -> Scene {
         let texture = TextureRef { texture: 0, uv_set, uv_from_uv: Affine2::IDENTITY };
         let mapped = Material { normal_map: Some(NormalMap { texture, scale: 1.0 }), ..Material::default() };
@@ -235,7 +236,7 @@ mod tests {
         let flat = flatten(&scene(Affine3A::IDENTITY, 1));
         assert_eq!((flat.tangents.len(), flat.second_uvs.len(), flat.colors.len()), (2, 2, 0));
         assert_eq!((flat.tangents[1], flat.second_uvs[1]), ([[0.0; 4]; 3], [[0.0; 2]; 3]));
-        // Coordinates that no material of an instance is on are not kept.
+        // Coordinates that no instance's material uses are dropped.
         assert!(flatten(&scene(Affine3A::IDENTITY, 0)).second_uvs.is_empty());
         let mut unmapped = scene(Affine3A::IDENTITY, 1);
         unmapped.instances.remove(0);

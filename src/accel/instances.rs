@@ -1,4 +1,5 @@
-//! Which instances keep a mesh's triangles in its own space, to be met there by transformed rays, and which are flattened.
+//! Selection of the instances that keep a shared mesh in local space, where transformed rays traverse it, and of those
+//! that are flattened.
 
 use std::collections::BTreeMap;
 
@@ -10,40 +11,41 @@ use super::Layout;
 use super::tree::Tree;
 use crate::scene::{self, Material, Mesh, Scene};
 
-/// Most triangles that are flattened even if instances would be smaller: their widest table then fills the 128 MiB that
-/// every device lets a shader read at once. Rays find flattened triangles 1.2 to 1.8 times as fast (`benches/rays.rs
-/// --two-level` on the forest and the atrium), so that instances are for what would not load otherwise.
+/// Largest number of triangles that is flattened even if instancing would take less memory. Their widest table then
+/// fills 128 MiB, the largest storage buffer binding that every device supports. Rays traverse flattened triangles 1.2
+/// to 1.8 times as fast (`benches/rays.rs --two-level` on the forest and the atrium), so instancing is for scenes that
+/// would not load otherwise.
 const MAX_FLAT: usize = 1 << 21;
 
-/// How many times smaller instances have to make a scene's tables.
+/// Factor by which instancing must shrink a scene's tables to be chosen.
 const LEAST_SAVING: usize = 2;
 
-/// Largest and least size of transforms that rays follow, and by how much they may stretch one direction over another
-/// (as the product of the norms of a matrix and its inverse): the bounds on rounding grow with it.
+/// Bounds on a matrix that rays are transformed by: on its norm and that of its inverse, and on their product, the
+/// condition number. Rounding errors grow with them.
 const MAX_SCALE: f64 = 1e4;
 const MAX_STRETCH: f64 = 1e3;
 
-/// A mesh's tree put into the world, as rows of 16 bytes of the table of nodes.
+/// A mesh's tree placed in the world, stored as 16-byte rows of the node table.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Instance {
-    /// Rows of the matrix, translations in w.
+    /// Rows of the matrix, with the translation in w.
     pub world_from_local: [Vec4; 3],
     pub local_from_world: [Vec4; 3],
-    /// Number of its first triangle. Numbers count on from instance to instance.
+    /// Number of its first triangle. Triangle numbers continue from instance to instance.
     pub first_prim: u32,
-    /// What is added to a triangle's number for its place in the tables, modulo 2^32.
+    /// Offset from a triangle's number to its row in the tables, modulo 2^32.
     pub row_offset: u32,
-    /// Root of its tree.
+    /// Index of its tree's root node.
     pub root: u32,
-    /// 0 where its triangles lie as in the tables.
+    /// 0 if its triangles are stored in world space.
     pub is_moved: u32,
-    /// As `world_from_local`, in the frame before.
+    /// Rows of `world_from_local` in the previous frame.
     pub last_world_from_local: [Vec4; 3],
 }
 
 impl Instance {
-    /// The flattened triangles.
+    /// Instance of the flattened triangles, with identity transforms.
     pub const STILL: Self = Self {
         world_from_local: [Vec4::X, Vec4::Y, Vec4::Z],
         local_from_world: [Vec4::X, Vec4::Y, Vec4::Z],
@@ -54,7 +56,7 @@ impl Instance {
         last_world_from_local: [Vec4::X, Vec4::Y, Vec4::Z],
     };
 
-    /// Triangles that lie in the tables as in the world, under a tree of their own.
+    /// Returns an instance for triangles stored in world space under their own tree.
     pub(super) fn still(first_row: u32, root: u32) -> Self {
         Self { first_prim: first_row, root, ..Self::STILL }
     }
@@ -79,28 +81,29 @@ fn rows(linear: DMat3, translation: DVec3) -> [Vec4; 3] {
     [0, 1, 2].map(|i| linear.row(i).extend(translation[i]).as_vec4())
 }
 
-/// A mesh that instances have in its own space, all of them mirrored or none.
+/// A mesh that instances use in local space. Its instances are all mirrored or all not.
 #[derive(Debug)]
 pub(super) struct Shared {
     pub mesh: usize,
     pub mirrored: bool,
-    /// Indices of the instances.
+    /// Indices of its instances.
     pub users: Vec<usize>,
 }
 
-/// A scene's instances.
+/// A scene's instances, divided by how their triangles are stored.
 #[derive(Debug)]
 pub(super) struct Division {
-    /// Indices of those that are flattened, in order.
+    /// Indices of the flattened instances, in order.
     pub flat: Vec<usize>,
     pub shared: Vec<Shared>,
-    /// Bodies, by their indices, whose triangles are brought into the world anew in each frame.
+    /// Indices of the bodies that are transformed to world space in each frame.
     pub deforming: Vec<usize>,
 }
 
 impl Division {
-    /// Flattened are all that share no mesh, that glow, since lights are triangles of the world, and those whose
-    /// transform cannot be undone well. Bodies that would be deform, as those do that change their shape.
+    /// Flattens static instances that share no mesh, emit (lights are world-space triangles) or have an ill-conditioned
+    /// transform; a flat layout flattens all static ones. Emissive and ill-conditioned bodies are stored as deforming
+    /// bodies, like those that change their shape.
     pub fn new(scene: &Scene, layout: Layout) -> Self {
         let divided = Self::of_layout(scene, layout == Layout::Flat);
         let stored = divided.stored_triangles(scene);
@@ -108,7 +111,7 @@ impl Division {
         if layout == Layout::Auto && is_small { Self::of_layout(scene, true) } else { divided }
     }
 
-    /// `flattens`: all but bodies.
+    /// Divides the instances. `flattens` flattens all static ones.
     fn of_layout(scene: &Scene, flattens: bool) -> Self {
         let mut moving = vec![None; scene.instances.len()];
         for (number, body) in scene.motion.bodies.iter().enumerate() {
@@ -136,7 +139,7 @@ impl Division {
         Self { flat, shared: shared.collect(), deforming }
     }
 
-    /// Triangles that the tables hold.
+    /// Returns the number of triangles that the tables hold.
     pub fn stored_triangles(&self, scene: &Scene) -> usize {
         let bodies = self.deforming.iter().map(|&b| &scene.motion.bodies[b].instance);
         let flat = self.flat.iter().chain(bodies).map(|&i| scene.instances[i].mesh);
@@ -148,13 +151,13 @@ impl Division {
     }
 }
 
-/// Whether what is made of it is a light, at some time, or shows its own colour.
+/// Returns true if the material emits light at any time or is unlit.
 fn glows(scene: &Scene, material: usize) -> bool {
     let Material { unlit, emissive, .. } = scene.materials[material];
     unlit || emissive != Vec3::ZERO || scene.motion.emitters.iter().any(|e| e.index == material)
 }
 
-/// Whether rays can be brought into an instance's space and hits back without much loss.
+/// Returns true if transforming rays to local space and hits back loses little precision.
 pub(super) fn is_undone_well(place: &Affine3A) -> bool {
     let linear = Mat3::from(place.matrix3).as_dmat3();
     let norm = |m: DMat3| m.to_cols_array().map(|x| x * x).iter().sum::<f64>().sqrt();
@@ -162,7 +165,7 @@ pub(super) fn is_undone_well(place: &Affine3A) -> bool {
     size <= MAX_SCALE && inverse <= MAX_SCALE && size * inverse <= MAX_STRETCH
 }
 
-/// World-space bounds of a mesh in its place, rounded up.
+/// Returns world-space bounds of a mesh, rounded outwards.
 pub(super) fn bounds(mesh: &Mesh, place: &Affine3A) -> Aabb {
     let mut out = Aabb::empty();
     let mut farthest = Vec3::ZERO;
@@ -173,7 +176,7 @@ pub(super) fn bounds(mesh: &Mesh, place: &Affine3A) -> Aabb {
     grown(out, &Mat4::from(*place), farthest)
 }
 
-/// Bounds of a box that a matrix takes somewhere else, rounded up.
+/// Returns bounds of a transformed box, rounded outwards.
 pub(super) fn box_in(place: &Mat4, low: Vec3, high: Vec3) -> Aabb {
     let mut out = Aabb::empty();
     for corner in 0..8 {
@@ -183,7 +186,7 @@ pub(super) fn box_in(place: &Mat4, low: Vec3, high: Vec3) -> Aabb {
     grown(out, place, low.abs().max(high.abs()))
 }
 
-/// By eight times the error of a point that is transformed, whose coordinates are at most `farthest`.
+/// Grows the bounds by eight times the rounding error of transforming a point with coordinates up to `farthest`.
 fn grown(bounds: Aabb, place: &Mat4, farthest: Vec3) -> Aabb {
     let terms = place.x_axis.abs() * farthest.x
         + place.y_axis.abs() * farthest.y

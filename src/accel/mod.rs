@@ -1,6 +1,6 @@
-//! How rays find it: instanced meshes flattened to world space under one compressed wide BVH, in the layout that
-//! `shaders/shared/traverse_compute.inc.wgsl` walks. Where that would take too much memory, meshes that several
-//! instances share keep their own space and a tree each, under a second tree over the instances.
+//! Acceleration structures: instanced meshes flattened to world space under one compressed wide BVH, in the layout that
+//! `shaders/shared/traverse_compute.inc.wgsl` traverses. If that takes too much memory, meshes that several instances
+//! share stay in local space with a tree each, under a top-level tree over the instances.
 //!
 //! Triangles are stored in tree order, so a leaf's triangle index is the triangle's row in every table.
 
@@ -32,43 +32,45 @@ use crate::scene::motion::Motion;
 use crate::scene::motion::pose::Pose;
 use crate::wgsl::shared_structs;
 
-/// Deepest tree that the shaders' stack holds.
+/// Deepest tree that the shaders' traversal stack holds.
 pub const MAX_DEPTH: usize = 32;
 
-/// Most triangles: their tables take 112 bytes each on the host and on every device, 7 GiB in all.
+/// Largest number of stored triangles. Their tables take 112 bytes each on the host and on every device, 7 GiB in
+/// total.
 const MAX_TRIANGLES: usize = 1 << 26;
 
-/// Bit of what a ray hits: a sphere, by the number of its light, instead of a triangle.
+/// Flag in a hit's primitive number: the rest is the number of a sphere light, not of a triangle.
 pub const SPHERE: u32 = 1 << 31;
 
-/// Most triangles after instancing: numbers from there on name spheres.
+/// Limit on triangles after instancing: larger numbers name spheres.
 const MAX_PRIMS: usize = SPHERE as usize;
 
-/// Largest coordinate: the tree's costs are sums of areas, which must not overflow.
+/// Largest coordinate. Larger ones would overflow sums of areas in the tree's cost.
 const MAX_REACH: f64 = 1e14;
 
-/// What an instance takes at most until it is in the tree over them, with that tree, bytes.
+/// Upper bound on the bytes per instance while the tree over instances is built, including that tree.
 const INSTANCE_BYTES: usize = 1000;
 
-/// Bit of [`Triangle::first_copy`]: whether a ray is stopped must be asked of the material's alpha.
+/// Flag in [`Triangle::first_copy`]: the material's alpha decides whether the triangle stops a ray.
 pub const TRIANGLE_ALPHA: u32 = 1 << 31;
 
 shared_structs! {
-    /// A triangle as rays meet it: exact vertices, counter-clockwise from the front. An edge that two triangles share
-    /// has the same bits in both.
+    /// A triangle as rays intersect it: exact vertices, counter-clockwise from the front. Both triangles at an edge
+    /// store the same bits for its vertices.
     pub struct Triangle {
         pub v0: Vec3,
         pub material: u32,
         pub v1: Vec3,
-        /// The first row that has it, by which hits name it: where parts of a large triangle are in several leaves, each
-        /// has a copy. And [`TRIANGLE_ALPHA`].
+        /// Row of its first copy, which identifies it in hits, and [`TRIANGLE_ALPHA`]. A large triangle that was split
+        /// among several leaves has a copy in each.
         pub first_copy: u32,
         pub v2: Vec3,
-        /// Which light it is, if any; set where the lights are known.
+        /// Number of its light, if any; set once lights are known.
         pub light: u32,
     }
 
-    /// What is interpolated over a triangle: normals and texture coordinates, u and v packed between the normals.
+    /// Attributes interpolated over a triangle: normals and texture coordinates, with u and v packed between the
+    /// normals.
     pub struct Shading {
         pub n0: Vec3,
         pub u0: f32,
@@ -92,55 +94,56 @@ impl Triangle {
         self.first_copy & TRIANGLE_ALPHA != 0
     }
 
-    /// Whether it is that of `row`, and no copy of another row's.
+    /// Returns true if `row` is its first copy.
     pub fn is_first(&self, row: usize) -> bool {
         (self.first_copy & !TRIANGLE_ALPHA) as usize == row
     }
 }
 
-/// A node: 80 bytes, as obvhs packs them.
+/// A node of 80 bytes in obvhs's layout.
 pub type Node = [u32; 20];
 
-/// How instances are stored.
+/// Storage of instances.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Layout {
-    /// Flat, unless the tables would be large and instances make them much smaller.
+    /// Flat, unless the tables would be large and instancing makes them much smaller.
     #[default]
     Auto,
     /// All triangles in world space under one tree.
     Flat,
-    /// Whatever instances share is stored once.
+    /// Shared meshes stored once, in local space.
     TwoLevel,
 }
 
 /// A scene's triangles and the trees over them.
 #[derive(Debug)]
 pub struct Accel {
-    /// The first node is the root over the flattened triangles.
+    /// Nodes of all trees. The first is the root over the flattened triangles.
     pub nodes: Vec<Node>,
-    /// The flattened triangles, those of bodies that deform, then those of shared meshes, some of them more than once.
+    /// Triangles in order: flattened ones, those of deforming bodies, and those of shared meshes. Split triangles occur
+    /// several times.
     pub triangles: Vec<Triangle>,
     pub shadings: Vec<Shading>,
-    /// Three linear RGBA colours a triangle, or none at all.
+    /// Linear RGBA colours, three per triangle; empty if no mesh has colours.
     pub colors: Vec<[f32; 4]>,
-    /// Texture coordinate set 1, three a triangle, or none at all.
+    /// Texture coordinate set 1, three per triangle; empty if unused.
     pub second_uvs: Vec<[f32; 2]>,
-    /// Three tangents a triangle with the bitangent's sign in w, or none at all.
+    /// Tangents, three per triangle with the bitangent's sign in w; empty if no mesh has tangents.
     pub tangents: Vec<[f32; 4]>,
-    /// [`Instance::STILL`], then the others in the order of the tree over them, as they are at time 0.
+    /// [`Instance::STILL`], then the other instances in tree order, in their pose at time 0.
     pub instances: Vec<Instance>,
-    /// The first number of each one's triangles, rising, and its place among the instances.
+    /// Pairs of an instance's first triangle number and its index, sorted by number.
     pub numbers: Vec<[u32; 4]>,
-    /// Root of the tree over instances, if there are several; its leaves count [`Self::instances`].
+    /// Index of the root of the tree over instances, if there are several. Its leaves index [`Self::instances`].
     pub instance_tree: u32,
     placements: Vec<Placement>,
-    /// Bodies that change their shape.
+    /// Deforming bodies.
     pub skins: Skins,
-    /// Rows of each tree's triangles: first of the flattened ones, which may be none, then of bodies and shared meshes.
+    /// Rows of each tree's triangles: the flattened ones (may be empty), then bodies and shared meshes.
     pub trees: Vec<Range<u32>>,
-    /// Stored triangles without area, which no ray can meet: they are left out.
+    /// Number of degenerate triangles, which no ray can hit and which are not stored.
     pub dropped: usize,
-    /// What all positions on a device are relative to: (0, 0, 0) unless the scene stands far from there, where f32
+    /// World-space origin of all positions on devices. It is (0, 0, 0) unless the scene is so far from there that f32
     /// would round positions coarsely.
     pub origin: DVec3,
 }
@@ -168,7 +171,7 @@ pub enum AccelError {
 }
 
 impl Accel {
-    /// [`Self::build_with`] [`Layout::Auto`].
+    /// Builds with [`Layout::Auto`].
     ///
     /// # Errors
     /// If the scene is too large for the tables or the tree too deep for rays.
@@ -176,7 +179,7 @@ impl Accel {
         Self::build_with(scene, Layout::Auto)
     }
 
-    /// Deterministic: the same scene gives the same trees.
+    /// Builds the trees deterministically: the same scene gives the same trees.
     ///
     /// # Errors
     /// If the scene is too large for the tables or the trees too deep for rays.
@@ -184,10 +187,10 @@ impl Accel {
         Self::build_within(scene, layout, &Budget::unlimited())
     }
 
-    /// [`Self::build_with`]; the tables' part of the budget is taken for good.
+    /// Builds like [`Self::build_with`]. The budget keeps the bytes of the finished tables reserved.
     ///
     /// # Errors
-    /// As [`Self::build_with`], and if the budget has no room for it.
+    /// Errors of [`Self::build_with`], and if the budget is too small.
     pub fn build_within(scene: &Scene, layout: Layout, budget: &Budget) -> Result<Self, AccelError> {
         let count = scene.triangle_count();
         if count >= MAX_PRIMS {
@@ -203,7 +206,7 @@ impl Accel {
             return Err(AccelError::TooMany(stored));
         }
         let present = Present::of(scene);
-        // Lists grow to at most twice their length, and are copied in the order of the tree.
+        // Lists grow to at most twice their length, and are copied into tree order.
         let making = stored as u64 * (4 * present.row_bytes() + BUILD_BYTES) as u64;
         let mut reserved = budget.reserve(making).map_err(refused)?;
         let bodies =
@@ -223,18 +226,18 @@ impl Accel {
         (accel.instances, accel.numbers) = (placed.instances, placed.numbers);
         if !accel.placements.is_empty() {
             accel.nodes.extend(placed.nodes);
-            // As many as there may be when instances move.
+            // Reserves nodes for the largest number of instances in any frame.
             let last = accel.instance_tree as usize + accel.placements.len();
             accel.nodes.resize(accel.nodes.len().max(if accel.moves() { last } else { 0 }), Node::default());
         }
-        // The root over instances waits while the flattened triangles are looked through.
+        // The root over instances stays on the stack while rays traverse the flattened triangles.
         let waiting = usize::from(!accel.placements.is_empty());
         let levels = (flat.levels + waiting).max(deepest + placed.levels);
         if levels > MAX_DEPTH {
             return Err(AccelError::TooDeep { depth: levels });
         }
         if accel.triangles.is_empty() {
-            // No buffer may be empty.
+            // Buffers must not be empty.
             accel.triangles.push(Triangle::default());
             accel.shadings.push(Shading::default());
         }
@@ -262,34 +265,34 @@ impl Accel {
         }
     }
 
-    /// Where instances are, with the tree over them; without poses, nothing moves.
+    /// Returns the placed instances and the tree over them. Without `poses`, only static instances are placed.
     pub fn placed_at(&self, poses: Option<&Poses>) -> Placed {
         Placed::new(&self.placements, &self.skins, poses, self.origin, self.instance_tree)
     }
 
-    /// Has bodies that deform know which lights their triangles are.
+    /// Copies the light numbers of triangles to the deforming bodies.
     pub fn know_lights(&mut self) {
         let rows = &self.triangles[self.skins.first_row as usize..];
         self.skins.triangles.iter_mut().zip(rows).for_each(|(skin, row)| skin.light = row.light);
     }
 
-    /// Whether any triangles move.
+    /// Returns true if any triangles move.
     pub fn moves(&self) -> bool {
         self.placements.iter().any(Placement::moves)
     }
 
-    /// Instances that there may be, the still one among them.
+    /// Returns the largest number of instances in any frame, including [`Instance::STILL`].
     pub fn most_instances(&self) -> usize {
         1 + self.placements.len()
     }
 
-    /// The rows of a pose that shaders read, now and of the frame before.
+    /// Returns the pose as rows for shaders, for the current and the previous frame.
     pub fn pose_rows(&self, motion: &Motion, poses: [&Pose; 2]) -> Vec<Vec4> {
         let of = |number: usize| poses.map(|pose| (motion.joints(pose, number), pose.weights[number].clone()));
         self.skins.pose_rows(of, self.origin)
     }
 
-    /// Bounds of each moving body, and by how much it has moved at most since the frame before, scene units.
+    /// Returns each moving body's bounds and an upper bound on its motion since the previous frame, in scene units.
     pub fn moved<'a>(&'a self, poses: &'a Poses) -> impl Iterator<Item = (Aabb, f32)> + 'a {
         self.placements.iter().filter_map(|placement| placement.moved(&self.skins, poses, self.origin))
     }

@@ -1,4 +1,4 @@
-//! What is put into the world by instances, in a frame and in the one before.
+//! Placement of instances in the world, in the current frame and in the previous one.
 
 use glam::{Affine3A, DAffine3, DVec3, Mat4, Vec3, Vec3A, Vec4};
 use obvhs::BvhBuildParams;
@@ -12,7 +12,7 @@ use super::{Instance, MAX_REACH, Node, Skins};
 use crate::scene::motion::Motion;
 use crate::scene::motion::pose::{Pose, narrow};
 
-/// A tree with what says where in the world it is.
+/// A tree with its placement in the world.
 #[derive(Debug)]
 pub(super) struct Placement {
     pub tree: Tree,
@@ -23,39 +23,39 @@ pub(super) struct Placement {
 
 #[derive(Debug)]
 pub(super) enum By {
-    /// An instance that stands still, with the bounds of its triangles in the world.
+    /// A static instance, with world-space bounds of its triangles.
     Place(Affine3A, Aabb),
-    /// A body that keeps its shape, with the least and largest coordinates of its mesh.
+    /// A rigid body, with the minimum and maximum coordinates of its mesh.
     Body { number: usize, low: Vec3, high: Vec3 },
-    /// One of the bodies of [`Skins`].
+    /// Index of a body in [`Skins`].
     Skin(usize),
 }
 
-/// Where a moving scene is at two times.
+/// Poses of a dynamic scene in the current frame and in the previous one.
 pub struct Poses<'a> {
     pub motion: &'a Motion,
     pub now: &'a Pose,
     pub last: &'a Pose,
-    /// The rows of [`Skins::pose_rows`].
+    /// Rows of the poses, from [`Skins::pose_rows`].
     pub rows: &'a [Vec4],
 }
 
 /// Instances with the tree over them.
 #[derive(Debug, Default)]
 pub struct Placed {
-    /// [`Instance::STILL`], then the others in the order of the tree.
+    /// [`Instance::STILL`], then the other instances in tree order.
     pub instances: Vec<Instance>,
-    /// The first number of each one's triangles, rising, and its place among the instances.
+    /// Pairs of an instance's first triangle number and its index, sorted by number.
     pub numbers: Vec<[u32; 4]>,
-    /// At most as many as there are instances.
+    /// Nodes of the tree, at most one per instance.
     pub nodes: Vec<Node>,
     pub levels: usize,
-    /// The number of bodies that are too small, too stretched or too far away for rays to follow them.
+    /// Number of bodies left out because they are too small, too stretched or too far away to be traversed accurately.
     pub left_out: u32,
 }
 
 impl Placed {
-    /// The tree's first node is to be number `root`. Without `poses`, nothing moves.
+    /// Builds the tree, with node `root` as its root. Without `poses`, only static instances are placed.
     pub(super) fn new(
         placements: &[Placement],
         skins: &Skins,
@@ -115,15 +115,15 @@ impl Placement {
         }
     }
 
-    /// Bounds of a body now and by how much its points have moved at most since the frame before, scene units; none of what
-    /// stands still.
+    /// Returns a body's current bounds and an upper bound on its points' motion since the previous frame, in scene
+    /// units. Returns `None` for a static instance.
     pub fn moved(&self, skins: &Skins, poses: &Poses, origin: DVec3) -> Option<(Aabb, f32)> {
         match self.by {
             By::Place(..) => None,
             By::Body { number, low, high } => {
                 let place = |pose| Mat4::from(near(&poses.motion.world_from_body(pose, number), origin));
                 let (now, last) = (place(poses.now), place(poses.last));
-                // A difference of affine maps is largest at a corner.
+                // The difference of affine maps has its maximum at a corner.
                 Some((box_in(&now, low, high), farthest(&box_in(&(now - last), low, high))))
             }
             By::Skin(index) => Some((skins.bounds(index, poses.rows, 0), skins.moved(index, poses.rows))),
@@ -131,13 +131,13 @@ impl Placement {
     }
 }
 
-/// Whether areas can be reckoned with there.
+/// Returns true if the bounds are small enough to compute areas without overflow.
 fn is_within_reach(bounds: &Aabb) -> bool {
     let reach = Vec3A::splat(MAX_REACH as f32);
     (bounds.min.cmpge(-reach) & bounds.max.cmple(reach)).all()
 }
 
-/// How far from (0, 0, 0) a point of the box may be.
+/// Returns the largest distance of a point in the box from (0, 0, 0).
 pub(super) fn farthest(bounds: &Aabb) -> f32 {
     bounds.min.abs().max(bounds.max.abs()).length()
 }

@@ -1,5 +1,5 @@
-//! Bodies that change their shape: what the passes `skin` and `refit` need to bring their triangles into the world, and
-//! the boxes of their trees around them, in each frame.
+//! Deforming bodies: the data with which the passes `skin` and `refit` transform their triangles to world space and
+//! refit their trees in each frame.
 
 use glam::{DAffine3, DVec3, Mat4, UVec3, Vec2, Vec3, Vec4};
 use obvhs::aabb::Aabb;
@@ -12,12 +12,12 @@ use crate::scene::motion::bake::is_mirrored;
 use crate::wgsl::{shared_constants, shared_structs};
 
 shared_structs! {
-    /// A triangle of a body that deforms, and what does not change about it.
+    /// Per-frame constants of a deforming body's triangle.
     pub struct SkinTriangle {
-        /// Its corners among the vertices, counter-clockwise from the front.
+        /// Indices of its vertices, counter-clockwise from the front.
         pub corners: UVec3,
         pub material: u32,
-        /// As in [`Triangle`].
+        /// Row of its first copy and the flag, as in [`Triangle`].
         pub first_copy: u32,
         pub light: u32,
         pub uv0: Vec2,
@@ -25,27 +25,27 @@ shared_structs! {
         pub uv2: Vec2,
     }
 
-    /// A vertex at rest.
+    /// A vertex in the rest pose.
     pub struct SkinVertex {
         pub position: Vec3,
-        /// The first of its morphs, one for each target.
+        /// Index of its first morph offset. One follows per target.
         pub first_morph: u32,
-        /// Of no length where the mesh has none.
+        /// Normal at rest; zero if the mesh has no normals.
         pub normal: Vec3,
         pub morph_count: u32,
-        /// With the bitangent's sign in w.
+        /// Tangent with the bitangent's sign in w.
         pub tangent: Vec4,
-        /// Joints of all bodies counted on, those with weights first.
+        /// Joint indices over all bodies. Joints with weights come first.
         pub joints: [u32; JOINTS_PER_VERTEX as usize],
         pub weights: [f32; JOINTS_PER_VERTEX as usize],
-        /// Row of the pose with the first weight of its body's targets.
+        /// Pose row with the first target weight of its body.
         pub first_weight: u32,
         pub pad0: u32,
         pub pad1: u32,
         pub pad2: u32,
     }
 
-    /// By what a target moves a vertex.
+    /// Offsets that a morph target adds to a vertex at weight 1.
     pub struct SkinMorph {
         pub position: Vec3,
         pub pad0: u32,
@@ -58,39 +58,39 @@ shared_structs! {
 
 shared_constants! {
     pub const JOINTS_PER_VERTEX: u32 = 8;
-    /// Invocations in a row of those that work on triangles or nodes.
+    /// Width of the 2D grid of invocations over triangles or nodes.
     pub const COLUMNS: u32 = 1 << 16;
-    /// Rows of the pose that a joint has: of its matrix now and in the frame before.
+    /// Pose rows per joint: three for its current matrix, three for the previous one.
     const ROWS_PER_JOINT: u32 = 6;
 }
 
-/// Bytes of a vertex that `skin` has brought into the world, its position first.
+/// Size of a vertex that `skin` has written, with its world-space position first.
 pub const SKINNED_BYTES: usize = 64;
 
-/// As a size.
+/// Number of pose rows per joint, as `usize`.
 const JOINT_ROWS: usize = ROWS_PER_JOINT as usize;
 
-/// All bodies that deform.
+/// All deforming bodies.
 #[derive(Debug, Default)]
 pub struct Skins {
-    /// In the order of their rows in the tables, of which `first_row` is the first.
+    /// Triangles in the order of their table rows, which start at `first_row`.
     pub triangles: Vec<SkinTriangle>,
     pub first_row: u32,
     pub vertices: Vec<SkinVertex>,
     pub morphs: Vec<SkinMorph>,
-    /// The trees as they were built, and which of all nodes is the first of them.
+    /// Nodes of the trees as built. In the node table, they start at `first_node`.
     pub nodes: Vec<Node>,
     pub first_node: u32,
-    /// Indices of the nodes, the deepest first.
+    /// Node indices, deepest first.
     pub order: Vec<u32>,
-    /// Ends of the levels in `order`.
+    /// End of each level in `order`.
     pub levels: Vec<u32>,
     bodies: Vec<Body>,
     joints: usize,
     weights: usize,
 }
 
-/// What is known of a body beside its triangles.
+/// Data of a body besides its triangles.
 #[derive(Debug)]
 struct Body {
     /// Index into [`Motion::bodies`](crate::scene::motion::Motion::bodies).
@@ -98,9 +98,10 @@ struct Body {
     first_joint: usize,
     first_weight: usize,
     targets: usize,
-    /// Of the vertices that each joint moves, at rest and with no more of its morphs than `reach` times the weights.
+    /// Rest-pose bounds of the vertices that each joint influences. Morphs widen them by up to `reach` times the
+    /// weights.
     boxes: Vec<Aabb>,
-    /// How far each target moves a vertex at most.
+    /// Largest displacement of a vertex by each target.
     reach: Vec<Vec3>,
 }
 
@@ -109,7 +110,8 @@ impl Skins {
         self.triangles.is_empty()
     }
 
-    /// What a body takes at most, while it is added and then: lists grow to at most twice their length.
+    /// Returns an upper bound on a body's bytes, while it is added and afterwards: lists grow to at most twice their
+    /// length.
     pub(super) fn bytes(mesh: &Mesh) -> u64 {
         let vertex = size_of::<SkinVertex>() + mesh.morphs.len() * size_of::<SkinMorph>();
         let triangle = size_of::<SkinTriangle>() + 2 * size_of::<Node>();
@@ -117,13 +119,13 @@ impl Skins {
         shape + 2 * (mesh.positions.len() * vertex + mesh.triangles.len() * triangle) as u64
     }
 
-    /// How many there are.
+    /// Returns the number of bodies.
     pub(super) fn bodies(&self) -> usize {
         self.bodies.len()
     }
 
-    /// Adds a body: its mesh at rest, its joints at time 0, and its triangles in the order of its tree. If they are
-    /// mirrored then, they are so at all times: their normals and bitangents are turned round.
+    /// Adds a body: its mesh at rest, its joints at time 0, and its triangles in tree order. A body that is mirrored at
+    /// time 0 counts as mirrored at all times: its normals and bitangents are flipped.
     pub(super) fn push(
         &mut self,
         number: usize,
@@ -185,13 +187,13 @@ impl Skins {
         self.weights += mesh.morphs.len();
     }
 
-    /// Puts the levels of the trees in order; all bodies have been added, and rows of weights stand behind those of joints.
+    /// Sorts nodes by level once all bodies are added, and offsets weights to the pose rows after those of joints.
     pub(super) fn finish(&mut self) {
         for vertex in &mut self.vertices {
             vertex.first_weight += (self.joints * JOINT_ROWS) as u32;
         }
         let mut level_of = vec![0u32; self.nodes.len()];
-        // Parents stand before their children.
+        // Parents precede their children.
         for node in 0..self.nodes.len() {
             let [.., imask] = self.nodes[node][3].to_le_bytes();
             let first = self.nodes[node][4].wrapping_sub(self.first_node) as usize;
@@ -208,8 +210,8 @@ impl Skins {
             .collect();
     }
 
-    /// The pose as shaders read it, of two times; `joints` and `weights` are those of a body, now and before, positions
-    /// relative to `origin`.
+    /// Returns the current and the previous pose as rows for shaders. `of` returns a body's joints and weights for
+    /// both. Positions are relative to `origin`.
     pub fn pose_rows(&self, of: impl Fn(usize) -> [(Vec<DAffine3>, Vec<f32>); 2], origin: DVec3) -> Vec<Vec4> {
         let mut rows = vec![Vec4::ZERO; self.pose_len()];
         for body in &self.bodies {
@@ -226,13 +228,13 @@ impl Skins {
         rows
     }
 
-    /// Rows of a pose, at least one.
+    /// Returns the number of pose rows, at least one.
     pub fn pose_len(&self) -> usize {
         (self.joints * JOINT_ROWS + self.weights).max(1)
     }
 
-    /// Bounds of the `index`th body in a pose, now or, with `which` 1, before: a convex combination of points in its
-    /// joints' boxes lies in the box around these.
+    /// Returns bounds of body `index` in the current pose (`which` is 0) or the previous one (1). A skinned point is a
+    /// convex combination of points in its joints' boxes, so the box around these bounds it.
     pub(super) fn bounds(&self, index: usize, pose: &[Vec4], which: usize) -> Aabb {
         let body = &self.bodies[index];
         let weight = |i: usize| pose[self.joints * JOINT_ROWS + body.first_weight + i][which].abs();
@@ -244,7 +246,7 @@ impl Skins {
             let (low, high) = (Vec3::from(joint.min) - grown, Vec3::from(joint.max) + grown);
             let joint = super::instances::box_in(&m, low, high);
             if !(joint.min.is_finite() && joint.max.is_finite()) {
-                // Unions would pass over what is no number.
+                // A union would ignore NaN bounds.
                 return joint;
             }
             out = out.union(&joint);
@@ -252,7 +254,7 @@ impl Skins {
         out
     }
 
-    /// By how much a point of the `index`th body has moved at most since the frame before.
+    /// Returns an upper bound on the distance that any point of body `index` has moved since the previous frame.
     pub(super) fn moved(&self, index: usize, pose: &[Vec4]) -> f32 {
         let body = &self.bodies[index];
         let weights = |i: usize| pose[self.joints * JOINT_ROWS + body.first_weight + i];
@@ -272,7 +274,7 @@ impl Skins {
         most
     }
 
-    /// The corners of a triangle as the shader places them, now.
+    /// Returns a triangle's corners in the current pose, as the shader computes them.
     pub fn corners(&self, triangle: usize, pose: &[Vec4]) -> [Vec3; 3] {
         self.triangles[triangle].corners.to_array().map(|v| self.position(v as usize, pose))
     }
@@ -290,7 +292,7 @@ impl Skins {
     }
 }
 
-/// Joints with weights first.
+/// Returns joints and weights, nonzero weights first.
 fn sorted(influence: &Influence, first_joint: usize) -> ([u32; 8], [f32; 8]) {
     let (mut joints, mut weights) = ([0; 8], [0.0; 8]);
     let used = influence.joints.iter().zip(influence.weights).filter(|(_, weight)| *weight != 0.0);
@@ -300,7 +302,7 @@ fn sorted(influence: &Influence, first_joint: usize) -> ([u32; 8], [f32; 8]) {
     (joints, weights)
 }
 
-/// Of each joint, the box of what it moves at rest; empty where it moves nothing.
+/// Returns the rest-pose bounds of the vertices that each joint influences; empty if it influences none.
 fn boxes_of_joints(mesh: &Mesh, joints: usize) -> Vec<Aabb> {
     let mut boxes = vec![Aabb::empty(); joints];
     for (i, &p) in mesh.positions.iter().enumerate() {
@@ -316,7 +318,7 @@ fn boxes_of_joints(mesh: &Mesh, joints: usize) -> Vec<Aabb> {
     boxes
 }
 
-/// Rows of a matrix, translations in w.
+/// Returns the rows of a matrix, with the translation in w.
 fn matrix_rows(joint: &DAffine3, origin: DVec3) -> [Vec4; 3] {
     let translation = joint.translation - origin;
     [0, 1, 2].map(|i| joint.matrix3.row(i).extend(translation[i]).as_vec4())

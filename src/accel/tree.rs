@@ -1,4 +1,4 @@
-//! The tree over triangles, and what it may take.
+//! Builder of the BVH over triangles, and its memory bounds.
 
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
@@ -11,7 +11,7 @@ use obvhs::{Boundable, BvhBuildParams};
 use super::{AccelError, Triangle};
 use crate::scene::budget::Budget;
 
-/// What building a tree takes at most for each of its triangles, beside the tables, bytes; and what remains of it.
+/// Upper bounds on the bytes per triangle besides the tables: during the build, and for the finished tree.
 pub const BUILD_BYTES: usize = 400;
 const NODE_BYTES: usize = 80;
 
@@ -24,25 +24,25 @@ pub struct Tree {
     pub levels: usize,
 }
 
-/// What may be taken for the triangles of a scene.
+/// Memory available for the triangles of a scene.
 pub struct Room<'a> {
     pub budget: &'a Budget,
-    /// Of a row of all tables.
+    /// Bytes of one triangle across all tables.
     pub row_bytes: usize,
-    /// After instancing.
+    /// Number of triangles after instancing.
     pub triangles: usize,
 }
 
 impl Room<'_> {
-    /// What remains of a row, bytes.
+    /// Returns the bytes budgeted per triangle once its tree is built.
     pub fn stored_bytes(&self) -> usize {
         2 * self.row_bytes + NODE_BYTES
     }
 }
 
-/// The tree over triangles. Those that are large beside the others are split into boxes first (Karras & Aila, "Fast
-/// Parallel Construction of High-Quality Bounding Volume Hierarchies", HPG 2013), so that rays that pass a wall's or a
-/// beam's corner need not test it, unless `splits` says otherwise; at most 0.9 boxes a triangle are added.
+/// Builds the tree over triangles. If `splits`, pre-splits the bounds of relatively large triangles (Karras & Aila,
+/// "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies", HPG 2013), so that rays near a wall's or a
+/// beam's corner need not test it. Splitting adds at most 0.9 boxes per triangle.
 pub fn tree_over(triangles: &[Triangle], splits: bool, room: &Room) -> Result<CwBvh, AccelError> {
     const PARAMS: BvhBuildParams = BvhBuildParams::slow_build();
     const MOST_IN_A_LEAF: u32 = 3;
@@ -75,7 +75,7 @@ pub fn tree_over(triangles: &[Triangle], splits: bool, room: &Room) -> Result<Cw
     Ok(bvh)
 }
 
-/// Levels of the tree, walked without recursion.
+/// Returns the tree's depth, without recursion.
 pub fn depth(bvh: &CwBvh) -> usize {
     let mut deepest = 0;
     let mut open = vec![(0u32, 1usize)];

@@ -1,4 +1,5 @@
-//! An accumulation in a file: a line that says what it is, a line of JSON, then the sums as little-endian f64.
+//! Checkpoint file of an accumulation: a line that identifies the format, a line of JSON, then the sums as
+//! little-endian f64.
 
 use std::fs;
 use std::io::{self, Write};
@@ -28,7 +29,7 @@ pub enum CheckpointError {
     Write(#[from] ImageError),
 }
 
-/// Where an accumulation is kept, and what it is of.
+/// File of an accumulation, with its expected fingerprint and size.
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
     pub path: PathBuf,
@@ -39,18 +40,18 @@ pub struct Checkpoint {
 #[derive(Serialize, Deserialize)]
 struct Header {
     fingerprint: Fingerprint,
-    /// Of either half.
+    /// Number of samples in each half.
     samples: [u32; 2],
     dropped: u64,
-    /// Hash of what follows the header.
+    /// Hash of the bytes after the header.
     checksum: String,
 }
 
 impl Checkpoint {
-    /// The accumulation that is there; none if there is no file.
+    /// Loads the accumulation; `None` if there is no file.
     ///
     /// # Errors
-    /// [`CheckpointError`] for a file that cannot be read, is damaged, or of another fingerprint.
+    /// [`CheckpointError`] for a file that cannot be read, is damaged or has another fingerprint.
     pub fn load(&self) -> Result<Option<Accumulation>, CheckpointError> {
         let bytes = match fs::read(&self.path) {
             Ok(bytes) => bytes,
@@ -83,7 +84,7 @@ impl Checkpoint {
         Accumulation { extent: self.extent, halves, dropped: header.dropped }
     }
 
-    /// Puts `accumulation` in the place of what is there.
+    /// Replaces the file by `accumulation`.
     ///
     /// # Errors
     /// [`CheckpointError::Write`].
@@ -110,7 +111,7 @@ impl Checkpoint {
     }
 }
 
-/// The header and the bytes after it.
+/// Splits the file into its header and the bytes after it.
 fn split(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
     let rest = bytes.strip_prefix(FIRST_LINE).ok_or("it does not begin as a checkpoint does")?;
     let end = rest.iter().position(|&b| b == b'\n').ok_or("it ends within its header")?;

@@ -1,4 +1,4 @@
-//! What an accumulation is of. Two that agree in every entry are samples of one image.
+//! Fingerprints of accumulations. Two accumulations with the same fingerprint hold samples of the same image.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -21,24 +21,24 @@ pub struct Subject<'a> {
     pub time_s: f64,
     pub extent: Extent,
     pub seed: u32,
-    /// Of the frame; keys its random numbers.
+    /// Frame number, which seeds its random numbers.
     pub frame: u32,
     pub sampler: Sampler,
     pub bounces: u32,
     pub pass_spp: u32,
-    /// Of the devices.
+    /// Ray traversal of the devices.
     pub traversal: Traversal,
 }
 
-/// The subject as names and values; scene, camera and shaders by their hashes.
+/// A subject as names and values. Scene, camera and shaders are given by their hashes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Fingerprint(BTreeMap<String, String>);
 
-/// Name of the entry that is there unless shaders traverse.
+/// Name of the entry that is present unless compute shaders traverse rays.
 const TRAVERSAL: &str = "traversal";
 
-/// The tracing stages' shaders: what they compute may change from version to version.
+/// Shaders of the tracing stages. Their results may change between versions.
 const SHADERS: [&str; 3] = ["gbuffer", "path_trace", "tonemap"];
 
 impl Fingerprint {
@@ -55,7 +55,7 @@ impl Fingerprint {
             ("seed", subject.seed.to_string()),
             ("frame", subject.frame.to_string()),
             ("sampler", text(&subject.sampler)),
-            // No bounces and one are alike.
+            // 0 and 1 bounces are equivalent.
             ("bounces", subject.bounces.max(1).to_string()),
             ("pass_spp", subject.pass_spp.to_string()),
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
@@ -67,12 +67,12 @@ impl Fingerprint {
         Self(entries.into_iter().chain(special).chain(shown).map(|(name, value)| (name.to_owned(), value)).collect())
     }
 
-    /// A name for files: 16 hexadecimal digits.
+    /// Returns a name for files: 16 hexadecimal digits.
     pub fn key(&self) -> String {
         hash(|h| write!(h, "{:?}", self.0))
     }
 
-    /// What differs, as sentences' parts: "size is 64x36 there and 32x18 here".
+    /// Returns the differences as parts of sentences: "size is 64x36 there and 32x18 here".
     pub fn differences(&self, here: &Self) -> Vec<String> {
         let names: std::collections::BTreeSet<_> = self.0.keys().chain(here.0.keys()).collect();
         let otherwise = |name: &str| if name == TRAVERSAL { Traversal::Compute.name() } else { "absent" };
@@ -85,12 +85,12 @@ impl Fingerprint {
 
 fn hash(write: impl FnOnce(&mut Fnv) -> std::fmt::Result) -> String {
     let mut fnv = Fnv::new();
-    // Writing into a hash does not fail.
+    // Writing to a hash cannot fail.
     let _ = write(&mut fnv);
     fnv.hex()
 }
 
-/// Of all that is seen. Names, cameras and warnings are not.
+/// Returns a hash of everything visible. It excludes names, cameras and warnings.
 fn scene_hash(scene: &Scene) -> String {
     let mut fnv = Fnv::new();
     for mesh in &scene.meshes {
@@ -118,7 +118,7 @@ fn scene_hash(scene: &Scene) -> String {
     }
     let Scene { instances, materials, textures, lights, .. } = scene;
     let sizes: Vec<Extent> = scene.images.iter().map(|i| i.extent).collect();
-    // Writing into a hash does not fail.
+    // Writing to a hash cannot fail.
     let _ = write!(fnv, "{instances:?}{materials:?}{textures:?}{lights:?}{sizes:?}{sky:?}");
     fnv.hex()
 }

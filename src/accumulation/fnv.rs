@@ -1,5 +1,5 @@
-//! FNV-1a, 64 bits (Fowler, Noll & Vo; RFC 9923): the same on every machine and with every compiler, to tell contents
-//! apart that nobody forges.
+//! FNV-1a, 64 bits (Fowler, Noll & Vo; RFC 9923): identical on every machine and with every compiler. It tells contents
+//! apart, but does not resist forgery.
 
 use std::fmt;
 
@@ -16,7 +16,7 @@ impl Fnv {
         }
     }
 
-    /// 16 hexadecimal digits.
+    /// Returns the hash as 16 hexadecimal digits.
     pub fn hex(&self) -> String {
         format!("{:016x}", self.0)
     }
@@ -29,7 +29,7 @@ impl fmt::Write for Fnv {
     }
 }
 
-/// Of a text: 16 hexadecimal digits.
+/// Returns the hash of a text as 16 hexadecimal digits.
 pub fn hash_of(text: &str) -> String {
     let mut fnv = Fnv::new();
     fnv.bytes(text.as_bytes());
@@ -40,7 +40,7 @@ pub fn hash_of(text: &str) -> String {
 mod tests {
     use super::*;
 
-    /// The values are of the RFC's test vectors.
+    /// Values are the RFC's test vectors.
     #[test]
     fn known_texts_have_their_known_hashes() {
         for (text, hash) in [("", "cbf29ce484222325"), ("a", "af63dc4c8601ec8c"), ("foobar", "85944171f73967e8")] {

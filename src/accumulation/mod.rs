@@ -1,8 +1,8 @@
-//! Many samples per pixel, taken in passes: their sum on the host, a file that a later run goes on from, and how noisy
-//! the mean still is.
+//! Progressive accumulation of many samples per pixel in passes: the sum on the host, checkpoints to resume from, and
+//! an estimate of the remaining noise.
 //!
-//! A device's running mean is f32 and stays short: a pass. Passes are added in f64, so that the mean of any number of
-//! them is exact to f32's rounding.
+//! A device's running mean is f32, so a pass stays short. The host adds passes in f64, so that the mean over any number
+//! of passes is exact to f32 rounding.
 
 mod checkpoint;
 mod fingerprint;
@@ -22,7 +22,7 @@ use crate::exec::Stereo;
 use crate::image::{Extent, Image, RgbImage};
 use crate::metrics::error;
 
-/// Sums over the samples of every other pass.
+/// Sums over the samples of even or of odd passes.
 #[derive(Clone, Debug, PartialEq)]
 struct Half {
     samples: u32,
@@ -34,13 +34,13 @@ struct Half {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Accumulation {
     extent: Extent,
-    /// Of even and of odd passes: two estimates of one mean, which differ by noise alone.
+    /// Sums of even and of odd passes: two estimates of the same mean that differ only by noise.
     halves: [Half; 2],
-    /// Samples that were not finite and count as black, both eyes.
+    /// Number of non-finite samples, which count as black, over both eyes.
     dropped: u64,
 }
 
-/// What the mean may be off by, as [`crate::metrics`] measure it.
+/// Estimated error of the mean, as [`crate::metrics`] measure it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Noise {
@@ -66,16 +66,16 @@ impl Accumulation {
         self.halves.iter().map(|h| h.samples).sum()
     }
 
-    /// Samples that were not finite, both eyes.
+    /// Returns the number of non-finite samples over both eyes.
     pub fn dropped(&self) -> u64 {
         self.dropped
     }
 
-    /// Adds a pass: the mean over `samples` samples, `dropped` of which the devices left out. `number` counts passes
-    /// from 0. A pixel that is not finite is left out with all its samples.
+    /// Adds a pass: the mean over `samples` samples, of which devices dropped `dropped`. `number` counts passes from 0.
+    /// All samples of a non-finite pixel are dropped.
     ///
     /// # Panics
-    /// If the images are of another extent.
+    /// If the images have another extent.
     pub fn add(&mut self, number: u32, mean: &Stereo<RgbImage>, samples: u32, dropped: u64) {
         let half = &mut self.halves[(number % 2) as usize];
         half.samples += samples;
@@ -92,7 +92,7 @@ impl Accumulation {
         }
     }
 
-    /// The mean over all samples; black without any.
+    /// Returns the mean over all samples; black if there are none.
     pub fn mean(&self) -> Stereo<RgbImage> {
         let count = f64::from(self.samples().max(1));
         let eye = |e: usize| {
@@ -104,10 +104,10 @@ impl Accumulation {
         Stereo { left: eye(0), right: eye(1) }
     }
 
-    /// Standard error of the mean, from how far the halves' means A and B are apart: with n_A and n_B independent
-    /// samples of variance s, E(A − B)² = s (1/n_A + 1/n_B), and the mean over all has the variance s / (n_A + n_B),
-    /// which is E(A − B)² · n_A n_B / (n_A + n_B)². A Sobol' sequence halves its samples so that their errors cancel in
-    /// part; there it says too much rather than too little. `None` before there are two passes.
+    /// Returns the standard error of the mean, estimated from the difference of the halves' means A and B. For n_A and
+    /// n_B independent samples of variance s, E(A − B)² = s (1/n_A + 1/n_B). The mean over all has the variance s /
+    /// (n_A + n_B), which is E(A − B)² · n_A n_B / (n_A + n_B)². The errors of a Sobol' sequence's halves partly
+    /// cancel, so the estimate is conservative there. Returns `None` before there are two passes.
     pub fn noise(&self) -> Option<Stereo<Noise>> {
         let [a, b] = &self.halves;
         let [n_a, n_b] = [a, b].map(|h| f64::from(h.samples));
@@ -132,7 +132,7 @@ mod tests {
         Stereo { left: image.clone(), right: image }
     }
 
-    /// A running mean in f32 stalls once 1/n is below half a unit in the last place of what it is to move.
+    /// A running mean in f32 stalls once 1/n is below half a unit in the last place of the mean.
     #[test]
     fn the_mean_of_many_passes_does_not_drift() {
         let extent = Extent::new(2, 1);
@@ -174,7 +174,7 @@ mod tests {
     fn the_noise_is_the_standard_error_of_the_mean() {
         let extent = Extent::new(200, 100);
         let mut state = 1u32;
-        // Uniform of variance 1: as wide as √12.
+        // A uniform distribution of width √12 has variance 1.
         let mut sample = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             ((f64::from(state >> 8) / f64::from(1 << 24) - 0.5) * 12f64.sqrt()) as f32

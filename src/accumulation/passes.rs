@@ -1,4 +1,4 @@
-//! The loop: passes until there are enough samples or the time is up.
+//! Accumulation loop: renders passes until there are enough samples or time is up.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use super::{Accumulation, Checkpoint, CheckpointError};
 use crate::exec::{ExecError, FrameReport, Renderer};
 use crate::scene::rig::Rig;
 
-/// Between two writes of a checkpoint: what a run that is killed loses at most, beside a pass.
+/// Interval between checkpoints: a killed run loses at most this much time and one pass.
 const SAVE_INTERVAL: Duration = Duration::from_secs(2);
 
 #[derive(Debug, thiserror::Error)]
@@ -18,53 +18,53 @@ pub enum AccumulateError {
     Checkpoint(#[from] CheckpointError),
 }
 
-/// What to accumulate, and how far.
+/// View, samples and limits of an accumulation.
 #[derive(Clone, Copy, Debug)]
 pub struct Job<'a> {
     pub rig: &'a Rig,
     pub time_s: f64,
-    /// Keys the random numbers of all passes.
+    /// Frame number, which seeds the random numbers of all passes.
     pub frame: u32,
-    /// Samples of a pass: a power of two, so that Sobol' sequences are even over each, above 1 and at most what the
-    /// renderer was made for.
+    /// Samples per pass: above 1, at most the renderer's limit, and a power of two, so that each pass has an even
+    /// Sobol' sequence.
     pub pass_spp: u32,
-    /// Samples wanted in all.
+    /// Total number of samples.
     pub spp: u32,
-    /// No pass is begun that would probably end later; one always is.
+    /// Time limit. No pass starts that would probably exceed it, except the first.
     pub time_limit: Option<Duration>,
     pub checkpoint: Option<&'a Checkpoint>,
-    /// No other pass is begun once this is set.
+    /// Stop flag. No further pass starts once it is set.
     pub stop: &'a AtomicBool,
 }
 
-/// A pass, done.
+/// A completed pass.
 pub struct Pass<'a> {
-    /// With this pass in it.
+    /// Accumulation including this pass.
     pub accumulation: &'a Accumulation,
     pub report: FrameReport,
-    /// Since the first pass of this run began, and probably until the last one ends.
+    /// Time since the run's first pass started, and estimated time until the last one ends.
     pub elapsed_s: f64,
     pub left_s: f64,
-    /// Whether a checkpoint was just written.
+    /// True if a checkpoint was just written.
     pub saved: bool,
 }
 
-/// What came of it.
+/// Result of [`accumulate`].
 pub struct Done {
     pub accumulation: Accumulation,
-    /// Of this run.
+    /// Number of passes in this run.
     pub passes: u32,
     pub elapsed_s: f64,
-    /// Whether samples are missing because the time was up.
+    /// True if samples are missing because time was up.
     pub out_of_time: bool,
 }
 
-/// Adds passes to `accumulation` until it has the job's samples or the time is up. The samples of a pass depend on its
-/// number alone, so the result does not depend on where earlier runs stopped, nor on devices. A last pass that is cut
-/// short by the number of samples is in the result but in no checkpoint: whoever goes on takes it whole.
+/// Adds passes to `accumulation` until it has the job's samples or time is up. A pass's samples depend only on its
+/// number, so the result depends neither on devices nor on where earlier runs stopped. A last pass that is cut short by
+/// the number of samples is in the result but in no checkpoint: a resumed run repeats it in full.
 ///
 /// # Errors
-/// [`AccumulateError`]; the checkpoint then holds what was there before.
+/// [`AccumulateError`]; the checkpoint keeps its last saved state.
 pub fn accumulate(
     renderer: &mut Renderer,
     job: &Job<'_>,

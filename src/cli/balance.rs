@@ -1,4 +1,4 @@
-//! The policies that `--balance` chooses from: the library's own, and those that a [`Program`](super::Program) registers.
+//! Load-balancing policies of `--balance`: the built-in ones and those that a [`Program`](super::Program) registers.
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
@@ -6,18 +6,18 @@ use super::failure::Failure;
 use super::registry::registered;
 use crate::schedule::{Even, Heft, Measured, Policy, RatioRule, Static};
 
-/// A policy that divides rows among devices.
+/// A load-balancing policy: distributes rows among devices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Balance {
     Even,
     Static,
     Measured,
     Heft,
-    /// The one at this place among those that the program registered.
+    /// Index into the policies that the program registered.
     Registered(usize),
 }
 
-/// The library's policies, with their names and help.
+/// Built-in policies with their names and help texts.
 pub const BUILT_IN: [(Balance, &str, &str); 4] = [
     (Balance::Even, "even", "The same rows for every device"),
     (Balance::Static, "static", "By --ratios"),
@@ -26,7 +26,7 @@ pub const BUILT_IN: [(Balance, &str, &str); 4] = [
 ];
 
 impl Balance {
-    /// Returns the parser of a policy's name, for an option. Its help lists all names.
+    /// Returns a value parser for policy names. The option's help lists all of them.
     pub fn value_parser() -> impl TypedValueParser<Value = Self> {
         let built_in = BUILT_IN.map(|(_, name, help)| (name, help)).into_iter();
         let all = built_in.chain(registered().policies.iter().map(|policy| (policy.name, policy.help)));
@@ -50,7 +50,7 @@ impl Balance {
         }
     }
 
-    /// Returns a new policy of this kind, for images of so many rows.
+    /// Creates a policy of this kind for images with this number of rows.
     pub fn policy(self, rows: u32, devices: usize, ratios: &[RatioRule]) -> Result<Box<dyn Policy>, Failure> {
         Ok(match self {
             Self::Even => Box::new(Even::new(rows, devices)),

@@ -1,4 +1,4 @@
-//! `diptych bench`: run time against error over a grid of settings, and the quality ladder that follows from it.
+//! `diptych bench`: run time against error over a grid of settings, and the quality ladder derived from it.
 
 mod andersson;
 mod bmfr;
@@ -135,7 +135,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// The settings of `--ladder`.
+    /// Reads the qualities of the rungs of `--ladder`; none without the option.
     fn judged(&self) -> Result<Vec<Quality>, Failure> {
         let Some(path) = &self.ladder else { return Ok(Vec::new()) };
         let ladder = Ladder::read(path).context("cannot use --ladder").map_err(Failure::Input)?;
@@ -221,7 +221,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Hash of everything that a setting's time and errors hang on, but the reference and the setting itself.
+/// Returns a hash of everything that a setting's time and errors depend on, except the reference and the setting
+/// itself.
 fn subject(args: &Args, loaded: &LoadedScene, devices: &[DeviceInfo]) -> Result<String, Failure> {
     let quiet = RunOptions { out: PathBuf::new(), trace: None, quiet: true, json: false, ..args.options.clone() };
     let plan = reference::plan(args)?;
@@ -250,7 +251,8 @@ fn say_reference(options: &RunOptions, exposure_ev: f64, reference: &Reference) 
     }
 }
 
-/// All but the page; returns the plot, and what all rows have in common.
+/// Writes bench.csv, the plots and the ladders. Returns the plot of time against error and the settings that all rows
+/// share.
 fn write_results(
     args: &Args,
     exposure_ev: f64,
@@ -283,7 +285,7 @@ fn write_results(
     Ok((figure, shared))
 }
 
-/// The front of each denoiser as a ladder, the best first.
+/// Returns the Pareto front of each denoiser as a ladder, the best first.
 fn ladders(
     options: &RunOptions,
     exposure_ev: f64,
@@ -306,7 +308,7 @@ fn ladders(
     Ok(Ladder::by_denoiser(&origin, &rungs).context("no setting can be a rung of a ladder")?)
 }
 
-/// Which denoiser the ladder is of, and where those of others are.
+/// Names the denoiser of ladder.toml and the files of the other denoisers' ladders.
 fn ladders_note(ladders: &[Ladder]) -> String {
     let of = |ladder: &Ladder| {
         let (denoiser, rungs) = (ladder.rungs()[0].quality.denoiser, ladder.rungs().len());

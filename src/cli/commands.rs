@@ -50,13 +50,13 @@ pub enum Command {
     Man(manual::ManArgs),
 }
 
-/// The command line's definition.
+/// Returns the definition of the command line.
 pub fn command() -> clap::Command {
     Cli::command()
 }
 
 impl Command {
-    /// Of commands that render.
+    /// Returns the run options of commands that render.
     fn run_options(&self) -> Option<&RunOptions> {
         match self {
             Self::Render(args) => Some(&args.options),
@@ -99,7 +99,7 @@ pub fn run_registered() -> ExitCode {
     ExitCode::from(status)
 }
 
-/// Reads the command line.
+/// Parses the command line and keeps its options for reports.
 fn parse() -> Result<Cli, clap::Error> {
     let command = command();
     let matches = command.clone().try_get_matches()?;
@@ -107,12 +107,12 @@ fn parse() -> Result<Cli, clap::Error> {
     Cli::from_arg_matches(&matches)
 }
 
-/// Returns the exit status.
+/// Runs the command and returns its exit status.
 fn run_command() -> u8 {
     let cli = match parse() {
         Ok(cli) => cli,
         Err(error) => {
-            // Nobody may be there to read it.
+            // The output may be a closed pipe.
             let _ = error.print();
             return error.exit_code() as u8;
         }
@@ -160,7 +160,7 @@ mod tests {
         assert!(text.lines().count() <= 60, "{} lines: {text}", text.lines().count());
     }
 
-    /// Names of former versions, which stay out of the help.
+    /// Option names of earlier versions, which the help hides.
     #[test]
     fn former_names_are_understood() {
         for line in [

@@ -24,9 +24,9 @@ pub use text::source_note;
 #[derive(clap::Args)]
 #[command(after_long_help = text::help())]
 pub struct Args {
-    /// What is right: an image, or a folder with left.exr and right.exr, or with a sequence
+    /// Reference: an image, or a folder with left.exr and right.exr or a sequence
     reference: PathBuf,
-    /// What is judged, likewise; of a sequence, rendered with --aov motion,position,normal
+    /// Image to compare, likewise; a sequence needs --aov motion,position,normal
     image: PathBuf,
     /// Exposure of displayed values, stops [default: the reference's]
     ///
@@ -76,18 +76,18 @@ fn exposure(text: &str) -> Result<f32, String> {
     parsed.ok_or_else(|| "give a number of stops, e.g. -0.5".to_owned())
 }
 
-/// What `--json` prints of a pair of images.
+/// Results for a pair of images, as printed by `--json`.
 #[derive(Serialize)]
 pub struct Findings {
     exposure_ev: f32,
     exposure_source: Source,
     #[serde(flatten)]
     errors: Errors,
-    /// In what the images are not of the same.
+    /// Contradictions between the metadata of the images.
     warnings: Vec<String>,
     reference_source: ColourSource,
     image_source: ColourSource,
-    /// What the files say of themselves.
+    /// Metadata stored in the files.
     reference_tags: Tags,
     image_tags: Tags,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -104,12 +104,12 @@ struct Rings {
     rings: Vec<Ring>,
 }
 
-/// What `--json` prints of two eyes.
+/// Results for two eyes, as printed by `--json`.
 #[derive(Serialize)]
 struct BothFindings {
     #[serde(flatten)]
     eyes: Stereo<Findings>,
-    /// Of both eyes; what is undefined in one is `null`.
+    /// Means over both eyes; `null` for measures that are undefined in one of them.
     mean: serde_json::Map<String, serde_json::Value>,
 }
 
@@ -135,7 +135,8 @@ fn input(what: String) -> Failure {
     Failure::Input(anyhow::anyhow!(what))
 }
 
-/// Whether two folders are compared by their numbered frames: there are at least two in each, or no eyes to compare.
+/// Whether to compare two folders as sequences: both have at least two numbered frames, or neither has left.exr or
+/// right.exr.
 fn is_sequence(reference: &Path, image: &Path) -> Result<bool, anyhow::Error> {
     let eyes = |folder: &Path| ["left.exr", "right.exr"].iter().any(|name| folder.join(name).is_file());
     let numbered = [frames_in(reference)?, frames_in(image)?];
@@ -177,7 +178,7 @@ fn both_eyes(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Of each measure over both eyes.
+/// Returns the mean of each measure over both eyes, if it is defined in both.
 fn mean(left: &Findings, right: &Findings) -> [Option<f64>; 9] {
     let (left, right) = (left.errors.values(), right.errors.values());
     std::array::from_fn(|i| Some((left[i]? + right[i]?) / 2.0))
@@ -187,7 +188,7 @@ fn write_map(path: &Option<PathBuf>, map: impl FnOnce() -> Result<DisplayImage, 
     path.as_ref().map_or(Ok(()), |path| Ok(write_png(path, &map()?)?))
 }
 
-/// An image and its reference, with what was found.
+/// An image and its reference, with the findings.
 struct Compared {
     reference: ColourFile,
     image: ColourFile,

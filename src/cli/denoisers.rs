@@ -4,10 +4,10 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::quality::Denoiser;
 
-/// A denoiser or none. clap takes an `Option` by that name for an option that may be left out.
+/// A denoiser or none. The alias hides the `Option` from clap, which would make the argument optional.
 pub type DenoiserChoice = Option<Denoiser>;
 
-/// Returns the parser of a denoiser's name, for an option. Its help lists all names.
+/// Returns a value parser for denoiser names. The option's help lists those with a help text.
 pub fn denoiser_parser() -> impl TypedValueParser<Value = DenoiserChoice> {
     let value = |choice: DenoiserChoice| {
         let value = PossibleValue::new(Denoiser::name_of(choice));

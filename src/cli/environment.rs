@@ -1,9 +1,10 @@
-//! The environment of the process, by which drivers and loaders take settings.
+//! Environment variables that configure drivers and loaders.
 
 use crate::device;
 
-/// Sets the environment variables that drivers and loaders read, and lets the library set those that a device reads while it
-/// is opened: without it, `--threads-per-device` is an error on Mesa's software driver. Call it at the beginning of `main`.
+/// Sets the environment variables that drivers and loaders read, and lets the library set those that a device reads
+/// while it opens. Without this call, `--threads-per-device` is an error on Mesa's software driver. Call it at the
+/// beginning of `main`.
 ///
 /// # Safety
 /// The process must have no other thread yet. Threads that it starts later may read the environment only through
@@ -11,17 +12,17 @@ use crate::device;
 pub unsafe fn prepare_environment() {
     // SAFETY: there is no other thread, as the caller promises.
     let set = |name: &str, value: &str| unsafe { std::env::set_var(name, value) };
-    // Mesa's layer that chooses among GPUs asks the Wayland server and complains on every start where there is none, as in
-    // containers: the layer is left out there.
+    // Mesa's device-select layer contacts the Wayland server and prints an error on every start without one, as in
+    // containers. Disable it there.
     if cfg!(target_os = "linux") && std::env::var_os("XDG_RUNTIME_DIR").is_none() {
         set("NODEVICE_SELECT", "1");
     }
-    // Our own errors say what OpenXR's loader would write to stderr.
+    // Silence OpenXR's loader, since our own errors report the same.
     const LOADER_LOG: &str = "XR_LOADER_DEBUG";
     if cfg!(feature = "xr") && std::env::var_os(LOADER_LOG).is_none() {
         set(LOADER_LOG, "none");
     }
-    // SAFETY: while the library opens a device, other threads read the environment only through `std::env`, as the caller
-    // promises.
+    // SAFETY: while the library opens a device, other threads read the environment only through `std::env`, as the
+    // caller promises.
     unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
 }

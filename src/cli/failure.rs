@@ -1,4 +1,4 @@
-//! Why a command ends without doing its job, and the exit status that says so.
+//! Failures of commands, and their exit statuses.
 
 use crate::accel::AccelError;
 use crate::accumulation::{AccumulateError, CheckpointError};
@@ -12,16 +12,16 @@ use crate::session::CalibrationError;
 
 use super::signals;
 
-/// Inputs are the user's to mend, runs are not.
+/// A command's failure: in the user's input, or in the run itself.
 pub enum Failure {
     Input(anyhow::Error),
     Run(anyhow::Error),
-    /// By Ctrl-C or SIGTERM.
+    /// Interrupted by Ctrl-C or SIGTERM.
     Interrupted,
 }
 
 impl Failure {
-    /// One line with the cause, then the chain.
+    /// Formats the error on one line and each cause on a further line.
     pub fn message(&self) -> String {
         let (Self::Input(error) | Self::Run(error)) = self else { return "interrupted\n".to_owned() };
         let mut text = format!("error: {error}\n");
@@ -31,7 +31,7 @@ impl Failure {
         text
     }
 
-    /// The same on a single line, without what it is.
+    /// Formats the error and its causes on a single line, without the prefix `error:`.
     pub fn line(&self) -> String {
         let (Self::Input(error) | Self::Run(error)) = self else { return "interrupted".to_owned() };
         format!("{error:#}").replace('\n', " ")
@@ -46,7 +46,7 @@ impl Failure {
     }
 }
 
-/// Errors of a run unless they are named as input below.
+/// Errors count as failures of the run, unless the conversions below classify them as input errors.
 impl From<anyhow::Error> for Failure {
     fn from(error: anyhow::Error) -> Self {
         Self::Run(error)
@@ -122,7 +122,7 @@ impl From<ImageError> for Failure {
     }
 }
 
-/// What is there is the user's to mend.
+/// A checkpoint that cannot be written fails the run; one that cannot be used is an input error.
 impl From<CheckpointError> for Failure {
     fn from(error: CheckpointError) -> Self {
         match error {

@@ -1,4 +1,4 @@
-//! Options of faults that are injected, and of the watchdog.
+//! Options for fault injection and for the watchdog.
 
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ pub struct FaultOptions {
 }
 
 impl FaultOptions {
-    /// The faults to inject into so many devices.
+    /// Returns the faults to inject into this number of devices.
     pub fn injected(&self, devices: usize) -> Result<InjectedFaults, Failure> {
         let refuse = |what: String| Err(Failure::Input(anyhow::anyhow!(what)));
         if let Some(i) = self.injections.iter().find(|i| i.device >= devices) {

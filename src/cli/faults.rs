@@ -1,4 +1,4 @@
-//! Messages about devices that fail.
+//! Messages about failed devices.
 
 use crate::exec::Renderer;
 use crate::trace::frames::record_fault;
@@ -7,7 +7,7 @@ use super::failure::Failure;
 use super::progress::Progress;
 use super::setup::Tracing;
 
-/// Says each fault once.
+/// Reports each fault once.
 #[derive(Default)]
 pub struct FaultLog {
     said: usize,
@@ -26,7 +26,7 @@ impl FaultLog {
     }
 }
 
-/// For measurements, which mean nothing once a device is missing.
+/// Fails if a device was lost, which makes measurements meaningless.
 pub fn refuse_faults(renderer: &Renderer) -> Result<(), Failure> {
     renderer.faults().first().map_or(Ok(()), |f| {
         Err(Failure::Run(anyhow::anyhow!("device {} failed while it was measured: {}", f.device, f.what)))

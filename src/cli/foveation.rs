@@ -1,4 +1,4 @@
-//! The options of foveation.
+//! Options of foveation.
 
 use std::str::FromStr;
 
@@ -24,12 +24,12 @@ pub enum FoveationMode {
 }
 
 impl FoveationMode {
-    /// Radii of the layers, if there are any.
+    /// Returns the radii of the foveal layers, if there are any.
     pub fn radii(self) -> Option<[f64; 2]> {
         (self == Self::Layers).then_some(Foveation::RADII)
     }
 
-    /// What is traced instead of the screen's pixels, if anything is; `map`: of log-polar images.
+    /// Returns the polar space that replaces the screen's pixel grid, if any; `map` is for log-polar space.
     pub fn space(self, map: Option<LogPolar>) -> Option<PolarSpace> {
         match self {
             Self::None | Self::Layers => None,
@@ -75,7 +75,7 @@ pub struct FoveationOptions {
 }
 
 impl FoveationOptions {
-    /// Those of one frame of this quality; its layers, if it has any, have no more iterations than Peres's.
+    /// Returns the options of a frame of this quality. The iterations of foveal layers are capped at Peres's.
     pub fn for_quality(quality: &Quality) -> Self {
         let foveation = FoveationMode::of(quality);
         let polar = match quality.polar {
@@ -86,27 +86,28 @@ impl FoveationOptions {
         Self { iterations: Some(limits.limit(quality).iterations), ..limits }
     }
 
-    /// Whether there are layers.
+    /// Whether foveal layers are on.
     pub fn is_on(&self) -> bool {
         self.foveation == FoveationMode::Layers
     }
 
-    /// Radii of the layers, if there are any.
+    /// Returns the radii of the foveal layers, if there are any.
     pub fn radii(&self) -> Option<[f64; 2]> {
         self.foveation.radii().map(|usual| self.layer_radii.unwrap_or(usual))
     }
 
-    /// What is traced instead of the screen's pixels, if anything is.
+    /// Returns the polar space that replaces the screen's pixel grid, if any.
     pub fn space(&self) -> Option<PolarSpace> {
         self.foveation.space(self.polar)
     }
 
-    /// Iterations of the inner, middle and outer layer.
+    /// Returns the iterations of the inner, middle and outer layer.
     pub fn layer_iterations(&self) -> [u32; 3] {
         self.iterations.unwrap_or(if self.is_on() { LAYER_ITERATIONS } else { [Denoiser::DEFAULT_ITERATIONS; 3] })
     }
 
-    /// The quality with at most these iterations; without layers, all of it may have those of the layer with most.
+    /// Caps the iterations of a quality at those of the options. Without foveal layers, the largest of the layers' caps
+    /// applies to the whole image.
     pub fn limit(&self, quality: &Quality) -> Quality {
         let limits = match (quality.fovea, self.iterations) {
             (Some(_), _) => self.layer_iterations(),
@@ -116,7 +117,7 @@ impl FoveationOptions {
         Quality { iterations: limits.map(|limit| limit.min(quality.most_iterations())), ..*quality }
     }
 
-    /// Where the eyes look.
+    /// Returns the gaze of each eye: that of `--gaze`, or else the shot's.
     fn gaze(&self, shot: &[Gaze; 2]) -> [Gaze; 2] {
         match self.gaze {
             None => shot.clone(),
@@ -124,19 +125,19 @@ impl FoveationOptions {
         }
     }
 
-    /// Layers, if they are asked for.
+    /// Returns the foveal layers, if they are on.
     pub fn layers(&self, shot: &[Gaze; 2]) -> Option<Foveation> {
         let usual = Foveation::new(self.gaze(shot), self.layer_iterations());
         let unsampled_share = self.unsampled_share.unwrap_or(usual.unsampled_share);
         self.radii().map(|radii| Foveation { radii, unsampled_share, ..usual })
     }
 
-    /// Images around the gaze, if they are asked for.
+    /// Returns the polar space around the gaze, if it is on.
     pub fn polar(&self, shot: &[Gaze; 2]) -> Option<Polar> {
         self.space().map(|space| Polar { gaze: self.gaze(shot), space })
     }
 
-    /// What clap cannot see.
+    /// Checks constraints that clap cannot express.
     pub fn check(&self, denoiser: DenoiserChoice) -> Result<(), anyhow::Error> {
         let is_on = self.is_on();
         anyhow::ensure!(
@@ -166,10 +167,10 @@ impl FoveationOptions {
     }
 }
 
-/// Of Peres, section 6: the configuration with three layers.
+/// Iterations of the inner, middle and outer layer in the three-layer configuration of Peres, section 6.
 const LAYER_ITERATIONS: [u32; 3] = [2, 3, 5];
 
-/// Where the eyes look.
+/// Gaze of the left and the right eye, as fractions of the image from the top left.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GazeOption([[f64; 2]; 2]);
 
@@ -212,7 +213,7 @@ impl Preset {
     /// Samples per pixel, where all pixels are sampled.
     pub const SPP: u32 = 4;
 
-    /// Whether there are layers, and iterations of the inner, middle and outer one.
+    /// Returns the foveation mode, and the iterations of the inner, middle and outer layer.
     pub fn layers(self) -> (FoveationMode, [u32; 3]) {
         match self {
             Self::Base => (FoveationMode::None, [Denoiser::DEFAULT_ITERATIONS; 3]),

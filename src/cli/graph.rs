@@ -26,7 +26,8 @@ pub struct Args {
     dot: Option<PathBuf>,
 }
 
-/// Rows that surfaces may have moved since the frame before, in the frame that is shown: the fewest that are asked for.
+/// Rows of vertical motion since the previous frame that the printed graph assumes: the minimum of any frame with
+/// history.
 const HISTORY_ROWS: u32 = 4;
 
 pub fn run(args: &Args) -> Result<(), Failure> {

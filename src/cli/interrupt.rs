@@ -1,4 +1,4 @@
-//! Ctrl-C and SIGTERM: the frame or pass that is being made is ended and all files are written; a second one ends at once.
+//! Ctrl-C and SIGTERM: the run finishes the current frame or pass and writes all files. A second signal exits at once.
 
 use std::io;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use super::signals::SIGNAL;
 pub use super::signals::raise;
 pub use super::signals::{INTERRUPTED, is_set, signal};
 
-/// From here on Ctrl-C and SIGTERM only set [`INTERRUPTED`].
+/// Makes Ctrl-C and SIGTERM set [`INTERRUPTED`] instead of ending the process; a second one ends it.
 pub fn watch() -> Result<(), Failure> {
     [SIGINT, SIGTERM].into_iter().try_for_each(watch_for).context("cannot watch for Ctrl-C").map_err(Failure::Run)
 }
@@ -25,6 +25,8 @@ fn watch_for(signal: i32) -> Result<(), io::Error> {
     Ok(())
 }
 
+/// Checks for an interruption.
+///
 /// # Errors
 /// [`Failure::Interrupted`] once Ctrl-C was pressed or SIGTERM came.
 pub fn check() -> Result<(), Failure> {

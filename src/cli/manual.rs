@@ -1,4 +1,5 @@
-//! `diptych completions` and `diptych man`: what shells and readers of manuals get from the command line's definition.
+//! `diptych completions` and `diptych man`: shell completions and manual pages, generated from the command line's
+//! definition.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -26,7 +27,7 @@ pub struct ManArgs {
 pub fn completions(args: &CompletionArgs, mut command: Command) -> Result<(), Failure> {
     let mut text = Vec::new();
     clap_complete::generate(args.shell, &mut command, "diptych", &mut text);
-    // A reader who has left is none of its concern.
+    // A closed pipe is no error.
     let _ = std::io::stdout().write_all(&text);
     Ok(())
 }

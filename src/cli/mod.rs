@@ -1,10 +1,10 @@
-//! The commands of `diptych`, with the feature `cli`. A program of your own runs the same commands with what it registers
-//! at a [`Program`].
+//! The commands of `diptych`, with the feature `cli`. Your own program can run the same commands and extend them
+//! through a [`Program`].
 //!
 //! Exit status: 0 done, 1 the run failed, 2 the command line or an input file is wrong, 130 Ctrl-C ended the run, 143
 //! SIGTERM did.
 
-/// `println!` that does not mind a reader who has left, as `head` does.
+/// Prints like `println!`, but ignores a closed pipe, as `head` leaves behind.
 macro_rules! say {
     ($($arg:tt)*) => {{
         use std::io::Write;
@@ -58,7 +58,7 @@ use std::process::ExitCode;
 pub use environment::prepare_environment;
 pub use program::Program;
 
-/// Runs the command that this process was started with, without anything registered. Call [`prepare_environment`] before.
+/// Runs the command that this process was started with, without extensions. Call [`prepare_environment`] before.
 pub fn run() -> ExitCode {
     Program::new().run()
 }

@@ -4,10 +4,10 @@ use std::sync::{Arc, OnceLock};
 
 use crate::exec::ranks::Node;
 
-/// This process among those that were started together.
+/// The connection of this process, if MPI started it together with others.
 pub static NODE: OnceLock<Arc<Node>> = OnceLock::new();
 
-/// What leads from rank 0 to others, if there are any.
+/// Returns the node if this process is rank 0 of several ranks.
 pub fn others() -> Option<&'static Arc<Node>> {
     NODE.get().filter(|node| node.rank() == 0 && node.ranks() > 1)
 }

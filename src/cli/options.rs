@@ -159,7 +159,7 @@ impl RunOptions {
         }
     }
 
-    /// Whether rank 0 sends the scene to others.
+    /// Whether rank 0 sends the scene's files to the other ranks.
     pub fn broadcasts_scene(&self) -> bool {
         #[cfg(feature = "mpi")]
         return self.broadcast_scene;
@@ -167,12 +167,12 @@ impl RunOptions {
         false
     }
 
-    /// Returns the policy that is asked for, or the one that --ratios imply.
+    /// Returns the requested policy or the default one.
     pub fn balance(&self) -> Balance {
         self.balances()[0]
     }
 
-    /// Returns all policies that are asked for, each once, at least one.
+    /// Returns the requested policies without duplicates, or the default one: `static` with --ratios, else `measured`.
     pub fn balances(&self) -> Vec<Balance> {
         match &self.balance[..] {
             [] if self.ratios.is_empty() => vec![Balance::Measured],
@@ -181,7 +181,7 @@ impl RunOptions {
         }
     }
 
-    /// What clap cannot see.
+    /// Checks constraints that clap cannot express.
     pub fn check(&self) -> Result<(), anyhow::Error> {
         anyhow::ensure!(self.time.is_finite(), "--time {} is not a number of seconds", self.time);
         if let Some(clamp) = self.clamp {
@@ -258,11 +258,11 @@ fn max_dispatch_ms(text: &str) -> Result<f64, String> {
     ms.ok_or_else(|| "give a number of milliseconds above 0".to_owned())
 }
 
-/// Most samples of one frame; beyond, they are taken in passes.
+/// Maximum samples per pixel of one frame; --reference accumulates more in passes.
 const MAX_FRAME_SPP: u32 = 1 << 20;
 
 impl RenderOptions {
-    /// One frame of this quality, with [`FoveationOptions::for_quality`].
+    /// Returns the options of one frame of this quality, with [`FoveationOptions::for_quality`].
     pub fn single(run: RunOptions, quality: &Quality) -> Self {
         let Quality { spp, bounces, denoiser, scale, .. } = *quality;
         let foveated = FoveationOptions::for_quality(quality);
@@ -270,7 +270,7 @@ impl RenderOptions {
         Self { run, spp, bounces, scale, denoiser, foveated, frames, fps, frames_in_flight, aov, is_late: false }
     }
 
-    /// What every frame is rendered with: without iterations there is no denoiser.
+    /// Returns the quality of every frame. Without iterations there is no denoiser.
     pub fn quality(&self) -> Quality {
         let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
         let iterations = denoiser.map_or([0; 3], |d| foveated.layer_iterations().map(|n| n.min(d.most_iterations())));
@@ -279,12 +279,12 @@ impl RenderOptions {
         Quality { spp, bounces, denoiser, iterations, fovea, polar, scale }
     }
 
-    /// The auxiliary images asked for, each once.
+    /// Returns the requested auxiliary images without duplicates.
     pub fn aovs(&self) -> Vec<Aov> {
         once(self.aov.iter().copied())
     }
 
-    /// What clap cannot see.
+    /// Checks constraints that clap cannot express.
     pub fn check(&self) -> Result<(), anyhow::Error> {
         anyhow::ensure!(self.fps.is_finite() && self.fps > 0.0, "--fps {} is not a rate above 0", self.fps);
         anyhow::ensure!(

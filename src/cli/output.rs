@@ -1,4 +1,4 @@
-//! What lands in `--out`.
+//! Files that are written to `--out`.
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -24,8 +24,8 @@ use crate::stages::{Foveation, Polar};
 
 use super::failure::Failure;
 
-/// Makes the folder that `option` names and checks that files can be made in it, before anything is rendered for it.
-/// Files that a killed run left there are kept under other names, which is said.
+/// Creates the folder that `option` names and checks that it is writable, before the run renders anything. Renames
+/// files that a killed run left there, with a warning.
 pub fn prepare(dir: &Path, option: &str) -> Result<(), Failure> {
     std::fs::create_dir_all(dir)
         .and_then(|()| tempfile_in(dir))
@@ -58,25 +58,26 @@ pub fn same_bits(a: &Stereo<RgbImage>, b: &Stereo<RgbImage>) -> bool {
     bits(&a.left) == bits(&b.left) && bits(&a.right) == bits(&b.right)
 }
 
-/// Frames of a sequence in one picture.
+/// File name of the contact sheet of a sequence.
 pub const SHEET: &str = "sheet.png";
 
-/// A contact sheet in the making, of the left eye.
+/// A contact sheet of the left eye, filled frame by frame.
 #[derive(Default)]
 pub struct Sheet {
     pictures: Vec<DisplayImage>,
 }
 
 impl Sheet {
-    /// Pictures in a row, and columns of a picture's pixels at most.
+    /// Pictures per row.
     const COLUMNS: usize = 4;
+    /// Maximum width of a picture, pixels.
     const WIDTH: u32 = 480;
 
     pub fn add(&mut self, images: &FrameImages) {
         self.pictures.push(sheet::reduced(&images.display.left, Self::WIDTH));
     }
 
-    /// Nothing, where there are no frames.
+    /// Writes the sheet, unless there are no frames.
     pub fn write(&self, dir: &Path) -> Result<(), Failure> {
         if self.pictures.is_empty() {
             return Ok(());
@@ -85,16 +86,16 @@ impl Sheet {
     }
 }
 
-/// A frame's images, off the devices.
+/// A frame's images, read back from the devices.
 pub struct FrameImages {
     pub linear: Stereo<RgbImage>,
     pub display: Stereo<DisplayImage>,
     pub aovs: Vec<(Aov, Stereo<Vec<Vec<f32>>>)>,
-    /// [`crate::exec::FrameReport::pixel_centre`], where there are auxiliary images.
+    /// Value of [`crate::exec::FrameReport::pixel_centre`], for auxiliary images.
     pub pixel_centre: [f32; 2],
 }
 
-/// What the files of each eye's images say of them, but for what is of auxiliary images alone.
+/// Returns the metadata of each eye's images, without the tags that only auxiliary images have.
 pub fn tags(rig: &Rig, exposure_ev: f32, extent: Extent, time_s: f64, frame: u32) -> Stereo<Tags> {
     let of = |eye: Eye| {
         let matrices = rig.matrices(time_s, eye, extent);
@@ -114,15 +115,16 @@ pub fn tags(rig: &Rig, exposure_ev: f32, extent: Extent, time_s: f64, frame: u32
     Stereo { left: of(Eye::Left), right: of(Eye::Right) }
 }
 
-/// Colours of what is drawn over images: where stripes meet, and what follows the gaze.
+/// Overlay colour of seams between stripes.
 const STRIPES: [u8; 3] = [255, 160, 0];
+/// Overlay colour of layers and rings around the gaze.
 const FOVEA: [u8; 3] = [0, 220, 255];
 
-/// What eyes show other images of than are rendered, and the size of those that are.
+/// Optics of the display and size of the rendered image, if displayed images are resampled from it.
 pub type Rectified<'a> = Option<(&'a Optics, Extent)>;
 
-/// Where what is rendered has the pixels of an image that an eye shows, row by row, and how many of its own it has there for
-/// one of them, along an axis.
+/// Returns the position in the rendered image of each pixel of an eye's displayed image, row by row, and the number of
+/// rendered pixels per displayed pixel along an axis.
 fn rendered_points(eye: Eye, extent: Extent, rectified: Rectified) -> impl Iterator<Item = ([f64; 2], f64)> {
     (0..extent.area() as u32).map(move |i| {
         let centre = [i % extent.width, i / extent.width].map(|side| f64::from(side) + 0.5);
@@ -131,7 +133,7 @@ fn rendered_points(eye: Eye, extent: Extent, rectified: Rectified) -> impl Itera
 }
 
 impl FrameImages {
-    /// What [`Self::read`] reads.
+    /// Returns the images that [`Self::read`] reads.
     pub fn on_devices(aovs: &[Aov]) -> Vec<Resource> {
         let aovs = (0..aovs.len()).map(|i| aov_image(i as u8));
         [LINEAR, DISPLAY].into_iter().chain(aovs).collect()
@@ -156,7 +158,7 @@ impl FrameImages {
         })
     }
 
-    /// Draws a line at each of `edges`, which are between rows of what is rendered, on the display images.
+    /// Draws a line on the display images at each of `edges`, which are row numbers of the rendered image.
     pub fn overlay(&mut self, edges: &[u32], rectified: Rectified) {
         for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
             let width = image.extent.width as usize;
@@ -168,7 +170,7 @@ impl FrameImages {
         }
     }
 
-    /// Draws where the inner and the middle layer end.
+    /// Draws the outer borders of the inner and the middle layer.
     pub fn overlay_layers(&mut self, foveation: &Foveation, time_s: f64, rectified: Rectified) {
         for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
             let (radii, gaze) = foveation.circles_rendered(foveation.radii, time_s, image.extent, rectified);
@@ -183,8 +185,8 @@ impl FrameImages {
         }
     }
 
-    /// Draws where stripes of polar images meet, and where a pixel of theirs covers one, two, four … pixels of the
-    /// screen.
+    /// Draws the seams between stripes of polar images, and contours where the density of polar pixels on the screen
+    /// halves.
     pub fn overlay_rings(&mut self, polar: &Polar, rig: &Rig, time_s: f64, edges: &[u32]) {
         for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
             let places = polar.places(eye, time_s, &rig.view(time_s, eye), image.extent);
@@ -202,7 +204,7 @@ impl FrameImages {
         }
     }
 
-    /// Writes all images of a frame and returns the names of the files. `number` is the frame's in a sequence.
+    /// Writes all images of a frame and returns the names of the files. `number` is the frame's number in a sequence.
     pub fn write(
         &self,
         dir: &Path,
@@ -241,7 +243,7 @@ impl FrameImages {
     }
 }
 
-/// The values of `holes`, in colours (Okabe & Ito) that most people can tell apart.
+/// Key of the `holes` image, in the colour-blind-safe colours of Okabe & Ito.
 const HOLE_KEY: [([u8; 3], &str); 8] = [
     ([0, 0, 0], "0 reprojected, no surface, or left eye"),
     ([213, 94, 0], "1 outside the left image"),
@@ -253,7 +255,7 @@ const HOLE_KEY: [([u8; 3], &str); 8] = [
     ([0, 158, 115], "7 left to the filter"),
 ];
 
-/// How a picture shows the small whole numbers of an auxiliary image, and the key to it.
+/// Returns the colour map for an auxiliary image of small integers, and its key.
 fn colours(aov: Aov, images: &[&[f32]; 2]) -> (impl Fn(f32) -> [u8; 3] + use<>, Vec<Entry>) {
     let numbers: BTreeSet<u32> = images.iter().flat_map(|image| image.iter().map(|n| *n as u32)).collect();
     let most = numbers.last().map_or(0.0, |n| *n as f32);

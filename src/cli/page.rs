@@ -1,4 +1,4 @@
-//! `report.html`, the page of `--report`: what the commands' pages have in common.
+//! `report.html`, the page of `--report`: sections that several commands share.
 
 use std::path::Path;
 
@@ -17,18 +17,18 @@ use super::failure::Failure;
 use super::options::RunOptions;
 use super::output;
 
-/// The page of this command line.
+/// Writes the page, with this process's command line.
 pub fn write(dir: &Path, title: &str, sections: &[Section]) -> Result<(), Failure> {
     let command: Vec<String> = std::env::args().collect();
     output::write_text(dir, "report.html", &page(title, &command.join(" "), sections))
 }
 
-/// What `--report` adds to a list of files.
+/// Returns the page's entry in a list of files, if `--report` asks for it.
 pub fn and_page(report: bool) -> &'static str {
     if report { "report.html, " } else { "" }
 }
 
-/// A frame as it is shown, beside what is right of it.
+/// Returns the pictures of a frame and its FLIP against the reference.
 pub fn against(
     name: String,
     linear: &Stereo<RgbImage>,
@@ -42,7 +42,7 @@ pub fn against(
 const VIEWER_NOTE: &str =
     "Choose what is left and right of the line, and drag the line or move it with the arrow keys.";
 
-/// What the maps of FLIP show, and of what.
+/// Returns the caption of the FLIP maps.
 pub fn flip_note(loaded: &LoadedScene) -> String {
     format!(
         "FLIP is of these pictures, tonemapped at {} EV, at 67 pixels per degree, in the colours of magma: black is 0, \
@@ -51,7 +51,7 @@ pub fn flip_note(loaded: &LoadedScene) -> String {
     )
 }
 
-/// `note` says what of.
+/// Returns a section with a picture viewer; `note` describes the pictures.
 pub fn pictures(note: String, groups: &[Group]) -> Result<Section, Failure> {
     let figure = Some(viewer(groups).context("cannot make the pictures of the page")?);
     Ok(Section { heading: "Pictures", notes: vec![note, VIEWER_NOTE.to_owned()], figure, table: None })
@@ -61,13 +61,14 @@ const LANES_NOTE: &str = "A lane per device and eye, a box per pass over a strip
     transfers are apart, on the host's. The line at the right is where the whole images are on the primary. Below are \
     sums over devices and eyes.";
 
-/// `note` says what the frames are; `shown` is the first to be seen.
+/// Returns a section with swimlanes. `note` describes the frames; `shown` is the index of the frame that is visible at
+/// first.
 pub fn swimlanes(note: String, frames: &[LaneFrame<'_>], shown: usize) -> Result<Section, Failure> {
     let figure = Some(lanes(frames, shown).context("cannot write down the tasks of frames")?);
     Ok(Section { heading: "Swimlanes of a frame", notes: vec![note, LANES_NOTE.to_owned()], figure, table: None })
 }
 
-/// The scene in numbers.
+/// Returns a section with statistics of the scene.
 pub fn scene(options: &RunOptions, loaded: &LoadedScene) -> Section {
     let summary = SceneSummary::of(&loaded.scene, loaded.needs, !options.no_skip);
     let mut table = Table::of_fields(&summary);

@@ -1,5 +1,5 @@
-//! The pictures of a run. `run.json` lists them, so that a later run into the same folder removes those that it does not
-//! write: they would be taken for its own.
+//! The pictures of a run. `run.json` lists them, so that a later run into the same folder can remove stale ones, which
+//! would pass for its own.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -20,9 +20,10 @@ pub struct Pictures {
 }
 
 impl Pictures {
-    /// Begins the list of a run into `folder`, before anything is written there.
+    /// Starts the list of a run into `folder`, and reads that of the previous run. Call it before the run writes there.
     pub fn of_folder(folder: &Path) -> Self {
-        /// The part of `run.json` that is read. Frames may be those of hours, so they are skipped as they are read.
+        /// The part of `run.json` that matters. The parser skips the frames without storing them, since a long run has
+        /// many.
         #[derive(Deserialize)]
         struct Run {
             #[serde(default)]
@@ -47,7 +48,7 @@ impl Pictures {
         self.written.clone()
     }
 
-    /// Removes the pictures of the earlier run that were not written anew.
+    /// Removes the pictures of the earlier run that this run has not overwritten.
     pub fn remove_earlier(self, quiet: bool) -> Result<(), Failure> {
         let paths: Vec<PathBuf> = self.earlier.iter().map(|name| self.folder.join(name)).collect();
         let stale: Vec<&PathBuf> = paths.iter().filter(|path| path.is_file()).collect();
@@ -62,7 +63,8 @@ impl Pictures {
     }
 }
 
-/// Returns true for a name that runs give to pictures: whoever wrote `run.json`, no other file is removed.
+/// Returns true for a file name that a run gives to a picture. Other files are never removed, even if `run.json` lists
+/// them.
 fn is_ours(name: &str) -> bool {
     let is_aov = |stem: &str| Aov::value_variants().iter().any(|aov| aov.name() == stem);
     let Some((stem, extension)) = name.split_once('.') else { return false };

@@ -1,4 +1,4 @@
-//! `diptych play`: a sequence inside a frame budget. The control loop is on.
+//! `diptych play`: a sequence inside a frame budget. The control loop sets the quality.
 
 mod disturb;
 mod fit;
@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     session.tracing.finish()?;
     drop(session.inner);
     if let (Some(last), Some(samples)) = (&last, &samples) {
-        // The page has one camera, that of the last frame.
+        // The page's reference is rendered with the camera of the last frame.
         loaded.shot.rig = last.rig.clone();
         page::write(args, options, &loaded, &report, samples, last)?;
     }
@@ -120,7 +120,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::check()
 }
 
-/// A run in the making.
+/// State of a run.
 struct Run<'a> {
     args: &'a Args,
     options: &'a RenderOptions,
@@ -129,9 +129,9 @@ struct Run<'a> {
     path: CameraPath,
     motion: Option<Recording>,
     record: FrameRecord,
-    /// Frames that the page shows.
+    /// Frames for the figures of the page; `None` without --report.
     samples: Option<FrameSamples>,
-    /// The number and the instant of the newest frame.
+    /// Index and instant (seconds) of the newest frame.
     newest: Option<(u32, f64)>,
     pictures: Pictures,
 }
@@ -142,7 +142,7 @@ impl Run<'_> {
         for index in 0..self.options.frames {
             let is_last = index + 1 == self.options.frames || interrupt::is_set();
             let is_saved = is_last || self.args.save_every.is_some_and(|k| index % k == 0);
-            // A display shows the others, and nobody reads more of them.
+            // Only saved frames need linear output; the others are only displayed.
             self.session.renderer.set_outputs(if is_saved { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
             let decided = self.session.decide();
             self.disturb(index);
@@ -170,17 +170,17 @@ impl Run<'_> {
         self.save(None)
     }
 
-    /// The instant of a frame.
+    /// Returns the instant of a frame, seconds.
     fn time_s(&self, index: u32) -> f64 {
         self.options.time + f64::from(index) / self.options.fps
     }
 
-    /// The newest frame's camera.
+    /// Returns the camera of a frame.
     fn rig(&self, index: u32) -> Rig {
         self.path.rig(self.time_s(index))
     }
 
-    /// Makes happen what is to happen in a frame.
+    /// Applies the disturbances of a frame.
     fn disturb(&mut self, index: u32) {
         let disturbances = Disturbances(&self.args.disturb);
         if disturbances.cuts_before(index) {
@@ -195,7 +195,7 @@ impl Run<'_> {
         }
     }
 
-    /// Writes the last frame, if there is one.
+    /// Writes the pictures of the newest frame, if there is one.
     fn save(&mut self, number: Option<u32>) -> Result<(), Failure> {
         let Some((index, time_s)) = self.newest else { return Ok(()) };
         let exposure_ev = self.loaded.shot.exposure_ev;
@@ -206,7 +206,7 @@ impl Run<'_> {
     }
 }
 
-/// Says how the budget was kept, and where things are.
+/// Prints how well frames kept the budget, and the output folder.
 fn conclude(args: &Args, options: &RenderOptions, report: &RunReport<&SpooledRows>, lacked_rung: bool) {
     let out = options.out.display();
     if options.json {

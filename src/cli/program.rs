@@ -1,4 +1,4 @@
-//! A program of your own that runs the commands of `diptych` with what it adds to them.
+//! Your own program that extends the commands of `diptych` and runs them.
 
 use std::process::ExitCode;
 
@@ -9,8 +9,9 @@ use crate::schedule::Policy;
 use super::commands::run_registered;
 use super::registry::{NewPolicy, Registry, register};
 
-/// The commands of `diptych`, with policies, denoisers and passes of your own: `--balance` chooses a registered policy by its name in
-/// every command that renders, and `scale --balance even,measured,NAME` compares it with ours in one table.
+/// The commands of `diptych`, with your own policies, denoisers and passes. `--balance` selects a registered policy by
+/// its name in every command that renders. `scale --balance even,measured,NAME` compares it with built-in ones in one
+/// table.
 ///
 /// ```no_run
 /// use diptych::cli::{Program, prepare_environment};
@@ -45,13 +46,13 @@ pub struct Program {
 }
 
 impl Program {
-    /// Returns the commands as `diptych` has them.
+    /// Creates a program with the commands of `diptych` and no extensions.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Registers a policy, which `--balance NAME` chooses. `make` is called for each renderer with the rows of an image and
-    /// the number of devices. `help` is shown by `--help`.
+    /// Registers a policy, which `--balance NAME` selects. Each renderer calls `make` with the rows of an image and the
+    /// number of devices. `--help` shows `help`.
     ///
     /// # Panics
     /// If a policy has this name already.
@@ -68,7 +69,7 @@ impl Program {
         self
     }
 
-    /// Registers a denoiser, which `--denoiser NAME` chooses.
+    /// Registers a denoiser, which `--denoiser NAME` selects.
     ///
     /// # Panics
     /// If a denoiser has this name already.
@@ -80,16 +81,16 @@ impl Program {
         self
     }
 
-    /// Sets the passes of frames, in place of the renderer's own. With MPI every rank runs this program, so all have the same
-    /// passes.
+    /// Sets the passes of frames, in place of the renderer's own. With MPI every rank runs this program, so all ranks
+    /// have the same passes.
     #[must_use]
     pub fn passes(mut self, passes: Declarations) -> Self {
         self.registry.passes = passes;
         self
     }
 
-    /// Runs the command that this process was started with and returns its exit status. What another `Program` of this process
-    /// has registered before stays in place of this one's.
+    /// Runs the command that this process was started with and returns its exit status. If another `Program` of this
+    /// process has run before, its policies and passes stay in force instead of these.
     pub fn run(self) -> ExitCode {
         register(self.registry);
         run_registered()

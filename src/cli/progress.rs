@@ -14,17 +14,17 @@ impl Progress {
         Self::with_template(steps, "{bar:30} {pos}/{len} {msg} {eta}", quiet, json)
     }
 
-    /// Counts samples per pixel; the message says how long.
+    /// Counts samples per pixel; the message shows the time.
     pub fn samples(spp: u64, quiet: bool, json: bool) -> Self {
         Self::with_template(spp, "{bar:30} {pos}/{len} spp {msg}", quiet, json)
     }
 
-    /// Counts what steps of unequal length take; the message says how far that is.
+    /// Counts units of work, for steps of unequal cost; the message describes the progress.
     pub fn work(units: u64, quiet: bool, json: bool) -> Self {
         Self::with_template(units, "{bar:30} {msg}", quiet, json)
     }
 
-    /// Counts nothing and shows whatever text it is given, of one line or several.
+    /// Shows text of one line or several, without counting.
     pub fn text(quiet: bool, json: bool) -> Self {
         Self::with_template(0, "{msg}", quiet, json)
     }
@@ -40,7 +40,7 @@ impl Progress {
         Self { bar, json: json && !quiet }
     }
 
-    /// A phase without steps.
+    /// Announces a phase without steps.
     pub fn phase(&self, message: &'static str) {
         if let Some(bar) = &self.bar {
             bar.set_message(message);
@@ -51,7 +51,7 @@ impl Progress {
         }
     }
 
-    /// A finished step.
+    /// Counts a finished step.
     pub fn step(&self, message: String, event: &serde_json::Value) {
         if let Some(bar) = &self.bar {
             bar.inc(1);
@@ -59,7 +59,7 @@ impl Progress {
         self.say(message, Some(event));
     }
 
-    /// Whether anyone sees what is drawn.
+    /// Whether the bar is drawn on a terminal.
     pub fn is_drawn(&self) -> bool {
         self.bar.is_some()
     }
@@ -70,14 +70,14 @@ impl Progress {
         }
     }
 
-    /// A JSON line, which is only made where one is wanted.
+    /// Prints a JSON line with --json. Otherwise `event` is not called.
     pub fn event(&self, event: impl FnOnce() -> serde_json::Value) {
         if self.json {
             say!("{}", event());
         }
     }
 
-    /// How many steps are done by now.
+    /// Sets the number of steps done so far.
     pub fn at(&self, position: u64, message: String, event: Option<&serde_json::Value>) {
         if let Some(bar) = &self.bar {
             bar.set_position(position);
@@ -94,12 +94,12 @@ impl Progress {
         }
     }
 
-    /// Says what went wrong without ending anything.
+    /// Prints a warning beside the bar.
     pub fn warn(&self, message: &str) {
         self.beside_bar(|| eprintln!("warning: {message}"));
     }
 
-    /// Says something while the bar is drawn.
+    /// Prints a message beside the bar.
     pub fn tell(&self, message: &str) {
         self.beside_bar(|| say!("{message}"));
     }

@@ -1,5 +1,4 @@
-//! Several processes that render together, as `mpirun` starts them: rank 0 runs the command, the others serve it with
-//! their devices.
+//! Processes that `mpirun` starts together: rank 0 runs the command, the others serve it with their devices.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -32,11 +31,12 @@ pub fn join() -> Result<(), Failure> {
     Ok(())
 }
 
-/// A program without MPI cannot share its work out: each of several processes would write the same files.
+/// Fails if this process is one of several. Without MPI they cannot distribute the work, and each would write the same
+/// files.
 #[cfg(not(feature = "mpi"))]
 pub fn check_alone() -> Result<(), Failure> {
     let Some(number) = crate::exec::ranks::started_as() else { return Ok(()) };
-    // One of them says it, and the others end with it.
+    // One process reports the error first; the launcher then ends the others.
     if number > 0 {
         std::thread::sleep(std::time::Duration::from_secs(1));
     }
@@ -50,7 +50,7 @@ pub fn check_alone() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Whether this process serves another.
+/// Whether this process serves rank 0.
 pub fn serves() -> bool {
     NODE.get().is_some_and(|node| node.rank() > 0)
 }
@@ -62,7 +62,7 @@ pub fn serve(options: Option<&RunOptions>) -> Result<u8, Failure> {
     match crate::exec::ranks::serve(node, &mut Here { options, spans: None }) {
         Ok(status) => Ok(status),
         Err(lost) => {
-            // One rank says it, and the others end with it.
+            // One rank reports the error first; the launcher then ends the others.
             if node.rank() > 1 {
                 std::thread::sleep(std::time::Duration::from_secs(1));
             }
@@ -78,10 +78,10 @@ pub fn end(status: u8) {
     }
 }
 
-/// This process, by its own command line.
+/// This process as a [`Host`], with the options of its own command line.
 struct Here<'a> {
     options: Option<&'a RunOptions>,
-    /// None: nothing is recorded.
+    /// Trace spans of this process; `None` if it records none.
     spans: Option<HostSpans>,
 }
 

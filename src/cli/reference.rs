@@ -1,4 +1,4 @@
-//! References: unbiased images, accumulated in passes, kept and continued.
+//! References: unbiased images, accumulated in passes that a later run can resume.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -20,8 +20,8 @@ use super::progress::Progress;
 use super::settings::Given;
 use super::setup::{self, Tracing};
 
-/// Samples of a pass unless asked otherwise: few enough that a slow device stops in time, enough that reading the pass
-/// back costs a fast one little.
+/// Default samples per pixel of a pass: few enough that a slow device stops in time, and enough that readback costs a
+/// fast one little.
 pub const PASS_SPP: u32 = 8;
 
 #[derive(clap::Args, Clone, Debug)]
@@ -38,7 +38,7 @@ pub struct PassOptions {
     pub pass_spp: u32,
 }
 
-/// A time limit.
+/// Parses a time limit in seconds.
 pub fn seconds(text: &str) -> Result<Duration, String> {
     let seconds = text.parse().ok().and_then(|s: f64| Duration::try_from_secs_f64(s).ok());
     seconds.filter(|s| !s.is_zero()).ok_or_else(|| "give a number of seconds above 0".to_owned())
@@ -49,10 +49,10 @@ fn pass_spp(text: &str) -> Result<u32, String> {
     samples.ok_or_else(|| "give a power of two, 2 to 4096".to_owned())
 }
 
-/// Samples per pixel unless asked otherwise.
+/// Default samples per pixel of a reference.
 const SPP: u32 = 256;
 
-/// Options that a reference overrules, by the names of their fields, and why.
+/// Options that a reference overrides, by the names of their fields, with the reasons.
 pub const OVERRULED: [(&str, &str); 7] = [
     ("denoiser", "is not filtered"),
     ("iterations", "is not filtered"),
@@ -63,10 +63,10 @@ pub const OVERRULED: [(&str, &str); 7] = [
     ("frames_in_flight", "is made in passes, one after another"),
 ];
 
-/// Options of a reference as they were typed, with as many samples as make one.
+/// Returns the options of a reference: as typed, with [`SPP`] samples per pixel by default.
 ///
 /// # Errors
-/// [`Failure::Input`] for an option that a reference overrules, unless it says the same.
+/// [`Failure::Input`] for an option that was typed with another value than a reference has.
 pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
     let Some(given) = Given::here() else { return Ok(options.clone()) };
     for (id, why) in OVERRULED {
@@ -86,22 +86,24 @@ pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
     Ok(RenderOptions { spp, ..options.clone() })
 }
 
-/// What is accumulated for every frame.
+/// Settings of the accumulation, the same for every frame.
 pub struct Plan {
-    /// Without denoiser, reprojection and clamp; as many samples as a pass has.
+    /// Options of a pass: its sample count, and no denoiser, reprojection or clamp.
     pub options: RenderOptions,
-    /// Samples wanted.
+    /// Requested samples per pixel.
     spp: u32,
     time_limit: Option<Duration>,
-    /// Where checkpoints are.
+    /// Folder of the checkpoints, if they are kept.
     folder: Option<PathBuf>,
-    /// Of the devices that the options ask for.
+    /// Ray traversal of the devices that the options ask for.
     traversal: Traversal,
 }
 
 impl Plan {
+    /// Plans a reference with these options.
+    ///
     /// # Errors
-    /// [`Failure::Input`] for options that a reference cannot have, and for devices that are not there.
+    /// [`Failure::Input`] for options that a reference cannot have, and for devices that do not exist.
     pub fn new(options: &RenderOptions, passes: PassOptions) -> Result<Self, Failure> {
         if options.clamp.is_some() {
             let what = anyhow::anyhow!("--clamp is biased, --reference is not: leave one out");
@@ -129,7 +131,7 @@ impl Plan {
         self.traversal
     }
 
-    /// Keeps checkpoints in a folder of their own below `folder`.
+    /// Keeps checkpoints in a subfolder of `folder`, named by the fingerprint; returns the subfolder.
     pub fn keep_below(&mut self, folder: &Path, loaded: &LoadedScene) -> PathBuf {
         let folder = folder.join(self.fingerprint(loaded, 0).key());
         self.folder = Some(folder.clone());
@@ -140,7 +142,7 @@ impl Plan {
         self.options.time + f64::from(frame) / self.options.fps
     }
 
-    /// What a frame's samples are of.
+    /// Returns the fingerprint of the inputs that a frame's samples depend on.
     pub fn fingerprint(&self, loaded: &LoadedScene, frame: u32) -> Fingerprint {
         let options = &self.options;
         Fingerprint::of(&Subject {
@@ -167,20 +169,21 @@ impl Plan {
         Some(Checkpoint { path: folder.join(name), fingerprint, extent: self.options.size })
     }
 
-    /// Makes the folder of the checkpoints, which `option` names, and refuses those that cannot be gone on from before
-    /// anything is rendered.
+    /// Creates the folder of the checkpoints, which `option` names. Fails before anything is rendered if a checkpoint
+    /// in it cannot be resumed.
     pub fn prepare(&self, loaded: &LoadedScene, option: &str) -> Result<(), Failure> {
         self.folder.as_ref().map_or(Ok(()), |folder| output::prepare(folder, option))?;
         (0..self.options.frames).try_for_each(|i| self.begun(loaded, i).map(drop))
     }
 
-    /// What is there of a frame.
+    /// Loads a frame's checkpoint, or begins an empty accumulation.
     pub fn begun(&self, loaded: &LoadedScene, frame: u32) -> Result<Accumulation, Failure> {
         let there = self.checkpoint(loaded, frame).map_or(Ok(None), |c| c.load())?;
         Ok(there.unwrap_or_else(|| Accumulation::new(self.options.size)))
     }
 
-    /// Goes on with a frame until it is done.
+    /// Accumulates passes of a frame on top of `begun` until it has its samples, the time is up or the run is
+    /// interrupted.
     pub fn accumulate(
         &self,
         renderer: &mut Renderer,
@@ -204,7 +207,7 @@ impl Plan {
         let mut progress = PassProgress::new(&self.options, self.spp, resumed_spp);
         let (mut report, mut number, mut preview) = (None, 0, Ok(()));
         let done = accumulate(renderer, &job, begun, |pass| {
-            // Passes get numbers of their own in the trace.
+            // The trace numbers passes consecutively.
             tracing.record(&self.options.quality(), None, &FrameReport { index: number, ..pass.report.clone() });
             number += 1;
             fold(&mut report, pass.report);
@@ -234,19 +237,20 @@ impl Plan {
     }
 }
 
-/// A frame's samples so far.
+/// The accumulated samples of a frame.
 pub struct Accumulated {
     pub accumulation: Accumulation,
     pub row: ReferenceRow,
-    /// Times and counts of this run's passes, summed; stages are those of the last pass. `None` without a pass.
+    /// Sums of times and counts over this run's passes; stages are those of the last pass. `None` without a pass.
     pub report: Option<FrameReport>,
 }
 
 fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
-    // Passes end one after another; the sum of them does not end after another frame.
+    // An interval between frames has no meaning for a sum of passes.
     pass.interval_ms = None;
     if let Some(before) = total {
-        // Auxiliary images are taken off the last pass by its tasks, off those before here.
+        // Subtract the time of auxiliary images from earlier passes. The report subtracts that of the last pass, whose
+        // tasks remain.
         let aov_ms = aov_ms(&before.tasks);
         pass.makespan_ms += before.makespan_ms - aov_ms;
         pass.predicted_ms = pass.predicted_ms.zip(before.predicted_ms).map(|(a, b)| a + b - aov_ms);
@@ -260,7 +264,7 @@ fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
     *total = Some(pass);
 }
 
-/// The mean as the devices would show it.
+/// Tonemaps the mean as devices do.
 pub fn display(accumulation: &Accumulation, exposure_ev: f32) -> Stereo<DisplayImage> {
     let mean = accumulation.mean();
     let shown = |image| tonemap(image, exposure_ev);
@@ -273,7 +277,7 @@ fn write_preview(checkpoint: &Checkpoint, accumulation: &Accumulation, exposure_
     Ok(write_png(&path, &stereo::side_by_side(&shown.left, &shown.right)?)?)
 }
 
-/// Says how far the passes are; JSON lines at most twice a second.
+/// Progress over passes, with at most two JSON lines per second.
 struct PassProgress {
     bar: Progress,
     spp: u32,

@@ -23,12 +23,12 @@ pub struct NewPolicy {
 
 static REGISTERED: OnceLock<Registry> = OnceLock::new();
 
-/// Returns what the program that runs has registered.
+/// Returns the registrations of the running program.
 pub fn registered() -> &'static Registry {
     REGISTERED.get_or_init(Registry::default)
 }
 
-/// Sets what is registered, unless something is already.
+/// Sets the registrations, unless they are set already.
 pub fn register(registry: Registry) {
     let _ = REGISTERED.set(registry);
 }

@@ -62,11 +62,11 @@ pub struct Args {
     overlay: bool,
 }
 
-/// Samples that each pixel of a still has had, where its history counts.
+/// Samples per pixel that a single frame with history accumulates by default.
 const STILL_SPP: u32 = 16;
 
 impl Args {
-    /// Frames before the first one kept.
+    /// Returns the number of warm-up frames before the first saved frame.
     fn warm_up_frames(&self) -> u32 {
         let options = &self.options;
         let is_still = options.frames == 1 && options.quality().denoiser.is_some_and(Denoiser::keeps_history);
@@ -74,7 +74,7 @@ impl Args {
         self.warm_up.unwrap_or(default)
     }
 
-    /// With the options that the preset stands for.
+    /// Returns the arguments with the options of the preset applied.
     fn preset(&self) -> Self {
         let mut args = self.clone();
         if let Some(preset) = self.preset {
@@ -85,14 +85,14 @@ impl Args {
         args
     }
 
-    /// What run.json has of a frame.
+    /// Returns a frame's entry in run.json.
     fn row(&self, frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> FrameRow {
         let row = FrameRow::new(frame, quality, rig, time_s);
         if self.details { row.with_tasks(frame) } else { row }
     }
 }
 
-/// What a run has come to.
+/// Frames and references of a run, for run.json.
 #[derive(Default)]
 struct Rows {
     frames: Vec<FrameRow>,
@@ -169,14 +169,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::check()
 }
 
-/// A run in the making.
+/// State of a run.
 struct Run<'a> {
     args: &'a Args,
     loaded: &'a LoadedScene,
     renderer: Renderer,
     tracing: &'a Tracing,
     progress: Progress,
-    /// Frames handed to the devices.
+    /// Number of frames submitted to the devices.
     begun: u32,
     rows: Rows,
     pictures: Pictures,
@@ -193,7 +193,8 @@ impl Run<'_> {
             if self.rows.frames.is_empty() {
                 self.warn_of_nothing_seen(&images.linear);
             }
-            // A frame that is alone on the devices is timed without the host at its files.
+            // With several frames in flight, submit the next ones before writing files. With one, submit it afterwards,
+            // so that file output does not disturb its timing.
             if options.frames_in_flight > 1 {
                 self.begin_frames()?;
             }
@@ -229,8 +230,8 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// A picture of one colour is a mistake more often than it is meant, and so is one that is nearly black or white where
-    /// nobody chose its exposure.
+    /// Warns about a picture of a single colour, which is usually a mistake. At the default exposure, also warns about
+    /// a picture that is nearly black or white.
     fn warn_of_nothing_seen(&self, images: &Stereo<RgbImage>) {
         for (eye, image) in [("left", &images.left), ("right", &images.right)] {
             let first = image.pixels[0];
@@ -248,11 +249,11 @@ impl Run<'_> {
         }
     }
 
-    /// Gives the devices as many frames as they may have at a time.
+    /// Submits frames to the devices until the maximum is in flight.
     fn begin_frames(&mut self) -> Result<(), Failure> {
         let options = &self.args.options;
         let most = usize::from(options.frames_in_flight);
-        // Frames that follow one another are read when they are whole, those that overlap come with their images.
+        // Overlapping frames carry their images with them; otherwise the finished frame is read.
         let reads = if most > 1 { FrameImages::on_devices(&options.aovs()) } else { Vec::new() };
         while self.begun < options.frames && self.renderer.in_flight() < most && !interrupt::is_set() {
             let at_s = time_s(options, self.begun);
@@ -278,11 +279,11 @@ impl Run<'_> {
     }
 }
 
-/// Stops by which a picture may be off mid-grey before it is worth a warning.
+/// Distance from mid-grey in stops from which a picture gets a warning.
 const EVS_OFF: f64 = 4.0;
 
-/// By how many stops the picture would have to be exposed for the geometric mean of its radiances to be mid-grey, black
-/// left out.
+/// Returns the exposure in stops that makes the geometric mean of the picture's radiances mid-grey; black pixels are
+/// ignored.
 fn mid_grey_ev(image: &RgbImage) -> f64 {
     const MID_GREY: f64 = 0.18;
     let radiances = image.pixels.iter().map(|p| p.iter().map(|c| f64::from(*c)).sum::<f64>() / 3.0);
@@ -290,13 +291,13 @@ fn mid_grey_ev(image: &RgbImage) -> f64 {
     if logs.is_empty() { 0.0 } else { MID_GREY.log2() - logs.iter().sum::<f64>() / logs.len() as f64 }
 }
 
-/// When a frame is seen, in seconds along the camera path.
+/// Returns the time of a frame on the camera path, seconds.
 fn time_s(options: &RenderOptions, frame: u32) -> f64 {
     options.time + f64::from(frame) / options.fps
 }
 
-/// Renders a reference and returns the names of its pictures. Auxiliary images are those of the first pass, whatever was
-/// there before.
+/// Renders a reference and returns the names of its pictures. Auxiliary images are those of the first pass, even in a
+/// resumed run.
 fn reference_frame(
     args: &Args,
     plan: &Plan,
@@ -336,7 +337,7 @@ fn reference_frame(
     images.write(&options.out, (options.frames > 1).then_some(index), args.anaglyph, &tags)
 }
 
-/// Says where things are.
+/// Prints the results and the output folder.
 fn conclude(options: &RenderOptions, report: &RunReport) {
     let median = report.median_makespan_ms();
     if options.json {

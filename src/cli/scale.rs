@@ -53,7 +53,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// When the frame of this number is, of which those of the warm-up are the first.
+    /// Returns the instant of a frame in seconds; numbers count from the first warm-up frame.
     fn time_s(&self, number: u32) -> f64 {
         self.options.time + f64::from(number.saturating_sub(self.warm_up)) / self.options.fps
     }
@@ -134,7 +134,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the options with each of their policies alone.
+/// Returns the options once for each of their policies.
 fn of_policies(options: &RenderOptions) -> Result<Vec<RenderOptions>, Failure> {
     let policies = options.balances();
     let with = |policy: &Balance| {
@@ -149,13 +149,14 @@ fn of_policies(options: &RenderOptions) -> Result<Vec<RenderOptions>, Failure> {
     policies.iter().map(with).collect()
 }
 
-/// Those asked for, each once and from the fewest, but one device in all, which is measured before them.
+/// Returns the requested counts, ascending and without duplicates. Omits the count that gives a single device in total,
+/// which is measured first.
 fn counts(asked: &[u16], adapters: usize) -> Vec<usize> {
     let counts: BTreeSet<usize> = asked.iter().copied().map(usize::from).collect();
     counts.into_iter().filter(|count| count * adapters > 1).collect()
 }
 
-/// Options of one device: what is given for each device is the first one's, and there is nothing to share out.
+/// Returns the options for one device: per-device values are those of the first device, and ratios do not apply.
 fn of_one(options: &RenderOptions) -> RenderOptions {
     let mut one = options.clone();
     let run = &mut one.run;
@@ -169,13 +170,13 @@ fn of_one(options: &RenderOptions) -> RenderOptions {
     one
 }
 
-/// Frames behind those that are timed, so that these share the devices to the last: without others behind them, frames
-/// end sooner.
+/// Returns the number of untimed frames after the timed ones. They keep the devices loaded, since the last timed frames
+/// would otherwise finish sooner.
 fn followers(options: &RenderOptions) -> u32 {
     u32::from(options.frames_in_flight).saturating_sub(1)
 }
 
-/// What all counts have in common.
+/// Inputs that the measurements of all counts share.
 struct Measuring<'a> {
     args: &'a Args,
     loaded: &'a LoadedScene,
@@ -183,7 +184,7 @@ struct Measuring<'a> {
     tracing: &'a Tracing,
 }
 
-/// What was found on a number of devices.
+/// Results for a number of devices.
 struct Measured {
     row: Row,
     renderer: Renderer,
@@ -192,17 +193,17 @@ struct Measured {
 }
 
 impl Measuring<'_> {
-    /// Returns the place of the options' policy among those that are asked for.
+    /// Returns the index of the options' policy among the requested ones.
     fn place(&self, options: &RenderOptions) -> u32 {
         let policies = self.args.options.balances();
         policies.iter().position(|policy| *policy == options.balance()).unwrap_or_default() as u32
     }
 
-    /// On these devices; `base` is the row that speed-up is over, none for itself.
+    /// Measures frames on these devices. `base` is the row that the speed-up refers to; `None` for that row itself.
     fn run(&self, options: &RenderOptions, gpus: Devices, base: Option<&Row>) -> Result<Measured, Failure> {
         let Self { args, loaded, progress, tracing } = self;
         let infos = gpus.infos();
-        // Of the devices of this machine.
+        // Count the threads of the devices on this machine.
         let host = |info: &DeviceInfo| info.rank.as_ref().map(|rank| rank.host.clone());
         let here = infos.iter().filter(|info| host(info) == host(&infos[0]));
         let threads: usize = here.filter_map(|info| info.threads).sum();
@@ -229,7 +230,7 @@ impl Measuring<'_> {
             let event = serde_json::json!({ "event": "frame", "devices": devices, "makespan_ms": makespan_ms });
             progress.step(format!("{devices} device(s) {makespan_ms:.1} ms"), &event);
             if timed.contains(&frame.index) {
-                // The frames of each count and policy get numbers of their own in the trace.
+                // Frame numbers in the trace are unique across counts and policies.
                 let series = devices as u32 + 100 * self.place(options);
                 let shown = FrameReport { index: frame.index + series * 1_000_000, ..frame.clone() };
                 tracing.record(&options.quality(), None, &shown);
@@ -242,28 +243,28 @@ impl Measuring<'_> {
     }
 }
 
-/// What there is to tell.
+/// Results of all counts.
 #[derive(Default)]
 struct Found {
     rows: Vec<Row>,
-    /// Of each row.
+    /// Devices of each row.
     devices: Vec<Vec<DeviceInfo>>,
     warm_up_s: f64,
-    /// The frames that were timed, of all counts, and the policy of each.
+    /// Timed frames of all counts.
     frames: Vec<FrameRow>,
     policies: Vec<String>,
     simulated: Vec<simulation::Row>,
     seen: Seen,
 }
 
-/// What there is to see.
+/// Pictures and frames for the page.
 #[derive(Default)]
 struct Seen {
-    /// The last frame of one device.
+    /// The last frame on one device.
     picture: Option<Stereo<RgbImage>>,
     /// Whether the last frame of each further count has the same bytes.
     same_bytes: Vec<bool>,
-    /// One of median makespan of each count.
+    /// A frame of median makespan for each row.
     frames: Vec<FrameReport>,
 }
 
@@ -298,7 +299,7 @@ impl Seen {
 }
 
 impl Found {
-    /// Takes a count in; returns what frames cost there.
+    /// Adds the results for a number of devices and returns their cost model.
     fn add(&mut self, args: &Args, loaded: &LoadedScene, measured: Measured) -> Result<CostModel, Failure> {
         let Measured { row, mut renderer, warm_up_s, frames } = measured;
         let options = &args.options;
@@ -320,7 +321,8 @@ impl Found {
         Ok(renderer.costs().clone())
     }
 
-    /// All timed frames, and what they ran on: the devices of the largest count, of which smaller ones are a part.
+    /// Writes frames.csv and run.json with all timed frames and the devices of the largest count, which include those
+    /// of smaller counts.
     fn write_run(&mut self, options: &RenderOptions, loaded: &LoadedScene) -> Result<(), Failure> {
         let settings = settings::in_force(options, loaded.exposure_ev(), &[]);
         let devices = self.devices.last().map_or(&[][..], Vec::as_slice);
@@ -335,7 +337,7 @@ impl Found {
         Ok(report.write(&options.out.join("run.json"))?)
     }
 
-    /// Table and plot; returns the latter.
+    /// Writes scale.csv and scale.svg; returns the plot.
     fn write_rows(&self, options: &RenderOptions) -> Result<String, Failure> {
         scale_csv(&self.rows).write(&options.out.join("scale.csv"))?;
         let title = format!("Speed-up of {} at {}", options.shot, options.size);

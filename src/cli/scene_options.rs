@@ -1,4 +1,4 @@
-//! Options that go before what a shot says, and those of the files that it may name.
+//! Options that override a shot, and options for the files that it may name.
 
 use clap::Args;
 use glam::DVec3;
@@ -55,12 +55,12 @@ impl SceneOptions {
         Budget::new(self.max_scene_memory.unwrap_or_else(|| ByteSize(host_memory() / 2)))
     }
 
-    /// The shot and its scene, whose cameras are taken as they are at `time_s`.
+    /// Loads a shot and its scene. The path of an animated camera begins at `time_s`.
     pub fn load(&self, shot: &str, time_s: f64, budget: &Budget) -> Result<(Shot, Scene), SceneError> {
         self.load_from(Source::Disk, shot, time_s, budget)
     }
 
-    /// The same from files that are elsewhere.
+    /// Loads a shot and its scene from another source of files.
     pub fn load_from(
         &self,
         source: Source,
@@ -83,9 +83,9 @@ impl SceneOptions {
     }
 }
 
-/// Returns the bytes of memory that this machine has, or the container that the program is in.
+/// Returns the memory of this machine, or of the container if that has less, in bytes.
 fn host_memory() -> u64 {
-    /// Bytes, where no system says how many there are.
+    /// Default if the system reports none, in bytes.
     const UNKNOWN: u64 = 8 << 30;
     let ram = RefreshKind::nothing().with_memory(MemoryRefreshKind::nothing().with_ram());
     let system = System::new_with_specifics(ram);

@@ -1,4 +1,4 @@
-//! `diptych compare` of two folders: a sequence against its reference, frame by frame and from frame to frame.
+//! `diptych compare` of two folders: a sequence against its reference, per frame and between consecutive frames.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ pub const SEQUENCE_MEASURES: [(&str, &str); 3] = [
     ("new_share", "share of newly seen surfaces"),
 ];
 
-/// Numbers of the frames, where they are, and how they are shown.
+/// A sequence and its reference: their folders, exposure and frame numbers.
 struct Sequence<'a> {
     reference: &'a Path,
     image: &'a Path,
@@ -28,7 +28,7 @@ struct Sequence<'a> {
     frames: BTreeSet<u32>,
 }
 
-/// `exposure_ev` as the option gives it.
+/// Compares two sequences and prints the measures. `exposure_ev` is the value of the option.
 pub fn run(reference: &Path, image: &Path, exposure_ev: Option<f32>, json: bool) -> Result<(), Failure> {
     let sequence = Sequence::find(reference, image, exposure_ev).map_err(Failure::Input)?;
     let row = |eye| sequence.row(eye).map_err(Failure::Input);
@@ -49,7 +49,7 @@ pub fn run(reference: &Path, image: &Path, exposure_ev: Option<f32>, json: bool)
 }
 
 impl<'a> Sequence<'a> {
-    /// Both folders must have the same frames, one after another.
+    /// Finds the frames of both folders, which must have the same consecutive numbers.
     fn find(reference: &'a Path, image: &'a Path, exposure_ev: Option<f32>) -> Result<Self, anyhow::Error> {
         let [of_reference, of_image] = [frames_in(reference)?, frames_in(image)?];
         for (folder, own, other) in [(image, &of_image, &of_reference), (reference, &of_reference, &of_image)] {
@@ -77,7 +77,7 @@ impl<'a> Sequence<'a> {
         for &frame in &self.frames {
             let (now, warnings) =
                 self.frame(eye, frame).with_context(|| format!("cannot compare frame {frame}, {eye} eye"))?;
-            // What is wrong with one frame is with most.
+            // Most frames share their warnings, so report only those of the first frame that has some.
             if !has_warned {
                 warnings.iter().for_each(|warning| eprintln!("warning: frame {frame}, {eye} eye: {warning}"));
             }
@@ -91,12 +91,13 @@ impl<'a> Sequence<'a> {
         Ok(SequenceRow::new(eye, self.exposure.value, errors, changes.into()))
     }
 
-    /// With what the files contradict each other in.
+    /// Reads a frame of an eye with its surfaces, and lists contradictions between the files' metadata.
     fn frame(&self, eye: &str, frame: u32) -> Result<((Pair, Surfaces), Vec<String>), anyhow::Error> {
         let read = |folder: &Path| exr::read_colour(&colour(folder, eye, frame));
         let (reference, image) = (read(self.reference)?, read(self.image)?);
         let pair = Pair::new(&reference.image, &image.image, self.exposure.value)?;
-        // The passes of a reference are of one instant, so that its own motion would be none.
+        // Read surfaces from the image: all passes of a reference are at one instant, so its motion vectors would be
+        // zero.
         let aov = |name: &str, channels| -> Result<RgbImage, anyhow::Error> {
             let path = self.image.join(format!("{eye}.{name}.{frame:04}.exr"));
             ensure!(path.is_file(), "there is no {}: render with --aov motion,position,normal", path.display());
@@ -104,7 +105,7 @@ impl<'a> Sequence<'a> {
         };
         let xyz = ["X", "Y", "Z"];
         let mut surfaces = Surfaces::new(aov("motion", ["X", "Y", "Y"])?, aov("position", xyz)?, aov("normal", xyz)?)?;
-        // Only scenes that move need it.
+        // Only dynamic scenes need it.
         if self.image.join(format!("{eye}.last_position.{frame:04}.exr")).is_file() {
             surfaces = surfaces.with_last_position(aov("last_position", xyz)?)?;
         }
@@ -116,7 +117,7 @@ fn colour(folder: &Path, eye: &str, frame: u32) -> PathBuf {
     folder.join(format!("{eye}.{frame:04}.exr"))
 }
 
-/// Numbers of the left eye's frames.
+/// Returns the frame numbers of the left eye's files.
 pub fn frames_in(folder: &Path) -> Result<BTreeSet<u32>, anyhow::Error> {
     let cannot_read = || format!("cannot read the folder {}", folder.display());
     let mut frames = BTreeSet::new();

@@ -1,4 +1,4 @@
-//! What options are in force, as `run.json` and pages show it.
+//! Options in force, as shown in `run.json` and on pages.
 
 use std::any::TypeId;
 use std::ffi::OsStr;
@@ -35,7 +35,7 @@ pub fn keep(command: &Command, matches: &ArgMatches) {
 }
 
 impl Given {
-    /// Of this process; none before they are kept, as in tests.
+    /// Returns the options of this process; `None` before they are kept, as in tests.
     pub fn here() -> Option<&'static Self> {
         HERE.get()
     }
@@ -45,8 +45,8 @@ impl Given {
         Some(Self { command: command.find_subcommand(name)?.clone(), matches: matches.clone() })
     }
 
-    /// An option with its dashes, or `SHOT`, if it was typed rather than left at its default; `id` is the name of its
-    /// field.
+    /// Returns an option with its dashes, or `SHOT`, if it was typed rather than left at its default. `id` is the name
+    /// of its field.
     pub fn typed(&self, id: &str) -> Option<String> {
         let arg = self.arg(id)?;
         (self.matches.value_source(id)? == ValueSource::CommandLine)
@@ -57,8 +57,8 @@ impl Given {
         self.command.get_arguments().find(|arg| arg.get_id() == id)
     }
 
-    /// Every option by its long name in snake_case, and the shot. Values stand as they were typed, numbers as numbers;
-    /// of what was left out, the default; an option without any is null, a list empty.
+    /// Returns every option by its long name in snake_case, and the shot. Values are as typed, and numbers are JSON
+    /// numbers. An omitted option has its default; without one it is null, or an empty list.
     fn values(&self) -> Map<String, Value> {
         let arguments = self.command.get_arguments().filter(|arg| {
             !matches!(
@@ -69,7 +69,7 @@ impl Given {
         arguments.map(|arg| (setting(arg), self.value(arg))).collect()
     }
 
-    /// What an option, named by its id, comes to; those that the command does not have come to nothing.
+    /// Sets the value of the option with this id, if the command has it.
     fn set(&self, settings: &mut RunSettings, id: &str, value: Value) {
         if let Some(arg) = self.arg(id) {
             settings.options.insert(setting(arg), value);
@@ -93,19 +93,19 @@ impl Given {
     }
 }
 
-/// The long name in snake_case.
+/// Returns the long name in snake_case.
 fn setting(arg: &Arg) -> String {
     arg.get_long().unwrap_or(arg.get_id().as_str()).replace('-', "_")
 }
 
-/// A number where a text is one.
+/// Converts text to a JSON number if it is one.
 fn scalar(text: &str) -> Value {
     let whole = text.parse::<i64>().ok().map(Value::from);
     whole.or_else(|| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Value::from)).unwrap_or_else(|| text.into())
 }
 
-/// Every option of this command line, as it was typed or is by default, but for those, by their fields' names, of which it
-/// is known what they came to.
+/// Returns every option of this command line, as typed or by default. Entries of `known`, by the names of fields,
+/// replace values that other options have decided.
 pub fn of_command_line(exposure_ev: f64, known: impl IntoIterator<Item = (&'static str, Value)>) -> RunSettings {
     let Some(given) = Given::here() else { return RunSettings { exposure_ev, options: Map::new() } };
     let mut settings = RunSettings { exposure_ev, options: given.values() };
@@ -113,7 +113,7 @@ pub fn of_command_line(exposure_ev: f64, known: impl IntoIterator<Item = (&'stat
     settings
 }
 
-/// The policy, or a list of several.
+/// Returns the name of the policy, or a list of several names.
 pub fn balance(policies: &[Balance]) -> Value {
     match policies {
         [one] => json!(one.name()),
@@ -121,8 +121,8 @@ pub fn balance(policies: &[Balance]) -> Value {
     }
 }
 
-/// The same with what presets, references and other options make of them, in frames that are rendered with `options` on
-/// these devices, where they are the same for all frames.
+/// Returns the options in force for frames that are rendered with `options` on these devices: the command line's, with
+/// the values that presets, references and other options decide. `devices` is empty if they differ between frames.
 pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo]) -> RunSettings {
     let Quality { denoiser, iterations, .. } = options.quality();
     let is_layered = options.foveated.foveation == FoveationMode::Layers;
@@ -195,7 +195,7 @@ mod tests {
         assert_eq!(settings.options.len(), given.values().len());
     }
 
-    /// So that none is looked for in vain.
+    /// Guards against looking up an option that does not exist.
     #[test]
     fn options_that_decide_something_are_there() {
         let given = given(&["render", "--out", "o"]);

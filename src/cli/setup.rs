@@ -1,4 +1,4 @@
-//! From options to a renderer: scene, tree, devices, policy.
+//! Builds a renderer from options: scene, BVH, devices and policy.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -24,7 +24,7 @@ use super::node;
 use super::options::{HaloOption, RenderOptions, RunOptions};
 use super::registry::registered;
 
-/// Loads the scene, on all ranks.
+/// Loads the scene on all ranks, and head motion on this one.
 pub fn load(options: &RunOptions) -> Result<LoadedScene, Failure> {
     let mut loaded = load_scene(options)?;
     if let Some(path) = &options.motion {
@@ -35,7 +35,7 @@ pub fn load(options: &RunOptions) -> Result<LoadedScene, Failure> {
     Ok(loaded)
 }
 
-/// Without head motion, which rank 0 alone has to know.
+/// Loads the scene on all ranks, without head motion, which only rank 0 needs.
 fn load_scene(options: &RunOptions) -> Result<LoadedScene, Failure> {
     let what = Load { shot: options.shot.clone(), time_s: options.time, files: None };
     let Some(node) = node::others() else { return load_here(options, &what, Source::Disk) };
@@ -58,7 +58,7 @@ fn load_scene(options: &RunOptions) -> Result<LoadedScene, Failure> {
     Ok(loaded)
 }
 
-/// What one message of MPI holds, with room for names.
+/// Maximum bytes of scene files in an MPI message, which leaves room for their names.
 const MOST_SENT_BYTES: usize = i32::MAX as usize - (1 << 20);
 
 /// Loads a scene in this process, without head motion.
@@ -69,7 +69,7 @@ pub fn load_here(options: &RunOptions, what: &Load, source: Source) -> Result<Lo
     Ok(LoadedScene::new(shot, scene, &budget)?)
 }
 
-/// Says where frames between these times are beyond the ends of the camera's path.
+/// Returns a warning if frames between these times lie beyond the ends of the camera's path.
 pub fn beyond_path(rig: &Rig, from_s: f64, to_s: f64) -> Option<String> {
     let [first, .., last] = &rig.keys[..] else { return None };
     if to_s > last.time_s {
@@ -89,17 +89,17 @@ fn selection(options: &RunOptions, virtual_devices: usize) -> Selection {
     }
 }
 
-/// How the devices that the options ask for follow rays.
+/// Returns the ray traversal of the devices that the options request.
 pub fn traversal(options: &RunOptions) -> Result<Traversal, Failure> {
     Ok(device::chosen_traversal(&selection(options, 1))?)
 }
 
-/// Opens devices on all ranks, so many on each adapter.
+/// Opens devices on all ranks, `virtual_devices` on each adapter.
 pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Devices, Failure> {
     open_devices_with(options, virtual_devices, |_| Ok(None))
 }
 
-/// [`open_devices`], but for the first, if `first` has one for it.
+/// Opens devices like [`open_devices`]. `first` may supply the first one.
 pub fn open_devices_with(
     options: &RunOptions,
     virtual_devices: usize,
@@ -120,7 +120,7 @@ pub fn open_here(options: &RunOptions, virtual_devices: usize) -> Result<Vec<Gpu
     Ok(device::open(&selection(options, virtual_devices))?)
 }
 
-/// Returns a new policy as the options ask for it, for traced images of this size.
+/// Creates the policy that the options request, for traced images of this size.
 pub fn policy(options: &RenderOptions, grid: Extent, devices: usize) -> Result<Box<dyn Policy>, Failure> {
     options.balance().policy(grid.height, devices, &options.ratios)
 }
@@ -134,8 +134,8 @@ pub fn renderer(
     varying_renderer(options, loaded, gpus, origin, false)
 }
 
-/// A renderer of frames that have at most the options' samples and iterations; `mixes_spp`: some have one sample, others
-/// several.
+/// Creates a renderer of frames with at most the options' samples and iterations. `mixes_spp`: some frames have one
+/// sample per pixel, others several.
 pub fn varying_renderer(
     options: &RenderOptions,
     loaded: &LoadedScene,
@@ -156,7 +156,7 @@ pub fn varying_renderer(
     Ok(renderer)
 }
 
-/// What the options ask of all frames.
+/// Returns the settings that apply to all frames.
 pub fn render_settings(
     options: &RenderOptions,
     loaded: &LoadedScene,
@@ -178,7 +178,8 @@ pub fn render_settings(
     stages.frames_in_flight = usize::from(options.frames_in_flight);
     stages.checks = options.shader_checks;
     stages.declarations = registered().passes.clone();
-    // Renderers go by what their devices are opened for; without any, by what is asked for.
+    // A renderer replaces this with the traversal of its devices. `diptych graph` has no devices and uses the requested
+    // one.
     if let Some(moving) = &mut stages.moving {
         moving.hardware = options.traversal == TraversalChoice::Hardware;
     }
@@ -192,14 +193,14 @@ pub fn render_settings(
     })
 }
 
-/// The trace-file of a run and the zero of its times.
+/// Trace file of a run, and its recorder.
 pub struct Tracing {
     file: Option<TraceFile>,
     pub recorder: Recorder,
 }
 
 impl Tracing {
-    /// Other ranks record as well where this one does.
+    /// Starts the trace file, if requested. Other ranks then record too.
     pub fn start(options: &RunOptions) -> Result<Self, Failure> {
         let file = options.trace.as_deref().map(TraceFile::start).transpose()?;
         if let Some(node) = node::others().filter(|_| file.is_some()) {
@@ -214,7 +215,7 @@ impl Tracing {
         record_frame(&self.recorder, frame, quality, control);
     }
 
-    /// What other ranks have recorded.
+    /// Adds the events that other ranks have recorded to the trace.
     fn take_recorded(&self) {
         let Some(node) = node::others().filter(|_| self.recorder.is_on()) else { return };
         let epoch_us = self.recorder.time_us(node.epoch());
@@ -235,7 +236,7 @@ impl Tracing {
     }
 }
 
-/// An option's value as it is typed.
+/// Returns an option's value as it is typed.
 pub fn name(value: &impl clap::ValueEnum) -> String {
     value.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
 }

@@ -61,12 +61,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The folder that a file is in.
+/// Returns the folder that contains a file.
 fn folder_of(file: &Path) -> &Path {
     file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// How a file is named from a folder; both are there.
+/// Returns the path of a file relative to a folder; both must exist.
 fn relative(file: &Path, folder: &Path) -> std::io::Result<String> {
     let [file, folder] = [file.canonicalize()?, folder.canonicalize()?];
     let path = diff_paths(&file, folder).unwrap_or(file);

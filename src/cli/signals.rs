@@ -6,22 +6,22 @@ use std::sync::{Arc, LazyLock};
 /// True once Ctrl-C was pressed or SIGTERM came.
 pub static INTERRUPTED: LazyLock<Arc<AtomicBool>> = LazyLock::new(Default::default);
 
-/// The number of the signal that came.
+/// Number of the received signal.
 pub static SIGNAL: LazyLock<Arc<AtomicUsize>> = LazyLock::new(Default::default);
 
-/// Returns the exit status that shells report of a program that the signal ended: 128 and its number.
+/// Returns the exit status that shells report for a program that the signal ended: 128 plus its number.
 pub fn exit_status() -> u8 {
     128 | SIGNAL.load(Ordering::Relaxed) as u8
 }
 
-/// Notes a signal that came to another process of the run.
+/// Records a signal that another process of the run received.
 #[cfg(feature = "mpi")]
 pub fn raise(signal: i32) {
     SIGNAL.store(signal as usize, Ordering::Relaxed);
     INTERRUPTED.store(true, Ordering::Relaxed);
 }
 
-/// Returns the signal that came, if one did.
+/// Returns the received signal, if any.
 pub fn signal() -> Option<i32> {
     is_set().then(|| SIGNAL.load(Ordering::Relaxed) as i32)
 }

@@ -1,4 +1,4 @@
-//! `diptych scale --simulate`: device counts and speeds that are not here, on a virtual clock with measured costs.
+//! `diptych scale --simulate`: predicts other device counts and speeds on a virtual clock, from measured costs.
 
 use std::str::FromStr;
 
@@ -27,14 +27,14 @@ pub struct Args {
     network_gbps: Option<f64>,
 }
 
-/// Nodes with so many devices each.
+/// A number of nodes with the same number of devices each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Nodes {
     nodes: usize,
     each: usize,
 }
 
-/// That one run can drive.
+/// Maximum number of devices in a run.
 const MOST_DEVICES: usize = 64;
 
 impl FromStr for Nodes {
@@ -49,11 +49,12 @@ impl FromStr for Nodes {
     }
 }
 
-/// Of a network of which nothing is known: what InfiniBand of 2015 and later has.
+/// Latency of an unmeasured network: that of InfiniBand of 2015 and later.
 const LATENCY_MS: f64 = 2e-3;
+/// Bandwidth of such a network, Gbit/s.
 const GBPS: f64 = 100.0;
 
-/// Milliseconds a byte.
+/// Converts a bandwidth to milliseconds per byte.
 fn ms_per_byte(gbps: f64) -> f64 {
     8e-6 / gbps
 }
@@ -63,7 +64,7 @@ impl Args {
         !self.simulate.is_empty()
     }
 
-    /// What clap cannot see.
+    /// Checks constraints that clap cannot express.
     pub fn check(&self, options: &RenderOptions) -> Result<(), Failure> {
         if self.is_wanted() && options.frames_in_flight > 1 {
             let what = "--simulate plays frames one after another: leave --frames-in-flight out";
@@ -81,7 +82,7 @@ impl Args {
         }
     }
 
-    /// Predicts every count. `measured` are device counts with their makespans in milliseconds.
+    /// Predicts all requested counts. `measured` lists device counts with their makespans in milliseconds.
     pub fn run(
         &self,
         options: &RenderOptions,
@@ -99,7 +100,7 @@ impl Args {
             }
             let (_, prediction) = predict(options, &simulated)?;
             let is_alike = speeds.iter().all(|&s| s == 1.0);
-            // Measured devices are on as many nodes as there are ranks.
+            // The measured run has one node per rank.
             let is_here = is_alike && nodes == crate::cli::node::others().map_or(1, |node| node.ranks());
             let here = measured.iter().find(|(d, _)| is_here && *d == devices);
             rows.push(Row {
@@ -111,7 +112,7 @@ impl Args {
         Ok(rows)
     }
 
-    /// Between nodes, as asked for, as measured, or as nodes may have it.
+    /// Returns the network between nodes: as requested, else as measured, else with default values.
     fn network(&self, measured: &Network, nodes: usize, each: usize) -> Network {
         let known = |value: f64, otherwise: f64| if value > 0.0 { value } else { otherwise };
         Network {
@@ -122,10 +123,10 @@ impl Args {
     }
 }
 
-/// Frames after which stripes that still move are taken as they are: an edge has crossed the frame by then.
+/// Maximum frames to wait for stripes to settle. An edge can cross the whole frame within that time.
 const SETTLING_FRAMES: u32 = 32;
 
-/// A frame once its stripes have settled.
+/// Predicts a frame after its stripes have settled.
 pub fn predict(options: &RenderOptions, model: &CostModel) -> Result<(FrameGraph, Prediction), Failure> {
     let mut policy = setup::policy(options, model.spec().extent, model.spec().devices)?;
     let mut assignment = policy.assign(model);

@@ -48,7 +48,7 @@ fn show<T: Serialize>(args: &Args, found: &T, text: impl Fn(&T) -> String) -> Re
     Ok(())
 }
 
-/// Trace-files are the user's to mend, but for the one that a run writes.
+/// Errors in a trace file are input errors, except in the trace that a run writes.
 impl From<TraceError> for Failure {
     fn from(error: TraceError) -> Self {
         match error {

@@ -1,7 +1,7 @@
 //! `diptych view`: a window to look around in, inside a frame budget.
 //!
-//! The window and its input are on the main thread, where systems want them; the control loop and all devices that
-//! render are on a thread of their own, so that neither waits for the other.
+//! The window and its input are on the main thread, as operating systems require. The control loop and all devices that
+//! render are on another thread, so that neither waits for the other.
 
 mod camera;
 #[cfg(feature = "xr")]
@@ -31,7 +31,7 @@ use renderer::Start;
 use shared::Shared;
 use window::{App, Wake};
 
-/// A window writes no files but those that options name.
+/// Help of `--out`, which has no effect without a headset: the window writes only files that options name.
 const OUT: &str = "With --xr: folder for run.json and frames.csv; created if missing";
 
 #[derive(clap::Args, Clone, Debug)]
@@ -89,7 +89,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for warning in &loaded.scene.warnings {
         progress.warn(warning);
     }
-    // Opened here, as Mesa's thread counts are told by the environment, which other threads must not read meanwhile.
+    // Open devices before the renderer's thread starts: Mesa takes thread counts from the environment, which other
+    // threads must not read meanwhile.
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
     let look = Look {
         scene: loaded.shot.name.clone(),

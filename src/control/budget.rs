@@ -1,13 +1,13 @@
-//! The band within which the makespans of frames are kept.
+//! The band in which the controller keeps the makespans of frames.
 
 use std::str::FromStr;
 
-/// The least headroom between the expected time of a rung, with the margin for scatter, and the upper end of the band
-/// for the rung to be taken. Rungs are kept up to that end, so this hysteresis prevents oscillation.
+/// Minimum ratio of the band's upper end to the expected time of a rung, scatter margin included, for a change to that
+/// rung. A rung is kept up to the upper end itself; this hysteresis prevents oscillation.
 const HEADROOM: f64 = 1.15;
-/// The same for a step to a rung that is so much more expensive that leaving it out wastes a good part of the band, and
-/// where all cheaper rungs would leave the band at its lower end.
+/// Headroom for a step to a much more expensive rung, without which a good part of the band would be wasted.
 const STEP_HEADROOM: f64 = 1.06;
+/// Headroom for a rung above a gap, where all cheaper rungs are below the band.
 const GAP_HEADROOM: f64 = 1.03;
 
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -17,14 +17,14 @@ pub struct BudgetError {
     hi_ms: f64,
 }
 
-/// Makespans from `lo_ms`, below which quality is wasted, to `hi_ms`, above which frames are late.
+/// Makespans from `lo_ms`, below which quality is wasted, to `hi_ms`, above which frames miss their deadline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Budget {
     lo_ms: f64,
     hi_ms: f64,
 }
 
-/// The form is `LO..HI`, in milliseconds.
+/// Parses `LO..HI`, in milliseconds.
 impl FromStr for Budget {
     type Err = String;
 
@@ -51,20 +51,20 @@ impl Budget {
         self.hi_ms
     }
 
-    /// The largest expected time with which a rung is taken, where frames scatter by `margin`, 1 + their relative
-    /// standard deviation. However much they scatter, aiming below the middle of the band would only replace late
-    /// frames by wasted ones.
+    /// Returns the largest expected time at which a rung is chosen. `margin` is 1 + the relative standard deviation of
+    /// frames. The result is at least the middle of the band: a lower target would trade missed deadlines for wasted
+    /// quality.
     pub fn reach_ms(&self, margin: f64) -> f64 {
         self.below_end_ms(HEADROOM * margin)
     }
 
-    /// The same for a step to a rung that is much more expensive than the one before.
+    /// Returns this limit for a step to a rung that is much more expensive than the previous one.
     pub fn step_reach_ms(&self, margin: f64) -> f64 {
         self.below_end_ms(STEP_HEADROOM * margin)
     }
 
-    /// The same where all cheaper rungs are below the band. Half a standard deviation of headroom is enough, since
-    /// otherwise no frame would be within the band.
+    /// Returns this limit if all cheaper rungs are below the band. Half a standard deviation of headroom is enough,
+    /// since otherwise no frame would be within the band.
     pub fn gap_reach_ms(&self, margin: f64) -> f64 {
         self.below_end_ms(GAP_HEADROOM * margin.sqrt())
     }

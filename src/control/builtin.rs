@@ -1,4 +1,4 @@
-//! The built-in ladder, used where none was measured: candidates with estimated errors, and relative costs of rungs.
+//! The built-in ladder, used if none was measured: candidates with estimated errors, and relative costs of rungs.
 
 use std::f64::consts::PI;
 
@@ -13,16 +13,16 @@ use crate::schedule::Effort;
 pub const SPP: [u32; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
 pub const BOUNCES: [u32; 5] = [1, 2, 3, 4, 6];
 pub const ITERATIONS: [u32; 5] = [1, 2, 3, 4, 5];
-/// Render scales of the candidates with one sample per pixel, which take fewer samples than that.
+/// Render scales of denoised candidates that trace less than one sample per pixel.
 pub const SPARSE_SCALES: [f64; 7] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3];
 /// Radii of the foveal layers, for candidates that have them.
 pub const FOVEAE: [[f64; 2]; 3] = [[0.3, 0.6], [0.15, 0.3], [0.1, 0.2]];
 
 /// Stages whose cost changes with samples and bounces. The cost of filters changes with the number of iterations, which
-/// the graph has.
+/// the graph accounts for.
 pub const TRACING: [Stage; 3] = [GBUFFER, PATH_TRACE, HOLE_FILL];
 
-/// All settings that the built-in ladder may have, including those with foveal layers if `foveated`.
+/// Returns all candidates for the built-in ladder, including those with foveal layers if `foveated`.
 pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
     let filters = denoiser.is_some();
     let iterations =
@@ -49,22 +49,20 @@ pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
     all
 }
 
-/// The exposure of the pictures in the measurements that [`guessed_error`] follows, whatever the exposure of the shot
-/// is.
+/// Exposure of the images behind the fit of [`guessed_error`], independent of the shot's exposure.
 pub const ESTIMATES_EV: f64 = 0.0;
 
-/// The share of the pixels that are sampled.
+/// Returns the fraction of pixels that are sampled.
 fn sampled_share(quality: &Quality) -> f64 {
     let Some(radii) = quality.fovea else { return quality.scale * quality.scale };
-    // This holds for an image of 16 to 9 with the gaze at its centre. Half of the pixels outside the layers are
-    // sampled.
+    // Assumes a 16:9 image with the gaze at its centre. Half of the pixels outside the layers are sampled.
     let [inner, outer] = radii.map(|r| (PI * r * r * 16.0 / 9.0).min(1.0));
     quality.scale * quality.scale * (0.5 + 0.25 * (inner + outer))
 }
 
-/// The FLIP that a setting is expected to have at this many rows. `missing_light` is the share of the light that
-/// further bounces would bring. The error combines noise, which samples average down, blur, and missing light.
-/// Denoisers estimate the first two, for pictures shown at [`ESTIMATES_EV`].
+/// Estimates the FLIP of a setting at this many rows. `missing_light` is the fraction of light that further bounces
+/// would add. The error combines noise, blur and missing light. Denoisers estimate noise and blur, for images shown at
+/// [`ESTIMATES_EV`].
 pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
     let samples = f64::from(quality.spp) * sampled_share(quality);
     let iterations = quality.most_iterations();
@@ -76,18 +74,20 @@ pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
     noise.hypot(dark).min(1.0)
 }
 
-/// The work of path tracing where nothing was measured. Russian roulette ends most paths after four reflections.
+/// Estimates the relative cost of path tracing without measurements. Russian roulette ends most paths after four
+/// bounces.
 pub fn guessed_paths(quality: &Quality) -> f64 {
     f64::from(quality.spp) * sampled_share(quality) * f64::from(1 + quality.bounces.clamp(1, 4))
 }
 
-/// The effort of tracing at a quality, before anything was timed.
+/// Estimates the relative cost of tracing at a quality without measurements.
 pub fn guessed_effort(quality: &Quality) -> Effort {
     Effort::new([PATH_TRACE, HOLE_FILL].map(|stage| (stage, guessed_paths(quality))))
 }
 
-/// The effort of tracing on each rung, from the rungs' own times if all have them, else estimated. The effort of paths
-/// of a rung does not depend on the other rungs, so what was learned with one choice of rungs holds for another.
+/// Returns the relative cost of tracing on each rung, from the rungs' measured times if all have them, otherwise
+/// estimated. A rung's cost of paths does not depend on the other rungs, so costs learned with one set of rungs hold
+/// for another.
 pub fn efforts(rungs: &[Rung]) -> Vec<Effort> {
     let paths = PATH_TRACE.name();
     let are_timed = rungs.iter().all(|r| r.stage_ms.get(paths).is_some_and(|ms| *ms > 0.0));

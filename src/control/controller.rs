@@ -1,32 +1,32 @@
 //! Picks the rung of the next frame.
 //!
-//! Its target is the most expensive rung that is expected to stay inside the band, with a margin for how much frames
-//! scatter. Above the band it drops to that rung at once, from below the band it climbs to it in one step, and within
-//! the band it climbs slowly, a rung at a time. Where no rung is well inside the band, one that is just inside is
-//! better than one below it. The expected time is the prediction times the factor by which recent predictions were off
-//! ([`super::correction`]).
+//! The target is the most expensive rung that is predicted to stay inside the band, with headroom for the scatter of
+//! frames. Above the band the controller drops straight to the target, below the band it jumps straight up to it, and
+//! within the band it climbs one rung at a time. If no rung fits with headroom, a rung just inside the band is better
+//! than one below it. The expected time is the prediction times the learned correction factor ([`super::correction`]).
 
 use super::correction::Correction;
 use super::{Budget, Ladder};
 
-/// The least number of frames between a change and a climb.
+/// Minimum number of frames between a change and a climb.
 pub const CLIMB_EVERY: u32 = 8;
-/// The same for a climb from below the band, since a drop after a burst of load may have gone too far.
+/// Minimum number of frames between a change and a climb from below the band. It is smaller, since a drop after a burst
+/// of load may have gone too far.
 pub const CLIMB_BACK_AFTER: u32 = 4;
-/// A drop within this many frames after a climb says that the climb was a mistake.
+/// Number of frames after a climb within which a drop marks the climb as a mistake.
 const PROBATION: u32 = 16;
-/// The number of frames for which a rung is not tried again after the first such mistake. Each further mistake doubles
-/// it, up to the second number.
+/// Number of frames for which a rung is locked out after the first such mistake. Each further mistake doubles it, up to
+/// the second number.
 const RETRY_AFTER: [u32; 2] = [32, 1024];
-/// A step to a rung that takes this many times as long as the one below is worth taking with less headroom.
+/// Ratio of the times of two neighbouring rungs above which a step up needs less headroom.
 const COARSE: f64 = 1.3;
-/// The margin for scatter is at most this.
+/// Maximum margin for scatter.
 const MARGIN_MAX: f64 = 1.2;
 
-/// Predicts what a frame would take.
+/// Predicts frame times.
 pub trait Predict {
-    /// The makespan of the next frame on this rung, ms. Anything but a number above 0 is replaced by the ladder's own
-    /// measurement.
+    /// Predicts the makespan of the next frame on this rung, in ms. The ladder's own measurement replaces any value
+    /// that is not positive and finite.
     fn makespan_ms(&self, rung: usize) -> f64;
 }
 
@@ -36,14 +36,14 @@ impl<F: Fn(usize) -> f64> Predict for F {
     }
 }
 
-/// The rung with which the next frame is to be rendered.
+/// The choice of the next frame's rung.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decision {
     /// Index into the ladder's rungs.
     pub rung: usize,
     /// The corrected prediction of the frame's makespan.
     pub expected_ms: f64,
-    /// If false, no rung is expected to be within the budget, and this is the cheapest.
+    /// False if no rung is expected to stay within the budget. The rung is then the cheapest.
     pub fits: bool,
 }
 
@@ -52,21 +52,21 @@ pub struct Decision {
 struct Trial {
     /// The first decision that may climb to it.
     from: u64,
-    /// How long the next mistake keeps the rung out.
+    /// Number of decisions for which the next mistake locks the rung out.
     retry_after: u32,
 }
 
 #[derive(Clone, Debug)]
 pub struct Controller {
     budget: Budget,
-    /// The rungs of the ladder.
+    /// Times of the ladder's rungs.
     times_ms: Vec<f64>,
     correction: Correction,
-    /// The rung of the last frame; none before the first frame.
+    /// The rung of the last frame, `None` before the first.
     rung: Option<usize>,
     decisions: u64,
     changed_at: u64,
-    /// The rung of the last climb and the time of the climb, as long as the climb may turn out to be a mistake.
+    /// Rung and time of the last climb, while it may still turn out to be a mistake.
     climbed: Option<(usize, u64)>,
     trials: Vec<Trial>,
 }
@@ -79,24 +79,24 @@ impl Controller {
         Self { budget, times_ms, correction, rung: None, decisions: 0, changed_at: 0, climbed: None, trials }
     }
 
-    /// Adds the makespan of a finished frame, in any order and any number of frames after its decision. Anything but a
-    /// time above 0 is ignored.
+    /// Adds the makespan of a finished frame. Frames may finish in any order, and any number of frames after their
+    /// decision. Times that are not positive and finite are ignored.
     pub fn observe(&mut self, rung: usize, makespan_ms: f64) {
         if makespan_ms.is_finite() && makespan_ms > 0.0 {
             self.correction.learn(rung.min(self.times_ms.len() - 1), makespan_ms);
         }
     }
 
-    /// To be called when devices have come, gone or changed their speed. The last frames then say nothing about the
-    /// next ones, but predictions are still off by the same factor.
+    /// Adapts to devices that were added, removed or changed in speed. The last frames then do not predict the next
+    /// ones, but the correction factor still holds.
     pub fn devices_changed(&mut self) {
         self.correction.forget_frames();
         self.changed_at = self.decisions;
         self.climbed = None;
     }
 
-    /// Picks the rung of the next frame. It asks `predictor` a few times at most for each rung, and not at all for
-    /// most.
+    /// Picks the rung of the next frame. It calls `predictor` at most a few times per rung, and not at all for most
+    /// rungs.
     pub fn next(&mut self, predictor: &impl Predict) -> Decision {
         let times_ms = &self.times_ms;
         let predicted_ms = |rung: usize| {
@@ -124,7 +124,7 @@ impl Controller {
         let now_ms = expected_ms(rung);
         if now_ms > self.budget.hi_ms() / margin {
             let lower = limits.dearest(0..rung, &expected_ms).unwrap_or(0);
-            // A rung that is late at times is better than one that is never within the band.
+            // A rung that sometimes exceeds the budget is better than one that is never within the band.
             let is_held = now_ms <= self.budget.hi_ms() && expected_ms(lower) < limits.lo_ms;
             return if is_held { rung } else { lower };
         }
@@ -135,7 +135,7 @@ impl Controller {
         let may_climb_to = |r: &usize| self.decisions >= self.trials[*r].from;
         let mut above = rung + 1..rungs;
         let higher = if now_ms < limits.lo_ms {
-            // Predictions for more expensive rungs are no better than for the one that turned out to be a mistake.
+            // Predictions for more expensive rungs are no better than for the rung that turned out to be a mistake.
             let end = above.find(|r| !may_climb_to(r) || expected_ms(*r) > limits.gap_reach_ms).unwrap_or(rungs);
             limits.dearest(rung + 1..end, &expected_ms)
         } else {
@@ -146,7 +146,7 @@ impl Controller {
         higher.unwrap_or(rung)
     }
 
-    /// Counts the decision, and judges the last climb.
+    /// Counts the decision and evaluates the last climb.
     fn take(&mut self, chosen: usize) {
         let now = self.decisions;
         self.decisions += 1;
@@ -171,7 +171,7 @@ impl Controller {
     }
 }
 
-/// The bounds of the expected time of rungs that may be taken.
+/// Bounds on the expected time of rungs that may be chosen.
 struct Limits {
     lo_ms: f64,
     /// [`Budget::reach_ms`], [`Budget::gap_reach_ms`].
@@ -180,8 +180,8 @@ struct Limits {
 }
 
 impl Limits {
-    /// The most expensive of these rungs within reach, which are in order from the cheapest. Where that one is below
-    /// the band, or there is none, it is the next rung, if that is within the reach over gaps.
+    /// Returns the most expensive of these rungs, which are in ascending order, within `reach_ms`. If that rung is
+    /// below the band, or no rung is within reach, returns the next more expensive one if it is within `gap_reach_ms`.
     fn dearest(
         &self,
         rungs: impl DoubleEndedIterator<Item = usize>,

@@ -1,17 +1,17 @@
-//! How far predictions are off, learned from measured frame times: a factor, and how much frames scatter around it.
+//! Correction of predicted frame times, learned from measured ones: a factor, and the scatter of frames around it.
 
 use std::collections::VecDeque;
 
-/// The number of frames whose median is taken, so that a single frame that was held up changes nothing.
+/// Number of frames in the median, so that a single delayed frame has no effect.
 const WINDOW: usize = 3;
-/// Share of a new median in the running mean.
+/// Weight of a new median in the running mean.
 const LEARNING_RATE: f64 = 0.15;
-/// A median this many times the mean, or this part of it, means that the load has changed, and replaces the mean. The
-/// first value is for frames that do not scatter, the second for any frames.
+/// Factor between median and mean, in either direction, that indicates a change of load. The median then replaces the
+/// mean. The first value is for frames without scatter, and the second is the maximum.
 const LEAP: [f64; 2] = [1.3, 1.75];
 /// Ratios above this, or below its inverse, are clamped to it. Clocks and predictors that are off by more are broken.
 const RATIO_MAX: f64 = 1e3;
-/// Share of a frame's deviation in the running mean of deviations.
+/// Weight of a frame's deviation in the running mean of deviations.
 const SPREAD_RATE: f64 = 0.05;
 /// Standard deviation over mean deviation of a normal distribution: √(π/2).
 const SIGMA_PER_DEVIATION: f64 = 1.253_314_137_315_500_3;
@@ -19,18 +19,18 @@ const SIGMA_PER_DEVIATION: f64 = 1.253_314_137_315_500_3;
 /// The state of the correction, in logarithms of measured over predicted time.
 #[derive(Clone, Debug, Default)]
 pub struct Correction {
-    /// Rung and measured time of the last frames. Their ratios are computed for each decision with the present
-    /// predictions, so a predictor that learns by itself is not corrected for what it already knows.
+    /// Rung and measured time of the last frames. Each decision computes their ratios with the current predictions, so
+    /// a predictor that learns by itself is not corrected twice.
     frames: VecDeque<(usize, f64)>,
     mean: f64,
     has_mean: bool,
     deviation: f64,
-    /// Whether a frame has come since the mean was last moved.
+    /// True if a frame was added since the mean was last updated.
     is_news: bool,
 }
 
 impl Correction {
-    /// Adds a frame on this rung that took `ms`, a number above 0.
+    /// Adds a frame on this rung that took `ms`, which must be positive.
     pub fn learn(&mut self, rung: usize, ms: f64) {
         if self.frames.len() == WINDOW {
             self.frames.pop_front();
@@ -39,7 +39,7 @@ impl Correction {
         self.is_news = true;
     }
 
-    /// Moves the factor towards the last frames' ratios to the present predictions, which are in ms by rung.
+    /// Moves the factor towards the ratios of the last frames to the current predictions. `predicted_ms` takes a rung.
     pub fn update(&mut self, predicted_ms: impl Fn(usize) -> f64) {
         if !std::mem::take(&mut self.is_news) || self.frames.len() < 2 {
             return;
@@ -48,7 +48,7 @@ impl Correction {
         let mut ratios: Vec<f64> = self.frames.iter().map(ratio).collect();
         let newest = ratios[ratios.len() - 1];
         ratios.sort_by(f64::total_cmp);
-        // Of two frames the lesser is taken, since the first frame of all is cold.
+        // With two frames, the smaller ratio counts, since the very first frame is cold.
         let median = ratios[(ratios.len() - 1) / 2];
         let error = median - self.mean;
         let leap = (LEAP[0].ln() + 2.0 * SIGMA_PER_DEVIATION * self.deviation).min(LEAP[1].ln());
@@ -60,17 +60,17 @@ impl Correction {
         }
     }
 
-    /// The factor by which predictions are to be multiplied.
+    /// Returns the factor that corrects predictions.
     pub fn factor(&self) -> f64 {
         self.mean.exp()
     }
 
-    /// 1 + the relative standard deviation of frames.
+    /// Returns 1 + the relative standard deviation of frames.
     pub fn margin(&self) -> f64 {
         (SIGMA_PER_DEVIATION * self.deviation).exp()
     }
 
-    /// Forgets the last frames, which say nothing about those to come.
+    /// Discards the last frames, which do not predict the next ones.
     pub fn forget_frames(&mut self) {
         self.frames.clear();
     }

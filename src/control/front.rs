@@ -1,7 +1,7 @@
-//! Pareto fronts of time and error, and a measure to compare them.
+//! Pareto fronts of time and error, and a metric to compare them.
 
-/// The indices of the (time, error) pairs that no other pair beats in both, by rising time and thus falling error. Of
-/// equal pairs the first is taken. Pairs that are not finite are on no front.
+/// Returns the indices of the (time, error) pairs on the Pareto front, by rising time and thus falling error. Of equal
+/// pairs it takes the first. Pairs that are not finite are ignored.
 pub fn front(points: &[(f64, f64)]) -> Vec<usize> {
     let is_finite = |i: &usize| points[*i].0.is_finite() && points[*i].1.is_finite();
     let mut order: Vec<usize> = (0..points.len()).filter(is_finite).collect();
@@ -15,9 +15,9 @@ pub fn front(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-/// The mean over the logarithm of time, from `times[0]` to `times[1]`, of the least error of these (time, error) pairs
-/// within that time, which is `worst` where there is none. The lower it is, the better the front. If the span is empty,
-/// it is the least error at its end.
+/// Returns a mean over the logarithm of time, from `begin` to `end`: the mean of the least error that these (time,
+/// error) pairs reach within each time, or `worst` if no pair is that fast. Lower is better. If the span is empty,
+/// returns the least error at its end.
 pub fn mean_error(points: &[(f64, f64)], [begin, end]: [f64; 2], worst: f64) -> f64 {
     let (mut sum, mut from, mut error) = (0.0, begin, worst);
     for i in front(points) {

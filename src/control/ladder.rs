@@ -1,4 +1,4 @@
-//! The quality ladder: settings by rising time and falling error, and the file in which they are kept.
+//! The quality ladder: settings by rising time and falling error, and its file format.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -11,13 +11,13 @@ use crate::image::ImageError;
 use crate::image::file::atomic_write;
 use crate::quality::Denoiser;
 
-/// Measurements cannot distinguish rungs of a front that are less than this share apart in time.
+/// Relative difference in time below which measurements cannot distinguish two rungs of a front.
 pub const MIN_STEP: f64 = 0.03;
-/// The factor on the error of a rung relative to the next one may be at most the factor on time to this power. A rung
-/// with a larger error than that is worse than one with fewer samples.
+/// Exponent that limits the error of a rung: relative to the next one up, its error may grow by at most the saved
+/// factor of time to this power. With a larger error, the rung is worse than one with fewer samples.
 pub const STEEPEST: f64 = 3.0;
 
-/// The suffix of the version in older ladders of `play`, in which estimates are named `flip`.
+/// Version suffix of older ladders by `play`, which store estimates as `flip`.
 const ESTIMATED_FLIP: &str = "; flip is estimated";
 
 #[derive(Debug, thiserror::Error)]
@@ -87,9 +87,9 @@ impl Ladder {
         Ok(Self { origin, rungs })
     }
 
-    /// A ladder of the Pareto front of time and error. Of rungs closer than [`MIN_STEP`], and where a step down saves
-    /// too little for what it costs ([`STEEPEST`]), the better ones stay. Measurements that are not finite are left
-    /// out.
+    /// Builds a ladder from the Pareto front of time and error. If two rungs are closer than [`MIN_STEP`], or a step
+    /// down costs too much quality for the time it saves ([`STEEPEST`]), only the better one stays. Measurements that
+    /// are not finite are ignored.
     ///
     /// # Errors
     /// Those of [`Self::new`].
@@ -109,12 +109,12 @@ impl Ladder {
         Self::new(origin, rungs)
     }
 
-    /// A ladder of each denoiser that was measured ([`Self::of_measured`]), the best first. The best is the one whose
-    /// settings have the least error in the mean over the logarithm of time, from the fastest to the slowest setting of
-    /// all. Denoisers without a finite measurement have no ladder.
+    /// Builds a ladder for each measured denoiser ([`Self::of_measured`]), the best first. The best denoiser has the
+    /// lowest mean error over the logarithm of time, from the fastest to the slowest setting of all. Denoisers without
+    /// a finite measurement have no ladder.
     ///
     /// # Errors
-    /// [`LadderError::Empty`] if none has.
+    /// [`LadderError::Empty`] if no denoiser has a ladder.
     pub fn by_denoiser(origin: &Origin, measured: &[Rung]) -> Result<Vec<Self>, LadderError> {
         let points = |rungs: &[Rung]| -> Vec<(f64, f64)> { rungs.iter().map(|r| (r.time_ms, r.error)).collect() };
         let all: Vec<(f64, f64)> =
@@ -158,7 +158,7 @@ impl Ladder {
         Self::parse(&text).map_err(|source| LadderError::File { path: path.to_owned(), source: Box::new(source) })
     }
 
-    /// The text that [`Self::parse`] reads.
+    /// Returns the ladder as text that [`Self::parse`] reads.
     ///
     /// # Errors
     /// [`LadderError::Format`].
@@ -178,7 +178,7 @@ impl Ladder {
         &self.origin
     }
 
-    /// The denoisers of its rungs in the order of their first rung, with how many rungs each has.
+    /// Returns the denoisers of its rungs in the order of their first rung, with their number of rungs.
     pub fn denoisers(&self) -> Vec<(Option<Denoiser>, usize)> {
         let mut counts: Vec<(Option<Denoiser>, usize)> = Vec::new();
         for rung in &self.rungs {
@@ -190,7 +190,7 @@ impl Ladder {
         counts
     }
 
-    /// The rungs from the cheapest to the best.
+    /// Returns the rungs from the cheapest to the best.
     pub fn rungs(&self) -> &[Rung] {
         &self.rungs
     }

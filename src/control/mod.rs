@@ -1,9 +1,9 @@
-//! Keeps a frame budget with a ladder of settings ordered by cost, and a controller that picks the rung of each frame.
+//! Keeps a frame budget with a quality ladder, settings ordered by cost, and a controller that picks the rung of each
+//! frame.
 //!
-//! The [`Ladder`] is measured in advance (`diptych bench`). For each frame the [`Controller`] asks a predictor what
-//! rungs would take now, and corrects that by how far predictions of the last frames were off. It then stays, climbs
-//! slowly, or goes at once to the most expensive rung that fits. Nothing here uses wgpu: whole runs are tested on
-//! simulated plants.
+//! The [`Ladder`] is measured in advance (`diptych bench`). For each frame the [`Controller`] asks a predictor for the
+//! current cost of rungs, and corrects it by the error of recent predictions. It then stays, climbs slowly, or jumps to
+//! the most expensive rung that fits. This module does not use wgpu, so tests simulate whole runs.
 
 mod budget;
 mod builtin;

@@ -21,7 +21,7 @@ pub enum Measure {
 }
 
 impl Measure {
-    /// The measure in words.
+    /// Returns the name of the measure.
     pub fn name(self) -> &'static str {
         match self {
             Self::Flip => "FLIP",
@@ -34,22 +34,22 @@ impl Measure {
 /// Settings with their time and error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rung {
-    /// Median makespan. Of estimated rungs, it is what the cost model predicts.
+    /// Median makespan. For estimated rungs, it is the prediction of the cost model.
     pub time_ms: f64,
     /// The error by the ladder's [`Measure`], mean over both eyes, 0 ..= 2. Rungs are ordered by it.
     pub error: f64,
-    /// Means over both eyes, `None` where they were not measured.
+    /// Means over both eyes, `None` if not measured.
     pub flip: Option<f64>,
     pub flicker: Option<f64>,
     pub relmse: Option<f64>,
-    /// Whether time and error were estimated from those of other settings.
+    /// True if time and error were estimated from those of other settings.
     pub is_estimated: bool,
     pub quality: Quality,
     /// Busy time by stage, summed over views and devices, which a cost model can scale.
     pub stage_ms: BTreeMap<String, f64>,
 }
 
-/// The form of a rung in a file. Values that were not measured have names that say so.
+/// Serialized form of a rung. The names of estimated values start with `estimated_`.
 #[derive(Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct FileRung {
@@ -94,7 +94,8 @@ impl FileRung {
         }
     }
 
-    /// The rung of a ladder with this measure. Ladders that do not name their measure have the error as `flip` alone.
+    /// Returns the rung, as part of a ladder with this measure. Ladders that do not name their measure store the error
+    /// only as `flip`.
     pub fn rung(self, measure: Measure) -> Result<Rung, String> {
         let Self { estimated, flip, flicker, relmse, .. } = self;
         let missing = |name: &str| format!("it has no {name}");

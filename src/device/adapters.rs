@@ -1,4 +1,4 @@
-//! Which adapters there are, and which of them devices are to be opened on.
+//! Lists the adapters of the machine and selects the ones to open devices on.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -8,41 +8,41 @@ use super::{DeviceError, Quirks, Traversal, TraversalChoice};
 pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu: `apt-get install mesa-vulkan-drivers`, \
      which brings a software one too), or update the graphics driver";
 
-/// Most devices that one run drives: one bit each in masks, and far beyond any host.
+/// Maximum number of devices that one run drives: masks have one bit for each.
 pub(crate) const MAX_DEVICES: usize = 64;
 
-/// Of the stage that binds most, SVGF's accumulation.
+/// Storage buffers per shader stage that a device must support: SVGF's accumulation binds the most.
 const STORAGE_BUFFERS_PER_STAGE: u32 = 13;
 pub(super) const IMMEDIATE_BYTES: u32 = 64;
 
-/// The oldest release of Mesa whose software driver is known to be faster than 22.3's, by 1.3 to 2.5 times for a frame.
+/// Oldest release of Mesa known to have a faster software driver than 22.3: by 1.3 to 2.5 times for a frame.
 const FAST_MESA: u32 = 25;
 
-/// An opened device, in words.
+/// Description of an opened device.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DeviceInfo {
     /// Position in the run.
     pub index: usize,
-    /// Number of the adapter in `diptych devices`.
+    /// Number of the adapter as listed by `diptych devices`.
     pub adapter: usize,
     pub name: String,
     pub driver: String,
     pub kind: String,
-    /// Worker threads of a software adapter, where they can be set.
+    /// Worker threads of a software adapter, if the driver lets us set them.
     pub threads: Option<usize>,
-    /// How it follows rays.
+    /// Ray traversal that it uses.
     pub traversal: Traversal,
-    /// Largest buffer a shader can read, bytes.
+    /// Largest storage buffer that a shader can bind, bytes.
     pub max_storage_bytes: u64,
-    /// How wrong times of the device have been at most, against the host's clock.
+    /// Maximum error of device timestamps against the host's clock.
     pub clock_residual_us: f64,
-    /// Of several, the process that has it.
+    /// Process that owns the device, in a run of several processes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rank: Option<RankName>,
 }
 
-/// A process of several, by its number among them and the machine that it is on.
+/// Rank of a process in a run of several, and its machine.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RankName {
@@ -61,12 +61,12 @@ pub struct AdapterReport {
     pub max_storage_mib: u64,
     pub max_storage_buffers: u32,
     pub timestamps: bool,
-    /// Whether it can follow rays by itself.
+    /// True if the adapter supports hardware ray queries.
     pub ray_queries: bool,
-    /// What diptych needs and this adapter lacks; empty: it can be used.
+    /// Requirements that the adapter lacks; empty if it can be used.
     pub missing: Vec<String>,
     pub hint: &'static str,
-    /// What a newer driver would bring, where that is known.
+    /// Benefit of updating the driver, where one is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<String>,
     #[serde(skip)]
@@ -75,24 +75,26 @@ pub struct AdapterReport {
     pub(super) quirks: Quirks,
 }
 
-/// Which devices to open.
+/// Selection of the devices to open.
 #[derive(Clone, Debug, Default)]
 pub struct Selection {
-    /// Adapter numbers; none: all hardware GPUs, each once, else the first software adapter.
+    /// Adapter numbers. By default each hardware GPU once, or the first software adapter if there is no GPU.
     pub adapters: Option<Vec<usize>>,
     /// Devices per adapter.
     pub virtual_devices: usize,
-    /// Worker threads of each device on a software adapter, one number for all or one per device; none: cores / devices.
-    /// Drivers that read it from the environment need [`super::set_environment_hook`]; none then leaves it to them.
+    /// Worker threads of each device on a software adapter: one number for all or one per device. The default is cores
+    /// / devices. For drivers that read the number from the environment, it takes [`super::set_environment_hook`];
+    /// without a hook, these drivers choose.
     pub threads_per_device: Option<Vec<usize>>,
     pub traversal: TraversalChoice,
 }
 
-/// Held while a device is made or adapters are listed: a device may change the environment, which drivers read.
+/// Lock that is held while a device is created or adapters are listed: creation may change the environment, which
+/// drivers read.
 pub(super) static OPENING: Mutex<()> = Mutex::new(());
 
 impl TraversalChoice {
-    /// What it comes to on these adapters.
+    /// Resolves the choice for these adapters.
     ///
     /// # Errors
     /// [`DeviceError::NoRayQueries`] if hardware is asked for and an adapter has none.
@@ -104,7 +106,8 @@ impl TraversalChoice {
             (Self::Hardware, Some(a)) => {
                 Err(DeviceError::NoRayQueries { index: a.index, name: a.name.clone(), driver: a.driver.clone() })
             }
-            // Software drivers walk their structures no faster than our shaders walk ours, Mesa's five times slower.
+            // Software drivers traverse their own structures no faster than our shaders traverse ours; Mesa's is five
+            // times slower.
             (Self::Auto, lacking) => {
                 let is_fast = lacking.is_none() && adapters.iter().all(|a| a.kind.ends_with("GPU"));
                 Ok(if is_fast { Traversal::Hardware } else { Traversal::Compute })
@@ -120,7 +123,8 @@ pub(super) fn new_instance() -> wgpu::Instance {
     wgpu::Instance::new(descriptor)
 }
 
-/// Validation of indirect dispatches costs a pass each; hole-filling's counts are bounded where they are made.
+/// Returns the flags without validation of indirect dispatches, which costs a pass for each. The shaders that write the
+/// counts for hole-filling bound them.
 pub(super) fn instance_flags() -> wgpu::InstanceFlags {
     if cfg!(debug_assertions) { wgpu::InstanceFlags::DEBUG } else { wgpu::InstanceFlags::empty() }
 }
@@ -163,7 +167,8 @@ fn missing(features: wgpu::Features, limits: &wgpu::Limits) -> Vec<String> {
     missing
 }
 
-/// Mesa tells its version first, as in `Mesa 22.3.6 (LLVM 15.0.6)`; development versions end in letters.
+/// Returns advice to update an old Mesa. Mesa puts its version first, as in `Mesa 22.3.6 (LLVM 15.0.6)`; development
+/// versions end in letters.
 fn advice(info: &wgpu::AdapterInfo) -> Option<String> {
     let version = info.driver_info.strip_prefix("Mesa ")?.split_whitespace().next()?;
     let major: u32 = version.split('.').next()?.parse().ok()?;
@@ -200,16 +205,16 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     }
 }
 
-/// All adapters of this machine.
+/// Returns all adapters of this machine.
 pub fn adapters() -> Vec<AdapterReport> {
     let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
     enumerate(&new_instance()).iter().enumerate().map(|(i, a)| report(i, a)).collect()
 }
 
-/// How devices of this selection would follow rays.
+/// Returns the ray traversal that devices of this selection would use.
 ///
 /// # Errors
-/// As [`super::open`] for adapters that cannot be used.
+/// Errors of [`super::open`] for adapters that cannot be used.
 pub fn chosen_traversal(selection: &Selection) -> Result<Traversal, DeviceError> {
     let found = adapters();
     traversal_of(&found, &choose(&found, selection)?, selection)
@@ -286,7 +291,7 @@ mod tests {
             let told = advice_on(DeviceType::Cpu, driver);
             assert_eq!(told.is_some(), old.is_some(), "{driver}: {told:?}");
             assert!(old.is_none_or(|v| told.unwrap().contains(&format!("Mesa {v} is old"))), "{driver}");
-            // A GPU's speed does not hang on the driver that much.
+            // On GPUs, performance depends far less on the driver's version.
             assert_eq!(advice_on(DeviceType::DiscreteGpu, driver), None);
         }
     }

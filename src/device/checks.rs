@@ -1,11 +1,11 @@
-/// How much wgpu guards shaders at run time.
+/// Run-time checks that wgpu adds to shaders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 pub enum ShaderChecks {
-    /// Everything: bounds, loops, integer division.
+    /// All checks: bounds, loops, integer division.
     Full,
-    /// Bounds only. Our loops are bounded and our divisors are not zero.
+    /// Bounds checks only. Our loops are bounded and our divisors are never zero.
     #[default]
     Fast,
 }

@@ -1,9 +1,9 @@
-//! Which adapters a run takes where none is named: each GPU once, though several APIs and drivers may list it.
+//! Selects default adapters: each GPU once, even if several APIs and drivers list it.
 
 use wgpu::{AdapterInfo, Backend, DeviceType};
 
-/// The places of the adapters to take among those that can be used: all GPUs, each by the API that comes first in
-/// [`rank`], else one software adapter.
+/// Returns the indices of the default adapters: all GPUs, each through the API that [`rank`] prefers. Without a GPU,
+/// returns one software adapter.
 pub fn by_default(adapters: &[&AdapterInfo]) -> Vec<usize> {
     let mut ranked: Vec<usize> = (0..adapters.len()).collect();
     ranked.sort_by_key(|&i| rank(adapters[i].backend));
@@ -24,18 +24,18 @@ pub fn by_default(adapters: &[&AdapterInfo]) -> Vec<usize> {
     chosen
 }
 
-/// A GPU that is taken.
+/// A selected GPU.
 struct Gpu {
-    /// The adapter by which it is.
+    /// Index of the adapter that represents it.
     chosen: usize,
-    /// The APIs that have listed it.
+    /// APIs that have listed it so far.
     backends: Vec<Backend>,
 }
 
 impl Gpu {
-    /// Whether `other` is this GPU, which is taken as `chosen`. An API lists alike cards one by one, so one of an API that
-    /// has not listed this GPU is taken for it. Two drivers of Vulkan may list the same card; the bus tells then. The buses
-    /// that wgpu finds for DirectX 12 are those of the first card of a model.
+    /// Returns true if `other` is another listing of this GPU. An API lists identical cards one by one, so if its API
+    /// has not listed this GPU yet, `other` is this GPU. Two Vulkan drivers may list the same card: then the PCI bus
+    /// decides. For DirectX 12, wgpu reports the bus of the first card of a model for all of them.
     fn is_listed_as(&self, chosen: &AdapterInfo, other: &AdapterInfo) -> bool {
         let has_listed = self.backends.contains(&other.backend);
         is_same_model(chosen, other)
@@ -47,7 +47,7 @@ fn is_gpu(info: &AdapterInfo) -> bool {
     matches!(info.device_type, DeviceType::DiscreteGpu | DeviceType::IntegratedGpu | DeviceType::VirtualGpu)
 }
 
-/// Metal is on systems of its own, but for Vulkan on top of it.
+/// Returns the preference of an API, lowest first. Metal meets another API only through Vulkan on top of it.
 fn rank(backend: Backend) -> u8 {
     match backend {
         Backend::Vulkan => 0,
@@ -57,7 +57,7 @@ fn rank(backend: Backend) -> u8 {
     }
 }
 
-/// Metal and OpenGL know no numbers of models but names, to which OpenGL adds more.
+/// Compares names if a device number is missing: Metal and OpenGL have none, and OpenGL adds words to the name.
 fn is_same_model(a: &AdapterInfo, b: &AdapterInfo) -> bool {
     if a.device != 0 && b.device != 0 {
         return (a.vendor, a.device) == (b.vendor, b.device);
@@ -108,7 +108,7 @@ mod tests {
     fn two_alike_cards_stay_two() {
         let vulkan = ["0000:01:00.0", "0000:02:00.0"].map(|bus| adapter(Backend::Vulkan, GEFORCE, bus));
         assert_chosen(&vulkan, &[0, 1]);
-        // DirectX 12 tells the first one's bus of both, or none.
+        // DirectX 12 reports the first card's bus for both, or no bus.
         for bus in ["0000:01:00.0", ""] {
             let dx12 = [bus; 2].map(|bus| adapter(Backend::Dx12, GEFORCE, bus));
             assert_chosen(&dx12, &[0, 1]);
@@ -121,7 +121,7 @@ mod tests {
         assert_chosen(&metal, &[0, 1]);
     }
 
-    /// One that Vulkan does not offer is taken by the next API.
+    /// A GPU without a Vulkan driver is listed by the next API.
     #[test]
     fn a_card_is_taken_by_the_first_api_that_offers_it() {
         let vulkan = adapter(Backend::Vulkan, GEFORCE, "0000:02:00.0");

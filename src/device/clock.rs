@@ -1,8 +1,8 @@
-//! Device time on the host's clock.
+//! Converts device timestamps to the host's clock.
 //!
-//! wgpu has no calibrated timestamps. Work that is handed out and seen to have ended at two times of the host's clock
-//! brackets its timestamps. At the start, submissions that only take a timestamp do so tightly; later, every frame does,
-//! as the clocks drift.
+//! wgpu has no calibrated timestamps. The host times of submission and of observed completion bracket the device
+//! timestamps of that work. At startup, submissions that only write a timestamp give tight brackets. Later every frame
+//! narrows them again, because the clocks drift.
 
 mod counter;
 mod offset;
@@ -21,14 +21,14 @@ pub struct GpuClock {
     ms_per_tick: f64,
     counter: Counter,
     offset: Offset,
-    /// Of all times so far, milliseconds since the origin.
+    /// Latest timestamp so far, milliseconds since the origin.
     latest_ms: f64,
     /// The largest error bound so far.
     pub residual_us: f64,
 }
 
 impl GpuClock {
-    /// Measures a device against `origin`.
+    /// Measures the offset of a device's clock from `origin`.
     pub fn calibrate(gpu: &GpuDevice, origin: Instant) -> Result<Self, DeviceFailure> {
         let probe = Probe::new(&gpu.device);
         let ms_per_tick = f64::from(gpu.queue.get_timestamp_period()) * 1e-6;
@@ -48,8 +48,9 @@ impl GpuClock {
         Self { ms_per_tick, counter, offset, latest_ms: f64::NEG_INFINITY, residual_us: 0.0 }
     }
 
-    /// When these timestamps were taken, milliseconds since the calibration's origin. They are of work that was handed out
-    /// and seen to have ended at these times, in its order. None is before those of earlier work, however the offset moves.
+    /// Converts timestamps to milliseconds since the calibration's origin. `bracket_ms` holds the host times at which
+    /// the work was submitted and at which it was seen to have ended. Times never go back before those of earlier work,
+    /// however the offset moves.
     pub fn host_ms(&mut self, ticks: &[u64], bracket_ms: &Range<f64>) -> Vec<f64> {
         let mut times: Vec<f64> = self.counter.elapsed(ticks).iter().map(|tick| tick * self.ms_per_tick).collect();
         let first = times.iter().copied().fold(f64::INFINITY, f64::min);
@@ -89,7 +90,7 @@ impl Probe {
         }
     }
 
-    /// A tick, and when the submission that took it began and how long it lasted.
+    /// Returns a tick, with the begin and the duration of the submission that wrote it.
     fn read(&self, gpu: &GpuDevice) -> Result<(u64, Instant, Duration), DeviceFailure> {
         let mut stamp = gpu.device.create_command_encoder(&Default::default());
         stamp.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -124,7 +125,7 @@ impl Probe {
 mod tests {
     use super::*;
 
-    /// A counter of 36 bits, 10 ns a tick, that runs 40 ppm too fast and begins again after 11 minutes.
+    /// A 36-bit counter with 10 ns per tick that runs 40 ppm too fast and wraps around after 11 minutes.
     #[test]
     fn times_are_the_hosts_and_never_run_backwards() {
         let mut clock = GpuClock::new(1e-5);
@@ -132,7 +133,7 @@ mod tests {
         let mut before_ms = f64::NEG_INFINITY;
         for frame in 0..100_000 {
             let begin_ms = f64::from(frame) * 10.0;
-            // Of several frames in flight: one follows the other on the device.
+            // Several frames are in flight: the device runs one after the other.
             let taken_ms = [begin_ms, begin_ms + 4.0, begin_ms + 4.0, begin_ms + 10.0];
             let bracket_ms = begin_ms - 0.1 - f64::from(frame % 7)..begin_ms + 10.1 + f64::from(frame % 5);
             let times_ms = clock.host_ms(&taken_ms.map(tick), &bracket_ms);

@@ -1,16 +1,16 @@
-//! The environment as the way to tell drivers what they take nowhere else. The library itself never changes it: other
-//! threads may read it at any time, and only a program knows its threads.
+//! Passes settings to drivers that read them only from the environment. The library never changes the environment by
+//! itself: other threads may read it at any time, and only the program knows its threads.
 
 use std::sync::OnceLock;
 
-/// The variable from which Mesa's lavapipe reads its number of threads, while a device is opened.
+/// Variable from which Mesa's lavapipe reads its number of threads when a device is opened.
 pub(super) const THREADS: &str = "LP_NUM_THREADS";
 
 static HOOK: OnceLock<fn(&str, &str)> = OnceLock::new();
 
-/// Lets devices be opened with a number of threads each on drivers that read it from the environment: `set` sets a
-/// variable, its first argument, to a value. Without a hook these drivers choose the number, and asking for one is
-/// [`super::DeviceError::ThreadsUnsettable`]. The first hook stays.
+/// Installs the hook that sets an environment variable (first argument) to a value, so that each device can have its
+/// own number of threads on drivers that read it from the environment. Without a hook these drivers choose the number,
+/// and requesting one gives [`super::DeviceError::ThreadsUnsettable`]. The first hook stays.
 ///
 /// ```no_run
 /// # use diptych::device;
@@ -19,18 +19,18 @@ static HOOK: OnceLock<fn(&str, &str)> = OnceLock::new();
 /// ```
 ///
 /// # Safety
-/// The library calls `set` whenever it opens such a device, one call at a time and never while it lists adapters. Nothing
-/// else may access the environment at that time but through `std::env`.
+/// The library calls `set` whenever it opens such a device, one call at a time and never while it lists adapters.
+/// Nothing else may access the environment at that time except through `std::env`.
 pub unsafe fn set_environment_hook(set: fn(&str, &str)) {
     let _ = HOOK.set(set);
 }
 
-/// Returns true if there is a hook.
+/// Returns true if a hook is installed.
 pub(super) fn is_settable() -> bool {
     HOOK.get().is_some()
 }
 
-/// Sets the number of threads of devices that are opened from here on, if there is a hook. Call it under the lock of
+/// Sets the number of threads for devices that are opened from now on, if there is a hook. The caller holds the lock of
 /// [`super::opening::OPENING`].
 pub(super) fn set_threads(count: usize) {
     if let Some(set) = HOOK.get() {

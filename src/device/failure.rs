@@ -1,4 +1,4 @@
-//! Why a device cannot be used any longer.
+//! Failures after which a device cannot be used any longer.
 
 use std::any::Any;
 use std::fmt;
@@ -8,20 +8,20 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum FailureKind {
-    /// It is gone, with all that it held.
+    /// The device was lost, with everything on it.
     Loss,
-    /// It did not answer in time.
+    /// It did not respond in time.
     Hang,
-    /// It had no memory left.
+    /// It ran out of memory.
     Oom,
-    /// It, or the code that drives it, reported another error.
+    /// Another error of the device or of its driver.
     Error,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct DeviceFailure {
     pub kind: FailureKind,
-    /// In words.
+    /// Description for people.
     pub what: String,
 }
 
@@ -43,13 +43,14 @@ impl From<wgpu::Error> for DeviceFailure {
             wgpu::Error::OutOfMemory { .. } => FailureKind::Oom,
             wgpu::Error::Validation { .. } | wgpu::Error::Internal { .. } => FailureKind::Error,
         };
-        // wgpu sets its chain of causes in lines.
+        // wgpu prints the chain of causes on separate lines.
         let what: Vec<_> = error.to_string().lines().map(|l| l.trim().to_owned()).filter(|l| !l.is_empty()).collect();
         Self { kind, what: what.join(" ") }
     }
 }
 
-/// What a call returns that panics where the driver has lost the device, as [`wgpu::Device::poll`] does.
+/// Runs a call that panics if the driver has lost the device, like [`wgpu::Device::poll`], and converts the panic to a
+/// loss.
 pub(super) fn lost_on_panic<T>(call: impl FnOnce() -> T) -> Result<T, DeviceFailure> {
     catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
         let what = panic_text(&*panic).split_whitespace().collect::<Vec<_>>().join(" ");
@@ -57,7 +58,7 @@ pub(super) fn lost_on_panic<T>(call: impl FnOnce() -> T) -> Result<T, DeviceFail
     })
 }
 
-/// What a panic says.
+/// Returns the message of a panic.
 pub fn panic_text(panic: &(dyn Any + Send)) -> &str {
     panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied()).unwrap_or("no message")
 }

@@ -1,8 +1,8 @@
-//! A device that a headset's runtime takes images from, opened as that asks: the one place where Vulkan is spoken to
-//! beside wgpu.
+//! Opens the device from which a headset's runtime takes images, as the runtime requires. This is the only code that
+//! calls Vulkan directly instead of through wgpu.
 //!
-//! With `XR_KHR_vulkan_enable2` the runtime makes instance and device from what the program wants, and adds the
-//! extensions that it needs itself. wgpu then takes both over, with the extensions that it asked for.
+//! With `XR_KHR_vulkan_enable2` the runtime creates the instance and the device from the program's create infos and
+//! adds the extensions that it needs. wgpu then adopts both, with the extensions that it requested itself.
 
 use std::ffi::{c_char, c_void};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -17,13 +17,13 @@ use super::opening::Wanted;
 use super::screen::watched_screen;
 use super::{DeviceError, GpuDevice};
 
-/// The newest version that wgpu knows.
+/// Newest Vulkan version that wgpu knows.
 const VULKAN: u32 = vk::API_VERSION_1_3;
 
 type LoadVulkan = unsafe extern "system" fn(*const c_void, *const c_char) -> Option<unsafe extern "system" fn()>;
 
-/// It takes images over from the devices that render, or is the first of them. On a software adapter it has one worker thread if
-/// it only takes them over.
+/// Device that receives images from the rendering devices, or is the first of them. On a software adapter it has one
+/// worker thread if it only receives images.
 #[derive(Debug)]
 pub struct HeadsetDevice {
     pub gpu: GpuDevice,
@@ -31,7 +31,7 @@ pub struct HeadsetDevice {
     binding: Binding,
 }
 
-/// The handles of instance, physical device and device, and the queue's family.
+/// Vulkan handles of the instance, the physical device and the device, and the queue family.
 #[derive(Clone, Copy, Debug)]
 struct Binding {
     instance: u64,
@@ -40,14 +40,14 @@ struct Binding {
     family: u32,
 }
 
-/// Told of a call that failed.
+/// Describes the call that failed.
 fn failed<E: std::fmt::Display>(what: &'static str) -> impl FnOnce(E) -> DeviceError {
     move |error| DeviceError::Headset(format!("{what}: {error}"))
 }
 
 impl HeadsetDevice {
-    /// `first`: how the first of those that render is to be opened, which this one becomes if that is to be on the runtime's
-    /// adapter.
+    /// Opens the device; `first` describes the first rendering device. If that is on the runtime's adapter, this device
+    /// takes its place.
     ///
     /// # Errors
     /// [`DeviceError::Headset`] if the runtime or the driver refuses, and [`DeviceError::Open`].
@@ -61,8 +61,9 @@ impl HeadsetDevice {
         let extensions = hal::vulkan::Instance::desired_extensions(&entry, version, flags)
             .map_err(failed("the instance's extensions"))?;
         let raw = (instance.handle().as_raw(), instance.clone());
-        // SAFETY: the instance was made from this entry with these extensions, which are all that wgpu asks for there,
-        // and this version. wgpu destroys it when the last that was made from it is dropped; the runtime does not.
+        // SAFETY: the instance was created from this entry with this version and with these extensions, which are all
+        // that wgpu requests there. wgpu destroys it when the last object created from it is dropped; the runtime does
+        // not.
         let instance = unsafe {
             let thresholds = wgpu::MemoryBudgetThresholds::default();
             hal::vulkan::Instance::from_raw(
@@ -79,7 +80,7 @@ impl HeadsetDevice {
             )
         }
         .map_err(failed("its instance"))?;
-        // SAFETY: the instance is the one that the runtime has made.
+        // SAFETY: the runtime created this instance.
         let physical = unsafe { xr.vulkan_graphics_device(system, raw.0 as *const c_void) }
             .map_err(failed("its graphics adapter"))?;
         let physical = vk::PhysicalDevice::from_raw(physical as u64);
@@ -103,19 +104,19 @@ impl HeadsetDevice {
         let extensions = exposed.adapter.required_device_extensions(features);
         let device = Self::device(&entry, xr, system, &raw.1, &exposed, (&extensions, features), family)?;
         let handle = device.handle().as_raw();
-        // SAFETY: the device was made from this adapter with these extensions, the features that belong to them, and one
-        // queue of this family. wgpu destroys it when the last that was made from it is dropped.
+        // SAFETY: the device was created from this adapter with these extensions, the features that belong to them, and
+        // one queue of this family. wgpu destroys it when the last object created from it is dropped.
         let open = unsafe {
             let hints = wgpu::MemoryHints::default();
             let limits = &descriptor.required_limits;
             exposed.adapter.device_from_raw(device, None, &extensions, features, limits, &hints, family, 0)
         }
         .map_err(failed("its device"))?;
-        // SAFETY: the instance is whole, and nobody else has it.
+        // SAFETY: the instance is complete, and nothing else owns it.
         let instance = unsafe { wgpu::Instance::from_hal::<hal::api::Vulkan>(instance) };
-        // SAFETY: the adapter was made from this instance.
+        // SAFETY: the adapter was created from this instance.
         let adapter = unsafe { instance.create_adapter_from_hal(exposed) };
-        // SAFETY: the device was made from this adapter, with these features.
+        // SAFETY: the device was created from this adapter, with these features.
         let (device, queue) = unsafe { adapter.create_device_from_hal(open, &descriptor) }
             .map_err(|source| DeviceError::Open { index: 0, name: described.name.clone(), source })?;
         let binding = Binding { instance: raw.0, physical: physical.as_raw(), device: handle, family };
@@ -131,13 +132,13 @@ impl HeadsetDevice {
         self.renders
     }
 
-    /// For a renderer, as its first device, if it is one that renders. The headset and its frames are not to be used while a
-    /// frame is under way: both use one queue.
+    /// Returns the device for use as a renderer's first device, if it renders. Do not use the headset and its frames
+    /// while a frame is being rendered: both use one queue.
     pub fn renderer(&self) -> Option<GpuDevice> {
         self.renders.then(|| self.gpu.shared())
     }
 
-    /// Made by the runtime, with the version of Vulkan that it is said to have.
+    /// Lets the runtime create the instance; returns it with the Vulkan version of the loader.
     fn instance(
         entry: &ash::Entry,
         xr: &openxr::Instance,
@@ -161,18 +162,19 @@ impl HeadsetDevice {
             .engine_name(c"wgpu-hal")
             .api_version(if version < vk::API_VERSION_1_1 { vk::API_VERSION_1_0 } else { VULKAN });
         let info = vk::InstanceCreateInfo::default().application_info(&about).enabled_extension_names(&names);
-        // SAFETY: the info and all that it points to live until the call is over, and what it asks for is there.
+        // SAFETY: the create info and everything it points to outlive the call, and everything it requests is
+        // available.
         let raw = unsafe {
             let info = std::ptr::from_ref(&info).cast();
             xr.create_vulkan_instance(system, load_function(entry), info)
         }
         .map_err(failed("its instance"))?
         .map_err(|result| failed("its instance")(vk::Result::from_raw(result)))?;
-        // SAFETY: the handle is that of an instance that was made by this loader.
+        // SAFETY: this loader created the instance with that handle.
         Ok((unsafe { ash::Instance::load(entry.static_fn(), vk::Instance::from_raw(raw as u64)) }, version))
     }
 
-    /// Made by the runtime.
+    /// Lets the runtime create the device.
     fn device(
         entry: &ash::Entry,
         xr: &openxr::Instance,
@@ -190,21 +192,22 @@ impl HeadsetDevice {
         let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&names);
         let info = features.add_to_device_create(info);
         let physical = exposed.adapter.raw_physical_device().as_raw();
-        // SAFETY: the info and all that it points to live until the call is over, and asks for what the adapter has.
+        // SAFETY: the create info and everything it points to outlive the call, and it requests only features of the
+        // adapter.
         let raw = unsafe {
             let info = std::ptr::from_ref(&info).cast();
             xr.create_vulkan_device(system, load_function(entry), physical as *const c_void, info)
         }
         .map_err(failed("its device"))?
         .map_err(|result| failed("its device")(vk::Result::from_raw(result)))?;
-        // SAFETY: the handle is that of a device that was made by this instance.
+        // SAFETY: this instance created the device with that handle.
         Ok(unsafe { ash::Device::load(instance.fp_v1_0(), vk::Device::from_raw(raw as u64)) })
     }
 
-    /// A session that shows what this device has.
+    /// Creates a session that shows images of this device.
     ///
     /// # Errors
-    /// What the runtime says.
+    /// Errors of the runtime.
     pub fn session(
         &self,
         xr: &openxr::Instance,
@@ -218,20 +221,20 @@ impl HeadsetDevice {
             queue_family_index: family,
             queue_index: 0,
         };
-        // What the session's handles are of is dropped after it.
+        // The session drops the guard last, so the objects behind its handles outlive it.
         let guard = Box::new((self.gpu.queue.clone(), self.gpu.device.clone()));
-        // SAFETY: the handles are valid until the guard is dropped. The queue is used by one thread at a time: the session's
-        // calls are made by the one that has the headset, as neither that nor its frames are given to another. Where a worker
-        // renders with this device, that thread waits for it from a frame's begin to its end, and a worker without a frame
-        // leaves the queue alone.
+        // SAFETY: the handles are valid until the guard is dropped. One thread at a time uses the queue: the thread
+        // that owns the headset makes the session's calls, since neither the headset nor its frames are given to
+        // another thread. Where a worker renders with this device, that thread waits for it from a frame's begin to its
+        // end, and a worker without a frame leaves the queue alone.
         unsafe { xr.create_session_with_guard::<Vulkan>(system, &info, guard) }
     }
 
-    /// All `images` of a swapchain of this device's session, which lives as long as any of them; `state`: as the runtime has them
-    /// when they are drawn on.
+    /// Wraps all `images` of a swapchain of this device's session as textures. The swapchain lives as long as any of
+    /// them. `state` is the state in which the runtime hands them over for drawing.
     ///
     /// # Errors
-    /// [`DeviceError::Headset`] for a device that is not Vulkan's.
+    /// [`DeviceError::Headset`] if the device is not a Vulkan device.
     pub fn textures(
         &self,
         swapchain: &Arc<Mutex<Swapchain<Vulkan>>>,
@@ -252,8 +255,9 @@ impl HeadsetDevice {
                 view_formats: descriptor.view_formats.to_vec(),
             };
             let keeps = Arc::clone(swapchain);
-            // SAFETY: the image is of the swapchain that was made as described, with memory of the runtime. It is valid as long
-            // as the swapchain, which wgpu drops with it. The device is Vulkan's and the one that the session is of.
+            // SAFETY: the image belongs to the swapchain that was created as described, with memory of the runtime. It
+            // is valid as long as the swapchain, which wgpu drops with it. The device is a Vulkan device and the one of
+            // the session.
             unsafe {
                 let device = self.gpu.device.as_hal::<hal::api::Vulkan>()?;
                 let memory = hal::vulkan::TextureMemory::External;
@@ -268,9 +272,9 @@ impl HeadsetDevice {
     }
 }
 
-/// As OpenXR has its type.
+/// Returns `vkGetInstanceProcAddr` as the type that OpenXR declares for it.
 fn load_function(entry: &ash::Entry) -> LoadVulkan {
     let load = entry.static_fn().get_instance_proc_addr;
-    // SAFETY: both types are of the same function; handles are pointers.
+    // SAFETY: both types describe the same function; handles are pointers.
     unsafe { std::mem::transmute::<vk::PFN_vkGetInstanceProcAddr, LoadVulkan>(load) }
 }

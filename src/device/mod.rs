@@ -1,7 +1,7 @@
-//! One device: adapters, virtual devices, pipelines and clocks.
+//! Devices: adapters, virtual devices, pipelines and clocks.
 //!
-//! Every device, virtual ones included, is made from a wgpu instance of its own: on Mesa's lavapipe, devices of one
-//! instance share one pool of worker threads and do not run side by side.
+//! Every device, virtual ones included, has its own wgpu instance: on Mesa's lavapipe, devices of one instance share a
+//! pool of worker threads and do not run concurrently.
 
 mod adapters;
 mod checks;
@@ -74,27 +74,27 @@ pub enum DeviceError {
     ThreadsUnsettable { index: usize, name: String },
 }
 
-/// A logical device with its queue. Polled from one thread at a time.
+/// A logical device with its queue. One thread polls it at a time.
 #[derive(Debug)]
 pub struct GpuDevice {
     pub info: DeviceInfo,
     pub quirks: Quirks,
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
-    /// How long [`Self::wait`] waits.
+    /// Timeout of [`Self::wait`].
     pub patience: Duration,
-    /// What was compiled on it, for all who use it one after another.
+    /// Cache of compiled pipelines, kept for all successive users of the device.
     pub pipelines: HashMap<PipelineKey, Pipeline>,
     failure: Arc<Mutex<Option<DeviceFailure>>>,
-    /// Lives as long as the device.
+    /// Instance, which must live as long as the device.
     #[cfg_attr(not(feature = "view"), expect(dead_code))]
     instance: wgpu::Instance,
 }
 
-/// Waits are made of slices, so that the time in which the whole process stood still counts as one of them at most.
+/// Number of slices that a wait is divided into. If the whole process is suspended, at most one slice is lost.
 pub const WAIT_SLICES: u32 = 8;
 
-/// How shaders of a device reach the scene.
+/// Means by which a device's shaders access the scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneAccess {
     pub tables: Tables,
@@ -106,7 +106,7 @@ impl GpuDevice {
         SceneAccess { tables: self.quirks.tables, traversal: self.info.traversal }
     }
 
-    /// The same device for another thread, which uses it while this one does not.
+    /// Returns the same device for another thread, which may use it only while this thread does not.
     #[cfg(feature = "xr")]
     fn shared(&self) -> Self {
         Self {
@@ -121,25 +121,25 @@ impl GpuDevice {
         }
     }
 
-    /// How long a device may take for what is asked of it before the first frame: drivers compile every shader.
+    /// Timeout before the first frame, while drivers compile every shader.
     pub const START_PATIENCE: Duration = Duration::from_secs(300);
 
-    /// What went wrong on the device since it was opened, if anything did.
+    /// Returns the failure of the device since it was opened, if any.
     pub fn failure(&self) -> Option<DeviceFailure> {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// What a driver says that has no memory left. Hosts that promise more memory than there is never come to say it, and
-    /// what is refused for its size is another error.
+    /// Fails the device as if its driver had reported that memory is exhausted. Hosts that overcommit memory never
+    /// report it, and an allocation refused for its size is another error.
     pub fn report_out_of_memory(&self) {
         let error = wgpu::Error::OutOfMemory { source: "injected".into() };
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error.into());
     }
 
-    /// Whether the device has done everything up to `submission`.
+    /// Returns true if the device has completed everything up to `submission`.
     ///
     /// # Errors
-    /// What went wrong on the device.
+    /// The device's failure.
     pub fn has_ended(&self, submission: &wgpu::SubmissionIndex) -> Result<bool, DeviceFailure> {
         self.poll(Some(submission), Duration::ZERO)
     }
@@ -147,7 +147,7 @@ impl GpuDevice {
     /// Waits for everything submitted so far, or up to `submission`.
     ///
     /// # Errors
-    /// What went wrong on the device, or that it took longer than its patience.
+    /// The device's failure, or a hang after its patience.
     pub fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), DeviceFailure> {
         for _ in 0..WAIT_SLICES {
             if self.poll(submission.as_ref(), self.patience / WAIT_SLICES)? {
@@ -158,7 +158,7 @@ impl GpuDevice {
         Err(DeviceFailure { kind: FailureKind::Hang, what })
     }
 
-    /// The one place where the device is polled.
+    /// Polls the device. All polling goes through this function.
     fn poll(&self, submission: Option<&wgpu::SubmissionIndex>, limit: Duration) -> Result<bool, DeviceFailure> {
         let until = |submission_index, timeout| {
             let how = wgpu::PollType::Wait { submission_index, timeout: Some(timeout) };
@@ -168,7 +168,7 @@ impl GpuDevice {
             Ok(Ok(_)) => Ok(true),
             Ok(Err(wgpu::PollError::Timeout)) => Ok(false),
             Ok(Err(error)) => {
-                // A submission that was refused has no number; why it was comes once the queue is empty.
+                // A rejected submission has no index. The reason for the rejection is reported once the queue is empty.
                 let is_busy = || matches!(until(None, self.patience / WAIT_SLICES), Ok(Err(wgpu::PollError::Timeout)));
                 let _ = (0..WAIT_SLICES).any(|_| !is_busy());
                 Err(error.to_string().into())

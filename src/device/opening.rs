@@ -1,4 +1,4 @@
-//! Devices as they are opened.
+//! Opens devices.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,10 +14,10 @@ pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
     open_with(selection, |_| Ok(None))
 }
 
-/// [`open`], but for the first device, if `first` has one for it.
+/// Opens devices like [`open`], except that `first` may provide the first one.
 ///
 /// # Errors
-/// Those of [`open`] and of `first`.
+/// Errors of [`open`] and of `first`.
 pub fn open_with(
     selection: &Selection,
     first: impl FnOnce(&Wanted<'_>) -> Result<Option<GpuDevice>, DeviceError>,
@@ -51,8 +51,8 @@ pub fn open_with(
     wanted.iter().map(open).collect()
 }
 
-/// Returns the number of threads to tell the driver of an adapter: the one that is asked for, else `default`. Returns none
-/// where the driver takes none or, with no number asked for, none can be told.
+/// Returns the number of threads to set for an adapter's driver: the requested number, else `default`. Returns none if
+/// the driver takes no number, or if none was requested and the environment cannot be set.
 fn threads_to_tell(
     adapter: &AdapterReport,
     asked: Option<usize>,
@@ -67,21 +67,21 @@ fn threads_to_tell(
     }
 }
 
-/// How a device is to be opened.
+/// Description of a device to open.
 pub struct Wanted<'a> {
     pub index: usize,
     pub(super) adapter: &'a AdapterReport,
-    /// The number to tell the driver of a software adapter.
+    /// Number of threads to set for the driver of a software adapter.
     pub(super) threads: Option<usize>,
     pub(super) traversal: Traversal,
 }
 
 impl Wanted<'_> {
-    /// Tells Mesa how many threads, which it reads while a device is made; under the lock of [`OPENING`].
+    /// Sets the number of threads that Mesa reads when a device is created. The caller holds the lock [`OPENING`].
     pub(super) fn tell_threads(&self) {
         if let Some(threads) = self.threads {
-            // A queue has a thread of its own, which does the work where there is no other. One other would take turns with
-            // it, and each dispatch would wake both.
+            // A queue has its own thread, which does the work if there are no workers. A single worker would alternate
+            // with it, and each dispatch would wake both.
             environment::set_threads(if threads > 1 { threads } else { 0 });
         }
     }
@@ -96,7 +96,7 @@ impl Wanted<'_> {
         }
     }
 
-    /// The device that was opened for it.
+    /// Wraps the opened wgpu device.
     pub(super) fn opened(&self, device: wgpu::Device, queue: wgpu::Queue, instance: wgpu::Instance) -> GpuDevice {
         let AdapterReport { index, name, driver, kind, quirks, .. } = self.adapter;
         let info = DeviceInfo {
@@ -127,7 +127,7 @@ fn open_one(wanted: &Wanted) -> Result<GpuDevice, DeviceError> {
     Ok(wanted.opened(device, queue, instance))
 }
 
-/// Notes what goes wrong on the device from here on.
+/// Registers callbacks that record the device's failure.
 pub(super) fn watched(
     info: DeviceInfo,
     quirks: Quirks,
@@ -140,7 +140,7 @@ pub(super) fn watched(
         let failure = Arc::clone(failure);
         move |what: DeviceFailure| {
             let mut known = failure.lock().unwrap_or_else(PoisonError::into_inner);
-            // What is asked of a lost device fails as well, perhaps before the loss is told.
+            // Calls on a lost device fail, too, perhaps before the loss is reported.
             if known
                 .as_ref()
                 .is_none_or(|k: &DeviceFailure| k.kind == FailureKind::Error && what.kind == FailureKind::Loss)
@@ -184,7 +184,7 @@ mod tests {
         }
     }
 
-    /// Tests of the library provide no hook.
+    /// Tests of the library install no hook.
     #[test]
     fn without_a_hook_no_device_is_opened_with_a_number_of_threads() {
         let before = std::env::var_os(environment::THREADS);

@@ -1,19 +1,19 @@
-//! Pipelines that a device keeps: drivers take longer to compile a path tracer than to render a small frame with it.
+//! Caches a device's pipelines: drivers take longer to compile a path tracer than to render a small frame with it.
 
 use super::ShaderChecks;
 
-/// What pipelines of one device differ in.
+/// Cache key of a pipeline on one device.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct PipelineKey {
     pub shader: &'static str,
     pub checks: ShaderChecks,
-    /// The override constants that the shader declares.
+    /// Override constants that the shader declares.
     pub constants: Vec<(&'static str, bool)>,
 }
 
 #[derive(Clone, Debug)]
 pub struct Pipeline {
     pub compute: wgpu::ComputePipeline,
-    /// Of group 1.
+    /// Layout of bind group 1.
     pub layout: wgpu::BindGroupLayout,
 }

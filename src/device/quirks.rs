@@ -1,18 +1,18 @@
-//! What drivers do beside what their API says, as far as the renderer goes by it.
+//! Driver behaviour beyond the API's specification that the renderer adapts to.
 
 use wgpu::{AdapterInfo, DeviceType};
 
-/// What shaders read the scene's tables from. The images are the same.
+/// Resource from which shaders read the scene's tables. Both give the same images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tables {
     #[default]
     Buffer,
-    /// On lavapipe the faster way.
+    /// The faster choice on lavapipe.
     Texture,
 }
 
 impl Tables {
-    /// The end of the names of the shaders' files that read and change them.
+    /// Returns the suffix in the names of the shader files that access these tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Buffer => "buffer",
@@ -21,20 +21,20 @@ impl Tables {
     }
 }
 
-/// Of one adapter. All is off on what nothing is known of.
+/// Quirks of one adapter. The default, for drivers without known quirks, has all of them off.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Quirks {
-    /// The number of worker threads comes from the environment when a device is made.
+    /// The driver reads its number of worker threads from the environment when a device is created.
     pub threads_by_environment: bool,
-    /// The queue takes no second submission while the first one runs, but holds its caller up.
+    /// Submitting blocks while an earlier submission runs.
     pub submit_blocks: bool,
-    /// The system resets the device when a submission takes seconds. So long may one be predicted to take unless another
-    /// bound is set, which leaves room for predictions that are wrong.
+    /// Maximum predicted time of a submission, unless another bound is set. The GPU watchdog (TDR on Windows) resets
+    /// devices after seconds; the bound leaves room for wrong predictions.
     pub max_dispatch_ms: Option<f64>,
     pub tables: Tables,
 }
 
-/// A tenth of what Windows allows.
+/// Default bound: a tenth of the TDR delay on Windows.
 const MAX_DISPATCH_MS: f64 = 200.0;
 
 impl Quirks {

@@ -1,4 +1,4 @@
-//! A device that shows in a window what others have rendered.
+//! Opens a device that presents the images of other devices in a window.
 
 use std::sync::PoisonError;
 
@@ -6,8 +6,8 @@ use super::adapters::{DeviceInfo, OPENING, driver_name, kind_name, new_instance}
 use super::opening::watched;
 use super::{DeviceError, GpuDevice, Quirks, Traversal, environment};
 
-/// Takes as little as it can from the devices that render: an integrated GPU is preferred, and on a software adapter it
-/// has one worker thread.
+/// Device that takes little from the rendering devices: it prefers an integrated GPU, and on a software adapter it has
+/// one worker thread.
 #[derive(Debug)]
 pub struct ScreenDevice {
     pub gpu: GpuDevice,
@@ -39,7 +39,7 @@ impl ScreenDevice {
         Ok(Self { gpu: watched_screen(described, device, queue, instance), adapter, surface })
     }
 
-    /// Makes the surface anew after it was lost.
+    /// Recreates the surface after it was lost.
     ///
     /// # Errors
     /// [`DeviceError::Surface`].
@@ -49,7 +49,7 @@ impl ScreenDevice {
     }
 }
 
-/// A device that shows what others have rendered; `described`: its adapter.
+/// Wraps a device that presents images of others; `described` is its adapter.
 pub(super) fn watched_screen(
     described: wgpu::AdapterInfo,
     device: wgpu::Device,

@@ -1,14 +1,14 @@
-//! Who walks the trees that rays are followed through: shaders, or the device's own ray queries.
+//! Selects ray traversal in compute shaders or by hardware ray queries.
 
-/// How a device follows rays.
+/// Ray traversal of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Traversal {
-    /// In shaders, through the trees of [`crate::accel`].
+    /// Compute shaders that traverse the BVHs of [`crate::accel`].
     #[default]
     Compute,
-    /// By ray queries, through the driver's acceleration structures.
+    /// Hardware ray queries on the driver's acceleration structures.
     Hardware,
 }
 
@@ -22,7 +22,7 @@ impl Traversal {
         }
     }
 
-    /// Features that devices are opened with.
+    /// Returns the features to open devices with.
     pub(crate) fn features(self) -> wgpu::Features {
         let always = wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY;
         match self {
@@ -34,14 +34,16 @@ impl Traversal {
     pub(super) fn experiments(self) -> wgpu::ExperimentalFeatures {
         match self {
             Self::Compute => wgpu::ExperimentalFeatures::disabled(),
-            // SAFETY: what is still being worked on in wgpu are checks of ray queries. Ours stay within what Vulkan defines:
-            // each is initialised with finite numbers, asked on until it is done and not beyond, and read after that.
+            // SAFETY: validation of ray queries is the part that is still in progress in wgpu. Our queries stay within
+            // Vulkan's rules: each is initialised with finite numbers, proceeds until it is done and no further, and is
+            // read after that.
             Self::Hardware => unsafe { wgpu::ExperimentalFeatures::enabled() },
         }
     }
 }
 
-/// Which [`Traversal`] devices are opened for. Those of one run have the same: the two do not give the same bytes.
+/// Choice of [`Traversal`] for opening devices. All devices of a run share one, since the two do not give the same
+/// bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
@@ -49,9 +51,9 @@ pub enum TraversalChoice {
     /// Hardware if every device is a GPU with ray queries, else compute
     #[default]
     Auto,
-    /// By shaders
+    /// Compute shaders
     Compute,
-    /// By the devices' ray queries
+    /// Ray queries of the devices
     Hardware,
 }
 

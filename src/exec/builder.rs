@@ -1,4 +1,4 @@
-//! Makes renderers.
+//! The builder of renderers.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -16,7 +16,7 @@ use crate::schedule::{Measured, Policy};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BuildError {
-    /// The rectified frame of eyes with optics of their own would be too large.
+    /// The rectified image of eyes with custom optics would be too large.
     #[error("{0}")]
     Optics(String),
     #[error(transparent)]
@@ -28,7 +28,7 @@ pub enum BuildError {
 type NewPolicy<'a> = dyn FnOnce(u32, usize) -> Box<dyn Policy> + 'a;
 type Change<'a> = dyn FnOnce(&mut RenderSettings) + 'a;
 
-/// Makes a [`Renderer`]. What you leave out is as the command `diptych render` has it by default.
+/// Builds a [`Renderer`]. Settings that you leave out have the defaults of `diptych render`.
 #[must_use]
 pub struct Builder<'a> {
     scene: &'a LoadedScene,
@@ -43,7 +43,7 @@ pub struct Builder<'a> {
 }
 
 impl Renderer {
-    /// Begins a renderer of this scene.
+    /// Returns a builder of a renderer for this scene.
     ///
     /// ```no_run
     /// use diptych::{LoadedScene, Renderer};
@@ -78,7 +78,7 @@ impl<'a> Builder<'a> {
         self
     }
 
-    /// Sets the quality of frames. Frames may have less of it, see [`FrameParams`](super::FrameParams).
+    /// Sets the quality of frames. Single frames may have a lower one, see [`FrameParams`](super::FrameParams).
     pub fn quality(self, quality: Quality) -> Self {
         self.envelope(quality.into())
     }
@@ -99,31 +99,32 @@ impl<'a> Builder<'a> {
         self.settings.as_ref().map_or(self.extent, |settings| settings.stages.extent)
     }
 
-    /// Opens so many virtual devices on each adapter.
+    /// Opens `count` virtual devices on each adapter.
     pub fn devices(mut self, count: usize) -> Self {
         self.selection.virtual_devices = count;
         self
     }
 
-    /// Opens these devices.
+    /// Opens the devices of a selection.
     pub fn select(mut self, selection: Selection) -> Self {
         self.selection = selection;
         self
     }
 
-    /// Takes devices that are open already.
+    /// Uses devices that are already open.
     pub fn on(mut self, devices: impl Into<Devices>) -> Self {
         self.devices = Some(devices.into());
         self
     }
 
-    /// Sets the policy that divides the rows of a frame. `make` takes the rows of an image and the number of devices.
+    /// Sets the policy that distributes the rows of a frame over devices. `make` takes the number of rows of an image
+    /// and the number of devices.
     pub fn policy(mut self, make: impl FnOnce(u32, usize) -> Box<dyn Policy> + 'a) -> Self {
         self.policy = Box::new(make);
         self
     }
 
-    /// Sets all settings, in place of those that follow from [`Self::size`] and [`Self::quality`].
+    /// Sets all settings, which replaces those derived from [`Self::size`] and [`Self::quality`].
     pub fn settings(mut self, settings: RenderSettings) -> Self {
         self.settings = Some(settings);
         self
@@ -135,13 +136,13 @@ impl<'a> Builder<'a> {
         self
     }
 
-    /// Sets the zero of times in reports. It is the time of [`Renderer::builder`] otherwise.
+    /// Sets the zero of times in reports. The default is the call of [`Renderer::builder`].
     pub fn origin(mut self, origin: Instant) -> Self {
         self.origin = origin;
         self
     }
 
-    /// Opens the devices, unless they are open, and compiles all pipelines.
+    /// Opens the devices, unless they are already open, and compiles all pipelines.
     ///
     /// # Errors
     /// [`BuildError`]

@@ -14,9 +14,9 @@ pub struct RendererChannels {
     replies: Receiver<Reply>,
 }
 
-/// What leads to a worker.
+/// The renderer's channels to one worker, and its heartbeat.
 struct WorkerLine {
-    /// None: closed.
+    /// `None` once closed.
     commands: Option<Sender<Command>>,
     inbox: Sender<Message>,
     heartbeat: Arc<Heartbeat>,
@@ -28,15 +28,15 @@ pub struct WorkerChannels {
     device: usize,
     commands: Receiver<Command>,
     inbox: Receiver<Message>,
-    /// Of all workers.
+    /// Inboxes of all workers, by device.
     inboxes: Vec<Sender<Message>>,
     replies: Sender<Reply>,
     heartbeat: Arc<Heartbeat>,
-    /// Nothing is ever sent; see [`WorkerLine::ended`].
+    /// Never sent on; see [`WorkerLine::ended`].
     _here: Sender<()>,
 }
 
-/// The renderer's end and those of the workers of so many devices.
+/// Creates the renderer's end and the ends of the workers, one per device.
 pub fn channels(devices: usize) -> (RendererChannels, Vec<WorkerChannels>) {
     let (reply, replies) = unbounded();
     let (inboxes, receivers): (Vec<_>, Vec<_>) = (0..devices).map(|_| unbounded()).unzip();
@@ -60,19 +60,19 @@ pub fn channels(devices: usize) -> (RendererChannels, Vec<WorkerChannels>) {
 }
 
 impl RendererChannels {
-    /// The answers of all workers.
+    /// Returns the receiver of all workers' answers.
     pub fn replies(&self) -> &Receiver<Reply> {
         &self.replies
     }
 }
 
 impl WorkerChannels {
-    /// Where commands and messages come from, for who passes them on to a worker elsewhere.
+    /// Returns the receivers of commands and messages, for a thread that forwards them to a worker on another rank.
     pub fn receivers(&self) -> (&Receiver<Command>, &Receiver<Message>) {
         (&self.commands, &self.inbox)
     }
 
-    /// What leads to all workers, and to the renderer.
+    /// Returns the senders to the inboxes of all workers, and to the renderer.
     pub fn senders(&self) -> (Vec<Sender<Message>>, Sender<Reply>) {
         (self.inboxes.clone(), self.replies.clone())
     }
@@ -93,7 +93,7 @@ impl RendererTransport for RendererChannels {
 
     fn call_off(&self, ticket: u64) {
         for worker in &self.workers {
-            // A worker that has ended waits for nothing.
+            // A worker that has ended needs no message.
             let _ = worker.inbox.send(Message::Abort { ticket });
         }
     }
@@ -113,7 +113,7 @@ impl WorkerTransport for WorkerChannels {
     }
 
     fn message(&self, limit: Duration) -> Option<Message> {
-        // Without a limit, an empty channel costs no look at the clock.
+        // With a limit of 0, this does not read the clock.
         if limit.is_zero() { self.inbox.try_recv().ok() } else { self.inbox.recv_timeout(limit).ok() }
     }
 
@@ -129,7 +129,7 @@ impl WorkerTransport for WorkerChannels {
     }
 
     fn answer(&self, reply: Reply) {
-        // Nobody listens any more if the run has ended.
+        // The receiver is gone if the run has ended.
         let _ = self.replies.send(reply);
     }
 

@@ -1,4 +1,4 @@
-//! What every shader of a frame is told.
+//! Frame constants, which all shaders of a frame read.
 
 use std::ops::Range;
 
@@ -10,15 +10,15 @@ use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
 use crate::stages::{SceneTables, StageSettings, layout};
 
-/// Which samples of its pixels' sequences a frame takes.
+/// Samples that a frame takes from the sequences of its pixels.
 pub enum Samples {
-    /// So many, the first; pixels have sequences in common.
+    /// The first samples, this many. Pixels share sequences.
     First(u32),
-    /// Of sequences that each pixel has for itself: accumulations do not know how many samples they will take.
+    /// This range of samples from a sequence per pixel, since an accumulation does not know its final sample count.
     Own(Range<u32>),
 }
 
-/// Returns the constants of a frame. They name no history.
+/// Returns the constants of a frame, without history.
 pub fn constants(
     settings: &RenderSettings,
     params: &FrameParams,
@@ -73,7 +73,7 @@ pub fn constants(
             reflections: quality.bounces.max(1),
             indirect_clamp: settings.indirect_clamp,
             sampled_share: (quality.scale * quality.scale) as f32,
-            // Pixels that wait for a later frame have their turn in time.
+            // Over several frames, the sampling mask covers every pixel.
             mask_turn: if stages.keeps_history() { index.wrapping_mul(GOLDEN_RATIO) } else { 0 },
             is_jittered: stages.jitter(spp).into(),
             ..Default::default()
@@ -87,7 +87,7 @@ pub fn constants(
     frame
 }
 
-/// Where a rectified image has a point of its eye's, both in fractions.
+/// Maps a point of an eye's displayed image to its rectified image, both in fractions of the image's sides.
 fn on_screen(optics: &Optics, eye: Eye, stages: &StageSettings, [x, y]: [f64; 2]) -> [f64; 2] {
     let [shown, rectified] = [stages.extent, stages.screen()];
     let sides = |extent: Extent| [f64::from(extent.width), f64::from(extent.height)];
@@ -96,12 +96,13 @@ fn on_screen(optics: &Optics, eye: Eye, stages: &StageSettings, [x, y]: [f64; 2]
     [x / columns, y / rows]
 }
 
-/// Where rectified images have what the eyes show; `sizes` are those of what is shown and of the rectified image.
+/// Returns each eye's mapping from its displayed image of `size` to its rectified image of `grid`.
 fn shown(optics: &Optics, [size, grid]: [Extent; 2]) -> [layout::Shown; 2] {
     Eye::ALL.map(|eye| shown_where(optics.homography(eye, size, grid), DVec3::ZERO))
 }
 
-/// Where rectified images, rendered from the first rig, have what the eyes show from the second, each of one key.
+/// Returns each eye's mapping from the image displayed at the pose of the second rig to the rectified image rendered at
+/// the first. Each rig has one key. `sizes` are the extents of the displayed and the rectified image.
 pub fn shown_later(optics: &Optics, sizes: [Extent; 2], rigs: [&Rig; 2]) -> [layout::Shown; 2] {
     Eye::ALL.map(|eye| {
         let (columns, moved) = optics.later_homography(eye, sizes, rigs);

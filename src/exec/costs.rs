@@ -1,4 +1,4 @@
-//! What a finished frame tells the cost model.
+//! Costs of a finished frame, extracted from its report for the cost model.
 
 use std::ops::Range;
 
@@ -6,8 +6,8 @@ use super::{FrameReport, TaskTiming, TimedTask};
 use crate::graph::{Seam, Stage};
 use crate::schedule::{FrameCosts, StageCost, TransferCost};
 
-/// Costs of a frame on this many devices. `begun_ms` is when devices could turn to it; none where that is not known, as
-/// they were at another frame or at an attempt before.
+/// Returns the costs of a frame on this many devices. `begun_ms` is the time at which devices were free to start it, or
+/// `None` if they were still busy with another frame or an earlier attempt.
 pub fn frame_costs(report: &FrameReport, devices: usize, begun_ms: Option<f64>) -> FrameCosts {
     let ms = |t: &TaskTiming| t.end_ms - t.begin_ms;
     let mut costs = FrameCosts {
@@ -46,17 +46,17 @@ pub fn frame_costs(report: &FrameReport, devices: usize, begun_ms: Option<f64>) 
     costs
 }
 
-/// From the primary's last task to the frame's end.
+/// Returns the time from the primary's last task to the end of the frame.
 fn tail_ms(report: &FrameReport) -> f64 {
     let primary = report.assignment.primary();
     let last = report.tasks.iter().filter(|t| t.device == primary).map(|t| t.end_ms).reduce(f64::max);
     last.map_or(0.0, |last_ms| report.begin_ms + report.makespan_ms - last_ms)
 }
 
-/// What a device's queue ran of a frame, in order.
+/// GPU stages and uploads of one device in a frame, in order.
 struct Queue<'a> {
     stages: Vec<&'a TaskTiming>,
-    /// When rows were handed to it.
+    /// Times of the uploads.
     uploads_ms: Vec<f64>,
 }
 
@@ -69,17 +69,17 @@ impl<'a> Queue<'a> {
         }
     }
 
-    /// Stages with the time before them in which none ran.
+    /// Returns all stages but the first, each with the idle gap before it.
     fn gaps(&self) -> impl Iterator<Item = (Range<f64>, &'a TaskTiming)> {
         self.stages.windows(2).map(|pair| (pair[0].end_ms..pair[1].begin_ms, pair[1]))
     }
 
-    /// Whether the device stood still for rows in a gap.
+    /// Returns true if the device received rows in a gap.
     fn receives_in(&self, gap: &Range<f64>) -> bool {
         self.uploads_ms.iter().any(|at_ms| gap.contains(at_ms))
     }
 
-    /// Between two stages that no rows held up.
+    /// Returns the median gap between stages that did not wait for rows.
     fn median_gap_ms(&self) -> Option<f64> {
         let mut gaps_ms: Vec<f64> =
             self.gaps().filter(|(gap, _)| !self.receives_in(gap)).map(|(gap, _)| gap.end - gap.start).collect();
@@ -87,8 +87,9 @@ impl<'a> Queue<'a> {
         gaps_ms.get(gaps_ms.len() / 2).copied()
     }
 
-    /// Mean time for which the queue stood still before those passes of stages that filter that `receives` names, for
-    /// rows of neighbours; not before the first one, where it waits for tracing to end elsewhere.
+    /// Returns the mean time that the queue waited for neighbours' rows before filter passes. `filters` selects the
+    /// stages, and `receives` the passes. The first pass does not count: there the queue waits for other devices to
+    /// finish tracing.
     fn exchange_wait_ms(&self, filters: impl Fn(Stage) -> bool, receives: impl Fn(usize) -> bool) -> Option<f64> {
         let mut passes = [0; 2];
         let mut waits_ms = Vec::new();
@@ -127,8 +128,8 @@ mod tests {
         }
     }
 
-    /// Tracing, then four iterations: rows hold the first and the third one up, those of the second are there in time,
-    /// and before the fourth none come.
+    /// Runs path tracing, then four filter iterations. The first and the third wait for rows, the rows of the second
+    /// arrive in time, and the fourth receives none.
     #[test]
     fn gaps_are_the_hosts_and_waits_are_for_rows() {
         let atrous = |begin_ms, end_ms| timing(TimedTask::Gpu(Stage("atrous")), begin_ms, end_ms);

@@ -1,41 +1,41 @@
-//! Faults of devices: the record of those that happened, and those that are injected to test recovery.
+//! Device faults: records of those that happened, and faults that are injected to test recovery.
 
 use std::str::FromStr;
 
 use crate::device::FailureKind;
 
-/// A device that was taken out, and how the frame went on without it.
+/// A dropped device, and how the frame recovered.
 #[derive(Clone, Debug, serde::Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Fault {
     pub frame: u32,
-    /// Its number in the run; numbers of others do not change.
+    /// Number of the device in the run. The numbers of other devices do not change.
     pub device: usize,
     pub kind: FailureKind,
     pub what: String,
-    /// How often the frame was begun until it was whole.
+    /// Number of attempts until the frame was complete.
     pub attempts: u32,
-    /// From when the fault was noticed until the frame was whole.
+    /// Time from the detection of the fault until the frame was complete, in milliseconds.
     pub recovery_ms: f64,
-    /// When it was noticed, milliseconds since the renderer's origin.
+    /// Time of its detection, in milliseconds since the renderer's origin.
     #[serde(skip)]
     pub noticed_ms: f64,
 }
 
-/// What is done to a device in the middle of a frame.
+/// Fault to inject into a device in the middle of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum InjectedKind {
     /// The device is destroyed.
     Loss,
-    /// Its worker goes to sleep for good.
+    /// Its worker blocks for ever.
     Hang,
     /// Its dispatches run twice.
     Slow,
-    /// It reports that it has no memory left.
+    /// It reports that it is out of memory.
     Oom,
 }
 
-/// `KIND:devI@frameF`, once.
+/// A fault to inject once, written `KIND:devI@frameF`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Injection {
     pub kind: InjectedKind,
@@ -69,13 +69,13 @@ impl FromStr for Injection {
 pub struct InjectedFaults {
     /// Each happens once.
     pub injections: Vec<Injection>,
-    /// How often each device runs its dispatches, in every frame; once where nothing is said.
+    /// Number of times that each device runs its dispatches, in every frame. Devices without an entry run them once.
     pub slowdown: Vec<u32>,
 }
 
 impl InjectedFaults {
-    /// How often a device runs its dispatches of a frame, and which other fault is injected into it there. Each
-    /// injection is taken once.
+    /// Returns how often a device runs its dispatches of a frame, and another fault to inject, if any. Each injection
+    /// is returned once.
     pub fn take(&mut self, device: usize, frame: u32) -> (u32, Option<InjectedKind>) {
         let mut runs = self.slowdown.get(device).copied().unwrap_or(1);
         let mut fault = None;

@@ -1,4 +1,4 @@
-//! The frames in flight: orders handed out, answers collected, devices that failed taken out.
+//! Frames in flight: distributes orders, collects answers, and drops devices that failed.
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::Arc;
@@ -20,88 +20,88 @@ use crate::quality::Quality;
 use crate::schedule::{Cut, Effort, Network};
 use crate::stages::{Place, SceneUpdate, layout};
 
-/// What a frame is made of.
+/// Inputs of a frame. They are kept so that it can be rendered again after a device failure.
 #[derive(Clone)]
 pub struct Inputs {
     pub constants: layout::Frame,
     pub quality: Quality,
-    /// What its stages cost, held against other qualities.
+    /// Relative cost of its stages, compared with other qualities.
     pub effort: Effort,
-    /// Constants of the frame before.
+    /// Constants of the previous frame.
     pub previous: layout::Previous,
-    /// What it changes in the scene.
+    /// Changes to the scene tables.
     pub update: SceneUpdate,
-    /// Bounds of each body that moves, relative to the tables' origin, and by how much it has moved at most since the
-    /// frame before, scene units.
+    /// Bounds of each moving body, relative to the tables' origin, and its maximum displacement since the previous
+    /// frame, in scene units.
     pub moved: Vec<(Aabb, f32)>,
-    /// Seconds.
+    /// Time in the scene, in seconds.
     pub time_s: f64,
     pub place: Place,
-    /// The images that come back with its answer.
+    /// Images that are returned with its answer.
     pub reads: Arc<[Output]>,
-    /// The images that end up whole on the primary; none: all.
+    /// Images to gather on the primary; `None` gathers all outputs.
     pub outputs: Option<Arc<[Output]>>,
-    /// Where the pose is asked for that it is shown from; none: its constants have it.
+    /// Source of the late-latched pose; `None` uses the pose in the constants.
     pub late: Option<Late>,
 }
 
 impl Inputs {
-    /// Of both eyes.
+    /// Returns the number of samples of both eyes.
     fn samples(&self) -> u64 {
         let layout::Frame { camera, sampling, .. } = self.constants;
         2 * u64::from(camera.width) * u64::from(camera.height) * u64::from(sampling.spp.max(1))
     }
 }
 
-/// How often a frame has been begun.
+/// An attempt at a frame.
 #[derive(Clone, Copy)]
 pub struct Attempt {
-    /// From 1.
+    /// Number of the attempt, from 1.
     pub number: u32,
-    /// The faults that the frame has run into are those from this one on.
+    /// Number of faults before the frame's first attempt: later ones belong to the frame.
     pub first_fault: usize,
-    /// When the first attempt began, milliseconds since the renderer's origin.
+    /// Begin of the first attempt, in milliseconds since the renderer's origin.
     pub begin_ms: f64,
 }
 
-/// A frame that devices are at.
+/// A frame that the devices are rendering.
 pub struct InFlight {
     pub inputs: Inputs,
     pub report: FrameReport,
     pub attempt: Attempt,
     graph: Arc<FrameGraph>,
     ticket: u64,
-    /// What its workers were told; a later one may be shorter.
+    /// Time limit that its workers were given. A later limit may be shorter.
     limit: Duration,
     /// The faults that are injected into it.
     injections: Vec<Injection>,
 }
 
-/// Where the images of a frame are.
+/// The last complete frame, and the location of its images.
 pub struct Whole {
     pub inputs: Inputs,
     pub primary: usize,
     pub end_ms: f64,
-    /// Those that came with it.
+    /// Images that came back with the answer.
     pub images: HashMap<Output, Pixels>,
-    /// Where the primary has them, if it is on this rank.
+    /// Buffers of its outputs on the primary; empty if the primary is on another rank.
     pub buffers: HashMap<Output, [wgpu::Buffer; 2]>,
 }
 
-/// What became of the frame that was begun first.
+/// Outcome of the oldest frame in flight.
 pub enum Finished {
     Whole(Box<InFlight>),
-    /// These devices failed, so all frames in flight have to be begun again, oldest first.
+    /// These devices failed, so all frames in flight must be begun again, oldest first.
     Failed {
         failures: BTreeMap<usize, DeviceFailure>,
         frames: Vec<InFlight>,
     },
 }
 
-/// What the answers to a frame's orders come to.
+/// Combined answers of the workers to a frame's orders.
 struct Collected {
     failures: BTreeMap<usize, DeviceFailure>,
-    /// Whether no worker gave the frame up because of another.
+    /// True unless a worker abandoned the frame because another device failed.
     is_whole: bool,
     begin_ms: f64,
     end_ms: f64,
@@ -109,17 +109,17 @@ struct Collected {
     buffers: HashMap<Output, [wgpu::Buffer; 2]>,
 }
 
-/// The workers with the frames that they are at.
+/// The workers, and their frames in flight.
 pub struct Frames {
     workers: WorkerPool,
     pub limits: Limits,
     pub injected: InjectedFaults,
     pub faults: Vec<Fault>,
-    /// Oldest first.
+    /// Frames in flight, oldest first.
     in_flight: VecDeque<InFlight>,
-    /// How many may be in flight.
+    /// Maximum number of frames in flight.
     capacity: usize,
-    /// The last frame that is whole.
+    /// The last complete frame.
     pub whole: Option<Whole>,
     origin: Instant,
 }
@@ -138,12 +138,12 @@ impl Frames {
         }
     }
 
-    /// What rows take between devices of different ranks.
+    /// Returns the network between devices of different ranks.
     pub fn network(&self) -> Network {
         self.workers.network()
     }
 
-    /// Ends all workers.
+    /// Returns the workers.
     pub fn into_workers(self) -> WorkerPool {
         self.workers
     }
@@ -164,17 +164,17 @@ impl Frames {
         self.in_flight.len() >= self.capacity
     }
 
-    /// The number of the frame that was begun first.
+    /// Returns the index of the oldest frame in flight.
     pub fn oldest(&self) -> Option<u32> {
         self.in_flight.front().map(|f| f.report.index)
     }
 
-    /// A frame that is begun for the first time, at `begin_ms`.
+    /// Returns the first attempt at a frame, which begins at `begin_ms`.
     pub fn first_attempt(&self, begin_ms: f64) -> Attempt {
         Attempt { number: 1, first_fault: self.faults.len(), begin_ms }
     }
 
-    /// Gives every device its part of a frame, with the cuts of its work.
+    /// Sends every device its part of a frame, with the submission splits of its work.
     pub fn hand_out(
         &mut self,
         inputs: Inputs,
@@ -203,22 +203,23 @@ impl Frames {
         self.in_flight.push_back(InFlight { inputs, report, attempt, graph, ticket, limit, injections });
     }
 
-    /// Notes how long the frame that was handed out last is predicted to take.
+    /// Records the predicted makespan of the frame that was sent out last.
     pub fn predict_last(&mut self, makespan_ms: Option<f64>) {
         if let Some(frame) = self.in_flight.back_mut() {
             frame.report.predicted_ms = makespan_ms;
         }
     }
 
-    /// What a device may take for one thing that is waited for. Frames that were begun before may come first.
+    /// Returns the time limit for a single wait on a device, which includes frames in flight that come first.
     fn limit(&self, inputs: &Inputs) -> Duration {
         self.limits.limit(inputs.samples() * self.capacity as u64)
     }
 
-    /// Waits for the frame that was begun first; none if none is in flight.
+    /// Waits for the oldest frame in flight; returns `None` if there is none.
     ///
     /// # Errors
-    /// [`ExecError::Stuck`] if workers gave the frame up though no device failed, [`ExecError::Rank`] if a rank is lost.
+    /// [`ExecError::Stuck`] if workers abandoned the frame although no device failed, [`ExecError::Rank`] if a rank is
+    /// lost.
     pub fn finish(&mut self) -> Result<Option<Finished>, ExecError> {
         let Some(mut frame) = self.in_flight.pop_front() else { return Ok(None) };
         let collected = self.collect(&mut frame);
@@ -268,7 +269,7 @@ impl Frames {
         all
     }
 
-    /// Calls off the frames behind the one that these devices failed in.
+    /// Cancels the frames that were begun after the one in which these devices failed.
     fn call_off(&mut self, frame: InFlight, mut failures: BTreeMap<usize, DeviceFailure>) -> Finished {
         let behind = std::mem::take(&mut self.in_flight);
         behind.iter().for_each(|f| self.workers.call_off(f.ticket));
@@ -280,7 +281,7 @@ impl Frames {
             }
         }
         let frames: Vec<InFlight> = std::iter::once(frame).chain(behind).collect();
-        // Faults that were to be injected may not have happened when the frames were called off.
+        // Faults to inject may not have happened before the frames were cancelled.
         let injections = frames.iter().flat_map(|f| &f.injections).filter(|i| !failures.contains_key(&i.device));
         self.injected.injections.extend(injections);
         Finished::Failed { failures, frames }
@@ -307,7 +308,7 @@ impl Frames {
         self.whole = Some(Whole { inputs: frame.inputs.clone(), primary, end_ms, images, buffers });
     }
 
-    /// The frame of this attempt is whole, so its faults are overcome.
+    /// Marks the faults of a frame as recovered, once this attempt is complete.
     fn recovered(&mut self, attempt: Attempt) {
         let now_ms = self.now_ms();
         for fault in self.faults[attempt.first_fault..].iter_mut().filter(|f| f.attempts == 0) {
@@ -315,7 +316,7 @@ impl Frames {
         }
     }
 
-    /// Takes devices out that failed in this frame. `remove` is told the place of each among those that are left.
+    /// Drops the devices that failed in this frame. `remove` takes the index of each among the remaining devices.
     ///
     /// # Errors
     /// [`ExecError::NoneLeft`]
@@ -339,17 +340,17 @@ impl Frames {
         Ok(())
     }
 
-    /// The last whole frame, if the primary has this image of it and keeps it until another frame is begun.
+    /// Returns the last complete frame, if the primary has this image of it and keeps it until another frame begins.
     ///
     /// # Errors
-    /// [`ExecError::NoFrame`] if there is no such frame or its images may be those of later ones already.
+    /// [`ExecError::NoFrame`] if there is no such frame, or later frames may have overwritten its images.
     pub fn whole_with(&self, image: &Output) -> Result<&Whole, ExecError> {
         let is_there = |whole: &&Whole| whole.inputs.outputs.as_ref().is_none_or(|outputs| outputs.contains(image));
         let whole = self.whole.as_ref().filter(|_| self.in_flight.is_empty()).filter(is_there);
         whole.ok_or(ExecError::NoFrame)
     }
 
-    /// An image of the last whole frame, from its primary; or why that failed.
+    /// Reads an image of the last complete frame from its primary. The inner error is the primary's failure.
     ///
     /// # Errors
     /// Those of [`Self::whole_with`], and [`ExecError::Stuck`] if the worker gave no answer of this kind.

@@ -1,4 +1,4 @@
-//! How far a frame must look for the history of its surfaces.
+//! Search range of temporal reprojection: the rows of the previous frame that may hold the history of a row.
 
 use std::f64::consts::PI;
 
@@ -8,21 +8,23 @@ use obvhs::aabb::Aabb;
 use crate::stages::layout::{Camera, View};
 use crate::stages::{FOVEA_DEG, SceneTables};
 
-/// Rows are asked for in steps, so that graphs last while a camera moves.
+/// Granularity of the search range, so that graphs can be reused while a camera moves.
 const STEP_ROWS: u32 = 4;
-/// Largest part of the height that is looked through: surfaces that moved further have no history.
+/// Divisor of the height that limits the search range. Surfaces that moved further have no history.
 const LARGEST_SHARE: u32 = 4;
 
-/// Rows up and down within which a frame's surfaces were seen in the frame before, but for what is so near that it
-/// moved further than a quarter of the height. None where the eyes turned so far that hardly anything is seen again.
+/// Returns the number of rows up and down within which a frame's surfaces lay in the previous frame. In perspective
+/// images it is at most a quarter of the height, and nearby surfaces that moved further have no history. Returns `None`
+/// if the eyes turned so far that hardly any surface is seen again.
 ///
-/// `moved` has the bounds of what moves by itself, and by how much it did at most.
+/// `moved` holds the bounds of moving bodies and their maximum displacement.
 ///
-/// The images depend on it, and it on nothing but scene and cameras, so it is the same for any devices.
+/// The images depend on the result. It is derived only from scene and cameras, so it is the same for any set of
+/// devices.
 pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved: &[(Aabb, f32)]) -> Option<u32> {
     if camera.log_polar.rings > 0.0 {
         let is_still = camera.views == *previous && moved.iter().all(|(_, by)| *by == 0.0);
-        // Close to the gaze, and where the image around it ends, little is far.
+        // Near the gaze and near the border of the image, even small motion spans many rows.
         return Some(if is_still { STEP_ROWS.min(camera.height) } else { camera.height });
     }
     if camera.views[0].rows > 0.0 {
@@ -40,13 +42,13 @@ pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables,
     Some(rows.next_multiple_of(STEP_ROWS).min(largest))
 }
 
-/// The same in visual-polar images, where a gaze that leaps takes surfaces through many rows. What the left eye has seen of
-/// a surface close by may lie beyond them for the right one.
+/// Returns the search range in visual-polar images, where a saccade moves surfaces by many rows. For the right eye, the
+/// left eye's history of nearby surfaces may lie outside this range.
 fn polar_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved: &[(Aabb, f32)]) -> u32 {
     let sine_of = |sine: f64| if sine < 1.0 { sine.asin() } else { PI };
     let rows = [0, 1].map(|eye| {
         let (now, last) = (&camera.views[eye], &previous[eye]);
-        // Rings are closest to one another in the fovea.
+        // Rings are densest in the fovea.
         let per_radian = f64::from(now.fovea_rows) / FOVEA_DEG.to_radians();
         let step = f64::from(now.origin.distance(last.origin));
         let stepped = sine_of(step / f64::from(tables.clearance(now.origin)));
@@ -57,7 +59,7 @@ fn polar_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved
         });
         let [gaze, last_gaze] = [now, last].map(|view| view.gaze.as_dvec3());
         let turned = gaze.angle_between(last_gaze) + stepped + own.fold(0.0, f64::max);
-        // Where the outermost ring is another, all rings are more or fewer.
+        // A change of the outermost ring rescales all rings.
         let stretched = f64::from((now.fovea_rows / last.fovea_rows - 1.0).abs() * now.rows.max(last.rows));
         turned * per_radian + stretched
     });
@@ -65,13 +67,13 @@ fn polar_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved
     rows.next_multiple_of(STEP_ROWS).min(camera.height)
 }
 
-/// The most rows that a body may seem to have moved by itself, seen from either eye.
+/// Returns the maximum number of rows by which a body's own motion shifts it, seen from either eye.
 fn rows_of_body(camera: &Camera, bounds: &Aabb, by: f64) -> f64 {
     let rows = camera.views.each_ref().map(|eye| {
         let (low, high) = (Vec3::from(bounds.min).as_dvec3(), Vec3::from(bounds.max).as_dvec3());
         let origin = eye.origin.as_dvec3();
         let distance = origin.distance(origin.clamp(low, high));
-        // An angle is seen largest at the corners of the image.
+        // An angle spans the most rows at the corners of the image.
         let stretch = 1.0 + f64::from(eye.tan_half_x).powi(2) + f64::from(eye.tan_half_y).powi(2);
         let sine = by / (distance - by);
         let is_far = distance > by && sine < 1.0;
@@ -81,17 +83,17 @@ fn rows_of_body(camera: &Camera, bounds: &Aabb, by: f64) -> f64 {
     if by > 0.0 { rows[0].max(rows[1]) } else { 0.0 }
 }
 
-/// The most rows between where a point is seen and where it was, for points whose inverse distance from each eye is
-/// `nearness`; none if some may have been behind the eyes.
+/// Returns the maximum number of rows between the current and the previous position of points whose inverse distance
+/// from each eye is `nearness`. Returns `None` if some of them may have been behind the eyes.
 ///
-/// Where a point was is a quotient of two functions, each linear in the column and in the inverse depth, so that it is
-/// largest and smallest at the ends of both: at infinity and at the nearest that a point may be.
+/// The previous position is a quotient of two functions that are linear in the column and in the inverse depth. Its
+/// extremes lie at the ends of both ranges: the outermost columns, and infinity and the nearest depth.
 fn most_rows(camera: &Camera, previous: &[View; 2], nearness: [f64; 2]) -> Option<f64> {
     let mut most: f64 = 0.0;
     let centre = camera.centre.as_dvec2();
     for (now, before) in [(0, 0), (1, 1), (1, 0)] {
         let (eye, last) = (&camera.views[now], &previous[before]);
-        // Depth is shorter than distance by at most the cosine at the corners.
+        // Depth is at least the distance times the cosine at the corners.
         let corner = f64::from(eye.tan_half_x).hypot(f64::from(eye.tan_half_y)).hypot(1.0);
         let inverse_depth = nearness[now] * corner;
         for row in 0..camera.height {
@@ -171,7 +173,7 @@ mod tests {
         }
     }
 
-    /// Blocks, of which one has a joint for each of its sides, anywhere within a metre at either time.
+    /// Makes a scene with two blocks that move at random. One of them is skinned to two joints.
     fn moving_blocks(random: &mut impl FnMut() -> f64) -> Scene {
         let mut scene = (builtin::find("cornell").unwrap().build)();
         let mesh = scene.instances.last().unwrap().mesh;
@@ -249,7 +251,7 @@ mod tests {
                             let z = v.dot(view.forward.as_dvec3());
                             (z > 0.0 && right.abs() < z && up.abs() < z).then_some((0.5 - 0.5 * up / z) * 180.0)
                         };
-                        // Where it was need not be within the image.
+                        // The previous position may lie outside the image.
                         let Some(seen) = row(&camera.views[eye], p) else { continue };
                         let wide = View { tan_half_x: 1e6, ..before[last] };
                         most = row(&wide, q).map_or(most, |there| most.max((there - seen).abs()));
@@ -264,7 +266,7 @@ mod tests {
         assert!(bounded > 10 && tight > 3, "{bounded} of 40 have a bound, {tight} of them need that of the bodies");
     }
 
-    /// In images of rings, wherever gaze and eyes go.
+    /// Covers visual-polar images, for motion of gaze and eyes.
     #[test]
     fn no_point_beyond_the_clearance_moves_by_more_rings() {
         let scene = (builtin::find("cornell").unwrap().build)();

@@ -1,4 +1,5 @@
-//! Frames that are shown from where the head is found to be when all else of them is done.
+//! Late latching: once the rest of a frame is done, the primary asks for the newest head pose and reprojects the frame
+//! to it.
 
 use std::fmt;
 use std::sync::Arc;
@@ -11,39 +12,41 @@ use crate::image::Extent;
 use crate::scene::rig::Rig;
 use crate::stages::layout;
 
-/// Says where the head will be when the frame of this number is shown, as a rig of which the first key counts; none: nothing
-/// newer is known than what the frame began with. A worker asks it, between two submissions: it should answer at once.
+/// Predicts the head pose at the time when the frame of this number is displayed. Only the first key of the rig counts.
+/// `None` means that no pose is known that is newer than the frame's own. A worker calls it between two submissions, so
+/// it should return at once.
 pub type PoseSource = dyn Fn(u32) -> Option<Rig> + Send + Sync;
 
-/// What a frame needs to be shown from a pose that is asked for.
+/// Late latching of a frame: the source of the pose that it is shown from, and the inputs of the resampling.
 #[derive(Clone)]
 pub struct Late {
     source: Arc<PoseSource>,
     frame: u32,
-    /// As it is rendered: one key, relative to `origin`.
+    /// Rig that the frame is rendered from: one key, relative to `origin`.
     rendered: Rig,
-    /// Of the tables, scene units.
+    /// Origin of the scene tables, scene units.
     origin: DVec3,
-    /// Of what eyes show and of the rectified frame.
+    /// Extents of the displayed and of the rectified images.
     sizes: [Extent; 2],
 }
 
-/// A pose that a frame is shown from.
+/// A late-latched pose of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SampledPose {
-    /// As the source gave it.
+    /// Rig that the source returned.
     pub rig: Rig,
-    /// When it was asked for, milliseconds since the renderer's origin.
+    /// Time at which it was sampled, in milliseconds since the renderer's origin.
     pub at_ms: f64,
 }
 
 impl Late {
-    /// Of a frame that is rendered as a rig of one key sees it; `sizes` are those of what eyes show and of the rectified frame.
+    /// Prepares late latching of a frame rendered from a rig of one key. `sizes` are the extents of the displayed and
+    /// of the rectified images.
     fn new(source: &Arc<PoseSource>, frame: u32, rendered: &Rig, origin: DVec3, sizes: [Extent; 2]) -> Self {
         Self { source: Arc::clone(source), frame, rendered: rendered.relative_to(origin), origin, sizes }
     }
 
-    /// Asks for the pose; returns it with what shaders need of it.
+    /// Samples the pose; returns it with its shader constants.
     pub fn ask(&self, at_ms: f64) -> Option<(SampledPose, [layout::Shown; 2])> {
         let rig = (self.source)(self.frame)?;
         let optics = self.rendered.optics.as_ref()?;
@@ -53,15 +56,15 @@ impl Late {
 }
 
 impl Renderer {
-    /// Has frames that are begun from here on shown from a pose that the source is asked for when all else of them is done,
-    /// by the primary, which then resamples them alone. [`super::FrameReport::shown_from`] has it. Where the source knows
-    /// none, or the primary is on another rank, it is [`FrameParams::shown_from`]. Of use with
-    /// [`crate::stages::StageSettings::is_late`].
+    /// Sets the pose source for late reprojection of frames begun from now on. Once the rest of a frame is done, the
+    /// primary asks the source and resamples the frame alone. [`super::FrameReport::shown_from`] records the pose. If
+    /// the source returns `None`, or the primary is on another rank, frames use [`FrameParams::shown_from`]. The source
+    /// is used only with [`crate::stages::StageSettings::is_late`].
     pub fn set_pose_source(&mut self, source: Option<Arc<PoseSource>>) {
         self.pose_source = source;
     }
 
-    /// Returns what a frame asks the source, if there is one.
+    /// Returns the late latching of a frame, if there is a pose source.
     pub(super) fn late(&self, params: &FrameParams) -> Option<Late> {
         let FrameParams { rig, time_s, index, .. } = params;
         let stages = &self.settings.stages;

@@ -1,4 +1,4 @@
-//! What workers were told to do, and what they have answered.
+//! Orders to workers, and the answers that have arrived.
 
 /// Orders under their tickets, oldest first. `A` is an answer.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -8,7 +8,7 @@ pub struct Ledger<A> {
     ticket: u64,
 }
 
-/// Orders under one ticket, and what has come of them, by device.
+/// Orders under one ticket, with the devices that have not answered and the answers of the others.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Asked<A> {
     ticket: u64,
@@ -23,19 +23,20 @@ impl<A> Default for Ledger<A> {
 }
 
 impl<A> Ledger<A> {
-    /// A new ticket, under which these devices are to answer.
+    /// Issues a ticket under which these devices must answer.
     pub fn ask(&mut self, devices: Vec<usize>) -> u64 {
         self.ticket += 1;
         self.asked.push(Asked { ticket: self.ticket, awaited: devices, answers: Vec::new() });
         self.ticket
     }
 
-    /// The devices whose answers under this ticket are missing.
+    /// Returns the devices whose answers under this ticket are missing.
     pub fn awaited(&self, ticket: u64) -> &[usize] {
         self.asked.iter().find(|a| a.ticket == ticket).map_or(&[], |a| &a.awaited)
     }
 
-    /// An answer has come. Devices that were answered for may answer after all, too late.
+    /// Records an answer. A device may still answer after [`Self::answer_for`] has answered for it; such answers are
+    /// ignored.
     pub fn answer(&mut self, ticket: u64, device: usize, answer: A) {
         if let Some(asked) = self.asked.iter_mut().find(|a| a.ticket == ticket && a.awaited.contains(&device)) {
             asked.awaited.retain(|d| *d != device);
@@ -43,7 +44,7 @@ impl<A> Ledger<A> {
         }
     }
 
-    /// Gives `answer` for all that a device has not answered; returns the tickets, which are to be called off.
+    /// Answers all open tickets of a device with `answer`. Returns these tickets, which must be cancelled.
     pub fn answer_for(&mut self, device: usize, answer: impl Fn() -> A) -> Vec<u64> {
         let is_awaited = |a: &&Asked<A>| a.awaited.contains(&device);
         let tickets: Vec<u64> = self.asked.iter().filter(is_awaited).map(|a| a.ticket).collect();
@@ -51,7 +52,7 @@ impl<A> Ledger<A> {
         tickets
     }
 
-    /// All answers under this ticket, by device, once none is missing; then they are forgotten.
+    /// Removes and returns all answers under this ticket, by device. Returns `None` while any is missing.
     pub fn take(&mut self, ticket: u64) -> Option<Vec<(usize, A)>> {
         match self.asked.iter().position(|a| a.ticket == ticket) {
             Some(place) if !self.asked[place].awaited.is_empty() => None,

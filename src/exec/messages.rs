@@ -1,4 +1,4 @@
-//! What the renderer and the workers tell one another: plain data, which could also go from one process to another.
+//! Messages between the renderer and the workers: plain data that can be serialised and sent between processes.
 
 use std::fmt;
 use std::ops::Deref;
@@ -16,12 +16,13 @@ use crate::device::DeviceFailure;
 use crate::schedule::Cut;
 use crate::stages::{Place, SceneUpdate, layout};
 
-/// What the renderer tells a worker.
+/// Command from the renderer to a worker.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct Command {
-    /// Comes back with the answer; no two commands of a run have the same but those of one attempt at a frame.
+    /// Returned with the answer. All commands of one attempt at a frame share a ticket; no other commands of the run
+    /// do.
     pub ticket: u64,
-    /// How long the device may take for one thing that is waited for.
+    /// Time limit of the device for each operation that is waited for.
     pub limit: Duration,
     pub order: Order,
 }
@@ -29,7 +30,7 @@ pub struct Command {
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Order {
     Frame(Box<FrameJob>),
-    /// Send both eyes' image in this place back; a fault may be injected before.
+    /// Send back both eyes' image in this place, after injecting a fault if one is given.
     Read {
         image: Output,
         place: Place,
@@ -37,34 +38,34 @@ pub enum Order {
     },
 }
 
-/// A frame, of which each worker does the tasks of its device.
+/// A frame, of which each worker executes the tasks of its device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameJob {
-    /// With what all frames of a run have in common, it determines the graph.
+    /// Plan that determines the graph, together with the settings that all frames of a run share.
     pub plan: Plan,
     #[serde(with = "wire::pod")]
     pub constants: layout::Frame,
-    /// Constants of the frame before.
+    /// Constants of the previous frame.
     #[serde(with = "wire::pod")]
     pub previous: layout::Previous,
-    /// What it changes in the scene.
+    /// Changes to the scene tables.
     pub update: SceneUpdate,
-    /// Where it leaves its images.
+    /// Slot and turn of the images that it writes.
     pub place: Place,
-    /// The images that the primary sends back with its answer, beside the row tallies.
+    /// Images that the primary returns with its answer, in addition to the row tallies.
     pub reads: Vec<Output>,
-    /// Where submissions of this device end, beside those that transfers end.
+    /// Submission splits on this device, in addition to those at transfers.
     pub cuts: Vec<Cut>,
-    /// Where the primary asks for the pose that it is shown from. It is not sent to other ranks.
+    /// Source of the late-latched pose, for the primary. It is not sent to other ranks.
     #[serde(skip)]
     pub late: Option<Late>,
-    /// How often dispatches run; more than once only to simulate slow devices.
+    /// Number of runs of each dispatch; more than 1 only to simulate slow devices.
     pub runs: u32,
-    /// The fault that is injected half-way.
+    /// Fault to inject halfway through.
     pub injected: Option<InjectedKind>,
 }
 
-/// What a worker answers.
+/// Answer of a worker to a command.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reply {
     pub ticket: u64,
@@ -78,52 +79,52 @@ pub enum Answer {
     Pixels(Pixels),
 }
 
-/// An image of both eyes, as it lies on the device.
+/// An image of both eyes, in the device's memory layout.
 pub type Pixels = [Vec<u8>; 2];
 
-/// Why a worker did not do what it was told.
+/// Reason for which a worker did not execute an order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Stop {
     /// Its own device failed.
     Device(DeviceFailure),
-    /// Another's did.
+    /// Another device failed.
     Aborted,
 }
 
-/// A device's part of a frame, done.
+/// Result of a device's part of a frame.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameReply {
     pub times: Vec<TaskTime>,
-    /// How wrong times of the device have been at most, so far.
+    /// Maximum error of the device's times so far.
     pub clock_residual_us: f64,
-    /// When the device turned to the frame, and when it was done; milliseconds since the origin.
+    /// Begin and end of the frame on this device, in milliseconds since the origin.
     pub begin_ms: f64,
     pub end_ms: f64,
-    /// From the primary: the row tallies of the whole frame, then what was to be read.
+    /// Row tallies of the whole frame, then the requested images; only from the primary.
     pub images: Vec<Pixels>,
-    /// From the primary: the pose that it asked for. Those of other ranks ask for none.
+    /// Late-latched pose; only from the primary, if it is on rank 0.
     #[serde(skip)]
     pub shown_from: Option<Box<SampledPose>>,
-    /// From the primary: where it has each output of the frame. Those of other ranks are out of reach.
+    /// Buffers of each output of the frame; only from the primary, if it is on rank 0.
     #[serde(skip)]
     pub buffers: Vec<(Output, [wgpu::Buffer; 2])>,
 }
 
-/// When a task ran.
+/// Execution time of a task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TaskTime {
-    /// Its number among the tasks of its device.
+    /// Index among the tasks of its device.
     pub task: usize,
     /// Milliseconds since the origin.
     pub begin_ms: f64,
     pub end_ms: f64,
-    /// Of a transfer.
+    /// Size of a transfer; `None` for other tasks.
     pub bytes: Option<u64>,
-    /// How many it was spread over.
+    /// Number of submissions that the task was split into.
     pub submissions: u32,
 }
 
-/// What workers send one another. `B` is what the bytes of rows are in.
+/// Message to a worker from another worker, or an abort from the renderer. `B` holds the bytes of rows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message<B = Bytes> {
     Rows {
@@ -131,13 +132,13 @@ pub enum Message<B = Bytes> {
         transfer: u32,
         rows: B,
     },
-    /// A device cannot go on with this attempt, so nobody who waits for it can.
+    /// A device cannot continue this attempt, so no device that waits for it can.
     Abort {
         ticket: u64,
     },
 }
 
-/// Bytes of rows: in memory that is mapped from the device they come from, or, from another process, in our own.
+/// Bytes of rows: mapped memory of the source device, or an owned buffer if they come from another process.
 pub enum Bytes {
     Mapped(Mapped),
     Owned(Vec<u8>),
@@ -200,7 +201,7 @@ pub(super) mod tests {
     fn job(seam: Seam, history: Option<History>) -> FrameJob {
         let mut assignment = Assignment::uniform(Stripes::even(90, 3));
         assignment.set(CUT, Eye::Right, Stripes::from_edges(90, &[10, 70]));
-        // Device 0 has been taken out.
+        // Device 0 was dropped.
         let assignment = assignment.renumbered(&[1, 2, 3], 4);
         let mut constants = layout::Frame::default();
         constants.sampling.index = 7;
@@ -222,7 +223,7 @@ pub(super) mod tests {
         }
     }
 
-    /// Of every kind.
+    /// Returns commands of every kind.
     pub fn commands() -> Vec<Command> {
         let limit = Duration::from_micros(10_000_001);
         let command = |order| Command { ticket: u64::MAX, limit, order };
@@ -237,7 +238,7 @@ pub(super) mod tests {
         commands
     }
 
-    /// Of every kind.
+    /// Returns replies of every kind.
     pub fn replies() -> Vec<Reply> {
         let reply = |answer| Reply { ticket: 3, device: 63, answer };
         let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40), submissions: 3 }];

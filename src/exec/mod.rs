@@ -1,6 +1,6 @@
-//! Makes it happen: one worker thread per device carries out its tasks of the frame graph, rows cross through host
-//! memory, and the whole images end up on the primary, the first device that is left. README.md beside this file has
-//! the protocol.
+//! Executes frame graphs. One worker thread per device executes the tasks of its device, rows are transferred through
+//! host memory, and the complete images are gathered on the primary, the first remaining device. README.md in this
+//! folder describes the protocol.
 
 mod builder;
 mod channels;
@@ -76,23 +76,23 @@ pub enum ExecError {
     Thread(#[from] std::io::Error),
 }
 
-/// What stays the same for all frames of a run.
+/// Settings shared by all frames of a run.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct RenderSettings {
     pub stages: StageSettings,
     pub seam: Seam,
-    /// Whether the halo plan follows what it costs; else it stays as `seam` has it.
+    /// True if the halo plan adapts to its measured cost; otherwise it stays that of `seam`.
     pub adapts_halo: bool,
-    /// The seed of frames by default.
+    /// Default seed of frames.
     pub seed: u32,
-    /// The bounces of frames by default. Light reaches the eye through at most max(bounces, 1) reflections.
+    /// Default maximum number of bounces. 0 and 1 are equivalent, since direct light is always included.
     pub bounces: u32,
-    /// Of the image's edges, as in [`crate::quality::Quality::scale`].
+    /// Render scale of each side of the image, as in [`crate::quality::Quality::scale`].
     pub scale: f64,
-    /// Upper bound of indirect radiance; 0: none.
+    /// Upper bound of indirect radiance; 0 disables it.
     pub indirect_clamp: f32,
     pub exposure_ev: f32,
-    /// How long a submission may be predicted to take; none: as long as each device's kind may.
+    /// Maximum predicted time of a submission; `None` uses the limit of each device.
     pub max_dispatch_ms: Option<f64>,
 }
 
@@ -114,11 +114,11 @@ impl RenderSettings {
         }
     }
 
-    /// Returns the settings of frames within these bounds, with a reprojected right eye. `extent` is the size of each eye's
-    /// image.
+    /// Returns the settings of frames within these bounds, with a reprojected right eye. `extent` is the size of each
+    /// eye's image.
     ///
     /// # Errors
-    /// A sentence, if eyes with optics of their own would take too large a rectified frame.
+    /// A message if eyes with custom optics would need too large a rectified image.
     pub fn for_envelope(scene: &LoadedScene, extent: Extent, envelope: &Envelope) -> Result<Self, String> {
         let Envelope { most: quality, mixes_spp } = envelope;
         let settings = Self::new(extent, &scene.scene, &scene.tables);
@@ -138,7 +138,8 @@ impl RenderSettings {
         Ok(Self { stages, bounces, scale, exposure_ev, ..settings })
     }
 
-    /// What frames must do on so many devices, with a history; `has_surfaces`: of the scene, whether anything reflects.
+    /// Returns the spec of a frame on this many devices, with a history if the settings keep one. `has_surfaces` is
+    /// true if anything in the scene reflects light.
     pub fn spec(&self, devices: usize, has_surfaces: bool) -> FrameSpec {
         let stages = &self.stages;
         FrameSpec {

@@ -1,4 +1,4 @@
-//! The images that leave a frame, as messages name them.
+//! Names of a frame's output images in messages.
 
 use std::borrow::Cow;
 
@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 use crate::graph::{Program, Resource};
 use crate::passes::ROW_TALLY;
 
-/// An image that the primary has whole and can send to the host.
+/// An image that is complete on the primary and can be sent to the host.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Output {
     pub name: Cow<'static, str>,
-    /// Which of several alike.
+    /// Index among the images of this name.
     pub number: u8,
 }
 
@@ -22,7 +22,7 @@ impl From<Resource> for Output {
 }
 
 impl Output {
-    /// What comes with the answer to a frame: the counts of its rows, if its passes count, then what was asked for.
+    /// Returns the images that are sent with a frame's answer: the row tallies, if its passes count them, then `reads`.
     pub fn of_frame(program: &Program, reads: &[Self]) -> Vec<Self> {
         let counts = program.images().iter().any(|image| image.resource == ROW_TALLY);
         counts.then(|| ROW_TALLY.into()).into_iter().chain(reads.iter().cloned()).collect()

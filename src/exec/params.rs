@@ -5,25 +5,26 @@ use serde::{Deserialize, Serialize};
 use crate::quality::Quality;
 use crate::scene::rig::Rig;
 
-/// Everything that a frame depends on beside its scene and the settings of its renderer. [`super::Renderer::frame`] fills in
-/// what you do not change. Frames with the same parameters and the same history have the same bytes.
+/// Parameters that determine a frame, together with its scene and the settings of its renderer.
+/// [`super::Renderer::frame`] fills in defaults. Frames with the same parameters and the same history are
+/// byte-identical.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameParams {
     /// The camera, whose path is evaluated at `time_s`.
     pub rig: Rig,
-    /// Time on the camera's path and in the scene's animations, seconds.
+    /// Time on the camera's path and in the scene's animations, in seconds.
     pub time_s: f64,
     /// The number of the frame, which keys its random numbers.
     pub index: u32,
     /// The seed of random numbers.
     pub seed: u32,
     pub quality: Quality,
-    /// The gaze of the left and the right eye, as fractions of each one's image from the top left. Without it, the gaze is
-    /// that of the settings at `time_s`. It has an effect on foveated frames only.
+    /// Gaze of the left and the right eye, in fractions of each eye's image from the top left. `None` uses the gaze of
+    /// the settings at `time_s`. Only foveated frames depend on it.
     pub gaze: Option<[[f64; 2]; 2]>,
-    /// The camera from which the frame is shown, of one key. Without it, the frame is shown from where it is rendered. It has
-    /// an effect with [`crate::stages::StageSettings::is_late`] only.
+    /// Camera with one key that the frame is reprojected to. `None` shows the frame from its own pose. It is used only
+    /// with [`crate::stages::StageSettings::is_late`].
     pub shown_from: Option<Rig>,
-    /// The exposure of displayed images, stops.
+    /// Exposure of displayed images, in stops.
     pub exposure_ev: f32,
 }

@@ -1,4 +1,4 @@
-//! The plan of a frame: who has which rows, and the graph that follows.
+//! The plan of a frame: the assignment of rows to devices, and the graph that it determines.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,24 +14,24 @@ use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
 use crate::schedule::{CostModel, Policy, choose_halo};
 
-/// Graphs that are kept beside those of the frames in flight: one for each number of iterations that frames are predicted
-/// with.
+/// Cached graphs in addition to those of the frames in flight: one for each number of iterations that predictions may
+/// use.
 const OTHER_GRAPHS: usize = Denoiser::MAX_ITERATIONS as usize + 1;
 
-/// What is left of the frame before.
+/// State that the previous frame has left on the devices.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct History {
-    /// Who had which rows.
+    /// Assignment of the previous frame.
     #[serde(with = "wire::assignment")]
     pub before: Assignment,
-    /// How many rows its surfaces may have moved.
+    /// Maximum number of rows that its surfaces may have moved.
     pub rows: u32,
-    /// Devices that have failed since, and what they had with them.
+    /// Devices that have failed since, with their rows.
     pub lost: Vec<usize>,
 }
 
 impl History {
-    /// The rows that devices had which failed, of any image that is kept, and those between them.
+    /// Returns the smallest range that contains the rows of all failed devices, in any image with a history.
     pub fn lost_rows(&self, program: &Program) -> Range<u32> {
         let kept = program.images().iter().filter(|image| image.is_before);
         let of_image = kept.flat_map(|image| Eye::ALL.map(|view| (program.writer(&image.resource, view), view)));
@@ -42,7 +42,7 @@ impl History {
     }
 }
 
-/// What distinguishes the graphs of a run from one another.
+/// Parameters in which the graphs of a run differ.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     pub seam: Seam,
@@ -50,31 +50,33 @@ pub struct Plan {
     #[serde(with = "wire::assignment")]
     pub assignment: Assignment,
     pub history: Option<History>,
-    /// The images that end up whole on the primary, beside the row tallies; none: all.
+    /// Images to gather on the primary, in addition to the row tallies; `None` gathers all outputs.
     pub outputs: Option<Vec<Output>>,
 }
 
-/// The graphs of the latest plans. The renderer and the workers of a process share them, so that each is built once.
+/// Cache of the graphs of the latest plans. The renderer and the workers of a process share it, so each graph is built
+/// once.
 pub struct Graphs {
-    /// What the frames of the run have in common.
+    /// Spec shared by all frames of the run.
     spec: FrameSpec,
     declarations: Declarations,
-    /// The latest one last.
+    /// Cached graphs, the most recently used last.
     latest: Mutex<Vec<(Plan, Arc<FrameGraph>)>>,
     capacity: usize,
 }
 
 impl Graphs {
-    /// `capacity` is the number of graphs that are kept, at least as many as there are frames in flight.
+    /// Creates a cache of `capacity` graphs, at least as many as there are frames in flight.
     ///
     /// # Errors
-    /// [`ProgramError`] where the declared passes of some frame contradict one another.
+    /// [`ProgramError`] if the declared passes of some frame contradict one another.
     pub fn new(spec: FrameSpec, declarations: Declarations, capacity: usize) -> Result<Self, ProgramError> {
         declarations.programs(&spec)?;
         Ok(Self { spec, declarations, latest: Mutex::default(), capacity })
     }
 
-    /// Those of a run on so many devices, for a scene that has surfaces or not.
+    /// Creates the graphs of a run on this many devices. `has_surfaces` is true if anything in the scene reflects
+    /// light.
     ///
     /// # Errors
     /// Those of [`Self::new`].
@@ -84,18 +86,18 @@ impl Graphs {
         Self::new(settings.spec(devices, has_surfaces), stages.declarations.clone(), capacity)
     }
 
-    /// Programs that have every pass that some frame may need.
+    /// Returns programs that together contain every pass that any frame may need.
     pub fn programs(&self) -> Vec<Program> {
         self.declarations.programs(&self.spec).unwrap_or_default()
     }
 
-    /// What a frame of this plan must do.
+    /// Returns the spec of a frame of this plan.
     pub fn spec(&self, plan: &Plan) -> FrameSpec {
         let history_rows = plan.history.as_ref().map(|history| history.rows);
         FrameSpec { seam: plan.seam, iterations: plan.iterations, history_rows, ..self.spec.clone() }
     }
 
-    /// The graph of a plan, built if it is none of the latest.
+    /// Returns the graph of a plan, which is built unless it is cached.
     pub fn of(&self, plan: &Plan) -> Arc<FrameGraph> {
         let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
         let found = latest.iter().position(|(old, _)| old == plan).map(|place| latest.remove(place));
@@ -119,13 +121,13 @@ impl Graphs {
     }
 }
 
-/// Plans frames by what the cost model has learned.
+/// Plans frames with the cost model.
 pub struct Planner {
     policy: Box<dyn Policy>,
     seam: Seam,
-    /// Whether the halo plan follows what it costs.
+    /// True if the halo plan adapts to its measured cost.
     adapts_halo: bool,
-    /// How many devices there were at the start.
+    /// Number of devices at the start.
     devices: usize,
     graphs: Arc<Graphs>,
 }
@@ -139,22 +141,22 @@ impl Planner {
         self.policy.name()
     }
 
-    /// The device at this place among those that are left is out.
+    /// Removes the device with this index among the remaining ones.
     pub fn remove_device(&mut self, place: usize) {
         self.policy.remove_device(place);
     }
 
-    /// What a frame of this plan must do.
+    /// Returns the spec of a frame of this plan.
     pub fn spec(&self, plan: &Plan) -> FrameSpec {
         self.graphs.spec(plan)
     }
 
-    /// The graph of a plan.
+    /// Returns the graph of a plan.
     pub fn graph(&self, plan: &Plan) -> Arc<FrameGraph> {
         self.graphs.of(plan)
     }
 
-    /// Plans the next frame on the devices that are `left`.
+    /// Plans the next frame on the devices in `left`.
     pub fn plan(
         &mut self,
         costs: &mut CostModel,
@@ -167,7 +169,7 @@ impl Planner {
         self.plan_halo(costs, left);
         let mut assignment = self.policy.assign(&costs.of_devices(left)).renumbered(left, self.devices);
         if inputs.late.is_some() {
-            // Of one pose, which one device asks for.
+            // One device asks for the pose, so it executes all late passes.
             assignment.gather(LATE_CUT);
         }
         let outputs = inputs.outputs.as_ref().map(|outputs| outputs.to_vec());

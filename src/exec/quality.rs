@@ -1,11 +1,11 @@
-//! What may differ from frame to frame, and what a frame would take with it.
+//! Quality settings that may change from frame to frame: validation, and prediction of frame times.
 
 use super::planner::Plan;
 use super::{RenderSettings, Renderer};
 use crate::quality::{Denoiser, Quality};
 use crate::schedule::{Effort, simulate_at};
 
-/// The quality of every frame, as long as nothing else is said.
+/// Returns the default quality of frames.
 pub(super) fn of(settings: &RenderSettings) -> Quality {
     let stages = &settings.stages;
     let (spp, bounces, denoiser, scale) = (stages.spp, settings.bounces, denoiser(settings), settings.scale);
@@ -50,8 +50,8 @@ pub(super) fn check(quality: &Quality, settings: &RenderSettings) -> Result<(), 
 }
 
 impl Renderer {
-    /// The makespan that the cost model predicts for a frame of this quality and effort on the stripes of the last one,
-    /// milliseconds; none before it has learned from a frame.
+    /// Predicts the makespan in milliseconds of a frame with this quality and relative cost, on the stripes of the last
+    /// frame. Returns `None` before the cost model has learned from a frame.
     pub fn predicted_ms(&self, quality: &Quality, effort: &Effort) -> Option<f64> {
         let (plan, _) = self.planned.as_ref().filter(|_| self.costs.has_learned())?;
         let graph = self.planner.graph(&Plan { iterations: quality.most_iterations(), ..plan.clone() });

@@ -1,4 +1,4 @@
-//! Images of the last whole frame, read from the primary.
+//! Readback of the last complete frame's images from the primary.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use crate::passes::tonemap::{DISPLAY, LINEAR};
 use crate::passes::{Aov, aov_image};
 
 impl Renderer {
-    /// Raw, both eyes. If the primary fails, others make the frame again.
+    /// Reads an image of both eyes as raw bytes. If the primary fails, the other devices render the frame again.
     fn read(&mut self, image: Resource) -> Result<Cow<'_, Pixels>, ExecError> {
         let output = Output::from(image);
         loop {
@@ -30,10 +30,10 @@ impl Renderer {
         }
     }
 
-    /// What the last frame left in an output of its passes: the bytes of each eye's image, row after row.
+    /// Reads an output of the last frame's passes: the bytes of each eye's image, row after row.
     ///
     /// # Errors
-    /// Those of [`Self::read_linear`]; also [`ExecError::NoFrame`] for what is no output of the frame.
+    /// Those of [`Self::read_linear`]; also [`ExecError::NoFrame`] if `image` is not an output of the frame.
     pub fn read_output(&mut self, image: Resource) -> Result<Stereo<Vec<u8>>, ExecError> {
         let is_output = |(_, graph): &(_, Arc<FrameGraph>)| {
             graph.program.outputs().any(|number| graph.program.images()[number].resource == image)
@@ -45,17 +45,18 @@ impl Renderer {
         Ok(Stereo { left, right })
     }
 
-    /// Whether there is a frame whose images can be read.
+    /// Returns true if there is a frame whose images can be read.
     pub fn has_frame(&self) -> bool {
         self.frames.whole.is_some()
     }
 
-    /// Where the last frame's primary, which is device 0 but after a fault, has an output: the buffers of both eyes, as
-    /// [`Self::read_output`] reads them. They stay as they are until another frame is begun. None if the primary is not on this
-    /// rank.
+    /// Returns the device number of the last frame's primary (0 unless a device has failed), and its buffers of an
+    /// output for both eyes, in the layout that [`Self::read_output`] returns. Their contents last until another frame
+    /// begins. Returns `None` if the primary is on another rank.
     ///
     /// # Errors
-    /// [`ExecError::NoFrame`] if no frame is whole or frames are in flight.
+    /// [`ExecError::NoFrame`] if no frame is complete, frames are in flight, or the last frame did not gather this
+    /// output.
     pub fn output_buffers(&self, image: Resource) -> Result<Option<(usize, Stereo<wgpu::Buffer>)>, ExecError> {
         let image = Output::from(image);
         let whole = self.frames.whole_with(&image)?;
@@ -63,10 +64,10 @@ impl Renderer {
         Ok(whole.buffers.get(&image).cloned().map(|buffers| (whole.primary, stereo(buffers))))
     }
 
-    /// The last frame, scene-referred.
+    /// Reads the last frame, scene-referred.
     ///
     /// # Errors
-    /// [`ExecError::NoFrame`] if no frame is whole, or frames are in flight and the image was not asked for;
+    /// [`ExecError::NoFrame`] if no frame is complete, or frames are in flight and the image was not requested;
     /// [`ExecError::NoneLeft`] if the last device failed.
     pub fn read_linear(&mut self) -> Result<Stereo<RgbImage>, ExecError> {
         let extent = self.settings.stages.extent;
@@ -77,7 +78,7 @@ impl Renderer {
         Ok(Stereo { left, right })
     }
 
-    /// The last frame, tonemapped and encoded on the devices.
+    /// Reads the last frame, tonemapped and encoded on the devices.
     ///
     /// # Errors
     /// Those of [`Self::read_linear`].
@@ -88,7 +89,7 @@ impl Renderer {
         Ok(Stereo { left, right })
     }
 
-    /// The i-th auxiliary image, as many channels as [`Aov::channels`] names.
+    /// Reads the i-th auxiliary image (AOV), with the channels of [`Aov::channels`].
     ///
     /// # Errors
     /// Those of [`Self::read_linear`].
@@ -102,7 +103,7 @@ impl Renderer {
     }
 }
 
-/// The pixels of an image, whose bytes need not be aligned.
+/// Returns the pixels of an image, whose bytes need not be aligned.
 fn values<T: Pod>(bytes: &[u8]) -> impl Iterator<Item = T> {
     bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned)
 }

@@ -1,4 +1,4 @@
-//! The public face of execution: frames are planned, handed out to the devices, and finished.
+//! The public interface of execution: plans frames, distributes them to the devices, and finishes them.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -23,33 +23,33 @@ use crate::stages::{Foveation, Place, Polar, SceneTables, StageError, layout};
 /// Renders frames on a set of devices.
 pub struct Renderer {
     pub(super) settings: RenderSettings,
-    /// The relative cost of the stages of frames that are begun.
+    /// Relative cost of the stages of frames that begin from now on.
     effort: Effort,
     pub(super) tables: Arc<SceneTables>,
     devices: Vec<DeviceInfo>,
-    /// How long a submission of each may be predicted to take.
+    /// Maximum predicted time of a submission, by device.
     max_dispatch_ms: Vec<Option<f64>>,
     pub(super) costs: CostModel,
     pub(super) planner: Planner,
     /// The latest plan and its graph.
     pub(super) planned: Option<(Plan, Arc<FrameGraph>)>,
     pub(super) frames: Frames,
-    /// What the last frame that was begun was made of.
+    /// Inputs of the last frame that was begun.
     last: Option<Inputs>,
-    /// The images that frames bring to the primary; none: all.
+    /// Images that frames gather on the primary; `None` gathers all outputs.
     outputs: Option<Vec<Output>>,
     pub(super) pose_source: Option<Arc<PoseSource>>,
     begun: u64,
-    /// The next frame is not to build on those before.
+    /// True if the next frame must not use the history.
     begins_anew: bool,
 }
 
 impl Renderer {
-    /// Starts a worker per device and warms every pipeline up. Times are counted from `origin`.
+    /// Starts a worker per device and warms up every pipeline. `origin` is the zero of times.
     ///
     /// # Errors
-    /// Devices of different traversals, a device that fails at once, has too little memory or cannot compile a stage, a
-    /// thread that cannot be started, or another rank that cannot go along.
+    /// [`ExecError`] if devices have different traversals, a device fails at once, has too little memory or cannot
+    /// compile a stage, a thread cannot be started, or another rank cannot take part.
     pub fn new(
         devices: impl Into<Devices>,
         tables: Arc<SceneTables>,
@@ -92,78 +92,78 @@ impl Renderer {
         })
     }
 
-    /// The devices that have not failed, for another renderer, which need not compile again what it has in common with
-    /// this one.
+    /// Returns the devices that have not failed, for another renderer. Pipelines that it has in common with this one
+    /// need not be compiled again.
     pub fn into_devices(self) -> Devices {
         self.frames.into_workers().end()
     }
 
-    /// Takes a device out that gives no sign of life for this long, instead of a limit that follows from what frames
-    /// took.
+    /// Sets the time without a sign of life after which a device is dropped. By default, this limit follows from the
+    /// times of frames.
     pub fn set_watchdog(&mut self, limit: Duration) {
         self.frames.limits.fixed = Some(limit);
     }
 
-    /// Sets the time that frames are to take at most from here on. It makes the run an interactive one: a device that
-    /// hangs costs at most a second, as long as frames take at most a tenth of one. In batch runs, 10 s or more pass
-    /// until it is dropped. A limit of [`Self::set_watchdog`] overrides both.
+    /// Sets the frame budget from now on, which makes the run an interactive one: a device that hangs costs at most a
+    /// second, as long as frames take at most a tenth of one. In batch runs, 10 s or more pass until it is dropped. A
+    /// limit of [`Self::set_watchdog`] overrides both.
     pub fn set_budget(&mut self, budget_ms: f64) {
         self.frames.limits.budget_ms = Some(budget_ms);
     }
 
-    /// Sets the faults that are injected from here on.
+    /// Sets the faults to inject from now on.
     pub fn set_injected_faults(&mut self, injected: InjectedFaults) {
         self.frames.injected = injected;
     }
 
-    /// How often each device runs its dispatches from here on; once where nothing is said.
+    /// Sets how often each device runs its dispatches from now on. Devices without an entry run them once.
     pub fn set_slowdown(&mut self, slowdown: Vec<u32>) {
         self.frames.injected.slowdown = slowdown;
     }
 
-    /// Has frames that are begun from here on bring these images to the primary, beside those that [`Self::begin`] is
-    /// asked for, and no others: what nobody reads need not cross between devices.
+    /// Sets the images that frames begun from now on gather on the primary, in addition to the `reads` of
+    /// [`Self::begin`]. Other images need not be transferred between devices.
     pub fn set_outputs(&mut self, images: &[Resource]) {
         self.outputs = Some(images.iter().map(|image| Output::from(*image)).collect());
     }
 
-    /// The next frame finds no history.
+    /// Discards the history, so that the next frame uses none.
     pub fn begin_anew(&mut self) {
         self.begins_anew = true;
     }
 
-    /// Layers that follow the gaze, if there are any.
+    /// Returns the foveal layers, if there are any.
     pub fn foveation(&self) -> Option<&Foveation> {
         self.settings.stages.foveation.as_ref()
     }
 
-    /// Images around the gaze, if images are.
+    /// Returns the settings of log-polar or visual-polar images, if frames have these.
     pub fn polar(&self) -> Option<&Polar> {
         self.settings.stages.polar.as_ref()
     }
 
-    /// Columns and rows of the rectified images, where eyes show others.
+    /// Returns the extent of the rectified images, if the displayed images are resampled from such.
     pub fn rectified(&self) -> Option<Extent> {
         self.settings.stages.rectified
     }
 
-    /// Sets the relative cost of the stages of frames that are begun from here on, by which the cost model tells frames of
-    /// different quality apart.
+    /// Sets the relative cost of the stages of frames begun from now on. With it, the cost model can compare frames of
+    /// different quality.
     pub fn set_effort(&mut self, effort: Effort) {
         self.effort = effort;
     }
 
-    /// The devices that were taken out, in order.
+    /// Returns the faults of the dropped devices, in order.
     pub fn faults(&self) -> &[Fault] {
         &self.frames.faults
     }
 
-    /// All that there were at the start.
+    /// Returns all devices of the run, including those dropped since.
     pub fn devices(&self) -> &[DeviceInfo] {
         &self.devices
     }
 
-    /// What has been learned of the devices and the frame.
+    /// Returns the cost model, which learns from every frame.
     pub fn costs(&self) -> &CostModel {
         &self.costs
     }
@@ -172,8 +172,8 @@ impl Renderer {
         self.planner.policy_name()
     }
 
-    /// Returns the parameters of the frame that a camera sees at a time in seconds, with the quality, seed and exposure of the
-    /// settings. `index` keys its random numbers.
+    /// Returns the parameters of the frame that a camera sees at a time in seconds, with the default quality, seed and
+    /// exposure of the settings. `index` keys its random numbers.
     pub fn frame(&self, rig: &Rig, time_s: f64, index: u32) -> FrameParams {
         let (rig, quality) = (rig.clone(), quality::of(&self.settings));
         let RenderSettings { seed, exposure_ev, .. } = self.settings;
@@ -183,9 +183,9 @@ impl Renderer {
     /// Checks whether a frame can have these parameters.
     ///
     /// # Errors
-    /// [`ExecError::Quality`] if the settings have no pipelines for its quality: more samples or iterations, another denoiser,
-    /// no iteration of it, one sample without [`crate::stages::StageSettings::mixes_spp`], fewer pixels without
-    /// [`crate::stages::StageSettings::sparse`], layers without foveation.
+    /// [`ExecError::Quality`] if the settings have no pipelines for its quality: more samples or iterations, another
+    /// denoiser, no iteration of it, one sample without [`crate::stages::StageSettings::mixes_spp`], a render scale
+    /// below 1 without [`crate::stages::StageSettings::sparse`], or foveal layers without foveation.
     pub fn check(&self, params: &FrameParams) -> Result<(), ExecError> {
         quality::check(&params.quality, &self.settings).map_err(ExecError::Quality)
     }
@@ -199,7 +199,7 @@ impl Renderer {
         self.finish_last()
     }
 
-    /// [`Self::render`] with only these samples of sequences that each pixel has for itself, at most
+    /// Renders a frame like [`Self::render`], but with this range of samples from a sequence per pixel: at most
     /// [`crate::stages::StageSettings::spp`] of them.
     ///
     /// # Errors
@@ -209,9 +209,9 @@ impl Renderer {
         self.finish_last()
     }
 
-    /// Begins a frame as [`Self::render`] does, and waits for none: [`Self::finish`] does, in the same order. At most
-    /// [`crate::stages::StageSettings::frames_in_flight`] may be begun and not finished; another one finishes the
-    /// oldest first, whose report is lost. `reads` are the images that can be read while frames are in flight.
+    /// Begins a frame like [`Self::render`], but does not wait for it; [`Self::finish`] waits for frames in the same
+    /// order. At most [`crate::stages::StageSettings::frames_in_flight`] may be in flight. One more finishes the oldest
+    /// first and discards its report. `reads` are the images that can be read while frames are in flight.
     ///
     /// # Errors
     /// Those of [`Self::check`], and of [`Self::finish`] if the oldest frame is finished first.
@@ -250,13 +250,13 @@ impl Renderer {
         report.ok_or(ExecError::NoFrame)
     }
 
-    /// How many frames are begun and not finished.
+    /// Returns the number of frames in flight.
     pub fn in_flight(&self) -> usize {
         self.frames.in_flight()
     }
 
-    /// Waits for the frame that was begun first; none if none is left. When a device fails, all that is in flight is
-    /// begun again on the others.
+    /// Waits for the oldest frame in flight; returns `None` if there is none. When a device fails, all frames in flight
+    /// are begun again on the others.
     ///
     /// # Errors
     /// [`ExecError::NoneLeft`] if the last device failed, [`ExecError::Stuck`] if devices waited for one another until
@@ -300,14 +300,14 @@ impl Renderer {
         self.frames.take_out(frame, failures.into_iter().collect(), |place| planner.remove_device(place))
     }
 
-    /// Hands out anew what was in flight when devices failed. The faults are those of the first frame.
+    /// Begins the frames again that were in flight when devices failed. The first of them keeps the faults.
     fn begin_again(&mut self, frames: Vec<InFlight>) {
         for (i, InFlight { inputs, attempt, .. }) in frames.into_iter().enumerate() {
             self.hand_out(inputs, (i == 0).then_some(Attempt { number: attempt.number + 1, ..attempt }));
         }
     }
 
-    /// The device that held the images of the last whole frame has failed: others make it again.
+    /// Renders the last complete frame again on the other devices, since the device with its images has failed.
     pub(super) fn make_again(&mut self, failure: DeviceFailure) -> Result<(), ExecError> {
         let Some(Whole { inputs, primary, .. }) = self.frames.whole.take() else { return Err(ExecError::NoFrame) };
         let attempt = Attempt { number: 2, ..self.frames.first_attempt(self.frames.now_ms()) };
@@ -316,7 +316,7 @@ impl Renderer {
         self.finish_last().map(drop)
     }
 
-    /// Plans a frame and gives every device its part. `again` is the attempt if the frame was begun before.
+    /// Plans a frame and sends every device its part. `again` is the attempt if the frame was begun before.
     fn hand_out(&mut self, mut inputs: Inputs, again: Option<Attempt>) {
         let index = inputs.constants.sampling.index;
         let _span = tracing::info_span!("begin frame", frame = index).entered();
@@ -324,12 +324,12 @@ impl Renderer {
         let attempt = again.unwrap_or_else(|| self.frames.first_attempt(now_ms));
         let overlapped = self.frames.in_flight() > 0;
         let left = self.frames.devices_left();
-        // Which has the source.
+        // Only devices of this rank have the pose source.
         inputs.late = inputs.late.filter(|_| left.first().is_some_and(|&primary| self.is_here(primary)));
         let planned = self.planned.take().map(|(plan, _)| plan);
         let before = match again {
             None => planned.map(|plan| plan.assignment).filter(|_| !std::mem::take(&mut self.begins_anew)),
-            // Frames behind the one that failed may have begun, and what they leave takes the place of what was before.
+            // Later frames may have begun and overwritten this frame's history.
             Some(_) if self.settings.stages.frames_in_flight > 1 => None,
             Some(_) => planned.and_then(|plan| plan.history).map(|history| history.before),
         };
@@ -370,19 +370,20 @@ impl Renderer {
             bound_ms.map_or_else(Vec::new, |ms| cuts(&graph, &self.costs, device, ms, (spp, stages.jitter(spp))))
         };
         self.frames.hand_out(inputs, (&plan, Arc::clone(&graph)), cuts, report, attempt);
-        // The devices are at work meanwhile.
+        // The prediction runs while the devices are busy.
         let known = self.costs.has_learned() && !overlapped;
         let predicted = known.then(|| simulate(&graph, &self.costs).ok()).flatten();
         self.frames.predict_last(predicted.map(|p| p.makespan_ms));
         self.planned = Some((plan, graph));
     }
 
-    /// Whether a device is on the rank that has the renderer.
+    /// Returns true if a device is on the renderer's rank.
     fn is_here(&self, device: usize) -> bool {
         self.devices[device].rank.as_ref().is_none_or(|rank| rank.number == 0)
     }
 
-    /// How many rows up and down a frame looks for the history of its surfaces; none if there is none.
+    /// Returns the number of rows up and down in which a frame searches for the history of its surfaces, or `None` if
+    /// it has no history.
     fn history_rows(&self, inputs: &Inputs) -> Option<u32> {
         let keeps = self.settings.stages.keeps_history();
         let Inputs { constants, previous, moved, .. } = inputs;

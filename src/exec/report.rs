@@ -1,4 +1,4 @@
-//! What a frame took and found.
+//! Reports of frames: their times, tallies and plan.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -28,21 +28,22 @@ pub struct TaskTiming {
     pub end_ms: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
-    /// How many submissions it was spread over.
+    /// Number of submissions that the task was split into.
     pub submissions: u32,
     /// Number of the transfer within its frame; both of its ends have it.
     #[serde(skip)]
     pub transfer: Option<u32>,
-    /// Its number among the tasks of its device, in the order in which the device carries them out.
+    /// Index among the tasks of its device, in execution order.
     #[serde(skip)]
     pub number: usize,
-    /// The tasks that it depends on, by device and number.
+    /// Dependencies of the task, by device and number.
     #[serde(skip)]
     pub after: Vec<(usize, usize)>,
 }
 
 impl TaskTiming {
-    /// From what a device says of one of its tasks; none if that is nothing that takes time.
+    /// Converts the time that a device measured for one of its tasks. Returns `None` for the stitch, which takes no
+    /// time.
     pub(super) fn of(graph: &FrameGraph, device: usize, time: &TaskTime) -> Option<Self> {
         let task = graph.tasks_of(device).get(time.task)?;
         let name = |image: usize| graph.program.images()[image].name();
@@ -64,72 +65,74 @@ impl TaskTiming {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TimedTask {
-    /// On the device's own clock.
+    /// A stage, timed by the device's own clock.
     Gpu(Stage),
-    /// Rows taken from the device's memory to the host's.
+    /// Rows copied from the device's memory to the host's.
     Download,
-    /// Rows handed to the device.
+    /// Rows copied from the host's memory to the device's.
     Upload,
 }
 
 #[derive(Clone, Debug)]
 pub struct FrameReport {
     pub index: u32,
-    /// When the first task was handed out, or the first device turned to the frame if it was busy with another;
-    /// milliseconds since the renderer's origin.
+    /// Time at which the frame was sent out, or at which the first device started it if devices were busy with another
+    /// frame; milliseconds since the renderer's origin.
     pub begin_ms: f64,
-    /// From there to the whole images on the primary: the frame's latency.
+    /// Time from `begin_ms` until the primary has the complete images: the frame's latency.
     pub makespan_ms: f64,
-    /// Between its end and that of the frame before, which is what throughput follows from; none for a first frame.
+    /// Time between the ends of the previous frame and this one: the inverse of the throughput. `None` for the first
+    /// frame.
     pub interval_ms: Option<f64>,
-    /// Which of the frames that may be in flight together it is, from 0.
+    /// Slot among the frames in flight, from 0.
     pub slot: usize,
-    /// Whether others were on the devices with it.
+    /// True if other frames were in flight with it.
     pub overlapped: bool,
-    /// The makespan that the cost model predicted; none before it has learned from a frame, and none for frames that
+    /// Makespan predicted by the cost model. `None` before the model has learned from a frame, and for frames that
     /// overlap.
     pub predicted_ms: Option<f64>,
-    /// Host time to make stripes and graph, milliseconds.
+    /// Host time for planning stripes and graph, in milliseconds.
     pub plan_ms: f64,
-    /// By device, in order of begin.
+    /// Tasks of all devices, sorted by device, then by begin.
     pub tasks: Vec<TaskTiming>,
-    /// How wrong times of each device have been at most, up to this frame.
+    /// Maximum error of each device's times, up to this frame.
     pub clock_residuals_us: Vec<(usize, f64)>,
-    /// Per eye, summed over rows.
+    /// Totals per eye, over all rows.
     pub tallies: [Tally; 2],
-    /// Of each eye's image that is traced.
+    /// Number of pixels of each eye's traced image.
     pub pixels: [u64; 2],
-    /// Per eye and row.
+    /// Tallies per eye and row.
     pub row_tallies: [Vec<RowTally>; 2],
-    /// The number of moving bodies that it lacks: rays cannot follow what is too small, too stretched or too far away.
+    /// Number of moving bodies left out of the frame: rays cannot intersect bodies that are too small, too stretched or
+    /// too far away.
     pub bodies_left_out: u32,
-    /// Those that were left when it was begun.
+    /// Devices that remained when the frame began.
     pub devices: Vec<usize>,
-    /// The rank of each device of the run; none in a run of one process.
+    /// Rank of each device of the run; empty in a run of one process.
     pub ranks: Vec<usize>,
     pub assignment: Assignment,
-    /// What it had to do.
+    /// Spec that the frame was planned with.
     pub spec: FrameSpec,
     /// Its passes.
     pub program: Arc<Program>,
-    /// The point of each pixel, from its top left corner, that its auxiliary images are of.
+    /// Sample position of the auxiliary images within each pixel, from its top left corner.
     pub pixel_centre: [f32; 2],
-    /// The pose that it was shown from, where that was asked for at the end.
+    /// Late-latched pose, if the frame has one.
     pub shown_from: Option<SampledPose>,
 }
 
 impl FrameReport {
-    /// From when the pose was asked for that it was shown from to its end, milliseconds.
+    /// Returns the age of the late-latched pose at the end of the frame, in milliseconds.
     pub fn pose_age_ms(&self) -> Option<f64> {
         self.shown_from.as_ref().map(|pose| self.begin_ms + self.makespan_ms - pose.at_ms)
     }
 
-    /// Rows at which one device's part of the left eye's path tracing ends and the next one's begins.
+    /// Returns the rows at which the left eye's stripes of path tracing meet.
     pub fn stripe_edges(&self) -> &[u32] {
         self.assignment.stripes(CUT, Eye::Left).inner_edges()
     }
 
-    /// Busy time by stage, summed over views and devices.
+    /// Returns the busy time by stage in milliseconds, summed over views and devices.
     pub fn stage_ms(&self) -> BTreeMap<String, f64> {
         let mut sums = BTreeMap::new();
         for task in self.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
@@ -138,7 +141,7 @@ impl FrameReport {
         sums
     }
 
-    /// Per device of the run, the time in which its queue ran stages, milliseconds.
+    /// Returns the time in milliseconds in which the queue of each device of the run executed stages.
     pub fn busy_ms(&self) -> Vec<f64> {
         let mut busy = vec![0.0; self.assignment.devices()];
         for task in self.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
@@ -147,20 +150,20 @@ impl FrameReport {
         busy
     }
 
-    /// The tasks, with times since the frame's begin.
+    /// Returns the tasks with times since the begin of the frame.
     pub fn tasks_since_begin(&self) -> Vec<TaskTiming> {
         let since = |ms: f64| ms - self.begin_ms;
         let task = |t: &TaskTiming| TaskTiming { begin_ms: since(t.begin_ms), end_ms: since(t.end_ms), ..t.clone() };
         self.tasks.iter().map(task).collect()
     }
 
-    /// How the right eye's pixels came about; `None` where it was traced as the left one was.
+    /// Returns the origin of the right eye's pixels; `None` if the right eye was traced like the left one.
     pub fn right_eye(&self) -> Option<RightEye> {
         (self.spec.views == Views::Reprojected).then(|| RightEye::of(&self.tallies[1], self.pixels[1]))
     }
 
-    /// Pixels of each eye's image that start paths; of log-polar images also those that would show what is beside the
-    /// screen, which do not ([`crate::stages::Polar::traced_share`]).
+    /// Returns the number of pixels of each eye's image that start paths. For log-polar images it includes pixels
+    /// outside the screen, which start none ([`crate::stages::Polar::traced_share`]).
     pub fn traced_pixels(&self) -> [u64; 2] {
         let sampled = |eye: usize| self.pixels[eye] - self.tallies[eye].unsampled;
         match self.spec.views {
@@ -169,7 +172,7 @@ impl FrameReport {
         }
     }
 
-    /// Bytes that crossed from rank to rank; none in a run of one process.
+    /// Returns the bytes transferred between ranks; `None` in a run of one process.
     pub fn bytes_between_ranks(&self) -> Option<u64> {
         let transfers = |kind| self.tasks.iter().filter(move |t| t.kind == kind).filter_map(|t| Some((t.transfer?, t)));
         let from: HashMap<u32, usize> = transfers(TimedTask::Download).map(|(n, t)| (n, t.device)).collect();
@@ -179,7 +182,7 @@ impl FrameReport {
         (!self.ranks.is_empty()).then(|| bytes.sum())
     }
 
-    /// Bytes that crossed from device to device.
+    /// Returns the bytes transferred between devices.
     pub fn uploaded_bytes(&self) -> u64 {
         self.tasks.iter().filter(|t| t.kind == TimedTask::Upload).filter_map(|t| t.bytes).sum()
     }
@@ -190,11 +193,11 @@ impl FrameReport {
 pub struct Tally {
     pub rays: u64,
     pub nonfinite: u64,
-    /// By [`crate::passes::HoleReason`].
+    /// Number of pixels that could not be reprojected, by [`crate::passes::HoleReason`].
     pub holes: [u64; 6],
-    /// Pixels left to the filter.
+    /// Pixels that are not traced; the denoiser fills them in.
     pub unsampled: u64,
-    /// Pixels whose light was too bright for half floats.
+    /// Pixels whose radiance exceeded the range of half floats.
     pub clipped: u64,
 }
 
@@ -214,19 +217,19 @@ impl Tally {
     }
 }
 
-/// How the pixels of a right eye that is reprojected came about: shares that sum to 1.
+/// Origin of the pixels of a reprojected right eye, in fractions of all pixels.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RightEye {
-    /// Gathered from the left eye, or without a surface.
+    /// Reprojected from the left eye, or without a surface.
     pub reprojected_fraction: f64,
-    /// Traced, since several surfaces share the pixel, here or in the left eye: each has light of its own.
+    /// Traced, since several surfaces with different radiance share the pixel in either eye.
     pub antialiasing_fraction: f64,
-    /// Traced, since the left eye did not see the surface, or saw other light from there.
+    /// Traced, since the surface is disoccluded, or its radiance differs in the left eye.
     pub hole_fraction: f64,
-    /// The same by [`HoleReason`].
+    /// `hole_fraction` by [`HoleReason`].
     pub hole_fractions: BTreeMap<String, f64>,
-    /// Not traced but left to the filter, by render scale or foveation.
+    /// Not traced but filled in by the denoiser, due to render scale or foveation.
     pub unsampled_fraction: f64,
 }
 

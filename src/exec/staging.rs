@@ -1,17 +1,17 @@
-//! Host-readable buffers, kept for the next frame.
+//! Readback buffers, which are reused in later frames.
 
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 
 use crate::device::{DeviceFailure, GpuDevice};
 
-/// Free read-back buffers of one device.
+/// Free readback buffers of one device.
 #[derive(Default)]
 pub struct Pool {
     free: Arc<FreeBuffers>,
 }
 
-/// Buffers that are mapped, and that nobody reads any more.
+/// Mapped buffers that are no longer read.
 #[derive(Default)]
 struct FreeBuffers(Mutex<Vec<wgpu::Buffer>>);
 
@@ -21,7 +21,7 @@ impl FreeBuffers {
     }
 }
 
-/// Rows on their way to the host.
+/// A submitted copy of rows to the host.
 pub struct ReadBack {
     buffer: wgpu::Buffer,
     size: u64,
@@ -35,10 +35,10 @@ pub struct Recorded {
     size: u64,
 }
 
-/// Bytes in a mapped buffer, which goes back to its pool when they are dropped. It is unmapped only when its device
-/// uses it again, so that no other thread has to do with the device.
+/// Bytes in a mapped buffer, which returns to its pool on drop. It is unmapped only when its device uses it again, so
+/// that no other thread accesses the device.
 pub struct Mapped {
-    /// None: dropped.
+    /// `None` once dropped.
     view: Option<wgpu::BufferView>,
     buffer: wgpu::Buffer,
     free: Arc<FreeBuffers>,
@@ -75,10 +75,10 @@ impl Pool {
         Some(buffer)
     }
 
-    /// Bytes of a copy whose submission is done.
+    /// Returns the bytes of a copy, once its submission has completed.
     ///
     /// # Errors
-    /// What went wrong on the device, or with the mapping.
+    /// [`DeviceFailure`] if the device or the mapping failed.
     pub fn finish(&mut self, gpu: &GpuDevice, back: ReadBack) -> Result<Mapped, DeviceFailure> {
         gpu.wait(Some(back.submission))?;
         back.mapped.recv_timeout(gpu.patience).map_err(|e| e.to_string())?.map_err(|e| e.to_string())?;
@@ -109,11 +109,11 @@ impl ReadBack {
 }
 
 impl Recorded {
-    /// Asks for the mapping once the copy's submission is on its way.
+    /// Requests the mapping after the copy was submitted.
     pub fn submitted(self, submission: wgpu::SubmissionIndex) -> ReadBack {
         let (sender, mapped) = mpsc::channel();
         self.buffer.slice(..self.size).map_async(wgpu::MapMode::Read, move |result| {
-            // Nobody listens any more if the run has ended.
+            // The receiver is gone if the run has ended.
             let _ = sender.send(result);
         });
         ReadBack { buffer: self.buffer, size: self.size, mapped, submission }

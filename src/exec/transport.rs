@@ -1,49 +1,50 @@
-//! How the renderer and its workers reach one another: commands and answers between the renderer and each worker, rows
-//! and calls to stop among workers, and signs of life. Sending never waits.
+//! Communication of the renderer and its workers: commands and answers between the renderer and each worker, rows and
+//! aborts among workers, and signs of life. Sending never blocks.
 
 use std::time::Duration;
 
 use super::messages::{Command, Message, Reply};
 use super::watchdog::{Heartbeat, LifeSign};
 
-/// The renderer's end. Devices go by their numbers in the run.
+/// The renderer's end. Devices have their numbers in the run.
 pub trait RendererTransport: Send {
-    /// Gives a command to a device's worker; returns whether there still is one.
+    /// Sends a command to a device's worker; returns false if the worker has ended.
     fn command(&self, device: usize, command: Command) -> bool;
 
-    /// There will be no more commands for this device's worker, which ends upon that.
+    /// Ends the commands to this device's worker, which makes the worker end.
     fn close(&mut self, device: usize);
 
-    /// The next answer of any worker, if one comes within this time.
+    /// Returns the next answer of any worker, if one arrives within `limit`.
     fn reply(&self, limit: Duration) -> Option<Reply>;
 
-    /// Tells all workers that nobody need wait for rows of this attempt.
+    /// Tells all workers to stop waiting for rows of this attempt.
     fn call_off(&self, ticket: u64);
 
-    /// Of all workers, by device.
+    /// Returns the signs of life of all workers, by device.
     fn signs(&self) -> Vec<LifeSign>;
 
-    /// Whether a worker has ended, or ends within this time.
+    /// Returns true if a worker has ended, or ends within `limit`.
     fn ends(&self, device: usize, limit: Duration) -> bool;
 }
 
 /// A worker's end. It counts as ended once this is dropped.
 pub trait WorkerTransport: Send {
-    /// The next command; waits for one if `waits`, and then none means that there will be none any more.
+    /// Returns the next command. With `waits`, it blocks until there is one, and `None` means that there will be no
+    /// more.
     fn command(&self, waits: bool) -> Option<Command>;
 
-    /// The next message, if one comes within this time.
+    /// Returns the next message, if one arrives within `limit`.
     fn message(&self, limit: Duration) -> Option<Message>;
 
-    /// Sends a message to another worker. One that has ended waits for nothing.
+    /// Sends a message to another worker. Nothing happens if that worker has ended.
     fn send(&self, to: usize, message: Message);
 
-    /// Tells all other workers that nobody need wait for rows of this attempt.
+    /// Tells all other workers to stop waiting for rows of this attempt.
     fn call_off(&self, ticket: u64);
 
-    /// Answers the renderer, if there still is one.
+    /// Answers the renderer, if it still exists.
     fn answer(&self, reply: Reply);
 
-    /// Where signs of life are given.
+    /// Returns the heartbeat through which the worker gives signs of life.
     fn heartbeat(&self) -> &Heartbeat;
 }

@@ -1,37 +1,38 @@
-//! How long devices may take, and telling which of them stands still.
+//! Time limits of devices, and detection of those that hang.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::device::WAIT_SLICES;
 
-/// The limit before there is a frame to go by: far slower than any useful device, and half a minute more.
+/// Terms of the limit before the first frame: a time per sample that exceeds that of any useful device by far, and half
+/// a minute.
 const UNKNOWN_SAMPLE: Duration = Duration::from_micros(20);
 const UNKNOWN_BASE: Duration = Duration::from_secs(30);
-/// The limit of batch runs: this many times the slowest frame's time for each sample, and this at least.
+/// Limit of batch runs: this many times the slowest frame's time per sample, and at least this duration.
 const TOLERANCE: f64 = 16.0;
 const FLOOR: Duration = Duration::from_secs(10);
-/// The limit of interactive runs: this many times the frame budget or the slowest recent frame, and this at least. A
-/// worker counts as hung after at most [`SILENT_SLICES`] + 1 slices, which are 0.83 s of this floor; the rest of a second
-/// is for the other devices to render the frame again.
+/// Limit of interactive runs: this many times the frame budget or the slowest recent frame, and at least this duration.
+/// A worker counts as hung after at most [`SILENT_SLICES`] + 1 slices, which are 0.83 s at the minimum. The other
+/// devices have the rest of a second to render the frame again.
 const INTERACTIVE_TOLERANCE: f64 = 6.0;
 const INTERACTIVE_FLOOR: Duration = Duration::from_millis(600);
-/// No limit that follows a budget is longer, in seconds.
+/// Upper bound of limits that follow a budget, in seconds.
 const DAY_S: f64 = 86_400.0;
-/// The slowest recent frame counts for this much less with each frame after it, which halves it in seven frames.
+/// Factor by which the time of the slowest recent frame decays with each later frame. It halves in seven frames.
 const FADING: f64 = 0.9;
 
 /// Limit of the time that a device takes for its part of a frame.
 #[derive(Clone, Debug, Default)]
 pub struct Limits {
-    /// The limit that was asked for; without it, the limit follows from the times of frames.
+    /// Fixed limit of the user; `None` derives the limit from the times of frames.
     pub fixed: Option<Duration>,
-    /// The frame budget of an interactive run, none in batch runs. The control loop keeps expected frame times below it
+    /// Frame budget of an interactive run, `None` in batch runs. The control loop keeps expected frame times below it
     /// at any quality, so the limit does not depend on the number of samples.
     pub budget_ms: Option<f64>,
-    /// The slowest frame's time.
+    /// Time per sample of the slowest frame.
     ms_per_sample: Option<f64>,
-    /// The slowest recent frame's time, which fades.
+    /// Time of the slowest recent frame, which decays.
     recent_ms: f64,
 }
 
@@ -57,19 +58,19 @@ impl Limits {
     }
 }
 
-/// Signs of life that a worker gives.
+/// Signs of life of a worker.
 #[derive(Debug, Default)]
 pub struct Heartbeat {
     beats: AtomicU64,
-    /// Whether it waits for other workers, whose fault its silence then is.
+    /// Set while the worker waits for other workers, whose hang would explain its silence.
     depends: AtomicBool,
 }
 
-/// Signs of life of a worker as they were at one moment.
+/// Snapshot of a worker's signs of life.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct LifeSign {
     pub beats: u64,
-    /// Whether it waits for other workers.
+    /// True while it waits for other workers.
     pub depends: bool,
 }
 
@@ -78,13 +79,13 @@ impl Heartbeat {
         self.beats.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Gives the signs of a worker elsewhere.
+    /// Mirrors the signs of life of a worker on another rank.
     pub fn show(&self, sign: LifeSign) {
         self.beats.store(sign.beats, Ordering::Relaxed);
         self.depends.store(sign.depends, Ordering::Relaxed);
     }
 
-    /// A wait for other workers.
+    /// Runs a wait for other workers, and marks the worker as dependent meanwhile.
     pub fn depending<T>(&self, wait: impl FnOnce() -> T) -> T {
         self.depends.store(true, Ordering::Relaxed);
         let found = wait();
@@ -98,32 +99,32 @@ impl Heartbeat {
     }
 }
 
-/// Slices of a limit in which a worker shows no sign of life before it counts as hung. One that waits for its device
-/// gives up two before by itself, and can then say why.
+/// Number of slices without a sign of life after which a worker counts as hung. A worker that waits for its device
+/// gives up two slices earlier, and can then report the reason.
 const SILENT_SLICES: u32 = WAIT_SLICES + 2;
 
-/// Watches over workers while their answers are awaited. Time is counted in slices, so that a stop of the whole process
-/// counts as one.
+/// Watches workers while the renderer waits for their answers. Time is counted in slices, so that a suspension of the
+/// whole process counts as one.
 pub struct Watchdog {
     slice: Duration,
     slice_begin: Instant,
-    /// Per worker: beats seen last, and for how many slices.
+    /// Last number of beats of each worker, and the number of slices for which it has not changed.
     seen: Vec<(u64, u32)>,
 }
 
 impl Watchdog {
-    /// For workers that show these signs of life.
+    /// Starts to watch workers with these signs of life.
     pub fn new(limit: Duration, signs: &[LifeSign]) -> Self {
         let seen = signs.iter().map(|sign| (sign.beats, 0)).collect();
         Self { slice: limit / WAIT_SLICES, slice_begin: Instant::now(), seen }
     }
 
-    /// Returns the time until the next look.
+    /// Returns the time until the next check.
     pub fn until_look(&self) -> Duration {
         self.slice.saturating_sub(self.slice_begin.elapsed())
     }
 
-    /// The workers, by their place in `signs`, that have been silent for too long on their own account.
+    /// Returns the workers, by index in `signs`, that have been silent for too long without waiting for others.
     pub fn silent(&mut self, signs: &[LifeSign]) -> Vec<usize> {
         if self.slice_begin.elapsed() < self.slice {
             return Vec::new();
@@ -163,11 +164,11 @@ mod tests {
         limits.learn(1000, 20.0);
         limits.budget_ms = Some(20.0);
         assert_eq!(limits.limit(1000), INTERACTIVE_FLOOR);
-        // Quality changes the samples and not the time that is expected.
+        // Quality changes the number of samples, but not the expected time.
         assert_eq!(limits.limit(64_000), INTERACTIVE_FLOOR);
-        // With the frame made again, a hang stays within a second.
+        // A hang costs less than a second, including the repeated frame.
         assert!(INTERACTIVE_FLOOR / WAIT_SLICES * (SILENT_SLICES + 1) < Duration::from_millis(850));
-        // A device that becomes twice as slow stays far from the limit, at any frame time.
+        // A device that slows down to half its speed stays far from the limit, at any frame time.
         for ms in [20.0, 100.0, 500.0, 3000.0] {
             limits.learn(1000, ms);
             assert!(limits.limit(1000) >= Duration::from_secs_f64(2.5 * 2.0 * ms * 1e-3), "{ms}");

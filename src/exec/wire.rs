@@ -1,4 +1,4 @@
-//! How types of other modules stand in messages.
+//! Serialization of types from other modules.
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -7,7 +7,7 @@ use crate::graph::{Assignment, CutGroup, Stripes};
 use crate::passes::cut_groups;
 use crate::scene::rig::Eye;
 
-/// Types that shaders share, byte by byte: text has no infinities.
+/// Serializes types that are shared with shaders as bytes, since text has no infinities.
 pub mod pod {
     use bytemuck::Pod;
     use serde::de::Error as _;
@@ -23,8 +23,8 @@ pub mod pod {
     }
 }
 
-/// [`Assignment`]: inner edges of the stripes that groups have in common, and of those that have their own, by the group's
-/// name and the number of the eye.
+/// Serialized form of an [`Assignment`]: inner edges of the common stripes, and of the stripes of single groups by
+/// group name and eye number.
 #[derive(Serialize, Deserialize)]
 struct AssignmentFields {
     primary: usize,
@@ -47,7 +47,8 @@ impl From<&Assignment> for AssignmentFields {
 }
 
 impl AssignmentFields {
-    /// None: the fields contradict one another, or name a group that the renderer's passes do not have.
+    /// Converts the fields to an [`Assignment`]. Returns `None` if they contradict one another, or name a group that
+    /// the renderer's passes do not have.
     fn assignment(&self) -> Option<Assignment> {
         let known = cut_groups();
         let stripes = |edges: &[u32]| {
@@ -63,7 +64,7 @@ impl AssignmentFields {
     }
 }
 
-/// For `#[serde(with)]`.
+/// Functions for `#[serde(with)]`.
 pub mod assignment {
     use super::*;
 

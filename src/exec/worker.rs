@@ -1,4 +1,4 @@
-//! The thread that drives one device: it carries out what [`Protocol`] says.
+//! The thread that drives one device: it executes the actions of [`Protocol`].
 
 pub mod action;
 pub mod device;
@@ -30,13 +30,13 @@ pub struct Worker {
     graphs: Arc<Graphs>,
     transport: Box<dyn WorkerTransport>,
     protocol: Protocol<Bytes>,
-    /// Of the frames that are not answered, by ticket.
+    /// Frames that have not been answered, by ticket.
     parts: HashMap<u64, Part>,
-    /// The image that is to be read.
+    /// Image to read next.
     read: Option<(Output, Place)>,
-    /// What has been done and not answered yet.
+    /// Answer that has not been sent yet.
     done: Option<Answer>,
-    /// Why the device can no longer be used.
+    /// Failure after which the device can no longer be used.
     failure: Option<DeviceFailure>,
 }
 
@@ -51,7 +51,7 @@ impl Worker {
         &self.device.gpu.info
     }
 
-    /// Carries out commands until nobody can give any more; returns the device, if it has not failed.
+    /// Executes commands until there can be no more; returns the device if it has not failed.
     pub fn run(mut self) -> Option<GpuDevice> {
         let mut spans = Spans::default();
         loop {
@@ -61,7 +61,7 @@ impl Worker {
             }
             let action = self.protocol.next_action();
             self.follow(&action, &mut spans);
-            // A panic is a bug; those who wait for this device must hear of it all the same.
+            // A panic is a bug, but workers that wait for this device must still be told.
             let done = catch_unwind(AssertUnwindSafe(|| self.perform(action)))
                 .unwrap_or_else(|panic| Err(format!("its worker panicked: {}", panic_text(&*panic)).into()));
             match done {
@@ -76,7 +76,7 @@ impl Worker {
         (self.failure.is_none() && self.device.gpu.failure().is_none()).then_some(self.device.gpu)
     }
 
-    /// Opens and closes the spans that last longer than an action.
+    /// Opens and closes the trace spans that last longer than an action.
     fn follow(&self, action: &Action<Bytes>, spans: &mut Spans) {
         let frame = |ticket: &u64| self.parts.get(ticket).map(Part::frame);
         match action {
@@ -93,7 +93,7 @@ impl Worker {
         }
     }
 
-    /// Carries out an action; returns whether more is to come.
+    /// Executes an action; returns false if the worker must end.
     fn perform(&mut self, action: Action<Bytes>) -> Result<bool, DeviceFailure> {
         let Self { device, transport, protocol, parts, .. } = self;
         match action {
@@ -172,10 +172,10 @@ fn part_of(parts: &mut HashMap<u64, Part>, ticket: u64) -> Result<&mut Part, Dev
     parts.get_mut(&ticket).ok_or_else(|| format!("it has no frame of ticket {ticket}").into())
 }
 
-/// Spans of the trace that last longer than an action.
+/// Trace spans that last longer than an action.
 #[derive(Default)]
 struct Spans {
-    // Within the other one.
+    // Nested in `frame`, so it is dropped first.
     rows: Option<EnteredSpan>,
     frame: Option<EnteredSpan>,
 }

@@ -1,5 +1,4 @@
-//! The workers as the renderer sees them: they are told what to do, their answers are awaited, and no longer than they
-//! may take.
+//! The renderer's view of its workers: sends orders, and waits for answers within time limits.
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -19,10 +18,10 @@ use crate::device::{DeviceFailure, DeviceInfo, FailureKind, GpuDevice};
 use crate::schedule::Network;
 use crate::stages::SceneTables;
 
-/// How long the end of a worker is waited for.
+/// Time limit for a worker to end.
 pub const END_LIMIT: Duration = Duration::from_secs(5);
 
-/// One worker per device, those that were taken out included.
+/// One worker per device, including those of dropped devices.
 pub struct WorkerPool {
     transport: Box<dyn RendererTransport>,
     members: Vec<Member>,
@@ -32,22 +31,22 @@ pub struct WorkerPool {
 }
 
 struct Member {
-    /// None: it is a thread of another rank.
+    /// `None` if the worker is on another rank.
     thread: Option<JoinHandle<Option<GpuDevice>>>,
     is_left: bool,
     is_hung: bool,
 }
 
-/// What came of what was asked, by device.
+/// Results of an order, by device.
 pub type Answers = Vec<(usize, Result<Answer, Stop>)>;
 
 impl WorkerPool {
-    /// Warms every device up and starts its worker; also returns what is known of the devices. Times are counted from
-    /// `origin`.
+    /// Warms up every device and starts its worker; also returns the info of the devices. `origin` is the zero of
+    /// times.
     ///
     /// # Errors
-    /// A device that fails at once, has too little memory or cannot compile a stage, a thread that cannot be started, or
-    /// another rank that cannot go along.
+    /// [`ExecError`] if a device fails at once, has too little memory or cannot compile a stage, a thread cannot be
+    /// started, or another rank cannot take part.
     pub fn start(
         devices: Devices,
         settings: &RenderSettings,
@@ -77,29 +76,28 @@ impl WorkerPool {
         Ok((Self { transport: Box::new(transport), members, ledger: Ledger::default(), others }, infos))
     }
 
-    /// What rows take between devices of different ranks.
+    /// Returns the network between devices of different ranks.
     pub fn network(&self) -> Network {
         self.others.as_ref().map(Others::network).unwrap_or_default()
     }
 
-    /// A rank that is gone.
+    /// Returns the error of a lost rank, if there is one.
     pub fn lost(&self) -> Option<RankError> {
         self.others.as_ref().and_then(Others::lost)
     }
 
-    /// The devices that were not taken out.
+    /// Returns the devices that were not dropped.
     pub fn left(&self) -> Vec<usize> {
         (0..self.members.len()).filter(|&d| self.members[d].is_left).collect()
     }
 
-    /// Asks nothing more of a device. Its worker ends by itself, if it can.
+    /// Drops a device. Its worker ends by itself, if it can.
     pub fn take_out(&mut self, device: usize) {
         self.members[device].is_left = false;
         self.transport.close(device);
     }
 
-    /// Has the orders carried out, under a ticket of their own; `limit` is what a device may take for each thing that
-    /// is waited for.
+    /// Sends orders under a new ticket. `limit` is a device's time limit for each operation that is waited for.
     pub fn ask(&mut self, orders: Vec<(usize, Order)>, limit: Duration) -> u64 {
         let ticket = self.ledger.ask(orders.iter().map(|(device, _)| *device).collect());
         for (device, order) in orders {
@@ -110,13 +108,13 @@ impl WorkerPool {
         ticket
     }
 
-    /// Tells the workers not to wait for rows of this ticket.
+    /// Tells the workers to stop waiting for rows of this ticket.
     pub fn call_off(&self, ticket: u64) {
         self.transport.call_off(ticket);
     }
 
-    /// Waits for the answers to what was asked under this ticket. A device that shows no sign of life for longer than
-    /// `limit` is answered for, and the others are told not to wait for it.
+    /// Waits for the answers to the orders under this ticket. If a device shows no sign of life for longer than
+    /// `limit`, the pool answers in its place and tells the others not to wait for it.
     pub fn answers(&mut self, ticket: u64, limit: Duration) -> Answers {
         let mut watchdog = Watchdog::new(limit, &self.transport.signs());
         loop {
@@ -133,7 +131,7 @@ impl WorkerPool {
                     }
                 }
             }
-            // Who has answered just now is not hung.
+            // A worker that has just answered does not hang.
             for device in watchdog.silent(&self.transport.signs()) {
                 if self.ledger.awaited(ticket).contains(&device) {
                     self.members[device].is_hung = true;
@@ -157,7 +155,7 @@ impl WorkerPool {
         }
     }
 
-    /// Answers all that a device was asked.
+    /// Answers all open orders of a device with this failure.
     fn answer_for(&mut self, device: usize, failure: DeviceFailure) {
         for ticket in self.ledger.answer_for(device, || Err(Stop::Device(failure.clone()))) {
             self.transport.call_off(ticket);
@@ -172,7 +170,7 @@ impl Member {
 }
 
 /// # Errors
-/// That the thread cannot be started.
+/// An I/O error if the thread cannot be started.
 pub fn start_worker(worker: Worker) -> std::io::Result<JoinHandle<Option<GpuDevice>>> {
     let name = format!("device {}", worker.info().index);
     std::thread::Builder::new().name(name).spawn(move || worker.run())

@@ -15,34 +15,34 @@ use super::task::{Key, Task, TaskKind};
 use super::{Assignment, Dispatch};
 use crate::scene::rig::Eye;
 
-/// The DAG of one frame. An edge is the image, by its index, that one task leaves for another.
+/// The DAG of one frame. An edge holds the index of the image that one task passes to another.
 #[derive(Debug)]
 pub struct FrameGraph {
     pub dag: DiGraph<Task, usize>,
     pub program: Arc<Program>,
-    /// The device that ends up with the whole images.
+    /// The device on which the complete images are gathered.
     pub primary: usize,
-    /// The number of the stitch, which comes after all passes, and for which none waits.
+    /// Pass number of the stitch, which comes after all passes. No pass waits for it.
     stitch_pass: u32,
-    /// All tasks in the order of keys, which is a topological one.
+    /// All tasks in key order, which is a topological order.
     order: Vec<NodeIndex>,
-    /// The tasks of each device, in the order of keys.
+    /// The tasks of each device, in key order.
     orders: Vec<Vec<Task>>,
-    /// The same tasks as nodes.
+    /// The nodes of these tasks.
     nodes: Vec<Vec<NodeIndex>>,
-    /// By node, its device and its number among the device's tasks.
+    /// Device of each node, and its index among the device's tasks.
     places: Vec<(usize, usize)>,
 }
 
 impl FrameGraph {
-    /// Builds the graph of a frame. `before` says which device had which rows in the frame before, if this one has a
-    /// history. All outputs end up on the primary.
+    /// Builds the graph of a frame. `before` is the assignment of the previous frame, if this one has a history. All
+    /// outputs are gathered on the primary.
     pub fn build(program: &Arc<Program>, assignment: &Assignment, before: Option<&Assignment>) -> Self {
         Self::build_for(program, assignment, before.map(|before| (before, &[][..])), |_| true)
     }
 
-    /// Like [`Self::build`], but only the outputs that are read end up on the primary, and some devices have failed since
-    /// the frame before, which had their rows.
+    /// Builds the graph like [`Self::build`], but gathers only the outputs that `is_read` selects. `before` also lists
+    /// the devices that have failed since the previous frame, whose rows are lost.
     pub fn build_for(
         program: &Arc<Program>,
         assignment: &Assignment,
@@ -74,20 +74,19 @@ impl FrameGraph {
         Self { dag, program, primary, stitch_pass, order, orders, nodes, places }
     }
 
-    /// A device's tasks in the order in which it carries them out: first those that others may wait for, then those of
-    /// the stitch, which it may put off.
+    /// Returns a device's tasks in execution order: first those that others may wait for, then those of the stitch,
+    /// which it may postpone.
     pub fn parts_of(&self, device: usize) -> (&[Task], &[Task]) {
         let tasks = &self.orders[device];
         tasks.split_at(tasks.partition_point(|t| t.key.pass < self.stitch_pass))
     }
 
-    /// A device's tasks in the order in which it carries them out.
+    /// Returns a device's tasks in execution order.
     pub fn tasks_of(&self, device: usize) -> &[Task] {
         &self.orders[device]
     }
 
-    /// All tasks, each after those that it depends on. The tasks of a device are in the order in which it carries them
-    /// out.
+    /// Returns all tasks in topological order. The tasks of each device are in their execution order.
     pub fn order(&self) -> &[NodeIndex] {
         &self.order
     }
@@ -96,13 +95,13 @@ impl FrameGraph {
         self.orders.len()
     }
 
-    /// The tasks that one depends on. Tasks go by device and number among those of the device.
+    /// Returns the dependencies of a task. A task is identified by its device and its index among the device's tasks.
     pub fn dependencies(&self, device: usize, number: usize) -> Vec<(usize, usize)> {
         let before = |&node: &NodeIndex| self.dag.neighbors_directed(node, Direction::Incoming);
         self.nodes[device].get(number).into_iter().flat_map(before).map(|node| self.places[node.index()]).collect()
     }
 
-    /// The pass that a task runs, if it runs one.
+    /// Returns the pass that a task runs, if it is a dispatch.
     pub fn pass(&self, task: &Task) -> Option<&Linked> {
         match task.kind {
             TaskKind::Dispatch { pass, .. } => self.program.passes().get(pass),
@@ -110,7 +109,7 @@ impl FrameGraph {
         }
     }
 
-    /// Bytes that a transfer moves.
+    /// Returns the bytes that a transfer moves.
     pub fn bytes(&self, task: &Task) -> u64 {
         match task.kind {
             TaskKind::Download { image, .. } | TaskKind::Upload { image, .. } => {
@@ -122,8 +121,8 @@ impl FrameGraph {
     }
 }
 
-/// Rows that a device holds in their newest version, and the task that left them there. It is none if the frame before
-/// did.
+/// Rows of which a device holds the newest version, and the task that produced them there. `node` is `None` for rows of
+/// the previous frame.
 #[derive(Clone, Debug)]
 struct Holding {
     rows: Range<u32>,
@@ -134,7 +133,7 @@ struct Holding {
 /// The newest version of one image of one view.
 #[derive(Clone, Debug, Default)]
 struct Version {
-    /// Covers the image without overlap. Of a table that each device makes for itself, it covers one for each device.
+    /// Rows by owner, which cover the image without overlap. A table has one entry per device that makes it.
     owned: Vec<Holding>,
     /// Rows that devices hold in addition to their own.
     copies: Vec<Holding>,
@@ -145,17 +144,17 @@ struct Builder<'a> {
     dag: DiGraph<Task, usize>,
     /// The versions by image and view.
     versions: Vec<[Version; 2]>,
-    /// Says of each device whether it has any rows.
+    /// True for each device that has any rows.
     works: Vec<bool>,
     transfers: u32,
     serial: u32,
     /// The transfers of the consumer that is being added.
     moved: Vec<Transfer>,
-    /// Those of consumers before, with what each wait for.
+    /// Transfer batches of earlier consumers, each with its transfers.
     parcels: Vec<(Parcel, Vec<Transfer>)>,
 }
 
-/// The two tasks of a transfer.
+/// The download and the upload of a transfer.
 #[derive(Clone, Copy, Debug)]
 struct Transfer {
     down: NodeIndex,
@@ -245,7 +244,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Makes `consumer` follow the task that made a table on its own device.
+    /// Makes `consumer` depend on the task that wrote its device's copy of a table.
     fn need_own(&mut self, image: usize, consumer: NodeIndex) {
         let device = self.dag[consumer].device;
         let own = self.versions[image][Eye::Left as usize].owned.iter().find(|h| h.device == device);
@@ -254,7 +253,8 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Makes `consumer` follow whatever brings `rows` of an image to its device.
+    /// Makes `consumer` depend on the tasks that bring `rows` of an image to its device, and adds the missing
+    /// transfers.
     fn need(&mut self, image: usize, view: Eye, rows: Range<u32>, consumer: NodeIndex, pass: u32) {
         let device = self.dag[consumer].device;
         let mut version = std::mem::take(&mut self.versions[image][view as usize]);
@@ -287,7 +287,7 @@ impl<'a> Builder<'a> {
         let to = self.dag[consumer].device;
         let transfer = self.transfers;
         self.transfers += 1;
-        // What the frame before left can be sent at once.
+        // Rows of the previous frame can be sent at once.
         let produced = owner.node.map_or(0, |node| self.dag[node].key.pass);
         let down = Task {
             kind: TaskKind::Download { image, transfer, to },
@@ -313,7 +313,7 @@ impl<'a> Builder<'a> {
         Holding { rows, device: to, node: Some(up) }
     }
 
-    /// Brings the outputs that are read to the primary.
+    /// Gathers the outputs that are read on the primary.
     fn stitch(&mut self, pass: u32, primary: usize, is_read: impl Fn(&Resource) -> bool) {
         let key = Key { pass, phase: DISPATCH, serial: u32::MAX };
         let rows = self.program.extent.rows();
@@ -331,8 +331,8 @@ impl<'a> Builder<'a> {
         self.dispatch_parcels(pass);
     }
 
-    /// What the consumer that was added waits for leaves each device together. A submission for each transfer would gain
-    /// nothing.
+    /// Groups the transfers of the consumer just added into one batch per source device. One submission per transfer
+    /// would gain nothing.
     fn close_parcels(&mut self, due: u32) {
         let mut of_devices: BTreeMap<usize, (Parcel, Vec<Transfer>)> = BTreeMap::new();
         for transfer in self.moved.drain(..) {
@@ -348,7 +348,7 @@ impl<'a> Builder<'a> {
         self.parcels.extend(of_devices.into_values());
     }
 
-    /// Says when rows leave and arrive; `end` is the number behind the last pass.
+    /// Schedules the transfer batches. `end` is one past the last pass.
     fn dispatch_parcels(&mut self, end: u32) {
         let (parcels, transfers): (Vec<_>, Vec<_>) = self.parcels.drain(..).unzip();
         for (trip, transfers) in trips(&parcels, end).into_iter().zip(transfers) {

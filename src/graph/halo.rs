@@ -1,22 +1,22 @@
-//! Says how the rows around a stripe come to a device.
+//! Sources of the halo rows around a stripe.
 
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-/// Says before which passes of a chain rows are received from neighbours, so that filtered rows agree with those of one
-/// device. For the passes in between, a device also filters a margin around its stripe, as wide as these passes reach
-/// together. Rows are always received before the first pass.
+/// Selects the passes of a chain before which devices receive halo rows from their neighbours, so that filtered rows
+/// match those of a single device. For the passes in between, a device also filters a margin around its stripe that
+/// covers their combined halos. Rows are always received before the first pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HaloPlan(u32);
 
 impl HaloPlan {
-    /// A wide margin is received once and filtered by the device itself.
+    /// Receives a wide margin once, which the device filters itself.
     pub const RECOMPUTE: Self = Self(1);
-    /// Narrow margins are received before every iteration.
+    /// Receives narrow margins before every iteration.
     pub const EXCHANGE: Self = Self(u32::MAX);
 
-    /// All plans that differ for a chain of this many passes.
+    /// Returns all distinct plans for a chain of this many passes.
     pub fn all(passes: usize) -> impl Iterator<Item = Self> {
         (0..1 << passes.saturating_sub(1)).map(|later| Self(later << 1 | 1))
     }
@@ -25,12 +25,12 @@ impl HaloPlan {
         self.0 >> pass & 1 == 1
     }
 
-    /// This plan, with rows received before one more pass.
+    /// Returns this plan with rows received before one more pass.
     pub fn receiving_before(self, pass: usize) -> Self {
         Self(self.0 | 1 << pass)
     }
 
-    /// The passes in runs. Rows are received before each run.
+    /// Splits the passes into runs. Rows are received before each run.
     pub fn runs(self, passes: usize) -> Vec<Range<usize>> {
         let begins = (0..passes).filter(|i| *i == 0 || self.receives_before(*i));
         let end = |begin: usize| (begin + 1..passes).find(|i| self.receives_before(*i)).unwrap_or(passes);
@@ -38,13 +38,13 @@ impl HaloPlan {
     }
 }
 
-/// Says what happens where stripes meet.
+/// Treatment of the seams between stripes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Seam {
     /// Stripes are filtered separately.
     None,
     /// Stripes are filtered separately, and smoothed across the seams afterwards.
     Filter,
-    /// Filters read rows of neighbours, which gives the bytes of one device.
+    /// Filters read rows of neighbouring stripes, so that images are byte-identical to those of a single device.
     Halo(HaloPlan),
 }

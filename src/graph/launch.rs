@@ -1,15 +1,15 @@
-//! The runs of a kernel that a pass consists of.
+//! Kernel runs that make up a pass.
 
-/// A run of a kernel over a pass's rows, with the arguments that it gets.
+/// A run of a kernel over a pass's rows, or one run per batch of samples, with the arguments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Launch {
     Once([u32; 3]),
-    /// One run for each batch of at most `most` samples of a pixel. The arguments are the first sample, the last one +
-    /// 1, and `third`.
+    /// One run per batch of at most `most` samples per pixel. The arguments are the first sample, the last one + 1, and
+    /// `third`.
     Samples {
         most: u32,
         third: u32,
-        /// Whether it is left out in frames whose only sample is at the pixel's centre.
+        /// True if it is skipped in frames whose only sample is at the pixel's centre.
         only_jittered: bool,
     },
 }
@@ -18,11 +18,12 @@ pub enum Launch {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
     pub args: [u32; 3],
-    /// The samples of each pixel that it takes, or 1.
+    /// Samples per pixel that this run takes, or 1.
     pub samples: u32,
 }
 
-/// The runs in a frame of `spp` samples for each pixel; `jitter`: they are not all at the pixel's centre.
+/// Returns the runs in a frame with `spp` samples per pixel. `jitter` is false if the only sample is at the pixel's
+/// centre.
 pub fn runs(launches: &[Launch], spp: u32, jitter: bool) -> impl Iterator<Item = Run> {
     launches.iter().flat_map(move |launch| {
         let (samples, most, one) = match *launch {

@@ -1,9 +1,9 @@
-//! Says what must happen in a frame: passes as plain data, the program that they form, and the DAG of tasks that
-//! follows from the program and from the stripes of each device.
+//! Describes a frame as plain data: passes, the program that they form, and the DAG of tasks that is derived from the
+//! program and from the stripes of each device.
 //!
 //! A node is a task: a pass on one view and one stripe, or a transfer between devices. An edge is an image that one
-//! task leaves for another. Nothing here knows wgpu, nor what a pass computes: [`crate::passes`] declares the renderer's
-//! own passes, and [`crate::exec`] carries the graph out.
+//! task passes to another. This module depends neither on wgpu nor on the contents of passes: [`crate::passes`]
+//! declares the renderer's own passes, and [`crate::exec`] executes the graph.
 
 mod build;
 mod halo;
@@ -27,18 +27,18 @@ pub use task::{Key, Task, TaskKind};
 
 use crate::scene::rig::Eye;
 
-/// Says which device has which rows of a view, for each group of passes that have the same stripes.
+/// Distribution of the rows of each view over devices, for each group of passes that use the same stripes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Assignment {
-    /// The device that ends up with the whole images.
+    /// The device on which the complete images are gathered.
     primary: usize,
-    /// The stripes of groups that have none of their own.
+    /// The stripes of groups without stripes of their own.
     common: Stripes,
     own: Vec<((CutGroup, Eye), Stripes)>,
 }
 
 impl Assignment {
-    /// An assignment with the same stripes everywhere.
+    /// Makes an assignment with the same stripes for all groups and views.
     pub fn uniform(stripes: Stripes) -> Self {
         Self { primary: 0, common: stripes, own: Vec::new() }
     }
@@ -51,34 +51,34 @@ impl Assignment {
         self.common.devices()
     }
 
-    /// The stripes of groups that have none of their own.
+    /// The stripes of groups without stripes of their own.
     pub fn common(&self) -> &Stripes {
         &self.common
     }
 
-    /// The stripes that groups have for themselves.
+    /// Returns the stripes of single groups and views that differ from the common ones.
     pub fn own(&self) -> &[((CutGroup, Eye), Stripes)] {
         &self.own
     }
 
-    /// The same stripes with another primary; none if there is no such device.
+    /// Returns the same stripes with another primary, or `None` if there is no such device.
     pub fn with_primary(self, primary: usize) -> Option<Self> {
         (primary < self.devices()).then_some(Self { primary, ..self })
     }
 
-    /// The number of rows of the frame.
+    /// Returns the number of rows of the frame.
     pub fn height(&self) -> u32 {
         self.common.height()
     }
 
-    /// Says of each device whether it has any rows.
+    /// Returns true for each device that has any rows.
     pub(crate) fn works(&self) -> Vec<bool> {
         let all = || std::iter::once(&self.common).chain(self.own.iter().map(|(_, s)| s));
         (0..self.devices()).map(|d| all().any(|s| !s.rows(d).is_empty())).collect()
     }
 
-    /// The same rows with other device numbers. Device i becomes `devices[i]` of `count`, devices between them have no
-    /// rows, and `devices[0]` is the primary. The numbers in `devices` rise.
+    /// Returns the same rows with other device numbers. Device i becomes `devices[i]` of `count`, all other devices
+    /// have no rows, and `devices[0]` is the primary. `devices` must be in ascending order.
     pub fn renumbered(&self, devices: &[usize], count: usize) -> Self {
         let own = self.own.iter().map(|(key, s)| (*key, s.renumbered(devices, count))).collect();
         let common = self.common.renumbered(devices, count);
@@ -93,7 +93,7 @@ impl Assignment {
         }
     }
 
-    /// Has the primary compute all rows of a group.
+    /// Assigns all rows of a group to the primary.
     pub fn gather(&mut self, group: CutGroup) {
         let edge = |device: usize| if device <= self.primary { 0 } else { self.height() };
         let stripes = Stripes::from_edges(self.height(), &(1..self.devices()).map(edge).collect::<Vec<_>>());

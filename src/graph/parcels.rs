@@ -1,33 +1,33 @@
-//! When rows leave the device that has them, and when they arrive on the one that reads them. Both interrupt what a
-//! device can be given at once: rows leave with the end of a submission, and what reads them is in a later one. So few
-//! rows wait for one another, while many leave as soon as they are ready, so that they travel while devices are at work.
+//! Scheduling of transfer batches: when rows leave their device, and when they arrive on the device that reads them.
+//! Both split submissions: rows leave at the end of one submission, and a later one reads them. Small batches therefore
+//! share splits. Large ones leave as soon as they are ready, so that their transfer overlaps with work on the devices.
 
-/// A parcel with fewer bytes takes less time than the submission that it would need for itself.
+/// Size in bytes below which a transfer batch takes less time than a submission of its own.
 const FEW_BYTES: u64 = 64 << 10;
 
-/// The rows that one task waits for from one device.
+/// A transfer batch: the rows that one task waits for from one device.
 #[derive(Clone, Copy, Debug)]
 pub struct Parcel {
-    /// The pass that makes the last of them.
+    /// The pass that writes the last of the rows.
     pub ready: u32,
-    /// The pass that reads them.
+    /// The pass that reads the rows.
     pub due: u32,
     pub bytes: u64,
 }
 
-/// The way of a parcel.
+/// The passes between which a transfer batch travels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trip {
-    /// A pass between the parcel's `ready` and its `due`.
+    /// Pass after which the batch leaves: `ready` or later, and before `due`.
     pub leaves_behind: u32,
-    /// A later pass, its `due` at the latest.
+    /// Pass before which the batch arrives: after `leaves_behind`, and at most `due`.
     pub arrives_before: u32,
 }
 
-/// The way of each parcel. `end` is the number behind the last pass.
+/// Schedules each transfer batch. `end` is one past the last pass.
 pub fn trips(parcels: &[Parcel], end: u32) -> Vec<Trip> {
     let is_large = |parcel: &&Parcel| parcel.bytes >= FEW_BYTES;
-    // The passes before which devices are interrupted, in order. All of them come to their end.
+    // Passes before which submissions are split, in order. All devices also stop at `end`.
     let mut stops = vec![end];
     let stop_at = |stops: &mut Vec<u32>, pass| {
         if let Err(place) = stops.binary_search(&pass) {
@@ -38,7 +38,7 @@ pub fn trips(parcels: &[Parcel], end: u32) -> Vec<Trip> {
         stop_at(&mut stops, parcel.ready + 1);
         stop_at(&mut stops, parcel.due);
     }
-    // As few stops as can be: whatever is due first and has none gets the last one that it can have.
+    // Keeps stops few: in order of `due`, a small batch without a stop gets one as late as possible.
     let mut small: Vec<&Parcel> = parcels.iter().filter(|parcel| !is_large(parcel)).collect();
     small.sort_by_key(|parcel| parcel.due);
     for parcel in small {
@@ -70,7 +70,8 @@ mod tests {
     #[test]
     fn few_rows_travel_together_and_late() {
         assert_eq!(trips_of(&[(0, 5, 1)]), [(4, 5)]);
-        // The second is ready when the first is due; the third can go with both.
+        // The second batch is ready only when the first is due. The third leaves with the first and arrives with the
+        // second.
         assert_eq!(trips_of(&[(0, 5, 1), (5, 8, 1), (1, 12, 1)]), [(4, 5), (7, 8), (4, 8)]);
         assert_eq!(trips_of(&[(3, END, 1), (15, END, 1)]), [(END - 1, END); 2]);
     }

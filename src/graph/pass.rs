@@ -1,5 +1,5 @@
-//! The declaration of a pass: its shader, what it reads and writes, and where it runs. Everything else follows from it:
-//! bind groups and their order, images, transfers, what is kept between frames, units of cost, and names in reports.
+//! The declaration of a pass: its shader, its bindings, and where it runs. Everything else is derived from it: bind
+//! groups and their order, images, transfers, history, units of cost, and names in reports.
 
 use std::ops::Range;
 
@@ -20,16 +20,16 @@ impl Stage {
     }
 }
 
-/// The name of a group of passes that have the same stripes.
+/// Name of a group of passes that use the same stripes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CutGroup(pub &'static str);
 
-/// What a shader does with the tables of the scene.
+/// Access of a shader to the scene tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SceneUse {
     No,
     Read,
-    /// Changes rows of tables, and reads none.
+    /// Writes rows of tables, and reads none.
     Write,
 }
 
@@ -38,7 +38,7 @@ pub enum SceneUse {
 pub struct Kernel {
     /// The name of its file in `shaders/`, without the extension, or of a foreign shader.
     pub(crate) name: &'static str,
-    /// Nothing outside this module sets it, so a foreign shader cannot pass for one of the library.
+    /// Private to this module, so that a foreign shader cannot pass for one of the library's.
     foreign_text: Option<&'static str>,
     /// The size of a workgroup, in invocations.
     pub(crate) workgroup: [u32; 3],
@@ -48,64 +48,64 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// A kernel from a file of `shaders/`, with workgroups of 8 x 8, that does not read the scene.
+    /// Makes a kernel from a file in `shaders/`. It has workgroups of 8 x 8 and does not read the scene.
     pub(crate) const fn new(name: &'static str) -> Self {
         Self { name, foreign_text: None, workgroup: [8, 8, 1], scene: SceneUse::No, constants: &[] }
     }
 
-    /// A foreign kernel, whose shader is not part of the library, with workgroups of 8 x 8, that does not read the scene.
-    /// `//!include` lines of its text bring in shared parts of the library's shaders. It runs with all run-time checks.
+    /// Makes a kernel from a shader outside the library. It has workgroups of 8 x 8 and does not read the scene.
+    /// `//!include` lines in its text include shared parts of the library's shaders. It runs with all run-time checks.
     pub const fn from_text(name: &'static str, text: &'static str) -> Self {
         Self { foreign_text: Some(text), ..Self::new(name) }
     }
 
-    /// The text of a foreign kernel's shader before includes are expanded.
+    /// Returns the text of a foreign kernel's shader before includes are expanded.
     pub fn foreign_text(&self) -> Option<&'static str> {
         self.foreign_text
     }
 
-    /// A kernel like [`Self::new`] that reads the scene.
+    /// Makes a kernel like [`Self::new`] that reads the scene.
     pub(crate) const fn with_scene(name: &'static str) -> Self {
         Self::new(name).reading_scene()
     }
 
-    /// The same kernel, which reads the scene.
+    /// Returns this kernel with read access to the scene.
     pub const fn reading_scene(self) -> Self {
         Self { scene: SceneUse::Read, ..self }
     }
 
-    /// The same kernel with workgroups of this size, in invocations.
+    /// Returns this kernel with workgroups of this size, in invocations.
     pub const fn workgroup(self, workgroup: [u32; 3]) -> Self {
         Self { workgroup, ..self }
     }
 
-    /// A kernel with workgroups of 64 x 1 that changes the scene.
+    /// Makes a kernel with workgroups of 64 x 1 that changes the scene.
     pub(crate) const fn changing_scene(name: &'static str) -> Self {
         Self { scene: SceneUse::Write, workgroup: [64, 1, 1], ..Self::new(name) }
     }
 
-    /// The same kernel with these constants.
+    /// Returns this kernel with these constants.
     pub(crate) const fn with(self, constants: &'static [Constant]) -> Self {
         Self { constants, ..self }
     }
 }
 
-/// What a pass does with an image.
+/// Access of a pass to an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     Read,
-    /// Sets every texel of its rows.
+    /// Writes every texel of its rows.
     Write,
-    /// Sets every texel of its rows, and reads what it has written itself.
+    /// Writes every texel of its rows, and reads back only its own writes.
     WriteThenRead,
-    /// Changes some texels, in a way that has the same result when it is done twice.
+    /// Changes some texels, idempotently: a second run leaves the same result.
     Update,
     /// Adds to every texel.
     Add,
 }
 
 impl Access {
-    /// Whether it needs what earlier passes left.
+    /// Returns true if it needs the output of earlier passes.
     pub fn reads(self) -> bool {
         matches!(self, Self::Read | Self::Update | Self::Add)
     }
@@ -121,18 +121,18 @@ pub enum Reach {
     Own,
     /// Also this many rows above and below.
     Halo(u32),
-    /// The blocks of `size` rows that its rows lie in; the first block begins `offset` rows above the image.
+    /// All blocks of `size` rows that contain its own rows. The first block begins `offset` rows above the image.
     Blocks {
         size: u32,
         offset: u32,
     },
     All,
-    /// The rows that a function returns for given rows, both on the grid of the image that is read.
+    /// Rows that a function maps its own rows to. Both are on the grid of the image that is read.
     Rows(fn(Range<u32>) -> Range<u32>),
 }
 
 impl Reach {
-    /// The rows that are read for the rows `own` of an image with `height` rows.
+    /// Returns the rows that are read for the rows `own` of an image with `height` rows.
     pub fn rows(self, own: &Range<u32>, height: u32) -> Range<u32> {
         match self {
             Self::Own => own.clone(),
@@ -151,7 +151,7 @@ impl Reach {
         }
     }
 
-    /// The number of rows above and below that are read, if it is a fixed one.
+    /// Returns the number of rows read above and below, which is 0 unless this is a [`Self::Halo`].
     pub fn halo_rows(self) -> u32 {
         if let Self::Halo(rows) = self { rows } else { 0 }
     }
@@ -163,13 +163,13 @@ pub struct Use {
     pub image: Image,
     pub access: Access,
     pub reach: Reach,
-    /// Whether it is the image that the frame before left.
+    /// True if it binds the image of the previous frame.
     pub is_before: bool,
-    /// The eye whose image it is. Without it, it is the image of the pass's own view.
+    /// The eye whose image is bound. By default it is the eye of the pass.
     pub eye: Option<Eye>,
-    /// Whether it may be bound although no pass has written it; the shader then does not read it.
+    /// True if it may be bound although no pass has written it. The shader then does not read it.
     pub is_optional: bool,
-    /// Whether it is set to 0 before the pass. Of a list, only the counts are.
+    /// True if it is cleared to 0 before the pass. In a list, only the counts are cleared.
     pub is_cleared: bool,
 }
 
@@ -209,13 +209,13 @@ impl Use {
         Self { reach, ..self }
     }
 
-    /// Reads what the frame before left, with this many rows above and below. With none there is no such frame, and the
-    /// image is bound but not read.
+    /// Binds the image of the previous frame, and reads this many rows above and below as well. `None` means that there
+    /// is no previous frame: the image is bound but not read.
     pub fn before(self, rows: Option<u32>) -> Self {
         Self { is_before: true, is_optional: rows.is_none(), ..self.halo(rows.unwrap_or(0)) }
     }
 
-    /// Takes the image of this eye, whatever the view of the pass is.
+    /// Binds the image of this eye, whichever view the pass has.
     pub fn of(self, eye: Eye) -> Self {
         Self { eye: Some(eye), ..self }
     }
@@ -228,7 +228,7 @@ impl Use {
         Self { is_cleared: true, ..self }
     }
 
-    /// Whether the graph must bring its rows to the device.
+    /// Returns true if the graph must bring its rows to the device.
     pub fn is_read(&self) -> bool {
         self.access.reads() && self.image.resource.life != super::Life::Input
     }
@@ -241,12 +241,12 @@ pub enum Dispatch {
     Invocations([u32; 2]),
     /// One workgroup for each tile of this many columns and rows.
     Workgroups([u32; 2]),
-    /// One workgroup for each tile of this many columns and rows that there can be where tiles begin anywhere: the
-    /// shader says where.
+    /// One workgroup for each tile of this many columns and rows that the device's rows can overlap. The shader sets
+    /// the origin of the tiles.
     Displaced([u32; 2]),
-    /// As many workgroups as a list asks for.
+    /// Indirect dispatch of the number of workgroups that a list holds.
     List(Resource),
-    /// This many workgroups, once for each device.
+    /// This many workgroups, once per device.
     Once([u32; 3]),
 }
 
@@ -257,7 +257,7 @@ impl Dispatch {
 /// The quantity to which the time of a pass is proportional.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
-    /// The rays of its view, as the frame before counted them.
+    /// The rays of its view, as counted in the previous frame.
     Rays,
     /// The rows that it computes.
     Rows,
@@ -265,14 +265,14 @@ pub enum Work {
     Once,
 }
 
-/// Whether a pass belongs to a chain, in which each pass reads rows around its own from what the pass before it wrote.
+/// Role of a pass in a chain, in which each pass reads rows around its own that the previous pass wrote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Chain {
     No,
-    /// It does. The halo plan says whether rows are received before it, or each device computes a margin of what is
-    /// read.
+    /// The pass reads such a halo. The halo plan decides whether a device receives the halo from its neighbours or
+    /// computes it as a margin.
     Planned,
-    /// It does, and each device computes a margin.
+    /// The pass reads such a halo, which each device computes as a margin.
     Margin,
 }
 
@@ -280,14 +280,14 @@ pub enum Chain {
 #[derive(Clone, Debug)]
 pub struct Pass {
     pub stage: Stage,
-    /// [`Eye::Left`] where [`Self::scope`] is a device.
+    /// [`Eye::Left`] if [`Self::scope`] is [`Scope::Device`].
     pub view: Eye,
     pub scope: Scope,
-    /// Which of the stage's repetitions it is, from 0.
+    /// Index among the repetitions of its stage, from 0.
     pub index: u32,
     pub kernel: Kernel,
     pub grid: Grid,
-    /// The uses in the order of the bindings of group 1.
+    /// The bindings of group 1, in order.
     pub uses: Vec<Use>,
     pub dispatch: Dispatch,
     /// The runs of the kernel, one after another.
@@ -295,12 +295,12 @@ pub struct Pass {
     pub work: Work,
     pub cut_group: CutGroup,
     pub chain: Chain,
-    /// The table of vertices from which each device builds its acceleration structures of what moves after the pass.
+    /// Vertices from which each device builds its acceleration structures of dynamic geometry after the pass.
     pub builds_from: Option<Resource>,
 }
 
 impl Pass {
-    /// A pass with one invocation per pixel of a view, and rows as its unit of cost.
+    /// Makes a pass with one invocation per pixel of a view, whose cost is proportional to its rows.
     pub fn new(stage: Stage, view: Eye, cut_group: CutGroup, kernel: Kernel) -> Self {
         Self {
             stage,
@@ -319,7 +319,7 @@ impl Pass {
         }
     }
 
-    /// A pass that every device runs for itself.
+    /// Makes a pass that every device runs for itself.
     pub fn once(stage: Stage, cut_group: CutGroup, kernel: Kernel, workgroups: [u32; 3]) -> Self {
         let (dispatch, scope) = (Dispatch::Once(workgroups), Scope::Device);
         Self { scope, dispatch, work: Work::Once, ..Self::new(stage, Eye::Left, cut_group, kernel) }
@@ -358,12 +358,13 @@ impl Pass {
         Self { chain, ..self }
     }
 
-    /// Has each device build its acceleration structures of what moves after it, from these vertices that it writes.
+    /// Makes each device build its acceleration structures of dynamic geometry after the pass, from these vertices that
+    /// the pass writes.
     pub fn builds_from(self, vertices: Resource) -> Self {
         Self { builds_from: Some(vertices), ..self }
     }
 
-    /// The eye whose image a binding takes.
+    /// Returns the eye whose image a binding uses.
     pub fn eye_of(&self, used: &Use) -> Eye {
         match used.image.resource.scope {
             Scope::View => used.eye.unwrap_or(self.view),
@@ -371,7 +372,7 @@ impl Pass {
         }
     }
 
-    /// The number of rows above and below its own that it reads of what passes of this frame wrote.
+    /// Returns the number of rows above and below its own that it reads from images of this frame.
     pub fn halo_rows(&self) -> u32 {
         self.uses.iter().filter(|u| u.is_read() && !u.is_before).map(|u| u.reach.halo_rows()).max().unwrap_or(0)
     }

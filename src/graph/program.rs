@@ -1,4 +1,4 @@
-//! The passes of a frame in order, checked against one another, with what follows from their declarations.
+//! The passes of a frame in order, with consistency checks and the properties derived from their declarations.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -15,28 +15,28 @@ pub struct Program {
     /// The extent of the frame.
     pub extent: Extent,
     passes: Vec<Linked>,
-    /// The images that bindings stand for, each once.
+    /// The images that passes bind, without duplicates.
     images: Vec<Bound>,
     cut_sets: Vec<Vec<CutGroup>>,
 }
 
-/// A pass with what follows from those around it.
+/// A pass with the properties derived from the passes around it.
 #[derive(Clone, Debug)]
 pub struct Linked {
     pub pass: Pass,
-    /// For each use, the index of its image among [`Program::images`].
+    /// Index of each use's image in [`Program::images`].
     pub images: Vec<usize>,
-    /// The number of rows above and below its own that a device computes as well, for its own later passes.
+    /// Number of rows above and below its own that a device also computes, for its own later passes.
     pub margin_rows: u32,
-    /// Its number among the passes of its view before which rows may be received, if it is one of them.
+    /// Index among those passes of its view that may receive halo rows, if it is one of them.
     pub link: Option<usize>,
 }
 
-/// A buffer of a resource, in this frame or the one before.
+/// A buffer of a resource, of this frame or of the previous one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Bound {
     pub resource: Resource,
-    /// Which of its two buffers it is in, if it has versions.
+    /// Index of the buffer: versions alternate between 0 and 1.
     pub buffer: u8,
     pub is_before: bool,
 }
@@ -70,10 +70,10 @@ pub enum ProgramError {
 }
 
 impl Program {
-    /// Links passes. They are in an order that respects every dependency.
+    /// Links passes, which must be in an order that respects every dependency.
     ///
     /// # Errors
-    /// [`ProgramError`] where they contradict one another.
+    /// [`ProgramError`] if the declarations contradict one another.
     pub fn new(extent: Extent, seam: Seam, passes: Vec<Pass>) -> Result<Self, ProgramError> {
         check(&passes)?;
         let mut numbers: HashMap<Bound, usize> = HashMap::new();
@@ -95,17 +95,17 @@ impl Program {
         Ok(Self { extent, passes, images, cut_sets })
     }
 
-    /// The passes in order.
+    /// Returns the passes in order.
     pub fn passes(&self) -> &[Linked] {
         &self.passes
     }
 
-    /// The images that passes bind, each once.
+    /// Returns the images that passes bind, without duplicates.
     pub fn images(&self) -> &[Bound] {
         &self.images
     }
 
-    /// The stages, each once, in the order of their first pass.
+    /// Returns the distinct stages, in the order of their first pass.
     pub fn stages(&self) -> Vec<Stage> {
         let mut stages = Vec::new();
         for linked in &self.passes {
@@ -116,24 +116,24 @@ impl Program {
         stages
     }
 
-    /// Sets of groups whose stripes are chosen together. Devices wait for one another between two sets, so each set
-    /// should end on all devices at the same time.
+    /// Returns the sets of groups that are partitioned together. Devices wait for one another between two sets, so each
+    /// set should end on all devices at the same time.
     pub fn cut_sets(&self) -> &[Vec<CutGroup>] {
         &self.cut_sets
     }
 
-    /// The number of passes of a view before which rows may be received.
+    /// Returns the number of passes of a view that may receive halo rows.
     pub fn links(&self) -> usize {
         self.passes.iter().filter_map(|p| p.link).max().map_or(0, |last| last + 1)
     }
 
-    /// The images that leave the frame.
+    /// Returns the indices of the frame's output images.
     pub fn outputs(&self) -> impl Iterator<Item = usize> {
         let is_output = |b: &Bound| b.resource.life == Life::Output && b.resource.scope == Scope::View && !b.is_before;
         self.images.iter().enumerate().filter(move |(_, b)| is_output(b)).map(|(number, _)| number)
     }
 
-    /// The group whose passes write a resource of a view last.
+    /// Returns the group of the last pass that writes a resource of a view.
     pub fn writer(&self, resource: &Resource, view: Eye) -> Option<CutGroup> {
         let writes = |p: &&Linked| {
             p.pass.view == view && p.pass.uses.iter().any(|u| u.access.writes() && u.image.resource == *resource)
@@ -142,7 +142,7 @@ impl Program {
     }
 }
 
-/// Checks that every pass finds what it reads.
+/// Checks that every pass reads only images that earlier passes have written.
 fn check(passes: &[Pass]) -> Result<(), ProgramError> {
     let mut held: HashMap<(Resource, u8, Eye), (u8, CutGroup)> = HashMap::new();
     let all_writes: Vec<Resource> =
@@ -189,7 +189,7 @@ fn check(passes: &[Pass]) -> Result<(), ProgramError> {
     Ok(())
 }
 
-/// Finds the margins that devices compute beyond their own rows for later passes of the chain.
+/// Computes the margins around their rows that devices compute for later passes of the chain.
 fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), ProgramError> {
     let in_chain = |p: &&mut Linked| p.pass.view == view && p.pass.chain != Chain::No;
     let mut chain: Vec<&mut Linked> = passes.iter_mut().filter(in_chain).collect();
@@ -217,8 +217,8 @@ fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), Progr
     Ok(())
 }
 
-/// Passes that read rows of neighbours make devices wait for one another, so groups before the first such pass are cut
-/// separately from the rest.
+/// Splits the groups at the first pass that reads halo rows. Such a pass makes devices wait for one another, so the
+/// groups before it are partitioned separately from the rest.
 fn cut_sets(passes: &[Linked]) -> Vec<Vec<CutGroup>> {
     let first = passes.iter().position(|p| p.pass.halo_rows() > 0).unwrap_or(passes.len());
     let mut late: Vec<CutGroup> = Vec::new();

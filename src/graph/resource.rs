@@ -1,26 +1,26 @@
-//! What passes leave for one another: images, lists and constants, as plain data.
+//! Resources that passes write and read: images, lists and constants, as plain data.
 
 use crate::image::Extent;
 
 /// The number of columns and rows of texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Size {
-    /// As many as the frame has.
+    /// The frame's columns and rows.
     Frame,
-    /// The frame's columns and rows over this number, rounded up.
+    /// The frame's columns and rows divided by this number, rounded up.
     FrameOver(u32),
     /// One column, and as many rows as the frame has.
     FrameRows,
-    /// A fixed number, whatever the extent of the frame is.
+    /// A fixed size, independent of the frame's extent.
     Fixed(Extent),
 }
 
-/// The way in which a texel becomes a ray.
+/// Mapping from texels to rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Projection {
-    /// Through an image plane in front of the eye.
+    /// Perspective projection through an image plane in front of the eye.
     Perspective,
-    /// A texel stands for no direction, as in sums, lists and tables.
+    /// Texels that have no direction, as in sums, lists and tables.
     None,
 }
 
@@ -39,7 +39,7 @@ impl Grid {
         Self { size, projection: Projection::None }
     }
 
-    /// The columns and rows in a frame of this extent, at least 1 of each.
+    /// Returns the columns and rows for a frame of this extent.
     pub fn extent(self, frame: Extent) -> Extent {
         match self.size {
             Size::Frame => frame,
@@ -55,44 +55,45 @@ impl Grid {
 pub enum Format {
     /// A row-major array in a storage buffer, with this many bytes per texel.
     Texels(u32),
-    /// Indices of texels, 4 bytes each. The count and the three numbers of workgroups that cover the list stand before
-    /// them.
+    /// Indices of texels, 4 bytes each. A header holds their count and the three workgroup counts of an indirect
+    /// dispatch over the list.
     List,
     /// Constants in a uniform buffer of this many bytes.
     Uniform(u32),
 }
 
-/// Numbers before the first index of a [`Format::List`].
+/// Length of the header of a [`Format::List`], in 4-byte words.
 pub const LIST_HEADER: u32 = 4;
 
-/// Says how many there are of a resource.
+/// Instances of a resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scope {
-    /// One for each eye, divided into stripes.
+    /// One per eye, divided into stripes.
     View,
-    /// One for each device, which makes all of it itself.
+    /// One per device, which computes all of it.
     Device,
 }
 
-/// Says how long the contents of a resource last. What a pass reads of the frame before is kept until then in any case.
+/// Lifetime of a resource's contents. Contents that a pass reads from the previous frame are kept that long in any
+/// case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Life {
-    /// The contents last until those of the next frame take their place.
+    /// The contents last until those of the next frame replace them.
     Frame,
-    /// It leaves the frame. It is whole on the primary at the end, and there is one for each frame in flight.
+    /// The resource is an output. It is gathered on the primary, and there is one per frame in flight.
     Output,
-    /// As `Frame`, but its rows never leave the device that made them.
+    /// The contents last as in `Frame`, but their rows never leave the device that made them.
     Local,
     /// The host sets it.
     Input,
 }
 
-/// What passes leave for one another.
+/// Resource that passes write and read.
 ///
 /// Two resources with the same name and number are the same.
 #[derive(Clone, Copy, Debug)]
 pub struct Resource {
-    /// The name in reports and traces, and of its buffer.
+    /// Name in reports and traces, also of its buffer.
     pub name: &'static str,
     /// Tells resources of the same name apart.
     pub number: u8,
@@ -118,30 +119,30 @@ impl std::hash::Hash for Resource {
 }
 
 impl Resource {
-    /// An image of each eye at full size.
+    /// Makes an image of each eye at full size.
     pub const fn image(name: &'static str, texel_bytes: u32) -> Self {
         let (format, grid) = (Format::Texels(texel_bytes), Grid::FRAME);
         Self { name, number: 0, format, grid, scope: Scope::View, life: Life::Frame }
     }
 
-    /// The same resource on another grid.
+    /// Returns this resource on another grid.
     pub const fn on(self, grid: Grid) -> Self {
         Self { grid, ..self }
     }
 
-    /// A list of pixels of an eye, on the device that has their rows.
+    /// Makes a list of an eye's pixels on the device that has their rows.
     pub const fn list(name: &'static str) -> Self {
         let grid = Grid::table(Size::Frame);
         Self { name, number: 0, format: Format::List, grid, scope: Scope::View, life: Life::Local }
     }
 
-    /// Constants that the host sets with every frame.
+    /// Makes constants that the host sets with every frame.
     pub const fn constants(name: &'static str, bytes: u32) -> Self {
         let grid = Grid::table(Size::Fixed(Extent::new(1, 1)));
         Self { name, number: 0, format: Format::Uniform(bytes), grid, scope: Scope::Device, life: Life::Input }
     }
 
-    /// A table that every device makes for itself.
+    /// Makes a table that every device computes for itself.
     pub const fn table(name: &'static str, texel_bytes: u32, texels: Extent) -> Self {
         let (format, grid) = (Format::Texels(texel_bytes), Grid::table(Size::Fixed(texels)));
         Self { name, number: 0, format, grid, scope: Scope::Device, life: Life::Frame }
@@ -155,12 +156,12 @@ impl Resource {
         Self { number, ..self }
     }
 
-    /// Its columns and rows in a frame of this extent.
+    /// Returns the columns and rows for a frame of this extent.
     pub fn extent(&self, frame: Extent) -> Extent {
         self.grid.extent(frame)
     }
 
-    /// Bytes of one row.
+    /// Returns the bytes of one row.
     pub fn row_bytes(&self, frame: Extent) -> u64 {
         let texel_bytes = match self.format {
             Format::Texels(bytes) | Format::Uniform(bytes) => bytes,
@@ -169,18 +170,18 @@ impl Resource {
         u64::from(texel_bytes) * u64::from(self.extent(frame).width)
     }
 
-    /// Bytes before the first row.
+    /// Returns the bytes before the first row.
     pub fn header_bytes(&self) -> u64 {
         if self.format == Format::List { u64::from(4 * LIST_HEADER) } else { 0 }
     }
 
-    /// Bytes of all of it.
+    /// Returns the bytes of the whole resource.
     pub fn bytes(&self, frame: Extent) -> u64 {
         self.header_bytes() + self.row_bytes(frame) * u64::from(self.extent(frame).height)
     }
 }
 
-/// One state of a resource in a frame. Passes that cannot write in place read one version and write the next.
+/// One version of a resource in a frame. Passes that cannot write in place read one version and write the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Image {
     pub resource: Resource,
@@ -198,7 +199,7 @@ impl Image {
         Self { version: self.version + 1, ..self }
     }
 
-    /// Which of its resource's two buffers it is in. Versions take turns.
+    /// Returns the index of its buffer. Versions alternate between two buffers (ping-pong).
     pub fn buffer(self) -> u8 {
         self.version % 2
     }

@@ -1,4 +1,4 @@
-//! Runs of rows: wider, on another grid, together and apart.
+//! Arithmetic on ranges of rows: widening, rescaling, intersection and difference.
 
 use std::ops::Range;
 
@@ -6,13 +6,13 @@ pub fn widen(rows: &Range<u32>, by: u32, height: u32) -> Range<u32> {
     rows.start.saturating_sub(by)..(rows.end + by).min(height)
 }
 
-/// Converts a share of `from` rows to one of `to` rows. Shares that were adjacent stay adjacent.
+/// Converts a range of `from` rows to a range of `to` rows. Adjacent ranges stay adjacent.
 pub fn share(rows: &Range<u32>, from: u32, to: u32) -> Range<u32> {
     let edge = |row: u32| (u64::from(row) * u64::from(to)).div_ceil(u64::from(from.max(1))) as u32;
     edge(rows.start)..edge(rows.end)
 }
 
-/// The rows of an image of `to` rows that are covered by these rows of an image of `from` rows.
+/// Returns the rows of an image with `to` rows that these rows of an image with `from` rows cover.
 pub fn scale(rows: &Range<u32>, from: u32, to: u32) -> Range<u32> {
     let (from, to) = (u64::from(from.max(1)), u64::from(to));
     let begin = u64::from(rows.start) * to / from;

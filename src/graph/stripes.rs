@@ -40,7 +40,7 @@ impl Stripes {
         Self { edges }
     }
 
-    /// Makes stripes from inner edges, which are put in order and bounded.
+    /// Makes stripes from inner edges, each clamped to lie between the edge above and `height`.
     pub fn from_edges(height: u32, inner: &[u32]) -> Self {
         let mut edges = vec![0];
         for &e in inner {
@@ -66,7 +66,7 @@ impl Stripes {
         self.edges[self.edges.len() - 1]
     }
 
-    /// The rows of a device, which may be none.
+    /// Returns the rows of a device, which may be an empty range.
     pub fn rows(&self, device: usize) -> Range<u32> {
         self.edges[device]..self.edges[device + 1]
     }

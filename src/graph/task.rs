@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use crate::scene::rig::Eye;
 
-/// Position of a task in the one order that all devices keep. Downloads come behind their producer, uploads before their
-/// consumer, and `parcels.rs` says where between the two. Every edge of the graph goes from a smaller key to a larger one,
-/// so workers that each take their tasks by key cannot wait for one another in a circle.
+/// Position of a task in the common order that all devices follow. Downloads come after their producer and uploads
+/// before their consumer; `parcels.rs` picks the passes between the two. Every edge of the graph goes from a smaller
+/// key to a larger one, so workers that execute their tasks in key order cannot deadlock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Key {
     /// Index of the pass.
@@ -24,7 +24,7 @@ pub enum TaskKind {
         /// Rows of the pass's grid that may be read.
         valid: Range<u32>,
     },
-    /// Rows leave the device; `transfer` names the upload that takes them.
+    /// Copies rows from the device. The upload with the same `transfer` receives them.
     Download {
         /// Index among the program's images.
         image: usize,
@@ -35,7 +35,7 @@ pub enum TaskKind {
         image: usize,
         transfer: u32,
     },
-    /// Both whole images are on the primary.
+    /// Marks the point at which both complete images are on the primary.
     Stitch,
 }
 

@@ -1,4 +1,4 @@
-//! Images that the runtime shows, one after another, with a layer for each eye or with one.
+//! Swapchains of the runtime, with one layer for each eye or a single one.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -11,18 +11,18 @@ use super::error::{HeadsetError, Told};
 use crate::device::{GpuDevice, HeadsetDevice};
 use crate::image::Extent;
 
-/// A format by the numbers of Vulkan and by wgpu's name.
+/// Format, as its Vulkan number and as wgpu's name.
 pub type Format = (u32, wgpu::TextureFormat);
 
-/// Of images, the best first.
+/// Colour formats, in order of preference.
 pub const COLOURS: [Format; 2] = [(43, wgpu::TextureFormat::Rgba8UnormSrgb), (50, wgpu::TextureFormat::Bgra8UnormSrgb)];
-/// Of distances.
+/// Depth formats, in order of preference.
 pub const DEPTHS: [Format; 2] = [(126, wgpu::TextureFormat::Depth32Float), (124, wgpu::TextureFormat::Depth16Unorm)];
 
-/// The first of these that the session offers.
+/// Returns the first of these formats that the session offers.
 ///
 /// # Errors
-/// What the runtime says.
+/// Errors of the runtime.
 pub fn offered(session: &Session<Vulkan>, formats: &[Format]) -> Result<Option<Format>, HeadsetError> {
     let offered = session.enumerate_swapchain_formats().to("say which images it takes")?;
     Ok(formats.iter().copied().find(|(number, _)| offered.contains(number)))
@@ -36,10 +36,10 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Of so many layers.
+    /// Creates a swapchain whose images have this number of layers.
     ///
     /// # Errors
-    /// What the runtime says.
+    /// Errors of the runtime.
     pub fn new(
         device: &HeadsetDevice,
         session: &Session<Vulkan>,
@@ -81,10 +81,10 @@ impl Chain {
         Ok(Self { textures, swapchain, extent, format })
     }
 
-    /// Has the next image filled and given back.
+    /// Acquires the next image, fills it and releases it.
     ///
     /// # Errors
-    /// What the runtime says.
+    /// Errors of the runtime.
     pub fn fill(
         &mut self,
         gpu: &GpuDevice,
@@ -96,7 +96,7 @@ impl Chain {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         if let Some(texture) = self.textures.get(index as usize) {
             fill(texture, &mut encoder);
-            // As the runtime takes it back.
+            // Return the image to the state in which the runtime expects it.
             let state = at_rest(self.format);
             let back = wgpu::TextureTransition { texture, selector: None, state };
             encoder.transition_resources(std::iter::empty(), std::iter::once(back));
@@ -105,20 +105,20 @@ impl Chain {
         swapchain.release_image().to("take an image")
     }
 
-    /// For layers of frames.
+    /// Locks the images for use in a frame's layers.
     pub fn lock(&self) -> Images<'_> {
         Images { swapchain: self.swapchain.lock().unwrap_or_else(PoisonError::into_inner), extent: self.extent }
     }
 }
 
-/// The images of a chain while a frame with them is handed over.
+/// Images of a swapchain, locked while a frame with them is submitted.
 pub struct Images<'a> {
     swapchain: MutexGuard<'a, Swapchain<Vulkan>>,
     extent: Extent,
 }
 
 impl Images<'_> {
-    /// A layer of the newest.
+    /// Returns one layer of the newest image.
     pub fn layer(&self, layer: u32) -> SwapchainSubImage<'_, Vulkan> {
         let Extent { width, height } = self.extent;
         let extent = Extent2Di { width: width as i32, height: height as i32 };
@@ -127,7 +127,8 @@ impl Images<'_> {
     }
 }
 
-/// As images are when the runtime gives and takes them: attachments (`XR_KHR_vulkan_enable2`).
+/// Returns the state in which images are acquired from and released to the runtime: attachments
+/// (`XR_KHR_vulkan_enable2`).
 fn at_rest(format: wgpu::TextureFormat) -> wgpu::TextureUses {
     if format.is_depth_stencil_format() {
         wgpu::TextureUses::DEPTH_STENCIL_WRITE

@@ -1,4 +1,4 @@
-//! Images of both eyes that the runtime shows, drawn from buffers of pixels.
+//! Draws pixel buffers of both eyes into the runtime's swapchains.
 
 use openxr::{Session, Vulkan, sys};
 
@@ -10,19 +10,20 @@ use crate::image::Extent;
 use crate::scene::optics::{Fov, HeadEyes};
 use crate::scene::rig::Eye;
 
-/// What is nearer is as near, metres along the eye's axis; it is encoded as 1, and what is infinitely far as 0.
+/// Near plane of depth images, metres along the eye's axis. Depth is reversed: 1 at this plane and nearer, 0 at
+/// infinity.
 const NEAR_M: f64 = 0.01;
 
-/// The pixels of an image, row after row, from the top.
+/// Pixels of an image in row-major order from the top.
 #[derive(Debug)]
 pub enum Pixels {
-    /// On the device that the runtime takes images from.
+    /// Buffer on the device from which the runtime takes images.
     Buffer(wgpu::Buffer),
     Bytes(Vec<u8>),
 }
 
-/// What shaders know of an image: tangents of its left, right, upper and lower edges, columns and rows, and what is nearest,
-/// scene units.
+/// Uniforms of the shaders: tangents of the image's left, right, upper and lower edges, its columns and rows, and the
+/// near plane in scene units.
 #[repr(C)]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct Constants {
@@ -41,13 +42,13 @@ impl Constants {
     }
 }
 
-/// Draws one kind of image with all of an attachment's pixels.
+/// Draws one kind of image over all pixels of an attachment.
 struct Painter {
     pipeline: wgpu::RenderPipeline,
     format: wgpu::TextureFormat,
 }
 
-/// Images of one kind, a layer for each eye.
+/// Swapchain of one kind of image, with a layer for each eye.
 pub struct Drawing {
     chain: Chain,
     painter: Painter,
@@ -55,15 +56,16 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// Images of one of these formats, which say what pixels are. [`COLOURS`]: what eyes see, four bytes a pixel that are encoded
-    /// for the screen. [`DEPTHS`]: distances along the rays of pixels, the first of four floats, scene units, 0 for the sky; they
-    /// are shown as `XR_KHR_composition_layer_depth` has them. None where the session takes no such images.
+    /// Creates a swapchain with one of these formats; returns none if the session offers none of them. The formats
+    /// decide the meaning of pixels. With [`COLOURS`] they are four bytes, already encoded for the screen. With
+    /// [`DEPTHS`] they are four floats, of which the first is the distance along the pixel's ray in scene units, 0 for
+    /// the sky; they become depth in the form of `XR_KHR_composition_layer_depth`.
     ///
     /// [`COLOURS`]: super::chain::COLOURS
     /// [`DEPTHS`]: super::chain::DEPTHS
     ///
     /// # Errors
-    /// What the runtime says.
+    /// Errors of the runtime.
     pub fn new(
         device: &HeadsetDevice,
         session: &Session<Vulkan>,
@@ -76,10 +78,10 @@ impl Drawing {
         Ok(Some(Self { chain, painter, extent }))
     }
 
-    /// Fills the next image with what eyes see, in units of so many metres.
+    /// Fills the next image from the eyes' pixels. A scene unit is `metres_per_unit` long.
     ///
     /// # Errors
-    /// What the runtime says.
+    /// Errors of the runtime.
     pub fn fill(
         &mut self,
         gpu: &GpuDevice,
@@ -103,7 +105,8 @@ impl Drawing {
 }
 
 impl Painter {
-    /// For attachments of this format. Colours are encoded already: those are seen without sRGB.
+    /// Creates the pipeline for attachments of this format. Colours are encoded already, so they go through a view
+    /// without sRGB.
     fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
         let format = format.remove_srgb_suffix();
         let is_depth = format.is_depth_stencil_format();
@@ -183,7 +186,7 @@ impl Painter {
             ],
         });
         let is_depth = self.format.is_depth_stencil_format();
-        // All of it is drawn over.
+        // The draw covers every pixel.
         let colours = [Some(wgpu::RenderPassColorAttachment {
             view,
             depth_slice: None,
@@ -207,7 +210,8 @@ impl Painter {
     }
 }
 
-/// What a layer's view has beside its colours.
+/// Returns the depth that accompanies an eye's colours (`XR_KHR_composition_layer_depth`): reversed, with 0 at
+/// infinity.
 pub fn depth_info(images: &Images<'_>, eye: Eye) -> sys::CompositionLayerDepthInfoKHR {
     sys::CompositionLayerDepthInfoKHR {
         ty: sys::CompositionLayerDepthInfoKHR::TYPE,
@@ -227,10 +231,10 @@ mod tests {
     use wgpu::TextureFormat;
 
     const EXTENT: Extent = Extent { width: 64, height: 5 };
-    /// Further down than up and further to the left than to the right.
+    /// Field of view that is larger downwards than upwards and to the left than to the right.
     const FOV: Fov = Fov { left: -0.9, right: 0.6, up: 0.5, down: -0.8 };
 
-    /// What is drawn from these pixels, in units of half a metre: bytes of each pixel.
+    /// Returns the bytes of each pixel drawn from these pixels, with scene units of half a metre.
     fn drawn(pixels: impl Fn(&GpuDevice) -> Pixels, format: TextureFormat) -> Vec<u8> {
         let gpu = open(&Selection::default()).unwrap().remove(0);
         let size = wgpu::Extent3d { width: EXTENT.width, height: EXTENT.height, depth_or_array_layers: 1 };
@@ -301,7 +305,7 @@ mod tests {
         assert!(values[2] > 0.0 && values[2] < 1e-30);
     }
 
-    /// From the host and from a buffer of the device, in every order of channels.
+    /// Pixels come from the host and from a device buffer, in every channel order.
     #[test]
     fn bytes_of_colours_stay_as_they_are() {
         let bytes: Vec<u8> = (0..4 * EXTENT.width * EXTENT.height).map(|i| (i * 7 % 256) as u8).collect();

@@ -1,4 +1,4 @@
-//! What keeps frames from a headset.
+//! Errors that keep frames from reaching a headset.
 
 use openxr::sys;
 
@@ -30,7 +30,7 @@ pub enum HeadsetError {
     Device(#[from] DeviceError),
 }
 
-/// Of a call that failed: what it was to do.
+/// Converts the error of an OpenXR call to a [`HeadsetError`] that names the attempted action.
 pub(super) trait Told<T> {
     fn to(self, what: &'static str) -> Result<T, HeadsetError>;
 }

@@ -1,4 +1,4 @@
-//! A frame in a headset.
+//! Frames of a headset session.
 
 use openxr::Time;
 
@@ -11,12 +11,12 @@ use crate::exec::Stereo;
 use crate::scene::head::HeadPose;
 use crate::scene::optics::HeadEyes;
 
-/// What the headset wants next.
+/// Result of waiting for the next frame.
 #[derive(Debug)]
 pub enum Next {
-    /// A frame, which is to be rendered and shown.
+    /// A frame to render and show.
     Frame(Box<HeadsetFrame>),
-    /// Nobody sees a frame now.
+    /// Nothing is visible now.
     Idle,
     Ended,
 }
@@ -27,32 +27,33 @@ pub struct HeadsetFrame {
     pub(super) display: Time,
     pub(super) period_ns: i64,
     pub(super) sampled: Option<Time>,
-    /// The instant for which it is predicted to be shown, seconds since that of the first frame.
+    /// Predicted display time, seconds since that of the first frame.
     pub display_s: f64,
-    /// Where the head will be then, in the session's space.
+    /// Predicted pose of the head at that time, in the session's space.
     pub head: HeadPose,
     pub eyes: HeadEyes,
-    /// Periods of the display without a frame since the one before.
+    /// Display periods without a frame since the previous frame.
     pub missed: u32,
     pub input: Input,
-    /// Where the eyes look, a fraction of each one's image from the top left, once a tracker has told it.
+    /// Gaze in each eye's image, as fractions from the top left; none before a tracker has reported one.
     pub gaze: Option<[[f64; 2]; 2]>,
 }
 
 impl HeadsetFrame {
-    /// It is shown from there; returns how much newer that is, ms, where the runtime tells the time.
+    /// Shows the frame from a newer pose. Returns the time between the samplings of the two poses, ms, if the runtime
+    /// has a clock.
     pub fn show_from(&mut self, sample: HeadSample) -> Option<f64> {
         let before = std::mem::replace(&mut self.sampled, sample.at);
         self.head = sample.head;
         before.zip(sample.at).map(|(before, now)| between_ms(before, now))
     }
 
-    /// Of the display.
+    /// Returns the refresh period of the display, ms.
     pub fn period_ms(&self) -> f64 {
         self.period_ns as f64 / 1e6
     }
 
-    /// How it came to the headset, if it is handed over now.
+    /// Returns the frame's timing, if it is submitted now.
     pub(super) fn shown(&self, now: Option<Time>) -> Shown {
         let shown = |now| shown_at(self.display, self.period_ns, now);
         Shown {
@@ -62,22 +63,21 @@ impl HeadsetFrame {
     }
 }
 
-/// What a frame shows.
+/// Contents of a frame.
 pub struct Picture<'a> {
-    /// What both eyes see, four bytes a pixel, encoded for the screen.
+    /// Colours of both eyes, four bytes per pixel, encoded for the screen.
     pub images: Stereo<Pixels>,
-    /// The distance of that along the ray of each pixel, in scene units, the first of four floats; 0: sky.
+    /// Distances along the pixels' rays in scene units, in the first of four floats; 0 is the sky.
     pub distances: Option<Stereo<Pixels>>,
     pub metres_per_unit: f64,
     pub panel: Option<&'a Panel>,
 }
 
-/// How a frame came to the headset, where the runtime tells the time.
+/// Timing of a submitted frame, if the runtime has a clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Shown {
-    /// From when it was handed over to when it was predicted to be shown; below 0: it was late.
+    /// Time from submission to the predicted display time; negative if the frame was late.
     pub ahead_ms: Option<f64>,
-    /// From when the pose was taken that it is shown from to when it is: as predicted, or if it was late, at the first of the
-    /// display's next times.
+    /// Time from sampling the pose to display: at the predicted time, or for a late frame at the next refresh.
     pub motion_to_photon_ms: Option<f64>,
 }

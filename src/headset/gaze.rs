@@ -1,32 +1,32 @@
-//! Where eyes look, as trackers tell it: with gaps, when they blink or are not found.
+//! Filters the gaze reported by eye trackers and bridges gaps due to blinks or lost tracking.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use crate::scene::optics::{Fov, HeadEye};
 
-/// A gaze that is not told stays where it was for as long: most blinks are over by then.
+/// Time for which the last gaze is held while the tracker reports none: most blinks are over by then.
 const HOLD_S: f64 = 0.4;
-/// After that it goes back to straight ahead, and after a gap to where it is told, each with this time constant.
+/// Time constants of the return to straight ahead after that, and of catching up with the reported gaze after a gap.
 const RETURN_S: f64 = 0.25;
 const CATCH_UP_S: f64 = 0.03;
-/// So near it has caught up, as a tangent.
+/// Distance at which the filter has caught up, as a tangent.
 const NEAR: f64 = 0.01;
-/// Trackers tell of nothing further to the sides, as a tangent.
+/// Maximum eccentricity that trackers report, as a tangent.
 const WIDEST: f64 = 4.0;
 
-/// Tangents to the right and up of straight ahead in the head, without jumps but those of the eyes.
+/// Gaze in the head as tangents to the right and up. It jumps only where the eyes do.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GazeFilter {
     gaze: DVec2,
-    /// Since when it is not told.
+    /// Time since which no gaze is reported.
     lost_s: Option<f64>,
     last_s: Option<f64>,
-    /// Whether it still has to get to where it is told.
+    /// True while the gaze still catches up with the reported one.
     catches_up: bool,
 }
 
 impl GazeFilter {
-    /// The gaze at a time, s, of which the tracker tells a direction in the head, or nothing.
+    /// Advances to a time in seconds. `told` is the direction in the head that the tracker reports, if any.
     pub fn next(&mut self, told: Option<DVec3>, at_s: f64) -> DVec2 {
         let passed_s = (at_s - self.last_s.replace(at_s).unwrap_or(at_s)).max(0.0);
         let towards = |gaze: DVec2, to: DVec2, constant_s: f64| gaze.lerp(to, 1.0 - (-passed_s / constant_s).exp());
@@ -47,13 +47,13 @@ impl GazeFilter {
     }
 }
 
-/// Of a direction ahead.
+/// Returns the tangents to the right and up of a direction; none if it points backwards or exceeds [`WIDEST`].
 fn tangents(direction: DVec3) -> Option<DVec2> {
     let tangents = direction.truncate() / -direction.z;
     (direction.z < 0.0 && tangents.is_finite() && tangents.length() <= WIDEST).then_some(tangents)
 }
 
-/// Where an eye sees what is far away in the direction of a gaze: a fraction of its image from the top left.
+/// Projects a gaze at infinity into an eye's image: fractions from the top left, clamped to the image.
 pub fn in_image(gaze: DVec2, eye: &HeadEye) -> [f64; 2] {
     let turned = DMat3::from_quat(DQuat::from_array(eye.orientation)).transpose();
     let own = turned * gaze.extend(-1.0);
@@ -82,7 +82,7 @@ mod tests {
         }
     }
 
-    /// Told, then lost for a while, then told elsewhere.
+    /// Filters a gaze that is reported, then lost for a while, then reported elsewhere.
     fn gap(lost_s: f64) -> Vec<(f64, DVec2)> {
         let mut filter = GazeFilter::default();
         let told = |at_s: f64| match at_s {
@@ -134,7 +134,7 @@ mod tests {
         assert!((x + left / (right - left)).abs() < 1e-12 && (y - up / (up - down)).abs() < 1e-12);
         let corner = in_image(DVec2::new(left, up), &straight);
         assert!(corner.iter().all(|v| v.abs() < 1e-12), "{corner:?}");
-        // Turned to the left, it sees what is ahead further to the right.
+        // An eye turned to the left sees the direction straight ahead further to the right.
         let canted = HeadEye { orientation: DQuat::from_rotation_y(0.1).to_array(), ..straight };
         assert!(in_image(DVec2::ZERO, &canted)[0] > x);
         assert_eq!(in_image(DVec2::new(50.0, 0.0), &straight)[0], 1.0);

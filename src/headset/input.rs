@@ -1,4 +1,4 @@
-//! Controllers and eye trackers: what is bound to what, and what they tell.
+//! Input from controllers and eye trackers, and its bindings.
 
 use glam::DVec3;
 use openxr::{Action, ActionSet, Binding, Instance, Path, Posef, Session, Space, Time, Vector2f, Vulkan};
@@ -7,18 +7,18 @@ use super::error::{HeadsetError, Told};
 use super::pose::head_pose;
 use crate::scene::head::HeadPose;
 
-/// What was asked for since the frame before, and where eyes look.
+/// Controller input since the previous frame, and the gaze.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
-    /// To the right and ahead, each −1 to 1.
+    /// Thumbstick deflection to the right and ahead, each −1 to 1.
     pub stick: [f64; 2],
     pub recentres: bool,
     pub toggles_panel: bool,
-    /// A direction in the head, where a tracker knows it.
+    /// Gaze direction in the head, if a tracker reports one.
     pub gaze: Option<DVec3>,
 }
 
-/// What is bound, below `/user`.
+/// Action that an input path below `/user` is bound to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum To {
     Move,
@@ -27,7 +27,7 @@ enum To {
     Gaze,
 }
 
-/// Of profiles, the paths that actions are bound to. Runtimes know those of other controllers by them.
+/// Suggested bindings of each interaction profile. Runtimes remap other controllers to these profiles.
 const PROFILES: [(&str, &[(To, &str)]); 5] = [
     (
         "/interaction_profiles/khr/simple_controller",
@@ -74,19 +74,21 @@ const PROFILES: [(&str, &[(To, &str)]); 5] = [
     ("/interaction_profiles/ext/eye_gaze_interaction", &[(To::Gaze, "eyes_ext/input/gaze_ext/pose")]),
 ];
 
-/// What is bound in a session.
+/// Actions of a session, bound to controllers and eye trackers.
 pub struct Controls {
     set: ActionSet,
     moves: Action<Vector2f>,
     recentres: Action<bool>,
     toggles_panel: Action<bool>,
-    /// Where the runtime may know it.
+    /// Space of the gaze, if the runtime supports eye tracking.
     gaze: Option<Space>,
 }
 
 impl Controls {
+    /// Creates the actions and suggests their bindings.
+    ///
     /// # Errors
-    /// What the runtime says. That it does not know a controller is none.
+    /// Errors of the runtime. An unknown controller profile is not an error.
     pub fn new(xr: &Instance, session: &Session<Vulkan>, tracks_eyes: bool) -> Result<Self, HeadsetError> {
         let bind = "bind controllers";
         let set = xr.create_action_set("diptych", "diptych", 0).to(bind)?;
@@ -106,7 +108,7 @@ impl Controls {
             };
             let bindings: Vec<Binding> = bound.iter().filter_map(binding).collect();
             if let (Ok(profile), false) = (xr.string_to_path(profile), bindings.is_empty()) {
-                // A runtime may not know all of them.
+                // Runtimes need not know every profile.
                 let _ = xr.suggest_interaction_profile_bindings(profile, &bindings);
             }
         }
@@ -115,10 +117,10 @@ impl Controls {
         Ok(Self { set, moves, recentres, toggles_panel, gaze })
     }
 
-    /// What they tell by now; `head` is the head's own space.
+    /// Syncs the actions and returns their state, with the gaze at `display` in the space `head` of the head itself.
     ///
     /// # Errors
-    /// What the runtime says.
+    /// Errors of the runtime.
     pub fn read(&self, session: &Session<Vulkan>, head: &Space, display: Time) -> Result<Input, HeadsetError> {
         let read = "say what controllers do";
         session.sync_actions(&[(&self.set).into()]).to(read)?;

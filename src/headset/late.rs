@@ -1,4 +1,4 @@
-//! Where the head is found to be when a frame is nearly done.
+//! Late latching: locates the head again when a frame is nearly done.
 
 use std::sync::Arc;
 
@@ -9,24 +9,24 @@ use super::pacing::shown_at;
 use super::pose::head_pose;
 pub use super::sample::HeadSample;
 
-/// The spaces that poses are told in.
+/// Reference spaces in which poses are located.
 pub struct Spaces {
-    /// Level, where the headset was at first.
+    /// Gravity-aligned space with its origin at the headset's initial position.
     pub local: Space,
-    /// The head's own.
+    /// Space of the head itself.
     pub head: Space,
 }
 
-/// Asks the runtime where the head will be, from any thread.
+/// Predicts the head's pose, from any thread.
 #[derive(Clone)]
 pub struct Locator {
     pub(super) spaces: Arc<Spaces>,
-    /// If it tells the time.
+    /// Instance to query the time from, if the runtime has a clock.
     pub(super) clock: Option<Instance>,
 }
 
 impl Locator {
-    /// When the frame is shown that is nearly done; none where nothing is known of it.
+    /// Returns the head's pose at the time at which a frame that is ready now will be shown; none if it is unknown.
     pub fn head(&self, frame: &HeadsetFrame) -> Option<HeadSample> {
         let shown = self.now().map_or(frame.display, |now| shown_at(frame.display, frame.period_ns, now));
         self.at(shown)

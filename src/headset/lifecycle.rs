@@ -1,30 +1,30 @@
-//! The states of a session, as the runtime changes them, and what is to be done about each.
+//! Tracks the states of a session and derives the action that each requires.
 
 use std::fmt;
 
 use openxr::SessionState;
 
-/// Of a session, by the names of OpenXR's `XrSessionState`.
+/// State of a session, named as in OpenXR's `XrSessionState`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// Nothing is shown: the headset is off, or not worn.
+    /// The headset is off or not worn.
     Idle,
-    /// Frames may begin.
+    /// The session may begin.
     Ready,
-    /// Frames are paced, and not seen.
+    /// The runtime paces frames, but they are not visible.
     Synchronized,
-    /// Frames are seen.
+    /// Frames are visible.
     Visible,
-    /// They are seen, and input is theirs.
+    /// Frames are visible and receive input.
     Focused,
-    /// Frames must end.
+    /// The session must end.
     Stopping,
     Exiting,
     LossPending,
 }
 
 impl State {
-    /// None for what later versions add.
+    /// Converts a state; returns none for states of later versions.
     pub fn of(state: SessionState) -> Option<Self> {
         Some(match state {
             SessionState::IDLE => Self::Idle,
@@ -55,7 +55,7 @@ impl fmt::Display for State {
     }
 }
 
-/// What a change asks for.
+/// Action that a state change requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     Nothing,
@@ -63,19 +63,19 @@ pub enum Step {
     End,
 }
 
-/// A session's way through its states.
+/// History of a session's states.
 #[derive(Clone, Debug, Default)]
 pub struct Lifecycle {
-    /// In their order.
+    /// States in order of time.
     states: Vec<State>,
     runs: bool,
 }
 
-/// More than these are not remembered: a headset may be put on and off all day.
+/// Maximum number of states to remember: a headset may be put on and off all day.
 const REMEMBERED: usize = 1000;
 
 impl Lifecycle {
-    /// The runtime has changed the state.
+    /// Enters a new state and returns the action that it requires.
     pub fn enter(&mut self, state: State) -> Step {
         if self.has_ended() {
             return Step::Nothing;
@@ -102,17 +102,17 @@ impl Lifecycle {
         }
     }
 
-    /// Whether frames are to be waited for, begun and ended.
+    /// Returns true if frames are to be waited for, begun and ended.
     pub fn runs(&self) -> bool {
         self.runs
     }
 
-    /// The newest.
+    /// Returns the newest state.
     pub fn state(&self) -> Option<State> {
         self.states.last().copied()
     }
 
-    /// Whether no frame comes any more.
+    /// Returns true if no frame follows any more.
     pub fn has_ended(&self) -> bool {
         matches!(self.state(), Some(State::Exiting | State::LossPending))
     }

@@ -1,7 +1,8 @@
-//! Into a headset, with OpenXR: which instant and which poses frames are to be of, and where their images go.
+//! Headset output with OpenXR: predicts display times and poses for frames, and submits their images.
 //!
-//! [`Runtime`] is the system's OpenXR runtime with a headset, before anything is shown. [`Headset`] is a session with it: its
-//! frames begin with [`Headset::next_frame`], which waits as long as the runtime wants, and end with [`Headset::show`].
+//! [`Runtime`] is the system's OpenXR runtime with a headset, before anything is shown. [`Headset`] is a session with
+//! it. Its frames begin with [`Headset::next_frame`], which waits as long as the runtime wants, and end with
+//! [`Headset::show`].
 
 mod chain;
 mod drawing;

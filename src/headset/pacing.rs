@@ -1,8 +1,8 @@
-//! When frames are shown: how many were missed, by the runtime's own predictions.
+//! Counts missed frames by the runtime's predicted display times.
 
 use openxr::Time;
 
-/// The times for which frames were predicted to be shown.
+/// Predicted display times of the first and the last frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pacing {
     first: Option<Time>,
@@ -10,8 +10,8 @@ pub struct Pacing {
 }
 
 impl Pacing {
-    /// Takes the time of the next frame and the period of the display, ns; returns how many periods between this frame and the
-    /// one before had none.
+    /// Takes the predicted display time of the next frame and the display period, ns. Returns the number of periods
+    /// without a frame since the previous one.
     pub fn missed(&mut self, display: Time, period_ns: i64) -> u32 {
         self.first.get_or_insert(display);
         let before = self.last.replace(display);
@@ -20,7 +20,8 @@ impl Pacing {
         (passed_ns / period_ns - 1).clamp(0, u32::MAX.into()) as u32
     }
 
-    /// What comes next does not follow what was: the headset was not worn.
+    /// Forgets the previous frame, so that a pause, for example while the headset is not worn, does not count as missed
+    /// frames.
     pub fn pause(&mut self) {
         self.last = None;
     }
@@ -32,8 +33,8 @@ impl Pacing {
     }
 }
 
-/// When a frame is shown that was predicted for a time and is not there before another one: at the first of the display's next
-/// times.
+/// Returns the time at which a frame is shown that was predicted for `display` and is ready at `ready`: a late frame
+/// waits for the next refresh.
 pub fn shown_at(display: Time, period_ns: i64, ready: Time) -> Time {
     let late_ns = ready.as_nanos().saturating_sub(display.as_nanos());
     if late_ns <= 0 || period_ns <= 0 {
@@ -43,7 +44,7 @@ pub fn shown_at(display: Time, period_ns: i64, ready: Time) -> Time {
     Time::from_nanos(display.as_nanos().saturating_add(periods.saturating_mul(period_ns)))
 }
 
-/// From one time to another, ms.
+/// Returns the time between two instants, ms.
 pub fn between_ms(from: Time, to: Time) -> f64 {
     to.as_nanos().saturating_sub(from.as_nanos()) as f64 / 1e6
 }

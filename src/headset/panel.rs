@@ -1,4 +1,4 @@
-//! A rectangle in space beside the frames, as one for numbers.
+//! A quad in space, composited over the frames, for example for numbers.
 
 use openxr::{CompositionLayerFlags, CompositionLayerQuad, Extent2Df, EyeVisibility, Session, Space, Vulkan};
 
@@ -10,20 +10,21 @@ use crate::image::Extent;
 use crate::scene::head::HeadPose;
 use glam::DVec3;
 
-/// Ahead of the head, and so much below where that looks, metres.
+/// Distance ahead of the head, and offset below the viewing direction, metres.
 const AHEAD_M: f64 = 1.0;
 const BELOW_M: f64 = 0.15;
 
-/// It shows what it was filled with, with alpha by which colours are multiplied already.
+/// Panel that shows its last contents, with premultiplied alpha.
 pub struct Panel {
     chain: Chain,
     size_m: [f64; 2],
-    /// Of its middle, in the session's space.
+    /// Pose of its centre, in the session's space.
     pose: HeadPose,
 }
 
 impl Panel {
-    /// So wide, ahead of a head that is there. None where the session takes no such images.
+    /// Creates a panel of this width ahead of the head's present pose. Returns none if the session offers no format for
+    /// it.
     pub(super) fn new(
         device: &HeadsetDevice,
         session: &Session<Vulkan>,
@@ -42,10 +43,10 @@ impl Panel {
         self.chain.format
     }
 
-    /// Has it drawn on anew.
+    /// Redraws the panel.
     ///
     /// # Errors
-    /// What the runtime says.
+    /// Errors of the runtime.
     pub fn fill(
         &mut self,
         gpu: &GpuDevice,

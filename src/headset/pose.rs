@@ -1,4 +1,4 @@
-//! Poses and fields of view as OpenXR has them and as [`crate::scene`] does. Both have x to the right, y up and −z ahead.
+//! Converts poses and fields of view between OpenXR and [`crate::scene`]. Both have x to the right, y up and −z ahead.
 
 use glam::{DQuat, DVec3};
 use openxr::{Fovf, Posef, Quaternionf, Vector3f, View};
@@ -7,13 +7,14 @@ use crate::scene::head::HeadPose;
 use crate::scene::optics::{Fov, HeadEye, HeadEyes};
 use crate::scene::rig::Eye;
 
-/// Eyes that differ by less are the same: metres, radians, and parts of unit quaternions.
+/// Tolerance below which eyes count as equal: metres, radians, and components of unit quaternions.
 const SLACK: f64 = 1e-4;
 
-/// Nobody walks further than that.
+/// Largest plausible coordinate.
 const FURTHEST_M: f64 = 1e5;
 
-/// Of unit length, or none where the runtime has told no orientation.
+/// Returns the pose with its orientation normalised; none if the orientation is invalid or the position implausibly
+/// far.
 pub fn head_pose(pose: &Posef) -> Option<HeadPose> {
     let Posef { orientation: Quaternionf { x, y, z, w }, position } = *pose;
     let orientation = DQuat::from_array([x, y, z, w].map(f64::from));
@@ -37,7 +38,7 @@ pub fn fovf(Fov { left, right, up, down }: Fov) -> Fovf {
     Fovf { angle_left, angle_right, angle_up, angle_down }
 }
 
-/// The eyes in the head, of two views that were located there; none where they have no orientation.
+/// Returns the eyes in the head from two views located in the head's space; none if their orientation is invalid.
 pub fn head_eyes([left, right]: [&View; 2]) -> Option<HeadEyes> {
     let eye = |view: &View| {
         let HeadPose { position_m, orientation } = head_pose(&view.pose)?;
@@ -49,14 +50,14 @@ pub fn head_eyes([left, right]: [&View; 2]) -> Option<HeadEyes> {
     Some(HeadEyes { left: eye(left)?, right: eye(right)? })
 }
 
-/// Where an eye is and what it sees, of a head that is there.
+/// Returns the pose and the field of view of an eye, given the pose of the head.
 pub fn eye_view(head: HeadPose, eyes: &HeadEyes, eye: Eye) -> (Posef, Fovf) {
     let HeadEye { position_m, orientation, fov } = *[&eyes.left, &eyes.right][eye as usize];
     let own = HeadPose { position_m: position_m.into(), orientation: DQuat::from_array(orientation) };
     (posef(head.then(own)), fovf(fov))
 }
 
-/// Whether no number of the eyes differs by more than [`SLACK`].
+/// Returns true if no component of the eyes differs by more than [`SLACK`].
 pub fn are_alike(a: &HeadEyes, b: &HeadEyes) -> bool {
     let numbers = |eyes: &HeadEyes| {
         [eyes.left, eyes.right].map(|HeadEye { position_m: [x, y, z], orientation: [a, b, c, d], fov }| {

@@ -1,4 +1,4 @@
-//! The system's OpenXR runtime, and the headset that it has.
+//! The system's OpenXR runtime and its headset.
 
 use openxr::sys;
 use openxr::{
@@ -17,25 +17,25 @@ pub(super) const STEREO: ViewConfigurationType = ViewConfigurationType::PRIMARY_
 pub struct Runtime {
     pub(super) xr: Instance,
     pub(super) system: SystemId,
-    /// With its version.
+    /// Name of the runtime, with its version.
     pub name: String,
     pub headset: String,
-    /// The size of each eye's image that the runtime recommends.
+    /// Recommended size of each eye's image.
     pub recommended: Extent,
     pub(super) blend: EnvironmentBlendMode,
-    /// Whether it takes the distance of what is seen.
+    /// True if the runtime accepts depth layers.
     pub(super) takes_depth: bool,
-    /// Whether it may know where eyes look.
+    /// True if the runtime supports eye tracking.
     pub(super) tracks_eyes: bool,
     tells_time: bool,
 }
 
 impl Runtime {
-    /// Finds the active runtime. OpenXR's loader writes its own messages to stderr as well, unless `XR_LOADER_DEBUG` is
+    /// Opens the active runtime. OpenXR's loader writes its own messages to stderr as well, unless `XR_LOADER_DEBUG` is
     /// `none`.
     ///
     /// # Errors
-    /// [`HeadsetError`] for what is missing: a loader, a runtime, a headset.
+    /// [`HeadsetError`] that names the missing part: a loader, a runtime, a headset.
     pub fn open() -> Result<Self, HeadsetError> {
         // SAFETY: the library of that name is OpenXR's loader.
         let entry = unsafe { Entry::load(&()) }.map_err(|_| HeadsetError::NoLoader)?;
@@ -81,27 +81,27 @@ impl Runtime {
         })
     }
 
-    /// Opens the device that it takes images from; `first`: how the first of those that render is to be opened, which is this
-    /// one if that is to be on the runtime's adapter.
+    /// Opens the device from which the runtime takes images; `first` describes the first rendering device. If that is
+    /// on the runtime's adapter, the opened device takes its place.
     ///
     /// # Errors
-    /// What the runtime says, or the device.
+    /// Errors of the runtime or of the device.
     pub fn open_device(&self, first: &Wanted) -> Result<HeadsetDevice, DeviceError> {
         HeadsetDevice::open(&self.xr, self.system, first)
     }
 
-    /// If it tells the time.
+    /// Returns the instance if the runtime has a clock.
     pub(super) fn clock(&self) -> Option<&Instance> {
         self.tells_time.then_some(&self.xr)
     }
 
-    /// By its clock, where it tells.
+    /// Returns the current time of the runtime's clock, if it provides one.
     pub(super) fn now(&self) -> Option<Time> {
         self.clock()?.now().ok()
     }
 }
 
-/// A loader that finds nobody, or whose runtime does not come up.
+/// Describes the error of a loader that finds no runtime, or whose runtime does not start.
 fn unanswered(error: sys::Result) -> HeadsetError {
     match error {
         sys::Result::ERROR_RUNTIME_UNAVAILABLE

@@ -1,10 +1,10 @@
-//! A pose that the runtime has told.
+//! Poses located by the runtime.
 
 use openxr::Time;
 
 use crate::scene::head::HeadPose;
 
-/// Where the head will be, as it was told at a time.
+/// Predicted pose of the head, with the time at which it was predicted.
 #[derive(Clone, Copy, Debug)]
 pub struct HeadSample {
     pub head: HeadPose,

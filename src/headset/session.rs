@@ -1,4 +1,4 @@
-//! A session: frames are paced by the runtime, of the instants and poses that it predicts, and handed over to it.
+//! Sessions: the runtime paces the frames, predicts their display times and poses, and takes their images.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -26,10 +26,10 @@ use crate::scene::head::HeadPose;
 use crate::scene::optics::HeadEyes;
 use crate::scene::rig::Eye;
 
-/// Between looks at a session that does not run.
+/// Interval at which a session that does not run is polled.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// A session with a headset, whose images have one size. Its handles go in the order of the fields.
+/// A session with a headset and one image size. Handles are dropped in the order of the fields.
 pub struct Headset {
     colour: Drawing,
     depth: Option<Drawing>,
@@ -43,20 +43,20 @@ pub struct Headset {
     events: EventDataBuffer,
     lifecycle: Lifecycle,
     pacing: Pacing,
-    /// The newest that were told.
+    /// Last located eyes.
     eyes: Option<HeadEyes>,
-    /// Once a tracker has told of it.
+    /// Filter of the gaze, once a tracker has reported one.
     gaze: Option<GazeFilter>,
     is_to_end: bool,
-    /// Whether the runtime knows of it.
+    /// True if the runtime was asked to end the session.
     is_asked: bool,
 }
 
 impl Headset {
-    /// A session for images of this size for each eye; `device`: from [`Runtime::open_device`].
+    /// Starts a session with images of this size per eye, on a device from [`Runtime::open_device`].
     ///
     /// # Errors
-    /// What the runtime says, or the device.
+    /// Errors of the runtime or of the device.
     pub fn start(runtime: Runtime, device: HeadsetDevice, extent: Extent) -> Result<Self, HeadsetError> {
         let (session, waiter, stream) = device.session(&runtime.xr, runtime.system).to("begin a session")?;
         let space = |kind| session.create_reference_space(kind, Posef::IDENTITY).to("say where the head is");
@@ -90,26 +90,26 @@ impl Headset {
         &self.runtime
     }
 
-    /// Whether [`Self::show`] has a use for distances.
+    /// Returns true if [`Self::show`] uses distances.
     pub fn takes_depth(&self) -> bool {
         self.depth.is_some()
     }
 
-    /// Those that the session went through so far.
+    /// Returns the states that the session has been in so far.
     pub fn states(&self) -> &[State] {
         self.lifecycle.states()
     }
 
-    /// Whether the runtime has taken the headset away.
+    /// Returns true if the runtime has lost the headset.
     pub fn is_lost(&self) -> bool {
         self.lifecycle.state() == Some(State::LossPending)
     }
 
-    /// Asks the runtime to end the session, which [`Self::next_frame`] tells; to be called until then, as a session that does not
-    /// run yet may still begin.
+    /// Asks the runtime to end the session; [`Self::next_frame`] reports the end. Call it repeatedly until then: a
+    /// session that does not run yet may still begin.
     ///
     /// # Errors
-    /// What the runtime says.
+    /// Errors of the runtime.
     pub fn ask_to_end(&mut self) -> Result<(), HeadsetError> {
         self.is_to_end = true;
         if !self.lifecycle.runs() || std::mem::replace(&mut self.is_asked, true) {
@@ -118,10 +118,10 @@ impl Headset {
         self.session.request_exit().to("end the session")
     }
 
-    /// Follows what has happened to the session, and waits until the runtime wants a frame.
+    /// Handles pending events, then waits until the runtime wants a frame.
     ///
     /// # Errors
-    /// What the runtime says.
+    /// Errors of the runtime.
     pub fn next_frame(&mut self) -> Result<Next, HeadsetError> {
         self.follow()?;
         if self.lifecycle.has_ended() || self.is_to_end && !self.lifecycle.runs() {
@@ -150,12 +150,12 @@ impl Headset {
         Ok(Next::Frame(Box::new(frame)))
     }
 
-    /// What tells where the head will be when all else of a frame is done.
+    /// Returns a locator for late latching, which predicts the head's pose from any thread.
     pub fn locator(&self) -> Locator {
         self.locator.clone()
     }
 
-    /// In the images of eyes.
+    /// Returns the gaze in the eyes' images.
     fn gaze(&mut self, input: &Input, eyes: &HeadEyes, at_s: f64) -> Option<[[f64; 2]; 2]> {
         if input.gaze.is_some() {
             self.gaze.get_or_insert_default();
@@ -164,53 +164,54 @@ impl Headset {
         Some([&eyes.left, &eyes.right].map(|eye| in_image(gaze, eye)))
     }
 
-    /// A panel of so many pixels, so wide, ahead of a head that is there; none where the session takes no such images.
+    /// Creates a panel of this size in pixels and this width, ahead of the head's present pose. Returns none if the
+    /// session offers no format for it.
     ///
     /// # Errors
-    /// What the runtime says.
+    /// Errors of the runtime.
     pub fn panel(&self, extent: Extent, width_m: f64, head: HeadPose) -> Result<Option<Panel>, HeadsetError> {
         Panel::new(&self.device, &self.session, extent, width_m, head)
     }
 
-    /// Whether its device is the first of those that render.
+    /// Returns true if its device is also the first rendering device.
     pub fn renders(&self) -> bool {
         self.device.renders()
     }
 
-    /// The device that panels are drawn on, while no frame is under way.
+    /// Returns the device that draws panels, for use while no frame is being rendered.
     pub fn gpu(&self) -> &GpuDevice {
         &self.device.gpu
     }
 
-    /// Where head and eyes will be; none where nothing is known of them.
+    /// Locates the head and the eyes at a display time; none where either is unknown.
     fn locate(&mut self, display: Time) -> Result<Option<(HeadSample, HeadEyes)>, HeadsetError> {
         let head = &self.locator.spaces.head;
         let (_, views) = self.session.locate_views(STEREO, display, head).to("say where the eyes are")?;
         let told = if let [left, right] = &views[..] { head_eyes([left, right]) } else { None };
-        // They stay the same but for rounding.
+        // Ignore rounding: eyes stay the same between frames.
         if let Some(told) = told.filter(|told| self.eyes.is_none_or(|eyes| !are_alike(&eyes, told))) {
             self.eyes = Some(told);
         }
         Ok(self.locator.at(display).zip(self.eyes))
     }
 
-    /// Counts times and missed periods from the next frame on.
+    /// Restarts the frame times and the count of missed periods at the next frame.
     pub fn begin_anew(&mut self) {
         self.pacing = Pacing::default();
     }
 
-    /// Ends a frame in which nothing is shown.
+    /// Ends a frame without showing anything.
     ///
     /// # Errors
-    /// What the runtime says.
+    /// Errors of the runtime.
     pub fn skip(&mut self, frame: &HeadsetFrame) -> Result<(), HeadsetError> {
         self.stream.end(frame.display, self.runtime.blend, &[]).to("end a frame")
     }
 
-    /// Hands a frame over.
+    /// Submits a frame.
     ///
     /// # Errors
-    /// What the runtime says, or the device.
+    /// Errors of the runtime or of the device.
     pub fn show(&mut self, frame: &HeadsetFrame, picture: &Picture) -> Result<Shown, HeadsetError> {
         let gpu = &self.device.gpu;
         let (eyes, metres_per_unit) = (&frame.eyes, picture.metres_per_unit);
@@ -231,7 +232,7 @@ impl Headset {
             let view = CompositionLayerProjectionView::new().pose(pose).fov(fov).sub_image(colour.layer(eye as u32));
             let Some(infos) = &infos else { return view };
             let next = std::ptr::from_ref(&infos[eye as usize]).cast();
-            // SAFETY: what the view points to lives as long as the frame's end takes, and its extension is on.
+            // SAFETY: everything that the view points to outlives the end of the frame, and its extension is enabled.
             unsafe {
                 CompositionLayerProjectionView::from_raw(sys::CompositionLayerProjectionView {
                     next,
@@ -248,7 +249,7 @@ impl Headset {
         Ok(frame.shown(self.runtime.now()))
     }
 
-    /// Takes all events in.
+    /// Handles all pending events.
     fn follow(&mut self) -> Result<(), HeadsetError> {
         loop {
             let entered = match self.runtime.xr.poll_event(&mut self.events).to("tell what happens")? {
@@ -267,7 +268,8 @@ impl Headset {
 }
 
 impl Drop for Headset {
-    /// The device is done with the images before the runtime takes them back. One that hangs has them for good.
+    /// Waits until the device has finished with the images, before the runtime takes them back. A hung device keeps
+    /// them.
     fn drop(&mut self) {
         let _ = self.device.gpu.wait(None);
     }

@@ -1,25 +1,25 @@
-//! Where a headset's own space is in the shot's, which thumbsticks and buttons change.
+//! Locomotion: thumbsticks and buttons move the headset's own space within the shot's.
 
 use glam::{DQuat, DVec2, DVec3};
 
 use crate::scene::head::HeadPose;
 
-/// Thumbsticks that are let go rest somewhere within it.
+/// Deflection below which a thumbstick counts as released.
 const DEAD_ZONE: f64 = 0.15;
 
-/// From the session's space to the shot's. Both are level, and so it stays.
+/// Transform from the session's space to the shot's. Both are level, and it keeps them level.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Walk {
     origin: HeadPose,
 }
 
 impl Walk {
-    /// Where a head is that is there in the session's space.
+    /// Converts a head pose from the session's space to the shot's.
     pub fn placed(&self, head: HeadPose) -> HeadPose {
         self.origin.then(head)
     }
 
-    /// Goes on for `passed_s`, at full deflection at this speed, to the right and ahead as the head looks, but level.
+    /// Moves on for `passed_s`, to the right and ahead as the head looks, but level. Full deflection means full speed.
     pub fn go(&mut self, head: HeadPose, stick: [f64; 2], speed_m_per_s: f64, passed_s: f64) {
         let stick = DVec2::from(stick).clamp_length_max(1.0);
         let beyond = (stick.length() - DEAD_ZONE) / (1.0 - DEAD_ZONE);
@@ -31,14 +31,15 @@ impl Walk {
         self.origin.position_m += level * DVec3::new(along.x, 0.0, -along.y);
     }
 
-    /// Has the head where the shot's eyes are at first, looking where they look.
+    /// Moves the head to the initial place and heading of the shot's eyes.
     pub fn recentre(&mut self, head: HeadPose) {
         let orientation = DQuat::from_rotation_y(-heading(head.orientation));
         self.origin = HeadPose { position_m: -(orientation * head.position_m), orientation };
     }
 }
 
-/// How far it is turned to the left about the vertical: by where it looks, or looking up or down, by where its top is.
+/// Returns the head's yaw, to the left. It follows the viewing direction, or near the vertical the direction of the top
+/// of the head.
 fn heading(orientation: DQuat) -> f64 {
     let (ahead, top) = (orientation * DVec3::NEG_Z, orientation * DVec3::Y);
     let level = |v: DVec3| DVec2::new(v.x, v.z);

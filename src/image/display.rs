@@ -1,4 +1,4 @@
-//! From linear radiance to what a screen shows: c/(1+c), then the sRGB curve.
+//! Tone mapping from linear radiance to display values: c/(1+c), then the sRGB curve.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -9,37 +9,37 @@ use ::image::{ExtendedColorType, ImageEncoder};
 use super::file::atomic_write;
 use super::{Image, ImageError, RgbImage};
 
-/// sRGB-encoded, 8 bits a channel.
+/// An sRGB-encoded image with 8 bits per channel.
 pub type DisplayImage = Image<[u8; 3]>;
 
-/// c/(1+c) (Reinhard et al. 2002, eq. 3, per channel), then the sRGB curve (IEC 61966-2-1): radiance 0 … ∞ to 0 … 1.
-/// Negative radiance and NaN show as 0.
+/// Maps radiance 0 … ∞ to a display value 0 … 1: c/(1+c) (Reinhard et al. 2002, eq. 3, per channel), then the sRGB
+/// curve (IEC 61966-2-1). Negative radiance and NaN map to 0.
 pub fn display_value(radiance: f64) -> f64 {
     let c = radiance.max(0.0);
     srgb_from_linear(if c.is_infinite() { 1.0 } else { c / (1.0 + c) })
 }
 
-/// The sRGB curve over 0 … 1.
+/// Applies the sRGB curve to 0 … 1.
 pub fn srgb_from_linear(linear: f64) -> f64 {
     if linear <= 0.0031308 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// The inverse of the sRGB curve over 0 … 1.
+/// Applies the inverse of the sRGB curve to 0 … 1.
 pub fn linear_from_srgb(display: f64) -> f64 {
     if display <= 0.04045 { display / 12.92 } else { ((display + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The 8-bit level nearest to a display value; what lies outside 0 … 1 is clamped.
+/// Returns the 8-bit level nearest to a display value, which is clamped to 0 … 1.
 pub fn level(display: f64) -> u8 {
     (display.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
-/// What radiance is multiplied by before it is shown: two for each stop.
+/// Returns the factor that scales radiance for display: 2 to the power of the exposure in stops.
 pub fn gain(exposure_ev: f32) -> f64 {
     f64::from(exposure_ev).exp2()
 }
 
-/// Scales by [`gain`], then [`display_value`].
+/// Scales by [`gain`], then applies [`display_value`].
 pub fn tonemap(image: &RgbImage, exposure_ev: f32) -> DisplayImage {
     let gain = gain(exposure_ev);
     let pixels = image.pixels.iter().map(|p| p.map(|c| level(display_value(f64::from(c) * gain)))).collect();
@@ -54,10 +54,10 @@ pub fn write_png(path: &Path, image: &DisplayImage) -> Result<(), ImageError> {
     atomic_write(path, |file| encode_png(image, file))
 }
 
-/// An 8-bit RGB PNG's bytes.
+/// Encodes an 8-bit RGB PNG.
 ///
 /// # Errors
-/// Those of writing.
+/// Errors of the writer.
 pub fn encode_png(image: &DisplayImage, to: impl Write) -> io::Result<()> {
     PngEncoder::new_with_quality(to, CompressionType::Fast, FilterType::Adaptive)
         .write_image(image.pixels.as_flattened(), image.extent.width, image.extent.height, ExtendedColorType::Rgb8)
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn known_radiances_show_at_known_levels() {
-        // c/(1+c) = 0.5 encodes to 0.735357 (IEC 61966-2-1), 0.002/1.002 lies on the linear part.
+        // The sRGB curve encodes c/(1+c) = 0.5 as 0.735357 (IEC 61966-2-1); 0.002/1.002 lies on its linear part.
         for (radiance, display) in [
             (0.0, 0.0),
             (1.0, 0.735_356_983_052_449),

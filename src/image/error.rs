@@ -1,4 +1,4 @@
-//! What can go wrong with image files and pairs of images.
+//! Errors of image files and of pairs of images.
 
 use std::io;
 use std::path::PathBuf;
@@ -37,7 +37,7 @@ pub enum ImageError {
     NoPixels(Extent),
 }
 
-/// Errs unless both images have the same extent.
+/// Fails unless both images have the same extent.
 pub fn check_same_size(first: Extent, second: Extent) -> Result<(), ImageError> {
     if first == second { Ok(()) } else { Err(ImageError::SizeMismatch { first, second }) }
 }

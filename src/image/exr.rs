@@ -1,4 +1,4 @@
-//! OpenEXR files: what we write is one scanline part of f32 channels; what we read may come from other programs.
+//! OpenEXR files: writes one scanline part of f32 channels, and reads files of other programs, too.
 
 mod tags;
 
@@ -22,10 +22,10 @@ use super::file::atomic_write;
 use super::{Extent, Image, ImageError, RgbImage};
 pub use tags::Tags;
 
-/// Noisy radiance hardly shrinks by any lossless method, and ZIP takes long to find that out; flat AOVs shrink by this.
+/// RLE shrinks flat AOVs. No lossless method shrinks noisy radiance much, and ZIP takes long to find that out.
 const COMPRESSION: Compression = Compression::RLE;
 
-/// Writes channels R, G and B, f32. Equal pixels give equal bytes, NaN and infinities are kept.
+/// Writes channels R, G and B as f32. Equal pixels give equal bytes; NaN and infinities are kept.
 ///
 /// # Errors
 /// [`ImageError::Write`].
@@ -33,7 +33,7 @@ pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<(), ImageError> {
     write_tagged_rgb(path, image, &Tags::default())
 }
 
-/// [`write_rgb`] with attributes that say what the image is of.
+/// Writes like [`write_rgb`], with metadata as attributes.
 ///
 /// # Errors
 /// [`ImageError::Write`].
@@ -43,18 +43,18 @@ pub fn write_tagged_rgb(path: &Path, image: &RgbImage, tags: &Tags) -> Result<()
     write_tagged_channels(path, image.extent, &[("R", &r), ("G", &g), ("B", &b)], tags)
 }
 
-/// Writes named f32 channels, each with `extent.area()` values, row-major from the top left.
+/// Writes named f32 channels, each with `extent.area()` values in row-major order from the top left.
 ///
 /// # Errors
-/// [`ImageError::Write`], also for a wrong number of values and for names that are empty or occur twice.
+/// [`ImageError::Write`], also for a wrong number of values and for empty or duplicate names.
 pub fn write_channels(path: &Path, extent: Extent, channels: &[(&str, &[f32])]) -> Result<(), ImageError> {
     write_tagged_channels(path, extent, channels, &Tags::default())
 }
 
-/// [`write_channels`] with attributes that say what the image is of.
+/// Writes like [`write_channels`], with metadata as attributes.
 ///
 /// # Errors
-/// As [`write_channels`].
+/// Errors of [`write_channels`].
 pub fn write_tagged_channels(
     path: &Path,
     extent: Extent,
@@ -90,7 +90,7 @@ fn io_error(error: ExrError) -> io::Error {
     }
 }
 
-/// The colour of a file, with what the file says of it.
+/// Colour image of a file, with its source channels and metadata.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColourFile {
     pub image: RgbImage,
@@ -98,47 +98,47 @@ pub struct ColourFile {
     pub tags: Tags,
 }
 
-/// [`read_colour`]'s image.
+/// Reads the image like [`read_colour`].
 ///
 /// # Errors
-/// As [`read_colour`].
+/// Errors of [`read_colour`].
 pub fn read_rgb(path: &Path) -> Result<RgbImage, ImageError> {
     read_colour(path).map(|file| file.image)
 }
 
-/// Reads the colour of an OpenEXR file, scanlines or tiles, half, float or uint; of several levels the largest.
+/// Reads the colour of an OpenEXR file: scanlines or tiles, half, float or uint. Takes the largest resolution level.
 ///
-/// Takes the first part that has R, G and B; without one, the first layer that has them (`diffuse.R` …); without one,
-/// Y or an only channel as grey. The image is the data window, wherever it lies; alpha is ignored.
+/// Takes the first part with R, G and B; without one, the first layer that has them (`diffuse.R` …); without one, Y or
+/// a single channel as grey. The image is the data window, wherever it lies; alpha is ignored.
 ///
-/// # Errors
-/// [`ImageError::Read`], [`ImageError::Decode`] for a file that is damaged, [`ImageError::Unsupported`] for deep data,
+/// [`ImageError::Read`], [`ImageError::Decode`] for a damaged file, [`ImageError::Unsupported`] for deep data,
 /// subsampled channels and the compressions DWA, HTJ2K and ZSTD, [`ImageError::NoColour`].
 pub fn read_colour(path: &Path) -> Result<ColourFile, ImageError> {
     read(path, Colour::find, |path, channels| ImageError::NoColour { path, channels })
 }
 
-/// Reads three channels by their names, whatever their case, from the first part that has them; a name may come twice.
-/// Otherwise as [`read_colour`].
+/// Reads three channels by name, ignoring case, from the first part that has them. A name may be repeated. Formats are
+/// those of [`read_colour`].
 ///
 /// # Errors
-/// As [`read_colour`], with [`ImageError::NoChannels`] for a file without them.
+/// Errors of [`read_colour`], with [`ImageError::NoChannels`] for a file without these channels.
 pub fn read_channels(path: &Path, names: [&'static str; 3]) -> Result<RgbImage, ImageError> {
     let lacks = |path, channels| ImageError::NoChannels { path, wanted: names.join(", "), channels };
     let named = move |headers: &[Header]| Colour::first(headers, |list| channels_of_layer(list, "", names));
     read(path, named, lacks).map(|file| file.image)
 }
 
-/// [`read_rgb`] of a file's `bytes`, if that takes at most `max_memory` bytes beside them.
+/// Decodes a file's `bytes` like [`read_rgb`] if decoding takes at most `max_memory` further bytes.
 ///
 /// # Errors
-/// As [`read_colour`], and [`ImageError::TooLarge`].
+/// Errors of [`read_colour`], and [`ImageError::TooLarge`].
 pub fn decode_rgb(path: &Path, bytes: &[u8], max_memory: u64) -> Result<RgbImage, ImageError> {
     let lacks = |path, channels| ImageError::NoColour { path, channels };
     read_bytes(path, bytes, max_memory, Colour::find, lacks).map(|file| file.image)
 }
 
-/// `lacks` makes the error, of the path and the names of the channels that are there, where `find` finds none.
+/// Reads the channels that `find` chooses. If it finds none, `lacks` makes the error from the path and the channels'
+/// names.
 fn read(
     path: &Path,
     find: impl Fn(&[Header]) -> Option<Colour> + UnwindSafe,
@@ -155,8 +155,8 @@ fn read_bytes(
     find: impl Fn(&[Header]) -> Option<Colour> + UnwindSafe,
     lacks: impl Fn(PathBuf, String) -> ImageError,
 ) -> Result<ColourFile, ImageError> {
-    // The crate's B44 decoder overflows on damaged blocks, which panics where overflow is checked; Cargo.toml has it
-    // unchecked in our own builds.
+    // The crate's B44 decoder overflows on damaged blocks, which panics if overflow checks are on. Cargo.toml turns
+    // them off for that crate in our own builds.
     let decoded = catch_unwind(|| decode(bytes, max_memory, find))
         .unwrap_or_else(|_| Err(Refusal::Unreadable("its compressed data makes no sense".into())));
     decoded.map_err(|e| match e {
@@ -167,19 +167,19 @@ fn read_bytes(
     })
 }
 
-/// Which of a file's channels were read.
+/// Channels of a file that were read.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct ColourSource {
-    /// From 0.
+    /// Index of the part, from 0.
     pub part: usize,
     pub part_count: usize,
     pub part_name: Option<String>,
-    /// Read as red, green and blue.
+    /// Names of the channels read as red, green and blue.
     pub channels: [String; 3],
 }
 
 impl ColourSource {
-    /// The only part's R, G and B: there was nothing to choose.
+    /// Returns true if the file has one part and R, G and B were read, so that nothing was chosen.
     pub fn is_plain(&self) -> bool {
         self.part_count == 1 && self.channels.iter().zip(["R", "G", "B"]).all(|(name, plain)| name == plain)
     }
@@ -198,13 +198,13 @@ impl fmt::Display for ColourSource {
     }
 }
 
-/// [`ImageError`] before the path is known.
+/// An [`ImageError`] without the path.
 enum Refusal {
     Unreadable(String),
     Unsupported(String),
-    /// Bytes that decoding would take.
+    /// Number of bytes that decoding would take.
     TooLarge(u64),
-    /// None of the channels looked for are; these are there.
+    /// Names of the file's channels, without the wanted ones.
     NotThere(String),
 }
 
@@ -235,7 +235,7 @@ fn decode(bytes: &[u8], max_memory: u64, find: impl Fn(&[Header]) -> Option<Colo
     reader
         .filter_chunks(false, |_, tile, block| block.layer == colour.part && tile.is_largest_resolution_level())?
         .decompress_sequential(false, |meta, block| {
-            // The offsets come from the file and may lead to another part or level.
+            // A damaged offset table may lead to another part or level.
             let of_this_image = block.index.layer == colour.part && block.index.level == Vec2(0, 0);
             if !of_this_image || !seen.insert(block.index.pixel_position) {
                 return Err(ExrError::Invalid("the offset table leads to a wrong block".into()));
@@ -245,9 +245,9 @@ fn decode(bytes: &[u8], max_memory: u64, find: impl Fn(&[Header]) -> Option<Colo
     Ok(ColourFile { image, source, tags })
 }
 
-/// Refuses headers that would have us allocate far more than the file can fill: deflate, the strongest of the
-/// lossless compressions, gains at most 1032:1. DWA is refused because the crate's decoder allocates whatever a damaged
-/// block asks for.
+/// Rejects headers that claim far more than the file can hold, before they cause allocations: deflate, the strongest of
+/// the lossless compressions, gains at most 1032:1. Rejects DWA because the crate's decoder allocates as much as a
+/// damaged block asks for.
 fn check_headers(headers: &[Header], file_bytes: usize) -> Result<(), Refusal> {
     const LARGEST_SIDE: usize = 1 << 16;
     let allowed = 2048 * file_bytes as u128;
@@ -264,8 +264,8 @@ fn check_headers(headers: &[Header], file_bytes: usize) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// At most what decoding a part takes: the image, a block in several states on its way, and lists of the blocks that the
-/// file has an offset for.
+/// Returns an upper bound on the bytes for decoding a part: the image, several copies of a block, and lists of the
+/// blocks in the offset table.
 fn decoding_bytes(header: &Header, file_bytes: usize) -> u64 {
     const STATES_OF_BLOCK: usize = 4;
     const LISTS_PER_FILE_BYTE: usize = 24;
@@ -280,14 +280,14 @@ fn channel_names(headers: &[Header]) -> String {
     names.join(", ")
 }
 
-/// Where the colour is: a part, and in it the channel for each of red, green and blue.
+/// Location of the colour in a file: a part, and the indices of its red, green and blue channels.
 struct Colour {
     part: usize,
     channels: [usize; 3],
 }
 
 impl Colour {
-    /// In the first part in which `choose` finds some.
+    /// Finds the colour in the first part in which `choose` finds channels.
     fn first(headers: &[Header], choose: impl Fn(&[ChannelDescription]) -> Option<[usize; 3]>) -> Option<Self> {
         let mut parts = headers.iter().enumerate().filter(|(_, h)| !h.deep);
         parts.find_map(|(part, header)| choose(&header.channels.list).map(|channels| Self { part, channels }))
@@ -345,7 +345,7 @@ impl Colour {
     }
 }
 
-/// `diffuse.` of `diffuse.R`, nothing of `R`.
+/// Returns the layer's prefix of a channel's name: `diffuse.` of `diffuse.R`, empty for `R`.
 fn layer_of(name: &str) -> &str {
     name.rfind('.').map_or("", |dot| &name[..=dot])
 }

@@ -1,5 +1,5 @@
-//! Files appear under their name whole or not at all: they are written aside and renamed. A [`LineFile`] grows in place
-//! instead, so that a long run that is killed leaves all but its last line.
+//! Atomic file writes: a file is written under a temporary name and renamed when it is complete. A [`LineFile`] grows
+//! in place instead, so that a long run that is killed loses only its last line.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -8,14 +8,14 @@ use std::path::{Path, PathBuf};
 
 use super::ImageError;
 
-/// Creates or replaces the file `path` with what `write` writes.
+/// Creates or replaces the file `path` with the output of `write`.
 ///
-/// The bytes go to a temporary file in the same folder, which takes the name `path` once all of them are written.
-/// If `write` fails or panics, the temporary file is removed and what was at `path` before is still there. This guards
-/// against a failing program, not against a power cut: nothing is synced to the disk.
+/// Writes to a temporary file in the same folder and renames it to `path` once it is complete. If `write` fails or
+/// panics, removes the temporary file and keeps the old file at `path`. This guards against a failing program, not
+/// against a power cut: nothing is synced to disk.
 ///
 /// # Errors
-/// [`ImageError::Write`] with the cause, also when `path` is something other than a file.
+/// [`ImageError::Write`] with the cause, also if `path` is not a regular file.
 pub fn atomic_write(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<(), ImageError> {
     write_and_rename(path, write).map_err(|source| ImageError::Write { path: path.to_owned(), source })
 }
@@ -37,8 +37,8 @@ fn write_and_rename(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io:
     aside.persist(path).map_err(|e| e.error)
 }
 
-/// A file that grows by a line at a time, each in one write without a buffer. A last line without its newline is not
-/// whole, and readers ignore it.
+/// A file that grows by one line per unbuffered write. Readers ignore a last line without a newline, since it is
+/// incomplete.
 pub struct LineFile {
     path: PathBuf,
     file: File,
@@ -48,7 +48,7 @@ impl LineFile {
     /// Creates or empties the file.
     ///
     /// # Errors
-    /// [`ImageError::Write`], also when `path` is something other than a file.
+    /// [`ImageError::Write`], also if `path` is not a regular file.
     pub fn create(path: &Path) -> Result<Self, ImageError> {
         let open = || {
             let file = OpenOptions::new().read(true).append(true).create(true).open(path)?;
@@ -59,7 +59,7 @@ impl LineFile {
         Ok(Self { path: path.to_owned(), file })
     }
 
-    /// Adds a line, which ends with its newline.
+    /// Appends a line, which must end with a newline.
     ///
     /// # Errors
     /// [`ImageError::Write`]
@@ -68,7 +68,7 @@ impl LineFile {
         written.map_err(|source| ImageError::Write { path: self.path.clone(), source })
     }
 
-    /// Calls `take` with each whole line, without its newline.
+    /// Calls `take` with each complete line, without its newline.
     ///
     /// # Errors
     /// Errors of `take` and of reading.
@@ -106,7 +106,7 @@ fn each_line<E: From<io::Error>>(file: &File, mut take: impl FnMut(&[u8]) -> Res
     Ok(())
 }
 
-/// Returns the number of whole lines of a file, none if it is not there.
+/// Returns the number of complete lines of a file, or `None` if there is no file.
 ///
 /// # Errors
 /// Errors of reading the file.
@@ -124,8 +124,8 @@ pub fn count_lines(path: &Path) -> io::Result<Option<u64>> {
     Ok(Some(lines))
 }
 
-/// Renames a file that a run left unfinished, so that a new run does not replace it: to its final name with
-/// `.unfinished` before the extension, and a number behind that if there is one already. Returns its new path.
+/// Renames a file that a run left unfinished, so that a new run does not replace it. The new name is its final name
+/// with `.unfinished` before the extension, and a number if that name is taken. Returns the new path.
 ///
 /// # Errors
 /// [`ImageError::Write`]
@@ -147,7 +147,7 @@ pub fn keep_unfinished(file: &Path, finished: &Path) -> Result<PathBuf, ImageErr
     Ok(kept)
 }
 
-/// Refuses a device or a pipe, in whose place a rename would put a plain file.
+/// Rejects devices and pipes, which a rename would replace by a regular file.
 fn refuse_other_than_files(path: &Path) -> io::Result<()> {
     match fs::metadata(path).is_ok_and(|there| !there.is_file()) {
         true => Err(io::Error::new(io::ErrorKind::InvalidInput, "there is something else than a file by that name")),

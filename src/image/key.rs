@@ -1,4 +1,4 @@
-//! A key below a picture: what its colours stand for.
+//! Colour key below an image.
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 
@@ -12,10 +12,10 @@ const GAP: u32 = 6;
 const BACKGROUND: [u8; 3] = [40; 3];
 const FOREGROUND: [u8; 3] = [230; 3];
 
-/// A colour and what it stands for, in ASCII.
+/// A colour and its label, in ASCII.
 pub type Entry = ([u8; 3], String);
 
-/// The picture with as many lines of coloured squares and texts below it as they take; wider where a text needs that.
+/// Returns the image with lines of colour swatches and labels below it, widened if a label needs that.
 pub fn with_key(picture: &DisplayImage, entries: &[Entry]) -> DisplayImage {
     let widest = entries.iter().map(entry_width).max().unwrap_or(0);
     let width = picture.extent.width.max(widest);
@@ -47,7 +47,7 @@ fn entry_width((_, text): &Entry) -> u32 {
     GAP + SWATCH + GAP + text.chars().count() as u32 * glyph_width() + GAP
 }
 
-/// A framed square of the colour and the text right of it, on the line whose top left corner is (`x`, `y`).
+/// Draws a framed colour swatch and its label to the right, on the line with the top left corner (`x`, `y`).
 fn draw(out: &mut Image<[u8; 3]>, x: u32, y: u32, colour: [u8; 3], text: &str) {
     let width = out.extent.width;
     let mut set = |x: u32, y: u32, value| out.pixels[(y * width + x) as usize] = value;
@@ -90,7 +90,7 @@ mod tests {
         for i in 0..5 {
             assert!(keyed.pixels.iter().filter(|p| **p == [200, i, 0]).count() == 100, "a square within its frame");
         }
-        // Letters are drawn with soft edges.
+        // Letters have soft edges.
         assert!(keyed.rows(10..keyed.extent.height).iter().any(|p| p[0] > 80 && p[0] < 180 && p[0] == p[1]));
     }
 

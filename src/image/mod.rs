@@ -1,4 +1,4 @@
-//! Pixels in memory: extents, row ranges and images. Row 0 is the top row, pixel (0, 0) the top left one.
+//! Pixels in memory: extents, row ranges and images. Row 0 is the top row; pixel (0, 0) is the top left one.
 
 pub mod display;
 mod error;
@@ -14,7 +14,7 @@ use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// Size of one eye's image, pixels.
+/// Size of one eye's image in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub struct Extent {
     pub width: u32,
@@ -54,7 +54,7 @@ impl FromStr for Extent {
     }
 }
 
-/// A row-major image of `T` per pixel.
+/// A row-major image with a `T` per pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image<T> {
     pub extent: Extent,
@@ -68,7 +68,7 @@ impl<T: Clone> Image<T> {
 }
 
 impl<T> Image<T> {
-    /// Pixels in rows `rows`, top to bottom.
+    /// Returns the pixels of `rows`, top to bottom.
     pub fn rows(&self, rows: Range<u32>) -> &[T] {
         let w = self.extent.width as usize;
         &self.pixels[rows.start as usize * w..rows.end as usize * w]
@@ -79,5 +79,5 @@ impl<T> Image<T> {
     }
 }
 
-/// Linear scene-referred RGB, f32.
+/// A linear, scene-referred RGB image in f32.
 pub type RgbImage = Image<[f32; 3]>;

@@ -1,13 +1,13 @@
-//! Many pictures in one.
+//! Contact sheets: many images in one.
 
 use super::display::{DisplayImage, level, linear_from_srgb, srgb_from_linear};
 use super::{Extent, Image, ImageError, check_same_size};
 
-/// Pixels between pictures.
+/// Gap between images in pixels.
 const GAP: u32 = 4;
 
-/// The picture made smaller by a whole number, the least that leaves at most `width` columns: light is averaged over
-/// squares of pixels. What is left over at the right and at the bottom goes.
+/// Shrinks an image by the smallest integer factor that leaves at most `width` columns. Box-filters linear light and
+/// drops incomplete blocks at the right and at the bottom.
 pub fn reduced(picture: &DisplayImage, width: u32) -> DisplayImage {
     let factor = picture.extent.width.div_ceil(width.max(1)).clamp(1, picture.extent.height.max(1));
     let extent = Extent::new(picture.extent.width / factor, picture.extent.height / factor);
@@ -24,7 +24,7 @@ pub fn reduced(picture: &DisplayImage, width: u32) -> DisplayImage {
     Image { extent, pixels: pixels.collect() }
 }
 
-/// Pictures of one size in rows of `columns`, from the top left on, on black.
+/// Arranges images of the same size in rows of `columns`, from the top left, on black.
 ///
 /// # Errors
 /// [`ImageError::SizeMismatch`].

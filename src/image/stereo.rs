@@ -1,9 +1,9 @@
-//! Two eyes in one picture.
+//! Stereo images in one: side by side, and anaglyphs.
 
 use super::display::DisplayImage;
 use super::{Extent, Image, ImageError, check_same_size};
 
-/// Left eye on the left, right eye on the right (parallel viewing).
+/// Puts the left eye's image on the left and the right eye's on the right (parallel viewing).
 ///
 /// # Errors
 /// [`ImageError::SizeMismatch`].
@@ -14,10 +14,10 @@ pub fn side_by_side<T: Clone>(left: &Image<T>, right: &Image<T>) -> Result<Image
     Ok(Image { extent: Extent::new(2 * width, height), pixels: pixels.cloned().collect() })
 }
 
-/// Half-colour anaglyph for red-cyan glasses: red is the left eye's luma, green and blue are the right eye's.
+/// Makes a half-colour anaglyph for red-cyan glasses: red is the left eye's luma; green and blue are the right eye's.
 ///
-/// Luma (Rec. ITU-R BT.601) in place of the left eye's red keeps saturated reds and cyans from being bright to one eye
-/// and black to the other, at the price of paler reds.
+/// Luma (Rec. ITU-R BT.601) instead of the left eye's red keeps saturated reds and cyans from being bright to one eye
+/// and black to the other. Reds become paler.
 ///
 /// # Errors
 /// [`ImageError::SizeMismatch`].

@@ -1,6 +1,6 @@
-//! Weighted sums along rows and columns, by a kernel of odd length; beyond the border the outermost values go on.
+//! Convolution along rows and columns with a kernel of odd length; border values are clamped.
 
-/// Along rows of `width` values.
+/// Convolves along rows of `width` values.
 pub fn across(width: usize, values: &[f64], kernel: &[f64]) -> Vec<f64> {
     let radius = kernel.len() / 2;
     let mut sums = vec![0.0; values.len()];
@@ -16,7 +16,7 @@ pub fn across(width: usize, values: &[f64], kernel: &[f64]) -> Vec<f64> {
     sums
 }
 
-/// Along columns of rows of `width` values.
+/// Convolves along columns of an image with rows of `width` values.
 pub fn down(width: usize, values: &[f64], kernel: &[f64]) -> Vec<f64> {
     let radius = kernel.len() / 2;
     let last = values.len() / width - 1;

@@ -1,5 +1,5 @@
-//! Differences of values: RMSE, relMSE, PSNR, mean ratio, block means. `r` is the reference, `a` the image, both of
-//! the same length.
+//! Pointwise errors: RMSE, relMSE, PSNR, mean ratio and block means. `r` is the reference, `a` the image; both have the
+//! same length.
 
 use crate::image::Extent;
 
@@ -20,12 +20,12 @@ pub fn rmse(r: &[[f64; 3]], a: &[[f64; 3]]) -> f64 {
     mse(r, a).sqrt()
 }
 
-/// mean((a−r)² / (r² + 0.01)).
+/// Relative MSE: mean((a−r)² / (r² + 0.01)).
 pub fn relmse(r: &[[f64; 3]], a: &[[f64; 3]]) -> f64 {
     mean(pairs(r, a).map(|(r, a)| (a - r).powi(2) / (r * r + 0.01)))
 }
 
-/// Peak signal-to-noise ratio of display values, peak 1, dB.
+/// Peak signal-to-noise ratio of display values, with peak 1, in dB.
 pub fn psnr(r: &[[f64; 3]], a: &[[f64; 3]]) -> f64 {
     -10.0 * mse(r, a).log10()
 }
@@ -35,8 +35,8 @@ pub fn mean_ratio(r: &[[f64; 3]], a: &[[f64; 3]]) -> Option<f64> {
     (r != 0.0).then_some(a / r)
 }
 
-/// RMSE of the means of `side` x `side` blocks over the mean of the reference. Blocks lie on the grid from the top
-/// left; what is left over at the right and at the bottom is ignored.
+/// Returns the RMSE of `side` x `side` block means over the mean of the reference. Blocks start at the top left;
+/// incomplete blocks at the right and at the bottom are ignored.
 pub fn block_error(extent: Extent, side: usize, r: &[[f64; 3]], a: &[[f64; 3]]) -> Option<f64> {
     let [blocks_r, blocks_a] = [r, a].map(|v| block_means(extent, side, v));
     let mean_r = mean(r.as_flattened().iter().copied());

@@ -1,8 +1,8 @@
 //! FLIP (Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild 2020, "FLIP: A Difference Evaluator for
-//! Alternating Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 15): what a viewer notices who flips between two
-//! images on a screen, 0 (nothing) … 1 per pixel. All constants are that paper's.
+//! Alternating Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 15): the difference that a viewer notices when
+//! flipping between two images on a screen, 0 (none) … 1 per pixel. All constants are from that paper.
 //!
-//! Values are sRGB-encoded display values, 0 … 1. Beyond the border the outermost pixels go on.
+//! Values are sRGB-encoded display values, 0 … 1. Border pixels are clamped.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
@@ -10,28 +10,28 @@ use super::convolve::{across, down};
 use crate::image::Extent;
 use crate::image::display::linear_from_srgb;
 
-/// The paper's viewer: 0.7 m away from a screen that is 0.7 m and 3840 pixels wide.
+/// Angular resolution of the paper's viewer, 0.7 m away from a screen that is 0.7 m and 3840 pixels wide.
 pub const PIXELS_PER_DEGREE: f64 = 3840.0 * PI / 180.0;
 
-/// Exponents of the colour and of the feature difference.
+/// Exponents of the colour difference and of the feature difference.
 const COLOUR_EXPONENT: f64 = 0.7;
 const FEATURE_EXPONENT: f64 = 0.5;
-/// Colour differences up to this share of the largest one take up this share of the range.
+/// Colour differences up to this fraction of the largest one map to the fraction [`SHARE_BELOW_KNEE`] of the range.
 const KNEE: f64 = 0.4;
 const SHARE_BELOW_KNEE: f64 = 0.95;
-/// Width of the edges and points looked for, degrees.
+/// Width of the detected edges and points in degrees.
 const FEATURE_WIDTH_DEG: f64 = 0.082;
 
-/// Amplitude and width of the Gaussians of the contrast sensitivity as (a, b) with b in degrees².
+/// Gaussians of the contrast sensitivity functions: pairs of amplitude a and width b, b in degrees².
 const ACHROMATIC: &[(f64, f64)] = &[(1.0, 0.0047)];
 const RED_GREEN: &[(f64, f64)] = &[(1.0, 0.0053)];
 const BLUE_YELLOW: &[(f64, f64)] = &[(34.1, 0.04), (13.5, 0.025)];
-/// The largest b; all filters reach three of its standard deviations.
+/// Largest b. All filters extend to three of its standard deviations.
 const WIDEST: f64 = 0.04;
 
 type Plane = Vec<f64>;
 
-/// FLIP of each pixel, row-major. There is at least one.
+/// Returns the FLIP of each pixel, row-major. The images must have at least one pixel.
 pub fn flip_map(extent: Extent, r: &[[f64; 3]], a: &[[f64; 3]]) -> Vec<f64> {
     let [r, a] = [r, a].map(|shown| Seen::new(extent, shown));
     let scale = Redistribution::new();
@@ -40,9 +40,9 @@ pub fn flip_map(extent: Extent, r: &[[f64; 3]], a: &[[f64; 3]]) -> Vec<f64> {
     colours.zip(features).map(|(colour, feature)| colour.powf(1.0 - feature)).collect()
 }
 
-/// An image as the eye takes it in.
+/// An image after spatial filtering, as the eye perceives it.
 struct Seen {
-    /// L*, and a* and b* scaled after Hunt, of what contrast sensitivity leaves.
+    /// L*, and Hunt-adjusted a* and b*, after contrast sensitivity filtering.
     colours: Vec<[f64; 3]>,
     /// Magnitudes of edges and of points.
     features: Vec<[f64; 2]>,
@@ -64,7 +64,7 @@ impl Seen {
     }
 }
 
-/// Linear sRGB to XYZ relative to white, so that rows sum to 1: exact for the primaries of sRGB (IEC 61966-2-1) and D65
+/// Linear sRGB to XYZ relative to white, so that rows sum to 1. Exact for the primaries of sRGB (IEC 61966-2-1) and D65
 /// at (0.31271, 0.32902).
 const XYZ_FROM_LINEAR: [[f64; 3]; 3] = {
     let x = [10_135_552.0, 8_788_810.0, 4_435_075.0];
@@ -82,10 +82,10 @@ fn xyz_from_linear(linear: [f64; 3]) -> [f64; 3] {
     XYZ_FROM_LINEAR.map(|row| row[0] * linear[0] + row[1] * linear[1] + row[2] * linear[2])
 }
 
-/// Luminance, red against green and blue against yellow: Y, X − Y and Y − Z, relative to white.
+/// Returns luminance, red-green and blue-yellow opponent channels: Y, X − Y and Y − Z, relative to white.
 ///
-/// YCxCz, in which the paper filters, is an affine function of each of them, and filters whose weights sum to 1 give the
-/// same before it and after it.
+/// The paper filters in YCxCz. Its channels are affine functions of these, and filters whose weights sum to 1 commute
+/// with affine functions.
 fn opponent_from_linear(linear: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = xyz_from_linear(linear);
     [y, x - y, y - z]
@@ -98,7 +98,7 @@ fn linear_from_opponent([luminance, red_green, blue_yellow]: [f64; 3]) -> [f64; 
 
 const LINEAR_FROM_XYZ: [[f64; 3]; 3] = inverse(XYZ_FROM_LINEAR);
 
-/// By cofactors.
+/// Inverts a matrix by its cofactors.
 const fn inverse(m: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     let mut cofactors = [[0.0; 3]; 3];
     let mut i = 0;
@@ -117,7 +117,7 @@ const fn inverse(m: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     cofactors
 }
 
-/// CIELAB (CIE 15:2004), with a* and b* times L*/100: bright colours differ more than dark ones (Hunt).
+/// Returns CIELAB (CIE 15:2004) with a* and b* times L*/100, since bright colours differ more than dark ones (Hunt).
 fn hunt_lab(linear: [f64; 3]) -> [f64; 3] {
     const DELTA: f64 = 6.0 / 29.0;
     let curve = |t: f64| if t > DELTA.powi(3) { t.cbrt() } else { t / (3.0 * DELTA * DELTA) + 4.0 / 29.0 };
@@ -126,14 +126,15 @@ fn hunt_lab(linear: [f64; 3]) -> [f64; 3] {
     [lightness, 0.01 * lightness * 500.0 * (x - y), 0.01 * lightness * 200.0 * (y - z)]
 }
 
-/// HyAB (Abasi, Amani Tehran, Fairchild 2020): city block between lightness and chroma, Euclid within chroma.
+/// Returns the HyAB distance (Abasi, Amani Tehran, Fairchild 2020): city block between lightness and chroma, Euclidean
+/// within chroma.
 fn hyab(p: &[f64; 3], q: &[f64; 3]) -> f64 {
     (p[0] - q[0]).abs() + (p[1] - q[1]).hypot(p[2] - q[2])
 }
 
-/// HyAB distances to 0 … 1.
+/// Maps HyAB distances to 0 … 1.
 struct Redistribution {
-    /// Of green and blue, the colours furthest apart.
+    /// Distance between green and blue, the colours furthest apart, to the power of [`COLOUR_EXPONENT`].
     largest: f64,
 }
 
@@ -153,7 +154,7 @@ impl Redistribution {
     }
 }
 
-/// The contrast sensitivity of one channel as a blur: a sum of Gaussians, together of weight 1.
+/// Filters a channel by its contrast sensitivity: a sum of Gaussians, normalised to a total weight of 1.
 fn blur(width: usize, plane: &[f64], gaussians: &[(f64, f64)]) -> Plane {
     let radius = (3.0 * (WIDEST / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as i32;
     let bell = |b: f64| -> Vec<f64> {
@@ -172,7 +173,7 @@ fn blur(width: usize, plane: &[f64], gaussians: &[(f64, f64)]) -> Plane {
     blurred
 }
 
-/// Magnitudes of the first (edges) and second (points) derivatives of luminance.
+/// Returns the magnitudes of the first (edges) and second (points) derivatives of luminance.
 fn features(width: usize, luminance: &[f64]) -> Vec<[f64; 2]> {
     let sigma = 0.5 * FEATURE_WIDTH_DEG * PIXELS_PER_DEGREE;
     let radius = (3.0 * sigma).ceil() as i32;
@@ -197,7 +198,7 @@ fn sides_sum_to_one(mut kernel: Vec<f64>) -> Vec<f64> {
     kernel
 }
 
-/// The larger of the differences in edges and in points, 0 … 1.
+/// Returns the larger of the differences in edges and in points, 0 … 1.
 fn feature_difference(r: &[f64; 2], a: &[f64; 2]) -> f64 {
     let larger = (r[0] - a[0]).abs().max((r[1] - a[1]).abs());
     (FRAC_1_SQRT_2 * larger).powf(FEATURE_EXPONENT).min(1.0)

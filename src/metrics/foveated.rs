@@ -1,28 +1,28 @@
-//! Error as an eye weighs it that looks at one point: FLIP of each pixel by how much detail is seen there, by two measures.
+//! Foveated error: mean FLIP weighted by visual acuity around the gaze, with two models of acuity.
 //!
-//! The finest detail that is seen at an eccentricity e falls as e2 / (e + e2) (Geisler & Perry 1998, "A real-time foveated
-//! multiresolution system for low-bandwidth video communication": contrast threshold CT0·exp(α·f·(e + e2)/e2), e2 = 2.3
-//! degrees); a pixel weighs by its square, as detail fills an area.
+//! Acuity at eccentricity e falls as e2 / (e + e2) (Geisler & Perry 1998, "A real-time foveated multiresolution system
+//! for low-bandwidth video communication": contrast threshold CT0·exp(α·f·(e + e2)/e2), e2 = 2.3 degrees). A pixel's
+//! weight is its square, since detail is per area.
 
 use super::Pair;
 use super::rings::Viewing;
 use crate::stages::acuity;
 
-/// Eccentricity at which acuity has fallen to a half.
+/// Eccentricity at which acuity has fallen to one half.
 const HALF_ACUITY_DEG: f64 = 2.3;
 
 impl Pair {
-    /// Weighted mean of FLIP, 0 … 1, by Geisler and Perry's measure.
+    /// Returns mean FLIP weighted by Geisler and Perry's acuity, 0 … 1.
     pub fn foveated_flip(&self, viewing: &Viewing) -> f64 {
         self.weighted_flip(viewing, |degrees| (HALF_ACUITY_DEG / (HALF_ACUITY_DEG + degrees)).powi(2))
     }
 
-    /// ... by the acuity that visual-polar images are made for.
+    /// Returns mean FLIP weighted by the acuity model of visual-polar images, 0 … 1.
     pub fn acuity_flip(&self, viewing: &Viewing) -> f64 {
         self.weighted_flip(viewing, acuity)
     }
 
-    /// The mean of the pixels within `degrees` of where the eye looks; `None` without any.
+    /// Returns the mean FLIP of the pixels within `degrees` of the gaze, or `None` if there are no such pixels.
     pub fn flip_near_gaze(&self, viewing: &Viewing, degrees: f64) -> Option<f64> {
         let flip = self.weighted_flip(viewing, |angle| if angle <= degrees { 1.0 } else { 0.0 });
         flip.is_finite().then_some(flip)
@@ -62,7 +62,7 @@ mod tests {
         assert!((pair.flip_near_gaze(&viewing(0.5), 180.0).unwrap() / mean - 1.0).abs() < 1e-9);
         let all_wrong = RgbImage::filled(grey.extent, [2.0, 0.1, 0.0]);
         let pair = Pair::new(&grey, &all_wrong, 0.0).unwrap();
-        // FLIP's filters reach beyond the image's borders, where nothing is wrong or right.
+        // FLIP's filters extend beyond the image's borders, where both images agree.
         for measure in [Pair::foveated_flip, Pair::acuity_flip] {
             let ratio = measure(&pair, &viewing(0.5)) / pair.errors().flip;
             assert!((ratio - 1.0).abs() < 0.01, "{ratio}");

@@ -1,4 +1,4 @@
-//! Where the error is: pictures of per-pixel error.
+//! Heatmaps: false-colour images of per-pixel error.
 
 use std::f64::consts::TAU;
 
@@ -7,10 +7,10 @@ use crate::image::{Image, ImageError, RgbImage, check_same_size};
 
 use super::Pair;
 
-/// Colours each pixel by the root mean square, over its channels, of the difference of display values at this exposure.
+/// Colours each pixel by the RMS over channels of the difference of display values at this exposure.
 ///
-/// Black is equal, white is black against white. The scale is the square root of the error and the same for all
-/// images, so that errors of a few levels can be told apart and two heatmaps can be compared.
+/// Equal pixels are black; black against white is white. The scale is the square root of the error, so that errors of a
+/// few levels are visible, and is the same for all images, so that heatmaps can be compared.
 ///
 /// # Errors
 /// [`ImageError::SizeMismatch`].
@@ -28,8 +28,9 @@ fn display_error(r: &[f32; 3], a: &[f32; 3], gain: f64) -> f64 {
     (squares.sum::<f64>() / 3.0).sqrt()
 }
 
-/// Display colour at 0 … 1 of the cubehelix scheme (Green 2011, Bull. Astron. Soc. India 39, eq. 2) with its usual
-/// start 0.5, -1.5 rotations and hue 1: a helix around the grey axis whose perceived intensity is the position.
+/// Returns the display colour at `position` 0 … 1 of the cubehelix scheme (Green 2011, Bull. Astron. Soc. India 39, eq.
+/// 2) with its usual start 0.5, -1.5 rotations and hue 1: a helix around the grey axis with linearly rising perceived
+/// intensity.
 fn cubehelix(position: f64) -> [f64; 3] {
     let angle = TAU * (0.5 / 3.0 - 1.5 * position);
     let amplitude = position * (1.0 - position) / 2.0;
@@ -38,20 +39,20 @@ fn cubehelix(position: f64) -> [f64; 3] {
         .map(|(along_cos, along_sin)| position + amplitude * (along_cos * cos + along_sin * sin))
 }
 
-/// The colour of a number on the scale from black, 0, to its pale end, `most`.
+/// Returns the colour of a number on the scale from 0 (black) to `most` (pale).
 pub fn number_colour(number: f32, most: f32) -> [u8; 3] {
-    // The last tenth is too near white to be told apart.
+    // The last tenth is too close to white to distinguish.
     cubehelix(f64::from(number / most.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0) * 0.9).map(level)
 }
 
-/// Colours the FLIP of each pixel by the magma map, as FLIP is shown elsewhere: black is 0, pale yellow is 1.
+/// Colours the FLIP of each pixel with the magma map, FLIP's usual one: 0 is black, 1 is pale yellow.
 pub fn flip_heatmap(pair: &Pair) -> DisplayImage {
     let pixels = pair.flip().iter().map(|&flip| magma(flip).map(|c| c.round() as u8)).collect();
     Image { extent: pair.extent, pixels }
 }
 
-/// The colour map magma (van der Walt & Smith 2015, CC0) at 0 … 1, levels 0 … 255: straight lines between every
-/// sixteenth of it, at most 3 levels off.
+/// Returns the magma colour (van der Walt & Smith 2015, CC0) at `position` 0 … 1, in levels 0 … 255: linear
+/// interpolation of 17 samples, at most 3 levels off.
 fn magma(position: f64) -> [f64; 3] {
     const STEPS: usize = 16;
     const STOPS: [[u8; 3]; STEPS + 1] = [
@@ -103,7 +104,7 @@ mod tests {
         }
     }
 
-    /// Levels 40, 100 and 200 of 255 as `flip_evaluator` 1.7 colours them.
+    /// Levels 40, 100 and 200 of 255, as `flip_evaluator` 1.7 colours them.
     #[test]
     fn magma_is_the_map_flip_is_shown_in() {
         for (level, colour) in [(40, [41, 17, 90]), (100, [137, 40, 129]), (200, [253, 152, 105])] {

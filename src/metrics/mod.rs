@@ -1,8 +1,8 @@
-//! How good: an image against its reference.
+//! Image quality: errors of an image against its reference.
 //!
-//! Sums are f64. RMSE, relMSE, the mean ratio and the block error are over linear radiance; PSNR, SSIM and FLIP are over
-//! [display values](crate::image::display::display_value), 0 … 1, because bright noise weighs there as it is seen. What is
-//! seen hangs on the exposure: a [`Pair`] is shown at one.
+//! Sums are f64. RMSE, relMSE, the mean ratio and the block error use linear radiance. PSNR, SSIM and FLIP use [display
+//! values](crate::image::display::display_value), 0 … 1, which weigh bright noise as it is perceived. They depend on
+//! the exposure, which a [`Pair`] fixes.
 
 mod convolve;
 pub mod error;
@@ -21,29 +21,29 @@ use serde::Serialize;
 use crate::image::display::{display_value, gain};
 use crate::image::{Extent, ImageError, RgbImage, check_same_size};
 
-/// How an image differs from its reference.
+/// Errors of an image against its reference.
 ///
-/// In JSON, what is undefined and the infinite PSNR of equal images are `null`.
+/// In JSON, undefined values and the infinite PSNR of equal images are `null`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Errors {
     pub rmse: f64,
     pub relmse: f64,
-    /// dB; infinite for equal images.
+    /// PSNR in dB; infinite for equal images.
     pub psnr: f64,
-    /// `None` for an image with a side shorter than the window, 11 pixels.
+    /// Mean SSIM; `None` for an image with a side shorter than the window, 11 pixels.
     pub ssim: Option<f64>,
     /// Mean of [`flip::flip_map`].
     pub flip: f64,
-    /// mean(image) / mean(reference); `None` where the reference is black.
+    /// Ratio mean(image) / mean(reference); `None` if the reference is black.
     pub mean_ratio: Option<f64>,
     /// RMSE of 16x16 block means over the mean of the reference; `None` for a black reference or without a whole block.
     pub block16: Option<f64>,
-    /// Pixels with a NaN or an infinity. Those values count as 0 above.
+    /// Number of pixels with a NaN or an infinity. The errors above count these as 0.
     pub nonfinite_px: usize,
     pub nonfinite_reference_px: usize,
 }
 
-/// Name and meaning of each of [`Errors`], in their order.
+/// Name and meaning of each field of [`Errors`], in order.
 pub const MEASURES: [(&str, &str); 9] = [
     ("rmse", "root mean square error of linear radiance; 0 is best"),
     ("relmse", "mean of error² / (reference² + 0.01), linear radiance; 0 is best"),
@@ -56,7 +56,7 @@ pub const MEASURES: [(&str, &str); 9] = [
     ("nonfinite_reference_px", "... of the reference"),
 ];
 
-/// All errors of `image` against `reference`, shown at 0 EV; [`Pair::new`] takes another exposure.
+/// Returns all errors of `image` against `reference` at 0 EV; [`Pair::new`] takes another exposure.
 ///
 /// # Errors
 /// [`ImageError::SizeMismatch`], [`ImageError::NoPixels`].
@@ -64,7 +64,7 @@ pub fn compare(reference: &RgbImage, image: &RgbImage) -> Result<Errors, ImageEr
     Ok(Pair::new(reference, image, 0.0)?.errors())
 }
 
-/// An image and its reference, shown at one exposure and made ready for all that can be asked of them.
+/// An image and its reference at one exposure, with intermediate results that several errors share.
 pub struct Pair {
     extent: Extent,
     reference: Side,
@@ -74,7 +74,7 @@ pub struct Pair {
 }
 
 struct Side {
-    /// Linear, with 0 for what is not finite.
+    /// Linear radiance, with 0 for non-finite values.
     radiance: Vec<[f64; 3]>,
     /// Display values.
     shown: Vec<[f64; 3]>,
@@ -93,7 +93,7 @@ impl Side {
 }
 
 impl Errors {
-    /// In the order of [`MEASURES`].
+    /// Returns the values in the order of [`MEASURES`].
     pub fn values(&self) -> [Option<f64>; 9] {
         [
             Some(self.rmse),
@@ -110,7 +110,7 @@ impl Errors {
 }
 
 impl Pair {
-    /// `exposure_ev`: the stops by which both are brightened to be shown.
+    /// Prepares a pair for display at an exposure of `exposure_ev` stops.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`], [`ImageError::NoPixels`].
@@ -146,7 +146,7 @@ impl Pair {
     }
 }
 
-/// One `name value` line per measure.
+/// Formats one `name value` line per measure.
 impl fmt::Display for Errors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let value = |value: Option<f64>| value.map_or("undefined".to_owned(), |v| format!("{v:.6}"));
@@ -179,8 +179,8 @@ mod tests {
         (reference, image)
     }
 
-    /// The values are of scikit-image 0.26.0 (`structural_similarity` with `channel_axis=2, data_range=1,
-    /// gaussian_weights=True, sigma=1.5, use_sample_covariance=False`) and NumPy in f64, on the same images.
+    /// Values computed by scikit-image 0.26.0 (`structural_similarity` with `channel_axis=2, data_range=1,
+    /// gaussian_weights=True, sigma=1.5, use_sample_covariance=False`) and NumPy in f64 on the same images.
     #[test]
     fn an_independent_implementation_finds_the_same_values() {
         let (reference, image) = noisy_pair(Extent::new(37, 35));

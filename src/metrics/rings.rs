@@ -1,23 +1,24 @@
-//! Error by distance from where the viewer looks: rings of equal viewing angle around the gaze (Andersson & Hansson
-//! 2020, "Performance Optimizations for Foveated Real-Time Raytracing", section 3.6).
+//! Error by eccentricity: rings of equal viewing angle around the gaze (Andersson & Hansson 2020, "Performance
+//! Optimizations for Foveated Real-Time Raytracing", section 3.6).
 //!
-//! They split the angle from the gaze to a chosen `max_view_angle`, and choose it so that the screen is covered; here
-//! it is the angle to the farthest corner, so that every pixel is in a ring.
+//! The paper divides the range up to a `max_view_angle` that is chosen to cover the screen. Here that is the angle to
+//! the farthest corner, so that every pixel is in a ring.
 
 use serde::Serialize;
 
 use super::{Pair, error, ssim};
 
-/// How the image is looked at: a pinhole with square pixels and the optical axis at the image's centre.
+/// Viewing conditions of an image: a pinhole with square pixels and the optical axis at the image's centre.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Viewing {
-    /// x from the left and y from the top, as shares of width and height, 0 … 1.
+    /// Gaze point: x from the left and y from the top, as fractions of width and height, 0 … 1.
     pub gaze: [f64; 2],
     /// Vertical field of view, above 0 and below 180 degrees.
     pub yfov_deg: f64,
 }
 
-/// The error of the pixels whose centres are seen at `inner_deg` up to `outer_deg` from the gaze; `None` without pixels.
+/// Errors of the pixels whose centres are from `inner_deg` up to `outer_deg` away from the gaze. They are `None` for a
+/// ring without pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Ring {
     pub inner_deg: f64,
@@ -25,16 +26,16 @@ pub struct Ring {
     pub pixels: usize,
     pub rmse: Option<f64>,
     pub relmse: Option<f64>,
-    /// dB; infinite where the images are equal.
+    /// PSNR in dB; infinite if the images are equal.
     pub psnr: Option<f64>,
-    /// Mean over the ring's pixels whose window lies inside the image; `None` without any.
+    /// Mean SSIM over the ring's pixels whose window lies inside the image; `None` without such pixels.
     pub ssim: Option<f64>,
-    /// Mean over the ring of the FLIP of the whole image.
+    /// Mean over the ring of the whole image's FLIP map.
     pub flip: Option<f64>,
 }
 
 impl Pair {
-    /// `count` rings, at least 1, from the gaze outwards.
+    /// Returns `count` rings, at least 1, from the gaze outwards.
     pub fn rings(&self, viewing: &Viewing, count: usize) -> Vec<Ring> {
         let count = count.max(1);
         let angles: Vec<f64> = self.eccentricities(viewing).collect();
@@ -48,13 +49,13 @@ impl Pair {
         members.iter().enumerate().map(|(k, pixels)| self.ring(bound_deg(k), bound_deg(k + 1), pixels, &ssim)).collect()
     }
 
-    /// Angle between the gaze and each pixel's centre, row by row, radians.
+    /// Returns the angle in radians between the gaze and each pixel's centre, row-major.
     pub(super) fn eccentricities(&self, viewing: &Viewing) -> impl Iterator<Item = f64> {
         let (width, angle) = (self.extent.width as usize, self.angle_from_gaze(viewing));
         (0..self.extent.area()).map(move |i| angle((i % width) as f64 + 0.5, (i / width) as f64 + 0.5))
     }
 
-    /// ... and the corner farthest from it.
+    /// Returns the angle in radians between the gaze and the corner farthest from it.
     fn farthest(&self, viewing: &Viewing) -> f64 {
         let (width, height) = (f64::from(self.extent.width), f64::from(self.extent.height));
         let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
@@ -62,17 +63,17 @@ impl Pair {
         corners.into_iter().map(|(x, y)| angle(x, y)).fold(0.0, f64::max)
     }
 
-    /// ... and a point of the image, pixels from its top left corner.
+    /// Returns a function for the angle in radians between the gaze and a point, in pixels from the top left corner.
     fn angle_from_gaze(&self, viewing: &Viewing) -> impl Fn(f64, f64) -> f64 + use<> {
         let (width, height) = (f64::from(self.extent.width), f64::from(self.extent.height));
         let tan_half_yfov = (viewing.yfov_deg.to_radians() / 2.0).tan();
-        // x to the right, y down, in units of the distance to the image plane.
+        // Coordinates are x to the right and y down, in units of the distance to the image plane.
         let ray = move |x: f64, y: f64| [x - width / 2.0, y - height / 2.0].map(|c| c * 2.0 * tan_half_yfov / height);
         let gaze = ray(viewing.gaze[0] * width, viewing.gaze[1] * height);
         move |x, y| angle(gaze, ray(x, y))
     }
 
-    /// SSIM of each pixel, row by row, that has one.
+    /// Returns the SSIM of each pixel, row-major; `None` in the margin.
     fn ssim(&self) -> Vec<Option<f64>> {
         let map = ssim::ssim_map(self.extent, &self.reference.shown, &self.image.shown);
         let width = self.extent.width as usize;
@@ -103,8 +104,8 @@ impl Pair {
     }
 }
 
-/// Between rays through two points of the image plane at distance 1, radians. By the cross product, which is exact for
-/// small angles too.
+/// Returns the angle in radians between rays through two points of the image plane at distance 1. Uses the cross
+/// product, which is accurate for small angles.
 fn angle([px, py]: [f64; 2], [qx, qy]: [f64; 2]) -> f64 {
     let cross = [py - qy, qx - px, px * qy - py * qx];
     let sine = cross.iter().map(|c| c * c).sum::<f64>().sqrt();
@@ -125,8 +126,8 @@ mod tests {
         Pair::new(&reference, &changed, 0.0).unwrap()
     }
 
-    /// Closed form: seen at 90 degrees from its centre, a square's edges are 45 degrees away and its corners atan √2;
-    /// from a corner, the opposite one is acos(-1/3) away.
+    /// Closed form: seen at 90 degrees from its centre, a square's edges are 45 degrees away and its corners atan √2.
+    /// From a corner, the opposite one is acos(-1/3) away.
     #[test]
     fn rings_reach_the_farthest_corner_in_equal_steps() {
         let pair = pair_of(Extent::new(40, 40), |_, _| 1.5);
@@ -164,7 +165,7 @@ mod tests {
         assert!(rings[1..].iter().all(|r| r.rmse.is_none_or(|e| e == 0.0)));
     }
 
-    /// Windows are as many whichever rings they are in, and a ring at the image's border has none.
+    /// The rings partition the windows, and a ring at the image's border has none.
     #[test]
     fn rings_share_out_the_ssim_of_the_image() {
         let pair = pair_of(Extent::new(48, 30), |x, y| 0.5 + 0.3 * ((x * 7 + y * 13) % 5) as f32);

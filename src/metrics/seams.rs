@@ -1,25 +1,25 @@
-//! Whether stripes show: the error where they meet against the error elsewhere.
+//! Visibility of stripe seams: the ratio of the errors near stripe edges and elsewhere.
 
 use serde::Serialize;
 
 use super::{Pair, error};
 
-/// Rows on either side of an edge that count as near it.
+/// Number of rows on either side of an edge that count as near it.
 pub const NEAR_ROWS: u32 = 4;
 
-/// RMSE of linear radiance near stripe edges and elsewhere; what is undefined is `None`.
+/// RMSE of linear radiance near stripe edges and elsewhere; `None` if undefined.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SeamError {
-    /// Within [`NEAR_ROWS`] of an edge; `None` without an edge in the image.
+    /// RMSE within [`NEAR_ROWS`] of an edge; `None` without an edge in the image.
     pub near_rmse: Option<f64>,
-    /// `None` where all rows are near an edge.
+    /// RMSE of the other rows; `None` if all rows are near an edge.
     pub elsewhere_rmse: Option<f64>,
-    /// Near over elsewhere: 1 where seams do not show. `None` where the image is right elsewhere.
+    /// Ratio of near to elsewhere: 1 if seams are invisible. `None` if the error elsewhere is 0.
     pub ratio: Option<f64>,
 }
 
 impl Pair {
-    /// `edges` are rows with which stripes begin: an edge is between a row and the one above it.
+    /// Measures the error near stripe edges. `edges` are the first rows of stripes: an edge is above its row.
     pub fn seam_error(&self, edges: &[u32]) -> SeamError {
         let is_near = |y: u32| edges.iter().any(|&edge| y < edge.saturating_add(NEAR_ROWS) && edge <= y + NEAR_ROWS);
         let rmse_of_rows = |wanted: bool| {
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
     use crate::image::{Extent, RgbImage};
 
-    /// 20 rows, wrong by 0.1 but in rows 6 … 13, wrong there by 0.3.
+    /// Returns a pair of 20 rows with an error of 0.3 in rows 6 … 13 and 0.1 elsewhere.
     fn pair() -> Pair {
         let reference = RgbImage::filled(Extent::new(3, 20), [1.0; 3]);
         let mut image = reference.clone();

@@ -1,21 +1,21 @@
-//! Structural similarity (Wang, Bovik, Sheikh, Simoncelli 2004, eq. 13): 11x11 Gaussian window of σ 1.5, K1 = 0.01,
-//! K2 = 0.03, values 0 … 1, population covariance. The mean is over the windows that lie inside the image.
+//! Structural similarity (Wang, Bovik, Sheikh, Simoncelli 2004, eq. 13): 11x11 Gaussian window of σ 1.5, K1 = 0.01, K2
+//! = 0.03, values 0 … 1, population covariance. The mean is over the windows that lie inside the image.
 
 use crate::image::Extent;
 
-/// Pixels of a window on each side of the one that it is of.
+/// Radius of the window in pixels, without its centre.
 pub const MARGIN: usize = 5;
 const TAPS: usize = 2 * MARGIN + 1;
 const SIGMA: f64 = 1.5;
 
-/// Mean over the windows of [`ssim_map`]; `None` if no window fits.
+/// Returns the mean of [`ssim_map`]; `None` if no window fits.
 pub fn ssim(extent: Extent, r: &[[f64; 3]], a: &[[f64; 3]]) -> Option<f64> {
     let map = ssim_map(extent, r, a);
     (!map.is_empty()).then(|| map.iter().sum::<f64>() / map.len() as f64)
 }
 
-/// Of each pixel whose window lies inside the image, row by row, the mean over the three channels: [`MARGIN`] columns and
-/// rows fewer on each side. Empty if no window fits.
+/// Returns the SSIM, averaged over the three channels, of each pixel whose window lies inside the image, row-major. The
+/// map has [`MARGIN`] fewer columns and rows on each side; it is empty if no window fits.
 pub fn ssim_map(extent: Extent, r: &[[f64; 3]], a: &[[f64; 3]]) -> Vec<f64> {
     let (width, height) = (extent.width as usize, extent.height as usize);
     if width < TAPS || height < TAPS {
@@ -46,7 +46,8 @@ fn channel_ssim(width: usize, x: &[f64], y: &[f64]) -> Vec<f64> {
     (0..mean_x.len()).map(similarity).collect()
 }
 
-/// Weighted means of all windows inside the image, row-major: `2 MARGIN` fewer columns and rows than `values`.
+/// Returns the weighted means of all windows inside the image, row-major: `2 MARGIN` fewer columns and rows than
+/// `values`.
 fn window_means(width: usize, values: &[f64]) -> Vec<f64> {
     let weights = weights();
     let weigh = |tap: &dyn Fn(usize) -> f64| weights.iter().enumerate().map(|(k, w)| w * tap(k)).sum::<f64>();

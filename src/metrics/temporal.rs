@@ -1,21 +1,22 @@
-//! Whether a sequence flickers or trails: its error from frame to frame, followed along the surfaces.
+//! Temporal stability of a sequence: flicker and ghosting, with errors tracked along motion vectors.
 //!
-//! What an image is held against is a reference of the same frame, and all errors are differences of display values,
-//! E(t, p) = image(t, p) − reference(t, p). So what moves, turns or changes its light in the reference too is no error.
+//! Errors are differences of display values between an image and the reference of the same frame, E(t, p) = image(t, p)
+//! − reference(t, p). Motion and light changes that the reference also shows are therefore no error.
 //!
-//! **Flicker** is the mean over pixels, channels and frames of |E(t, p) − E(t−1, q)|, where q is the pixel of the frame
-//! before that shows what p shows now: the change of the image less that of the reference, along the motion. For a
-//! resting camera q is p. It is 0 for images that are wrong in the same way in all frames, and 2σ/√π for normal noise of
-//! standard deviation σ that frames do not share. It is the warping error with a mask of what was hidden of Lai et al.
-//! 2018, "Learning Blind Video Temporal Consistency", section 4, with these departures: the reference's own change is
-//! taken off, differences are absolute instead of squared, the motion is known instead of estimated, and q is one pixel
-//! instead of a bilinear mean, which would hide noise wherever motion is not whole pixels. It is the nearest of the four
-//! around the point that motion leads to which shows the same surface: the nearest of all is often across an edge.
+//! **Flicker** is the mean over pixels, channels and frames of |E(t, p) − E(t−1, q)|, where q is the pixel of the
+//! previous frame that shows the surface at p: the image's change minus the reference's, along the motion. For a static
+//! camera q is p. It is 0 for images with the same error in all frames, and 2σ/√π for normal noise of standard
+//! deviation σ that is independent between frames. It is the warping error with an occlusion mask of Lai et al. 2018,
+//! "Learning Blind Video Temporal Consistency", section 4, with these departures: the reference's own change is
+//! subtracted; differences are absolute instead of squared; motion is known instead of estimated; and q is one pixel
+//! instead of a bilinear mean, which would hide noise wherever motion is not whole pixels. Among the four pixels around
+//! the reprojected point, q is the nearest that shows the same surface, since the nearest of all is often across an
+//! edge.
 //!
-//! **Ghosting** is the RMSE of display values over pixels that have no q, and so cannot have a history, over the RMSE of
-//! those that have one. Trails of what has moved away lie in the former. 1 says that they are no worse than elsewhere.
-//! A temporal filter that does not trail is above 1 as well, as noise is not averaged where there is no history: hold
-//! methods against each other.
+//! **Ghosting** is the RMSE of display values over pixels without q, which cannot have a history, divided by the RMSE
+//! over the pixels with one. Trails of moving objects lie in the former. 1 means that they are no worse than other
+//! pixels. A temporal filter without trails also exceeds 1, since noise is not averaged where there is no history: use
+//! ghosting to compare methods with each other.
 
 use std::iter::Sum;
 use std::ops::Add;
@@ -26,35 +27,36 @@ use super::Pair;
 use super::rings::Viewing;
 use crate::image::{Extent, ImageError, RgbImage, check_same_size};
 
-/// A dot product of normals below this is of different surfaces: 60 degrees, as normal maps may turn them by much from
+/// Smallest dot product of normals of the same surface: 60 degrees, since normal maps may turn normals by much from
 /// pixel to pixel.
 const NORMALS_AGREE: f32 = 0.5;
 
-/// What a frame of one eye shows, by pixel: the auxiliary images of those names.
+/// Surfaces that one eye sees in a frame, per pixel. The fields are auxiliary images of the same names.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surfaces {
     extent: Extent,
     motion_px: Vec<[f32; 3]>,
     position: Vec<[f32; 3]>,
-    /// Where surfaces were in the frame before.
+    /// World-space positions of the surfaces in the previous frame.
     last_position: Vec<[f32; 3]>,
     normal: Vec<[f32; 3]>,
 }
 
-/// Where a pixel's surface was seen in the frame before.
+/// Location of a pixel's surface in the previous frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum History {
-    /// Nothing is known of the motion of what has no surface.
+    /// No surface, so that its motion is unknown.
     Sky,
-    /// Nowhere: it was hidden or outside the image.
+    /// Disoccluded: the surface was hidden or outside the image.
     New,
-    /// In this pixel, row-major.
+    /// Visible in this pixel, row-major.
     Seen(usize),
 }
 
 impl Surfaces {
-    /// `motion_px`: where each surface was in the frame before minus where it is, x and y in pixels, the third value is
-    /// ignored. `position`: world space, any unit. `normal`: world space; without length where there is no surface.
+    /// Collects a frame's surfaces. `motion_px` is the previous position minus the current one, x and y in pixels; the
+    /// third value is ignored. `position` is in world space, in any unit. `normal` is in world space, and zero if there
+    /// is no surface.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
@@ -67,7 +69,7 @@ impl Surfaces {
         Ok(Self { extent, motion_px, position, last_position, normal: normal.pixels })
     }
 
-    /// Of surfaces that were somewhere else in the frame before, in world space.
+    /// Sets the world-space positions of moving surfaces in the previous frame.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
@@ -76,12 +78,13 @@ impl Surfaces {
         Ok(Self { last_position: last_position.pixels, ..self })
     }
 
-    /// Where each pixel's surface was in the frame before, row-major.
+    /// Returns the location of each pixel's surface in the previous frame, row-major.
     ///
-    /// The motion leads from the pixel's centre to between four pixels of `before`; taken is the nearest that shows the
-    /// same surface. That is one whose normal agrees within 60 degrees and whose position lies no farther off the plane
-    /// through where the surface was than pixels are apart on it: the least distance to the position of one of the four
-    /// neighbours, so that no scale has to be chosen. This takes surfaces that rest, or move within their plane.
+    /// Motion leads from the pixel's centre to a point between four pixels of `before`; the nearest of them that shows
+    /// the same surface counts. Its normal must agree within 60 degrees. Its distance from the plane through the
+    /// surface's previous position must be at most the pixel spacing on that surface, the least distance to the
+    /// positions of the four neighbours; this avoids a scene-dependent threshold. Surfaces that rest or move within
+    /// their plane pass.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
@@ -103,11 +106,11 @@ impl Surfaces {
         self.pixels_before(i).into_iter().find(is_same).map_or(History::New, History::Seen)
     }
 
-    /// The pixels, at most four, less than one column and row from where the motion leads, nearest first.
+    /// Returns up to four pixels less than one column and row from the reprojected point, nearest first.
     fn pixels_before(&self, i: usize) -> Vec<usize> {
         let (width, height) = (self.extent.width as usize, self.extent.height as usize);
         let [dx, dy, _] = self.motion_px[i].map(f64::from);
-        // Pixel centres are whole numbers here. What is not finite is near no pixel.
+        // Pixel centres are whole numbers here. Non-finite points are near no pixel.
         let (x, y) = ((i % width) as f64 + dx, (i / width) as f64 + dy);
         let mut found = Vec::new();
         for (column, row) in
@@ -122,7 +125,7 @@ impl Surfaces {
         found.into_iter().map(|(_, j)| j).collect()
     }
 
-    /// Distance to the nearest neighbour's position; infinite without neighbours.
+    /// Returns the distance to the nearest position among the four neighbours; infinite without neighbours.
     fn spacing(&self, i: usize) -> f32 {
         let width = self.extent.width as usize;
         let column = i % width;
@@ -150,12 +153,12 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Sums over the pixels of frames that have one before them.
+/// Sums over the pixels of frames that have a previous frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Change {
     seen_px: usize,
     new_px: usize,
-    /// Sum over channels of the error's absolute change.
+    /// Sum over channels of absolute changes of the error.
     changes: f64,
     /// Sums over channels of squared errors.
     seen_squares: f64,
@@ -163,13 +166,13 @@ pub struct Change {
 }
 
 impl Pair {
-    /// How the error of display values has changed since the frame before; `history` is of [`Surfaces::history`].
+    /// Sums the change of display errors since the previous frame; `history` is from [`Surfaces::history`].
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
     ///
     /// # Panics
-    /// For a history of images of another size.
+    /// If the history is of another size.
     pub fn change_since(&self, before: &Pair, history: &[History]) -> Result<Change, ImageError> {
         check_same_size(self.extent, before.extent)?;
         assert_eq!(history.len(), self.extent.area(), "a history is of every pixel");
@@ -193,8 +196,9 @@ impl Pair {
         Ok(sums)
     }
 
-    /// [`Self::change_since`] while the camera stands still: every pixel shows what it did in the frame before, the sky as
-    /// well. Where both are held against one reference, it cancels, and the change is the image's alone.
+    /// Sums changes like [`Self::change_since`] for a static camera: every pixel, including the sky, shows the same
+    /// surface as in the previous frame. If both frames have the same reference, it cancels, and the result is the
+    /// image's own change.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
@@ -203,7 +207,7 @@ impl Pair {
         self.change_since(before, &history)
     }
 
-    /// [`Self::change_at_rest`] of the pixels within `degrees` of where the eye looks both now and in the frame before.
+    /// Sums changes like [`Self::change_at_rest`] over the pixels within `degrees` of the gaze in both frames.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
@@ -245,15 +249,15 @@ impl Sum for Change {
     }
 }
 
-/// Flicker and ghosting of a sequence of one eye; display values, 0 … 1. What is undefined is `None`.
+/// Flicker and ghosting of one eye's sequence, in display values 0 … 1; `None` if undefined.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TemporalError {
-    /// `None` where no surface was seen in a frame before.
+    /// Flicker; `None` if no surface was visible in a previous frame.
     pub flicker: Option<f64>,
-    /// RMSE of surfaces not seen in the frame before over that of those seen; `None` without either, or where the latter
-    /// are right.
+    /// Ratio of the RMSE of disoccluded surfaces to that of the others; `None` if either set is empty or the latter
+    /// RMSE is 0.
     pub ghosting: Option<f64>,
-    /// Pixels of surfaces not seen in the frame before over pixels of surfaces; `None` without any.
+    /// Fraction of surface pixels that are disoccluded; `None` without surfaces.
     pub new_share: Option<f64>,
 }
 

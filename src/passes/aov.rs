@@ -9,20 +9,20 @@ use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 
-/// The stages of auxiliary images, whose time does not count as time of the frame: the images themselves, and from
-/// polar ones to the screen and rectified ones to what eyes show.
+/// Stages of auxiliary images: the images themselves, their mapping from polar images to the screen, and their display
+/// resampling. Their time does not count as frame time.
 pub const STAGES: [Stage; 4] = [Stage("aov"), Stage("aov_to_screen"), Stage("aov_to_eye"), Stage("aov_to_later_eye")];
 
-/// Those of polar and of rectified images.
+/// Auxiliary images in polar and rectified projection, before they are resampled.
 const POLAR: Resource = Resource::image("polar_aov", 16);
 const RECTIFIED: Resource = Resource::image("rectified_aov", 16);
 
-/// The `index`th auxiliary image of a frame.
+/// Returns the `index`th auxiliary image of a frame.
 pub const fn image(index: u8) -> Resource {
     Resource::image("aov", 16).output().numbered(index)
 }
 
-/// The kinds that the shader tells apart by name.
+/// Kernel with constants for the kinds that the shader names.
 const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
     ("ALBEDO", Aov::Albedo as u32),
     ("NORMAL", Aov::Normal as u32),
@@ -37,7 +37,7 @@ const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
     ("DIFFUSE_ALBEDO", Aov::DiffuseAlbedo as u32),
 ]);
 
-/// The passes of an auxiliary image.
+/// Returns the passes of an auxiliary image.
 pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
     let [polar, rectified, last] = [POLAR.numbered(index), RECTIFIED.numbered(index), image(index)];
     let rectified_size = shown::rectified(spec);
@@ -80,7 +80,7 @@ fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pas
         .args([aov as u32, screen.width, screen.height])
 }
 
-/// An auxiliary image: the surface behind the pixel's centre, or how the pixel was made.
+/// An auxiliary image (AOV): a property of the surface at the pixel's centre, or of how the pixel was rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum), value(rename_all = "snake_case"))]
@@ -98,7 +98,7 @@ pub enum Aov {
     LastPosition,
     /// Distance along the ray, scene units; 0 for the sky.
     Depth,
-    /// Where the surface was in the previous frame minus where it is, pixels.
+    /// Position of the surface in the previous frame minus the current one, pixels.
     Motion,
     /// Perceptual, 0 to 1.
     Roughness,
@@ -123,7 +123,7 @@ pub enum Aov {
 }
 
 impl Aov {
-    /// Whether it is one small integer, for which a picture of both eyes is useful.
+    /// Whether it holds small integers, for which a picture of both eyes is useful.
     pub fn counts(self) -> bool {
         matches!(self, Self::Holes | Self::Spp | Self::Stripes)
     }
@@ -146,7 +146,7 @@ impl Aov {
         }
     }
 
-    /// Channels that carry something.
+    /// Returns the names of the channels in use.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
             Self::Albedo | Self::BaseColor | Self::DiffuseAlbedo | Self::SpecularAlbedo => &["R", "G", "B"],

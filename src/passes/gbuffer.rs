@@ -8,11 +8,11 @@ use crate::wgsl::constants;
 pub const STAGE: Stage = Stage("gbuffer");
 pub const CUT: CutGroup = CutGroup("gbuffer");
 
-/// Triangle, barycentrics, material and flags behind a pixel's centre.
+/// Triangle, barycentrics, material and flags at a pixel's centre.
 pub const HIT: Resource = Resource::image("hit", 16);
 /// Position and packed shading normal.
 pub const GUIDE: Resource = Resource::image("guide", 16);
-/// Albedo and roughness. Where gloss is filtered separately, also the matte part of albedo.
+/// Albedo and roughness. If specular radiance is filtered separately, also the diffuse part of the albedo.
 pub const ALBEDO: Resource = Resource::image("albedo", 16);
 /// Emitted radiance and depth.
 pub const EMISSION: Resource = Resource::image("emission", 16);
@@ -22,14 +22,14 @@ pub const TALLY: Resource = Resource::image("tally", 4);
 /// Primary rays per pixel in one launch.
 const RAYS_PER_LAUNCH: u32 = 64;
 
-/// As the third argument: path tracing brings the means of the pixels that it samples.
+/// Third kernel argument: skip pixels that path tracing samples, since it writes their means.
 const UNSAMPLED_ONLY: u32 = 1;
 
 const KERNEL: Kernel = Kernel::with_scene("gbuffer").with(constants![UNSAMPLED_ONLY]);
 
 pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
-    // Path tracing brings the means over the pixels that it samples. All other pixels, and those of a reprojected view,
-    // need them from here.
+    // Path tracing writes the means over the pixels that it samples. This pass writes those of all other pixels, and of
+    // a reprojected view.
     let reprojected = spec.views == Views::Reprojected && view == Eye::Right;
     let third = if reprojected { 0 } else { UNSAMPLED_ONLY };
     let means = Launch::Samples { most: RAYS_PER_LAUNCH, third, only_jittered: true };

@@ -1,4 +1,4 @@
-//! The graphs of the renderer's own passes.
+//! Tests of the frame graphs of the renderer's own passes.
 
 use std::collections::HashMap;
 
@@ -7,12 +7,12 @@ use super::tests::spec;
 use super::*;
 use crate::graph::{Assignment, FrameGraph, HaloPlan, Stripes, Task, TaskKind};
 
-/// The graph of a frame with the renderer's own passes.
+/// Builds the graph of a frame with the renderer's own passes.
 pub fn graph(spec: &FrameSpec, assignment: &Assignment, before: Option<&Assignment>) -> FrameGraph {
     FrameGraph::build(&Declarations::default().program(spec), assignment, before)
 }
 
-/// Different stripes at every stage and view.
+/// Returns an assignment with different stripes for every group and view.
 fn ragged(devices: usize) -> Assignment {
     let mut a = Assignment::uniform(Stripes::even(180, devices));
     for (i, group) in cut_groups().into_iter().enumerate() {
@@ -24,7 +24,7 @@ fn ragged(devices: usize) -> Assignment {
     a
 }
 
-/// The same frame with a history, and the stripes of the frame before.
+/// Returns the same frame with a history, and the assignment of the previous frame.
 fn with_history(spec: FrameSpec, rows: u32) -> (FrameSpec, Assignment) {
     let mut before = ragged(spec.devices);
     before.set(CUT, Eye::Left, Stripes::even(180, spec.devices));
@@ -34,7 +34,7 @@ fn with_history(spec: FrameSpec, rows: u32) -> (FrameSpec, Assignment) {
 /// Replays a graph in key order and checks that every read finds the newest version of its rows on its device.
 pub fn replay(graph: &FrameGraph, before: Option<&Assignment>) {
     let program = &graph.program;
-    // The version number of each row on each device, and the newest one.
+    // The version of each row on each device, and the newest version of each image.
     let mut held: HashMap<(usize, Eye, usize, u32), u32> = HashMap::new();
     let mut in_flight: HashMap<u32, Vec<(u32, u32)>> = HashMap::new();
     let mut newest: HashMap<(usize, Eye), u32> = HashMap::new();
@@ -54,7 +54,7 @@ pub fn replay(graph: &FrameGraph, before: Option<&Assignment>) {
                 let uses = || linked.pass.uses.iter().zip(&linked.images);
                 for (used, &image) in uses().filter(|(u, _)| u.is_read()) {
                     let view = linked.pass.eye_of(used);
-                    // A pass that writes in place may find that another device's rows have moved on already.
+                    // If a pass writes in place, another device may already have advanced the newest version.
                     let in_place = used.access.writes();
                     let expect = newest.get(&(image, view)).copied().unwrap_or(0);
                     for row in used.reach.rows(&task.rows, program.extent.height) {
@@ -105,7 +105,7 @@ fn every_read_finds_its_rows_on_its_device() {
     }
 }
 
-/// Checks that no edge leads back in the order that all devices keep.
+/// Checks that every edge follows the task order that all devices share.
 pub fn check_order(graph: &FrameGraph) {
     assert!(!petgraph::algo::is_cyclic_directed(&graph.dag));
     for edge in graph.dag.edge_indices() {
@@ -136,7 +136,7 @@ fn equal_stripes_reproject_without_any_transfer() {
     }
 }
 
-/// Stripes that do not move exchange the rows of the frame before that motion can reach, and no others.
+/// Checks that devices with fixed stripes only exchange the history rows that motion can reach.
 #[test]
 fn history_crosses_by_as_many_rows_as_it_may_have_moved() {
     let stripes = Assignment::uniform(Stripes::even(180, 2));

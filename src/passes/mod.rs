@@ -1,6 +1,7 @@
 //! The passes of the renderer. Each is declared once, beside the name of its shader, as plain data without wgpu.
 //!
-//! [`declare`] says which of them a frame has. A new pass is a module here, a shader and one line where it is chosen.
+//! [`declare`] selects the passes of a frame. A new pass needs a module here, a shader, and one line where it is
+//! selected.
 
 mod aov;
 pub mod denoise;
@@ -30,15 +31,15 @@ use crate::image::Extent;
 use crate::scene::rig::Eye;
 use denoise::{Denoiser, Light};
 
-/// Constants of the frame before, which the host sets.
+/// Constants of the previous frame, which the host sets.
 pub const PREVIOUS: Resource = Resource::constants("previous frame", 240);
 
-/// The passes of a frame, and what it does not need.
+/// The passes of a frame, and the stages that it leaves out.
 #[derive(Clone, Debug, Default)]
 pub struct Declared {
     /// The passes in an order that respects every dependency.
     pub passes: Vec<Pass>,
-    /// Stages that have nothing to do, and why.
+    /// Stages that are not needed, and why.
     pub left_out: Vec<(Stage, Eye, &'static str)>,
 }
 
@@ -47,7 +48,7 @@ impl Declared {
         self.passes.push(pass);
     }
 
-    /// Adds a pass if there is anything to do for it.
+    /// Adds a pass if it is needed.
     pub fn add_if(&mut self, is_needed: bool, why_not: &'static str, pass: Pass) {
         match is_needed {
             true => self.passes.push(pass),
@@ -56,7 +57,7 @@ impl Declared {
     }
 }
 
-/// The renderer's own passes of a frame.
+/// Declares the renderer's own passes of a frame.
 pub fn declare(spec: &FrameSpec) -> Declared {
     let mut frame = Declared::default();
     moving::bring(spec, &mut frame);
@@ -83,7 +84,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         Seam::Halo(plan) if links > 0 => plan.runs(links),
         _ => std::iter::once(0..links).collect(),
     };
-    // The views take turns: while rows of one are on their way, the other is filtered.
+    // The views alternate: while rows of one are in transfer, the other is filtered.
     for run in &runs {
         for view in &mut views {
             frame.passes.extend(view.filter.drain(..run.len()));
@@ -92,12 +93,12 @@ pub fn declare(spec: &FrameSpec) -> Declared {
             }
         }
     }
-    // As late as can be, and both eyes from one pose.
+    // Late reprojection runs as late as possible, for both eyes from one pose.
     let (first, last): (Vec<_>, Vec<_>) = frame.passes.into_iter().partition(|pass| pass.cut_group != LATE_CUT);
     Declared { passes: [first, last].concat(), ..frame }
 }
 
-/// Adds what follows the filter of a view.
+/// Adds the passes after the filter of a view.
 fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &mut Light, frame: &mut Declared) {
     let has_seams = spec.denoiser().is_some() && spec.seam == Seam::Filter && spec.devices > 1;
     let mut smoothed = *light;
@@ -116,7 +117,7 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
 
 type Declare = dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync;
 
-/// Says which passes a frame has.
+/// Function that declares the passes of a frame.
 #[derive(Clone)]
 pub struct Declarations(Arc<Declare>);
 
@@ -138,31 +139,31 @@ impl Declarations {
         Self(Arc::new(declare))
     }
 
-    /// The program of a frame.
+    /// Builds the program of a frame.
     ///
     /// # Errors
-    /// [`ProgramError`] where passes contradict one another.
+    /// [`ProgramError`] if passes contradict one another.
     pub fn check(&self, spec: &FrameSpec) -> Result<Program, ProgramError> {
         Program::new(spec.extent, spec.seam, (self.0)(spec))
     }
 
-    /// The program of a frame, from declarations that were checked.
+    /// Builds the program of a frame from declarations that have been checked.
     ///
     /// # Panics
-    /// Where passes contradict one another.
+    /// If passes contradict one another.
     pub fn program(&self, spec: &FrameSpec) -> Arc<Program> {
         Arc::new(self.check(spec).unwrap_or_else(|e| panic!("passes contradict one another: {e}")))
     }
 
-    /// Programs that together have every pass and image of all frames of a run. Frames may differ in iterations, up to
-    /// those of `most`, in history and in seams.
+    /// Builds programs that together cover every pass and image of a run. Frames may differ in iterations, up to those
+    /// of `most`, in history and in seams.
     pub fn programs(&self, most: &FrameSpec) -> Result<Vec<Program>, ProgramError> {
         let with = |iterations| self.check(&FrameSpec { iterations, ..most.clone() });
         (most.iterations.min(1)..=most.iterations).map(with).collect()
     }
 }
 
-/// The passes of frames that together have every stage.
+/// Returns the passes of frames that together cover every stage.
 fn all_passes() -> impl Iterator<Item = Pass> {
     let other = Some(Extent::new(1, 1));
     let ways = [(None, None, false), (other, None, false), (None, other, false), (None, other, true)];
@@ -176,7 +177,7 @@ fn all_passes() -> impl Iterator<Item = Pass> {
     })
 }
 
-/// All groups of passes that have the same stripes, in order.
+/// Returns all groups of passes that share stripes, in order.
 pub fn cut_groups() -> Vec<CutGroup> {
     let mut groups = Vec::new();
     for pass in all_passes() {
@@ -187,7 +188,7 @@ pub fn cut_groups() -> Vec<CutGroup> {
     groups
 }
 
-/// The kernels of all passes, each once.
+/// Returns the kernels of all passes, each once.
 pub fn kernels() -> Vec<Kernel> {
     let mut kernels = Vec::new();
     for pass in all_passes() {

@@ -1,5 +1,5 @@
-//! What moves: bodies that change their shape are brought to where they are, with the trees over them, and surfaces are
-//! followed back to the frame before.
+//! Dynamic geometry: skins and morphs deforming bodies, refits the trees over them, and follows surfaces back to the
+//! previous frame.
 
 use super::denoise::Denoiser;
 use super::gbuffer::{CUT, GUIDE, HIT};
@@ -10,23 +10,23 @@ use crate::image::Extent;
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
-/// How much of a scene moves, as far as passes depend on it.
+/// Amount of dynamic geometry in a scene, as far as passes depend on it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Moving {
-    /// Of bodies that change their shape.
+    /// Number of triangles, vertices and morph entries of deforming bodies.
     pub triangles: u32,
     pub vertices: u32,
     pub morphs: u32,
     /// Rows of a pose.
     pub pose: u32,
-    /// Of the trees over these bodies, and the number of the first.
+    /// Number of nodes of the trees over these bodies, and the index of the first.
     pub nodes: u32,
     pub first_node: u32,
-    /// The number of nodes down to each level and below it, from the deepest.
+    /// Cumulative number of nodes up to each level, starting at the deepest.
     pub levels: Vec<u32>,
-    /// Whether any triangles move, if only as a whole.
+    /// Whether any geometry moves, rigid bodies included.
     pub bodies: bool,
-    /// Whether rays are followed through the devices' own acceleration structures, instead of these trees.
+    /// Whether rays traverse hardware acceleration structures instead of these trees.
     pub hardware: bool,
 }
 
@@ -44,7 +44,7 @@ impl Moving {
         }
     }
 
-    /// What the host sets at the start.
+    /// Returns the resources that the host sets once, at the start.
     pub fn inputs(&self) -> [Resource; 5] {
         [self.skin_triangles(), self.skin_vertices(), self.skin_morphs(), self.tree_nodes(), self.tree_order()]
     }
@@ -69,17 +69,18 @@ impl Moving {
         input("tree_order", 4, self.nodes)
     }
 
-    /// Where joints are, now and in the frame before, and weights of morphs: the host sets it with every frame.
+    /// Returns the table of joints, in this frame and the previous one, and of morph weights. The host sets it every
+    /// frame.
     pub fn pose(&self) -> Resource {
         input("pose", 16, self.pose)
     }
 
-    /// Vertices, brought into the world.
+    /// Returns the table of world-space vertices.
     fn skinned(&self) -> Resource {
         Resource::table("skinned", SKINNED_BYTES as u32, Extent::new(self.vertices.max(1), 1))
     }
 
-    /// Least and largest coordinates of nodes, then of triangles.
+    /// Returns the table of bounding boxes, of nodes and then of triangles.
     fn boxes(&self) -> Resource {
         Resource::table("boxes", 32, Extent::new((self.nodes + self.triangles).max(1), 1))
     }
@@ -89,7 +90,8 @@ fn input(name: &'static str, bytes: usize, count: u32) -> Resource {
     Resource { life: Life::Input, ..Resource::table(name, bytes as u32, Extent::new(count.max(1), 1)) }
 }
 
-/// Position and packed shading normal of surfaces as they were in the frame before. There is none where nothing moves.
+/// Returns the image of each surface's position and packed shading normal in the previous frame. A static scene has a
+/// dummy.
 pub fn last_surface(spec: &FrameSpec) -> Resource {
     let image = Resource::image("last_surface", 16);
     let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));
@@ -99,18 +101,18 @@ pub fn last_surface(spec: &FrameSpec) -> Resource {
 /// Invocations of a workgroup.
 const GROUP: u32 = 64;
 
-/// As the third argument: vertices are brought into place, not triangles.
+/// Third kernel argument: transform vertices instead of triangles.
 const VERTICES: u32 = 1;
 
 const SKIN: Kernel = Kernel::changing_scene("skin").with(constants![VERTICES]);
 
-/// Workgroups for so many invocations.
+/// Returns the workgroups for this many invocations.
 fn groups(count: u32) -> [u32; 3] {
     [count.min(COLUMNS).div_ceil(GROUP), count.div_ceil(COLUMNS), 1]
 }
 
-/// Brings bodies that change their shape to where they are. With hardware traversal the devices' acceleration structures of
-/// all that moves are built after that, and the trees are read by nobody.
+/// Adds the passes that deform bodies and refit their trees. With hardware traversal, devices instead rebuild the
+/// acceleration structures of all dynamic geometry after the pass `skin`, since no pass reads the trees.
 pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
     let still = Moving::default();
     let moving = spec.moving.as_ref().unwrap_or(&still);
@@ -139,7 +141,7 @@ pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
     frame.add_if(moving.triangles > 0 && !moving.hardware, why_not, refit);
 }
 
-/// Follows the surfaces of a view.
+/// Adds the pass that tracks the surfaces of a view back to the previous frame.
 pub fn follow(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
     let pass = Pass::new(Stage("motion"), view, CUT, Kernel::with_scene("motion")).uses([
         Use::read(HIT),

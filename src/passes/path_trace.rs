@@ -11,18 +11,18 @@ pub const STAGE: Stage = Stage("path_trace");
 pub const HOLE_FILL: Stage = Stage("hole_fill");
 pub const CUT: CutGroup = CutGroup("path_trace");
 
-/// Reflected light over albedo. Where gloss is filtered separately, matte light and gloss, each over its own albedo.
+/// Demodulated illumination. If specular radiance is filtered separately, diffuse and specular illumination, each
+/// demodulated by its own albedo.
 pub const RADIANCE: Resource = Resource::image("radiance", 16);
 
-/// Paths per pixel in one launch. Mesa's software driver ends all loops of an invocation once they have made 65,535
-/// rounds together, and a path of 13 rays makes some thousands. A launch is also short enough for drivers that abort
-/// long dispatches.
+/// Paths per pixel in one launch. Mesa's software driver ends all loops of an invocation after 65,535 iterations in
+/// total, and a path of 13 rays takes some thousands. Short launches also satisfy drivers that abort long dispatches.
 const PATHS_PER_LAUNCH: u32 = 4;
 
-/// As the third argument: only the pixels that an earlier pass listed.
+/// Third kernel argument: trace only the pixels that an earlier pass listed.
 const LISTED_ONLY: u32 = 1;
 
-/// One for both, since drivers take seconds to compile it.
+/// Kernel of both stages, since drivers take seconds to compile it.
 const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![LISTED_ONLY]);
 
 fn trace(stage: Stage, view: Eye, cut: CutGroup, is_listed: bool) -> Pass {
@@ -42,7 +42,7 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
     trace(STAGE, view, CUT, spec.sparse)
 }
 
-/// Path traces the holes that reprojection listed.
+/// Returns the pass that path traces the pixels that reprojection could not fill.
 pub fn hole_fill() -> Pass {
     trace(HOLE_FILL, Eye::Right, REPROJECT, true)
 }

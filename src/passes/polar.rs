@@ -1,4 +1,4 @@
-//! From a polar image to the screen.
+//! Maps a polar image to the screen.
 
 use super::{Declared, FrameSpec, shown, tonemap};
 use crate::graph::{CutGroup, Grid, Kernel, Pass, Projection, Reach, Resource, Size, Stage, Use};
@@ -7,24 +7,24 @@ use crate::scene::rig::Eye;
 
 const CUT: CutGroup = CutGroup("to_screen");
 
-/// The finished polar image, scene-referred RGB, and encoded, which nothing reads.
+/// The finished polar image: scene-referred RGB, and encoded, which nothing reads.
 pub const LINEAR: Resource = Resource::image("polar", 16);
 pub const DISPLAY: Resource = Resource::image("polar_display", 4);
-/// Blurred around the gaze; then also away from it.
+/// The image blurred along the rings, and then across them too.
 const AROUND: Resource = Resource::image("polar_around", 16);
 const BLURRED: Resource = Resource::image("polar_blurred", 16);
 
-/// Rows and columns that are looked at on either side of a pixel, at most, in images of so many rows.
+/// Returns the maximum blur radius in images of this many rows, pixels.
 fn blur_reach(rows: u32) -> u32 {
     rows.div_ceil(24)
 }
 
-/// The grid of the screen.
+/// Returns the grid of a screen of this size.
 pub fn screen(extent: Extent) -> Grid {
     Grid { size: Size::Fixed(extent), projection: Projection::Perspective }
 }
 
-/// Adds what follows the passes that finish a view's image, if it is polar.
+/// Adds the passes that blur a view's finished polar image and map it to the screen.
 pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
     let Some(extent) = spec.screen else { return };
     let reach = blur_reach(spec.extent.height);

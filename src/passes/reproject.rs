@@ -1,4 +1,4 @@
-//! Spatial reprojection of the left eye into the right, and the list of holes.
+//! Spatial reprojection of the left eye into the right, and the compacted list of the pixels that it cannot fill.
 
 use super::FrameSpec;
 use super::gbuffer::{GUIDE, HIT, TALLY};
@@ -9,14 +9,15 @@ use crate::scene::rig::Eye;
 
 pub const CUT: CutGroup = CutGroup("reproject");
 
-/// The pixels that are to be path traced.
+/// Compacted list of the pixels to path trace.
 pub const HOLES: Resource = Resource::list("holes");
 
 const fn code(reason: HoleReason) -> u32 {
     reason as u32 + 1
 }
 
-/// Of the rows of polar images, one over the share that may lie between where the eyes see a surface.
+/// Reciprocal of the largest vertical distance between a surface's positions in both eyes, as a fraction of a polar
+/// image's rows.
 const POLAR_REACH: u32 = 8;
 
 const KERNEL: Kernel = Kernel::new("reproject").with(&[

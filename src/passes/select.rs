@@ -1,4 +1,4 @@
-//! Lists the pixels that are path traced, where others are left to the filter.
+//! Mask compaction: lists the pixels to path trace if others are left to the filter.
 
 use super::gbuffer::{GUIDE, HIT, TALLY};
 use super::path_trace::{CUT, RADIANCE};

@@ -1,4 +1,4 @@
-//! From a rectified image to what an eye shows.
+//! Display resampling from the shared (rectified) projection to each eye's own.
 
 use super::FrameSpec;
 use super::gbuffer::EMISSION;
@@ -9,21 +9,21 @@ use crate::image::Extent;
 use crate::scene::rig::Eye;
 
 const CUT: CutGroup = CutGroup("to_eye");
-/// Of what shows frames as from a later place: the last passes of a frame, of both eyes.
+/// Group of the late reprojection passes, which are the last of a frame, for both eyes.
 pub const LATE_CUT: CutGroup = CutGroup("to_later_eye");
 
-/// The finished rectified image, scene-referred RGB, and encoded, which nothing reads.
+/// The finished rectified image: scene-referred RGB, and encoded, which nothing reads.
 pub const LINEAR: Resource = Resource::image("rectified", 16);
 pub const DISPLAY: Resource = Resource::image("rectified_display", 4);
 
 const LATER: Kernel = Kernel::new("to_later_eye");
 
-/// The columns and rows of the rectified image.
+/// Returns the size of the rectified image.
 pub fn rectified(spec: &FrameSpec) -> Extent {
     spec.screen.unwrap_or(spec.extent)
 }
 
-/// The pass after those that finish a view's image, if that is not what is shown.
+/// Returns the pass that resamples a view's finished image for display, if the image is not displayed as rendered.
 pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
     let grid = screen(spec.shown?);
     let (stage, cut, kernel) =
@@ -34,6 +34,6 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
         Use::write(tonemap::LINEAR.on(grid)),
         Use::write(tonemap::DISPLAY.on(grid)),
     ]);
-    // Which has the distance of surfaces.
+    // `EMISSION` also holds the depth of surfaces.
     Some(if spec.is_late { pass.uses([Use::read(EMISSION).reaching(Reach::All)]) } else { pass })
 }

@@ -1,4 +1,4 @@
-//! What a frame must do.
+//! Specification of a frame, from which its passes are declared.
 
 use super::denoise::Denoiser;
 use super::{Aov, Moving};
@@ -14,19 +14,19 @@ pub enum Views {
     Reprojected,
 }
 
-/// What a frame must do.
+/// Specification of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameSpec {
-    /// Of the images that are traced and filtered.
+    /// Extent of the images that are traced and filtered.
     pub extent: Extent,
-    /// Of the screen, where those images are polar and mapped to it; else they are of the screen itself, which is rectified
-    /// where eyes show other images.
+    /// Extent of the screen, if traced images are polar and mapped to it. Otherwise the screen itself is traced. With
+    /// `shown`, the screen is the shared (rectified) projection.
     pub screen: Option<Extent>,
     /// Whether polar images are blurred away from the gaze.
     pub blurs: bool,
-    /// Of the images that the eyes show, where those of the screen are rectified and resampled to them.
+    /// Extent of the images that the eyes show, if they are resampled from a rectified screen.
     pub shown: Option<Extent>,
-    /// Whether that is as from another place, by the depth of surfaces.
+    /// Whether late reprojection resamples them from a later pose, by the depth of surfaces.
     pub is_late: bool,
     pub devices: usize,
     pub views: Views,
@@ -35,20 +35,20 @@ pub struct FrameSpec {
     pub filter: Option<Denoiser>,
     /// Iterations of the filter. With 0 there is no denoising.
     pub iterations: u32,
-    /// How many rows up and down a surface may have moved since the frame before for its history to be found. With none
-    /// there is no history.
+    /// Maximum vertical motion of a surface since the previous frame for which its history is found, rows. `None`
+    /// disables history.
     pub history_rows: Option<u32>,
     pub seam: Seam,
-    /// Auxiliary images asked for.
+    /// Requested auxiliary images.
     pub aovs: Vec<Aov>,
     /// Whether anything can reflect light. Otherwise only emission is visible.
     pub has_surfaces: bool,
-    /// What of the scene moves, if anything does.
+    /// Dynamic geometry of the scene; `None` if it is static.
     pub moving: Option<Moving>,
 }
 
 impl FrameSpec {
-    /// A frame without history or auxiliary images, with SVGF and a reprojected right eye.
+    /// Creates a frame without history or auxiliary images, with SVGF and a reprojected right eye.
     pub fn new(extent: Extent, devices: usize) -> Self {
         Self {
             extent,
@@ -69,17 +69,17 @@ impl FrameSpec {
         }
     }
 
-    /// The denoiser that is in effect, if there is one.
+    /// Returns the denoiser in effect, if any.
     pub fn denoiser(&self) -> Option<Denoiser> {
         self.filter.filter(|_| self.has_surfaces && self.iterations > 0)
     }
 
-    /// The number of rows of neighbours that a filter reads, which is 0 where stripes are filtered separately.
+    /// Returns the number of rows that a filter reads from neighbours: `rows`, or 0 if stripes are filtered separately.
     pub fn halo(&self, rows: u32) -> u32 {
         if matches!(self.seam, Seam::Halo(_)) { rows } else { 0 }
     }
 
-    /// The part of [`Self::history_rows`] that may be read from neighbours.
+    /// Returns the part of [`Self::history_rows`] that may be read from neighbours.
     pub fn history_halo(&self) -> Option<u32> {
         self.history_rows.map(|rows| self.halo(rows))
     }

@@ -1,4 +1,4 @@
-//! Sums what was counted per pixel by rows.
+//! Sums per-pixel counts over rows.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -15,7 +15,7 @@ pub const ROW_TALLY: Resource =
 /// Pixels that one invocation sums.
 const SEGMENT: u32 = 64;
 
-/// Numbers of a [`RowTally`].
+/// Number of counters in a [`RowTally`].
 const COUNTS: u32 = size_of::<RowTally>() as u32 / 4;
 
 const KERNEL: Kernel = Kernel::new("tally").with(constants![SEGMENT, COUNTS]);
@@ -36,20 +36,21 @@ pub struct RowTally {
     pub holes: [u32; 6],
     /// Pixels left to the filter.
     pub unsampled: u32,
-    /// Pixels whose light was cut to the largest half float, where specular and diffuse light are kept apart.
+    /// Pixels whose radiance was clamped to the largest half float. Only counted if specular and diffuse radiance are
+    /// stored separately.
     pub clipped: u32,
 }
 
-/// Stands in place of a [`HoleReason`] where a pixel is left to the filter.
+/// Code stored instead of a [`HoleReason`] if a pixel is left to the filter.
 pub const SKIPPED: u32 = HoleReason::ALL.len() as u32 + 1;
 
-/// Why a pixel of the right eye could not be reprojected, in the order of [`RowTally::holes`]. Pixels have the reason's
-/// number + 1; 0 is none.
+/// Reason that a pixel of the right eye could not be reprojected, in the order of [`RowTally::holes`]. Pixels store the
+/// reason's number + 1; 0 means no hole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HoleReason {
-    /// Outside the left eye's image, or not sampled there in the right eye's fovea.
+    /// The surface is outside the left eye's image, or was not sampled there in the right eye's fovea.
     Outside,
-    /// The left eye saw a surface turned another way.
+    /// The left eye saw a surface with another normal.
     Normal,
     /// The left eye saw a surface at another depth.
     Distance,

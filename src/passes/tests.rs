@@ -32,7 +32,7 @@ fn stages(spec: &FrameSpec) -> Vec<&'static str> {
     Declarations::default().program(spec).stages().into_iter().map(Stage::name).collect()
 }
 
-/// Bindings do not depend on the frame, since pipelines are made once.
+/// Checks that bindings do not depend on the frame, since pipelines are created once.
 #[test]
 fn a_kernel_always_binds_alike() {
     let mut bound: Vec<(&str, Vec<_>)> = Vec::new();
@@ -60,7 +60,7 @@ fn what_a_frame_does_not_need_is_left_out_and_said_why() {
     assert!(why.contains(&(path_trace::STAGE, Eye::Left, "the scene has no surfaces")), "{why:?}");
 }
 
-/// A scene that moves has them, and nothing else has: its frames are those of before.
+/// Checks that dynamic scenes have motion passes, and static scenes have none.
 #[test]
 fn what_moves_is_brought_first_and_followed_where_history_is_kept() {
     let all = |frame: &FrameSpec| -> Vec<&str> { declare(frame).passes.iter().map(|pass| pass.stage.name()).collect() };
@@ -84,7 +84,7 @@ fn what_moves_is_brought_first_and_followed_where_history_is_kept() {
     assert_eq!(passes(&unfiltered), ["skin", "refit"]);
 }
 
-/// Whatever moves, each device builds its structures anew, and nobody reads the trees.
+/// Checks that devices rebuild their acceleration structures for any dynamic geometry, and that no pass refits trees.
 #[test]
 fn with_hardware_traversal_structures_are_built_instead_of_refitted_trees() {
     let declared = |moving| {
@@ -111,7 +111,7 @@ fn groups_are_those_that_can_be_named() {
     );
 }
 
-/// They come last, and what the filter leaves is no output.
+/// Checks that display resampling comes last, and that the filtered image is not an output.
 #[test]
 fn rectified_images_are_resampled_to_what_eyes_show() {
     let shown = Extent::new(72, 80);
@@ -125,7 +125,8 @@ fn rectified_images_are_resampled_to_what_eyes_show() {
     assert_eq!([extent("linear"), extent("display"), extent("rectified")], [shown, shown, rectified.extent]);
 }
 
-/// Of both eyes, whatever else a frame does; a source of poses is asked for one before them.
+/// Checks that late reprojection of both eyes comes last, whatever else a frame does: the pose is sampled right before
+/// it.
 #[test]
 fn what_is_shown_late_is_shown_last() {
     let shown = Some(Extent::new(72, 80));
@@ -138,7 +139,7 @@ fn what_is_shown_late_is_shown_last() {
     assert!(first.iter().all(|pass| pass.cut_group != LATE_CUT) && last.iter().all(|pass| pass.cut_group == LATE_CUT));
 }
 
-/// Without others' rows of what is shown, and with all rows that it is made of.
+/// Checks that only the primary runs late reprojection if its rows are gathered there.
 #[test]
 fn what_is_gathered_is_computed_by_the_primary_alone() {
     let late = FrameSpec { shown: Some(Extent::new(72, 80)), is_late: true, ..spec(3, Seam::Filter) };
@@ -168,7 +169,7 @@ fn polar_images_are_mapped_to_the_screen() {
     let outputs: Vec<_> = program.outputs().map(|number| program.images()[number].resource).collect();
     let extents = |name| outputs.iter().find(|image| image.name == name).map(|image| image.extent(program.extent));
     assert_eq!([extents("linear"), extents("display"), extents("polar")], [Some(screen), Some(screen), None]);
-    // Which may be rectified.
+    // The screen may be the shared (rectified) projection.
     let shown = FrameSpec { shown: Some(Extent::new(48, 135)), aovs: vec![Aov::Albedo], ..polar };
     let last = ["tonemap", "polar_blur", "to_screen", "to_eye", "tally", "aov", "aov_to_screen", "aov_to_eye"];
     assert!(stages(&shown).ends_with(&last), "{:?}", stages(&shown));
@@ -179,7 +180,7 @@ fn polar_images_are_mapped_to_the_screen() {
     assert_eq!(extents, rectified);
 }
 
-/// A fit reads whole blocks, which reach 31 rows beyond a stripe, and antialiasing has it fit one row more.
+/// Checks margins: the fit reads whole blocks, which reach 31 rows beyond a stripe, and TAA needs one more fitted row.
 #[test]
 fn blocks_are_fitted_on_all_devices_that_have_rows_of_them() {
     let halo = Seam::Halo(HaloPlan::RECOMPUTE);
@@ -195,7 +196,8 @@ fn blocks_are_fitted_on_all_devices_that_have_rows_of_them() {
     assert!(program.passes().iter().all(|linked| linked.pass.halo_rows() == 0));
 }
 
-/// Tracing ends on all devices before a filter reads its neighbours' rows, so the two are cut separately.
+/// Checks that tracing and filter are partitioned separately, since all devices finish tracing before a filter reads
+/// its neighbours' rows.
 #[test]
 fn tracing_and_filter_are_cut_apart() {
     let sets = |spec: &FrameSpec| {

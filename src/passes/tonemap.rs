@@ -12,8 +12,8 @@ pub const LINEAR: Resource = Resource::image("linear", 16).output();
 /// Encoded RGBA8.
 pub const DISPLAY: Resource = Resource::image("display", 4).output();
 
-/// The images that what follows the filter writes: scene-referred and encoded. Polar ones are mapped to those of the
-/// screen, and rectified ones, which these may be, to what the eyes show.
+/// Returns the images that the passes after the filter write: scene-referred and encoded. Later passes map polar images
+/// to the screen, and resample rectified images for display.
 pub fn finished(spec: &FrameSpec) -> [Resource; 2] {
     match (spec.screen, spec.shown) {
         (Some(_), _) => [polar::LINEAR, polar::DISPLAY],
@@ -22,7 +22,7 @@ pub fn finished(spec: &FrameSpec) -> [Resource; 2] {
     }
 }
 
-/// `light` is demodulated, that is, divided by albedo.
+/// Returns the pass. `light` is demodulated, that is, divided by albedo.
 pub fn pass(spec: &FrameSpec, view: Eye, light: Image) -> Pass {
     let [linear, display] = finished(spec);
     Pass::new(Stage("tonemap"), view, CUT, Kernel::new("tonemap")).uses([

@@ -1,19 +1,20 @@
-//! The range of qualities of a run, which decides what is compiled and allocated.
+//! The range of qualities in a run, which determines the pipelines and buffers to create.
 
 use super::{Denoiser, Quality};
 
 /// The bounds of the qualities that the frames of a run may have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Envelope {
-    /// The most samples, bounces and iterations, and the least render scale. Its denoiser and polar images are those of all
-    /// frames.
+    /// Maximum samples, bounces and iterations, and minimum render scale. All frames share its denoiser and its polar
+    /// projection.
     pub most: Quality,
-    /// Whether some frames have one sample per pixel, which goes through its centre, and others several.
+    /// Whether 1-spp (pixel centre) and jittered multi-spp frames mix in one run.
     pub mixes_spp: bool,
 }
 
 impl Envelope {
-    /// Returns the bounds of these qualities, which have the same denoiser; of none, those of [`Quality::default`].
+    /// Returns the bounds of these qualities, which share a denoiser. An empty slice gives those of
+    /// [`Quality::default`].
     pub fn of(qualities: &[Quality]) -> Self {
         let Some(first) = qualities.first() else { return Self::from(Quality::default()) };
         let most = |number: fn(&Quality) -> u32| qualities.iter().map(number).fold(0, u32::max);

@@ -14,29 +14,29 @@ pub use crate::passes::denoise::Denoiser;
 pub use envelope::Envelope;
 pub use polar::{LogPolar, PolarSpace};
 
-/// The settings that decide how good a frame is. A ladder's file has them as `knobs`.
+/// Settings that determine the quality of a frame. Ladder files call them `knobs`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quality {
     /// Samples per pixel, at least 1.
     pub spp: u32,
-    /// Light reaches the eye through at most max(bounces, 1) reflections.
+    /// Maximum bounces. Direct light is always included, so 0 and 1 are equivalent.
     pub bounces: u32,
     #[serde(serialize_with = "denoise::serialize", deserialize_with = "denoise::deserialize")]
     pub denoiser: Option<Denoiser>,
-    /// Iterations of the denoiser in the inner, middle and outer foveal layer, 0 without a denoiser. Files have one number
-    /// if all layers have the same.
+    /// Iterations of the denoiser in the inner, middle and outer foveal layer, 0 without a denoiser. Files store one
+    /// number if all layers have the same.
     #[serde(serialize_with = "serialize_iterations", deserialize_with = "deserialize_iterations")]
     pub iterations: [u32; 3],
-    /// Radii at which the inner and the middle foveal layer end, as rising shares of the eye's width. Without them, the
-    /// whole image belongs to the inner layer.
+    /// Radii at which the inner and the middle foveal layer end, in increasing order, as fractions of the eye's width.
+    /// Without them, the whole image belongs to the inner layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fovea: Option<[f64; 2]>,
-    /// What is traced instead of the screen's pixels, if anything is.
+    /// Polar projection that is traced instead of the screen's pixels, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub polar: Option<PolarSpace>,
-    /// Render scale of each side of the image, within [`Self::SCALES`]. Paths are traced for its square's share of the
-    /// pixels, and the denoiser brings light to the others, guided by surfaces at full size.
+    /// Per-axis render scale, within [`Self::SCALES`]. Scale² of the pixels are path traced, and the denoiser fills in
+    /// the rest, guided by a full-resolution G-buffer.
     pub scale: f64,
 }
 
@@ -49,19 +49,19 @@ impl Default for Quality {
 }
 
 impl Quality {
-    /// Render scales that may be asked for.
+    /// Valid render scales.
     pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
 
-    /// Iterations of the layer with most.
+    /// Returns the iterations of the layer that has most.
     pub fn most_iterations(&self) -> u32 {
         let [inner, middle, outer] = self.iterations;
         inner.max(middle).max(outer)
     }
 
-    /// Checks whether a file may ask for it.
+    /// Checks whether all settings are valid.
     ///
     /// # Errors
-    /// A message that names the value that is out of its range.
+    /// A message that names the invalid setting.
     pub fn check(&self) -> Result<(), String> {
         within("spp", self.spp, 1..=1 << 20)?;
         within("bounces", self.bounces, 0..=1024)?;
@@ -95,7 +95,7 @@ impl Display for Quality {
     }
 }
 
-/// The form of iterations in files.
+/// Iterations as files store them.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged)]
 enum FileIterations {
@@ -116,23 +116,23 @@ fn deserialize_iterations<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
     })
 }
 
-/// The part of [`Quality`] that `run.json`, `frames.csv` and journals have for each frame. It leaves out the denoiser and
-/// what images are traced, which all frames of a run share, and has the iterations of the layer with most.
+/// The part of [`Quality`] that `run.json`, `frames.csv` and journals record for each frame. It leaves out the denoiser
+/// and the projection, which all frames of a run share. Its iterations are those of the layer that has most.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameQuality {
     pub spp: u32,
     pub bounces: u32,
     pub iterations: u32,
-    /// Render scale of each side of the image. 1 is full size.
+    /// Per-axis render scale. 1 is full size.
     pub scale: f64,
-    /// Radii of the foveal layers, as shares of the width.
+    /// Radii of the foveal layers, as fractions of the width.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fovea: Option<[f64; 2]>,
 }
 
 impl FrameQuality {
-    /// Samples per pixel in the mean of all pixels, before foveation leaves out more.
+    /// Returns the mean samples per pixel, before foveation leaves out more.
     pub fn samples(&self) -> f64 {
         f64::from(self.spp) * self.scale * self.scale
     }
@@ -157,7 +157,7 @@ fn layers_name(fovea: Option<[f64; 2]>) -> String {
     fovea.map_or(String::new(), |[inner, outer]| format!(", layers to {inner} and {outer}"))
 }
 
-/// Checks that a value is in its range. Otherwise the error has its name and the value.
+/// Checks that a value is in its range. The error names the value.
 pub(crate) fn within<T: PartialOrd + Display>(name: &str, value: T, range: RangeInclusive<T>) -> Result<(), String> {
     if range.contains(&value) { Ok(()) } else { Err(format!("{name} {value} is out of range")) }
 }

@@ -1,4 +1,4 @@
-//! Which images are traced instead of the screen's.
+//! Polar projections that can be traced instead of the screen's pixels.
 
 use std::fmt::{self, Display};
 use std::str::FromStr;
@@ -7,14 +7,14 @@ use serde::{Deserialize, Serialize};
 
 use super::within;
 
-/// Images whose pixels lie around the gaze.
+/// Projections whose pixels are arranged around the gaze.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum PolarSpace {
-    /// As dense as visual acuity asks for (Koskela et al. 2019).
+    /// Visual-polar: density follows visual acuity (Koskela et al. 2019).
     Visual,
-    /// Rings grow with their distance from the gaze (Andersson & Hansson 2020).
+    /// Log-polar: rings grow with their distance from the gaze (Andersson & Hansson 2020).
     Log(LogPolar),
 }
 
@@ -23,16 +23,16 @@ pub enum PolarSpace {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LogPolar {
-    /// By how much fewer columns and rows the image has than the screen, before `aspect`.
+    /// Downsampling factor of columns and rows relative to the screen, before `aspect`.
     pub sigma: f64,
-    /// Exponent of the kernel, which moves pixels away from the gaze; with 1 it does not.
+    /// Exponent of the kernel, which moves pixels away from the gaze; 1 has no effect.
     pub alpha: f64,
-    /// Angle around the gaze, radians, within which every pixel of the screen is traced; 0: there is no such image. It is
-    /// seen at a distance from which the screen's diagonal is 60 degrees.
+    /// Angle around the gaze, radians, within which every pixel of the screen is traced; 0 disables this. The assumed
+    /// viewing distance is that at which the screen's diagonal spans 60 degrees.
     pub gaze: f64,
     /// Rings over directions.
     pub aspect: f64,
-    /// Whether what is far from the gaze is blurred.
+    /// Whether the image is blurred away from the gaze.
     #[serde(default = "always")]
     pub blur: bool,
 }
@@ -42,7 +42,7 @@ fn always() -> bool {
 }
 
 impl LogPolar {
-    /// The paper's modes, its table 5.1.
+    /// The modes of the paper's table 5.1.
     pub const PRESETS: [(&str, Self); 4] = [
         ("fov", Self::new(0.75, 1.0, 0.0, 1.2)),
         ("kernel", Self::new(1.0, 3.0, 0.0, 0.7)),
@@ -50,17 +50,17 @@ impl LogPolar {
         ("composite-kernel", Self::new(1.3, 2.0, 0.15, 0.35)),
     ];
     pub const COMPOSITE: Self = Self::PRESETS[2].1;
-    /// The angle that the screen's diagonal covers where it is looked at, degrees.
+    /// Angle that the screen's diagonal spans at the assumed viewing distance, degrees.
     pub const DIAGONAL_DEG: f64 = 60.0;
 
     const fn new(sigma: f64, alpha: f64, gaze: f64, aspect: f64) -> Self {
         Self { sigma, alpha, gaze, aspect, blur: true }
     }
 
-    /// Checks whether there are such images.
+    /// Checks whether all parameters are valid.
     ///
     /// # Errors
-    /// A message that names the number that is out of its range.
+    /// A message that names the invalid parameter.
     pub fn check(&self) -> Result<(), String> {
         within("sigma", self.sigma, 0.25..=16.0)?;
         within("alpha", self.alpha, 0.25..=8.0)?;
@@ -72,7 +72,7 @@ impl LogPolar {
 impl FromStr for LogPolar {
     type Err = String;
 
-    /// Reads the name of a mode, or SIGMA,ALPHA,GAZE,ASPECT.
+    /// Parses the name of a mode, or SIGMA,ALPHA,GAZE,ASPECT.
     fn from_str(text: &str) -> Result<Self, String> {
         if let Some((_, preset)) = Self::PRESETS.iter().find(|(name, _)| *name == text) {
             return Ok(*preset);
@@ -95,7 +95,7 @@ impl Display for LogPolar {
 }
 
 impl PolarSpace {
-    /// As the command line names it.
+    /// Returns the name on the command line.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Visual => "visual-polar",

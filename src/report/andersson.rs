@@ -1,6 +1,6 @@
-//! Andersson & Hansson 2020, "Performance Optimizations for Foveated Real-Time Raytracing" (master's thesis, Lund):
-//! log-polar images of their four modes held against every pixel of the screen, by rings around the gaze; with the authors'
-//! numbers beside ours.
+//! Reproduces Andersson & Hansson 2020, "Performance Optimizations for Foveated Real-Time Raytracing" (master's thesis,
+//! Lund). Compares log-polar images in the thesis's four modes with tracing every pixel of the screen, by rings around
+//! the gaze, and prints the authors' numbers beside ours.
 
 use std::collections::BTreeMap;
 
@@ -15,25 +15,26 @@ use crate::image::Extent;
 use crate::metrics::rings::Viewing;
 use crate::quality::LogPolar;
 
-/// Every pixel of the screen, then the thesis's modes.
+/// Modes: every pixel of the screen, then those of the thesis.
 pub const MODES: [&str; 5] =
     ["basic", LogPolar::PRESETS[0].0, LogPolar::PRESETS[1].0, LogPolar::PRESETS[2].0, LogPolar::PRESETS[3].0];
 
-/// What the camera does.
+/// Camera motions to compare.
 pub const CAMERAS: [&str; 2] = ["still", "moving"];
 
-/// Rings of equal angle from the gaze to the farthest corner: of 2.05 degrees with the gaze in the screen's middle.
+/// Number of rings of equal angle from the gaze to the farthest corner: 2.05 degrees each with the gaze in the middle
+/// of the screen.
 pub const RINGS: usize = 20;
 
-/// How the thesis's viewers look at a screen of this size: at its middle, from where the diagonal over the distance is the
-/// tangent of 60 degrees (its equation 5.1).
+/// Returns the thesis's viewing conditions for a screen of this size (its equation 5.1): the gaze is in the middle, and
+/// the diagonal over the distance is the tangent of 60 degrees.
 pub fn viewing(screen: Extent) -> Viewing {
     let (width, height) = (f64::from(screen.width), f64::from(screen.height));
     let tan_half = height / width.hypot(height) * LogPolar::DIAGONAL_DEG.to_radians().tan() / 2.0;
     Viewing { gaze: [0.5; 2], yfov_deg: 2.0 * tan_half.atan().to_degrees() }
 }
 
-/// Parts of a frame, and stages that are in them.
+/// Parts of a frame, with the stages in each.
 const PARTS: [(&str, &[&str]); 6] = [
     ("gbuffer_ms", &["gbuffer", "motion"]),
     ("reproject_ms", &["reproject"]),
@@ -43,38 +44,39 @@ const PARTS: [(&str, &[&str]); 6] = [
     ("map_ms", &["polar_blur", "to_screen"]),
 ];
 
-/// A mode on a scene.
+/// Results of a mode on a scene.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Row {
     /// `measured` or `cited`.
     pub source: &'static str,
     pub scene: String,
-    /// One of [`CAMERAS`]; none where it makes no difference.
+    /// One of [`CAMERAS`]; none for cited values that do not depend on it.
     pub camera: Option<&'static str>,
     pub mode: &'static str,
-    /// Pixels of the left eye's image over those of its screen: all, and those that start paths.
+    /// Pixels of the left eye's image over those of its screen: all of them, then those that start paths.
     pub dispatched: Option<f64>,
     pub traced: Option<f64>,
-    /// Median, least and most of the frames' makespans.
+    /// Median, minimum and maximum of the frames' makespans.
     pub time_ms: Option<[f64; 3]>,
-    /// The basic mode's time over this.
+    /// Time of the basic mode over this one.
     pub speedup: Option<f64>,
-    /// Of both eyes, summed over devices, by names of columns.
+    /// Time of each part in ms, for both eyes and summed over devices, by column name.
     #[serde(flatten)]
     pub parts_ms: BTreeMap<&'static str, f64>,
     /// Means of both eyes.
     pub flip: Option<f64>,
     pub flip_acuity: Option<f64>,
     pub flip_foveated: Option<f64>,
-    /// Of a camera that rests.
+    /// Flicker with a camera at rest.
     pub flicker: Option<f64>,
-    /// Of the ring at the gaze, and of the outermost that has one.
+    /// SSIM of the ring at the gaze and of the outermost ring with a value.
     pub ssim: [Option<f64>; 2],
-    /// ... against the basic mode's frames.
+    /// The same against the basic mode's frames.
     pub ssim_basic: [Option<f64>; 2],
 }
 
-/// The rows of a scene and a camera, of [`MODES`] in their order; `shares`: what is dispatched and what is traced.
+/// Returns the rows of a scene and a camera, in the order of [`MODES`]. Each result comes with the fractions of
+/// dispatched and traced pixels and with its rings.
 pub fn measured(scene: &str, camera: &'static str, found: &[(Measured, [f64; 2], Vec<RingRow>)]) -> Vec<Row> {
     let basic_ms = found.first().map(|(of, ..)| of.time_ms);
     let row = |(mode, (of, [dispatched, traced], rings)): (&'static str, &(Measured, [f64; 2], Vec<RingRow>))| {
@@ -106,7 +108,7 @@ pub fn measured(scene: &str, camera: &'static str, found: &[(Measured, [f64; 2],
     MODES.into_iter().zip(found).map(row).collect()
 }
 
-/// Table 5.2, of the Titan V, with table 5.3's shares.
+/// Table 5.2 (Titan V), with the fractions from table 5.3.
 const CITED_MS: [(&str, [Option<f64>; 5]); 4] = [
     ("Sponza", [Some(6.52), Some(10.58), Some(5.62), Some(3.98), None]),
     ("Sponza, antialiased", [None, Some(11.07), Some(5.91), Some(4.21), Some(4.21)]),
@@ -115,14 +117,15 @@ const CITED_MS: [(&str, [Option<f64>; 5]); 4] = [
 ];
 const CITED_SHARES: [[f64; 2]; 5] = [[1.0, 1.0], [1.62, 1.54], [0.754, 0.657], [0.483, 0.375], [0.476, 0.377]];
 
-/// Chapter 6, by mode: SSIM close to the gaze and in the periphery. Of ranges, which are 0.02 wide at most, the middle.
+/// Chapter 6: by mode, SSIM close to the gaze and in the periphery. A range, at most 0.02 wide, is replaced by its
+/// middle.
 const CITED_SSIM: [(&str, Option<&str>, [f64; 4], f64); 3] = [
     ("Bistro", None, [0.98, 0.98, 0.97, 0.97], 0.93),
     ("Bistro, antialiased", Some(CAMERAS[0]), [0.98, 0.98, 1.0, 1.0], 0.935),
     ("Bistro, antialiased", Some(CAMERAS[1]), [0.96; 4], 0.92),
 ];
 
-/// What the authors say.
+/// Returns the authors' results.
 pub fn cited() -> Vec<Row> {
     let row = |scene: &str, camera, mode: usize| {
         let [dispatched, traced] = CITED_SHARES[mode].map(Some);
@@ -200,7 +203,7 @@ pub const NOTE: &str = "1 sample per pixel, 6 bounces, svgf with 5 iterations, t
     antialiased where it is said, with speed-ups over basic frames that are not; where they give a range of SSIM, its \
     middle.";
 
-/// A line per scene, camera and mode.
+/// Returns a table with a line per scene, camera and mode.
 pub fn andersson_table(rows: &[Row]) -> Table {
     table(&SHOWN, rows)
 }
@@ -232,7 +235,7 @@ const CSV: [Column<Row>; 24] = [
     ("ssim_basic_edge", |r| number(r.ssim_basic[1], 6)),
 ];
 
-/// The contents of `andersson.csv`.
+/// Returns the contents of `andersson.csv`.
 pub fn andersson_csv(rows: &[Row]) -> Csv {
     Csv::new(&CSV, rows)
 }

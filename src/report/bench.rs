@@ -1,4 +1,5 @@
-//! Times and errors of a grid of settings: rows, CSV, fronts of time against error, and the quality ladder.
+//! Measures times and errors over a grid of settings: rows, CSV, Pareto fronts of time against error, and the quality
+//! ladder.
 
 mod ladder;
 mod regret;
@@ -24,11 +25,11 @@ use crate::metrics::rings::Viewing;
 use crate::metrics::temporal::{Change, TemporalError};
 use crate::quality::{Denoiser, FrameQuality, Quality};
 
-/// The metrics that tables show, in this order. Files have the others after them.
+/// Metrics that tables show, in this order. Files have the remaining ones after them.
 const SHOWN: [&str; 10] =
     ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "flip_acuity", "mean_ratio"];
 
-/// Names of the flicker between frames, and of the measure of fronts and ladders, FLIP + flicker
+/// Names of two metrics: the flicker between frames, and FLIP + flicker, by which fronts and ladders are made
 /// ([`crate::control::Measure::FlipFlicker`]).
 const FLICKER: &str = "flicker";
 pub const ERROR: &str = "flip_flicker";
@@ -36,13 +37,13 @@ pub const ERROR: &str = "flip_flicker";
 /// A relMSE below this many times the reference's own cannot be distinguished from it.
 const NOISE_MARGIN: f64 = 4.0;
 
-/// An eye's errors by name, as many as [`SeenErrors`] has.
+/// An eye's errors by name, with the names of [`SeenErrors`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Errors(serde_json::Map<String, serde_json::Value>);
 
 impl Errors {
-    /// Means over repeats. A value that is undefined in one is undefined in the mean.
+    /// Returns the means over repeats. A value that is undefined in one repeat is undefined in the mean.
     pub fn mean_of(comparisons: &[impl Serialize]) -> Self {
         let all: Vec<serde_json::Value> = comparisons.iter().filter_map(|c| serde_json::to_value(c).ok()).collect();
         let names = all.first().and_then(|v| v.as_object()).into_iter().flat_map(|v| v.keys());
@@ -57,7 +58,7 @@ impl Errors {
         self.0.get(name)?.as_f64()
     }
 
-    /// Adds the flicker between frames, and its sum with FLIP, which is undefined where either is.
+    /// Adds the flicker between frames, and its sum with FLIP, which is undefined if either is.
     fn with_flicker(mut self, flicker: Option<f64>) -> Self {
         let sum = self.get("flip").zip(flicker).map(|(flip, flicker)| flip + flicker);
         for (name, value) in [(FLICKER, flicker), (ERROR, sum)] {
@@ -66,7 +67,7 @@ impl Errors {
         self
     }
 
-    /// The errors, those of [`SHOWN`] first.
+    /// Returns the names of the errors, those of [`SHOWN`] first.
     fn names(&self) -> Vec<&str> {
         let mut names: Vec<&str> = self.0.keys().map(String::as_str).collect();
         names.sort_by_key(|n| SHOWN.iter().position(|s| s == n).unwrap_or(SHOWN.len()));
@@ -74,7 +75,7 @@ impl Errors {
     }
 }
 
-/// A frame of a setting.
+/// One measured frame of a setting.
 #[derive(Clone, Debug)]
 pub struct Repeat {
     /// Busy time by stage, summed over views and devices.
@@ -84,7 +85,7 @@ pub struct Repeat {
     pub line: FrameLine,
 }
 
-/// The errors of an eye, and those that are weighted by the gaze.
+/// Errors of an eye, with and without weights by the gaze.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SeenErrors {
     #[serde(flatten)]
@@ -107,25 +108,25 @@ impl Repeat {
     }
 }
 
-/// The results of a setting.
+/// Results of a setting.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
-    /// Median, least and most of the repeats' makespans.
+    /// Median, minimum and maximum of the repeats' makespans.
     pub time_ms: f64,
     pub time_ms_min: f64,
     pub time_ms_max: f64,
-    /// Medians of busy times.
+    /// Medians of the busy times.
     pub stage_ms: BTreeMap<String, f64>,
     pub errors: Stereo<Errors>,
     /// relMSE of each repeat.
     pub relmse_repeats: Stereo<Vec<f64>>,
-    /// The line of each repeat in `frames.csv`.
+    /// Line of each repeat in `frames.csv`.
     pub frames: Vec<FrameLine>,
 }
 
 impl Measured {
-    /// Combines the frames of a setting. `changes` has the change from each frame to the next by eye, with the camera
-    /// at rest.
+    /// Combines the frames of a setting. `changes` holds the difference between consecutive frames of each eye, with
+    /// the camera at rest.
     pub fn of(repeats: &[Repeat], changes: Stereo<Change>) -> Self {
         let times_ms: Vec<f64> = repeats.iter().map(|r| r.line.makespan_ms).collect();
         let stages = repeats.iter().flat_map(|r| r.stage_ms.keys());
@@ -148,21 +149,21 @@ impl Measured {
         }
     }
 
-    /// The mean of both eyes, infinite if it is undefined in one.
+    /// Returns the mean of both eyes; infinite if it is undefined in one.
     pub fn error(&self, name: &str) -> f64 {
         let [l, r] = [&self.errors.left, &self.errors.right].map(|e| e.get(name).unwrap_or(f64::INFINITY));
         (l + r) / 2.0
     }
 }
 
-/// One setting.
+/// A setting with its results.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     #[serde(flatten)]
     pub quality: Quality,
     #[serde(flatten)]
     pub measured: Measured,
-    /// Whether no other setting is both faster and better by [`ERROR`], the mean of both eyes.
+    /// True if no other setting is both faster and better by [`ERROR`], as a mean of both eyes.
     pub on_front: bool,
 }
 
@@ -190,20 +191,20 @@ pub fn mark_front(rows: &mut [Row]) {
     }
 }
 
-/// The measure of the rows' errors.
+/// Describes the exposure at which the rows' errors were measured.
 pub fn exposure_note(exposure_ev: f64) -> String {
     format!("PSNR, SSIM, FLIP and flicker are of pictures tonemapped at {exposure_ev} EV, the shot's exposure.")
 }
 
-/// The error by which fronts and ladders are made.
+/// Caption that names the error of fronts and ladders.
 pub const ERROR_NOTE: &str = "Fronts and ladders go by flip_flicker: the mean FLIP of the frames on which the moving \
     camera arrives and rests, each with the history of those before it, plus their flicker, by how much pixels change \
     from one of them to the next.";
 
-/// The names and values of columns that all rows of a table share.
+/// Names and values of the columns that all rows of a table share.
 pub type Shared = Vec<(&'static str, String)>;
 
-/// A line per setting and eye. Values that are undefined are empty.
+/// Returns a line per setting and eye. Undefined values are empty.
 pub fn csv(shared: &Shared, rows: &[Row]) -> Csv {
     let metrics = rows.first().map_or(Vec::new(), |r| r.measured.errors.left.names());
     let mut columns: Vec<&str> = shared.iter().map(|(name, _)| *name).collect();
@@ -225,7 +226,7 @@ pub fn csv(shared: &Shared, rows: &[Row]) -> Csv {
     Csv { columns: columns.into_iter().map(str::to_owned).collect(), lines }
 }
 
-/// A line per timed frame, with those settings that [`FrameLine`] does not have.
+/// Returns a line per timed frame, with the settings that [`FrameLine`] lacks.
 pub fn frames(rows: &[Row]) -> Csv {
     let lines = || rows.iter().flat_map(|row| row.measured.frames.iter().map(move |line| (row, line)));
     let setting = |(row, _): (&Row, &FrameLine)| {
@@ -237,10 +238,10 @@ pub fn frames(rows: &[Row]) -> Csv {
     settings.beside(FrameLine::csv(&lines().map(|(_, line)| line.clone()).collect::<Vec<_>>()))
 }
 
-/// The columns of a quality.
+/// Columns of a quality.
 const COLUMNS: [&str; 6] = ["denoiser", "iterations", "bounces", "foveation", "scale", "spp"];
 
-/// The layers as the command line names them.
+/// Returns the cells of a quality, with layers in the command line's notation.
 fn cells_of(quality: &Quality) -> [String; 6] {
     let FrameQuality { spp, bounces, iterations, scale, fovea } = quality.into();
     let foveation = match (fovea, &quality.polar) {
@@ -252,7 +253,7 @@ fn cells_of(quality: &Quality) -> [String; 6] {
     [Denoiser::name_of(quality.denoiser).to_owned(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
 }
 
-/// A plot of time against both eyes' relMSE, with the front of each denoiser and the noise of the reference below them.
+/// Plots time against both eyes' relMSE, with the front of each denoiser and, below, the noise of the reference.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
@@ -273,7 +274,7 @@ fn time_chart(title: String, error: &str, series: &[Series]) -> Result<String, R
     line_chart_svg(&Chart { title, x: Axis { label: x, log: true }, y: Axis { label: y, log: true } }, series)
 }
 
-/// For each denoiser, the settings that no other of its settings beats.
+/// Returns the Pareto front of each denoiser's settings.
 fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
     let denoisers = once(rows.iter().map(|r| r.quality.denoiser));
     let series = |denoiser: &Option<Denoiser>| {
@@ -284,7 +285,7 @@ fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
     denoisers.iter().map(series).collect()
 }
 
-/// A line per setting and eye.
+/// Returns a line per setting and eye.
 pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
     let metrics: Vec<&str> =
         SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.measured.errors.left.0.contains_key(*m))).collect();
@@ -315,7 +316,7 @@ mod tests {
     use crate::image::{Extent, RgbImage};
     use crate::metrics::Pair;
 
-    /// A setting whose repeats have these RMSE in the left eye, and twice that in the right.
+    /// Makes a setting whose repeats have these RMSE in the left eye and twice that in the right.
     pub(super) fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> Row {
         let denoiser = Denoiser::from_name(denoiser).unwrap();
         let quality = Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };

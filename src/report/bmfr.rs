@@ -1,5 +1,6 @@
-//! Xu, Tong & Xu, "Real-time Blockwise Multi-order Feature Regression": features that depend on others left out of the
-//! fit, held against noise on all features, and both against `svgf`; with the authors' numbers beside ours.
+//! Compares two ways to keep the fit of Xu, Tong & Xu, "Real-time Blockwise Multi-order Feature Regression", well
+//! conditioned: omit linearly dependent features, or add noise to all. Compares both with `svgf`, and prints the
+//! authors' numbers beside ours.
 
 use serde::Serialize;
 
@@ -9,27 +10,27 @@ use super::csv::{Column, Csv, number};
 use super::study::{cell, table};
 use crate::quality::Denoiser;
 
-/// What is held against one another.
+/// Denoisers to compare.
 pub const DENOISERS: [Denoiser; 3] = [Denoiser::SVGF, Denoiser::BMFR, Denoiser::BMFR_NOISE];
 
 const PATHS: [&str; 2] = ["path_trace", "hole_fill"];
-/// The fit, or what `svgf` has in its place.
+/// Stages of the fit, or their equivalents in `svgf`.
 const FILTERS: [&str; 3] = ["fit", "variance", "svgf"];
 
-/// A denoiser on a scene.
+/// Results of a denoiser on a scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     /// `measured` or `cited`.
     pub source: &'static str,
     pub scene: String,
     pub denoiser: &'static str,
-    /// Median, least and most of the frames' makespans.
+    /// Median, minimum and maximum of the frames' makespans.
     pub time_ms: Option<[f64; 3]>,
     pub frames_per_s: f64,
-    /// Of path tracing and of the filter, both eyes, summed over devices.
+    /// Times of path tracing and of the filter in ms, for both eyes and summed over devices.
     pub path_ms: Option<f64>,
     pub filter_ms: Option<f64>,
-    /// Of the time that devices spend in stages.
+    /// Time of the filter as a fraction of the devices' time in all stages.
     pub filter_share: Option<f64>,
     /// Means of both eyes.
     pub flip: Option<f64>,
@@ -72,7 +73,7 @@ impl Row {
     }
 }
 
-/// What the authors measured.
+/// Returns the authors' measurements.
 pub fn cited() -> [Row; 2] {
     let (path_ms, filter_ms, filter_share) = (Some(7.08), Some(6.42), Some(0.427));
     [
@@ -105,7 +106,7 @@ pub const NOTE: &str = "1 sample, 6 bounces; the camera comes along its path and
     to all features instead. Cited: Xu, Tong & Xu on an RTX 2070 of a laptop, one eye, where the time of stages is that \
     of the fit with noise.";
 
-/// A line per scene and denoiser.
+/// Returns a table with a line per scene and denoiser.
 pub fn bmfr_table(rows: &[Row]) -> Table {
     table(&SHOWN, rows)
 }
@@ -125,7 +126,7 @@ const CSV: [Column<Row>; 12] = [
     ("flicker", |r| number(r.flicker, 6)),
 ];
 
-/// The contents of `bmfr.csv`.
+/// Returns the contents of `bmfr.csv`.
 pub fn bmfr_csv(rows: &[Row]) -> Csv {
     Csv::new(&CSV, rows)
 }

@@ -1,14 +1,14 @@
-//! Tables for programs: CSV files with one value per cell, which is empty where there is none.
+//! CSV files for programs, with one value per cell; missing values are empty.
 
 use std::path::Path;
 
 use crate::image::ImageError;
 use crate::image::file::atomic_write;
 
-/// The name of a column, in snake_case and with its unit, and its value in a row.
+/// Name of a column, in snake_case and with its unit, and its value in a row.
 pub type Column<T> = (&'static str, fn(&T) -> String);
 
-/// A table: lines of values under the names of their columns.
+/// A table with a line of values per row, under column names.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Csv {
     pub columns: Vec<String>,
@@ -43,27 +43,27 @@ impl Csv {
     }
 }
 
-/// A line of a file, with its newline.
+/// Formats a line of a file, with its newline.
 pub(super) fn line(cells: impl IntoIterator<Item: AsRef<[u8]>>) -> Vec<u8> {
     let mut writer = csv::Writer::from_writer(Vec::new());
-    // Memory takes whatever is written.
+    // Writing to memory cannot fail.
     let _ = writer.write_record(cells);
     writer.into_inner().unwrap_or_default()
 }
 
-/// A number with this many decimals, empty for none.
+/// Formats a number with this many decimals; empty for none.
 pub(super) fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or(String::new(), |v| format!("{v:.decimals$}"))
 }
 
-/// The text of a value, empty for none.
+/// Formats a value; empty for none.
 pub(super) fn optional<T: ToString>(value: Option<T>) -> String {
     value.map_or(String::new(), |v| v.to_string())
 }
 
 #[cfg(test)]
 impl Csv {
-    /// A value of a line by its column's name.
+    /// Returns a value of a line by its column's name.
     pub fn value(&self, line: usize, column: &str) -> &str {
         let at = self.columns.iter().position(|name| name == column);
         &self.lines[line][at.unwrap_or_else(|| panic!("no column {column} in {:?}", self.columns))]

@@ -1,4 +1,4 @@
-//! `frames.csv`, which has a line per frame and the same columns for every command.
+//! Writes `frames.csv`, with a line per frame and the same columns for every command.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,29 +8,29 @@ use super::run::FrameRow;
 use crate::exec::RightEye;
 use crate::quality::FrameQuality;
 
-/// The line of a frame in `frames.csv`. Single stages are in `run.json`.
+/// Line of a frame in `frames.csv`. Times of single stages are in `run.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameLine {
     pub index: u32,
-    /// The instant of the frame.
+    /// Scene time of the frame.
     pub time_s: f64,
-    /// The number of devices that worked on it.
+    /// Number of devices that rendered it.
     pub devices: usize,
     pub makespan_ms: f64,
     pub interval_ms: Option<f64>,
     pub predicted_ms: Option<f64>,
     pub plan_ms: f64,
     pub aov_ms: f64,
-    /// Time of all devices in stages.
+    /// Total time of all devices in stages.
     pub busy_ms: f64,
     #[serde(flatten)]
     pub quality: FrameQuality,
     pub rays: u64,
-    /// How the right eye came about, where it is reprojected.
+    /// Origin of the right eye's pixels, if it is reprojected.
     pub right_eye: Option<RightEye>,
     pub nonfinite_samples: u64,
     pub transferred_bytes: u64,
-    /// What the control loop did, for frames inside a budget.
+    /// Decision of the control loop, for frames with a time budget.
     pub control: Option<ControlRow>,
 }
 
@@ -90,23 +90,23 @@ const CONTROL: [Column<FrameLine>; 6] = [
 ];
 
 impl FrameLine {
-    /// The contents of the file. It has columns of the control loop only where there was one.
+    /// Returns the contents of the file. It has the control loop's columns only if there was one.
     pub fn csv(lines: &[Self]) -> Csv {
         let all = Csv::new(&COLUMNS, lines);
         if lines.iter().any(|l| l.control.is_some()) { all.beside(Csv::new(&CONTROL, lines)) } else { all }
     }
 
-    /// The first line of a file that grows, of frames that the control loop made.
+    /// Returns the header line of a growing file, for frames of the control loop.
     pub fn header() -> Vec<u8> {
         csv::line(COLUMNS.iter().chain(&CONTROL).map(|(name, _)| *name))
     }
 
-    /// The line of such a frame.
+    /// Returns the line of such a frame.
     pub fn text(&self) -> Vec<u8> {
         csv::line(COLUMNS.iter().chain(&CONTROL).map(|(_, cell)| cell(self)))
     }
 
-    /// The same from the rows of `run.json`.
+    /// Returns the contents of the file from the rows of `run.json`.
     pub fn csv_of(rows: &[FrameRow]) -> Csv {
         Self::csv(&rows.iter().map(Self::from).collect::<Vec<_>>())
     }
@@ -116,7 +116,7 @@ impl FrameLine {
 mod tests {
     use super::*;
 
-    /// Others read columns by their place as well, so that their order stays and new ones come last.
+    /// Programs also read columns by position, so the order stays and new columns come last.
     #[test]
     fn every_column_has_its_own_number_at_its_own_place() {
         let line = FrameLine {
@@ -172,7 +172,7 @@ mod tests {
         let table = FrameLine::csv(std::slice::from_ref(&line));
         let found = ["rung", "expected_ms", "fits", "in_band", "late_ms"];
         assert_eq!(found.map(|name| table.value(0, name)), ["3", "12.0000", "true", "false", "0.5000"]);
-        // A file that grows is the same.
+        // A growing file has the same contents.
         let folder = tempfile::tempdir().unwrap();
         table.write(&folder.path().join("frames.csv")).unwrap();
         let grown = [FrameLine::header(), line.text()].concat();

@@ -1,4 +1,4 @@
-//! How frames came to a headset.
+//! Reports the timing of frames in a headset.
 
 use std::fmt;
 
@@ -6,22 +6,22 @@ use serde::Serialize;
 
 use super::quantiles::Quantiles;
 
-/// A frame in a headset.
+/// Timing of a frame in a headset.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct HeadsetRow {
-    /// The instant for which the runtime predicted its display, seconds since that of the first frame.
+    /// Predicted display time, seconds since that of the first frame.
     pub display_s: f64,
-    /// The period of the display, which a runtime may stretch for programs that take longer.
+    /// Refresh period of the display. A runtime may stretch it for programs that need more time.
     pub period_ms: f64,
-    /// The predicted time from motion to photon: from when the pose was taken that the frame is shown from to its display, or if
-    /// it came too late for that, to the next one. It is `null` where the runtime does not tell the time.
+    /// Predicted motion-to-photon time: from the sampling of the pose with which the frame is shown to its display, or
+    /// to the next refresh if it came too late. It is `null` if the runtime has no clock.
     pub motion_to_photon_ms: Option<f64>,
-    /// The time by which the pose that it is shown from is newer than the one that it was rendered at, where it was corrected.
+    /// Time by which late latching made the pose newer than that of rendering, if the frame was corrected.
     pub corrected_ms: Option<f64>,
-    /// The time from when the frame was handed over to its predicted display, negative if it came too late for that.
+    /// Time from submission to the predicted display; negative if the frame came too late.
     pub ahead_ms: Option<f64>,
-    /// Periods of the display between the frame before and this one, as the runtime predicts them, without a frame.
+    /// Display periods without a frame since the previous frame, by the runtime's predictions.
     pub missed: u32,
 }
 
@@ -31,24 +31,24 @@ pub struct HeadsetRow {
 pub struct HeadsetSummary {
     pub runtime: String,
     pub headset: String,
-    /// The size of each eye that the runtime recommends.
+    /// Size of each eye's image that the runtime recommends.
     pub recommended_size: String,
-    /// The period of the display at first.
+    /// Refresh period of the display at the start.
     pub period_ms: f64,
-    /// Whether the distance of what is seen was handed over as well.
+    /// True if depth was submitted, too.
     pub depth: bool,
-    /// Whether images were copied through the host's memory, as the first device is not on the runtime's adapter.
+    /// True if images were copied through host memory, because the first device is not on the runtime's adapter.
     pub host_copies: bool,
-    /// Whether frames were corrected to where the head was when all else of them was done.
+    /// True if frames were corrected to a head pose sampled after the rest of the frame was done.
     pub late_poses: bool,
-    /// The states that the session went through.
+    /// States that the session went through.
     pub states: Vec<String>,
     pub motion_to_photon_ms_p50: Option<f64>,
     pub motion_to_photon_ms_p95: Option<f64>,
     pub motion_to_photon_ms_max: Option<f64>,
-    /// Frames that were handed over after their predicted display.
+    /// Frames that were submitted after their predicted display time.
     pub late_frames: usize,
-    /// Periods of the display without a frame.
+    /// Display periods without a frame.
     pub missed: u64,
 }
 

@@ -1,4 +1,4 @@
-//! Results as one self-contained page of HTML. Pictures, charts and its script are in it, and nothing is fetched.
+//! Writes results as one self-contained HTML page. It embeds pictures, charts and its script, and fetches nothing.
 
 use serde::Serialize;
 
@@ -8,21 +8,21 @@ use super::Table;
 #[derive(Clone, Debug, Default)]
 pub struct Section {
     pub heading: &'static str,
-    /// The text, by paragraph.
+    /// Text, by paragraph.
     pub notes: Vec<String>,
     pub table: Option<Table>,
-    /// SVG or HTML, which is taken as it is.
+    /// SVG or HTML, inserted verbatim.
     pub figure: Option<String>,
 }
 
-/// The style sheet, and the script that draws the interactive figures.
+/// Style sheet, and the script that draws the interactive figures.
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
-/// The content security policy: whatever a figure asks for, nothing is fetched.
+/// Content security policy: nothing is fetched, whatever a figure asks for.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
-/// Makes the page. `command` is the command line that made it.
+/// Makes the page. `command` is the command line of the run.
 pub fn page(title: &str, command: &str, sections: &[Section]) -> String {
     let title = escape(title);
     let mut page = format!(
@@ -37,17 +37,17 @@ pub fn page(title: &str, command: &str, sections: &[Section]) -> String {
     page + &format!("{footer}\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n")
 }
 
-/// A figure that the page's script draws from data. `kind` names the function in `page.js`.
+/// Returns a figure that the page's script draws from data. `kind` names the function in `page.js`.
 ///
 /// # Errors
-/// For data that JSON cannot hold.
+/// Errors for data that JSON cannot hold.
 pub fn live(kind: &str, data: &impl Serialize) -> serde_json::Result<String> {
-    // A string that closes the element would end the data.
+    // Escape `<`, so that no string can close the script element.
     let json = serde_json::to_string(data)?.replace('<', "\\u003c");
     Ok(format!("<div class=\"live\" data-kind=\"{kind}\"><script type=\"application/json\">{json}</script></div>"))
 }
 
-/// Cells with more characters than this are broken into lines, but not after each word.
+/// Cells with more characters than this may break into lines, but not after each word.
 const LONG: usize = 24;
 
 fn add(page: &mut String, section: &Section) {
@@ -79,7 +79,7 @@ fn add(page: &mut String, section: &Section) {
     *page += "</section>\n";
 }
 
-/// Text that HTML reads as that text, in elements and in quoted attributes.
+/// Escapes text for HTML elements and quoted attributes.
 pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {

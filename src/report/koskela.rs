@@ -1,5 +1,6 @@
-//! Koskela et al. 2019, "Foveated Real-Time Path Tracing in Visual-Polar Space": visual-polar images held against every
-//! pixel of the screen, and against other ways to spend as many samples; with the authors' numbers beside ours.
+//! Reproduces Koskela et al. 2019, "Foveated Real-Time Path Tracing in Visual-Polar Space". Compares visual-polar
+//! images with tracing every pixel of the screen and with other distributions of as many samples, and prints the
+//! authors' numbers beside ours.
 
 use serde::Serialize;
 
@@ -8,7 +9,7 @@ use super::bench::Measured;
 use super::csv::{Column, Csv, number};
 use super::study::{cell, table};
 
-/// What is held against one another, the baseline first.
+/// Arrangements to compare, the baseline first.
 pub const ARRANGEMENTS: [&str; 5] = ["full", "uniform", "linear", "visual-polar", "log-polar"];
 
 /// Exponent of the kernel of log-polar images.
@@ -17,59 +18,61 @@ pub const LOG_POLAR_ALPHA: f64 = 4.0;
 /// Degrees from the gaze at which the linear falloff begins and ends.
 pub const FALLOFF_DEG: [f64; 2] = [10.0, 20.0];
 
-/// Degrees from the gaze within which flicker is of the fovea, and degrees per second by which the gaze moves there.
+/// Eccentricity that bounds the fovea in the flicker measurements, degrees, and the speed of the gaze there, degrees
+/// per second.
 pub const NEAR_DEG: f64 = 5.0;
 pub const GAZE_DEG_PER_S: f64 = 15.0;
 
 const PATHS: [&str; 2] = ["path_trace", "hole_fill"];
 const FILTERS: [&str; 3] = ["accumulate", "variance", "svgf"];
 
-/// An arrangement on a scene.
+/// Results of an arrangement on a scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     /// `measured` or `cited`.
     pub source: &'static str,
     pub scene: String,
     pub arrangement: &'static str,
-    /// Probability of a sample where the linear falloff has ended.
+    /// Sampling probability beyond the linear falloff.
     pub floor: Option<f64>,
-    /// By how much fewer columns and rows log-polar images have than the screen.
+    /// Downsampling factor of log-polar images, per axis of the screen.
     pub sigma: Option<f64>,
-    /// Pixels of each eye that start paths over pixels of its screen.
+    /// Pixels of each eye that start paths, over pixels of its screen.
     pub paths_left: Option<f64>,
     pub paths_right: Option<f64>,
-    /// Median, least and most of the frames' makespans.
+    /// Median, minimum and maximum of the frames' makespans.
     pub time_ms: Option<[f64; 3]>,
-    /// Of both eyes, summed over devices: path tracing, the filter, the map to the screen and blurring before it.
+    /// Times in ms, for both eyes and summed over devices: path tracing, the filter, the map to the screen, and the
+    /// blur before it.
     pub path_ms: Option<f64>,
     pub filter_ms: Option<f64>,
     pub map_ms: Option<f64>,
     pub blur_ms: Option<f64>,
-    /// Path tracing of every pixel over this.
+    /// Path tracing time of every pixel over this one.
     pub path_speedup: Option<f64>,
     /// Means of both eyes.
     pub flip: Option<f64>,
     pub flip_acuity: Option<f64>,
     pub flip_foveated: Option<f64>,
-    /// With a gaze that rests, of the whole image.
+    /// Flicker of the whole image with a resting gaze.
     pub flicker: Option<f64>,
-    /// With a gaze that moves, of the fovea.
+    /// FLIP and flicker of the fovea with a moving gaze.
     pub fovea_flip: Option<f64>,
     pub fovea_flicker: Option<f64>,
 }
 
-/// What is found apart from the frames of a gaze that rests.
+/// Measurements of an arrangement other than those of frames with a resting gaze.
 #[derive(Clone, Copy, Debug)]
 pub struct Beside {
     pub floor: Option<f64>,
     pub sigma: Option<f64>,
-    /// Pixels that start paths over pixels of the screen, left and right.
+    /// Pixels that start paths, over pixels of the screen, left and right.
     pub paths: [f64; 2],
-    /// FLIP and flicker.
+    /// FLIP and flicker of the fovea.
     pub fovea: [Option<f64>; 2],
 }
 
-/// The rows of a scene, of [`ARRANGEMENTS`] in their order.
+/// Returns the rows of a scene, in the order of [`ARRANGEMENTS`].
 pub fn measured(scene: &str, found: Vec<(Measured, Beside)>) -> Vec<Row> {
     let row =
         |arrangement, (of, Beside { floor, sigma, paths, fovea: [fovea_flip, fovea_flicker] }): (Measured, Beside)| {
@@ -107,7 +110,7 @@ pub fn measured(scene: &str, found: Vec<(Measured, Beside)>) -> Vec<Row> {
     rows
 }
 
-/// What the authors say, section 5: path tracing of the scene that takes least, and of the one that takes most.
+/// Returns the authors' path tracing times (section 5) of the cheapest and the most expensive scene.
 pub fn cited() -> Vec<Row> {
     let row = |scene: &str, arrangement, path_ms| Row {
         source: "cited",
@@ -188,7 +191,7 @@ pub const NOTE: &str = "1 sample of each pixel that is sampled, 6 bounces, svgf 
     samples (p = 0.0023) than with visual-polar ones, and more that distract (p = 0.0059) \
     with log-polar ones, whose σ was 1.8.";
 
-/// A line per scene and arrangement.
+/// Returns a table with a line per scene and arrangement.
 pub fn koskela_table(rows: &[Row]) -> Table {
     table(&SHOWN, rows)
 }
@@ -217,7 +220,7 @@ const CSV: [Column<Row>; 21] = [
     ("fovea_flicker", |r| number(r.fovea_flicker, 6)),
 ];
 
-/// The contents of `koskela.csv`.
+/// Returns the contents of `koskela.csv`.
 pub fn koskela_csv(rows: &[Row]) -> Csv {
     Csv::new(&CSV, rows)
 }

@@ -1,4 +1,4 @@
-//! Swimlanes of frames for a page, with a lane per device and eye, a box per task, and one frame at a time.
+//! Draws swimlanes of frames for a page, with a lane per device and eye and a box per task, one frame at a time.
 
 use std::borrow::Cow;
 
@@ -10,14 +10,14 @@ use super::html::live;
 use crate::exec::{FrameReport, TaskTiming, TimedTask};
 use crate::scene::rig::Eye;
 
-/// The largest number of tasks, which take about 1.8 MB of a page.
+/// Maximum number of tasks, which take about 1.8 MB of a page.
 const TASKS_MAX: usize = 120_000;
 
-/// A frame whose tasks can be shown.
+/// A frame whose tasks the page can show.
 pub struct LaneFrame<'a> {
     pub name: String,
     pub makespan_ms: f64,
-    /// The time that is subtracted from the tasks' times, milliseconds.
+    /// Time that is subtracted from the tasks' times, milliseconds.
     pub begin_ms: f64,
     pub tasks: &'a [TaskTiming],
 }
@@ -28,19 +28,19 @@ impl<'a> LaneFrame<'a> {
     }
 }
 
-/// Everything about a task but its times: stage, eye (0 is left), device, kind (0 device work, 1 download, 2 upload),
-/// the first row and the one after the last, and bytes of a transfer. Many frames have the same.
+/// Everything about a task except its times: stage, eye (0 is left), device, kind (0 device work, 1 download, 2
+/// upload), the first row and the one after the last, and bytes of a transfer. Many frames share the same shapes.
 type Shape = (usize, usize, usize, usize, u32, u32, u64);
 
 #[derive(Default, Serialize)]
 struct Data {
-    /// Names of stages and of images that are transferred.
+    /// Names of stages and of transferred images.
     names: Vec<Cow<'static, str>>,
     shapes: Vec<Shape>,
     frames: Vec<Frame>,
-    /// The index of the frame that is shown first.
+    /// Index of the frame to show first.
     shown: usize,
-    /// The distance between frames whose tasks are kept.
+    /// Distance between the frames whose tasks are kept.
     stride: usize,
 }
 
@@ -48,15 +48,15 @@ struct Data {
 struct Frame {
     name: String,
     ms: f64,
-    /// For each task in order: shape, begin relative to the begin of the task before, and length, in microseconds.
+    /// Tasks in order: shape, begin relative to the begin of the previous task, and length, in microseconds.
     tasks: Vec<i64>,
 }
 
-/// The figure, with frame `shown` first. Where there are very many tasks, only those of some frames at equal distances
+/// Returns the figure, with frame `shown` first. If there are too many tasks, only those of frames at regular intervals
 /// are kept.
 ///
 /// # Errors
-/// Those of [`live`].
+/// Errors of [`live`].
 pub fn lanes(frames: &[LaneFrame<'_>], shown: usize) -> serde_json::Result<String> {
     live("lanes", &data(frames, shown, TASKS_MAX))
 }
@@ -111,7 +111,7 @@ pub(super) fn round(ms: f64) -> f64 {
     (ms * 1e3).round() / 1e3
 }
 
-/// The index of the frame whose makespan is nearest to the median of all, 0 without frames.
+/// Returns the index of the frame whose makespan is nearest to the median, 0 without frames.
 pub fn median_frame(makespans_ms: &[f64]) -> usize {
     let mut order: Vec<usize> = (0..makespans_ms.len()).collect();
     order.sort_by(|&a, &b| makespans_ms[a].total_cmp(&makespans_ms[b]));

@@ -1,5 +1,5 @@
-//! What a late correction of head motion is worth: frames that are shown some frames after their pose was taken, as they are
-//! and reprojected with depth, held against frames of the true pose.
+//! Measures late reprojection (timewarp) against no correction. Frames are shown some frames after their pose was
+//! sampled, and compared with frames rendered at the true pose.
 
 use serde::Serialize;
 
@@ -7,23 +7,23 @@ use super::Table;
 use super::csv::{Column, Csv, number, optional};
 use super::study::{cell, table};
 
-/// Frames between the pose that a frame is rendered with and the one that it is shown with.
+/// Numbers of frames between the pose for rendering and the pose for display.
 pub const LATENCIES: [u32; 3] = [1, 2, 4];
 
-/// Degrees that are rendered on all sides beside what is shown.
+/// Overscan on each side, degrees.
 pub const BORDER_DEG: f64 = 6.0;
 
-/// A latency on a shot: means over instants and eyes, and the most of any.
+/// Results for a latency on a shot: means over instants and eyes, and maxima.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     pub scene: String,
     pub latency_frames: u32,
     pub latency_ms: f64,
     pub instants: u32,
-    /// By which the head has turned and moved meanwhile.
+    /// Mean rotation and translation of the head during the latency.
     pub turned_deg: f64,
     pub moved_mm: f64,
-    /// FLIP of the frame as it was rendered, of the corrected one, and of a frame of the true pose with other random numbers.
+    /// FLIP of the uncorrected frame, of the corrected one, and of a frame at the true pose with other random numbers.
     pub flip: f64,
     pub flip_most: f64,
     pub flip_corrected: f64,
@@ -31,7 +31,8 @@ pub struct Row {
     pub flip_noise: f64,
 }
 
-/// What is found at an instant: FLIP of both eyes, uncorrected, corrected and of noise.
+/// Measurements at an instant: motion of the head, and FLIP of both eyes for the uncorrected and the corrected frame
+/// and for noise alone.
 #[derive(Clone, Copy, Debug)]
 pub struct Instant {
     pub turned_deg: f64,
@@ -40,7 +41,7 @@ pub struct Instant {
 }
 
 impl Row {
-    /// Of one instant at least.
+    /// Summarises a latency from its instants, at least one.
     pub fn of(scene: &str, latency_frames: u32, fps: f64, instants: &[Instant]) -> Self {
         let mean = |of: &dyn Fn(&Instant) -> f64| instants.iter().map(of).sum::<f64>() / instants.len().max(1) as f64;
         let flip = |which: usize| mean(&|i| (i.flips[which][0] + i.flips[which][1]) / 2.0);
@@ -79,7 +80,7 @@ const SHOWN: [Column<Row>; 9] = [
     ("instants", |r| r.instants.to_string()),
 ];
 
-/// A line per scene and latency.
+/// Returns a table with a line per scene and latency.
 pub fn late_table(rows: &[Row]) -> Table {
     table(&SHOWN, rows)
 }
@@ -98,7 +99,7 @@ const CSV: [Column<Row>; 11] = [
     ("flip_noise", |r| number(Some(r.flip_noise), 6)),
 ];
 
-/// The contents of `late.csv`.
+/// Returns the contents of `late.csv`.
 pub fn late_csv(rows: &[Row]) -> Csv {
     Csv::new(&CSV, rows)
 }

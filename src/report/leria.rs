@@ -1,5 +1,6 @@
-//! Leria, Mäkitalo & Jääskeläinen 2024, "Real-time Stereoscopic Image-parallel Path Tracing": every stage shared out over
-//! the devices, held against a baseline that shares out path tracing alone, with the paper's numbers beside ours.
+//! Reproduces Leria, Mäkitalo & Jääskeläinen 2024, "Real-time Stereoscopic Image-parallel Path Tracing". Compares
+//! distributing every stage over the devices with a baseline that distributes only path tracing, and prints the paper's
+//! numbers beside ours.
 
 use std::array;
 
@@ -13,20 +14,20 @@ use crate::graph::{FrameGraph, TaskKind};
 use crate::report::{Axis, Chart, Series, line_chart_svg};
 use crate::schedule::{CostModel, Prediction, task_ms};
 
-/// Frames of the paper's run along a path.
+/// Number of frames in the paper's run along a path.
 pub const FRAMES: u32 = 104;
 
-/// The arrangements, the one that others are held against first: all that follows path tracing on the primary, and
-/// every stage on all devices.
+/// Arrangements, the baseline first: stages after path tracing run on the primary only, or every stage runs on all
+/// devices.
 pub const ARRANGEMENTS: [&str; 2] = ["baseline", "proposed"];
 
-/// A row of the paper's table "Performance per stage", which is of San Miguel, and what it is here.
+/// A row of the paper's table "Performance per stage" (San Miguel), with the corresponding stages here.
 struct Part {
     name: &'static str,
     column: &'static str,
-    /// Empty for all stages that no other part has.
+    /// Stages of this part; empty for the part that takes all other stages.
     stages: &'static [&'static str],
-    /// Of both arrangements.
+    /// Times that the paper reports for both arrangements.
     cited_ms: [f64; 2],
 }
 
@@ -59,20 +60,20 @@ fn part_of(stage: &str) -> usize {
     PARTS.iter().position(|part| part.stages.contains(&stage)).or(rest).unwrap_or_default()
 }
 
-/// The busy share of the primary and the mean of the others', on San Miguel, for both arrangements.
+/// Cited busy fraction of the primary, and the mean of the others, on San Miguel, for both arrangements.
 const CITED_BUSY: [[f64; 2]; 2] = [[0.99, 0.53], [0.94, 0.97]];
 
-/// The paper's scenes, with the time of about [`FRAMES`] frames in both arrangements, s.
+/// The paper's scenes, with the time in seconds of about [`FRAMES`] frames in both arrangements.
 const CITED_S: [(&str, [f64; 2]); 3] =
     [("San Miguel", [1.59, 0.87]), ("Sponza", [1.93, 0.69]), ("Bistro Exterior", [3.26, 1.54])];
 
-/// The times of a frame, ms.
+/// Times of a frame, ms.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameTimes {
     makespan_ms: f64,
-    /// Of each device in stages.
+    /// Time of each device in stages, without transfers.
     busy_ms: Vec<f64>,
-    /// By [`PARTS`]; the mean over the devices that had any.
+    /// Time of each of [`PARTS`], averaged over the devices that ran any of it.
     part_ms: [Option<f64>; PARTS.len()],
 }
 
@@ -89,7 +90,7 @@ impl FrameTimes {
         Self::new(frame.makespan_ms, frame.assignment.devices(), times)
     }
 
-    /// `prediction` is of this graph and this model.
+    /// Returns the times of a `prediction` for this graph and this model.
     pub fn simulated(graph: &FrameGraph, model: &CostModel, prediction: &Prediction) -> Self {
         let times = (0..graph.devices()).flat_map(|device| graph.tasks_of(device)).filter_map(|task| {
             let stage = match task.kind {
@@ -103,7 +104,7 @@ impl FrameTimes {
         Self::new(prediction.makespan_ms, graph.devices(), times)
     }
 
-    /// `times` of tasks, each with its device and stage.
+    /// Sums up the `times` of tasks, each with its device and stage.
     fn new<'a>(makespan_ms: f64, devices: usize, times: impl Iterator<Item = (usize, &'a str, f64)>) -> Self {
         let mut ms = vec![[0.0; PARTS.len()]; devices];
         let mut busy_ms = vec![0.0; devices];
@@ -117,7 +118,7 @@ impl FrameTimes {
         Self { makespan_ms, busy_ms, part_ms }
     }
 
-    /// Of the primary, and the mean of the others.
+    /// Returns the busy fraction of the primary, and the mean of the other devices.
     fn busy_shares(&self) -> [Option<f64>; 2] {
         let share = |ms: &f64| ms / self.makespan_ms;
         [self.busy_ms.first().map(share), mean(self.busy_ms.iter().skip(1).map(share))]
@@ -129,17 +130,17 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| sum / f64::from(count))
 }
 
-/// Both arrangements on the same devices.
+/// A run of both arrangements on the same devices.
 pub struct Run {
-    /// `measured`, or `simulated`.
+    /// `measured` or `simulated`.
     pub source: &'static str,
     pub shot: String,
     pub devices: usize,
-    /// By [`ARRANGEMENTS`], as many of each.
+    /// Frames of each of [`ARRANGEMENTS`], the same number for both.
     pub frames: [Vec<FrameTimes>; 2],
 }
 
-/// An arrangement. Values over frames are medians.
+/// Results of an arrangement. Values over frames are medians.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     /// `measured`, `simulated` or `cited`.
@@ -148,16 +149,16 @@ pub struct Row {
     pub devices: Option<usize>,
     pub arrangement: &'static str,
     pub frames: u32,
-    /// Time of all frames.
+    /// Total time of all frames.
     pub total_s: Option<f64>,
     /// Quartiles of the makespans.
     pub makespan_ms: Option<[f64; 3]>,
-    /// Of a frame over the same frame of the baseline; cited ones are of the time of all frames.
+    /// Speedup of a frame over the same frame of the baseline. Cited values are for the total time.
     pub speedup: f64,
-    /// Time of the primary in stages over the makespan, and the mean of all other devices.
+    /// Time of the primary in stages over the makespan; then the mean of the other devices.
     pub primary_busy_share: Option<f64>,
     pub others_busy_share: Option<f64>,
-    /// By [`PARTS`].
+    /// Time of each of [`PARTS`], ms.
     #[serde(rename = "stages", serialize_with = "by_column")]
     part_ms: [Option<f64>; PARTS.len()],
 }
@@ -167,7 +168,7 @@ fn by_column<S: Serializer>(part_ms: &[Option<f64>; PARTS.len()], serializer: S)
 }
 
 impl Run {
-    /// By [`ARRANGEMENTS`].
+    /// Returns a row for each of [`ARRANGEMENTS`].
     pub fn rows(&self) -> [Row; 2] {
         let [baseline, proposed] = &self.frames;
         let gains = baseline.iter().zip(proposed).map(|(b, p)| b.makespan_ms / p.makespan_ms).collect();
@@ -193,7 +194,7 @@ impl Run {
         })
     }
 
-    /// The frames' makespans along the path.
+    /// Plots the frames' makespans along the path.
     ///
     /// # Errors
     /// [`ReportError`] if there is nothing to draw.
@@ -209,7 +210,7 @@ impl Run {
     }
 }
 
-/// The paper's rows, of which only those of the first scene have times of stages.
+/// Returns the paper's rows. Only those of the first scene have times of stages.
 fn cited() -> Vec<Row> {
     let row = |scene: usize, i: usize| {
         let ((name, total_s), is_detailed) = (CITED_S[scene], scene == 0);
@@ -231,7 +232,7 @@ fn cited() -> Vec<Row> {
     (0..CITED_S.len()).flat_map(|scene| [row(scene, 0), row(scene, 1)]).collect()
 }
 
-/// Rows of these runs, then the paper's.
+/// Returns the rows of these runs, then the paper's.
 pub fn rows(runs: &[Run]) -> Vec<Row> {
     runs.iter().flat_map(Run::rows).chain(cited()).collect()
 }
@@ -260,7 +261,7 @@ pub const MAKESPAN_NOTE: &str = "Baseline: path tracing, with the G-buffer that 
     with the costs that were measured in the proposed arrangement. Cited: Leria, Mäkitalo & Jääskeläinen 2024, several \
     GPUs, 1280x720 per eye, 1 sample, 6 bounces, SVGF; times of about 104 frames, speed-ups of those, 2.25 in the mean.";
 
-/// A line per arrangement.
+/// Returns a table with a line per arrangement.
 pub fn makespan_table(rows: &[Row]) -> Table {
     table(&MAKESPANS, rows)
 }
@@ -272,7 +273,7 @@ pub const STAGE_NOTE: &str = "ms of a frame, both eyes: mean over the devices th
     of the primary but for path tracing and sending, and the G-buffer is rasterised. Its scene update, tonemapping, \
     record of the frame before, stitching and blit have no stage of their own here.";
 
-/// A line per stage, of each run.
+/// Returns a table with a line per stage of each run.
 pub fn stage_table(runs: &[Run]) -> Table {
     let mut lines = Vec::new();
     for run in runs {
@@ -316,7 +317,7 @@ const CSV: [Column<Row>; 11] = [
     ("others_busy_share", |r| number(r.others_busy_share, 5)),
 ];
 
-/// The contents of `leria.csv`: a line per arrangement, with the times of its stages.
+/// Returns the contents of `leria.csv`: a line per arrangement, with the times of its stages.
 pub fn leria_csv(rows: &[Row]) -> Csv {
     let stages = Csv {
         columns: PARTS.iter().map(|part| part.column.to_owned()).collect(),
@@ -329,7 +330,7 @@ pub fn leria_csv(rows: &[Row]) -> Csv {
 mod tests {
     use super::*;
 
-    /// The paper prints three speed-ups, the mean of which is 2.25.
+    /// The mean of the paper's three speedups is 2.25.
     #[test]
     fn cited_times_give_the_cited_speed_ups() {
         let speedups: Vec<f64> = cited().iter().skip(1).step_by(2).map(|row| row.speedup).collect();
@@ -363,7 +364,7 @@ mod tests {
             ["path tracing", "denoising", "sending", "receiving", "hole filling"].map(|name| ms(&baseline, name));
         assert_eq!(found, [Some(4.0), Some(3.0), Some(2.0), Some(0.5), None]);
         assert_eq!(ms(&proposed, "denoising"), Some(1.0));
-        // Transfers are no work of the device; the third one did nothing.
+        // Transfers do not count as work of the device; the third device did nothing.
         assert_eq!((baseline.primary_busy_share, baseline.others_busy_share), (Some(0.7), Some(0.2)));
         let lines = stage_table(&[run()]).rows;
         let line = lines.iter().find(|line| line[2] == "denoising").unwrap();

@@ -1,4 +1,4 @@
-//! Results: text tables, SVG charts and pages of HTML for people, CSV and JSON for programs.
+//! Writes results: text tables, SVG charts and HTML pages for people, CSV and JSON for programs.
 
 pub mod andersson;
 pub mod bench;
@@ -56,12 +56,12 @@ pub enum ReportError {
     Image(#[from] crate::image::ImageError),
 }
 
-/// The [`median`], which is 0 of no values.
+/// Returns the [`median`], or 0 without values.
 pub fn median_of(values: Vec<f64>) -> f64 {
     median(values).unwrap_or(0.0)
 }
 
-/// Each value once, in the order of their first occurrence.
+/// Returns each value once, in the order of first occurrence.
 pub fn once<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
     let mut once = Vec::new();
     for value in values {
@@ -72,15 +72,15 @@ pub fn once<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
     once
 }
 
-/// The largest value over the mean.
+/// Returns the largest value over the mean.
 fn imbalance(busy_ms: &[f64]) -> f64 {
     busy_ms.iter().copied().fold(0.0, f64::max) * busy_ms.len() as f64 / busy_ms.iter().sum::<f64>().max(1e-9)
 }
 
-/// Shares below this are not listed.
+/// Fractions below this are not listed.
 const SHARE_MIN: f64 = 0.005;
 
-/// Shares summed by name, largest first, as in `path_trace 61 % atrous 30 %`.
+/// Sums up fractions by name and formats them, largest first, as in `path_trace 61 % atrous 30 %`.
 fn shares_text<'a>(shares: impl IntoIterator<Item = (&'a str, f64)>) -> String {
     let mut sums: Vec<(&str, f64)> = Vec::new();
     for (name, share) in shares {

@@ -1,4 +1,4 @@
-//! Times and errors of other renderers, read from a file, to compare them with what was measured here.
+//! Reads times and errors of other renderers from a file, for comparison with measurements made here.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -31,13 +31,13 @@ pub enum PeersError {
     OtherExposure { peers_ev: f64, shot_ev: f64 },
 }
 
-/// A renderer with some settings.
+/// Results of a renderer with certain settings.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Peer {
-    /// The name. Peers with the same name are joined by a line.
+    /// Name. A line joins the peers of the same name.
     pub name: String,
-    /// The time of a stereo frame.
+    /// Time of a stereo frame.
     pub time_ms: f64,
     /// FLIP, above 0 and at most 1.
     pub flip: f64,
@@ -50,7 +50,7 @@ pub struct Peer {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Peers {
-    /// The exposure at which pictures were compared by FLIP.
+    /// Exposure at which FLIP compared the pictures.
     #[serde(default)]
     exposure_ev: f64,
     #[serde(default)]
@@ -61,8 +61,8 @@ impl Peers {
     /// Parses the text of a file.
     ///
     /// # Errors
-    /// [`PeersError::Form`], [`PeersError::Exposure`], [`PeersError::Empty`], and [`PeersError::Peer`] for the first whose
-    /// numbers are out of range.
+    /// [`PeersError::Form`], [`PeersError::Exposure`], [`PeersError::Empty`], and [`PeersError::Peer`] for the first
+    /// peer whose numbers are out of range.
     pub fn parse(text: &str) -> Result<Self, PeersError> {
         let peers: Self = toml::from_str(text).map_err(Box::new)?;
         if !peers.exposure_ev.is_finite() {
@@ -91,7 +91,7 @@ impl Peers {
         Self::parse(&text).map_err(|source| PeersError::File { path: path.to_owned(), source: Box::new(source) })
     }
 
-    /// The peers, to be compared with pictures of a shot with this exposure.
+    /// Returns the peers, for comparison with pictures of a shot with this exposure.
     ///
     /// # Errors
     /// [`PeersError::OtherExposure`], since FLIP of the same images depends on the exposure.
@@ -101,7 +101,7 @@ impl Peers {
     }
 }
 
-/// Time against FLIP, with a line per name, in the order of the first occurrence of names.
+/// Returns time against FLIP, with a line per name, in the order of first occurrence.
 pub fn series(peers: &[Peer]) -> Vec<Series> {
     let mut lines: Vec<Series> = Vec::new();
     for Peer { name, time_ms, flip, .. } in peers {
@@ -118,7 +118,7 @@ pub const NOTE: &str = "Ours: the fastest measured setting whose FLIP, the mean 
     reference, is at most the peer's, and the peer's time over ours. Peers' numbers are their file's, so its machine, \
     size and reference are to be like those of this page; the exposure is the same.";
 
-/// For each peer, the fastest setting here whose FLIP is at most that of the peer.
+/// Returns, for each peer, the fastest setting here whose FLIP is at most the peer's.
 pub fn table(peers: &[Peer], rows: &[Row]) -> Table {
     let headers = vec!["peer", "note", "FLIP", "ms", "ours, ms", "FLIP", "setting", "times as fast"];
     let ours = |flip: f64| {
@@ -171,7 +171,7 @@ mod tests {
         assert!(!files.is_empty(), "{}", folder.display());
         for path in files {
             let peers = Peers::read(&path).unwrap().peer;
-            // Without a denoiser, and with either of two denoisers, at four sample counts.
+            // The settings are no denoiser and two denoisers, each at four sample counts.
             let lines = series(&peers);
             assert_eq!((peers.len(), lines.len(), lines[1].points.len()), (12, 3, 4), "{}", path.display());
         }

@@ -1,5 +1,5 @@
-//! Tables 4 and 5 of Peres 2022, "Non-homogeneous denoising for virtual reality in real-time path tracing rendering",
-//! with our numbers beside the thesis's.
+//! Reproduces tables 4 and 5 of Peres 2022, "Non-homogeneous denoising for virtual reality in real-time path tracing
+//! rendering", with our numbers beside the thesis's.
 
 use serde::Serialize;
 
@@ -7,10 +7,10 @@ use super::Table;
 use super::csv::{Column, Csv, number, optional};
 use super::study::{cell, deviation, mean, table};
 
-/// The thesis's scenes, in its order.
+/// Scenes of the thesis, in its order.
 pub const SCENES: [&str; 3] = ["Pink Room", "Sponza", "Forest"];
 
-/// The thesis's resolutions per eye, in its order.
+/// Resolutions per eye in the thesis, in its order.
 pub const RESOLUTIONS: [Resolution; 2] = [
     Resolution { name: "FHD", width: 960, height: 1080, radii_px: [144.0, 288.0] },
     Resolution { name: "Quest 2", width: 1832, height: 1920, radii_px: [265.0, 530.0] },
@@ -22,18 +22,19 @@ pub struct Resolution {
     pub name: &'static str,
     pub width: u32,
     pub height: u32,
-    /// Table 2: where the inner and the middle layer end.
+    /// Outer radii of the inner and the middle layer (table 2).
     radii_px: [f64; 2],
 }
 
 impl Resolution {
-    /// Where the inner and the middle layer end, as fractions of the width: 0.15 and 0.3, or 0.1447 and 0.2893.
+    /// Returns the outer radii of the inner and the middle layer as fractions of the width: 0.15 and 0.3, or 0.1447 and
+    /// 0.2893.
     pub fn radii(&self) -> [f64; 2] {
         self.radii_px.map(|px| px / f64::from(self.width))
     }
 }
 
-/// The thesis's configurations, in its order.
+/// Configurations of the thesis, in its order.
 pub const CONFIGURATIONS: [&str; 3] = ["Base", "NH2LD", "NH3LD"];
 
 /// Table 4: ms per frame, by resolution, scene and configuration.
@@ -49,10 +50,10 @@ const QUALITY: [[ImageErrors; 3]; 3] = [
     [errors(3.7991, 0.813191, 22.339938), errors(3.8649, 0.795324, 22.378790), errors(4.1787, 0.778536, 21.692040)],
 ];
 
-/// The errors of pictures in display values.
+/// Errors of pictures, in display values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ImageErrors {
-    /// RMSE as a share of the range of display values, 0 … 1.
+    /// RMSE in % of the range of display values.
     pub rmse_percent: f64,
     pub ssim: Option<f64>,
     /// PSNR in dB.
@@ -64,30 +65,31 @@ const fn errors(rmse_percent: f64, ssim: f64, psnr: f64) -> ImageErrors {
 }
 
 impl ImageErrors {
-    /// The errors of a setting. The RMSE follows from the PSNR, whose peak is the range.
+    /// Derives the errors of a setting. The RMSE follows from the PSNR, whose peak is the range.
     pub fn new(psnr: f64, ssim: Option<f64>) -> Self {
         Self { rmse_percent: 100.0 * 10f64.powf(-psnr / 20.0), ssim, psnr }
     }
 }
 
-/// The results of a configuration.
+/// Results of a configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Found {
-    /// Quartiles of the warm frames' makespans, of all instants.
+    /// Quartiles of the warm frames' makespans over all instants.
     pub time_ms: [f64; 3],
-    /// The time of the base configuration over that of this one.
+    /// Time of the base configuration over that of this one.
     pub speed_up: f64,
-    /// Instants of the path.
+    /// Number of instants along the path.
     pub instants: usize,
     /// Means over instants.
     pub quality: ImageErrors,
-    /// Standard deviations over instants, none of a single one.
+    /// Standard deviations over instants; none for a single instant.
     pub deviation: Option<ImageErrors>,
-    /// The exposure of the shot, at which pictures are compared.
+    /// Exposure of the shot, at which pictures are compared.
     pub exposure_ev: f64,
 }
 
-/// Mean and, of several, standard deviation (over n − 1) of errors; an SSIM that is undefined in one is undefined.
+/// Returns the mean of the errors and, for several instants, the standard deviation (over n − 1). An SSIM that is
+/// undefined in one instant is undefined.
 pub fn over_instants(of: &[ImageErrors]) -> (ImageErrors, Option<ImageErrors>) {
     let values = |value: fn(&ImageErrors) -> f64| of.iter().map(value).collect::<Vec<_>>();
     let ssims: Option<Vec<f64>> = of.iter().map(|errors| errors.ssim).collect();
@@ -108,15 +110,15 @@ pub struct Row {
     pub resolution: &'static str,
     pub size: String,
     pub shot: String,
-    /// The thesis's scene that the shot stands for.
+    /// Scene of the thesis that the shot replaces.
     pub stands_for: &'static str,
     pub configuration: &'static str,
-    /// `None` where it was not measured.
+    /// Results; `None` if it was not measured.
     pub found: Option<Found>,
 }
 
 impl Row {
-    /// `of` is within the bounds of the constants.
+    /// Creates a row; `of` must be within the bounds of the constants.
     pub fn new(of: [usize; 3], size: String, shot: String, found: Option<Found>) -> Self {
         let [resolution, scene, configuration] = of;
         let (resolution, stands_for) = (RESOLUTIONS[resolution].name, SCENES[scene]);
@@ -127,17 +129,17 @@ impl Row {
         self.found.map(|f| f.time_ms[1])
     }
 
-    /// One of the errors.
+    /// Returns one of the errors.
     fn quality(&self, of: fn(&ImageErrors) -> Option<f64>) -> Option<f64> {
         of(&self.found?.quality)
     }
 
-    /// ... and its standard deviation over instants.
+    /// Returns the standard deviation of that error over instants.
     fn deviation(&self, of: fn(&ImageErrors) -> Option<f64>) -> Option<f64> {
         of(&self.found?.deviation?)
     }
 
-    /// Mean ± deviation.
+    /// Formats mean ± deviation.
     fn quality_text(&self, of: fn(&ImageErrors) -> Option<f64>, decimals: usize) -> String {
         let deviation = self.deviation(of).map_or(String::new(), |d| format!(" ± {d:.decimals$}"));
         cell(self.quality(of), decimals) + &deviation
@@ -202,12 +204,12 @@ pub const QUALITY_NOTE: &str = "Mean and standard deviation over instants along 
     say at which resolution, and of what its RMSE is: its PSNR is 1.0 (Pink Room, Base) to 6.1 dB (Forest, Base) below \
     what that formula gives. Other scenes and renderers: hold configurations of a scene against each other, not columns.";
 
-/// Table 4, with a line per resolution, shot and configuration.
+/// Returns table 4, with a line per resolution, shot and configuration.
 pub fn time_table(rows: &[Row]) -> Table {
     table(&[&SUBJECT[..], &TIME].concat(), rows)
 }
 
-/// Table 5, with the same lines as [`time_table`].
+/// Returns table 5, with the same lines as [`time_table`].
 pub fn quality_table(rows: &[Row]) -> Table {
     table(&[&SUBJECT[..], &ERRORS].concat(), rows)
 }
@@ -236,7 +238,7 @@ const CSV: [Column<Row>; 21] = [
     ("psnr_deviation", |r| number(r.deviation(PSNR), 4)),
 ];
 
-/// Both tables as CSV.
+/// Returns both tables as CSV.
 pub fn peres_csv(rows: &[Row]) -> Csv {
     Csv::new(&CSV, rows)
 }

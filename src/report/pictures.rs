@@ -1,4 +1,4 @@
-//! Pictures for a page. Two are shown at a time, with a line to wipe from one to the other.
+//! Shows pictures on a page, two at a time, with a line to wipe between them.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -11,7 +11,7 @@ use crate::image::display::{DisplayImage, encode_png, tonemap};
 use crate::metrics::Pair;
 use crate::metrics::heatmap::flip_heatmap;
 
-/// Pictures that belong together, such as those of one frame.
+/// Pictures that belong together, for example those of one frame.
 pub struct Group {
     pub name: String,
     pub pictures: Vec<Picture>,
@@ -23,16 +23,16 @@ pub struct Picture {
 }
 
 impl Group {
-    /// Both eyes of linear images as a screen shows them, `exposure_ev` stops brighter.
+    /// Tonemaps both eyes' linear images, `exposure_ev` stops brighter.
     pub fn of_frame(name: String, linear: &Stereo<RgbImage>, exposure_ev: f32) -> Self {
         let eye = |eye: &str, image| Picture { name: eye.to_owned(), image: tonemap(image, exposure_ev) };
         Self { name, pictures: vec![eye("left eye", &linear.left), eye("right eye", &linear.right)] }
     }
 
-    /// [`Self::of_frame`], and the FLIP of each pixel of both eyes as they are shown, with their means in the names.
+    /// Adds to [`Self::of_frame`] the FLIP of each pixel of both tonemapped eyes, with the means in the names.
     ///
     /// # Errors
-    /// [`ReportError::Image`] for images of unlike size or without pixels.
+    /// [`ReportError::Image`] for images of different sizes or without pixels.
     pub fn against(
         name: String,
         linear: &Stereo<RgbImage>,
@@ -50,8 +50,8 @@ impl Group {
     }
 }
 
-/// The viewer. At first, the first picture is left of the line, and the first one of the last group is right of it, or
-/// the second one where there is a single group. All pictures have the same size.
+/// Returns the viewer. Initially the first picture is on the left of the line. The first picture of the last group is
+/// on the right, or the second picture if there is a single group. All pictures must have the same size.
 ///
 /// # Errors
 /// [`ReportError::Encoding`].

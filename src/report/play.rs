@@ -1,4 +1,4 @@
-//! Reports how well a budget was kept.
+//! Reports how well a run kept its time budget.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -12,27 +12,27 @@ use super::study::cell;
 use crate::control::{Measure, Rung};
 use crate::quality::FrameQuality;
 
-/// The number of frames before the control loop is judged.
+/// Number of frames before the control loop is judged.
 pub const SETTLING_FRAMES: usize = 30;
 
-/// What the control loop did with a frame.
+/// Decision of the control loop for a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ControlRow {
-    /// The number of the rung in the ladder, from 0.
+    /// Index of the rung in the ladder, from 0.
     pub rung: usize,
-    /// The expected time of the rung, which is the corrected prediction of the cost model.
+    /// Expected time of the rung: the cost model's prediction after correction.
     pub expected_ms: f64,
-    /// Whether any rung was expected to be within the budget.
+    /// True if any rung was expected to fit the budget.
     pub fits: bool,
     pub in_band: bool,
-    /// The time between when the frame was due and when it was begun.
+    /// Delay from the frame's due time to its begin.
     pub late_ms: f64,
-    /// The host time that choosing the rung took.
+    /// Host time for choosing the rung.
     pub decide_ms: f64,
 }
 
-/// A rung and the share of frames that it had.
+/// A rung, with the fraction of frames that used it.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RungUse {
@@ -40,33 +40,33 @@ pub struct RungUse {
     pub denoiser: &'static str,
     #[serde(flatten)]
     pub quality: FrameQuality,
-    /// The median of the expected times of its frames.
+    /// Median of the expected times of its frames.
     pub expected_ms: f64,
-    /// The error by the ladder's measure, where it was measured.
+    /// Error by the ladder's measure, if it was measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<f64>,
-    /// Whether the error is an estimate, as the rung's time was before it was played.
+    /// True if the error is an estimate, as the rung's time was before it was played.
     pub estimated: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub estimated_error: Option<f64>,
     pub share: f64,
 }
 
-/// Says that the budget could not be kept at the size that was asked for, and at which size it can.
+/// A report that the budget could not be kept at the requested size, with the size at which it can.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SizeFit {
-    /// The size of each eye.
+    /// Size of each eye.
     pub asked_size: String,
-    /// The median time of the cheapest rung at that size.
+    /// Median time of the cheapest rung at that size.
     pub asked_ms: f64,
-    /// A smaller size at which the budget can be kept, if one was found.
+    /// A smaller size at which the budget can be kept, if there is one.
     pub fitting_size: Option<String>,
     pub fitting_ms: Option<f64>,
     pub played_size: String,
 }
 
-/// A run of frames outside the band.
+/// A sequence of consecutive frames outside the band.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Excursion {
@@ -74,13 +74,13 @@ pub struct Excursion {
     pub frames: u32,
 }
 
-/// How a run kept its budget, judged over the frames after the first [`SETTLING_FRAMES`], or all of a shorter run.
+/// Summary of a run's budget. It covers the frames after the first [`SETTLING_FRAMES`], or all frames of a shorter run.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PlaySummary {
     pub budget_ms: [f64; 2],
     pub denoiser: &'static str,
-    /// The origin of the ladder, the measure of its errors, and its number of rungs.
+    /// Origin of the ladder, measure of its errors, and number of its rungs.
     pub ladder: String,
     pub measure: Measure,
     pub rungs: usize,
@@ -94,14 +94,14 @@ pub struct PlaySummary {
     pub makespan_ms_p50: f64,
     pub makespan_ms_p95: f64,
     pub makespan_ms_p99: f64,
-    /// Frames that were begun more than a millisecond after they were due.
+    /// Fraction of frames that began more than a millisecond after they were due.
     pub late_share: f64,
     pub rung_changes: usize,
     pub longest_excursion: Option<Excursion>,
     pub rung_uses: Vec<RungUse>,
 }
 
-/// What all frames of a run have in common.
+/// Settings that all frames of a run share.
 #[derive(Clone, Debug)]
 pub struct Play {
     pub denoiser: &'static str,
@@ -118,9 +118,9 @@ const LATE_MS: f64 = 1.0;
 #[derive(Clone, Debug)]
 pub struct PlayTally {
     budget_ms: [f64; 2],
-    /// The number of rows so far.
+    /// Number of rows so far.
     rows: usize,
-    /// The first [`SETTLING_FRAMES`], which count where there are no others.
+    /// The first [`SETTLING_FRAMES`], which count only if there are no others.
     settling: Judged,
     judged: Judged,
     /// True if at times no rung was expected to fit the budget.
@@ -143,7 +143,7 @@ impl PlayTally {
         }
     }
 
-    /// Returns the summary of rows that the control loop made, none without any.
+    /// Returns the summary of the control loop's frames; none without any.
     pub fn summary(&self, play: &Play) -> Option<PlaySummary> {
         let judged = if self.rows > SETTLING_FRAMES { &self.judged } else { &self.settling };
         let share = |frames: usize| frames as f64 / judged.frames as f64;
@@ -170,7 +170,7 @@ impl PlayTally {
     }
 }
 
-/// Sums over frames that follow one another.
+/// Sums over consecutive frames.
 #[derive(Clone, Debug, Default)]
 struct Judged {
     frames: usize,
@@ -181,13 +181,14 @@ struct Judged {
     makespans_ms: Quantiles,
     rung_changes: usize,
     last_rung: Option<usize>,
-    /// The run of frames outside the band that the last frame is in, and the first of the longest.
+    /// Current sequence of frames outside the band, if the last frame is; then the longest sequence, the first of
+    /// equals.
     excursion: Option<Excursion>,
     longest: Option<Excursion>,
     rungs: BTreeMap<usize, RungFrames>,
 }
 
-/// The frames of a rung.
+/// Frames of a rung.
 #[derive(Clone, Debug)]
 struct RungFrames {
     quality: FrameQuality,
@@ -222,7 +223,7 @@ impl Judged {
 }
 
 impl PlaySummary {
-    /// Describes how the budget was kept, in words and rounded numbers.
+    /// Returns a table that describes in words and rounded numbers how the budget was kept.
     pub fn table(&self) -> Table {
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);
         let ms = |ms: f64| format!("{ms:.1} ms");
@@ -244,7 +245,7 @@ impl PlaySummary {
         Table { headers: vec!["what", "value"], rows }
     }
 
-    /// The rungs that were used, from the cheapest.
+    /// Returns a table of the rungs that were used, from the cheapest.
     pub fn rungs_table(&self) -> Table {
         let row = |u: &RungUse| {
             let FrameQuality { spp, bounces, iterations, scale, fovea } = u.quality;
@@ -269,7 +270,7 @@ impl PlaySummary {
 
 fn rung_use(play: &Play, rung: usize, of: &RungFrames, judged: usize) -> RungUse {
     let known = play.rungs.get(rung);
-    // With fewer iterations than the rung has, its error is not known either.
+    // If the frames had fewer iterations than the rung, its error is only an estimate, too.
     let estimated = known.is_none_or(|r| r.is_estimated || r.quality.most_iterations() != of.quality.iterations);
     let error = known.map(|r| r.error);
     RungUse {

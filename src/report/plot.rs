@@ -1,4 +1,4 @@
-//! Line charts as SVG, readable on white and in print. Text is drawn by the viewer, so no font is needed here.
+//! Draws line charts as SVG, readable on white and in print. The viewer draws the text, so no font is needed here.
 
 use plotters::chart::ChartContext;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, ValueFormatter};
@@ -8,7 +8,7 @@ use plotters::prelude::*;
 use super::ReportError;
 use super::ticks::{self, Ticks};
 
-/// Okabe & Ito's colours (2008), which colour-blind readers can distinguish as well.
+/// Colours of Okabe & Ito (2008), which colour-blind readers can distinguish.
 const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -22,14 +22,14 @@ const GRID: RGBColor = RGBColor(225, 225, 225);
 const INK: RGBColor = RGBColor(40, 40, 40);
 const SIZE_PX: (u32, u32) = (800, 500);
 
-/// One line of a chart.
+/// A line of a chart.
 #[derive(Clone, Debug, Default)]
 pub struct Series {
     pub name: String,
     pub points: Vec<(f64, f64)>,
     /// Low and high values around each point, drawn as a shaded band.
     pub band: Option<Vec<(f64, f64)>>,
-    /// A line to compare with, such as ideal speed-up. It is grey and dashed, without dots.
+    /// True for a guide such as ideal speedup, drawn grey and dashed without dots.
     pub guide: bool,
 }
 
@@ -49,8 +49,8 @@ pub struct Chart {
 type Canvas<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Ticks, Ticks>>;
 type DrawingError = Box<dyn std::error::Error>;
 
-/// Draws the series as lines with dots, a legend and round ticks. Points that are not finite, or not positive on a
-/// logarithmic axis, are left out.
+/// Draws the series as lines with dots, a legend and round ticks. Omits points that are not finite, or not positive on
+/// a logarithmic axis.
 ///
 /// # Errors
 /// [`ReportError::NothingToDraw`] if no point is left.
@@ -101,7 +101,7 @@ impl Ranged for Ticks {
         begin_px + (share * f64::from(end_px - begin_px)).round() as i32
     }
 
-    /// All ticks are bold: there are no light ones in between.
+    /// Returns the ticks. All are bold: there are no light ones in between.
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
         if hint.weight().allow_light_points() { Vec::new() } else { self.at.clone() }
     }
@@ -190,10 +190,10 @@ fn draw_legend(canvas: &mut Canvas, corner: SeriesLabelPosition) -> Result<(), D
     Ok(())
 }
 
-/// The approximate share of the chart's width and height that a legend takes.
+/// Approximate fraction of the chart's width and height that a legend covers.
 const LEGEND_SHARE: [f64; 2] = [0.35, 0.3];
 
-/// The corner in which a legend hides the smallest part of the lines.
+/// Returns the corner in which a legend hides the smallest part of the lines.
 fn legend_corner(axes: &[Ticks; 2], lines: &[Drawn]) -> SeriesLabelPosition {
     let share = |axis: usize, at: f64| (at - axes[axis].range.start) / (axes[axis].range.end - axes[axis].range.start);
     let along = |pair: &[(f64, f64)]| -> Vec<(f64, f64)> {

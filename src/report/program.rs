@@ -1,4 +1,4 @@
-//! The passes of a frame as tables, and its tasks for Graphviz.
+//! Prints the passes of a frame as tables, and its tasks for Graphviz.
 
 use std::collections::BTreeMap;
 
@@ -8,8 +8,8 @@ use super::Table;
 use crate::graph::{Access, FrameGraph, Linked, Program, Reach, Stage, Task, TaskKind, Use};
 use crate::scene::rig::Eye;
 
-/// A table with one line for each pass in order: where it runs, and what it reads and writes. The number behind an
-/// image says how many rows around its own the pass reads, margins included.
+/// Returns a table with a line per pass in order: where it runs, and its bindings. The number after an image is the
+/// number of rows around its own that the pass reads, margins included.
 pub fn passes_table(program: &Program) -> Table {
     let row = |(number, linked): (usize, &Linked)| {
         let pass = &linked.pass;
@@ -40,7 +40,7 @@ fn name_of(linked: &Linked) -> String {
     format!("{}{index}", linked.pass.stage.name())
 }
 
-/// The name of an image as a pass uses it.
+/// Formats the name of an image as a pass uses it.
 fn name(program: &Program, linked: &Linked, used: &Use, image: usize) -> String {
     let other = match used.eye {
         Some(eye) if eye != linked.pass.view => format!("{eye} "),
@@ -59,7 +59,7 @@ fn name(program: &Program, linked: &Linked, used: &Use, image: usize) -> String 
     format!("{other}{}{rows}", program.images()[image].name())
 }
 
-/// A table with one line for each stage that has nothing to do.
+/// Returns a table with a line per stage without work.
 pub fn left_out_table(left_out: &[(Stage, Eye, &'static str)]) -> Table {
     let mut rows: Vec<(Stage, &str, String)> = Vec::new();
     for &(stage, eye, why) in left_out {
@@ -72,7 +72,7 @@ pub fn left_out_table(left_out: &[(Stage, Eye, &'static str)]) -> Table {
     Table { headers: vec!["left out", "eye", "why"], rows: rows.into_iter().map(row).collect() }
 }
 
-/// A table of what crosses between devices in a frame, by image.
+/// Returns a table of the transfers between devices in a frame, by image.
 pub fn transfers_table(graph: &FrameGraph) -> Table {
     let mut sums: BTreeMap<usize, (u64, u64, u64)> = BTreeMap::new();
     for task in graph.dag.node_weights() {
@@ -89,7 +89,7 @@ pub fn transfers_table(graph: &FrameGraph) -> Table {
     Table { headers: vec!["image", "transfers", "rows", "bytes"], rows: sums.into_iter().map(row).collect() }
 }
 
-/// The graph of tasks in the language of Graphviz, with a colour for each device and the image on each edge.
+/// Returns the task graph in the language of Graphviz, with a colour per device and the image on each edge.
 pub fn dot(graph: &FrameGraph) -> String {
     let label = |task: &Task| {
         let rows = format!("{}..{}", task.rows.start, task.rows.end);

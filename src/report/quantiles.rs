@@ -1,14 +1,14 @@
-//! Quantiles of any number of values in bounded memory.
+//! Computes quantiles of any number of values in bounded memory.
 
 use std::collections::BTreeMap;
 
-/// Up to this many values are kept as they are, and their quantiles are exact.
+/// Number of values that are kept individually, with exact quantiles.
 pub const EXACT: usize = 4096;
-/// Beyond that, values are counted in bins whose ends have this ratio. A quantile is the middle of its bin, at most half
-/// as much off: 0.25 %.
+/// Ratio of the ends of a bin, in which further values are counted. A quantile is the middle of its bin, with an error
+/// of at most half that: 0.25 %.
 const RATIO: f64 = 1.005;
 
-/// The distribution of values that come one after another.
+/// Distribution of a stream of values.
 #[derive(Clone, Debug)]
 pub struct Quantiles {
     values: Values,
@@ -19,8 +19,8 @@ pub struct Quantiles {
 #[derive(Clone, Debug)]
 enum Values {
     Exact(Vec<f64>),
-    /// The number of values by bin. Those of a type with logarithms from -745 to 710 fall into 292,000 bins at most,
-    /// times between a microsecond and an hour into 4,400.
+    /// Number of values by bin. Floats with logarithms from -745 to 710 fall into at most 292,000 bins; times between a
+    /// microsecond and an hour into 4,400.
     Binned {
         bins: BTreeMap<i32, u64>,
         count: u64,
@@ -51,7 +51,7 @@ impl Quantiles {
         }
     }
 
-    /// Returns the value below which this fraction of all values is, none without values.
+    /// Returns the value below which this fraction of all values lies; none without values.
     pub fn quantile(&self, fraction: f64) -> Option<f64> {
         let place = |count: usize| (fraction * count.saturating_sub(1) as f64).round() as usize;
         match &self.values {
@@ -68,7 +68,7 @@ impl Quantiles {
         }
     }
 
-    /// Returns the median, the mean of the two middle values of an even number, none without values.
+    /// Returns the median, for an even number the mean of the middle two; none without values.
     pub fn median(&self) -> Option<f64> {
         match &self.values {
             Values::Exact(values) => super::median(values.clone()),
@@ -76,7 +76,7 @@ impl Quantiles {
         }
     }
 
-    /// Returns the largest value, none without values.
+    /// Returns the largest value; none without values.
     pub fn most(&self) -> Option<f64> {
         (self.most >= self.least).then_some(self.most)
     }
@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn quantiles_of_many_values_are_within_their_bound() {
-        // Times from microseconds to minutes, in an order of their own.
+        // Times range from microseconds to minutes, in shuffled order.
         let values: Vec<f64> = (0..180_000).map(|i| 1e-3 * 1.0001f64.powi(i * 7919 % 180_000)).collect();
         let exact = sorted(&values);
         let quantiles = of(values);

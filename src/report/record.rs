@@ -1,5 +1,5 @@
-//! The record of a session that may last for hours, in memory that does not grow: rows go to files as frames end, and
-//! sums and distributions are kept.
+//! Records a session that may last for hours, in memory that does not grow. Rows go to files as frames end; sums and
+//! distributions stay in memory.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -14,11 +14,11 @@ use super::run::{FrameRow, FrameRows};
 use crate::image::ImageError;
 use crate::image::file::{LineFile, count_lines, keep_unfinished};
 
-/// Files of a folder: a line for each finished frame, and its row of `run.json` until that is written.
+/// Files in a folder: a line for each finished frame, and the rows for `run.json` until that is written.
 const LINES: &str = "frames.csv";
 const ROWS: &str = "run.json.rows.part";
 
-/// The rows of frames inside a budget, as far as they are finished.
+/// Rows of frames with a time budget, as far as they are finished.
 pub struct FrameRecord {
     lines: LineFile,
     rows: SpooledRows,
@@ -27,7 +27,7 @@ pub struct FrameRecord {
 }
 
 impl FrameRecord {
-    /// Begins in `folder`. The budget is that of frames, milliseconds.
+    /// Starts a record in `folder`. The budget is per frame, milliseconds.
     ///
     /// # Errors
     /// [`ImageError`] if a file cannot be written.
@@ -38,7 +38,7 @@ impl FrameRecord {
         Ok(Self { lines, rows, play: PlayTally::new(budget_ms), headset: HeadsetTally::default() })
     }
 
-    /// Adds the row of a frame, which is in the files when this returns.
+    /// Adds the row of a frame. It is in the files when this returns.
     ///
     /// # Errors
     /// [`ImageError`] if a file cannot be written.
@@ -50,12 +50,12 @@ impl FrameRecord {
         Ok(())
     }
 
-    /// Returns the rows, for `run.json`.
+    /// Returns the rows for `run.json`.
     pub fn rows(&self) -> &SpooledRows {
         &self.rows
     }
 
-    /// Removes the rows, once `run.json` has them.
+    /// Removes the rows, once `run.json` contains them.
     ///
     /// # Errors
     /// [`ImageError`] if their file cannot be removed.
@@ -64,7 +64,7 @@ impl FrameRecord {
     }
 }
 
-/// Rows of frames in a file, a line of JSON each.
+/// Rows of frames in a file, with a line of JSON each.
 pub struct SpooledRows(LineFile);
 
 impl SpooledRows {
@@ -82,7 +82,7 @@ impl SpooledRows {
 
 impl FrameRows for &SpooledRows {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        /// An error of reading the file, or of the serializer.
+        /// Error of reading the file, or of the serializer.
         struct Failed<E>(E);
         impl<E: Error> From<io::Error> for Failed<E> {
             fn from(error: io::Error) -> Self {
@@ -99,16 +99,16 @@ impl FrameRows for &SpooledRows {
     }
 }
 
-/// Rows that a run left that was killed.
+/// Rows left behind by a run that was killed.
 pub struct Unfinished {
     pub frames: u64,
-    /// The files that have them now.
+    /// New paths of the files.
     pub kept: Vec<PathBuf>,
 }
 
 impl Unfinished {
-    /// Renames the files of a run that did not finish, so that the next run into the folder does not replace them. Returns
-    /// none where the last run finished.
+    /// Renames the files of an unfinished run, so that the next run into the folder does not replace them. Returns none
+    /// if the last run finished.
     ///
     /// # Errors
     /// [`ImageError`] if a file cannot be read or renamed.

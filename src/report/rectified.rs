@@ -1,4 +1,4 @@
-//! The frame that eyes are resampled from, where they show other images than are rendered.
+//! Describes the shared projection from which eyes are resampled.
 
 use std::fmt;
 
@@ -6,13 +6,13 @@ use serde::Serialize;
 
 use crate::image::Extent;
 
-/// The frame that both eyes share where what they show is resampled from it.
+/// Shared projection of both eyes, present with display resampling.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RectifiedFrame {
     pub width: u32,
     pub height: u32,
-    /// Its pixels over those that an eye shows.
+    /// Number of its pixels over that of an eye's display image.
     pub pixels_ratio: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Errors in rings around the gaze over several frames: means and deviations, as tables and as charts.
+//! Summarises errors in rings around the gaze over several frames: means and deviations, as tables and charts.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use super::study::{cell, deviation, mean};
 use super::{Axis, Chart, ReportError, Series, Table, line_chart_svg, once};
 use crate::metrics::rings::Ring;
 
-/// A ring of a mode, means of both eyes over frames.
+/// Results for a ring of a mode: means of both eyes over frames.
 #[derive(Clone, Debug, Serialize)]
 pub struct RingRow {
     pub scene: String,
@@ -15,26 +15,26 @@ pub struct RingRow {
     pub mode: &'static str,
     pub inner_deg: f64,
     pub outer_deg: f64,
-    /// In one eye.
+    /// Pixels in one eye.
     pub pixels: usize,
-    /// Frames that it is of.
+    /// Number of frames.
     pub frames: usize,
-    /// Against the reference, and its standard deviation over frames, over n − 1, of several.
+    /// Errors against the reference. The deviation is the standard deviation over several frames (over n − 1).
     pub ssim: Option<f64>,
     pub ssim_deviation: Option<f64>,
     pub flip: Option<f64>,
-    /// ... against the first mode's frames; none of that mode.
+    /// SSIM against the first mode's frames; none for that mode.
     pub ssim_basic: Option<f64>,
     pub ssim_basic_deviation: Option<f64>,
 }
 
-/// The rings of a frame in both eyes, against the reference, and against the first mode's frame.
+/// Rings of a frame in both eyes: against the reference, and against the first mode's frame.
 pub struct FrameRings {
     pub reference: [Vec<Ring>; 2],
     pub basic: Option<[Vec<Ring>; 2]>,
 }
 
-/// The rings of a mode over its frames, which have as many.
+/// Summarises the rings of a mode over its frames, which have equally many rings.
 pub fn over_frames(scene: &str, camera: &'static str, mode: &'static str, frames: &[FrameRings]) -> Vec<RingRow> {
     let Some(first) = frames.first() else { return Vec::new() };
     let row = |(i, ring): (usize, &Ring)| {
@@ -80,12 +80,12 @@ const CSV: [Column<RingRow>; 12] = [
     ("flip", |r| number(r.flip, 6)),
 ];
 
-/// The contents of `rings.csv`.
+/// Returns the contents of `rings.csv`.
 pub fn ring_csv(rows: &[RingRow]) -> Csv {
     Csv::new(&CSV, rows)
 }
 
-/// A measure of rings, and its deviation.
+/// A measure of rings, with its deviation.
 type Measure = fn(&RingRow) -> (Option<f64>, Option<f64>);
 
 const MEASURES: [(&str, Measure); 2] =
@@ -97,7 +97,7 @@ pub const NOTE: &str = "SSIM by the angle from the gaze, mean over frames and bo
     of luma). Against the reference, and against the basic mode's frame of the same instant and samples. An eye looks at \
     the screen as the thesis's do: half of its diagonal is 40.9 degrees wide.";
 
-/// A line per scene, camera, ring and what it is held against; a column per mode.
+/// Returns a table with a line per scene, camera, ring and point of comparison, and a column per mode.
 pub fn ring_table(rows: &[RingRow], modes: &[&'static str]) -> Table {
     let mut headers = vec!["scene", "camera", "against", "degrees"];
     headers.extend(modes);
@@ -121,7 +121,7 @@ pub fn ring_table(rows: &[RingRow], modes: &[&'static str]) -> Table {
     Table { headers, rows: lines }
 }
 
-/// A chart for each scene, camera and what it is held against, but where there is nothing to draw.
+/// Draws a chart for each scene, camera and point of comparison for which there is data.
 ///
 /// # Errors
 /// [`ReportError::Drawing`].
@@ -140,7 +140,8 @@ pub fn ring_charts(rows: &[RingRow], modes: &[&str]) -> Result<String, ReportErr
                 }
                 Series { name: (*mode).to_owned(), points, band: Some(band), guide: false }
             };
-            // The first mode comes last, since it is in half of the charts: the others have their colours in all.
+            // The first mode is in half of the charts. It comes last, so that the other modes have the same colour in
+            // all charts.
             let order = modes.iter().skip(1).chain(modes.first());
             let series: Vec<Series> = order.map(series).filter(|series| !series.points.is_empty()).collect();
             if series.is_empty() {
@@ -193,7 +194,7 @@ mod tests {
         let charts = ring_charts(&rows, &["basic", "fov"]).unwrap();
         assert_eq!(charts.matches("<svg").count(), 2);
         assert!(charts.contains("camera still: against basic"));
-        // Images that no window fits in have no chart.
+        // A ring without a defined SSIM gives no chart.
         assert_eq!(ring_charts(&rows[1..2], &["basic"]).unwrap(), "");
         assert!(over_frames("builtin:cornell", "still", "fov", &[]).is_empty());
     }

@@ -1,4 +1,4 @@
-//! `run.json`, which says what was run, on which devices, and what each frame took.
+//! Writes `run.json`: the settings, the devices, and the measurements of each frame.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -30,13 +30,13 @@ use super::play::{ControlRow, PlaySummary};
 use super::rectified::RectifiedFrame;
 use super::{median, median_of, once};
 
-/// The settings of a run.
+/// Settings of a run.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RunSettings {
-    /// Exposure at which pictures are shown, stops.
+    /// Exposure for showing pictures, stops.
     pub exposure_ev: f64,
-    /// Each option of the command by its long name in snake_case, as it was in force.
+    /// Effective value of each option of the command, by its long name in snake_case.
     #[serde(flatten)]
     pub options: serde_json::Map<String, serde_json::Value>,
 }
@@ -49,7 +49,7 @@ pub struct SceneSummary {
     pub instances: usize,
     pub lights: usize,
     pub textures: usize,
-    /// What of it moves. It is absent where the scene stands still.
+    /// Animated parts of the scene; absent if it is static.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub moves: Option<Moves>,
     pub needs: SceneNeeds,
@@ -59,7 +59,7 @@ pub struct SceneSummary {
 }
 
 impl SceneSummary {
-    /// With `skips`, what the scene does not need is compiled out.
+    /// Describes a scene. With `skips`, features that the scene lacks are compiled out.
     pub fn of(scene: &Scene, needs: SceneNeeds, skips: bool) -> Self {
         let skipped = needs.constants().into_iter().filter(|(_, needed)| skips && !needed).map(|(name, _)| name);
         Self {
@@ -76,25 +76,25 @@ impl SceneSummary {
     }
 }
 
-/// The progress of a frame's accumulation.
+/// Progress of a frame's accumulation.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ReferenceRow {
     pub index: u32,
-    /// Samples per pixel taken by this run and by those that it continues.
+    /// Samples per pixel taken by this run and by the runs that it continues.
     pub spp: u32,
     pub spp_wanted: u32,
     /// Samples per pixel taken by earlier runs.
     pub spp_resumed: u32,
     pub pass_spp: u32,
-    /// Passes of this run, and the time that they took.
+    /// Number of passes of this run, and their time.
     pub passes: u32,
     pub elapsed_s: f64,
-    /// Whether the time limit ended it.
+    /// True if the time limit ended it.
     pub out_of_time: bool,
-    /// Rays of both eyes, including those of earlier runs.
+    /// Samples of both eyes that were not finite, including those of earlier runs.
     pub nonfinite_samples: u64,
-    /// Standard error of the mean, `null` before there are two passes.
+    /// Standard error of the mean; `null` for fewer than two passes.
     pub noise: Option<Stereo<Noise>>,
 }
 
@@ -118,7 +118,7 @@ impl fmt::Display for ReferenceRow {
     }
 }
 
-/// What a device did for a stage and view in a frame. Transfers of rows are the stages `download` and `upload`.
+/// Work of a device on one stage and view of a frame. Transfers of rows are the stages `download` and `upload`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StageSum {
@@ -127,13 +127,13 @@ pub struct StageSum {
     pub device: usize,
     /// Rounded to microseconds.
     pub busy_ms: f64,
-    /// The bytes of transfers.
+    /// Bytes of transfers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
 }
 
 impl StageSum {
-    /// The sums in the order of their first tasks.
+    /// Returns the sums in the order of their first tasks.
     fn of(tasks: &[TaskTiming]) -> Vec<Self> {
         let mut sums: Vec<Self> = Vec::new();
         for &TaskTiming { kind, view, device, begin_ms, end_ms, bytes, .. } in tasks {
@@ -156,7 +156,8 @@ impl StageSum {
     }
 }
 
-/// The time of auxiliary images: their passes and transfers on the device on which they took longest, milliseconds.
+/// Returns the time of auxiliary images, milliseconds: of their passes and transfers, on the device on which they took
+/// longest.
 pub fn aov_ms(tasks: &[TaskTiming]) -> f64 {
     let of = |device: usize| {
         let own = tasks.iter().filter(|t| t.device == device && AOVS.iter().any(|stage| t.stage == stage.name()));
@@ -165,68 +166,67 @@ pub fn aov_ms(tasks: &[TaskTiming]) -> f64 {
     once(tasks.iter().map(|t| t.device)).into_iter().map(of).fold(0.0, f64::max)
 }
 
-/// A frame. For a reference, the numbers are sums over its passes of this run, except that stages, tasks and `aov_ms`
-/// are of the last pass.
+/// Measurements of a frame. For a reference, the numbers are sums over this run's passes, except that stages, tasks and
+/// `aov_ms` describe the last pass.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameRow {
     pub index: u32,
-    /// The instant of the frame.
+    /// Scene time of the frame.
     pub time_s: f64,
-    /// The camera of each eye.
+    /// Camera of each eye.
     pub cameras: Stereo<Matrices>,
-    /// The number of devices that worked on it.
+    /// Number of devices that rendered it.
     pub devices: usize,
-    /// The time from the begin of the frame to the whole pictures on the primary, without `aov_ms`.
+    /// Time from the begin of the frame to the complete images on the primary, without `aov_ms`.
     pub makespan_ms: f64,
-    /// The time from the end of the frame before to the end of this one, `null` for the first frame and for a
-    /// reference.
+    /// Time from the end of the previous frame to the end of this one; `null` for the first frame and for a reference.
     pub interval_ms: Option<f64>,
-    /// The makespan that the cost model predicted, without `aov_ms`. It is `null` before the model had learned from a
-    /// frame, and for frames in flight together.
+    /// Makespan predicted by the cost model, without `aov_ms`. It is `null` before the model has learned from a frame,
+    /// and for frames in flight together.
     pub predicted_ms: Option<f64>,
-    /// The time of passes and transfers of auxiliary images, on the device on which they took longest.
+    /// Time of passes and transfers of auxiliary images, on the device on which they took longest.
     pub aov_ms: f64,
-    /// Host time for making stripes and graph.
+    /// Host time for distributing rows and building the graph.
     pub plan_ms: f64,
     #[serde(flatten)]
     pub quality: FrameQuality,
     pub rays: u64,
-    /// How the right eye's pixels came about, where it is reprojected.
+    /// Origin of the right eye's pixels, if it is reprojected.
     #[serde(flatten)]
     pub right_eye: Option<RightEye>,
     pub nonfinite_samples: u64,
-    /// Traced pixels of both eyes whose light was cut, being too bright for half floats: above 65504 times white over
-    /// albedo. Only `svgf` with specular surfaces keeps light as half floats.
+    /// Traced pixels of both eyes whose demodulated illumination was clipped to the range of half floats, 65504 times
+    /// white. Only `svgf` with specular surfaces stores half floats.
     pub clipped_pixels: u64,
     /// Rows of the left eye's path tracing per device.
     pub stripes: Vec<u32>,
     /// Rows per device of every stage and view that ran.
     pub stage_stripes: BTreeMap<String, Vec<u32>>,
     pub transferred_bytes: u64,
-    /// Those of them that went from one process to another, in a run of several.
+    /// Transferred bytes between processes, in a run of several.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes_between_ranks: Option<u64>,
-    /// How many rows up and down history was looked for, `null` if there was none.
+    /// Rows up and down within which history was searched; `null` without history.
     pub history_rows: Option<u32>,
-    /// The filter's passes before which rows come from neighbours.
+    /// Filter passes that are preceded by a halo exchange.
     pub halo_exchanges: Vec<usize>,
     pub stages: Vec<StageSum>,
-    /// Each task, with times since the begin of the frame. Only with `--details`.
+    /// Tasks, with times since the begin of the frame. Only with `--details`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tasks: Vec<TaskTiming>,
-    /// What the control loop did, for frames inside a budget.
+    /// Decision of the control loop, for frames with a time budget.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub control: Option<ControlRow>,
-    /// How it came to a headset, where it was shown in one.
+    /// Timing in a headset, if the frame was shown in one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub headset: Option<HeadsetRow>,
-    /// The number of moving bodies that the frame lacks, since they were too small, too stretched or too far away.
+    /// Number of dynamic bodies that the frame omits, because they were too small, too stretched or too far away.
     pub bodies_left_out: u32,
 }
 
 impl FrameRow {
-    /// The row of a frame that `rig` sees at `time_s`.
+    /// Creates the row of a frame that `rig` sees at `time_s`.
     pub fn new(frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> Self {
         let matrices =
             |eye| rig.matrices(time_s, eye, frame.spec.shown.or(frame.spec.screen).unwrap_or(frame.spec.extent));
@@ -275,18 +275,18 @@ impl FrameRow {
         }
     }
 
-    /// Adds each of its tasks.
+    /// Adds the frame's tasks.
     pub fn with_tasks(self, frame: &FrameReport) -> Self {
         Self { tasks: frame.tasks_since_begin(), ..self }
     }
 }
 
-/// The rows of frames, in memory or in a file.
+/// Rows of frames, in memory or in a file.
 pub trait FrameRows {
     /// Serializes the rows as a list, each on one line: a frame has hundreds of numbers.
     ///
     /// # Errors
-    /// Those of the serializer and of reading the file.
+    /// Errors of the serializer and of reading the file.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error>;
 }
 
@@ -299,7 +299,7 @@ impl FrameRows for Vec<FrameRow> {
     }
 }
 
-/// The settings, devices and scene of a run, and what each of its frames took.
+/// Report of a run: settings, devices, scene and frames.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RunReport<Rows: FrameRows = Vec<FrameRow>> {
@@ -308,30 +308,30 @@ pub struct RunReport<Rows: FrameRows = Vec<FrameRow>> {
     pub settings: RunSettings,
     pub devices: Vec<DeviceInfo>,
     pub scene: SceneSummary,
-    /// Largest resident memory of the process so far, MiB. It is absent where the system does not report it.
+    /// Peak resident memory of the process so far, MiB. Absent if the system does not report it.
     pub peak_resident_mib: Option<f64>,
-    /// The time from when devices were open until the first frame could begin. Shaders are compiled then, and `play`
+    /// Time from opening the devices until the first frame could begin. Shaders are compiled in this time, and `play`
     /// times settings.
     pub warm_up_s: f64,
-    /// The number of frames before the first one that is kept.
+    /// Number of frames before the first one that is kept.
     pub warm_up_frames: u32,
     #[serde(serialize_with = "FrameRows::serialize")]
     pub frames: Rows,
     /// Devices that were dropped.
     pub faults: Vec<Fault>,
-    /// The names of the pictures of the run, which are in the folder of this file.
+    /// Names of the run's pictures, in the folder of this file.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub pictures: Vec<String>,
-    /// The progress of frames that were accumulated.
+    /// Progress of accumulated frames.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<ReferenceRow>,
-    /// Says how the budget was kept.
+    /// Summary of the time budget.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub play: Option<PlaySummary>,
-    /// What eyes are resampled from. It is absent where they show what is rendered.
+    /// Shared projection that eyes are resampled from; absent without display resampling.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rectified: Option<RectifiedFrame>,
-    /// Of frames that were shown in a headset.
+    /// Summary of the frames that were shown in a headset.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub headset: Option<HeadsetSummary>,
 }
@@ -371,16 +371,16 @@ impl<Rows: FrameRows> RunReport<Rows> {
         })
     }
 
-    /// The devices that were not taken out.
+    /// Returns the number of devices that were not dropped.
     pub fn devices_left(&self) -> usize {
         self.devices.iter().filter(|d| self.faults.iter().all(|f| f.device != d.index)).count()
     }
 }
 
 impl RunReport {
-    /// Rays over the time in which devices worked on frames: the makespans, without the parts that overlap with the
-    /// frame before. If there are several frames, the first does not count, since caches are cold and stripes are not
-    /// yet learned.
+    /// Returns the number of rays over the devices' working time: the makespans, without the parts that overlap with
+    /// the previous frame. Of several frames, the first does not count, because caches are cold and the distribution of
+    /// rows is not learned yet.
     pub fn rays_per_s(&self) -> Option<f64> {
         let counted = &self.frames[usize::from(self.frames.len() > 1)..];
         let own_ms = |f: &FrameRow| f.interval_ms.map_or(f.makespan_ms, |i| i.min(f.makespan_ms));
@@ -388,8 +388,8 @@ impl RunReport {
         (ms > 0.0).then(|| rays as f64 / ms * 1e3)
     }
 
-    /// Median time between the ends of consecutive frames, ms. The last frames in flight do not count, since they had
-    /// the devices to themselves in the end.
+    /// Returns the median time between the ends of consecutive frames, ms. The last frames in flight do not count,
+    /// because they had the devices to themselves in the end.
     pub fn median_interval_ms(&self, frames_in_flight: u8) -> Option<f64> {
         let alone = usize::from(frames_in_flight).saturating_sub(1);
         let frames = &self.frames[..self.frames.len().saturating_sub(alone)];
@@ -397,7 +397,7 @@ impl RunReport {
         median(intervals)
     }
 
-    /// Median of the frames' makespans, ms.
+    /// Returns the median of the frames' makespans, ms.
     pub fn median_makespan_ms(&self) -> f64 {
         median_of(self.frames.iter().map(|f| f.makespan_ms).collect())
     }

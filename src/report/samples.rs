@@ -1,15 +1,15 @@
-//! Frames that a page shows of a run of any length, in bounded memory.
+//! Selects frames to show on a page, for a run of any length in bounded memory.
 
 use super::play::ControlRow;
 use super::run::FrameRow;
 use crate::exec::TaskTiming;
 use crate::quality::FrameQuality;
 
-/// The largest number of frames, and of their tasks, which take about 50 MB.
+/// Maximum number of frames and of their tasks, which take about 50 MB.
 const FRAMES_MAX: usize = 4096;
 const TASKS_MAX: usize = 240_000;
 
-/// A frame that the control loop made, with its tasks since its begin.
+/// A frame of the control loop, with its tasks since its begin.
 #[derive(Clone, Debug)]
 pub struct SampledFrame {
     pub index: u32,
@@ -19,12 +19,12 @@ pub struct SampledFrame {
     pub tasks: Vec<TaskTiming>,
 }
 
-/// All frames of a short run; of a longer one the slowest of each so many that follow one another, so that frames
+/// All frames of a short run. Of a long run, the slowest frame of every `stride` consecutive ones, so that frames
 /// outside the budget remain.
 #[derive(Clone, Debug)]
 pub struct FrameSamples {
     frames: Vec<SampledFrame>,
-    /// The number of frames that each stands for, and that the last one stands for so far.
+    /// Number of frames that each stands for, and that the last one stands for so far.
     stride: usize,
     in_last: usize,
     tasks: usize,
@@ -37,7 +37,7 @@ impl Default for FrameSamples {
 }
 
 impl FrameSamples {
-    /// Adds a frame that the control loop made.
+    /// Adds a frame of the control loop.
     pub fn add(&mut self, row: &FrameRow, tasks: Vec<TaskTiming>) {
         let Some(control) = row.control else { return };
         let &FrameRow { index, makespan_ms, quality, .. } = row;

@@ -1,4 +1,4 @@
-//! Reports how frames scale over device counts: rows, CSV, tables, the plot of speed-up, and the page with all of it.
+//! Reports how frames scale over device counts: rows, CSV, tables, the plot of speedup, and a page with all of them.
 
 use serde::Serialize;
 
@@ -12,61 +12,61 @@ use crate::schedule::LOSS_SHARE;
 use crate::trace::frames::trace_from;
 use crate::trace::summary::Summary;
 
-/// One row of `scale.csv`, for one device count. Values over frames are medians, and makespans leave out auxiliary
+/// One row of `scale.csv`, for one device count. Values over frames are medians, and makespans exclude auxiliary
 /// images.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Row {
     pub devices: usize,
-    /// The name of the policy that divided the rows.
+    /// Name of the policy that distributed the rows.
     pub policy: String,
-    /// The number of frames that were timed.
+    /// Number of timed frames.
     pub frames: usize,
     pub makespan_ms: f64,
     pub makespan_ms_min: f64,
     pub makespan_ms_max: f64,
-    /// The distance from the lower to the upper quartile.
+    /// Interquartile range.
     pub makespan_ms_iqr: f64,
-    /// The time from the end of a frame to the end of the next one.
+    /// Time from the end of a frame to the end of the next one.
     pub interval_ms: f64,
-    /// The time from which throughput follows, and its scatter: the interval of frames in flight, or the makespan of
-    /// frames that follow one another.
+    /// Period that determines throughput, and its scatter: the interval for frames in flight, or the makespan for
+    /// consecutive frames.
     pub period_ms: f64,
     pub period_spread: f64,
-    /// The number of those times.
+    /// Number of periods.
     pub periods: usize,
-    /// The number of devices of the base, over which speed-up is measured.
+    /// Number of devices of the base for speedup.
     pub base_devices: usize,
-    /// The speed-up over the base.
+    /// Speedup over the base.
     pub speedup: f64,
-    /// The standard error of the speed-up, from the scatter of the frames of both rows.
+    /// Standard error of the speedup, from the scatter of both rows' frames.
     pub speedup_error: f64,
-    /// The speed-up over the ratio of the numbers of devices.
+    /// Speedup over the ratio of device counts.
     pub efficiency: f64,
-    /// The busy time of the busiest device over the mean.
+    /// Busy time of the busiest device over the mean.
     pub imbalance: f64,
     /// Host time in transfers over the makespan times the devices.
     pub transfer_share: f64,
-    /// Whether there are more worker threads than cores.
+    /// True if there are more worker threads than cores.
     pub oversubscribed: bool,
-    /// Share of the makespan in which a device's queue ran no stage, mean over devices.
+    /// Fraction of the makespan in which a device's queue ran no stage, mean over devices.
     pub idle_share: f64,
-    /// Bytes sent from device to device.
+    /// Bytes sent between devices.
     pub bytes_per_frame: f64,
-    /// The difference between the predicted and the measured makespan, over the latter. It is none before the cost
-    /// model had learned.
+    /// Difference between the predicted and the measured makespan, over the latter. None before the cost model has
+    /// learned.
     pub prediction_error: Option<f64>,
-    /// The parts of the critical path, as shares of the frames' time.
+    /// Parts of the critical path, as fractions of the frames' time.
     pub critical_path: String,
 }
 
 impl Row {
-    /// A row from timed frames. `base` is the row over which speed-up is measured, none for that row itself.
+    /// Summarises timed frames. `base` is the row that defines a speedup of 1, none for that row itself.
     pub fn new(devices: usize, frames: &[FrameReport], oversubscribed: bool, base: Option<&Row>) -> Self {
         let values = |of: &dyn Fn(&FrameReport) -> f64| frames.iter().map(of).collect::<Vec<_>>();
         let median = |of: &dyn Fn(&FrameReport) -> f64| median_of(values(of));
         let makespan_ms = |f: &FrameReport| f.makespan_ms - aov_ms(&f.tasks);
         let makespans_ms = values(&makespan_ms);
-        // The first frame that is timed may have begun before the others were in flight.
+        // The first timed frame may have begun before the others were in flight.
         let intervals_ms: Vec<f64> = frames.iter().skip(1).filter_map(|f| f.interval_ms).collect();
         let overlapped = frames.iter().any(|f| f.overlapped);
         let periods_ms = if overlapped { intervals_ms.clone() } else { makespans_ms.clone() };
@@ -116,13 +116,13 @@ impl Row {
         }
     }
 
-    /// The standard error of the median over the median, for periods that are about normally distributed. McGill, Tukey
-    /// & Larsen, "Variations of Box Plots" (1978): 1.25 IQR / (1.35 √n).
+    /// Returns the relative standard error of the median, for roughly normally distributed periods: 1.25 IQR / (1.35
+    /// √n) (McGill, Tukey & Larsen, "Variations of Box Plots", 1978).
     fn relative_error(&self) -> f64 {
         1.25 / 1.35 * self.period_spread / (self.periods as f64).sqrt()
     }
 
-    /// The shares of the devices' time by what they spent it on. They add up to 1.
+    /// Splits the devices' time by cause. The fractions add up to 1.
     fn shares(&self, first: &Row) -> Shares {
         let busy = 1.0 - self.idle_share;
         let busy_ms = |r: &Row| r.period_ms * (1.0 - r.idle_share) * r.devices as f64;
@@ -133,18 +133,18 @@ impl Row {
 }
 
 struct Shares {
-    /// The work that the devices of the first row had to do as well.
+    /// Work that the devices of the first row had, too.
     work: f64,
-    /// The time by which stages took longer than there: margins of stripes, slower devices, shared caches and cores.
+    /// Time by which stages took longer than there: margins of stripes, slower devices, shared caches and cores.
     more: f64,
-    /// The time in which devices had less to do than the busiest one.
+    /// Time in which devices had less to do than the busiest one.
     uneven: f64,
-    /// The time in which even the busiest device was not busy: transfers, gaps between stages, the host.
+    /// Time in which even the busiest device was idle: transfers, gaps between stages, the host.
     waits: f64,
 }
 
 impl Shares {
-    /// The largest loss, if it is not negligible.
+    /// Returns the name of the largest loss, unless losses are negligible.
     fn limit(&self) -> &'static str {
         let losses = [("more work", self.more), ("uneven stripes", self.uneven), ("waits", self.waits)];
         let lost: f64 = losses.iter().map(|(_, share)| share).sum();
@@ -168,7 +168,7 @@ fn critical_path(frames: &[FrameReport]) -> String {
     shares_text(parts)
 }
 
-/// The interquartile range, interpolated linearly (type 7 of Hyndman & Fan, "Sample Quantiles", 1996).
+/// Returns the interquartile range, interpolated linearly (type 7 of Hyndman & Fan, "Sample Quantiles", 1996).
 fn interquartile_range(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let quantile = |share: f64| -> Option<f64> {
@@ -215,7 +215,7 @@ fn with_policies(mut table: Table, rows: &[Row]) -> Table {
     table
 }
 
-/// The contents of `scale.csv`.
+/// Returns the contents of `scale.csv`.
 pub fn scale_csv(rows: &[Row]) -> Csv {
     Csv::new(&COLUMNS, rows)
 }
@@ -256,7 +256,7 @@ pub fn scale_table(rows: &[Row]) -> Table {
     with_policies(Table { headers, rows: rows.iter().map(cells).collect() }, rows)
 }
 
-/// A table of what limits the speed-up of each count.
+/// Returns a table of the limits of each count's speedup.
 fn limits_table(rows: &[Row]) -> Table {
     let headers = vec![
         "devices",
@@ -282,7 +282,7 @@ fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
-/// Speed-up over device counts, in the band of its standard error, beside the ideal.
+/// Plots speedup over device counts with a band for its standard error, beside the ideal.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
@@ -297,7 +297,7 @@ pub fn scale_svg(title: String, rows: &[Row]) -> Result<String, ReportError> {
     let mut series = vec![Series { name: "ideal".into(), points: guide, band: None, guide: true }];
     let policies = policies(rows);
     for policy in &policies {
-        // The base is the first point of each policy's line.
+        // Each policy's line starts at the base.
         let own = || rows.iter().enumerate().filter(|(i, r)| *i == 0 || r.policy == *policy).map(|(_, row)| row);
         let name = if policies.len() > 1 { (*policy).to_owned() } else { "measured".to_owned() };
         let points = own().map(|r| (r.devices as f64, r.speedup)).collect();
@@ -307,7 +307,7 @@ pub fn scale_svg(title: String, rows: &[Row]) -> Result<String, ReportError> {
     line_chart_svg(&chart, &series)
 }
 
-/// Scaling and what limits it, for a page; `figure` is the plot.
+/// Returns the sections of a page on scaling and its limits; `figure` is the plot.
 pub fn scale_sections(rows: &[Row], figure: String) -> [Section; 2] {
     let scaling = "Makespan: median time of a frame, from its plan to both images on the primary, its latency. A frame \
         every: median time from end to end. A period is the makespan, or with several frames in flight the time from end \
@@ -380,7 +380,7 @@ mod tests {
         assert_eq!((first.speedup, first.speedup_error, first.efficiency), (1.0, 0.0, 1.0));
         let second = row(2, 50.0, 0.0, 1.0).over(Some(&first));
         assert_eq!((second.speedup, second.efficiency), (2.0, 1.0));
-        // 1.25 * 0.09 / (1.35 * 3) of either time.
+        // 1.25 * 0.09 / (1.35 * 3) for each of the two times.
         let expected = 2.0 * 2f64.sqrt() * 0.1125 / 4.05;
         assert!((second.speedup_error - expected).abs() < 1e-12, "{}", second.speedup_error);
     }
@@ -388,7 +388,7 @@ mod tests {
     #[test]
     fn losses_and_work_are_all_of_the_time() {
         let first = row(1, 100.0, 0.04, 1.0);
-        // 96 ms of work in 4 times 40 ms, of which 128 ms are busy, 36 ms of them on the busiest device.
+        // 96 ms of work in 4 times 40 ms; 128 ms of these are busy, 36 ms on the busiest device.
         let fourth = row(4, 40.0, 0.2, 1.125);
         let shares = fourth.shares(&first);
         let found = [shares.work, shares.more, shares.uneven, shares.waits];

@@ -1,11 +1,11 @@
-//! The schema of `run.json`, made from the types that it is written from.
+//! The schema of `run.json`, generated from the types that are serialized to it.
 
 use schemars::generate::SchemaSettings;
 use serde_json::json;
 
 use super::run::RunReport;
 
-/// Set to write the file instead of comparing it.
+/// Environment variable to write the file instead of comparing it.
 const WRITES: &str = "DIPTYCH_WRITE_SCHEMA";
 
 #[test]
@@ -13,7 +13,7 @@ fn the_schema_in_docs_is_that_of_the_types() {
     let generator = SchemaSettings::draft2020_12().for_serialize().into_generator();
     let mut schema = generator.into_root_schema_for::<RunReport>();
     schema.insert("title".into(), json!("run.json of diptych"));
-    // Links are for rustdoc.
+    // Remove rustdoc links.
     let text = serde_json::to_string_pretty(&schema).unwrap().replace("[`", "`").replace("`]", "`") + "\n";
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/run.schema.json");
     if std::env::var_os(WRITES).is_some() {

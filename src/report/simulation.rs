@@ -10,28 +10,28 @@ use crate::schedule::{Prediction, StepKind};
 /// One row of `simulate.csv`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// The name of the policy that divides the rows.
+    /// Name of the policy that distributes the rows.
     pub policy: &'static str,
-    /// Machines, which share the devices evenly.
+    /// Number of machines, which have equally many devices.
     pub nodes: usize,
-    /// Of all machines.
+    /// Number of devices of all machines together.
     pub devices: usize,
     pub predicted_ms: f64,
-    /// The makespan measured on devices that are here, if every simulated one has speed 1.
+    /// Makespan measured on this machine's devices, if every simulated device has speed 1.
     pub measured_ms: Option<f64>,
-    /// The speed-up over one device of speed 1.
+    /// Speedup over one device of speed 1.
     pub speedup: f64,
-    /// Speed-up over the sum of speeds.
+    /// Speedup over the sum of speeds.
     pub efficiency: f64,
     pub imbalance: f64,
     /// Host time in transfers over the makespan times the devices.
     pub transfer_share: f64,
     pub limit: &'static str,
-    /// The stages and transfers of the critical path.
+    /// Stages and transfers of the critical path.
     pub critical_path: Vec<PathShare>,
 }
 
-/// A stage, or transfers, and their share of the makespan.
+/// A stage, or all transfers, with its fraction of the makespan.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PathShare {
     pub what: &'static str,
@@ -39,7 +39,7 @@ pub struct PathShare {
 }
 
 impl Row {
-    /// A row for devices of these speeds. `one_ms` is the makespan on one device of speed 1.
+    /// Summarises a prediction for devices of these speeds. `one_ms` is the makespan on one device of speed 1.
     pub fn new(prediction: &Prediction, speeds: &[f64], one_ms: f64, measured_ms: Option<f64>) -> Self {
         let devices = speeds.len();
         let speedup = one_ms / prediction.makespan_ms;
@@ -75,17 +75,17 @@ impl Row {
         shares_text(self.critical_path.iter().map(|part| (part.what, part.share)))
     }
 
-    /// The speed-up that was measured on devices that are here, also over the simulated device.
+    /// Returns the measured speedup, also over the simulated device of speed 1.
     fn measured_speedup(&self) -> Option<f64> {
         Some(self.speedup * self.predicted_ms / self.measured_ms?)
     }
 }
 
-/// By how much of a frame's time more machines must shorten it to be worth their place.
+/// Minimum fraction of a frame's time that additional machines must save.
 const WORTH: f64 = 0.03;
 
-/// From where on more machines, of as many devices each, do not pay for this frame; none where all do, or where there is one
-/// number of them alone.
+/// Describes the number of machines beyond which more, with equally many devices each, do not pay for this frame.
+/// Returns none if all pay, or if only one number of machines was simulated.
 pub fn enough_nodes(rows: &[Row]) -> Option<String> {
     let mut by_nodes: Vec<&Row> = rows.iter().collect();
     let each = |row: &Row| row.devices / row.nodes.max(1);
@@ -118,8 +118,8 @@ const COLUMNS: [Column<Row>; 9] = [
     ("limit", |r| r.limit.to_owned()),
 ];
 
-/// The contents of `simulate.csv`: the columns of a row, then the shares of the critical path of all stages and
-/// transfers that any row has.
+/// Returns the contents of `simulate.csv`: the columns of a row, then the critical path's fractions by stage and
+/// transfer, for all that occur in any row.
 pub fn simulation_csv(rows: &[Row]) -> Csv {
     let parts = once(rows.iter().flat_map(|r| r.critical_path.iter().map(|part| part.what)));
     let share = |row: &Row, what: &str| row.critical_path.iter().find(|p| p.what == what).map_or(0.0, |p| p.share);
@@ -166,7 +166,7 @@ pub fn simulation_table(rows: &[Row]) -> Table {
     table
 }
 
-/// Speed-up over device counts, with the measured ones where there are any.
+/// Plots speedup over device counts, with the measured ones if there are any.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
@@ -233,7 +233,7 @@ mod tests {
         assert_eq!(enough_nodes(&[of(1, 50.0), of(2, 30.0), of(4, 20.0)]), None);
         let said = enough_nodes(&[of(4, 29.5), of(1, 50.0), of(2, 30.0)]).unwrap();
         assert!(said.starts_with("more than 2 node(s)") && said.contains("29.5 ms instead of 30.0"), "{said}");
-        // Four nodes of one device each are not held against one node of four.
+        // Four nodes of one device each are not compared with one node of four.
         let single = |nodes, predicted_ms| Row { devices: nodes, ..of(nodes, predicted_ms) };
         assert_eq!(enough_nodes(&[of(1, 50.0), single(1, 180.0), single(8, 40.0), of(2, 30.0)]), None);
     }

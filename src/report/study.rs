@@ -10,12 +10,12 @@ use crate::metrics;
 use crate::metrics::temporal::TemporalError;
 use crate::scene::rig::Eye;
 
-/// A number, or a placeholder for one.
+/// Formats a number, or a placeholder without one.
 pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
     value.map_or("-".to_owned(), |v| format!("{v:.decimals$}"))
 }
 
-/// A line of cells with the names of their columns.
+/// Makes a table from columns and rows.
 pub(super) fn table<T>(columns: &[Column<T>], rows: &[T]) -> Table {
     let line = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
     Table { headers: columns.iter().map(|(name, _)| *name).collect(), rows: rows.iter().map(line).collect() }
@@ -25,18 +25,18 @@ pub(super) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// The standard deviation, over n − 1.
+/// Returns the standard deviation (over n − 1).
 pub(super) fn deviation(values: &[f64]) -> f64 {
     let mean = mean(values);
     (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0)).sqrt()
 }
 
-/// One eye of a sequence against its reference.
+/// Errors of one eye of a sequence against its reference.
 #[derive(Clone, Debug, Serialize)]
 pub struct SequenceRow {
     pub eye: &'static str,
     pub frames: usize,
-    /// The exposure at which display values are taken.
+    /// Exposure for display values.
     pub exposure_ev: f32,
     /// Means over frames.
     pub mean: Errors,
@@ -64,12 +64,12 @@ const SEQUENCE: &[Column<SequenceRow>] = &[
     ("new_share", |r| cell(r.temporal.new_share, 4)),
 ];
 
-/// A line per eye.
+/// Returns a table with a line per eye.
 pub fn sequence_table(rows: &Stereo<SequenceRow>) -> Table {
     table(SEQUENCE, &[rows.left.clone(), rows.right.clone()])
 }
 
-/// The errors of a picture made in stripes, for one eye and frame. `one` is the picture of one device.
+/// Errors of a picture made in stripes, for one eye and frame. `one` is the picture of a single device.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SeamErrors {
     /// Errors against the reference.
@@ -77,16 +77,16 @@ pub struct SeamErrors {
     pub flip: f64,
     /// RMSE near seams over RMSE elsewhere; `None` for one device.
     pub seam: Option<f64>,
-    /// RMSE near seams over that of the same rows of `one`. Without a seam it is 1.
+    /// RMSE near seams over that of the same rows of `one`; 1 without a seam.
     pub seam_over_one: Option<f64>,
-    /// Errors against `one`: infinite, 0 and 0 for equal pictures.
+    /// Errors against `one`: infinite, 0 and 0 for identical pictures.
     pub psnr_one: f64,
     pub flip_one: f64,
     pub seam_rmse_one: Option<f64>,
 }
 
 impl SeamErrors {
-    /// Means. A value that is undefined in one is undefined in the mean.
+    /// Returns the means. A value that is undefined in one is undefined in the mean.
     pub fn mean_of(all: &[Self]) -> Self {
         let mean = |of: fn(&Self) -> f64| all.iter().map(of).sum::<f64>() / all.len() as f64;
         let mean_if = |of: fn(&Self) -> Option<f64>| {
@@ -105,7 +105,7 @@ impl SeamErrors {
     }
 }
 
-/// Lower quartile, median and upper quartile, interpolated linearly between ranks, 0 of no values.
+/// Returns lower quartile, median and upper quartile, interpolated linearly between ranks; 0 without values.
 pub fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
     values.sort_by(f64::total_cmp);
     [0.25, 0.5, 0.75].map(|share| {
@@ -115,24 +115,24 @@ pub fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
     })
 }
 
-/// A seam policy on a number of devices, one eye.
+/// Results of a seam policy on a number of devices, for one eye.
 #[derive(Clone, Debug, Serialize)]
 pub struct SeamRow {
     pub devices: usize,
-    /// The seam policy, `-` for one device.
+    /// Seam policy, `-` for one device.
     pub policy: String,
     pub eye: Eye,
-    /// The exposure at which PSNR and FLIP are taken.
+    /// Exposure for PSNR and FLIP.
     pub exposure_ev: f64,
     #[serde(flatten)]
     pub errors: SeamErrors,
-    /// Whether every frame has the bytes of one device.
+    /// True if every frame has the bytes of one device.
     pub same_bytes: bool,
     /// Quartiles of the warm frames' makespans.
     pub time_ms: [f64; 3],
 }
 
-/// The name in files of the policy of one device, which has no seams.
+/// Name in files for the policy of one device, which has no seams.
 pub const ONE_DEVICE: &str = "one_device";
 
 impl SeamRow {
@@ -158,14 +158,14 @@ const SEAMS: &[Column<SeamRow>] = &[
     ("iqr ms", |r| format!("{:.1}", r.time_ms[2] - r.time_ms[0])),
 ];
 
-/// A description of the columns of [`seam_table`].
+/// Description of the columns of [`seam_table`].
 pub const SEAM_NOTE: &str = "Means over frames. psnr (dB) and flip are against the reference, both tonemapped at \
     exposure_ev; seam is the RMSE within 4 \
     rows of where filtered stripes meet over that elsewhere, and seam / one's over that of the one-device picture's same \
     rows: 1 is nothing. psnr, flip and seam rmse to one are against the one-device picture: inf, 0 and 0 where all bytes \
     are the same. ms: median of warm frames, and the distance of their quartiles.";
 
-/// A line per setting and eye.
+/// Returns a table with a line per setting and eye.
 pub fn seam_table(rows: &[SeamRow]) -> Table {
     table(SEAMS, rows)
 }
@@ -187,13 +187,13 @@ const SEAMS_CSV: &[Column<SeamRow>] = &[
     ("time_ms_iqr", |r| format!("{:.4}", r.time_ms[2] - r.time_ms[0])),
 ];
 
-/// [`seam_table`] for programs.
+/// Returns [`seam_table`] for programs.
 pub fn seam_csv(rows: &[SeamRow]) -> Csv {
     Csv::new(SEAMS_CSV, rows)
 }
 
-/// Leria, Mäkitalo & Jääskeläinen 2024, "Image quality related to seam artifacts": PSNR in dB of San Miguel, Sponza and
-/// Bistro Exterior, with the paper's name of the method and the policy here.
+/// Leria, Mäkitalo & Jääskeläinen 2024, "Image quality related to seam artifacts": PSNR in dB for San Miguel, Sponza
+/// and Bistro Exterior, with the paper's name of the method and the corresponding policy here.
 const LERIA: [(&str, &str, [f64; 3]); 3] = [
     ("no filter", "none", [20.30, 21.73, 20.89]),
     ("bilateral filter", "filter", [19.90, 21.71, 20.46]),
@@ -206,7 +206,7 @@ pub const LERIA_NOTE: &str = "PSNR in dB, in brackets less that without seams. T
     Path Tracing, 1280x720 per eye, 1 spp, 6 bounces, SVGF, several GPUs; other scenes, references and denoiser, so only \
     the differences within a column are to be compared.";
 
-/// Our PSNR on the most devices beside the paper's.
+/// Returns a table of our PSNR on the most devices beside the paper's.
 pub fn leria_table(rows: &[SeamRow]) -> Table {
     let most = rows.iter().map(|r| r.devices).max().unwrap_or(0);
     let psnr = |policy: &str| {

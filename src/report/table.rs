@@ -1,11 +1,11 @@
-//! Tables, and their layout on terminals.
+//! Tables and their layout on terminals.
 
 use serde::Serialize;
 use serde_json::Value;
 
 use crate::device::DeviceInfo;
 
-/// The contents of a table, whatever its layout.
+/// Contents of a table, independent of layout.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
     pub headers: Vec<&'static str>,
@@ -13,12 +13,12 @@ pub struct Table {
 }
 
 impl Table {
-    /// The layout of [`text_table`].
+    /// Lays the table out by [`text_table`].
     pub fn text(&self) -> String {
         text_table(&self.headers, &self.rows)
     }
 
-    /// Names and values of the fields of a structure. Anything else gives an empty table.
+    /// Lists names and values of a structure's fields. Anything else gives an empty table.
     pub fn of_fields(of: &impl Serialize) -> Table {
         let fields = serde_json::to_value(of).ok().and_then(|value| value.as_object().cloned()).unwrap_or_default();
         let row = |(name, value): (String, Value)| match value {
@@ -29,7 +29,7 @@ impl Table {
         Table { headers: vec!["setting", "value"], rows: fields.into_iter().map(row).collect() }
     }
 
-    /// The devices of each run. Devices of the same kind share a line.
+    /// Lists the devices of each run, with a line per kind of device.
     pub fn of_devices<'a>(runs: impl IntoIterator<Item = &'a [DeviceInfo]>) -> Table {
         let mut rows = Vec::new();
         for run in runs {
@@ -44,7 +44,7 @@ impl Table {
         Table { headers: vec!["devices", "of these", "adapter", "driver", "kind", "threads each", "traversal"], rows }
     }
 
-    /// Whether a column holds only numbers.
+    /// Returns true if a column holds only numbers.
     pub fn is_numeric(&self, column: usize) -> bool {
         self.rows.iter().all(|row| row.get(column).is_none_or(|cell| is_number(cell)))
     }
@@ -81,7 +81,7 @@ pub fn text_table(headers: &[&str], rows: &[Vec<String>]) -> String {
 }
 
 struct Column {
-    /// The width of a text, in characters.
+    /// Width of a text, in characters.
     width: usize,
     numeric: bool,
 }
@@ -102,7 +102,8 @@ impl Column {
     }
 }
 
-/// A number, perhaps with a short unit (`12.5 %`, `1.9x`) or its uncertainty (`1.9 ± 0.1`), or a placeholder for one.
+/// Returns true for a number, with or without a short unit (`12.5 %`, `1.9x`) or an uncertainty (`1.9 ± 0.1`), and for
+/// its placeholder.
 fn is_number(cell: &str) -> bool {
     let cell = cell.trim();
     let number = cell.trim_end_matches(['%', 'x', ' ']);

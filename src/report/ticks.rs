@@ -1,19 +1,19 @@
-//! The range of an axis and the labels along it.
+//! Chooses the range of an axis and its labels.
 //!
 //! Axis coordinates are the values themselves, or their log10 on a logarithmic axis.
 
 use std::ops::Range;
 
-/// Larger values would overflow when an axis is fitted around them.
+/// Bound on values. Larger ones would overflow when an axis is fitted around them.
 const LARGEST: f64 = 1e300;
 
-/// The axis coordinate of a value, `None` for a value that the axis cannot show.
+/// Returns the axis coordinate of a value; `None` if the axis cannot show it.
 pub(super) fn coordinate(value: f64, log: bool) -> Option<f64> {
     let shown = value.abs() <= LARGEST && (!log || value > 0.0);
     shown.then(|| if log { value.log10() } else { value })
 }
 
-/// A fitted axis, in its coordinates.
+/// A fitted axis, in its own coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Ticks {
     pub log: bool,
@@ -22,19 +22,19 @@ pub(super) struct Ticks {
 }
 
 impl Ticks {
-    /// Fits an axis around coordinates. It is `None` without any.
+    /// Fits an axis around coordinates; `None` without any.
     pub fn fit(coordinates: impl Iterator<Item = f64>, log: bool) -> Option<Self> {
         let (low, high) = coordinates.map(|c| (c, c)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
         Some(if log { Self::logarithmic(low, high) } else { Self::linear(low, high) })
     }
 
-    /// The label at an axis coordinate.
+    /// Returns the label at an axis coordinate.
     pub fn label(&self, coordinate: f64) -> String {
         number(if self.log { 10f64.powf(coordinate) } else { coordinate })
     }
 
-    /// Round steps, from the step below the lowest value to the step above the highest. They begin at 0 where that is
-    /// not far.
+    /// Chooses round steps, from the step below the lowest value to the step above the highest. They begin at 0 if that
+    /// is near.
     fn linear(mut low: f64, mut high: f64) -> Self {
         if low == high {
             let around = if low == 0.0 { 1.0 } else { low.abs() / 2.0 };
@@ -47,8 +47,7 @@ impl Ticks {
         Self { log: false, range: at[0]..at[at.len() - 1], at }
     }
 
-    /// 1, 2 and 5 of each decade. Over many decades these are the powers of ten, and over less than one decade round
-    /// steps.
+    /// Chooses 1, 2 and 5 of each decade: the powers of ten over many decades, and round steps within less than one.
     fn logarithmic(low: f64, high: f64) -> Self {
         let margin = (0.04 * (high - low)).max(0.02);
         let (low, high) = (low - margin, high + margin);
@@ -67,7 +66,7 @@ impl Ticks {
     }
 }
 
-/// Ten digits drop the rounding errors of tick arithmetic.
+/// Formats a number with ten digits, which drops the rounding errors of tick arithmetic.
 fn number(value: f64) -> String {
     let exact: f64 = format!("{value:.9e}").parse().unwrap_or(value);
     match exact.abs() {
@@ -77,8 +76,8 @@ fn number(value: f64) -> String {
     }
 }
 
-/// About six multiples of 1, 2 or 5 times a power of ten, from `low` to `high`, each rounded to a multiple by the given
-/// functions.
+/// Returns about six multiples of 1, 2 or 5 times a power of ten, from `low` to `high`, each rounded to a multiple by
+/// the given functions.
 fn steps(low: f64, high: f64, round_low: fn(f64) -> f64, round_high: fn(f64) -> f64) -> Vec<f64> {
     let rough = (high - low) / 6.0;
     let power = 10f64.powf(rough.log10().floor());

@@ -1,5 +1,5 @@
-//! A figure of a play over time: makespans in their budget, samples, rungs and disturbances. It follows the figures of
-//! Leria et al. that show frame times and samples per pixel over frames.
+//! Draws a play over time: makespans and budget, samples, rungs and disturbances. It follows the figures of Leria et
+//! al. that show frame times and samples per pixel over frames.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use super::html::live;
 use super::lanes::round;
 use super::samples::SampledFrame;
 
-/// Something that was done to a run.
+/// A disturbance of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Disturbed {
     pub name: String,
@@ -16,7 +16,7 @@ pub struct Disturbed {
     pub to: u32,
 }
 
-/// The data, with a column per quantity and a row per frame.
+/// Data of the figure, with a column per quantity and a row per frame.
 #[derive(Serialize)]
 struct Data<'a> {
     budget: [f64; 2],
@@ -32,10 +32,10 @@ struct Data<'a> {
     setting: Vec<String>,
 }
 
-/// The figure, from frames that the control loop made. The page's swimlanes show the frame that is chosen in it.
+/// Returns the figure for frames of the control loop. The page's swimlanes show the frame that is selected in it.
 ///
 /// # Errors
-/// Those of [`live`].
+/// Errors of [`live`].
 pub fn timeline(
     budget_ms: [f64; 2],
     rungs: usize,

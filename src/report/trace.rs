@@ -6,7 +6,7 @@ use crate::trace::compare::{Change, Comparison};
 use crate::trace::passages::PassageSummary;
 use crate::trace::summary::{DeviceSummary, FrameDetail, PathShare, Summary, median};
 
-/// Parts of the critical path below this share are combined into one.
+/// Parts of the critical path below this fraction are combined into one.
 const SMALL_SHARE: f64 = 0.005;
 
 pub fn summary_text(summary: &Summary) -> String {
@@ -118,7 +118,7 @@ fn path_table(summary: &Summary) -> String {
     text_table(&["what", "device", "ms", "share"], &rows)
 }
 
-/// How rows went from rank to rank, if any did.
+/// Describes the transfers of rows between ranks, if there were any.
 fn passages_text(summary: &Summary) -> String {
     let Some(passages) = &summary.passages else { return String::new() };
     let PassageSummary { count, bytes, waited_ms, parts } = passages;
@@ -147,7 +147,7 @@ fn path_name(what: &str, lane: Option<Lane>) -> String {
     }
 }
 
-/// The device's number among those of the trace.
+/// Returns the device's index among those of the trace.
 fn device(pid: u32, devices: &[DeviceSummary]) -> String {
     devices.iter().position(|d| d.pid == pid).map_or(String::new(), |number| number.to_string())
 }
@@ -169,7 +169,7 @@ mod tests {
     use super::*;
     use crate::trace::work::{Device, FrameTime, Task, Trace};
 
-    /// A frame of 10 ms: 2 ms until it starts, 6 ms of work on the left eye, then an upload.
+    /// Makes a trace with a frame of 10 ms: 2 ms until it starts, 6 ms of work on the left eye, then an upload.
     fn trace() -> Trace {
         let task = |lane, name: &str, begin_us, end_us| Task {
             pid: 10,

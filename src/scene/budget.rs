@@ -1,5 +1,5 @@
-//! The memory that a scene may take while it is read and laid out. It is asked for before it is allocated, and given
-//! back when what was needed on the way alone is dropped.
+//! Memory budget for reading a scene and building its tables. Memory is reserved before it is allocated; temporary
+//! reservations are returned on drop.
 
 use std::cell::Cell;
 use std::fmt;
@@ -7,7 +7,7 @@ use std::mem;
 use std::ops::Deref;
 use std::str::FromStr;
 
-/// A number of bytes as options and messages say it.
+/// A number of bytes in the format of options and messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ByteSize(pub u64);
 
@@ -49,7 +49,7 @@ impl FromStr for ByteSize {
     }
 }
 
-/// What does not fit any more.
+/// A request for more memory than the budget has left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "it takes {needed} of memory, and {left} are left of the {limit} that a scene may take: give --max-scene-memory more if you trust it"
@@ -60,7 +60,7 @@ pub struct Exceeded {
     pub limit: ByteSize,
 }
 
-/// What is left of the memory that one scene may take on the host.
+/// Host memory that one scene may still take.
 #[derive(Debug)]
 pub struct Budget {
     limit: ByteSize,
@@ -83,11 +83,13 @@ impl Budget {
         Self::new(ByteSize(u64::MAX))
     }
 
-    /// Bytes.
+    /// Returns the number of bytes left.
     pub fn left(&self) -> u64 {
         self.left.get()
     }
 
+    /// Reserves bytes until the result is dropped.
+    ///
     /// # Errors
     /// [`Exceeded`] if less than `bytes` are left; then none are taken.
     pub fn reserve(&self, bytes: u64) -> Result<Reserved<'_>, Exceeded> {
@@ -102,7 +104,7 @@ impl Budget {
     }
 }
 
-/// A part of a budget, which goes back to it on drop.
+/// A reserved part of a budget, which is returned on drop.
 #[derive(Debug)]
 #[must_use]
 pub struct Reserved<'a> {
@@ -115,14 +117,14 @@ impl Reserved<'_> {
         self.bytes
     }
 
-    /// Gives back all but `bytes`, if it is more.
+    /// Returns all but `bytes` to the budget, if more are reserved.
     pub fn shrink_to(&mut self, bytes: u64) {
         let freed = self.bytes.saturating_sub(bytes);
         self.bytes -= freed;
         self.budget.left.set(self.budget.left() + freed);
     }
 
-    /// Takes it for what becomes part of the scene.
+    /// Keeps the bytes reserved for good, for data that becomes part of the scene.
     pub fn keep(self) {
         mem::forget(self);
     }
@@ -134,7 +136,7 @@ impl Drop for Reserved<'_> {
     }
 }
 
-/// Bytes with the part of the budget that they take.
+/// Bytes with their reservation.
 #[derive(Debug)]
 pub struct Held<'a> {
     pub bytes: Vec<u8>,

@@ -1,7 +1,7 @@
-//! From what a shot file says, what is asked for besides, and what the scene has, to a [`Shot`].
+//! Completion of a shot file's draft to a [`Shot`], with overrides and the scene.
 //!
-//! A shot that says nothing of from where its scene is seen gets the scene's camera, or one is put where there is
-//! something to see; one that says nothing of light either gets a white environment if its scene has no light.
+//! A shot without a viewpoint takes the scene's camera, or a viewpoint is searched for. If such a shot has no light
+//! either, and neither has its scene, it gets a white environment.
 
 use glam::{DVec3, Vec3};
 
@@ -14,29 +14,29 @@ use super::shot::{Draft, PartialRig, Shot, ShotEnvironment, Sky};
 use super::viewpoint::{self, Viewpoint};
 use super::{Camera, Environment, Scene, SceneError};
 
-/// What goes before what a shot says.
+/// Settings that take precedence over those of a shot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Overrides {
     pub yfov_rad: Option<f64>,
     pub baseline_m: Option<f64>,
-    /// Stops, within [`EXPOSURE_EV`](super::shot::EXPOSURE_EV).
+    /// Exposure in stops, within [`EXPOSURE_EV`](super::shot::EXPOSURE_EV).
     pub exposure_ev: Option<f32>,
-    /// Of the scene file, by number.
+    /// Index of a camera in the scene file.
     pub camera: Option<usize>,
-    /// Where the eyes stay, scene units.
+    /// Fixed position of the eyes, scene units.
     pub position: Option<DVec3>,
-    /// Where the eyes look, scene units.
+    /// Fixed point that the eyes look at, scene units.
     pub target: Option<DVec3>,
-    /// Its image starts from the working folder.
+    /// Environment. The path of its image is relative to the working folder.
     pub environment: Option<ShotEnvironment>,
-    /// Which of the scene file's animations are played.
+    /// Animations of the scene file to play.
     pub animation: Option<Choice>,
-    /// When the scene's cameras are taken, seconds.
+    /// Time in seconds at which the scene's cameras are sampled.
     pub time_s: f64,
 }
 
-/// The scene is as it is at the overrides' time; `motion` is that of its cameras. The scene is told of what was decided
-/// for it, by its warnings.
+/// Completes a draft. `scene` is in its state at the overrides' time; `motion` moves its cameras. Appends decisions to
+/// the scene's warnings.
 ///
 /// # Errors
 /// [`SceneError::Invalid`], if the overrides give no view.
@@ -62,7 +62,8 @@ pub fn complete(
     })
 }
 
-/// Surfaces that emit do not count: they are displays and small lamps more often than what a scene is lit by.
+/// Returns true if the scene has lights or an environment. Emissive surfaces do not count, since most are displays and
+/// small lamps that do not light a scene.
 fn has_light(scene: &Scene) -> bool {
     !scene.lights.is_empty() || scene.environment != Environment::Black
 }
@@ -98,7 +99,7 @@ fn invalid(option: &str, what: String) -> SceneError {
     SceneError::Invalid { path: option.to_owned(), what }
 }
 
-/// Of the scene file's camera of that number. One that moves is a path, beginning at the overrides' time.
+/// Returns the rig of the scene file's camera `number`: for a moving camera, a path that begins at the overrides' time.
 fn camera_rig(scene: &mut Scene, motion: &Motion, number: usize, overrides: &Overrides) -> Result<Rig, SceneError> {
     let count = scene.cameras.len();
     let Some(&camera) = scene.cameras.get(number) else {
@@ -118,11 +119,12 @@ fn camera_rig(scene: &mut Scene, motion: &Motion, number: usize, overrides: &Ove
     Ok(if keys.is_empty() { rig } else { Rig { keys, ..rig } })
 }
 
-/// Keys of a camera's path in a second, and how long the path is at least where animations begin anew.
+/// Keys per second of a camera's path, and its least duration in seconds if animations loop.
 const PATH_HZ: f64 = 60.0;
 const LOOPS_S: f64 = 60.0;
 
-/// Where a camera is from `time_s` on, to the end of the animations, or for [`LOOPS_S`] where they begin anew.
+/// Returns a camera's path from `time_s` to the end of the animations; if they loop, for one round but at least
+/// [`LOOPS_S`].
 fn camera_path(camera: Camera, motion: &Motion, number: usize, time_s: f64) -> Vec<RigKey> {
     let end_s = if motion.loops { time_s + motion.duration_s().max(LOOPS_S) } else { motion.duration_s() };
     let cameras = motion.cameras.iter().copied().filter(|c| c.index == number);
@@ -137,10 +139,10 @@ fn camera_path(camera: Camera, motion: &Motion, number: usize, time_s: f64) -> V
     keys.collect()
 }
 
-/// An hour of a path.
+/// Largest number of keys of a camera's path: one hour.
 const MOST_KEYS: f64 = 3600.0 * PATH_HZ;
 
-/// Where there is something to see.
+/// Returns the rig that [`viewpoint::find`] chooses, and warns that the file has no camera.
 fn found_rig(scene: &mut Scene, metres_per_unit: f64, yfov_rad: Option<f64>, budget: &Budget) -> Rig {
     let Viewpoint { rig, is_inside } = viewpoint::find(scene, metres_per_unit, yfov_rad, budget);
     let RigKey { position, target, .. } = rig.keys[0];
@@ -152,7 +154,7 @@ fn found_rig(scene: &mut Scene, metres_per_unit: f64, yfov_rad: Option<f64>, bud
     rig
 }
 
-/// Eyes that are moved above or below their target see −z upwards.
+/// Overrides position and target of the keys. Viewers above or below their target get −z as up.
 fn move_to(keys: &mut [RigKey], overrides: &Overrides) -> Result<(), SceneError> {
     if overrides.position.is_none() && overrides.target.is_none() {
         return Ok(());
@@ -266,7 +268,7 @@ mod tests {
         assert_eq!(rig.keys, Rig::from_camera(camera(0.0)).keys);
     }
 
-    /// Many a shot has emitters for its only light.
+    /// Emissive surfaces are the only light of many a shot.
     #[test]
     fn a_shot_with_a_camera_or_light_of_its_own_is_lit_by_what_it_names() {
         for tables in [KEY, "[[light]]\nkind = 'point'\nposition = [0, 1, 0]"] {

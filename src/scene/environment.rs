@@ -15,12 +15,12 @@ const LARGEST_SIDE: u32 = 1 << 15;
 const LONGEST_HEADER: usize = 1 << 16;
 const LARGEST_AREA: usize = 1 << 28;
 
-/// Reads the image and multiplies it by `scale`. Values that are no radiance (negative, NaN, infinite) become
-/// 0; the second result says how many pixels had one. The image's part of the budget is taken for good.
+/// Reads the image and multiplies it by `scale`. Invalid radiance (negative, NaN, infinite) becomes 0; the second
+/// result is the number of pixels with such values. The image's bytes stay reserved in the budget.
 ///
 /// # Errors
 /// [`SceneError::Read`], [`SceneError::Image`] or [`SceneError::Invalid`] for a file that can't be decoded,
-/// [`SceneError::Refused`] for one that the budget has no room for.
+/// [`SceneError::Refused`] for one that exceeds the budget.
 pub fn read_latlong(path: &Path, scale: f32, access: Access) -> Result<(RgbImage, usize), SceneError> {
     let name = || path.display().to_string();
     let budget = access.budget;
@@ -37,7 +37,7 @@ pub fn read_latlong(path: &Path, scale: f32, access: Access) -> Result<(RgbImage
     Ok((image, bad_pixels))
 }
 
-/// What a pixel of the scene takes.
+/// Bytes per pixel of the decoded image.
 const PIXEL_BYTES: usize = size_of::<[f32; 3]>();
 
 fn refused(name: &str, error: Exceeded) -> SceneError {
@@ -63,7 +63,7 @@ fn read_hdr(name: &str, bytes: &[u8], budget: &Budget) -> Result<RgbImage, Scene
         DecodeError::IoError(source) => SceneError::Read { path: name.to_owned(), source },
         other => invalid(other.to_string()),
     };
-    // The decoder keeps all lines of the header, which take more memory than they are long.
+    // The decoder keeps all header lines, which take more memory than their length.
     if !bytes[..bytes.len().min(LONGEST_HEADER)].windows(2).any(|pair| pair == b"\n\n") {
         return Err(invalid(format!("its header has no end within {LONGEST_HEADER} bytes")));
     }
@@ -86,7 +86,7 @@ fn read_hdr(name: &str, bytes: &[u8], budget: &Budget) -> Result<RgbImage, Scene
 mod tests {
     use super::*;
 
-    /// A 2x1 Radiance file: 1, 0.5, 0 and 4, 4, 4.
+    /// Returns a 2x1 Radiance file with the pixels 1, 0.5, 0 and 4, 4, 4.
     fn hdr_bytes() -> Vec<u8> {
         let mut bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n".to_vec();
         bytes.extend([128, 64, 0, 129, 128, 128, 128, 131]);

@@ -1,4 +1,4 @@
-//! A shot as files that other programs read: plain glTF, whatever the scene was made of, and the shot beside it.
+//! Export of a shot and its scene, of any origin, as a plain glTF file and a shot file.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -9,12 +9,12 @@ use super::{Environment, Light, LightKind, Scene, SceneError, gltf};
 use crate::image::exr;
 use crate::image::file::atomic_write;
 
-/// Writes `NAME.glb`, `NAME.toml` and, where the environment is an image, `NAME.exr` into `folder`, after the shot's
-/// name. Loading the shot gives the same scene; its lights are all in the shot then. Nothing of it moves: of a scene that
-/// does, give [`Scene::at`].
+/// Writes `NAME.glb`, `NAME.toml` and, if the environment is an image, `NAME.exr` into `folder`, named after the shot.
+/// Loading the shot gives the same scene, with all its lights in the shot. The export is static: pass [`Scene::at`] of
+/// a dynamic scene.
 ///
 /// # Errors
-/// [`SceneError`], where a file cannot be written.
+/// [`SceneError`] if a file cannot be written.
 pub fn export(shot: &Shot, scene: &Scene, folder: &Path) -> Result<PathBuf, SceneError> {
     let name = file_name(&shot.name);
     let scene_file = format!("{name}.glb");
@@ -40,7 +40,7 @@ pub fn export(shot: &Shot, scene: &Scene, folder: &Path) -> Result<PathBuf, Scen
     Ok(path)
 }
 
-/// A shot may be called anything, also `../x`.
+/// Returns a safe file name, since a shot may have any name, even `../x`.
 fn file_name(shot: &str) -> String {
     let name: String = shot.chars().map(|c| if c.is_alphanumeric() || c == '_' { c } else { '-' }).collect();
     if name.is_empty() { "shot".into() } else { name }
@@ -90,13 +90,13 @@ mod tests {
         a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 2e-6 * (1.0 + a.abs()))
     }
 
-    /// An attribute, which may be absent, of each corner of each triangle.
+    /// Returns an attribute at each corner of each triangle; empty if it is absent.
     fn corners<T: Copy>(mesh: &Mesh, attribute: &[T]) -> Vec<T> {
         let indices = mesh.triangles.as_flattened();
         if attribute.is_empty() { Vec::new() } else { indices.iter().map(|&i| attribute[i as usize]).collect() }
     }
 
-    /// Everything by value, but numbers that reading rounds anew: normals, angles and lengths in metres.
+    /// Compares all values, except those that reading rounds again: normals, angles and lengths in metres.
     #[track_caller]
     fn assert_same(what: &str, (shot, scene): (&Shot, &Scene), (shot_read, read): (&Shot, &Scene)) {
         assert_eq!(read.warnings, Vec::from_iter(lost_light(scene)), "{what}");
@@ -107,7 +107,7 @@ mod tests {
         for (a, b) in scene.instances.iter().zip(&read.instances) {
             assert_eq!(a.world_from_local, b.world_from_local, "{what}");
             let (a, b) = (&scene.meshes[a.mesh], &read.meshes[b.mesh]);
-            // By corners of triangles, as vertices without a triangle are dropped.
+            // Compares triangle corners, since unused vertices are dropped.
             assert!(a.material == b.material && corners(a, &a.positions) == corners(b, &b.positions), "{what}");
             assert!((0..2).all(|set| corners(a, &a.uvs[set]) == corners(b, &b.uvs[set])), "{what}");
             assert!(corners(a, &a.colors) == corners(b, &b.colors), "{what}");
@@ -148,7 +148,7 @@ mod tests {
         }
     }
 
-    /// A triangle of a material with all that there is, and lights of every kind.
+    /// Returns a triangle with a material that uses every feature, and lights of every kind.
     fn everything() -> (Shot, Scene) {
         let texture = |i: usize| TextureRef {
             texture: i,
@@ -156,7 +156,7 @@ mod tests {
             uv_from_uv: match i {
                 0 => Affine2::IDENTITY,
                 1 => Affine2::from_scale_angle_translation(Vec2::splat(2.0), 0.0, Vec2::new(0.25, 0.5)),
-                // A flip of v, as a scale below 0.
+                // Flips v with a negative scale.
                 2 => Affine2::from_scale(Vec2::new(1.0, -1.0)),
                 _ => Affine2::from_translation(Vec2::new(0.0, i as f32)),
             },

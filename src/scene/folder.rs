@@ -1,5 +1,5 @@
-//! The files that a shot or a glTF file names. They are somebody else's choice: unless the user allows more, they lie
-//! below the folder of the file that names them, and none is read that the scene's memory has no room for.
+//! Access to files that a shot or a glTF file names. These names are untrusted: unless the user allows more, files must
+//! be below the folder of the file that names them, and within the scene's memory budget.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -10,41 +10,42 @@ use std::sync::{Mutex, PoisonError};
 use super::SceneError;
 use super::budget::{Budget, Exceeded, Held};
 
-/// What a scene's files may do.
+/// Permissions for reading a scene's files, and the source that they are read from.
 #[derive(Clone, Copy, Debug)]
 pub struct Access<'a> {
     pub budget: &'a Budget,
-    /// Files may name others that are not below their own folder.
+    /// Allows files outside the folder of the file that names them.
     pub allow_outside: bool,
     pub source: Source<'a>,
 }
 
 impl<'a> Access<'a> {
-    /// Of files on disk that lie below the folder of the file that names them.
+    /// Grants access to files on disk below the folder of the file that names them.
     pub fn of(budget: &'a Budget) -> Self {
         Self { budget, allow_outside: false, source: Source::Disk }
     }
 
-    /// The same path for the same file, however it is named, where files are only read.
+    /// Returns the canonical path if files are on disk and only read, so that a file has the same path under all its
+    /// names.
     pub fn one_path(&self, path: PathBuf) -> PathBuf {
         if let Source::Disk = self.source { fs::canonicalize(&path).unwrap_or(path) } else { path }
     }
 }
 
-/// Files by the paths that they were read from.
+/// Files by the paths they were read from.
 pub type Files = BTreeMap<PathBuf, Vec<u8>>;
 
-/// Where files are read from.
+/// Source of a scene's files.
 #[derive(Clone, Copy, Debug)]
 pub enum Source<'a> {
     Disk,
-    /// From disk, and kept so that they can be sent elsewhere.
+    /// Files on disk, collected so that they can be sent to another machine.
     Kept(&'a Mutex<Files>),
-    /// From elsewhere, where it was seen what may be read.
+    /// Files sent from another machine, which has checked access.
     Sent(&'a Files),
 }
 
-/// Why a file is not read; what [`SceneError`] says once it is known which file asked for it.
+/// A failed access. It becomes a [`SceneError`] once the file that asked for it is known.
 #[derive(Debug)]
 pub enum AccessError {
     Read { path: PathBuf, source: io::Error },
@@ -52,7 +53,7 @@ pub enum AccessError {
 }
 
 impl AccessError {
-    /// `path`: of the file that is read, or that names the one to be read.
+    /// Adds the path of the file that was read or that names the refused one.
     pub fn in_file(self, path: &str) -> SceneError {
         match self {
             Self::Read { path, source } => SceneError::Read { path: path.display().to_string(), source },
@@ -67,7 +68,7 @@ impl From<Exceeded> for AccessError {
     }
 }
 
-/// The folder that a file lies in, where the names in it start.
+/// Folder of a file, to which the names in it are relative.
 #[derive(Clone, Debug)]
 pub struct Folder<'a> {
     path: PathBuf,
@@ -75,15 +76,15 @@ pub struct Folder<'a> {
 }
 
 impl<'a> Folder<'a> {
-    /// Of the file at `path`.
+    /// Returns the folder of the file at `path`.
     pub fn of(path: &Path, access: Access<'a>) -> Self {
         Self { path: path.parent().unwrap_or(Path::new("")).to_owned(), access }
     }
 
-    /// The path of the file of this name, whose steps are parted by `/`.
+    /// Returns the path of a named file. The name's parts are separated by `/`.
     ///
     /// # Errors
-    /// [`AccessError`] if it may not be read, or if there is no such file.
+    /// [`AccessError`] if access is denied, or if there is no such file.
     pub fn find(&self, name: &str) -> Result<PathBuf, AccessError> {
         let outside = || {
             AccessError::Refused(format!(
@@ -95,8 +96,8 @@ impl<'a> Folder<'a> {
         if self.access.allow_outside || matches!(self.access.source, Source::Sent(_)) {
             return Ok(path);
         }
-        // Before the file system is asked: whether a file exists elsewhere is nobody's business, and on Windows asking for a
-        // share tells its owner who asks.
+        // Checks the name before asking the file system: whether a file exists elsewhere is private, and on Windows a
+        // lookup of a network share reveals the user to its owner.
         if !leads_down(name) {
             return Err(outside());
         }
@@ -109,8 +110,8 @@ impl<'a> Folder<'a> {
     }
 }
 
-/// Whether a name says that it leads to somewhere below where it starts. What leads elsewhere on any system is refused
-/// on all: drives, shares and the other separator.
+/// Returns true if a name stays below its folder lexically. Names that lead elsewhere on any system are rejected on
+/// all: drives, network shares and backslashes.
 fn leads_down(name: &str) -> bool {
     let is_drive = name.as_bytes().get(1) == Some(&b':');
     let mut depth = 0usize;
@@ -132,10 +133,10 @@ fn leads_down(name: &str) -> bool {
     !is_drive && !name.contains(['\\', '\0']) && Path::new(name).components().all(steps_down)
 }
 
-/// Reads a whole regular file; pipes and devices, which may never end, are refused.
+/// Reads a whole regular file. Rejects pipes and devices, which may never end.
 ///
 /// # Errors
-/// [`AccessError`] if it cannot be read or is larger than what is left of the budget.
+/// [`AccessError`] if it cannot be read or exceeds the budget.
 pub fn read<'a>(path: &Path, access: Access<'a>) -> Result<Held<'a>, AccessError> {
     let failed = |source| AccessError::Read { path: path.to_owned(), source };
     if let Source::Sent(files) = access.source {
@@ -156,7 +157,7 @@ pub fn read<'a>(path: &Path, access: Access<'a>) -> Result<Held<'a>, AccessError
     Ok(Held { bytes, reserved })
 }
 
-/// A name as it can be shown: whole, or its beginning.
+/// Shortens a long name for display.
 pub fn shorten(name: &str) -> String {
     const SHOWN: usize = 80;
     match name.char_indices().nth(SHOWN) {
@@ -170,7 +171,7 @@ mod tests {
     use super::*;
     use crate::scene::budget::ByteSize;
 
-    /// `outer/secret.bin` beside `outer/inner/`, which holds `own.bin` and `below/own.bin`.
+    /// Creates `outer/secret.bin` beside `outer/inner/`, which holds `own.bin` and `below/own.bin`.
     fn tree() -> tempfile::TempDir {
         let outer = tempfile::tempdir().unwrap();
         fs::create_dir_all(outer.path().join("inner/below")).unwrap();

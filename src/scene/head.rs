@@ -1,9 +1,9 @@
-//! Head motion: where a viewer's head was at which time, as a file says it, and as a run leaves it for later ones.
+//! Head motion: poses of a viewer's head over time, read from a file and recorded by a run.
 //!
-//! A file has a JSON value in each line: first `{"diptych_motion": 1}`, the version, which may also have the head's
-//! [`eyes`](HeadEyes), then samples in the order of their times, such as `{"time_s": 0.5, "position_m": [0, 0, 0], "orientation": [0, 0, 0, 1]}`. Axes are those of OpenXR: x
-//! to the right, y up, −z ahead; orientations are unit quaternions (x, y, z, w) that turn from the head's axes to those
-//! of the [`Space`].
+//! A file has one JSON value per line. The first is `{"diptych_motion": 1}`, the version, which may include the head's
+//! [`eyes`](HeadEyes). Samples follow in the order of their times, such as `{"time_s": 0.5, "position_m": [0, 0, 0],
+//! "orientation": [0, 0, 0, 1]}`. Axes are those of OpenXR: x to the right, y up, −z ahead. Orientations are unit
+//! quaternions (x, y, z, w) from the head's axes to those of the [`Space`].
 
 use std::path::{Path, PathBuf};
 
@@ -20,25 +20,25 @@ use super::shot::allowed::fits_f32;
 use crate::image::ImageError;
 use crate::image::file::{LineFile, keep_unfinished};
 
-/// Of the files that are written, and the only one that is read.
+/// Version of written files, and the only one that is read.
 const VERSION: u32 = 1;
-/// More is no recording of a head.
+/// Limit on samples. Longer files are no recordings of a head.
 const MOST_SAMPLES: usize = 1_000_000;
-/// By how much the length of an orientation may be off 1: files hold few digits.
+/// Tolerance on the length of an orientation, since files hold few digits.
 const LENGTH_SLACK: f64 = 1e-2;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Header {
     diptych_motion: u32,
-    /// What it is, for people.
+    /// Description for readers of the file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     about: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     eyes: Option<HeadEyes>,
 }
 
-/// A line of a file.
+/// Sample in a line of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sample {
@@ -49,8 +49,8 @@ struct Sample {
     gaze: Option<EyesGaze>,
 }
 
-/// Where the left and the right eye look, fractions of each one's image from the top left: in files two numbers for both, or
-/// four.
+/// Gaze points of the left and the right eye, as fractions of each eye's image from the top left. Files hold two
+/// numbers for both eyes, or four.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<f64>", into = "Vec<f64>")]
 struct EyesGaze([[f64; 2]; 2]);
@@ -76,7 +76,7 @@ impl From<EyesGaze> for Vec<f64> {
 }
 
 impl Sample {
-    /// What is wrong with it, if anything is.
+    /// Returns a description of the first fault, if any.
     fn fault(&self, last_s: Option<f64>) -> Option<String> {
         let Self { time_s, position_m, orientation, .. } = self;
         let length = DQuat::from_array(*orientation).length();
@@ -92,16 +92,16 @@ impl Sample {
     }
 }
 
-/// Where a head is, metres, and how it is turned: from its axes to those of the space that it is in.
+/// Pose of a head: its position in metres and its rotation to the axes of its space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HeadPose {
     pub position_m: DVec3,
-    /// Of unit length.
+    /// Rotation as a unit quaternion.
     pub orientation: DQuat,
 }
 
 impl HeadPose {
-    /// Where something is that is there in the head.
+    /// Transforms `own`, a pose relative to this head, to the head's space.
     pub fn then(self, own: Self) -> Self {
         Self {
             position_m: self.position_m + self.orientation * own.position_m,
@@ -110,20 +110,20 @@ impl HeadPose {
     }
 }
 
-/// What a head's positions and orientations are relative to, and the eyes that it has: upright, it stands where a shot's eyes are at first and looks
-/// where they look, but level. Its units are metres.
+/// Reference space of a head's poses in metres, and the head's eyes. At the identity pose the head is upright, at the
+/// first position of the shot's rig, with the shot's heading but a level gaze.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Space {
-    /// Scene units.
+    /// Origin in scene units.
     origin: DVec3,
     world_from_space: DQuat,
     metres_per_unit: f64,
-    /// In the head; without any, the eyes are as the shot has them.
+    /// Eyes of the head; `None` keeps the shot's eyes.
     eyes: Option<(HeadEyes, Rectified)>,
 }
 
 impl Space {
-    /// Of a shot's own rig.
+    /// Returns the space of a shot's own rig and eyes.
     pub fn of(rig: &Rig) -> Self {
         let first = &rig.keys[0];
         let (up, [right, ..]) = (first.up.normalize(), first.axes());
@@ -132,10 +132,10 @@ impl Space {
         Self { origin: first.position, world_from_space, metres_per_unit: rig.metres_per_unit, eyes: None }
     }
 
-    /// With a head that has these eyes. One that had others keeps the size of the frame that they shared.
+    /// Replaces the eyes. If there were others, the new ones keep the field of view of their shared frame.
     ///
     /// # Errors
-    /// A sentence, if they are no pair of eyes.
+    /// A sentence, if they are not a valid pair of eyes.
     pub fn with_eyes(self, eyes: HeadEyes) -> Result<Self, String> {
         let mut shared = eyes.rectified()?;
         if let Some((_, before)) = self.eyes {
@@ -144,19 +144,19 @@ impl Space {
         Ok(Self { eyes: Some((eyes, shared)), ..self })
     }
 
-    /// A shot's rig where the head is there.
+    /// Returns a shot's rig for this pose of the head.
     pub fn rig_at(&self, HeadPose { position_m, orientation }: HeadPose, shot: &Rig) -> Rig {
         let sample = Sample { time_s: 0.0, position_m: position_m.into(), orientation: orientation.into(), gaze: None };
         self.rig_of(vec![self.key(&sample)], shot)
     }
 
-    /// Where the rig is in the head: metres, and turned.
+    /// Returns the rig's position in the head, in metres, and its rotation to the head's axes.
     fn head_from_rig(&self) -> (DVec3, DQuat) {
         let eyes = self.eyes.as_ref();
         eyes.map_or((DVec3::ZERO, DQuat::IDENTITY), |(_, shared)| (shared.position_m, shared.orientation))
     }
 
-    /// A rig with these keys, and what else the head's eyes or the shot's are.
+    /// Returns a rig with these keys and the optics of the head's eyes, or else of the shot's.
     fn rig_of(&self, keys: Vec<RigKey>, shot: &Rig) -> Rig {
         let rig = Rig { keys, turning: Turning::Spherical, ..shot.clone() };
         match &self.eyes {
@@ -186,10 +186,10 @@ impl Space {
     }
 }
 
-/// A head's motion, checked.
+/// A validated head motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeadMotion {
-    /// One at least; their times rise.
+    /// Samples, at least one, in increasing order of time.
     samples: Vec<Sample>,
     eyes: Option<HeadEyes>,
 }
@@ -198,17 +198,17 @@ impl HeadMotion {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`SceneError`] with the line, if it cannot be read, is larger than the budget, or is no motion.
+    /// [`SceneError`] with the line, if the file cannot be read, exceeds the budget or is no head motion.
     pub fn read(path: &Path, budget: &Budget) -> Result<Self, SceneError> {
         let name = path.display().to_string();
         let held = folder::read(path, Access::of(budget)).map_err(|error| error.in_file(&name))?;
         Self::parse(&held.bytes).map_err(|what| SceneError::Invalid { path: name, what })
     }
 
-    /// What the lines say, or what is wrong with the first that is wrong.
+    /// Parses a header line and one sample per line.
     ///
     /// # Errors
-    /// A sentence with the number of the line.
+    /// A sentence with the number of the first line at fault.
     pub fn parse(text: &[u8]) -> Result<Self, String> {
         let lines = text.split(|byte| *byte == b'\n').map(<[u8]>::trim_ascii);
         let mut lines = (1..).zip(lines).filter(|(_, line)| !line.is_empty());
@@ -231,21 +231,20 @@ impl HeadMotion {
         if samples.is_empty() { Err("it has no sample".to_owned()) } else { Ok(Self { samples, eyes }) }
     }
 
-    /// The space of a shot, with the eyes that the file describes.
+    /// Returns the space of a shot, with the file's eyes if it has any.
     ///
     /// # Errors
-    /// A sentence, if they are no pair of eyes.
+    /// A sentence, if they are not a valid pair of eyes.
     pub fn space(&self, shot: &Rig) -> Result<Space, String> {
         let space = Space::of(shot);
         self.eyes.map_or(Ok(space), |eyes| space.with_eyes(eyes))
     }
 
-    /// The rig of a shot, moved as the head is, in the shot's space. It turns spherically between samples. With eyes that
-    /// the file describes, it is that of the frame that they share.
+    /// Returns a shot's rig that follows the head in the shot's space, with spherical interpolation of rotations. If
+    /// the file has eyes, the rig is that of their shared frame.
     ///
     /// # Errors
-    /// Those of [`Self::space`], and a sentence, if the head gets so far that the numbers do not hold where it is, or where it
-    /// looks from there.
+    /// Errors of [`Self::space`], and a sentence, if a position or the view from it exceeds the range of the numbers.
     pub fn rig(&self, shot: &Rig) -> Result<Rig, String> {
         let space = self.space(shot)?;
         let keys: Vec<RigKey> = self.samples.iter().map(|sample| space.key(sample)).collect();
@@ -256,7 +255,7 @@ impl HeadMotion {
         }
     }
 
-    /// Where the left and the right eye look, if a sample says so.
+    /// Returns the gaze paths of the left and the right eye, or `None` if no sample has a gaze.
     pub fn gaze(&self) -> Option<[Gaze; 2]> {
         let told = || self.samples.iter().filter_map(|s| Some((s.time_s, s.gaze?.0)));
         let path = |eye: usize| told().map(|(time_s, eyes)| [time_s, eyes[eye][0], eyes[eye][1]]).collect();
@@ -264,16 +263,16 @@ impl HeadMotion {
     }
 }
 
-/// A line as JSON.
+/// Parses a line as JSON.
 fn from_line<'a, T: Deserialize<'a>>(number: usize, line: &'a [u8]) -> Result<T, String> {
     let place = |error: serde_json::Error| {
-        // Which may quote what the line has.
+        // Control characters may be quoted from the line.
         error.to_string().replace(" at line 1 column ", ", column ").replace(char::is_control, " ")
     };
     serde_json::from_slice(line).map_err(|error| format!("line {number}: {}", place(error)))
 }
 
-/// Head motion in the making, in a file that grows beside its final name: `NAME.part`.
+/// Recorder of head motion. The file grows as `NAME.part` beside its final name.
 pub struct Recording {
     space: Space,
     path: PathBuf,
@@ -283,8 +282,8 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Begins a file that [`HeadMotion::read`] will read, in the space of a shot. A file that a run left unfinished is
-    /// renamed; returns its new path as well.
+    /// Creates a file for [`HeadMotion::read`] in the space of a shot. Renames a file that a run left unfinished, and
+    /// returns its new path as well.
     ///
     /// # Errors
     /// [`ImageError::Write`].
@@ -300,8 +299,8 @@ impl Recording {
         Ok((recording, kept))
     }
 
-    /// Adds where the rig is at `at_s` as the sample of `time_s`, unless that is no later than the one before, or there
-    /// are as many as files may have.
+    /// Appends the rig's pose at `at_s` as the sample of `time_s`. Skips samples that are not later than the previous
+    /// one or that exceed the limit of a file.
     ///
     /// # Errors
     /// [`ImageError::Write`].
@@ -313,7 +312,7 @@ impl Recording {
         Ok(())
     }
 
-    /// Gives the file its name.
+    /// Renames the file to its final name.
     ///
     /// # Errors
     /// [`ImageError::Write`].

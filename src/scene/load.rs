@@ -1,4 +1,4 @@
-//! From a command line's `SHOT` to a shot and the scene it shows, with the shot's lights and environment in it.
+//! Loading of a command line's `SHOT`: returns the shot and its scene, with the shot's lights and environment.
 
 use std::io;
 use std::path::Path;
@@ -15,7 +15,8 @@ use super::motion::play::{Choice, Move, Moved, Play};
 use super::shot::{Draft, SceneSource, Shot, ShotEnvironment, Sky};
 use super::{Environment, Material, Scene, SceneError, builtin, gltf};
 
-/// Loads a shot as [`load_shot_within`] does, within the default [`Budget`] and the folders of the files, without overrides.
+/// Loads a shot like [`load_shot_within`], with the default [`Budget`], without overrides or access outside the files'
+/// folders.
 ///
 /// # Errors
 /// [`SceneError`], naming the file.
@@ -23,8 +24,8 @@ pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
     load_shot_within(arg, &Overrides::default(), Access::of(&Budget::default()))
 }
 
-/// Loads `builtin:NAME`, a `.toml` shot, or a `.gltf`/`.glb`. [`complete`] says what becomes of what a shot leaves open,
-/// and a glTF file is a shot that leaves all open.
+/// Loads `builtin:NAME`, a `.toml` shot or a `.gltf`/`.glb`. [`complete`] fills in the values that a shot omits. A glTF
+/// file acts as a shot that omits all of them.
 ///
 /// # Errors
 /// [`SceneError`], naming the file or the option.
@@ -46,7 +47,7 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
     shot.play.move_lights(&mut scene, first);
     if let Some(environment) = &shot.environment {
         let (origin, folder) = match overrides.environment {
-            // What the user names may be anywhere.
+            // The user may name files anywhere.
             Some(_) => ("--environment", Folder::of(Path::new(""), Access { allow_outside: true, ..access })),
             None => (arg, folder),
         };
@@ -56,10 +57,11 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
     Ok((shot, scene))
 }
 
-/// Warns of delta lights before smooth glass with a volume, which refracts their light where no sample finds it.
+/// Warns of delta lights with smooth glass that has a volume: it refracts their light into paths that cannot be
+/// sampled.
 pub(super) fn lost_light(scene: &Scene) -> Option<String> {
     let lights = scene.lights.iter().filter(|light| light.is_delta()).count();
-    // Where the index is 1, light goes straight on whatever the roughness.
+    // An index of refraction of 1 does not bend light, at any roughness.
     let is_lost = |m: &&Material| m.may_transmit_smoothly() || (m.ior - 1.0).abs() < 1e-3;
     let refracts = |m: &&Material| m.enclosed_volume().is_some() && is_lost(m);
     let used = scene.instances.iter().map(|instance| &scene.materials[scene.meshes[instance.mesh].material]);
@@ -70,7 +72,7 @@ pub(super) fn lost_light(scene: &Scene) -> Option<String> {
     ))
 }
 
-/// What a file says, and the scene it names.
+/// Reads a shot, scene file or built-in scene, including the scene that a shot names.
 fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Scene), SceneError> {
     let path = Path::new(arg);
     let extension = path.extension().map(|e| e.to_ascii_lowercase().to_string_lossy().into_owned());
@@ -107,7 +109,7 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Sce
     }
 }
 
-/// Has a built-in scene move as it is asked to. Of its nodes, a shot can move none.
+/// Applies playback settings to a built-in scene, whose nodes a shot cannot move.
 fn play_builtin(scene: &mut Scene, play: &Play, arg: &str) -> Result<(), SceneError> {
     let invalid = |what| Err(SceneError::Invalid { path: arg.to_owned(), what });
     if let Some(Move { of: Moved::Node(name), .. }) = play.moves.iter().find(|m| matches!(m.of, Moved::Node(_))) {
@@ -136,7 +138,7 @@ fn read_text(path: &Path, access: Access) -> Result<String, SceneError> {
     String::from_utf8(held.bytes).map_err(no_text)
 }
 
-/// `origin` is what names the environment; an image in it starts from `folder`.
+/// Adds the environment to the scene. `origin` names it in errors; an image's path is relative to `folder`.
 fn put_around(
     scene: &mut Scene,
     environment: &ShotEnvironment,
@@ -173,7 +175,7 @@ mod tests {
     use super::*;
     use crate::image::{Extent, Image, exr};
 
-    /// A triangle of a glTF file in a folder, with a shot of these tables beside it.
+    /// Loads a shot with these tables whose scene is a triangle in a glTF file in `folder`.
     fn load_in(folder: &Path, tables: &str, overrides: &Overrides) -> Result<(Shot, Scene), SceneError> {
         let mesh =
             Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]], ..Mesh::default() };
@@ -226,7 +228,7 @@ mod tests {
         assert_eq!((image.pixels[0], *rotation_deg), ([2.0, 4.0, 6.0], 30.0));
         assert_eq!(scene.warnings.len(), 1);
 
-        // What the user asks for may be anywhere.
+        // The user may name files anywhere.
         let elsewhere = tempfile::tempdir().unwrap();
         let name = folder.path().join("sky.exr").display().to_string();
         let sky = ShotEnvironment { sky: Sky::Image(name), scale: 1.0, rotation_deg: 0.0 };

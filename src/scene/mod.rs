@@ -1,7 +1,7 @@
-//! What is seen: geometry, materials, lights and the environment of a scene, in scene units and linear colour.
+//! Scene description: geometry, materials, lights and environment, in scene units and linear colour.
 //!
-//! A [`Scene`] is plain, validated data. It comes from a glTF file or from a generator of this crate, plus
-//! what a [shot](shot::Shot) adds. It knows nothing of devices.
+//! A [`Scene`] is plain, validated data. It comes from a glTF file or from a built-in generator, plus the lights and
+//! environment of a [shot](shot::Shot). It is independent of devices.
 
 pub mod budget;
 pub mod complete;
@@ -28,38 +28,38 @@ use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
 
 use self::motion::{Influence, Morph, Motion};
 
-/// Geometry of one glTF primitive: triangles with one material, in its own space.
+/// Geometry of one glTF primitive: triangles with one material, in local space.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
     pub positions: Vec<Vec3>,
-    /// One per position, unit length; empty: flat shading from the triangle.
+    /// Unit normals, one per position; empty for flat shading.
     pub normals: Vec<Vec3>,
-    /// Unit tangents with the bitangent's sign in w (glTF's TANGENT), one per position or empty. Present wherever the
-    /// material has a normal map; zero where it cannot be applied.
+    /// Unit tangents with the bitangent's sign in w (glTF's TANGENT), one per position or empty. They are present if
+    /// the material has a normal map, and zero where it cannot be applied.
     pub tangents: Vec<Vec4>,
     /// Texture coordinate sets 0 and 1; each has one entry per position or is empty.
     pub uvs: [Vec<Vec2>; 2],
     /// Linear vertex colours that multiply base colour and alpha; one per position or empty.
     pub colors: Vec<Vec4>,
-    /// Counter-clockwise seen from the front. Every index is below `positions.len()`.
+    /// Vertex indices, counter-clockwise seen from the front, all below `positions.len()`.
     pub triangles: Vec<[u32; 3]>,
     /// Index into [`Scene::materials`].
     pub material: usize,
-    /// What moves vertices where an instance has a skin: one per position or empty.
+    /// Skinning influences, used by instances with a skin: one per position or empty.
     pub influences: Vec<Influence>,
-    /// Other shapes of the mesh, for instances that have weights for them.
+    /// Morph targets, for instances with weights.
     pub morphs: Vec<Morph>,
 }
 
 impl Mesh {
-    /// Bytes on the heap.
+    /// Returns the number of bytes on the heap.
     pub fn bytes(&self) -> u64 {
         let Self { positions, normals, tangents, uvs: [uvs_0, uvs_1], colors, triangles, .. } = self;
         let vectors = held(positions) + held(normals) + held(tangents) + held(colors);
         vectors + held(uvs_0) + held(uvs_1) + held(triangles) + self.motion_bytes()
     }
 
-    /// Bytes on the heap of influences and morphs.
+    /// Returns the number of heap bytes of influences and morphs.
     pub fn motion_bytes(&self) -> u64 {
         let morph = |m: &Morph| held(&m.positions) + held(&m.normals) + held(&m.tangents);
         held(&self.influences) + held(&self.morphs) + self.morphs.iter().map(morph).sum::<u64>()
@@ -70,7 +70,7 @@ fn held<T>(list: &Vec<T>) -> u64 {
     (list.capacity() * size_of::<T>()) as u64
 }
 
-/// A mesh put into the world.
+/// A mesh placed in the world.
 #[derive(Clone, Copy, Debug)]
 pub struct Instance {
     /// Index into [`Scene::meshes`].
@@ -81,100 +81,102 @@ pub struct Instance {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AlphaMode {
     Opaque,
-    /// Covered where alpha >= cutoff, open elsewhere.
+    /// Opaque if alpha >= cutoff, else fully transparent.
     Mask {
         cutoff: f32,
     },
-    /// Covered with probability alpha.
+    /// Opaque with probability alpha.
     Blend,
 }
 
-/// A texture as a material refers to it.
+/// A material's reference to a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureRef {
     /// Index into [`Scene::textures`].
     pub texture: usize,
-    /// Which of [`Mesh::uvs`].
+    /// Index into [`Mesh::uvs`].
     pub uv_set: usize,
-    /// Where to sample, from the mesh's own coordinates: `KHR_texture_transform`, else the identity.
+    /// Transform from the mesh's texture coordinates to the sampled ones: `KHR_texture_transform`, else the identity.
     pub uv_from_uv: Affine2,
 }
 
-/// A normal map: red and green hold x and y along tangent and bitangent, scaled by `scale`; not sRGB.
+/// A normal map. Red and green hold x and y along tangent and bitangent, scaled by `scale`; they are linear, not sRGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NormalMap {
     pub texture: TextureRef,
     pub scale: f32,
 }
 
-/// What fills a closed surface (`KHR_materials_volume`). Without it, a transmitting surface is infinitely thin.
+/// Interior of a closed surface (`KHR_materials_volume`). Without it, a transmissive surface is infinitely thin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Volume {
-    /// Share of light left after `attenuation_distance`.
+    /// Fraction of light left after `attenuation_distance`.
     pub attenuation_color: Vec3,
-    /// Scene units of world space, above 0; infinite: no attenuation.
+    /// Distance in world-space scene units, above 0; infinite for no attenuation.
     pub attenuation_distance: f32,
 }
 
-/// A second, dielectric layer on top (`KHR_materials_clearcoat`), with an index of refraction of 1.5.
+/// A dielectric coat (`KHR_materials_clearcoat`) with an index of refraction of 1.5.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Clearcoat {
-    /// 0: none; 1: everywhere. The texture's red multiplies it.
+    /// Coverage from 0 (none) to 1 (everywhere), multiplied by the texture's red.
     pub factor: f32,
     pub factor_texture: Option<TextureRef>,
-    /// The texture's green multiplies it.
+    /// Roughness, multiplied by the texture's green.
     pub roughness: f32,
     pub roughness_texture: Option<TextureRef>,
     pub normal_map: Option<NormalMap>,
 }
 
-/// Roughness below which facets scatter like a mirror: a little above the root of shaders' bound of GGX's width.
+/// Roughness below which facets reflect like a mirror: slightly above the square root of the shaders' lower bound on
+/// GGX alpha.
 const SMOOTH_ROUGHNESS: f32 = 0.0101;
 
-/// glTF 2.0 metallic-roughness material, with the extensions that change how light is scattered.
+/// glTF 2.0 metallic-roughness material with the extensions that change scattering.
 ///
-/// Textures hold stored codes; those called colours are sRGB-encoded, all others linear. A texture multiplies its factor.
+/// Textures hold encoded values: colours are sRGB-encoded, all others linear. A texture multiplies its factor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     pub name: String,
     /// Linear RGB and alpha factor.
     pub base_color: Vec4,
-    /// Colour, and linear alpha.
+    /// sRGB-encoded colour with linear alpha.
     pub base_color_texture: Option<TextureRef>,
     pub metallic: f32,
     /// Perceptual roughness, 0 to 1.
     pub roughness: f32,
-    /// Green multiplies roughness, blue metalness.
+    /// Green multiplies roughness; blue multiplies metalness.
     pub metallic_roughness_texture: Option<TextureRef>,
     pub normal_map: Option<NormalMap>,
-    /// Emitted radiance, W/(m² sr): emissive factor times emissive strength. Leaves the front side only,
-    /// both sides of a double-sided material.
+    /// Emitted radiance in W/(m² sr): emissive factor times emissive strength. Only the front emits, or both sides of a
+    /// double-sided material.
     pub emissive: Vec3,
-    /// Colour.
+    /// sRGB-encoded colour.
     pub emissive_texture: Option<TextureRef>,
     pub alpha_mode: AlphaMode,
     pub double_sided: bool,
     /// `KHR_materials_ior`: at least 1, or 0 for a Fresnel term of 1.
     pub ior: f32,
-    /// `KHR_materials_specular`: strength of the dielectric's reflection; its texture is the alpha channel.
+    /// `KHR_materials_specular`: strength of the dielectric's reflection. The texture's alpha multiplies it.
     pub specular: f32,
     pub specular_texture: Option<TextureRef>,
-    /// Tint of the dielectric's reflection at normal incidence; may exceed 1.
+    /// Tint of the dielectric's reflection at normal incidence. It may exceed 1.
     pub specular_color: Vec3,
-    /// Colour.
+    /// sRGB-encoded colour.
     pub specular_color_texture: Option<TextureRef>,
-    /// `KHR_materials_transmission`: share of the dielectric's base that lets light through; its texture is red.
+    /// `KHR_materials_transmission`: fraction of the dielectric's base that transmits light, multiplied by the
+    /// texture's red.
     pub transmission: f32,
     pub transmission_texture: Option<TextureRef>,
     pub volume: Option<Volume>,
     pub clearcoat: Clearcoat,
-    /// `KHR_materials_unlit`: shows its base colour as radiance and scatters nothing.
+    /// `KHR_materials_unlit`: the base colour is the radiance, and nothing is scattered.
     pub unlit: bool,
 }
 
 impl Default for Material {
-    /// White and Lambertian: no metal, and no reflection from the dielectric's surface (`specular` 0). Materials that a
-    /// glTF file describes start from `specular` 1 instead.
+    /// Returns a white Lambertian: no metal, and no reflection from the dielectric's surface (`specular` 0). Materials
+    /// of a glTF file start from `specular` 1 instead.
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -203,7 +205,7 @@ impl Default for Material {
 }
 
 impl Material {
-    /// All textures that it refers to.
+    /// Returns all textures that it refers to.
     pub fn textures(&self) -> impl Iterator<Item = TextureRef> {
         let normal = |map: Option<NormalMap>| map.map(|m| m.texture);
         [
@@ -222,19 +224,19 @@ impl Material {
         .flatten()
     }
 
-    /// The volume behind the surface. An opaque surface has none: nothing could be seen of it.
+    /// Returns the volume behind the surface, or `None` if the surface is opaque and hides it.
     pub fn enclosed_volume(&self) -> Option<Volume> {
         self.volume.filter(|_| self.transmission > 0.0)
     }
 
-    /// Returns true if parts of it may transmit light through facets as smooth as a mirror, which light sampling does not
-    /// find. Textures can only make a surface smoother.
+    /// Returns true if parts of it may transmit light through mirror-like facets, which light sampling cannot find.
+    /// Textures can only make a surface smoother.
     pub fn may_transmit_smoothly(&self) -> bool {
         let is_smooth = self.roughness < SMOOTH_ROUGHNESS || self.metallic_roughness_texture.is_some();
         is_smooth && self.transmission > 0.0 && !self.unlit
     }
 
-    /// Whether one of its textures is on that coordinate set.
+    /// Returns true if one of its textures uses that coordinate set.
     pub fn uses_uv_set(&self, set: usize) -> bool {
         self.textures().any(|t| t.uv_set == set)
     }
@@ -247,43 +249,42 @@ pub enum Wrap {
     ClampToEdge,
 }
 
-/// An image with its sampler. `v` runs down the image, row 0 is at `v = 0` (glTF's convention).
+/// An image with its sampler. `v` points down the image, and row 0 is at `v = 0` (glTF's convention).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Texture {
     /// Index into [`Scene::images`].
     pub image: usize,
     pub wrap_u: Wrap,
     pub wrap_v: Wrap,
-    /// Bilinear; else nearest.
+    /// Bilinear filtering, else nearest.
     pub linear: bool,
 }
 
-/// 8-bit RGBA texels as stored in the file (no colour conversion), row-major from the top.
+/// An image of 8-bit RGBA texels as stored in the file, without colour conversion, row-major from the top.
 pub type TexelImage = crate::image::Image<[u8; 4]>;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LightKind {
-    /// `radiance_scale` is radiant intensity, W/sr.
+    /// Point or sphere light of the given radius.
     Point { position: Vec3, radius: f32 },
-    /// `direction` is the unit way light travels; colour × intensity is irradiance, W/m².
-    /// `angle_rad` is the half-angle of the sun's disc.
+    /// Light along the unit vector `direction`, in which it travels; `angle_rad` is the half-angle of the sun's disc.
     Directional { direction: Vec3, angle_rad: f32 },
     /// A point light limited to a cone around `direction`, with glTF's falloff between the two cosines.
     Spot { position: Vec3, radius: f32, direction: Vec3, cos_inner: f32, cos_outer: f32 },
 }
 
-/// A light that is no mesh. World space, scene units.
+/// A light that is not a mesh, in world space and scene units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light {
     pub kind: LightKind,
-    /// Colour × intensity, linear: W/sr for point and spot, W/m² for directional. A sphere (radius > 0)
-    /// emits the radiance `strength / (π radius²)` and is seen by camera and bounces.
+    /// Colour × intensity, linear: W/sr for point and spot, W/m² for directional. A sphere (radius > 0) emits the
+    /// radiance `strength / (π radius²)` and is visible to the camera and to bounced rays.
     pub strength: Vec3,
 }
 
 impl Light {
-    /// Returns true if light sampling alone finds it: it has no surface that a ray could meet, and the disc of a sun is no
-    /// part of the sky.
+    /// Returns true if only light sampling finds it: it has no surface that a ray could hit, or is a sun, whose disc is
+    /// not part of the sky.
     pub fn is_delta(&self) -> bool {
         match self.kind {
             LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius <= 0.0,
@@ -292,21 +293,21 @@ impl Light {
     }
 }
 
-/// Light from infinitely far away, all around.
+/// Light from infinitely far away in all directions.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Environment {
     Black,
     Constant(Vec3),
-    /// Latitude-longitude radiance. Direction d maps to u = 0.5 + atan2(d.x, -d.z) / 2π + rotation / 360°
-    /// (so the image's centre is at −z, and it runs towards +x to the right), v = acos(d.y) / π (row 0 is up).
+    /// Latitude-longitude radiance. Direction d maps to u = 0.5 + atan2(d.x, -d.z) / 2π + rotation / 360° and v =
+    /// acos(d.y) / π. The image's centre is at −z, it runs towards +x to the right, and row 0 is up.
     Map {
-        /// Shared with the tables that devices get.
+        /// Image, shared with the tables for devices.
         image: Arc<crate::image::RgbImage>,
         rotation_deg: f32,
     },
 }
 
-/// A pinhole as a glTF camera gives it.
+/// A glTF camera as a pinhole.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     pub world_from_view: Affine3A,
@@ -318,17 +319,17 @@ pub struct Scene {
     pub name: String,
     pub meshes: Vec<Mesh>,
     pub instances: Vec<Instance>,
-    /// At least one.
+    /// Materials, at least one.
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,
-    /// Shared with the tables that devices get.
+    /// Images, shared with the tables for devices.
     pub images: Vec<Arc<TexelImage>>,
     pub lights: Vec<Light>,
     pub environment: Environment,
     pub cameras: Vec<Camera>,
-    /// What of it moves. Instances, lights, cameras and materials are as they are at time 0.
+    /// Motion of the scene. Instances, lights, cameras and materials hold their state at time 0.
     pub motion: Motion,
-    /// Things in the file that were left out or approximated, each said once.
+    /// Warnings about parts of the file that were left out or approximated, without duplicates.
     pub warnings: Vec<String>,
 }
 
@@ -340,7 +341,7 @@ pub struct Bounds {
 }
 
 impl Scene {
-    /// Nothing yet, by that name.
+    /// Returns an empty scene of that name.
     pub fn empty(name: &str) -> Self {
         Self {
             name: name.to_owned(),
@@ -357,12 +358,12 @@ impl Scene {
         }
     }
 
-    /// Triangles after instancing.
+    /// Returns the number of triangles after instancing.
     pub fn triangle_count(&self) -> usize {
         self.instances.iter().map(|i| self.meshes[i.mesh].triangles.len()).sum()
     }
 
-    /// Bounds of all instanced geometry.
+    /// Returns the bounds of all instanced geometry.
     pub fn bounds(&self) -> Bounds {
         let mut b = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
         for instance in &self.instances {
@@ -376,7 +377,7 @@ impl Scene {
     }
 }
 
-/// Everything that can be wrong with a scene or a shot. Each variant names the thing to check.
+/// Errors of scenes and shots. Each variant names the thing to check.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     #[error("cannot read '{path}'")]

@@ -1,22 +1,22 @@
-//! What a scene asks of the shaders. What it does not ask is compiled out.
+//! Shader features that a scene needs. All others are compiled out.
 
 use super::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene};
 
-/// Each flag switches code of the tracing stages on. More flags than needed change the time, never the picture.
+/// Features of the tracing stages, as flags. Enabling more than needed changes only the time, not the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SceneNeeds {
     pub textures: bool,
-    /// Textures on the second set of coordinates.
+    /// Textures on the second set of texture coordinates.
     pub second_uvs: bool,
     pub normal_maps: bool,
     /// Microfacet reflection: metal, or a dielectric whose surface reflects.
     pub specular: bool,
-    /// A specular lobe that stands out from the diffuse one, so that SVGF filters them apart. The one flag that the
-    /// picture depends on.
+    /// A specular lobe distinct from the diffuse one, which SVGF filters separately. This flag alone changes the
+    /// picture.
     pub gloss: bool,
     pub transmission: bool,
-    /// Thin, smooth, transmissive surfaces, and lights that shine through them to be found by shadow rays alone.
+    /// Thin, smooth, transmissive surfaces together with lights that only shadow rays can find behind them.
     pub transparent_shadows: bool,
     pub clearcoat: bool,
     pub unlit: bool,
@@ -25,37 +25,37 @@ pub struct SceneNeeds {
     pub emissive: bool,
     /// Emissive surfaces that are masked or blended.
     pub alpha_emitters: bool,
-    /// Emissive surfaces under a coat.
+    /// Emissive surfaces under a clearcoat.
     pub coated_emitters: bool,
     /// Point and spot lights.
     pub local_lights: bool,
-    /// Local lights that are spheres.
+    /// Sphere lights.
     pub spheres: bool,
     pub directional: bool,
     pub constant_environment: bool,
     pub environment_map: bool,
-    /// Meshes that rays meet in their own space. Not the scene's to say but that of the tables made for it, which add it.
+    /// Meshes that rays traverse in local space. The scene's tables set this flag, not the scene.
     pub instances: bool,
 }
 
-/// Roughness from which on there is no gloss. Filtered apart, surfaces of 0.2 to 0.35 come out closer to a reference by
-/// 21 % in FLIP and surfaces of 0.6 by 6 %; with 1 a scene gains nothing or loses 1 %.
+/// Roughness above which the specular lobe is not filtered separately. Separate filtering reduces FLIP by 21 % on
+/// surfaces of roughness 0.2 to 0.35 and by 6 % on those of 0.6; a limit of 1 gains nothing or loses 1 %.
 const GLOSS_ROUGHNESS: f32 = 0.7;
 
-/// Textures can only make a surface smoother.
+/// Returns true if the material has a distinct specular lobe. Textures can only make a surface smoother.
 fn has_gloss(m: &Material) -> bool {
     let is_smooth = m.roughness < GLOSS_ROUGHNESS || m.metallic_roughness_texture.is_some();
     let reflects = m.metallic > 0.0 || m.specular > 0.0 || m.transmission > 0.0;
     !m.unlit && (m.clearcoat.factor > 0.0 || (is_smooth && reflects))
 }
 
-/// Returns true if parts of it may be thin and smooth, so that light passes straight on.
+/// Returns true if parts of it may be thin and smooth, so that light passes straight through.
 fn is_pane(m: &Material) -> bool {
     m.enclosed_volume().is_none() && m.may_transmit_smoothly()
 }
 
 impl SceneNeeds {
-    /// Everything, for comparison.
+    /// Enables all features, for comparison.
     pub const ALL: Self = Self {
         textures: true,
         second_uvs: true,
@@ -113,7 +113,7 @@ impl SceneNeeds {
         }
     }
 
-    /// Names and values, as the shaders' override constants have them.
+    /// Returns names and values of the shaders' override constants.
     pub fn constants(&self) -> [(&'static str, bool); 19] {
         [
             ("HAS_TEXTURES", self.textures),

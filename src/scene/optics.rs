@@ -1,9 +1,9 @@
-//! Eyes that see less on one side than on the other, and may be turned apart (canted), as those of headsets are.
+//! Asymmetric and canted eye projections, like those of headsets.
 //!
-//! Reprojection needs both eyes on the same rows, so what is rendered of such eyes is a rectified frame: images of the same
-//! orientation, whose right vector leads from eye to eye, and of the same symmetric field of view, which covers that of
-//! either eye (Fusiello, Trucco & Verri 2000, "A compact algorithm for rectification of stereo pairs"). As an eye sees
-//! both from the same point, what it shows is a homography of its rectified image.
+//! Reprojection needs both eyes on the same rows. Such eyes are therefore rendered as a rectified frame: two images of
+//! the same orientation, with the baseline along their right vector, and with the same symmetric field of view, which
+//! covers both eyes' (Fusiello, Trucco & Verri 2000, "A compact algorithm for rectification of stereo pairs"). An eye
+//! and its rectified image have the same centre of projection, so a homography maps one to the other.
 
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::eye::Eye;
 use crate::image::Extent;
 
-/// The angles at which a field of view ends, radians from the eye's axis, to the right and upwards above 0: those of
+/// Angles of the four sides of a field of view, radians from the eye's axis, positive to the right and upwards, like
 /// OpenXR's `XrFovf`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -22,12 +22,12 @@ pub struct Fov {
     pub down: f64,
 }
 
-/// Where an eye is in its head, and what it sees. The head's axes are x to the right, y up and −z ahead.
+/// Pose of an eye in its head, and its field of view. The head's axes are x to the right, y up and −z ahead.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeadEye {
     pub position_m: [f64; 3],
-    /// A unit quaternion (x, y, z, w) that turns from the eye's axes to the head's.
+    /// Rotation from the eye's axes to the head's, as a unit quaternion (x, y, z, w).
     pub orientation: [f64; 4],
     pub fov: Fov,
 }
@@ -40,41 +40,41 @@ pub struct HeadEyes {
     pub right: HeadEye,
 }
 
-/// What an eye shows.
+/// Projection of an eye's image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lens {
-    /// The eye's right, up and forward vectors as columns, in those of its rig.
+    /// Right, up and forward vectors of the eye as columns, in the axes of its rig.
     pub axes: DMat3,
-    /// Tangents of its field of view.
+    /// Tangents of the field of view's sides.
     pub tan: Fov,
 }
 
-/// The eyes of a rig that shows other images than it renders.
+/// Projections of a rig's eyes if they differ from the rendered frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Optics {
     pub lenses: [Lens; 2],
-    /// Tangents of half the rectified frame's field of view, across and up.
+    /// Tangents of half the rectified frame's field of view, horizontal and vertical.
     pub tan_half: [f64; 2],
 }
 
-/// Eyes in the rectified frame that they share.
+/// Eyes and the rectified frame that they share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rectified {
     pub optics: Optics,
-    /// Of the rig: between the eyes, in the head, metres.
+    /// Position of the rig in the head, midway between the eyes; metres.
     pub position_m: DVec3,
-    /// From the rig's axes, with −z ahead, to the head's.
+    /// Rotation from the rig's axes, with −z ahead, to the head's.
     pub orientation: DQuat,
     pub baseline_m: f64,
 }
 
-/// The widest a rectified frame gets to either side: images of a plane grow without bounds towards 90 degrees.
+/// Largest half-angle of a rectified frame in degrees: planar images grow without bound towards 90 degrees.
 const WIDEST_DEG: f64 = 80.0;
-/// The least cosine between the way from eye to eye and the head's right.
+/// Smallest cosine of the angle between the baseline and the head's right.
 const LEAST_COS_RIGHT: f64 = 0.5;
 
 impl HeadEye {
-    /// What is wrong with it, if anything is.
+    /// Returns a description of the first fault, if any.
     fn fault(&self) -> Option<&'static str> {
         let Fov { left, right, up, down } = self.fov;
         let fov = [left, right, up, down];
@@ -102,10 +102,11 @@ impl HeadEyes {
         }
     }
 
-    /// The frame that both share: as upright as the eyes are, and turned up or down so far that it reaches as far both ways.
+    /// Returns the shared frame: as upright as the eyes are, and pitched so that its vertical field of view is
+    /// symmetric.
     ///
     /// # Errors
-    /// A sentence, if an eye is none or both see too far apart.
+    /// A sentence, if an eye is invalid or the eyes' fields of view diverge too far.
     pub fn rectified(&self) -> Result<Rectified, String> {
         if let Some((eye, fault)) = Eye::ALL.iter().find_map(|eye| Some((eye, self.of(*eye).fault()?))) {
             return Err(format!("the {eye} eye: {fault}"));
@@ -116,7 +117,7 @@ impl HeadEyes {
         if across.x < LEAST_COS_RIGHT {
             return Err("the right eye must be to the right of the left one".to_owned());
         }
-        // With y and z around the way from eye to eye, in whatever turn.
+        // The frame's x axis is the baseline; y and z have an arbitrary pitch around it.
         let ahead = (DVec3::NEG_Z - across * across.dot(DVec3::NEG_Z)).normalize();
         let around = DMat3::from_cols(across, across.cross(ahead), ahead);
         let corners = || Eye::ALL.into_iter().flat_map(|eye| self.of(eye).corners().map(|c| around.transpose() * c));
@@ -152,7 +153,7 @@ impl HeadEyes {
 }
 
 impl HeadEye {
-    /// Directions through the corners of what it sees, in the head.
+    /// Returns the directions through the corners of its field of view, in the head's axes.
     fn corners(&self) -> [DVec3; 4] {
         let Fov { left, right, up, down } = self.fov;
         let turned = self.orientation();
@@ -162,7 +163,8 @@ impl HeadEye {
 }
 
 impl Lens {
-    /// The direction through a point of the eye's image of this size, in the rig's right, up and forward: 1 along its axis.
+    /// Returns the direction through a point of the eye's image of this size, in the rig's right, up and forward. Its
+    /// component along the eye's axis is 1.
     fn ray(&self, [x, y]: [f64; 2], size: Extent) -> DVec3 {
         let Fov { left, right, up, down } = self.tan;
         let across = left + (right - left) * x / f64::from(size.width);
@@ -170,15 +172,15 @@ impl Lens {
         self.axes * DVec3::new(across, upward, 1.0)
     }
 
-    /// The directions [`Self::ray`] of points (x, y, 1).
+    /// Returns the matrix that maps points (x, y, 1) to the directions [`Self::ray`].
     pub(super) fn rays(&self, size: Extent) -> DMat3 {
         let at = |x, y| self.ray([x, y], size);
         let corner = at(0.0, 0.0);
         DMat3::from_cols(at(1.0, 0.0) - corner, at(0.0, 1.0) - corner, corner)
     }
 
-    /// The least that a step of one pixel of the eye's image, in whatever direction, takes along the tangents of the
-    /// rectified frame where the eye looks straight ahead, or if it does not see that, in the middle of its image.
+    /// Returns the smallest step in the rectified frame's tangents per pixel step in the eye's image, over all
+    /// directions. Measures on the eye's axis if that is in the image, else at the image's middle.
     fn least_step(&self, size: Extent) -> f64 {
         let Fov { left, right, up, down } = self.tan;
         let (width, height) = (f64::from(size.width), f64::from(size.height));
@@ -192,7 +194,7 @@ impl Lens {
         let middle = seen(at);
         let across = (seen([at[0] + step, at[1]]) - middle) / step;
         let down = (seen([at[0], at[1] + step]) - middle) / step;
-        // The smaller singular value.
+        // Smaller singular value of the Jacobian.
         let jacobian = DMat2::from_cols(across, down);
         let (squares, area) = (across.length_squared() + down.length_squared(), jacobian.determinant().abs());
         let spread = (squares * squares - 4.0 * area * area).max(0.0).sqrt();
@@ -200,22 +202,22 @@ impl Lens {
     }
 }
 
-/// Pixels around the rectified frame beside those that are shown, which resampling reads.
+/// Margin of the rectified frame in pixels, for filters of the resampling.
 const MARGIN_PX: f64 = 2.0;
-/// The most pixels of the rectified frame over those that are shown.
+/// Largest ratio of the rectified frame's pixels to an eye's.
 const MOST_TIMES: f64 = 16.0;
 
 impl Optics {
-    /// The pixels of the rectified frame of eyes that show images of this size: `density` times as many along each axis as
-    /// the eyes have where they look straight ahead.
+    /// Returns the size of the rectified frame for eyes of this size, with `density` times the eyes' pixel density
+    /// along each axis, measured on their axes.
     ///
     /// # Errors
-    /// A sentence, if those would be too many.
+    /// A sentence, if the frame would have too many pixels.
     pub fn grid(&self, size: Extent, density: f64) -> Result<Extent, String> {
         let least_step = self.lenses.iter().map(|lens| lens.least_step(size)).fold(f64::INFINITY, f64::min);
         let pixels = self.tan_half.map(|tan| (2.0 * tan * density / least_step).ceil() + 2.0 * MARGIN_PX);
         let times = pixels[0] * pixels[1] / size.area() as f64;
-        // No number, where the step is none.
+        // The ratio is NaN if the step is 0.
         if times.is_nan() || times > MOST_TIMES {
             return Err(format!(
                 "what covers both eyes, with its border, takes {times:.0} times the pixels that they show (at most {MOST_TIMES})"
@@ -224,24 +226,24 @@ impl Optics {
         Ok(Extent::new(pixels[0] as u32, pixels[1] as u32))
     }
 
-    /// Returns the size of the rectified frame of eyes that show images of this size, at 1.25 times their density.
+    /// Returns the size of the rectified frame for eyes of this size, at 1.25 times their density.
     ///
     /// # Errors
-    /// Those of [`Self::grid`].
+    /// Errors of [`Self::grid`].
     pub fn rectified(&self, size: Extent) -> Result<Extent, String> {
-        /// Pixels of the rectified frame over those of the eyes, along each axis, where these look straight ahead.
+        /// Pixel density of the rectified frame relative to the eyes', along each axis, on the eyes' axes.
         const DENSITY: f64 = 1.25;
         self.grid(size, DENSITY)
     }
 
-    /// Tangents of half the field of view of the frame that is rendered, its margin included.
+    /// Returns tangents of half the field of view of the rendered frame, margin included.
     pub fn rendered_tan_half(&self, grid: Extent) -> [f64; 2] {
         let sides = [grid.width, grid.height].map(f64::from);
         [0, 1].map(|i| self.tan_half[i] * sides[i] / (sides[i] - 2.0 * MARGIN_PX).max(1.0))
     }
 
-    /// Whether what eyes show in images of this size is what is rendered for such a size, to a part of a pixel: both look the same
-    /// way and see all of a frame with square pixels.
+    /// Returns true if the eyes' images of this size match the rectified frame to a fraction of a pixel: both eyes look
+    /// the same way and see the whole frame, with square pixels.
     pub fn is_plain(&self, size: Extent) -> bool {
         let [x, y] = self.tan_half;
         let (width, height) = (f64::from(size.width), f64::from(size.height));
@@ -255,20 +257,21 @@ impl Optics {
         is_square && self.lenses.iter().all(sees_all)
     }
 
-    /// With so many degrees more on all sides, as far as a plane holds them.
+    /// Adds `border_deg` degrees of overscan on all sides, up to the largest planar field of view.
     pub fn widened(self, border_deg: f64) -> Self {
         let wider = |tan: f64| (tan.atan() + border_deg.to_radians()).min(WIDEST_DEG.to_radians()).tan().max(tan);
         Self { tan_half: self.tan_half.map(wider), ..self }
     }
 
-    /// From a point (x, y, 1) of the image of `size` pixels that an eye shows to the point (x, y) / z of its rectified image,
-    /// in pixels from the top left; z is the distance along the rig's forward of what is 1 away along the eye's.
+    /// Returns the homography from points (x, y, 1) of an eye's image of `size` pixels to homogeneous pixels (x / z, y
+    /// / z) of its rectified image, from the top left. z is the depth along the rig's forward of a point at depth 1
+    /// along the eye's.
     pub fn homography(&self, eye: Eye, size: Extent, grid: Extent) -> DMat3 {
         self.rectified_points(grid) * self.lenses[eye as usize].rays(size)
     }
 
-    /// Where the rectified image has a point of the image of an eye, both in pixels from the top left, and how many pixels it
-    /// has there for one of the eye's, along an axis: the root of how many for its area.
+    /// Maps a point of an eye's image to the rectified image, both in pixels from the top left. Also returns the scale
+    /// there, in rectified pixels per pixel of the eye along an axis: the square root of the ratio of areas.
     pub fn rectified_point(&self, eye: Eye, [size, grid]: [Extent; 2], [x, y]: [f64; 2]) -> ([f64; 2], f64) {
         let columns = self.homography(eye, size, grid);
         let seen = columns * DVec3::new(x, y, 1.0);
@@ -278,8 +281,8 @@ impl Optics {
         (point.to_array(), jacobian.determinant().abs().sqrt())
     }
 
-    /// From a point relative to an eye, in its rig's right, up and forward, to its place in the rectified image, times its
-    /// distance along forward.
+    /// Returns the projection from points relative to an eye, in its rig's right, up and forward, to homogeneous pixels
+    /// of the rectified image. z is the depth along forward.
     pub fn rectified_points(&self, grid: Extent) -> DMat3 {
         let [tan_x, tan_y] = self.rendered_tan_half(grid);
         let (x, y) = (f64::from(grid.width) / 2.0, f64::from(grid.height) / 2.0);

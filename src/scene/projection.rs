@@ -1,4 +1,4 @@
-//! Where points of the world are in an eye's image, as the matrices that files have.
+//! Camera and projection matrices of an eye's image, for files.
 
 use glam::{DMat3, DVec4};
 use serde::Serialize;
@@ -7,20 +7,20 @@ use super::optics::Fov;
 use super::rig::{Eye, Rig};
 use crate::image::Extent;
 
-/// By the conventions of OpenEXR's attributes of these names: lists of four rows, of matrices M that a point is taken by as
-/// the row vector (x, y, z, 1) · M.
+/// Matrices in the conventions of OpenEXR's attributes of these names: each is a list of four rows of a matrix M that
+/// transforms row vectors, (x, y, z, 1) · M.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Matrices {
-    /// To scene units from the eye: x to the right, y up, z where it looks.
+    /// World to eye, in scene units: x to the right, y up, z along the view.
     pub world_to_camera: [[f32; 4]; 4],
-    /// To the image: after division by w, (0, 0) is its top left corner and (1, 1) its bottom right one; z is one over
-    /// the distance along the camera's axis.
+    /// World to image: after division by w, (0, 0) is its top left corner and (1, 1) its bottom right one; z is one
+    /// over the depth along the camera's axis.
     pub world_to_ndc: [[f32; 4]; 4],
 }
 
 impl Rig {
-    /// Of the image of this size that an eye shows at `time_s`.
+    /// Returns the matrices of an eye's image of this size at `time_s`.
     pub fn matrices(&self, time_s: f64, eye: Eye, extent: Extent) -> Matrices {
         let (origin, axes) = self.pose(time_s, eye);
         let tan_y = (self.yfov_rad / 2.0).tan();
@@ -39,7 +39,7 @@ impl Rig {
         }
     }
 
-    /// Distance between the eyes, scene units.
+    /// Returns the distance between the eyes in scene units.
     pub fn baseline_units(&self) -> f64 {
         self.baseline_m / self.metres_per_unit
     }
@@ -71,7 +71,7 @@ mod tests {
         std::array::from_fn(|c| (0..4).map(|r| row[r] * f64::from(matrix[r][c])).sum())
     }
 
-    /// Rays are made another way, from an eye's axes.
+    /// Rays are computed independently, from an eye's axes.
     #[test]
     fn a_point_on_a_pixels_ray_falls_on_that_pixel() {
         let (rig, extent) = (rig(), Extent::new(64, 36));

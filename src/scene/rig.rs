@@ -1,7 +1,7 @@
-//! Where the two eyes are: a path of keys for the point between them, and the view of each eye at a time.
+//! The stereo rig: a path of keys for the point between the eyes, and each eye's view at a time.
 //!
-//! Both eyes share one orientation and one projection and sit half a baseline to each side along the rig's
-//! right vector, so a surface point lies on the same image row in both.
+//! Both eyes share one orientation and one projection, each half a baseline away along the rig's right vector, so a
+//! surface point lies on the same image row in both.
 
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -11,52 +11,52 @@ use super::optics::Optics;
 use super::{Bounds, Camera};
 use crate::image::Extent;
 
-/// Distance between human eyes that a rig has when nothing else is said.
+/// Default baseline: the distance between human eyes.
 pub const DEFAULT_BASELINE_M: f64 = 0.064;
 
-/// Vertical field of view of a rig that is given keys and nothing else.
+/// Default vertical field of view.
 pub const DEFAULT_YFOV_DEG: f64 = 70.0;
 
-/// Smallest sine of the angle between the view vector and up that still gives an orientation.
+/// Smallest sine of the angle between the view vector and up that still defines an orientation.
 const MIN_SIN_VIEW_UP: f64 = 1e-6;
 
-/// The point between the eyes at one time, scene units.
+/// Pose of the point between the eyes at one time, in scene units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RigKey {
     pub time_s: f64,
     pub position: DVec3,
     pub target: DVec3,
-    /// Any length but zero; not parallel to the view vector.
+    /// Up vector of any nonzero length, not parallel to the view vector.
     pub up: DVec3,
 }
 
 impl RigKey {
-    /// Length of cross(view vector, up) over the product of their lengths; 0 if either has no length.
+    /// Returns the length of cross(view vector, up) over the product of their lengths, or 0 if either is zero.
     fn sin_view_up(&self) -> f64 {
         let view = self.target - self.position;
         view.try_normalize().zip(self.up.try_normalize()).map_or(0.0, |(view, up)| view.cross(up).length())
     }
 
-    /// Whether it gives no orientation: eyes and target are one point, or up is along the view.
+    /// Returns true if it defines no orientation: position and target coincide, or up is parallel to the view.
     pub fn is_degenerate(&self) -> bool {
         let sin = self.sin_view_up();
         sin.is_nan() || sin < MIN_SIN_VIEW_UP
     }
 
-    /// Right, up and forward, orthonormal.
+    /// Returns right, up and forward, orthonormal.
     pub(super) fn axes(&self) -> [DVec3; 3] {
         let forward = (self.target - self.position).normalize();
         let right = forward.cross(self.up.normalize()).normalize();
         [right, right.cross(forward), forward]
     }
 
-    /// The rotation that takes x to right, y to up and −z to forward.
+    /// Returns the rotation that maps x to right, y to up and −z to forward.
     pub(super) fn orientation(&self) -> DQuat {
         let [right, up, forward] = self.axes();
         DQuat::from_mat3(&DMat3::from_cols(right, up, -forward)).normalize()
     }
 
-    /// The key at `position` that is turned so.
+    /// Returns the key with this position and orientation.
     pub(super) fn turned(time_s: f64, position: DVec3, orientation: DQuat) -> RigKey {
         RigKey { time_s, position, target: position + orientation * DVec3::NEG_Z, up: orientation * DVec3::Y }
     }
@@ -76,13 +76,13 @@ impl RigKey {
     }
 }
 
-/// How a rig turns from one key to the next. Positions go in straight lines.
+/// Interpolation of a rig's rotation between keys. Positions are interpolated linearly.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Turning {
-    /// Targets and ups go in straight lines as well.
+    /// Linear interpolation of target and up.
     #[default]
     Linear,
-    /// The shortest way at a constant speed (Shoemake 1985, "Animating rotation with quaternion curves").
+    /// Spherical linear interpolation at constant speed (Shoemake 1985, "Animating rotation with quaternion curves").
     Spherical,
 }
 
@@ -92,15 +92,15 @@ pub struct Rig {
     pub yfov_rad: f64,
     pub baseline_m: f64,
     pub metres_per_unit: f64,
-    /// At least one; times strictly increase.
+    /// Keys, at least one, at strictly increasing times.
     pub keys: Vec<RigKey>,
     pub turning: Turning,
-    /// What the eyes show, where that is not what is rendered: `yfov_rad` and the keys are those of the frame that the eyes
-    /// share.
+    /// Projections of the eyes if they differ from the rendered frame. `yfov_rad` and the keys then describe the frame
+    /// that the eyes share.
     pub optics: Option<Optics>,
 }
 
-/// One eye's pinhole. `right`, `up`, `forward` are orthonormal, `up = cross(right, forward)`.
+/// One eye's pinhole. `right`, `up` and `forward` are orthonormal, `up = cross(right, forward)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     pub origin: Vec3,
@@ -111,8 +111,8 @@ pub struct View {
 }
 
 impl View {
-    /// Unit direction through the point (`x`, `y`) of the image plane, in pixels from its top left corner:
-    /// the centre of pixel (i, j) is (i + 0.5, j + 0.5).
+    /// Returns the unit direction through the point (`x`, `y`) of the image plane, in pixels from its top left corner.
+    /// The centre of pixel (i, j) is (i + 0.5, j + 0.5).
     pub fn ray_direction(&self, x: f64, y: f64, extent: Extent) -> DVec3 {
         let half_height = f64::from(extent.height) / 2.0;
         let per_pixel = f64::from(self.tan_half_yfov) / half_height;
@@ -123,7 +123,7 @@ impl View {
 }
 
 impl Rig {
-    /// A rig with these keys, at least one, that has all else by default.
+    /// Returns a rig with these keys, at least one, and defaults for everything else.
     pub fn of_keys(keys: Vec<RigKey>) -> Rig {
         Rig {
             yfov_rad: DEFAULT_YFOV_DEG.to_radians(),
@@ -135,7 +135,7 @@ impl Rig {
         }
     }
 
-    /// The eye's view at `time_s`: keys are interpolated linearly, and held before the first and after the last.
+    /// Returns the eye's view at `time_s`. Keys are interpolated and clamped at both ends.
     pub fn view(&self, time_s: f64, eye: Eye) -> View {
         let (origin, [right, up, forward]) = self.pose(time_s, eye);
         View {
@@ -147,25 +147,25 @@ impl Rig {
         }
     }
 
-    /// The rig that stands where this one is at `time_s`.
+    /// Returns a static rig with the pose at `time_s`.
     pub fn at(&self, time_s: f64) -> Rig {
         Rig { keys: vec![self.key_at(time_s)], ..*self }
     }
 
-    /// The same rig, without optics where images of this size need none.
+    /// Drops the optics if images of this size do not need them.
     pub fn plain_at(self, size: Extent) -> Rig {
         let optics = self.optics.filter(|optics| !optics.is_plain(size));
         Rig { optics, ..self }
     }
 
-    /// Where the eye is, and its right, up and forward vectors.
+    /// Returns the eye's position in scene units, and its right, up and forward vectors.
     pub(super) fn pose(&self, time_s: f64, eye: Eye) -> (DVec3, [DVec3; 3]) {
         let key = self.key_at(time_s);
         let axes = key.axes();
         (key.position + axes[0] * (eye.side() * self.baseline_units() / 2.0), axes)
     }
 
-    /// The point between the eyes at `time_s`.
+    /// Returns the pose of the point between the eyes at `time_s`.
     pub(super) fn key_at(&self, time_s: f64) -> RigKey {
         let next = self.keys.partition_point(|key| key.time_s <= time_s);
         match (next.checked_sub(1).map(|i| &self.keys[i]), self.keys.get(next)) {
@@ -181,8 +181,8 @@ impl Rig {
         }
     }
 
-    /// A rig that sees all of `bounds` from +z, at metre scale. The baseline is at most a thirtieth of the
-    /// distance, so that scenes smaller than a metre can still be fused by a viewer.
+    /// Returns a rig at +z that sees all of `bounds`, at metre scale. The baseline is at most a thirtieth of the
+    /// distance, so that a viewer can fuse scenes smaller than a metre.
     pub fn framing(bounds: Bounds, yfov_rad: f64) -> Rig {
         const MARGIN: f64 = 1.1;
         let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
@@ -191,28 +191,28 @@ impl Rig {
             true => ((min + max) / 2.0, (max - min).length() / 2.0),
             false => (DVec3::ZERO, 1.0),
         };
-        // A single point still needs a distance that survives rounding to f32.
+        // Even a single point needs a distance that survives rounding to f32.
         let radius = radius.max(centre.length() * 1e-4).max(1e-6);
         let distance = MARGIN * radius / (yfov_rad / 2.0).sin();
-        // Of a scene as large as numbers go not all can be seen.
+        // Clamps to f32's range. Parts of a scene that fills the range are then out of view.
         let position = (centre + DVec3::Z * distance).min(DVec3::splat(f64::from(f32::MAX)));
         let key = RigKey { time_s: 0.0, position, target: position - DVec3::Z * distance, up: DVec3::Y };
         Rig { yfov_rad, baseline_m: DEFAULT_BASELINE_M.min(distance / 30.0), ..Rig::of_keys(vec![key]) }
     }
 
-    /// The same rig with `origin` for (0, 0, 0).
+    /// Returns the rig relative to `origin`.
     pub fn relative_to(&self, origin: DVec3) -> Rig {
         let near = |key: &RigKey| RigKey { position: key.position - origin, target: key.target - origin, ..*key };
         Rig { keys: self.keys.iter().map(near).collect(), ..*self }
     }
 
-    /// The rig whose midpoint is `camera`, at metre scale. A camera scaled to nothing looks along −z.
+    /// Returns the rig with its midpoint at `camera`, at metre scale. A camera scaled to zero looks along −z.
     pub fn from_camera(camera: Camera) -> Rig {
         let world_from_view = camera.world_from_view;
         let position = world_from_view.translation.as_dvec3();
         let forward = -world_from_view.matrix3.z_axis.as_dvec3().normalize_or(DVec3::Z);
         let up = world_from_view.matrix3.y_axis.as_dvec3().normalize_or(DVec3::Y);
-        // Far enough off to be another point, wherever the camera is.
+        // Keeps the target distinct from the position, wherever the camera is.
         let ahead = forward * (position.abs().max_element() * 0.5f64.powi(20)).max(1.0);
         let mut key = RigKey { time_s: 0.0, position, target: position + ahead, up };
         if key.is_degenerate() {
@@ -222,8 +222,8 @@ impl Rig {
     }
 }
 
-/// First time at which the view vector has no length or is parallel to up, if there is one. Keys can be
-/// fine and the path between them not, e.g. when the position moves through the target.
+/// Returns the first time at which the view vector is zero or parallel to up, if any. This can happen between valid
+/// keys, for example if the position passes through the target.
 pub fn degenerate_time(keys: &[RigKey]) -> Option<f64> {
     if let Some(key) = keys.iter().find(|key| key.is_degenerate()) {
         return Some(key.time_s);
@@ -236,8 +236,8 @@ pub fn degenerate_time(keys: &[RigKey]) -> Option<f64> {
     })
 }
 
-/// Shares of the way from `a` to `b` where cross(view vector, up) can vanish. Each of its components is a
-/// quadratic in the share; its roots, and its vertex for roots lost to rounding.
+/// Returns the fractions of the way from `a` to `b` at which cross(view vector, up) can vanish. Each component is a
+/// quadratic in the fraction. Returns its roots, and its vertex in case rounding has lost the roots.
 fn degenerate_candidates(a: &RigKey, b: &RigKey) -> Vec<f64> {
     let (view, up) = (a.target - a.position, a.up);
     let (view_step, up_step) = (b.target - b.position - view, b.up - up);

@@ -1,4 +1,4 @@
-//! Optics that follow from rigs.
+//! Optics derived from rigs.
 
 use glam::{DMat3, DVec3};
 
@@ -8,8 +8,8 @@ use super::rig::Rig;
 use crate::image::Extent;
 
 impl Optics {
-    /// Of a rig without optics, whose images have this size: they are rendered with so many degrees more on all sides, which
-    /// are there to be shown when the head turns.
+    /// Returns optics for a rig without any, for images of this size: rendered with `border_deg` degrees of overscan on
+    /// all sides, which become visible when the head turns.
     pub fn with_border(rig: &Rig, size: Extent, border_deg: f64) -> Self {
         let tan_y = (rig.yfov_rad / 2.0).tan();
         let tan = [tan_y * f64::from(size.width) / f64::from(size.height), tan_y];
@@ -17,9 +17,9 @@ impl Optics {
         Self { lenses: [lens; 2], tan_half: tan }.widened(border_deg)
     }
 
-    /// The same from what the eye shows when the rig has moved on from `rendered` to `later`, each of one key; and where the
-    /// later eye itself is, times its distance: a point that is t away along the later eye's axis is t times the first plus
-    /// the second.
+    /// Returns the homography and the translation for late reprojection from the rig `rendered` to `later`, each with
+    /// one key. A point at depth t along the later eye's axis maps to homogeneous pixels of the rectified image: t
+    /// times the homography of its pixel, plus the translation.
     pub fn later_homography(
         &self,
         eye: Eye,

@@ -1,8 +1,8 @@
-//! A shot: what is seen, from where, lit how, as a TOML file says it.
+//! Shots: scene, viewpoint and light, described by a TOML file.
 //!
-//! [`Draft::parse`] accepts nothing half-right: every value of a [`Draft`] is finite and within its range. `file` holds
-//! the layout of the TOML, `check` turns it into a draft or an error with line and key, and once the scene is known
-//! [`complete`](super::complete) makes a [`Shot`] of it, which `write` turns into a file again.
+//! [`Draft::parse`] rejects invalid input: every value of a [`Draft`] is finite and within its range. `file` defines
+//! the layout of the TOML; `check` turns it into a draft or an error with line and key. Once the scene is known,
+//! [`complete`](super::complete) makes a [`Shot`] of the draft, which `write` turns into a file again.
 
 pub mod allowed;
 mod check;
@@ -19,9 +19,9 @@ use super::{Light, LightKind, SceneError};
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum SceneSource {
-    /// A glTF file, as written in the shot: relative to the shot's own folder.
+    /// A glTF file. The path is relative to the shot's folder.
     File(String),
-    /// A scene made by a generator of this crate.
+    /// A built-in scene.
     Builtin(String),
 }
 
@@ -29,7 +29,7 @@ pub enum SceneSource {
 pub enum Sky {
     /// Linear RGB radiance.
     Constant(Vec3),
-    /// A latitude-longitude `.hdr` or `.exr`, relative to the shot's folder.
+    /// A latitude-longitude `.hdr` or `.exr`. The path is relative to the shot's folder.
     Image(String),
 }
 
@@ -40,7 +40,7 @@ pub struct ShotEnvironment {
     pub rotation_deg: f32,
 }
 
-/// Positions in scene units, `direction` unit length, angles and cones measured from their axis.
+/// Kind of a light. Positions are in scene units, `direction` is a unit vector, and angles and cones are half-angles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ShotLightKind {
     Point { position: Vec3, radius_m: f64 },
@@ -55,10 +55,10 @@ pub struct ShotLight {
     pub strength: Vec3,
 }
 
-/// Where an eye looks, as fractions of its image from the top left.
+/// Gaze of an eye over time, as fractions of its image from the top left.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Gaze {
-    /// Time in seconds, x, y; at least one, times strictly increase.
+    /// Points of time in seconds, x and y; at least one, at strictly increasing times.
     pub path: Vec<[f64; 3]>,
 }
 
@@ -69,7 +69,7 @@ impl Default for Gaze {
 }
 
 impl Gaze {
-    /// (x, y) at `time_s`: linear between the path's points, held outside.
+    /// Returns (x, y) at `time_s`: linear between the path's points, clamped outside.
     pub fn at(&self, time_s: f64) -> [f64; 2] {
         let next = self.path.partition_point(|point| point[0] <= time_s);
         match (next.checked_sub(1).map(|i| self.path[i]), self.path.get(next)) {
@@ -83,28 +83,28 @@ impl Gaze {
     }
 }
 
-/// Stops that a picture may be exposed by. White paper in the sun, lit by 100,000 lux, is white at −15, under stars at +12.
-/// Light on its way to the picture is kept in half floats scaled by 2 to this power, and its squares in f32.
+/// Range of exposures in stops. White paper in sunlight (100,000 lux) is white at −15, under starlight at +12.
+/// Intermediate images hold radiance scaled by 2 to this power in half floats, and its squares in f32.
 pub const EXPOSURE_EV: RangeInclusive<f64> = -24.0..=24.0;
 
-/// What a shot file says of its rig.
+/// Rig settings of a shot file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PartialRig {
     pub yfov_rad: Option<f64>,
     pub baseline_m: Option<f64>,
     pub metres_per_unit: Option<f64>,
-    /// As those of a [`Rig`], but there may be none.
+    /// Keys as in a [`Rig`]; may be empty.
     pub keys: Vec<RigKey>,
 }
 
 impl PartialRig {
-    /// Whether an f32 can hold the baseline in scene units.
+    /// Returns true if an f32 can hold the baseline in scene units.
     pub fn has_usable_units(&self) -> bool {
         allowed::fits_f32(self.baseline_m.unwrap_or(DEFAULT_BASELINE_M) / self.metres_per_unit.unwrap_or(1.0))
     }
 }
 
-/// What a shot file says. `None` is left to the scene, or to a default.
+/// Contents of a shot file. A value of `None` comes from the scene or from a default.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Draft {
     pub name: String,
@@ -114,24 +114,23 @@ pub struct Draft {
     pub moves: Vec<Move>,
     pub rig: PartialRig,
     pub environment: Option<ShotEnvironment>,
-    /// Beside the scene's own.
+    /// Lights in addition to the scene's own.
     pub lights: Vec<ShotLight>,
     pub gaze: Option<Gaze>,
-    /// Stops, within [`EXPOSURE_EV`].
+    /// Exposure in stops, within [`EXPOSURE_EV`].
     pub exposure_ev: Option<f32>,
 }
 
 impl Draft {
-    /// Reads the TOML `text`; `origin` is the file's name for messages, and its stem the name of a shot that
-    /// gives none.
+    /// Reads the TOML `text`. `origin` is the file's name for messages; its stem is the default name of the shot.
     ///
     /// # Errors
-    /// [`SceneError::Invalid`] with the line, the key and what is allowed there.
+    /// [`SceneError::Invalid`] with the line, the key and the allowed values.
     pub fn parse(text: &str, origin: &str) -> Result<Draft, SceneError> {
         check::draft(text, origin)
     }
 
-    /// Of a scene that comes without a shot.
+    /// Returns an otherwise empty draft for a scene that comes without a shot.
     pub fn of(scene: SceneSource, name: String) -> Draft {
         Draft {
             name,
@@ -147,7 +146,7 @@ impl Draft {
         }
     }
 
-    /// With all of `other` that this one leaves open. Light is taken as a whole.
+    /// Fills in values from `other`. Environment and lights are replaced as a unit.
     pub fn or(self, other: Draft) -> Draft {
         let is_lit = self.environment.is_some() || !self.lights.is_empty();
         let (environment, lights) =
@@ -169,7 +168,7 @@ impl Draft {
         }
     }
 
-    /// What is to move.
+    /// Returns the animations and moves to play, with defaults for those left open.
     pub fn play(&self) -> Play {
         let default = Play::default();
         Play {
@@ -179,35 +178,35 @@ impl Draft {
         }
     }
 
-    /// Whether it says neither from where its scene is seen nor what lights it.
+    /// Returns true if it has neither a viewpoint nor light.
     pub fn is_bare(&self) -> bool {
         self.rig.keys.is_empty() && self.environment.is_none() && self.lights.is_empty()
     }
 }
 
-/// A shot with all that is needed to render it.
+/// A shot with everything needed to render it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shot {
     pub name: String,
     pub scene: SceneSource,
     pub play: Play,
     pub rig: Rig,
-    /// `None`: the scene keeps its own.
+    /// Environment; `None` keeps the scene's.
     pub environment: Option<ShotEnvironment>,
-    /// Beside the scene's own.
+    /// Lights in addition to the scene's own.
     pub lights: Vec<ShotLight>,
     pub gaze: Gaze,
-    /// Stops, within [`EXPOSURE_EV`]. Linear images are not scaled by it.
+    /// Exposure in stops, within [`EXPOSURE_EV`]. It does not scale linear images.
     pub exposure_ev: f32,
 }
 
 impl Shot {
-    /// As a file that [`Draft::parse`] reads, each key with what it means.
+    /// Returns the shot as a file that [`Draft::parse`] reads, with comments that explain the keys.
     pub fn text(&self) -> String {
         write::text(self)
     }
 
-    /// The shot's lights in scene units.
+    /// Returns the shot's lights in scene units.
     pub fn lights(&self) -> Vec<Light> {
         let units = |metres: f64| (metres / self.rig.metres_per_unit) as f32;
         let light = |light: &ShotLight| Light { kind: light.kind.in_units(units), strength: light.strength };

@@ -1,7 +1,7 @@
-//! A viewpoint for a file that brings no camera: before an object, or within a room, as rays find it.
+//! Search for a viewpoint if a file has no camera: in front of an object, or inside a room.
 //!
-//! Rays tell a room from an object by how many different triangles they meet whose front they see: of a room, more from
-//! within than from all around it.
+//! Ray casts tell a room from an object by the number of distinct triangles whose front they hit: in a room, it is
+//! larger from inside than from outside.
 
 use std::collections::HashSet;
 
@@ -16,33 +16,33 @@ use super::budget::Budget;
 use super::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
 use super::{Instance, Scene};
 
-/// Vertical field of view from within a room; and of an object, which a wider one would distort.
+/// Vertical field of view inside a room, and of an object, which a wider one would distort.
 const INSIDE_YFOV_DEG: f64 = 70.0;
 const OUTSIDE_YFOV_DEG: f64 = 40.0;
 
-/// How much larger than the object the picture of it is.
+/// Size of the picture relative to the object.
 const MARGIN: f32 = 1.06;
 
-/// Most triangles that are looked at, after instancing: they are flattened, and a tree is built for this alone.
+/// Limit on triangles after instancing: the search flattens them and builds a tree just for this.
 const MOST_TRIANGLES: usize = 1 << 20;
 
-/// What a triangle takes while it is looked at, bytes.
+/// Bytes per triangle during the search.
 const TRIANGLE_BYTES: usize = 640;
 
-/// Height of eyes above a floor, metres, that of rooms in which people stand, and of the lowest that one may look around in.
+/// Heights in metres: of the eyes above a floor, of rooms in which people stand, and of the lowest usable room.
 const EYE_HEIGHT_M: f32 = 1.6;
 const ROOM_HEIGHTS_M: std::ops::Range<f32> = 2.0..12.0;
 const LEAST_HEIGHT_M: f32 = 1.0;
 
-/// Where the eyes were put.
+/// Viewpoint found for a scene without a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Viewpoint {
     pub rig: Rig,
     pub is_inside: bool,
 }
 
-/// Finds a viewpoint, for eyes of this vertical field of view if one is given; that of [`Rig::framing`] without triangles,
-/// with very many, or with more than the budget has room for.
+/// Finds a viewpoint, for this vertical field of view if one is given. Returns that of [`Rig::framing`] for scenes
+/// without triangles, with too many, or over the budget.
 pub fn find(scene: &Scene, metres_per_unit: f64, yfov_rad: Option<f64>, budget: &Budget) -> Viewpoint {
     let yfov_rad = |default_deg: f64| yfov_rad.unwrap_or(default_deg.to_radians());
     let count = scene.triangle_count();
@@ -57,35 +57,35 @@ pub fn find(scene: &Scene, metres_per_unit: f64, yfov_rad: Option<f64>, budget: 
             }
         }
     };
-    // What is smaller than a head is to be fused by a viewer, too.
+    // Lets a viewer fuse scenes smaller than a head, too.
     let distance_m = (rig.keys[0].position - rig.keys[0].target).length() * metres_per_unit;
     let widest_m = distance_m / if is_inside { 15.0 } else { 30.0 };
     let rig = Rig { baseline_m: DEFAULT_BASELINE_M.min(widest_m), metres_per_unit, ..rig };
     Viewpoint { rig, is_inside }
 }
 
-/// The scene's triangles in a space of their own, [-1, 1]³ around them, and the tree over them.
+/// The scene's triangles, scaled to [-1, 1]³, and the tree over them.
 struct Surfaces {
     triangles: Vec<Triangle>,
     tree: CwBvh,
     centre: DVec3,
-    /// World units per unit.
+    /// World units per unit of this space.
     radius: f64,
     metres_per_unit: f64,
-    /// Whether there is light within it, whatever closes it.
+    /// True if the scene has lights or emitters, so that even a closed interior is lit.
     is_lit: bool,
     min: Vec3A,
     max: Vec3A,
 }
 
-/// A view from outside, and how many triangles all such views meet.
+/// The best view from outside, and the number of triangles that all outside views hit.
 struct Side {
-    /// Unit length, from the object to the eyes.
+    /// Unit vector from the object to the eyes.
     from: Vec3A,
     seen: usize,
 }
 
-/// A place within, and how many triangles are seen from there.
+/// A view from inside, and the number of triangles that are visible from its position.
 #[derive(Clone, Copy)]
 struct Stand {
     eye: Vec3A,
@@ -93,7 +93,7 @@ struct Stand {
     seen: usize,
 }
 
-/// What a ray meets first.
+/// First hit of a ray.
 struct Met {
     t: f32,
     triangle: u32,
@@ -151,8 +151,8 @@ impl Surfaces {
         })
     }
 
-    /// The side from which most rays meet a front; from a little right of and above the front, unless another is much
-    /// better.
+    /// Returns the direction from which most rays hit a front. Prefers a view slightly right of and above the front,
+    /// unless another is much better.
     fn best_side(&self) -> Side {
         const RAYS: usize = 18;
         let mut seen = HashSet::new();
@@ -178,10 +178,10 @@ impl Surfaces {
         Side { from: best.map_or(Vec3A::Z, |(_, from)| from), seen: seen.len() }
     }
 
-    /// The place on a floor, with surfaces all around, from where most is seen.
+    /// Returns the best view from above a floor, surrounded by surfaces.
     fn best_stand(&self) -> Option<Stand> {
         const COLUMNS: usize = 9;
-        /// Places at which more than a glance is taken, of those from where most was seen.
+        /// Number of most promising positions that are examined more closely.
         const LOOKED_FROM: usize = 16;
         let share = |i: usize| (i as f32 + 0.5) / COLUMNS as f32;
         let at = |i: usize| self.min + (self.max - self.min) * vec3a(share(i % COLUMNS), 0.0, share(i / COLUMNS));
@@ -197,7 +197,8 @@ impl Surfaces {
         views.map(|stand| (self.worth(&stand), stand)).max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, stand)| stand)
     }
 
-    /// How many triangles so many rays meet from there, if surfaces that show their front are all around and light is, too.
+    /// Returns the number of triangles that `rays` rays hit from there. Returns `None` unless front faces surround the
+    /// point and light reaches it.
     fn seen_around(&self, eye: Vec3A, rays: usize) -> Option<usize> {
         let met: Vec<Met> = sphere(rays).filter_map(|d| self.meet(eye, d)).collect();
         let fronts: Vec<u32> = met.iter().filter(|m| m.is_front).map(|m| m.triangle).collect();
@@ -206,7 +207,7 @@ impl Surfaces {
         (is_within && is_bright).then(|| fronts.into_iter().collect::<HashSet<_>>().len())
     }
 
-    /// Places at the height of eyes above the floors that a vertical line meets.
+    /// Returns positions at eye height above the floors that a vertical line hits.
     fn eyes_above_floors(&self, x: f32, z: f32) -> Vec<Vec3A> {
         const MOST_FLOORS: usize = 8;
         let mut eyes = Vec::new();
@@ -228,7 +229,7 @@ impl Surfaces {
         eyes
     }
 
-    /// Deep views of many things, of which none is too near, are worth most.
+    /// Returns a view's score. Deep views of many triangles, with none too near, score best.
     fn worth(&self, stand: &Stand) -> f32 {
         const RAYS: [usize; 2] = [20, 12];
         let [right, up, ahead] = axes(stand.ahead);
@@ -248,12 +249,12 @@ impl Surfaces {
         self.rig(stand.eye, stand.eye + stand.ahead * 0.5, yfov_rad)
     }
 
-    /// All of it, as large as a square picture holds it.
+    /// Returns a rig that fits the whole object into a square image.
     fn rig_before(&self, from: Vec3A, yfov_rad: f64) -> Rig {
         let [right, up, _] = axes(-from);
         let tan = (yfov_rad / 2.0).tan() as f32 / MARGIN;
-        // An eye at x = c sees a point if |x − c| ≤ (distance − depth) tan: of all points, the two extremes of depth ± x / tan
-        // say how far it must be, and where it is nearest.
+        // An eye at x = c sees a point if |x − c| ≤ (distance − depth) tan. The two extremes of depth ± x / tan over
+        // all points give the smallest distance and the x at which it is reached.
         let mut most = [f32::NEG_INFINITY; 4];
         for p in self.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]) {
             let (depth, x, y) = (p.dot(from), p.dot(right) / tan, p.dot(up) / tan);
@@ -275,19 +276,19 @@ impl Surfaces {
     }
 }
 
-/// Right, up and ahead of eyes that look along `ahead`, which is not vertical.
+/// Returns right, up and ahead of a viewer who looks along `ahead`, which is not vertical.
 fn axes(ahead: Vec3A) -> [Vec3A; 3] {
     let right = ahead.cross(Vec3A::Y).normalize();
     [right, right.cross(ahead), ahead]
 }
 
-/// +z turned to the right and up.
+/// Returns +z rotated to the right and up.
 fn direction(yaw_deg: f32, pitch_deg: f32) -> Vec3A {
     let turned = Mat3::from_rotation_y(yaw_deg.to_radians()) * Mat3::from_rotation_x(-pitch_deg.to_radians());
     Vec3A::from(turned * Vec3::Z)
 }
 
-/// Directions all around (Fibonacci's lattice).
+/// Returns directions spread evenly over the sphere (Fibonacci lattice).
 fn sphere(count: usize) -> impl Iterator<Item = Vec3A> {
     const GOLDEN_ANGLE: f32 = 2.399_963_2;
     (0..count).map(move |i| {
@@ -305,7 +306,7 @@ mod tests {
     use crate::scene::{Light, LightKind, Material, Mesh};
     use glam::{Affine3A, vec3};
 
-    /// A closed box; seen from without, or from within.
+    /// Returns a closed box with its front outside or inside.
     fn block(centre: Vec3, half: Vec3, is_seen_within: bool) -> Mesh {
         let corner =
             |i: u32| centre + half * Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - half;
@@ -324,7 +325,7 @@ mod tests {
         find(scene, 1.0, None, &Budget::unlimited())
     }
 
-    /// Where in the left eye's image a point is: -1 to 1 over its height.
+    /// Returns a point's position in the left eye's image: -1 to 1 over its height.
     fn seen_at(rig: &Rig, point: Vec3) -> [f32; 2] {
         let view = rig.view(0.0, Eye::Left);
         let d = point - view.origin;
@@ -364,7 +365,7 @@ mod tests {
         assert!(things.iter().all(|at| (eye - at).abs().max_element() > 0.3), "{eye} is in a thing");
     }
 
-    /// As many exporters write them, also where nobody is to look from within.
+    /// Many exporters write double-sided materials, even for objects that should not be viewed from inside.
     #[test]
     fn a_double_sided_shell_is_seen_from_without() {
         let mut shell = scene(vec![block(Vec3::ZERO, vec3(3.0, 1.3, 4.0), false)], Affine3A::IDENTITY);

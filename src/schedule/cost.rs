@@ -1,4 +1,4 @@
-//! The cost of work: time per unit of counted work for each stage, view and device, learned from the frames before.
+//! The cost of work: time per unit of counted work for each stage, view and device, learned from previous frames.
 //!
 //! Passes that trace paths count rays, and a row of the next frame is assumed to need as many rays as it did in the
 //! last one. Other passes count rows. The time per unit of a device is learned from its own stripes, so devices of
@@ -28,7 +28,7 @@ pub struct StageCost {
     pub busy_ms: f64,
 }
 
-/// The cost of one end of a transfer to the host thread of its device.
+/// Host time of one end of a transfer, on the thread of its device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferCost {
     pub device: usize,
@@ -42,23 +42,22 @@ pub struct TransferCost {
 pub struct FrameCosts {
     pub stages: Vec<StageCost>,
     pub transfers: Vec<TransferCost>,
-    /// The rays that were counted, by eye and row of the frame.
+    /// Counted rays, by eye and row of the frame.
     pub rays: [Vec<u32>; 2],
-    /// For each device that computed anything, the time from the begin of the frame to its first stage. It is none
-    /// where that says nothing.
+    /// Time from the start of the frame to the first stage, for each device that computed anything. Devices without a
+    /// meaningful time are left out.
     pub lead_ms: Vec<(usize, f64)>,
-    /// For each device that computed several stages, the time between two of them that nothing held up.
+    /// Median gap between consecutive stages that nothing else delayed, for each device that computed several stages.
     pub gap_ms: Vec<(usize, f64)>,
-    /// For each device that received rows between the filter's iterations, the mean time that it waited for them.
+    /// Mean time that a device waited for rows, for each device that received rows between the filter's iterations.
     pub wait_ms: Vec<(usize, f64)>,
-    /// The time from the primary's last task to the end of the frame. A time of 0 says nothing.
+    /// Time from the primary's last task to the end of the frame; 0 if unknown.
     pub tail_ms: f64,
-    /// The effort at the quality of the frame.
+    /// Effort (relative cost) at the quality of the frame.
     pub effort: Effort,
 }
 
-/// A pixel that starts no path costs path tracing and hole filling as much as this many rays, since it is still looked
-/// at.
+/// Cost of a pixel that starts no path, in rays: path tracing and hole filling still visit it.
 const RAYS_PER_IDLE_PIXEL: f64 = 1.0 / 32.0;
 
 #[derive(Clone, Debug)]
@@ -66,17 +65,17 @@ pub struct CostModel {
     spec: FrameSpec,
     declarations: Declarations,
     program: Arc<Program>,
-    /// The stages, by view, that were ever planned. What is learned of them is stored by their numbers.
+    /// All stages, by view, that were ever planned. Learned times are stored by their numbers.
     stages: Vec<StageOfView>,
-    /// The effort of the frames that are planned.
+    /// The effort (relative cost) of the frames being planned.
     effort: Effort,
     devices: Vec<DeviceCost>,
-    /// For each eye and row, the rays of all rows above over the effort with which they were traced; `height + 1`
+    /// Prefix sums of rays over rows, for each eye, divided by the effort with which they were traced; `height + 1`
     /// entries.
     rays_above: [Vec<f64>; 2],
     tail: Mean,
     frames: u32,
-    /// What rows take between devices that are apart.
+    /// Network between devices of different ranks.
     pub network: Network,
 }
 
@@ -93,7 +92,7 @@ impl StageOfView {
     }
 }
 
-/// The times of one device.
+/// Learned times of one device.
 #[derive(Clone, Debug, Default)]
 struct DeviceCost {
     /// Time per unit of work, by the number of the stage.
@@ -124,7 +123,7 @@ impl Transfer {
 }
 
 impl CostModel {
-    /// A model that has learned nothing yet, for frames with the passes that are declared.
+    /// Creates a model that has learned nothing yet, for frames with the declared passes.
     pub fn new(spec: &FrameSpec, declarations: &Declarations) -> Self {
         let height = spec.extent.height as usize;
         let mut model = Self {
@@ -147,18 +146,18 @@ impl CostModel {
         &self.spec
     }
 
-    /// The program of the frames that are planned.
+    /// Returns the program of the frames being planned.
     pub fn program(&self) -> &Arc<Program> {
         &self.program
     }
 
-    /// Sets what happens where stripes meet, on which margins depend.
+    /// Sets how the seams between stripes are handled, on which margins depend.
     pub fn set_seam(&mut self, seam: Seam) {
         self.spec.seam = seam;
         self.declare();
     }
 
-    /// Sets the iterations and the effort of the frames that are planned.
+    /// Sets the iterations and the effort of the frames being planned.
     pub fn set_quality(&mut self, iterations: u32, effort: &Effort) {
         self.effort.clone_from(effort);
         if iterations != self.spec.iterations {
@@ -186,7 +185,7 @@ impl CostModel {
         self.stages.iter().position(|s| s.stage == stage && s.view == view)
     }
 
-    /// The stage of an eye whose rays are counted beside those of the G-buffer.
+    /// Returns the stage of an eye whose rays are counted in addition to those of the G-buffer.
     fn traces(&self, eye: Eye) -> Option<Stage> {
         let counts = |p: &&Pass| p.view == eye && p.work == Work::Rays;
         self.program.passes().iter().map(|p| &p.pass).find(counts).map(|p| p.stage)
@@ -226,7 +225,8 @@ impl CostModel {
         self.frames = self.frames.saturating_add(1);
     }
 
-    /// The transfers of the first frame, which create their buffers, no longer count once the second frame is there.
+    /// Learns from transfers. Those of the first frame, which create their buffers, are forgotten once the second frame
+    /// arrives.
     fn learn_transfers(&mut self, transfers: &[TransferCost]) {
         for (index, device) in self.devices.iter_mut().enumerate() {
             for (is_upload, transfer) in [(false, &mut device.download), (true, &mut device.upload)] {
@@ -242,7 +242,7 @@ impl CostModel {
         }
     }
 
-    /// A model of as many devices as there are `speeds`, each like the mean of the measured ones, times its speed.
+    /// Returns a model with one device per entry of `speeds`, each like the mean of the measured ones, times its speed.
     /// Transfers are the host's work and cost the same at any speed. All devices are on one machine.
     pub fn on_devices(&self, speeds: &[f64]) -> Self {
         let (mut down, mut up) = (Line::default(), Line::default());
@@ -264,7 +264,7 @@ impl CostModel {
         Self { network: Network::default(), ..self.with_devices(speeds.iter().map(on).collect()) }
     }
 
-    /// The model of these devices alone, renumbered in this order. Their numbers rise.
+    /// Returns the model of these devices only, renumbered in this order. Their numbers must increase.
     pub fn of_devices(&self, devices: &[usize]) -> Cow<'_, Self> {
         if devices.len() == self.devices.len() {
             return Cow::Borrowed(self);
@@ -278,7 +278,7 @@ impl CostModel {
         Self { program: self.declarations.program(&spec), spec, devices, ..self.clone() }
     }
 
-    /// The mean over the devices for which it is known.
+    /// Returns the mean over the devices for which it is known.
     fn known_mean(&self, of: impl Fn(&DeviceCost) -> Mean) -> Option<f64> {
         let known = self.devices.iter().filter_map(|d| of(d).value());
         let (sum, count) = known.fold((0.0, 0u32), |(sum, count), ms| (sum + ms, count + 1));
@@ -300,25 +300,25 @@ impl CostModel {
         }
     }
 
-    /// A device that never ran this stage is assumed to be like the mean of those that did.
+    /// Returns the time per unit of a stage. A device that never ran it is assumed to match the mean of those that did.
     fn ms_per_unit(&self, number: usize, device: usize, effort: &Effort) -> f64 {
         let ms = self.devices[device].ms_per_unit[number].value();
         ms.unwrap_or_else(|| self.mean_ms(|d| d.ms_per_unit[number])) * effort.of(self.stages[number].stage)
     }
 
-    /// Predicted time of a pass on these rows in frames that are planned.
+    /// Predicts the time of a pass on these rows in the frames being planned.
     pub fn pass_ms(&self, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
         self.pass_ms_at(&self.effort, pass, device, rows)
     }
 
-    /// The same in a frame that takes another effort.
+    /// Predicts the time of a pass on these rows in a frame of another effort.
     pub fn pass_ms_at(&self, effort: &Effort, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
         let number = self.number_of(pass.stage, pass.view);
         number.map_or(0.0, |n| self.ms_per_unit(n, device, effort) * self.units(self.stages[n].unit(), rows))
     }
 
-    /// The same on rows of so many pixels, if this device has run the pass before. Each pixel that may start a path counts
-    /// as a ray at least, since this frame may see more than the last one.
+    /// Predicts the time of a pass on rows of `pixels` pixels cautiously, if this device has run the pass before. Each
+    /// pixel that may start a path counts as at least one ray, since this frame may need more rays than the last one.
     pub fn cautious_pass_ms(&self, pass: &Pass, device: usize, rows: &Range<u32>, pixels: f64) -> Option<f64> {
         let number = self.number_of(pass.stage, pass.view)?;
         let ms_per_unit = self.devices[device].ms_per_unit[number].value()?;
@@ -326,44 +326,44 @@ impl CostModel {
         Some(ms_per_unit * if pass.work == Work::Rays { units.max(pixels) } else { units })
     }
 
-    /// The effort of the frames that are planned.
+    /// The effort (relative cost) of the frames being planned.
     pub fn effort(&self) -> &Effort {
         &self.effort
     }
 
-    /// Predicted host time to take rows off a device.
+    /// Predicts the host time to download rows from a device.
     pub fn download_ms(&self, device: usize, bytes: u64) -> f64 {
         self.devices[device].download.ms(bytes)
     }
 
-    /// Predicted host time to hand rows to a device.
+    /// Predicts the host time to upload rows to a device.
     pub fn upload_ms(&self, device: usize, bytes: u64) -> f64 {
         self.devices[device].upload.ms(bytes)
     }
 
-    /// The time from the begin of a frame to the device's first stage.
+    /// Returns the time from the start of a frame to the device's first stage.
     pub fn lead_ms(&self, device: usize) -> f64 {
         self.devices[device].lead.value().unwrap_or_else(|| self.mean_ms(|d| d.lead))
     }
 
-    /// The time between two stages that a device runs one after the other.
+    /// Returns the gap between two consecutive stages of a device.
     pub fn gap_ms(&self, device: usize) -> f64 {
         self.devices[device].gap.value().unwrap_or_else(|| self.mean_ms(|d| d.gap))
     }
 
-    /// The time that a device waits when it receives rows between the filter's iterations. It is 0 before that has
-    /// happened in two frames, since the first time is cold.
+    /// Returns the time that a device waits for rows that it receives between the filter's iterations. It is 0 until
+    /// that has happened in two frames, since the first time is cold.
     pub fn wait_ms(&self, device: usize) -> f64 {
         self.devices[device].wait.warm_value().unwrap_or(0.0)
     }
 
-    /// The time from the primary's last task to the end of the frame.
+    /// Returns the time from the primary's last task to the end of the frame.
     pub fn tail_ms(&self) -> f64 {
         self.tail.value().unwrap_or(0.0)
     }
 }
 
-/// Prefix sums of a frame's rays over their effort, without those of the G-buffer, which are one per pixel.
+/// Computes prefix sums of a frame's rays divided by their effort, without the one ray per pixel of the G-buffer.
 fn sum_rows(above: &mut [f64], rays: &[u32], width: u32, effort: f64) {
     let mut sum = 0.0;
     for (entry, &rays) in above[1..].iter_mut().zip(rays) {

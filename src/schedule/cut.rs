@@ -1,33 +1,33 @@
-//! Finds contiguous stripes of even predicted cost, and moves edges towards them in small steps.
+//! Partitions frames into contiguous stripes of equal predicted cost, and moves edges towards them in small steps.
 
 use super::cost::CostModel;
 use super::cost::stripes::StripeCosts;
 use crate::graph::{Assignment, Stripes};
 use crate::scene::rig::Eye;
 
-/// The largest number of rows by which an edge moves from one frame to the next: a sixteenth of the frame.
+/// Returns the maximum number of rows by which an edge moves from one frame to the next: a sixteenth of the frame.
 ///
-/// History that the last frame left on a device must follow a stripe's edge. With a sixteenth, these rows are fewer
-/// than the 62 that five filter iterations fetch across each edge anyway, for frames of up to 1000 rows, and an edge
-/// can still cross half of the frame within 8 frames.
+/// When an edge moves, history must be transferred to the rows' new device. With a sixteenth, these rows are fewer than
+/// the 62 that five filter iterations fetch across each edge anyway, for frames of up to 1000 rows, and an edge can
+/// still cross half of the frame within 8 frames.
 pub fn step_rows(height: u32) -> u32 {
     (height / 16).max(1)
 }
 
-/// The predicted gain, as a share of the most expensive stripe, below which edges stay where they are.
+/// Predicted gain, relative to the most expensive stripe, below which edges stay where they are.
 const HYSTERESIS: f64 = 0.02;
-/// The number of bisections of the interval that holds the cost of the most expensive stripe, down to a millionth.
+/// Number of bisections of the interval of the most expensive stripe's cost, down to a millionth.
 const HALVINGS: u32 = 20;
 
-/// Stripes of which the most expensive one, relative to its device's weight, is as cheap as contiguous stripes allow.
+/// Returns the contiguous stripes that minimise the cost of the most expensive one, relative to its device's weight.
 ///
-/// They are found by bisection with a greedy probe (Pınar & Aykanat 2004, "Fast optimal load balancing algorithms for
-/// 1D partitioning", section 2.2), here with costs that differ by device in a given order of devices.
+/// The method is bisection with a greedy probe (Pınar & Aykanat 2004, "Fast optimal load balancing algorithms for 1D
+/// partitioning", section 2.2), with costs that differ by device in a given order of devices.
 pub fn cut(costs: &StripeCosts<'_>, weights: &[f64]) -> Stripes {
     let whole = 0..costs.height();
     let devices = 0..costs.devices();
     let dearest = |d: usize| if weights[d] > 0.0 { costs.ms(d, &whole) / weights[d] } else { 0.0 };
-    // The bound is above what one device takes for all rows, rounding included.
+    // The upper bound exceeds the time of any device for all rows, rounding included.
     let (mut low, mut high) = (0.0, devices.map(dearest).fold(0.0, f64::max) * (1.0 + 1e-9));
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
@@ -43,7 +43,7 @@ pub fn cut(costs: &StripeCosts<'_>, weights: &[f64]) -> Stripes {
     }
 }
 
-/// Gives each device in turn as many rows as cost at most `limit` times its weight. The result is none if rows are left
+/// Gives each device in turn as many rows as cost at most `limit` times its weight. Returns `None` if rows are left
 /// over.
 fn probe(costs: &StripeCosts<'_>, weights: &[f64], limit: f64) -> Option<Vec<u32>> {
     let height = costs.height();
@@ -65,35 +65,35 @@ fn probe(costs: &StripeCosts<'_>, weights: &[f64], limit: f64) -> Option<Vec<u32
     (start == height).then_some(edges)
 }
 
-/// The cost of the most expensive stripe.
+/// Returns the cost of the most expensive stripe.
 fn dearest_ms(costs: &StripeCosts<'_>, stripes: &Stripes) -> f64 {
     stripes.iter().map(|(device, rows)| costs.ms(device, &rows)).fold(0.0, f64::max)
 }
 
-/// The stripes of each set of groups that are cut together ([`crate::graph::Program::cut_sets`]), from frame to frame.
+/// The stripes of each set of groups that share a partition ([`crate::graph::Program::cut_sets`]), from frame to frame.
 ///
-/// Left and right eye are cut together. The G-buffer, radiance and reprojection of a row then stay on one device, and
-/// separate stripes for the right eye could even out nothing that the sum of both eyes does not. Without a filter, a
-/// row has one owner in all passes.
+/// Both eyes share a partition. The G-buffer, radiance and reprojection of a row then stay on one device, and separate
+/// stripes for the right eye would not improve the balance of both eyes' sum. Without a filter, a row has one owner in
+/// all passes.
 pub struct MovingStripes {
     height: u32,
     devices: usize,
-    /// One for each set, made when the sets are known.
+    /// Stripes of each set, created once the sets are known.
     stripes: Vec<Stripes>,
 }
 
 impl MovingStripes {
-    /// Stripes that are even at first.
+    /// Creates stripes that start out even.
     pub fn new(height: u32, devices: usize) -> Self {
         Self { height, devices, stripes: Vec::new() }
     }
 
-    /// Removes a device. Stripes are even again, since no rows of the others are where they were.
+    /// Removes a device. Stripes restart even, since the rows of all other devices move.
     pub fn remove_device(&mut self) {
         *self = Self::new(self.height, self.devices - 1);
     }
 
-    /// Moves a set's edges towards `target` by at most [`step_rows`], unless that is not worth it.
+    /// Moves each set's edges towards `target` by at most [`step_rows`], unless the gain is too small.
     pub fn follow(&mut self, model: &CostModel, target: impl Fn(usize, &StripeCosts<'_>) -> Stripes) -> Assignment {
         let sets = model.program().cut_sets();
         self.stripes.resize(sets.len(), Stripes::even(self.height, self.devices));

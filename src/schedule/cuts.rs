@@ -1,5 +1,5 @@
-//! Where a device's work is cut, so that none of its submissions takes longer than a bound: systems reset a device that
-//! is at one for seconds.
+//! Splits a device's work into submissions that are each predicted to stay within a time bound, since the GPU watchdog
+//! (TDR on Windows) resets a device that is busy for seconds.
 
 use std::ops::Range;
 
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::cost::CostModel;
 use crate::graph::{Dispatch, FrameGraph, Pass, SceneUse, TaskKind, runs};
 
-/// Where in a task: before this run of its kernel comes to this row.
+/// Position in a task: before this run of its kernel reaches this row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Position {
     pub run: u32,
@@ -16,7 +16,7 @@ pub struct Position {
 }
 
 impl Position {
-    /// Behind all runs.
+    /// Position after all runs.
     pub const END: Self = Self { run: u32::MAX, row: 0 };
 
     pub fn start(rows: &Range<u32>) -> Self {
@@ -24,14 +24,14 @@ impl Position {
     }
 }
 
-/// Where a submission ends: in this task, by its number among those of the device.
+/// End of a submission. `task` is the task's index among those of the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cut {
     pub task: usize,
     pub at: Position,
 }
 
-/// The parts of a task between cuts. The first one may be empty.
+/// Returns the parts of a task between cuts. The first one may be empty.
 pub fn parts(cuts: &[Cut], task: usize, rows: &Range<u32>) -> Vec<Range<Position>> {
     let inner = cuts.iter().filter(|cut| cut.task == task).map(|cut| cut.at);
     let mut ends: Vec<Position> = std::iter::once(Position::start(rows)).chain(inner).collect();
@@ -39,13 +39,13 @@ pub fn parts(cuts: &[Cut], task: usize, rows: &Range<u32>) -> Vec<Range<Position
     ends.windows(2).map(|pair| pair[0]..pair[1]).collect()
 }
 
-/// How long a path may take on a device of which nothing is known, and a pixel in passes that trace none: on a slow GPU
-/// of 2015, with room for one that is ten times slower.
+/// Assumed time of a path on an unknown device, and of a pixel in passes that trace no paths: that of a slow GPU of
+/// 2015, with headroom for one that is ten times slower.
 const UNKNOWN_PATH_MS: f64 = 2e-3;
 const UNKNOWN_PIXEL_MS: f64 = 1e-4;
 
-/// The cuts of a device's tasks in a frame of `spp` samples for each pixel: as few as there can be. What takes longer than
-/// the bound and cannot be cut is a submission of its own.
+/// Returns the fewest cuts of a device's tasks in a frame of `spp` samples per pixel. Work that exceeds the bound and
+/// cannot be split becomes a submission of its own.
 pub fn cuts(
     graph: &FrameGraph,
     model: &CostModel,
@@ -97,7 +97,7 @@ pub fn cuts(
     cuts
 }
 
-/// The rows that a pass computes together; none: all.
+/// Returns the number of rows that a pass computes together; `None` if it cannot be split by rows.
 fn step(pass: &Pass) -> Option<u32> {
     let rows = match pass.dispatch {
         Dispatch::Invocations([_, height]) => height.max(1) * pass.kernel.workgroup[1],
@@ -108,10 +108,10 @@ fn step(pass: &Pass) -> Option<u32> {
     Some(rows.max(1))
 }
 
-/// The last multiple of `step` within the rows, behind the first of them, up to which they fit.
+/// Returns the last multiple of `step` after the first row up to which the work fits.
 fn last_fitting(rows: Range<u32>, step: u32, fits: impl Fn(u32) -> bool) -> Option<u32> {
     let (mut low, mut high) = (rows.start / step, (rows.end - 1) / step + 1);
-    // At `low` they fit, at `high` they do not.
+    // The work fits up to `low`, and does not fit up to `high`.
     while high - low > 1 {
         let middle = low.midpoint(high);
         if fits(middle * step) { low = middle } else { high = middle }
@@ -137,7 +137,7 @@ mod tests {
         (graph(&spec, &assignment, None), CostModel::new(&spec, &Declarations::default()))
     }
 
-    /// Every pass takes 1 ms a row, all its runs together.
+    /// Teaches the model that every pass takes 1 ms per row, over all its runs.
     fn learned(graph: &FrameGraph, mut model: CostModel, devices: usize) -> CostModel {
         let stage = |device, task: &crate::graph::Task| match task.kind {
             TaskKind::Dispatch { pass, .. } => {
@@ -153,7 +153,7 @@ mod tests {
         model
     }
 
-    /// The rows of each submission, a run of several counted by its share of the samples.
+    /// Returns the rows of each submission. A run counts by its fraction of the pass's samples.
     fn submissions(graph: &FrameGraph, device: usize, cuts: &[Cut], spp: u32) -> Vec<f64> {
         let mut all = vec![0.0];
         for (number, task) in graph.parts_of(device).0.iter().enumerate() {
@@ -202,7 +202,7 @@ mod tests {
                     let what = format!("{devices} devices, {spp} samples, {bound_ms} ms: {all:?}");
                     assert!((all.iter().sum::<f64>() - whole).abs() < 1e-6, "{what}");
                     assert!(all.iter().all(|ms| *ms <= bound_ms + 1e-6), "{what}");
-                    // Full but for less than the 8 rows that are computed together.
+                    // Submissions are full, up to the 8 rows that are computed together.
                     assert!(all.len() as f64 <= uncut + whole / (bound_ms - 8.0), "{what}");
                 }
             }
@@ -221,7 +221,7 @@ mod tests {
             };
             cuts.iter().filter(is_traced).count() as f64
         };
-        // Of the left eye, and of all pixels of the right one, which may be holes.
+        // Paths of the left eye, and of all pixels of the right eye, which may all be holes.
         let expected = 2.0 * paths * UNKNOWN_PATH_MS / 20.0;
         let found = of_paths(&cuts_of(20.0));
         assert!(found >= expected - 2.0 && found <= 1.2 * expected + 2.0, "{found} instead of {expected}");
@@ -237,7 +237,7 @@ mod tests {
             let parts = parts(&cuts, number, &task.rows);
             let rows: Vec<u32> = parts.iter().map(|p| p.start.row).collect();
             let expected: Vec<u32> = (0..EXTENT.height).step_by(8).collect();
-            // All but the first task have a submission end before them.
+            // A submission ends before every task but the first.
             assert_eq!(rows[usize::from(number > 0)..], expected, "task {number}");
         }
     }

@@ -1,4 +1,4 @@
-//! Decides by cost whether rows around a stripe are received or filtered by the device itself.
+//! Decides by cost whether a device receives the rows around its stripe or computes them itself.
 
 use std::ops::Range;
 
@@ -6,10 +6,10 @@ use super::cost::CostModel;
 use crate::graph::{Chain, HaloPlan, Pass, Program};
 use crate::scene::rig::Eye;
 
-/// A plan must be predicted to save this part of what the present one costs.
+/// Fraction of the current plan's cost that a new plan must be predicted to save.
 const HYSTERESIS: f64 = 0.2;
 
-/// The halo plan of the next frame.
+/// Returns the halo plan of the next frame.
 pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
     let spec = model.spec();
     let links = model.program().links();
@@ -21,7 +21,7 @@ pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
     if best_ms < (1.0 - HYSTERESIS) * costs.ms(now) { best } else { now }
 }
 
-/// The mean cost to a device of the runs of passes that plans are made of.
+/// Mean cost per device of the runs of passes that make up plans.
 struct HaloCosts {
     /// The runs that begin at each pass, the shortest first.
     runs: Vec<Vec<Run>>,
@@ -30,19 +30,20 @@ struct HaloCosts {
 
 /// The passes from one exchange to the next.
 struct Run {
-    /// The cost of the margins that are filtered, of rows that are new with each pass, and of waits for them.
+    /// Cost of margins that the device computes, of receiving rows that are new with each pass, and of waiting for
+    /// them.
     ms: f64,
-    /// For each view, the rows around a stripe that are received.
+    /// Received rows around a stripe, for each view.
     halo_rows: [u32; 2],
-    /// For each view, the bytes of such a row that stay as they are for all of the filter's passes.
+    /// Bytes of such a row that no pass of the filter changes, for each view.
     kept_bytes: [u64; 2],
 }
 
-/// What lies between a device and its neighbours.
+/// Transfer costs between a device and its neighbours.
 struct Link {
-    /// The mean number of neighbours of a device. A device at the border of the frame has one.
+    /// Mean number of neighbours of a device. A device at the border of the frame has one.
     sides: f64,
-    /// The cost of both ends of a transfer: latency, and time per byte.
+    /// Cost of both ends of a transfer: latency, and time per byte.
     transfer_ms: [f64; 2],
     wait_ms: f64,
 }
@@ -50,11 +51,11 @@ struct Link {
 /// A pass of the filter when rows are received right before it.
 struct FilterPass {
     reach_rows: u32,
-    /// The number of rows around its own that it computes for what comes after the filter.
+    /// Number of rows around its own that it computes for passes after the filter.
     after_rows: u32,
     ms_per_row: f64,
-    /// Bytes of a row of what it reads: of images that no pass of the filter writes, and of those that are new with
-    /// each pass.
+    /// Bytes per row of its inputs: of images that no pass of the filter writes, and of images that are new with each
+    /// pass.
     kept_bytes: u64,
     new_bytes: Vec<u64>,
 }
@@ -72,7 +73,7 @@ impl Link {
         }
     }
 
-    /// The cost to receive and send this many rows on each side.
+    /// Returns the cost to receive and send this many rows on each side.
     fn transfer_ms(&self, rows: u32, row_bytes: u64) -> f64 {
         match u64::from(rows) * row_bytes {
             0 => 0.0,
@@ -92,7 +93,7 @@ impl Link {
                 rows += pass.reach_rows;
             }
             run.ms += first.new_bytes.iter().map(|bytes| self.transfer_ms(rows, *bytes)).sum::<f64>();
-            // The rows of the first pass are part of every plan, and its waits are for tracing.
+            // Every plan receives rows before the first pass, whose waits are for tracing.
             run.ms += if range.start > 0 { self.wait_ms } else { 0.0 };
             run.halo_rows[view] = rows;
             run.kept_bytes[view] = first.kept_bytes;
@@ -113,8 +114,8 @@ impl HaloCosts {
         Self { runs: (0..passes).map(runs_at).collect(), link }
     }
 
-    /// The cost of a run where `kept_rows` of what the filter leaves as it is are there from earlier runs, and how many
-    /// are there after it.
+    /// Returns the cost of a run, and the rows of unchanged images that are present after it, given the `kept_rows`
+    /// that earlier runs have received.
     fn after(&self, kept_rows: [u32; 2], run: &Run) -> (f64, [u32; 2]) {
         let (mut ms, mut rows) = (run.ms, kept_rows);
         for ((rows, halo), bytes) in rows.iter_mut().zip(run.halo_rows).zip(run.kept_bytes) {
@@ -133,15 +134,15 @@ impl HaloCosts {
         sum_ms
     }
 
-    /// The plan that costs least, and its cost. There are many plans, so those that begin alike are weighed together,
-    /// until they cost more than the best one does so far.
+    /// Returns the cheapest plan and its cost. The search is branch and bound: plans with a common prefix are weighed
+    /// together, until they cost more than the best plan so far.
     fn cheapest(&self) -> (HaloPlan, f64) {
         let mut best = (HaloPlan::RECOMPUTE, f64::INFINITY);
         self.extend(HaloPlan::RECOMPUTE, 0, 0.0, [0; 2], &mut best);
         best
     }
 
-    /// Extends a plan that is known up to pass `begin`, at which it has cost `ms`.
+    /// Extends a plan that is fixed up to pass `begin` and costs `ms` so far.
     fn extend(&self, plan: HaloPlan, begin: usize, ms: f64, kept_rows: [u32; 2], best: &mut (HaloPlan, f64)) {
         if ms >= best.1 {
             return;
@@ -162,7 +163,7 @@ fn mean(devices: usize, of: impl Fn(usize) -> f64) -> f64 {
     (0..devices).map(of).sum::<f64>() / devices as f64
 }
 
-/// The filter's passes on each view. `ms_per_row` says what a row costs.
+/// Returns the filter's passes on each view. `ms_per_row` returns the cost of a row.
 fn filter_passes(program: &Program, ms_per_row: impl Fn(&Pass) -> f64) -> [Vec<FilterPass>; 2] {
     let links = || program.passes().iter().filter(|p| p.link.is_some());
     let mut views = [Vec::new(), Vec::new()];

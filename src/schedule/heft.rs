@@ -2,12 +2,12 @@
 //!
 //! The method is that of Topcuoglu, Hariri & Wu 2002, "Performance-effective and low-complexity task scheduling for
 //! heterogeneous computing", with these departures:
-//! - The tasks are blocks of rows, finer than stripes, of each set of groups that is cut together (tracing, filter).
-//! - A device owns contiguous rows. HEFT places blocks anywhere, so it decides what share of a set each device gets.
-//!   The stripes are then cut to the time that its blocks took there.
+//! - The tasks are blocks of rows, finer than stripes, of each set of groups that share a partition (tracing, filter).
+//! - A device owns contiguous rows, but HEFT places blocks anywhere. It therefore only decides the fraction of a set
+//!   that each device gets. Stripes are then sized to the time that the device's blocks take.
 //! - Blocks are appended, not inserted into gaps, since a device has no gaps before its last tracing block.
-//! - Ranks order the blocks of a set, and the sets follow one another. Ranks alone would only tell otherwise where a
-//!   block of the filter takes longer than one of tracing and what comes after it.
+//! - Ranks order the blocks within a set, and sets follow one another. Global ranks would only differ if a filter block
+//!   took longer than a tracing block and its successors.
 
 use std::collections::VecDeque;
 
@@ -42,14 +42,14 @@ impl Policy for Heft {
     }
 }
 
-/// Blocks per device and set: finer than the balance that is asked for, but few enough to be placed in little time.
+/// Blocks per device and set: fine enough for the required balance, and few enough to be placed quickly.
 const BLOCKS_PER_DEVICE: usize = 16;
 const LEAST_BLOCKS: usize = 64;
 
-/// For each block of a set, the time that it takes on each device.
+/// Time of each block of a set, on each device.
 type Blocks = Vec<Vec<f64>>;
 
-/// Milliseconds that the blocks of each set take on each device, by HEFT.
+/// Returns, for each set, the time of the blocks that HEFT places on each device, ms.
 fn place(model: &CostModel) -> Vec<Vec<f64>> {
     let spec = model.spec();
     let count = (spec.devices * BLOCKS_PER_DEVICE).max(LEAST_BLOCKS).min(spec.extent.height as usize);
@@ -61,7 +61,7 @@ fn place(model: &CostModel) -> Vec<Vec<f64>> {
     let transfer_ms = crossing_ms(model, reach_rows);
     let ranks = ranked(&sets, reach, transfer_ms);
     let mut free_ms = vec![0.0; spec.devices];
-    // For each device and block, when what the block reads has arrived.
+    // Time at which a block's inputs have arrived, for each device and block.
     let mut ready_ms = vec![vec![0.0; count]; spec.devices];
     let mut shares = Vec::with_capacity(sets.len());
     for (blocks, ranks) in sets.iter().zip(&ranks) {
@@ -84,8 +84,8 @@ fn place(model: &CostModel) -> Vec<Vec<f64>> {
     shares
 }
 
-/// Upward ranks: the mean time of a block plus the largest rank of the blocks that must follow it, which is the mean
-/// time from its begin to the end of the frame along the longest path.
+/// Returns upward ranks: the mean time of a block plus the largest rank of its successors. This is the mean length of
+/// the longest path from its start to the end of the frame.
 fn ranked(sets: &[Blocks], reach: usize, transfer_ms: f64) -> Vec<Vec<f64>> {
     let mut ranks: Vec<Vec<f64>> = Vec::with_capacity(sets.len());
     for blocks in sets.iter().rev() {
@@ -100,8 +100,8 @@ fn ranked(sets: &[Blocks], reach: usize, transfer_ms: f64) -> Vec<Vec<f64>> {
     ranks
 }
 
-/// When everything that a block of the next set reads has arrived, for each device and block, from the times at which
-/// the blocks of this set end on the devices that they are on.
+/// Returns the time at which a block of the next set has all its inputs, for each device and block, given the times at
+/// which the blocks of this set end on their devices.
 fn arrivals(ends_ms: &[Vec<f64>], reach: usize, transfer_ms: f64) -> Vec<Vec<f64>> {
     let latest: Vec<Vec<f64>> = ends_ms.iter().map(|ends| largest_around(ends, reach)).collect();
     let on_device = |device: usize| {
@@ -115,10 +115,10 @@ fn arrivals(ends_ms: &[Vec<f64>], reach: usize, transfer_ms: f64) -> Vec<Vec<f64
     (0..latest.len()).map(on_device).collect()
 }
 
-/// The largest of the values within `reach` of each.
+/// Returns the largest of the values within `reach` of each index.
 fn largest_around(values: &[f64], reach: usize) -> Vec<f64> {
     let mut largest = Vec::with_capacity(values.len());
-    // Those that are larger than all after them so far.
+    // Indices of values that exceed all later values so far.
     let mut candidates: VecDeque<usize> = VecDeque::with_capacity(values.len());
     let mut seen = 0;
     for index in 0..values.len() {
@@ -137,13 +137,13 @@ fn largest_around(values: &[f64], reach: usize) -> Vec<f64> {
     largest
 }
 
-/// The number of rows that the filter reads beyond its own.
+/// Returns the number of rows that the filter reads beyond its own.
 fn filter_reach_rows(program: &Program) -> u32 {
     let links = program.passes().iter().filter(|p| p.link.is_some());
     links.map(|p| p.pass.halo_rows() + p.margin_rows).max().unwrap_or(0)
 }
 
-/// Mean time to bring this many rows of what the filter's first pass reads from one device to another.
+/// Returns the mean time to transfer this many rows of the inputs of the filter's first pass between devices.
 fn crossing_ms(model: &CostModel, rows: u32) -> f64 {
     let spec = model.spec();
     let first = model.program().passes().iter().find(|p| p.link == Some(0));

@@ -1,14 +1,14 @@
-//! Quantities learned from measurements that are noisy, and cold at first: a mean and a straight line.
+//! Estimators for noisy measurements that are cold at first: a mean and a straight line.
 
-/// Share of a new measurement in a running mean.
+/// Weight of a new measurement in a running mean.
 const LEARNING_RATE: f64 = 0.5;
-/// One measurement counts as at most this many times the mean, and at least as this part of it. A device that was held
-/// up once must not move stripes, while one that has become slower still does so within a few frames.
+/// Maximum factor by which a measurement counts above or below the mean. A single hiccup must not move stripes, but a
+/// device that has become slower must do so within a few frames.
 const LEAP: f64 = 2.0;
 /// Weight that a frame's transfers keep in the next frame.
 const MEMORY: f64 = 0.9;
 
-/// An exponential mean. The first measurement is replaced by the second, since the first frame runs with cold caches.
+/// An exponential mean. The second measurement replaces the first, since the first frame runs with cold caches.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mean {
     value: f64,
@@ -16,14 +16,14 @@ pub struct Mean {
 }
 
 impl Mean {
-    /// Adds a measurement. Anything but a number above 0 says nothing and is left out.
+    /// Adds a measurement. Values that are not positive are ignored.
     pub fn learn(&mut self, measured: f64) {
         if measured > 0.0 {
             self.learn_with_zero(measured);
         }
     }
 
-    /// Adds a measurement of something that may take no time. A mean of 0 is replaced by the measurement.
+    /// Adds a measurement of something that may take no time. It replaces a mean of 0.
     pub fn learn_with_zero(&mut self, measured: f64) {
         if !measured.is_finite() || measured < 0.0 {
             return;
@@ -41,19 +41,19 @@ impl Mean {
         (self.measurements > 0).then_some(self.value)
     }
 
-    /// The mean, once the first measurement is replaced.
+    /// Returns the mean, once the first measurement is replaced.
     pub fn warm_value(&self) -> Option<f64> {
         self.value().filter(|_| self.measurements > 1)
     }
 
-    /// A quantity that is known in advance.
+    /// Creates the mean of a quantity that is known in advance.
     pub fn known(value: f64) -> Self {
         Self { value, measurements: 2 }
     }
 }
 
-/// Milliseconds of a transfer over its bytes: latency + bytes / bandwidth, fitted by least squares over past frames
-/// whose weight fades.
+/// Time of a transfer by its bytes: latency + bytes / bandwidth, fitted by least squares over past frames whose weight
+/// fades.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Line {
     count: f64,
@@ -77,17 +77,18 @@ impl Line {
         self.bytes_ms += other.bytes_ms;
     }
 
-    /// Reduces the weight of what was learned so far.
+    /// Reduces the weight of past measurements.
     pub fn fade(&mut self) {
         for sum in [&mut self.count, &mut self.bytes, &mut self.ms, &mut self.bytes_bytes, &mut self.bytes_ms] {
             *sum *= MEMORY;
         }
     }
 
-    /// Latency in milliseconds and milliseconds per byte, neither below 0. Both are 0 before anything was learned.
+    /// Returns latency in milliseconds and milliseconds per byte, neither below 0. Both are 0 before the first
+    /// measurement.
     ///
-    /// Where the sizes are too similar for a slope, or the best line has a latency below 0, the line goes through the
-    /// origin. Where it falls, everything is latency.
+    /// If the sizes are too similar for a slope, or the best line has a latency below 0, the line goes through the
+    /// origin. If the line falls, everything is latency.
     pub fn fit(&self) -> (f64, f64) {
         if self.count <= 0.0 {
             return (0.0, 0.0);

@@ -1,11 +1,11 @@
-//! `measured` stripes, which are even by the predicted cost of every row on the device that gets it.
+//! The policy `measured`: stripes of equal predicted cost.
 
 use super::cost::CostModel;
 use super::cut::{MovingStripes, cut};
 use super::policy::Policy;
 use crate::graph::Assignment;
 
-/// Cuts stripes of even predicted cost. Devices of different speed get different shares.
+/// Policy that cuts stripes of equal predicted cost. Faster devices get more rows.
 pub struct Measured {
     stripes: MovingStripes,
 }

@@ -1,8 +1,8 @@
-//! Decides which device computes which rows: a model of what work costs, policies that cut each view into stripes, and
-//! a simulation of a frame on a virtual clock.
+//! Distributes rows among devices: a cost model, policies that partition each view into stripes, and a simulation of a
+//! frame on a virtual clock.
 //!
-//! A policy asks the [`CostModel`] and returns an [`crate::graph::Assignment`]. It knows neither devices nor wgpu. No
-//! image may depend on its result, only the time that it takes to render.
+//! A policy asks the [`CostModel`] and returns an [`crate::graph::Assignment`]. It knows neither devices nor wgpu. Its
+//! result may only affect the time to render, never an image.
 
 mod cost;
 mod cut;

@@ -1,24 +1,25 @@
-//! What rows take from one machine to another.
+//! Transfer times between machines.
 
-/// Links between the ranks that devices are of, all alike. Without ranks there are none.
+/// Links between the ranks of devices, all alike. Without ranks there is no network.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Network {
     /// The rank of each device.
     pub ranks: Vec<usize>,
-    /// One way.
+    /// One-way latency.
     pub latency_ms: f64,
     pub ms_per_byte: f64,
 }
 
-/// When the links of ranks are in use during a frame: sorted, disjoint times of each rank's way out and of its way in.
+/// Busy intervals of the ranks' links during a frame, sorted and disjoint: outgoing and incoming, for each rank.
 #[derive(Clone, Debug, Default)]
 pub struct Traffic {
     lines: Vec<[Vec<(f64, f64)>; 2]>,
 }
 
 impl Network {
-    /// When rows that have been sent at this time are at the thread that waits for them. Rows between machines keep the
-    /// sender's way out and the receiver's way in to themselves for as long as their bytes take, and go when both are free.
+    /// Returns the time at which rows that were sent at `sent_ms` reach the thread that waits for them. A transfer
+    /// between machines occupies the sender's outgoing and the receiver's incoming link exclusively, and starts when
+    /// both are free.
     pub fn arrival_ms(&self, traffic: &mut Traffic, from: usize, to: usize, bytes: u64, sent_ms: f64) -> f64 {
         let (Some(&from), Some(&to)) = (self.ranks.get(from), self.ranks.get(to)) else { return sent_ms };
         if from == to {
@@ -28,7 +29,7 @@ impl Network {
         traffic.pass(from, to, sent_ms, ms) + ms + self.latency_ms
     }
 
-    /// Of these devices alone, renumbered in this order.
+    /// Returns the network of these devices alone, renumbered in this order.
     pub fn of_devices(&self, devices: &[usize]) -> Self {
         let ranks = devices.iter().filter_map(|&device| self.ranks.get(device).copied()).collect();
         Self { ranks, ..self.clone() }
@@ -36,7 +37,7 @@ impl Network {
 }
 
 impl Traffic {
-    /// Takes the first time from `ready_ms` on in which both links are free for so long; returns when it begins.
+    /// Reserves the first interval of `ms` from `ready_ms` on in which both links are free. Returns its start.
     fn pass(&mut self, from: usize, to: usize, ready_ms: f64, ms: f64) -> f64 {
         if ms <= 0.0 {
             return ready_ms;
@@ -69,12 +70,12 @@ mod tests {
         let mut arrival = |from, to, sent_ms| network.arrival_ms(&mut traffic, from, to, 1000, sent_ms);
         assert_eq!(arrival(0, 1, 5.0), 5.0);
         assert_eq!(arrival(0, 2, 0.0), 11.0);
-        // The way out of rank 0 is in use, whichever device sends.
+        // The outgoing link of rank 0 is busy, whichever device sends.
         assert_eq!(arrival(1, 4, 2.0), 21.0);
-        // The way in of rank 2 is until 20 ms; that of rank 0 is not.
+        // The incoming link of rank 2 is busy until 20 ms; that of rank 0 is free.
         assert_eq!(arrival(3, 5, 12.0), 31.0);
         assert_eq!(arrival(4, 0, 3.0), 14.0);
-        // What comes up late in the order of tasks finds a gap, if that is long enough.
+        // Transfers that come later in the order of tasks fill earlier gaps, if these are long enough.
         assert_eq!(arrival(0, 3, 40.0), 51.0);
         assert_eq!(arrival(0, 3, 22.0), 33.0);
         assert_eq!(arrival(0, 3, 33.0), 61.0);

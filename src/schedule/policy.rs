@@ -1,4 +1,4 @@
-//! The trait of policies, and the policies without measurements: `even` and `static` stripes.
+//! The policy trait, and the policies that need no measurements: `even` and `static`.
 
 use std::str::FromStr;
 
@@ -11,14 +11,14 @@ use crate::scene::rig::Eye;
 pub trait Policy: Send {
     fn name(&self) -> &'static str;
 
-    /// Stripes of the next frame, by what `model` has learned from those before.
+    /// Returns the stripes of the next frame, given a `model` that has learned from previous ones.
     fn assign(&mut self, model: &CostModel) -> Assignment;
 
     /// Removes a device that has failed. The numbers above it decrease by one. At least one device is left.
     fn remove_device(&mut self, device: usize);
 }
 
-/// The same number of rows for every device.
+/// Policy that gives every device the same number of rows.
 pub struct Even {
     height: u32,
     devices: usize,
@@ -44,7 +44,7 @@ impl Policy for Even {
     }
 }
 
-/// The ratios of one rule, as in `5,1,2`. They may be of a group of passes and a view, as in `denoise=1,1,2` and
+/// Ratios such as `5,1,2`. They may be limited to a group of passes and a view, as in `denoise=1,1,2` and
 /// `path_trace.left=5,1,2`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RatioRule {
@@ -73,7 +73,7 @@ impl FromStr for RatioRule {
     }
 }
 
-/// Former names of groups, which are still understood.
+/// Former names of groups, which are still accepted.
 const FORMER: [(&str, CutGroup); 1] = [("atrous", denoise::CUT)];
 
 fn parse_group(name: &str) -> Result<CutGroup, String> {
@@ -96,7 +96,7 @@ fn parse_view(name: &str) -> Result<Option<Eye>, String> {
     }
 }
 
-/// Fixed ratios, by group of passes and view where rules say so. Later rules take precedence.
+/// Policy of fixed ratios, by group of passes and view if rules say so. Later rules take precedence.
 pub struct Static {
     height: u32,
     devices: usize,
@@ -132,7 +132,7 @@ impl Policy for Static {
         self.assignment.clone()
     }
 
-    /// The others keep their ratios. Where only zeros are left, rows are divided evenly.
+    /// Removes the device's ratios; the others stay. If only zeros are left, rows are divided evenly.
     fn remove_device(&mut self, device: usize) {
         self.devices -= 1;
         for rule in &mut self.rules {

@@ -1,12 +1,12 @@
-//! Simulates a frame's graph on a virtual clock, with the costs that a model predicts, in the way in which workers
-//! carry it out.
+//! Simulates a frame's graph on a virtual clock with the costs that a model predicts, following the order in which
+//! workers execute it.
 //!
 //! As `exec/README.md` says, each device takes its tasks in the order of their keys. Stages run one after another on
 //! its queue. Transfers take its host thread, which waits for the queue before it sends rows, and for the rows of
-//! others before it hands them to the queue; later stages are held up meanwhile. Rows that go from one machine to another
-//! come later by what the network takes, one after the other where they share a link. That counts as part of the upload
-//! that waits for them. Where exec would look for rows of others between two downloads, here all downloads go first, so
-//! uploads may be predicted a little late.
+//! others before it hands them to the queue; later stages are held up meanwhile. The network delays rows between
+//! machines, one after the other if they share a link. This delay counts as part of the upload that waits for them.
+//! exec may receive rows of others between two downloads. Here all downloads go first, so uploads may be predicted a
+//! little late.
 
 use petgraph::Direction;
 use petgraph::graph::NodeIndex;
@@ -21,11 +21,11 @@ use crate::scene::rig::Eye;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
     pub makespan_ms: f64,
-    /// The time that each device spends in stages.
+    /// Time that each device spends in stages.
     pub busy_ms: Vec<f64>,
     /// Host time in transfers, summed over all devices.
     pub transfer_ms: f64,
-    /// Tasks that each waited for the one before, from the begin of the frame to its stitch.
+    /// Tasks that each waited for the one before, from the start of the frame to its stitch.
     pub critical_path: Vec<Step>,
     pub limit: Limit,
 }
@@ -48,10 +48,10 @@ pub enum StepKind {
     Stitch,
 }
 
-/// The largest cost of a frame beside the work that one device would have to do as well.
+/// Largest cost of a frame besides the work that a single device would have to do as well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
-    /// Nothing else. All but 5 % of the makespan is that work.
+    /// No other cost. All but 5 % of the makespan is that work.
     Work,
     /// Devices that wait for slower stripes.
     Imbalance,
@@ -75,10 +75,10 @@ impl Limit {
     }
 }
 
-/// The share of a frame's time that may be lost before something other than work limits it.
+/// Fraction of a frame's time that may be lost before something other than work limits it.
 pub const LOSS_SHARE: f64 = 0.05;
 
-/// A device waits for rows that are sent later.
+/// Deadlock: a device waits for rows that are only sent later.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("device {device} waits for ever for the rows of transfer {transfer}")]
 pub struct Stuck {
@@ -86,7 +86,7 @@ pub struct Stuck {
     pub transfer: u32,
 }
 
-/// Predicts how a frame with this graph will go, with the effort of the frames that the model plans.
+/// Predicts the timing of a frame with this graph, at the effort of the frames that the model plans.
 ///
 /// # Errors
 /// [`Stuck`] if a task depends on one that comes after it. Graphs of [`FrameGraph::build`] have no such task.
@@ -94,7 +94,7 @@ pub fn simulate(graph: &FrameGraph, model: &CostModel) -> Result<Prediction, Stu
     simulate_at(graph, model, model.effort())
 }
 
-/// Predicts how a frame with this graph will go that takes another effort.
+/// Predicts the timing of a frame with this graph at another effort.
 ///
 /// # Errors
 /// Those of [`simulate`].
@@ -104,7 +104,7 @@ pub fn simulate_at(graph: &FrameGraph, model: &CostModel, effort: &Effort) -> Re
     Ok(play.conclude())
 }
 
-/// The time that a task is predicted to take in a frame of this effort, without what it waits for.
+/// Returns the predicted time of a task in a frame of this effort, without waits.
 pub fn task_ms(graph: &FrameGraph, model: &CostModel, effort: &Effort, task: &Task) -> f64 {
     match task.kind {
         TaskKind::Dispatch { pass, .. } => {
@@ -121,11 +121,11 @@ pub fn task_ms(graph: &FrameGraph, model: &CostModel, effort: &Effort, task: &Ta
 struct Played {
     begin_ms: f64,
     end_ms: f64,
-    /// The task whose end let this one begin. With none, it began with the frame.
+    /// The task whose end let this one begin; `None` if it began with the frame.
     cause: Option<NodeIndex>,
 }
 
-/// The time at which something is free again, and the task that it waits for until then.
+/// Time at which a resource is free again, and the task that occupies it until then.
 #[derive(Clone, Copy)]
 struct Free {
     at_ms: f64,
@@ -141,7 +141,7 @@ impl Free {
 struct Clock {
     queue: Free,
     host: Free,
-    /// The last upload, before which nothing later is submitted.
+    /// End of the last upload, before which no later stage is submitted.
     gate: Free,
     /// The task that was simulated last.
     last: Option<NodeIndex>,
@@ -172,7 +172,7 @@ impl<'a> Play<'a> {
         Self { graph, model, effort, clocks, played, busy_ms, transfer_ms: 0.0, traffic }
     }
 
-    /// The time at which the rows of an upload have come from the device that had them, and when they left it.
+    /// Returns when the rows of an upload have arrived, and when they left their device.
     fn come(&mut self, node: NodeIndex) -> Option<(Free, f64)> {
         let download = self.graph.dag.neighbors_directed(node, Direction::Incoming).next()?;
         let (from, task) = (self.graph.dag[download].device, &self.graph.dag[node]);
@@ -251,8 +251,8 @@ impl<'a> Play<'a> {
         path
     }
 
-    /// The largest loss. Steps of the critical path and overhead add up to the makespan, so losses add up to the part
-    /// of it that exceeds an even share of the work.
+    /// Returns the largest loss. The steps of the critical path and overhead add up to the makespan, so losses add up
+    /// to the part of it that exceeds an even distribution of the work.
     fn limit(&self, makespan_ms: f64, path: &[Step]) -> Limit {
         let mean_busy_ms = self.busy_ms.iter().sum::<f64>() / self.busy_ms.len() as f64;
         let (mut stages_ms, mut transfers_ms) = (0.0, 0.0);
@@ -273,7 +273,7 @@ impl<'a> Play<'a> {
         largest.filter(|_| lost_ms > LOSS_SHARE * makespan_ms).map_or(Limit::Work, |(limit, _)| limit)
     }
 
-    /// Time that all devices spend on rows that another device computes as well.
+    /// Returns the time that all devices spend on rows that another device computes as well.
     fn margins_ms(&self) -> f64 {
         let program = &self.graph.program;
         let mut passes = vec![(0.0, 0.0); program.passes().len()];

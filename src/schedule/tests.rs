@@ -1,4 +1,4 @@
-//! Checks what holds for every policy, and that predictions are right in a world that follows the model.
+//! Checks invariants of all policies, and that predictions are right in a world that follows the model.
 
 use proptest::prelude::*;
 
@@ -35,7 +35,7 @@ const TAIL_MS: f64 = 0.1;
 const GAP_MS: f64 = 0.01;
 
 impl World {
-    /// Sky over a city that takes ever more rays towards the bottom.
+    /// Returns sky over a city that takes ever more rays towards the bottom.
     fn sky_over_city(spec: FrameSpec, speeds: &[f64]) -> Self {
         let height = spec.extent.height;
         let rays = |per_pixel: u32| {
@@ -63,7 +63,7 @@ impl World {
         ms / self.speeds[device]
     }
 
-    /// What a frame of this graph costs here.
+    /// Returns the costs of a frame of this graph on these devices.
     fn costs(&self, graph: &FrameGraph) -> FrameCosts {
         let mut costs = FrameCosts { rays: self.rays.clone(), tail_ms: TAIL_MS, ..Default::default() };
         for device in 0..self.spec.devices {
@@ -90,7 +90,7 @@ impl World {
         costs
     }
 
-    /// The largest of the devices' busy times over their mean.
+    /// Returns the largest of the devices' busy times over their mean.
     fn imbalance(&self, graph: &FrameGraph) -> f64 {
         let mut busy = vec![0.0; self.spec.devices];
         self.costs(graph).stages.iter().for_each(|c| busy[c.device] += c.busy_ms);
@@ -256,7 +256,7 @@ fn rows_between_machines_are_on_their_way_for_what_the_network_takes() {
     };
     assert_eq!(on([0, 0], 1e4), near);
     let far = on([0, 1], 1e4);
-    // The filter of each eye has five iterations, and before all but one rows come from the other device.
+    // The filter of each eye has five iterations. Before all but one of them, rows come from the other device.
     assert!(far.makespan_ms > near.makespan_ms + 3e4, "{} after {}", far.makespan_ms, near.makespan_ms);
     assert_eq!(far.limit, Limit::Transfers);
     assert!(far.critical_path.windows(2).all(|pair| pair[0].end_ms == pair[1].begin_ms), "{:?}", far.critical_path);
@@ -276,7 +276,7 @@ fn dear_transfers_limit_a_frame() {
     assert_eq!(played.limit, Limit::Transfers);
 }
 
-/// The model of one pair of devices predicts other devices in the same world.
+/// Checks that the model of a pair of devices predicts other devices in the same world.
 #[test]
 fn simulated_devices_take_as_long_as_real_ones() {
     let halo = Seam::Halo(HaloPlan::RECOMPUTE);

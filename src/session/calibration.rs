@@ -1,4 +1,4 @@
-//! The built-in ladder: a few qualities are timed, and their times tell those of the others.
+//! Calibration of the built-in ladder: times a few qualities, and extrapolates to the others.
 
 use std::collections::{BTreeMap, HashMap};
 use std::time::{Duration, Instant};
@@ -13,16 +13,16 @@ use crate::passes::gbuffer;
 use crate::quality::Quality;
 use crate::scene::rig::Rig;
 
-/// The time after which no further quality is timed, but those without which nothing is known.
+/// Time after which only the indispensable qualities are still timed.
 const TIME_LIMIT: Duration = Duration::from_secs(2);
-/// Frames of each quality. The least busy times count, as others were disturbed.
+/// Timed frames per quality. Minimum busy times count, since longer ones were disturbed.
 const FRAMES: u32 = 3;
-/// Frames before the first, of which everything is cold.
+/// Frames before the first timed one, during which caches and clocks are cold.
 const WARM_UP: u32 = 2;
-/// The number of the first frame, beyond those of any run.
+/// Index of the first frame, above the frame indices of any run.
 pub const FIRST_FRAME: u32 = 1 << 24;
 
-/// The frames that are timed: a camera, a time in seconds, and the rows of an eye's image.
+/// View of the timed frames: a camera, a time in seconds, and the rows of an eye's image.
 pub struct View<'a> {
     pub rig: &'a Rig,
     pub time_s: f64,
@@ -42,9 +42,9 @@ pub enum CalibrationError {
     Stopped,
 }
 
-/// Makes the built-in ladder of some qualities. A few of them are timed on the renderer; the times of the others follow, as
-/// does the light that bounces bring; noise is estimated. `limit` turns a quality into the one that frames have, and `stop`
-/// ends it before the next frame.
+/// Makes the built-in ladder of some qualities. It times a few of them on the renderer, derives the times of the others
+/// and the light per bounce from these, and estimates noise. `limit` turns a quality into the one that frames have. If
+/// `stop` returns true, calibration ends before the next frame.
 ///
 /// # Errors
 /// [`CalibrationError`]
@@ -59,7 +59,7 @@ pub fn calibrate(
     let (begin, timed) = (Instant::now(), HashMap::new());
     let calibration = Calibration { renderer: &mut *renderer, view, limit, stop, begin, frames: 0, timed };
     let ladder = calibration.ladder(qualities, origin);
-    // The first frame must not find the history of those that were timed.
+    // The first frame must not use the timed frames as its history.
     renderer.begin_anew();
     ladder
 }
@@ -71,14 +71,14 @@ struct Calibration<'a> {
     stop: &'a dyn Fn() -> bool,
     begin: Instant,
     frames: u32,
-    /// By samples per pixel and bounces.
+    /// Measurements by samples per pixel and bounces.
     timed: HashMap<(u32, u32), Timed>,
 }
 
 /// The measurements of a quality.
 struct Timed {
     quality: Quality,
-    /// The least busy times by stage.
+    /// Minimum busy times by stage.
     stage_ms: BTreeMap<String, f64>,
     /// Mean radiance of both eyes.
     light: f64,
@@ -97,8 +97,8 @@ impl Calibration<'_> {
         let missing = self.missing_light();
         let mut rungs: Vec<Rung> = qualities.iter().map(|q| self.rung(q, missing[&q.bounces])).collect();
         let efforts = efforts(&rungs);
-        // Efforts are told apart from here on by what was measured: a frame more puts what the next ones are held against
-        // into their terms.
+        // From here on, relative costs come from measurements. One more frame makes the cost model learn its times in
+        // these units.
         if let Some((quality, effort)) = qualities.first().zip(efforts.first()) {
             self.renderer.set_effort(effort.clone());
             self.render(quality)?;
@@ -140,7 +140,8 @@ impl Calibration<'_> {
         Ok(frame)
     }
 
-    /// By bounces, the share of the light that more of them bring. Where it was not measured, it halves with each.
+    /// Returns, by number of bounces, the fraction of light that further bounces add. Where it was not measured, it is
+    /// extrapolated from the fewest bounces and halves with each one.
     fn missing_light(&self) -> HashMap<u32, f64> {
         let light = |bounces: u32| {
             let of = self.timed.iter().filter(|((_, b), _)| *b == bounces);
@@ -155,22 +156,22 @@ impl Calibration<'_> {
         let mut least: f64 = 0.0;
         for bounces in BOUNCES.into_iter().rev() {
             let halved = || share(few).unwrap_or(0.0) * 0.5f64.powi((bounces - few) as i32);
-            // Noise must not make more light of fewer bounces.
+            // Noise must not make fewer bounces brighter than more.
             least = least.max(share(bounces).unwrap_or_else(halved));
             missing.insert(bounces, least);
         }
         missing
     }
 
-    /// A candidate with what its stages are taken to cost; its own time is not known yet.
+    /// Makes a rung of a candidate with its estimated stage times. Its own time is not known yet.
     fn rung(&self, quality: &Quality, missing_light: f64) -> Rung {
         let error = guessed_error(quality, missing_light, self.view.rows);
         let (quality, stage_ms, time_ms) = (*quality, self.stage_ms(quality), f64::NAN);
         Rung { time_ms, error, flip: None, flicker: None, relmse: None, is_estimated: true, quality, stage_ms }
     }
 
-    /// Path tracing goes with the samples, from the same number of bounces if they were timed. The G-buffer takes a ray
-    /// more for each sample where it averages.
+    /// Estimates stage times. Path tracing is proportional to the samples, relative to a timing with the same number of
+    /// bounces if there is one. The G-buffer takes one more ray per sample if it averages samples.
     fn stage_ms(&self, quality: &Quality) -> BTreeMap<String, f64> {
         let spp = quality.spp.min(2);
         let near = [quality.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)));
@@ -194,7 +195,7 @@ impl Calibration<'_> {
     }
 }
 
-/// Mean of both eyes' radiance.
+/// Returns the mean radiance of both eyes.
 fn mean_light(images: &Stereo<RgbImage>) -> f64 {
     let pixels = images.left.pixels.iter().chain(&images.right.pixels);
     let sum: f64 = pixels.flatten().filter(|c| c.is_finite()).map(|c| f64::from(*c)).sum();

@@ -1,4 +1,4 @@
-//! Frames inside a budget: a renderer, and a controller that picks the quality of each frame from a ladder.
+//! Rendering inside a frame budget: a renderer, and a controller that picks the quality of each frame from a ladder.
 
 mod calibration;
 
@@ -31,7 +31,7 @@ use crate::schedule::Effort;
 /// ```
 pub struct Session {
     pub renderer: Renderer,
-    /// The gaze of both eyes in frames that are rendered from here on, see [`FrameParams::gaze`].
+    /// Gaze of both eyes in frames rendered from now on, see [`FrameParams::gaze`].
     pub gaze: Option<[[f64; 2]; 2]>,
     ladder: Ladder,
     /// The quality and the relative cost of each rung.
@@ -67,8 +67,8 @@ pub struct SessionFrame {
 }
 
 impl Session {
-    /// Makes a renderer and the built-in ladder of svgf for it: some qualities are timed, for two seconds, and errors are
-    /// estimated.
+    /// Makes a renderer and calibrates the built-in SVGF ladder for it: times some qualities for about two seconds, and
+    /// estimates errors.
     ///
     /// # Errors
     /// [`StartError`]
@@ -96,7 +96,7 @@ impl Session {
         Self::with_qualities(renderer, ladder, qualities, budget)
     }
 
-    /// Begins a session whose frames have other qualities than the rungs say, one for each rung.
+    /// Begins a session with one quality per rung that replaces the quality in the ladder.
     pub fn with_qualities(mut renderer: Renderer, ladder: Ladder, qualities: Vec<Quality>, budget: Budget) -> Self {
         renderer.set_budget(budget.hi_ms());
         Self {
@@ -138,7 +138,7 @@ impl Session {
         Decided { decision, decide_ms: begin.elapsed().as_secs_f64() * 1e3 }
     }
 
-    /// Renders a frame on the rung that was chosen, as [`Renderer::render`] does, and tells the controller of its makespan.
+    /// Renders a frame on the chosen rung, like [`Renderer::render`], and reports its makespan to the controller.
     ///
     /// # Errors
     /// Those of [`Renderer::render`].

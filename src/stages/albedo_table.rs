@@ -1,7 +1,7 @@
 //! Directional albedo of GGX reflection, tabulated for `surface.inc.wgsl`.
 //!
-//! With Schlick's Fresnel term, the share of light from all around that a microfacet surface reflects towards a viewer is
-//! f0 · a + f90 · b, where a and b depend on the viewer's cosine and on roughness alone.
+//! With Schlick's Fresnel term, a microfacet surface's directional albedo is f0 · a + f90 · b, where a and b depend
+//! only on the viewer's cosine and on roughness.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -9,10 +9,10 @@ use std::sync::LazyLock;
 use super::layout::{ALBEDO_GRID, SMOOTH};
 
 const GRID: usize = ALBEDO_GRID as usize;
-/// Samples a node, squared.
+/// Strata per dimension. A node takes the square of this many samples.
 const STRATA: usize = 16;
 
-/// (a, b) per node, cosines of one roughness side by side, then the means over directions per roughness.
+/// Returns (a, b) per node, one row of cosines per roughness, followed by each row's mean over directions.
 pub fn table() -> &'static [[f32; 2]] {
     static TABLE: LazyLock<Vec<[f32; 2]>> = LazyLock::new(made);
     &TABLE
@@ -26,7 +26,7 @@ fn made() -> Vec<[f32; 2]> {
     rows.iter().flatten().copied().chain(means).map(|ab| ab.map(|x| x as f32)).collect()
 }
 
-/// 2 ∫ e(μ) μ dμ of the function that is linear between the nodes, as the shader has it.
+/// Returns 2 ∫ e(μ) μ dμ of the piecewise linear interpolant that the shader evaluates.
 fn mean(row: &[[f64; 2]]) -> [f64; 2] {
     let h = 1.0 / (GRID - 1) as f64;
     let mut sum = [0.0; 2];
@@ -39,7 +39,7 @@ fn mean(row: &[[f64; 2]]) -> [f64; 2] {
     sum
 }
 
-/// Integrates over visible normals (Heitz 2018), each of which weighs G2 / G1.
+/// Integrates over visible normals (Heitz 2018), each weighted by G2 / G1.
 fn albedo(cosine: f64, alpha: f64) -> [f64; 2] {
     if alpha < f64::from(SMOOTH) {
         let weight = (1.0 - cosine).powi(5);
@@ -65,7 +65,8 @@ fn albedo(cosine: f64, alpha: f64) -> [f64; 2] {
     sum.map(|s| s / (STRATA * STRATA) as f64)
 }
 
-/// A normal's components in the viewer's plane and along the surface's normal (Dupuy & Benyoub 2023).
+/// Samples a visible normal (Dupuy & Benyoub 2023). Returns its components towards the viewer, within the surface, and
+/// along the surface's normal.
 fn visible_normal(v: [f64; 2], alpha: f64, u: [f64; 2]) -> [f64; 2] {
     let (x, z) = (v[0] * alpha, v[1]);
     let length = x.hypot(z);
@@ -94,15 +95,15 @@ mod tests {
         let table = table();
         assert_eq!(table[GRID - 1], [1.0, 0.0]);
         assert_eq!(table[0], [0.0, 1.0]);
-        // ∫ 2 μ (1 − μ)^5 dμ = 1 / 21, and a little more for being cut to straight lines.
+        // ∫ 2 μ (1 − μ)^5 dμ = 1 / 21. Linear interpolation of this convex function adds a little.
         let excess = table[GRID * GRID][1] - 1.0 / 21.0;
         assert!((0.0..2e-3).contains(&excess), "{excess}");
     }
 
     #[test]
     fn white_metal_of_full_roughness_loses_what_single_scattering_loses() {
-        // Height-correlated GGX at alpha 1 reflects 0.40916 ± 0.00006 of even light, by plain Monte Carlo over eight million
-        // pairs of cosine-distributed directions, without a table or visible normals.
+        // Height-correlated GGX at alpha 1 reflects 0.40916 ± 0.00006 of uniform light: plain Monte Carlo over eight
+        // million pairs of cosine-distributed directions, without a table or visible normals.
         let mean = table()[GRID * GRID + GRID - 1];
         assert!((mean[0] + mean[1] - 0.40916).abs() < 5e-4, "{mean:?}");
     }

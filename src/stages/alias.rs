@@ -1,14 +1,14 @@
-//! Alias tables: picking one of n things in proportion to their weights with one look-up (Walker 1977, built as
-//! Vose 1991).
+//! Alias tables, which sample one of n entries in proportion to their weights with one look-up (Walker 1977, built as
+//! in Vose 1991).
 
-/// Entry i is kept with probability `keep`, else `alias` is taken.
+/// A table entry: index i is kept with probability `keep`, and otherwise replaced by `alias`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
     pub keep: f32,
     pub alias: u32,
 }
 
-/// Weights are not negative and not all zero.
+/// Builds the alias table of weights that are not negative and not all zero.
 pub fn table(weights: &[f64]) -> Vec<Entry> {
     let n = weights.len();
     let scale = n as f64 / weights.iter().sum::<f64>();
@@ -23,7 +23,7 @@ pub fn table(weights: &[f64]) -> Vec<Entry> {
             small.push(l);
         }
     }
-    // What is left over is 1 but for rounding; an entry of weight zero must not be kept for that.
+    // Leftover entries have probability 1 up to rounding, so they alias to themselves.
     for i in small.into_iter().chain(large).filter(|&i| weights[i] > 0.0) {
         out[i] = Entry { keep: 1.0, alias: i as u32 };
     }

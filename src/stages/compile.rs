@@ -1,4 +1,4 @@
-//! Pipelines of passes on a device.
+//! Compiles the pipelines of passes on a device.
 
 use super::StageSettings;
 use super::layout::PassConstants;
@@ -22,12 +22,12 @@ pub enum StageError {
 /// A kernel's pipeline.
 pub struct Built {
     pub kernel: Kernel,
-    /// Whether it is for frames whose samples are spread over pixels; none: for any.
+    /// Whether it is specialised for jittered frames; `None` if it serves all frames.
     pub jitter: Option<bool>,
     pub pipeline: Pipeline,
 }
 
-/// The pipelines of a pass for all frames that there may be.
+/// Returns the pipelines of a pass for every kind of frame in the run. The device caches them.
 pub fn build(
     gpu: &mut GpuDevice,
     pass: &Pass,
@@ -39,7 +39,7 @@ pub fn build(
     let declared = override_names(shader.text());
     let mut one = |kind: Option<bool>, jitter| {
         let constants = settings.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
-        // Texts that are not files may share a name.
+        // Foreign texts may share a name, so the text itself is the key.
         let name = kernel.foreign_text().unwrap_or(kernel.name);
         let key = PipelineKey { shader: name, checks: shader.checks(settings.checks), constants };
         let pipeline = match gpu.pipelines.get(&key) {
@@ -84,7 +84,7 @@ fn compile(
         entry_point: Some("main"),
         compilation_options: wgpu::PipelineCompilationOptions {
             constants: &constants,
-            // Foreign text might read what others left there.
+            // Foreign text might read stale workgroup memory.
             zero_initialize_workgroup_memory: pass.kernel.foreign_text().is_some(),
         },
         cache: None,

@@ -1,4 +1,4 @@
-//! Foveation by three layers around the gaze, as the frame's constants say it to shaders.
+//! Foveation in three layers around the gaze, and the shader constants that describe it.
 
 use glam::{Vec2, Vec4};
 
@@ -11,22 +11,23 @@ use crate::scene::shot::Gaze;
 /// Sampling and filtering that follow the gaze (Peres, sections 4.2 and 4.4). The gaze may move with every frame.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Foveation {
-    /// Of the left and the right eye.
+    /// Gaze of the left and the right eye.
     pub gaze: [Gaze; 2],
-    /// Where the inner and the middle layer end, as fractions of the image's width; they rise. A frame may have others.
+    /// Radii at which the inner and the middle layer end, in increasing order, as fractions of the image's width. A
+    /// frame may override them.
     pub radii: [f64; 2],
-    /// Share of the outer layer's pixels that are not sampled, 0 to 1; it falls to 0 towards the inner layer.
+    /// Fraction of the outer layer's pixels that is not sampled, 0 to 1; it falls to 0 towards the inner layer.
     pub unsampled_share: f64,
     /// Filter iterations that pixels of the inner, middle and outer layer take part in: those with the smallest steps.
-    /// A frame may have others.
+    /// A frame may override them.
     pub iterations: [u32; 3],
 }
 
 impl Foveation {
-    /// Of Peres, section 5.1.
+    /// Default radii, from Peres, section 5.1.
     pub const RADII: [f64; 2] = [0.15, 0.30];
 
-    /// Radii and share of Peres, sections 4.2 and 5.1.
+    /// Creates layers with the radii and the unsampled fraction of Peres, sections 4.2 and 5.1.
     pub fn new(gaze: [Gaze; 2], iterations: [u32; 3]) -> Self {
         Self { gaze, radii: Self::RADII, unsampled_share: 0.5, iterations }
     }
@@ -36,8 +37,8 @@ impl Foveation {
         Self { gaze: eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }), ..self.clone() }
     }
 
-    /// The [`Self::unsampled_share`] with which this share of the left eye's pixels at `time_s` is sampled, as far as that
-    /// is from 0 to 1.
+    /// Returns the [`Self::unsampled_share`], clamped to 0 to 1, at which this fraction of the left eye's pixels is
+    /// sampled at `time_s`.
     pub fn unsampled_share_for(&self, sampled: f64, time_s: f64, extent: Extent) -> f64 {
         let ([inner, outer], [x, y]) = self.circles(0, time_s, extent.width, extent.height);
         let columns = extent.width as usize;
@@ -50,12 +51,12 @@ impl Foveation {
         if unsampled < outward { unsampled.max(0.0) / outward } else { 1.0 }
     }
 
-    /// Radii and gaze of an eye at `time_s` in an image of this size, pixels.
+    /// Returns the radii and the gaze of an eye at `time_s` in an image of this size, pixels.
     pub fn circles(&self, eye: usize, time_s: f64, width: u32, height: u32) -> ([f64; 2], [f64; 2]) {
         self.circles_of(self.radii, eye, time_s, width, height)
     }
 
-    /// ... with the radii of a frame.
+    /// Returns the same as [`Self::circles`] for the radii of a frame.
     pub fn circles_of(
         &self,
         radii: [f64; 2],
@@ -68,8 +69,9 @@ impl Foveation {
         (radii.map(|r| r * f64::from(width)), [x * f64::from(width), y * f64::from(height)])
     }
 
-    /// Radii and gaze of both eyes where images of this size are rendered: where eyes show what is resampled from a frame with
-    /// this grid, circles in that frame, around where it has the gaze and as wide there as they are for either eye.
+    /// Returns the radii and the gaze of both eyes in the rendered images, pixels. If eyes are resampled from a shared
+    /// projection (`rectified`), the gaze is mapped to it and the radii are scaled by its density there. Radii are the
+    /// larger ones of both eyes.
     pub fn circles_rendered(
         &self,
         radii: [f64; 2],
@@ -87,8 +89,8 @@ impl Foveation {
         ([0, 1].map(|i| left_radii[i].max(right_radii[i])), [left, right])
     }
 
-    /// The constants of a frame that eyes show at this size, but for the iterations. Without radii all of it is the inner
-    /// layer.
+    /// Returns the constants of a frame displayed at this size, except for the iterations. Without radii, the inner
+    /// layer covers the whole frame.
     pub(crate) fn describe(
         &self,
         extent: Extent,
@@ -119,7 +121,8 @@ mod tests {
         let extent = Extent::new(64, 48);
         let gaze = || Gaze { path: vec![[0.0, 0.4, 0.5]] };
         let falloff = |radii| Foveation { radii, ..Foveation::new([gaze(), gaze()], [5; 3]) };
-        // Around (25.6, 24): all within 6.4 pixels, half at 9.6, the floor from 12.8 outwards.
+        // Around (25.6, 24), all pixels within 6.4 pixels are sampled. The fraction falls linearly to its floor at 12.8
+        // pixels.
         let unsampled = falloff([0.1, 0.2]).unsampled_share_for(0.4, 0.0, extent);
         let mut sampled = 0.0;
         for (x, y) in (0..48).flat_map(|y| (0..64).map(move |x| (f64::from(x) + 0.5, f64::from(y) + 0.5))) {
@@ -131,7 +134,8 @@ mod tests {
             };
         }
         assert!((sampled / extent.area() as f64 - 0.4).abs() < 1e-9, "{unsampled}: {sampled}");
-        // What cannot be reached: the inner layer alone is more, or all is less.
+        // Unreachable fractions are clamped: the inner layer alone samples more than 0.01, and a layer of radius 2
+        // covers the whole image.
         assert_eq!(falloff([0.1, 0.2]).unsampled_share_for(0.01, 0.0, extent), 1.0);
         assert_eq!(falloff([2.0, 3.0]).unsampled_share_for(0.4, 0.0, extent), 1.0);
         assert_eq!(falloff([0.1, 0.2]).unsampled_share_for(1.0, 0.0, extent), 0.0);

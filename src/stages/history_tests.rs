@@ -1,4 +1,5 @@
-//! What is not finite in a frame's history goes no further, and is counted: put there between two frames, on a device.
+//! Tests that non-finite values in a frame's history do not spread and are counted. They are injected between two
+//! frames, on a device.
 
 use std::sync::Arc;
 
@@ -22,7 +23,7 @@ const HISTORY_ROWS: u32 = 4;
 /// NaN as a float and as two half floats.
 const NAN: u32 = 0x7fc0_7fc0;
 
-/// A scene on one device, whose frames follow one another as `exec` has them.
+/// Renders consecutive frames of a scene on one device, as `exec` does.
 struct Bench {
     gpu: GpuDevice,
     stages: DeviceStages,
@@ -40,7 +41,7 @@ fn program(history_rows: Option<u32>) -> Program {
     Declarations::default().check(&spec(history_rows)).unwrap()
 }
 
-/// As reports name it.
+/// Returns the image that reports call `name`.
 fn image(name: &str) -> Bound {
     *program(Some(0)).images().iter().find(|b| b.name() == name).expect(name)
 }
@@ -58,8 +59,8 @@ impl Bench {
         Self { gpu, stages, stamps, tables, frames: 0, before: None }
     }
 
-    /// Makes the next frame, whose eyes are `step` to the right of where those of the frame before were. Returns the
-    /// colours of both eyes and how many values were dropped.
+    /// Renders the next frame, with both eyes moved `step` to the right since the previous one. Returns the colours of
+    /// both eyes and the number of dropped values.
     fn frame(&mut self, step: f64) -> (Vec<f32>, u32) {
         let (frame, place) = (self.constants(step), Place::of(u64::from(self.frames), 1));
         let before = self.before.replace(Previous::from(&frame));
@@ -129,7 +130,7 @@ impl Bench {
         to.slice(..).get_mapped_range().unwrap().to_vec()
     }
 
-    /// Overwrites words `words` of a pixel in the middle of what the last frame left.
+    /// Overwrites these words of the centre pixel in the left eye's image of the last frame.
     fn poison(&self, image: &Bound, words: std::ops::Range<u64>) {
         let pixel = u64::from(EXTENT.height / 2 * EXTENT.width + EXTENT.width / 2);
         let last = self.stages.images.buffer(image, Eye::Left, Place::of(u64::from(self.frames), 1));
@@ -139,7 +140,7 @@ impl Bench {
     }
 }
 
-/// With eyes that stand still, creep and move, with and without gloss.
+/// Covers eyes that stand still, creep and move, with and without separate specular radiance.
 #[test]
 fn history_that_is_not_finite_is_dropped_and_counted() {
     let places = [

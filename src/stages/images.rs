@@ -1,6 +1,6 @@
-//! The images of a frame on one device. Every image spans the whole frame, whatever the device owns of it: stripes may
-//! move from frame to frame, and a row has the same address everywhere. What leaves a frame is there once per frame in
-//! flight, in slots; what a frame keeps for the next is there twice, and frames take turns.
+//! The images of a frame on one device. Every image spans the whole frame, whichever rows the device owns: stripes may
+//! move between frames, and a row has the same address on every device. Outputs have one buffer per frame in flight
+//! (slots). History has two buffers, which frames use alternately (turns).
 
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
@@ -16,41 +16,41 @@ pub struct Images {
     buffers: HashMap<(Resource, u8), Copies>,
 }
 
-/// The buffers of one resource, or of one of its two versions.
+/// The buffers of one resource, or of one of its two ping-pong versions.
 struct Copies {
     kind: Kind,
-    /// By eye, one for what devices have once, and by slot or turn.
+    /// Buffers by eye (a single entry if the eyes share them), then by slot or turn.
     buffers: Vec<Vec<wgpu::Buffer>>,
 }
 
-/// Which frames share a buffer.
+/// Rule by which frames share a buffer.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     All,
-    /// Every other one.
+    /// Every other frame shares a buffer.
     Turns,
-    /// Those that cannot be in flight together.
+    /// Frames that are never in flight together share a buffer.
     Slots,
 }
 
-/// Which of the images that are there several times are a frame's.
+/// Selects a frame's buffers among the copies of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub struct Place {
-    /// Of what leaves the frame.
+    /// Slot of the frame's outputs.
     pub slot: usize,
-    /// 0 or 1: of what the frame keeps for the next.
+    /// Turn, 0 or 1, of the frame's history.
     pub turn: usize,
 }
 
 impl Place {
-    /// Of the `number`th frame, of which `slots` may be in flight.
+    /// Returns the place of the `number`th frame, with `slots` frames in flight.
     pub fn of(number: u64, slots: usize) -> Self {
         Self { slot: (number % slots as u64) as usize, turn: (number % 2) as usize }
     }
 }
 
 impl Images {
-    /// What any of these programs binds, with `slots` frames in flight.
+    /// Creates the buffers of all images that any of these programs binds, with `slots` frames in flight.
     pub fn new(gpu: &GpuDevice, programs: &[Program], extent: Extent, slots: usize) -> Self {
         let bound = || programs.iter().flat_map(Program::images);
         let kept: HashSet<Resource> = bound().filter(|b| b.is_before).map(|b| b.resource).collect();
@@ -72,7 +72,7 @@ impl Images {
         Self { extent, buffers }
     }
 
-    /// The resource of this name.
+    /// Returns the resource of this name and number.
     pub fn find(&self, name: &str, number: u8) -> Option<Resource> {
         self.buffers.keys().map(|(resource, _)| *resource).find(|r| r.name == name && r.number == number)
     }
@@ -82,10 +82,10 @@ impl Images {
         self.buffers.contains_key(&(*resource, 0))
     }
 
-    /// The image of the frame in this place.
+    /// Returns the buffer that holds an image of the frame in this place.
     ///
     /// # Panics
-    /// On an image that no program binds, and a slot that is not there.
+    /// If no program binds the image, or if the slot does not exist.
     pub fn buffer(&self, bound: &Bound, eye: Eye, place: Place) -> &wgpu::Buffer {
         let copies = &self.buffers[&(bound.resource, bound.buffer)];
         let number = match copies.kind {
@@ -97,13 +97,13 @@ impl Images {
         &copies.buffers[(eye as usize).min(copies.buffers.len() - 1)][number]
     }
 
-    /// Bytes of rows `rows` of an image: offset and size.
+    /// Returns the offset and the size of these rows of an image, bytes.
     pub fn span(&self, resource: &Resource, rows: &Range<u32>) -> (u64, u64) {
         let row = resource.row_bytes(self.extent);
         (resource.header_bytes() + row * u64::from(rows.start), row * u64::from(rows.end - rows.start))
     }
 
-    /// ... of all its rows.
+    /// Returns the offset and the size of all rows of an image, bytes.
     pub fn whole(&self, resource: &Resource) -> (u64, u64) {
         self.span(resource, &resource.extent(self.extent).rows())
     }
@@ -116,7 +116,7 @@ fn new_buffer(gpu: &GpuDevice, resource: &Resource, size: u64) -> wgpu::Buffer {
         Format::List => Usage::STORAGE | Usage::INDIRECT,
         Format::Uniform(_) => Usage::UNIFORM,
     };
-    // Acceleration structures are built from what passes write.
+    // Passes write the vertices from which acceleration structures are built.
     let is_input = gpu.info.traversal == Traversal::Hardware && matches!(resource.format, Format::Texels(_));
     let usage = if is_input { usage | Usage::BLAS_INPUT } else { usage };
     let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -126,7 +126,8 @@ fn new_buffer(gpu: &GpuDevice, resource: &Resource, size: u64) -> wgpu::Buffer {
         mapped_at_creation: false,
     });
     if resource.format == Format::List {
-        // As many workgroups in x as the shader that fills it counts; y and z are always 1.
+        // Arguments of the indirect dispatch: the shader that fills the list counts the workgroups in x; y and z are
+        // always 1.
         gpu.queue.write_buffer(&buffer, 8, bytemuck::cast_slice(&[1u32, 1]));
     }
     buffer

@@ -1,4 +1,5 @@
-//! What shaders and host share, byte for byte: the text of every shader begins with [`declarations`].
+//! Structs and constants that shaders and host share, byte for byte. Every shader's source begins with
+//! [`declarations`].
 
 mod tables;
 
@@ -15,9 +16,9 @@ use crate::scene::rig;
 use crate::wgsl::{Declaration, Table, constants, declare, shared_constants, shared_structs};
 
 shared_structs! {
-    /// An eye: a pinhole, and where it looks if its image is polar. Its axes are of unit length.
+    /// An eye: a pinhole camera, and its gaze if its image is polar. Axes have unit length.
     pub struct View {
-        /// Relative to the origin of the scene's tables, scene units.
+        /// Position relative to the origin of the scene's tables, scene units.
         pub origin: Vec3,
         /// Tangent of half the horizontal field of view.
         pub tan_half_x: f32,
@@ -25,45 +26,45 @@ shared_structs! {
         /// Tangent of half the vertical field of view.
         pub tan_half_y: f32,
         pub up: Vec3,
-        /// Of a polar image: rows, and how many of them are of the fovea, or the square of pixels around the gaze; 0: it
-        /// has none.
+        /// Rows of a polar image. `fovea_rows` of them belong to the fovea (visual-polar) or to the square of pixels
+        /// around the gaze (log-polar; 0 without one).
         pub rows: f32,
         pub forward: Vec3,
         pub fovea_rows: f32,
-        /// Where it looks, and the direction from there in which columns begin.
+        /// Direction of the gaze, and the direction from there in which columns begin.
         pub gaze: Vec3,
-        /// ... and where that is on the screen, pixels; of log-polar images.
+        /// Position of the gaze on the screen, pixels; only set for log-polar images.
         pub gaze_x: f32,
         pub gaze_right: Vec3,
         pub gaze_y: f32,
     }
 
-    /// How rings of log-polar images grow. All is 0 where there are none.
+    /// Mapping of log-polar images. All members are 0 without them.
     pub struct LogPolar {
-        /// Of an eye's screen, pixels.
+        /// Size of an eye's screen, pixels.
         pub screen: Vec2,
-        /// The logarithm of its diagonal.
+        /// Logarithm of the screen's diagonal in pixels.
         pub log_diagonal: f32,
         /// Exponent by which rings are moved away from the gaze.
         pub kernel: f32,
-        /// Up to the diagonal, those included that the image around the gaze replaces; and how many it does.
+        /// Rings up to the diagonal, including the first `first_ring` that the image around the gaze replaces.
         pub rings: f32,
         pub first_ring: f32,
-        /// Of the image around the gaze, pixels.
+        /// Radius of the image around the gaze, pixels.
         pub radius: f32,
-        /// Of a ring.
+        /// Columns of a ring.
         pub columns: f32,
-        /// Distances from the gaze, pixels: from where on there is a blur, and where it is strongest.
+        /// Distances from the gaze at which the blur begins and at which it is strongest, pixels.
         pub blur_begins: f32,
         pub blur_full: f32,
         pub pad0: u32,
         pub pad1: u32,
     }
 
-    /// Where the rectified image of an eye has what the eye shows at a point (x, y) of its own image, in pixels: at (a, b) / c
-    /// for (a, b, c) = x · `across` + y · `down` + `corner`, if it is seen from where the image is rendered. From a later
-    /// place, what is t away along the eye's axis is where t · (a, b, c) + `moved` says. All is 0 where images are shown as
-    /// they are rendered.
+    /// Projective map from an eye's displayed image to its rectified image, both in pixels: the point (x, y) maps to
+    /// (a, b) / c for (a, b, c) = x · `across` + y · `down` + `corner`, if the eye has not moved since the image was
+    /// rendered. Late reprojection from a later pose projects a point at distance t along the eye's axis from t · (a,
+    /// b, c) + `moved` instead. All members are 0 if images are displayed as rendered.
     pub struct Shown {
         pub across: Vec3,
         pub pad0: u32,
@@ -75,89 +76,89 @@ shared_structs! {
         pub pad3: u32,
     }
 
-    /// What is seen, on how many pixels.
+    /// Views of both eyes, and size of their images.
     pub struct Camera {
-        /// Of the left and the right eye.
+        /// Views of the left and the right eye.
         pub views: [View; 2],
-        /// Where in a pixel rays go that stand for all of it.
+        /// Sub-pixel position, 0 to 1, of the rays that represent the whole pixel.
         pub centre: Vec2,
-        /// Of the images that are traced, pixels.
+        /// Size of the traced images, pixels.
         pub width: u32,
         pub height: u32,
         pub log_polar: LogPolar,
-        /// Of the left and the right eye.
+        /// Display resampling of the left and the right eye.
         pub shown: [Shown; 2],
     }
 
-    /// Which random numbers a frame draws, of which pixels and for how long paths.
+    /// Sampling of a frame: random sequences, sampling mask and length of paths.
     pub struct Sampling {
         /// Number of the frame.
         pub index: u32,
         pub seed: u32,
         /// Samples per pixel.
         pub spp: u32,
-        /// Number of the frame's first sample: passes of one accumulation continue one another's sequences.
+        /// Number of the frame's first sample. Successive passes of an accumulation continue the sequences.
         pub sample_base: u32,
-        /// Bits of a sample's number below its pixel's place on the Z curve; [`NO_CURVE`]: each pixel has sequences of
-        /// its own.
+        /// Bits of a sample's number below its pixel's index on the Z-order curve. With [`NO_CURVE`], each pixel has
+        /// its own sequences.
         pub curve_shift: u32,
-        /// Surfaces that a path is reflected by, at most.
+        /// Maximum number of reflections of a path.
         pub reflections: u32,
-        /// Upper bound of indirect radiance; 0: none.
+        /// Clamp of indirect radiance; 0 disables it.
         pub indirect_clamp: f32,
-        /// Of all pixels, before foveation leaves out more.
+        /// Fraction of all pixels that is sampled, before foveation leaves out more.
         pub sampled_share: f32,
-        /// Added to every pixel's threshold of being sampled; 2^32 is a whole turn.
+        /// Offset of every pixel's sampling threshold, which wraps around at 2^32.
         pub mask_turn: u32,
-        /// 1 if samples are spread over their pixels, 0 if the only one goes through [`Camera::centre`].
+        /// 1 if samples are jittered over their pixels, 0 if the only one goes through [`Camera::centre`].
         pub is_jittered: u32,
         pub pad0: u32,
         pub pad1: u32,
     }
 
-    /// Where shaders find the lights.
+    /// Positions of the lights in the tables, and their counts.
     pub struct Lights {
-        /// In the tables: first row of the tree of spheres, and the row after its last.
+        /// Rows of the sphere tree in the tables: the first, and the one after the last.
         pub sphere_tree: u32,
         pub sphere_tree_end: u32,
-        /// In the tables: row of the light tree's root.
+        /// Row of the light tree's root in the tables.
         pub tree: u32,
-        /// How many of the groups local, directional and environment have any.
+        /// Number of nonempty groups among local, directional and environment lights.
         pub group_count: u32,
-        /// In `lights`: those that the light tree picks from; directional ones stand behind them.
+        /// Number of lights in the light tree. Directional lights follow them in `lights`.
         pub local_count: u32,
         pub directional_count: u32,
-        /// Share of all light that has become more or less since the frame before.
+        /// Fraction of all light that changed since the previous frame.
         pub change: f32,
         pub pad0: u32,
     }
 
-    /// Light from infinitely far.
+    /// Environment lighting.
     pub struct Environment {
-        /// Where there is no image.
+        /// Radiance of an environment without an image.
         pub radiance: Vec3,
-        /// Of the image, in whole turns.
+        /// Rotation of the image, turns.
         pub rotation: f32,
-        /// Of the image, pixels; 0: there is none.
+        /// Size of the image, pixels; 0 without one.
         pub width: u32,
         pub height: u32,
-        /// Of the grid that directions are drawn from, cells.
+        /// Size of the grid that directions are sampled from, cells.
         pub grid_width: u32,
         pub grid_height: u32,
     }
 
-    /// Where the scene is and shaders find its instances.
+    /// World origin of the scene's tables, and the places of instances and deforming bodies in them.
     pub struct Geometry {
-        /// Where (0, 0, 0) of the tables is in the world, scene units.
+        /// World position of the tables' (0, 0, 0), scene units.
         pub world_origin: Vec3,
-        /// In the tables: the root of the tree over all instances but the first.
+        /// Root, in the tables, of the tree over all instances but the first.
         pub instance_tree: u32,
-        /// In the tables: the instances' first row.
+        /// First row of the instances in the tables.
         pub instances: u32,
         pub instance_count: u32,
-        /// In the tables: the first of the rows that lead from triangles' numbers to instances.
+        /// First row, in the tables, of the map from triangle numbers to instances.
         pub instance_numbers: u32,
-        /// Of the triangles, the first of bodies that deform, and how many these are.
+        /// First triangle of the deforming bodies, and the number of their triangles.
         pub first_deforming: u32,
         pub deforming_count: u32,
         pub pad0: u32,
@@ -165,34 +166,35 @@ shared_structs! {
         pub pad2: u32,
     }
 
-    /// Layers around the gaze.
+    /// Foveal layers around the gaze.
     pub struct Foveation {
-        /// Of the left eye in x and y, of the right eye in z and w; pixels.
+        /// Gaze of the left eye in x and y, of the right eye in z and w; pixels.
         pub gaze: Vec4,
-        /// Filter iterations that pixels of the inner, middle and outer layer take part in; the first number is that of
-        /// all pixels where there are no layers.
+        /// Filter iterations that pixels of the inner, middle and outer layer take part in. Without layers, the first
+        /// number applies to all pixels.
         pub layer_iterations: UVec3,
-        /// Of the outer layer's pixels that would be sampled without foveation.
+        /// Fraction of the outer layer's pixels that foveation leaves unsampled, out of those that would be sampled
+        /// without it.
         pub unsampled_share: f32,
-        /// Where the inner and the middle layer end, pixels.
+        /// Radii at which the inner and the middle layer end, pixels.
         pub radii: Vec2,
         pub pad0: u32,
         pub pad1: u32,
     }
 
-    /// What is known of the frame before.
+    /// Availability of the previous frame's history.
     pub struct History {
-        /// How many rows up and down it may have moved; [`NO_HISTORY`]: nothing is known.
+        /// Maximum vertical motion since the previous frame, rows; [`NO_HISTORY`] if there is no history.
         pub rows: u32,
-        /// Rows of which nothing is known: the first, and the one after the last.
+        /// Rows whose history is lost: the first, and the one after the last.
         pub lost_begin: u32,
         pub lost_end: u32,
         pub pad0: u32,
     }
 
-    /// How light becomes what a display shows.
+    /// Mapping of radiance to display values.
     pub struct Display {
-        /// What radiance is multiplied by, so that white is 1.
+        /// Factor on radiance that maps white to 1.
         pub exposure: f32,
         pub pad0: u32,
         pub pad1: u32,
@@ -212,7 +214,7 @@ shared_structs! {
         pub display: Display,
     }
 
-    /// Constants of the frame before.
+    /// Constants of the previous frame.
     pub struct Previous {
         pub views: [View; 2],
         pub sampling: Sampling,
@@ -224,10 +226,10 @@ shared_structs! {
         /// The rows to compute: the first, and the one after the last.
         pub row_begin: u32,
         pub row_end: u32,
-        /// Rows that may be read: the stripe plus what was received or recomputed around it.
+        /// Rows that may be read: the stripe plus the received or recomputed rows around it.
         pub valid_begin: u32,
         pub valid_end: u32,
-        /// What these mean is the pass's own business.
+        /// Arguments of the kernel; their meaning depends on the pass.
         pub args: [u32; 3],
         /// Columns and rows of the pass's grid.
         pub width: u32,
@@ -258,25 +260,25 @@ impl From<&Frame> for Previous {
 }
 
 impl History {
-    /// That reaches so many rows up and down, or none, without those rows that are lost.
+    /// Creates a history that reaches this many rows up and down, except for the lost rows. `None` means no history.
     pub fn new(rows: Option<u32>, lost: Range<u32>) -> Self {
         Self { rows: rows.unwrap_or(NO_HISTORY), lost_begin: lost.start, lost_end: lost.end, ..Self::default() }
     }
 }
 
 shared_constants! {
-    /// Of [`Sampling::curve_shift`]: each pixel has sequences of its own.
+    /// Value of [`Sampling::curve_shift`] with which each pixel has its own sequences.
     pub const NO_CURVE: u32 = 32;
-    /// Of [`History::rows`]: the frame knows nothing of the one before.
+    /// Value of [`History::rows`] of a frame without history.
     pub const NO_HISTORY: u32 = u32::MAX;
 }
 
-/// All structs that shaders have.
+/// Returns all structs shared with shaders.
 pub fn all_structs() -> Vec<Declaration> {
     [accel::structs(), accel::skin_structs(), tables::structs(), structs()].concat()
 }
 
-/// The functions that read entries of the scene's tables.
+/// Returns the WGSL functions that read entries of the scene's tables.
 pub fn readers() -> String {
     let structs = all_structs();
     let reader = |table: &Table| {
@@ -286,7 +288,7 @@ pub fn readers() -> String {
     TABLES.iter().map(reader).collect()
 }
 
-/// What every shader's text begins with: structs and constants.
+/// Returns the structs and constants that every shader's text begins with.
 pub fn declarations() -> String {
     let structs: String = all_structs().iter().map(ToString::to_string).collect();
     let of_others = constants![SKIPPED, LIST_HEADER, SPHERE, TRIANGLE_ALPHA];

@@ -1,4 +1,4 @@
-//! Lights are sampled with the densities that are claimed for them: asked of the shader itself, on a device.
+//! Checks on a device that shaders sample lights with the densities that they report.
 
 use glam::{Affine3A, Vec3};
 use wgpu::util::DeviceExt;
@@ -12,10 +12,10 @@ use crate::graph::Kernel;
 use crate::image::{Extent, RgbImage};
 use crate::scene::{Environment, Instance, Light, LightKind, Material, Mesh, Scene};
 
-/// Directions of each kind, a multiple of 64 within one row of workgroups.
+/// Number of directions to sample, and of uniform directions: a multiple of 64 within one row of workgroups.
 const COUNT: usize = 1 << 18;
 
-/// Bins over the cosine with +y and the azimuth.
+/// Number of bins over the cosine with +y, and over the azimuth.
 const BINS: [usize; 2] = [12, 24];
 
 const PROBE: &str = "
@@ -76,7 +76,8 @@ struct Answer {
     elsewhere: [f32; 4],
 }
 
-/// What a surface at `p` facing `n` samples; with `n` zero, what a point does that light reaches from all sides.
+/// Samples the lights on a device from a surface at `p` facing `n` or, with `n` zero, from a point that light reaches
+/// from all sides.
 fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
     let selection = Selection { virtual_devices: 1, ..Selection::default() };
     let gpus = device::open(&selection).expect("this test needs an adapter");
@@ -152,7 +153,7 @@ fn probe(gpu: &device::GpuDevice, layouts: &[Option<&wgpu::BindGroupLayout>]) ->
     })
 }
 
-/// Directions are sampled as often as the density says, bin by bin, and each comes with its density.
+/// Checks that directions are sampled as often as the density says, bin by bin, and that each comes with its density.
 fn hold(what: &str, scene: &Scene, p: Vec3, n: Vec3) {
     let answers = ask(scene, p, n);
     let bin = |d: &[f32; 4]| {
@@ -165,7 +166,7 @@ fn hold(what: &str, scene: &Scene, p: Vec3, n: Vec3) {
     let mut expected = seen.clone();
     let mut variance = seen.clone();
     let mut wrong = 0;
-    // Even directions do not find what is smaller than this; of that, only the densities are compared.
+    // Uniform directions are too sparse to find lights of a higher density. For these, only densities are compared.
     let densest = (COUNT as f64 / (4.0 * std::f64::consts::PI) / 50.0) as f32;
     for a in &answers {
         let density = a.sampled[3];
@@ -179,7 +180,7 @@ fn hold(what: &str, scene: &Scene, p: Vec3, n: Vec3) {
         expected[bin(&a.elsewhere)] += weight;
         variance[bin(&a.elsewhere)] += weight * weight;
     }
-    // Rays along an edge may miss what was sampled there.
+    // Rays along an edge may miss the sampled light.
     assert!((wrong as f64) < 1e-3 * COUNT as f64, "{what}: {wrong} samples of {COUNT} have another density when found");
     assert!(seen.iter().sum::<f64>() > 0.2 * COUNT as f64, "{what}: too little is sampled to tell");
     let mut squares = Vec::new();
@@ -200,7 +201,7 @@ fn empty() -> Scene {
     Scene { materials, ..Scene::empty("lights") }
 }
 
-/// A triangle of edge about 1 at `centre` whose normal is `normal`.
+/// Adds a triangle with edges of about 1 at `centre`, facing `normal`.
 fn triangle(scene: &mut Scene, centre: Vec3, normal: Vec3, material: usize) {
     let (u, v) = normal.normalize().any_orthonormal_pair();
     let corners = [u, -0.5 * u + 0.9 * v, -0.5 * u - 0.9 * v].map(|d| centre + 0.6 * d);
@@ -210,7 +211,7 @@ fn triangle(scene: &mut Scene, centre: Vec3, normal: Vec3, material: usize) {
     scene.instances.push(Instance { mesh: scene.meshes.len() - 1, world_from_local: Affine3A::IDENTITY });
 }
 
-/// Triangles and spheres around the origin, none behind another; some look away from it.
+/// Returns triangles and spheres around the origin that do not occlude one another. Some face away from it.
 fn lamps() -> Scene {
     let mut scene = empty();
     let two_sided = Material { double_sided: true, ..scene.materials[0].clone() };
@@ -246,7 +247,7 @@ fn lamps() -> Scene {
     scene
 }
 
-/// A sky with one bright texel.
+/// Returns a sky with one bright texel.
 fn sky(extent: Extent) -> Environment {
     let mut image = RgbImage::filled(extent, [0.1, 0.2, 0.4]);
     let at = extent.width as usize * (extent.height as usize / 4) + extent.width as usize - 1;

@@ -1,4 +1,4 @@
-//! What a scene and a frame need of a device, held against its limits before anything is made on it.
+//! Checks the needs of a scene and a frame against a device's limits, before anything is created on it.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -10,7 +10,7 @@ use crate::graph::{Format, Pass, Program, SceneUse};
 use crate::image::Extent;
 use crate::wgsl::ROW_BYTES;
 
-/// A limit of WebGPU's.
+/// A WebGPU limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
     StorageBinding,
@@ -26,7 +26,7 @@ pub enum Limit {
     Instances,
 }
 
-/// What an instance's custom data has room for.
+/// Maximum number of instances, since an instance's custom index has 24 bits.
 const MAX_INSTANCES: u32 = 1 << 24;
 
 impl Limit {
@@ -46,7 +46,7 @@ impl Limit {
         }
     }
 
-    /// Its name in wgpu.
+    /// Returns its name in wgpu.
     fn name(self) -> &'static str {
         match self {
             Self::StorageBinding => "max_storage_buffer_binding_size",
@@ -77,7 +77,7 @@ impl Limit {
     }
 }
 
-/// Something that may be more than a device takes.
+/// An amount that may exceed a device's limit.
 #[derive(Clone, Debug)]
 pub struct Need {
     what: Cow<'static, str>,
@@ -117,7 +117,7 @@ impl fmt::Display for LimitExceeded {
 }
 
 /// # Errors
-/// The first need that is more than the limits of this device.
+/// The first need that exceeds the limits of this device.
 pub fn check(limits: &wgpu::Limits, device: usize, needs: impl IntoIterator<Item = Need>) -> Result<(), LimitExceeded> {
     let exceeding = needs.into_iter().find(|need| need.amount > need.limit.of(limits));
     exceeding.map_or(Ok(()), |need| Err(LimitExceeded { limit: need.limit.of(limits), need, device }))
@@ -128,9 +128,9 @@ fn storage(what: &str, bytes: u64, remedy: &'static str) -> [Need; 2] {
     [Limit::StorageBinding, Limit::Buffer].map(need)
 }
 
-/// What a scene's tables come to.
+/// Sizes of a scene's tables and images.
 pub struct SceneSizes {
-    /// Rows of the tables, and what they are in.
+    /// Rows of the tables, and the storage that holds them.
     pub rows: u64,
     pub tables: Tables,
     pub texels: usize,
@@ -155,7 +155,7 @@ pub fn of_scene(sizes: &SceneSizes) -> Vec<Need> {
     needs
 }
 
-/// Of the acceleration structures of a scene with so many triangles in its largest tree, and so many instances.
+/// Returns the needs of a scene's acceleration structures. `triangles` are those of its largest tree.
 pub fn of_structures(triangles: usize, instances: usize) -> [Need; 2] {
     let need = |what: &'static str, limit, amount| Need { what: what.into(), limit, amount, remedy: BY_SHADERS };
     [
@@ -164,7 +164,8 @@ pub fn of_structures(triangles: usize, instances: usize) -> [Need; 2] {
     ]
 }
 
-/// Of the frames that these programs make; `scene_buffers` are what a pass binds that reads the scene.
+/// Returns the needs of the frames that these programs make. `scene_buffers` is the number of storage buffers that a
+/// pass binds to read the scene.
 pub fn of_frames<'a>(programs: &'a [Program], scene_buffers: usize) -> impl Iterator<Item = Need> + 'a {
     let images = programs.iter().flat_map(|program| program.images().iter().map(|image| (program.extent, image)));
     let images = images.flat_map(|(extent, image)| {
@@ -190,7 +191,7 @@ fn of_pass(pass: &Pass, frame: Extent, scene_buffers: usize) -> [Need; 5] {
     let extent = pass.grid.extent(frame);
     let [columns, rows] = match workgroups(pass.dispatch, pass.kernel.workgroup, extent.width, &extent.rows()) {
         Groups::Direct([x, y, z]) => [x, y.max(z)],
-        // The shader that fills a list asks for no more than any device takes.
+        // The shader that fills a list never requests more workgroups than any device supports.
         Groups::Listed(_) => [1; 2],
     };
     [
@@ -202,12 +203,12 @@ fn of_pass(pass: &Pass, frame: Extent, scene_buffers: usize) -> [Need; 5] {
     ]
 }
 
-/// Columns and rows of the texture that holds so many rows of tables.
+/// Returns the size of a texture that holds this many table rows.
 pub fn table_size(rows: u64) -> [u32; 2] {
     [TABLE_WIDTH, u32::try_from(rows.div_ceil(TABLE_WIDTH.into())).unwrap_or(u32::MAX)]
 }
 
-/// The layers that hold texels one after another.
+/// Layers of an array texture that store all texels consecutively.
 pub struct Pages {
     pub edge: u32,
     pub count: u64,
@@ -230,7 +231,7 @@ mod tests {
         Declarations::default().programs(&FrameSpec::new(Extent::new(width, height), 2)).unwrap()
     }
 
-    /// Of a GPU of the last years, with WebGPU's sizes.
+    /// Returns the limits of a recent GPU, with WebGPU's default sizes.
     fn limits() -> wgpu::Limits {
         let (max_storage_buffers_per_shader_stage, max_immediate_size) = (13, 64);
         wgpu::Limits { max_storage_buffers_per_shader_stage, max_immediate_size, ..wgpu::Limits::defaults() }
@@ -290,7 +291,7 @@ mod tests {
         assert_said(&few, frames(&hd), "needs 240 workgroups a row or column, and device 3 takes 100 workgroups");
         assert_said(&few, frames(&narrow), "needs 135 workgroups a row or column, and device 3 takes 100 workgroups");
         for (limits, expected) in [
-            // WebGPU's own.
+            // WebGPU's default.
             (
                 wgpu::Limits { max_storage_buffers_per_shader_stage: 8, ..limits() },
                 "the pass accumulate needs 13 storage buffers",

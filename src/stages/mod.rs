@@ -1,6 +1,6 @@
 //! The renderer's passes on one device: their images, their pipelines, and the scene as shaders read it.
 //!
-//! [`DeviceStages`] makes what declared passes bind, and records tasks with it. It does not know of other devices.
+//! [`DeviceStages`] creates the resources that passes bind, and records tasks with them. It knows of no other devices.
 
 mod albedo_table;
 mod alias;
@@ -38,7 +38,7 @@ use crate::passes::{Aov, Declarations, Moving};
 use crate::quality::{Denoiser, PolarSpace};
 use crate::scene::needs::SceneNeeds;
 
-/// How random numbers are drawn.
+/// Source of random numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
@@ -50,48 +50,48 @@ pub enum Sampler {
     Pcg,
 }
 
-/// What stays the same for all frames of a run and shapes pipelines.
+/// Settings that stay constant for a run and shape its pipelines.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct StageSettings {
-    /// Of each eye's image on the screen.
+    /// Size of each eye's image on the screen.
     pub extent: Extent,
     pub needs: SceneNeeds,
     pub sampler: Sampler,
-    /// Samples per pixel of a frame, at most.
+    /// Maximum samples per pixel of a frame.
     pub spp: u32,
-    /// Whether frames of one sample per pixel, which goes through its centre, are among frames of several. If not, all
-    /// are of the same kind, also those that happen to take one sample of `spp`.
+    /// Whether 1-spp (pixel centre) and jittered multi-spp frames mix in one run. If not, all frames are of the kind of
+    /// [`Self::spp`], even those that take a single sample.
     pub mixes_spp: bool,
     pub filter: Option<Denoiser>,
-    /// Of the filter, at most.
+    /// Maximum iterations of the filter.
     pub iterations: u32,
     /// Whether the right eye is reprojected.
     pub reproject: bool,
-    /// Whether frames may leave pixels to the filter, beside those that foveation does.
+    /// Whether frames may leave pixels unsampled for the filter to fill, apart from foveation.
     pub sparse: bool,
-    /// None: all pixels are sampled and filtered alike.
+    /// Foveation; `None` if all pixels are sampled and filtered alike.
     pub foveation: Option<Foveation>,
-    /// None: images are those of the screen.
+    /// Polar projection of the traced images; `None` if these are the screen's own.
     pub polar: Option<Polar>,
-    /// Columns and rows of the rectified images, where eyes show others: of a rig with
+    /// Size of the shared (rectified) projection, if eyes are resampled from one because the rig has
     /// [`optics`](crate::scene::rig::Rig::optics).
     pub rectified: Option<Extent>,
-    /// Whether rectified images may be shown as from another place than they are rendered from.
+    /// Whether late reprojection may show rectified images from another pose than they are rendered from.
     pub is_late: bool,
     pub aovs: Vec<Aov>,
-    /// What of the scene moves, if anything does, as its tables say.
+    /// Dynamic geometry of the scene as its tables describe it; `None` for a static scene.
     pub moving: Option<Moving>,
-    /// The declarations of the passes of frames. They are not sent to other ranks, which have them from their
+    /// Declarations of the frames' passes. They are not sent to other ranks, which get them from their
     /// [`Host`](crate::exec::ranks::Host).
     #[serde(skip)]
     pub declarations: Declarations,
-    /// Frames that may be on the devices at a time, 1 at least.
+    /// Maximum number of frames in flight, at least 1.
     pub frames_in_flight: usize,
     pub checks: ShaderChecks,
 }
 
 impl StageSettings {
-    /// One sample per pixel, a reprojected right eye, and SVGF.
+    /// Creates settings for one sample per pixel, a reprojected right eye, and SVGF.
     pub fn new(extent: Extent, needs: SceneNeeds) -> Self {
         Self {
             extent,
@@ -115,27 +115,29 @@ impl StageSettings {
         }
     }
 
-    /// The columns and rows of the pinholes' images: what eyes show, or is rectified.
+    /// Returns the size of the pinhole images: of the shared projection if there is one, otherwise of the displayed
+    /// images.
     pub fn screen(&self) -> Extent {
         self.rectified.unwrap_or(self.extent)
     }
 
-    /// The columns and rows of the images that are traced.
+    /// Returns the size of the traced images.
     pub fn grid(&self) -> Extent {
         self.polar.as_ref().map_or(self.screen(), |polar| polar.grid(self.screen()))
     }
 
-    /// How many pixels the image of an eye has.
+    /// Returns the number of pixels in the traced image of an eye.
     pub(crate) fn pixels(&self, view: &layout::View) -> u64 {
         self.polar.as_ref().map_or(self.grid().area() as u64, |polar| polar.pixels(view, self.screen()))
     }
 
-    /// Whether the samples of a frame of `spp` are spread over the pixel: one alone goes through its centre.
+    /// Whether the samples of a frame of `spp` are jittered over the pixel. If not, its single sample goes through the
+    /// centre.
     pub fn jitter(&self, spp: u32) -> bool {
         if self.mixes_spp { spp > 1 } else { self.spp > 1 }
     }
 
-    /// [`Self::jitter`] of the frames that there may be.
+    /// Returns all values of [`Self::jitter`] that frames may have.
     fn jitters(&self) -> &'static [bool] {
         match (self.spp > 1, self.mixes_spp) {
             (true, true) => &[false, true],
@@ -144,9 +146,9 @@ impl StageSettings {
         }
     }
 
-    /// Where in a pixel rays of a frame of `spp` go that stand for all of it: another point in each frame where frames
-    /// are averaged and one alone has no samples all over the pixel (Roberts, "The Unreasonable Effectiveness of
-    /// Quasirandom Sequences", 2018: the R2 sequence). Frames before the first count back from 2^32.
+    /// Returns the sub-pixel position of the rays that represent the whole pixel, in a frame of `spp`. If frames keep a
+    /// history and are not jittered, it follows the R2 sequence (Roberts, "The Unreasonable Effectiveness of
+    /// Quasirandom Sequences", 2018). Frames before the first count back from 2^32.
     pub fn centre(&self, frame: u32, spp: u32) -> Vec2 {
         if self.jitter(spp) || !self.keeps_history() {
             return Vec2::splat(0.5);
@@ -155,17 +157,17 @@ impl StageSettings {
         Vec2::new(at(0.754_877_666_246_692_8), at(0.569_840_290_998_053_3))
     }
 
-    /// Whether pixels may be left to the filter; a stage then lists those that are sampled.
+    /// Whether pixels may be left unsampled for the filter to fill. A stage then lists the sampled ones.
     pub fn leaves_pixels(&self) -> bool {
         self.sparse || self.foveation.is_some()
     }
 
-    /// Whether frames leave anything for the next.
+    /// Whether frames keep a history for the next.
     pub fn keeps_history(&self) -> bool {
         self.filter.is_some_and(Denoiser::keeps_history) && self.iterations > 0
     }
 
-    /// Whether the filter knows variances, and gloss apart from matte light.
+    /// Whether the filter is given variances, and specular radiance separate from diffuse radiance.
     fn is_guided_by_variance(&self) -> bool {
         self.filter.is_some_and(|denoiser| denoiser.method().needs_variance()) && self.iterations > 0
     }

@@ -1,4 +1,4 @@
-//! Tasks recorded with a device's pipelines.
+//! Records tasks with a device's pipelines.
 
 use std::collections::HashMap;
 use std::mem::offset_of;
@@ -18,29 +18,29 @@ use crate::image::Extent;
 use crate::passes::{Moving, PREVIOUS};
 use crate::scene::rig::Eye;
 
-/// A kernel by its name, what it binds, and the frame's place.
+/// Name of a kernel, its bound images, and the frame's place.
 type GroupKey = (&'static str, Vec<(Bound, Eye)>, Place);
 
-/// What one device needs to carry out any task.
+/// Pipelines, images and scene of one device, with which it records tasks.
 pub struct DeviceStages {
     settings: StageSettings,
-    /// Samples per pixel and place of the frame that is set.
+    /// Samples per pixel and place of the current frame.
     spp: u32,
     place: Place,
     pub images: Images,
     built: Vec<Built>,
-    /// Of kernels, with what they bind.
+    /// Bind groups of kernels, by bound images.
     groups: HashMap<GroupKey, wgpu::BindGroup>,
-    /// The same by the pass of the program that is set.
+    /// Bind groups by pass of the current program.
     of_passes: HashMap<(usize, Place), wgpu::BindGroup>,
     program: Option<Arc<Program>>,
     frame_only: wgpu::BindGroup,
     with_scene: wgpu::BindGroup,
-    /// The frame, and the tables for those that change them.
+    /// Group 0 of kernels that change the scene: the frame's constants and the tables.
     changing_scene: wgpu::BindGroup,
     scene: SceneBuffers,
     frame: wgpu::Buffer,
-    /// What repeated tasks add to, as they found it, by binding and bytes.
+    /// Snapshots of the images that repeated tasks add to, taken before the task, by binding and size in bytes.
     found: HashMap<(usize, u64), wgpu::Buffer>,
 }
 
@@ -58,7 +58,7 @@ fn uniform(gpu: &GpuDevice, label: &str, size: usize) -> wgpu::Buffer {
 }
 
 impl DeviceStages {
-    /// Makes the images of all programs, scene tables, and those pipelines that the device does not have.
+    /// Creates the images of all programs, the scene's tables, and the pipelines that the device has not cached.
     pub fn new(
         gpu: &mut GpuDevice,
         mut settings: StageSettings,
@@ -126,7 +126,8 @@ impl DeviceStages {
         })
     }
 
-    /// Sets the program and the constants that the next submission's tasks see, and the place of what they leave.
+    /// Sets the program and the constants for the tasks of the next submission, and the place of the images that they
+    /// write.
     pub fn set_frame(
         &mut self,
         gpu: &GpuDevice,
@@ -152,7 +153,7 @@ impl DeviceStages {
         self.scene.update(gpu, update);
     }
 
-    /// Sets what the eyes show of the frame, for submissions from here on.
+    /// Sets the display resampling of both eyes for submissions from here on.
     pub fn show(&self, gpu: &GpuDevice, shown: &[Shown; 2]) {
         let at = offset_of!(Frame, camera) + offset_of!(Camera, shown);
         gpu.queue.write_buffer(&self.frame, at as u64, bytemuck::cast_slice(shown));
@@ -162,7 +163,7 @@ impl DeviceStages {
         self.settings.extent
     }
 
-    /// Runs every pipeline of these programs once on no rows, so that drivers compile now what they would at the first
+    /// Runs every pipeline of these programs once on no rows, so that drivers compile it now rather than in the first
     /// frame.
     pub fn warm_up(&mut self, gpu: &GpuDevice, stamps: &mut Stamps, programs: Vec<Program>) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -188,8 +189,9 @@ impl DeviceStages {
         gpu.queue.submit([encoder.finish()]);
     }
 
-    /// Records a task, or a part of it; returns the pair of timestamps around all of the task, if any is left. It runs
-    /// `runs` times, which takes that much longer and changes no byte: what a pass adds to is as it was before each run.
+    /// Records a task, or a part of it. Returns the pair of timestamps around the whole task, if one is left. The task
+    /// runs `runs` times, which takes proportionally longer but changes no byte: images that it adds to are restored
+    /// before each repetition.
     pub fn record(
         &mut self,
         gpu: &GpuDevice,
@@ -222,7 +224,8 @@ impl DeviceStages {
                 let bound = Bound { resource, buffer: 0, is_before: false };
                 let vertices = self.images.buffer(&bound, Eye::Left, self.place);
                 self.scene.build_structures(encoder, vertices);
-                // Builds are in no pass: one without work behind them says when they have ended.
+                // Acceleration structure builds belong to no pass, so an empty pass after them writes the end
+                // timestamp.
                 let (label, timestamp_writes) = (Some(linked.pass.stage.name()), times(None, end));
                 drop(encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label, timestamp_writes }));
             }
@@ -230,8 +233,8 @@ impl DeviceStages {
         pair
     }
 
-    /// Copies what a task adds to aside; returns the images with their copies. Later parts of a task may add to all that its
-    /// first one has set.
+    /// Saves copies of the images that a task adds to, and returns the images with their copies. Later parts of a task
+    /// may add to any image that the first part wrote.
     fn keep_found(
         &mut self,
         gpu: &GpuDevice,
@@ -267,7 +270,7 @@ impl DeviceStages {
         let images = &self.images;
         let cleared = declared.uses.iter().zip(&linked.images).filter(|(u, _)| u.is_cleared && task.begins());
         for (used, &image) in cleared {
-            // Of a list, the counts of its pixels and of workgroups.
+            // Clear only the counts of pixels and workgroups of a list.
             let bytes = (used.image.resource.format == Format::List).then_some(8);
             encoder.clear_buffer(images.buffer(&program.images()[image], declared.eye_of(used), self.place), 0, bytes);
         }
@@ -296,7 +299,7 @@ impl DeviceStages {
             if rows.is_empty() && !task.rows.is_empty() {
                 continue;
             }
-            // Kernels that change the scene do nothing without their arguments.
+            // Kernels that change the scene do nothing if their arguments are 0.
             let is_idle = rows.is_empty() && kernel.scene == SceneUse::Write;
             let constants = PassConstants {
                 view: declared.view as u32,
@@ -324,11 +327,12 @@ impl DeviceStages {
 
 pub enum Groups {
     Direct([u32; 3]),
-    /// As many as this list asks for.
+    /// Workgroups counted by this list (indirect dispatch).
     Listed(crate::graph::Resource),
 }
 
-/// Workgroups of a dispatch over rows of a grid `width` wide. Tiles of several rows begin at multiples of their height.
+/// Returns the workgroups of a dispatch over rows of a grid `width` wide. Tiles of several rows begin at multiples of
+/// their height.
 pub fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Range<u32>) -> Groups {
     let tiles = |[columns, height]: [u32; 2]| {
         let (columns, height) = (columns.max(1), height.max(1));
@@ -344,18 +348,18 @@ pub fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Ra
             Groups::Direct([x, y, 1])
         }
         Dispatch::Displaced(tile) => {
-            // As many as a run of that length can meet.
+            // Maximum number of displaced tiles that overlap a span of this length.
             let most = |length: u32, tile: u32| (length + 2 * (tile.max(1) - 1)) / tile.max(1);
             Groups::Direct([most(width, tile[0]).max(1), most(rows.end - rows.start, tile[1]).max(1), 1])
         }
         Dispatch::Once(groups) => Groups::Direct(groups),
-        // A list is empty as long as nothing was listed.
+        // For no rows (warm-up) nothing has been listed, so dispatch one workgroup directly.
         Dispatch::List(_) if rows.is_empty() => Groups::Direct([1, 1, 1]),
         Dispatch::List(list) => Groups::Listed(list),
     }
 }
 
-/// The buffer of what the host sets.
+/// Returns the buffer of a resource that the host writes.
 fn input(images: &Images, resource: Resource) -> &wgpu::Buffer {
     images.buffer(&Bound { resource, buffer: 0, is_before: false }, Eye::Left, Place::default())
 }

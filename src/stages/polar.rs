@@ -1,6 +1,6 @@
-//! Images that are traced and filtered around the gaze, and mapped to the screen at the end. Rows are rings around the
-//! gaze, columns are directions from it: of visual-polar images as visual acuity asks for, of log-polar ones so that rings
-//! grow with their distance from the gaze.
+//! Polar images: traced and filtered around the gaze, and mapped to the screen at the end. Rows are rings around the
+//! gaze, columns are directions from it. The density of rings follows visual acuity in visual-polar images, and falls
+//! with the distance from the gaze in log-polar ones.
 
 mod log;
 mod place;
@@ -15,16 +15,16 @@ use crate::scene::shot::Gaze;
 pub use place::PolarPlace;
 pub use visual::{FOVEA_DEG, acuity};
 
-/// Images around the gaze, which may move with every frame.
+/// Polar projection around a gaze that may move with every frame.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Polar {
-    /// Of the left and the right eye.
+    /// Gaze of the left and the right eye.
     pub gaze: [Gaze; 2],
     pub space: PolarSpace,
 }
 
 impl Polar {
-    /// Columns and rows of the images for a screen of this size.
+    /// Returns the size of the images for a screen of this size.
     pub fn grid(&self, screen: Extent) -> Extent {
         match &self.space {
             PolarSpace::Visual => visual::grid(screen),
@@ -32,7 +32,7 @@ impl Polar {
         }
     }
 
-    /// What shaders know of log-polar images for a screen of this size.
+    /// Returns the shader constants of log-polar images for a screen of this size; all 0 for visual-polar ones.
     pub(crate) fn constants(&self, screen: Extent) -> layout::LogPolar {
         match &self.space {
             PolarSpace::Visual => layout::LogPolar::default(),
@@ -40,12 +40,12 @@ impl Polar {
         }
     }
 
-    /// An eye's view with its gaze at `time_s`.
+    /// Returns an eye's view with its gaze at `time_s`.
     pub(crate) fn look(&self, eye: usize, time_s: f64, view: View, screen: Extent) -> View {
         self.look_at(self.gaze[eye].at(time_s), view, screen)
     }
 
-    /// An eye's view with this gaze, in fractions of its screen.
+    /// Returns an eye's view with this gaze, in fractions of its screen.
     pub(crate) fn look_at(&self, gaze: [f64; 2], view: View, screen: Extent) -> View {
         let [x, y] = gaze;
         let (across, up) = (2.0 * x as f32 - 1.0, 1.0 - 2.0 * y as f32);
@@ -59,7 +59,7 @@ impl Polar {
         }
     }
 
-    /// The pixels of an eye's image that are there.
+    /// Returns the number of pixels that an eye's image uses.
     pub(super) fn pixels(&self, view: &View, screen: Extent) -> u64 {
         match &self.space {
             PolarSpace::Visual => visual::pixels(view, visual::grid(screen)),
@@ -72,12 +72,12 @@ impl Polar {
         self.look(eye as usize, time_s, View::new(view, aspect), screen)
     }
 
-    /// The pixels of an eye's image over those of its screen.
+    /// Returns the number of pixels of an eye's image, relative to its screen.
     pub fn share(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
         self.pixels(&self.seen(eye, time_s, view, screen), screen) as f64 / screen.area() as f64
     }
 
-    /// ... and those that are traced.
+    /// Returns the number of traced pixels of an eye's image, relative to its screen.
     pub fn traced_share(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
         let seen = self.seen(eye, time_s, view, screen);
         let pixels = match &self.space {
@@ -87,7 +87,7 @@ impl Polar {
         pixels as f64 / screen.area() as f64
     }
 
-    /// Where the pixels of an eye's screen are in its image, row by row.
+    /// Returns the place in an eye's image of each pixel of its screen, row by row.
     pub fn places(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> Vec<PolarPlace> {
         let seen = self.seen(eye, time_s, view, screen);
         let width = screen.width as usize;

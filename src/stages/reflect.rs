@@ -1,4 +1,4 @@
-//! Whether a shader does what its pass declares, by reflection: both ways.
+//! Verifies by shader reflection that a shader's bindings match the declaration of its pass.
 
 use wgpu::naga::front::wgsl::parse_str;
 use wgpu::naga::valid::{Capabilities, GlobalUse, ValidationFlags, Validator};
@@ -8,7 +8,7 @@ use super::shader::shader_text;
 use crate::device::{SceneAccess, Traversal};
 use crate::graph::{Access, Format, Pass, SceneUse, Use};
 
-/// How a shader differs from the declaration of its pass.
+/// Difference between a shader and the declaration of its pass.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Mismatch {
     #[error("the shader is not valid: {0}")]
@@ -35,7 +35,7 @@ pub enum Mismatch {
     Scene(SceneUse, SceneUse),
 }
 
-/// Holds a pass against its shader, as it is for devices of any traversal.
+/// Checks a pass against its shader, for every kind of ray traversal.
 ///
 /// # Errors
 /// The first [`Mismatch`].
@@ -119,7 +119,7 @@ fn check_format(used: &Use, module: &Module, variable: &GlobalVariable) -> Resul
         (TypeInner::Struct { span, .. }, Format::Uniform(_)) => *span,
         _ => 0,
     };
-    // A texel may be several elements.
+    // A texel may span several array elements.
     let fits = match used.image.resource.format {
         Format::Texels(_) => found > 0 && declared.is_multiple_of(found),
         Format::List | Format::Uniform(_) => found == declared,

@@ -1,4 +1,4 @@
-//! The scene as the tracing stages read it: tables made once per scene, and their copy on a device.
+//! The scene as shaders read it: tables built once per scene, and their copy on a device.
 
 mod acceleration;
 mod buffers;
@@ -41,7 +41,7 @@ pub enum TableError {
 pub struct SceneTables {
     accel: Accel,
     sources: Sources,
-    /// First row of the instances, and of what leads to them from triangles' numbers.
+    /// First row of the instances, and of the map from triangle numbers to instances.
     instances: u32,
     numbers: u32,
     moving: Option<Moves>,
@@ -54,7 +54,7 @@ pub struct SceneTables {
     environment: Environment,
 }
 
-/// The sRGB decoding of IEC 61966-2-1 for an 8-bit code.
+/// Decodes an 8-bit sRGB code (IEC 61966-2-1).
 pub(super) fn linear_from_srgb(code: u8) -> f32 {
     let c = f64::from(code) / 255.0;
     (if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }) as f32
@@ -68,7 +68,7 @@ impl SceneTables {
     }
 
     /// # Errors
-    /// As [`Self::new`], and if the budget has no room for them.
+    /// The errors of [`Self::new`], and a budget that the tables exceed.
     pub fn within(scene: &Scene, mut accel: Accel, budget: &Budget) -> Result<Self, TableError> {
         let _reserved = budget.reserve(emitters::making_bytes(scene, &accel)).map_err(TableError::Memory)?;
         let has_surfaces = accel.nodes.len() > 1 || accel.nodes[0] != [0; 20];
@@ -77,7 +77,7 @@ impl SceneTables {
         accel.know_lights();
         let instances = emitters::rows(&accel.nodes);
         emitters::append(&mut accel.nodes, bytemuck::cast_slice(&accel.instances));
-        // As many as there may be when instances move.
+        // Reserve rows for the maximum number of moving instances.
         let count = if accel.moves() { accel.most_instances() } else { accel.instances.len() };
         let end = instances as usize + count * size_of::<accel::Instance>() / ROW_BYTES;
         let nodes = (end * ROW_BYTES).div_ceil(size_of::<accel::Node>());
@@ -119,7 +119,7 @@ impl SceneTables {
         Ok(tables)
     }
 
-    /// All that shaders read by rows, each table's bytes after those of the one before, and where tables begin.
+    /// Returns the first row of each table, and the bytes of all tables in order.
     fn in_order(&self) -> (layout::Tables, Vec<Cow<'_, [u8]>>) {
         let Self { accel, emitters, .. } = self;
         let mut parts: Vec<Cow<'_, [u8]>> = Vec::new();
@@ -149,7 +149,7 @@ impl SceneTables {
         (tables, parts)
     }
 
-    /// A hash of all that shaders read of the scene, to tell scenes apart.
+    /// Returns a hash of all scene data that shaders read, to tell scenes apart.
     pub fn fingerprint(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         self.in_order().1.iter().for_each(|part| hasher.write(part));
@@ -164,7 +164,7 @@ impl SceneTables {
         hasher.finish()
     }
 
-    /// Fills in what the scene says about a frame.
+    /// Fills in the constants of a frame that depend on the scene.
     pub fn describe(&self, frame: &mut layout::Frame) {
         frame.geometry = layout::Geometry {
             world_origin: self.accel.origin.as_vec3(),
@@ -194,28 +194,28 @@ impl SceneTables {
         }
     }
 
-    /// Where the tables' (0, 0, 0) is in the world.
+    /// Returns the world position of the tables' (0, 0, 0).
     pub fn origin(&self) -> DVec3 {
         self.accel.origin
     }
 
-    /// At most the distance to the nearest triangle from a point relative to [`Self::origin`].
+    /// Returns a lower bound of the distance from a point, relative to [`Self::origin`], to the nearest triangle.
     pub fn clearance(&self, point: Vec3) -> f32 {
         self.accel.clearance(point)
     }
 
-    /// Whether rays meet some triangles by way of their instances.
+    /// Whether some triangles are instanced.
     pub fn has_instances(&self) -> bool {
         self.accel.most_instances() > 1
     }
 
-    /// What moves, as far as passes depend on it.
+    /// Returns the dynamic geometry that passes depend on; `None` for a static scene.
     pub fn moving(&self) -> Option<Moving> {
         let moving = Moving { bodies: self.accel.moves(), ..Moving::of(&self.accel.skins) };
         self.moving.as_ref().map(|_| moving)
     }
 
-    /// What the passes that bring moving bodies into place read, and what is in it.
+    /// Returns the inputs of the motion passes, with their contents.
     pub(super) fn skin_inputs(&self) -> [(Resource, &[u8]); 5] {
         let skins = &self.accel.skins;
         let bytes: [&[u8]; 5] = [
@@ -229,7 +229,7 @@ impl SceneTables {
         std::array::from_fn(|i| (inputs[i], bytes[i]))
     }
 
-    /// Whether there is anything that could reflect light.
+    /// Whether the scene has surfaces that could reflect light.
     pub fn has_surfaces(&self) -> bool {
         self.has_surfaces
     }
@@ -323,12 +323,13 @@ impl TextureTable<'_> {
     }
 }
 
-/// The bits that are set.
+/// Combines the bits whose flags are set.
 fn all_set(flags: &[(bool, u32)]) -> u32 {
     flags.iter().filter(|(is_set, _)| *is_set).fold(0, |all, (_, bit)| all | bit)
 }
 
-/// Base colour and emission come first: shaders look for them alone, too.
+/// Lists a material's textures with their roles. Base colour and emission come first, since shaders also look them up
+/// separately.
 fn textures_in_order(m: &scene::Material) -> impl Iterator<Item = (scene::TextureRef, TextureRole)> {
     use TextureRole::*;
     let map = |map: Option<scene::NormalMap>| map.map(|map| map.texture);
@@ -347,8 +348,8 @@ fn textures_in_order(m: &scene::Material) -> impl Iterator<Item = (scene::Textur
     all.into_iter().filter_map(|(texture, role)| Some((texture?, role)))
 }
 
-/// Absorption coefficient, one over scene units: Beer and Lambert's law solved for `KHR_materials_volume`'s terms. A colour of
-/// 0 is kept just above it, so that the coefficient stays finite.
+/// Returns the absorption coefficient per scene unit, from `KHR_materials_volume` by the Beer–Lambert law. A colour of
+/// 0 is raised slightly, so that the coefficient stays finite.
 fn absorption(volume: scene::Volume) -> Vec3 {
     let color = volume.attenuation_color.clamp(Vec3::splat(1e-30), Vec3::ONE);
     -color.map(f32::ln) / volume.attenuation_distance.max(1e-30)

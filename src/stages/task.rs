@@ -1,14 +1,14 @@
-//! What is recorded on a device: a pass on some rows, and the timestamps around it.
+//! Units of work that are recorded on a device: a pass on some rows, and the timestamps around it.
 
 use std::cmp::Ordering;
 use std::ops::Range;
 
 use crate::schedule::Position;
 
-/// A pass of a program on one run of rows, or a part of it.
+/// A pass of a program on consecutive rows, or a part of it.
 #[derive(Clone, Debug)]
 pub struct StageTask {
-    /// Its index.
+    /// Index of the pass in its program.
     pub pass: usize,
     pub rows: Range<u32>,
     pub valid: Range<u32>,
@@ -16,7 +16,7 @@ pub struct StageTask {
 }
 
 impl StageTask {
-    /// All of it.
+    /// Creates a task that is not split.
     pub fn new(pass: usize, rows: Range<u32>, valid: Range<u32>) -> Self {
         let part = Position::start(&rows)..Position::END;
         Self { pass, rows, valid, part }
@@ -30,7 +30,7 @@ impl StageTask {
         self.part.end == Position::END
     }
 
-    /// The rows of a run of its kernel, by the run's number.
+    /// Returns the rows that a run of the kernel covers, by the run's number.
     pub fn rows_of(&self, run: u32) -> Range<u32> {
         let Range { start, end } = &self.part;
         let begin = match run.cmp(&start.run) {
@@ -56,7 +56,7 @@ pub struct Stamps {
 }
 
 impl Stamps {
-    /// Most tasks of a frame that are timed.
+    /// Maximum number of timed tasks in a frame.
     pub const CAPACITY: u32 = 256;
 
     pub fn new(device: &wgpu::Device) -> Self {
@@ -72,19 +72,19 @@ impl Stamps {
         self.used = 0;
     }
 
-    /// Queries written since the reset.
+    /// Returns the number of queries written since the reset.
     pub fn written(&self) -> u32 {
         2 * self.used
     }
 
-    /// Of the next task, if a pair is left.
+    /// Begins the next task and returns its pair of timestamps, if one is left.
     pub fn begin(&mut self) -> Option<u32> {
         self.current = (self.used < Self::CAPACITY).then_some(self.used);
         self.used += u32::from(self.current.is_some());
         self.current
     }
 
-    /// Of the task that was begun last.
+    /// Returns the pair of the task that was begun last.
     pub fn current(&self) -> Option<u32> {
         self.current
     }

@@ -26,7 +26,7 @@ fn every_pass_does_what_it_declares() {
     assert_eq!(verified.len(), 24);
 }
 
-/// A struct's size and its members with their offsets, bytes, as the shader compiler lays it out.
+/// Returns a struct's size and its members with their offsets, bytes, as the shader compiler lays it out.
 fn reflect(module: &naga::Module, name: &str) -> Option<(usize, Vec<(String, usize)>)> {
     let (_, found) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name))?;
     let naga::TypeInner::Struct { members, span } = &found.inner else { return None };
@@ -43,7 +43,7 @@ fn host_structs_lie_as_shaders_read_them() {
     }
 }
 
-/// Shaders read nodes and instances by rows, and an instance's numbers as one.
+/// Checks row alignment: shaders read nodes and instances by rows, and an instance's header as a single row.
 #[test]
 fn tables_are_made_of_whole_rows() {
     let header = std::mem::offset_of!(Instance, first_prim);
@@ -68,7 +68,7 @@ fn hardware_traversal_is_in_the_shaders_that_read_the_scene() {
 
 #[test]
 fn foreign_shaders_have_all_checks_and_own_ones_those_that_are_set() {
-    // Foreign text of the library's own, or by its name, stays foreign.
+    // Foreign text stays foreign even if it copies the text or the name of one of the library's shaders.
     let own = Shader::new(&passes::kernels()[0], SceneAccess::default()).text().to_owned();
     let include: &'static str = include_str!("../../shaders/tally.wgsl");
     for (name, text) in [("outline", "fn main() {}"), ("tally", include), ("gbuffer", own.leak())] {

@@ -1,5 +1,5 @@
-//! Every text that a device may be given as a shader, in all its variants, validated without a device. wgpu does the same
-//! before it calls the driver.
+//! Validates every shader that a device may be given, in all its variants, without a device. wgpu runs the same
+//! validation before it calls the driver.
 
 use naga::back::pipeline_constants::process_overrides;
 use naga::front::wgsl::{Frontend, Options};
@@ -10,7 +10,8 @@ use super::*;
 use crate::device::{SceneAccess, Tables, Traversal};
 use crate::passes;
 
-/// Capabilities that shaders have on devices opened for a traversal. All of wgpu's backends here convert half floats.
+/// Returns the capabilities of shaders on devices opened for a traversal. All wgpu backends used here convert half
+/// floats.
 fn capabilities(traversal: Traversal) -> Capabilities {
     let features = traversal.features();
     let mut capabilities = Capabilities::SHADER_FLOAT16_IN_FLOAT32;
@@ -29,8 +30,8 @@ fn validated(text: &str, traversal: Traversal) -> Result<(Module, ModuleInfo), S
     Ok((module, info))
 }
 
-/// Validates a text with its override constants all off, each of them alone on, and all on. Returns how many these
-/// are.
+/// Validates a shader with its override constants all off, each one alone on, and all on. Returns the number of
+/// variants.
 fn validate_variants(text: &str, traversal: Traversal) -> Result<usize, String> {
     let (module, info) = validated(text, traversal)?;
     let main = (ShaderStage::Compute, "main");

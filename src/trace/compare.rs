@@ -1,4 +1,4 @@
-//! Two traces side by side: what a frame's stages, devices and transfers took in one and in the other.
+//! Compares two traces: the times of stages, devices and transfers in a frame of each.
 
 use std::collections::BTreeSet;
 
@@ -16,7 +16,7 @@ pub struct Change {
     pub b: f64,
     /// `b` - `a`.
     pub difference: f64,
-    /// `b` over `a`; none where `a` is 0.
+    /// `b` over `a`; none if `a` is 0.
     pub ratio: Option<f64>,
 }
 
@@ -33,14 +33,14 @@ pub struct Side {
 pub struct Comparison {
     pub a: Side,
     pub b: Side,
-    /// Milliseconds of each stage on each eye, and of transfers, summed over devices; what changed most comes first.
+    /// Milliseconds of each stage on each eye, and of transfers, summed over devices; largest difference first.
     pub stages: Vec<Change>,
-    /// Of frames as a whole, each with its unit in its name; what changed by the largest factor comes first.
+    /// Changes of whole frames, each with its unit in its name; largest factor first.
     pub frames: Vec<Change>,
 }
 
 impl Comparison {
-    /// Traces and what to call them.
+    /// Compares two traces, each given with its label.
     ///
     /// # Errors
     /// [`TraceError::NoFrames`]
@@ -69,7 +69,7 @@ impl Change {
         Change { what, a, b, difference: b - a, ratio: (a != 0.0).then(|| b / a) }
     }
 
-    /// By how much it changed, up or down: 0 is not at all.
+    /// Returns the size of the change, up or down, as |ln(b / a)|: 0 if there is none, infinite if one side is 0.
     fn factor(&self) -> f64 {
         if self.difference == 0.0 { 0.0 } else { self.ratio.map_or(f64::INFINITY, |ratio| ratio.ln().abs()) }
     }
@@ -112,7 +112,8 @@ mod tests {
     use super::super::work::{Device, Task};
     use super::*;
 
-    /// Frames with a path tracing of these milliseconds on one device and an upload of these bytes after it.
+    /// Creates frames with path tracing of this many milliseconds on one device, followed by an upload of this many
+    /// bytes.
     fn trace(frames: &[(f64, u64)]) -> Trace {
         let device = Device { name: "gpu".to_owned(), clock_residual_us: None };
         let mut trace = Trace { devices: [(10, device)].into(), ..Trace::default() };

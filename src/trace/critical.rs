@@ -1,10 +1,11 @@
-//! The critical path of a frame: the chain of tasks and waits that its makespan consists of.
+//! Finds the critical path of a frame: the chain of tasks and waits that adds up to its makespan.
 //!
-//! It is walked backwards from the task that ended last. What a task waited for is what ended last of those that it
-//! depends on by the frame's graph and of those that its device carried out before it: on the queue, for a pass also the
-//! last rows that were written, and for a transfer the worker's last one. Files of earlier versions do not have the
-//! graph; there, it is taken to be what ended last before the task's begin among the tasks of its own device and, for an
-//! upload, the download at the transfer's other end. The time between the two is a wait, named after what happens there.
+//! The path is traced backwards from the task that ended last. The predecessor of a task is the latest to end among two
+//! kinds of candidates: its dependencies in the frame's graph, and the earlier tasks of its device. The latter are
+//! those on the same queue, for a pass also the last upload, and for a transfer the worker's previous one. Files of
+//! earlier versions lack the graph. There the predecessor is the task that ended last before the task's begin, among
+//! the tasks of its own device and, for an upload, the download at the transfer's other end. The time between the two
+//! is a wait, named after its cause.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -12,27 +13,27 @@ use serde::{Deserialize, Serialize};
 
 use super::work::{Frame, Task};
 
-/// Work on a device and transfers are timed by different clocks, which agree to some tens of microseconds: one may seem
-/// to begin before the other has ended by as much as this.
+/// Tolerance for comparing device work with transfers. Different clocks time them and agree to some tens of
+/// microseconds, so one may seem to begin before the other has ended by as much as this.
 const CLOCK_TOLERANCE_US: f64 = 100.0;
 
-/// What a device waits for between two tasks of the critical path.
+/// Reason for the wait between two tasks of the critical path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Wait {
-    /// The frame is planned and its first work submitted.
+    /// Planning of the frame, until its first work is submitted.
     Start,
-    /// The next task of the same device begins.
+    /// Time until the next task of the same device begins.
     Queue,
-    /// Work is submitted after a transfer.
+    /// Submission of work after a transfer.
     Submission,
-    /// Rows that are done reach the host.
+    /// Time until finished rows reach the host.
     ReadBack,
-    /// The worker takes up the next transfer.
+    /// Time until the worker starts the next transfer.
     Worker,
-    /// The other device's worker takes up the rows that were sent.
+    /// Time until the other device's worker picks up the rows that were sent.
     HandOver,
-    /// After the last task until the images are known to be whole.
+    /// Time from the last task until the images are known to be complete.
     End,
 }
 
@@ -66,17 +67,17 @@ pub enum What<'a> {
     Wait(Wait),
 }
 
-/// A part of the path. Each begins where the one before ends; together they are the frame.
+/// A part of the path. Each part begins where the previous one ends; together they span the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch<'a> {
     pub what: What<'a>,
-    /// Of the device that works or waits.
+    /// Process of the device that works or waits.
     pub pid: u32,
     pub begin_us: f64,
     pub end_us: f64,
 }
 
-/// The critical path in order of time; empty without tasks. Waits of no length are left out.
+/// Returns the critical path in order of time; empty without tasks. Waits of zero length are omitted.
 pub fn critical_path<'a>(frame: &Frame<'a>) -> Vec<Stretch<'a>> {
     let order = Order::of(&frame.tasks);
     let Some(mut current) = order.last() else { return Vec::new() };
@@ -103,7 +104,7 @@ pub fn critical_path<'a>(frame: &Frame<'a>) -> Vec<Stretch<'a>> {
 struct Backwards<'a>(Vec<Stretch<'a>>);
 
 impl<'a> Backwards<'a> {
-    /// Puts a stretch from `begin_us` before those that are there, and moves their begin.
+    /// Prepends a stretch that begins at `begin_us`, and moves `until_us` there.
     fn push(&mut self, what: What<'a>, pid: u32, begin_us: f64, until_us: &mut f64) {
         let begin_us = begin_us.min(*until_us);
         if begin_us < *until_us || matches!(what, What::Task(_)) {
@@ -113,13 +114,14 @@ impl<'a> Backwards<'a> {
     }
 }
 
-/// Who may have waited for whom. Tasks are numbers into a list in order of begin; nothing waits for a later one.
+/// Possible dependencies between tasks. Tasks are indices into a list in order of begin; no task depends on a later
+/// one.
 struct Order<'a> {
     tasks: &'a [&'a Task],
-    /// Of each device, in order of end.
+    /// Tasks of each device, in order of end.
     by_end: HashMap<u32, Vec<usize>>,
     downloads: HashMap<u64, usize>,
-    /// By device process and number in the frame's graph.
+    /// Tasks by device process and number in the frame's graph.
     by_number: BTreeMap<(u32, u64), usize>,
 }
 
@@ -166,13 +168,13 @@ impl<'a> Order<'a> {
         self.latest(own.into_iter().chain(sent))
     }
 
-    /// By the graph, in which no task depends on one that its device carries out later.
+    /// Returns the predecessor by the graph, in which no task depends on a later one of its device.
     fn by_graph(&self, task: &Task, order: &super::work::Order) -> Option<usize> {
         let before = self.by_number.range((task.pid, 0)..(task.pid, order.number)).rev().map(|(_, &i)| i);
         let last = |is: &dyn Fn(&Task) -> bool| before.clone().find(|&i| is(self.tasks[i]));
         let on_queue = last(&|t| t.lane.is_transfer() == task.lane.is_transfer());
         let written = last(&|t| t.lane == super::Lane::Upload).filter(|_| !task.lane.is_transfer());
-        // Rows are there once all that was submitted before them has ended.
+        // A download completes only after all passes that were submitted before it.
         let submitted = last(&|t| !t.lane.is_transfer()).filter(|_| task.lane == super::Lane::Download);
         let needed = order.after.iter().filter_map(|place| self.by_number.get(place).copied());
         self.latest(on_queue.into_iter().chain(written).chain(submitted).chain(needed))
@@ -196,7 +198,7 @@ mod tests {
         Task { pid, lane, name, begin_us, end_us, frame, rows, transfer, bytes, submissions, order }
     }
 
-    /// Name, device, begin and end in milliseconds of each stretch.
+    /// Returns name, device, begin and end in milliseconds of each stretch.
     fn path(tasks: &mut [Task], [begin_ms, end_ms]: [f64; 2]) -> Vec<(String, u32, f64, f64)> {
         tasks.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us));
         let time = FrameTime { frame: 0, begin_us: begin_ms * 1e3, end_us: end_ms * 1e3, devices: None };
@@ -270,7 +272,7 @@ mod tests {
         assert_eq!(path(&mut tasks, [0.0, 15.0]), named(&[("path_trace", 10, 0.0, 10.0), ("atrous", 10, 10.0, 15.0)]));
     }
 
-    /// A download seems to begin and to end before the work whose rows it takes has ended.
+    /// The download seems to begin and to end before the work that produces its rows has ended.
     #[test]
     fn clocks_that_differ_a_little_do_not_break_the_path() {
         let mut tasks = [
@@ -289,12 +291,12 @@ mod tests {
         assert_eq!(path(&mut tasks, [0.0, 10.0]), named(&expected));
     }
 
-    /// The task at its place in the frame's graph.
+    /// Places a task in the frame's graph.
     fn placed(task: Task, number: u64, after: &[(u32, u64)]) -> Task {
         Task { order: Some(Order { number, after: after.to_vec() }), ..task }
     }
 
-    /// The guide is there early, but what was submitted before its download takes longer.
+    /// The guide is ready early, but a pass submitted before its download takes longer.
     #[test]
     fn rows_wait_for_all_that_was_submitted_before_them() {
         let mut tasks = [
@@ -306,7 +308,7 @@ mod tests {
         assert_eq!(path(&mut tasks, [0.0, 9.5]), named(&expected));
     }
 
-    /// A pass that began early on a clock that is behind: by times alone, nothing could have come before it.
+    /// One device's clock is behind, so a pass seems to begin early. By times alone, it would have no predecessor.
     #[test]
     fn the_graph_says_what_a_task_waited_for_whatever_the_clocks_say() {
         let mut tasks = [

@@ -1,15 +1,16 @@
-//! The JSON around a trace's events: a list, or an object with the list in it; whole, or cut off where a run died.
+//! Parses the JSON document around a trace's events: a list or an object that holds the list, complete or truncated by
+//! a crash.
 
 use serde_json::Value;
 
 pub struct RawTrace {
     pub events: Vec<Value>,
     pub other_data: Value,
-    /// The end is missing.
+    /// True if the end is missing.
     pub is_cut: bool,
 }
 
-/// Of a document that ends too early, the events that are whole are taken, as the format allows. Errors are messages.
+/// Parses a trace. If the document is cut off, its complete events are kept, as the format allows. Errors are messages.
 pub fn raw_trace_from_bytes(bytes: &[u8]) -> Result<RawTrace, String> {
     let document = match serde_json::from_slice(bytes) {
         Ok(document) => document,
@@ -47,7 +48,7 @@ fn whole_events(bytes: &[u8]) -> Vec<Value> {
     }
 }
 
-/// What follows the bracket that opens the list of events.
+/// Returns the text after the bracket that opens the list of events.
 fn after_list_begin(bytes: &[u8]) -> Option<&[u8]> {
     const KEY: &[u8] = b"\"traceEvents\"";
     let bytes = bytes.trim_ascii_start();

@@ -5,14 +5,14 @@ use std::collections::BTreeMap;
 use serde::ser::{SerializeMap, Serializer};
 use serde::{Deserialize, Serialize};
 
-/// Where an event is shown: a process and a thread of it.
+/// Process and thread under which an event is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Track {
     pub pid: u32,
     pub tid: u32,
 }
 
-/// JSON has no NaN and no infinity: such a number becomes the text that Rust prints for it.
+/// Value of an argument. JSON has no NaN and no infinity: such a number becomes the text that Rust prints for it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Arg {
@@ -133,7 +133,7 @@ impl Serialize for Event {
             Kind::Flow { step, id } => {
                 map.serialize_entry("id", &id)?;
                 if step == FlowStep::Finish {
-                    // Bind to the span around the time, not to the next one.
+                    // Bind to the enclosing span, not to the next one.
                     map.serialize_entry("bp", "e")?;
                 }
             }

@@ -1,4 +1,4 @@
-//! The file of a run's trace. It is a valid document after every write, whatever becomes of the run.
+//! The file of a run's trace. It is a valid document after every write, even if the run fails.
 
 use std::path::Path;
 
@@ -6,8 +6,8 @@ use super::growing::GrowingDocument;
 use super::host::HostSpans;
 use super::{Recorder, TraceError};
 
-/// The trace-file of a run. Brought up to date by [`Recorder::flush`] and ended by [`TraceFile::finish`], or, with what
-/// is known by then, when it is dropped because the run failed or panicked.
+/// The trace-file of a run. [`Recorder::flush`] updates it and [`TraceFile::finish`] ends it. If the run fails or
+/// panics, dropping it ends it with the events so far.
 pub struct TraceFile {
     recorder: Recorder,
     is_finished: bool,
@@ -24,7 +24,7 @@ impl TraceFile {
         TraceFile::begin(recorder, Some(host), path)
     }
 
-    /// As [`TraceFile::start`], but without host spans.
+    /// Starts the file like [`TraceFile::start`], but without host spans.
     ///
     /// # Errors
     /// [`TraceError::Write`]
@@ -41,7 +41,7 @@ impl TraceFile {
         self.recorder.clone()
     }
 
-    /// Writes the rest.
+    /// Writes the remaining events and ends the trace.
     ///
     /// # Errors
     /// [`TraceError::Write`], also of an earlier write.

@@ -1,4 +1,4 @@
-//! Frames in a trace: when they ran, their stage tasks and transfers on the devices' lanes, arrows, and counters.
+//! Records frames in a trace: their times, their stage tasks and transfers on the devices' lanes, arrows, and counters.
 
 use std::collections::HashMap;
 
@@ -11,16 +11,17 @@ use crate::passes::path_trace::CUT;
 use crate::quality::Quality;
 use crate::scene::rig::Eye;
 
-/// What the control loop made of a frame.
+/// Rung and budget that the control loop chose for a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameControl {
-    /// Of the quality ladder, from 0.
+    /// Rung of the quality ladder, from 0.
     pub rung: usize,
     /// Lower and upper end, ms.
     pub budget_ms: [f64; 2],
 }
 
-/// Adds a frame, with what its counters show beside its times, and brings the file up to date. The recorder's origin must be the renderer's.
+/// Adds a frame, with its times and counters, and brings the file up to date. The recorder's origin must be the
+/// renderer's.
 pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality, control: Option<FrameControl>) {
     if !recorder.is_on() {
         return;
@@ -47,13 +48,13 @@ fn note_residual(recorder: &Recorder, device: usize, residual_us: f64) {
     recorder.note_residual(&format!("device_{device}"), residual_us);
 }
 
-/// Frames as their trace has them, without the devices' names.
+/// Converts frames to the form in which a trace is read back, without the devices' names.
 pub fn trace_from(reports: &[FrameReport]) -> Trace {
     let frame_times = reports.iter().map(time_from).collect();
     Trace { tasks: tasks_from(reports), frame_times, ..Trace::default() }
 }
 
-/// In order of begin.
+/// Returns the frames' tasks in order of begin.
 fn tasks_from(reports: &[FrameReport]) -> Vec<Task> {
     let timings = reports.iter().flat_map(|report| report.tasks.iter().map(|timing| (timing, report.index)));
     let mut tasks: Vec<Task> = timings.map(|(timing, frame)| task_from(timing, frame)).collect();
@@ -68,7 +69,7 @@ fn time_from(report: &FrameReport) -> FrameTime {
     FrameTime { frame: report.index.into(), begin_us, end_us, devices: Some(devices) }
 }
 
-/// `0,2`.
+/// Formats numbers as in `0,2`.
 fn numbers_text(numbers: &[usize]) -> String {
     numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(",")
 }
@@ -120,17 +121,17 @@ fn record_task(recorder: &Recorder, task: &Task, spp: (&str, f64)) {
     recorder.task_with(task.pid - FIRST_DEVICE_PID, task.lane, &task.name, times_us, args);
 }
 
-/// Where an arrow touches a task.
+/// Returns the point at which arrows touch a task: the middle of its time on its track.
 fn middle(task: &Task) -> (Track, f64) {
     (task.lane.track(task.pid - FIRST_DEVICE_PID), 0.5 * (task.begin_us + task.end_us))
 }
 
-/// Numbers of arrows: those of transfers are below the path's.
+/// Returns an arrow's id. Those of transfers are below that of the critical path.
 fn arrow(frame: &Frame, number: u32) -> u64 {
     frame.time.frame << 32 | u64::from(number)
 }
 
-/// One arrow per transfer, from where the rows left to where they arrived.
+/// Records an arrow per transfer, from its download to its upload.
 fn record_transfers(recorder: &Recorder, frame: &Frame) {
     let on = |lane| frame.tasks.iter().filter(move |t| t.lane == lane);
     let sent: HashMap<u64, &Task> = on(Lane::Download).filter_map(|&t| Some((t.transfer?, t))).collect();
@@ -183,7 +184,7 @@ fn record_counters(recorder: &Recorder, frame: &FrameReport, quality: &Quality, 
     record_shares(recorder, "share of work", at_us, frame.busy_ms());
 }
 
-/// A series per device, which together make 1.
+/// Records a counter with a series per device, as fractions that add up to 1.
 fn record_shares(recorder: &Recorder, name: &str, at_us: f64, amounts: Vec<f64>) {
     let total: f64 = amounts.iter().sum();
     if total > 0.0 {
@@ -193,14 +194,14 @@ fn record_shares(recorder: &Recorder, name: &str, at_us: f64, amounts: Vec<f64>)
     }
 }
 
-/// Marks where a device was taken out.
+/// Marks the time at which a device was dropped.
 pub fn record_fault(recorder: &Recorder, fault: &Fault) {
     let frame = fault.frame.to_string();
     let args = [("frame", frame.as_str()), ("what", &fault.what)];
     recorder.mark(fault.device as u32, Lane::Both, "device taken out", fault.noticed_ms * 1e3, &args);
 }
 
-/// Names the devices of a run and tells how far their clocks can be trusted.
+/// Names the devices of a run and records the error bounds of their clocks.
 pub fn record_devices(recorder: &Recorder, devices: &[crate::device::DeviceInfo]) {
     for device in devices {
         let rank =

@@ -13,11 +13,11 @@ use crate::image::ImageError;
 const HEAD: &str = "{\"traceEvents\":[";
 const TAIL: &str = "\n],\"displayTimeUnit\":\"ms\",\"otherData\":";
 
-/// A list of events that can be added to: each write takes the place of the document's end and writes a new one.
+/// A list of events that can be appended to: each write overwrites the document's tail and appends a new one.
 pub struct GrowingDocument {
     path: PathBuf,
     file: File,
-    /// Where the list of events ends.
+    /// Byte offset at which the list of events ends.
     end: u64,
     is_empty: bool,
 }
@@ -25,7 +25,7 @@ pub struct GrowingDocument {
 impl GrowingDocument {
     pub fn create(path: &Path) -> Result<Self, TraceError> {
         let failed = |source| ImageError::Write { path: path.to_owned(), source };
-        // What cannot be written twice in the same place, such as a pipe, cannot be kept valid.
+        // A pipe or the like cannot be overwritten in place, so it could not be kept valid.
         if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
             let what = "there is something else than a file by that name";
             return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, what)).into());
@@ -35,7 +35,7 @@ impl GrowingDocument {
         Ok(Self { path: path.to_owned(), file, end: HEAD.len() as u64, is_empty: true })
     }
 
-    /// Adds events, names first, then in order of time.
+    /// Appends events, names first, then in order of time.
     pub fn append(&mut self, mut events: Vec<Event>, other_data: &Map<String, Value>) -> Result<(), TraceError> {
         events.sort_by(|a, b| {
             let is_timed = |event: &Event| event.kind != Kind::Metadata;
@@ -45,7 +45,7 @@ impl GrowingDocument {
         written.map_err(|source| ImageError::Write { path: self.path.clone(), source }.into())
     }
 
-    /// One write for all, so that the file is hardly ever seen in between.
+    /// Writes everything in one call, so that readers hardly ever see an incomplete document.
     fn write(&mut self, events: &[Event], other_data: &Map<String, Value>) -> io::Result<()> {
         let mut bytes = Vec::new();
         for event in events {

@@ -1,8 +1,8 @@
-//! Host spans: what `tracing` tells of a process, written down by `tracing-chrome` and taken over into the trace.
+//! Records host spans: `tracing` reports them, `tracing-chrome` formats them, and the trace adopts them.
 //!
-//! That crate's thread writes the text of a JSON list, a record per line, with times since a moment that it does not
-//! tell. Here it writes to a channel, and puts our own time and the span's number where a record has its category. The
-//! text of another process comes from there, and times in it are on that process's clock.
+//! The thread of `tracing-chrome` writes the text of a JSON list, with a record per line. Its times count from a moment
+//! that it does not report. Here it writes to a channel, and the category of each record holds our own time and the
+//! span's number. The text of another process comes from its own recorder, with times on that process's clock.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -23,11 +23,11 @@ pub struct HostSpans {
     text: Receiver<Piece>,
 }
 
-/// Some of the text, or none where all of it has been flushed.
+/// A piece of the text, or none once everything was flushed.
 type Piece = Option<Vec<u8>>;
 
 impl HostSpans {
-    /// Makes this the process's `tracing` subscriber, which is possible once in its life. Times are counted from
+    /// Installs this as the process's `tracing` subscriber, which is possible once per process. Times count from
     /// `origin`.
     ///
     /// # Errors
@@ -52,7 +52,7 @@ impl HostSpans {
         Ok(HostSpans { guard, text })
     }
 
-    /// The text of what has been recorded since the last call, for the [`super::Recorder`] of this process or another.
+    /// Returns the text recorded since the last call, for the [`super::Recorder`] of this process or another.
     pub fn take(&mut self) -> Vec<u8> {
         self.guard.flush();
         let pieces: Vec<Vec<u8>> = self.text.iter().map_while(|piece| piece).collect();
@@ -60,7 +60,7 @@ impl HostSpans {
     }
 }
 
-/// What is written goes to whoever takes it; when nobody does any more, nowhere.
+/// Writer that sends its text through a channel. Without a receiver the text is dropped.
 struct Pieces(Sender<Piece>);
 
 impl Write for Pieces {
@@ -75,26 +75,26 @@ impl Write for Pieces {
     }
 }
 
-/// A line of `tracing-chrome`.
+/// A record written by `tracing-chrome`.
 #[derive(Deserialize)]
 struct Record {
     ph: String,
     name: String,
     tid: u32,
-    /// Nanoseconds after our origin, a space, and the span's number; empty for a thread's name.
+    /// Nanoseconds since our origin, a space, and the span's number; empty for a thread's name.
     #[serde(default)]
     cat: String,
-    /// `Debug` texts.
+    /// Arguments, formatted by `Debug`.
     #[serde(default)]
     args: HashMap<String, String>,
 }
 
-/// Joins begins with their ends, of one process.
+/// Joins the begins and ends of the spans of one process.
 pub(super) struct Spans {
     pid: u32,
-    /// Of the latest text.
+    /// Origin of the latest text's times.
     zero_us: f64,
-    /// Times are those of the text. By the span's number and the thread's.
+    /// Open spans by number and thread, with times as in the text.
     open: HashMap<(u64, u32), Event>,
 }
 
@@ -103,17 +103,18 @@ impl Spans {
         Self { pid, zero_us: 0.0, open: HashMap::new() }
     }
 
-    /// Of spans, those that have ended. `text` ends where a record does; its times are since `zero_us`.
+    /// Returns the events of `text`: completed spans, instants and threads' names. `text` must end at the end of a
+    /// record. Its times count from `zero_us`.
     pub fn events_from(&mut self, text: &[u8], zero_us: f64) -> Vec<Event> {
         self.zero_us = zero_us;
         let lines = text.split(|&byte| byte == b'\n').map(|line| line.strip_suffix(b",").unwrap_or(line));
-        // What is no record is a bracket of the list, or what lies between two flushes.
+        // Lines that are not records are the list's brackets or lie between two flushes.
         let records = lines.filter_map(|line| serde_json::from_slice(line).ok());
         let events = records.filter_map(|record| self.event(record));
         events.map(|event| Event { time_us: event.time_us + zero_us, ..event }).collect()
     }
 
-    /// Spans that are still open, which end at `now_us` and carry `unfinished`.
+    /// Returns the spans that are still open. They end at `now_us` and carry the argument `unfinished`.
     pub fn unfinished(self, now_us: f64) -> impl Iterator<Item = Event> {
         let zero_us = self.zero_us;
         self.open.into_values().map(move |mut event| {
@@ -131,7 +132,7 @@ impl Spans {
         }
         let (time_ns, span) = record.cat.split_once(' ')?;
         let (time_us, span) = (time_ns.parse::<u64>().ok()? as f64 / 1e3, (span.parse().ok()?, track.tid));
-        // `tracing` names an event after its place in the source unless told otherwise; its message says more.
+        // By default `tracing` names an event after its place in the source; its message is more useful.
         let message = record.args.get("message").filter(|_| record.ph == "i" && record.name.starts_with("event "));
         let name = message.cloned().unwrap_or(std::mem::take(&mut record.name));
         let args = record.args.into_iter().map(|(name, text)| (name, arg(text))).collect();
@@ -141,7 +142,7 @@ impl Spans {
                 self.open.insert(span, event);
                 None
             }
-            // Fields recorded while the span was open are known only at its end.
+            // Fields that were recorded while the span was open arrive only with its end.
             "E" => {
                 let begun = self.open.remove(&span)?;
                 Some(Event { kind: Kind::Complete { duration_us: time_us - begun.time_us }, args: event.args, ..begun })
@@ -151,7 +152,7 @@ impl Spans {
     }
 }
 
-/// Numbers are plain in `Debug` texts, strings quoted.
+/// Parses an argument. `Debug` prints numbers as they are and quotes strings.
 fn arg(text: String) -> Arg {
     match text.parse::<f64>() {
         Ok(number) => number.into(),
@@ -164,7 +165,7 @@ mod tests {
     use super::*;
     use crate::trace::HOST_PID;
 
-    /// The events of a text that comes in two parts.
+    /// Returns the events of a text that arrives in two parts.
     fn events(spans: &mut Spans, [a, b]: [&str; 2]) -> Vec<Event> {
         [a, b].iter().flat_map(|text| spans.events_from(text.as_bytes(), 0.0)).collect()
     }

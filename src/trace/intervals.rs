@@ -1,9 +1,9 @@
-//! Sets of times as sorted, disjoint intervals.
+//! Sets of times, as sorted and disjoint intervals.
 
 /// Begin and end, begin <= end.
 pub type Interval = (f64, f64);
 
-/// The union of any intervals, sorted and disjoint.
+/// Returns the union of any intervals, sorted and disjoint.
 pub fn union(mut intervals: Vec<Interval>) -> Vec<Interval> {
     intervals.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut merged: Vec<Interval> = Vec::with_capacity(intervals.len());
@@ -20,7 +20,7 @@ pub fn length(disjoint: &[Interval]) -> f64 {
     disjoint.iter().map(|(begin, end)| end - begin).sum()
 }
 
-/// Length of what two unions share.
+/// Returns the length of the intersection of two unions.
 pub fn shared_length(a: &[Interval], b: &[Interval]) -> f64 {
     let (mut i, mut j, mut shared) = (0, 0, 0.0);
     while let (Some(&(a0, a1)), Some(&(b0, b1))) = (a.get(i), b.get(j)) {
@@ -34,7 +34,7 @@ pub fn shared_length(a: &[Interval], b: &[Interval]) -> f64 {
     shared
 }
 
-/// Length of the time that lies in at least two of the unions.
+/// Returns the length of the time that lies in at least two of the unions.
 pub fn length_in_two_or_more<'a>(unions: impl IntoIterator<Item = &'a Vec<Interval>>) -> f64 {
     let intervals = unions.into_iter().flatten();
     let mut edges: Vec<(f64, i32)> = intervals.flat_map(|&(begin, end)| [(begin, 1), (end, -1)]).collect();

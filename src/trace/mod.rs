@@ -1,7 +1,7 @@
-//! Where time went: host spans, device lanes, counters and arrows in one Chrome trace, and reading it back.
+//! Chrome traces of a run: records host spans, device lanes, counters and arrows in one file, and reads it back.
 //!
-//! A [`TraceFile`] owns the file of a run, its [`Recorder`]s are handed to whoever has times to tell. All times
-//! are microseconds after [`Recorder::origin`].
+//! A [`TraceFile`] owns the file of a run; its [`Recorder`]s go to all code that records times. All times are
+//! microseconds since [`Recorder::origin`].
 
 pub mod compare;
 pub mod critical;
@@ -31,12 +31,12 @@ pub use recorder::Recorder;
 pub const HOST_PID: u32 = 1;
 /// Device `i` is process `FIRST_DEVICE_PID + i`.
 pub const FIRST_DEVICE_PID: u32 = 10;
-/// Threads of rank `r` other than the one that records are shown as process `FIRST_RANK_PID + r`.
+/// Threads of rank `r` are shown as process `FIRST_RANK_PID + r`, except those of the recording rank.
 pub const FIRST_RANK_PID: u32 = 100;
-/// Where frames are shown, from their plan to their images on the primary.
+/// Track of frames, from planning to the complete images on the primary.
 pub const FRAMES_TRACK: Track = Track { pid: HOST_PID, tid: 1 };
 const FRAMES_NAME: &str = "frames";
-/// Frames in flight together lie on tracks of their own, as what overlaps cannot share one; threads come after these.
+/// Number of tracks for frames in flight, which overlap and cannot share one. Tracks of threads follow.
 const FRAMES_TRACKS: u32 = 4;
 
 #[derive(Debug, thiserror::Error)]
@@ -57,7 +57,7 @@ pub enum TraceError {
     NoSuchFrame { path: String, frame: u64, count: usize, first: u64, last: u64 },
 }
 
-/// What a device does side by side: work on one eye, on both, and transfers from and to the host.
+/// Concurrent lanes of a device: work on the left eye, the right eye or both, and transfers from and to the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Lane {
@@ -85,7 +85,7 @@ impl Lane {
         matches!(self, Lane::Upload | Lane::Download)
     }
 
-    /// Where the lane of device `device` is shown.
+    /// Returns the track of this lane on device `device`.
     pub fn track(self, device: u32) -> Track {
         Track { pid: FIRST_DEVICE_PID + device, tid: self as u32 + 1 }
     }

@@ -1,5 +1,5 @@
-//! How rows went from rank to rank, from hand to hand, and for which of these hands a worker stood still: by the spans of
-//! workers and of the thread of each rank that carries packets.
+//! Analyses the transfers of rows between ranks, step by step, and finds the steps that stalled workers. The data are
+//! spans of the workers and of each rank's MPI thread.
 
 use std::collections::HashMap;
 
@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::intervals::Interval;
 use super::median::median;
 
-/// What a thread of a rank was at.
+/// Span of a thread of a rank.
 pub struct HostSpan {
     pub name: String,
     pub begin_us: f64,
@@ -17,47 +17,47 @@ pub struct HostSpan {
     pub args: Value,
 }
 
-/// Rows on their way from a worker of one rank to one of another. Times are microseconds.
+/// Transfer of rows from a worker of one rank to a worker of another. Times are microseconds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Passage {
     pub frame: Option<u64>,
     pub bytes: u64,
-    /// When the worker handed them over, when its rank's thread took them and when MPI had them, when the other rank's
-    /// thread found them and when it had passed them on.
+    /// Times of the steps: the worker queued the rows, its rank's MPI thread took them, MPI accepted them, the other
+    /// rank's MPI thread found them, and that thread passed them on.
     pub at_us: [f64; 5],
-    /// For how long that thread had not looked before it found them.
+    /// Time for which that thread had not polled before it found them.
     pub rested_us: f64,
-    /// When the worker that they are for waited for them.
+    /// Wait of the receiving worker for these rows.
     pub waited_us: Option<Interval>,
 }
 
-/// A part of all passages.
+/// Step of all passages.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PassagePart {
     pub what: String,
     pub median_us: f64,
     pub most_us: f64,
-    /// Of workers for whom rows came too late: how long they waited in this part.
+    /// Time that workers waited for late rows during this step.
     pub waited_ms: f64,
-    /// Whether the rows were with a thread that carries packets, or would have been if that had looked for them.
+    /// True if an MPI thread held the rows during this step, or would have held them had it polled.
     pub is_of_thread: bool,
 }
 
-/// Passages summed up.
+/// Summary of passages.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PassageSummary {
     pub count: usize,
     pub bytes: u64,
-    /// How long workers waited for them.
+    /// Time that workers waited for the rows.
     pub waited_ms: f64,
-    /// In the order in which they follow one another. What a thread rested is within the part before.
+    /// Steps in order. The time for which a thread rested lies within the previous step.
     pub parts: Vec<PassagePart>,
 }
 
-/// Ticket and transfer of rows, which the spans of all who have a hand in it carry.
+/// Ticket and transfer that all spans of the same rows carry.
 type Key = (u64, u64);
 
-/// What the spans are called. Their text stands in `exec`.
+/// Names of the spans, as recorded by `exec`.
 const HANDED: &str = "send rows";
 const SENT: &str = "send to rank";
 const FOUND: &str = "receive from rank";
@@ -67,8 +67,8 @@ fn whole(span: &HostSpan, name: &str) -> Option<u64> {
     span.args[name].as_f64().filter(|number| *number >= 0.0).map(|number| number as u64)
 }
 
-/// Those whose both ends are there. A run may have several renderers that count tickets anew: what belongs together is
-/// what is nearest in time.
+/// Returns the passages for which both ends were recorded. A run may have several renderers that each count tickets
+/// from 0, so spans of one ticket and transfer are matched by the nearest time.
 pub fn passages(mut spans: Vec<HostSpan>) -> Vec<Passage> {
     spans.retain(|span| [HANDED, SENT, FOUND, WAITED].contains(&&*span.name));
     spans.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us));
@@ -83,7 +83,7 @@ pub fn passages(mut spans: Vec<HostSpan>) -> Vec<Passage> {
     passages
 }
 
-/// Of spans of one ticket and transfer, in order of begin.
+/// Returns the passages among the spans of one ticket and transfer. `spans` are in order of begin.
 fn passages_of<'a>(spans: &'a [&HostSpan]) -> impl Iterator<Item = Passage> + 'a {
     let of = |name: &'static str| spans.iter().copied().filter(move |span| span.name == name);
     let nearest = move |name, at_us: f64, end: fn(&HostSpan) -> f64| {
@@ -104,9 +104,9 @@ fn passages_of<'a>(spans: &'a [&HostSpan]) -> impl Iterator<Item = Passage> + 'a
 }
 
 impl Passage {
-    /// What happens to the rows, one after the other, but that what a thread rested is within the part before it; last, how
-    /// long the worker that waits for them is still at something else, as at sending its own. Where clocks are not aligned
-    /// well enough, a part may have a negative length.
+    /// Splits the passage into consecutive steps, except that the time for which a thread rested lies within the
+    /// previous step. The last step begins with the worker's wait, if that begins after the rows were passed on. A step
+    /// may have a negative length if clocks are not aligned well enough.
     fn parts(&self) -> [(&'static str, bool, Interval); 6] {
         let [handed, taken, sent, found, passed] = self.at_us;
         let (waits, goes_on) = self.waited_us.map_or((passed, passed), |(begin, end)| (begin.max(passed), end));
@@ -122,7 +122,7 @@ impl Passage {
 }
 
 impl PassageSummary {
-    /// Of the frames that are `shown`; none where no rows went from rank to rank.
+    /// Sums up the passages of the frames that are `shown`, and those without a frame. Returns none without passages.
     pub fn of(passages: &[Passage], shown: impl Fn(u64) -> bool) -> Option<Self> {
         let passages: Vec<&Passage> = passages.iter().filter(|p| p.frame.is_none_or(&shown)).collect();
         let first = passages.first()?;
@@ -148,7 +148,7 @@ impl PassageSummary {
         })
     }
 
-    /// How long workers waited at most because of threads that carry packets.
+    /// Returns an upper bound on the time that workers waited because of MPI threads.
     pub fn thread_ms(&self) -> f64 {
         self.parts.iter().filter(|part| part.is_of_thread).map(|part| part.waited_ms).sum()
     }
@@ -165,7 +165,7 @@ mod tests {
         HostSpan { name: name.to_owned(), begin_us, end_us, args }
     }
 
-    /// Rows of one ticket that a worker waits for, and of two renderers that have another ticket in common.
+    /// Spans of rows that a worker waits for, and of two renderers that share a ticket number.
     fn spans() -> Vec<HostSpan> {
         let other = |at_us: f64| {
             let at = move |name, begin, end, more| span(name, at_us + begin, at_us + end, 2, more);

@@ -1,6 +1,6 @@
-//! Reads a trace-file back, checks it, and picks out the work of diptych's devices.
+//! Reads a trace-file back, checks it, and extracts the work of diptych's devices.
 //!
-//! Any Chrome trace is accepted. What is not device work is checked for form and then only counted.
+//! Any Chrome trace is accepted. Events other than device work are only checked for form and counted.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::Path;
@@ -13,7 +13,7 @@ use super::recorder::RANK_HOST;
 use super::work::{Device, FrameTime, Order, Task, Trace};
 use super::{FIRST_DEVICE_PID, FRAMES_NAME, HOST_PID, Lane, TraceError};
 
-/// Rounding of a begin and a duration to f64 microseconds must not make neighbours overlap.
+/// Tolerance for neighbouring spans, because begin and duration are rounded to f64 microseconds.
 const OVERLAP_TOLERANCE_US: f64 = 1e-3;
 
 /// Reads and checks the trace at `path`.
@@ -28,7 +28,7 @@ pub fn read(path: &Path) -> Result<Trace, TraceError> {
     }
 }
 
-/// As [`read`], from memory; `origin` names the trace in messages.
+/// Parses a trace from memory like [`read`]; `origin` names it in messages.
 pub fn parse(bytes: &[u8], origin: &str) -> Result<Trace, TraceError> {
     let not_a_trace = |what: String| TraceError::NotATrace { path: origin.to_owned(), what };
     let raw = raw_trace_from_bytes(bytes).map_err(not_a_trace)?;
@@ -48,10 +48,10 @@ pub fn parse(bytes: &[u8], origin: &str) -> Result<Trace, TraceError> {
     Ok(trace)
 }
 
-/// Index of the event, and what is wrong with it.
+/// Index of a faulty event, with a description of the fault.
 type Wrong = (usize, String);
 
-/// Process and thread; other tools use numbers or text.
+/// Process and thread, as text, because other tools use numbers or text.
 type TrackKey = (String, String);
 
 struct Span {
@@ -63,7 +63,7 @@ struct Span {
     args: Value,
 }
 
-/// A `B` or an `E`.
+/// A `B` or an `E` event.
 struct Edge {
     index: usize,
     time_us: f64,
@@ -83,7 +83,7 @@ struct Reader {
 }
 
 impl Reader {
-    /// `residual_us`: how wrong a device's times are at most, if that is known.
+    /// Processes all events. `residual_us` returns the maximum error of a device's times, if known.
     fn all(&mut self, events: Vec<Value>, residual_us: &dyn Fn(u32) -> Option<f64>) -> Result<Trace, Wrong> {
         for (index, event) in events.into_iter().enumerate() {
             let Value::Object(event) = event else {
@@ -193,7 +193,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The lane, if this is one of ours: a device's process with the thread named as the lane.
+    /// Returns the device and lane of a track: a device's process whose thread is named like the lane.
     fn device_lane(&self, track: &TrackKey) -> Option<(u32, Lane)> {
         let pid: u32 = track.0.parse().ok().filter(|&pid| pid >= FIRST_DEVICE_PID)?;
         let name = self.thread_names.get(track)?;
@@ -201,7 +201,7 @@ impl Reader {
         Some((pid, lane))
     }
 
-    /// Whether threads of this process are those of a rank.
+    /// Returns true if the threads of this process belong to a rank.
     fn is_host(&self, pid: &str) -> bool {
         pid == HOST_PID.to_string() || self.process_names.get(pid).is_some_and(|name| name.starts_with(RANK_HOST))
     }
@@ -245,8 +245,8 @@ impl Reader {
     }
 }
 
-/// Device spans as tasks in order of begin; an error if two on one lane overlap by more than their clock explains: frames are put
-/// on the host's clock one by one, each within the residual.
+/// Converts device spans to tasks in order of begin. Fails if two on one lane overlap by more than their clock's error:
+/// frames are converted to the host's clock one by one, each within the residual.
 fn tasks(mut spans: Vec<((u32, Lane), Span)>, residual_us: &dyn Fn(u32) -> Option<f64>) -> Result<Vec<Task>, Wrong> {
     spans.sort_by(|(_, a), (_, b)| a.begin_us.total_cmp(&b.begin_us).then(a.end_us.total_cmp(&b.end_us)));
     let mut last_on_lane: HashMap<(u32, Lane), (usize, f64)> = HashMap::new();
@@ -286,7 +286,8 @@ fn task(pid: u32, lane: Lane, span: Span) -> Result<Task, Wrong> {
     })
 }
 
-/// Where a task is in its frame's graph, if it says so: its number, and `0.3 1.7` for those that it depends on.
+/// Returns a task's place in its frame's graph, if given: its number, and its dependencies as `0.3 1.7` (device and
+/// number).
 fn order(args: &Value) -> Result<Option<Order>, String> {
     let Some(number) = whole(args, "task")? else { return Ok(None) };
     let after = args["after"].as_str().unwrap_or_default();
@@ -299,14 +300,15 @@ fn order(args: &Value) -> Result<Option<Order>, String> {
     Ok(Some(Order { number, after }))
 }
 
-/// The frame's time, if it says its number.
+/// Returns the frame's time, if it has a number.
 fn frame_time(span: &Span) -> Result<Option<FrameTime>, String> {
     let devices = devices(&span.args)?;
     let frame = whole(&span.args, "frame")?;
     Ok(frame.map(|frame| FrameTime { frame, begin_us: span.begin_us, end_us: span.end_us, devices }))
 }
 
-/// A bit per device that a frame was shared out over: their numbers, `0,2`; once it was how many, the first ones.
+/// Returns the devices of a frame as a bit mask. The argument lists their numbers, as in `0,2`; older traces have a
+/// count, which means the first ones.
 fn devices(args: &Value) -> Result<Option<u64>, String> {
     let Value::String(numbers) = &args["devices"] else {
         let count = whole(args, "devices")?;
@@ -326,7 +328,7 @@ fn check_finite(args: &Value) -> Result<(), String> {
     Ok(())
 }
 
-/// The argument `name`, if it is there and a number.
+/// Returns the argument `name` as a whole number, if it exists and is a number.
 fn whole(args: &Value, name: &str) -> Result<Option<u64>, String> {
     match args[name].as_f64() {
         None => Ok(None),
@@ -335,7 +337,7 @@ fn whole(args: &Value, name: &str) -> Result<Option<u64>, String> {
     }
 }
 
-/// JSON writers put null or a text where a number was not finite.
+/// Returns false for null and text, which JSON writers put in place of numbers that are not finite.
 fn is_finite(value: &Value) -> bool {
     match value {
         Value::Null => false,
@@ -354,7 +356,7 @@ fn check_counter(args: &Value) -> Result<(), String> {
     }
 }
 
-/// An event's fields but `args`.
+/// An event's fields except `args`.
 struct Fields<'a>(&'a Map<String, Value>);
 
 impl Fields<'_> {
@@ -376,7 +378,7 @@ impl Fields<'_> {
         }
     }
 
-    /// An id that says whether it is local to the process.
+    /// Returns an id that states whether it is local to the process.
     fn id2(&self) -> Result<String, String> {
         let id2 = self.0.get("id2").filter(|id2| id2.is_object());
         id2.map(Value::to_string).ok_or_else(|| "it needs \"id\"".to_owned())
@@ -386,7 +388,7 @@ impl Fields<'_> {
         Ok((self.id("pid")?, self.id("tid")?))
     }
 
-    /// An instant of global or process scope belongs to no thread.
+    /// Checks an instant. With global or process scope it belongs to no thread.
     fn instant(&self) -> Result<(), String> {
         self.number("ts")?;
         match self.0.get("s").and_then(Value::as_str) {

@@ -1,4 +1,4 @@
-//! Takes down device times, host spans, counters and arrows.
+//! Records device times, host spans, counters and arrows.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,7 +11,7 @@ use super::growing::GrowingDocument;
 use super::host::{HostSpans, Spans};
 use super::{FIRST_DEVICE_PID, FIRST_RANK_PID, FRAMES_NAME, FRAMES_TRACK, FRAMES_TRACKS, HOST_PID, Lane, TraceError};
 
-/// What processes of other ranks are called, before their number.
+/// Prefix of the names of other ranks' processes, followed by their number.
 pub(super) const RANK_HOST: &str = "host of rank ";
 
 /// Writes to the trace of a run; clones write to the same one, from any thread.
@@ -21,34 +21,34 @@ pub struct Recorder {
     log: Option<Arc<Mutex<Log>>>,
 }
 
-/// What is not in the file yet.
+/// The file, and events that are not written yet.
 #[derive(Default)]
 pub(super) struct Log {
-    /// None before the trace begins and once it is finished: nothing is taken down then.
+    /// None before the trace begins and after it ends: then nothing is recorded.
     document: Option<GrowingDocument>,
     events: Vec<Event>,
     host: Option<HostSpans>,
-    /// Of this process and of other ranks, by process.
+    /// Host spans of this process and of other ranks, by process.
     spans: BTreeMap<u32, Spans>,
     notes: Map<String, Value>,
-    /// Events whose times were not finite or ran backwards.
+    /// Number of dropped events, whose times were not finite or ran backwards.
     dropped_events: u64,
-    /// Why a write failed; none was tried after.
+    /// First write error; no write was attempted after it.
     failure: Option<TraceError>,
 }
 
 impl Recorder {
-    /// A recorder that takes nothing down.
+    /// Creates a recorder that records nothing.
     pub fn off() -> Recorder {
         Recorder { origin: Instant::now(), log: None }
     }
 
-    /// A recorder that takes nothing down until it has a document.
+    /// Creates a recorder that records nothing until it has a document.
     pub(super) fn new() -> Recorder {
         Recorder { origin: Instant::now(), log: Some(Arc::default()) }
     }
 
-    /// Begins the trace, with the spans of the host where they are recorded.
+    /// Begins the trace, with host spans if they are recorded.
     pub(super) fn open(&self, document: GrowingDocument, host: Option<HostSpans>) {
         let Some(mut log) = self.lock() else { return };
         (log.document, log.host) = (Some(document), host);
@@ -65,12 +65,12 @@ impl Recorder {
         self.log.is_some()
     }
 
-    /// Zero of all times.
+    /// Returns the origin of all times.
     pub fn origin(&self) -> Instant {
         self.origin
     }
 
-    /// Microseconds from the origin to `instant`, negative before it.
+    /// Returns microseconds from the origin to `instant`, negative before it.
     pub fn time_us(&self, instant: Instant) -> f64 {
         match instant.checked_duration_since(self.origin) {
             Some(after) => after.as_nanos() as f64 / 1000.0,
@@ -91,18 +91,18 @@ impl Recorder {
         });
     }
 
-    /// Work on one lane of a device, from GPU timestamps brought to the origin.
+    /// Records work on one lane of a device, with GPU timestamps converted to the origin.
     pub fn task(&self, device: u32, lane: Lane, name: &str, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
         self.task_with(device, lane, name, [begin_us, end_us], args_from(args));
     }
 
-    /// ... with arguments that are texts as well.
+    /// Records work like [`Self::task`], with arguments that may also be text.
     pub fn task_with(&self, device: u32, lane: Lane, name: &str, [begin_us, end_us]: [f64; 2], args: Args) {
         let category = if lane.is_transfer() { "transfer" } else { "device" };
         self.span(lane.track(device), category, name, begin_us, end_us, args);
     }
 
-    /// What threads of another rank's process are at, as its [`HostSpans`] tell it, with times since `zero_us` here.
+    /// Records spans of another rank's process from the text of its [`HostSpans`], with times since `zero_us` here.
     pub fn rank_host(&self, rank: u32, machine: &str, zero_us: f64, text: &[u8]) {
         let Some(mut log) = self.lock() else { return };
         let pid = FIRST_RANK_PID.saturating_add(rank);
@@ -113,7 +113,7 @@ impl Recorder {
         log.push_spans(pid, zero_us, text);
     }
 
-    /// A frame, on the host's track for frames in this slot. `args` should hold its number as `frame`.
+    /// Records a frame on the host's track for frames in this slot. `args` should hold its number as `frame`.
     pub fn frame(&self, slot: usize, begin_us: f64, end_us: f64, args: Args) {
         self.span(frames_track(slot as u32 % FRAMES_TRACKS), "frame", "frame", begin_us, end_us, args);
     }
@@ -125,7 +125,7 @@ impl Recorder {
         });
     }
 
-    /// A moment on one lane of a device, with what there is to say about it.
+    /// Records an instant on one lane of a device, with arguments that describe it.
     pub fn mark(&self, device: u32, lane: Lane, name: &str, time_us: f64, args: &[(&str, &str)]) {
         self.push(|| {
             let args = args.iter().map(|&(name, text)| (name.to_owned(), text.into())).collect();
@@ -134,7 +134,7 @@ impl Recorder {
         });
     }
 
-    /// The values of counter `name` from `time_us` on, each a series of its own.
+    /// Records the values of counter `name` from `time_us` on, each as a series.
     pub fn counter(&self, name: &str, time_us: f64, values: &[(&str, f64)]) {
         self.push(|| {
             [Event {
@@ -148,8 +148,8 @@ impl Recorder {
         });
     }
 
-    /// Arrows from the span around one time to the span around the next. `id` is unique to the chain; fewer than two
-    /// points are no arrow.
+    /// Records arrows from the span around each point to the span around the next. `id` is unique to the chain. Fewer
+    /// than two points give no arrow.
     pub fn flow(&self, id: u64, category: &'static str, points: &[(Track, f64)]) {
         let Some(last) = points.len().checked_sub(1).filter(|&last| last > 0) else { return };
         let step = |i: usize| match i {
@@ -164,14 +164,14 @@ impl Recorder {
         self.push(|| points.iter().enumerate().map(event));
     }
 
-    /// Something about the whole run; lands in `otherData`.
+    /// Records a property of the whole run in `otherData`.
     pub fn note(&self, key: &str, value: impl Into<Value>) {
         if let Some(mut log) = self.lock() {
             log.notes.insert(key.to_owned(), value.into());
         }
     }
 
-    /// How wrong times of a clock were at most, as of `device_0` or `rank_1`; the most that was noted lands in `otherData`.
+    /// Records the error of a clock, named like `device_0` or `rank_1`. The maximum per clock goes to `otherData`.
     pub fn note_residual(&self, clock: &str, residual_us: f64) {
         if let Some(mut log) = self.lock() {
             let key = format!("clock_residual_us.{clock}");
@@ -180,7 +180,7 @@ impl Recorder {
         }
     }
 
-    /// Brings the file up to date. A failure is told when the trace is finished.
+    /// Updates the file. Write errors are reported when the trace is finished.
     pub fn flush(&self) {
         if let Some(mut log) = self.lock() {
             log.write(false);

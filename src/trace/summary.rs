@@ -1,5 +1,4 @@
-//! A trace summed up: how busy each device was, how well they worked side by side, how long frames took, and what their
-//! critical paths consist of.
+//! Summarises a trace: utilisation of each device, overlap between devices, frame times, and critical paths.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -16,24 +15,24 @@ use super::{Lane, TraceError};
 pub struct DeviceSummary {
     pub pid: u32,
     pub name: String,
-    /// Some work on an eye or both ran.
+    /// Time in which work on the left eye, the right eye or both ran.
     pub busy_ms: f64,
-    /// Some upload or download ran.
+    /// Time in which an upload or download ran.
     pub transfer_ms: f64,
-    /// Part of `transfer_ms` in which the device was busy as well.
+    /// Part of `transfer_ms` in which the device was busy, too.
     pub hidden_transfer_ms: f64,
-    /// Rest of the frames that it had a share in: neither busy nor transferring.
+    /// Rest of the frames in which it took part: neither busy nor transferring.
     pub idle_ms: f64,
     /// `busy_ms` over the time of these frames.
     pub busy_share: f64,
-    /// Bound on the error of its times against the host's.
+    /// Error bound of its times against the host's.
     pub clock_residual_us: Option<f64>,
 }
 
 /// Work of one stage on one eye, or all uploads or downloads, summed over devices.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StageTime {
-    /// `rows` for transfers.
+    /// Name of the stage, or `rows` for transfers.
     pub stage: String,
     pub lane: Lane,
     pub time_ms: f64,
@@ -42,54 +41,54 @@ pub struct StageTime {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameSummary {
     pub frame: u64,
-    /// After the first frame's begin.
+    /// Time since the first frame's begin.
     pub begin_ms: f64,
-    /// From its plan to its images on the primary; where the trace does not say, from the first task to the last.
+    /// Time from its planning to its images on the primary; if the trace lacks that, from the first task to the last.
     pub makespan_ms: f64,
-    /// Of all devices together.
+    /// Busy time of all devices together.
     pub busy_ms: f64,
     pub transfer_ms: f64,
     pub idle_ms: f64,
-    /// Largest over mean busy time of the devices; none when nothing was busy.
+    /// Largest over mean busy time of the devices; none if no device was busy.
     pub imbalance: Option<f64>,
-    /// Waits on the critical path.
+    /// Total wait on the critical path.
     pub wait_ms: f64,
-    /// Of uploads.
+    /// Bytes of uploads.
     pub bytes: u64,
     pub stages: Vec<StageTime>,
 }
 
-/// What the critical paths of the frames hold of one thing on one device.
+/// Contribution of one stage, transfer or wait of one device to the critical paths of the frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PathShare {
-    /// A stage, what was transferred, or what was waited for.
+    /// Name of the stage, the transferred image, or the cause of the wait.
     pub what: String,
-    /// None for a wait.
+    /// Lane of a task; none for a wait.
     pub lane: Option<Lane>,
     pub pid: u32,
     /// Mean over frames.
     pub ms_per_frame: f64,
-    /// Of the makespans of all frames together.
+    /// Fraction of the makespans of all frames together.
     pub share: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     pub devices: Vec<DeviceSummary>,
-    /// Of tasks that say their frame.
+    /// Frames, if the tasks name theirs.
     pub frames: Vec<FrameSummary>,
-    /// Time of all frames, once where they overlap, without what lies between them; of a trace without frames, from the first begin to the last
-    /// end on any device.
+    /// Time covered by frames, without gaps and with overlaps counted once. In a trace without frames, the time from
+    /// the first begin to the last end on any device.
     pub total_ms: f64,
     /// Time in which at least two devices were busy, over `total_ms`.
     pub overlap_share: f64,
-    /// Share of transfer time in which the transferring device was busy as well; none without transfers.
+    /// Fraction of the transfer time in which the transferring device was busy, too; none without transfers.
     pub hidden_transfer_share: Option<f64>,
-    /// Largest over mean busy time of the devices, 1 is even; none when nothing was busy.
+    /// Largest over mean busy time of the devices; 1 is perfect balance. None if no device was busy.
     pub imbalance: Option<f64>,
-    /// Longest first; together they are the frames.
+    /// Parts of the critical paths, longest first; together they add up to the frames.
     pub critical_path: Vec<PathShare>,
-    /// How rows went from rank to rank; none where none did.
+    /// Summary of transfers of rows between ranks; none without such transfers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub passages: Option<PassageSummary>,
     pub warnings: Vec<String>,
@@ -105,11 +104,11 @@ pub struct FrameDetail {
 /// A stretch of the critical path.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {
-    /// As [`PathShare::what`].
+    /// Stage, transfer or wait, as in [`PathShare::what`].
     pub what: String,
     pub lane: Option<Lane>,
     pub pid: u32,
-    /// After the frame's begin.
+    /// Time since the frame's begin.
     pub begin_ms: f64,
     pub time_ms: f64,
     /// First row and the one after the last.
@@ -188,7 +187,7 @@ fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
     }
 }
 
-/// Time in which any of the frames was on the devices.
+/// Returns the time in which any of the frames was on the devices.
 fn time_of<'a>(frames: impl Iterator<Item = &'a Frame<'a>>) -> f64 {
     length(&union(frames.map(|f| (f.time.begin_us, f.time.end_us)).collect()))
 }
@@ -255,17 +254,17 @@ fn path_shares(frames: &[Frame]) -> Vec<PathShare> {
     shares
 }
 
-/// When a device was busy and when it transferred.
+/// Intervals in which a device was busy and in which it transferred.
 struct Lanes<'a> {
     pid: u32,
     device: &'a Device,
     busy: Vec<Interval>,
     transfer: Vec<Interval>,
-    /// Time of the frames that it had a share in.
+    /// Time of the frames in which it took part.
     total_us: f64,
 }
 
-/// Of devices that had a share in any of the frames.
+/// Returns the lanes of the devices that took part in any of the frames.
 fn lanes<'a>(trace: &'a Trace, frames: &[Frame]) -> Vec<Lanes<'a>> {
     let mut by_pid: BTreeMap<u32, [Vec<Interval>; 2]> = BTreeMap::new();
     for task in frames.iter().flat_map(|frame| &frame.tasks) {

@@ -7,7 +7,7 @@ use super::read::{parse, read};
 use super::summary::{FrameDetail, Summary};
 use super::*;
 
-/// Two devices, two frames. µs:
+/// Records two frames on two devices. Times in µs:
 /// device 0: left 0–1000, right 500–2000, both 3000–4000; download 1500–2500 (500 hidden)
 /// device 1: left 1000–3000; upload 4000–5000
 fn record(recorder: &Recorder) {
@@ -88,7 +88,7 @@ fn a_device_is_not_idle_in_frames_of_others() {
         recorder.device(device, "gpu");
         recorder.task(device, Lane::Left, "gbuffer", 5000.0, 9000.0, &[("frame", 1.0)]);
     }
-    // How many, as older traces have it: the first ones.
+    // Older traces give the number of devices, which means the first ones.
     recorder.frame(0, 0.0, 3000.0, args_from(&[("frame", 0.0), ("devices", 1.0)]));
     recorder.task(0, Lane::Left, "gbuffer", 0.0, 3000.0, &[("frame", 0.0)]);
     let shared = |frame: f64, devices: &str| {
@@ -139,7 +139,7 @@ fn frames_last_as_long_as_the_trace_says_and_their_path_is_all_of_that() {
     let summary = Summary::of(&trace);
     close(summary.frames[0].makespan_ms, 3.75);
     close(summary.frames[1].begin_ms, 3.5);
-    // The second begins 0.25 ms before the first one ends.
+    // The second frame begins 0.25 ms before the first one ends.
     close(summary.total_ms, 5.5);
     close(summary.critical_path.iter().map(|part| part.ms_per_frame).sum(), 5.75 / 2.0);
     close(summary.critical_path.iter().map(|part| part.share).sum(), 1.0);
@@ -257,7 +257,7 @@ fn the_file_is_whole_after_every_write() {
     assert_eq!(events(), names + 3);
 }
 
-/// Parsing `events` must fail at `index` with a message that holds `says`.
+/// Asserts that parsing `events` fails at `index` with a message that contains `says`.
 #[track_caller]
 fn wrong(events: Value, index: usize, says: &str) {
     let error = parse(events.to_string().as_bytes(), "t.json").unwrap_err();
@@ -266,7 +266,7 @@ fn wrong(events: Value, index: usize, says: &str) {
     assert!(what.contains(says), "`{error}` lacks `{says}`");
 }
 
-/// A named lane `left` of a device, and a task on it.
+/// Events that name the lane `left` of a device and add a task on it.
 fn lane() -> Value {
     json!({"ph": "M", "name": "thread_name", "pid": 10, "tid": 1, "args": {"name": "left"}})
 }

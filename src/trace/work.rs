@@ -1,4 +1,5 @@
-//! What a run did, as plain data: the same whether just recorded or read back from a file. Times are microseconds.
+//! Recorded work of a run as plain data, in the same form whether just recorded or read back from a file. Times are
+//! microseconds.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -7,43 +8,43 @@ use super::intervals::Interval;
 use super::passages::Passage;
 use super::{FIRST_DEVICE_PID, Lane};
 
-/// One piece of device work.
+/// A task of a device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Task {
-    /// The device's process.
+    /// Process of the device.
     pub pid: u32,
     pub lane: Lane,
-    /// The stage, or what was transferred.
+    /// Name of the stage or of the transferred image.
     pub name: String,
     pub begin_us: f64,
     pub end_us: f64,
     pub frame: Option<u64>,
     pub rows: Option<Range<u64>>,
-    /// Number of the transfer within its frame; its download and its upload have it.
+    /// Number of the transfer within its frame, which its download and its upload share.
     pub transfer: Option<u64>,
     pub bytes: Option<u64>,
-    /// How many submissions it was spread over, where that is said.
+    /// Number of submissions that the task was split over, if recorded.
     pub submissions: Option<u64>,
-    /// Where it is in its frame's graph; files of earlier versions do not say it.
+    /// Place in its frame's graph; files of earlier versions lack it.
     pub order: Option<Order>,
 }
 
-/// Where a task is in the graph of its frame.
+/// Place of a task in the graph of its frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Order {
-    /// Among the tasks of its device, in the order in which the device carries them out.
+    /// Position among the tasks of its device, in the order of execution.
     pub number: u64,
     /// The tasks that it depends on, by device process and number.
     pub after: Vec<(u32, u64)>,
 }
 
-/// From the plan of a frame to its images on the primary.
+/// Time of a frame, from planning to its images on the primary.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameTime {
     pub frame: u64,
     pub begin_us: f64,
     pub end_us: f64,
-    /// The devices that it was shared out over, a bit each; none where that is not known.
+    /// Bit mask of the devices that rendered the frame; none if unknown.
     pub devices: Option<u64>,
 }
 
@@ -60,21 +61,21 @@ impl FrameTime {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Device {
     pub name: String,
-    /// Bound on the error of its times against the host's.
+    /// Error bound of its times against the host's.
     pub clock_residual_us: Option<f64>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trace {
-    /// By pid; also devices that did nothing.
+    /// Devices by pid, including idle ones.
     pub devices: BTreeMap<u32, Device>,
-    /// In order of begin.
+    /// Tasks in order of begin.
     pub tasks: Vec<Task>,
-    /// Frames that say when they began and ended.
+    /// Frames with known begin and end.
     pub frame_times: Vec<FrameTime>,
-    /// Of rows from rank to rank.
+    /// Transfers of rows from rank to rank.
     pub passages: Vec<Passage>,
-    /// What is odd about the trace but no error, each said once.
+    /// Anomalies of the trace that are not errors, each reported once.
     pub warnings: Vec<String>,
 }
 
@@ -86,7 +87,8 @@ pub struct Frame<'a> {
 }
 
 impl Trace {
-    /// Frames in order of their number. One that does not say its time lasts from its first begin to its last end.
+    /// Returns the frames in order of their number. Without a recorded time, a frame lasts from its first begin to its
+    /// last end.
     pub fn frames(&self) -> Vec<Frame<'_>> {
         let mut by_number: BTreeMap<u64, Vec<&Task>> = BTreeMap::new();
         for task in &self.tasks {
@@ -104,7 +106,7 @@ impl Trace {
     }
 }
 
-/// First begin and last end.
+/// Returns the first begin and the last end.
 pub fn extent<'a>(tasks: impl IntoIterator<Item = &'a Task>) -> Option<Interval> {
     tasks.into_iter().map(|task| (task.begin_us, task.end_us)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }

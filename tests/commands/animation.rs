@@ -1,4 +1,4 @@
-//! Scenes that move: which of a file's animations are played, at which time, and what is said about them.
+//! Animated scenes: the choice of a file's animations, their time, and the messages about them.
 
 use std::path::{Path, PathBuf};
 use std::process::Output;
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::common::diptych;
 
-/// A floor, and a triangle that animations lift or push aside, beside where their shots and results go.
+/// A scene with a floor and a triangle that animations lift or push aside, and a folder for its shots and results.
 struct Case {
     folder: tempfile::TempDir,
 }
@@ -16,7 +16,7 @@ struct Case {
 impl Case {
     fn new() -> Self {
         let case = Self { folder: tempfile::tempdir().unwrap() };
-        // Corners, seconds, then two tracks of two positions each.
+        // The buffer holds corners, key times, then two tracks of two positions each.
         let corners: [f32; 9] = [-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 0.0, 1.0, 0.0];
         let tracks: [f32; 14] = [0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.8, 0.0, 0.0];
         let bytes: Vec<u8> = corners.iter().chain(&tracks).flat_map(|v| v.to_le_bytes()).collect();
@@ -58,11 +58,11 @@ impl Case {
         let (shot, out) = (self.path(shot), self.path(out));
         let args = ["render", shot.to_str().unwrap(), "--out", out.to_str().unwrap(), "--size", "32x24", "--spp", "1"];
         let view = ["--position=0,0,4", "--target=0,0,0", "--environment=1,1,1", "--warm-up=0"];
-        // Without a history, all frames go through the middle of their pixels.
+        // Without temporal accumulation, rays of all frames go through the pixel centres.
         diptych(&[&args[..], &view, &["--aov", "position", "--denoiser", "none"], options].concat())
     }
 
-    /// The picture's folder.
+    /// Renders one picture; returns its folder.
     #[track_caller]
     fn render(&self, out: &str, options: &[&str]) -> PathBuf {
         let output = self.run("moves.gltf", out, options);
@@ -71,7 +71,7 @@ impl Case {
     }
 }
 
-/// Where surfaces are in a picture; nothing of it is a matter of chance or of the frames before.
+/// Returns the positions of surfaces in a picture. They depend neither on random numbers nor on earlier frames.
 fn surfaces(folder: &Path, frame: Option<usize>) -> Vec<[f32; 3]> {
     let is_it = |name: &str| {
         let of_frame = frame.is_none_or(|i| name.contains(&format!("{i:04}")));
@@ -99,7 +99,7 @@ fn animations_are_played_as_asked_for_and_said_in_the_report() {
     let rest = case.render("rest", &["--time", "0", "--animation", "Lift"]);
     let [all_at, lift_at, push_at, none_at, rest_at] = [&all, &lift, &push, &none, &rest].map(|f| surfaces(f, None));
     assert!(lift_at != push_at && lift_at != none_at && push_at != none_at && rest_at != lift_at);
-    // Of two that move the same, the first goes before.
+    // If two animations drive the same node, the first one wins.
     assert!(all_at == lift_at, "all together are not the first");
     let played = |folder: &Path| -> Vec<Value> {
         let list = moves(folder)["animations"].as_array().unwrap().clone();
@@ -127,7 +127,7 @@ fn frames_of_a_sequence_are_of_their_times() {
         assert!(surfaces(&one, None) == at[frame], "frame {frame} is not that of {time_s} s");
     }
     assert!(at.iter().enumerate().all(|(i, a)| at[..i].iter().all(|b| a != b)), "frames are of one time");
-    // Two seconds later it begins anew, and with `loop = false` it does not.
+    // After two seconds the animation repeats; with `loop = false` it does not.
     let again = case.render("again", &["--animation", "Push", "--time", "2.5"]);
     assert!(surfaces(&again, None) == at[0]);
     let shot = "scene = 'moves.gltf'\nanimation = 'Push'\nloop = false\n";

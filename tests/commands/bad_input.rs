@@ -1,5 +1,5 @@
-//! Bad input ends in one clear error that names the thing: exit status 2 for the command line and input files, 1 for a
-//! run that cannot be done, no panic, and nothing under a final name.
+//! Bad input ends in one clear error that names the cause. The exit status is 2 for the command line and input files
+//! and 1 for a run that cannot be done. Nothing panics, and nothing appears under a final name.
 
 mod options;
 
@@ -8,7 +8,7 @@ use std::process::{Output, Stdio};
 
 use crate::common::diptych;
 
-/// A folder to put results in, which nothing must be put in.
+/// A folder for results, which must stay empty.
 struct Case {
     folder: tempfile::TempDir,
 }
@@ -22,7 +22,7 @@ impl Case {
         self.folder.path().join(name)
     }
 
-    /// Writes an input file and gives its path.
+    /// Writes an input file and returns its path.
     fn file(&self, name: &str, bytes: &[u8]) -> String {
         let path = self.path(name);
         std::fs::write(&path, bytes).unwrap();
@@ -38,7 +38,7 @@ impl Case {
         diptych(&args)
     }
 
-    /// Renders into a new folder and expects to be told off with `status` and all of `parts`.
+    /// Renders into a new folder and expects an error with `status` that contains all of `parts`.
     #[track_caller]
     fn refused(&self, shot: &str, options: &[&str], status: i32, parts: &[&str]) {
         let out = self.path("out");
@@ -66,7 +66,7 @@ fn assert_refused(what: &str, output: &Output, status: i32, parts: &[&str]) {
     }
 }
 
-/// A refusal by the command line's options.
+/// Expects these options to be rejected.
 #[track_caller]
 fn assert_option_refused(options: &[&str], parts: &[&str]) {
     Case::new().refused("builtin:cornell", options, 2, parts);
@@ -139,7 +139,7 @@ fn head_motion_that_is_none_is_named_with_its_line() {
     case.refused("builtin:cornell", &["--motion", folder], 2, &["not a regular file"]);
 }
 
-/// A binary glTF of one triangle.
+/// Returns a binary glTF file of one triangle.
 fn glb() -> Vec<u8> {
     glb_of(TRIANGLE)
 }
@@ -149,7 +149,7 @@ const TRIANGLE: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes
         "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}],
         "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36}]}"#;
 
-/// One with three corners in its binary chunk.
+/// Returns a binary glTF file with three corners in its binary chunk.
 fn glb_of(json: &str) -> Vec<u8> {
     let mut json = json.as_bytes().to_vec();
     json.resize(json.len().next_multiple_of(4), b' ');
@@ -174,7 +174,7 @@ fn damaged_glb_files_are_named() {
     let good = case.file("whole.glb", &whole);
     let output = case.render_into(&case.path("good"), &good, &[]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    // Within and at the ends of the header, the JSON chunk and the binary chunk.
+    // Truncate within and at the ends of the header, the JSON chunk and the binary chunk.
     for keep in
         [0, 3, 4, 8, 11, 12, 16, 19, 20, 100, whole.len() - 44, whole.len() - 37, whole.len() - 36, whole.len() - 1]
     {
@@ -189,7 +189,7 @@ fn damaged_glb_files_are_named() {
     case.refused(&broken, &[], 2, &["nan.glb"]);
 }
 
-/// What is wrong in a file is named with its place.
+/// Errors name the faulty place in a file.
 #[test]
 fn glb_files_that_contradict_themselves_are_named() {
     let case = Case::new();
@@ -233,7 +233,7 @@ fn glb_files_that_contradict_themselves_are_named() {
     }
 }
 
-/// Pixels of a sky that are no radiance are taken as 0, and said.
+/// Invalid radiance in a sky counts as 0, with a warning.
 #[test]
 fn skies_with_values_that_are_none_are_cleaned() {
     use diptych::image::{Extent, Image, exr};
@@ -287,7 +287,7 @@ fn scenes_that_take_more_memory_than_they_may_are_refused() {
     let scene = case.file("scene.glb", &glb());
     let says = ["scene.glb", "--max-scene-memory", "500 bytes"];
     case.refused(&scene, &["--max-scene-memory", "0.5kB"], 2, &says);
-    // The file fits, what is made of it does not.
+    // The file fits, but the scene made from it does not.
     case.refused(&scene, &["--max-scene-memory", "3kB"], 2, &["--max-scene-memory", "2.9 KiB"]);
     let output = case.render_into(&case.path("good"), &scene, &["--max-scene-memory", "1MiB"]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
@@ -296,7 +296,7 @@ fn scenes_that_take_more_memory_than_they_may_are_refused() {
     }
 }
 
-/// A shot, a scene or a sky may come from anyone: what they name outside their own folder is not read unasked.
+/// A shot, a scene or a sky may come from anyone. Files outside its own folder are read only with permission.
 #[test]
 fn files_outside_the_folder_are_refused_unless_allowed() {
     use diptych::image::{Extent, Image, exr};
@@ -320,8 +320,8 @@ fn files_outside_the_folder_are_refused_unless_allowed() {
     }
 }
 
-/// Where no folder for such things is set, none is made up that others may write to: a display server planted there
-/// would be spoken to.
+/// Without a private runtime folder, no shared one takes its place: anyone could plant a display server there, and the
+/// program would connect to it.
 #[cfg(target_os = "linux")]
 #[test]
 fn no_display_server_is_looked_for_in_a_shared_folder() {
@@ -359,13 +359,13 @@ fn results_that_cannot_be_put_anywhere_fail() {
 #[cfg(target_os = "linux")]
 #[test]
 fn folders_that_nobody_can_write_to_fail() {
-    // Not even root makes folders there.
+    // Not even root can create folders there.
     let out = Path::new("/proc/diptych-test");
     let output = Case::new().render_into(out, "builtin:cornell", &[]);
     assert_refused("--out in /proc", &output, 1, &["/proc/diptych-test"]);
 }
 
-/// A picture that stands there already is replaced whole or not at all.
+/// An existing picture is replaced completely or not at all.
 #[test]
 fn a_failed_run_leaves_earlier_results_alone() {
     let case = Case::new();
@@ -378,7 +378,7 @@ fn a_failed_run_leaves_earlier_results_alone() {
     assert_eq!(std::fs::read(out.join("left.exr")).unwrap(), b"earlier");
 }
 
-/// As `mpirun` starts it: each process would write the same files.
+/// Started by `mpirun` without the feature, every process would write the same files.
 #[cfg(not(feature = "mpi"))]
 #[test]
 fn one_of_several_processes_is_refused_without_mpi() {

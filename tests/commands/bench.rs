@@ -1,5 +1,5 @@
-//! `bench` measures what it says: the error of independent samples falls as their number to the −1/2, that of Sobol'
-//! samples no slower; what it writes can be read, and what was measured is not measured again.
+//! `bench` measures correctly: the error of independent samples falls as their number to the −1/2, and that of Sobol'
+//! samples at least as fast. Its files can be read, and nothing is measured twice.
 
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader, Write};
@@ -22,7 +22,7 @@ fn event<'a>(events: &'a [Value], name: &str) -> &'a Value {
     events.iter().find(|e| e["event"] == name).unwrap()
 }
 
-/// Student's t of 11 degrees of freedom exceeds this with a probability below 1e-4.
+/// Bound that Student's t with 11 degrees of freedom exceeds with a probability below 1e-4.
 const T: f64 = 6.0;
 
 #[test]
@@ -87,7 +87,7 @@ fn a_grid_has_its_rows_its_plot_and_its_reference() {
     let svg = std::fs::read_to_string(out.join("bench.svg")).unwrap();
     assert!(["atrous", "none", "noise of the reference"].iter().all(|text| svg.contains(text)));
 
-    // The kept reference is an image like any other's.
+    // The kept reference has the format of any image.
     let kept = std::fs::read_dir(out.join("reference")).unwrap().next().unwrap().unwrap().path();
     let again = folder.path().join("again");
     let given = [
@@ -102,8 +102,8 @@ fn a_grid_has_its_rows_its_plot_and_its_reference() {
     assert_eq!(same, &first["errors"]["left"]["rmse"]);
 }
 
-/// A shot whose frames are black on the screen has next to no FLIP, whatever their radiance is off by. What was measured
-/// of it at another exposure is not taken for it, the reference is.
+/// Black frames on the screen have almost no FLIP, however large the error of their radiance. A different exposure
+/// invalidates kept measurements, but not the kept reference.
 #[test]
 fn a_grid_is_judged_at_the_exposure_of_its_shot() {
     let folder = tempfile::tempdir().unwrap();
@@ -132,7 +132,7 @@ fn a_grid_is_judged_at_the_exposure_of_its_shot() {
     assert!(flip > 0.05 && dark_flip < 0.1 * flip && dark_psnr > psnr + 20.0, "{flip} {dark_flip}, {psnr} {dark_psnr}");
 }
 
-/// All results.
+/// Returns the contents of all result files.
 fn results(out: &Path) -> Vec<String> {
     let files = ["bench.csv", "bench.svg", "frames.csv", "ladder.toml", "ladder.svg"];
     files.map(|name| std::fs::read_to_string(out.join(name)).unwrap()).into()
@@ -161,7 +161,7 @@ fn a_run_that_was_killed_goes_on_and_one_that_is_done_gives_the_same_files() {
     assert!(!out.join("bench.csv").exists());
     let journal = out.join("bench.journal.jsonl");
     let kept = std::fs::read_to_string(&journal).unwrap().lines().count();
-    // What a run leaves that was killed within a line.
+    // A run that is killed may leave a truncated line.
     OpenOptions::new().append(true).open(&journal).unwrap().write_all(br#"{"subject":"#).unwrap();
 
     let events = bench(out, &options);
@@ -179,7 +179,7 @@ fn a_run_that_was_killed_goes_on_and_one_that_is_done_gives_the_same_files() {
     assert_eq!((count(&events, "setting"), count(&events, "frame")), (0, 0));
     assert_eq!(results(out), done);
 
-    // Other settings count for nothing, and --fresh takes nothing.
+    // Different settings do not count as measured, and --fresh ignores earlier results.
     let seeded = [&options[..], &["--seed", "3", "--spp", "1", "--denoiser", "none", "--bounces", "6"]].concat();
     assert_eq!(count(&bench(out, &seeded), "setting"), 1);
     let fresh = [&options[..], &["--fresh", "--spp", "1", "--denoiser", "none"]].concat();
@@ -210,8 +210,8 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
         assert!(rung.stage_ms["path_trace"] > 0.0, "{rung:?}");
         assert_eq!(rung.stage_ms.contains_key("atrous"), denoiser == "atrous", "{rung:?}");
     }
-    // Each denoiser has a ladder of its own, and one of them is the best: which, depends on the machine's times. Those that
-    // fit blocks are measured only where they are asked for.
+    // Each denoiser has a ladder of its own, and one of them is the best; which one depends on the machine. Denoisers
+    // that fit blocks are measured only on request.
     let others = [None, Some(Denoiser::ATROUS), Some(Denoiser::SVGF)].map(|denoiser| {
         let name = Denoiser::name_of(denoiser);
         let ladder = Ladder::read(&folder.path().join(format!("ladder.{name}.toml"))).unwrap();
@@ -219,7 +219,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
         ladder
     });
     assert!(others.contains(&ladder));
-    // Noise that every frame has anew flickers, what is accumulated over frames hardly does.
+    // Independent noise in every frame flickers; light accumulated over frames hardly does.
     let flicker = |denoiser: &str| {
         let is = |r: &&Value| r["denoiser"] == denoiser && r["spp"] == 1 && r["bounces"] == 6 && r["scale"] == 1.0;
         rows.iter().find(is).unwrap()["errors"]["left"]["flicker"].as_f64().unwrap()
@@ -236,7 +236,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
         let best = no_longer.map(error).fold(f64::INFINITY, f64::min) / 2.0;
         assert!((regret["best_error"].as_f64().unwrap() - best).abs() < 1e-9, "{regret}: {best}");
     }
-    // A rung that the fastest setting of all beats has something to regret.
+    // A ladder with only the worst setting has regret.
     let worst = rows.iter().max_by(|a, b| error(a).total_cmp(&error(b))).unwrap();
     let [spp, bounces, iterations] = ["spp", "bounces", "iterations"].map(|name| worst[name].as_u64().unwrap() as u32);
     let denoiser = Denoiser::from_name(worst["denoiser"].as_str().unwrap()).unwrap();
@@ -248,7 +248,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
     let found = &event(&judged, "result")["regrets"][0];
     let [of_rung, best, regret] = ["error", "best_error", "regret"].map(|name| found[name].as_f64().unwrap());
     assert!((of_rung - error(worst) / 2.0).abs() < 1e-9 && (regret - (of_rung / best - 1.0)).abs() < 1e-9, "{found}");
-    // Light that takes fewer reflections than it does in the reference misses some of it.
+    // Fewer bounces than the reference's lose some of its light.
     let ratio = |bounces: u32| {
         let is = |r: &&Value| r["denoiser"] == "none" && r["spp"] == 8 && r["bounces"] == bounces;
         rows.iter().find(is).unwrap()["errors"]["left"]["mean_ratio"].as_f64().unwrap()

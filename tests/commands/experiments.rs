@@ -1,4 +1,4 @@
-//! Published experiments: what they measure is arranged as they say, and their options are theirs.
+//! Published experiments are set up as published, and accept only their own options.
 
 use serde_json::Value;
 
@@ -48,7 +48,7 @@ fn the_baseline_shares_out_path_tracing_alone() {
         {
             assert_eq!(rows[stage], serde_json::json!(later), "{stage}: {rows}");
         }
-        // Of both arrangements alike.
+        // Both arrangements render the same times.
         assert!((number(&frame["time_s"]) - (i % 3) as f64 / 72.0).abs() < 1e-9, "{}", frame["time_s"]);
     }
     let csv = run.text("leria.csv");
@@ -68,12 +68,12 @@ fn dependent_features_are_left_out_beside_noise_and_svgf() {
     for row in &rows[..3] {
         let [frame, path, filter] = [&row["time_ms"][0], &row["path_ms"], &row["filter_ms"]].map(number);
         assert!((number(&row["frames_per_s"]) * frame - 1e3).abs() < 1e-6, "{row}");
-        // The share is of all stages, of which these are two.
+        // The fraction covers all stages; these are two of them.
         let all_ms = filter / number(&row["filter_share"]);
         assert!(path > 0.0 && filter > 0.0 && all_ms >= (path + filter) * (1.0 - 1e-9), "{row}");
         assert!(number(&row["flip"]) > 0.0 && number(&row["flicker"]) > 0.0, "{row}");
     }
-    // Noise on features is seen, but only just.
+    // Noise on features has a visible but small effect.
     let flips = [&rows[1], &rows[2]].map(|row| number(&row["flip"]));
     assert!(flips[0] != flips[1] && (flips[0] / flips[1] - 1.0).abs() < 0.1, "{flips:?}");
     let frames = run.text("frames.csv");
@@ -90,7 +90,7 @@ fn visual_polar_images_stand_beside_as_many_samples_elsewhere() {
     let all = ["full", "uniform", "linear", "visual-polar", "log-polar"];
     assert_eq!(arrangements, [&all[..], &["full", "visual-polar"].repeat(2)].concat());
     let of = |name: &str| rows[..5].iter().map(|row| number(&row[name])).collect::<Vec<_>>();
-    // All but the first trace as many pixels, and a few at rims of surfaces.
+    // All arrangements but the first trace about as many pixels, except for a few at silhouettes.
     let paths = of("paths_left");
     assert!(paths[0] == 1.0 && paths[3] > 0.3 && paths[3] < 0.45, "{paths:?}");
     assert!(paths[1..].iter().all(|share| (share / paths[3] - 1.0).abs() < 0.1), "{paths:?}");
@@ -109,7 +109,7 @@ fn visual_polar_images_stand_beside_as_many_samples_elsewhere() {
     {
         assert!(of(name).iter().all(|value| *value > 0.0), "{name}: {:?}", of(name));
     }
-    // No two render the same.
+    // All arrangements render different images.
     for name in ["flip", "flip_acuity", "flip_foveated", "fovea_flip", "fovea_flicker"] {
         let found = of(name);
         assert!((0..5).all(|i| !found[..i].contains(&found[i])), "{name}: {found:?}");
@@ -142,7 +142,7 @@ fn log_polar_images_stand_beside_every_pixel_by_rings() {
             assert!(near.iter().all(|ssim| number(ssim) < 1.0) && far.iter().all(|s| s.is_null() == (mode == "basic")));
         }
         assert!(number(&rows[1]["dispatched"]) > 1.2 && number(&rows[3]["dispatched"]) < 0.8, "{rows:?}");
-        // No two render the same.
+        // All rows render different images.
         let flips = rows.iter().map(|row| number(&row["flip"])).collect::<Vec<_>>();
         assert!((0..5).all(|i| !flips[..i].contains(&flips[i])), "{flips:?}");
     }
@@ -157,7 +157,7 @@ fn log_polar_images_stand_beside_every_pixel_by_rings() {
     }
 }
 
-/// The longer a head has moved on, the further the picture is off, and the more a correction takes of that.
+/// A longer latency gives a larger error, and correction removes more of it.
 #[test]
 fn late_frames_are_off_and_corrected_ones_hardly() {
     let run = run("late");

@@ -1,4 +1,4 @@
-//! A shot that is exported is the same shot.
+//! An exported shot renders the same.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ fn eyes(shot: &str, out: &Path) -> [Vec<u8>; 2] {
 
 #[test]
 fn an_exported_shot_renders_to_the_same_bytes() {
-    // Its normals lie along axes, so that reading does not round them.
+    // Its normals lie along axes, so reading them does not round.
     let shot = "builtin:cornell";
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);

@@ -1,4 +1,4 @@
-//! Files of numbers: `run.json` fits its schema and tells every option, CSV files are tidy, and the script in `examples/`
+//! Result files: `run.json` fits its schema and lists every option, CSV files are tidy, and the script in `examples/`
 //! plots all of them.
 
 use std::collections::BTreeSet;
@@ -10,7 +10,7 @@ use crate::common::diptych;
 use crate::runs::{self, run};
 use crate::schema;
 
-/// Those of several shots or of many views of one, which write no run.json.
+/// Experiments over several shots or many views, which write no run.json.
 const WITHOUT_RUN_JSON: [&str; 5] = ["bmfr", "koskela", "andersson", "peres", "late"];
 
 #[test]
@@ -21,7 +21,7 @@ fn run_json_fits_its_schema() {
         let errors = schema::errors(&schema, &run(name).json());
         assert!(errors.is_empty(), "{name}: {errors:?}");
     }
-    // What is missing or of another kind is found.
+    // The check finds missing members and members of the wrong type.
     for (key, value) in [("devices", Value::Null), ("frames", 3.into()), ("version", 1.into())] {
         let mut json = run("render").json();
         json[key] = value;
@@ -33,11 +33,11 @@ fn run_json_fits_its_schema() {
     assert!(schema::errors(&schema, &json)[0].starts_with("/frames/1: "));
 }
 
-/// The long options that the help of a command lists.
+/// Returns the long options in the help of a command.
 fn options_of(command: &str) -> BTreeSet<String> {
     let output = diptych(&[command, "--help"]);
     let help = String::from_utf8(output.stdout).unwrap();
-    // What is about them stands further to the right.
+    // Descriptions are indented further.
     let lines = help.lines().filter(|line| line.trim_start().starts_with('-') && !line.starts_with("        "));
     let names = lines.filter_map(|line| line.split_once("--")?.1.split([' ', '.', '[']).next());
     let names: BTreeSet<String> = names.map(str::to_owned).collect();
@@ -91,7 +91,7 @@ fn frames_have_a_line_each_with_the_same_columns() {
         let at = columns.iter().position(|name| name == "makespan_ms").unwrap();
         assert!(found.iter().all(|line| line[at].parse::<f64>().unwrap() > 0.0), "{name}");
     }
-    // What run.json has as well is the same there.
+    // Values that run.json shares are equal.
     let (columns, lines) = run("render").csv("frames.csv");
     for (line, row) in lines.iter().zip(run("render").json()["frames"].as_array().unwrap()) {
         for name in ["makespan_ms", "aov_ms", "plan_ms", "rays", "hole_fraction", "transferred_bytes", "spp"] {
@@ -106,7 +106,7 @@ fn frames_have_a_line_each_with_the_same_columns() {
 
 #[test]
 fn columns_are_named_in_snake_case_and_cells_hold_one_value() {
-    // The other way around than tests that run beside it, which then wait for few of the same runs.
+    // Tests run concurrently. The reverse order means that they rarely wait for the same runs.
     for (name, file) in [
         ("peres", "peres.csv"),
         ("andersson", "rings.csv"),
@@ -137,7 +137,7 @@ fn columns_are_named_in_snake_case_and_cells_hold_one_value() {
     }
 }
 
-/// Each stage once; filters of other denoisers did not run.
+/// Each stage appears once. Filters of other denoisers did not run.
 #[test]
 fn rows_are_told_of_stages_that_ran() {
     let json = run("render").json();
@@ -158,7 +158,7 @@ fn rows_are_told_of_stages_that_ran() {
     }
 }
 
-/// The time of auxiliary images stands beside the makespan; both together last at least until the last task ended.
+/// The time of auxiliary images is separate from the makespan; their sum lasts at least until the last task ends.
 #[test]
 fn auxiliary_images_are_not_in_the_makespan() {
     let number = |value: &Value| value.as_f64().unwrap();
@@ -169,14 +169,14 @@ fn auxiliary_images_are_not_in_the_makespan() {
         let of_aovs = tasks.iter().filter(|t| t["stage"] == "aov");
         let longest_ms = of_aovs.map(|t| number(&t["end_ms"]) - number(&t["begin_ms"])).fold(0.0, f64::max);
         assert!(aov_ms > 0.0 && aov_ms >= longest_ms - 1e-3, "{aov_ms} and {longest_ms}");
-        // Clocks of devices are off by up to a millisecond.
+        // Device clocks have errors of up to a millisecond.
         assert!(makespan_ms > 0.0 && makespan_ms + aov_ms > end_ms - 1.0, "{makespan_ms}, {aov_ms}, {end_ms}");
     }
     let without = run("play").json();
     assert!(without["frames"].as_array().unwrap().iter().all(|frame| frame["aov_ms"] == 0.0));
 }
 
-/// The command that runs Python with pandas and matplotlib: `DIPTYCH_PYTHON`, else `python3`.
+/// Returns the command that runs Python with pandas and matplotlib: `DIPTYCH_PYTHON`, or `python3`.
 fn python() -> Option<String> {
     let python = std::env::var("DIPTYCH_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let found = Command::new(&python).args(["-c", "import pandas, matplotlib"]).output();
@@ -224,7 +224,7 @@ fn the_example_plots_every_kind_of_file() {
     }
 }
 
-/// What a run of the box says, on both streams.
+/// Runs the box; returns the text on both streams.
 fn said(options: &[&str]) -> String {
     let folder = tempfile::tempdir().unwrap();
     let fixed = ["render", "builtin:cornell", "--size", "16x10", "--bounces", "1"];

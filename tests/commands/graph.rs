@@ -9,7 +9,7 @@ fn graph(args: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// The lines of the table of passes that begin with a number and this name.
+/// Returns the lines of the passes table that begin with a number and this name.
 fn lines<'a>(text: &'a str, pass: &str) -> Vec<Vec<&'a str>> {
     let cells = |line: &'a str| line.split_whitespace().collect::<Vec<_>>();
     text.lines().map(cells).filter(|c| c.len() > 2 && c[0].parse::<u32>().is_ok() && c[1] == pass).collect()
@@ -72,7 +72,7 @@ fn passes_and_what_is_left_out_are_shown_and_tasks_are_written_for_graphviz() {
     assert!(text.contains("path_trace   right  the right eye is reprojected"), "{text}");
     let dot = std::fs::read_to_string(file).unwrap();
     assert!(dot.starts_with("digraph {") && dot.contains("rows 90..180"), "{dot}");
-    // The documentation shows a part of this output.
+    // The documentation quotes a part of this output.
     let page = include_str!("../../docs/traces.md");
     let (_, section) = page.split_once("## Print the frame graph").unwrap();
     let shown = section.split("```").nth(3).unwrap().lines().skip(1).filter(|line| *line != "...");

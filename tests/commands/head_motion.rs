@@ -1,4 +1,4 @@
-//! Head motion: what a run records another one replays, on any number of devices, and what is no motion is refused.
+//! Head motion: one run records, another replays on any number of devices, and invalid files are rejected.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ fn run_json(out: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(out.join("run.json")).unwrap()).unwrap()
 }
 
-/// All numbers of both eyes' matrices, frame by frame.
+/// Returns all numbers of both eyes' matrices, frame by frame.
 fn cameras(run: &Value) -> Vec<Vec<f64>> {
     let frames = run["frames"].as_array().unwrap();
     let numbers = |frame: &Value| {
@@ -76,7 +76,7 @@ fn replayed_motion_gives_the_same_bytes_on_one_to_three_devices() {
     }
 }
 
-/// The eyes of the guide, of a head that rests.
+/// The guide's example of eyes, for a head at rest.
 const EYES: &str = concat!(
     r#"{"diptych_motion": 1, "eyes": {"left": {"position_m": [-0.032, 0, 0], "orientation": [0, 0.0436, 0, 0.999], "#,
     r#""fov": {"left": -0.9, "right": 0.7, "up": 0.75, "down": -0.85}}, "#,
@@ -86,7 +86,7 @@ const EYES: &str = concat!(
     r#"{"time_s": 0, "position_m": [0, 0, 0], "orientation": [0, 0, 0, 1], "gaze": [0.3, 0.4]}"#,
 );
 
-/// Layers and what is drawn of them are where the eyes look, and images around the gaze are of their size.
+/// Foveation follows the gaze: the layers and their overlay are at the gaze, and polar images have their own size.
 #[test]
 fn eyes_that_are_not_alike_have_a_gaze() {
     let folder = tempfile::tempdir().unwrap();

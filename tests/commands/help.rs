@@ -1,4 +1,4 @@
-//! What help says is so: its sections, and the defaults that run where nothing is given.
+//! Help is correct: its sections, and the defaults that a run without options uses.
 
 use serde_json::Value;
 
@@ -53,7 +53,7 @@ fn help_is_in_sections_with_tests_last() {
     }
 }
 
-/// Links of the code's documentation.
+/// Help contains no rustdoc links.
 #[test]
 fn help_is_for_readers_of_a_terminal() {
     for command in COMMANDS {
@@ -84,7 +84,7 @@ fn completions_and_manual_pages_have_every_command() {
     assert!(page.contains("Owen"), "what values mean is in it");
 }
 
-/// Of each option in a command's help, its default where one stands there.
+/// Returns the default of each option in a command's help that states one.
 fn defaults(text: &str) -> Vec<(String, String)> {
     let mut found = Vec::new();
     for option in text.split("\n      --").skip(1) {
@@ -97,7 +97,7 @@ fn defaults(text: &str) -> Vec<(String, String)> {
     found
 }
 
-/// As a setting stands in help.
+/// Formats a setting as help does.
 fn written(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),
@@ -106,7 +106,7 @@ fn written(value: &Value) -> String {
     }
 }
 
-/// Where a default is said in words, it is not a value that could be compared.
+/// Returns true for a default that can be compared, false for one described in words.
 fn is_value(text: &str) -> bool {
     !text.contains([' ', ';'])
 }

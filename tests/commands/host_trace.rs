@@ -1,5 +1,5 @@
-//! Host spans land in the trace-file, on the recorder's own clock. One test, since a `tracing` subscriber is installed
-//! once in a process's life; all others here run the program in processes of its own.
+//! Host spans appear in the trace-file, on the recorder's clock. This is a single test, because a process can install
+//! only one `tracing` subscriber; the other tests here run the program as a process.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -9,14 +9,14 @@ use diptych::trace::summary::Summary;
 use diptych::trace::{Lane, Recorder, TraceError, TraceFile};
 use serde_json::Value;
 
-/// Time for one span, in and out, that a loaded machine may add.
+/// Additional time that a loaded machine may need for a span.
 const SLACK_US: f64 = 20_000.0;
 
 fn json(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
-/// A span with a field known at its end, between two readings of our clock.
+/// Records a span with a field known only at its end, between two readings of our clock.
 fn frame(recorder: &Recorder) -> (f64, f64) {
     let before = recorder.time_us(Instant::now());
     let span = tracing::info_span!("frame", frame = 3, label = "first", rows = tracing::field::Empty);

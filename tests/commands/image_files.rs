@@ -1,4 +1,4 @@
-//! What files of images say of themselves: cameras, and how pixels of the right eye came about.
+//! Metadata of image files: cameras, and the origin of the right eye's pixels.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use serde_json::Value;
 const WIDTH: usize = 64;
 const HEIGHT: usize = 40;
 
-/// Renders `shot` at 64x40; returns what it printed, and `run.json`.
+/// Renders `shot` at 64x40; returns the printed text and `run.json`.
 fn render(shot: &str, out: &Path, options: &[&str]) -> (String, Value) {
     let args = ["render", shot, "--size", "64x40", "--bounces", "1", "--out", out.to_str().unwrap()];
     let output = diptych(&[&args, options].concat());
@@ -18,14 +18,14 @@ fn render(shot: &str, out: &Path, options: &[&str]) -> (String, Value) {
     (String::from_utf8(output.stdout).unwrap(), serde_json::from_str(&run).unwrap())
 }
 
-/// Pixels from the top left corner.
+/// Projects a point; returns pixels from the top left corner.
 fn projected(point: [f32; 3], world_to_ndc: [[f32; 4]; 4]) -> [f64; 2] {
     let row = [point[0], point[1], point[2], 1.0].map(f64::from);
     let of = |column: usize| (0..4).map(|r| row[r] * f64::from(world_to_ndc[r][column])).sum::<f64>();
     [of(0) / of(3) * WIDTH as f64, of(1) / of(3) * HEIGHT as f64]
 }
 
-/// Light over frames looks through another point of the pixels in each frame.
+/// With temporal accumulation, each frame looks through different points of the pixels.
 #[test]
 fn a_surface_is_projected_onto_the_pixel_that_shows_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -68,7 +68,7 @@ fn a_surface_is_projected_onto_the_pixel_that_shows_it() {
     }
 }
 
-/// Rounded to the pixel.
+/// Returns the number of pixels of a fraction.
 fn pixels(share: &Value) -> usize {
     (share.as_f64().unwrap() * (WIDTH * HEIGHT) as f64).round() as usize
 }
@@ -103,7 +103,7 @@ fn edges_that_are_antialiased_are_no_holes() {
     }
 
     let picture = image::open(folder.path().join("holes.png")).unwrap().into_rgb8();
-    // The key makes a picture as small as this one wider and higher.
+    // In a picture as small as this one, the key adds width and height.
     assert!(picture.width() > 2 * WIDTH as u32 && picture.height() > HEIGHT as u32 + 100);
     let right = |i: usize| picture.get_pixel((WIDTH + i % WIDTH) as u32, (i / WIDTH) as u32).0;
     for (value, colour) in [(0.0, [0, 0, 0]), (4.0, [240, 228, 66]), (5.0, [86, 180, 233]), (7.0, [0, 158, 115])] {
@@ -120,7 +120,7 @@ fn an_eye_that_is_traced_has_no_shares() {
     assert!(run["frames"][0].get("hole_fraction").is_none() && run["frames"][0]["rays"].as_u64() > Some(0));
 }
 
-/// Of real files: eyes of folders, what they are exposed by and seen with, and what does not belong together.
+/// `compare` reads eyes from folders, and exposure and cameras from the files, and rejects images that do not match.
 #[test]
 fn folders_of_two_eyes_are_compared_as_their_files_say() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Errors of images against an independent implementation, and what `compare` says on the command line.
+//! Compares error metrics with independent implementations, and checks the output of `compare`.
 
 use std::path::Path;
 use std::process::Output;
@@ -9,7 +9,7 @@ use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics::heatmap::heatmap;
 use diptych::metrics::{MEASURES, Pair, compare};
 
-/// Small deterministic numbers in 0 … 1.
+/// Returns a generator of deterministic numbers in 0 … 1.
 fn noise(mut state: u32) -> impl FnMut() -> f64 {
     move || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -32,7 +32,7 @@ fn noisy(image: &RgbImage, seed: u32) -> RgbImage {
     Image { extent: image.extent, pixels }
 }
 
-/// The image with pixel (x, y) made from those around it; beyond the border the outermost pixels go on.
+/// Makes an image whose pixel (x, y) depends on the pixels around it. Beyond the border, the outermost pixels repeat.
 fn resampled(image: &RgbImage, pixel: impl Fn(&dyn Fn(i64, i64) -> [f32; 3]) -> [f32; 3]) -> RgbImage {
     let Extent { width, height } = image.extent;
     let at = |x: i64, y: i64| *image.get(x.clamp(0, width as i64 - 1) as u32, y.clamp(0, height as i64 - 1) as u32);
@@ -63,9 +63,9 @@ fn flat(width: u32, height: u32, colour: [f32; 3]) -> RgbImage {
     RgbImage::filled(Extent::new(width, height), colour)
 }
 
-/// The values are of `flip_evaluator` 1.7 (the paper's authors; LDR, its default 67.02 pixels per degree, f32) on the
-/// same images, tonemapped in f64 by NumPy. In flat images its f32 rounding shows under the square root of the feature
-/// difference: hence 1e-4 there.
+/// Compares with values of `flip_evaluator` 1.7 (by the paper's authors; LDR, its default 67.02 pixels per degree, f32)
+/// for the same images, tonemapped in f64 by NumPy. In flat images its f32 rounding is amplified by the square root of
+/// the feature difference: hence the tolerance of 1e-4 there.
 #[test]
 fn flip_is_what_its_authors_program_finds() {
     let base = scene(48, 40);
@@ -91,7 +91,7 @@ fn flip_is_what_its_authors_program_finds() {
     }
 }
 
-/// The values are of NumPy 1.26.4 and scikit-image 0.26.0 (SSIM) in f64.
+/// Compares with values of NumPy 1.26.4 and scikit-image 0.26.0 (SSIM) in f64.
 #[test]
 fn the_other_errors_are_what_an_independent_implementation_finds() {
     let base = scene(48, 40);
@@ -108,8 +108,8 @@ fn the_other_errors_are_what_an_independent_implementation_finds() {
     }
 }
 
-/// What is shown is radiance times two to the exposure, so pictures that differ by a power of two in both have the same
-/// errors of display values, to the last bit.
+/// Display values depend on radiance times two to the exposure. Pictures whose radiance and exposure differ by the same
+/// power of two have the same errors of display values, to the last bit.
 #[test]
 fn images_are_judged_at_the_exposure_they_are_shown_at() {
     let base = scene(48, 40);
@@ -131,7 +131,7 @@ fn images_are_judged_at_the_exposure_they_are_shown_at() {
     assert!(maps[0] == maps[1] && maps[0] != maps[2]);
 }
 
-/// Infinities and NaN count as 0, here black: the errors are those of black pixels.
+/// Infinities and NaN count as 0, here black: the errors equal those of black pixels.
 #[test]
 fn pixels_that_are_not_finite_are_counted_and_harm_nothing_else() {
     let reference = scene(33, 21);
@@ -144,7 +144,7 @@ fn pixels_that_are_not_finite_are_counted_and_harm_nothing_else() {
     assert_eq!((odd.nonfinite_px, black.nonfinite_px), (3, 0));
     assert_eq!((odd.flip, odd.rmse, odd.ssim, odd.psnr), (black.flip, black.rmse, black.ssim, black.psnr));
 
-    // On a screen the largest floats are as bright and as dark as others far out.
+    // On a screen, the largest floats look like other very large values.
     let filled = |pixel| RgbImage::filled(reference.extent, pixel);
     let errors = compare(&filled([f32::MAX, -f32::MAX, f32::MIN_POSITIVE]), &reference).unwrap();
     let expected = f64::from(f32::MAX) * (2.0f64 / 3.0).sqrt();
@@ -153,7 +153,7 @@ fn pixels_that_are_not_finite_are_counted_and_harm_nothing_else() {
     assert!((errors.flip - saturated.flip).abs() < 1e-9, "{errors:?} instead of {saturated:?}");
 }
 
-/// A reference and an image in a folder, both of the same size.
+/// A folder with a reference and an image of the same size.
 struct Files {
     folder: tempfile::TempDir,
 }
@@ -204,7 +204,7 @@ fn compare_prints_all_errors_as_text_and_as_json() {
         let value = json[name].as_f64().unwrap();
         let said = text.lines().any(|l| l.split_whitespace().take(2).eq([name, format!("{value:.6}").as_str()]));
         assert!(said, "{name} {value}: {text}");
-        // Each line says what it is, and so does the help.
+        // Each line explains its metric, and so does the help.
         let meaning = MEASURES.iter().find(|(measure, _)| *measure == name).unwrap().1;
         assert!(text.contains(meaning) && help.contains(meaning), "{name}: {meaning}");
     }
@@ -213,7 +213,7 @@ fn compare_prints_all_errors_as_text_and_as_json() {
     assert_eq!(json["image_source"]["channels"], serde_json::json!(["R", "G", "B"]));
 }
 
-/// At 0 EV both are white; at the exposure of the shot one is twice as bright.
+/// At 0 EV both images are white; at the exposure of the shot, one is twice as bright.
 #[test]
 fn an_error_that_only_shows_at_the_exposure_of_the_shot_is_found_there() {
     let files = Files::new();
@@ -254,7 +254,7 @@ fn compare_splits_errors_by_ring_and_by_seam() {
     let output = files.compare("reference.exr", "image.exr", &["--rings", "3", "--seam-rows", "10"]);
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.contains("seam_ratio") && text.contains("from_deg"), "{text}");
-    // Nothing says how these were seen.
+    // These files lack an exposure.
     let warned = String::from_utf8(output.stderr).unwrap();
     assert!(warned.contains("70 degrees are assumed") && text.contains("70 degrees, assumed"), "{warned}{text}");
     assert_eq!((&json["rings"]["yfov_source"], &json["exposure_source"]), (&"option".into(), &"default".into()));

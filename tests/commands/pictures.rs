@@ -1,11 +1,11 @@
-//! Pictures of an earlier run do not stay beside the `run.json` of a later one, and nothing else is touched.
+//! A run removes pictures of an earlier run, which its `run.json` would not describe, and touches nothing else.
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use crate::common::diptych;
 
-/// Renders into `out`; returns what was said about it.
+/// Renders into `out`; returns the messages.
 fn render(out: &Path, options: &[&str]) -> String {
     let args = ["render", "builtin:cornell", "--size", "16x10", "--bounces", "1", "--out", out.to_str().unwrap()];
     let output = diptych(&[&args, options].concat());
@@ -28,11 +28,11 @@ fn pictures_that_a_later_run_does_not_write_are_removed() {
     let kept = ["notes.txt", "left.png", "left.7.exr", "left.mine.0001.exr", "stereo.0001.png.bak", "my.left.0001.exr"];
     kept.iter().for_each(|name| std::fs::write(out.join(name), name).unwrap());
 
-    // The same again writes all of them anew.
+    // The same run again replaces all of them.
     assert!(!render(out, &["--frames", "3", "--aov", "holes,depth", "--anaglyph"]).contains("earlier run"));
     assert!(names(out).is_superset(&long));
 
-    // Of frame 2 there were 9 pictures, and of the others each had the anaglyph and 5 auxiliary ones.
+    // Frame 2 had 9 pictures; each of the others had an anaglyph and 5 auxiliary ones.
     let said = render(out, &["--frames", "2"]);
     assert!(said.contains(&format!("removed {} picture(s) of an earlier run", 9 + 2 * 6)), "{said}");
     let expected = ["left", "right"].iter().flat_map(|eye| (0..2).map(move |i| format!("{eye}.{i:04}.exr")));
@@ -52,7 +52,7 @@ fn pictures_that_a_later_run_does_not_write_are_removed() {
 fn folders_without_a_run_of_ours_keep_their_pictures() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
-    // As that of `scale`, which writes no pictures.
+    // Like the run.json of `scale`, which writes no pictures.
     let of_numbers =
         r#"{ "version": "", "command": "", "settings": { "counts": [] }, "devices": [], "scene": {}, "frames": [] }"#;
     for run in [None, Some("not json"), Some(r#"{ "version": 1, "frames": [] }"#), Some(of_numbers)] {

@@ -1,5 +1,5 @@
-//! `play` tells all of every frame, drops quality when a device slows down and takes it back, and says what is wrong with
-//! its options. Nothing here hangs on how fast the machine is: bands are wide, or follow from what it took before.
+//! `play` reports every frame completely, lowers quality when a device slows down and raises it again, and explains
+//! invalid options. The tests do not depend on the machine's speed: bands are wide, or derived from earlier times.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -22,7 +22,7 @@ fn play(out: &Path, options: &[&str]) -> (Vec<Value>, Value) {
     (events, serde_json::from_str(&run).unwrap())
 }
 
-/// Two rungs that are far apart, for `--ladder`.
+/// Ladder of two very different rungs, for `--ladder`.
 const LADDER: &str = r#"
 [origin]
 shot = "builtin:cornell"
@@ -55,7 +55,7 @@ fn a_run_tells_all_of_every_frame() {
     assert_eq!((told.len(), rows.len()), (40, 40));
     let text = std::fs::read_to_string(out.join("ladder.toml")).unwrap();
     let ladder = ::diptych::control::Ladder::parse(&text).unwrap();
-    // What was not measured is not there, or named as what it is.
+    // Unmeasured values are absent or marked as estimates.
     assert!(ladder.rungs().iter().all(|r| r.is_estimated && r.relmse.or(r.flip).or(r.flicker).is_none()), "{text}");
     assert!(!text.contains("flip") && !text.contains("\ntime_ms"), "{text}");
     assert_eq!(text.matches("estimated = true").count(), ladder.rungs().len());
@@ -69,7 +69,7 @@ fn a_run_tells_all_of_every_frame() {
         }
         assert!(!row["predicted_ms"].is_null(), "{row}");
     }
-    // Everything fits, so that the best rung is taken.
+    // Every rung fits, so the best one is chosen.
     assert_eq!(rows[39]["rung"], ladder.rungs().len() - 1);
     let sum = &run["play"];
     assert_eq!((&sum["denoiser"], &sum["measure"], &sum["fit"]), (&"svgf".into(), &"estimate".into(), &Value::Null));
@@ -102,11 +102,11 @@ fn quality_falls_when_a_device_slows_down_and_comes_back() {
         play(&folder.path().join("free"), &[&ladder[..], &["--budget-ms", "0.01..30000", "--frames", "12"]].concat());
     let median_ms = free["play"]["makespan_ms_p50"].as_f64().unwrap();
     assert!(free["frames"].as_array().unwrap().iter().all(|row| row["rung"] == 1));
-    // Work takes 64 times as long where no frame may take more than 6 times what it took.
+    // Work takes 64 times as long, but no frame may take more than 6 times its earlier time.
     let budget = format!("0.01..{}", 6.0 * median_ms);
     let slow = ["--disturb", "slow:dev0@30..36"].repeat(6);
     let (_, run) =
-        // However busy the machine is, a device with 64 times the work is no dead one.
+        // The limit for hung devices is high enough for a device with 64 times the work on a busy machine.
         play(
             &folder.path().join("slow"),
             &[&ladder[..], &slow, &["--budget-ms", &budget, "--frames", "90", "--watchdog-ms", "600000"]].concat(),
@@ -135,8 +135,8 @@ fn quality_falls_when_a_device_slows_down_and_comes_back() {
     assert!(frames > 0 && is_in_band[from..from + frames].iter().all(|within| !within), "{excursion}");
 }
 
-/// The times of a ladder are those of another machine, size or shot: here the dearer rung is said to take eleven days, which
-/// no budget allows, and fits all the same.
+/// A ladder may contain times of another machine, size or shot. Here the more expensive rung claims to take eleven
+/// days, which no budget allows, but it fits.
 #[test]
 fn rungs_are_taken_by_predictions_and_not_by_the_ladders_times() {
     let folder = tempfile::tempdir().unwrap();
@@ -161,14 +161,14 @@ fn a_hung_device_costs_a_second_and_a_slow_one_stays() {
         (&faults[0]["frame"], &faults[0]["device"], &faults[0]["kind"]),
         (&12.into(), &1.into(), &"hang".into())
     );
-    // A machine that is busy with other things renders slower frames, which limits follow.
+    // On a busy machine frames are slower, and the limits scale with them.
     let slowest_ms = rows[..12].iter().map(ms).fold(0.0, f64::max);
     let (allowed_ms, scheduling_ms) = ((10.0 * slowest_ms).max(1000.0), 300.0);
     assert!(ms(&rows[12]) < allowed_ms + scheduling_ms, "{} ms after {slowest_ms} ms", ms(&rows[12]));
     assert!(rows[13..].iter().all(|row| row["devices"] == 2 && ms(row) < allowed_ms), "{run}");
 }
 
-/// Names in a folder that are not pictures.
+/// Returns the names of the files in a folder that are not pictures.
 fn names(folder: &Path) -> Vec<String> {
     let names = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
     let mut names: Vec<String> = names.filter(|name| !name.contains(".exr") && !name.contains(".png")).collect();
@@ -187,7 +187,7 @@ fn a_killed_run_leaves_every_finished_frame_and_the_next_one_says_so() {
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
-    // Frames that are announced are finished.
+    // A frame event means that the frame is in the files.
     let events = BufReader::new(run.stdout.take().unwrap()).lines().map(Result::unwrap);
     let told = events.filter(|event| event.contains("\"event\":\"frame\"")).take(12).count();
     run.kill().unwrap();
@@ -220,12 +220,12 @@ fn a_killed_run_leaves_every_finished_frame_and_the_next_one_says_so() {
     let kept = ["frames.unfinished.csv", "head.unfinished.jsonl", "run.unfinished.jsonl"];
     let all = ["frames.csv", kept[0], "head.jsonl", kept[1], "ladder.toml", "run.json", kept[2]];
     assert_eq!(names(out), all);
-    // It finished, so there is nothing to say any more.
+    // The last run finished, so there is no warning.
     let (_, stderr, _) = says(out, &again);
     assert!(!stderr.contains("did not finish") && names(out) == all, "{stderr}");
 }
 
-/// What a run says, beside what it writes.
+/// Plays into `out`; returns standard output, standard error and `run.json`.
 fn says(out: &Path, options: &[&str]) -> (String, String, Value) {
     let args = ["play", "builtin:cornell", "--fps", "1000", "--out", out.to_str().unwrap()];
     let output = diptych(&[&args, options].concat());
@@ -271,7 +271,7 @@ fn the_rungs_of_a_run_have_all_their_settings_and_one_denoiser_which_is_said() {
     );
     assert_eq!((&run["play"]["rung_uses"][0]["error"], &run["play"]["denoiser"]), (&0.1.into(), &"atrous".into()));
 
-    // With fewer iterations the error is not the one that was measured.
+    // With fewer iterations, the measured error does not apply.
     let fewer = [&options[..], &["--denoiser", "atrous", "--iterations", "1"]].concat();
     let (_, stderr, run) = says(&folder.path().join("fewer"), &fewer);
     assert!(!stderr.contains("several denoisers"), "{stderr}");
@@ -291,7 +291,7 @@ fn a_size_that_fits_is_named_at_once_and_taken_on_demand() {
     let run = |name: &str, options: &[&str]| says(&folder.path().join(name), &[&size, options].concat());
     let (_, stderr, free) = run("free", &["--budget-ms", "0.01..30000", "--frames", "5", "--fit"]);
     assert!(!stderr.contains("fit") && free["play"]["fit"].is_null(), "{stderr}");
-    // A sixth of the time is to be enough, whatever else the machine does meanwhile.
+    // The budget is a sixth of the time, which leaves room for other load on the machine.
     let median_ms = free["play"]["makespan_ms_p50"].as_f64().unwrap();
     let budget = format!("{}..{}", median_ms / 10.0, median_ms / 6.0);
 

@@ -1,5 +1,5 @@
-//! References are accumulated in passes: stopped and continued wherever, on however many devices, they have the same
-//! bytes; and no number of samples makes them drift.
+//! References accumulate in passes. They have the same bytes wherever they are stopped and resumed and on any number of
+//! devices, and many samples do not make them drift.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -24,7 +24,7 @@ impl Case {
         self.folder.path().join(name)
     }
 
-    /// `render` of the box into `out`, small unless `options` say otherwise.
+    /// Runs `render` on the box into `out`, with a small size unless `options` override it.
     fn try_render(&self, out: &str, options: &[&str]) -> Output {
         let out = self.path(out);
         let mut args = vec!["render", "builtin:cornell", "--json", "--out", out.to_str().unwrap()];
@@ -35,7 +35,7 @@ impl Case {
         diptych(&args)
     }
 
-    /// The reference's entry of the result.
+    /// Renders; returns the result's entry for the reference.
     #[track_caller]
     fn render(&self, out: &str, options: &[&str]) -> serde_json::Value {
         let output = self.try_render(out, &[&["--reference"], options].concat());
@@ -46,7 +46,7 @@ impl Case {
         last["references"][0].clone()
     }
 
-    /// A frame of nothing but its samples.
+    /// Renders a frame from its samples alone, without filters.
     #[track_caller]
     fn render_frame(&self, out: &str, options: &[&str]) {
         let output = self.try_render(out, &[options, &["--denoiser", "none", "--reproject", "off"]].concat());
@@ -73,7 +73,7 @@ impl Case {
         read_rgb(&self.path(out).join(format!("{eye}.exr"))).unwrap()
     }
 
-    /// Expects to be told off with all of `parts`, and no picture.
+    /// Expects an error that contains all of `parts`, and no picture.
     #[track_caller]
     fn refused(&self, options: &[&str], parts: &[&str]) {
         let output = self.try_render("refused", options);
@@ -94,11 +94,11 @@ fn resumed_passes_have_the_bytes_of_uninterrupted_ones() {
         ["spp", "spp_resumed"].map(|name| row[name].as_u64().unwrap())
     };
     assert_eq!(done("16"), [16, 0]);
-    // The last pass is cut short: it is in the picture and not in the checkpoint.
+    // The last pass is incomplete: it is in the picture, but not in the checkpoint.
     assert_eq!(done("20"), [20, 16]);
     assert_eq!(done("40"), [40, 16]);
     case.assert_same_bytes("whole", "parts");
-    // More than is asked for is kept, and nothing is rendered.
+    // The checkpoint has more samples than requested, so nothing is rendered.
     assert_eq!(done("24"), [40, 40]);
     case.assert_same_bytes("whole", "parts");
     assert!(case.path("passes/reference.preview.png").exists());
@@ -148,7 +148,7 @@ fn options_that_a_reference_overrules_are_refused_where_they_are_given() {
     case.render("agreed", &[&agreed[..], &["--spp", "2", "--frames-in-flight", "1"]].concat());
 }
 
-/// Rays of all passes over the time of the last would be too fast by their number.
+/// The rays of all passes must not be divided by the time of the last pass alone.
 #[test]
 fn a_reference_takes_as_long_as_its_passes() {
     let case = Case::new();
@@ -304,18 +304,18 @@ fn constant_radiance_does_not_drift_in_65536_samples() {
     assert!(constant >= 8, "{constant} pixels show 1: {:?}", image.pixels);
 }
 
-/// Passes continue one another's sequences: together they take the samples of one long frame.
+/// Passes continue the same sample sequences: together they take the samples of one long frame.
 #[test]
 fn passes_take_the_samples_of_one_frame() {
     let case = Case::new();
-    // Sobol sequences of a frame are shared by its pixels, those of a reference are not.
+    // In a frame, pixels share Sobol sequences; in a reference they do not. PCG is the same for both.
     let sampled = ["--spp", "28", "--sampler", "pcg"];
     case.render("passes", &sampled);
     case.render_frame("frame", &sampled);
     for eye in ["left", "right"] {
         let (passes, frame) = (case.image("passes", eye), case.image("frame", eye));
         let pairs = passes.pixels.as_flattened().iter().zip(frame.pixels.as_flattened());
-        // Sums of 28 terms in another order, and a division by the albedo that is multiplied back.
+        // The sums have 28 terms in a different order, and the albedo is divided out and multiplied back.
         let apart = pairs.map(|(a, b)| (a - b).abs() / b.abs().max(0.01)).fold(0.0, f32::max);
         assert!(apart < 1e-4, "{eye}: {apart}");
     }
@@ -327,14 +327,14 @@ fn a_single_sample_of_a_reference_is_spread_over_the_pixel() {
     case.render("reference", &["--spp", "1"]);
     case.render_frame("frame", &["--spp", "1"]);
     let [a, b] = ["reference", "frame"].map(|out| case.image(out, "left").pixels);
-    // Beside the box, nothing is seen through any point of a pixel.
+    // Outside the box, all of a pixel is black.
     let seen: Vec<_> = a.iter().zip(&b).filter(|(a, b)| **a != [0.0; 3] || **b != [0.0; 3]).collect();
     let different = seen.iter().filter(|(a, b)| a != b).count();
     assert!(10 * different > 9 * seen.len() && seen.len() > a.len() / 4, "{different} of {}", seen.len());
 }
 
-/// Root mean square of an image's error over blocks of `size` pixels, times `size`: the same for all sizes if errors are
-/// independent of one another.
+/// Returns the root mean square of an image's error over blocks of `size` pixels, times `size`. It does not depend on
+/// the size if errors are independent.
 fn block_error(image: &RgbImage, reference: &RgbImage, size: u32) -> f64 {
     let extent = image.extent;
     let error = |x: u32, y: u32| {

@@ -1,4 +1,4 @@
-//! `--report` writes one page that needs nothing else. Whether its script runs, `make test-long` asks Chromium.
+//! `--report` writes one self-contained page. `make test-long` runs its script in Chromium.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -7,7 +7,7 @@ use crate::common::{diptych, is_thorough};
 use crate::runs::run;
 use serde_json::Value;
 
-/// Runs a command on a small picture; returns the page it wrote.
+/// Runs a command on a small picture; returns the page.
 fn report(out: &Path, args: &[&str]) -> String {
     let shape = ["--size", "48x32", "--quiet", "--report", "--out", out.to_str().unwrap()];
     let output = diptych(&[args, &shape].concat());
@@ -15,14 +15,14 @@ fn report(out: &Path, args: &[&str]) -> String {
     std::fs::read_to_string(out.join("report.html")).unwrap()
 }
 
-/// What the page's live figures of a kind are made of.
+/// Returns the data of the page's live figures of a kind.
 fn data(page: &str, kind: &str) -> Value {
     let begin = format!("data-kind=\"{kind}\"><script type=\"application/json\">");
     let (_, rest) = page.split_once(&begin).unwrap_or_else(|| panic!("no {kind}"));
     serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
 }
 
-/// Nothing is fetched: what is referred to is in the page.
+/// Asserts that nothing is fetched: the page embeds all that it refers to.
 fn stands_alone(page: &str) {
     for attribute in ["src=\"", "href=\"", "url("] {
         for (at, _) in page.match_indices(attribute) {
@@ -35,7 +35,8 @@ fn stands_alone(page: &str) {
     assert!(foreign.iter().all(|word| !namespaces.contains(word)));
 }
 
-/// Every frame's tasks are whole, of shapes that there are, and end with the frame at the latest, give or take clocks.
+/// Asserts that every frame's tasks are complete, have valid shapes, and end with the frame at the latest, within clock
+/// errors.
 fn lanes_are_sound(lanes: &Value, frames: usize) {
     let (shapes, found) = (lanes["shapes"].as_array().unwrap(), lanes["frames"].as_array().unwrap());
     assert_eq!(found.len(), frames);
@@ -52,7 +53,7 @@ fn lanes_are_sound(lanes: &Value, frames: usize) {
     }
 }
 
-/// In a long run, opens the page of `out` in Chromium; returns the document that its script made.
+/// In a long run, opens the page of `out` in Chromium; returns the document after its script ran.
 fn browse(out: &Path) -> Option<String> {
     if !is_thorough() {
         return None;
@@ -94,7 +95,7 @@ fn a_play_shows_its_frames_and_its_picture_beside_a_reference() {
     for part in ["reference, 64 spp", "FLIP, left eye (mean 0.", "builtin:cornell", "triangles", "<h2>Rungs</h2>"] {
         assert!(page.contains(part), "no {part}");
     }
-    // The reference is of where the camera jumped to.
+    // The reference has the camera position after the jump.
     let (before, left) = (folder.path().join("before"), folder.path().join("left.exr"));
     let reference = ["render", "builtin:cornell", "--reference", "--spp", "64", "--time", "0.011", "--size", "48x32"];
     assert!(diptych(&[&reference[..], &["--out", before.to_str().unwrap()]].concat()).status.success());
@@ -131,7 +132,7 @@ fn a_grid_shows_its_front_and_other_renderers() {
     {
         assert!(page.contains(part), "no {part}");
     }
-    // Peers are of the page alone.
+    // Other renderers appear only on the page.
     assert!(!std::fs::read_to_string(folder.path().join("ladder.svg")).unwrap().contains("Slow"));
     browse(folder.path());
 }

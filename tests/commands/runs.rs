@@ -1,4 +1,4 @@
-//! Runs of every kind that writes numbers, each made once for all tests of what it leaves behind.
+//! Runs of every kind that writes numbers. Each runs once for all tests of its files.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::common::diptych;
 
-/// A name, and what it is run with.
+/// Names and arguments of the runs.
 const RUNS: [(&str, &str); 13] = [
     ("render", "render builtin:cornell --size 40x24 --frames 3 --virtual 2 --aov depth,albedo --details"),
     ("reference", "render builtin:cornell --size 40x24 --reference --spp 16 --frames 2"),
@@ -54,22 +54,22 @@ const RUNS: [(&str, &str); 13] = [
     ("late", "bench --preset late builtin:cornell --motion HEAD --size 40x30 --instants 2 --reference-spp 16 --report"),
 ];
 
-/// What `HEAD` stands for.
+/// File that `HEAD` stands for.
 const HEAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/head.jsonl");
 
 pub fn names() -> impl Iterator<Item = &'static str> {
     RUNS.iter().map(|(name, _)| *name)
 }
 
-/// What a run left behind.
+/// Files and results of a run.
 pub struct Run {
     name: &'static str,
     folder: tempfile::TempDir,
-    /// What it said at its end.
+    /// Result event at its end.
     pub result: Value,
 }
 
-/// The run of this name. Whoever asks first makes it.
+/// Returns the run of this name. The first caller executes it.
 pub fn run(name: &str) -> &'static Run {
     static MADE: [OnceLock<Run>; RUNS.len()] = [const { OnceLock::new() }; RUNS.len()];
     let which = RUNS.iter().position(|(known, _)| *known == name).unwrap_or_else(|| panic!("there is no run {name}"));
@@ -112,7 +112,7 @@ impl Run {
         serde_json::from_str(&self.text("run.json")).unwrap_or_else(|e| panic!("{}/run.json: {e}", self.name))
     }
 
-    /// A CSV file: names of columns, and lines. Lines of another length are an error.
+    /// Parses a CSV file into names of columns and lines. Fails if a line has a different length.
     #[track_caller]
     pub fn csv(&self, file: &str) -> (Vec<String>, Vec<Vec<String>>) {
         let mut reader =

@@ -1,4 +1,4 @@
-//! `scale` tells what it measured in a table that programs read and on a page that stands alone.
+//! `scale` reports its measurements in a table for programs and on a self-contained page.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use crate::common::diptych;
 use crate::runs::run;
 use serde_json::Value;
 
-/// The result of scaling a small scene, with its files in `out`.
+/// Scales a small scene with files in `out`; returns the result.
 fn scale(out: &Path, options: &[&str]) -> Value {
     let args = ["scale", "builtin:checker", "--size", "48x32", "--threads-per-device", "1", "--json"];
     let output = diptych(&[&args[..], &["--out", out.to_str().unwrap()], options].concat());
@@ -24,7 +24,7 @@ fn rows_say_how_sure_they_are_and_what_was_moved() {
         let [median, least, most, iqr] =
             ["makespan_ms", "makespan_ms_min", "makespan_ms_max", "makespan_ms_iqr"].map(|key| number(row, key));
         assert!(least <= median && median <= most && (0.0..=most - least).contains(&iqr), "{row}");
-        // Frames of a few milliseconds beside other work; what counts other things than the model is off by far more.
+        // Frames take a few milliseconds beside other load. An error in the model would exceed this by far.
         assert!((0.0..1.0).contains(&number(row, "prediction_error")) && row["frames"] == 5, "{row}");
     }
     assert_eq!((number(&rows[0], "bytes_per_frame"), number(&rows[0], "speedup_error")), (0.0, 0.0));
@@ -36,7 +36,7 @@ fn rows_say_how_sure_they_are_and_what_was_moved() {
     assert_eq!(lines[1][bytes].parse::<f64>().unwrap(), number(&rows[1], "bytes_per_frame"));
 }
 
-/// In whatever order counts are given.
+/// Counts may be given in any order.
 #[test]
 fn speed_up_is_over_one_device() {
     for (counts, expected) in [("2,1,2", &[1, 2][..]), ("1", &[1])] {
@@ -58,8 +58,8 @@ fn speed_up_is_over_one_device() {
     }
 }
 
-/// What is given for each of two devices is for the first of them where there is one, which is measured though it is not
-/// among the counts.
+/// A list with a value for each of two devices applies its first value to a run on one device. That run is measured as
+/// the base although it is not among the counts.
 #[test]
 fn options_of_each_device_leave_the_base_its_own() {
     let folder = tempfile::tempdir().unwrap();
@@ -97,7 +97,7 @@ fn frames_in_flight_are_not_simulated() {
     assert!(said.contains("--frames-in-flight"), "{said}");
 }
 
-/// Each is timed with others behind it, which are not timed; between five there are four periods.
+/// Each frame is timed while others are in flight behind it, which are not timed. Five frames give four periods.
 #[test]
 fn frames_in_flight_are_timed_from_end_to_end() {
     for row in run("in flight").rows() {

@@ -1,8 +1,9 @@
-//! Whether a value fits a JSON schema, draft 2020-12, as far as `docs/run.schema.json` uses it: another keyword fails.
+//! Validates values against a JSON schema, draft 2020-12, with the keywords that `docs/run.schema.json` uses: other
+//! keywords fail.
 
 use serde_json::Value;
 
-/// What does not fit, each with its place in the value.
+/// Returns the violations, each with its place in the value.
 pub fn errors(root: &Value, value: &Value) -> Vec<String> {
     check(root, root, value, "")
 }

@@ -1,4 +1,5 @@
-//! One's own scene: files without a shot, shots that say little, options that go before them, shots to edit; and stills.
+//! Rendering your own scene: files without a shot, minimal shots, options that override them, shots to edit, and
+//! stills.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +9,7 @@ use diptych::metrics::compare;
 
 use crate::common::diptych;
 
-/// The classic box as a glTF file, which has neither camera nor light but the emitter in it, and a folder around it.
+/// The classic box as a glTF file without camera or lights except the emitter in it, in a folder.
 struct Case {
     folder: tempfile::TempDir,
 }
@@ -25,7 +26,7 @@ impl Case {
         self.folder.path().join(name).to_str().unwrap().to_owned()
     }
 
-    /// What it says, results first.
+    /// Runs a command; returns its results, then its messages.
     #[track_caller]
     fn run(&self, args: &[&str]) -> String {
         let output = diptych(args);
@@ -34,7 +35,7 @@ impl Case {
         said + &errors
     }
 
-    /// A small picture's folder, and what was said.
+    /// Renders a small picture; returns its folder and the messages.
     #[track_caller]
     fn render(&self, shot: &str, out: &str, options: &[&str]) -> (PathBuf, String) {
         let out = self.path(out);
@@ -47,7 +48,7 @@ fn bytes(folder: &Path) -> [Vec<u8>; 3] {
     ["left.exr", "right.exr", "stereo.png"].map(|name| std::fs::read(folder.join(name)).unwrap())
 }
 
-/// Eyes before the box, and light around it.
+/// Camera in front of the box, and an environment.
 const OPTIONS: [&str; 12] = [
     "--position",
     "0,1,4",
@@ -63,7 +64,7 @@ const OPTIONS: [&str; 12] = [
     "0",
 ];
 
-/// The same as a file says it.
+/// Shot file with the same settings.
 const SAME: &str = "scene = 'cornell.glb'\n[rig]\nyfov_deg = 40\nbaseline_m = 0.1\n[[rig.key]]\nposition = [0, 1, 4]\n\
                     target = [-0.1, 1, 0]\n[environment]\nradiance = [0.5, 0.25, 0.125]\n[exposure]\nev = -1\n";
 
@@ -77,7 +78,7 @@ fn options_say_what_a_shot_would() {
     let (by_shot, _) = case.render(&case.path("box/same.toml"), "by-shot", &["--warm-up", "0"]);
     assert!(bytes(&by_options) == bytes(&by_shot));
 
-    // A shot to edit, in another folder than its scene.
+    // Write a shot to edit, in another folder than its scene.
     let written = case.path("shots/box.toml");
     let said = case.run(&[&["shot", &file, "--out", &written], &OPTIONS[..10]].concat());
     assert!(said.contains("--allow-outside"), "{said}");
@@ -124,7 +125,7 @@ fn a_still_has_the_history_of_frames_before_it() {
     let error = |folder: &Path| compare(&left(&reference), &left(folder)).unwrap().rmse;
     assert!(error(&still) < 0.7 * error(&raw), "{} {}", error(&still), error(&raw));
 
-    // The first of several frames is the raw one, unless more is asked for.
+    // A sequence starts without history by default, so its first frame equals the raw one.
     let (frames, _) = case.render(shot, "frames", &["--frames", "2"]);
     assert!(std::fs::read(frames.join("left.0000.exr")).unwrap() == bytes(&raw)[0]);
     let (warm, _) = case.render(shot, "warm", &["--frames", "2", "--warm-up", "15"]);

@@ -1,4 +1,4 @@
-//! Studies measure what they say: sequences against their references, and seams by policy.
+//! Studies measure correctly: sequences against their references, and seams by policy.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use crate::common::diptych;
 use crate::runs::run;
 use serde_json::Value;
 
-/// Frames of the checker scene with the images that a comparison takes.
+/// Renders frames of the checker scene with the auxiliary images for a comparison.
 fn render(out: &Path, options: &[&str]) {
     let fixed = ["render", "builtin:checker", "--size", "64x40", "--frames", "3", "--fps", "6", "--quiet"];
     let out = ["--out", out.to_str().unwrap()];
@@ -35,7 +35,7 @@ fn noise_flickers_and_filtering_calms_it() {
     let [right, noisy, filtered] = ["right", "noisy", "filtered"].map(|name| folder.path().join(name));
     render(&right, &["--spp", "64", "--denoiser", "none", "--seed", "9"]);
     render(&noisy, &[&AOVS[..], &["--denoiser", "none"]].concat());
-    // Frames of both look through the same points of their pixels.
+    // Frames of both runs look through the same points of their pixels.
     render(&filtered, &[&AOVS[..], &["--denoiser", "atrous"]].concat());
     let of = |found: &Value, eye: &str, name: &str| found[eye][name].as_f64().unwrap();
 
@@ -52,7 +52,7 @@ fn noise_flickers_and_filtering_calms_it() {
         assert!(new_share > 0.0 && new_share < 0.5, "{new_share}");
         assert_eq!(new_share, of(&filtered_found, eye, "new_share"), "surfaces are the same for both");
     }
-    // Twelve stops darker all of it is next to black.
+    // Twelve stops darker, the image is almost black.
     let dark = diptych(&["compare", right.to_str().unwrap(), noisy.to_str().unwrap(), "--json", "--exposure", "-12"]);
     let dark: Value = serde_json::from_slice(&dark.stdout).unwrap();
     assert_eq!((of(&noisy_found, "left", "exposure_ev"), of(&dark, "left", "exposure_ev")), (0.0, -12.0));
@@ -131,14 +131,14 @@ fn the_thesis_stands_beside_what_was_measured() {
         assert_eq!((&base["configuration"], &base["stands_for"]), (&"Base".into(), &"Pink Room".into()));
         let quality = &base["found"]["quality"];
         let [rmse, psnr, ssim] = ["rmse_percent", "psnr", "ssim"].map(|name| quality[name].as_f64().unwrap());
-        // One follows from the other at each instant, and the mean of a convex function is above that of the mean.
+        // At each instant one follows from the other. The mean of a convex function is above the function of the mean.
         let excess = rmse / (100.0 * 10f64.powf(-psnr / 20.0)) - 1.0;
         assert!((0.0..0.1).contains(&excess) && ssim > 0.0 && ssim < 1.0, "{quality}");
         assert_eq!((&base["found"]["speed_up"], &base["found"]["instants"]), (&1.0.into(), &2.into()));
-        // The box looks another way from the end of the path than from its begin.
+        // The box looks different from the end of the path than from its begin.
         assert!(base["found"]["deviation"]["psnr"].as_f64().unwrap() > 0.0, "{base}");
     }
-    // The thesis's layers of each resolution, at both instants.
+    // The layers are those of the thesis at each resolution, at both instants.
     let (columns, frames) = run.csv("frames.csv");
     let at = |name: &str| columns.iter().position(|column| column == name).unwrap();
     let [resolution, configuration, time_s, inner] = ["resolution", "configuration", "time_s", "fovea_inner"].map(at);

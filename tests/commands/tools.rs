@@ -1,4 +1,4 @@
-//! The shell scripts that the Makefile runs.
+//! The shell scripts of the Makefile.
 #![cfg(target_os = "linux")]
 
 use std::fs;
@@ -6,7 +6,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::process::Command;
 
-/// What `tools/deps.sh` says where the only driver is one whose library holds this text.
+/// Runs `tools/deps.sh` with a single driver whose library contains this text; returns its messages.
 fn deps_say(text: &str) -> String {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
@@ -16,7 +16,7 @@ fn deps_say(text: &str) -> String {
     let output = Command::new("sh")
         .arg(script)
         .env("VK_DRIVER_FILES", path("lvp_icd.json"))
-        // Compilers, which need not be where tests are run.
+        // Compilers need not be installed where tests run.
         .env("CARGO", "sh")
         .env("CXX", "sh")
         .output()
@@ -37,8 +37,8 @@ fn dependencies_say_that_a_software_driver_is_old() {
     }
 }
 
-/// A folder with `tools/release-check.sh`, and stubs of what it calls: `make` of a target says what the file `TARGET` holds,
-/// and fails where `TARGET.fails` is.
+/// A folder with `tools/release-check.sh` and stubs of its commands: `make` with a target prints the file `TARGET`, and
+/// fails if `TARGET.fails` exists.
 struct Release(tempfile::TempDir);
 
 impl Release {
@@ -72,7 +72,7 @@ impl Release {
         fs::set_permissions(path, fs::Permissions::from_mode(0o755)).unwrap();
     }
 
-    /// Whether these steps passed.
+    /// Runs these steps; returns true if they passed.
     fn check(&self, steps: &[&str], newer_mesa: &str) -> bool {
         let path = format!("{}:{}", self.path("bin").display(), std::env::var("PATH").unwrap());
         let mut script = Command::new("sh");
@@ -92,7 +92,7 @@ impl Release {
         fs::read_to_string(self.path("docs/release-check.md")).unwrap_or_default()
     }
 
-    /// A step's result, numbers of tests and remark.
+    /// Returns a step's result, numbers of tests and remark.
     fn row(&self, step: &str) -> String {
         let report = self.report();
         let row = report.lines().find(|line| line.starts_with(&format!("| {step} |"))).unwrap_or_default();
@@ -137,7 +137,7 @@ fn a_release_check_is_resumed_on_the_same_commit() {
     assert_eq!([release.row("lint"), release.row("test")], ["passed – – –", "passed 43 0 1"]);
     release.write("commit", "def\n");
     assert!(release.check(&["lint"], ""));
-    // Results of an earlier commit stay, and say so.
+    // Results of an earlier commit stay and are marked as such.
     assert_eq!([release.row("lint"), release.row("test")], ["passed – – –", "passed 43 0 1"]);
     assert!(release.report().contains("| lint | passed | def |"), "{}", release.report());
     assert!(release.report().contains("| test | passed | abc |"), "{}", release.report());
@@ -175,7 +175,7 @@ fn a_release_is_checked_under_a_second_driver() {
         release.report()
     );
     assert_eq!(release.row("golden-compare"), "passed – – – 1 of 1 images have the same bytes under both drivers");
-    // Images of an earlier build are held against those of this one by `make golden` itself.
+    // `make golden` itself compares this build's images with those of an earlier build.
     release.write("golden.txt", "other");
     fs::create_dir(release.path("docs/golden")).unwrap();
     fs::rename(release.path("golden.txt"), release.path("docs/golden/golden.txt")).unwrap();

@@ -1,5 +1,5 @@
-//! A run's trace-file is valid whatever becomes of the run, and `diptych trace` reads it, alone and beside another;
-//! `run.json` has the sums of its tasks.
+//! A run's trace-file is valid even if the run dies. `diptych trace` reads it alone or beside another, and `run.json`
+//! has the sums of its tasks.
 
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::common::diptych;
 use serde_json::Value;
 
-/// Renders on two devices, dies by a kill after the second frame and returns the trace as it was left.
+/// Renders on two devices and is killed after the second frame; returns the trace that it leaves.
 fn killed_run(folder: &std::path::Path) -> String {
     let path = folder.join("trace.json");
     let mut run = Command::new(env!("CARGO_BIN_EXE_diptych"))
@@ -29,7 +29,7 @@ fn killed_run(folder: &std::path::Path) -> String {
     path.to_str().unwrap().to_owned()
 }
 
-/// What a command that succeeds prints.
+/// Runs a command that must succeed; returns its output.
 #[track_caller]
 fn printed(args: &[&str]) -> String {
     let output = diptych(args);
@@ -58,7 +58,7 @@ fn a_killed_run_leaves_a_trace_that_is_valid_and_can_be_read() {
     let events = document["traceEvents"].as_array().unwrap();
     let on_host =
         |name: &str| events.iter().filter(|e| e["name"] == name && e["pid"] == 1 && e["cat"] == "host").count();
-    // Of two devices and at least two frames.
+    // Expect two devices and at least two frames.
     assert!(on_host("device frame") >= 4 && on_host("finish frame") >= 2 && on_host("load scene") == 1);
 
     let text = printed(&["trace", &path]);
@@ -105,7 +105,7 @@ fn a_run_tells_sums_of_its_tasks_and_each_of_them_where_asked() {
     let brief: Value = serde_json::from_str(&brief).unwrap();
     let frames = brief["frames"].as_array().unwrap();
     assert!(frames.iter().all(|f| f.get("tasks").is_none()));
-    // What is printed is of the frames behind the first.
+    // The printed sums cover all frames but the first.
     let sum = |name: &str| frames[1..].iter().map(|f| number(&f[name])).sum::<f64>();
     let said = format!("{:.2} Mrays/s", sum("rays") / sum("makespan_ms") * 1e-3);
     let warm_up = format!("warm-up {:.1} s; 4 frame(s)", number(&brief["warm_up_s"]));

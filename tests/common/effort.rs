@@ -1,6 +1,6 @@
-//! How much tests do.
+//! Amount of work in tests.
 
-/// Whether `make test-long` runs: sweeps are whole then, and samples many.
+/// Returns true under `make test-long`: then sweeps are complete and samples many.
 pub fn is_thorough() -> bool {
     std::env::var_os("DIPTYCH_TEST_LONG").is_some()
 }

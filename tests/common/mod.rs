@@ -1,4 +1,4 @@
-//! What the tests of the renderer share: loading a subject, and a renderer for it.
+//! Helpers of the renderer's tests: load a subject, and create a renderer for it.
 
 #![allow(dead_code)] // Each test binary uses a part.
 
@@ -26,7 +26,7 @@ use diptych::schedule::{Even, Policy};
 use diptych::stages::SceneTables;
 pub use effort::is_thorough;
 
-/// A scene ready to be put on devices, and where it is seen from.
+/// A scene ready for upload, and its camera.
 pub struct Subject {
     pub name: String,
     pub scene: Scene,
@@ -46,14 +46,14 @@ impl Subject {
         Self { name: name.to_owned(), needs: SceneNeeds::of(&scene), scene, rig, tables: Arc::new(tables) }
     }
 
-    /// `builtin:NAME` or a file, as the command line takes it.
+    /// Loads `builtin:NAME` or a file, like the command line.
     pub fn load(shot: &str) -> Self {
         let (parsed, scene) = load_shot(shot).unwrap_or_else(|e| panic!("{shot}: {e}"));
         Self::new(shot, scene, parsed.rig)
     }
 
-    /// One traced sample per pixel of either eye's pinhole, six reflections, nothing after it; in a quick run by
-    /// [`shared_shaders`].
+    /// Returns settings with one sample per pixel, traced in both eyes through a pinhole, six bounces and no denoising.
+    /// A quick run uses the features of [`shared_shaders`].
     pub fn settings(&self, width: u32, height: u32) -> RenderSettings {
         let mut settings = RenderSettings::new(Extent::new(width, height), &self.scene, &self.tables);
         let stages = &mut settings.stages;
@@ -63,13 +63,13 @@ impl Subject {
         settings
     }
 
-    /// A renderer on these devices, with stripes of equal height.
+    /// Creates a renderer on these devices, with stripes of equal height.
     pub fn renderer(&self, gpus: Vec<GpuDevice>, settings: &RenderSettings) -> Result<Renderer, ExecError> {
         let policy = Box::new(Even::new(settings.stages.grid().height, gpus.len()));
         Renderer::new(gpus, Arc::clone(&self.tables), settings.clone(), policy, Instant::now())
     }
 
-    /// [`Self::settings`] with the right eye reprojected and five filter iterations.
+    /// Returns [`Self::settings`] with reprojection into the right eye and five filter iterations.
     pub fn denoised(&self, width: u32, height: u32) -> RenderSettings {
         let mut settings = self.settings(width, height);
         settings.stages.reproject = true;
@@ -77,7 +77,7 @@ impl Subject {
         settings
     }
 
-    /// [`Self::denoised`] over frames.
+    /// Returns [`Self::denoised`] with temporal accumulation.
     pub fn accumulated(&self, width: u32, height: u32) -> RenderSettings {
         let mut settings = self.denoised(width, height);
         settings.stages.filter = Some(Denoiser::SVGF);
@@ -85,8 +85,8 @@ impl Subject {
     }
 }
 
-/// One of two sets that has all of `needs`: drivers take longer to compile shaders for each scene than small frames take to
-/// render. Gloss stays, as the picture depends on it; tables add instances.
+/// Returns one of two feature sets that covers `needs`: drivers take longer to compile shaders for each scene than to
+/// render small frames. Gloss is kept as needed, because it changes the image; the tables add instances.
 fn shared_shaders(needs: SceneNeeds) -> SceneNeeds {
     let all = SceneNeeds { gloss: needs.gloss, instances: false, ..SceneNeeds::ALL };
     let common = SceneNeeds {
@@ -106,30 +106,30 @@ fn shared_shaders(needs: SceneNeeds) -> SceneNeeds {
     if suffices { common } else { all }
 }
 
-/// Devices that no test has at the moment. They keep what was compiled on them.
+/// Returns the devices that no test uses at present. They keep their compiled pipelines.
 fn idle() -> MutexGuard<'static, Vec<GpuDevice>> {
     static IDLE: Mutex<Vec<GpuDevice>> = Mutex::new(Vec::new());
     IDLE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// How devices follow rays: as `DIPTYCH_TRAVERSAL` says, else as they do by default.
+/// Returns the ray traversal for tests: `DIPTYCH_TRAVERSAL`, or the default.
 ///
 /// # Panics
-/// If it says what there is not.
+/// If the variable is invalid.
 pub fn traversal() -> TraversalChoice {
     let Some(name) = std::env::var_os("DIPTYCH_TRAVERSAL") else { return TraversalChoice::Auto };
     let name = name.to_string_lossy();
     TraversalChoice::from_str(&name, false).unwrap_or_else(|_| panic!("DIPTYCH_TRAVERSAL cannot be {name}"))
 }
 
-/// `count` devices of the first adapter that can do it, the same one for every count, each of one thread: tests run side by
-/// side, and what one device compiled serves alone and among others.
+/// Returns `count` single-threaded devices of the first suitable adapter, which is the same for every count. Tests run
+/// concurrently, and each device's compiled pipelines serve it alone and among others.
 pub fn devices(count: usize) -> Vec<GpuDevice> {
-    // Those with most pipelines first, so that as few devices as can be compile what is common.
+    // Prefer devices with the most pipelines, so that few devices compile the common ones.
     devices_by(count, |gpu| std::cmp::Reverse(gpu.pipelines.len()))
 }
 
-/// [`devices`] for a test that does not give all of them back: those that others would miss least.
+/// Returns [`devices`] for a test that does not return all of them: those with the fewest pipelines.
 pub fn devices_to_lose(count: usize) -> Vec<GpuDevice> {
     devices_by(count, |gpu| gpu.pipelines.len())
 }
@@ -139,7 +139,8 @@ fn devices_by<K: Ord>(count: usize, key: impl FnMut(&GpuDevice) -> K) -> Vec<Gpu
     let mut devices = std::mem::take(&mut *idle);
     devices.sort_by_key(key);
     idle.extend(devices.drain(count.min(devices.len())..));
-    // Opened in turns: drivers have crashed on devices opened side by side. Mesa 22.3 and 25 have not on pipelines made so.
+    // Open devices while the lock is held: drivers have crashed on concurrent creation. Mesa 22.3 and 25 have not
+    // crashed on pipelines created this way.
     if devices.len() < count {
         let traversal = traversal();
         let is_hardware = traversal == TraversalChoice::Hardware;
@@ -159,14 +160,14 @@ fn devices_by<K: Ord>(count: usize, key: impl FnMut(&GpuDevice) -> K) -> Vec<Gpu
     devices
 }
 
-/// Opens devices, with a number of threads each.
+/// Opens devices with a number of threads each.
 pub fn open(selection: &Selection) -> Vec<GpuDevice> {
     // SAFETY: tests access the environment only through `std::env`, and list adapters only through the library.
     unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
     device::open(selection).unwrap_or_else(|e| panic!("these tests need a device: {e}"))
 }
 
-/// The renderer's own passes, of which these images can be read as well.
+/// Returns the renderer's own passes, with these images as additional outputs.
 pub fn with_outputs(names: &'static [&'static str]) -> Declarations {
     let shown = move |mut pass: Pass| {
         let images = pass.uses.iter_mut().map(|used| &mut used.image.resource);
@@ -176,7 +177,7 @@ pub fn with_outputs(names: &'static [&'static str]) -> Declarations {
     Declarations::new(move |spec| declare(spec).passes.into_iter().map(shown).collect())
 }
 
-/// A renderer and what it renders.
+/// A renderer and the subject that it renders.
 pub struct Stage<'a> {
     subject: &'a Subject,
     renderer: Option<Renderer>,
@@ -194,13 +195,13 @@ impl<'a> Stage<'a> {
         Self::on(self::devices(devices), subject, settings, policy)
     }
 
-    /// On `devices` devices with stripes of equal height.
+    /// Creates a stage on `devices` devices with stripes of equal height.
     pub fn even(subject: &'a Subject, settings: &RenderSettings, devices: usize) -> Self {
         let policy = Even::new(settings.stages.grid().height, devices);
         Self::with(subject, settings, devices, Box::new(policy))
     }
 
-    /// On these devices.
+    /// Creates a stage on these devices.
     pub fn on(
         gpus: impl Into<Devices>,
         subject: &'a Subject,
@@ -213,24 +214,24 @@ impl<'a> Stage<'a> {
         let mut renderer = Renderer::new(gpus, Arc::clone(&subject.tables), settings.clone(), policy, Instant::now())
             .unwrap_or_else(|e| panic!("{}: {e}", subject.name));
         if is_slow {
-            // Slower than a device is given before the first frame.
+            // Tests may take longer than the usual timeout before the first frame.
             renderer.set_watchdog(Duration::from_secs(600));
         }
         let frames_in_flight = settings.stages.frames_in_flight;
         Self { subject, renderer: Some(renderer), devices, frames_in_flight, change: Box::new(|_| ()) }
     }
 
-    /// Its devices, which go back to no other test.
+    /// Returns its devices, which no other test reuses.
     pub fn into_devices(self) -> Vec<GpuDevice> {
         self.into_all_devices().into_own()
     }
 
-    /// With those of other ranks.
+    /// Returns its devices together with those of other ranks.
     pub fn into_all_devices(mut self) -> Devices {
         self.renderer.take().map_or_else(Devices::default, Renderer::into_devices)
     }
 
-    /// Renders a frame without a sample that is not finite.
+    /// Renders a frame and asserts that every sample is finite.
     #[track_caller]
     pub fn frame_at(&mut self, time_s: f64, index: u32) -> Frame {
         let frame = self.render(time_s, index);
@@ -240,12 +241,12 @@ impl<'a> Stage<'a> {
         frame
     }
 
-    /// Changes the parameters of all frames from here on.
+    /// Changes the parameters of all later frames.
     pub fn set(&mut self, change: impl Fn(&mut FrameParams) + 'a) {
         self.change = Box::new(change);
     }
 
-    /// The parameters of a frame of the subject's camera, with the changes of [`Self::set`].
+    /// Returns the parameters of a frame for the subject's camera, with the changes of [`Self::set`].
     pub fn params(&mut self, time_s: f64, index: u32) -> FrameParams {
         let rig = &self.subject.rig;
         let mut params = self.renderer().frame(rig, time_s, index);
@@ -260,7 +261,7 @@ impl<'a> Stage<'a> {
         Frame { linear, report }
     }
 
-    /// Frames at these times, as many on the devices at a time as the settings allow.
+    /// Renders frames at these times, with as many in flight as the settings allow.
     pub fn frames_in_flight(&mut self, times_s: &[f64]) -> Vec<Frame> {
         let mut times = (0..).zip(times_s);
         let mut frames = Vec::new();
@@ -277,7 +278,7 @@ impl<'a> Stage<'a> {
         }
     }
 
-    /// A frame whose samples may have been dropped.
+    /// Renders a frame that may have dropped samples.
     pub fn frame_with_drops(&mut self, index: u32) -> Frame {
         self.render(0.0, index)
     }
@@ -291,12 +292,12 @@ impl<'a> Stage<'a> {
         self.renderer.as_mut().expect("it is taken only when the stage ends")
     }
 
-    /// The last frame as the devices encoded it for display.
+    /// Returns the last frame in display encoding, as encoded by the devices.
     pub fn display(&mut self) -> Stereo<Image<[u8; 4]>> {
         self.renderer().read_display().unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
     }
 
-    /// The i-th auxiliary image that the settings ask for.
+    /// Returns the i-th auxiliary image of the settings.
     pub fn aov(&mut self, i: usize) -> Stereo<Vec<Vec<f32>>> {
         self.renderer().read_aov(i).unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
     }
@@ -322,14 +323,14 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Share of the right eye's pixels that reprojection left open.
+    /// Returns the fraction of the right eye's pixels that are holes after reprojection.
     pub fn hole_fraction(&self) -> f64 {
         let holes: u64 = self.report.tallies[1].holes.iter().sum();
         holes as f64 / self.linear.right.extent.area() as f64
     }
 }
 
-/// The files of large scenes, if they are there: in `DIPTYCH_SCENES`, else `../shared/scenes` beside the crate.
+/// Returns the file of a large scene, if it exists: in `DIPTYCH_SCENES`, or in `../shared/scenes` beside the crate.
 pub fn shared_shot(name: &str) -> Option<String> {
     let beside = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/scenes");
     let folder = std::env::var_os("DIPTYCH_SCENES").map_or(beside, PathBuf::from);
@@ -341,13 +342,13 @@ pub fn shared_shot(name: &str) -> Option<String> {
     None
 }
 
-/// The command, built.
+/// Runs the built program.
 pub fn diptych(args: &[&str]) -> std::process::Output {
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_diptych"));
     command.args(args).output().unwrap_or_else(|e| panic!("cannot start diptych: {e}"))
 }
 
-/// A rig whose eyes both see what a pinhole at `origin` sees; the eyes differ in their random numbers.
+/// Returns a rig whose eyes both see the image of a pinhole at `origin`; the eyes differ in their random numbers.
 pub fn still_rig(origin: glam::Vec3, forward: glam::Vec3, up: glam::Vec3, tan_half_yfov: f32) -> Rig {
     let position = origin.as_dvec3();
     let key = RigKey { time_s: 0.0, position, target: position + forward.as_dvec3(), up: up.as_dvec3() };

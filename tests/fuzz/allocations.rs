@@ -1,4 +1,4 @@
-//! Counts what is allocated at once.
+//! Tracks the peak of allocated memory.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -10,14 +10,14 @@ static COUNTING: Counting = Counting;
 static NOW: AtomicUsize = AtomicUsize::new(0);
 static PEAK: AtomicUsize = AtomicUsize::new(0);
 
-/// Bytes allocated now; the peak starts from there.
+/// Returns the bytes allocated now, and resets the peak to that.
 pub fn start() -> usize {
     let now = NOW.load(Relaxed);
     PEAK.store(now, Relaxed);
     now
 }
 
-/// The most bytes allocated at once since `start`.
+/// Returns the peak of allocated bytes since `start`.
 pub fn peak() -> usize {
     PEAK.load(Relaxed)
 }
@@ -27,7 +27,7 @@ fn add(bytes: usize) {
     PEAK.fetch_max(now, Relaxed);
 }
 
-// SAFETY: everything is left to the system's allocator.
+// SAFETY: every call is forwarded to the system's allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         add(layout.size());

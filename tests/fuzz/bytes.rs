@@ -1,4 +1,4 @@
-//! Damage that knows nothing of a format.
+//! Damages bytes without knowledge of the format.
 
 use proptest::prelude::*;
 use proptest::sample::Index;
@@ -6,14 +6,14 @@ use proptest::sample::Index;
 #[derive(Clone, Debug)]
 pub enum Damage {
     Flip(Index, u8),
-    /// Overwrites four bytes, at a multiple of four if the flag says so.
+    /// Overwrites four bytes, at a multiple of four if the flag is set.
     Word(Index, bool, u32),
     Cut(Index),
     Remove(Index, u8),
     Repeat(Index, u8),
 }
 
-/// Words that are often wrong: lengths, counts, and floats that are no numbers.
+/// Values that often break readers: lengths, counts, and floats that are not finite.
 const WORDS: [u32; 14] = [
     0,
     1,

@@ -1,4 +1,5 @@
-//! Files that a glTF file or a shot names: somewhere, damaged, cut, of another length than said, or very many.
+//! Files that a glTF file or a shot references: outside its folder, damaged, truncated, with a wrong length, or very
+//! many.
 
 use std::path::Path;
 use std::time::Instant;
@@ -17,7 +18,7 @@ use crate::bytes::{self, Damage};
 use crate::effort::is_thorough;
 use crate::{ALLOWED_BYTES, BUDGET, PATIENCE, allocations, glb, hold, images};
 
-/// What is in the files outside, and in none inside: a coordinate and a colour.
+/// Value in the files outside the folder and in none inside: a coordinate and a colour.
 const OUTSIDE: f32 = 7777.0;
 const OUTSIDE_RGBA: [u8; 4] = [77, 177, 7, 255];
 
@@ -52,9 +53,9 @@ const NAMES: [&str; 24] = [
 struct Case {
     buffer: String,
     picture: String,
-    /// What the buffer is said to hold.
+    /// Declared length of the buffer.
     length: u64,
-    /// Further buffers and pictures of the same names.
+    /// Number of additional buffers and pictures that reference the same files.
     copies: u16,
     damage_of_buffer: Vec<Damage>,
     damage_of_picture: Vec<Damage>,
@@ -84,7 +85,7 @@ fn case(absolute: String) -> impl Strategy<Value = Case> {
     )
 }
 
-/// A quad with a picture, both in files of their own.
+/// Returns a quad with a picture, each in a file of its own.
 fn gltf(case: &Case) -> Value {
     let copies = usize::from(case.copies) + 1;
     let picture = json!({"uri": case.picture});
@@ -115,7 +116,7 @@ fn png(rgba: [u8; 4]) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// `outside.*` beside `inner/`, which has `own.*` and links that lead out.
+/// Creates `outside.*` beside `inner/`, which contains `own.*` and links that lead out.
 fn folders() -> tempfile::TempDir {
     let outer = tempfile::tempdir().unwrap();
     let path = |name: &str| outer.path().join(name);
@@ -167,14 +168,14 @@ fn named_files_are_read_or_refused_and_none_outside_is_read() {
     });
 }
 
-/// Damages an environment's file that a shot names.
+/// Damages the environment file of a shot.
 #[test]
 fn environments_of_shots_are_read_or_refused() {
     let outer = folders();
     let lines = images::exr_bytes(Compression::ZIP16, Blocks::ScanLines);
     let exrs = [lines, images::exr_bytes(Compression::PIZ, Blocks::Tiles(::exr::prelude::Vec2(8, 8)))];
     let seeds = exrs.into_iter().map(|bytes| ("sky.exr", bytes)).chain(
-        // Among them headers that claim far more than there is.
+        // Some headers claim far more pixels than the file has.
         images::hdr_seeds().into_iter().chain([huge_hdr(30_000, 8_000), huge_hdr(32_768, 1)]).map(|b| ("sky.hdr", b)),
     );
     let shot = |name: &str| {
@@ -205,18 +206,18 @@ fn huge_hdr(width: u32, height: u32) -> Vec<u8> {
     format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n").into_bytes()
 }
 
-/// The most that was allocated while a scene was read with that budget and laid out, and the scene.
+/// Reads a scene with that budget and prepares it for upload; returns the peak of allocated memory, and the scene.
 fn peak(path: &Path, budget: ByteSize) -> (usize, Option<Scene>) {
     let before = allocations::start();
     let scene = glb::load_as_is(path, &Budget::new(budget));
     (allocations::peak() - before, scene)
 }
 
-/// At most so many times what a scene takes is asked for.
+/// Bound on the peak of allocated memory, in multiples of the scene's size.
 const AMPLE: u64 = 8;
 
-/// Whatever part of a scene is large: with less memory than it takes, it is refused before that is allocated. With ample
-/// memory it is not.
+/// If any part of a scene exceeds the memory budget, the scene is rejected before that part is allocated. With ample
+/// memory it is accepted.
 #[test]
 fn scenes_keep_within_their_budgets() {
     let _turn = crate::turn();
@@ -238,7 +239,7 @@ fn scenes_keep_within_their_budgets() {
     }
 }
 
-/// Scenes of which one part is large each.
+/// Returns scenes that each have one large part.
 fn large_scenes(folder: &Path) -> Vec<(&'static str, Value)> {
     const COUNT: usize = 1 << 16;
     let corners: Vec<[f32; 3]> = (0..COUNT as u32 * 3)
@@ -286,7 +287,7 @@ fn large_scenes(folder: &Path) -> Vec<(&'static str, Value)> {
     ]
 }
 
-/// A picture that many materials glow with is looked through once.
+/// A picture is scanned once even if many emissive materials use it.
 #[test]
 fn materials_share_what_is_known_of_a_picture() {
     let _turn = crate::turn();
@@ -313,7 +314,7 @@ fn materials_share_what_is_known_of_a_picture() {
     assert!(begin.elapsed() < PATIENCE, "took {:?}", begin.elapsed());
 }
 
-/// The same file may be read where the user allows it.
+/// The user may allow reading the same file.
 #[test]
 fn files_outside_are_read_where_that_is_allowed() {
     let outer = folders();

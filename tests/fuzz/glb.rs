@@ -1,4 +1,4 @@
-//! Binary glTF, damaged by JSON value and key, by byte, and in its container.
+//! Binary glTF files with damage to JSON values and keys, to bytes, and to the container.
 
 mod edits;
 
@@ -20,13 +20,13 @@ use crate::bytes::{self, Damage};
 use crate::{ALLOWED_BYTES, BUDGET, hold};
 use edits::{apply, edit};
 
-/// Reads a file and lays its scene out as for rendering; whether that could be done.
+/// Reads a file and prepares its scene for upload; returns true on success.
 pub fn load(path: &Path, bytes: &[u8]) -> bool {
     std::fs::write(path, bytes).unwrap();
     load_as_is(path, &Budget::new(BUDGET)).is_some()
 }
 
-/// The scene, if the file that is there could be read and laid out.
+/// Returns the scene, if the existing file can be read and prepared.
 pub fn load_as_is(path: &Path, budget: &Budget) -> Option<Scene> {
     let folder = path.parent().unwrap().to_str().unwrap();
     let (shot, scene) = match load_shot_within(path.to_str().unwrap(), &Overrides::default(), Access::of(budget)) {
@@ -51,7 +51,7 @@ pub fn load_as_is(path: &Path, budget: &Budget) -> Option<Scene> {
     Some(scene)
 }
 
-/// What the rest of the program takes for granted.
+/// Checks the invariants on which the rest of the program relies.
 fn check(scene: &Scene) {
     for mesh in &scene.meshes {
         let n = mesh.positions.len();
@@ -79,7 +79,7 @@ fn check(scene: &Scene) {
     assert!(scene.lights.iter().all(|l| l.strength.is_finite() && l.strength.min_element() >= 0.0));
 }
 
-/// A file in the making.
+/// A glTF file under construction.
 #[derive(Clone, Debug)]
 struct Draft {
     json: Value,
@@ -87,7 +87,7 @@ struct Draft {
 }
 
 impl Draft {
-    /// Appends bytes to the binary chunk, and a view of them; returns the view's number.
+    /// Appends bytes to the binary chunk with a buffer view for them; returns the view's number.
     fn view(&mut self, bytes: &[u8], more: Value) -> usize {
         let offset = self.bin.len();
         self.bin.extend(bytes);
@@ -111,7 +111,7 @@ impl Draft {
         list.len() - 1
     }
 
-    /// The whole file. `lengths`: what the header and the chunks claim beyond the truth.
+    /// Returns the complete file. `lengths` are added to the lengths that the header and the chunks declare.
     fn pack(&self, json: String, lengths: [i32; 3]) -> Vec<u8> {
         let mut json = json.into_bytes();
         json.resize(json.len().next_multiple_of(4), b' ');
@@ -146,7 +146,7 @@ fn start() -> Draft {
 
 const CORNERS: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.1, 0.0, 1.0, 0.0];
 
-/// A quad with a picture on it.
+/// Returns a quad with a picture on it.
 pub fn textured(picture: &[u8]) -> Vec<u8> {
     let mut draft = start();
     let positions = draft.floats("VEC3", &CORNERS);
@@ -161,7 +161,7 @@ pub fn textured(picture: &[u8]) -> Vec<u8> {
     draft.whole()
 }
 
-/// A file with something of everything that is read.
+/// Returns a file that uses every supported feature.
 fn everything() -> Draft {
     let mut draft = start();
     let positions = draft.floats("VEC3", &CORNERS);
@@ -213,7 +213,7 @@ fn everything() -> Draft {
     draft
 }
 
-/// Nodes, materials, textures, lights and cameras.
+/// Adds nodes, materials, textures, lights and cameras.
 fn furnish(draft: &mut Draft) {
     let mut png = std::io::Cursor::new(Vec::new());
     ::image::RgbaImage::from_pixel(2, 2, ::image::Rgba([9, 99, 199, 128]))
@@ -253,7 +253,7 @@ fn furnish(draft: &mut Draft) {
     merge(&mut draft.json, more);
 }
 
-/// A skinned and morphed quad at these positions on two joints, and animations of all kinds of interpolation.
+/// Adds a skinned and morphed quad at these positions with two joints, and animations with all kinds of interpolation.
 fn animate(draft: &mut Draft, positions: usize) {
     let bytes = |draft: &mut Draft, values: [u8; 16]| {
         let view = draft.view(&values, json!({}));
@@ -305,7 +305,7 @@ fn glb_files_are_read_or_refused() {
     });
 }
 
-/// Wherever a file is cut, it is refused.
+/// A truncated file is rejected, wherever it ends.
 #[test]
 fn glb_files_cut_anywhere_are_refused() {
     let folder = tempfile::tempdir().unwrap();

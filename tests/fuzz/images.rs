@@ -1,4 +1,4 @@
-//! Environment images and textures, damaged by byte.
+//! Environment images and textures with damaged bytes.
 
 use std::path::Path;
 
@@ -46,7 +46,7 @@ fn exr_seeds() -> Vec<Vec<u8>> {
     compressions.iter().flat_map(|&c| [exr_bytes(c, lines), exr_bytes(c, tiles)]).collect()
 }
 
-/// Radiance, flat and run-length encoded.
+/// Returns Radiance files, flat and run-length encoded.
 pub fn hdr_seeds() -> Vec<Vec<u8>> {
     let header =
         |w: u32, h: u32| format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.0\n\n-Y {h} +X {w}\n").into_bytes();
@@ -119,7 +119,7 @@ fn radiance_files_are_read_or_refused() {
     hold(1000, ALLOWED_BYTES, damaged(hdr_seeds()), |bytes| drop(read(&path, &bytes)));
 }
 
-/// PNG's chunks carry checksums that nearly all damage breaks: they are made good again.
+/// Recomputes the checksums of PNG's chunks, which nearly all damage breaks.
 fn mend_checksums(png: &mut [u8]) {
     let mut at = 8;
     while let Some(length) = png.get(at..at + 4).map(|b| u32::from_be_bytes([b[0], b[1], b[2], b[3]]) as usize) {
@@ -130,7 +130,7 @@ fn mend_checksums(png: &mut [u8]) {
     }
 }
 
-/// The checksum of PNG (ISO/IEC 15948, annex D).
+/// Returns the checksum of PNG (ISO/IEC 15948, annex D).
 fn crc32(bytes: &[u8]) -> u32 {
     let step = |crc: u32, _| if crc & 1 == 1 { 0xedb8_8320 ^ (crc >> 1) } else { crc >> 1 };
     !bytes.iter().fold(!0, |crc, &byte| (0..8).fold(crc ^ u32::from(byte), step))

@@ -1,5 +1,5 @@
-//! Damaged and hostile input: whatever the bytes, reading them ends, in little memory, with a scene or an error, and a
-//! scene that was read can be laid out for tracing.
+//! Damaged and hostile input. For any bytes, reading ends in bounded memory with a scene or an error, and a scene that
+//! was read can be prepared for tracing.
 //!
 //! `DIPTYCH_FUZZ_CASES` sets the number of cases of each test.
 
@@ -21,22 +21,22 @@ use diptych::scene::budget::ByteSize;
 use proptest::strategy::Strategy;
 use proptest::test_runner::{Config, TestRunner};
 
-/// A case that takes longer than this hangs.
+/// Time after which a case counts as hung.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// One test at a time, since allocations are counted for the whole program.
+/// Lock for one test at a time, because allocations are counted for the whole process.
 static TURN: Mutex<()> = Mutex::new(());
 
 fn turn() -> MutexGuard<'static, ()> {
     TURN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What a scene may take in these tests, and what the program may take beside it.
+/// Memory budget of a scene in these tests, and the maximum that the program may allocate in all.
 const BUDGET: ByteSize = ByteSize(64 << 20);
 const ALLOWED_BYTES: usize = 65 << 20;
 
-/// Runs `case` on `cases` values, or as many as the environment asks for. `allowed_bytes` is what a case may have
-/// allocated at once.
+/// Runs `case` on `cases` values, or on as many as the environment requests. A case may have `allowed_bytes` allocated
+/// at once.
 fn hold<S: Strategy>(cases: u32, allowed_bytes: usize, strategy: S, case: impl Fn(S::Value))
 where
     S::Value: Debug,

@@ -1,4 +1,4 @@
-//! Files of head motion: whatever they say, what is wrong is said in a line, and what is none of that moves eyes that see.
+//! Files of head motion. Each error is one line, and a valid file moves eyes that can render.
 
 use std::cell::Cell;
 
@@ -15,7 +15,7 @@ use crate::{ALLOWED_BYTES, hold};
 
 const HEADER: &str = r#"{"diptych_motion": 1}"#;
 
-/// Numbers that are often too much.
+/// Numbers that are often out of range.
 const NUMBERS: [f64; 16] =
     [0.0, -0.0, 1.0, -1.0, 0.7, -0.7, 1.39, -1.39, 1.6, 5e-324, 1e-20, 1e20, 3.4e38, -1e300, f64::MAX, f64::MIN];
 
@@ -27,7 +27,7 @@ fn numbers<const N: usize>() -> impl Strategy<Value = [f64; N]> {
     prop::collection::vec(number(), N).prop_map(|all| std::array::from_fn(|i| all[i]))
 }
 
-/// Mostly of length 1.
+/// Generates orientations, mostly of length 1.
 fn orientation() -> impl Strategy<Value = [f64; 4]> {
     let unit = |q: [f64; 4]| {
         let length = q.map(|v| v * v).iter().sum::<f64>().sqrt();
@@ -36,7 +36,7 @@ fn orientation() -> impl Strategy<Value = [f64; 4]> {
     prop_oneof![10 => Just([0.0, 0.0, 0.0, 1.0]), 20 => numbers().prop_map(unit), 1 => numbers()]
 }
 
-/// An eye at this side of the head, or elsewhere, that looks about ahead or elsewhere.
+/// Generates an eye, mostly at this side of the head and looking roughly ahead.
 fn eye(side: f64) -> impl Strategy<Value = Value> {
     let place = prop_oneof![8 => Just([0.03 * side, 0.0, 0.0]), 1 => numbers()];
     let ahead = (-0.2..0.2f64).prop_map(|turn| [0.0, turn.sin(), 0.0, turn.cos()]);
@@ -55,7 +55,7 @@ fn header() -> impl Strategy<Value = Value> {
     ]
 }
 
-/// Of both eyes together, of each one, or none.
+/// Generates a gaze for both eyes together, for each eye, or none.
 fn gaze() -> impl Strategy<Value = Value> {
     let place = || (0.0..1.0, 0.0..1.0);
     prop_oneof![
@@ -76,7 +76,7 @@ fn sample() -> impl Strategy<Value = Value> {
     })
 }
 
-/// A file that is well formed, its samples in order.
+/// Generates a well-formed file with its samples in order.
 fn file() -> impl Strategy<Value = Vec<u8>> {
     (header(), prop::collection::vec(sample(), 0..6)).prop_map(|(header, mut samples)| {
         samples.sort_by(|a, b| a["time_s"].as_f64().partial_cmp(&b["time_s"].as_f64()).expect("times are numbers"));

@@ -1,4 +1,4 @@
-//! Shot files, damaged by line, by value and by byte.
+//! Shot files with damaged lines, values and bytes.
 
 use diptych::scene::Scene;
 use diptych::scene::budget::Budget;
@@ -113,9 +113,9 @@ const VALUES: [&str; 34] = [
 
 #[derive(Clone, Debug)]
 enum Edit {
-    /// Line, new value.
+    /// Line and its new value.
     Value(Index, &'static str),
-    /// One number within a line.
+    /// Replaces one number within a line.
     Number(Index, Index, &'static str),
     Drop(Index),
     Copy(Index, Index),

@@ -1,6 +1,6 @@
-//! Modules of the library use one another in one direction only. Their order is that of `src/lib.rs`, and a module may
-//! name those above it. The code of tests is included, since a test that needs a lower module belongs beside that one.
-//! Comments are not, so that documentation may point down.
+//! The library's modules depend on one another in one direction only: a module may name the modules above it in
+//! `src/lib.rs`. This includes the code of tests, because a test that needs a lower module belongs beside that module.
+//! It excludes comments, so that documentation may refer to lower modules.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use std::str::FromStr;
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 
-/// Modules that decide what happens, and are tested without a device.
+/// Modules with decision logic, which are tested without a device.
 const WITHOUT_WGPU: [&str; 13] = [
     "image",
     "scene",
@@ -38,13 +38,13 @@ fn is(token: Option<&TokenTree>, name: &str) -> bool {
     matches!(token, Some(TokenTree::Ident(ident)) if ident == name)
 }
 
-/// Whether the two tokens from `at` on are `::`.
+/// Returns true if the two tokens from `at` on are `::`.
 fn is_separator(tokens: &[TokenTree], at: usize) -> bool {
     let is_colon = |token: &TokenTree| matches!(token, TokenTree::Punct(punct) if punct.as_char() == ':');
     tokens.get(at..at + 2).is_some_and(|pair| pair.iter().all(is_colon))
 }
 
-/// The modules in the order of `src/lib.rs`.
+/// Returns the modules in the order of `src/lib.rs`.
 fn modules() -> Vec<String> {
     let tokens: Vec<_> = tokens_of(&source_folder().join("lib.rs")).into_iter().collect();
     let is_file = |at: &[TokenTree]| is(at.first(), "mod") && matches!(&at[2], TokenTree::Punct(_));
@@ -52,7 +52,7 @@ fn modules() -> Vec<String> {
     names.collect()
 }
 
-/// All source files of a module, each with how many modules it is below the root of the crate.
+/// Returns all source files of a module, each with its depth in modules below the crate's root.
 fn files(module: &str) -> Vec<(PathBuf, usize)> {
     fn collect(path: &Path, depth: usize, found: &mut Vec<(PathBuf, usize)>) {
         if path.is_dir() {
@@ -74,8 +74,8 @@ fn files(module: &str) -> Vec<(PathBuf, usize)> {
     found
 }
 
-/// Adds the names at the root of the crate that paths lead to: of `crate::name`, of `crate::{name, name}`, and of
-/// `super::name` from the uppermost module of a file.
+/// Adds the names at the root of the crate to which paths lead: in `crate::name`, in `crate::{name, name}`, and in
+/// `super::name` from the top module of a file.
 fn add_named(tokens: TokenStream, depth: usize, named: &mut Vec<String>) {
     let tokens: Vec<TokenTree> = tokens.into_iter().collect();
     for (at, token) in tokens.iter().enumerate() {
@@ -143,8 +143,8 @@ fn what_needs_no_device_knows_no_wgpu() {
     }
 }
 
-/// Other threads may read the environment at any time, and only the program knows them: it changes the environment itself,
-/// or provides the hook by which the library does. `cli::prepare_environment` is the program's.
+/// Only the program knows its threads, and others may read the environment at any time. So the program changes the
+/// environment itself, or installs the hook for the library. `cli::prepare_environment` belongs to the program.
 #[test]
 fn the_library_does_not_change_the_environment() {
     fn changes(tokens: TokenStream) -> bool {
@@ -181,7 +181,7 @@ fn every_kind_of_path_is_found() {
     assert_eq!(named(tokens, 1), expected);
 }
 
-/// A guide to the code that names tests which are not there misleads.
+/// A guide that names tests that do not exist would be misleading.
 #[test]
 fn the_tests_that_architecture_names_are_there() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));

@@ -1,6 +1,6 @@
-//! The protocol of `src/exec/README.md`, explored in every order of events: the workers' own state machine and the
-//! renderer's own ledger, with frames in flight, devices that fail or hang at every point and some that wake up too
-//! late.
+//! Explores the protocol of `src/exec/README.md` in every order of events. It runs the workers' real state machine and
+//! the renderer's real ledger, with frames in flight, devices that fail or hang at every point, and some that recover
+//! too late.
 
 use std::collections::{BTreeSet, HashSet, VecDeque};
 use std::sync::Arc;
@@ -14,14 +14,14 @@ type Ticket = u64;
 /// A worker with its thread.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Worker {
-    /// Rows carry no bytes here.
+    /// State machine; its rows carry no bytes.
     protocol: Protocol<()>,
     commands: VecDeque<(Ticket, Arc<Script>)>,
     hangs: bool,
 }
 
 impl Worker {
-    /// Carries out what nobody else sees and what does not depend on others: only the rest need be explored in every
+    /// Executes steps that neither affect nor depend on others. Only the remaining steps must be explored in every
     /// order.
     fn settle(&mut self) {
         loop {
@@ -41,8 +41,9 @@ impl Worker {
     }
 }
 
-/// The tasks of a frame on a device: every device needs rows of every other, and the primary needs all of them for the
-/// stitch, or, if it `asks` for a pose, to show the frame. If `in_order`, rows leave before others are waited for, as the common order of tasks has it.
+/// Returns the tasks of a frame on a device. Every device needs rows of every other. The primary needs all of them for
+/// the stitch, or, if it `asks` for a pose, to show the frame. With `in_order`, rows are sent before others are
+/// awaited, as in the common order of tasks.
 fn script(ticket: Ticket, device: Device, left: &[Device], rules: Rules) -> Arc<Script> {
     let Rules { submits_often, in_order, asks, .. } = rules;
     let others = || left.iter().copied().filter(move |d| *d != device);
@@ -71,10 +72,10 @@ fn script(ticket: Ticket, device: Device, left: &[Device], rules: Rules) -> Arc<
     Arc::new(Script::new(ticket, &own, &stitch, None))
 }
 
-/// An attempt at a frame as the renderer sees it.
+/// An attempt at a frame from the renderer's point of view.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Attempt {
-    /// In the ledger, and what workers are told.
+    /// Ticket in the ledger and in the workers' orders.
     asked: Ticket,
     told: Ticket,
     frame: u32,
@@ -87,13 +88,13 @@ struct World {
     replies: VecDeque<(Ticket, Device, Outcome)>,
     ledger: Ledger<Outcome>,
     left: Vec<Device>,
-    /// Oldest first.
+    /// Attempts, oldest first.
     attempts: VecDeque<Attempt>,
-    /// A device failed in the oldest one; those behind are called off.
+    /// True if a device failed in the oldest attempt; those behind it are cancelled.
     recovers: bool,
     begun: u32,
     done: u32,
-    /// Events that may still happen to devices.
+    /// Number of faults that may still happen.
     faults: u32,
 }
 
@@ -103,15 +104,15 @@ struct Rules {
     frames: u32,
     in_flight: usize,
     faults: u32,
-    /// Whether submissions wait for one another.
+    /// True if submissions wait for one another.
     submit_blocks: bool,
-    /// Whether rows for each device leave in a submission of their own.
+    /// True if rows for each device are sent in a submission of their own.
     submits_often: bool,
-    /// Whether an attempt has a ticket of its own; else it has the frame's.
+    /// True if each attempt has a ticket of its own, false if it uses the frame's.
     fresh_tickets: bool,
-    /// Whether rows leave before others are waited for.
+    /// True if rows are sent before others are awaited.
     in_order: bool,
-    /// Whether the primary asks for the pose that a frame is shown from.
+    /// True if the primary asks for the pose for late latching.
     asks: bool,
 }
 
@@ -129,9 +130,9 @@ const RULES: Rules = Rules {
 
 #[derive(Debug, PartialEq)]
 enum Wrong {
-    /// Nobody can do anything, and the frames are not done.
+    /// No event is possible, but the frames are not done.
     Deadlock,
-    /// All have answered, none has failed, and yet not all are done.
+    /// All workers have answered without failure, but some frames are not done.
     Stuck,
 }
 
@@ -177,7 +178,7 @@ impl World {
         }
     }
 
-    /// Every state that may follow.
+    /// Returns all possible next states.
     fn next(&self, rules: Rules) -> Result<Vec<Self>, Wrong> {
         let mut next = Vec::new();
         for (device, worker) in self.workers.iter().enumerate() {
@@ -196,7 +197,7 @@ impl World {
             after.conclude(rules)?;
             next.push(after);
         }
-        // It waits for the oldest attempt that is not answered, and gives those up that hang there.
+        // The renderer waits for the oldest unanswered attempt, and drops devices that hang in it.
         if let Some(waited_for) = self.attempts.iter().find(|a| a.answers.is_none()) {
             let awaited = self.ledger.awaited(waited_for.asked).iter();
             for &device in awaited.filter(|d| self.workers[**d].hangs) {
@@ -212,7 +213,7 @@ impl World {
         Ok(next)
     }
 
-    /// What the renderer does once all have answered.
+    /// Continues as the renderer does after all workers have answered.
     fn conclude(&mut self, rules: Rules) -> Result<(), Wrong> {
         for attempt in self.attempts.iter_mut().filter(|a| a.answers.is_none()) {
             attempt.answers = self.ledger.take(attempt.asked);
@@ -252,12 +253,12 @@ impl World {
         self.left.is_empty() || self.done == rules.frames
     }
 
-    /// What may come of a worker's next action; nothing if it has to wait.
+    /// Returns the possible results of a worker's next action; none if it has to wait.
     fn worker_steps(&self, device: Device) -> Vec<Self> {
         let mut after = self.clone();
         let worker = &mut after.workers[device];
         if worker.hangs {
-            // It may wake up, before or after it was given up.
+            // The worker may recover before or after it was dropped.
             worker.hangs = false;
             return vec![after];
         }
@@ -286,7 +287,7 @@ impl World {
                 }
             }
             Action::Answer { ticket, outcome } => after.replies.push_back((ticket, device, outcome)),
-            // Nothing that others see.
+            // The event is invisible to others.
             _ => {}
         }
         vec![after.settled(device)]
@@ -297,7 +298,7 @@ impl World {
         self
     }
 
-    /// The device fails, or its worker hangs.
+    /// Returns the states in which the device fails or its worker hangs.
     fn mishaps(&self, device: Device) -> [Self; 2] {
         let (mut fails, mut hangs) = (self.clone(), self.clone());
         fails.faults -= 1;
@@ -308,7 +309,7 @@ impl World {
     }
 }
 
-/// Visits every state; returns how many there are.
+/// Visits every state; returns the number of states.
 fn explore(rules: Rules) -> Result<usize, Wrong> {
     let first = World::new(rules);
     let mut seen = HashSet::from([first.clone()]);
@@ -337,7 +338,7 @@ fn explore(rules: Rules) -> Result<usize, Wrong> {
 fn every_order_of_events_ends() {
     let cases = [(1, 2, 1, 1), (2, 3, 1, 0), (2, 2, 1, 2), (3, 1, 1, 1), (1, 3, 2, 1), (2, 3, 2, 0), (2, 2, 2, 1)];
     for (devices, frames, in_flight, faults) in cases {
-        // The first and the last have each of the three between them.
+        // Between them, the first and the last case enable each of the three options.
         let kinds = [(true, true, false), (false, false, false), (false, false, true), (true, false, true)];
         for (submit_blocks, submits_often, asks) in kinds.into_iter().step_by(if is_thorough() { 1 } else { 3 }) {
             let rules = Rules { devices, frames, in_flight, faults, submit_blocks, submits_often, asks, ..RULES };
@@ -349,14 +350,14 @@ fn every_order_of_events_ends() {
     }
 }
 
-/// A worker that remembers a frame as aborted, and not the attempt at it, takes no part in the next attempt.
+/// If a worker remembers a frame as aborted instead of the attempt, it takes no part in the next attempt.
 #[test]
 fn attempts_need_tickets_of_their_own() {
     let wrong = explore(Rules { devices: 3, fresh_tickets: false, ..RULES });
     assert_eq!(wrong, Err(Wrong::Stuck));
 }
 
-/// Workers that each wait for the other's rows before they send their own wait for ever.
+/// Workers deadlock if each waits for the other's rows before it sends its own.
 #[test]
 fn tasks_need_a_common_order() {
     assert_eq!(explore(Rules { faults: 0, in_order: false, ..RULES }), Err(Wrong::Deadlock));

@@ -1,5 +1,5 @@
-//! Published figures: the tables of README.md and docs/results.md are those of docs/results.json. The text of a table is
-//! made here once more, as `tools/results/text.py` makes it.
+//! Published figures: the tables in README.md and docs/results.md agree with docs/results.json. This file formats
+//! tables a second time, like `tools/results/text.py`.
 
 use std::fs;
 use std::path::Path;
@@ -34,7 +34,7 @@ fn cell(column: &Value, row: &Value) -> String {
     }
 }
 
-/// The rows of a table and its caption.
+/// Returns the rows of a table and its caption.
 fn table_text(table: &Value) -> String {
     let (columns, measured) = (list(&table["columns"]), &table["measured"]);
     let mut text = line(columns.iter().map(|column| text_of(&column["title"]).to_owned()));
@@ -55,19 +55,19 @@ fn tables(results: &Value) -> impl Iterator<Item = (&String, &Value)> {
     results["tables"].as_object().expect("results have tables by name").iter()
 }
 
-/// A table's section of docs/results.md.
+/// Returns a table's section of docs/results.md.
 fn section(table: &Value) -> String {
     format!("\n## {}\n\n{}", text_of(&table["title"]), table_text(table))
 }
 
-/// The blocks of a text between comments, by name.
+/// Returns the blocks of a text between marker comments, by name.
 fn blocks(text: &str) -> Vec<(&str, &str)> {
     let begun = text.split("<!-- results: ").skip(1);
     let named = begun.map(|rest| rest.split_once(" -->\n").expect("a block has a name"));
     named.map(|(name, rest)| (name, rest.split_once(END).expect("a block has an end").0)).collect()
 }
 
-/// Differences of both texts from the results, none if they agree.
+/// Returns the differences of both texts from the results; none if they agree.
 fn differences(results: &Value, readme: &str, page: &str) -> Vec<String> {
     let mut found = Vec::new();
     let blocks = blocks(readme);
@@ -120,7 +120,7 @@ fn published_results_are_of_whole_runs_and_name_no_path() {
     }
 }
 
-/// Results with each kind of cell.
+/// Returns results with each kind of cell.
 fn sample() -> Value {
     let column = |key: &str, title: &str| json!({ "key": key, "title": title });
     let number = |key: &str, title: &str, decimals: u32, percent: bool| json!({ "key": key, "title": title, "decimals": decimals, "percent": percent });
@@ -154,11 +154,11 @@ fn sample() -> Value {
     } })
 }
 
-/// A README as it is before it has the sample's tables, but for a stale one.
+/// A README with a stale table, before the sample's tables are inserted.
 const README: &str = "# Name\n\n## Old\n\nWords.\n\n| a |\n| --- |\n| 1 |\n\n*A caption.*\n\nMore words.\n\n\
     <!-- results: kept -->\n| stale |\n<!-- /results -->\n\n## New\n\nWords alone.\n\n## Options\n\n| option |\n| --- |\n| a |\n";
 
-/// The same with them.
+/// Returns the README with the sample's tables.
 fn readme_with(results: &Value) -> String {
     let block = |name: &str| format!("<!-- results: {name} -->\n{}{END}", table_text(&results["tables"][name]));
     let [new, old, kept] = ["new", "old", "kept"].map(block);
@@ -203,7 +203,7 @@ fn figures_that_were_not_measured_are_found() {
     }
 }
 
-/// Compares nothing without Python.
+/// Skips the comparison without Python.
 #[test]
 fn the_script_writes_what_is_measured() {
     let folder = tempfile::tempdir().expect("a folder can be made");

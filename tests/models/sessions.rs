@@ -1,4 +1,4 @@
-//! The record of a session that lasts for an hour: memory does not grow with frames, and sums are those of all frames.
+//! The record of an hour-long session: memory does not grow with the number of frames, and sums cover all frames.
 
 use std::collections::BTreeMap;
 
@@ -16,10 +16,10 @@ use diptych::scene::rig::{Eye, Rig};
 use crate::memory;
 
 const BUDGET_MS: [f64; 2] = [11.0, 20.0];
-/// Frames of an hour at 50 Hz.
+/// Number of frames in an hour at 50 Hz.
 const HOUR: u32 = 180_000;
 
-/// Makespans around 15 ms that scatter, each 64th frame far above the budget and each 77th below.
+/// Returns makespans scattered around 15 ms, with each 64th frame far above the budget and each 77th below.
 fn makespan_ms(index: u32) -> f64 {
     let scatter = f64::from(index.wrapping_mul(2_654_435_761) >> 16) / 65_536.0;
     match index {
@@ -29,7 +29,7 @@ fn makespan_ms(index: u32) -> f64 {
     }
 }
 
-/// A frame of two devices in a headset.
+/// Returns a frame of two devices in a headset.
 fn row(index: u32) -> FrameRow {
     let matrices = Matrices { world_to_camera: [[0.25; 4]; 4], world_to_ndc: [[-0.75; 4]; 4] };
     let makespan_ms = makespan_ms(index);
@@ -101,7 +101,7 @@ fn play() -> Play {
     Play { denoiser: "svgf", ladder, measure, rungs: Vec::new(), fps: 50.0, fit: None }
 }
 
-/// Neither the record nor the page's frames grow, and rows are written to `run.json` without all being held.
+/// Neither the record nor the page's samples grow, and rows are written to `run.json` without holding all of them.
 #[test]
 fn an_hour_of_frames_takes_the_memory_of_its_first_minutes() {
     let folder = tempfile::tempdir().unwrap();
@@ -118,7 +118,7 @@ fn an_hour_of_frames_takes_the_memory_of_its_first_minutes() {
             record.rows().serialize(&mut serde_json::Serializer::new(writer)).unwrap();
         }
         match index {
-            // The page's frames are halved whenever there are 4096, and each time has as many at most.
+            // The page's samples are halved whenever there are 4096, so each cycle has the same maximum.
             0..20_000 => early = early.max(memory::held()),
             _ => most = most.max(memory::held()),
         }
@@ -237,12 +237,12 @@ fn rows_in_a_file_are_the_rows() {
     let mut text = Vec::new();
     record.rows().serialize(&mut serde_json::Serializer::new(&mut text)).unwrap();
     assert_eq!(text, serde_json::to_vec(&rows).unwrap());
-    // A run that is killed here leaves them to the next one, which keeps them.
+    // A run that is killed here leaves the files; the next run keeps them.
     drop(record);
     let Unfinished { frames, kept } = Unfinished::keep(folder.path()).unwrap().unwrap();
     assert_eq!((frames, kept.len()), (5, 2));
     assert!(Unfinished::keep(folder.path()).unwrap().is_none());
-    // One that ends leaves frames.csv alone.
+    // A run that finishes leaves only its frames.csv.
     let record = FrameRecord::create(folder.path(), BUDGET_MS).unwrap();
     record.finish().unwrap();
     assert!(Unfinished::keep(folder.path()).unwrap().is_none());

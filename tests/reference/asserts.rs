@@ -1,8 +1,8 @@
-//! Checks of what the reference found against closed forms.
+//! Compares results of the reference with closed forms.
 
 use super::ztest::Estimate;
 
-/// The value must be `expected` to f32 input, and without noise.
+/// Asserts that the value equals `expected` to f32 input, without noise.
 #[track_caller]
 pub fn assert_exact(found: &Estimate, expected: [f64; 3]) {
     for (c, &e) in expected.iter().enumerate() {
@@ -13,7 +13,7 @@ pub fn assert_exact(found: &Estimate, expected: [f64; 3]) {
     }
 }
 
-/// The value must be `expected` within its noise, and the noise be below `resolution` of it.
+/// Asserts that the value equals `expected` within its noise, and that the noise is below `resolution` of it.
 #[track_caller]
 pub fn assert_near(found: &Estimate, expected: f64, resolution: f64) {
     for c in 0..3 {

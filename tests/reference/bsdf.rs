@@ -1,8 +1,8 @@
-//! How a point of a surface scatters light: the sum of the material model's lobes, and drawing directions from it.
+//! Evaluates and samples the BSDF at a surface point: the sum of the material model's lobes.
 //!
-//! The lobes: diffuse, the surface's reflection (dielectric and metal share it), transmission, clearcoat. Below
-//! [`SMOOTH_ALPHA`] the last three are deltas: they are left out of [`Bsdf::scattered`] and [`Bsdf::density`], and only
-//! [`Bsdf::sample`] finds them. Values carry the cosine.
+//! The lobes are diffuse, the surface's reflection (dielectric and metal share it), transmission, and clearcoat. Below
+//! [`SMOOTH_ALPHA`] the last three are deltas: [`Bsdf::scattered`] and [`Bsdf::density`] omit them, and only
+//! [`Bsdf::sample`] finds them. Values include the cosine.
 
 use std::f64::consts::PI;
 
@@ -12,12 +12,12 @@ use super::layer::{self, SMOOTH_ALPHA, schlick_weight};
 use super::microfacet::{Frame, Ggx, reflect, refract};
 use super::sampling::cosine_direction;
 
-/// What is behind the surface.
+/// Medium behind the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Interior {
-    /// The same as in front.
+    /// The same medium as in front.
     Thin,
-    /// A medium of that index of refraction (1: light goes straight on).
+    /// A medium of that index of refraction; with an index of 1 light goes straight on.
     Thick { index: f64 },
 }
 
@@ -25,7 +25,7 @@ pub enum Interior {
 pub struct Coat {
     pub strength: f64,
     pub alpha: f64,
-    /// Unit, on the viewer's side.
+    /// Unit normal on the viewer's side.
     pub normal: DVec3,
 }
 
@@ -43,7 +43,7 @@ pub struct Bsdf {
     pub f90: f64,
     pub transmission: f64,
     pub interior: Interior,
-    /// The viewer is on the back of the triangle.
+    /// True if the viewer is on the back of the triangle.
     pub on_back: bool,
     pub coat: Option<Coat>,
 }
@@ -53,7 +53,7 @@ pub struct Scattered {
     pub direction: DVec3,
     /// Value over density.
     pub weight: DVec3,
-    /// By solid angle; none for a delta.
+    /// Density by solid angle; none for a delta.
     pub density: Option<f64>,
 }
 
@@ -67,13 +67,13 @@ enum Lobe {
 
 const LOBES: [Lobe; 4] = [Lobe::Diffuse, Lobe::Reflection, Lobe::Transmission, Lobe::Coat];
 
-/// Least share of a Fresnel term by which a lobe is picked: the facet's may be far from the macro surface's.
+/// Minimum fraction of a Fresnel term for lobe selection: the facet's term may be far from the macro surface's.
 const LEAST_SHARE: f64 = 0.1;
-/// 1 − Eavg is kept above this.
+/// Lower bound of 1 − Eavg.
 const LEAST_ABSORBED: f64 = 1e-6;
 
 impl Bsdf {
-    /// Value times cosine for light from `to_light`, deltas left out.
+    /// Returns value times cosine for light from `to_light`, without deltas.
     pub fn scattered(&self, to_light: DVec3) -> DVec3 {
         let through_coat = 1.0 - self.coat_reflectance();
         if self.geometric_normal.dot(to_light) > 0.0 {
@@ -83,8 +83,9 @@ impl Bsdf {
         }
     }
 
-    /// Fraction of the light from straight behind that a smooth sheet lets through to the viewer (KHR_materials_transmission:
-    /// base colour times 1 − Fresnel for the dielectric's share); black where light is bent, spread or stopped.
+    /// Returns the fraction of light from straight behind that a smooth sheet transmits to the viewer
+    /// (KHR_materials_transmission: base colour times 1 − Fresnel for the dielectric part). It is black if light is
+    /// refracted, scattered or blocked.
     pub fn straight(&self) -> DVec3 {
         if self.interior != Interior::Thin || !self.is_delta(Lobe::Transmission) {
             return DVec3::ZERO;
@@ -92,7 +93,7 @@ impl Bsdf {
         self.delta_weight(Lobe::Transmission)
     }
 
-    /// Density by solid angle with which [`Self::sample`] draws `to_light` from lobes that are no deltas.
+    /// Returns the density by solid angle with which [`Self::sample`] draws `to_light` from lobes other than deltas.
     pub fn density(&self, to_light: DVec3) -> f64 {
         let chances = self.chances();
         let of = |(lobe, chance): (Lobe, f64)| match chance {
@@ -103,7 +104,7 @@ impl Bsdf {
         LOBES.into_iter().zip(chances).map(of).sum()
     }
 
-    /// One direction that light may come from, by three uniform numbers; none if none was found, which counts as black.
+    /// Samples a direction of incoming light by three uniform numbers. None counts as black.
     pub fn sample(&self, [mut pick, u, v]: [f64; 3]) -> Option<Scattered> {
         let chances = self.chances();
         let (lobe, chance) = LOBES.into_iter().zip(chances).find(|(_, chance)| {
@@ -124,7 +125,7 @@ impl Bsdf {
         weight.is_finite().then_some(Scattered { direction, weight, density: Some(density) })
     }
 
-    /// Share of the light that the coat keeps from the material under it, emission included.
+    /// Returns the fraction of light that the coat withholds from the material under it, emission included.
     pub fn coat_reflectance(&self) -> f64 {
         self.coat.map_or(0.0, |coat| {
             let cosine = coat.normal.dot(self.to_viewer).abs();
@@ -132,7 +133,7 @@ impl Bsdf {
         })
     }
 
-    /// Index of refraction on the viewer's side, and beyond the surface.
+    /// Returns the indices of refraction on the viewer's side and beyond the surface.
     fn indices(&self) -> [f64; 2] {
         match self.interior {
             Interior::Thin => [1.0, 1.0],
@@ -141,7 +142,7 @@ impl Bsdf {
         }
     }
 
-    /// Whether transmitted light keeps its direction whatever the roughness.
+    /// Returns true if transmitted light keeps its direction whatever the roughness.
     fn goes_straight(&self) -> bool {
         matches!(self.interior, Interior::Thick { index } if index == 1.0)
     }
@@ -155,7 +156,7 @@ impl Bsdf {
         }
     }
 
-    /// The dielectric's Fresnel term for a facet that the viewer sees at that cosine.
+    /// Returns the dielectric's Fresnel term for a facet that the viewer sees at that cosine.
     fn dielectric_fresnel(&self, cosine: f64) -> DVec3 {
         let [here, beyond] = self.indices();
         let f90 = DVec3::splat(self.f90);
@@ -171,18 +172,19 @@ impl Bsdf {
         self.f0.lerp(f90, schlick_weight(outside))
     }
 
-    /// Both materials' Fresnel terms, mixed by metalness.
+    /// Returns the Fresnel term of dielectric and metal, mixed by metalness.
     fn mixed_fresnel(&self, cosine: f64) -> DVec3 {
         let metal = self.base.lerp(DVec3::ONE, schlick_weight(cosine));
         self.dielectric_fresnel(cosine).lerp(metal, self.metallic)
     }
 
-    /// What is left for the base under the reflection.
+    /// Returns the fraction of light that the reflection leaves to the base.
     fn under_reflection(&self, cosine: f64) -> f64 {
         1.0 - self.dielectric_fresnel(cosine).max_element()
     }
 
-    /// The same over all facets that the viewer sees: rough facets that do not bend light still reflect their part.
+    /// Returns the mean of that fraction over all facets that the viewer sees: rough facets reflect even if light is
+    /// not refracted.
     fn mean_under_reflection(&self) -> f64 {
         const STRATA: usize = 12;
         let middle = |i: usize| (i as f64 + 0.5) / STRATA as f64;
@@ -193,7 +195,7 @@ impl Bsdf {
         (0..STRATA * STRATA).map(passed).sum::<f64>() / (STRATA * STRATA) as f64
     }
 
-    /// The diffuse lobe's share W.
+    /// Returns the diffuse lobe's fraction W.
     fn diffuse_share(&self, cos_facet: f64, cos_light: f64) -> f64 {
         let (f0, cos_viewer) = (self.f0.max_element(), self.normal.dot(self.to_viewer));
         let let_in = |mu: f64| 1.0 - layer::albedo(self.alpha, f0, self.f90, mu);
@@ -219,7 +221,7 @@ impl Bsdf {
         value * cos_light
     }
 
-    /// D V2 of facets around `n`.
+    /// Returns D V2 of facets around `n`.
     fn facets_value(&self, n: DVec3, alpha: f64, h: DVec3, cos_light: f64) -> f64 {
         let facets = Ggx { alpha };
         facets.distribution(Frame::around(n).local(h)) * facets.visibility(n.dot(self.to_viewer), cos_light)
@@ -252,7 +254,7 @@ impl Bsdf {
         let value = self.under_reflection(v.dot(h)) * self.facets_value(n, self.alpha, h, cos_light);
         let spread = match self.interior {
             Interior::Thin => 1.0,
-            // Walter et al. 2007, equation 21, as radiance seen from v; V2 is G2 / (4 cos cos).
+            // Walter et al. 2007, equation 21, for radiance seen from v; V2 is G2 / (4 cos cos).
             Interior::Thick { .. } => {
                 let [here, beyond] = self.indices();
                 let (vh, lh) = (v.dot(h), -l.dot(h));
@@ -262,7 +264,7 @@ impl Bsdf {
         self.base * (share * value * spread * cos_light)
     }
 
-    /// The facet on the viewer's side that sends light from `l`, on the other side, to the viewer.
+    /// Returns the facet on the viewer's side that transmits light from `l`, on the other side, to the viewer.
     fn transmitting_facet(&self, l: DVec3) -> Option<DVec3> {
         let (v, n) = (self.to_viewer, self.normal);
         match self.interior {
@@ -276,7 +278,7 @@ impl Bsdf {
         }
     }
 
-    /// Value of a delta lobe, its cosine divided out.
+    /// Returns the value of a delta lobe, divided by its cosine.
     fn delta_weight(&self, lobe: Lobe) -> DVec3 {
         let cosine = self.normal.dot(self.to_viewer);
         let through_coat = 1.0 - self.coat_reflectance();
@@ -297,7 +299,7 @@ impl Bsdf {
         }
     }
 
-    /// Probability of each of [`LOBES`]: about its share of the light; all 0 for a black surface.
+    /// Returns the probability of each of [`LOBES`], roughly its fraction of the light; all 0 for a black surface.
     fn chances(&self) -> [f64; 4] {
         let cosine = self.normal.dot(self.to_viewer);
         let (coat, dielectric) = (self.coat_reflectance(), 1.0 - self.metallic);
@@ -340,7 +342,7 @@ impl Bsdf {
         }
     }
 
-    /// A facet that the viewer sees; the normal itself where the surface is smooth.
+    /// Samples a facet that the viewer sees; the normal itself if the surface is smooth.
     fn facet(&self, n: DVec3, alpha: f64, u: [f64; 2]) -> DVec3 {
         if alpha < SMOOTH_ALPHA {
             return n;

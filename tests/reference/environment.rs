@@ -1,4 +1,4 @@
-//! The environment: looking it up, and drawing directions from its bright parts.
+//! The environment: lookups, and sampling of its bright parts.
 
 use std::f64::consts::{PI, TAU};
 
@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3, DVec4};
 use super::sampling::Rng;
 use super::texture::{bilinear, wrap};
 
-/// Radiance that arrives from infinitely far away along the unit vector `d` (which points there).
+/// Returns the radiance that arrives from infinity against the unit vector `d`, which points there.
 pub fn radiance(environment: &Environment, d: DVec3) -> DVec3 {
     match environment {
         Environment::Black => DVec3::ZERO,
@@ -29,18 +29,18 @@ pub fn radiance(environment: &Environment, d: DVec3) -> DVec3 {
     }
 }
 
-/// Draws directions texel by texel, each by its solid angle and the brightest value of the texels around it, as
-/// filtering spreads it; uniform in azimuth and height within the texel.
+/// Samples directions by texel. The probability of a texel is its solid angle times the brightest value of the texels
+/// around it, because filtering spreads that. Directions are uniform in azimuth and height within the texel.
 pub struct EnvironmentLight {
     width: u32,
     height: u32,
     rotation_deg: f64,
-    /// Running sums of the texels' weights, row by row.
+    /// Cumulative weights of the texels, row by row.
     sums: Vec<f64>,
 }
 
 impl EnvironmentLight {
-    /// None where there is nothing to aim at: bounces find a constant environment as well.
+    /// Creates the sampler; none for a constant environment, which is left to bounces.
     pub fn new(environment: &Environment) -> Option<Self> {
         let Environment::Map { image, rotation_deg } = environment else {
             return None;
@@ -66,7 +66,7 @@ impl EnvironmentLight {
         self.sums[index] - if index > 0 { self.sums[index - 1] } else { 0.0 }
     }
 
-    /// A unit direction and its density by solid angle.
+    /// Returns a unit direction and its density by solid angle.
     pub fn sample(&self, rng: &mut Rng) -> (DVec3, f64) {
         let total = self.sums[self.sums.len() - 1];
         let pick = rng.uniform() * total;
@@ -81,7 +81,7 @@ impl EnvironmentLight {
         (direction, self.weight(index) / (total * self.solid_angle(y)))
     }
 
-    /// Density of [`Self::sample`] by solid angle.
+    /// Returns the density of [`Self::sample`] by solid angle.
     pub fn density(&self, d: DVec3) -> f64 {
         let u = 0.5 + d.x.atan2(-d.z) / TAU + self.rotation_deg / 360.0;
         let x = wrap((u * f64::from(self.width)).floor(), self.width, Wrap::Repeat);

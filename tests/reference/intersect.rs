@@ -1,7 +1,7 @@
-//! Rays against triangles and spheres, in f64.
+//! Intersects rays with triangles and spheres, in f64.
 //!
-//! obvhs's CWBVH only proposes candidates; every one is tested here, in f64, with the watertight test of
-//! Woop, Benthin & Wald (2013). The hierarchy works in f32, so it is kept away from what f32 cannot do:
+//! obvhs's CWBVH only proposes candidates; every one is tested here, in f64, with the watertight test of Woop, Benthin
+//! & Wald (2013). The hierarchy works in f32 and is kept within its limits:
 //! - It is built over boxes in a space of its own, [-1, 1]³ around the scene, each box padded by [`PAD`].
 //! - Its rays start at most at the sphere around that space, and [`BACK`] before their true start, because
 //!   `CwBvhNode::intersect_ray` skips boxes that end nearer than 1e-4.
@@ -19,7 +19,7 @@ use obvhs::ray::{Ray as BvhRay, RayHit};
 /// Hierarchy units.
 const PAD: f32 = 1e-5;
 const BACK: f64 = 0.01;
-/// Hits nearer than this many scene radii are the surface the ray started on.
+/// Minimum distance of a hit in scene radii. Nearer hits are on the surface where the ray started.
 const T_MIN: f64 = 1e-10;
 
 #[derive(Clone, Copy, Debug)]
@@ -29,7 +29,7 @@ pub struct Ray {
     pub direction: DVec3,
 }
 
-/// A world-space triangle and where it comes from.
+/// A world-space triangle with its origin in the scene.
 #[derive(Clone, Copy, Debug)]
 pub struct Triangle {
     pub vertices: [DVec3; 3],
@@ -81,7 +81,7 @@ impl Geometry {
         Self { triangles, bvh: Some(bvh), centre, radius }
     }
 
-    /// Nearest hit before `t_max` that is on none of `without` and that `is_there` accepts.
+    /// Returns the nearest hit before `t_max` that is on none of `without` and that `is_there` accepts.
     pub fn closest(
         &self,
         ray: &Ray,
@@ -105,7 +105,7 @@ impl Geometry {
         nearest
     }
 
-    /// Product of `passed` over all triangles before `t_max` but those in `without`.
+    /// Returns the product of `passed` over all triangles before `t_max` except those in `without`.
     pub fn transmittance(
         &self,
         ray: &Ray,
@@ -122,7 +122,7 @@ impl Geometry {
             if let Some(hit) = self.hit(ray, triangle, t_max, without) {
                 transmittance *= passed(triangle, hit.weights);
             }
-            // A distance below the ray's end stops the traversal: nothing is left to block.
+            // A distance below the ray's end stops the traversal: the ray is already blocked.
             if transmittance == DVec3::ZERO { 0.0 } else { f32::INFINITY }
         });
         transmittance
@@ -162,23 +162,23 @@ impl Geometry {
     }
 }
 
-/// A ray as the hierarchy sees it.
+/// A ray in the hierarchy's space.
 struct Walk {
     ray: BvhRay,
-    /// Where it starts, as a distance along the world ray.
+    /// Start of the traversal, as a distance along the world ray.
     start: f64,
     radius: f64,
 }
 
 impl Walk {
-    /// Distance along the hierarchy's ray, rounded away from the start.
+    /// Returns a distance along the hierarchy's ray, rounded away from the start.
     fn bvh_t(&self, t: f64) -> f32 {
         (((t - self.start) / self.radius) * (1.0 + 1e-5) + 1e-5) as f32
     }
 }
 
-/// Distance (of any sign) and barycentric weights where the ray's line meets the triangle. Edges belong to
-/// both their triangles: each edge function is exactly antisymmetric in its two vertices, so that no line
+/// Returns distance (of any sign) and barycentric weights at the intersection of the ray's line with the triangle.
+/// Edges belong to both their triangles: each edge function is exactly antisymmetric in its two vertices, so no line
 /// passes between triangles that share an edge.
 pub fn intersect_triangle(ray: &Ray, vertices: &[DVec3; 3]) -> Option<(f64, [f64; 3])> {
     let d = ray.direction;
@@ -207,11 +207,11 @@ pub fn intersect_triangle(ray: &Ray, vertices: &[DVec3; 3]) -> Option<(f64, [f64
     Some((weights[0] * a.z + weights[1] * b.z + weights[2] * c.z, weights))
 }
 
-/// Distances (of any sign, in order) at which the ray's line enters and leaves a sphere.
+/// Returns the distances (of any sign, in order) at which the ray's line enters and leaves a sphere.
 pub fn sphere_distances(ray: &Ray, centre: DVec3, radius: f64) -> Option<[f64; 2]> {
     let to_centre = centre - ray.origin;
     let middle = to_centre.dot(ray.direction);
-    // From the perpendicular, which keeps its digits for small and far spheres.
+    // Start from the perpendicular, which keeps precision for small and far spheres.
     let miss = to_centre - ray.direction * middle;
     let half_squared = radius * radius - miss.length_squared();
     (half_squared >= 0.0).then(|| {

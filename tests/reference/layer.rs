@@ -1,4 +1,4 @@
-//! What the dielectric's surface reflects in all: Schlick's Fresnel term, and its mean over all ways out.
+//! Albedo of the dielectric's surface, by Schlick's Fresnel term: directional, and averaged over directions.
 //!
 //! With F(c) = f0 (1 − w) + f90 w, w = (1 − c)⁵, the directional albedo of the surface is linear in f0 and f90:
 //! E(μ) = f0 a(μ) + f90 b(μ). Both are tabulated over √α and ∛μ and interpolated by cubics; the quadrature is over
@@ -11,19 +11,19 @@ use glam::{DVec2, DVec3};
 
 use super::microfacet::{Ggx, reflect};
 
-/// Below this α, facets are a mirror.
+/// α below which facets are a mirror.
 pub const SMOOTH_ALPHA: f64 = 1e-4;
 
 const SIDE: usize = 112;
-/// Steps in radius and in azimuth; half of the azimuths, as the other half mirrors it.
+/// Steps in radius and azimuth. Only half of the azimuths are needed, because the other half mirrors it.
 const QUADRATURE: [usize; 2] = [256, 24];
 
-/// (1 − c)⁵ of Schlick (1994).
+/// Returns (1 − c)⁵ of Schlick (1994).
 pub fn schlick_weight(cosine: f64) -> f64 {
     (1.0 - cosine).clamp(0.0, 1.0).powi(5)
 }
 
-/// a and b at one roughness.
+/// Values of a and b at one roughness.
 struct Row {
     at: Vec<DVec2>,
     mean: DVec2,
@@ -59,12 +59,12 @@ fn tabulate(facets: Ggx) -> Row {
     row
 }
 
-/// a and b by the midpoint rule over the disc that visible normals are drawn from.
+/// Integrates a and b by the midpoint rule over the disc for sampling visible normals.
 pub fn integrate(facets: Ggx, mu: f64) -> DVec2 {
     let v = DVec3::new((1.0 - mu * mu).sqrt(), 0.0, mu);
     let mut sum = DVec2::ZERO;
     for i in 0..QUADRATURE[0] {
-        // The radius is a sine, and steps are finer towards the rim, where facets turn fastest.
+        // The radius is a sine. Steps are finer towards the rim, where facets turn fastest.
         let from_rim = 1.0 - (i as f64 + 0.5) / QUADRATURE[0] as f64;
         let (cos, sin) = (FRAC_PI_2 * from_rim * from_rim).sin_cos();
         for k in 0..QUADRATURE[1] {
@@ -73,7 +73,7 @@ pub fn integrate(facets: Ggx, mu: f64) -> DVec2 {
             let l = reflect(v, h);
             if l.z > 0.0 {
                 let w = schlick_weight(v.dot(h));
-                // G2 / G1: what is seen of the facets that v sees.
+                // G2 / G1: the visible fraction of the facets that v sees.
                 let lit = facets.visibility(v.z, l.z) * 4.0 * v.z * l.z / facets.masking(v.z);
                 sum += DVec2::new(1.0 - w, w) * (lit * 2.0 * sin * cos * PI * from_rim);
             }
@@ -82,7 +82,7 @@ pub fn integrate(facets: Ggx, mu: f64) -> DVec2 {
     sum / (QUADRATURE[0] * QUADRATURE[1]) as f64
 }
 
-/// Catmull–Rom through the four entries around `place`, ends extended by parabolas.
+/// Interpolates by Catmull–Rom through the four entries around `place`; parabolas extend the ends.
 fn cubic(at: impl Fn(usize) -> DVec2, place: f64) -> DVec2 {
     let first = (place.floor().max(0.0) as usize).min(SIDE - 2);
     let t = place - first as f64;
@@ -100,7 +100,7 @@ fn alpha_place(alpha: f64) -> f64 {
     (alpha.sqrt() - low) / (1.0 - low) * (SIDE - 1) as f64
 }
 
-/// E(μ) of the surface: the share of light that comes back from the direction at that cosine.
+/// Returns E(μ) of the surface: the fraction of light that it reflects, for light from a direction at that cosine.
 pub fn albedo(alpha: f64, f0: f64, f90: f64, mu: f64) -> f64 {
     let parts = if alpha < SMOOTH_ALPHA {
         let w = schlick_weight(mu);
@@ -112,7 +112,7 @@ pub fn albedo(alpha: f64, f0: f64, f90: f64, mu: f64) -> f64 {
     parts.dot(DVec2::new(f0, f90))
 }
 
-/// 2 ∫ E(μ) μ dμ.
+/// Returns 2 ∫ E(μ) μ dμ.
 pub fn mean_albedo(alpha: f64, f0: f64, f90: f64) -> f64 {
     // ∫ 2 μ (1 − μ)⁵ dμ = 1/21.
     let smooth = DVec2::new(20.0 / 21.0, 1.0 / 21.0);

@@ -1,13 +1,13 @@
-//! Light that arrives at a surface directly, by explicit sampling.
+//! Direct light at a surface, by explicit sampling.
 //!
 //! Every light gets its own sample at every hit; the emissive triangles together get one, and so does the environment
-//! image. Lights that a bounce can find, too, are weighed by the balance heuristic (Veach 1997):
+//! image. Lights that bounces can hit, too, are weighted by the balance heuristic (Veach 1997):
 //! - emissive triangles: a point uniform by area;
-//! - point and spot of radius > 0: uniform in the cone the sphere fills, radiance along it;
+//! - point and spot lights of radius > 0: uniform in the cone that the sphere fills, with the radiance along it;
 //! - the environment image: by its texels. A constant environment is left to bounces.
 //!
-//! No bounce can find the others: point and spot of radius 0, and directional lights. A sun's disc is drawn uniformly
-//! in its solid angle; it is not in the sky, for nobody to see, mirrors included.
+//! Bounces cannot hit the others: point and spot lights of radius 0, and directional lights. A sun's disc is sampled
+//! uniformly in its solid angle. It is invisible in the sky, even in mirrors.
 
 use std::f64::consts::{PI, TAU};
 
@@ -28,9 +28,9 @@ struct Arrival {
     distance: f64,
     /// Radiance over density, or irradiance on a perpendicular surface for lights without extent.
     power: DVec3,
-    /// The sample's density by solid angle, where bounces find this light, too.
+    /// Density of the sample by solid angle, if bounces can hit this light, too.
     density: Option<f64>,
-    /// What the shadow ray must not be blocked by: the light itself.
+    /// Triangle that must not block the shadow ray: the light itself.
     triangle: Option<usize>,
     sphere: Option<usize>,
 }
@@ -53,12 +53,12 @@ pub fn sphere_lights(scene: &Scene) -> Vec<SphereLight> {
     scene.lights.iter().enumerate().filter_map(sphere).collect()
 }
 
-/// Radiance (sphere) that a light sends from its centre to a point in the unit `direction`.
+/// Returns the radiance of a spherical light, as sent from its centre in the unit `direction`.
 pub fn sphere_radiance(light: &Light, radius: f64, direction: DVec3) -> DVec3 {
     light.strength.as_dvec3() * cone_factor(&light.kind, direction) / (PI * radius * radius)
 }
 
-/// glTF's spot falloff for light that leaves along the unit `direction`; 1 for other lights.
+/// Returns glTF's spot falloff for light that leaves in the unit `direction`; 1 for other lights.
 fn cone_factor(kind: &LightKind, direction: DVec3) -> f64 {
     let LightKind::Spot { direction: axis, cos_inner, cos_outer, .. } = *kind else {
         return 1.0;
@@ -69,14 +69,14 @@ fn cone_factor(kind: &LightKind, direction: DVec3) -> f64 {
     t * t
 }
 
-/// Triangles that emit, to be picked with probability ∝ area × luminance of the emissive factor.
+/// Emissive triangles, picked with probability ∝ area × luminance of the emissive factor.
 pub struct EmissiveTriangles {
     triangles: Vec<usize>,
-    /// Running sums of area × luminance.
+    /// Cumulative area × luminance.
     sums: Vec<f64>,
 }
 
-/// Luminance of the factor; no unlit material is picked.
+/// Returns the luminance of the factor; 0 for unlit materials, which are never picked.
 fn picked_by(surfaces: &Surfaces, triangle: &Triangle) -> f64 {
     let material = surfaces.material(triangle);
     if material.unlit { 0.0 } else { luminance(material.emissive.as_dvec3()) }
@@ -103,7 +103,7 @@ impl EmissiveTriangles {
         list
     }
 
-    /// One point of all emissive area, as light arriving at `from`.
+    /// Samples one point of all emissive area, as light arriving at `from`.
     fn arrival(&self, surfaces: &Surfaces, geometry: &Geometry, from: &Surface, rng: &mut Rng) -> Option<Arrival> {
         let total = *self.sums.last()?;
         let pick = rng.uniform() * total;
@@ -130,27 +130,27 @@ impl EmissiveTriangles {
         })
     }
 
-    /// Density by solid angle of a point of `triangle` in that unit direction and distance; none edge-on.
+    /// Returns the density by solid angle of a point of `triangle` at that unit direction and distance; none edge-on.
     pub fn density(&self, surfaces: &Surfaces, triangle: &Triangle, direction: DVec3, distance: f64) -> Option<f64> {
-        // By area: (area × luminance / total) / area.
+        // Density by area: (area × luminance / total) / area.
         let by_area = picked_by(surfaces, triangle) / self.sums.last()?;
         let cosine = surfaces.front_normal(triangle).dot(direction).abs();
         (cosine > 0.0).then(|| by_area * distance * distance / cosine)
     }
 }
 
-/// All that can block or send light.
+/// Everything that can block or emit light.
 pub struct Lighting<'a> {
     pub surfaces: &'a Surfaces<'a>,
     pub geometry: &'a Geometry,
     pub spheres: &'a [SphereLight],
     pub emissive: &'a EmissiveTriangles,
     pub sky: Option<&'a EnvironmentLight>,
-    /// Whether lights that bounces find, too, are sampled.
+    /// True if lights that bounces can hit, too, are sampled explicitly.
     pub samples_extended: bool,
 }
 
-/// A lit point: where, how it scatters, and what its viewer's ray ran in.
+/// A lit point: its surface, its scattering, and the medium of its viewer's ray.
 pub struct Receiver<'a> {
     pub surface: &'a Surface,
     pub bsdf: &'a Bsdf,
@@ -158,7 +158,7 @@ pub struct Receiver<'a> {
 }
 
 impl Lighting<'_> {
-    /// Radiance scattered towards the viewer of `receiver` from all explicitly sampled lights.
+    /// Returns the radiance from all explicitly sampled lights that `receiver` scatters to its viewer.
     pub fn direct(&self, receiver: &Receiver, rng: &mut Rng) -> DVec3 {
         let scene = self.surfaces.scene;
         let position = receiver.surface.position;
@@ -189,15 +189,15 @@ impl Lighting<'_> {
         scattered * weight * left
     }
 
-    /// Density by solid angle with which a spherical light seen from `from` is sampled; none from inside.
+    /// Returns the density by solid angle of sampling a spherical light from `from`; none from inside.
     pub fn sphere_density(&self, index: usize, from: DVec3) -> Option<f64> {
         let sphere = &self.spheres[index];
         let sin2 = (sphere.radius / (sphere.centre - from).length()).powi(2);
         (sin2 < 1.0).then(|| 1.0 / (TAU * one_minus_cos(sin2)))
     }
 
-    /// Fraction of the light that nothing between blocks. Spheres block whatever comes from inside them, too. Thin, smooth
-    /// surfaces pass the light of sources that paths cannot run into, as far as their transmission carries it.
+    /// Returns the unblocked fraction of the light. Spheres also block light from inside them. Thin, smooth surfaces
+    /// pass the light of sources that bounces cannot hit, as far as their transmission allows.
     fn visibility(&self, surface: &Surface, arrival: &Arrival) -> DVec3 {
         let ray = Ray { origin: surface.position, direction: arrival.direction };
         let blocks = |(index, sphere): (usize, &SphereLight)| {
@@ -253,7 +253,7 @@ impl Lighting<'_> {
         }
     }
 
-    /// `axis` and `distance` lead from the lit point to the sphere's centre.
+    /// Samples a spherical light; `axis` and `distance` lead from the lit point to its centre.
     fn sphere_arrival(
         &self,
         index: usize,
@@ -265,13 +265,13 @@ impl Lighting<'_> {
     ) -> Option<Arrival> {
         let sphere = &self.spheres[index];
         if distance <= sphere.radius {
-            return None; // It emits outwards only.
+            return None; // It emits only outwards.
         }
         let sin2 = (sphere.radius / distance).powi(2);
         let one_minus_cos = one_minus_cos(sin2);
         let direction = cone_direction(axis, one_minus_cos, rng);
         let ray = Ray { origin: from, direction };
-        // At the rim, rounding may miss the sphere: there it is as far as its silhouette.
+        // Near the rim, rounding may miss the sphere; the distance there is that of its silhouette.
         let rim = distance * (1.0 - sin2).sqrt();
         let enter = sphere_distances(&ray, sphere.centre, sphere.radius).map_or(rim, |t| t[0]);
         let solid_angle = TAU * one_minus_cos;
@@ -281,7 +281,7 @@ impl Lighting<'_> {
     }
 }
 
-/// 1 − cos from sin², which keeps its digits for narrow cones.
+/// Returns 1 − cos from sin², which keeps precision for narrow cones.
 fn one_minus_cos(sin2: f64) -> f64 {
     sin2 / (1.0 + (1.0 - sin2).sqrt())
 }
@@ -292,7 +292,7 @@ fn sky_arrival(scene: &Scene, sky: &EnvironmentLight, rng: &mut Rng) -> Arrival 
     Arrival { direction, distance: f64::INFINITY, power, density: Some(density), triangle: None, sphere: None }
 }
 
-/// The first of two ordered distances that lies ahead.
+/// Returns the first of two ordered distances that lies ahead.
 pub fn first_beyond_start(distances: Option<[f64; 2]>) -> Option<f64> {
     distances.and_then(|both| both.into_iter().find(|&t| t > 0.0))
 }

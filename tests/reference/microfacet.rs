@@ -1,4 +1,4 @@
-//! GGX microfacets in a frame whose z is the normal: how many, how many are seen, and drawing one.
+//! GGX microfacets in a frame whose z is the normal: distribution, visibility and sampling.
 
 use std::f64::consts::{PI, TAU};
 
@@ -29,14 +29,14 @@ impl Frame {
     }
 }
 
-/// The isotropic distribution of Trowbridge & Reitz (1975), as Walter et al. (2007) have it.
+/// The isotropic distribution of Trowbridge & Reitz (1975), in the form of Walter et al. (2007).
 #[derive(Clone, Copy, Debug)]
 pub struct Ggx {
     pub alpha: f64,
 }
 
 impl Ggx {
-    /// Area of microfacets with the unit normal `h` per solid angle and area of surface.
+    /// Returns the area of microfacets with the unit normal `h` per solid angle and area of surface.
     pub fn distribution(&self, h: DVec3) -> f64 {
         if h.z <= 0.0 {
             return 0.0;
@@ -46,27 +46,27 @@ impl Ggx {
         a2 / (PI * spread * spread)
     }
 
-    /// √(α² + (1 − α²) cos²), which all of Smith's functions are made of.
+    /// Returns √(α² + (1 − α²) cos²), a common term of Smith's functions.
     fn root(&self, cosine: f64) -> f64 {
         let a2 = self.alpha * self.alpha;
         (a2 + (1.0 - a2) * cosine * cosine).sqrt()
     }
 
-    /// Share of the microfacets facing a direction at that (positive) cosine that it sees.
+    /// Returns the visible fraction of the microfacets that face a direction at that (positive) cosine.
     pub fn masking(&self, cosine: f64) -> f64 {
         2.0 * cosine / (cosine + self.root(cosine))
     }
 
-    /// Height-correlated masking and shadowing over 4 cos cos (Heitz 2014, equation 99), for positive cosines.
+    /// Returns height-correlated masking and shadowing over 4 cos cos (Heitz 2014, equation 99), for positive cosines.
     pub fn visibility(&self, cos_v: f64, cos_l: f64) -> f64 {
         0.5 / (cos_l * self.root(cos_v) + cos_v * self.root(cos_l))
     }
 
-    /// A microfacet's normal among those that `v` (v.z > 0) sees (Heitz 2018, listing 1).
+    /// Samples a microfacet's normal among those visible from `v` (v.z > 0) (Heitz 2018, listing 1).
     pub fn sample(&self, v: DVec3, u: [f64; 2]) -> DVec3 {
         let stretched = DVec3::new(self.alpha * v.x, self.alpha * v.y, v.z).normalize();
         let frame = Frame::around(stretched);
-        // Along the projection of the plane's normal, as the half that is cut off lies there.
+        // x lies along the projection of the plane's normal, because the occluded half of the disc is there.
         let x = DVec3::Z.cross(stretched).try_normalize().unwrap_or(frame.x);
         let y = stretched.cross(x);
         let (radius, phi) = (u[0].sqrt(), TAU * u[1]);
@@ -77,7 +77,7 @@ impl Ggx {
         DVec3::new(self.alpha * n.x, self.alpha * n.y, n.z.max(0.0)).normalize()
     }
 
-    /// Density of [`Self::sample`] by solid angle of the normal.
+    /// Returns the density of [`Self::sample`] by solid angle of the normal.
     pub fn density(&self, v: DVec3, h: DVec3) -> f64 {
         self.masking(v.z) * self.distribution(h) * v.dot(h).max(0.0) / v.z
     }
@@ -87,7 +87,7 @@ pub fn reflect(v: DVec3, h: DVec3) -> DVec3 {
     h * (2.0 * v.dot(h)) - v
 }
 
-/// Where light seen from `v` through a facet `h` on v's side comes from; none at total internal reflection.
+/// Returns the direction of light that a facet `h` on v's side refracts to `v`; none at total internal reflection.
 /// `ratio` is the index on v's side over the one beyond.
 pub fn refract(v: DVec3, h: DVec3, ratio: f64) -> Option<DVec3> {
     let cosine = v.dot(h);

@@ -1,7 +1,7 @@
-//! A second path tracer, for tests only: the renderer under test is held against it by z-test.
+//! An independent path tracer for tests: a z-test compares the renderer with it.
 //!
-//! It shares nothing with the renderer but the [`Scene`], the pixel and the model of light below, and it is as
-//! simple as an unbiased estimator can be: plain Rust, f64, one thread per core, no Russian roulette. What it computes:
+//! It shares only the [`Scene`], the pixel and the light transport model below with the renderer. It is as simple as an
+//! unbiased estimator can be: plain Rust, f64, one thread per core, no Russian roulette. The model:
 //!
 //! - **Camera**: a pinhole, box filter over the pixel.
 //! - **Depth**: light that reaches the camera after k scatterings, at transmitting surfaces too, counts iff
@@ -48,7 +48,7 @@ use sampling::{Rng, uniform_of_candidate};
 use surface::{Surface, Surfaces};
 use ztest::{Estimate, Moments};
 
-/// Where the image is seen from. `right`, `up` and `forward` are orthonormal.
+/// Camera. `right`, `up` and `forward` are orthonormal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pinhole {
     pub origin: Vec3,
@@ -66,7 +66,7 @@ impl Pinhole {
         Self { origin, right, up: right.cross(forward), forward, tan_half_yfov }
     }
 
-    /// Ray through the image point (`x`, `y`), pixels from the top left corner.
+    /// Returns the ray through the image point (`x`, `y`), in pixels from the top left corner.
     fn ray(&self, x: f64, y: f64, extent: Extent) -> Ray {
         let (width, height) = (f64::from(extent.width), f64::from(extent.height));
         let tan = f64::from(self.tan_half_yfov);
@@ -77,13 +77,14 @@ impl Pinhole {
     }
 }
 
-/// How light that has an extent is found (beside the camera's ray, which always sees it). The mean is the same.
+/// Estimator for light sources with extent. The camera's ray sees them in any case, and all estimators have the same
+/// mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Emitters {
-    /// By explicit samples and by bounces, weighed against each other.
+    /// Explicit samples and bounces, weighted by multiple importance sampling.
     #[default]
     Sampled,
-    /// Bounce rays run into it.
+    /// Bounce rays that hit the light.
     BounceHits,
 }
 
@@ -97,18 +98,18 @@ enum Found {
     Surface(Box<Surface>),
 }
 
-/// What a ray meets, and how far away.
+/// Object hit by a ray, with its distance.
 struct Hit {
     found: Found,
     distance: f64,
 }
 
-/// A ray on its way from the camera or from a surface, and what has become of the light it will find.
+/// A ray from the camera or from a surface, with the throughput of its path.
 struct Segment {
     ray: Ray,
-    /// The triangle it starts on.
+    /// Triangle on which it starts.
     left: Option<usize>,
-    /// Density by solid angle of its direction; none from the camera and from deltas, which no explicit sample equals.
+    /// Density by solid angle of its direction; none for the camera and for deltas, which explicit samples never match.
     density: Option<f64>,
     medium: Medium,
     throughput: DVec3,
@@ -137,8 +138,8 @@ impl<'a> Reference<'a> {
         Self { emitters, ..self }
     }
 
-    /// Mean radiance per pixel over `spp` >= 2 paths, and the variance of that mean. The same for the same
-    /// `seed`, whatever the number of threads.
+    /// Returns the mean radiance per pixel over `spp` >= 2 paths, and the variance of that mean. The result depends on
+    /// `seed`, but not on the number of threads.
     pub fn render(&self, camera: &Pinhole, extent: Extent, spp: u32, bounces: u32, seed: u64) -> Estimate {
         assert!(spp >= 2, "a variance needs two samples or more");
         let width = extent.width as usize;
@@ -146,7 +147,7 @@ impl<'a> Reference<'a> {
         let rows = Mutex::new(pixels.chunks_mut(width.max(1)).enumerate());
         let work = || {
             loop {
-                // A binding of its own, so that the lock is gone before the row is traced.
+                // A separate binding releases the lock before the row is traced.
                 let next = rows.lock().unwrap().next();
                 let Some((y, row)) = next else { break };
                 for (x, moments) in row.iter_mut().enumerate() {
@@ -163,8 +164,9 @@ impl<'a> Reference<'a> {
         Estimate::from_moments(extent, &pixels)
     }
 
-    /// Independent renders of `spp` paths per pixel, one for each of the `seeds`. The paths of a render are points of a
-    /// lattice, so that errors cancel within a pixel and among pixels: best are powers of two, of pixels as well.
+    /// Returns independent renders of `spp` paths per pixel, one for each of the `seeds`. The paths of a render are
+    /// points of a lattice, so that errors cancel within a pixel and between pixels. Powers of two are best, for pixels
+    /// as well.
     pub fn renders(
         &self,
         camera: &Pinhole,
@@ -198,7 +200,7 @@ impl<'a> Reference<'a> {
         renders
     }
 
-    /// Mean radiance that arrives at `origin` from the way `direction` points, as an image of one pixel.
+    /// Returns the mean radiance that arrives at `origin` from `direction`, as an image of one pixel.
     pub fn probe(&self, origin: Vec3, direction: Vec3, spp: u32, bounces: u32, seed: u64) -> Estimate {
         let mut rng = Rng::new(seed, 0);
         let mut moments = Moments::default();
@@ -210,7 +212,7 @@ impl<'a> Reference<'a> {
         Estimate::from_moments(Extent::new(1, 1), &[moments])
     }
 
-    /// One path: an unbiased sample of the radiance that arrives along `ray`.
+    /// Traces one path: an unbiased sample of the radiance that arrives along `ray`.
     fn radiance(&self, ray: Ray, bounces: u32, rng: &mut Rng) -> DVec3 {
         let lighting = self.lighting();
         let most_reflections = u64::from(bounces) + 1;
@@ -234,7 +236,7 @@ impl<'a> Reference<'a> {
                 break;
             };
             let receiver = Receiver { surface, bsdf, medium: &segment.medium };
-            // Direct light of the first surface makes most of the noise, and further samples cost little beside a path.
+            // Direct light at the first surface causes most of the noise, and additional samples there are cheap.
             let samples = if reflections == 0 { FIRST_LIGHT_SAMPLES } else { 1 };
             let direct: DVec3 = (0..samples).map(|_| lighting.direct(&receiver, rng)).sum();
             radiance += segment.throughput * direct / f64::from(samples);
@@ -263,7 +265,7 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Light from where the path ends: a spherical light or the environment.
+    /// Returns the light at the path's end: of a spherical light or the environment.
     fn background(&self, segment: &Segment, hit: &Hit, lighting: &Lighting) -> DVec3 {
         let (light, sampled) = match hit.found {
             Found::Sphere(index) => {
@@ -279,7 +281,7 @@ impl<'a> Reference<'a> {
         segment.throughput * segment.medium.transmittance(hit.distance) * light * weight
     }
 
-    /// What a ray that leaves the triangle `left` meets first.
+    /// Returns the first hit of a ray that leaves the triangle `left`.
     fn closest(&self, ray: &Ray, left: Option<usize>, rng: &mut Rng) -> Hit {
         let nearest_sphere = self
             .spheres
@@ -306,8 +308,8 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Radiance of a spherical light as a ray sees it: nothing from inside, and a spot's cone is that of
-    /// the way from the centre to the ray's start, for the whole sphere.
+    /// Returns the radiance of a spherical light as seen along a ray: none from inside. The cone of a spot depends on
+    /// the direction from its centre to the ray's start, for the whole sphere.
     fn sphere_seen(&self, index: usize, ray: &Ray) -> DVec3 {
         let sphere = &self.spheres[index];
         let from_centre = ray.origin - sphere.centre;

@@ -1,4 +1,4 @@
-//! What a ray finds on a triangle: normals, the material with its textures looked up, emission, coverage.
+//! Surface properties at a hit: normals, the textured material, emission, coverage.
 
 use diptych::scene::{AlphaMode, Material, Mesh, NormalMap, Scene, TextureRef, Volume};
 use glam::{DAffine3, DMat3, DVec2, DVec3, DVec4, Vec2};
@@ -8,15 +8,15 @@ use super::intersect::Triangle;
 use super::sampling::tangents;
 use super::texture::{self, Encoding};
 
-/// Normals from maps are kept at least this much on the viewer's side.
+/// Minimum cosine between a mapped normal and the viewer.
 const LEAST_FACING: f64 = 0.001;
 
 /// An instance's transforms in f64.
 struct Placement {
     world_from_local: DAffine3,
-    /// Inverse transpose up to a factor (the cofactors), so that it also exists for flattened instances.
+    /// Inverse transpose up to a factor (the cofactors), which also exists for flattened instances.
     world_from_local_normal: DMat3,
-    /// −1 where the determinant is negative: there the front is the clockwise side.
+    /// −1 if the determinant is negative: then the front is the clockwise side.
     winding: f64,
 }
 
@@ -33,13 +33,13 @@ pub struct Surface {
     pub position: DVec3,
     /// Unit geometric normal on the side of the viewer.
     pub geometric_normal: DVec3,
-    /// Radiance towards the viewer.
+    /// Radiance emitted towards the viewer.
     pub emission: DVec3,
-    /// None: unlit, scatters nothing.
+    /// BSDF; none for unlit materials, which scatter nothing.
     pub bsdf: Option<Bsdf>,
-    /// What a thick transmitting surface encloses.
+    /// Volume that a thick transmitting surface encloses.
     pub volume: Option<Volume>,
-    /// The viewer is on the back of the triangle.
+    /// True if the viewer is on the back of the triangle.
     pub on_back: bool,
 }
 
@@ -66,7 +66,7 @@ impl<'a> Surfaces<'a> {
         Self { scene, placements }
     }
 
-    /// All instances' triangles in world space.
+    /// Returns all instances' triangles in world space.
     pub fn triangles(&self) -> Vec<Triangle> {
         let of_instance = |(instance, placement): (usize, &Placement)| {
             let mesh = &self.scene.meshes[self.scene.instances[instance].mesh];
@@ -93,13 +93,13 @@ impl<'a> Surfaces<'a> {
         self.mesh(triangle).triangles[triangle.index].map(|i| i as usize)
     }
 
-    /// Unit normal of the front side, not defined (NaN) for a triangle without area.
+    /// Returns the unit normal of the front side; undefined (NaN) for a degenerate triangle.
     pub fn front_normal(&self, triangle: &Triangle) -> DVec3 {
         let [a, b, c] = triangle.vertices;
         (b - a).cross(c - a).normalize() * self.placements[triangle.instance].winding
     }
 
-    /// Probability that the surface is there.
+    /// Returns the probability that the surface is there.
     pub fn coverage(&self, triangle: &Triangle, weights: [f64; 3]) -> f64 {
         let alpha = || self.base_color(triangle, weights).w;
         match self.material(triangle).alpha_mode {
@@ -110,7 +110,7 @@ impl<'a> Surfaces<'a> {
         }
     }
 
-    /// Fraction of the light from straight behind that passes the surface, where it is there, to a viewer.
+    /// Returns the fraction of light from straight behind that passes an existing surface to a viewer.
     pub fn straight(&self, id: usize, triangle: &Triangle, weights: [f64; 3], to_viewer: DVec3) -> DVec3 {
         if self.material(triangle).transmission == 0.0 {
             return DVec3::ZERO;
@@ -118,7 +118,7 @@ impl<'a> Surfaces<'a> {
         self.seen(id, triangle, weights, to_viewer).bsdf.map_or(DVec3::ZERO, |bsdf| bsdf.straight())
     }
 
-    /// The surface at `weights` as a viewer in the (unit) direction `to_viewer` sees it.
+    /// Returns the surface at `weights` as seen from the unit direction `to_viewer`.
     pub fn seen(&self, id: usize, triangle: &Triangle, weights: [f64; 3], to_viewer: DVec3) -> Surface {
         let material = self.material(triangle);
         let front = self.front_normal(triangle);
@@ -136,7 +136,7 @@ impl<'a> Surfaces<'a> {
         }
     }
 
-    /// Radiance that the point at `weights` emits towards a viewer.
+    /// Returns the radiance that the point at `weights` emits towards a viewer.
     pub fn emission(&self, triangle: &Triangle, weights: [f64; 3], to_viewer: DVec3) -> DVec3 {
         let material = self.material(triangle);
         if material.unlit {
@@ -187,7 +187,8 @@ impl<'a> Surfaces<'a> {
         }
     }
 
-    /// Unit normal on the viewer's side: the interpolated one (the geometric one where that faces away), or a map's.
+    /// Returns the unit shading normal on the viewer's side: interpolated (or geometric, if that faces away), or
+    /// mapped.
     fn shading_normal(
         &self,
         triangle: &Triangle,
@@ -208,7 +209,7 @@ impl<'a> Surfaces<'a> {
         if facing < LEAST_FACING { (normal + to_viewer * (LEAST_FACING - facing)).normalize() } else { normal }
     }
 
-    /// The map's normal on the front side, around the unit normal `up`.
+    /// Returns the mapped normal on the front side, around the unit normal `up`.
     fn mapped_normal(&self, triangle: &Triangle, weights: [f64; 3], up: DVec3, map: NormalMap) -> DVec3 {
         let code = self.texel(triangle, weights, Some(map.texture), Encoding::Linear).truncate();
         let scale = f64::from(map.scale);
@@ -219,7 +220,8 @@ impl<'a> Surfaces<'a> {
         (along * local.x + across * local.y + up * local.z).try_normalize().unwrap_or(up)
     }
 
-    /// Interpolated tangent in the world, and the sign of the bitangent, which turns where an instance mirrors.
+    /// Returns the interpolated tangent in world space, and the sign of the bitangent, which flips in mirrored
+    /// instances.
     fn tangent(&self, triangle: &Triangle, weights: [f64; 3]) -> Option<(DVec3, f64)> {
         let tangents = &self.mesh(triangle).tangents;
         if tangents.is_empty() {
@@ -248,7 +250,7 @@ impl<'a> Surfaces<'a> {
         material.base_color.as_dvec4() * vertex * texel
     }
 
-    /// White without a texture; a mesh without the texture's coordinate set is looked up at (0, 0).
+    /// Looks up a texture: white without one, and at (0, 0) if the mesh lacks its coordinate set.
     fn texel(&self, tri: &Triangle, weights: [f64; 3], texture: Option<TextureRef>, encoding: Encoding) -> DVec4 {
         let Some(reference) = texture else {
             return DVec4::ONE;
@@ -262,7 +264,8 @@ impl<'a> Surfaces<'a> {
         texture::look_up(self.scene, reference, uv, encoding)
     }
 
-    /// Transformed and normalised per vertex, then interpolated, as vertex shaders do; none for flat meshes and where normals cancel.
+    /// Returns the smooth normal: transformed and normalised per vertex, then interpolated, as in vertex shaders. None
+    /// for flat meshes and where normals cancel.
     fn smooth_normal(&self, triangle: &Triangle, weights: [f64; 3]) -> Option<DVec3> {
         let normals = &self.mesh(triangle).normals;
         if normals.is_empty() {
@@ -275,7 +278,8 @@ impl<'a> Surfaces<'a> {
     }
 }
 
-/// What is behind a thick surface. Without transmission nothing can be seen of it, and a surface is thin.
+/// Returns the volume behind a thick surface. Without transmission it would be invisible, so the surface counts as
+/// thin.
 fn enclosed_volume(material: &Material) -> Option<Volume> {
     material.volume.filter(|_| material.transmission > 0.0)
 }

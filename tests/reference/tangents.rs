@@ -1,16 +1,16 @@
-//! Tangents by the definition that glTF 2.0 names for meshes without any: MikkTSpace (Mikkelsen 2008, "Simulation of Wrinkled
-//! Surfaces Revisited"), whose tangent is the mean of the directions in which u grows on the triangles around a vertex,
-//! projected onto its tangent plane and weighted by their angles. Triangles whose images are mirrored are apart.
+//! Tangents for meshes without any, as glTF 2.0 prescribes: MikkTSpace (Mikkelsen 2008, "Simulation of Wrinkled
+//! Surfaces Revisited"). The tangent is the mean of the directions in which u grows on the triangles around a vertex,
+//! projected onto its tangent plane and weighted by their angles. Triangles whose images are mirrored are separate.
 
 use std::collections::HashMap;
 
 use diptych::scene::{Mesh, TextureRef};
 use glam::{DVec3, Vec4};
 
-/// Gives the mesh the tangents for a map on it.
+/// Gives the mesh tangents for a map on it.
 ///
 /// # Panics
-/// If the corners of a vertex have several.
+/// If the corners at a vertex have different tangents.
 pub fn define(mesh: &mut Mesh, map: TextureRef) {
     let mut corners = Vec::new();
     let mut sums: HashMap<_, DVec3> = HashMap::new();
@@ -30,7 +30,7 @@ pub fn define(mesh: &mut Mesh, map: TextureRef) {
             let image = uv[k].to_array().map(f64::to_bits);
             let key = (place, n.to_array().map(f64::to_bits), image, area > 0.0);
             *sums.entry(key).or_default() += in_plane(along_u) * before.angle_between(after);
-            // Green points up the image, where v falls.
+            // Green points up the image, where v decreases.
             let sign = if n.cross(along_u).dot(along_v) < 0.0 { 1.0 } else { -1.0 };
             corners.push((vertex, key, sign));
         }

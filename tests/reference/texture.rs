@@ -1,11 +1,11 @@
-//! Lookups in textures.
+//! Texture lookups.
 
 use std::sync::LazyLock;
 
 use diptych::scene::{Scene, TexelImage, TextureRef, Wrap};
 use glam::{DVec2, DVec4, Vec2};
 
-/// Linear value of an 8-bit sRGB code (IEC 61966-2-1).
+/// Linear values of 8-bit sRGB codes (IEC 61966-2-1).
 static LINEAR_FROM_SRGB: LazyLock<[f64; 256]> = LazyLock::new(|| {
     std::array::from_fn(|code| {
         let c = code as f64 / 255.0;
@@ -13,7 +13,7 @@ static LINEAR_FROM_SRGB: LazyLock<[f64; 256]> = LazyLock::new(|| {
     })
 });
 
-/// Index of the texel that stands at the (unbounded) position `i` of a row of `n`.
+/// Returns the index of the texel at the (unbounded) position `i` of a row of `n`.
 pub fn wrap(i: f64, n: u32, mode: Wrap) -> u32 {
     let n = f64::from(n);
     let wrapped = match mode {
@@ -27,7 +27,7 @@ pub fn wrap(i: f64, n: u32, mode: Wrap) -> u32 {
     wrapped as u32
 }
 
-/// What the codes of red, green and blue stand for.
+/// Encoding of red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
     Srgb,
@@ -44,7 +44,7 @@ fn texel(image: &TexelImage, x: u32, y: u32, encoding: Encoding) -> DVec4 {
     DVec4::new(decoded(r), decoded(g), decoded(b), share(a))
 }
 
-/// Linear values of a texture at the mesh's own coordinates: texels are decoded, then filtered.
+/// Returns linear values of a texture at the mesh's own coordinates: texels are decoded, then filtered.
 pub fn look_up(scene: &Scene, reference: TextureRef, uv: DVec2, encoding: Encoding) -> DVec4 {
     let uv_from_uv = reference.uv_from_uv;
     let [x, y, origin] = [uv_from_uv.x_axis, uv_from_uv.y_axis, uv_from_uv.translation].map(|v: Vec2| v.as_dvec2());
@@ -60,7 +60,7 @@ pub fn look_up(scene: &Scene, reference: TextureRef, uv: DVec2, encoding: Encodi
     if texture.linear { bilinear(place, at) } else { at(place.x.floor(), place.y.floor()) }
 }
 
-/// Weighs the four texels around `place`; the centre of texel (i, j) is at (i + 0.5, j + 0.5).
+/// Interpolates the four texels around `place`; the centre of texel (i, j) is at (i + 0.5, j + 0.5).
 pub fn bilinear(place: DVec2, at: impl Fn(f64, f64) -> DVec4) -> DVec4 {
     let low = (place - 0.5).floor();
     let f = place - 0.5 - low;

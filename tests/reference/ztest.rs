@@ -1,5 +1,5 @@
-//! Do two noisy images have the same mean? A z-test per pixel, per block of pixels (8×8, in small images fewer) and for the
-//! image.
+//! Tests if two noisy images have the same mean: a z-test per pixel, per block of pixels (8×8, in small images fewer)
+//! and for the image.
 //!
 //! z = (b − a) / √(var a + var b), where a and b are means over samples and var the variances of these means,
 //! both estimated from the samples. If the means agree (the null hypothesis), then
@@ -8,17 +8,17 @@
 //!   √(2 ln N): 3.0 for 100 blocks, 3.7 for 1,000. The three channels of a block are correlated, so N counts
 //!   blocks, not channels, where a spread is derived from it.
 //! - z of **the image mean** is N(0, 1): beyond 3.6 once in 3,000.
-//! - **Renders** of low-discrepancy points have pixels that depend on one another: their errors cancel. There, the
-//!   variance of a block's or the image's mean is that of its means over K renders, and z has Student's distribution
-//!   with the degrees of freedom of Welch and Satterthwaite. It is brought to the normal deviate of the same
-//!   probability (Wallace 1959), so that all bounds are those of N(0, 1).
-//! - z of **a pixel** is *not* normal. With a variance from K renders it follows Student's t with about K − 1
-//!   degrees of freedom (K = 8: 2 % beyond 3, K = 4: 6 %), and path-traced pixels have heavy tails: rarely a
-//!   bright path, and until it comes both mean and variance are too small. Pixels are reported, not judged.
-//!   In a block, 64 such variances are summed: its degrees of freedom are about 64 (K − 1).
+//! - **Renders** of low-discrepancy points have dependent pixels, whose errors cancel. There, the variance of a block's
+//!   or the image's mean is that of its means over K renders, and z follows Student's distribution with the degrees of
+//!   freedom of Welch and Satterthwaite. It is converted to the normal deviate of the same probability (Wallace 1959),
+//!   so that all bounds are those of N(0, 1).
+//! - z of **a pixel** is *not* normal. With a variance from K renders it follows Student's t with about K − 1 degrees
+//!   of freedom (K = 8: 2 % beyond 3, K = 4: 6 %), and path-traced pixels have heavy tails: until a rare bright path
+//!   arrives, both mean and variance are too small. Pixels are reported, but not judged. In a block, 64 such variances
+//!   are summed: its degrees of freedom are about 64 (K − 1).
 //!
-//! Differences below [`ROUNDING`] of the mean are f32 arithmetic, not bias; they enter as a standard error of
-//! that size which averaging does not reduce.
+//! Differences below [`ROUNDING`] of the mean are f32 arithmetic, not bias. They count as a standard error of that
+//! size, which averaging does not reduce.
 
 use std::fmt;
 
@@ -59,12 +59,12 @@ pub struct Estimate {
     pub extent: Extent,
     pub mean: Vec<[f64; 3]>,
     pub variance_of_mean: Vec<[f64; 3]>,
-    /// Renders that it is the mean of, where pixels of a render are not independent.
+    /// Renders from which the mean was computed, if the pixels of a render are dependent.
     renders: Vec<Vec<[f64; 3]>>,
 }
 
 impl Estimate {
-    /// From at least two samples per pixel.
+    /// Estimates from at least two samples per pixel.
     pub fn from_moments(extent: Extent, pixels: &[Moments]) -> Self {
         Self {
             extent,
@@ -74,7 +74,7 @@ impl Estimate {
         }
     }
 
-    /// The mean of two renders or more, each independent of the others, whatever the pixels of a render have in common.
+    /// Estimates from two or more independent renders. The pixels of a render may be dependent.
     pub fn from_renders(extent: Extent, renders: Vec<Vec<[f64; 3]>>) -> Self {
         assert!(renders.len() >= 2, "a variance needs two renders or more");
         let mut pixels = vec![Moments::default(); extent.area()];
@@ -85,7 +85,7 @@ impl Estimate {
         Self { renders, ..Self::from_moments(extent, &pixels) }
     }
 
-    /// Mean and variance of the mean of pixels (by index), seen as one value.
+    /// Returns mean and variance of the mean of pixels (by index), taken as one value.
     fn mean_over(&self, pixels: &[usize]) -> [Value; 3] {
         let n = pixels.len() as f64;
         let mean_of = |of: &[[f64; 3]], c: usize| pixels.iter().map(|&i| of[i][c]).sum::<f64>() / n;
@@ -103,15 +103,15 @@ impl Estimate {
         std::array::from_fn(|c| Value { mean: moments.mean[c], variance: variance[c], freedom })
     }
 
-    /// Largest variance of the image's mean among the channels.
+    /// Returns the largest variance of the image's mean among the channels.
     pub fn variance_of_image(&self) -> f64 {
         let all: Vec<usize> = (0..self.extent.area()).collect();
         max_abs(&self.mean_over(&all).map(|value| value.variance))
     }
 }
 
-/// From K >= 2 renders that differ in the seed only, and whose pixels are independent: their mean, and the variance of that
-/// mean from their spread.
+/// Estimates from K >= 2 renders with independent pixels that differ only in the seed: their mean, and its variance
+/// from their spread.
 pub fn mean_and_variance(renders: &[RgbImage]) -> Estimate {
     assert!(renders.len() >= 2, "a variance needs two renders or more");
     let extent = renders[0].extent;
@@ -133,14 +133,14 @@ struct Value {
     freedom: f64,
 }
 
-/// Degrees of freedom of the sum of these values' variances (Welch 1947).
+/// Returns the degrees of freedom of the sum of these values' variances (Welch 1947).
 fn freedom_of_sum(values: [Value; 2]) -> f64 {
     let sum: f64 = values.iter().map(|v| v.variance).sum();
     let spread: f64 = values.iter().map(|v| v.variance * v.variance / v.freedom).sum();
     if spread > 0.0 { sum * sum / spread } else { f64::INFINITY }
 }
 
-/// The deviate of N(0, 1) that is exceeded as often as `t` of Student's distribution (Wallace 1959).
+/// Returns the deviate of N(0, 1) with the same tail probability as `t` of Student's distribution (Wallace 1959).
 fn normal_from_student(t: f64, freedom: f64) -> f64 {
     if freedom.is_infinite() {
         return t;
@@ -148,7 +148,7 @@ fn normal_from_student(t: f64, freedom: f64) -> f64 {
     (freedom * (t * t / freedom).ln_1p()).sqrt().copysign(t) * (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0)
 }
 
-/// The inverse of [`normal_from_student`].
+/// Inverts [`normal_from_student`].
 fn student_from_normal(z: f64, freedom: f64) -> f64 {
     if freedom.is_infinite() {
         return z;
@@ -164,7 +164,7 @@ fn z(a: Value, b: Value) -> f64 {
     if difference == 0.0 { 0.0 } else { normal_from_student(difference / sigma, freedom_of_sum([a, b])) }
 }
 
-/// What comparing two estimates gives. NaN where an image has values that are not finite.
+/// Result of comparing two estimates. NaN if an image has values that are not finite.
 #[derive(Clone, Debug)]
 pub struct ZReport {
     /// Pixels of either image with a mean or variance that is not finite.
@@ -179,12 +179,13 @@ pub struct ZReport {
     /// Mean of b over mean of a, and its standard error.
     pub mean_ratio: [f64; 3],
     pub mean_ratio_error: [f64; 3],
-    /// Relative bias of the image's mean from which on [`verdict`] finds it in nine of ten tries.
+    /// Relative bias of the image's mean that [`verdict`] detects in nine of ten tries.
     pub surely_found: [f64; 3],
 }
 
 impl ZReport {
-    /// Mean of the blocks' z² over blocks and channels; 1 under the null, less with blocks free of noise.
+    /// Returns the mean of the blocks' z² over blocks and channels: 1 under the null, less if some blocks have no
+    /// noise.
     pub fn block_mean_square(&self) -> f64 {
         let all = self.block_z.as_flattened();
         all.iter().map(|z| z * z).sum::<f64>() / all.len() as f64
@@ -221,7 +222,7 @@ impl fmt::Display for ZReport {
     }
 }
 
-/// Largest magnitude; NaN if any is.
+/// Returns the largest magnitude; NaN if any value is NaN.
 fn max_abs(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |max, z| if z.abs() <= max { max } else { z.abs() })
 }
@@ -230,7 +231,7 @@ fn beyond_3(values: &[f64]) -> f64 {
     values.iter().filter(|z| z.abs() > 3.0).count() as f64 / values.len() as f64
 }
 
-/// Holds `b` against `a`.
+/// Compares `b` with `a`.
 pub fn compare(a: &Estimate, b: &Estimate) -> ZReport {
     assert_eq!(a.extent, b.extent, "images differ in size");
     let extent = a.extent;
@@ -242,7 +243,7 @@ pub fn compare(a: &Estimate, b: &Estimate) -> ZReport {
     let pixel_z: Vec<[f64; 3]> = all.iter().map(|&i| z_over(&[i])).collect();
     let finite = |e: &Estimate, i: usize| e.mean[i].iter().chain(&e.variance_of_mean[i]).all(|x| x.is_finite());
     let (of_a, of_b) = (a.mean_over(&all), b.mean_over(&all));
-    // Equal means, so that black channels have a ratio, too.
+    // If the means are equal, the ratio is 1, even for black channels.
     let ratio = |c: usize| match (of_a[c].mean, of_b[c].mean) {
         (a, b) if a == b => 1.0,
         (a, b) => b / a,
@@ -251,7 +252,7 @@ pub fn compare(a: &Estimate, b: &Estimate) -> ZReport {
         0.0 => 0.0,
         variance => variance.sqrt() / of_a[c].mean,
     };
-    // The standard error times z's bound, and as many more that z falls short of the bound once in ten times.
+    // The standard error times z's bound, plus the margin by which z falls short of the bound once in ten times.
     let surely_found =
         |c: usize| ratio_error(c).abs() * (student_from_normal(bound::IMAGE, freedom_of_sum([of_a[c], of_b[c]])) + 1.3);
     ZReport {
@@ -266,7 +267,7 @@ pub fn compare(a: &Estimate, b: &Estimate) -> ZReport {
     }
 }
 
-/// Pixel indices of each block. There are four rows of blocks or more.
+/// Returns the pixel indices of each block. There are at least four rows of blocks.
 fn blocks(extent: Extent) -> Vec<Vec<usize>> {
     let edge = (extent.height / 4).clamp(1, BLOCK);
     let mut blocks = Vec::new();
@@ -283,38 +284,40 @@ fn blocks(extent: Extent) -> Vec<Vec<usize>> {
     blocks
 }
 
-/// What [`verdict`] allows. Each bound fails a true null less than once in 10,000 times (the image's mean: 3,000) if the blocks are
-/// normal, with some room for those that are not quite.
+/// Bounds for [`verdict`]. Each rejects a true null less than once in 10,000 times (the image's mean: 3,000) if the
+/// blocks are normal, with a margin for blocks that are not quite.
 mod bound {
     /// |z| of the image mean.
     pub const IMAGE: f64 = 3.6;
 
-    /// Largest |z| of `n` blocks × 3 channels: P(|z| > x) <= exp(−x²/2), divided among all of them; 15 % room.
+    /// Returns the bound on |z| of `n` blocks × 3 channels: P(|z| > x) <= exp(−x²/2), divided among all of them, plus
+    /// 15 %.
     pub fn block_max(n: usize) -> f64 {
         1.15 * (2.0 * (3.0 * n as f64 * 1e4).ln()).sqrt()
     }
 
-    /// Mean square over `n` blocks: 1 + 5 standard deviations of χ²/n, and 0.1 room.
+    /// Returns the bound on the mean square over `n` blocks: 1 + 5 standard deviations of χ²/n, plus 0.1.
     pub fn block_mean_square(n: usize) -> f64 {
         1.1 + 5.0 * (2.0 / n as f64).sqrt()
     }
 
-    /// Fraction beyond 3 of `n` blocks, whose channels may all go together: 1 % (the normal has 0.27 %), 4 standard
-    /// deviations of the Poisson count, and 3 blocks, as that count is skewed where few are expected.
+    /// Returns the bound on the fraction of `n` blocks beyond 3. It allows for correlated channels and consists of 1 %
+    /// (the normal has 0.27 %), 4 standard deviations of the Poisson count, and 3 blocks, because that count is skewed
+    /// if few are expected.
     pub fn blocks_beyond_3(n: usize) -> f64 {
         let expected = 0.01 * n as f64;
         (expected + 4.0 * expected.sqrt() + 3.0) / n as f64
     }
 }
 
-/// What speaks against the two images having one mean; empty if nothing does. A comparison that is too noisy to
-/// see a relative difference of the image mean by `resolution` (e.g. 0.01) speaks against itself: with variances that are
-/// known well, the standard error must be below 1/4.9 of it, so that such a bias gives |z| = 4.9 ± 1 where 3.6 is allowed.
+/// Returns the evidence against equal means; empty if there is none. A comparison that is too noisy to detect a
+/// relative difference of the image mean by `resolution` (e.g. 0.01) fails, too. With well-known variances the standard
+/// error must be below 1/4.9 of it, so that such a bias gives |z| = 4.9 ± 1 where 3.6 is allowed.
 pub fn verdict(report: &ZReport, resolution: f64) -> Vec<String> {
     let n = report.block_z.len();
     let mut against = Vec::new();
     let mut check = |what: &str, value: f64, limit: f64| {
-        // Not `value > limit`: NaN must not pass.
+        // Unlike `value > limit`, this rejects NaN.
         if !matches!(value.partial_cmp(&limit), Some(o) if o.is_le()) {
             against.push(format!("{what}: {value:.4} > {limit:.4}"));
         }

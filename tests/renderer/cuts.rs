@@ -1,4 +1,4 @@
-//! Work that is handed out in small portions gives the bytes of whole frames.
+//! Splitting work into several submissions gives the bytes of whole frames.
 
 use crate::common::{Frame, Stage, Subject, devices, is_thorough};
 use diptych::exec::{InjectedFaults, RenderSettings, TimedTask};
@@ -10,7 +10,7 @@ use diptych::stages::Foveation;
 const WIDTH: u32 = 40;
 const HEIGHT: u32 = 60;
 
-/// Along the camera's path, so that the later frames are cut by what was learned.
+/// Times along the camera's path. Later frames are split according to the learned costs.
 const TIMES_S: [f64; 3] = [0.0, 0.05, 0.1];
 
 fn frames(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<Frame> {
@@ -18,7 +18,7 @@ fn frames(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<F
     Stage::with(subject, settings, devices, policy).frames_in_flight(&TIMES_S)
 }
 
-/// The most submissions that a task of the frame was spread over.
+/// Returns the largest number of submissions of any task in the frame.
 fn most_submissions(frame: &Frame) -> u32 {
     frame.report.tasks.iter().map(|t| t.submissions).max().unwrap()
 }
@@ -26,7 +26,7 @@ fn most_submissions(frame: &Frame) -> u32 {
 fn hold_cut_frames_against_whole_ones(what: &str, subject: &Subject, settings: &RenderSettings) {
     let whole = frames(subject, settings, 1);
     assert!(whole.iter().all(|f| most_submissions(f) == 1), "{what}: software devices need no bound");
-    // The smallest portions that there are; some of a frame; all of it.
+    // The bounds mean the smallest possible portions, parts of a frame, and all of it.
     for (bound_ms, devices) in [(1e-6, 1), (2.0, 2), (1e9, 1)] {
         let settings = RenderSettings { max_dispatch_ms: Some(bound_ms), ..settings.clone() };
         for (one, cut) in whole.iter().zip(&frames(subject, &settings, devices)) {
@@ -57,7 +57,7 @@ fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
     hold_cut_frames_against_whole_ones("fitted in flight", &subject, &settings);
 }
 
-/// Three dispatches of path tracing, over lists of pixels.
+/// Path tracing takes three dispatches over lists of pixels.
 #[test]
 fn samples_of_lists_in_small_portions_have_the_bytes_of_whole_frames() {
     let subject = Subject::load("builtin:checker");

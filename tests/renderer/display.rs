@@ -1,4 +1,4 @@
-//! What is shown is what was computed.
+//! Display encoding, the units of light, and the output of images.
 
 use crate::common::{Stage, Subject, is_thorough};
 use diptych::exec::{ExecError, RenderSettings, Stereo};
@@ -12,7 +12,7 @@ use diptych::scene::rig::Eye;
 use diptych::scene::{Environment, Light, LightKind};
 use glam::Vec3;
 
-/// The devices' encoding against the host's, in f64; rounding may move a value by one level.
+/// Compares the devices' encoding with the host's in f64; rounding may change a value by one level.
 #[test]
 fn the_display_image_is_the_tonemapped_linear_image() {
     let subject = Subject::load("builtin:cornell");
@@ -34,7 +34,7 @@ fn the_display_image_is_the_tonemapped_linear_image() {
     }
 }
 
-/// A checker under a sun of `sun_lux`, all its other light as much brighter than usual.
+/// Loads a checker under a sun of `sun_lux`, with its other light scaled by `brightness`.
 fn under_a_sun(brightness: f32, sun_lux: f32) -> Subject {
     let (shot, mut scene) = load_shot("builtin:checker").unwrap();
     scene.materials.iter_mut().for_each(|m| m.emissive *= brightness);
@@ -44,10 +44,10 @@ fn under_a_sun(brightness: f32, sun_lux: f32) -> Subject {
     Subject::new("checker in the sun", scene, shot.rig)
 }
 
-/// Frames over a path, in units in which white is 1.
+/// Renders a sequence, in units in which white is 1.
 fn exposed(exposure_ev: f32, gloss: bool) -> Vec<Stereo<RgbImage>> {
     let white = (-exposure_ev).exp2();
-    // 100,000 lux at −17 EV.
+    // The sun has 100,000 lux at −17 EV.
     let subject = under_a_sun(white, 1e5 * (white / 17f32.exp2()));
     let mut settings = RenderSettings { exposure_ev, ..subject.accumulated(64, 36) };
     settings.stages.needs.gloss = gloss;
@@ -59,8 +59,8 @@ fn exposed(exposure_ev: f32, gloss: bool) -> Vec<Stereo<RgbImage>> {
     frames
 }
 
-/// Powers of two scale floats and half floats exactly, so that all that is left of the unit of light is how the smallest
-/// of them are rounded.
+/// Powers of two scale floats and half floats exactly. Only the rounding of their smallest values depends on the unit
+/// of light.
 #[test]
 fn light_and_exposure_may_be_in_any_unit() {
     let all: &[f32] = &[-24.0, -20.0, -17.0, 20.0, 24.0];
@@ -81,7 +81,7 @@ fn light_and_exposure_may_be_in_any_unit() {
     }
 }
 
-/// Where gloss is kept apart, half floats hold up to 65504 times white; a brighter pixel is cut there, and counted.
+/// With separate specular radiance, half floats hold up to 65504 times white. Brighter pixels are clipped and counted.
 #[test]
 fn light_too_bright_for_half_floats_is_cut_and_counted() {
     let subject = under_a_sun(1.0, 1e9);
@@ -109,7 +109,7 @@ fn light_too_bright_for_half_floats_is_cut_and_counted() {
     assert!((whole_again / whole - 1.0).abs() < 0.1, "{whole_again} is not {whole}");
 }
 
-/// Rows of images that nobody reads stay where they are.
+/// Rows of images that nobody reads are not transferred.
 #[test]
 fn only_what_is_read_crosses_to_the_primary() {
     let subject = Subject::load("builtin:cornell");
@@ -125,6 +125,6 @@ fn only_what_is_read_crosses_to_the_primary() {
     let fewer = render(&mut two);
     assert_eq!(two.display(), shown);
     assert!(matches!(two.renderer().read_linear(), Err(ExecError::NoFrame)));
-    // Half of both eyes' linear images, 16 bytes a pixel.
+    // Half of both eyes' linear images, 16 bytes per pixel, are not transferred.
     assert_eq!(all - fewer, 16 * 96 * 54);
 }

@@ -1,4 +1,4 @@
-//! A white furnace neither makes nor loses light.
+//! A white furnace neither gains nor loses light.
 
 use crate::common::{Stage, Subject, is_thorough, still_rig};
 use crate::reference::scenes::{add_material, add_mesh, empty, icosphere, instance, matte, place, quad, scaled_at};
@@ -14,10 +14,10 @@ use glam::{Vec3, vec3};
 const WIDTH: u32 = 160;
 const HEIGHT: u32 = 90;
 
-/// Rounding of a sum of samples that are all 1.
+/// Tolerance for the rounding of a sum of samples that are all 1.
 const ROUNDING: f32 = 1e-5;
 
-/// The left image and its albedo.
+/// Returns the left image and its albedo.
 fn render(subject: &Subject, settings: &RenderSettings) -> (RgbImage, Vec<f32>) {
     let mut settings = settings.clone();
     settings.stages.aovs = vec![Aov::Albedo];
@@ -26,12 +26,12 @@ fn render(subject: &Subject, settings: &RenderSettings) -> (RgbImage, Vec<f32>) 
     (image, stage.aov(0).left.swap_remove(0))
 }
 
-/// Pixels whose centre is on a surface of that albedo.
+/// Returns the pixels whose centre is on a surface of that albedo.
 fn pixels_of(albedo: &[f32], of: f32) -> Vec<usize> {
     (0..albedo.len()).filter(|&i| (albedo[i] - of).abs() < 1e-6).collect()
 }
 
-/// Pixels of the set all of whose neighbours are in it, too.
+/// Returns the pixels of the set whose neighbours are all in it, too.
 fn inner(pixels: &[usize], width: usize) -> Vec<usize> {
     let is_in = |i: usize| pixels.binary_search(&i).is_ok();
     let block = |i: usize| (0..3).flat_map(move |dy| (0..3).map(move |dx| i + dy * width + dx - width - 1));
@@ -56,8 +56,8 @@ fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
         for (of, least) in [(1.0, 500), (0.5, 40), (0.2, 40)] {
             let pixels = inner(&pixels_of(&albedo, of), WIDTH as usize);
             assert!(pixels.len() >= least, "{} pixels of albedo {of}", pixels.len());
-            // Only paths that hit another sphere fall short; those that are cut off there carry nothing. At one sample that is
-            // about one path in fifty, and 98 pixels of a grey vary by four standard deviations of 1.4.
+            // Only paths that hit another sphere lose light, because some are cut off there. With one sample these are
+            // about one path in fifty, and 98 grey pixels vary by four standard deviations of 1.4.
             let (exact_share, least_mean) = match (spp, bounces) {
                 (_, 1) => (0.9, 0.94),
                 (1, _) => (0.92, 0.98),
@@ -73,8 +73,8 @@ fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
     }
 }
 
-/// Towards the rim, where it faces the others, the white sphere is darker. A sphere of radius r at a distance d has a share
-/// (r / d)² cos θ of what a point sees around its normal, and keeps 1 − its albedo of the light from there.
+/// The white sphere is darker near the rim, where it faces the others. A sphere of radius r at a distance d covers (r /
+/// d)² cos θ of the cosine-weighted view of a point, and absorbs 1 − its albedo of the light from there.
 #[test]
 fn the_white_sphere_lacks_what_the_grey_ones_take() {
     let subject = Subject::load("builtin:furnace");
@@ -98,7 +98,7 @@ fn the_white_sphere_lacks_what_the_grey_ones_take() {
         });
         taken.iter().sum()
     };
-    // At the middle, and at the rim.
+    // Sums for the middle and the rim.
     let mut lacking = [[0.0f64; 2]; 2];
     for i in inner(&pixels_of(&albedo[0], 1.0), WIDTH as usize) {
         let p = vec3(position[0][i], position[1][i], position[2][i]);
@@ -129,7 +129,7 @@ fn a_white_environment_image_is_as_good_as_a_constant_one() {
     let mean = values.iter().sum::<f64>() / n;
     let sigma = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
     assert!(sigma < 0.2, "noise {sigma}");
-    // Up to 0.2 % are the other spheres'.
+    // Up to 0.2 % of the light is absorbed by the other spheres.
     let z = [(mean - 1.0) / (sigma / n.sqrt()), (mean - 0.998) / (sigma / n.sqrt())];
     assert!(z[0] < 4.5 && z[1] > -4.5, "mean {mean}, noise of a pixel {sigma}");
     let brightest = values.iter().fold(0.0f64, |a, b| a.max(*b));
@@ -150,7 +150,7 @@ fn the_filter_keeps_the_mean() {
     assert!(brightest <= 1.0 + ROUNDING, "light is made: {brightest}");
 }
 
-/// White dielectrics, metals, thin glass and coats, each in four roughnesses.
+/// Returns white dielectrics, metals, thin glass and coats, each with four roughnesses.
 fn white_materials() -> Vec<Material> {
     let dielectric = Material { specular: 1.0, ..matte() };
     let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
@@ -170,13 +170,13 @@ fn white_materials() -> Vec<Material> {
     all
 }
 
-/// Six by four tiles in the plane y = 0, before a sky of 1, seen from the height `elevation_deg` over the plane: every
-/// path ends after one scattering.
+/// Returns six by four tiles in the plane y = 0 in front of a sky of 1, seen from an elevation of `elevation_deg` over
+/// the plane. Every path ends after one scattering.
 fn tiles(elevation_deg: f32) -> (Scene, Pinhole) {
     let mut scene = empty(&format!("tiles from {elevation_deg} degrees"));
     scene.environment = Environment::Constant(Vec3::ONE);
     let (sin, cos) = elevation_deg.to_radians().sin_cos();
-    // As deep as the view foreshortens, so that each is square in the picture.
+    // Tiles are stretched against foreshortening, so that each is square in the picture.
     let depth = 1.0 / sin;
     for (i, material) in white_materials().into_iter().enumerate() {
         let material = add_material(&mut scene, material);
@@ -187,7 +187,7 @@ fn tiles(elevation_deg: f32) -> (Scene, Pinhole) {
     (scene, camera)
 }
 
-/// Balls of clear glass, of flat facets, as smooth normals neither keep nor lose light evenly.
+/// Returns balls of clear glass with flat facets, because refraction with smooth normals does not conserve energy.
 fn glass_balls() -> (Scene, Pinhole) {
     let mut scene = empty("glass balls");
     scene.environment = Environment::Constant(Vec3::ONE);
@@ -201,7 +201,8 @@ fn glass_balls() -> (Scene, Pinhole) {
     (scene, Pinhole::looking_at(Vec3::Z * 50.0, Vec3::ZERO, Vec3::Y, 1.6))
 }
 
-/// No block of 8x8 pixels is brighter than the sky, and each loses what the reference says it does.
+/// Asserts that no block of 8x8 pixels is brighter than the sky, and that each loses as much light as the reference
+/// says.
 fn hold_in_the_furnace((scene, camera): (Scene, Pinhole), bounces: u32) {
     let extent = Extent::new(48, 32);
     let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);

@@ -1,4 +1,5 @@
-//! Eyes with asymmetric fields of view that are turned apart: what they show is what is traced at their own projections.
+//! Canted eyes with asymmetric fields of view. Resampling to each eye's projection matches tracing that projection
+//! directly.
 
 use crate::common::{Stage, Subject, is_thorough, still_rig};
 use diptych::exec::RenderSettings;
@@ -14,10 +15,11 @@ use diptych::stages::{Foveation, Polar, StageSettings};
 use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot};
 use serde_json::json;
 
-/// Tangents of the left eye's field of view, left, right, up and down; the right eye's is mirrored.
+/// Tangents of the left eye's field of view: left, right, up and down. The right eye's is mirrored.
 const TAN: [f64; 4] = [-1.0, 0.8, 0.9, -1.1];
 
-/// Of an eye's image, with so many pixels per tangent: a part of one with a symmetric field of view.
+/// Returns the size of an eye's image with this many pixels per tangent. It is a part of an image with a symmetric
+/// field of view.
 fn size(per_tan: u32) -> Extent {
     Extent::new(9 * per_tan / 5, 2 * per_tan)
 }
@@ -27,7 +29,7 @@ fn tan(eye: Eye) -> [f64; 4] {
     if eye == Eye::Left { TAN } else { [-right, -left, up, down] }
 }
 
-/// Turned outwards by 5 degrees, one of them also upwards and around its axis.
+/// Returns the orientation: rotated outwards by 5 degrees, for one eye also upwards and around its axis.
 fn orientation(eye: Eye) -> DQuat {
     let [yaw, pitch, roll] = if eye == Eye::Left { [5.0f64, 0.0, 0.0] } else { [-5.0, 1.5, 1.0] };
     DQuat::from_euler(EulerRot::YXZ, yaw.to_radians(), pitch.to_radians(), roll.to_radians())
@@ -52,7 +54,7 @@ fn motion(has_eyes: bool) -> HeadMotion {
     HeadMotion::parse(format!("{header}\n{first}\n{then}\n").as_bytes()).unwrap()
 }
 
-/// The subject seen by these eyes, and settings with so many samples.
+/// Returns the subject seen by these eyes, and settings with this many samples.
 fn shown(shot: &str, per_tan: u32, spp: u32) -> (Subject, RenderSettings) {
     let mut subject = Subject::load(shot);
     subject.rig = motion(true).rig(&subject.rig).unwrap();
@@ -63,8 +65,8 @@ fn shown(shot: &str, per_tan: u32, spp: u32) -> (Subject, RenderSettings) {
     (subject, settings)
 }
 
-/// What an eye sees, traced at its own projection: part of an image with a symmetric field of view. Two of them, with other
-/// random numbers.
+/// Traces an eye's image directly at its own projection, as part of an image with a symmetric field of view. Returns
+/// two images with different random numbers.
 fn traced(shot: &str, eye: Eye, per_tan: u32, spp: u32) -> [RgbImage; 2] {
     let mut subject = Subject::load(shot);
     let head = motion(false).rig(&subject.rig).unwrap();
@@ -75,7 +77,7 @@ fn traced(shot: &str, eye: Eye, per_tan: u32, spp: u32) -> [RgbImage; 2] {
     let turned = orientation(eye);
     let tan = tan(eye);
     let half = [tan[1].max(-tan[0]), tan[2].max(-tan[3])];
-    // Both eyes are there.
+    // Both views have the pose of this eye.
     subject.rig = still_rig(origin, axes(turned * DVec3::NEG_Z), axes(turned * DVec3::Y), half[1] as f32);
     let [width, height] = half.map(|tan| (2.0 * tan * f64::from(per_tan)).round() as u32);
     let mut settings = subject.settings(width, height);
@@ -90,9 +92,9 @@ fn traced(shot: &str, eye: Eye, per_tan: u32, spp: u32) -> [RgbImage; 2] {
     })
 }
 
-/// PSNR of what two pairs of images converge to, dB. Images of a pair differ in their random numbers, so the noise of one
-/// difference to a reference has nothing to do with that of the other: the mean of their products is the mean squared error
-/// without noise, which may be a little below 0 where there is none.
+/// Returns the PSNR in dB between the limits of two pairs of images. The images of a pair have different random
+/// numbers, so the noise of the first difference to a reference is independent of that of the second. The mean of their
+/// products is the mean squared error without noise; it may be slightly below 0 if there is no error.
 fn psnr_without_noise(references: &[RgbImage; 2], images: &[RgbImage; 2]) -> f64 {
     let value = |image: &RgbImage, i: usize, c: usize| display_value(f64::from(image.pixels[i][c]));
     let values = (0..images[0].pixels.len()).flat_map(|i| [0, 1, 2].map(|c| (i, c)));
@@ -107,7 +109,7 @@ fn light(images: &[RgbImage; 2]) -> f64 {
 
 #[test]
 fn eyes_show_what_is_traced_at_their_own_projections() {
-    // With hard edges beside a lamp, which take as many pixels as headsets have.
+    // The second scene has hard edges beside a lamp, which need as many pixels as headsets have.
     let thorough = [("builtin:cornell", 80, 128), ("builtin:checker", 160, 64)];
     let quick = [("builtin:cornell", 40, 64), ("builtin:furnace", 40, 8)];
     for (shot, per_tan, spp) in if is_thorough() { thorough } else { quick } {
@@ -127,14 +129,14 @@ fn eyes_show_what_is_traced_at_their_own_projections() {
     }
 }
 
-/// Where each eye looks, fractions of its own image.
+/// Gaze of each eye, fractions of its own image.
 const GAZE: [[f64; 2]; 2] = [[0.3, 0.6], [0.55, 0.35]];
 
 fn gaze() -> [Gaze; 2] {
     GAZE.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] })
 }
 
-/// How far each pixel of an eye's image is from its gaze, pixels.
+/// Returns the distance of each pixel of an eye's image from its gaze, in pixels.
 fn from_gaze(eye: Eye, extent: Extent) -> Vec<f64> {
     let [x, y] = GAZE[eye as usize];
     let centre = |i: u32| [f64::from(i % extent.width) + 0.5, f64::from(i / extent.width) + 0.5];
@@ -171,7 +173,8 @@ fn what_eyes_show_is_of_one_device_on_any_number() {
     }
 }
 
-/// Each eye is sampled in full around its own gaze and less further out, though layers are in the frame that eyes share.
+/// Each eye is sampled fully around its own gaze and less in the periphery, although the layers are defined in the
+/// shared projection.
 #[test]
 fn layers_are_around_the_gaze_of_each_eye() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);
@@ -197,7 +200,7 @@ fn layers_are_around_the_gaze_of_each_eye() {
     }
 }
 
-/// The root mean square difference of these pixels, about as displays encode them.
+/// Returns the root mean square difference of these pixels, roughly in display encoding.
 fn difference(images: [&RgbImage; 2], is_counted: impl Fn(usize) -> bool) -> f64 {
     let encoded = |image: &RgbImage, i: usize, c: usize| f64::from(image.pixels[i][c]).powf(1.0 / 2.2);
     let values = (0..images[0].pixels.len()).filter(|i| is_counted(*i)).flat_map(|i| [0, 1, 2].map(|c| (i, c)));
@@ -206,7 +209,7 @@ fn difference(images: [&RgbImage; 2], is_counted: impl Fn(usize) -> bool) -> f64
     f64::sqrt(sum / n)
 }
 
-/// What images around the gaze lose, they lose away from it; and close to it no more than with eyes that are alike.
+/// Polar images lose detail in the periphery. Near the gaze they lose no more than with symmetric eyes.
 #[test]
 fn images_around_the_gaze_are_sharp_where_each_eye_looks() {
     let size = size(50);
@@ -214,13 +217,13 @@ fn images_around_the_gaze_are_sharp_where_each_eye_looks() {
     let alike = {
         let mut subject = Subject::load("builtin:checker");
         subject.rig = motion(false).rig(&subject.rig).unwrap();
-        // About the field of view of the others.
+        // The field of view is similar to that of the other eyes.
         subject.rig.yfov_rad = 2.0;
         let mut settings = subject.settings(size.width, size.height);
         settings.stages.spp = 16;
         (subject, settings)
     };
-    // By how much it differs, by eye: near the gaze and far from it.
+    // Differences by eye: near the gaze and far from it.
     let errors = |(subject, settings): &(Subject, RenderSettings), space: PolarSpace| {
         let render = |polar: Option<Polar>| {
             let mut settings = settings.clone();
@@ -243,7 +246,7 @@ fn images_around_the_gaze_are_sharp_where_each_eye_looks() {
     }
 }
 
-/// By how much each eye's own image moves, though what moves is the rectified one.
+/// Motion vectors are those of each eye's display image, although the shared projection is rendered.
 #[test]
 fn motion_is_that_of_what_eyes_show() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);

@@ -1,4 +1,5 @@
-//! Devices that fail, hang or lag change no byte as long as one is left; the command says so and leaves all its files.
+//! Devices that fail, hang or lag change no byte while one device is left. The command reports it and writes all its
+//! files.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -18,7 +19,7 @@ fn injected(injections: &[&str], slowdown: &[u32]) -> InjectedFaults {
     InjectedFaults { injections, slowdown: slowdown.to_vec() }
 }
 
-/// One device after another fails in a way of its own while stripes move, each time in the frame after.
+/// Devices fail one after another in different ways while stripes move, each time in the next frame.
 #[test]
 fn frames_keep_their_bytes_until_no_device_is_left() {
     let subject = Subject::load("builtin:checker");
@@ -81,7 +82,7 @@ fn devices_come_back_with_what_was_compiled_on_them_unless_they_failed() {
     assert_eq!(left.iter().map(|gpu| gpu.info.index).collect::<Vec<_>>(), [0]);
 }
 
-/// What is in flight behind a frame that a device fails in is begun again as well.
+/// Frames in flight behind a failed frame restart as well.
 #[test]
 fn frames_in_flight_keep_their_bytes_when_devices_fail() {
     let subject = Subject::load("builtin:checker");
@@ -105,8 +106,8 @@ fn frames_in_flight_keep_their_bytes_when_devices_fail() {
     assert!(faults.iter().all(|f| f.recovery_ms > 0.0 && f.attempts > 1), "{faults:?}");
 }
 
-/// With frames in flight, those behind the one that failed may have taken the place of what was before: history begins
-/// anew for all rows, as in a run that begins there.
+/// With frames in flight, those behind the failed frame may have overwritten history. All rows restart without history,
+/// like a run that begins there.
 #[test]
 fn history_begins_anew_when_a_device_fails_with_frames_in_flight() {
     let subject = Subject::load("builtin:checker");
@@ -128,8 +129,8 @@ fn history_begins_anew_when_a_device_fails_with_frames_in_flight() {
     assert!(frames[4].report.spec.history_rows.is_some());
 }
 
-/// Only the rows of the device that failed begin anew, whichever it was: other rows are as if nothing had happened, and a
-/// run with the same fault has the same bytes.
+/// Only the rows of the failed device lose their history, whichever device it was. Other rows are unaffected, and a run
+/// with the same fault has the same bytes.
 #[test]
 fn history_of_other_devices_survives_a_fault() {
     let subject = Subject::load("builtin:checker");
@@ -169,7 +170,7 @@ fn two_devices_may_fail_in_one_frame() {
     let mut failed: Vec<_> = three.renderer().faults().iter().map(|f| f.device).collect();
     failed.sort_unstable();
     assert_eq!(failed, [0, 1]);
-    // The time of the attempts that failed is no time that a device takes to begin.
+    // The time of failed attempts does not count as a device's lead time.
     assert_eq!(three.renderer().costs().lead_ms(2), 0.0);
     assert!(three.frame(0).linear == one, "the frame after");
 }
@@ -191,7 +192,7 @@ fn a_frame_whose_primary_is_lost_before_it_was_read_is_made_again() {
 fn slow_devices_change_neither_bytes_nor_counts() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
-    settings.stages.spp = 5; // Two dispatches, of which the second adds to the first.
+    settings.stages.spp = 5; // Two dispatches; the second one accumulates.
     let one = Stage::alone(&subject, &settings).frame(0);
     let mut two = Stage::on(devices_to_lose(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
     let mut busy_ms = |slowdown: &[u32], injections: &[&str]| {
@@ -203,7 +204,7 @@ fn slow_devices_change_neither_bytes_nor_counts() {
         frame.report.tasks.iter().filter(of).map(|t| t.end_ms - t.begin_ms).sum::<f64>()
     };
     busy_ms(&[1, 1], &["slow:dev1@frame0"]);
-    // Other tests take their share of the machine: the best of three, and far less than the factor.
+    // Other tests load the machine. The best of three is far below the factor.
     let mut least_ms = |slowdown: &[u32]| (0..3).map(|_| busy_ms(slowdown, &[])).fold(f64::INFINITY, f64::min);
     let (plain, slowed) = (least_ms(&[]), least_ms(&[1, 8]));
     assert!(slowed > 2.0 * plain, "{slowed} ms of work instead of {plain} take no longer");
@@ -213,7 +214,7 @@ fn json(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
-/// Names of the files in a folder.
+/// Returns the names of the files in a folder.
 fn names(folder: &Path) -> Vec<String> {
     let mut names: Vec<_> =
         std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().file_name().into_string().unwrap()).collect();
@@ -227,7 +228,7 @@ fn the_command_goes_on_without_its_first_device() {
     let render = |name: &str, more: &[&str]| {
         let out = folder.path().join(name);
         let mut args = vec!["render", "builtin:checker", "--size", "64x36", "--frames", "3", "--aov", "motion"];
-        // Which keeps nothing from frame to frame that could be lost.
+        // This denoiser keeps no history that could be lost.
         args.extend(["--denoiser", "atrous"]);
         args.extend(["--out", out.to_str().unwrap()]);
         args.extend(more);
@@ -267,7 +268,7 @@ fn without_a_device_left_the_command_fails() {
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("no device is left") && said.contains("device 0"), "{said}");
-    // What was whole before stays.
+    // Complete earlier files stay.
     assert!(names(folder.path()).contains(&"left.0000.exr".to_owned()));
 }
 

@@ -23,7 +23,7 @@ fn settings(subject: &Subject, foveation: Foveation) -> RenderSettings {
     settings
 }
 
-/// Distance of each pixel's centre from an eye's gaze, pixels.
+/// Returns the distance of each pixel's centre from an eye's gaze, in pixels.
 fn distances(foveation: &Foveation, eye: usize) -> Vec<f64> {
     let (_, [x, y]) = foveation.circles(eye, 0.0, WIDTH, HEIGHT);
     let centre = |i: u32| (f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5);
@@ -58,7 +58,7 @@ fn the_mask_has_the_density_of_its_ring() {
                 *ring = (ring.0 + 1.0, ring.1 + expected, ring.2 + f64::from(spp));
             }
             for (i, (pixels, expected, sampled)) in rings.into_iter().enumerate() {
-                // Independent pixels would scatter by the root of their number; these are stratified.
+                // Independent pixels would scatter by the root of their number; these are stratified and scatter less.
                 let tolerance = 0.5 * f64::sqrt(pixels) + 1.0;
                 assert!((sampled - expected).abs() < tolerance, "ring {i}: {sampled} of {pixels}, not {expected}");
             }
@@ -102,11 +102,11 @@ fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
         plain.stages.foveation = None;
         let expected = Stage::alone(&subject, &plain).frame(0);
         let found = Stage::alone(&subject, &foveated).frame(0);
-        // The right eye's reprojection may give way outside the inner layer.
+        // Outside the inner layer, reprojection into the right eye may leave pixels to the filter.
         for eye in 0..if reproject { 1 } else { 2 } {
             let (a, b) = (eyes(&expected.linear)[eye], eyes(&found.linear)[eye]);
             assert_eq!((0..a.pixels.len()).filter(|&i| !same(a, b, i)).count(), 0, "{spp} spp, eye {eye}");
-            // A pixel that is listed twice would have its rays twice.
+            // A pixel that is listed twice would have twice the rays.
             let rays = |f: &crate::common::Frame| f.report.row_tallies[eye].iter().map(|r| r.rays).collect::<Vec<_>>();
             assert_eq!(rays(&expected), rays(&found));
         }
@@ -131,7 +131,7 @@ fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
             let rays = |f: &[crate::common::Frame]| f.iter().map(|f| f.report.tallies[0].rays).sum::<u64>();
             assert!(rays(&frames) < rays(&full));
             let share = spp.left[0].iter().map(|s| f64::from(*s)).sum::<f64>() / f64::from(WIDTH * HEIGHT);
-            // Stratified, but for the rims of surfaces, which are always sampled.
+            // Samples are stratified, except at silhouettes, which are always sampled.
             assert!(share > scale * scale - 0.01 && share < scale * scale + 0.05, "{filter:?} {scale}: {share}");
             let (last, whole) = (&frames[7].linear, &full[7].linear);
             for (found, expected) in eyes(last).into_iter().zip(eyes(whole)) {
@@ -142,7 +142,7 @@ fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
     }
 }
 
-/// Views so narrow that the whole screen is in the fovea, and wider ones, wherever the gaze is.
+/// Some views are so narrow that the whole screen is in the fovea. The gaze varies, too.
 #[test]
 fn narrow_visual_polar_images_are_close_to_those_of_the_screen() {
     const BLOCK: usize = 8;
@@ -165,7 +165,7 @@ fn narrow_visual_polar_images_are_close_to_those_of_the_screen() {
     }
 }
 
-/// Means of the brightness of square blocks of pixels.
+/// Returns the mean brightness of square blocks of pixels.
 fn block_means(image: &RgbImage, size: usize) -> Vec<f64> {
     let (columns, rows) = (WIDTH as usize / size, HEIGHT as usize / size);
     let mut means = vec![0.0; columns * rows];
@@ -210,7 +210,7 @@ fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
             for eye in 0..2 {
                 assert!(eyes(&found)[eye].pixels.iter().flatten().all(|c| c.is_finite()));
             }
-            // With all of the outer layer unsampled, light only reaches as far as the filter.
+            // If the outer layer is not sampled at all, light reaches only as far as the filter.
             let reach = if unsampled_share < 1.0 { f64::INFINITY } else { 0.3 * f64::from(WIDTH) };
             let is_dark = |i: usize| found.left.pixels[i] == [0.0; 3] && all.left.pixels[i] != [0.0; 3];
             let dark = (0..distances.len()).filter(|&i| distances[i] < reach && is_dark(i)).count();
@@ -236,7 +236,7 @@ fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
     }
 }
 
-/// A gaze that an eye tracker gives during a run counts as one of the settings does.
+/// A gaze from an eye tracker during a run has the same effect as one in the settings.
 #[test]
 fn a_gaze_that_is_set_is_each_eyes_own() {
     let subject = Subject::load("builtin:cornell");
@@ -252,7 +252,7 @@ fn a_gaze_that_is_set_is_each_eyes_own() {
     assert!(sampled(towards(0.5, 0.5), Some([[0.25, 0.6], [0.75, 0.6]])) == expected);
 }
 
-/// Mean radiance of the pixels that a condition on their number holds for.
+/// Returns the mean radiance of the pixels whose index satisfies a condition.
 fn mean(image: &RgbImage, counts: impl Fn(usize) -> bool) -> f64 {
     let pixels = || image.pixels.iter().enumerate().filter(|(i, _)| counts(*i));
     pixels().map(|(_, p)| p.iter().map(|c| f64::from(*c)).sum::<f64>()).sum::<f64>() / (3 * pixels().count()) as f64
@@ -284,7 +284,7 @@ fn polar_images_show_what_the_screen_does() {
             let [a, b] = [a, b].map(|image| mean(image, |i| distance(i) < radius));
             assert!((b / a - 1.0).abs() < 0.03, "{space}, eye {eye}, {what}: {b} instead of {a}");
         }
-        // Auxiliary images are of the nearest pixel.
+        // Auxiliary images show the nearest pixel.
         let [a, b] = [&places, found_places].map(|places| eyes(places)[eye]);
         let apart = |i: usize| (0..3).map(|c| (a[c][i] - b[c][i]).abs()).fold(0.0, f32::max);
         let near = (0..a[0].len()).filter(|&i| apart(i) < 0.15).count();

@@ -1,4 +1,4 @@
-//! What the G-buffer says of the surface behind a pixel's centre is exact to f32 rounding: rays traced in f64 agree.
+//! The G-buffer at pixel centres is exact to f32 rounding: it agrees with rays traced in f64.
 
 use std::cell::Cell;
 
@@ -19,13 +19,13 @@ const EXTENT: Extent = Extent::new(96, 64);
 /// Half a unit in the last place of 1.
 const ROUNDING: f64 = 5.960_464_477_539_063e-8;
 
-/// The model of a scene in f64.
+/// Model of a scene in f64.
 struct Exact<'a> {
     surfaces: Surfaces<'a>,
     geometry: Geometry,
 }
 
-/// What a ray meets.
+/// Hit of a ray.
 struct Seen {
     t: f64,
     surface: Surface,
@@ -41,14 +41,14 @@ impl<'a> Exact<'a> {
         Self { surfaces, geometry }
     }
 
-    /// Longest edge over height: how much a triangle draws out the rounding of its barycentrics.
+    /// Returns longest edge over height, by which a triangle amplifies the rounding of its barycentrics.
     fn needle(&self, triangle: usize) -> f64 {
         let [a, b, c] = self.geometry.triangles[triangle].vertices;
         let longest = [b - a, c - b, a - c].map(|e| e.length_squared()).into_iter().fold(0.0, f64::max);
         longest / (b - a).cross(c - a).length()
     }
 
-    /// Nothing where a surface on the way is there by chance only.
+    /// Traces a ray; the outer value is none if a surface on the way exists only by chance.
     fn look(&self, ray: &Ray) -> Option<Option<Seen>> {
         let by_chance = Cell::new(false);
         let is_there = |id: usize, weights| {
@@ -68,7 +68,8 @@ impl<'a> Exact<'a> {
         }))
     }
 
-    /// What is behind the pixel's centre, unless it is on an edge of a triangle or of a texel.
+    /// Returns the hit behind the pixel's centre; the outer value is none if that is on an edge of a triangle or a
+    /// texel.
     fn behind(&self, view: &View, x: u32, y: u32) -> Option<Option<Seen>> {
         let ray = |dx: f64, dy: f64| Ray {
             origin: view.origin.as_dvec3(),
@@ -92,7 +93,7 @@ impl<'a> Exact<'a> {
     }
 }
 
-/// Largest errors over a view, in units of what f32 allows.
+/// Largest errors over a view, in units of the f32 tolerance.
 #[derive(Debug, Default)]
 struct Errors {
     compared: usize,
@@ -125,7 +126,7 @@ fn hold_against_rays(subject: &Subject) -> Errors {
                 errors.sky += 1;
                 continue;
             };
-            // An error of the ray is drawn out where it grazes the surface; positions are as coarse as coordinates.
+            // Grazing angles amplify an error of the ray; positions are as coarse as coordinates.
             let cosine = surface.geometric_normal.dot((view.origin.as_dvec3() - surface.position) / t).abs();
             let coordinates = view.origin.as_dvec3().length() + surface.position.length();
             let unit = ROUNDING * (t + coordinates) / cosine.max(1e-3);
@@ -147,7 +148,7 @@ fn hold_against_rays(subject: &Subject) -> Errors {
     errors
 }
 
-/// Of matte surfaces: the albedo of others is more than their base colour.
+/// Checks matte surfaces: the albedo of others is more than their base colour.
 #[track_caller]
 fn assert_exact(subject: &Subject) {
     let errors = assert_exact_geometry(subject);
@@ -172,8 +173,8 @@ fn small_scenes_are_exact() {
     }
 }
 
-/// The renderer's table of what microfacets reflect is coarser than the reference's and interpolated by lines: at grazing
-/// angles it is off by 1.5 %.
+/// Error of the renderer's albedo table, which is coarser than the reference's and interpolated linearly: up to 1.5 %
+/// at grazing angles.
 const TABLE: f64 = 0.02;
 
 #[test]
@@ -226,7 +227,7 @@ fn mapped_normals_are_exact() {
 }
 
 fn subject(name: &str, mut scene: Scene, camera: &Pinhole) -> Subject {
-    // Spherical lights have no triangles for the reference's intersection to find.
+    // The reference's intersection cannot find spherical lights, which have no triangles.
     scene.lights.clear();
     let mut rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
     rig.baseline_m = 0.064;

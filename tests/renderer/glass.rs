@@ -1,4 +1,4 @@
-//! Light that passes glass, and surfaces that only seem to be glass.
+//! Light through glass, and surfaces that only look like glass.
 
 use crate::common::{Stage, Subject, still_rig};
 use crate::reference::Pinhole;
@@ -11,7 +11,7 @@ use glam::{Vec3, vec3};
 
 const SIZE: u32 = 8;
 
-/// A white floor as a camera beneath all panes sees it, straight below the origin.
+/// Returns a white floor for a camera beneath all panes that looks straight down at the origin.
 fn floor() -> Scene {
     let mut scene = empty("floor");
     let white = add_matte(&mut scene, Vec3::splat(0.8));
@@ -32,7 +32,8 @@ fn rendered(scene: &Scene, settings: impl Fn(&mut RenderSettings)) -> RgbImage {
     Stage::alone(&subject, &chosen).frame(0).linear.left
 }
 
-/// Light of a floor with panes of these materials above it, over that without, red, green and blue.
+/// Returns the light of a floor with panes of these materials above it, relative to the floor without panes, in red,
+/// green and blue.
 fn passed(light: Light, panes: &[Material]) -> [f64; 3] {
     let mut scene = floor();
     scene.lights.push(light);
@@ -62,7 +63,7 @@ fn assert_passes(light: Light, panes: &[Material], expected: [f64; 3]) {
     assert!(is_near, "{:?}: {found:?} of the light passes, not {expected:?}", light.kind);
 }
 
-/// 1 − F of the thin-walled model, F = 0.04 + 0.96 (1 − cos)⁵ for an index of refraction of 1.5.
+/// Returns 1 − F of the thin-walled model, F = 0.04 + 0.96 (1 − cos)⁵ for an index of refraction of 1.5.
 fn clearness(cosine: f64) -> f64 {
     0.96 * (1.0 - (1.0 - cosine).powi(5))
 }
@@ -77,7 +78,7 @@ fn delta_lights_shine_through_panes() {
     for light in [sun(Vec3::NEG_Y, 0.0), sun(Vec3::NEG_Y, 0.05), point, spot] {
         assert_passes(light, &[clear()], [0.96; 3]);
     }
-    // By angle, number and kind.
+    // Cases differ by angle, number and kind of panes.
     let down = sun(Vec3::NEG_Y, 0.0);
     assert_passes(sun(vec3(0.8, -0.6, 0.0), 0.0), &[clear()], [clearness(0.6); 3]);
     assert_passes(down, &[clear(), clear(), clear()], [0.96f64.powi(3); 3]);
@@ -86,15 +87,15 @@ fn delta_lights_shine_through_panes() {
     assert_passes(down, &[half], [0.96 * 0.5 * 0.8; 3]);
     let coated = Material { clearcoat: diptych::scene::Clearcoat { factor: 1.0, ..Default::default() }, ..clear() };
     assert_passes(down, &[coated], [0.96 * 0.96; 3]);
-    // Nothing passes an opaque surface among panes, nor straight through a rough pane or a volume.
+    // An opaque surface among panes blocks all light, and rough panes and volumes pass none straight on.
     let clear_volume = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
     for stops in [matte(), studio::glass(Vec3::ONE, 0.3), Material { volume: Some(clear_volume), ..clear() }] {
         assert_passes(down, &[clear(), stops, clear()], [0.0; 3]);
     }
 }
 
-/// A lamp below the surface of water is dimmed over its way to that surface, and the floor beside a lamp over that from the
-/// lamp as well.
+/// Water attenuates a lamp below its surface over the way to that surface. For the floor beside a lamp, it also
+/// attenuates the way from the lamp.
 #[test]
 fn volumes_absorb_light_on_each_way_through_them() {
     let absorption = [0.5f64, 1.0, 2.0];
@@ -108,7 +109,7 @@ fn volumes_absorb_light_on_each_way_through_them() {
         let image = rendered(&scene, |settings| settings.bounces = 2);
         [0, 1, 2].map(|c| image.pixels.iter().map(|p: &[f32; 3]| f64::from(p[c])).sum::<f64>())
     };
-    // From the floor or a lamp's front to the surface, aslant, then from the point to the floor.
+    // Light goes from the floor or a lamp's front to the surface at an angle, then from that point to the floor.
     let up = 0.5 * (0.9f64.powi(2) + 0.3f64.powi(2)).sqrt() / 0.9;
     for (height, radius, way) in [(0.4f32, 0.0f32, up + 0.4), (0.0, 0.2, up - 0.2)] {
         let kind = LightKind::Point { position: vec3(0.0, height, 0.0), radius };
@@ -121,14 +122,14 @@ fn volumes_absorb_light_on_each_way_through_them() {
     }
 }
 
-/// The volume of an opaque material shows nowhere, whatever else is in the scene and whatever is compiled in.
+/// The volume of an opaque material is invisible, whatever else the scene contains and whatever is compiled in.
 #[test]
 fn an_opaque_surface_with_a_volume_is_opaque() {
     let dense = Volume { attenuation_color: vec3(0.5, 0.1, 0.01), attenuation_distance: 0.1 };
     let render = |volume, all| {
         let mut scene = floor();
         scene.materials[0].volume = volume;
-        // Seen from behind, where a ray would have come through the volume.
+        // Seen from behind, a ray would have passed through the volume.
         scene.instances[0].world_from_local = glam::Affine3A::from_rotation_x(std::f32::consts::PI);
         scene.lights.push(sun(vec3(0.3, -1.0, 0.1), 0.0));
         let gloss = SceneNeeds::of(&scene).gloss;

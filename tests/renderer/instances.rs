@@ -1,4 +1,4 @@
-//! Meshes that rays meet in their own space look as they do flattened, and let scenes load that are too large flattened.
+//! Two-level scenes look like flattened ones, and allow scenes that are too large to flatten.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use glam::{Affine2, Affine3A, Quat, Vec2, Vec3, Vec4};
 
 const EXTENT: Extent = Extent::new(96, 64);
 
-/// A ball of radius 1 with `rings` x `2 * rings` quads, its frames along the parallels.
+/// Returns a ball of radius 1 with `rings` x `2 * rings` quads and tangent frames along the parallels.
 fn ball(rings: usize, material: usize) -> Mesh {
     let mut mesh = Mesh { material, ..Mesh::default() };
     let columns = 2 * rings;
@@ -37,7 +37,7 @@ fn ball(rings: usize, material: usize) -> Mesh {
     mesh
 }
 
-/// From (-1, -1, 0) to (1, 1, 0), seen from +z; flat, without normals of its own.
+/// Returns a square from (-1, -1, 0) to (1, 1, 0) that faces +z, without vertex normals.
 fn square(material: usize) -> Mesh {
     Mesh {
         positions: vec![
@@ -53,7 +53,7 @@ fn square(material: usize) -> Mesh {
     }
 }
 
-/// Texels of 8x8 from their column and row.
+/// Returns 8x8 texels as a function of column and row.
 fn texels(of: impl Fn(usize, usize) -> [u8; 4]) -> Arc<Image<[u8; 4]>> {
     let mut image = Image::filled(Extent::new(8, 8), [0; 4]);
     for (i, texel) in image.pixels.iter_mut().enumerate() {
@@ -75,8 +75,8 @@ const LAMP: usize = 2;
 const FLOOR: usize = 3;
 const GLASS: usize = 4;
 
-/// Balls with a bumpy, chequered skin, some mirrored, sheared or drawn out, between leaves with holes, two glowing and
-/// two glass balls, on a floor.
+/// Returns balls with bumpy, chequered surfaces, some mirrored, sheared or stretched, between leaves with holes, two
+/// emissive and two glass balls, on a floor.
 pub fn crowd() -> Scene {
     let mut scene = empty_scene("crowd");
     scene.images = vec![
@@ -127,7 +127,7 @@ pub fn crowd() -> Scene {
         let glass = Vec3::new(0.4 * x, 0.45, 1.1);
         place(GLASS, Affine3A::from_scale_rotation_translation(Vec3::splat(0.4), turned(2), glass));
     }
-    // Not to be undone: pressed flat.
+    // Transforms without an inverse: squares pressed flat.
     for x in [-0.6, 0.6] {
         let pressed = Affine3A::from_scale(Vec3::new(0.3, 0.2, 0.0));
         place(FLOOR, Affine3A::from_translation(Vec3::new(x, 1.8, -1.0)) * pressed);
@@ -145,7 +145,7 @@ pub fn crowd() -> Scene {
     scene
 }
 
-/// What the scene looks like from before it, if it has been moved.
+/// Returns the scene seen from the front, after it was moved by `moved_by`.
 pub fn subject(scene: &Scene, layout: Layout, moved_by: Vec3) -> Subject {
     let origin = Vec3::new(0.3, 2.2, 5.0) + moved_by;
     let rig = still_rig(origin, Vec3::new(-0.05, -0.28, -1.0), Vec3::Y, 0.5);
@@ -162,7 +162,7 @@ fn moved(mut scene: Scene, by: Vec3) -> Scene {
     scene
 }
 
-/// Triangles without their copies.
+/// Returns the number of triangles without their copies.
 fn stored(accel: &Accel) -> usize {
     accel.triangles.iter().enumerate().filter(|(row, t)| t.is_first(*row)).count()
 }
@@ -175,16 +175,17 @@ fn what_instances_share_is_stored_once_and_the_rest_flattened() {
     let triangles = |mesh: usize| scene.meshes[mesh].triangles.len();
     assert_eq!(stored(&flat) + flat.dropped, scene.triangle_count());
     assert_eq!(flat.instances.len(), 1);
-    // Balls and leaves as they are and mirrored, glass as it is; lamps, pressed squares and the floor in their places.
+    // Balls and leaves have a plain and a mirrored version, glass only a plain one; lamps, pressed squares and the
+    // floor are flattened.
     let once = 2 * triangles(0) + 2 * triangles(LEAF) + triangles(GLASS);
     let flattened = 2 * triangles(LAMP) + 3 * triangles(FLOOR);
     assert_eq!(stored(&shared) + shared.dropped, once + flattened);
     assert_eq!(shared.instances.len(), 1 + 30 + 30 + 2);
-    // Small enough to be flat when nobody says otherwise.
+    // Small scenes are flattened by default.
     assert_eq!(count(Layout::Auto).instances.len(), 1);
 }
 
-/// Values of an image's channels, pixel by pixel, of both eyes.
+/// Returns the values of an auxiliary image, pixel by pixel, of both eyes.
 fn vectors(stage: &mut Stage, i: usize) -> Vec<Vec3> {
     let aov = stage.aov(i);
     let of = |planes: &[Vec<f32>]| {
@@ -229,7 +230,7 @@ fn surfaces_are_where_and_as_they_are_flattened() {
     }
 }
 
-/// Peak signal-to-noise ratio of values up to 1, dB.
+/// Returns the peak signal-to-noise ratio of values up to 1, dB.
 fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
     let display = |c: f32| f64::from(c.clamp(0.0, 1.0));
     let pairs = || a.pixels.as_flattened().iter().zip(b.pixels.as_flattened());
@@ -239,8 +240,8 @@ fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
 
 #[test]
 fn pictures_are_those_of_flattened_scenes() {
-    // The second stands where positions are counted from another place than (0, 0, 0). Glowing triangles are numbered in
-    // tree order, so with lamps, the last, the same random numbers choose others: what differs then is noise.
+    // In the second case the local origin of positions is not (0, 0, 0). Emissive triangles are numbered in tree order.
+    // With lamps (the last case), the same random numbers select different triangles, so the difference is noise.
     let far = Vec3::new(65536.0, 0.0, -32768.0);
     let all = [(Vec3::ZERO, false, 60.0), (far, false, 60.0), (Vec3::ZERO, true, 50.0)];
     let (count, extent, spp) = if is_thorough() { (3, EXTENT, 64) } else { (2, Extent::new(48, 32), 16) };
@@ -277,7 +278,7 @@ fn two_devices_give_the_bytes_of_one() {
     assert!(one == two);
 }
 
-/// From inside a closed mesh there is nothing to see of what is around it, on whatever way.
+/// From inside a closed mesh, no path sees anything outside.
 #[test]
 fn no_light_leaks_into_a_closed_instance() {
     for (scale, at) in [
@@ -289,7 +290,7 @@ fn no_light_leaks_into_a_closed_instance() {
         scene.environment = Environment::Constant(Vec3::splat(1e4));
         scene.meshes = vec![Mesh { tangents: vec![], ..ball(24, 0) }];
         let turn = Quat::from_rotation_y(0.8) * Quat::from_rotation_x(-0.5);
-        // One to be in, and one to share its mesh with.
+        // Two instances share the mesh; the camera is inside the first.
         for at in [at, at + 5.0 * scale.abs().max_element() * Vec3::Z] {
             let world_from_local = Affine3A::from_scale_rotation_translation(scale, turn, at);
             scene.instances.push(Instance { mesh: 0, world_from_local });
@@ -307,7 +308,7 @@ fn no_light_leaks_into_a_closed_instance() {
     }
 }
 
-/// 2,000 balls of 5,000 triangles: ten million, whose tables would take a gibibyte.
+/// 2,000 balls of 5,000 triangles: the flattened tables of ten million triangles would take a gibibyte.
 #[test]
 fn scenes_load_that_are_too_large_flattened() {
     const RINGS: usize = 36;
@@ -335,7 +336,7 @@ fn scenes_load_that_are_too_large_flattened() {
     let (positions, depths) = (vectors(&mut stage, 0), vectors(&mut stage, 1));
     let hits: Vec<Vec3> = positions.into_iter().zip(depths).filter(|(_, d)| d.x > 0.0).map(|(p, _)| p).collect();
     assert!(hits.len() > EXTENT.area());
-    // What facets lie within the ball: the sagitta of a quad's diagonal.
+    // Facets lie inside the ball by up to the sagitta of a quad's diagonal.
     let inside = 1.0 - (std::f32::consts::PI / RINGS as f32).powi(2);
     for p in hits {
         let nearest = (0..2000).map(|i| p.distance(at(i))).fold(f32::INFINITY, f32::min);

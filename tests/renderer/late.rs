@@ -1,4 +1,4 @@
-//! Frames that are shown from where the head is later than they were rendered.
+//! Late reprojection: frames that are shown from a later head pose than they were rendered at.
 
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex};
@@ -17,7 +17,7 @@ use glam::DVec3;
 
 const SIZE: Extent = Extent { width: 64, height: 48 };
 
-/// A head that turns and moves, sideways and ahead, within a second from 0 s.
+/// Returns a head that turns and moves, sideways and ahead, from 0 s to 1 s.
 fn subject(spp: u32) -> (Subject, RenderSettings) {
     let mut subject = Subject::load("builtin:cornell");
     let first = RigKey { time_s: 0.0, ..subject.rig.keys[0] };
@@ -32,7 +32,7 @@ fn subject(spp: u32) -> (Subject, RenderSettings) {
     (subject, settings)
 }
 
-/// A frame of 0 s, shown from where the head is then.
+/// Renders a frame at 0 s and shows it from the head pose at `later_s`.
 fn shown_from(
     later_s: f64,
     index: u32,
@@ -49,7 +49,7 @@ fn what_is_shown_late_is_corrected_on_any_number_of_devices() {
     corrects(&subject(24), [5.0, 0.5], &[2, 3]);
 }
 
-/// Polar images have fewer pixels than what is shown, so that little is as sharp as it was.
+/// Polar images have fewer pixels than the display image, so the margins are smaller.
 #[test]
 fn polar_images_are_corrected_as_well() {
     for space in [PolarSpace::Visual, PolarSpace::Log(LogPolar::COMPOSITE)] {
@@ -60,8 +60,8 @@ fn polar_images_are_corrected_as_well() {
     }
 }
 
-/// Frames that are corrected are closer to those of the later pose than those that are not, by so many dB, and have at most this
-/// part of their FLIP; on any of these numbers of devices.
+/// Asserts that corrected frames are closer to frames of the later pose than uncorrected ones: better by this many dB,
+/// and with at most this fraction of their FLIP. All these numbers of devices must give the same image.
 fn corrects(seen: &(Subject, RenderSettings), [by_db, flip_share]: [f64; 2], counts: &[usize]) {
     let (subject, settings) = seen;
     let rendered_at = |time_s: f64| {
@@ -84,14 +84,14 @@ fn corrects(seen: &(Subject, RenderSettings), [by_db, flip_share]: [f64; 2], cou
     }
 }
 
-/// A source that waits until it is told where the head is.
+/// Returns a pose source that waits until the test sends a pose.
 fn told() -> (Arc<PoseSource>, Sender<Option<Rig>>) {
     let (tell, poses) = channel();
     let poses = Mutex::new(poses);
     (Arc::new(move |_| poses.lock().unwrap().recv_timeout(Duration::from_secs(20)).unwrap()), tell)
 }
 
-/// When the last task ended that what is shown is made of, or that the primary has beside.
+/// Returns the end of the last task on which the late reprojection depends, or which the primary runs besides.
 fn others_ended_ms(frame: &Frame) -> f64 {
     let others = frame.report.tasks.iter().filter(|task| task.stage != "to_later_eye");
     let waited_for = others.filter(|task| task.device == 0 || task.stage == "tonemap");
@@ -99,8 +99,8 @@ fn others_ended_ms(frame: &Frame) -> f64 {
     gpu.map(|task| task.end_ms).fold(0.0, f64::max)
 }
 
-/// A pose that is told when the frame has begun gives what one does that was known before; it is asked for when all that the
-/// frame shows has been made.
+/// A pose that arrives during the frame gives the same image as one known in advance. The source is asked only after
+/// everything else of the frame is done.
 #[test]
 fn the_last_pose_is_the_one_that_frames_are_shown_from() {
     let seen = subject(1);
@@ -130,12 +130,12 @@ fn the_last_pose_is_the_one_that_frames_are_shown_from() {
             let showing = frame.report.tasks.iter().filter(|task| task.stage == "to_later_eye");
             assert!(showing.clone().count() == 2 && showing.clone().all(|task| task.device == 0));
         }
-        // Nothing newer is known than what it began with.
+        // The source has no newer pose than the frame's.
         stage.set(|params| params.shown_from = Some(subject.rig.at(0.7)));
         tell.send(None).unwrap();
         let frame = stage.frame(0);
         assert!(frame.linear == known[1] && frame.report.pose_age_ms().is_none(), "{devices} devices");
-        // Without a source, all devices share it out.
+        // Without a source, all devices share the late reprojection.
         stage.renderer().set_pose_source(None);
         let frame = stage.frame(0);
         let showing = frame.report.tasks.iter().filter(|task| task.stage == "to_later_eye");
@@ -143,7 +143,7 @@ fn the_last_pose_is_the_one_that_frames_are_shown_from() {
     }
 }
 
-/// Two frames are on the devices, and each is asked for its own.
+/// Two frames are in flight, and each asks for a pose of its own.
 #[test]
 fn frames_in_flight_have_poses_of_their_own() {
     let seen = subject(1);
@@ -161,7 +161,7 @@ fn frames_in_flight_have_poses_of_their_own() {
     }
 }
 
-/// The image is of the pose that the last attempt asked for.
+/// The image has the pose of the last attempt.
 #[test]
 fn a_frame_that_is_made_again_asks_again() {
     let seen = subject(1);

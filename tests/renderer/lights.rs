@@ -1,4 +1,4 @@
-//! Choosing among many lights keeps the mean, at any scale; small suns make little noise.
+//! Selection among many lights keeps the mean at any scale, and small suns cause little noise.
 
 use crate::common::{Stage, Subject, is_thorough, still_rig};
 use crate::reference::ztest::{Estimate, assert_agrees, mean_and_variance};
@@ -16,7 +16,7 @@ fn subject(scene: Scene, camera: &Pinhole) -> Subject {
     Subject::new(&scene.name.clone(), scene, rig)
 }
 
-/// Mean light of a floor under a card, which is out of sight.
+/// Returns the mean light of a floor under a card that is out of sight.
 fn floor_under(card: Mesh, lamp: Material) -> f64 {
     let mut scene = scenes::empty("card");
     let grey = scenes::add_matte(&mut scene, Vec3::splat(0.5));
@@ -42,7 +42,7 @@ fn a_card_lights_as_much_as_there_is_of_it() {
     assert!((quarter - 0.25).abs() < 0.0025, "a card of alpha 0.25 lights {quarter} times as much as an opaque one");
 }
 
-/// Of eight renders, in which both eyes see the same.
+/// Estimates from eight renders, in which both eyes have the same view.
 fn rendered(subject: &Subject, bounces: u32, spp: u32) -> Estimate {
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.bounces = bounces;
@@ -53,8 +53,8 @@ fn rendered(subject: &Subject, bounces: u32, spp: u32) -> Estimate {
     mean_and_variance(&frames)
 }
 
-/// A floor and a wall of edge 6 · `scale` with a block, under lamps of every kind: spheres, points, spots of both and
-/// triangles, some of which face away.
+/// Returns a floor and a wall of edge 6 · `scale` with a block, under all kinds of lamps: spheres, points, spots of
+/// both, and triangles, some of which face away.
 fn many_lamps(scale: f32) -> (Scene, Pinhole) {
     let mut scene = scenes::empty(&format!("many lamps, scale {scale}"));
     let grey = scenes::add_matte(&mut scene, Vec3::splat(0.6));
@@ -82,7 +82,7 @@ fn many_lamps(scale: f32) -> (Scene, Pinhole) {
         let (u, v) = if k % 3 == 0 { (v, u) } else { (u, v) };
         scenes::place(&mut scene, scenes::quad(corner, u, v, if k % 4 == 3 { both } else { lamp }));
     }
-    // Below the lamps: how much of a pixel they cover would be most of the noise.
+    // The camera is below the lamps: their partial coverage of pixels would cause most of the noise.
     let camera = Pinhole::looking_at(at(0.4, 1.0, 4.5), at(0.0, -0.2, 0.5), Vec3::Y, 30.0);
     (scene, camera)
 }
@@ -114,7 +114,7 @@ fn the_scale_of_a_scene_does_not_change_its_picture() {
     }
 }
 
-/// Irradiance of a floor that faces +y, by the midpoint rule over the bilinearly interpolated image.
+/// Returns the irradiance of a floor that faces +y, by the midpoint rule over the bilinearly interpolated image.
 fn irradiance(image: &RgbImage, steps: usize) -> DVec3 {
     let sky = Environment::Map { image: image.clone().into(), rotation_deg: 0.0 };
     let (columns, rows) = (steps * image.extent.width as usize, steps * image.extent.height as usize);

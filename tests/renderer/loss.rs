@@ -1,4 +1,4 @@
-//! Devices that are lost at any moment, as drivers lose them: errors follow, and no panic.
+//! Devices that are lost at any moment, like through their drivers, cause errors and no panic.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -27,7 +27,7 @@ fn a_device_that_is_lost_before_the_start_ends_the_run() {
     }
 }
 
-/// At moments of its frames that nobody chose.
+/// Devices are lost at random moments of their frames.
 #[test]
 fn frames_keep_their_bytes_whenever_a_device_is_lost() {
     let subject = Subject::load("builtin:checker");

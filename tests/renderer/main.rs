@@ -1,4 +1,4 @@
-//! The renderer on devices, by way of the library: what its images are, on any number of devices.
+//! Tests the renderer on devices through the library: its images, on any number of devices.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,6 +1,6 @@
-//! Passes that are not the renderer's own, declared in a few lines: images of other sizes, workgroups of other shapes,
-//! reads of blocks and of whole images, tables that each device makes for itself, what is kept between frames. Every
-//! number of devices gives the same bytes, which are those of plain Rust.
+//! Custom passes, declared in a few lines: images of other sizes, workgroups of other shapes, reads of blocks and of
+//! whole images, tables that each device computes for itself, and data kept between frames. Every number of devices
+//! gives the same bytes, which match plain Rust.
 
 use crate::common::{Stage as Bench, Subject};
 use diptych::graph::{
@@ -20,7 +20,7 @@ const READS: CutGroup = CutGroup("reads");
 const OUT: Resource = Resource::image("test out", 4).output();
 const IMAGE: Resource = Resource::image("test image", 4);
 
-/// Every group has other stripes, which move with every frame.
+/// Distributes rows differently for every group and every frame.
 struct Ragged {
     devices: usize,
     frame: u32,
@@ -49,8 +49,8 @@ impl Policy for Ragged {
     }
 }
 
-/// Renders `frames` frames of these passes, on both views unless they are a device's; checks each pass against its shader,
-/// and every pixel of the output against `expected(eye, x, y, frame)`.
+/// Renders `frames` frames of these passes, on both views unless they have device scope. Checks each pass against its
+/// shader, and every pixel of the output against `expected(eye, x, y, frame)`.
 fn check(
     frames: u32,
     passes: impl Fn(&FrameSpec, Eye) -> Vec<Pass> + Clone + Send + Sync + 'static,
@@ -65,7 +65,7 @@ fn check(
         all
     };
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    // For the frame before to be known.
+    // This denoiser makes the previous frame available.
     (settings.stages.filter, settings.stages.iterations) = (Some(Denoiser::SVGF), 1);
     settings.stages.declarations = Declarations::new(move |spec| {
         let passes = declare(spec);
@@ -99,12 +99,12 @@ fn pass(name: &'static str, view: Eye, group: CutGroup, kernel: Kernel) -> Pass 
     Pass::new(Stage(name), view, group, kernel)
 }
 
-/// A value that tells pixels, eyes and frames apart.
+/// Returns a value that differs by pixel, eye and frame.
 fn value(eye: u32, x: u32, y: u32, frame: u32) -> u32 {
     x * 1009 + y * 7919 + eye * 104_729 + frame * 15_485_863
 }
 
-/// Writes [`value`] to every texel of its grid.
+/// Returns a pass that writes [`value`] to every texel of its grid.
 fn fill(view: Eye, image: impl Into<Image>) -> Pass {
     const TEXT: &str = "
 //!include frame
@@ -248,7 +248,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     check(2, passes, |_, x, y, frame| ((x + y) % 16).pow(2) + frame);
 }
 
-/// WGSL defines what a division by 0 gives, and only run-time checks keep to it on every device.
+/// WGSL defines the result of division by 0, but only run-time checks enforce it on every device.
 #[test]
 fn shaders_that_are_not_the_librarys_run_with_all_checks() {
     const DIVIDE: &str = "
@@ -267,7 +267,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     check(2, divide, |_, x, y, frame| (x + 100 * y + 1) / frame.max(1));
 }
 
-/// Versions of an image, and what the frame before left of another, whoever had its rows.
+/// Tests versions of an image, and history of another image from whichever device had its rows.
 #[test]
 fn versions_and_what_is_kept_between_frames() {
     const COUNT: Resource = Resource::image("test count", 4);

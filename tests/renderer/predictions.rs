@@ -1,4 +1,4 @@
-//! Predictions follow from measured frames alone, so they are checked to rounding, however busy the machine is.
+//! Predictions depend only on measured frames. So the test checks them to rounding, however busy the machine is.
 
 use std::collections::BTreeMap;
 
@@ -18,8 +18,8 @@ fn work(factor: f64) -> Effort {
     Effort::new(TRACING.map(|stage| (stage, factor)))
 }
 
-/// Asserts that each device's stages cost in the model as much as the frame measured. This holds for the first two
-/// frames; later ones enter a mean.
+/// Asserts that the model's costs equal the frame's measured times for each stage and device. This holds for the first
+/// two frames; later ones enter a mean.
 fn assert_learned(costs: &CostModel, report: &FrameReport) {
     let mut sums: BTreeMap<_, [f64; 2]> = BTreeMap::new();
     for task in &report.tasks {
@@ -31,7 +31,7 @@ fn assert_learned(costs: &CostModel, report: &FrameReport) {
         sum[1] += costs.pass_ms(pass, task.device, &task.rows);
     }
     assert!(sums.len() > DEVICES, "{sums:?}");
-    // A time of 0 says nothing.
+    // A time of 0 carries no information.
     for (of, [measured_ms, learned_ms]) in sums.into_iter().filter(|(_, [measured_ms, _])| *measured_ms > 0.0) {
         assert!((learned_ms / measured_ms - 1.0).abs() < 1e-9, "{of:?}: {learned_ms} ms of {measured_ms}");
     }
@@ -71,7 +71,7 @@ fn frames_are_predicted_by_the_costs_of_those_before_and_their_own_work() {
             if index < 2 {
                 assert_learned(&learned, &report);
             }
-            // The next frame on these stripes, of other work.
+            // The next frame has the same stripes and different work.
             for other in [1.0, 100.0].map(|more| work(more * factor)) {
                 assert_close(stage.renderer().predicted_ms(&quality, &other), Some(of(&learned, &other)));
             }

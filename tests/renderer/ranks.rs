@@ -1,5 +1,5 @@
-//! Devices of several ranks give the bytes of one device. The ranks are threads here, with channels between them; all above
-//! their links is what MPI's processes run.
+//! Devices of several ranks give the bytes of one device. Here the ranks are threads with channels between them;
+//! everything above their links is the code that MPI's processes run.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, LazyLock};
@@ -17,13 +17,13 @@ use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured, Policy};
 use diptych::stages::{Foveation, Polar, SceneTables};
 
-/// Before all ranks are.
+/// Instant before all ranks start.
 static BEGIN: LazyLock<Instant> = LazyLock::new(Instant::now);
 
-/// A rank of the tests: it has subjects by their names.
+/// A rank for tests, with subjects by name.
 struct Here {
     subjects: Vec<(String, Arc<SceneTables>)>,
-    /// Of its times; none where nothing is recorded.
+    /// Origin of its times; none unless it records.
     zero: Option<Instant>,
 }
 
@@ -42,7 +42,7 @@ impl Host for Here {
         Ok(())
     }
 
-    /// When the zero of its clock was, nanoseconds after [`BEGIN`].
+    /// Returns the origin of its clock, nanoseconds after [`BEGIN`].
     fn recorded(&mut self) -> Vec<u8> {
         self.zero.map_or_else(Vec::new, |zero| zero.duration_since(*BEGIN).as_nanos().to_le_bytes().to_vec())
     }
@@ -52,7 +52,7 @@ impl Host for Here {
     }
 }
 
-/// A link on which packets take time.
+/// A link with latency.
 struct Slow {
     link: ChannelLink,
     by: Duration,
@@ -92,7 +92,7 @@ impl Link for Slow {
     fn abort(&mut self, _: u8) {}
 }
 
-/// Rank 0 with the others beside it.
+/// Rank 0, connected to the others.
 struct Ranks {
     node: Arc<Node>,
     others: Vec<JoinHandle<(u8, u64)>>,
@@ -103,7 +103,7 @@ impl Ranks {
         Self::apart(Duration::ZERO, count, subjects)
     }
 
-    /// Packets take so long from one to another.
+    /// Creates ranks whose packets take this long.
     fn apart(by: Duration, count: usize, subjects: &[&Subject]) -> Self {
         LazyLock::force(&BEGIN);
         let links = channel_links(count).into_iter();
@@ -130,13 +130,13 @@ impl Ranks {
         Loading::begin(&self.node, &what).check(&subject.tables).map_err(|e| e.to_string())
     }
 
-    /// So many devices on each.
+    /// Opens this many devices on each rank.
     fn devices(&self, each: usize) -> Devices {
         let opening = Devices::open(&self.node, each);
         opening.with(devices_to_lose(each)).unwrap()
     }
 
-    /// Returns the bytes of rows that have left any rank.
+    /// Returns the bytes of rows sent by all ranks.
     fn end(self) -> u64 {
         self.node.end(7);
         let others = self.others.into_iter().map(|rank| rank.join().unwrap());
@@ -154,7 +154,7 @@ fn times_s() -> Vec<f64> {
     (0..4).map(|i| 0.1 + f64::from(i) * 0.015).collect()
 }
 
-/// What is rendered, and how many frames may be in flight.
+/// Returns subjects with settings and numbers of frames in flight.
 fn cases<'a>(checker: &'a Subject, moving: &'a Subject) -> Vec<(&'static str, &'a Subject, RenderSettings, usize)> {
     let polar = |space| {
         let gaze = [0.4, 0.3].map(|x| Gaze { path: vec![[0.0, x, 0.4], [0.2, x + 0.1, 0.5]] });
@@ -251,7 +251,7 @@ fn ranks_with_another_scene_are_refused() {
     joined.end();
 }
 
-/// All ranks have one clock here, whose true zeros are known.
+/// All ranks use the same clock here, so the true origins are known.
 #[test]
 fn clocks_of_ranks_are_known_as_well_as_is_said() {
     let joined = Ranks::new(3, &[]);
@@ -276,7 +276,7 @@ fn clocks_of_ranks_are_known_as_well_as_is_said() {
     joined.end();
 }
 
-/// Frames over a slow link take what the cost model, which has measured it, predicts.
+/// The cost model measures a slow link, and frames over it take the predicted time.
 #[test]
 #[ignore = "needs a machine that does nothing else"]
 fn frames_over_slow_links_take_as_long_as_predicted() {
@@ -285,7 +285,7 @@ fn frames_over_slow_links_take_as_long_as_predicted() {
     let joined = Ranks::apart(Duration::from_millis(40), 2, &[&subject]);
     joined.load(&subject).unwrap();
     let mut stage = Stage::on(joined.devices(1), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
-    // Whatever else the machine does comes between frames and their predictions, not always in all rounds.
+    // Other load on the machine may disturb frames and predictions, but not in every round.
     let mut index = 0;
     let mut median = || {
         let mut ratios: Vec<f64> = Vec::new();

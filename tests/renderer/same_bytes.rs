@@ -1,4 +1,5 @@
-//! N devices give the same bytes as one, however rows are shared out, and so do more general and more checked shaders.
+//! N devices give the same bytes as one for any distribution of rows, and so do more general shaders and those with
+//! more checks.
 
 mod needs;
 mod quality;
@@ -16,7 +17,7 @@ use diptych::stages::{Foveation, Polar, Sampler};
 pub const WIDTH: u32 = 64;
 pub const HEIGHT: u32 = 72;
 
-/// Every bit of both images.
+/// Asserts that both images are equal bit by bit.
 #[track_caller]
 pub fn assert_same(what: &str, expected: &Stereo<RgbImage>, found: &Stereo<RgbImage>) {
     for (eye, a, b) in [("left", &expected.left, &found.left), ("right", &expected.right, &found.right)] {
@@ -46,7 +47,7 @@ pub fn ratios(devices: usize, rules: &[&str]) -> Box<dyn Policy> {
     Box::new(Static::new(HEIGHT, devices, &rules).unwrap())
 }
 
-/// One frame on one device, then on several in every way of sharing rows out.
+/// Renders a frame on one device, then on several with even stripes.
 fn hold_against_one_device(subject: &Subject, settings: &RenderSettings, counts: &[usize]) {
     let one = Stage::even(subject, settings, 1).frame(0).linear;
     for &devices in counts {
@@ -57,7 +58,7 @@ fn hold_against_one_device(subject: &Subject, settings: &RenderSettings, counts:
 
 #[test]
 fn two_three_and_four_devices_give_the_bytes_of_one() {
-    // Starting devices takes longer than rendering on them.
+    // Opening devices takes longer than rendering on them.
     for (shot, counts) in [("builtin:atrium", &[3][..]), ("builtin:checker", &[2, 4])] {
         let subject = Subject::load(shot);
         hold_against_one_device(&subject, &subject.denoised(WIDTH, HEIGHT), counts);
@@ -100,7 +101,7 @@ fn polar_images_are_those_of_one_device_while_the_gaze_moves() {
     }
 }
 
-/// One policy per frame, in turn.
+/// A policy that assigns each frame by the next of several policies.
 pub struct Script {
     frames: std::vec::IntoIter<Box<dyn Policy>>,
 }
@@ -184,7 +185,7 @@ fn learned_stripes_that_move_along_the_camera_path_give_the_bytes_of_one_device(
     }
 }
 
-/// Frames close enough for surfaces to be seen again, on stripes that jump and vanish.
+/// Frames are close enough for temporal reuse, on stripes that jump and vanish.
 #[test]
 fn history_that_crosses_stripes_gives_the_bytes_of_one_device() {
     for (name, gloss) in [("builtin:atrium", true), ("builtin:cornell", false)] {
@@ -194,7 +195,7 @@ fn history_that_crosses_stripes_gives_the_bytes_of_one_device() {
     }
 }
 
-/// Blocks of 32 rows, which begin elsewhere in each frame, are larger than some stripes and straddle others.
+/// Blocks of 32 rows are displaced in each frame, larger than some stripes, and straddle others.
 #[test]
 fn blocks_that_straddle_stripes_give_the_bytes_of_one_device() {
     let subject = Subject::load("builtin:cornell");
@@ -343,10 +344,10 @@ fn shader_checks_change_no_byte() {
     assert_same("full checks", &fast, &full);
 }
 
-/// As GPUs read them, and as lavapipe does.
+/// Tables in buffers, as on GPUs, and in textures, as on lavapipe, give the same bytes.
 #[test]
 fn tables_in_a_buffer_or_a_texture_give_the_same_bytes() {
-    // Of instances, the test of tables that change has those of a scene that moves as well.
+    // Instances in animated scenes are covered by the test of tables that change.
     for shot in ["builtin:atrium", "builtin:forest"].into_iter().take(if is_thorough() { 2 } else { 1 }) {
         let subject = Subject::load(shot);
         let settings = subject.accumulated(WIDTH, HEIGHT);

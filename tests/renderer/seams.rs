@@ -1,4 +1,4 @@
-//! Where stripes meet: apart, smoothed, or the same bytes as one device.
+//! Seams between stripes: unfiltered, smoothed, or with the same bytes as one device.
 
 use crate::common::{Stage, Subject};
 use diptych::exec::{RenderSettings, Stereo};
@@ -29,7 +29,7 @@ fn eyes(images: &Images) -> [(&RgbImage, &RgbImage); 2] {
     [(&images.one.left, &images.three.left), (&images.one.right, &images.three.right)]
 }
 
-/// Rows in which the images are not bitwise the same.
+/// Returns the rows in which the images differ by any bit.
 fn rows_that_differ(a: &RgbImage, b: &RgbImage) -> Vec<u32> {
     let bits = |image: &RgbImage, row: u32| -> Vec<[u32; 3]> {
         image.rows(row..row + 1).iter().map(|p| p.map(f32::to_bits)).collect()
@@ -37,7 +37,7 @@ fn rows_that_differ(a: &RgbImage, b: &RgbImage) -> Vec<u32> {
     a.extent.rows().filter(|&row| bits(a, row) != bits(b, row)).collect()
 }
 
-/// Mean step of display luminance from the row above each edge to the one below.
+/// Returns the mean step of display luminance from the row above each edge to the one below.
 fn jump(image: &RgbImage) -> f64 {
     let shown = |x: u32, y: u32| {
         let [r, g, b] = image.get(x, y).map(f64::from);
@@ -89,7 +89,7 @@ fn the_seam_filter_makes_the_jump_smaller() {
             println!("{shot}, eye {eye}: {before:.4} to {after:.4}");
             assert!(after < 0.9 * before, "{shot}, eye {eye}: the jump went from {before} to {after}");
         }
-        // One device has no seam: nothing is smoothed.
+        // One device has no seams, so nothing is smoothed.
         assert!(smoothed.one.left == apart.one.left && smoothed.one.right == apart.one.right);
     }
 }
@@ -116,7 +116,7 @@ fn the_halo_leaves_no_seam() {
     }
 }
 
-/// Rows cross a whole stripe: the middle one is narrower than the halo.
+/// Halos span a whole stripe: the middle one is narrower than the halo.
 #[test]
 fn a_stripe_narrower_than_the_halo_leaves_no_seam() {
     let subject = Subject::load("builtin:checker");

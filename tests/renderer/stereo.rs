@@ -1,4 +1,4 @@
-//! Two eyes: what is reprojected looks like what is traced, and each eye sees from its own side.
+//! Two eyes: reprojected pixels look like traced ones, and each eye has its own viewpoint.
 
 use crate::common::{Stage, Subject, diptych, is_thorough, still_rig};
 use crate::reference::scenes::{add_matte, empty, materials, place, quad};
@@ -10,8 +10,8 @@ use diptych::passes::Aov;
 use diptych::scene::rig::Eye;
 use glam::{DVec3, Vec3};
 
-/// 512 spp of three reflections in the classic box: the noise of the two renders, which is independent but in the
-/// holes, is below what is asked.
+/// 512 spp with two bounces in the classic box. The noise of the two renders, which is independent except in the holes,
+/// is below the tolerance.
 #[test]
 fn a_reprojected_eye_looks_like_a_traced_one() {
     let subject = Subject::load("builtin:cornell");
@@ -44,7 +44,7 @@ fn files_hold_the_eye_that_they_are_named_after() {
     assert!(left == expected.left && right == expected.right && left != right);
 }
 
-/// What gloss sends depends on the eye: the right one takes the left's only where that shows little.
+/// Specular radiance depends on the eye. The right eye reuses the left one's only where the difference is small.
 #[test]
 fn glossy_surfaces_look_reprojected_as_they_look_traced() {
     let all = ["dielectrics", "metals", "clearcoats"];
@@ -67,14 +67,14 @@ fn glossy_surfaces_look_reprojected_as_they_look_traced() {
     }
 }
 
-/// At the size that the command line takes by default.
+/// The image has the command line's default size.
 #[test]
 fn few_pixels_of_the_atrium_are_holes() {
     let subject = Subject::load("builtin:atrium");
     assert_eq!(subject.rig.baseline_m, 0.064);
     let settings = RenderSettings { bounces: 1, ..subject.denoised(640, 360) };
     let frame = Stage::alone(&subject, &settings).frame(0);
-    // By reason, 8.5 % in all; drivers round pixels at rims differently.
+    // By reason; 8.5 % in all. Drivers round differently at silhouettes.
     let (found, expected) = (frame.report.tallies[1].holes, [2042u64, 12694, 769, 3775, 0, 354]);
     let is_close = |(found, expected): (&u64, &u64)| found.abs_diff(*expected) <= expected / 20 + 10;
     assert!(found.iter().zip(&expected).all(is_close), "{found:?} pixels are holes, not {expected:?}");
@@ -104,7 +104,7 @@ fn eyes_in_one_place_see_the_same() {
     }
 }
 
-/// Means of the columns and rows of pixels nearer than `depth`.
+/// Returns the mean column and row of the pixels nearer than `depth`.
 fn middle_of_near(depths: &[f32], width: usize, depth: f32) -> (f64, f64) {
     let near: Vec<usize> = (0..depths.len()).filter(|&i| depths[i] > 0.0 && depths[i] < depth).collect();
     assert!(near.len() > 50, "{} near pixels", near.len());
@@ -132,7 +132,7 @@ fn a_near_object_is_further_left_in_the_right_eye() {
     let depth = stage.aov(0);
     let (left_x, left_y) = middle_of_near(&depth.left[0], width as usize, 10.0);
     let (right_x, right_y) = middle_of_near(&depth.right[0], width as usize, 10.0);
-    // Focal length in pixels, times baseline over distance.
+    // Disparity is focal length in pixels times baseline over distance.
     let disparity = 0.5 * f64::from(height) / 0.5 * 0.2 / 2.0;
     assert!((left_x - right_x - disparity).abs() < 0.6, "{left_x} - {right_x} is not {disparity}");
     assert!((left_y - right_y).abs() < 1e-9);
@@ -165,7 +165,7 @@ fn a_point_has_the_same_row_in_both_eyes() {
     }
 }
 
-/// A hole's random numbers are those it would have had if the whole eye had been traced.
+/// A filled hole has the same random numbers as in a fully traced eye.
 #[test]
 fn holes_get_the_bytes_of_a_traced_eye() {
     let subject = Subject::load("builtin:checker");

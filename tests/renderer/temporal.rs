@@ -1,4 +1,4 @@
-//! Frames that know the ones before them: they come closer to what is right, keep their energy, and drag nothing along.
+//! Temporal accumulation: frames with history are closer to the reference, keep their energy, and show no ghosts.
 
 use crate::common::{Stage, Subject, is_thorough, still_rig, with_outputs};
 use crate::reference::scenes::{add_matte, empty, place, quad};
@@ -18,7 +18,7 @@ const WIDTH: u32 = 96;
 const HEIGHT: u32 = 64;
 const FPS: f64 = 72.0;
 
-/// Many samples all over each pixel, with random numbers of their own.
+/// Renders a reference with many samples spread over each pixel and independent random numbers.
 fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.seed = 99;
@@ -30,7 +30,7 @@ fn errors(reference: &Stereo<RgbImage>, found: &Stereo<RgbImage>) -> [Errors; 2]
     [(&reference.left, &found.left), (&reference.right, &found.right)].map(|(a, b)| metrics::compare(a, b).unwrap())
 }
 
-/// The last of `frames` frames whose camera comes along its path.
+/// Renders `frames` frames along the camera's path; returns the last one.
 fn arrived(subject: &Subject, settings: &RenderSettings, time_s: f64, frames: u32) -> Stereo<RgbImage> {
     let mut stage = Stage::alone(subject, settings);
     let at = |i: u32| time_s - f64::from(frames - 1 - i) / FPS;
@@ -53,7 +53,7 @@ fn still_frames_converge_and_keep_their_energy() {
     }
 }
 
-/// The variance of its samples tells the filter how clean a frame is without any before it.
+/// Without history, the variance of a frame's samples tells the filter how noisy it is.
 #[test]
 fn a_frame_of_many_samples_is_blurred_little() {
     let subject = Subject::load("builtin:cornell");
@@ -67,7 +67,7 @@ fn a_frame_of_many_samples_is_blurred_little() {
     assert!(filtered < 1.5 * traced, "FLIP {filtered} filtered, {traced} as traced");
 }
 
-/// The error of frames on their way falls with their samples.
+/// The error of frames with a moving camera falls with the number of samples.
 #[test]
 fn more_samples_make_moving_frames_better() {
     let subject = Subject::load("builtin:cornell");
@@ -83,7 +83,7 @@ fn more_samples_make_moving_frames_better() {
     assert!(four < 0.63 * one, "FLIP {four} of four samples, {one} of one");
 }
 
-/// Noisier frames than those before them are not taken for a change of light.
+/// Frames that are noisier than earlier ones do not count as a change of light.
 #[test]
 fn frames_of_fewer_samples_keep_their_history() {
     const FRAMES: u32 = 16;
@@ -93,7 +93,7 @@ fn frames_of_fewer_samples_keep_their_history() {
     (settings.stages.spp, settings.stages.mixes_spp) = (MANY, true);
     settings.stages.declarations = with_outputs(&["moments"]);
     let (denoiser, iterations) = (settings.stages.filter, [settings.stages.iterations; 3]);
-    // The mean number of frames in the history of all pixels.
+    // Returns the mean history length of all pixels.
     let kept = |spp_of: &dyn Fn(u32) -> u32| {
         let mut stage = Stage::alone(&subject, &settings);
         for i in 0..FRAMES {
@@ -128,13 +128,13 @@ fn frames_on_their_way_are_better_than_frames_alone() {
             println!("{shot}: FLIP {a_flip} instead of {b_flip}");
             assert!(a_flip < 0.7 * b_flip, "{shot}: FLIP {a_flip} instead of {b_flip}");
         }
-        // Of one eye it scatters by 1.4 % from seed to seed: 16 samples of so small an atrium.
+        // For one eye the mean scatters by 1.4 % from seed to seed, with 16 samples of such a small atrium.
         let mean = with_history.iter().map(|e| e.mean_ratio.unwrap()).sum::<f64>() / 2.0;
         assert!((mean - 1.0).abs() < 0.02, "{shot}: a mean of {mean}");
     }
 }
 
-/// Eyes that look up by more than a row from frame to frame find what they saw some rows further up.
+/// Eyes that look up by more than a row per frame find their history some rows further up.
 #[test]
 fn history_is_found_across_rows() {
     const ROWS: f64 = 2.5;
@@ -151,8 +151,8 @@ fn history_is_found_across_rows() {
     }
 }
 
-/// A black board passes before a wall that is lit from behind the board: where it was a frame ago, the wall has no history,
-/// and not the board's.
+/// A black board passes in front of a wall that is lit from behind the board. Where the board was in the previous
+/// frame, the wall has no history, and must not use the board's.
 #[test]
 fn what_a_passing_board_uncovers_has_its_own_light() {
     const STEP: f64 = 0.03;
@@ -193,7 +193,7 @@ fn what_a_passing_board_uncovers_has_its_own_light() {
         let right = stage.frame_at(f64::from(i) / FPS, i).linear.left;
         let is_new = |p: &usize, history: &[History]| history[*p] == History::New;
         let history = now.history(before).unwrap();
-        // Not what comes in at the image's side.
+        // Exclude surfaces that enter at the image's side.
         let inside = |p: &usize| p % WIDTH as usize + 4 < WIDTH as usize;
         for p in (0..history.len()).filter(|p| is_new(p, &history) && inside(p)) {
             found += f64::from(linear.pixels[p][1]);
@@ -203,18 +203,18 @@ fn what_a_passing_board_uncovers_has_its_own_light() {
     }
     println!("{pixels} pixels uncovered, their mean is {:.4} of what is right", found / expected);
     assert!(pixels > 80, "{pixels} pixels were uncovered");
-    // Pixels beside the board show some of it for a frame more, since antialiasing does not know that they are new.
+    // Pixels beside the board show some of it for another frame, because TAA does not know that they are disoccluded.
     assert!((found / expected - 1.0).abs() < 0.15, "uncovered pixels have {} of their light", found / expected);
 }
 
-/// A chequered world that shows its colours without any light, so that nothing but antialiasing can be off.
+/// Returns an unlit chequered scene, in which only TAA can cause errors.
 fn unlit(rig: Rig) -> Subject {
     let (_, mut scene) = load_shot("builtin:checker").unwrap();
     scene.materials.iter_mut().for_each(|m| m.unlit = true);
     Subject::new("unlit checker", scene, rig)
 }
 
-/// A rig that turns towards `aside` until one second, by `pixels` in all, and has its eyes in one place.
+/// Returns a rig with both eyes in one place that turns towards `aside` within one second, by `pixels` in all.
 fn turning(pixels: f64, aside: DVec3) -> Rig {
     let yfov_rad = 1.0f64;
     let turn = pixels * 2.0 * (0.5 * yfov_rad).tan() / f64::from(HEIGHT);
@@ -224,7 +224,7 @@ fn turning(pixels: f64, aside: DVec3) -> Rig {
     Rig { yfov_rad, baseline_m: 0.0, ..Rig::of_keys(vec![key(0.0, -10.0 * turn), key(1.0, 0.0)]) }
 }
 
-/// Pixels by which `found` lies to the right of `right`, by least squares over its edges.
+/// Returns the number of pixels by which `found` is shifted to the right of `right`, by least squares over its edges.
 fn lag_px(right: &RgbImage, found: &RgbImage) -> f64 {
     let at = |image: &RgbImage, i: usize| image.pixels[i].iter().map(|c| f64::from(*c)).sum::<f64>();
     let inner = (0..right.pixels.len()).filter(|i| (1..WIDTH as usize - 1).contains(&(i % WIDTH as usize)));
@@ -236,7 +236,7 @@ fn lag_px(right: &RgbImage, found: &RgbImage) -> f64 {
     across / square
 }
 
-/// However slowly the eyes turn, the picture is where they look: that of eyes which have been there all the time.
+/// However slowly the eyes turn, the picture does not lag: it equals that of eyes which were always there.
 #[test]
 fn a_creeping_camera_drags_nothing_behind() {
     let (frames, speeds_px) = if is_thorough() { (256, &[0.002, 0.009, 0.03][..]) } else { (64, &[0.004][..]) };
@@ -255,11 +255,11 @@ fn a_creeping_camera_drags_nothing_behind() {
         lag
     });
     let lags: Vec<f64> = lags.collect();
-    // The points in their pixels that ten frames were seen through are off their middle by almost 0.1.
+    // The mean sample position of ten frames is almost 0.1 pixels off the centre.
     assert!(lags.iter().all(|lag| lag.abs() < 0.15), "{lags:?} px behind");
 }
 
-/// Eyes that see nothing again of what they saw have no history: the frame is that of a run that begins there.
+/// After a camera cut there is no history: the frame equals that of a run that begins there.
 #[test]
 fn a_cut_leaves_no_ghost() {
     let mut subject = Subject::load("builtin:atrium");

@@ -1,4 +1,5 @@
-//! Ray queries of the device find what shaders find. Where no adapter has them, a line says so.
+//! Hardware ray queries give the same hits as compute traversal. Without an adapter that supports them, the test only
+//! prints that.
 
 use crate::common::{Stage, Subject, still_rig};
 use crate::instances;
@@ -14,7 +15,7 @@ use glam::Vec3;
 
 const EXTENT: Extent = Extent::new(160, 90);
 
-/// A device on an adapter that has ray queries, if there is one.
+/// Opens a device on an adapter that supports ray queries, if there is one.
 fn open(traversal: TraversalChoice) -> Option<GpuDevice> {
     let Some(able) = device::adapters().into_iter().find(|a| a.ray_queries && a.missing.is_empty()) else {
         eprintln!("\nSKIPPED: no adapter here has ray queries\n");
@@ -29,13 +30,13 @@ fn open(traversal: TraversalChoice) -> Option<GpuDevice> {
     Some(crate::common::open(&selection).remove(0))
 }
 
-/// What is seen of a subject: light and distance of each of the left eye's pixels.
+/// Image of a subject: light and distance of the left eye's pixels.
 struct Seen {
     linear: RgbImage,
     depth: Vec<f32>,
 }
 
-/// The last of the frames at these times.
+/// Returns the last of the frames at these times.
 fn see(subject: &Subject, traversal: TraversalChoice, times_s: &[f64]) -> Option<Seen> {
     let gpu = open(traversal)?;
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
@@ -44,7 +45,7 @@ fn see(subject: &Subject, traversal: TraversalChoice, times_s: &[f64]) -> Option
     let frames = (0..).zip(times_s).map(|(index, &time_s)| stage.frame_at(time_s, index));
     let linear = frames.last()?.linear.left;
     let depth = stage.aov(0).left.swap_remove(0);
-    // Not for tests that ask for devices of another traversal.
+    // This device must not go to tests that expect another traversal.
     drop(stage.into_devices());
     Some(Seen { linear, depth })
 }
@@ -53,7 +54,7 @@ fn mean(image: &RgbImage) -> f64 {
     image.pixels.as_flattened().iter().map(|&c| f64::from(c)).sum::<f64>() / image.pixels.len() as f64
 }
 
-/// The same distances, but for rays along edges; paths that go on from there meet others.
+/// Distances agree, except for rays along edges; paths from there have different hits.
 #[test]
 fn hardware_finds_what_shaders_find() {
     let crowd = instances::crowd();
@@ -69,7 +70,7 @@ fn hardware_finds_what_shaders_find() {
     }
 }
 
-/// Bodies that deform, opaque and with alpha, and blocks that share a mesh, one mirrored and one away for a while.
+/// Deforming bodies, opaque and with alpha, and blocks that share a mesh: one is mirrored, and one is away for a while.
 #[test]
 fn hardware_follows_what_moves() {
     let mut masked = moving::skinned();

@@ -1,4 +1,4 @@
-//! The renderer's mean is that of an independent path tracer, and more samples only make it quieter.
+//! The renderer's mean equals that of an independent path tracer, and more samples only reduce noise.
 
 use std::ops::Range;
 
@@ -16,44 +16,44 @@ use diptych::scene::rig::Eye;
 use diptych::stages::Sampler;
 use glam::{Vec3, vec3};
 
-/// Few pixels, each of many samples: powers of two, as low-discrepancy points prefer and workgroups have.
+/// Few pixels with many samples each. Powers of two suit low-discrepancy points and workgroups.
 const EXTENT: Extent = Extent::new(16, 8);
 
-/// Renders that an estimate is of at least, so that their spread is known, and at most.
+/// Minimum number of renders for an estimate, so that their spread is known, and the maximum.
 const RENDERS: Range<u64> = 32..16384;
 
-/// Samples of a render, and those of scenes of which the first tell that they are noisy: points that are many are spread
-/// better.
+/// Samples per render, at first and for scenes that turn out to be noisy: larger point sets are distributed better.
 const SPP: [u32; 2] = [8, 32];
 
 struct Effort {
     samplers: &'static [Sampler],
-    /// Rows of a table take turns in the samplers.
+    /// True if rows of a table alternate between the samplers.
     takes_turns: bool,
     bounces: &'static [u32],
-    /// Relative bias of the image's mean that the test is sure to see. There are as many renders as that takes.
+    /// Relative bias of the image's mean that the test must detect. It determines the number of renders.
     resolution: f64,
 }
 
 const QUICK: Effort = Effort { samplers: &[Sampler::Sobol], takes_turns: false, bounces: &[4], resolution: 0.01 };
 
-/// Independent numbers make more noise: for scenes that have little.
+/// For scenes with little noise, because independent numbers add more.
 const BOTH_SAMPLERS: Effort =
     Effort { samplers: &[Sampler::Sobol, Sampler::Pcg], takes_turns: true, bounces: &[3], ..QUICK };
 
-/// Light that is sampled and that bounces find, at the first surface and at the next.
+/// For light that samples and bounces find, at the first surface and at the next.
 const LIT: Effort = Effort { bounces: &[2], ..QUICK };
 
-/// Light that is sampled and that directions from the first surface find.
+/// For light that samples and directions from the first surface find.
 const CARD: Effort = Effort { bounces: &[1], ..QUICK };
 
 const THOROUGH: Effort =
     Effort { samplers: &[Sampler::Sobol, Sampler::Pcg], takes_turns: false, bounces: &[1, 4], resolution: 0.004 };
 
-/// Enough to see what a sun's disc of 3° loses if it is normalised by its solid angle, 0.07 % of its light.
+/// A sun's disc of 3° that is normalised by its solid angle loses 0.07 % of its light, and this resolution detects
+/// that.
 const SUN: Effort = Effort { samplers: &[Sampler::Sobol], bounces: &[1], resolution: 0.0007, ..THOROUGH };
 
-/// What the left eye of the subject's rig sees, as the reference has it.
+/// Returns the left eye of the subject's rig as the reference's camera.
 fn pinhole(subject: &Subject) -> Pinhole {
     let view = subject.rig.view(0.0, Eye::Left);
     Pinhole {
@@ -67,8 +67,8 @@ fn pinhole(subject: &Subject) -> Pinhole {
 
 type Renders = Vec<Vec<[f64; 3]>>;
 
-/// Renders until both means are known so well that a difference of `resolution` is found. Each is asked for the numbers of
-/// the renders that it is to make, of so many samples. Where [`RENDERS`] do not suffice, the verdict says so.
+/// Renders until both means are accurate enough to detect a difference of `resolution`. Each side gets a range of
+/// render numbers and a number of samples. If [`RENDERS`] do not suffice, the verdict says so.
 fn estimates(resolution: f64, mut sides: [&mut dyn FnMut(Range<u64>, u32) -> Renders; 2]) -> [Estimate; 2] {
     let mut spp = [SPP[0]; 2];
     let mut renders = sides.each_mut().map(|render| render(0..RENDERS.start, SPP[0]));
@@ -81,7 +81,7 @@ fn estimates(resolution: f64, mut sides: [&mut dyn FnMut(Range<u64>, u32) -> Ren
             println!("{} renders of {} samples and {} of {}", counts[0], spp[0], counts[1], spp[1]);
             return known;
         }
-        // More of the one whose variance falls faster.
+        // Add renders on the side whose variance falls faster.
         let fall = |i: usize| known[i].variance_of_image() / (counts[i] * u64::from(spp[i])) as f64;
         let i = if fall(0) > fall(1) { 0 } else { 1 };
         if excess > 1.5 && spp[i] == SPP[0] {
@@ -94,7 +94,7 @@ fn estimates(resolution: f64, mut sides: [&mut dyn FnMut(Range<u64>, u32) -> Ren
     }
 }
 
-/// Renders of both eyes, which see the same with random numbers of their own.
+/// Renders both eyes, which have the same view with independent random numbers.
 fn renders(subject: &Subject, time_s: f64, settings: &RenderSettings, numbers: Range<u64>) -> Renders {
     assert_eq!(subject.rig.baseline_m, 0.0);
     let mut stage = Stage::alone(subject, settings);
@@ -103,11 +103,11 @@ fn renders(subject: &Subject, time_s: f64, settings: &RenderSettings, numbers: R
     images.map(|image| image.pixels.iter().map(|pixel| pixel.map(f64::from)).collect()).collect()
 }
 
-/// What speaks against the renderer's means being the reference's in the table's `row`.
+/// Returns the evidence against equal means of renderer and reference for the table's `row`.
 fn against(row: usize, (subject, time_s): (&Subject, f64), effort: &Effort) -> Vec<String> {
     let scene = subject.scene.at(time_s);
     let reference = Reference::new(&scene);
-    // Rows have random numbers of their own.
+    // Each row has independent random numbers.
     let seed = 1 + row as u32;
     let turn = effort.takes_turns.then_some(row % effort.samplers.len());
     let mut against = Vec::new();
@@ -118,7 +118,7 @@ fn against(row: usize, (subject, time_s): (&Subject, f64), effort: &Effort) -> V
             }
             let what = format!("{}, {bounces} reflections, {sampler:?}", subject.name);
             print!("{what}, ");
-            // Light over up to max(`bounces`, 1) reflections. The reference counts one less.
+            // Light after up to max(`bounces`, 1) bounces; the reference counts one less.
             let mut expect = |numbers: Range<u64>, spp| {
                 let first = u64::from(seed) * RENDERS.end;
                 let seeds = first + numbers.start..first + numbers.end;
@@ -139,12 +139,12 @@ fn against(row: usize, (subject, time_s): (&Subject, f64), effort: &Effort) -> V
     against
 }
 
-/// Looks at all of them before it fails.
+/// Checks all subjects before it fails.
 fn hold_against_the_reference(subjects: impl IntoIterator<Item = Subject>, effort: &Effort) {
     hold_at(subjects.into_iter().map(|subject| (subject, 0.0)), effort);
 }
 
-/// As they are at these times.
+/// Checks scenes at these times.
 fn hold_at(subjects: impl IntoIterator<Item = (Subject, f64)>, effort: &Effort) {
     let rows = subjects.into_iter().enumerate();
     let against: Vec<String> =
@@ -152,7 +152,8 @@ fn hold_at(subjects: impl IntoIterator<Item = (Subject, f64)>, effort: &Effort) 
     assert!(against.is_empty(), "the images differ\n{}", against.join("\n"));
 }
 
-/// A scene as its camera sees it, with both eyes: less of it above and below, and more beside, than in other pictures.
+/// Returns a scene seen by its camera in both eyes, with less above and below and more at the sides than in other
+/// pictures.
 fn subject((scene, camera): (Scene, Pinhole)) -> Subject {
     let rig = still_rig(camera.origin, camera.forward, camera.up, 0.8 * camera.tan_half_yfov);
     Subject::new(&scene.name.clone(), scene, rig)
@@ -167,25 +168,25 @@ fn every_matte_scene_is_unbiased() {
     hold_against_the_reference(matte_scenes(), &QUICK);
 }
 
-/// Rows are added in [`lit::ALL`].
+/// Add rows in [`lit::ALL`].
 #[test]
 fn every_kind_of_light_is_unbiased_on_every_kind_of_surface() {
     hold_against_the_reference(lit::ALL.map(|(name, light)| subject(lit::things(name, light))), &LIT);
 }
 
-/// Rows are added in [`lit::CARDS`].
+/// Add rows in [`lit::CARDS`].
 #[test]
 fn emitters_with_alpha_or_a_coat_are_unbiased() {
     hold_against_the_reference(lit::CARDS.map(|(name, light)| subject(lit::things(name, light))), &CARD);
 }
 
-/// Rows are added in [`materials::ALL`].
+/// Add rows in [`materials::ALL`].
 #[test]
 fn every_material_is_unbiased() {
     hold_against_the_reference(materials::ALL.map(|(_, scene)| subject(scene())), &BOTH_SAMPLERS);
 }
 
-/// Tables that were brought to a time hold the scene of that time.
+/// Tables that were updated to a time represent the scene at that time.
 #[test]
 fn scenes_that_move_are_unbiased_at_every_time() {
     let scenes = [
@@ -200,8 +201,8 @@ fn scenes_that_move_are_unbiased_at_every_time() {
     hold_at(scenes.map(|(scene, time_s)| (subject((scene, moving::camera())), time_s)), &LIT);
 }
 
-/// Tangents that are not in the file are those that glTF names: of base maps and coats', of both coordinate sets, without
-/// normals too, and where the image is mirrored.
+/// Tangents missing from the file follow glTF's definition: for base and coat maps, both coordinate sets, meshes
+/// without normals, and mirrored images.
 #[test]
 fn normal_maps_without_tangents_are_those_of_the_definition() {
     let (scene, camera) = materials::mapped_without_tangents();
@@ -223,7 +224,7 @@ fn normal_maps_without_tangents_are_those_of_the_definition() {
         mapped += 1;
     }
     assert_eq!(mapped, 3);
-    // Enough to see an image that is turned over where it is mirrored.
+    // This resolution detects an image that is flipped where it is mirrored.
     hold_against_the_reference([subject], &CARD);
 }
 
@@ -242,7 +243,7 @@ fn no_scene_has_a_small_bias() {
     hold_against_the_reference([subject(matte::point_spot_directional())], &SUN);
 }
 
-/// Floor, walls and blocks fill the picture. The ceiling beside the lamp and the lamp's edges, in sight, would make most of
+/// Floor, walls and blocks fill the picture. Visible edges of the lamp and of the ceiling beside it would cause most of
 /// its noise.
 #[test]
 fn the_classic_box_is_unbiased() {
@@ -262,7 +263,7 @@ fn no_bounces_are_direct_light_as_is_one() {
     assert!(render(1) != render(2));
 }
 
-/// Runs of one seed are alike, and those of two are as independent as two frames.
+/// Runs with one seed are equal; runs with two seeds are as independent as two frames.
 #[test]
 fn seeds_name_random_numbers_of_their_own() {
     let subject = subject(matte::box_area_light());
@@ -281,7 +282,7 @@ fn seeds_name_random_numbers_of_their_own() {
     );
 }
 
-/// Batches, running means and jitter: many samples in one frame have the mean of many frames of few samples.
+/// Batches, running means and jitter: many samples in one frame have the same mean as many frames of few samples.
 #[test]
 fn samples_of_a_frame_and_of_several_frames_have_one_mean() {
     let subject = subject(matte::environment_only());
@@ -292,6 +293,6 @@ fn samples_of_a_frame_and_of_several_frames_have_one_mean() {
         (settings.seed, settings.stages.spp) = (spp, spp);
         Estimate::from_renders(EXTENT, renders(&subject, 0.0, &settings, 0..count))
     };
-    // 100 samples make four batches, the last of them short.
+    // 100 samples make four batches, the last of them incomplete.
     assert_agrees("32 frames of 100 and 1,024 of 2", &render(100, 64), &render(2, 2048), QUICK.resolution);
 }

@@ -1,5 +1,5 @@
-//! No ray leaks between triangles that share an edge or a vertex: rays aimed at exactly those, on a device, by the
-//! renderer's own traversal. Of ray queries, this says how the device fares.
+//! No ray leaks between triangles that share an edge or a vertex. Rays aim exactly at these, on a device, by the
+//! renderer's own traversal. For ray queries, this tests the driver.
 
 use std::collections::HashMap;
 
@@ -17,7 +17,7 @@ use wgpu::util::DeviceExt;
 /// Rays of one dispatch.
 const BATCH: usize = 1 << 18;
 
-/// An entry point behind the text of a stage, so that what is tested is the very code that renders.
+/// Entry point appended to the source of a stage, so that the test runs the code that renders.
 const AIM: &str = "
 struct Aimed {
     origin: vec4<f32>,
@@ -40,7 +40,7 @@ type Ray = [[f32; 4]; 2];
 
 struct Tracer {
     gpu: GpuDevice,
-    /// Frame and scene; rays and what they meet.
+    /// Bind group layouts: frame and scene; rays and their hits.
     layouts: [wgpu::BindGroupLayout; 2],
     pipeline: wgpu::ComputePipeline,
 }
@@ -96,7 +96,7 @@ impl Tracer {
         self.gpu.device.create_bind_group(&descriptor)
     }
 
-    /// For each ray, the first triangle it meets, u32::MAX if there is none.
+    /// Returns the first triangle that each ray hits, or u32::MAX.
     fn trace(&self, scene: &wgpu::BindGroup, rays: &[Ray]) -> Vec<u32> {
         let storage = wgpu::BufferUsages::STORAGE;
         let aimed = self.buffer(bytemuck::cast_slice(rays), storage);
@@ -125,21 +125,21 @@ fn bound(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
     wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
 }
 
-/// A closed surface, and from where rays are aimed at it.
+/// A closed surface, and the origins of the rays.
 struct Case {
     name: &'static str,
     mesh: Mesh,
-    /// Rays start in this box. Inside the surface, none may leave.
+    /// Box of the rays' origins. From inside the surface, no ray may leave.
     from: [Vec3; 2],
-    /// Aim only at points that are this much beside the line of sight's own normal: 0 for every point.
+    /// Minimum cosine of the surface at the target; 0 accepts every point.
     facing: f32,
 }
 
-/// The icosphere with each vertex moved in or out by up to `roughness` of the radius.
+/// Returns the icosphere with each vertex moved in or out by up to `roughness` of the radius.
 fn boulder(levels: u32, roughness: f32, scale: f32, centre: Vec3) -> Mesh {
     let mut mesh = Mesh { normals: Vec::new(), ..icosphere(levels, true, 0) };
     let mut rng = Rng::new(7, 0);
-    // Vertices that triangles share may stand in the list several times.
+    // A vertex shared by triangles may occur several times in the list.
     let mut moved = HashMap::new();
     for p in &mut mesh.positions {
         let at = p.to_array().map(f32::to_bits);
@@ -149,8 +149,8 @@ fn boulder(levels: u32, roughness: f32, scale: f32, centre: Vec3) -> Mesh {
     mesh
 }
 
-/// A cube of edge `size` whose faces are grids of `cells` a side, on a lattice of exact numbers if both are powers
-/// of two.
+/// Returns a cube of edge `size` whose faces are grids of `cells` per side, on a lattice of exact numbers if both are
+/// powers of two.
 fn lattice(cells: u32, size: f32, corner: Vec3) -> Mesh {
     let mut mesh = Mesh::default();
     let mut index = HashMap::new();
@@ -208,7 +208,7 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// A ray from the case's box at a vertex, or at a point on an edge.
+/// Returns a ray from the case's box towards a vertex, or a point on an edge.
 fn aim(case: &Case, centre: Vec3, rng: &mut Rng) -> Ray {
     let mut random = || rng.uniform() as f32;
     loop {
@@ -259,8 +259,8 @@ fn assert_nothing_leaks(rays: usize) {
     let count = |case| leaks(&tracer, case, each);
     let leaks: Vec<_> = cases.iter().map(|case| (case.name, count(case))).collect();
     println!("leaks of {each} rays each: {leaks:#?}");
-    // Ray queries leak as the device does: Mesa 25's on CPUs lets up to 2.8 % of such rays through, where triangles lie in
-    // the planes of their boxes.
+    // Ray queries leak as much as the driver does. Mesa 25 on CPUs leaks up to 2.8 % of such rays, where triangles lie
+    // in the planes of their boxes.
     let allowed = match tracer.gpu.info.traversal {
         Traversal::Compute => 0,
         Traversal::Hardware => each / 25,

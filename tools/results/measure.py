@@ -25,7 +25,7 @@ from quiet import Meanwhile, wait_for_quiet  # noqa: E402
 from tables import measure_drivers, measure_flip, measure_play, measure_scale, say  # noqa: E402
 from text import write  # noqa: E402
 
-# Sizes and counts of a real run, and of one that only proves that everything works.
+# Sizes and counts of a real run, and of a smoke test.
 REAL = argparse.Namespace(
     size="320x180", scale_size="640x360", reference_spp=512, turns=2, plays=3, play_frames=600, peers_spp=1024, rounds=3
 )
@@ -40,7 +40,7 @@ MEASUREMENTS = {
     "drivers": measure_drivers,
     "peers": measure_peers,
 }
-# Images hardly depend on the driver.
+# Images hardly depend on the driver, so these run on one driver only.
 ON_ONE_DRIVER = ("flip",)
 
 

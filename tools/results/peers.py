@@ -11,7 +11,7 @@ from chart import chart
 from driver import ROOT
 from tables import WITH_HISTORY, WITHOUT_HISTORY, column, shots
 
-# Mitsuba's materials are brighter there than the file's, so that one reference for both would compare materials.
+# Mitsuba renders this shot's materials brighter than the file says. One reference for both would compare materials.
 OWN_REFERENCE = ("hotel-room",)
 
 
@@ -19,7 +19,7 @@ def measure_peers(options, drivers):
     """Runs docs/peers/measure.py, and brings docs/peers/NAME.* up to date."""
     compared, undenoised, out = [], [], options.out / "peers"
     here, absent = shots(options, ("cornell", "atrium", "hotel-room"))
-    # Where commands that run another driver see it as well.
+    # A folder that is also visible to commands that run another driver.
     scratch = options.out / "scratch"
     scratch.mkdir(parents=True, exist_ok=True)
     for name, shot in here:

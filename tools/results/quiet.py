@@ -5,7 +5,7 @@ import sys
 import time
 from pathlib import Path
 
-# A run begins when other programs use less than this fraction of the cores, and gives up after this time.
+# A run begins when other programs use less than this fraction of the cores. It gives up after this time.
 QUIET, PATIENCE_S = 0.05, 600
 
 

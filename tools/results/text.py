@@ -50,7 +50,7 @@ def with_table(readme, name, table):
     section = re.search(rf"^{re.escape(table['readme'])}\n.*?(?=^##|\Z)", readme, re.M | re.S)
     if not section:
         sys.exit(f"README.md has neither {begin.strip()} nor the heading {table['readme']}")
-    # A table that begins a paragraph, with its caption; those of blocks follow a comment.
+    # A table that begins a paragraph, with its caption. Tables of blocks follow a comment instead.
     changed, found = re.subn(r"(?<=\n\n)(\|.*\n)+(\n\*.*\*\n)?", lambda _: block, section[0], count=1)
     if not found:
         changed = f"{section[0].rstrip()}\n\n{block}\n"

@@ -1,11 +1,11 @@
 // Edge-avoiding à-trous wavelet filter (Dammertz et al., HPG 2010), B3-spline taps, with the step falling from
-// iteration to iteration as in Peres: 2^(i-1) ... 1. Departures: the position weight measures the distance off the
-// centre's plane, relative to its distance from the eye, so that it does not depend on the scene's scale or on how
-// obliquely a surface is seen; radiance is compared after c / (1 + luminance).
-// Where pixels are left to the filter, radiance's alpha is Peres's binary mask (equation 4.2), 1 once anything has
-// contributed; with foveation, a layer of K iterations takes part in the last K of them. Departures: pixels that were not
-// sampled stay empty until enough of their surface is within reach, and what is empty at the last iteration takes the mean
-// of whatever surfaces are there.
+// iteration to iteration as in Peres: 2^(i-1) ... 1. Departures: the position weight measures the distance from the
+// centre's plane, relative to the centre's distance from the eye, so that it does not depend on the scene's scale or on
+// how obliquely a surface is seen; radiance is compared after c / (1 + luminance). If pixels are left to the filter,
+// radiance's alpha is Peres's binary mask (equation 4.2), which is 1 once anything has contributed. With foveation, a
+// layer of K iterations takes part in the last K of them. Departures: pixels that were not sampled stay empty until
+// enough of their surface is within reach. Pixels that are still empty at the last iteration take the mean of any
+// surfaces there.
 
 //!include frame grid rng pack edges foveation
 
@@ -13,8 +13,9 @@
 @group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
 @group(1) @binding(2) var<storage, read_write> filtered: array<vec4<f32>>;
 
-// Sum of weights below which an empty pixel waits for closer taps of a later iteration, over the share of pixels that are
-// sampled: on a plane it is 0.86. One that is filled by a few far taps passes their light on as if it were its own.
+// Sum of weights, over the fraction of sampled pixels, below which an empty pixel waits for closer taps of a later
+// iteration. On a plane the sum is 0.86. A pixel that is filled by a few far taps would pass their light on as if it
+// were its own.
 const ENOUGH: f32 = 0.5;
 // Weight of any surface in the last iteration for a pixel that is still empty.
 const LAST_RESORT: f32 = 1e-6;

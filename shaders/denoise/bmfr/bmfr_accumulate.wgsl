@@ -1,21 +1,21 @@
-// Accumulation over frames before and after the fit of BMFR (Koskela et al., "Blockwise Multi-Order Feature Regression for
-// Real-Time Path-Tracing Reconstruction", ACM TOG 38(5), 2019, sections 3.1 and 3.4): the mean of all frames that have seen a
-// surface, and once these are many, an exponential one. Surfaces are found again as SVGF's accumulation does it here. Departures:
-// the right eye falls back on the left one's history, pixels that were not sampled keep theirs, and each of the two
-// accumulations counts its own frames.
+// Temporal accumulation before and after the fit of BMFR (Koskela et al., "Blockwise Multi-Order Feature Regression for
+// Real-Time Path-Tracing Reconstruction", ACM TOG 38(5), 2019, sections 3.1 and 3.4): the mean of all frames that have
+// seen a surface, and an exponential mean once these are many. History is reprojected as in SVGF's accumulation here.
+// Departures: the right eye falls back to the left one's history, pixels that were not sampled keep theirs, and each of
+// the two accumulations counts its own frames.
 
 //!include frame grid motion pack history light_change
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
-// Of the surfaces as they were in the frame before.
+// Guides of the surfaces as they were in the previous frame.
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
-// Light over albedo as floats; last word 0: there is none.
+// Demodulated illumination as floats; the last word is 0 if there is none.
 @group(1) @binding(2) var<storage, read> source: array<vec4<u32>>;
 @group(1) @binding(3) var<storage, read> last_guide: array<vec4<u32>>;
 @group(1) @binding(4) var<storage, read> last_accumulated: array<vec4<u32>>;
 @group(1) @binding(5) var<storage, read> left_guide: array<vec4<u32>>;
 @group(1) @binding(6) var<storage, read> left_accumulated: array<vec4<u32>>;
-// Light over albedo as floats; material and, in the upper 8 bits, frames.
+// Demodulated illumination as floats; material and, in the upper 8 bits, frames.
 @group(1) @binding(7) var<storage, read_write> accumulated: array<vec4<u32>>;
 @group(1) @binding(8) var<uniform> previous: Previous;
 @group(1) @binding(9) var<storage, read_write> tally: array<u32>;
@@ -72,7 +72,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let is_new = is_told && is_finite(now);
     var dropped = is_told && !is_new;
     var past = Past();
-    // The own eye, then the left one. Loops are what a pixel can leave early.
+    // Try the eye's own history, then the left eye's. Software drivers only skip code by loops.
     let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
     for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
         let eye = previous.views[pass_.view - i];
@@ -88,7 +88,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if HAS_MOTION && !POLAR {
         frames *= kept_in_light(tile_of(pixel, position), frames, 1.0);
     }
-    // Least share of this frame.
+    // Minimum blend weight of this frame.
     let least = bitcast<f32>(pass_.args[0]);
     let share = select(0.0, select(1.0, max(1.0 / (frames + 1.0), least), found), is_new);
     let light = past.light * scale * (1.0 - share) + select(vec3<f32>(0.0), now * share, is_new);

@@ -1,56 +1,57 @@
-// Blockwise regression (Koskela et al. 2019, section 3.2): in each block of 32x32 pixels, light over albedo is the sum of
-// features that is nearest to it in the least squares, the same for all three channels but for their weights. Features are
-// 1, the normal, the position within the block, and its squares. The system is solved by Householder reflections (Golub & Van
-// Loan, "Matrix Computations", 5.2), one workgroup for each block, and sums are always added in the same order. Departures:
-// - Features that depend on those before them are left out, which is seen from what a reflection leaves of them (Xu, Tong &
-//   Xu, "Real-Time Path Tracing Reconstruction in DXR"), here held against their length before. With an amplitude as
-//   argument noise is added to features instead, as in the paper, for comparison.
-// - Pixels without a surface or without light count for nothing, and so do those beyond the image's border. What has a
-//   surface gets the fit's light.
-// - Light is no brighter than the brightest that the block has.
+// Blockwise regression (Koskela et al. 2019, section 3.2): in each block of 32x32 pixels, demodulated illumination is
+// fitted by a weighted sum of features in the least squares sense, with weights per channel. Features are 1, the
+// normal, the position within the block, and its squares. Householder reflections (Golub & Van Loan, "Matrix
+// Computations", 5.2) solve the system, with one workgroup for each block. Sums are always added in the same order.
+// Departures:
+// - Linearly dependent features are dropped, as told by the length that a reflection leaves of them (Xu, Tong & Xu,
+//   "Real-Time Path Tracing Reconstruction in DXR"), here relative to their length before. With an amplitude as
+//   argument, noise is added to features instead, as in the paper, for comparison.
+// - Pixels without a surface or without light have no weight, and neither do those beyond the image's border. Every
+//   pixel with a surface gets the fitted light.
+// - Fitted light is clamped to the brightest light of the block.
 
 //!include frame grid pack rng
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
-// Light over albedo as floats; frames in the upper 8 bits of the last word.
+// Demodulated illumination as floats; frames in the upper 8 bits of the last word.
 @group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
-// Last word 0: there is none.
+// Fitted illumination; the last word is 0 if there is none.
 @group(1) @binding(2) var<storage, read_write> fitted: array<vec4<u32>>;
 
 const INVOCATIONS: u32 = 256u;
-// Pixels of an invocation: those of rows 8 apart.
+// Pixels of an invocation, in rows 8 apart.
 const PIXELS: u32 = 4u;
 const ROWS_APART: u32 = INVOCATIONS / BLOCK;
 const FEATURES: u32 = 10u;
-// Of a row: features and channels.
+// Entries of a row: features and channels.
 const ENTRIES: u32 = FEATURES + 3u;
 // Sums are added in groups of this many.
 const GROUP: u32 = 16u;
 
-// Least length of what a column adds to those before it, over its own: below, it depends on them. Packed normals of a plane are
-// the same up to 3e-5, positions up to 1e-5.
+// Least length of a column's part that is independent of the columns before it, over its own length. Below it, the
+// column is dropped. Packed normals of a plane are the same up to 3e-5, positions up to 1e-5.
 const INDEPENDENT: f32 = 1e-3;
-// Extent of a block that is more than rounding, over its coordinates.
+// Least extent of a block over its coordinates. Less is rounding.
 const LEAST_EXTENT: f32 = 2e-6;
-// Light that is none.
+// Light up to which a pixel counts as black.
 const DARK: f32 = 1e-30;
-// In the last word of light that there is.
+// Last word of a pixel that has light.
 const IS_FITTED: u32 = 0x3f800000u;
 
 var<workgroup> parts: array<f32, ENTRIES * INVOCATIONS>;
 var<workgroup> group_sums: array<f32, ENTRIES * GROUP>;
 // Entries of the row that the next reflection keeps.
 var<workgroup> pivots: array<f32, ENTRIES>;
-// Totals of `parts`, and these entries.
+// Totals of `parts`, and the entries of `pivots`.
 var<workgroup> totals: array<vec2<f32>, ENTRIES>;
 var<workgroup> square_lengths: array<f32, ENTRIES>;
 var<workgroup> is_lit: u32;
-// The triangular system: of each row, its feature, and its entries from that feature's column on.
+// The triangular system: for each row, its feature, and its entries from that feature's column on.
 var<workgroup> row_feature: array<u32, FEATURES>;
 var<workgroup> rows: array<f32, FEATURES * ENTRIES>;
 var<workgroup> weights: array<f32, FEATURES * 3u>;
 
-// Adds up what each invocation has put into `parts`.
+// Adds up `parts` over all invocations.
 fn add_up(t: u32) {
     workgroupBarrier();
     if t < ENTRIES * GROUP {
@@ -72,7 +73,7 @@ fn add_up(t: u32) {
     workgroupBarrier();
 }
 
-// The largest of them.
+// Finds the largest of `parts` over all invocations.
 fn find_largest(t: u32) {
     workgroupBarrier();
     if t < ENTRIES * GROUP {
@@ -94,8 +95,8 @@ fn find_largest(t: u32) {
     workgroupBarrier();
 }
 
-// By how far blocks begin above and left of the image: in each of 16 frames another point of a lattice of 8 pixels, in the
-// order of a Bayer matrix (Bayer 1973), which takes points far from one another in turns.
+// Offset by which blocks begin above and left of the image: in each of 16 frames another point of a lattice of 8
+// pixels. The order is that of a Bayer matrix (Bayer 1973), in which successive points are far apart.
 fn displacement() -> vec2<u32> {
     let far = frame.sampling.index & 3u;
     let near = (frame.sampling.index >> 2u) & 3u;
@@ -104,8 +105,8 @@ fn displacement() -> vec2<u32> {
     return BLOCK / 2u * far_step + BLOCK / 4u * near_step;
 }
 
-// The column of the `i`th pixel of a block in a row; -1: there is none. In polar images blocks cover the same directions
-// in all rings, of which shorter ones have fewer pixels there, and together they go once around.
+// Column of the `i`th pixel of a block in a row; -1 if there is none. In polar images, blocks cover the same directions
+// in all rings, with fewer pixels in shorter ones, and together they go once around.
 fn column_in_block(origin: i32, displaced: u32, i: u32, row: i32) -> i32 {
     let width = i32(pass_.width);
     let column = origin + i32(i);
@@ -116,7 +117,7 @@ fn column_in_block(origin: i32, displaced: u32, i: u32, row: i32) -> i32 {
             return select(-1, column, column >= 0 && column < length);
         }
         let end = min(origin + i32(BLOCK), width - i32(displaced));
-        // Rounded up; a turn is added, as what is divided must not be negative.
+        // Rounded up. A turn is added, since the dividend must not be negative.
         let first = ((origin + width) * length + width - 1) / width - length;
         let last = ((end + width) * length + width - 1) / width - length;
         let is_there = first + i32(i) < last && row < i32(frame.camera.views[pass_.view].rows);
@@ -125,10 +126,10 @@ fn column_in_block(origin: i32, displaced: u32, i: u32, row: i32) -> i32 {
     return select(-1, column, column >= 0 && column < width);
 }
 
-// Coordinates of a block's surfaces.
+// Bounds of a block's surfaces.
 struct Extent {
     low: vec3<f32>,
-    // 1 / how far they go; 0: not at all.
+    // 1 / size of the bounds; 0 if there is no extent.
     scale: vec3<f32>,
 }
 
@@ -147,7 +148,7 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         return;
     }
 
-    // What the block has: where it is, and its brightest light.
+    // Bounds and brightest light of the block.
     var low = vec3<f32>(MOST_FLOAT);
     var high = vec3<f32>(-MOST_FLOAT);
     var brightest = 0.0;
@@ -226,8 +227,8 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         square_lengths[t] = totals[t].x;
     }
 
-    // Reflections. The column whose turn it is stands first: the others move up, so that each is always at a known place.
-    // The rows of the triangular system are the first ones, which are in the first invocations.
+    // Reflections. The current column comes first: the others move up after each, so that each is always at a known
+    // index. The first rows, which are in the first invocations, become those of the triangular system.
     var rank = 0u;
     for (var m = 0u; m < FEATURES; m += 1u) {
         var v = columns[0];
@@ -244,9 +245,9 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         let is_kept = square > max(INDEPENDENT * INDEPENDENT * square_lengths[m], DARK);
         if is_kept {
             let length = sqrt(square);
-            // Of the sign by which the difference from the pivot does not cancel.
+            // The sign for which the difference from the pivot does not cancel.
             let diagonal = select(length, -length, pivot > 0.0);
-            // Two over the square of the mirror's normal.
+            // Two over the squared length of the mirror's normal.
             let scale = 1.0 / (square + abs(pivot) * length);
             v.x = select(v.x, v.x - diagonal, t == rank);
             for (var j = 0u; j < ENTRIES; j += 1u) {
@@ -268,7 +269,7 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
     }
     workgroupBarrier();
 
-    // Back-substitution, a channel in each of three invocations. Features that were left out weigh nothing.
+    // Back-substitution, with one channel in each of three invocations. Dropped features have weight 0.
     if t < 3u {
         for (var m = 0u; m < FEATURES; m += 1u) {
             weights[m * 3u + t] = 0.0;
@@ -302,7 +303,7 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         for (var m = 0u; m < FEATURES; m += 1u) {
             sum += f[m] * vec3<f32>(weights[m * 3u], weights[m * 3u + 1u], weights[m * 3u + 2u]);
         }
-        // What is not finite is left to who counts it.
+        // Values that are not finite are kept, so that the accumulation counts them.
         let light = select(sum, clamp(sum, vec3<f32>(0.0), vec3<f32>(1.0)) * brightest, is_finite(sum));
         fitted[at] = vec4<u32>(bitcast<vec3<u32>>(light), IS_FITTED);
     }

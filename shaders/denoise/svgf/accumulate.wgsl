@@ -1,20 +1,21 @@
-// Temporal accumulation (Schied et al., "Spatiotemporal Variance-Guided Filtering", HPG 2017): what the frame before
-// gathered on a pixel's surface is found by the camera's motion and joined with what this frame saw. Departures:
-// - Means and variances are weighted by samples (West 1979), so frames of few and of many samples mix as they should.
-// - Where the first frame has several samples of a pixel, they tell their variance themselves. Later ones are known by
-//   their means, which are closer to one another than as many independent samples would be.
-// - Variance counts the more, the less is known of it: few samples may have missed what is rare and bright.
-// - How long a history counts is bounded by what resampling has blurred and by how far a short mean is off the long one.
-// - Gloss, where a scene has it, is accumulated beside matte light and counts on fewer of the same frames.
-// - Where something moves, history is dropped by as much as light has changed (Schied et al. 2018, see `gradient.wgsl`).
-// - Where the right eye finds no history, the left eye's is looked up.
+// Temporal accumulation (Schied et al., "Spatiotemporal Variance-Guided Filtering", HPG 2017): the history of a pixel's
+// surface is reprojected along its motion and blended with this frame's light. Departures:
+// - Means and variances are weighted by samples (West 1979), so that frames of few and of many samples mix correctly.
+// - If the first frame has several samples per pixel, their variance is measured. Later frames only contribute their
+//   means, which are closer to one another than as many independent samples would be.
+// - Variance is inflated if there are few observations, which may have missed rare bright light.
+// - The length of history is bounded by the blur of resampling, and by the deviation of a short mean from the long one.
+// - Specular radiance is accumulated beside diffuse radiance if the scene has gloss, over fewer of the same frames.
+// - In dynamic scenes, history is dropped in proportion to the change of light (Schied et al. 2018, see
+//   `gradient.wgsl`).
+// - If the right eye finds no history, the left eye's is used.
 
 //!include frame grid split motion pack variance history light_change
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
-// Of the surfaces as they were in the frame before.
+// Guides of the surfaces as they were in the previous frame.
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
-// Radiance over albedo; alpha 0: not sampled.
+// Demodulated illumination; alpha is 0 if the pixel was not sampled.
 @group(1) @binding(2) var<storage, read> radiance: array<vec4<u32>>;
 @group(1) @binding(3) var<storage, read> last_guide: array<vec4<u32>>;
 @group(1) @binding(4) var<storage, read> last_moments: array<vec4<u32>>;
@@ -22,38 +23,39 @@
 @group(1) @binding(6) var<storage, read> left_guide: array<vec4<u32>>;
 @group(1) @binding(7) var<storage, read> left_moments: array<vec4<u32>>;
 @group(1) @binding(8) var<storage, read> left_history: array<vec4<u32>>;
-// Light, and the variance of its luminance or why there is none.
+// Light, and the variance of its luminance or the reason that there is none.
 @group(1) @binding(9) var<storage, read_write> accumulated: array<vec4<u32>>;
-// As bits: mean luminance and its variance per sample, or with gloss of both lights as half floats; samples and recent
-// mean, over the power of two in the mean, as half floats; material and, in the upper 8 bits, frames.
+// Bits of the mean luminance and its variance per sample (if the scene has gloss, of diffuse and specular light as half
+// floats); samples, and the recent mean over the power of two in the mean, as half floats; material and, in the upper 8
+// bits, frames.
 @group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
 @group(1) @binding(11) var<uniform> previous: Previous;
 @group(1) @binding(12) var<storage, read_write> tally: array<u32>;
 @group(1) @binding(13) var<storage, read> light_change: array<f32>;
 
-// Frames before variance over time means something, as in the paper.
+// Frames before temporal variance is meaningful, as in the paper.
 const FEW_FRAMES: f32 = 4.0;
-// Observations by which variance counts twice.
+// Number of observations for which variance counts twice.
 const FEW_OBSERVATIONS: f32 = 24.0;
-// Longest history in frames: of pixels that fall between those of the frame before, of those that fall on them, and of
-// light that depends on where the eye is.
+// Maximum history in frames: of pixels that fall between those of the previous frame, of pixels that fall on them, and
+// of view-dependent light.
 const LONGEST_MOVED: f32 = 32.0;
 const LONGEST_STILL: f32 = 255.0;
 const LONGEST_VIEW_DEPENDENT: f32 = 6.0;
-// Frames behind the recent mean, and by how many standard deviations it may differ from the long one.
+// Frames in the recent mean, and the number of standard deviations by which it may differ from the long one.
 const RECENT_FRAMES: f32 = 4.0;
 const TRUSTED_DEVIATIONS: f32 = 3.0;
 
 struct Past {
     light: vec3<f32>,
     gloss: vec3<f32>,
-    // Of matte and of gloss.
+    // Mean and variance of the luminance of matte and of gloss.
     mean: vec2<f32>,
     variance: vec2<f32>,
     recent: f32,
     samples: f32,
     frames: f32,
-    // Sum of the taps' weights; 0: there is none.
+    // Sum of the taps' weights; 0 without history.
     found: f32,
 }
 
@@ -90,18 +92,19 @@ fn pack_moments(known: Known) -> vec2<u32> {
     return vec2<u32>(pack_pair(mean.x, mean.y), pack_deviations(known.variance));
 }
 
-// The power of two in a mean of luminance: what is near the mean is near 1 over it, whatever unit light is in.
+// The power of two in a mean of luminance. Values near the mean are near 1 relative to it, in any unit of light.
 fn power_of_two_in(mean: f32) -> f32 {
     return bitcast<f32>(max(bitcast<u32>(mean) & 0x7f800000u, 0x00800000u));
 }
 
-// Longest history of gloss in frames, once the eye has moved: the smoother, the faster it changes.
+// Maximum history of specular radiance in frames, once the eye has moved: the smoother the surface, the faster it
+// changes.
 fn gloss_longest(hit: u32) -> f32 {
     let roughness = f32((hit >> ROUGHNESS_SHIFT) & 63u) / ROUGHNESS_STEPS;
     return mix(LONGEST_VIEW_DEPENDENT, LONGEST_MOVED, min(2.0 * roughness, 1.0));
 }
 
-// History of the surface that was at `position` around image point `seen` of the frame before.
+// History of the surface that was at `position`, around image point `seen` of the previous frame.
 fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
     var past = Past();
     let around = pixels_around(seen, row, eye);
@@ -141,7 +144,7 @@ fn count_dropped(at: u32, dropped: bool) {
     }
 }
 
-// No light, and no history of it.
+// Writes a pixel without light or history.
 fn leave_nothing(at: u32, material: u32, dropped: bool) {
     accumulated[at] = pack_light(SplitLight(vec3<f32>(0.0), vec3<f32>(0.0), vec2<f32>(MISSING)));
     moments[at] = vec4<u32>(0u, 0u, 0u, material);
@@ -176,7 +179,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     var past = Past();
     var fraction = vec2<f32>(0.0);
-    // The own eye, then the left one. Loops are what a pixel can leave early.
+    // Try the eye's own history, then the left eye's. Software drivers only skip code by loops.
     let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
     for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
         let eye = pass_.view - i;
@@ -197,7 +200,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     // Resampling blurs most between pixels.
     let between = 4.0 * max(fraction.x * (1.0 - fraction.x), fraction.y * (1.0 - fraction.y));
     var longest = mix(LONGEST_STILL, LONGEST_MOVED, min(2.0 * between, 1.0));
-    // What a surface shows changes as well where others move.
+    // In dynamic scenes, reflections change even if the eye does not move.
     let eye_moved = HAS_MOTION || any(previous.views[pass_.view].origin != frame.camera.views[pass_.view].origin);
     if !HAS_GLOSS && (hit & FLAG_VIEW_DEPENDENT) != 0u && eye_moved {
         longest = LONGEST_VIEW_DEPENDENT;
@@ -215,7 +218,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let alpha = new_samples / total;
-    // Gloss counts on fewer of its frames.
+    // Specular radiance uses fewer of these frames.
     var alphas = vec2<f32>(alpha);
     var totals = vec2<f32>(total);
     if HAS_GLOSS {
@@ -232,8 +235,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let variance = mix(past.variance * scale, fresh, alphas);
     let recent = mix(past.recent * scale, value.x, max(alpha, select(0.0, 1.0 / RECENT_FRAMES, sampled)));
     frames += select(0.0, 1.0, sampled);
-    // Light has changed when the recent mean is off the long one by more than both may vary.
-    // Recent frames may have had fewer samples than others, and count as many as the one with fewest.
+    // Light has changed if the recent mean differs from the long one by more than both may vary. Recent frames may have
+    // fewer samples than others, so each counts as many as the one with fewest.
     let fewest = min(total / frames, f32(min(frame.sampling.spp, previous.sampling.spp)));
     let spread = variance.x * (1.0 / ((2.0 * RECENT_FRAMES - 1.0) * fewest) + 1.0 / total);
     let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, unseen_square());

@@ -1,14 +1,15 @@
-// One iteration of the à-trous filter guided by variance (Schied et al. 2017): luminance may differ by as much as its
-// standard deviation allows, and variance is filtered along with the light. With foveation, a layer of K iterations takes
+// One iteration of the à-trous filter guided by variance (Schied et al. 2017): luminance may differ in proportion to
+// its standard deviation, and variance is filtered along with the light. With foveation, a layer of K iterations takes
 // part in the first K, which have the smallest steps. Departures:
-// - 3x3 taps instead of 5x5: of 16 frames at one sample both eyes come out closer to a reference (FLIP falls by 4 to 5 %), at
-//   less than half the cost and half the halo.
-// - Surfaces are told apart by the distance off the centre's plane, as in `atrous.wgsl`, instead of by depth gradients.
-// - Gloss, where a scene has it, is filtered along with matte light, each by its own luminance and variance (the paper
-//   tells direct light from indirect instead).
-// - Differences are measured by what both pixels may be off, so that light passes in both directions alike, and weights are
-//   Gaussians of them, which are near 1 for noise and fall faster behind it.
-// - The first iteration, which is kept for the next frame, allows less: its blur adds up over frames.
+// - 3x3 taps instead of 5x5: after 16 frames at one sample per pixel, both eyes are closer to a reference (FLIP falls
+//   by 4 to 5 %), at less than half the cost and half the halo.
+// - Surfaces are distinguished by the distance from the centre's plane, as in `atrous.wgsl`, instead of by depth
+//   gradients.
+// - Specular and diffuse radiance are filtered side by side if the scene has gloss, each by its own luminance and
+//   variance (the paper separates direct and indirect light instead).
+// - Differences are relative to the variances of both pixels, so that weights are symmetric. Weights are Gaussian,
+//   which is near 1 within the noise and falls faster beyond it.
+// - The first iteration, whose result becomes the history, tolerates less, since its blur adds up over frames.
 
 //!include frame grid split rng pack edges foveation variance
 
@@ -52,7 +53,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let counts = there.is_there && (dx != 0 || dy != 0) && value.a.x >= 0.0;
             let l = luminances(value);
             let off2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, vec2<f32>(0.0)) + value.a) + 1e-6 * own * l + unseen_square());
-            // A pixel without light takes whatever its surface has.
+            // A pixel without light takes any light of its surface.
             let d = select(off2, vec2<f32>(0.0), is_missing);
             let taps = vec2<f32>(surface_weight(guide, guide_image[tap], d.x), surface_weight(guide, guide_image[tap], d.y));
             let k = select(vec2<f32>(0.0), kernel[dx + 1] * kernel[dy + 1] * taps, counts);

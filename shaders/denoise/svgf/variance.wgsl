@@ -1,7 +1,8 @@
-// Variance that guides the filter (Schied et al. 2017): smoothed over 3x3 pixels where it is known over time, estimated
-// from 7x7 pixels of the same surface where history is short; their mean then replaces the pixel's own light, as in the
-// authors' code. Gloss has its own, by the same taps. Departures: the 3x3 smoothing comes once, before the first iteration
-// instead of in each; and an estimate, which may have missed what is rare and bright, counts several times.
+// Variance that guides the filter (Schied et al. 2017): temporal variance is smoothed over 3x3 pixels. If history is
+// short, variance is estimated from 7x7 pixels of the same surface, whose mean then replaces the pixel's own light, as
+// in the authors' code. Specular radiance has its own variance, by the same taps. Departures: the 3x3 smoothing runs
+// once, before the first iteration instead of in each; and spatial estimates, which may have missed rare bright light,
+// count several times.
 
 //!include frame grid split pack edges variance
 
@@ -10,7 +11,7 @@
 @group(1) @binding(2) var<storage, read_write> filtered: array<vec4<u32>>;
 
 const REACH: i32 = i32(VARIANCE_REACH);
-// How often an estimate counts.
+// Factor on spatial estimates.
 const DOUBT: f32 = 9.0;
 // Weight of any surface for a pixel that has no light of its own.
 const LAST_RESORT: f32 = 1e-6;

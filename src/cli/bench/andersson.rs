@@ -1,5 +1,5 @@
-//! `diptych bench --preset andersson`: log-polar images in the thesis's modes beside every pixel of the screen, of a camera
-//! that rests and of one that moves. Their renderers take turns.
+//! `diptych bench --preset andersson`: the thesis's log-polar modes against full resolution, with a static and with a
+//! moving camera. The renderers take turns.
 
 use anyhow::Context;
 
@@ -34,7 +34,7 @@ use crate::cli::setup::{self, Tracing};
 
 pub const REFUSES: &[&str] = &["size_factor", "frames", "simulate", "fresh"];
 
-/// Every pixel of the screen.
+/// Baseline at full resolution, without foveation.
 const BASIC: Quality = Quality {
     spp: 1,
     bounces: 6,
@@ -45,13 +45,14 @@ const BASIC: Quality = Quality {
     scale: 1.0,
 };
 
-/// Qualities of [`MODES`], without the blur, which the thesis leaves out of its error tests.
+/// Returns the qualities of [`MODES`], without the blur, which the thesis omits from its error tests.
 fn qualities() -> impl Iterator<Item = Quality> {
     let polar = |(_, mode)| Quality { polar: Some(PolarSpace::Log(LogPolar { blur: false, ..mode })), ..BASIC };
     [BASIC].into_iter().chain(LogPolar::PRESETS.map(polar))
 }
 
-/// Instants along the path, evenly to its end, at each of which the camera has come some way; none where it does not move.
+/// Returns `count` evenly spaced instants along the path, from after its start to its end, so that the camera has moved
+/// before each. Empty if the camera is static.
 fn on_path(keys: &[RigKey], count: u32) -> Vec<f64> {
     let [first, .., last] = keys else { return Vec::new() };
     let length_s = last.time_s - first.time_s;
@@ -71,26 +72,26 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 struct Found {
     rows: Vec<Row>,
     rings: Vec<RingRow>,
-    /// Those that were timed, each with its shot, camera and mode.
+    /// Timed frames, each with its shot, camera and mode.
     frames: Vec<([String; 3], FrameLine)>,
     devices: Vec<DeviceInfo>,
-    /// About each reference.
+    /// A note on each reference.
     notes: Vec<String>,
-    /// The last frame of each row.
+    /// Pictures of the last frame of each row, for the page.
     pictures: Vec<Group>,
 }
 
-/// What is held against a reference, the frames before it not counted.
+/// A camera view at an instant, with its reference; `frames` excludes the warm-up.
 struct View {
     time_s: f64,
     reference: Reference,
     frames: u32,
-    /// Of the camera's path before it, from frame to frame.
+    /// Time step along the camera's path during warm-up, seconds.
     step_s: f64,
 }
 
 impl Found {
-    /// All modes on the shot of `args`.
+    /// Measures all modes on the shot of `args`.
     fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
         let options = &args.options;
         let mut loaded = setup::load(options)?;
@@ -122,7 +123,7 @@ impl Found {
         Ok(())
     }
 
-    /// All modes in all views of a camera; `begun` counts frames.
+    /// Measures all modes in all views of a camera. `begun` counts the frames that each renderer has begun.
     fn measure_views(
         &mut self,
         args: &Args,
@@ -212,7 +213,7 @@ impl Found {
     }
 }
 
-/// Pixels of the left eye's image over those of its screen.
+/// Returns the number of pixels in the left eye's image as a fraction of those on its screen.
 fn dispatched(quality: &Quality, loaded: &LoadedScene, options: &RunOptions) -> f64 {
     let polar = |space| Polar { gaze: [0, 1].map(|_| loaded.shot.gaze.clone()), space };
     let view = loaded.shot.rig.view(options.time, Eye::Left);

@@ -1,5 +1,5 @@
-//! `diptych bench --preset bmfr`: dependent features left out of the fit beside noise on all of them, and beside `svgf`.
-//! Their renderers take turns.
+//! `diptych bench --preset bmfr`: dropping linearly dependent features from the fit, against adding noise to all
+//! features and against `svgf`. The renderers take turns.
 
 use crate::device::DeviceInfo;
 use crate::quality::{Denoiser, Quality};
@@ -37,15 +37,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 #[derive(Default)]
 struct Found {
     rows: Vec<Row>,
-    /// Those that were timed, each with its shot and denoiser.
+    /// Timed frames, each with its shot and denoiser.
     frames: Vec<([String; 2], FrameLine)>,
     devices: Vec<DeviceInfo>,
-    /// About each reference.
+    /// A note on each reference.
     notes: Vec<String>,
 }
 
 impl Found {
-    /// All denoisers on the shot of `args`.
+    /// Measures all denoisers on the shot of `args`.
     fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
         let options = &args.options;
         let loaded = setup::load(options)?;
@@ -59,7 +59,7 @@ impl Found {
             turns.add(name, RenderOptions::single(options.clone(), &quality(denoiser)), gpus)?;
         }
         let mut judges = DENOISERS.map(|_| Judge::new(&loaded, &reference, options.time));
-        // All of these denoisers keep a history, so that they have as many frames before those that are judged.
+        // All of these denoisers keep a history, so they have the same number of warm-up frames.
         let of_all = quality(Denoiser::SVGF);
         for i in 0..args.frames_of(&of_all) {
             let time_s = args.time_s(&of_all, i);

@@ -1,4 +1,4 @@
-//! What an experiment found: its files, its page, and what is said of it.
+//! Results of an experiment: its files, its page and its printed tables.
 
 use serde::Serialize;
 
@@ -12,24 +12,24 @@ use crate::cli::page::{self, and_page};
 
 pub struct Findings<'a, R> {
     pub title: String,
-    /// For programs.
+    /// Rows of the JSON result.
     pub rows: &'a [R],
     pub files: Vec<(&'static str, Csv)>,
-    /// `run.json`, of an experiment with one shot.
+    /// Contents of `run.json`, for an experiment with one shot.
     pub run: Option<RunReport>,
-    /// Tables with their notes, which are said as well.
+    /// Tables with their notes, for the page and the terminal.
     pub tables: Vec<Section>,
-    /// What stands on the page alone.
+    /// Sections that appear on the page only.
     pub more: Vec<Section>,
 }
 
-/// A table under its heading, above its notes.
+/// Returns a section with a heading, notes and a table.
 pub fn section(heading: &'static str, notes: Vec<String>, table: Table) -> Section {
     Section { heading, notes, table: Some(table), figure: None }
 }
 
 impl<R: Serialize> Findings<'_, R> {
-    /// Writes the files, with --report the page, and says the tables.
+    /// Writes the files and, with --report, the page. Prints the tables or, with --json, the rows.
     pub fn write(&self, args: &Args) -> Result<(), Failure> {
         let options = &args.options;
         for (name, csv) in &self.files {

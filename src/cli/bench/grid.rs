@@ -1,4 +1,4 @@
-//! The grid: each setting rendered, timed and compared, but those that the journal has.
+//! The grid: renders, times and compares each setting that the journal lacks.
 
 use std::cell::Cell;
 use std::time::Instant;
@@ -29,14 +29,15 @@ use crate::cli::progress::Progress;
 use crate::cli::settings;
 use crate::cli::setup::{self, Tracing};
 
-/// Frames per second of the camera on its way to the instant that is compared, and how many of them at least history takes.
+/// Frame rate at which the camera approaches the compared instant.
 pub const FPS: f64 = 72.0;
+/// Minimum number of warm-up frames for denoisers that keep a history.
 const HISTORY_FRAMES: u32 = 15;
 
-/// Denoisers that are measured unless others are asked for.
+/// Denoisers that are measured by default.
 const MEASURED: [DenoiserChoice; 3] = [None, Some(Denoiser::ATROUS), Some(Denoiser::SVGF)];
 
-/// More than the frames of a setting can be.
+/// Upper bound on the frames of a setting, which keeps the settings' frame numbers in the trace apart.
 pub const FRAMES_MAX: u32 = 10_000;
 
 impl Args {
@@ -64,7 +65,7 @@ impl Args {
         chosen(&self.scale, if self.quick { &[1.0, 0.5] } else { &[1.0, 0.7, 0.5] })
     }
 
-    /// What is measured, by the names of the options' fields.
+    /// Returns the measured values, by the names of the options' fields.
     pub fn measured(&self) -> [(&'static str, Value); 7] {
         [
             ("spp", json!(self.spp())),
@@ -77,12 +78,13 @@ impl Args {
         ]
     }
 
-    /// Frames of a setting that are compared: flicker is between two.
+    /// Returns the number of compared frames per setting: at least two, because flicker compares consecutive frames.
     fn judged_frames(&self) -> u32 {
         self.repeats.max(2)
     }
 
-    /// Frames of the camera's way before those that are measured: enough for a history to grow old, where there is one.
+    /// Returns the number of warm-up frames, in which the camera approaches along its path. They suffice to fill the
+    /// history of denoisers that keep one.
     pub fn warm_up_of(&self, quality: &Quality) -> u32 {
         if quality.denoiser.is_some_and(Denoiser::keeps_history) {
             self.warm_up.max(HISTORY_FRAMES)
@@ -91,18 +93,19 @@ impl Args {
         }
     }
 
-    /// All frames of a setting.
+    /// Returns the number of frames of a setting, warm-up included.
     pub fn frames_of(&self, quality: &Quality) -> u32 {
         self.warm_up_of(quality) + self.judged_frames()
     }
 
-    /// When the `i`th of them is: the camera comes along its path, so that history is of other frames than the ones that
-    /// are compared, and rests when it is there.
+    /// Returns the instant of frame `i`, seconds. The camera moves along its path during the warm-up, so that the
+    /// history comes from other views than the compared frames. Then it rests.
     pub fn time_s(&self, quality: &Quality, i: u32) -> f64 {
         self.options.time - f64::from(self.warm_up_of(quality).saturating_sub(i)) / FPS
     }
 
-    /// The settings of the grid, samples changing fastest. Pixels are only left out where something filters.
+    /// Returns the settings of the grid; the sample count varies fastest. Without a denoiser there is neither foveation
+    /// nor a render scale below 1.
     fn settings(&self) -> Vec<Quality> {
         let mut settings = Vec::new();
         for denoiser in self.denoisers() {
@@ -122,7 +125,8 @@ impl Args {
         settings
     }
 
-    /// Samples per pixel that a render scale is measured with: below 1 it stands for fewer than the fewest.
+    /// Returns the sample counts to measure at a render scale. A scale below 1 is a cheaper alternative to the lowest
+    /// sample count, so only that count is measured.
     fn samples(&self, scale: f64) -> Vec<u32> {
         let mut spp = self.spp();
         if scale < 1.0 {
@@ -132,12 +136,12 @@ impl Args {
     }
 }
 
-/// What is asked for, each once, or else the default.
+/// Returns the requested values without duplicates, or the default if none are requested.
 fn chosen<T: Copy + PartialEq>(asked: &[T], default: &[T]) -> Vec<T> {
     once(if asked.is_empty() { default } else { asked }.iter().copied())
 }
 
-/// Whether options stand for this quality.
+/// Whether command-line options can express this quality.
 pub fn is_of_options(quality: &Quality) -> bool {
     let Quality { denoiser, iterations, fovea, scale, .. } = *quality;
     let is_whole = match denoiser {
@@ -147,18 +151,18 @@ pub fn is_of_options(quality: &Quality) -> bool {
     is_whole && fovea.is_none_or(|radii| radii == Foveation::RADII)
 }
 
-/// About how long a frame takes, in any unit: as samples, and once for all else.
+/// Estimates the relative cost of a frame: one unit per sample, and one for everything else.
 fn work(quality: &Quality) -> u64 {
     u64::from(quality.spp) + 1
 }
 
-/// What all settings have in common.
+/// A grid of settings, with the inputs and devices that they share.
 pub struct Grid<'a> {
     args: &'a Args,
     loaded: &'a LoadedScene,
     reference: &'a Reference,
     tracing: &'a Tracing,
-    /// Those of all settings, but while one is measured.
+    /// Devices of all settings; empty while a setting is being measured.
     gpus: Cell<Devices>,
     warm_up_s: Cell<f64>,
 }
@@ -174,13 +178,13 @@ impl<'a> Grid<'a> {
         Self { args, loaded, reference, tracing, gpus: Cell::new(gpus), warm_up_s: Cell::new(0.0) }
     }
 
-    /// How long settings took, in all, until their first frames could begin.
+    /// Returns the total time that building the renderers took, seconds.
     pub fn warm_up_s(&self) -> f64 {
         self.warm_up_s.get()
     }
 
-    /// A row per setting of the grid, and of these others. What is measured is in the journal before the next setting is
-    /// begun.
+    /// Returns a row for each setting of the grid and each one in `judged`. Each measurement is in the journal before
+    /// the next one begins.
     pub fn measure(&self, mut journal: Journal, judged: &[Quality]) -> Result<Vec<Row>, Failure> {
         let mut settings = self.args.settings();
         let judged: Vec<_> = judged.iter().filter(|quality| !settings.contains(quality)).copied().collect();
@@ -198,7 +202,7 @@ impl<'a> Grid<'a> {
         Ok(settings.iter().filter_map(row).collect())
     }
 
-    /// Times and errors of a setting, the `number`th.
+    /// Measures the times and errors of a setting. `number` is its index among the settings to measure.
     fn measure_one(&self, number: u32, setting: &Quality, ahead: &mut Ahead) -> Result<Measured, Failure> {
         let Self { args, loaded, reference, tracing, .. } = self;
         let (mut renderer, options) = self.renderer(setting)?;
@@ -209,7 +213,7 @@ impl<'a> Grid<'a> {
             let frame = self.frame(&mut renderer, setting, i)?;
             ahead.frame(setting, frame.makespan_ms);
             if i >= warm_up {
-                // Each setting's frames get numbers of their own in the trace.
+                // Frame numbers in the trace are unique across settings.
                 tracing.record(
                     &options.quality(),
                     None,
@@ -232,7 +236,7 @@ impl<'a> Grid<'a> {
         Ok((renderer, options))
     }
 
-    /// The `i`th frame of a setting, its warm-up counted.
+    /// Renders frame `i` of a setting, counted from the start of its warm-up.
     fn frame(&self, renderer: &mut Renderer, setting: &Quality, i: u32) -> Result<FrameReport, Failure> {
         let frame = renderer.render(&renderer.frame(&self.loaded.shot.rig, self.args.time_s(setting, i), i))?;
         refuse_faults(renderer)?;
@@ -240,7 +244,7 @@ impl<'a> Grid<'a> {
         Ok(frame)
     }
 
-    /// The last of a setting's frames, which is in no trace, and its picture.
+    /// Renders a setting again without tracing it; returns the last frame and its picture.
     pub fn show(&self, setting: &Quality) -> Result<(FrameReport, Stereo<RgbImage>), Failure> {
         let (mut renderer, _) = self.renderer(setting)?;
         let last = self.args.frames_of(setting) - 1;
@@ -254,13 +258,13 @@ impl<'a> Grid<'a> {
     }
 }
 
-/// How far the settings are, and how long the rest will take.
+/// Progress over all settings, with an estimate of the remaining time.
 struct Ahead {
     progress: Progress,
     begin: Instant,
     settings: usize,
     rows: usize,
-    /// Of [`work`].
+    /// Total cost of all frames to measure, in units of [`work`].
     work: u64,
     done: u64,
 }

@@ -1,4 +1,4 @@
-//! What `bench` has measured so far, a line per setting, so that a run that was ended goes on from there.
+//! Journal of the settings that `bench` has measured, one per line. An interrupted run resumes from it.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -18,9 +18,9 @@ pub const FILE: &str = "bench.journal.jsonl";
 /// A line of the file.
 #[derive(Serialize, Deserialize)]
 struct Entry {
-    /// Hash of all that decides what is measured but what is named below.
+    /// Hash of everything that the measurement depends on, except the reference and the quality.
     subject: String,
-    /// What the errors are against.
+    /// Key of the reference that the errors are measured against.
     reference: String,
     #[serde(rename = "knobs")]
     quality: Quality,
@@ -31,13 +31,13 @@ pub struct Journal {
     path: PathBuf,
     file: File,
     subject: String,
-    /// Of this subject.
+    /// Entries of this subject.
     entries: Vec<Entry>,
 }
 
 impl Journal {
-    /// Opens or makes the journal in `folder`; `fresh` empties it. Lines of other subjects stay and count for nothing,
-    /// nor does one that was not finished.
+    /// Opens or creates the journal in `folder`; `fresh` empties it. Lines of other subjects and incomplete lines stay
+    /// in the file but are ignored.
     pub fn open(folder: &Path, subject: String, fresh: bool) -> Result<Self, Failure> {
         let path = folder.join(FILE);
         let (file, text) = open(&path, fresh)
@@ -52,13 +52,13 @@ impl Journal {
         self.entries.iter().any(|e| e.reference == reference)
     }
 
-    /// What was last found of a setting.
+    /// Returns the latest measurement of a setting against this reference.
     pub fn find(&self, reference: &str, quality: &Quality) -> Option<&Measured> {
         let found = self.entries.iter().rfind(|e| e.reference == reference && e.quality == *quality);
         found.map(|e| &e.measured)
     }
 
-    /// Writes a line before anything else is done.
+    /// Appends a measurement to the file immediately.
     pub fn add(&mut self, reference: &str, quality: &Quality, measured: &Measured) -> Result<(), Failure> {
         let (subject, reference) = (self.subject.clone(), reference.to_owned());
         let entry = Entry { subject, reference, quality: *quality, measured: measured.clone() };
@@ -70,7 +70,8 @@ impl Journal {
     }
 }
 
-/// The file, to be written at its end, which is that of a line, and its text.
+/// Opens the file for appending and reads its text. Ends an incomplete last line, so that the next entry starts on a
+/// new one.
 fn open(path: &Path, fresh: bool) -> io::Result<(File, String)> {
     let text = match fs::read(path) {
         Ok(bytes) if !fresh => String::from_utf8_lossy(&bytes).into_owned(),

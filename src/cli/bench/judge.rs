@@ -1,4 +1,4 @@
-//! A setting judged by what a viewer sees: frames that follow one another while the camera rests, against a reference.
+//! Judges a setting by consecutive frames of a resting camera: their errors against a reference, and flicker.
 
 use crate::exec::{FrameReport, Stereo};
 use crate::image::RgbImage;
@@ -14,7 +14,7 @@ use crate::scene::shot::Shot;
 use super::reference::Reference;
 use crate::cli::failure::Failure;
 
-/// Each eye's picture with what it is held against.
+/// Pairs each eye's picture with its reference, `right`.
 pub fn pairs(loaded: &LoadedScene, right: &Stereo<RgbImage>, image: &Stereo<RgbImage>) -> Result<[Pair; 2], Failure> {
     let exposure_ev = loaded.shot.exposure_ev;
     Ok([Pair::new(&right.left, &image.left, exposure_ev)?, Pair::new(&right.right, &image.right, exposure_ev)?])
@@ -25,20 +25,20 @@ pub struct Judge<'a> {
     reference: &'a Reference,
     viewing: Viewing,
     repeats: Vec<Repeat>,
-    /// Of each eye, between the frames so far.
+    /// Accumulated change between consecutive frames, by eye.
     changes: [Change; 2],
     before: Option<[Pair; 2]>,
 }
 
 impl<'a> Judge<'a> {
-    /// Of frames at `time_s`.
+    /// Creates a judge of frames at `time_s`.
     pub fn new(loaded: &'a LoadedScene, reference: &'a Reference, time_s: f64) -> Self {
         let Shot { gaze, rig, .. } = &loaded.shot;
         let viewing = Viewing { gaze: gaze.at(time_s), yfov_deg: rig.yfov_rad.to_degrees() };
         Self { loaded, reference, viewing, repeats: Vec::new(), changes: Default::default(), before: None }
     }
 
-    /// Takes the next frame in, with its row and its picture.
+    /// Adds the next frame with its row and its picture.
     pub fn add(&mut self, frame: &FrameReport, row: &FrameRow, image: &Stereo<RgbImage>) -> Result<(), Failure> {
         let pairs = pairs(self.loaded, &self.reference.images, image)?;
         let [left, right] = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &self.viewing));
@@ -50,12 +50,12 @@ impl<'a> Judge<'a> {
         Ok(())
     }
 
-    /// The frames that follow are of another view, with a reference of its own.
+    /// Switches to another view with its own reference. Flicker does not compare frames across the switch.
     pub fn turn_to(&mut self, reference: &'a Reference) {
         (self.reference, self.before) = (reference, None);
     }
 
-    /// The eyes of the last frame with what they are held against.
+    /// Returns the eyes of the last frame, each paired with its reference.
     pub fn last(&self) -> Option<&[Pair; 2]> {
         self.before.as_ref()
     }

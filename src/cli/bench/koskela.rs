@@ -1,5 +1,5 @@
-//! `diptych bench --preset koskela`: visual-polar images beside every pixel of the screen, and beside other ways to spend as
-//! many samples, log-polar images among them. Their renderers take turns.
+//! `diptych bench --preset koskela`: visual-polar images against full resolution and against other distributions of the
+//! same sample count, log-polar images among them. The renderers take turns.
 
 use crate::device::DeviceInfo;
 use crate::loaded::LoadedScene;
@@ -34,10 +34,10 @@ use crate::cli::setup::{self, Tracing};
 
 pub const REFUSES: &[&str] = &["size_factor", "instants", "frames", "simulate", "fresh"];
 
-/// Of all layers.
+/// Denoiser iterations of every layer.
 const ITERATIONS: [u32; 3] = [Denoiser::DEFAULT_ITERATIONS; 3];
 
-/// Every pixel of the screen.
+/// Baseline at full resolution, without foveation.
 const FULL: Quality = Quality {
     spp: 1,
     bounces: 6,
@@ -48,13 +48,14 @@ const FULL: Quality = Quality {
     scale: 1.0,
 };
 
-/// How far the gaze turns before it turns back, degrees.
+/// Angle that the gaze sweeps before it turns back, degrees.
 const SWEEP_DEG: f64 = 10.0;
 
-/// An arrangement: its options, the probability of a sample where a linear falloff has ended, and σ of log-polar images.
+/// An arrangement: its options, the sampling probability beyond the linear falloff, and σ of log-polar images.
 type Arranged = (RenderOptions, Option<f64>, Option<f64>);
 
-/// [`ARRANGEMENTS`].
+/// Returns the options of each of [`ARRANGEMENTS`]. All but the first sample about as many pixels as a visual-polar
+/// image has.
 fn arrangements(run: &RunOptions, loaded: &LoadedScene) -> [Arranged; ARRANGEMENTS.len()] {
     let gaze = || [0, 1].map(|_| loaded.shot.gaze.clone());
     let view = loaded.shot.rig.view(run.time, Eye::Left);
@@ -80,7 +81,8 @@ fn arrangements(run: &RunOptions, loaded: &LoadedScene) -> [Arranged; ARRANGEMEN
     ]
 }
 
-/// Log-polar images of which as many pixels are traced. They are as 1 / σ², but for a margin beside the screen.
+/// Finds the σ at which log-polar images trace the fraction `share` of the screen's pixels. Their count is proportional
+/// to 1 / σ², except for a margin around the screen, so a few iterations suffice.
 fn log_polar(share: f64, run: &RunOptions, loaded: &LoadedScene) -> LogPolar {
     let aspect = f64::from(run.size.width) / f64::from(run.size.height);
     let mut map = LogPolar { sigma: 1.0, alpha: LOG_POLAR_ALPHA, gaze: 0.0, aspect, blur: true };
@@ -92,14 +94,14 @@ fn log_polar(share: f64, run: &RunOptions, loaded: &LoadedScene) -> LogPolar {
     map
 }
 
-/// Tangents of half the horizontal and half the vertical field of view.
+/// Returns the tangents of half the horizontal and half the vertical field of view.
 fn tan_half(loaded: &LoadedScene, run: &RunOptions) -> [f64; 2] {
     let vertical = (loaded.shot.rig.yfov_rad / 2.0).tan();
     [vertical * f64::from(run.size.width) / f64::from(run.size.height), vertical]
 }
 
-/// Where an eye looks that has turned by so many degrees, at level height on its screen, from where it looked at first:
-/// towards the screen's middle, and back again before it leaves the screen.
+/// Returns the gaze after sweeping by `degrees` at constant screen height, from `[x, y]` towards the screen's middle
+/// and back again before it leaves the screen.
 fn turned([x, y]: [f64; 2], [tan_x, tan_y]: [f64; 2], degrees: f64) -> [f64; 2] {
     let distance = ((1.0 - 2.0 * y) * tan_y).hypot(1.0);
     let begin = ((2.0 * x - 1.0) * tan_x / distance).atan();
@@ -110,7 +112,7 @@ fn turned([x, y]: [f64; 2], [tan_x, tan_y]: [f64; 2], degrees: f64) -> [f64; 2] 
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    // With a gaze that rests, then with one that moves.
+    // The gaze is static at first, then moves.
     let frames = 2 * u64::from(args.frames_of(&FULL)) * ARRANGEMENTS.len() as u64;
     let mut found = Found::default();
     over_shots(args, frames, |args, progress, tracing| found.measure(args, progress, tracing))?;
@@ -120,17 +122,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 #[derive(Default)]
 struct Found {
     rows: Vec<Row>,
-    /// Those that were timed, each with its shot and arrangement.
+    /// Timed frames, each with its shot and arrangement.
     frames: Vec<([String; 2], FrameLine)>,
     devices: Vec<DeviceInfo>,
-    /// About each reference.
+    /// A note on each reference.
     notes: Vec<String>,
-    /// The last frame of a gaze that rests, of each row.
+    /// Pictures of the last frame of each row with a static gaze, for the page.
     pictures: Vec<Group>,
 }
 
 impl Found {
-    /// All arrangements on the shot of `args`.
+    /// Measures all arrangements on the shot of `args`.
     fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
         let options = &args.options;
         let loaded = setup::load(options)?;
@@ -202,8 +204,8 @@ impl Found {
     }
 }
 
-/// FLIP and flicker of the fovea in each renderer while camera and scene rest and the gaze moves on from where it was, means
-/// of both eyes. As many frames as a history takes come before those that are compared.
+/// Measures FLIP and flicker of the fovea in each renderer while the gaze moves and camera and scene rest. Returns
+/// means over both eyes. Warm-up frames fill the history and are not compared.
 fn with_moving_gaze(
     args: &Args,
     loaded: &LoadedScene,
@@ -264,7 +266,7 @@ mod tests {
                 assert!((to[0] - 0.5).abs() <= (from[0] - 0.5).abs().max(0.2), "{to:?}");
             }
         }
-        // A screen that is narrower than the sweep is not left.
+        // The gaze stays on a screen that is narrower than the sweep.
         let narrow = [0.05, 0.05];
         for degrees in [1.0, 2.5, 3.0, 5.0, 77.0] {
             let [x, _] = turned([0.5, 0.5], narrow, degrees);

@@ -1,5 +1,5 @@
-//! `diptych bench --preset late`: frames that are shown later than their pose was taken, with and without a correction,
-//! beside those of the true pose.
+//! `diptych bench --preset late`: frames that are shown later than their pose was sampled, with and without late
+//! reprojection, against frames rendered from the true pose.
 
 use crate::device::DeviceInfo;
 use crate::exec::{FrameParams, Renderer, Stereo};
@@ -26,10 +26,10 @@ use crate::cli::setup::{self, Tracing};
 
 pub const REFUSES: &[&str] = &["size_factor", "frames", "simulate", "fresh", "repeats", "warm_up"];
 
-/// Samples per pixel, unless --reference-spp says how many.
+/// Samples per pixel, unless --reference-spp is given.
 const SPP: u32 = 64;
 
-/// Frames of an instant: of its pose, and of each latency uncorrected, corrected and once more.
+/// Frames per instant: one from its own pose, and for each latency two from the later pose and a corrected one.
 const FRAMES: u32 = 1 + 3 * LATENCIES.len() as u32;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -50,7 +50,7 @@ struct Found {
 }
 
 impl Found {
-    /// All latencies on the shot of `args`.
+    /// Measures all latencies on the shot of `args`.
     fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
         let options = &args.options;
         let mut loaded = setup::load(options)?;
@@ -109,7 +109,7 @@ impl Found {
     }
 }
 
-/// Evenly over the motion, so far before its end that all latencies are within.
+/// Returns evenly spaced instants of the motion, early enough that all latencies lie within it.
 fn instants(rig: &Rig, count: u32) -> Result<Vec<f64>, anyhow::Error> {
     let longest_s = f64::from(LATENCIES[LATENCIES.len() - 1]) / FPS;
     let [first_s, last_s] = [rig.keys.first(), rig.keys.last()].map(|key| key.map_or(0.0, |key| key.time_s));
@@ -126,14 +126,14 @@ fn renderer(args: &Args, loaded: &LoadedScene, tracing: &Tracing) -> Result<Rend
     setup::renderer(&options, loaded, gpus, tracing.recorder.origin())
 }
 
-/// Of both eyes.
+/// Returns the FLIP of both eyes.
 fn flips(right: &Stereo<RgbImage>, image: &Stereo<RgbImage>, loaded: &LoadedScene) -> Result<[f64; 2], Failure> {
     let ev = loaded.shot.exposure_ev;
     let flip = |right, image| Ok::<_, Failure>(Pair::new(right, image, ev)?.errors().flip);
     Ok([flip(&right.left, &image.left)?, flip(&right.right, &image.right)?])
 }
 
-/// Degrees and millimetres by which the left eye turns and moves.
+/// Returns the rotation (degrees) and the translation (millimetres) of the left eye between two instants.
 fn moved(rig: &Rig, from_s: f64, to_s: f64) -> (f64, f64) {
     let [from, to] = [from_s, to_s].map(|time_s| rig.view(time_s, Eye::Left));
     let moved = f64::from(from.origin.distance(to.origin)) * rig.metres_per_unit * 1e3;

@@ -1,5 +1,5 @@
 //! `diptych bench --preset leria`: frames along a path in two arrangements on the same devices, which take turns. One
-//! shares every stage out, the other path tracing alone.
+//! distributes every stage over the devices, the other only path tracing.
 
 use anyhow::{Context, anyhow};
 
@@ -46,10 +46,10 @@ pub const REFUSES: &[&str] = &[
     "reference_dir",
 ];
 
-/// Frames per second of the camera.
+/// Frame rate along the camera path, Hz.
 const FPS: f64 = 72.0;
 
-/// The proposed arrangement: in even stripes, as the paper's, unless asked otherwise.
+/// Returns the options of the proposed arrangement: even stripes by default, as in the paper.
 fn proposed(args: &Args) -> RenderOptions {
     let mut run: RunOptions = args.options.clone();
     if run.balance.is_empty() && run.ratios.is_empty() {
@@ -61,8 +61,8 @@ fn proposed(args: &Args) -> RenderOptions {
     RenderOptions { frames: args.warm_up + args.preset.frames, fps: FPS, ..RenderOptions::single(run, &quality) }
 }
 
-/// The baseline on so many devices: path tracing, with the G-buffer that it starts from, is shared out, by --ratios or
-/// evenly, and all else is the primary's.
+/// Returns the options of the baseline: only path tracing and its G-buffer are distributed over the devices, by
+/// --ratios or evenly. The primary runs everything else.
 fn baseline(proposed: &RenderOptions, devices: usize) -> RenderOptions {
     let mut options = proposed.clone();
     let run = &mut options.run;
@@ -126,12 +126,12 @@ struct Study<'a> {
     turns: Turns<'a>,
 }
 
-/// What there is to tell.
+/// Results of the study.
 struct Found<'a> {
     study: Study<'a>,
-    /// What was measured, then what was simulated.
+    /// The measured run, followed by the simulated ones.
     runs: Vec<Run>,
-    /// Of each arrangement.
+    /// Reports of the measured frames, by arrangement.
     frames: [Vec<FrameReport>; 2],
     rows: [Vec<FrameRow>; 2],
 }

@@ -9,7 +9,8 @@ use crate::cli::progress::Progress;
 use crate::cli::setup::Tracing;
 use crate::report::once;
 
-/// Has each shot measured that the options name, `frames` of each.
+/// Calls `measure` for each shot that the options name. `frames` is the number of frames per shot, for the progress
+/// bar.
 pub fn over_shots(
     args: &Args,
     frames: u64,

@@ -1,4 +1,5 @@
-//! `diptych bench --report`: the pictures of the front, time against error, and other renderers beside them.
+//! `diptych bench --report`: pictures of settings on the Pareto front, time against error, and other renderers for
+//! comparison.
 
 use anyhow::Context;
 
@@ -23,14 +24,14 @@ use super::reference::Reference;
 use crate::cli::failure::Failure;
 use crate::cli::page;
 
-/// A setting of the front, rendered once more for its picture and its tasks.
+/// A setting of the front, rendered again for its picture and its tasks.
 struct Seen {
     name: String,
     linear: Stereo<RgbImage>,
     frame: FrameReport,
 }
 
-/// What the page is made of.
+/// Contents of the report page.
 pub struct Page<'a> {
     pub args: &'a Args,
     pub loaded: &'a LoadedScene,
@@ -44,7 +45,7 @@ pub struct Page<'a> {
 }
 
 impl Page<'_> {
-    /// `figure` is the plot of time against relMSE, `shared` what all rows have in common.
+    /// Writes the page. `figure` is the plot of time against relMSE, `shared` lists the settings that all rows share.
     pub fn write(&self, grid: &Grid, figure: String, shared: Shared) -> Result<(), Failure> {
         let Self { args, rows, reference, .. } = self;
         let options = &args.options;
@@ -82,7 +83,7 @@ impl Page<'_> {
         page::write(&options.out, &title, &sections)
     }
 
-    /// The fastest, a middle and the best setting of the front, each once.
+    /// Renders the fastest, the middle and the best setting of the front again, without duplicates.
     fn seen(&self, grid: &Grid) -> Result<Vec<Seen>, Failure> {
         let mut front: Vec<&Row> = self.rows.iter().filter(|r| r.on_front).collect();
         front.sort_by(|a, b| a.measured.time_ms.total_cmp(&b.measured.time_ms));

@@ -30,10 +30,10 @@ use crate::cli::setup::{self, Tracing};
 
 pub const REFUSES: &[&str] = &["shot", "size", "frames", "simulate"];
 
-/// What stands for the thesis's scenes unless other shots are named.
+/// Default shots, in place of the thesis's scenes.
 const SHOTS: [&str; 3] = ["builtin:checker", "builtin:atrium", "builtin:forest"];
 
-/// One frame of a configuration whose layers end at these radii, if it has any.
+/// Returns the options of one frame of a configuration. `radii` are those of its layers, if it has any.
 fn options(run: &RunOptions, preset: Preset, radii: [f64; 2]) -> RenderOptions {
     let (spp, denoiser, (foveation, iterations)) = (Preset::SPP, Some(Denoiser::ATROUS), preset.layers());
     let fovea = foveation.radii().map(|_| radii);
@@ -81,22 +81,22 @@ struct Study<'a> {
     tracing: &'a Tracing,
     progress: Progress,
     rows: Vec<Row>,
-    /// Those that were timed, each with its resolution, shot and configuration.
+    /// Timed frames, each with its resolution, shot and configuration.
     frames: Vec<([String; 3], FrameLine)>,
-    /// About each reference.
+    /// A note on each reference.
     notes: Vec<String>,
 }
 
-/// What was measured of a configuration at some instants.
+/// Measurements of a configuration over all instants.
 #[derive(Default)]
 struct Measured {
     times_ms: Vec<f64>,
-    /// Of each instant.
+    /// Errors at each instant.
     errors: Vec<ImageErrors>,
 }
 
 impl Study<'_> {
-    /// All configurations of one of [`RESOLUTIONS`] and of the scenes.
+    /// Measures all configurations at one of [`RESOLUTIONS`] in one scene.
     fn scene(&mut self, resolution: usize, scene: usize, shot: &str) -> Result<(), Failure> {
         let Resolution { name: of_resolution, width, height, .. } = RESOLUTIONS[resolution];
         let shrunk = |length: u32| ((f64::from(length) * self.args.preset.size_factor).round() as u32).max(1);
@@ -166,7 +166,8 @@ impl Study<'_> {
     }
 }
 
-/// So many instants evenly along the path, its ends among them; a single one, or where the eyes stay, is at `time_s`.
+/// Returns `count` evenly spaced instants along the path, both ends included; only `time_s` for a count of 1 or a
+/// static camera.
 fn instants(rig: &Rig, time_s: f64, count: u32) -> Vec<f64> {
     let [first, .., last] = &rig.keys[..] else { return vec![time_s] };
     if count == 1 {
@@ -176,7 +177,7 @@ fn instants(rig: &Rig, time_s: f64, count: u32) -> Vec<f64> {
     (0..count).map(|i| first.time_s + length_s * f64::from(i) / f64::from(count - 1)).collect()
 }
 
-/// Errors of frames, the mean of both eyes.
+/// Returns the errors of frames, as means over frames and eyes.
 fn judge(frames: &[Stereo<RgbImage>], reference: &Stereo<RgbImage>, exposure_ev: f32) -> Result<ImageErrors, Failure> {
     let (mut psnr, mut ssim) = (Vec::new(), Some(Vec::new()));
     for frame in frames {

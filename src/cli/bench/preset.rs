@@ -1,6 +1,7 @@
-//! `diptych bench --preset`: published experiments, one module each, and the options that they have.
+//! `diptych bench --preset`: published experiments, one module each, and their options.
 //!
-//! A further one is a variant of [`Experiment`], a module with `run` and `REFUSES`, and a line in each of its methods.
+//! To add an experiment, write a module with `run` and `REFUSES`, add a variant to [`Experiment`] and a line to each of
+//! its methods.
 
 use anyhow::anyhow;
 use clap::ValueEnum;
@@ -39,7 +40,7 @@ impl Experiment {
         }
     }
 
-    /// Options, by the names of their fields, that do not go with it.
+    /// Returns the options that the experiment does not accept, by the names of their fields.
     fn refuses(self) -> &'static [&'static str] {
         match self {
             Self::Leria => leria::REFUSES,
@@ -84,13 +85,13 @@ fn size_factor(text: &str) -> Result<f64, String> {
 }
 
 impl PresetOptions {
-    /// Each count once.
+    /// Returns the device counts of --simulate without duplicates.
     pub fn simulated(&self) -> Vec<usize> {
         once(self.simulate.iter().copied().map(usize::from))
     }
 }
 
-/// The experiment that the options name, if they name one.
+/// Runs the experiment that the options name; `None` if they name none.
 pub fn run(args: &Args) -> Option<Result<(), Failure>> {
     let experiment = args.preset.preset?;
     let typed = |id: &str| Given::here().and_then(|given| given.typed(id));

@@ -1,4 +1,4 @@
-//! What a grid of settings is held against: images of another renderer, or a reference of our own, kept for later runs.
+//! References for a grid of settings: images that you supply, or rendered images, which later runs reuse.
 
 use std::path::Path;
 
@@ -16,29 +16,29 @@ use crate::cli::output;
 use crate::cli::reference::{PASS_SPP, PassOptions, Plan};
 use crate::cli::setup::{self, Tracing};
 
-/// The seed of references, so that they share no random number with what is held against them.
+/// Seed of references, so that they share no random numbers with the images that are compared with them.
 const SEED: u32 = 0x5eed_0001;
 
-/// What is right, as far as that is known.
+/// Ground-truth images, up to their noise.
 pub struct Reference {
     pub images: Stereo<RgbImage>,
-    /// Of a reference of our own.
+    /// Noise of a rendered reference; `None` for supplied images.
     pub noise: Option<Stereo<Noise>>,
-    /// In words.
+    /// Origin of the images in words, for reports.
     pub origin: String,
-    /// Tells it from others of the same subject.
+    /// Key that distinguishes references of the same subject.
     pub key: String,
 }
 
 impl Reference {
-    /// What it is, as the reference of a shot in this size.
+    /// Describes the reference as that of a shot at this size.
     pub fn note(&self, shot: &str, size: Extent) -> String {
         let noise = self.noise.as_ref().map_or(String::new(), |noise| format!("; its own noise: {noise}"));
         format!("Reference of {shot} at {size}: {}{noise}.", self.origin)
     }
 }
 
-/// The one that the options name, or our own.
+/// Reads the images that the options name, or renders a reference.
 pub fn find(args: &Args, loaded: &LoadedScene, tracing: &Tracing, journal: &Journal) -> Result<Reference, Failure> {
     match &args.reference {
         Some(folder) => given(folder, &args.options),
@@ -62,7 +62,7 @@ pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> 
     Ok(Reference { images, noise: None, origin, key: key.join(" ") })
 }
 
-/// How our own is made.
+/// Returns the plan for rendering a reference.
 pub fn plan(args: &Args) -> Result<Plan, Failure> {
     let options = &args.options;
     let seed = if options.seed == SEED { !SEED } else { SEED };
@@ -75,8 +75,8 @@ pub fn plan(args: &Args) -> Result<Plan, Failure> {
     Plan::new(&RenderOptions::single(run, &quality), passes)
 }
 
-/// The reference that is kept for this shot and these settings, made or gone on with where it has too few samples and
-/// nothing was measured against it.
+/// Returns the stored reference for this shot and these settings. Renders or resumes it if it has too few samples,
+/// unless the journal has measurements against it.
 pub fn own(
     args: &Args,
     loaded: &LoadedScene,

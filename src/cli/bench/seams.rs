@@ -1,4 +1,4 @@
-//! `diptych bench --seam-study`: what becomes of the picture where stripes meet, by seam policy and number of devices.
+//! `diptych bench --seam-study`: image errors at the seams between stripes, by seam policy and number of devices.
 
 use anyhow::anyhow;
 use clap::ValueEnum;
@@ -50,7 +50,7 @@ impl SeamOptions {
         self.seams
     }
 
-    /// Those with seams.
+    /// Returns the counts above 1, which have seams.
     fn counts(&self) -> Vec<u16> {
         self.counts.iter().copied().filter(|count| *count > 1).collect()
     }
@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     found.write(args)
 }
 
-/// The picture that is cut into stripes: even ones unless asked for, so that all seams are on the same rows.
+/// Returns the options of the study. Stripes are even by default, so that all seams are on the same rows.
 fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     let mut run: RunOptions = args.options.clone();
     if run.balance.is_empty() && run.ratios.is_empty() {
@@ -108,15 +108,15 @@ struct Study<'a> {
     loaded: &'a LoadedScene,
 }
 
-/// What there is to tell.
+/// Results of the study.
 struct Found<'a> {
     study: Study<'a>,
     rows: Vec<SeamRow>,
-    /// Of each number of devices.
+    /// Devices of each count, starting with a single device.
     devices: Vec<Vec<DeviceInfo>>,
-    /// Until first frames could begin, in all.
+    /// Total time until the first frames could begin, seconds.
     warm_up_s: f64,
-    /// Those that were timed, each with its policy.
+    /// Timed frames, each with its seam policy.
     frames: Vec<(String, FrameRow)>,
 }
 
@@ -150,7 +150,7 @@ impl<'a> Study<'a> {
         Ok(Found { study: self, rows, devices, warm_up_s, frames })
     }
 
-    /// Of each eye; `one` are the same frames of one device.
+    /// Returns a row per eye; `one` holds the same frames, rendered on one device.
     fn rows(&self, policy: &str, warm: &Warm, one: &[TimedFrame]) -> Result<[SeamRow; 2], Failure> {
         let Warm { frames, devices, .. } = warm;
         let time_ms = quartiles(frames.iter().map(|f| f.report.makespan_ms).collect());
@@ -177,7 +177,7 @@ fn eye_of(images: &Stereo<RgbImage>, view: Eye) -> &RgbImage {
     }
 }
 
-/// Rows with which a stripe of the filter begins below another one.
+/// Returns the first row of each of the denoiser's stripes, except the topmost.
 fn seam_rows(frame: &TimedFrame, view: Eye) -> Vec<u32> {
     let height = frame.linear.left.extent.height;
     let edges = frame.report.assignment.stripes(denoise::CUT, view).inner_edges();
@@ -240,7 +240,7 @@ impl Found<'_> {
         self.say(args.report)
     }
 
-    /// All timed frames, and the devices of the largest count.
+    /// Writes frames.csv and run.json, with all timed frames and the devices of the last count.
     fn write_run(&self) -> Result<(), Failure> {
         let Self { study: Study { options, loaded, .. }, devices, warm_up_s, frames, .. } = self;
         let (policies, rows): (Vec<_>, Vec<_>) = frames.iter().cloned().unzip();
@@ -272,7 +272,7 @@ mod tests {
     use super::*;
     use crate::image::Extent;
 
-    /// Grey that is far above white at 0 EV, and middle grey at the exposure.
+    /// Greys that are far above white at 0 EV but not at the shot's exposure.
     #[test]
     fn pictures_are_judged_as_they_are_shown() {
         let grey = |value: f32| RgbImage::filled(Extent::new(12, 12), [value; 3]);

@@ -1,4 +1,4 @@
-//! Warm frames of a setting, timed, with their images.
+//! Timed frames of a setting after its warm-up, with their images.
 
 use std::time::Instant;
 
@@ -18,7 +18,7 @@ use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Tracing};
 
-/// What all settings have in common.
+/// Inputs that all settings share.
 pub struct Timed<'a> {
     pub args: &'a Args,
     pub loaded: &'a LoadedScene,
@@ -26,27 +26,27 @@ pub struct Timed<'a> {
     pub tracing: &'a Tracing,
 }
 
-/// A setting, the `number`th, under a name of its own.
+/// A named setting. `number` keeps its frame numbers in the trace apart from those of others.
 pub struct Setting {
     pub number: u32,
     pub name: String,
     pub options: RenderOptions,
-    /// Virtual devices on each chosen adapter; `None` for one device in all.
+    /// Virtual devices on each chosen adapter; `None` for a single device in total.
     pub virtual_devices: Option<u16>,
 }
 
-/// The frames of a setting after its warm-up, and what they ran on.
+/// The frames of a setting after its warm-up, and the devices that rendered them.
 pub struct Warm {
     pub frames: Vec<TimedFrame>,
     pub devices: Vec<DeviceInfo>,
-    /// Until the first frame could begin.
+    /// Time until the first frame could begin, seconds.
     pub warm_up_s: f64,
 }
 
-/// A warm frame.
+/// A frame after the warm-up.
 pub struct TimedFrame {
     pub report: FrameReport,
-    /// What run.json has of it.
+    /// The frame's entry in run.json.
     pub row: FrameRow,
     pub linear: Stereo<RgbImage>,
 }
@@ -72,7 +72,7 @@ impl Timed<'_> {
             let event = serde_json::json!({ "event": "frame", "setting": name, "makespan_ms": makespan_ms });
             progress.step(format!("{name}, {makespan_ms:.1} ms"), &event);
             if i >= args.warm_up {
-                // Each setting's frames get numbers of their own in the trace.
+                // Frame numbers in the trace are unique across settings.
                 let report = FrameReport { index: number * FRAMES_MAX + i, ..report };
                 tracing.record(&options.quality(), None, &report);
                 let row = FrameRow::new(&report, &options.quality(), &loaded.shot.rig, options.time);

@@ -1,5 +1,5 @@
-//! Renderers that take turns: all render a frame before any of them renders the next, so that whatever else the machine
-//! does hits all alike.
+//! Renderers that take turns: each renders a frame before any renders the next, so that other load on the machine
+//! affects all of them alike.
 
 use std::time::Instant;
 
@@ -23,14 +23,14 @@ pub struct Turns<'a> {
     loaded: &'a LoadedScene,
     progress: &'a Progress,
     tracing: &'a Tracing,
-    /// How many settings of the run were measured before, on which numbers in the trace depend.
+    /// Number of settings that the run has measured before; offsets the frame numbers in the trace.
     first: usize,
-    /// In the order in which they were added.
+    /// Renderers in the order in which they were added.
     pub renderers: Vec<Renderer>,
     settings: Vec<(String, RenderOptions)>,
-    /// The gaze of both eyes in frames from here on; none: that of the settings.
+    /// Gaze of both eyes in the following frames; `None` for that of the settings.
     pub gaze: Option<[[f64; 2]; 2]>,
-    /// Until the first frame could begin, in all.
+    /// Total time that building the renderers took, seconds.
     pub warm_up_s: f64,
 }
 
@@ -48,7 +48,7 @@ impl<'a> Turns<'a> {
         }
     }
 
-    /// Adds a renderer, under a name of its own, with devices that are its alone.
+    /// Adds a named renderer on devices of its own.
     pub fn add(&mut self, name: String, options: RenderOptions, gpus: Devices) -> Result<(), Failure> {
         let begin = Instant::now();
         if self.loaded.shot.rig.optics.is_some() && options.foveated.foveation != FoveationMode::None {
@@ -63,8 +63,8 @@ impl<'a> Turns<'a> {
         Ok(())
     }
 
-    /// Has each render a frame, and returns what they say in the order of [`Self::renderers`]. Another one begins each
-    /// time.
+    /// Renders a frame on each renderer and returns the reports in the order of [`Self::renderers`]. A different
+    /// renderer goes first each time.
     pub fn render(&mut self, time_s: f64, index: u32) -> Result<Vec<FrameReport>, Failure> {
         let count = self.renderers.len();
         let mut frames = Vec::new();
@@ -83,7 +83,8 @@ impl<'a> Turns<'a> {
         Ok(frames.into_iter().map(|(_, frame)| frame).collect())
     }
 
-    /// Pixels of each eye's image that start paths in a frame of the `which`th renderer, over those of its screen.
+    /// Returns the number of path-traced pixels of each eye in a frame of renderer `which`, as a fraction of its
+    /// screen's pixels.
     pub fn paths(&self, which: usize, time_s: f64, frame: &FrameReport) -> [f64; 2] {
         let (options, shot) = (&self.settings[which].1, &self.loaded.shot);
         let mut paths = frame.traced_pixels().map(|pixels| pixels as f64 / options.size.area() as f64);
@@ -95,7 +96,8 @@ impl<'a> Turns<'a> {
         paths
     }
 
-    /// Keeps a frame of the `which`th renderer in the trace, under a number of its own; returns its row, the `number`th.
+    /// Records a frame of renderer `which` in the trace, under a unique number. Returns its row, whose index is
+    /// `number`.
     pub fn keep(&self, which: usize, time_s: f64, frame: &FrameReport, number: u32) -> FrameRow {
         let quality = self.settings[which].1.quality();
         let shown = FrameReport { index: (self.first + which) as u32 * FRAMES_MAX + frame.index, ..frame.clone() };

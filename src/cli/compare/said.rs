@@ -1,19 +1,19 @@
-//! What options and files say of how images are shown, and in what files contradict each other.
+//! Exposure and field of view from options or the files' metadata, and contradictions between two files.
 
 use crate::image::exr::Tags;
 use serde::Serialize;
 
-/// What a vertical field of view is taken to be where nothing says it, degrees.
+/// Vertical field of view in degrees if neither options nor files specify one.
 const ASSUMED_YFOV_DEG: f64 = 70.0;
 
-/// Who says something.
+/// Origin of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Source {
     Option,
     Reference,
     Image,
-    /// Nobody.
+    /// Neither an option nor a file.
     Default,
 }
 
@@ -32,20 +32,20 @@ impl<T> Said<T> {
 }
 
 impl Said<f32> {
-    /// Stops by which both images are shown; 0 if nothing says it.
+    /// Chooses the exposure of both images in stops; the default is 0.
     pub fn exposure(option: Option<f32>, reference: &Tags, image: &Tags) -> Self {
         Self::first(option, reference.exposure_ev, image.exposure_ev, 0.0)
     }
 }
 
 impl Said<f64> {
-    /// Vertical field of view, degrees.
+    /// Chooses the vertical field of view, degrees.
     pub fn yfov_deg(option: Option<f64>, reference: &Tags, image: &Tags) -> Self {
         Self::first(option, reference.field_of_view_deg(), image.field_of_view_deg(), ASSUMED_YFOV_DEG)
     }
 }
 
-/// In what two images are not of the same, as far as both say it; empty if in nothing.
+/// Lists contradictions between the metadata of two images. Tags that either image lacks are skipped.
 pub fn differences(reference: &Tags, image: &Tags) -> Vec<String> {
     let mut found = Vec::new();
     let eyes = reference.eye.as_ref().zip(image.eye.as_ref()).filter(|(a, b)| a != b);
@@ -77,15 +77,15 @@ pub fn differences(reference: &Tags, image: &Tags) -> Vec<String> {
     found
 }
 
-/// `frame 3 at 0.125 s`.
+/// Formats the frame number and the time, as `frame 3 at 0.125 s`.
 fn instant(tags: &Tags) -> String {
     let frame = tags.frame.map(|frame| format!("frame {frame}"));
     let time = tags.time_s.map(|time_s| format!("at {} s", (time_s * 1e4).round() / 1e4));
     frame.into_iter().chain(time).collect::<Vec<_>>().join(" ")
 }
 
-/// Whether two `worldToNDC` take points to the same places of the image, but for what f32 rounds. What they make of z
-/// is a renderer's own, and so is a common factor of x, y and w.
+/// Whether two `worldToNDC` matrices project points to the same image positions, up to f32 rounding. Renderers differ
+/// in z and in a common factor of x, y and w, so these are ignored.
 fn is_same(a: &[[f32; 4]; 4], b: &[[f32; 4]; 4]) -> bool {
     let of_image = |matrix: &[[f32; 4]; 4]| {
         let scale = (0..3).map(|row| f64::from(matrix[row][3]).powi(2)).sum::<f64>().sqrt();
@@ -114,7 +114,7 @@ mod tests {
         let mut rounded = tags();
         rounded.world_to_ndc.as_mut().unwrap()[3][3] += 1e-5;
         let nothing = Tags::default();
-        // Of another renderer, with clip planes.
+        // A matrix of another renderer, with clip planes.
         let z_and_w = |row: [f32; 4]| [2.0 * row[0], 2.0 * row[1], -row[2], 2.0 * row[3]];
         let other = Tags { world_to_ndc: tags().world_to_ndc.map(|matrix| matrix.map(z_and_w)), ..tags() };
         for (a, b) in
@@ -122,7 +122,7 @@ mod tests {
         {
             assert!(differences(&a, &b).is_empty(), "{a:?} {b:?}");
         }
-        // Frames are counted by each run, and both may be of the same time.
+        // Each run numbers its own frames: different numbers can be the same instant.
         assert!(differences(&tags(), &Tags { frame: Some(0), ..tags() }).is_empty());
     }
 

@@ -1,4 +1,4 @@
-//! What `compare` prints for people, and its help.
+//! Text output of `compare`, and its help.
 
 use crate::metrics::MEASURES;
 use crate::metrics::rings::Ring;
@@ -7,7 +7,7 @@ use crate::report::text_table;
 use super::{Findings, Source, mean};
 use crate::cli::sequence::SEQUENCE_MEASURES;
 
-/// What each measure means, for `--help`.
+/// Lists the meaning of each measure, for `--help`.
 pub fn help() -> String {
     let lines = |measures: &[(&str, &str)]| -> String {
         measures.iter().map(|(name, meaning)| format!("  {name:<22} {meaning}\n")).collect()
@@ -27,7 +27,7 @@ pub fn help() -> String {
     )
 }
 
-/// Where the exposure comes from.
+/// Returns a note on where the exposure comes from.
 pub fn source_note(source: Source) -> &'static str {
     match source {
         Source::Option => "",
@@ -37,7 +37,7 @@ pub fn source_note(source: Source) -> &'static str {
     }
 }
 
-/// One image, or both eyes with their mean.
+/// Prints the measures of one image, or of both eyes with their mean.
 pub fn print(compared: &[(&str, &Findings)]) {
     let is_stereo = compared.len() > 1;
     for (eye, findings) in compared {

@@ -1,15 +1,15 @@
-//! Disturbances that the control loop is tried on.
+//! Disturbances that test the control loop.
 
 use crate::cli::failure::Failure;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// What happens to a run at some of its frames.
+/// A disturbance of a run at given frames.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Disturbance {
-    /// The device's work is run twice in these frames.
+    /// Makes the device run its work twice in these frames.
     Slow { device: usize, frames: Range<u32> },
-    /// The camera jumps before this frame.
+    /// Makes the camera jump before this frame.
     SceneCut { frame: u32 },
 }
 
@@ -35,12 +35,14 @@ impl FromStr for Disturbance {
     }
 }
 
-/// All of a run.
+/// All disturbances of a run.
 pub struct Disturbances<'a>(pub &'a [Disturbance]);
 
 impl Disturbances<'_> {
+    /// Checks the disturbances against the length of the run and the number of devices.
+    ///
     /// # Errors
-    /// For frames and devices that the run does not have.
+    /// [`Failure::Input`] for frames and devices that the run does not have.
     pub fn check(&self, frames: u32, devices: usize) -> Result<(), Failure> {
         for disturbance in self.0 {
             let (first, device) = match disturbance {
@@ -58,7 +60,7 @@ impl Disturbances<'_> {
         Ok(())
     }
 
-    /// How often each device runs its work of a frame, when it is `base` without disturbances.
+    /// Returns how many times each device runs its work of a frame; `base` has the counts without disturbances.
     pub fn slowdown(&self, frame: u32, base: &[u32], devices: usize) -> Vec<u32> {
         let mut runs: Vec<u32> = (0..devices).map(|d| base.get(d).copied().unwrap_or(1)).collect();
         for disturbance in self.0 {

@@ -1,5 +1,5 @@
-//! Whether the budget can be kept at the size that was asked for. Where the cheapest rung alone takes longer, smaller sizes
-//! of the same shape are timed until one fits.
+//! Checks that the cheapest rung fits the budget at the requested size. If it does not, smaller sizes of the same shape
+//! are timed until one fits.
 
 use std::time::{Duration, Instant};
 
@@ -20,21 +20,22 @@ use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Tracing};
 
-/// Frames that are timed at a size, after a cold one, as long as they take no longer than this in all; one at least.
+/// Maximum number of timed frames per size, after a cold one.
 const FRAMES: u32 = 5;
+/// Time after which no further frame of a size is timed; at least one is.
 const TIME_LIMIT: Duration = Duration::from_millis(500);
-/// Sizes that are tried at most.
+/// Maximum number of sizes to try.
 const PROBES: usize = 6;
-/// What the cheapest rung may take at a size that fits, as a share of the budget's upper end: it leaves room for better
-/// rungs, and for devices that slow down.
+/// Target time of the cheapest rung at a size that fits, as a fraction of the budget's upper end: leaves headroom for
+/// better rungs, and for devices that slow down.
 const TARGET: f64 = 0.7;
-/// A size whose cheapest rung takes this share of what it may is not bettered.
+/// Fraction of the target time from which a size is accepted without trying larger ones.
 const GOOD_ENOUGH: f64 = 0.85;
-/// Where the cheapest rung takes this many times the budget, it is said how long the run will take.
+/// Multiple of the budget beyond which the run's estimated duration is reported.
 const FAR: f64 = 2.0;
 
-/// A renderer of the size that was asked for. Where no rung fits the budget there, says so and which size does, and takes
-/// that one if that is wanted: `prepared` then has it. Fails if it is wanted and there is none.
+/// Creates a renderer of the requested size. If no rung fits the budget there, finds a smaller size and reports it.
+/// If `prepared` asks for it, renders at that size and stores it in `prepared`, and fails if no size fits.
 pub fn start(
     prepared: &mut Prepared,
     loaded: &LoadedScene,
@@ -83,7 +84,7 @@ pub fn start(
     Ok((of_size(prepared, played, gpus)?, Some(fit)))
 }
 
-/// Median makespan of frames of the cheapest rung. The next frame finds no history of theirs.
+/// Returns the median makespan of frames of the cheapest rung. Afterwards, discards their history.
 fn cheapest_ms(prepared: &Prepared, loaded: &LoadedScene, renderer: &mut Renderer) -> Result<f64, Failure> {
     let cheapest = prepared.choice.cheapest(&prepared.options.foveated);
     if let Some((_, effort)) = &cheapest {
@@ -103,8 +104,8 @@ fn cheapest_ms(prepared: &Prepared, loaded: &LoadedScene, renderer: &mut Rendere
     Ok(median_of(makespans_ms.split_off(1)))
 }
 
-/// The largest size found below `asked` whose cheapest rung leaves room for others, or else just fits the budget, and how
-/// long it takes; `time` tells that of a size.
+/// Returns the largest size found below `asked` whose cheapest rung leaves headroom for others, with its time. If none
+/// does, returns the fastest one that fits the budget. `time` measures a size.
 fn search<E>(
     asked: Extent,
     asked_ms: f64,
@@ -137,8 +138,8 @@ fn search<E>(
     Ok(best)
 }
 
-/// Pixels at which a frame takes `target_ms`, by a straight line through the two of these (pixels, ms) that took the time
-/// closest to it; by proportion where there is one.
+/// Estimates the number of pixels that take `target_ms`, linearly through the two samples (pixels, ms) closest to the
+/// target time. With one sample, assumes that time is proportional to pixels.
 fn fitting_area(timed: &[(f64, f64)], target_ms: f64) -> f64 {
     let mut timed = timed.to_vec();
     timed.sort_by(|a, b| (a.1 - target_ms).abs().total_cmp(&(b.1 - target_ms).abs()));
@@ -147,8 +148,8 @@ fn fitting_area(timed: &[(f64, f64)], target_ms: f64) -> f64 {
     if slope > 0.0 { near.0 + (target_ms - near.1) / slope } else { near.0 * target_ms / near.1 }
 }
 
-/// Smaller sizes of the same shape, from the smallest: whole multiples of the shape where it is one of small numbers, as 16
-/// to 9, else multiples of 8 pixels in width.
+/// Returns smaller sizes of the same aspect ratio, in ascending order. If the ratio has small terms, as 16:9, the sizes
+/// are multiples of it; else the widths are multiples of 8 pixels.
 fn smaller(asked: Extent) -> Vec<Extent> {
     let Extent { width, height } = asked;
     let divisor = gcd(width, height);
@@ -175,7 +176,7 @@ fn gcd(a: u32, b: u32) -> u32 {
     if b == 0 { a.max(1) } else { gcd(b, a % b) }
 }
 
-/// What was found, and how long the run will take where that is long.
+/// Reports the fit, with the run's estimated duration if that is long.
 fn tell(fit: &SizeFit, prepared: &Prepared, progress: &Progress) {
     let budget = prepared.options.budget_ms;
     progress.event(|| serde_json::json!({ "event": "fit", "fit": fit }));
@@ -207,7 +208,7 @@ fn tell(fit: &SizeFit, prepared: &Prepared, progress: &Progress) {
     }
 }
 
-/// In a unit that suits it.
+/// Formats a duration in a suitable unit.
 fn duration(ms: f64) -> String {
     match ms / 1e3 {
         s if s < 0.1 => format!("{ms:.1} ms"),
@@ -225,7 +226,8 @@ mod tests {
 
     use super::*;
 
-    /// What is found where frames take `fixed_ms` and `ms_per_pixel`, and how many sizes were timed.
+    /// Returns the size that is found if a frame takes `fixed_ms` plus `ms_per_pixel` per pixel, and how many sizes
+    /// were timed.
     fn found(asked: Extent, fixed_ms: f64, ms_per_pixel: f64, budget: &str) -> (Option<Extent>, usize) {
         let ms = |size: Extent| fixed_ms + ms_per_pixel * size.area() as f64;
         let mut probes = 0;
@@ -240,9 +242,9 @@ mod tests {
     #[test]
     fn the_largest_size_that_leaves_room_is_found_whatever_frames_take_beside_pixels() {
         let hd = Extent::new(640, 360);
-        // 1.7 s a frame; 14 ms are 1900 pixels.
+        // A full-size frame takes 1.7 s; 14 ms allow 1900 pixels.
         assert_eq!(found(hd, 0.0, 1.7e3 / 230_400.0, "11..20").0, Some(Extent::new(48, 27)));
-        // ... of which 5 ms are there for any size.
+        // The same with a fixed cost of 5 ms.
         assert_eq!(found(hd, 5.0, 1.7e3 / 230_400.0, "11..20").0, Some(Extent::new(32, 18)));
         for fixed_ms in [0.0, 2.0, 8.0] {
             for per_pixel in [1e-4, 1e-3, 7e-3] {
@@ -252,11 +254,11 @@ mod tests {
                 assert!(probes <= PROBES);
             }
         }
-        // Whatever the band's lower end.
+        // The band's lower end does not matter.
         assert_eq!(found(hd, 0.0, 1e-3, "0.01..20").0, Some(Extent::new(144, 81)));
         assert_eq!(found(hd, 0.0, 1e-3, "19.9..20").0, Some(Extent::new(144, 81)));
         assert_eq!(found(hd, 30.0, 1e-3, "11..20").0, None);
-        // Without room, what just fits.
+        // If no size leaves headroom, one that just fits is found.
         assert_eq!(found(hd, 15.0, 1e-3, "11..20").0, Some(Extent::new(16, 9)));
         assert_eq!(found(Extent::new(16, 9), 0.0, 1.0, "11..20"), (None, 0));
     }
@@ -267,7 +269,7 @@ mod tests {
         assert_eq!((sizes[0], sizes[2], sizes.len()), (Extent::new(16, 9), Extent::new(48, 27), 39));
         assert_eq!(smaller(Extent::new(96, 64))[0], Extent::new(12, 8));
         assert_eq!(smaller(Extent::new(48, 48))[1], Extent::new(16, 16));
-        // 1000 to 701 is no shape of small numbers.
+        // 1000:701 has no small terms.
         let odd = smaller(Extent::new(1000, 701));
         assert!(odd.iter().all(|s| s.width % 8 == 0 && s.height.abs_diff(s.width * 701 / 1000) <= 1), "{odd:?}");
         assert!(smaller(Extent::new(8, 8)).is_empty() && smaller(Extent::new(1, 4000)).is_empty());

@@ -1,4 +1,5 @@
-//! The ladder of a run: those of a file's rungs that fit the run, or the built-in candidates, timed on the shot itself.
+//! The ladder of a run: the rungs of a file that match the run's options, or the built-in candidates, timed on the shot
+//! itself.
 
 use std::path::Path;
 
@@ -13,10 +14,10 @@ use crate::cli::failure::Failure;
 use crate::cli::foveation::FoveationOptions;
 use crate::cli::options::DenoiserChoice;
 
-/// Settings that a run may use, before it is known what they cost.
+/// Settings that a run may use, before their costs are known.
 pub struct Choice {
     pub denoiser: DenoiserChoice,
-    /// Those of a file that the run can have; none: the built-in candidates.
+    /// Rungs of the ladder file that the run can use; `None`: the built-in candidates.
     pub ladder: Option<Ladder>,
     pub qualities: Vec<Quality>,
 }
@@ -33,7 +34,7 @@ impl Choice {
         Self::from_file(args, path).map_err(Failure::Input)
     }
 
-    /// The filter is the same for all frames of a run.
+    /// Selects the rungs of a ladder file that the run can use. All frames of a run have the same denoiser.
     fn from_file(args: &LoopOptions, path: &Path) -> Result<Self, anyhow::Error> {
         let all = Ladder::read(path).context("cannot use --ladder")?;
         let polar = args.foveated.space();
@@ -76,8 +77,9 @@ impl Choice {
         Ok(Self { denoiser, ladder: Some(Ladder::new(all.origin().clone(), rungs)?), qualities })
     }
 
-    /// What a frame of the cheapest rung is rendered with; none without any. Of the built-in candidates one with all
-    /// bounces, as it is not known yet how much light fewer would leave out.
+    /// Returns the quality and relative cost of a frame on the cheapest rung; `None` if there are no rungs. Among the
+    /// built-in candidates, only those with the maximum bounces count, since the light that fewer bounces lose is not
+    /// known yet.
     pub fn cheapest(&self, limits: &FoveationOptions) -> Option<(Quality, Effort)> {
         if let Some(ladder) = &self.ladder {
             return qualities(ladder, limits).into_iter().next();
@@ -95,7 +97,7 @@ impl Choice {
     }
 }
 
-/// What frames are rendered with, rung by rung, and what their stages cost, held against one another.
+/// Returns the quality of each rung, and the relative costs of its stages.
 pub fn qualities(ladder: &Ladder, limits: &FoveationOptions) -> Vec<(Quality, Effort)> {
     let rungs = ladder.rungs();
     rungs.iter().map(|rung| limits.limit(&rung.quality)).zip(efforts(rungs)).collect()

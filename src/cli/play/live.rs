@@ -1,4 +1,4 @@
-//! What a terminal shows while frames are made: a line per device and the frame times against the band.
+//! Live status in the terminal: a line per device, and the frame times against the band.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -9,20 +9,21 @@ use crate::report::run::FrameRow;
 
 use crate::cli::progress::Progress;
 
-/// Between two redraws, at least.
+/// Minimum time between redraws.
 const REDRAW: Duration = Duration::from_millis(100);
 /// Frames on the sparkline.
 const SHOWN: usize = 60;
-/// Columns of a device's name and of its bar.
+/// Columns of a device's name.
 const NAME: usize = 24;
+/// Columns of a device's bar.
 const BAR: usize = 24;
 
-/// Counts every frame; makes text only when it is time to draw.
+/// The status display. Counts every frame, but formats text only for a redraw.
 pub struct Live {
     band_ms: [f64; 2],
     denoiser: &'static str,
     rungs: usize,
-    /// How many there are to be, where that is known.
+    /// Number of frames to render, if known.
     wanted: Option<u32>,
     names: Vec<String>,
     recent_ms: VecDeque<f64>,
@@ -38,7 +39,7 @@ impl Live {
         Self { band_ms, denoiser, rungs, wanted, names, recent_ms: VecDeque::new(), frames: 0, in_band: 0, drawn: None }
     }
 
-    /// Takes in a frame, with the time that each device was busy, and draws where there is a terminal.
+    /// Adds a frame, with the time that each device was busy, and redraws on a terminal.
     pub fn observe(&mut self, row: &FrameRow, busy_ms: &[f64], progress: &Progress) {
         self.recent_ms.truncate(SHOWN - 1);
         self.recent_ms.push_front(row.makespan_ms);
@@ -71,7 +72,7 @@ impl Live {
     }
 }
 
-/// A device, its share of the rows and the share of the last frame in which it was busy.
+/// Formats a device with its fraction of the rows and the fraction of the last frame in which it was busy.
 fn device_line(name: &str, rows_share: f64, busy_share: f64) -> String {
     let name = match name.char_indices().nth(NAME - 1) {
         Some((end, last)) if end + last.len_utf8() < name.len() => format!("{}…", &name[..end]),
@@ -81,7 +82,7 @@ fn device_line(name: &str, rows_share: f64, busy_share: f64) -> String {
     format!("{name:NAME$} {} {rows:3.0} % of rows, {busy:3.0} % busy", bar(rows_share))
 }
 
-/// A bar of [`BAR`] columns, in eighths of one.
+/// Formats a bar of [`BAR`] columns, to an eighth of a column.
 fn bar(share: f64) -> String {
     const PARTS: [char; 8] = [' ', '▏', '▎', '▍', '▌', '▋', '▊', '▉'];
     let eighths = (share.clamp(0.0, 1.0) * (8 * BAR) as f64).round() as usize;
@@ -89,8 +90,8 @@ fn bar(share: f64) -> String {
     filled.chain([PARTS[eighths % 8]]).chain(std::iter::repeat(' ')).take(BAR).collect()
 }
 
-/// A column per frame: the two lowest are below the band, the next four within it, the two highest above; the highest
-/// says that it took more than twice what the band allows.
+/// Formats a column per frame. The two lowest levels are below the band, the next four within it, the two highest above
+/// it. The highest stands for more than twice the band's upper end.
 fn sparkline(times_ms: &[f64], [lo_ms, hi_ms]: [f64; 2]) -> String {
     let column = |ms: f64| match ms {
         _ if ms < 0.5 * lo_ms => '▁',

@@ -1,4 +1,4 @@
-//! Options of commands that keep frames inside a budget, and what follows from them before anything is opened.
+//! Options of commands that keep frames inside a budget.
 
 use std::path::PathBuf;
 
@@ -41,7 +41,7 @@ pub struct LoopOptions {
 }
 
 impl LoopOptions {
-    /// Begins the file of --record-motion, if there is to be one. A file that a killed run left is kept, which is said.
+    /// Creates the file of --record-motion, if requested. Renames a file that a killed run left, with a warning.
     pub fn recording(&self, space: Space, progress: &Progress) -> Result<Option<Recording>, Failure> {
         let Some(path) = &self.record_motion else { return Ok(None) };
         let (recording, kept) = Recording::create(space, path)?;
@@ -52,7 +52,7 @@ impl LoopOptions {
         Ok(Some(recording))
     }
 
-    /// Where the rungs are from, in words.
+    /// Describes where the rungs come from.
     pub fn ladder_name(&self, ladder: &Ladder) -> String {
         let Origin { shot, size, measure, .. } = ladder.origin();
         match (&self.ladder, measure) {

@@ -1,19 +1,19 @@
-//! When frames are due.
+//! Frame pacing.
 
 use std::time::{Duration, Instant};
 
-/// Frames at a steady rate. One that is late moves all that follow.
+/// Frames at a steady rate. A late frame delays all that follow.
 pub struct Pace {
     period: Duration,
     due: Instant,
 }
 
-/// Lateness that sleeping may cause; it is made up for.
+/// Lateness up to which a frame does not delay others, because sleeping overshoots.
 const SLACK: Duration = Duration::from_millis(1);
 
 impl Pace {
     pub fn new(fps: f64) -> Self {
-        // More than a day is as good as for ever.
+        // A `Duration` overflows at very low rates; a period of more than a day is long enough.
         let period = Duration::from_secs_f64((1.0 / fps).min(1e5));
         Self { period, due: Instant::now() }
     }
@@ -27,7 +27,7 @@ impl Pace {
         late.as_secs_f64() * 1e3
     }
 
-    /// The next frame is due now.
+    /// Makes the next frame due now.
     pub fn restart(&mut self) {
         self.due = Instant::now();
     }

@@ -1,4 +1,5 @@
-//! `diptych play --report`: the last picture beside a reference, how the budget was kept, and where frames' time went.
+//! `diptych play --report`: the last picture against a reference, frame times in their budget, and a breakdown of frame
+//! times.
 
 use std::time::Duration;
 
@@ -27,11 +28,12 @@ use crate::cli::page;
 use crate::cli::reference::{PASS_SPP, PassOptions, Plan};
 use crate::cli::setup::{self, Tracing};
 
-/// What a reference may take unless its samples are given, and samples beyond which no one sees a difference.
+/// Time limit of a reference without --report-spp.
 const TIME_LIMIT: Duration = Duration::from_secs(10);
+/// Samples per pixel beyond which no difference is visible.
 const SPP_MAX: u32 = 1 << 14;
 
-/// The last frame, off the devices.
+/// The last frame, read back from the devices.
 pub struct Last {
     index: u32,
     linear: Stereo<RgbImage>,
@@ -40,13 +42,13 @@ pub struct Last {
 }
 
 impl Last {
-    /// None before there is a frame.
+    /// Reads the newest frame back; `None` before the first one.
     pub fn of(run: &mut Run) -> Result<Option<Self>, Failure> {
         let Some((index, time_s)) = run.newest else { return Ok(None) };
         Ok(Some(Self { index, linear: run.session.renderer.read_linear()?, rig: run.rig(index), time_s }))
     }
 
-    /// What `loaded` sees at the same instant, unbiased, with other random numbers.
+    /// Renders an unbiased reference of `loaded` at the same instant, with other random numbers.
     fn reference(
         &self,
         args: &Args,
@@ -60,7 +62,7 @@ impl Last {
         let spp = args.report_spp.unwrap_or(SPP_MAX);
         let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
         let plan = Plan::new(&RenderOptions { run, spp, frames: 1, ..options.clone() }, passes)?;
-        // Its passes are no frames of the run's trace.
+        // The passes of the reference stay out of the run's trace.
         let tracing = Tracing::start(&plan.options)?;
         let gpus = setup::open_devices(&plan.options, usize::from(args.options.virtual_devices))?;
         let mut renderer = setup::renderer(&plan.options, loaded, gpus, tracing.recorder.origin())?;
@@ -98,7 +100,7 @@ pub fn write(
     page::write(&options.out, &title, &sections)
 }
 
-/// The tasks' times are since the frame's begin.
+/// Returns the swimlanes of a frame, whose task times are relative to its start.
 fn lane_frame(frame: &SampledFrame) -> LaneFrame<'_> {
     let SampledFrame { index, makespan_ms, tasks, .. } = frame;
     LaneFrame { name: format!("frame {index}"), makespan_ms: *makespan_ms, begin_ms: 0.0, tasks }

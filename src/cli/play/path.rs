@@ -1,12 +1,12 @@
-//! Where the camera is in a frame.
+//! Camera motion along the shot's path.
 
 use crate::scene::rig::Rig;
 
-/// The camera goes along its path and back again, for as long as frames are asked for. What moves in the scene goes on
-/// meanwhile: its time never runs back.
+/// A camera that moves along its path and back, endlessly. Animations continue meanwhile: scene time never runs
+/// backwards.
 pub struct CameraPath {
     rig: Rig,
-    /// By which the camera has jumped.
+    /// Offset in time on the path by which the camera has jumped, seconds.
     shift_s: f64,
 }
 
@@ -15,18 +15,18 @@ impl CameraPath {
         Self { rig: rig.clone(), shift_s: 0.0 }
     }
 
-    /// The rig that stands where the camera is after so much time.
+    /// Returns a static rig at the camera's position after this time.
     pub fn rig(&self, elapsed_s: f64) -> Rig {
         self.rig.at(self.along_s(elapsed_s))
     }
 
-    /// When the path begins, and how long it is. 0: the camera stands still.
+    /// Returns the start and the duration of the path, seconds. A duration of 0 means a static camera.
     fn begin_and_length_s(&self) -> [f64; 2] {
         let [begin_s, end_s] = [self.rig.keys.first(), self.rig.keys.last()].map(|key| key.map_or(0.0, |k| k.time_s));
         [begin_s, end_s - begin_s]
     }
 
-    /// When on the path that is.
+    /// Returns the time on the path after this elapsed time, seconds.
     fn along_s(&self, elapsed_s: f64) -> f64 {
         let [begin_s, length_s] = self.begin_and_length_s();
         if length_s <= 0.0 {
@@ -36,7 +36,7 @@ impl CameraPath {
         begin_s + if along_s > length_s { 2.0 * length_s - along_s } else { along_s }
     }
 
-    /// Half a path away, in the same direction.
+    /// Moves the camera by half of its path, in the same direction of travel.
     pub fn cut(&mut self, elapsed_s: f64) {
         let [begin_s, length_s] = self.begin_and_length_s();
         if length_s > 0.0 {
@@ -56,7 +56,7 @@ mod tests {
 
     #[test]
     fn the_camera_turns_back_at_the_ends_of_its_path_and_jumps_half_of_it() {
-        // Its first coordinate is the time.
+        // The camera's x coordinate is the time on the path.
         let at = |time_s: f64| DVec3::new(time_s, 0.0, 0.0);
         let key = |time_s| RigKey { time_s, position: at(time_s), target: at(time_s) - DVec3::Z, up: DVec3::Y };
         let keys = vec![key(1.0), key(5.0)];

@@ -1,4 +1,4 @@
-//! Options of a session, and everything that follows from them before a device is opened.
+//! Options of a session, and the settings derived from them before a device is opened.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::cli::options::RenderOptions;
 use crate::quality::Quality;
 
 impl LoopOptions {
-    /// Options with the most that any frame has.
+    /// Returns render options with the maximum quality of any frame.
     fn render_options(&self, choice: &Choice, frames: u32) -> RenderOptions {
         let most = self.foveated.limit(&Quality { fovea: self.foveated.radii(), ..choice.envelope().most });
         RenderOptions {
@@ -23,7 +23,7 @@ impl LoopOptions {
         }
     }
 
-    /// What clap cannot see.
+    /// Checks constraints that clap cannot express.
     fn check(&self, choice: &Choice, options: &RenderOptions) -> Result<(), anyhow::Error> {
         self.foveated.check(choice.denoiser)?;
         let (is_asked, filters) = (choice.denoiser.is_some(), options.quality().denoiser.is_some());
@@ -39,14 +39,14 @@ impl LoopOptions {
     }
 }
 
-/// Options that are known to go together.
+/// Validated options of a session.
 pub struct Prepared {
     pub options: LoopOptions,
     pub choice: Choice,
     pub render: RenderOptions,
-    /// Whether a smaller size is taken where no rung fits the budget; none: the command has no such option.
+    /// Whether to render at a smaller size if no rung fits the budget; `None` if the command has no such option.
     pub fits_size: Option<bool>,
-    /// How many there are to be; none: until it is ended.
+    /// Number of frames; `None` to render until the user ends the session.
     pub frames: Option<u32>,
 }
 

@@ -1,4 +1,4 @@
-//! The control loop: decide what a frame is rendered with, render it, take in what it took, tell whoever listens.
+//! The control loop: chooses the quality of a frame, renders it, records its times and reports it.
 
 use std::ops::{Deref, DerefMut};
 use std::path::Path;
@@ -27,14 +27,14 @@ use crate::cli::progress::Progress;
 use crate::cli::settings;
 use crate::cli::setup::Tracing;
 
-/// A session with everything that is said and written of it.
+/// A session with its trace, its progress output and its fault messages.
 pub struct Session {
     pub inner: session::Session,
     pub tracing: Tracing,
     pub progress: Progress,
-    /// Where no rung fits the size that was asked for.
+    /// Result of the search for a smaller size; `None` if the requested size fits.
     pub fit: Option<SizeFit>,
-    /// How long it took until the first frame could begin.
+    /// Time until the first frame could begin, seconds.
     pub warm_up_s: f64,
     live: Live,
     faults: FaultLog,
@@ -55,7 +55,7 @@ impl DerefMut for Session {
 }
 
 impl Session {
-    /// Makes the renderer on these devices, of a smaller size where that is wanted and needed, and finds its ladder.
+    /// Creates the renderer on these devices, at a smaller size if wanted and needed, and determines its ladder.
     pub fn start(
         prepared: &mut Prepared,
         loaded: &LoadedScene,
@@ -75,7 +75,8 @@ impl Session {
             fit,
             warm_up_s: begin.elapsed().as_secs_f64(),
             live: Live::new(options.budget_ms, renderer.devices(), denoiser, ladder.rungs().len(), prepared.frames),
-            // Timing settings takes frames of any length; the frames that count begin here.
+            // The session tightens the watchdog to the budget. Create it last, since calibration frames may take any
+            // time.
             inner: session::Session::with_qualities(renderer, ladder, qualities, options.budget_ms),
             tracing,
             progress,
@@ -83,7 +84,7 @@ impl Session {
         })
     }
 
-    /// Where the left and the right eye look in the frame of that time, if that matters.
+    /// Returns the gaze of the left and the right eye at `time_s`; `None` without foveation.
     pub fn gaze(&self, time_s: f64) -> Option<[[f64; 2]; 2]> {
         let of_layers = self.renderer.foveation().map(|layers| &layers.gaze);
         let of_polar = self.renderer.polar().map(|polar| &polar.gaze);
@@ -91,7 +92,7 @@ impl Session {
         of_settings.map(|eyes| self.inner.gaze.unwrap_or(eyes))
     }
 
-    /// Radii of the foveal layers that a frame has.
+    /// Returns the radii of a frame's foveal layers, if it has any.
     #[cfg(feature = "view")]
     pub fn fovea(&self, decided: Decided) -> Option<[f64; 2]> {
         self.quality(decided.decision.rung).fovea
@@ -110,7 +111,7 @@ impl Session {
         Ok((self.take_in(&frame, decided, late_ms, rig, time_s), frame))
     }
 
-    /// Begins the record of the frames in a folder.
+    /// Creates the record of the frames in a folder.
     pub fn record(&self, folder: &Path) -> Result<FrameRecord, Failure> {
         Ok(FrameRecord::create(folder, self.budget_ms())?)
     }
@@ -131,7 +132,7 @@ impl Session {
         let devices = self.renderer.devices();
         let budget_ms = self.budget_ms();
         let mut settings = settings::in_force(render, loaded.exposure_ev(), devices);
-        // A headset may have said what it is.
+        // The budget may come from the headset rather than from the option.
         settings.options.insert("budget_ms".to_owned(), format!("{}..{}", budget_ms[0], budget_ms[1]).into());
         let rows = record.rows();
         let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !render.no_skip, rows);
@@ -162,7 +163,7 @@ impl Session {
         row
     }
 
-    /// Announces a frame whose row is recorded, on the terminal or as a line of JSON.
+    /// Announces a frame on the terminal or as a JSON line. Call it after recording the frame's row.
     pub fn announce(&mut self, row: &FrameRow, frame: &FrameReport) {
         let Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, .. }) = row.control else { return };
         let FrameQuality { spp, bounces, iterations, scale, fovea } = row.quality;

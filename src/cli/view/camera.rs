@@ -1,4 +1,4 @@
-//! Where the eyes are: on the shot's path, or wherever keys and mouse have taken them.
+//! Camera of the window: on the shot's path, or moved off it by keys and mouse.
 
 use crate::scene::rig::{Rig, RigKey};
 use glam::{DQuat, DVec3};
@@ -6,37 +6,37 @@ use glam::{DQuat, DVec3};
 use super::shared::Input;
 use crate::cli::play::CameraPath;
 
-/// Turning by keys, radians per second.
+/// Rate of turning by keys, radians per second.
 const TURN_RAD_PER_S: f64 = 1.2;
-/// Times as fast.
+/// Speed factor of the Shift key.
 const FAST: f64 = 4.0;
-/// The view vector stays this far from straight up and down: the sine of the angle between.
+/// Minimum sine of the angle between the view vector and straight up or down.
 const LEAST_SIN_UP: f64 = 0.05;
 
 pub struct Camera {
     path: CameraPath,
-    /// On the path; stands still while the camera is off it.
+    /// Time on the path in seconds; stops while the camera is off the path.
     on_path_s: f64,
-    /// Of the scene, which goes on wherever the camera is.
+    /// Scene time in seconds, which advances wherever the camera is.
     time_s: f64,
-    /// Off the path.
+    /// Pose off the path; `None` while the camera follows the path.
     pose: Option<Pose>,
-    /// Scene units.
+    /// Speed of movement, scene units per second.
     speed_per_s: f64,
 }
 
-/// The point between the eyes.
+/// Pose of the point between the eyes.
 #[derive(Clone, Copy, Debug)]
 struct Pose {
     position: DVec3,
-    /// Of unit length.
+    /// View direction, of unit length.
     forward: DVec3,
-    /// Of unit length; stays what it is.
+    /// Up direction, of unit length; constant.
     up: DVec3,
 }
 
 impl Camera {
-    /// On the path, from `begin_s` on.
+    /// Creates a camera that follows the path of `rig` from `begin_s` on.
     pub fn new(rig: &Rig, begin_s: f64, speed_per_s: f64) -> Self {
         Self { path: CameraPath::new(rig), on_path_s: begin_s, time_s: begin_s, pose: None, speed_per_s }
     }
@@ -45,7 +45,7 @@ impl Camera {
         self.pose.is_none()
     }
 
-    /// Moves on by `passed_s`; returns the rig and the scene's time.
+    /// Advances by `passed_s`; returns the rig and the scene's time.
     pub fn step(&mut self, input: &Input, passed_s: f64) -> (Rig, f64) {
         if input.toggles_path {
             self.pose = if self.pose.is_none() { Some(self.pose_on_path()) } else { None };
@@ -80,7 +80,7 @@ impl Pose {
         let [yaw, pitch] = [0, 1].map(|i| input.dragged_rad[i] + input.turns[i] * TURN_RAD_PER_S * passed_s);
         let right = self.right();
         let turned = DQuat::from_axis_angle(self.up, -yaw) * DQuat::from_axis_angle(right, pitch) * self.forward;
-        // Beyond the pole right would change sides.
+        // Beyond the pole, the right vector would flip.
         let is_upright = turned.cross(self.up).dot(DQuat::from_axis_angle(self.up, -yaw) * right) > LEAST_SIN_UP;
         self.forward = if is_upright {
             turned.normalize()

@@ -1,4 +1,4 @@
-//! `diptych view --xr`: the control loop in a headset, which says when a frame is due and from where it is seen.
+//! `diptych view --xr`: the control loop in a headset. The OpenXR runtime sets the time and the pose of each frame.
 
 mod board;
 mod world;
@@ -34,7 +34,7 @@ use crate::cli::{interrupt, output};
 use board::Board;
 use world::{Late, World};
 
-/// The least of a display's period that the devices are to use.
+/// Lower end of the frame budget, as a fraction of the display's period.
 const LEAST_SHARE: f64 = 0.55;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -42,7 +42,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(option) = typed("motion").or_else(|| typed("fps")) {
         return Err(Failure::Input(anyhow!("{option} does not go with --xr: the headset says when and from where")));
     }
-    // Which may be where motion is recorded to.
+    // Create the folder first: --record-motion may name a file in it.
     let writes = typed("out").is_some();
     if writes {
         output::prepare(&args.options.run.out, "--out")?;
@@ -100,19 +100,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let (news, board) = (News::default(), None);
     let mut show = Show { session, headset, world, late, motion, record, look, news, board, opens_board: args.panel };
-    // What there is by then is written, whatever ended it.
+    // Write the results so far, even after an error.
     let shown = show.frames(&prepared);
     let finished = show.finish(args, &prepared, &loaded, first.period_ms());
     shown.and(finished)
 }
 
-/// What the display's period leaves for a frame.
+/// Returns the frame budget for a display period.
 fn budget(period_ms: f64) -> Result<Budget, Failure> {
     Budget::new(LEAST_SHARE * period_ms, period_ms)
         .map_err(|_| Failure::Run(anyhow!("the headset tells no period of its display: give --budget-ms LO..HI")))
 }
 
-/// Of eyes that are known; none if the session ended before. Nothing is shown in it.
+/// Waits for the first frame, which describes the eyes, and skips it. `None` if the session ended before.
 fn first_frame(headset: &mut Headset) -> Result<Option<Box<HeadsetFrame>>, Failure> {
     loop {
         if interrupt::is_set() {
@@ -164,18 +164,18 @@ struct Show {
     world: World,
     late: Arc<Late>,
     motion: Option<Recording>,
-    /// Without --out there is none.
+    /// Record of the frames; `None` without --out.
     record: Option<FrameRecord>,
     look: Look,
     news: News,
-    /// While it is shown.
+    /// The panel, while it is shown.
     board: Option<Board>,
-    /// With the first frame.
+    /// Whether to open the panel with the first frame.
     opens_board: bool,
 }
 
 impl Show {
-    /// Until the session ends, for whatever reason.
+    /// Renders frames until the session ends.
     fn frames(&mut self, prepared: &Prepared) -> Result<(), Failure> {
         let most = prepared.frames.unwrap_or(u32::MAX);
         let mut index = 0;
@@ -208,7 +208,7 @@ impl Show {
         let (mut row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
         let images = pixels(session, headset, DISPLAY)?;
         let distances = headset.takes_depth().then(|| pixels(session, headset, aov_image(0))).transpose()?;
-        // A frame that is made again as its images are read asks again.
+        // Take the pose only now: a frame that is rendered again during readback latches again.
         let answered = late.end();
         let mut frame = *frame;
         let shown_from = report.shown_from.as_ref().map_or(&rig, |pose| &pose.rig);
@@ -240,7 +240,7 @@ impl Show {
         Ok(())
     }
 
-    /// Writes what is asked for, and says how it went.
+    /// Writes the requested files and prints a summary.
     fn finish(self, args: &Args, prepared: &Prepared, loaded: &LoadedScene, period_ms: f64) -> Result<(), Failure> {
         let Self { mut session, headset, motion, record, .. } = self;
         session.progress.finish();
@@ -264,7 +264,7 @@ impl Show {
     }
 }
 
-/// An output of the newest frame: where it is, if that is the headset's device, else by way of the host.
+/// Returns an output of the newest frame: buffers if it is on the headset's device, else a host copy.
 fn pixels(session: &mut Session, headset: &Headset, image: Resource) -> Result<Stereo<Pixels>, Failure> {
     let renderer = &mut session.renderer;
     if headset.renders()

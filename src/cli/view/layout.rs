@@ -1,8 +1,8 @@
-//! Where the eyes' images are in the window.
+//! Layout of the eyes' images in the window.
 
 use crate::image::Extent;
 
-/// Between the eyes side by side, pixels.
+/// Gap between the eyes side by side, pixels.
 const GAP: f64 = 4.0;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -14,7 +14,7 @@ pub enum Layout {
     Right,
 }
 
-/// What a part of the window shows; an eye's number is its layer.
+/// Contents of a part of the window; the value of an eye is its texture layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shows {
     Left = 0,
@@ -28,7 +28,7 @@ pub struct Placement {
     pub shows: Shows,
     pub x: f64,
     pub y: f64,
-    /// Pixels of the window per pixel of the image.
+    /// Window pixels per image pixel.
     pub scale: f64,
     pub eye: Extent,
 }
@@ -43,7 +43,7 @@ impl Layout {
         }
     }
 
-    /// As large as the window allows, in its middle.
+    /// Returns the parts of the window, centred and as large as it allows.
     pub fn placements(self, [width, height]: [u32; 2], eye: Extent) -> Vec<Placement> {
         let (shows, gap): (&[Shows], f64) = match self {
             Self::SideBySide => (&[Shows::Left, Shows::Right], GAP),
@@ -77,13 +77,13 @@ impl Placement {
         (self.scale * f64::from(self.eye.height)).floor()
     }
 
-    /// Where in the image a point of the window is, as fractions from the top left; none outside.
+    /// Maps a point of the window into the image, as fractions from the top left; `None` outside.
     pub fn within(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let at = [(x - self.x) / self.width(), (y - self.y) / self.height()];
         at.iter().all(|c| (0.0..=1.0).contains(c)).then_some(at)
     }
 
-    /// Index of the eye whose layers are drawn on it; an anaglyph has the left one's.
+    /// Returns the index of the eye whose foveal layers are drawn on it: the left one for an anaglyph.
     pub fn eye_index(&self) -> usize {
         usize::from(self.shows == Shows::Right)
     }

@@ -1,8 +1,8 @@
-//! What the window and the panel show beside frames.
+//! Session data that the window and the panel show beside frames.
 
 use crate::image::Extent;
 
-/// What the window is told before the first frame.
+/// Session data that is known before the first frame.
 pub struct Look {
     pub scene: String,
     pub eye: Extent,

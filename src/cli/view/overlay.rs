@@ -1,4 +1,4 @@
-//! What is written and drawn over the images: frame times, settings, shares of devices, foveal layers, keys.
+//! Overlay of the images: frame times, settings, rows per device, foveal layers and keys.
 
 use egui::{
     Align2, Area, ClippedPrimitive, Color32, FontId, Frame, Margin, Pos2, Rect, RichText, Sense, Shape, Stroke,
@@ -16,12 +16,12 @@ pub struct Painted {
     pub pixels_per_point: f32,
 }
 
-/// What is on.
+/// Parts of the overlay that are on.
 #[derive(Clone, Copy, Debug)]
 pub struct Parts {
     pub panel: bool,
     pub help: bool,
-    /// Where there are keys, which one lists them.
+    /// Hint at the key that lists all keys; false where there is no keyboard.
     pub hint: bool,
 }
 
@@ -43,7 +43,7 @@ const DEVICES: [Color32; 6] = [
     Color32::from_rgb(150, 150, 90),
     Color32::from_rgb(120, 170, 190),
 ];
-/// Of the plot and the bar of shares, points.
+/// Width of the plot and of the bar of rows per device, points.
 const WIDTH: f32 = 264.0;
 
 const KEYS: [(&str, &str); 9] = [
@@ -71,7 +71,7 @@ impl Overlay {
         Self { context }
     }
 
-    /// For a window of so many pixels.
+    /// Paints the overlay for a window of `size` pixels.
     pub fn paint(
         &self,
         size: [u32; 2],
@@ -136,7 +136,7 @@ fn panel(ui: &mut Ui, look: &Look, news: &News) {
     shares(ui, &look.devices, last);
 }
 
-/// Of the last thirty.
+/// Returns the frame rate over the last thirty frames, Hz.
 fn rate(news: &News) -> f64 {
     let recent = news.frames.len().min(30);
     let first = &news.frames[news.frames.len() - recent];
@@ -144,7 +144,7 @@ fn rate(news: &News) -> f64 {
     if passed_s > 0.0 { (recent - 1) as f64 / passed_s } else { 0.0 }
 }
 
-/// Frame times on the band.
+/// Plots frame times over the budget's band.
 fn plot(ui: &mut Ui, [lo_ms, hi_ms]: [f64; 2], news: &News) {
     let (rect, _) = ui.allocate_exact_size(vec2(WIDTH, 68.0), Sense::hover());
     let painter = ui.painter_at(rect);
@@ -166,7 +166,7 @@ fn plot(ui: &mut Ui, [lo_ms, hi_ms]: [f64; 2], news: &News) {
     }
 }
 
-/// A bar of the rows that each device had, and their names.
+/// Draws a bar of the rows that each device had, and the devices' names.
 fn shares(ui: &mut Ui, devices: &[String], last: &FrameNews) {
     let rows: u32 = last.stripes.iter().sum();
     let share = |rows_of: u32| f64::from(rows_of) / f64::from(rows.max(1));
@@ -188,7 +188,7 @@ fn shares(ui: &mut Ui, devices: &[String], last: &FrameNews) {
     }
 }
 
-/// Where foveal layers end, with the panel, and a cross at the gaze.
+/// Draws the borders of foveal layers, if `with_circles`, and a cross at the gaze.
 fn layers(painter: &egui::Painter, placement: &Placement, news: &News, pixels_per_point: f32, with_circles: bool) {
     let Some(eyes) = news.circles else { return };
     let (radii, gaze) = eyes[placement.eye_index()];

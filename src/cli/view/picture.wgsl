@@ -1,9 +1,9 @@
-// One eye's image over the viewport, or both as an anaglyph. Images are encoded for display already.
+// Draws one eye's image over the viewport, or both as an anaglyph. The images are already sRGB encoded.
 
 @group(0) @binding(0) var eyes: texture_2d_array<f32>;
 @group(0) @binding(1) var filtered: sampler;
 
-// Whether what is written is encoded once more on its way.
+// Whether the target's format encodes sRGB again.
 override DECODES: bool = false;
 
 struct Corner {
@@ -12,7 +12,7 @@ struct Corner {
     @location(1) @interpolate(flat) shows: u32,
 }
 
-// A triangle whose part inside the viewport is all of it.
+// A triangle that covers the viewport.
 @vertex
 fn cover(@builtin(vertex_index) vertex: u32, @builtin(instance_index) shows: u32) -> Corner {
     let at = vec2f(f32((vertex << 1u) & 2u), f32(vertex & 2u));
@@ -40,7 +40,7 @@ fn show(corner: Corner) -> @location(0) vec4f {
     return shown(of_eye(corner.shows, corner.at));
 }
 
-// As image::stereo::anaglyph: red is the left eye's luma (Rec. ITU-R BT.601), the rest is the right eye's.
+// Matches image::stereo::anaglyph: red is the left eye's luma (Rec. ITU-R BT.601), green and blue are the right eye's.
 @fragment
 fn show_both(corner: Corner) -> @location(0) vec4f {
     let luma = dot(of_eye(0u, corner.at), vec3f(0.299, 0.587, 0.114));

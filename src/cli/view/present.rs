@@ -16,14 +16,14 @@ use super::layout::{Placement, Shows};
 use super::overlay::Painted;
 use super::shared::EyeImages;
 
-/// Around the images.
+/// Clear colour around the images.
 const BACKGROUND: wgpu::Color = wgpu::Color { r: 0.055, g: 0.055, b: 0.06, a: 1.0 };
 
-/// What is drawn.
+/// Contents of the window.
 #[derive(Default)]
 pub struct Drawing {
     pub placements: Vec<Placement>,
-    /// Pixels stay squares.
+    /// Whether magnified pixels stay sharp squares.
     pub is_sharp: bool,
     pub overlay: Painted,
 }
@@ -32,14 +32,14 @@ pub struct Presenter {
     window: Arc<Window>,
     screen: ScreenDevice,
     config: wgpu::SurfaceConfiguration,
-    /// Of one eye, of both as an anaglyph: what a branch leaves out still costs time on software adapters.
+    /// Pipelines for one eye and for an anaglyph: on software adapters, even a branch not taken costs time.
     pipelines: [wgpu::RenderPipeline; 2],
-    /// A layer per eye.
+    /// Texture array with a layer per eye.
     eyes: wgpu::Texture,
-    /// Smooth, sharp.
+    /// Bind groups for smooth and for sharp pixels.
     bindings: [wgpu::BindGroup; 2],
     overlay: egui_wgpu::Renderer,
-    /// Textures of the overlay that the next drawing has no use for.
+    /// Textures of the overlay to free at the next redraw.
     freed: Vec<egui::TextureId>,
 }
 
@@ -49,7 +49,7 @@ impl Presenter {
         let device = &screen.gpu.device;
         let mut config =
             screen.surface.get_default_config(&screen.adapter, 1, 1).context("the window takes no images")?;
-        // Images and overlay are encoded already.
+        // Images and overlay are already sRGB encoded: prefer a format that does not encode again.
         let formats = screen.surface.get_capabilities(&screen.adapter).formats;
         config.format = formats.into_iter().find(|f| !f.is_srgb()).unwrap_or(config.format);
         config.present_mode = wgpu::PresentMode::AutoVsync;
@@ -66,17 +66,18 @@ impl Presenter {
         Ok(presenter)
     }
 
-    /// Between two drawings, at least: on a software adapter they take time from the devices that render.
+    /// Returns the minimum time between redraws: on a software adapter, drawing takes time from the devices that
+    /// render.
     pub fn least_interval(&self) -> Duration {
         if self.screen.gpu.info.threads.is_some() { Duration::from_millis(33) } else { Duration::ZERO }
     }
 
-    /// Size of the window, pixels; at least one each way.
+    /// Returns the size of the window in pixels, at least 1×1.
     pub fn size(&self) -> [u32; 2] {
         [self.config.width, self.config.height]
     }
 
-    /// Takes the window's size over.
+    /// Adopts the window's current size.
     pub fn resize(&mut self) {
         let size = self.window.inner_size();
         let most = self.screen.gpu.device.limits().max_texture_dimension_2d;
@@ -84,7 +85,7 @@ impl Presenter {
         self.screen.surface.configure(&self.screen.gpu.device, &self.config);
     }
 
-    /// The eyes' images from here on.
+    /// Uploads the eyes' images for the following drawings.
     pub fn upload(&self, Stereo { left, right }: &EyeImages) {
         for (layer, image) in [left, right].into_iter().enumerate() {
             let Extent { width, height } = image.extent;
@@ -98,7 +99,7 @@ impl Presenter {
         }
     }
 
-    /// What the overlay draws with from here on.
+    /// Applies changes of the overlay's textures. The next call frees those that the overlay no longer needs.
     pub fn take_textures(&mut self, mut textures: TexturesDelta) {
         let Self { screen, overlay, freed, .. } = self;
         freed.drain(..).for_each(|id| overlay.free_texture(&id));
@@ -110,7 +111,7 @@ impl Presenter {
         textures.clear();
     }
 
-    /// Shows the drawing in the window, unless that cannot be seen now; false: it is to be tried again.
+    /// Shows the drawing in the window, unless the window is hidden. Returns false if the caller should try again.
     pub fn present(&mut self, drawing: &Drawing) -> Result<bool, anyhow::Error> {
         use wgpu::CurrentSurfaceTexture::{Lost, Occluded, Outdated, Suboptimal, Success, Timeout, Validation};
         let target = match self.screen.surface.get_current_texture() {
@@ -137,7 +138,7 @@ impl Presenter {
         self.screen.gpu.failure().map_or(Ok(()), |failure| Err(anyhow!("the window's device failed: {}", failure.what)))
     }
 
-    /// The drawing as an image of the window's size.
+    /// Renders the drawing to an image of the window's size.
     pub fn capture(&mut self, drawing: &Drawing) -> Result<DisplayImage, anyhow::Error> {
         let [width, height] = self.size();
         let device = &self.screen.gpu.device;

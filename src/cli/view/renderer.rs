@@ -1,4 +1,4 @@
-//! The control loop on its own thread: frames from wherever the camera is, for as long as the window wants them.
+//! The control loop on its own thread: renders the camera's views until the window closes.
 
 use std::time::Instant;
 
@@ -17,10 +17,10 @@ use crate::cli::play::{Pace, Prepared, Session};
 use crate::cli::progress::Progress;
 use crate::cli::setup::Tracing;
 
-/// The time that passes for the camera between two frames is at most this, however long they took.
+/// Maximum time step of the camera between two frames, seconds.
 const LONGEST_STEP_S: f64 = 0.25;
 
-/// What it begins with.
+/// Inputs of the renderer's thread.
 pub struct Start {
     pub prepared: Prepared,
     pub loaded: LoadedScene,
@@ -29,8 +29,8 @@ pub struct Start {
     pub progress: Progress,
 }
 
-/// Renders until the window ends, it is interrupted, or all frames that were asked for are there; `wake` is called after
-/// each.
+/// Renders until the window closes, the run is interrupted or all requested frames are done. Calls `wake` after each
+/// frame.
 pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure> {
     let Start { mut prepared, loaded, gpus, tracing, progress } = start;
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
@@ -75,7 +75,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
     session.tracing.finish()
 }
 
-/// A tenth of the scene's diagonal.
+/// Returns the camera's speed in scene units per second: a tenth of the scene's diagonal.
 pub fn speed_per_s(scene: &Scene) -> f64 {
     let bounds = scene.bounds();
     let diagonal = f64::from((bounds.max - bounds.min).length());

@@ -1,4 +1,4 @@
-//! What the window and the renderer's thread tell each other. Neither waits: the newest counts.
+//! State that the window and the renderer's thread share. Neither waits for the other; new values replace old ones.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,7 +9,7 @@ use crate::exec::Stereo;
 use crate::image::Image;
 use crate::quality::FrameQuality;
 
-/// Frames that are remembered for the plot.
+/// Number of recent frames kept for the plot.
 const REMEMBERED: usize = 120;
 
 pub type EyeImages = Stereo<Image<[u8; 4]>>;
@@ -21,39 +21,39 @@ pub struct Shared {
     ends: AtomicBool,
 }
 
-/// What whoever sits at the window wants.
+/// User input at the window.
 #[derive(Clone, Debug, Default)]
 pub struct Input {
-    /// To the right, up and ahead, each −1 to 1, for as long as keys are held.
+    /// Movement to the right, up and ahead, each −1 to 1, while keys are held.
     pub moves: [f64; 3],
-    /// To the right and up, each −1 to 1, likewise.
+    /// Rotation to the right and up, each −1 to 1, while keys are held.
     pub turns: [f64; 2],
-    /// To the right and up since it was last asked for, radians.
+    /// Mouse rotation to the right and up since the last [`Shared::take_input`], radians.
     pub dragged_rad: [f64; 2],
     pub is_fast: bool,
-    /// Fractions of an eye's image from the top left.
+    /// Gaze as fractions of an eye's image from the top left.
     pub gaze: Option<[f64; 2]>,
-    /// Asked for since it was last asked: to the path or off it.
+    /// Whether to join or leave the path; reset by [`Shared::take_input`].
     pub toggles_path: bool,
 }
 
-/// What came of frames.
+/// Newest results of the renderer's thread.
 #[derive(Default)]
 struct Output {
     picture: Option<EyeImages>,
     news: News,
 }
 
-/// All that the overlay tells.
+/// Data that the overlay shows.
 #[derive(Clone, Debug, Default)]
 pub struct News {
-    /// Oldest first.
+    /// Recent frames, the oldest first.
     pub frames: VecDeque<FrameNews>,
     pub count: u64,
     pub in_band: u64,
     pub rungs: usize,
     pub follows_path: bool,
-    /// Where foveal layers end and what is looked at, by eye, pixels of its image.
+    /// Radii of the foveal layers and gaze of each eye, in pixels of its image.
     pub circles: Option<[([f64; 2], [f64; 2]); 2]>,
 }
 
@@ -88,7 +88,7 @@ impl Shared {
         change(&mut locked(&self.input));
     }
 
-    /// The input by now; what happens once is taken out.
+    /// Returns the current input, and resets mouse rotation and the path toggle.
     pub fn take_input(&self) -> Input {
         let mut input = locked(&self.input);
         let taken = input.clone();
@@ -96,7 +96,7 @@ impl Shared {
         taken
     }
 
-    /// Hands a frame to the window; `change` sets what else is new.
+    /// Hands a frame to the window; `change` updates the rest of the overlay's data.
     pub fn show(&self, picture: EyeImages, frame: FrameNews, change: impl FnOnce(&mut News)) {
         let mut output = locked(&self.output);
         output.picture = Some(picture);
@@ -104,13 +104,13 @@ impl Shared {
         change(&mut output.news);
     }
 
-    /// The newest picture, if it was not taken before, and what there is to tell.
+    /// Returns the newest picture, if it was not taken before, and the data for the overlay.
     pub fn take_output(&self) -> (Option<EyeImages>, News) {
         let mut output = locked(&self.output);
         (output.picture.take(), output.news.clone())
     }
 
-    /// No further frame is wanted.
+    /// Asks the renderer's thread to stop.
     pub fn end(&self) {
         self.ends.store(true, Ordering::Relaxed);
     }

@@ -1,4 +1,4 @@
-//! The window: its events become input for the renderer's thread, that thread's frames become what it shows.
+//! The window: sends its events to the renderer's thread and shows that thread's frames.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ use super::renderer::{self, Start};
 use super::shared::{News, Shared};
 use crate::cli::failure::Failure;
 
-/// Why the renderer's thread wakes the window.
+/// Reason why the renderer's thread wakes the window.
 #[derive(Clone, Copy, Debug)]
 pub enum Wake {
     Frame,
@@ -32,7 +32,7 @@ pub enum Wake {
 
 pub struct App {
     look: Look,
-    /// Until there is a window.
+    /// Inputs of the renderer's thread, until the window opens.
     start: Option<Start>,
     shared: Arc<Shared>,
     proxy: EventLoopProxy<Wake>,
@@ -41,7 +41,7 @@ pub struct App {
     failure: Option<anyhow::Error>,
 }
 
-/// What there is once there is a window.
+/// State of the open window.
 struct Open {
     window: Arc<Window>,
     presenter: Presenter,
@@ -61,7 +61,7 @@ impl App {
         Self { look, start: Some(start), shared, proxy, renderer: None, open: None, failure: None }
     }
 
-    /// Waits for the renderer's thread; returns what the window showed last, if it is wanted.
+    /// Waits for the renderer's thread; returns the last picture in the window if `wants_picture`.
     pub fn end(mut self, wants_picture: bool) -> Result<Option<DisplayImage>, Failure> {
         self.shared.end();
         let rendered = self.renderer.take().map(JoinHandle::join);
@@ -101,7 +101,7 @@ impl App {
         });
         let (shared, proxy) = (Arc::clone(&self.shared), self.proxy.clone());
         let render = move || {
-            // The window may be gone by then.
+            // Ignore failures: the window may have closed.
             let wake = |why| {
                 let _ = proxy.send_event(why);
             };
@@ -115,7 +115,8 @@ impl App {
     }
 }
 
-/// Pixels of the eyes side by side, in whole multiples, as far as they fit common screens.
+/// Returns the window's first size: the eyes side by side, magnified by the largest integer at which they fit common
+/// screens.
 fn first_size(Extent { width, height }: Extent) -> PhysicalSize<u32> {
     let scale = (1280 / (2 * width)).min(720 / height).max(1);
     PhysicalSize::new((2 * width * scale + 4).max(800), (height * scale).max(450))
@@ -138,7 +139,7 @@ impl ApplicationHandler<Wake> for App {
                 }
             }
             Wake::Ended => {
-                // The last frame may not have been drawn yet.
+                // Draw the last frame, which the minimum interval may have skipped.
                 if let Err(failure) = open.redraw(&self.look, &self.shared) {
                     self.failure.get_or_insert(failure);
                 }
@@ -185,7 +186,7 @@ impl Open {
             self.presenter.upload(&picture);
         }
         let size = self.presenter.size();
-        // Before the first frame there is nothing to place.
+        // There are no images before the first frame.
         self.drawing.placements =
             if self.news.frames.is_empty() { Vec::new() } else { self.layout.placements(size, look.eye) };
         let (painted, textures) = self.overlay.paint(
@@ -208,7 +209,7 @@ impl Open {
         let from = std::mem::replace(&mut self.pointer, to);
         let placements = self.layout.placements(self.presenter.size(), look.eye);
         let gaze = placements.iter().find_map(|p| p.within(to));
-        // An eye's height is about a radian.
+        // A drag over an eye's height turns by about a radian.
         let radians = placements.first().map_or(0.0, |p| 1.0 / p.height().max(1.0));
         shared.change_input(|input| {
             input.gaze = gaze.or(input.gaze);

@@ -1,21 +1,21 @@
-//! Timestamps that begin again at 0. Drivers count in 36 to 64 bits, and wgpu does not say in how many.
+//! Unwraps device timestamps. Drivers have counters of 36 to 64 bits, and wgpu does not report the width.
 
-/// With fewer bits, wgpu offers no timestamps.
+/// Period of a 36-bit counter. wgpu offers no timestamps on narrower counters.
 const LEAST_PERIOD: u64 = 1 << 36;
 
-/// Makes of a counter that begins again one that goes on.
+/// Converts a counter that wraps around to one that does not.
 #[derive(Clone, Debug, Default)]
 pub struct Counter {
     first: Option<u64>,
-    /// The first tick that was looked at last.
+    /// First tick of the previous call.
     last: u64,
     most: u64,
-    /// What it has lost by beginning again.
+    /// Ticks lost to wraparound so far.
     lost: u64,
 }
 
 impl Counter {
-    /// How many ticks after the very first one these were taken. They are in order, but for passes that overlap.
+    /// Returns the ticks since the very first one. `ticks` are in order, except that passes may overlap.
     pub fn elapsed(&mut self, ticks: &[u64]) -> Vec<f64> {
         let Some(&first) = ticks.first() else { return Vec::new() };
         let start = *self.first.get_or_insert(first);
@@ -26,8 +26,9 @@ impl Counter {
         ticks.iter().map(|&tick| since(tick).wrapping_sub(start).cast_signed() as f64).collect()
     }
 
-    /// The counter's period where it began again after `before`: it went back by more than half of it. The period is the
-    /// least power of two above all ticks, which a counter that is about to begin again has come close to.
+    /// Returns the counter's period if it wrapped around after `before`, that is, fell by more than half a period; zero
+    /// otherwise. The period is the smallest power of two above all ticks so far: a counter that is about to wrap has
+    /// come close to it.
     fn lost_between(&self, before: u64, tick: u64) -> u64 {
         let period = self.most.checked_add(1).and_then(u64::checked_next_power_of_two).unwrap_or(0);
         let period = if period == 0 { 0 } else { period.max(LEAST_PERIOD) };
@@ -39,7 +40,7 @@ impl Counter {
 mod tests {
     use super::*;
 
-    /// A counter of so many bits, read in groups of four ticks that are `step` apart.
+    /// Reads a counter with this many bits in groups of four ticks, `step` apart.
     fn assert_goes_on(bits: u32, begin: u64, step: u64, groups: u64) {
         let mut counter = Counter::default();
         let period = 1u128 << bits;

@@ -1,18 +1,18 @@
-//! How far a device's clock is from the host's, while both drift.
+//! Tracks the offset between a device's clock and the host's, while both drift.
 
 use std::ops::Range;
 
-/// By how much the two clocks' rates differ at most: each one's crystal is within 100 ppm.
+/// Maximum difference of the two clocks' rates: each crystal is within 100 ppm.
 pub const MOST_DRIFT: f64 = 200e-6;
 
-/// What is added to times of the device to have the host's, and the bounds of it. All are milliseconds.
+/// Offset that converts device time to host time, with its bounds, in milliseconds.
 #[derive(Clone, Debug)]
 pub struct Offset {
     value: f64,
-    /// What `value` lies within, at a time of the device.
+    /// Bounds of `value` at the device time `at_ms`.
     bounds: Range<f64>,
     at_ms: f64,
-    /// It grows by no less and no more each millisecond.
+    /// Bounds of its growth per millisecond.
     rate: Range<f64>,
 }
 
@@ -24,20 +24,20 @@ impl Default for Offset {
 }
 
 impl Offset {
-    /// Learns from work that was between two times of the device and was handed out and seen to have ended at two times
-    /// of the host: it can have neither begun before the one nor ended after the other. What was known before may have
-    /// drifted away since. The offset moves no more than it must.
+    /// Narrows the bounds by work that ran between two device times. Its host times are those of submission and of
+    /// observed completion: the work cannot have begun before the first or ended after the second. Earlier bounds are
+    /// widened by the drift since then. The offset moves no more than necessary.
     pub fn narrow(&mut self, device_ms: &Range<f64>, host_ms: &Range<f64>) {
         let lasted = (device_ms.end - device_ms.start).max(0.0);
         let bracket = host_ms.start - device_ms.start - MOST_DRIFT * lasted..host_ms.end - device_ms.end;
         let is_known = self.bounds.start.is_finite();
-        // Longer on the device's clock than on the host's: one of them has jumped on the way.
+        // The work took longer on the device's clock than on the host's: one of the clocks jumped during it.
         if !(bracket.start <= bracket.end || !is_known && bracket.start.is_finite() && bracket.end.is_finite()) {
             return;
         }
         let (value, before) = self.moved_to(device_ms.end);
         let both = before.start.max(bracket.start)..before.end.min(bracket.end);
-        // Else one of the clocks has jumped in between.
+        // Otherwise one of the clocks has jumped since the last call.
         let agrees = is_known && both.start <= both.end;
         self.bounds = if agrees { both } else { bracket };
         let middle = 0.5 * (self.bounds.start + self.bounds.end);
@@ -45,7 +45,8 @@ impl Offset {
         self.at_ms = device_ms.end;
     }
 
-    /// The offset and its bounds at another time of the device. It is taken to grow as little as it may.
+    /// Returns the offset and its bounds at another device time. The offset is assumed to have grown as little as
+    /// possible.
     fn moved_to(&self, device_ms: f64) -> (f64, Range<f64>) {
         let elapsed = device_ms - self.at_ms;
         let (a, b) = (self.rate.start * elapsed, self.rate.end * elapsed);
@@ -59,17 +60,17 @@ impl Offset {
         (self.value + least, self.bounds.start + a.min(b)..self.bounds.end + a.max(b))
     }
 
-    /// What is known of how fast it grows: by no less and no more each millisecond.
+    /// Sets the bounds of the offset's growth per millisecond.
     pub fn set_rate(&mut self, rate: Range<f64>) {
         self.rate = rate;
     }
 
-    /// What it lay within at the latest time of the device at which it was narrowed; that time comes first.
+    /// Returns the latest device time at which the offset was narrowed, and its bounds at that time.
     pub fn bounds(&self) -> (f64, Range<f64>) {
         (self.at_ms, self.bounds.clone())
     }
 
-    /// What it is expected to be at a time of the device, and how wrong that is at most.
+    /// Returns the offset expected at a device time, and its maximum error.
     pub fn at(&self, device_ms: f64) -> (f64, f64) {
         let (value, bounds) = self.moved_to(device_ms);
         (value, (value - bounds.start).abs().max((bounds.end - value).abs()))
@@ -79,12 +80,12 @@ impl Offset {
         self.value
     }
 
-    /// Takes the middle between the bounds.
+    /// Moves the offset to the middle of its bounds.
     pub fn centre(&mut self) {
         self.value = 0.5 * (self.bounds.start + self.bounds.end);
     }
 
-    /// How wrong the offset is at most.
+    /// Returns the maximum error of the offset.
     pub fn error_ms(&self) -> f64 {
         (self.value - self.bounds.start).abs().max((self.bounds.end - self.value).abs())
     }
@@ -94,10 +95,10 @@ impl Offset {
 mod tests {
     use super::*;
 
-    /// A device whose clock runs at another rate than the host's.
+    /// A device whose clock runs at a different rate than the host's.
     struct Fake {
         rate: f64,
-        /// Where it is at the host's 0.
+        /// Device time at host time 0.
         begin_ms: f64,
         random: u32,
     }
@@ -111,14 +112,14 @@ mod tests {
             self.begin_ms + host_ms * self.rate
         }
 
-        /// From 0 to `most_ms`.
+        /// Returns a pseudo-random delay from 0 to `most_ms`.
         fn delay_ms(&mut self, most_ms: f64) -> f64 {
             self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             f64::from(self.random) / f64::from(u32::MAX) * most_ms
         }
 
-        /// Work of 8 ms that is handed out at this time and begins and is seen to have ended with so much delay at most.
-        /// Returns how far off the offset is at its end.
+        /// Runs 8 ms of work submitted at this time. Its begin and its observed completion are each late by at most
+        /// this delay. Returns the error of the offset at its end.
         fn frame(&mut self, offset: &mut Offset, host_ms: f64, delay_ms: f64) -> f64 {
             let begin_ms = host_ms + 0.01 + self.delay_ms(delay_ms);
             let end_ms = begin_ms + 8.0;
@@ -129,7 +130,7 @@ mod tests {
         }
     }
 
-    /// Ten minutes of frames: 50 ppm are 30 ms.
+    /// Ten minutes of frames, in which 50 ppm amount to 30 ms.
     #[test]
     fn drift_is_followed_within_the_bounds() {
         for ppm in [-50.0, -20.0, 0.0, 20.0, 50.0] {
@@ -143,7 +144,7 @@ mod tests {
         }
     }
 
-    /// What was known well stays so as long as nothing speaks against it.
+    /// A tight bound stays tight unless a measurement contradicts it.
     #[test]
     fn loose_brackets_do_not_move_a_clock_that_keeps_its_rate() {
         let (mut fake, mut offset) = (Fake::new(0.0), Offset::default());
@@ -155,7 +156,7 @@ mod tests {
         assert_eq!(offset.value(), before);
     }
 
-    /// As where a device's clock begins anew after it slept, or the host's stood still.
+    /// A device's clock may restart after sleep, and the host's clock may have stopped.
     #[test]
     fn jumps_are_followed_at_once() {
         for jump_ms in [-3_600_000.0, -5.0, 5.0, 3_600_000.0] {

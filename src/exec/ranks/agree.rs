@@ -1,5 +1,5 @@
-//! What ranks must have in common: images have the same bytes on one kind of adapter, with the same shaders, one
-//! traversal and one scene.
+//! Checks that ranks match in everything that affects the bytes of images: version, shaders, kind of adapter, traversal
+//! and scene.
 
 use std::hash::{DefaultHasher, Hasher};
 
@@ -9,7 +9,7 @@ use super::packet::DeviceCard;
 use crate::device::{DeviceInfo, SceneAccess, Tables, Traversal};
 use crate::stages::all_shader_text;
 
-/// Who a rank is, before it opens devices.
+/// Identity of a rank, before it opens devices.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     pub host: String,
@@ -30,7 +30,7 @@ impl Identity {
     }
 
     /// # Errors
-    /// What `other` has otherwise.
+    /// A message that describes how `other` differs.
     pub fn check(&self, other: &Self) -> Result<(), String> {
         if other.version != self.version {
             return Err(format!("it is diptych {}, and rank 0 is {}", other.version, self.version));
@@ -43,7 +43,7 @@ impl Identity {
 }
 
 /// # Errors
-/// What devices of another rank have otherwise than rank 0's first.
+/// A message that describes how another rank's devices differ from rank 0's first.
 pub fn check_devices(first: &DeviceInfo, others: &[DeviceCard]) -> Result<(), String> {
     for DeviceCard { info, .. } in others {
         if (&info.name, &info.driver) != (&first.name, &first.driver) {
@@ -64,7 +64,7 @@ pub fn check_devices(first: &DeviceInfo, others: &[DeviceCard]) -> Result<(), St
 }
 
 /// # Errors
-/// That a rank has loaded another scene.
+/// A message if a rank has loaded another scene.
 pub fn check_scene(here: u64, there: u64) -> Result<(), String> {
     let what = "its scene is not that of rank 0: the files differ";
     if here == there { Ok(()) } else { Err(what.to_owned()) }

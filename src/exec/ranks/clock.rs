@@ -1,6 +1,6 @@
-//! Other ranks' clocks on rank 0's, by round trips (Cristian, "Probabilistic Clock Synchronization", 1989): what another
-//! rank read of its clock was between the question and the answer. How much faster one clock runs than the other is
-//! learned from bounds that are some time apart, so that what a short round trip has told stays of use.
+//! Conversion of other ranks' clocks to rank 0's by round trips (Cristian, "Probabilistic Clock Synchronization",
+//! 1989): the other rank reads its clock between the request and the response. The relative rate of the clocks is
+//! learned from bounds that are some time apart, so that the tight bounds of a short round trip stay useful.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -12,24 +12,26 @@ use crate::exec::messages::{Answer, Reply};
 #[derive(Default)]
 pub struct RankClock {
     offset: ClockOffset,
-    /// What the offset lay within at earlier times of that clock, oldest first.
+    /// Bounds of the offset at earlier times of that clock, oldest first.
     marks: VecDeque<(f64, Range<f64>)>,
-    /// Of round trips of small packets, a running mean, milliseconds.
+    /// Running mean of round trips of small packets, milliseconds.
     pub round_trip_ms: Option<f64>,
-    /// Of large ones beyond the shortest round trip of all, per byte.
+    /// Running mean of the time per byte of large packets, beyond the shortest round trip.
     pub ms_per_byte: Option<f64>,
-    /// Of all round trips.
+    /// Shortest of all round trips.
     pub shortest_ms: Option<f64>,
 }
 
-/// Share of a new round trip in the means, if it is shorter and if it is longer: what else is on the link adds to it.
+/// Weights of a new round trip in the means, if it is shorter and if it is longer. Longer ones count less, since other
+/// traffic on the link adds to them.
 const LEARNING_RATES: [f64; 2] = [0.3, 0.05];
 
-/// The closest bounds of each such time are kept, of so many.
+/// Interval in milliseconds for which only the tightest bounds are kept.
 const MARK_MS: f64 = 1e3;
+/// Number of intervals for which bounds are kept.
 const MARKS: usize = 16;
-/// By how much the rates of two clocks change while bounds are kept: that of a crystal changes by about 1 ppm with each
-/// kelvin or two.
+/// Maximum change in the relative rate of two clocks while bounds are kept. A crystal drifts by about 1 ppm per 1 to 2
+/// K.
 const WANDER: f64 = 2e-6;
 
 fn learned(mean: Option<f64>, new: f64) -> Option<f64> {
@@ -37,7 +39,7 @@ fn learned(mean: Option<f64>, new: f64) -> Option<f64> {
 }
 
 impl RankClock {
-    /// Takes in a round trip that began and ended at these times here, and in which the other clock was `there_ms`.
+    /// Adds a round trip that began and ended at these times here, and in which the other clock showed `there_ms`.
     pub fn learn(&mut self, here_ms: Range<f64>, there_ms: f64) {
         let trip_ms = here_ms.end - here_ms.start;
         self.shortest_ms = Some(self.shortest_ms.map_or(trip_ms, |ms| ms.min(trip_ms)));
@@ -45,7 +47,8 @@ impl RankClock {
         self.learn_rate();
     }
 
-    /// Takes in how long a round trip took in which so many bytes went there, and came as packets of frames come.
+    /// Updates the mean latency, or the mean time per byte if `bytes` were sent, with a round trip under the same
+    /// conditions as those of frame packets.
     pub fn judge(&mut self, trip_ms: f64, bytes: usize) {
         if bytes == 0 {
             self.round_trip_ms = learned(self.round_trip_ms, trip_ms);
@@ -54,7 +57,7 @@ impl RankClock {
         }
     }
 
-    /// Between two times the offset has moved by no less than its bounds then and now allow, and by no more.
+    /// Bounds the relative rate of the clocks by the bounds of the offset now and at earlier marks.
     fn learn_rate(&mut self) {
         let (at_ms, now) = self.offset.bounds();
         let mut rate = -MOST_DRIFT..MOST_DRIFT;
@@ -81,15 +84,15 @@ impl RankClock {
         self.marks.drain(..self.marks.len().saturating_sub(MARKS));
     }
 
-    /// The other clock's zero on the clock here, for times of that clock between these two, and how wrong times are then at most;
-    /// that is none before a round trip.
+    /// Returns the other clock's zero on the clock here, for times of that clock between these two, and its maximum
+    /// error in µs. The error is `None` before a round trip.
     pub fn zero_between(&self, [from_ms, to_ms]: [f64; 2]) -> (f64, Option<f64>) {
         let [(then_ms, then_error_ms), (zero_ms, error_ms)] = [from_ms, to_ms].map(|ms| self.offset.at(ms));
         let most_ms = error_ms.max(then_error_ms + (then_ms - zero_ms).abs());
         (zero_ms, most_ms.is_finite().then_some(most_ms * 1e3))
     }
 
-    /// Puts the times of a reply, which are milliseconds since the other rank's zero, on a clock whose zero was at
+    /// Converts the times of a reply, which are milliseconds since the other rank's zero, to a clock whose zero was at
     /// `origin_ms` here.
     pub fn translate(&self, reply: &mut Reply, origin_ms: f64) {
         let Ok(Answer::Frame(frame)) = &mut reply.answer else { return };
@@ -111,7 +114,7 @@ impl RankClock {
 mod tests {
     use super::*;
 
-    /// A clock that runs so many ppm too fast, and round trips of it.
+    /// A clock that runs `ppm` too fast, with simulated round trips.
     struct Fake {
         ppm: f64,
         random: u32,
@@ -122,14 +125,14 @@ mod tests {
             5e6 + here_ms * (1.0 + self.ppm * 1e-6)
         }
 
-        /// From 0 to 1.
+        /// Returns a random number from 0 to 1.
         fn random(&mut self) -> f64 {
             self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             f64::from(self.random) / f64::from(u32::MAX)
         }
 
-        /// A round trip of so long, of which the way back takes a tenth to nine tenths. Returns how wrong times are
-        /// after it, µs.
+        /// Simulates a round trip of `trip_ms`, of which the way there takes 10 to 90 %. Returns the error of times
+        /// after it, in µs.
         fn trip(&mut self, clock: &mut RankClock, sent_ms: f64, trip_ms: f64) -> f64 {
             let read_ms = sent_ms + trip_ms * (0.1 + 0.8 * self.random());
             let there_ms = self.there_ms(read_ms);
@@ -138,7 +141,7 @@ mod tests {
         }
     }
 
-    /// An hour of round trips of 0.1 to 1.1 ms.
+    /// Simulates an hour of round trips of 0.1 to 1.1 ms.
     #[test]
     fn a_clock_that_drifts_is_followed_within_its_residual() {
         let (mut fake, mut clock) = (Fake { ppm: 40.0, random: 1 }, RankClock::default());
@@ -151,13 +154,13 @@ mod tests {
         }
     }
 
-    /// One round trip in fifty is short, the others take long as the machine is at something else. The clock's rate
-    /// changes by 1 ppm a minute.
+    /// Simulates a busy machine, where only one round trip in fifty is short. The clock's rate changes by 1 ppm a
+    /// minute.
     #[test]
     fn what_short_round_trips_tell_stays_of_use() {
         let (mut fake, mut clock) = (Fake { ppm: 0.0, random: 7 }, RankClock::default());
         let mut residuals_us = Vec::new();
-        // Where the other clock would be if its rate were what it is now: times are continuous.
+        // The lead of the other clock is the integral of its changing rate, so that its times are continuous.
         let (mut lead_ms, mut ppm) = (0.0, -30.0);
         for i in 0..9_000u32 {
             ppm += 200.0 / 60e3;

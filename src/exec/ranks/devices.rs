@@ -14,7 +14,7 @@ use crate::exec::channels::WorkerChannels;
 use crate::schedule::Network;
 use crate::stages::SceneTables;
 
-/// Devices that no renderer has at the moment: this process's first, then those of the other ranks in their order.
+/// Devices that no renderer uses at the moment: this process's first, then those of the other ranks in order.
 #[derive(Default)]
 pub struct Devices {
     own: Vec<GpuDevice>,
@@ -25,14 +25,14 @@ pub struct Devices {
 struct Set {
     node: Arc<Node>,
     number: u32,
-    /// With their ranks.
+    /// The devices, with their ranks.
     cards: Vec<(usize, DeviceCard)>,
 }
 
 impl Drop for Set {
     fn drop(&mut self) {
         let number = self.number;
-        // Nobody waits for it.
+        // The response is not needed.
         drop(self.node.ask(|_| Request::Close { set: number }));
     }
 }
@@ -50,7 +50,7 @@ impl From<Vec<GpuDevice>> for Devices {
 }
 
 impl Devices {
-    /// Has the other ranks open devices, so many on each of their adapters, while this one opens its own.
+    /// Asks the other ranks to open `virtual_devices` on each of their adapters, while this one opens its own.
     pub fn open(node: &Arc<Node>, virtual_devices: usize) -> Opening {
         let set = Set { node: Arc::clone(node), number: node.number(), cards: Vec::new() };
         let number = set.number;
@@ -65,7 +65,7 @@ impl Devices {
         self.len() == 0
     }
 
-    /// Keeps the first ones.
+    /// Keeps the first `count` devices.
     pub fn truncate(&mut self, count: usize) {
         let own = self.own.len().min(count);
         self.own.truncate(own);
@@ -79,25 +79,25 @@ impl Devices {
         self.others.as_ref().map_or(&[], |set| &set.cards)
     }
 
-    /// What is known of each, in their order.
+    /// Returns the info of all devices: this process's first, then those of other ranks.
     pub fn infos(&self) -> Vec<DeviceInfo> {
         let own = self.own.iter().map(|gpu| gpu.info.clone());
         let others = self.cards().iter().map(|(_, card)| card.info.clone());
         own.chain(others).enumerate().map(|(index, info)| DeviceInfo { index, ..info }).collect()
     }
 
-    /// How long a submission of each may take before the system resets it.
+    /// Returns how long a submission on each device may take before the GPU watchdog (TDR) resets the device.
     pub(crate) fn max_dispatch_ms(&self) -> Vec<Option<f64>> {
         let own = self.own.iter().map(|gpu| gpu.quirks.max_dispatch_ms);
         own.chain(self.cards().iter().map(|(_, card)| card.max_dispatch_ms)).collect()
     }
 
-    /// Those of this process.
+    /// Returns the devices of this process.
     pub fn into_own(self) -> Vec<GpuDevice> {
         self.own
     }
 
-    /// Those of this process, and of the others what leads to them.
+    /// Splits into the devices of this process and the handle to those of other ranks.
     pub(crate) fn split(mut self) -> (Vec<GpuDevice>, Option<Others>) {
         let own = std::mem::take(&mut self.own);
         let others = self.others.take().map(|set| Others::new(set, own.len()));
@@ -107,7 +107,7 @@ impl Devices {
 
 impl Opening {
     /// # Errors
-    /// That another rank could not open devices, or has others than this one.
+    /// [`RankError`] if another rank could not open devices, its devices differ from this one's, or there are too many.
     pub fn with(mut self, mut own: Vec<GpuDevice>) -> Result<Devices, RankError> {
         let node = Arc::clone(&self.set.node);
         for (rank, response) in (1..).zip(self.asked.wait()?) {
@@ -124,7 +124,7 @@ impl Opening {
     }
 }
 
-/// Has the other ranks load a scene.
+/// A request to the other ranks to load a scene.
 pub struct Loading(Arc<Node>, Asked);
 
 impl Loading {
@@ -133,7 +133,7 @@ impl Loading {
     }
 
     /// # Errors
-    /// That another rank could not load it, or has found another scene than this one.
+    /// [`RankError`] if another rank could not load it, or has loaded another scene than this one.
     pub fn check(self, here: &SceneTables) -> Result<(), RankError> {
         let here = here.fingerprint();
         for (rank, response) in (1..).zip(self.1.wait()?) {
@@ -145,10 +145,10 @@ impl Loading {
     }
 }
 
-/// Devices of other ranks in a renderer.
+/// Devices of other ranks that a renderer uses.
 pub(crate) struct Others {
     set: Set,
-    /// The number of the crew.
+    /// Number of the [`Crew`].
     crew: u32,
     own: usize,
 }
@@ -158,28 +158,29 @@ impl Others {
         Self { crew: set.node.number(), set, own }
     }
 
-    /// How many devices there are, with those of this process.
+    /// Returns the number of devices, including those of this process.
     pub fn devices(&self) -> usize {
         self.own + self.set.cards.len()
     }
 
-    /// The rank of each device.
+    /// Returns the rank of each device.
     fn ranks(&self) -> Vec<usize> {
         std::iter::repeat_n(0, self.own).chain(self.set.cards.iter().map(|(rank, _)| *rank)).collect()
     }
 
-    /// Has the other ranks start their workers.
+    /// Asks the other ranks to start their workers.
     pub fn start(&self, settings: &RenderSettings, tables: &SceneTables) -> Asked {
         let (ranks, scene) = (self.ranks(), tables.fingerprint());
         let start = Start { crew: self.crew, set: self.set.number, ranks, settings: settings.clone(), scene };
         self.set.node.ask(|_| Request::Start(Box::new(start.clone())))
     }
 
-    /// Once they have, joins their channels with those of this process; returns what is known of the devices, and the
-    /// ends of this process's workers. Times of the renderer are counted from `origin`.
+    /// Waits until the other ranks have started their workers, and connects their channels with those of this process.
+    /// Returns the info of the devices and the ends of this process's workers. The renderer's times count from
+    /// `origin`.
     ///
     /// # Errors
-    /// That a rank could not start its workers.
+    /// [`RankError`] if a rank could not start its workers.
     pub fn join(
         &mut self,
         asked: Asked,
@@ -198,17 +199,17 @@ impl Others {
         Ok((infos, own))
     }
 
-    /// What rows take between devices of different ranks.
+    /// Returns the network between devices of different ranks.
     pub fn network(&self) -> Network {
         self.set.node.network(self.ranks())
     }
 
-    /// A rank that is gone.
+    /// Returns the error of a lost rank, if there is one.
     pub fn lost(&self) -> Option<RankError> {
         self.set.node.lost()
     }
 
-    /// Ends the workers, whose commands have ended, and joins what is left with this process's devices.
+    /// Ends the workers, whose command channels are closed, and combines the remaining devices with this process's.
     pub fn end(mut self, own: Vec<GpuDevice>) -> Devices {
         let crew = self.crew;
         let ended = self.set.node.ask(|_| Request::End { crew }).wait();

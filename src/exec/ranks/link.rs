@@ -1,49 +1,50 @@
-//! What carries bytes from rank to rank.
+//! Links that carry bytes between ranks.
 
 use crossbeam::channel::{Receiver, Sender, unbounded};
 
-/// How a packet goes. Round trips do not wait for large packets that were sent before them, so that these leave no rank without
-/// a sign of life.
+/// Priority of a packet. Round trips overtake large packets that were sent before them, so that large packets do not
+/// delay signs of life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     RoundTrip,
     Other,
 }
 
-/// A rank's end. One thread has it.
+/// A rank's end of the links to all other ranks. Only one thread uses it.
 pub trait Link {
     fn rank(&self) -> usize;
 
-    /// How many ranks there are.
+    /// Returns the number of ranks.
     fn ranks(&self) -> usize;
 
-    /// The name of the machine.
+    /// Returns the name of the machine.
     fn host(&self) -> String;
 
-    /// Sends a packet to another rank and does not wait. Packets of one way from one rank to another arrive in their order.
+    /// Sends a packet to another rank without blocking. Packets of one [`Way`] from one rank to another arrive in
+    /// order.
     fn send(&mut self, to: usize, packet: Vec<u8>, way: Way);
 
-    /// A packet that has come, if there is one, and the rank that it comes from.
+    /// Returns a packet that has arrived, if there is one, and the rank that sent it.
     fn receive(&mut self) -> Option<(usize, Vec<u8>)>;
 
-    /// Frees what was sent and is on its way; returns whether that is all, and all that has begun to come is here.
+    /// Frees completed sends; returns true if no send or receive is in progress.
     fn is_settled(&mut self) -> bool;
 
-    /// Leaves the others, which all ranks must do; waits for them where that is needed.
+    /// Leaves the other ranks, and waits for them if necessary. All ranks must call it.
     fn leave(&mut self);
 
     /// Ends the processes of all ranks.
     fn abort(&mut self, status: u8);
 }
 
-/// A rank among threads of one process.
+/// The link of a rank that is a thread of this process.
 pub struct ChannelLink {
     rank: usize,
     inbox: Receiver<(usize, Vec<u8>)>,
     outboxes: Vec<Sender<(usize, Vec<u8>)>>,
 }
 
-/// The ends of so many ranks.
+/// Creates the ends of this many ranks.
 pub fn channel_links(ranks: usize) -> Vec<ChannelLink> {
     let (outboxes, inboxes): (Vec<_>, Vec<_>) = (0..ranks).map(|_| unbounded()).unzip();
     let link = |(rank, inbox)| ChannelLink { rank, inbox, outboxes: outboxes.clone() };
@@ -64,7 +65,7 @@ impl Link for ChannelLink {
     }
 
     fn send(&mut self, to: usize, packet: Vec<u8>, _: Way) {
-        // A rank that has left waits for nothing.
+        // A rank that has left needs no packets.
         let _ = self.outboxes[to].send((self.rank, packet));
     }
 

@@ -1,6 +1,6 @@
-//! Devices of several processes that render one frame: ranks, as MPI calls them. Rank 0 has the renderer. Each other rank
-//! serves it with its own devices, and the post, a thread of each rank, carries what they tell one another over a
-//! [`Link`]. Renderer and workers have the channels that they have within one process.
+//! Rendering of a frame on the devices of several processes: ranks, in the terms of MPI. Rank 0 has the renderer, and
+//! each other rank serves it with its own devices. The post, a thread of each rank, carries packets between ranks over
+//! a [`Link`]. Renderer and workers use the same channels as within one process.
 
 mod agree;
 mod clock;
@@ -27,7 +27,8 @@ pub use node::{Asked, Node};
 pub use packet::{Load, Request, Response};
 pub use server::{Host, serve};
 
-/// What starters of MPI programs tell each process: how many they start together, and which of them this one is.
+/// Environment variables by which MPI launchers tell each process how many they start (`SIZES`) and its own rank
+/// (`NUMBERS`).
 const SIZES: [&str; 4] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS"];
 const NUMBERS: [&str; 3] = ["OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID"];
 
@@ -35,31 +36,31 @@ fn told(names: &[&str]) -> Option<u32> {
     names.iter().filter_map(|name| std::env::var(name).ok()?.parse().ok()).max()
 }
 
-/// The number of this process among several that were started together, as far as is known before MPI is initialised; none
-/// where it was started alone.
+/// Returns the rank of this process, if several were started together, as far as it is known before MPI is initialised.
+/// Returns `None` if the process was started alone.
 pub fn started_as() -> Option<u32> {
     told(&SIZES).filter(|&size| size > 1).map(|_| told(&NUMBERS).unwrap_or(0))
 }
 
-/// What the threads of another rank were at, as it has recorded it.
+/// Trace spans that another rank has recorded of its threads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recorded {
     pub rank: usize,
-    /// The zero of its times, milliseconds after [`Node::epoch`] here.
+    /// Zero of its times, in milliseconds after [`Node::epoch`] here.
     pub zero_ms: f64,
-    /// How wrong that is at most; none where its clock is not known yet.
+    /// Maximum error of `zero_ms`, in µs; `None` while the rank's clock is not known.
     pub residual_us: Option<f64>,
-    /// As [`Host::recorded`] has it there.
+    /// Spans in the format of [`Host::recorded`].
     pub text: Vec<u8>,
 }
 
-/// Why ranks cannot go on together.
+/// Error that ends a run on several ranks.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RankError {
-    /// What a rank could not do.
+    /// A rank that cannot take part, or could not execute a request.
     #[error("rank {rank} on {host}: {what}")]
     Refused { rank: usize, host: String, what: String },
-    /// A rank that is gone.
+    /// A rank that is lost.
     #[error("rank {rank} on {host} is lost: {what}")]
     Lost { rank: usize, host: String, what: String },
     #[error("{0} devices on all ranks are more than the 64 that one run can drive")]

@@ -12,30 +12,30 @@ use mpi::{Rank, Tag, Threading};
 use super::link::{Link, Way};
 
 pub struct MpiLink {
-    /// Messages on their way to others.
+    /// Sends in progress.
     sent: Vec<OnItsWay>,
-    /// Messages on their way here, with the ranks and the ways that they come from, in the order in which they began to come.
+    /// Receives in progress, with the ranks and tags of their sources, in the order in which they began.
     coming: VecDeque<((usize, Tag), OnItsWay)>,
     world: SimpleCommunicator,
-    /// None: it has left.
+    /// `None` once the rank has left.
     universe: Option<Universe>,
 }
 
-/// The tags of messages of the two ways, the first of which are received first.
+/// Tags of messages by [`Way`]. Messages with the first tag are received first.
 const TAGS: [Tag; 2] = [1, 0];
 
-/// A message and the memory that it is sent from, or comes to.
+/// A message in progress, with the memory that it is sent from or received into.
 struct OnItsWay {
     request: Request<'static, [u8], StaticScope>,
     packet: *mut [u8],
 }
 
 impl OnItsWay {
-    /// The packet, once MPI is done with it.
+    /// Returns the packet, once MPI has completed the message.
     fn end(self) -> Result<Box<[u8]>, Self> {
         let Self { request, packet } = self;
         match request.test() {
-            // SAFETY: it is from a box, and nobody else reads or writes it any more.
+            // SAFETY: the pointer is from a box, and nothing else reads or writes the memory any more.
             Ok(_) => Ok(unsafe { Box::from_raw(packet) }),
             Err(request) => Err(Self { request, packet }),
         }
@@ -44,7 +44,7 @@ impl OnItsWay {
 
 impl MpiLink {
     /// # Errors
-    /// That MPI is not there, or cannot be driven by one of several threads.
+    /// A message if MPI is initialised already, or does not support calls from one of several threads.
     pub fn new() -> Result<Self, String> {
         #[cfg(target_os = "linux")]
         super::slices::ask_for_short_ones();
@@ -61,7 +61,7 @@ impl MpiLink {
         self.sent = self.sent.drain(..).filter_map(|message| message.end().err()).collect();
     }
 
-    /// What is on its way stays where it is; its requests must not be dropped.
+    /// Leaks the messages in flight: their buffers must stay valid, and their requests must not be dropped.
     fn give_up(&mut self) {
         std::mem::forget(std::mem::take(&mut self.sent));
         std::mem::forget(std::mem::take(&mut self.coming));
@@ -83,7 +83,7 @@ impl Link for MpiLink {
 
     fn send(&mut self, to: usize, packet: Vec<u8>, way: Way) {
         let packet = Box::into_raw(packet.into_boxed_slice());
-        // SAFETY: the memory is given back only once the message is sent.
+        // SAFETY: the memory is freed only once the message is sent.
         let bytes: &'static [u8] = unsafe { &*packet };
         let process = self.world.process_at_rank(to as Rank);
         let request = process.immediate_send_with_tag(StaticScope, bytes, TAGS[way as usize]);
@@ -96,13 +96,14 @@ impl Link for MpiLink {
         while let Some((message, status)) = TAGS.into_iter().find_map(|tag| any.immediate_matched_probe_with_tag(tag)) {
             let size = usize::try_from(status.count(u8::equivalent_datatype())).unwrap_or(0);
             let packet = Box::into_raw(vec![0; size].into_boxed_slice());
-            // SAFETY: nobody reads the memory before the message is there.
+            // SAFETY: nothing reads the memory before the message has arrived.
             let bytes: &'static mut [u8] = unsafe { &mut *packet };
             let request = message.immediate_matched_receive_into(StaticScope, bytes);
             let from = (status.source_rank() as usize, status.tag());
             self.coming.push_back((from, OnItsWay { request, packet }));
         }
-        // Small messages may be there before large ones that were sent earlier.
+        // Small messages may complete before large ones that were sent earlier, so messages of one source are returned
+        // in order.
         let mut awaited = Vec::new();
         for at in 0..self.coming.len() {
             let from = self.coming[at].0;

@@ -1,4 +1,4 @@
-//! A rank's place among all ranks: its threads ask others through it, and learn what has become of them.
+//! A rank's view of all ranks: its threads send requests to other ranks through it, and learn of ranks that are lost.
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,9 +16,9 @@ use super::transport::Crew;
 use super::{RankError, Recorded};
 use crate::schedule::Network;
 
-/// How long ranks are waited for at the start.
+/// Time limit for all ranks to join at the start.
 const MEETING: Duration = Duration::from_secs(60);
-/// How long a wait for letters lasts before it is seen whether a rank is lost.
+/// Interval at which a wait for letters checks for lost ranks.
 const SLICE: Duration = Duration::from_millis(20);
 
 pub struct Node {
@@ -28,24 +28,24 @@ pub struct Node {
     letters: Mutex<Receiver<(usize, Letter)>>,
     shared: Arc<Shared>,
     pub(super) epoch: Instant,
-    /// The last number of a request, and of a crew or a set.
+    /// Next number of a request, and of a crew or a set.
     requests: AtomicU64,
     numbers: AtomicU32,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-/// Requests to all other ranks, which are at them.
+/// Pending requests to all other ranks.
 pub struct Asked {
     node: Arc<Node>,
     number: u64,
 }
 
 impl Node {
-    /// Makes the link on a thread of its own and joins the other ranks. `on_interrupt` is called on rank 0 when another
-    /// was told to end by a signal.
+    /// Creates the link on its own thread and joins the other ranks. On rank 0, `on_interrupt` is called when a signal
+    /// told another rank to end.
     ///
     /// # Errors
-    /// Why there is no link, or that another rank is another program.
+    /// A message if the link or its thread cannot be created.
     pub fn join<L: Link>(
         link: impl FnOnce() -> Result<L, String> + Send + 'static,
         on_interrupt: impl Fn(i32) + Send + 'static,
@@ -89,37 +89,38 @@ impl Node {
         self.rank
     }
 
-    /// How many ranks there are.
+    /// Returns the number of ranks.
     pub fn ranks(&self) -> usize {
         self.ranks
     }
 
-    /// The machine that a rank is on.
+    /// Returns the name of a rank's machine.
     pub fn host(&self, rank: usize) -> String {
         self.shared.host(rank)
     }
 
-    /// A rank that is gone.
+    /// Returns the error of a lost rank, if there is one.
     pub fn lost(&self) -> Option<RankError> {
         self.shared.lost()
     }
 
-    /// The zero of this rank's clock.
+    /// Returns the zero of this rank's clock.
     pub fn epoch(&self) -> Instant {
         self.epoch
     }
 
-    /// What other ranks have recorded and nobody has taken yet.
+    /// Takes the trace spans that other ranks have recorded since the last call.
     pub fn recorded(&self) -> Vec<Recorded> {
         std::mem::take(&mut *self.shared.recorded.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Bytes of rows that have left this rank.
+    /// Returns the bytes of rows that this rank has sent.
     pub fn row_bytes(&self) -> u64 {
         self.shared.row_bytes.load(Ordering::Relaxed)
     }
 
-    /// What rows take between ranks, which are given of each device, by what is known of the way from rank 0 to others.
+    /// Returns the network between `ranks`, which has an entry per device, from the mean latency and time per byte
+    /// between rank 0 and the others.
     pub(super) fn network(&self, ranks: Vec<usize>) -> Network {
         let links = self.shared.links.lock().unwrap_or_else(PoisonError::into_inner);
         let others = links.get(1..).unwrap_or_default();
@@ -131,10 +132,10 @@ impl Node {
         self.shared.hosts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Rank 0 waits for all others and sees that they are the same program.
+    /// Waits on rank 0 for all other ranks, and checks that they run the same program.
     ///
     /// # Errors
-    /// The first rank that is not, or that does not come.
+    /// [`RankError`] of the first rank that runs another program, or does not join in time.
     pub fn meet(&self) -> Result<(), RankError> {
         let (here, begin) = (Identity::here(self.host(0)), Instant::now());
         let mut missing: Vec<usize> = (1..self.ranks).collect();
@@ -162,12 +163,12 @@ impl Node {
         self.lost().map_or(Ok(()), Err)
     }
 
-    /// A new number for a crew or a set.
+    /// Returns a new number for a crew or a set.
     pub(super) fn number(&self) -> u32 {
         self.numbers.fetch_add(1, Ordering::Relaxed)
     }
 
-    /// Asks this of every other rank.
+    /// Sends a request to every other rank.
     pub fn ask(self: &Arc<Self>, request: impl Fn(usize) -> Request) -> Asked {
         let number = self.requests.fetch_add(1, Ordering::Relaxed);
         for rank in 1..self.ranks {
@@ -189,17 +190,17 @@ impl Node {
     }
 
     fn control(&self, control: Control) {
-        // The post ends only when the node does.
+        // The post ends only when the node ends.
         let _ = self.controls.send(control);
     }
 
-    /// The next letter, if one comes within this time.
+    /// Returns the next letter, if one arrives within `limit`.
     pub(super) fn letter(&self, limit: Duration) -> Option<(usize, Letter)> {
         let letters = self.letters.lock().unwrap_or_else(PoisonError::into_inner);
         letters.recv_timeout(limit).ok()
     }
 
-    /// Ends all ranks with this exit status; where one is lost, at once.
+    /// Ends all ranks with this exit status. If a rank is lost, it aborts them at once.
     pub fn end(&self, status: u8) {
         let Some(thread) = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take() else { return };
         if self.lost().is_some() {
@@ -210,16 +211,16 @@ impl Node {
             }
             self.control(Control::Leave);
         }
-        // A panic there was told already.
+        // The thread has already reported a panic.
         let _ = thread.join();
     }
 }
 
 impl Asked {
-    /// What all other ranks answer, in their order.
+    /// Waits for the responses of all other ranks and returns them in order of rank.
     ///
     /// # Errors
-    /// The first that could not do it, or is lost.
+    /// [`RankError`] of the first rank that could not execute the request, or is lost.
     pub fn wait(self) -> Result<Vec<Response>, RankError> {
         let node = &self.node;
         let mut answers: Vec<Option<Result<Response, String>>> = (1..node.ranks).map(|_| None).collect();

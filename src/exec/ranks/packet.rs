@@ -1,4 +1,4 @@
-//! What ranks send one another, as bytes.
+//! Packets between ranks, and their encoding as bytes.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,29 +10,29 @@ use crate::exec::messages::{Bytes, Command, Message, Reply};
 use crate::exec::watchdog::LifeSign;
 use crate::scene::folder::Files;
 
-/// `crew` is the number of a renderer with its devices; they go by their numbers in it.
+/// A packet. `crew` identifies a renderer with its devices, and `device` is a number among these.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Packet {
-    /// From rank 0, to the rank that has the device.
+    /// Command from rank 0 to the rank of the device.
     Command { crew: u32, device: usize, command: Box<Command> },
-    /// There will be no more commands for this device.
+    /// No more commands follow for this device.
     Close { crew: u32, device: usize },
-    /// From a worker or the renderer to the worker of this device.
+    /// Message from a worker or the renderer to the worker of this device.
     Message { crew: u32, device: usize, message: Message },
-    /// To rank 0.
+    /// Answer to rank 0.
     Reply { crew: u32, reply: Box<Reply> },
-    /// Signs of life of a rank's workers, by device; none where a worker has ended.
+    /// Signs of life of a rank's workers, by device; `None` if a worker has ended.
     Signs { crew: u32, signs: Vec<(usize, Option<LifeSign>)> },
-    /// What the clock of the sender is, milliseconds since its post began; to be answered at once.
-    /// If it is `followed` by another, that comes as soon as the answer is there.
+    /// Request with the time of the sender's clock, in milliseconds since its post began. It must be answered at once.
+    /// If `followed`, another ping follows as soon as the answer has arrived.
     Ping { sent_ms: f64, load: Bytes, followed: bool },
-    /// The answer, with the clock of the rank that gives it, and how many bytes came with the question.
+    /// Answer to a ping, with the time of the answering rank's clock and the bytes of the ping's load.
     Pong { sent_ms: f64, here_ms: f64, bytes: usize },
-    /// What its thread is to know that does not carry packets.
+    /// Letter for the rank's other threads, which do not carry packets.
     Letter(Letter),
 }
 
-/// Rows in a packet, as traces tell them from others.
+/// Identification of a packet's rows in traces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RowsName {
     pub ticket: u64,
@@ -41,18 +41,18 @@ pub struct RowsName {
 }
 
 impl RowsName {
-    /// As spans have them: ticket, transfer, bytes.
+    /// Returns the ticket, transfer and size as fields of a trace span.
     pub fn fields(self) -> (Option<u64>, Option<u32>, Option<usize>) {
         (Some(self.ticket), Some(self.transfer), Some(self.bytes))
     }
 }
 
-/// What ranks tell one another beside frames.
+/// Message between ranks that belongs to no frame.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Letter {
-    /// Who the sender is.
+    /// Identity of the sender.
     Hello(Identity),
-    /// From rank 0. The number comes back with the response.
+    /// Request from rank 0. The number comes back with the response.
     Request {
         number: u64,
         request: Box<Request>,
@@ -61,11 +61,12 @@ pub enum Letter {
         number: u64,
         response: Result<Response, String>,
     },
-    /// The sender was told to end, by this signal.
+    /// This signal told the sender to end.
     Interrupted {
         signal: i32,
     },
-    /// To rank 0: what the sender's threads were at between two times of its clock, as [`super::Recorded`] has it.
+    /// Trace spans of the sender's threads between two times of its clock, for rank 0, in the format of
+    /// [`super::Recorded`].
     Spans {
         text: Bytes,
         from_ms: f64,
@@ -81,32 +82,32 @@ pub enum Letter {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Load {
     pub shot: String,
-    /// When its cameras are looked at.
+    /// Time at which its cameras are evaluated, in seconds.
     pub time_s: f64,
-    /// Its files; none where each rank reads them for itself.
+    /// Its files; `None` if each rank reads them itself.
     pub files: Option<Files>,
 }
 
-/// What rank 0 asks of another.
+/// Request from rank 0 to another rank.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request {
-    /// Open devices, so many on each adapter that its command line chooses, as a set of this number.
+    /// Open `virtual_devices` on each adapter that the rank's command line selects, as a set with this number.
     Open {
         set: u32,
         virtual_devices: usize,
     },
-    /// Close what is left of a set.
+    /// Close the remaining devices of a set.
     Close {
         set: u32,
     },
     Load(Load),
-    /// Record what its threads are at, and send it now and then.
+    /// Record trace spans of its threads, and send them regularly.
     Record,
-    /// Send what has been recorded, before the response.
+    /// Send the recorded spans before the response.
     Recorded,
-    /// Start the workers of a crew, on the first so many devices of a set.
+    /// Start the workers of a crew, on the first devices of a set.
     Start(Box<Start>),
-    /// End them; their devices go back to the set.
+    /// End the workers of a crew, and return their devices to the set.
     End {
         crew: u32,
     },
@@ -133,7 +134,7 @@ impl PartialEq for Start {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Response {
     Done,
-    /// The devices that were opened, or that have started.
+    /// The devices that were opened or started.
     Devices(Vec<DeviceCard>),
     /// The fingerprint of a scene.
     Loaded(u64),
@@ -141,10 +142,10 @@ pub enum Response {
     Left(Vec<usize>),
 }
 
-/// What rank 0 knows of a device of another rank.
+/// Description of another rank's device, which that rank sends to rank 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeviceCard {
-    /// As text, whose format is that of files: it leaves out what there is not.
+    /// Sent as JSON text, the format of files, since it omits absent fields.
     #[serde(with = "as_text")]
     pub info: DeviceInfo,
     /// [`crate::device::Quirks::max_dispatch_ms`]
@@ -165,11 +166,11 @@ mod as_text {
     }
 }
 
-/// The last byte of a packet: rows of an image, with their header behind them, or anything else.
+/// Last byte of a packet: rows of an image, followed by their header, or any other packet.
 const ROWS: u8 = 1;
 const OTHER: u8 = 2;
 
-/// Of rows: crew, device, ticket, transfer.
+/// Size of the header of rows in bytes: crew, device, ticket, transfer.
 const HEADER_BYTES: usize = 4 + 4 + 8 + 4;
 
 impl Packet {
@@ -182,7 +183,7 @@ impl Packet {
         }
     }
 
-    /// Whether it tells of life and clocks alone: no other packet follows closely.
+    /// Returns true for signs of life and round trips, which no other packet follows closely.
     pub fn is_sign(&self) -> bool {
         matches!(self, Self::Signs { .. } | Self::Ping { .. } | Self::Pong { .. })
     }
@@ -208,7 +209,7 @@ impl Packet {
     }
 
     /// # Errors
-    /// That this is no packet: another version speaks otherwise.
+    /// A message if the bytes are not a packet of this version.
     pub fn decode(mut bytes: Vec<u8>) -> Result<Self, String> {
         let no_packet = || "it sends what this version does not understand".to_owned();
         match bytes.pop() {

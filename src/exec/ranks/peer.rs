@@ -1,60 +1,63 @@
-//! What rank 0 knows of another rank, by calls: round trips that follow one another.
+//! State of another rank, which rank 0 measures by calls: series of round trips.
 
 use std::time::Duration;
 
 use super::clock::RankClock;
 
-/// How often rank 0 calls another; more often at the start, of which so many calls count.
+/// Interval between two calls of a rank.
 const CALLS: Duration = Duration::from_millis(200);
+/// Number of calls at the start, and the shorter interval between these.
 const FIRST_CALLS: (u32, Duration) = (50, Duration::from_millis(20));
-/// Round trips of a call, for so long at most. Meanwhile neither end rests: clocks are the better aligned the shorter the
-/// shortest of them is.
+/// Maximum number of round trips of a call.
 const TRIPS: u32 = 8;
+/// Maximum duration of a call. Meanwhile neither end rests: the shorter the shortest round trip is, the better the
+/// clocks are aligned.
 pub const TRIPS_TIME: Duration = Duration::from_micros(400);
-/// One call of so many has a load instead, that takes about so long: as much as large rows, and no more than frames can
-/// wait for.
+/// Bandwidth probe: every call with a multiple of this number has a load instead of pings.
 const LOADED: u32 = 24;
+/// Intended time of a load, in milliseconds: as much as large rows take, and short enough not to delay frames.
 const LOAD_MS: f64 = 4.0;
+/// Minimum and maximum size of a load.
 const LOAD_BYTES: [usize; 2] = [1 << 16, 1 << 20];
-/// The first, before there are frames, grow by so much until one takes so much longer than a small one that what threads wait for
-/// cores matters little, which alone counts.
+/// Startup bandwidth probe: the call with this number, before there are frames, has loads that grow until one takes
+/// `FIRST_LOAD_MS` longer than a ping, so that scheduling noise is negligible. Only the last one counts.
 const FIRST_LOADED: u32 = 4;
 const GROWTH: usize = 4;
 const GROWTHS: u32 = 3;
 const FIRST_LOAD_MS: f64 = 20.0;
 
-/// Another rank. Times are milliseconds of the clock here.
+/// Another rank. Times are in milliseconds of the clock here.
 #[derive(Default)]
 pub struct Peer {
     pub clock: RankClock,
-    /// For how long nothing has come from it.
+    /// Time since its last packet.
     pub silent: Duration,
     calls: u32,
     called_ms: f64,
-    /// Whether the first round trip of the newest call is still under way.
+    /// True while the first round trip of the newest call is in progress.
     awaits: bool,
-    /// Those of it that are to come.
+    /// Round trips of the newest call that have not begun.
     trips: u32,
-    /// Bytes of the next one.
+    /// Load of the next round trip, in bytes.
     load: usize,
-    /// Whether rows were on the link during the call.
+    /// True if rows were on the link during the call.
     is_crowded: bool,
 }
 
-/// A round trip that is to begin.
+/// A round trip to begin.
 pub struct Trip {
     pub bytes: usize,
-    /// Whether another is to follow as soon as it is answered.
+    /// True if another one follows as soon as this one is answered.
     pub followed: bool,
 }
 
 impl Peer {
-    /// How long after a call the next one is due.
+    /// Returns the time from a call to the next one.
     pub fn pause(&self) -> Duration {
         if self.calls < FIRST_CALLS.0 { FIRST_CALLS.1 } else { CALLS }
     }
 
-    /// Begins a call, unless the one before is not answered yet; `is_crowded`: rows are on their way out.
+    /// Begins a call, unless the previous one is not answered yet. `is_crowded` is true while rows are being sent.
     pub fn call(&mut self, now_ms: f64, is_crowded: bool) -> Option<Trip> {
         if self.awaits {
             return None;
@@ -78,8 +81,8 @@ impl Peer {
         Trip { bytes: self.load, followed: self.trips > 0 && self.load == 0 }
     }
 
-    /// Takes in a round trip with so many bytes, which read `there_ms` of the other clock; `rows_came`: some have come
-    /// meanwhile. Returns what is to follow at once.
+    /// Adds a round trip with a load of this many bytes, in which the other clock showed `there_ms`. `rows_came` is
+    /// true if rows arrived meanwhile. Returns the round trip that must follow at once, if any.
     pub fn learn(&mut self, [sent_ms, now_ms]: [f64; 2], there_ms: f64, bytes: usize, rows_came: bool) -> Option<Trip> {
         self.clock.learn(sent_ms..now_ms, there_ms);
         let is_first = std::mem::take(&mut self.awaits);
@@ -91,7 +94,7 @@ impl Peer {
             now_ms - self.called_ms < TRIPS_TIME.as_secs_f64() * 1e3
         };
         let goes_on = self.trips > 0 && is_short;
-        // Rows do not find both ends awake, as later round trips do.
+        // Later pings find both ends awake, which is not so for rows: only the first counts.
         if !self.is_crowded && if bytes > 0 { !goes_on } else { is_first } {
             self.clock.judge(trip_ms, bytes);
         }
@@ -99,7 +102,7 @@ impl Peer {
         goes_on.then(|| self.trip())
     }
 
-    /// Milliseconds that a packet takes one way, and each byte of it beyond that; 0: unknown.
+    /// Returns the one-way latency of a packet in milliseconds, and the milliseconds per byte; 0 if unknown.
     pub fn link(&self) -> (f64, f64) {
         let RankClock { round_trip_ms, ms_per_byte, .. } = self.clock;
         (0.5 * round_trip_ms.unwrap_or(0.0), ms_per_byte.unwrap_or(0.0))
@@ -110,7 +113,7 @@ impl Peer {
 mod tests {
     use super::*;
 
-    /// A link of so many ms one way and bytes a ms, whose ends sometimes wait for cores for up to 3 ms.
+    /// A link with this latency and bandwidth, whose ends sometimes wait for cores for up to `wait_ms`.
     struct Fake {
         latency_ms: f64,
         bytes_per_ms: f64,
@@ -124,7 +127,7 @@ mod tests {
             f64::from(self.random) / f64::from(u32::MAX) * self.wait_ms
         }
 
-        /// Calls for so long; returns the link as it is then known.
+        /// Simulates calls until `until_ms`; returns the measured latency and time per byte.
         fn calls(&mut self, until_ms: f64) -> (f64, f64) {
             let (mut peer, mut now_ms) = (Peer::default(), 0.0);
             while now_ms < until_ms {

@@ -1,4 +1,4 @@
-//! The thread of a rank that carries packets. It is the only one that has the link, and nobody waits for it.
+//! The thread of a rank that carries packets. Only this thread uses the link, and no other thread waits for it.
 
 use std::collections::HashMap;
 use std::sync::atomic::Ordering;
@@ -16,17 +16,17 @@ use super::transport::Crew;
 use super::{RankError, Recorded};
 use crate::exec::messages::Bytes;
 
-/// After so long without a packet from rank 0, or from another rank there, it is lost. Time is counted in steps, so that
-/// a process that was stopped loses one at most.
+/// Time without a packet after which a rank is lost. Rank 0 watches the others, and they watch rank 0.
 const SILENCE: Duration = Duration::from_secs(5);
+/// Longest step in which time is counted, so that a suspended process loses one step at most.
 const STEP: Duration = Duration::from_millis(500);
-/// How long the rank's other threads have to end a run whose rank is lost.
+/// Time that the rank's other threads have to end a run after a rank is lost.
 const GRACE: Duration = Duration::from_secs(3);
 
 const SIGNS: Duration = Duration::from_millis(10);
 
-/// How long it rests before it looks for packets: this part of the time since a frame's last one, as far as that is
-/// between the two. Devices on the same cores would pay for more haste.
+/// Rest before the next poll for packets: the time since the last packet of a frame divided by `REST_PART`, limited to
+/// a range. Shorter rests would slow down devices on the same cores.
 const REST_PART: u32 = 8;
 const SHORT_REST: Duration = Duration::from_micros(50);
 const LONG_REST: Duration = Duration::from_millis(1);
@@ -38,18 +38,18 @@ pub struct Post<L> {
     shared: Arc<Shared>,
     crews: HashMap<u32, Crew>,
     peers: Vec<Peer>,
-    /// Its clock's zero.
+    /// Zero of its clock.
     epoch: Instant,
-    /// The rank that was called last, and when.
+    /// The rank that was called last, and the time of the call.
     called: (usize, Instant),
-    /// Until when rows go out, by what is known of links, and when the newest came, milliseconds since the begin.
+    /// Expected end of the sending of rows, and arrival of the newest rows, in milliseconds since the epoch.
     sends_until_ms: f64,
     rows_came_ms: f64,
-    /// Until when it does not rest.
+    /// Time until which it does not rest.
     alert: Instant,
-    /// When it last found no packet.
+    /// Time at which it last found no packet.
     looked: Instant,
-    /// For traces: it has nothing to do, but to give signs of life.
+    /// Trace span during which it does nothing except for signs of life.
     idle: Option<EnteredSpan>,
     signed: Instant,
     stepped: Instant,
@@ -110,7 +110,8 @@ impl<L: Link> Post<L> {
                 any |= self.take(from, bytes);
             }
             self.looked = Instant::now();
-            // MPI has what is under way go on only while it is called. Devices on the same cores would pay for that.
+            // MPI makes progress only while it is called. It is not called more often for that while there are crews,
+            // since their devices may share the cores.
             let is_under_way = !self.link.is_settled() && self.crews.is_empty();
             self.keep_in_touch();
             if any || is_under_way {
@@ -150,8 +151,8 @@ impl<L: Link> Post<L> {
         any
     }
 
-    /// A packet has come. Those of crews that have ended are dropped. Returns whether it is one of many that may follow
-    /// one another closely.
+    /// Handles a packet that has arrived. It drops packets of crews that have ended. Returns true if more packets may
+    /// follow closely.
     fn take(&mut self, from: usize, bytes: Vec<u8>) -> bool {
         self.peers[from].silent = Duration::ZERO;
         let packet = match Packet::decode(bytes) {
@@ -203,14 +204,14 @@ impl<L: Link> Post<L> {
             Packet::Letter(Letter::Interrupted { signal }) => (self.on_interrupt)(signal),
             Packet::Letter(Letter::Spans { text, from_ms, to_ms }) => self.keep(from, text.to_vec(), [from_ms, to_ms]),
             Packet::Letter(letter) => {
-                // Nobody reads them any more if the run has ended.
+                // The receiver is gone if the run has ended.
                 let _ = self.letters.send((from, letter));
             }
         }
         !is_sign
     }
 
-    /// What a rank's threads were at between two times of its clock.
+    /// Stores the trace spans that a rank has recorded between two times of its clock.
     fn keep(&mut self, rank: usize, text: Vec<u8>, there_ms: [f64; 2]) {
         let (zero_ms, residual_us) = self.peers[rank].clock.zero_between(there_ms);
         let recorded = Recorded { rank, zero_ms, residual_us, text };
@@ -228,8 +229,8 @@ impl<L: Link> Post<L> {
         self.ping(from, now_ms, next);
     }
 
-    /// Begins a round trip, if there is one: asks for a sign of life, now and then with a load, by which it is seen how long
-    /// large packets take.
+    /// Begins a round trip, if there is one. Pings request a sign of life; some have a load, which measures the
+    /// bandwidth.
     fn ping(&mut self, to: usize, sent_ms: f64, trip: Option<Trip>) {
         let Some(Trip { bytes, followed }) = trip else { return };
         if bytes == 0 {
@@ -238,16 +239,16 @@ impl<L: Link> Post<L> {
         self.send(to, &Packet::Ping { sent_ms, load: Bytes::Owned(vec![0; bytes]), followed });
     }
 
-    /// Milliseconds since its begin.
+    /// Returns the milliseconds since the epoch.
     fn now_ms(&self) -> f64 {
         self.epoch.elapsed().as_secs_f64() * 1e3
     }
 
-    /// Asks for signs of life, gives them, and sees who gives none.
+    /// Requests signs of life, gives them, and detects silent ranks.
     fn keep_in_touch(&mut self) {
         let now = Instant::now();
         let is_first = self.link.rank() == 0;
-        // One after the other, so that they do not hold one another up.
+        // Ranks are called one after the other, so that calls do not delay each other.
         let others = self.peers.len() as u32 - 1;
         if is_first && others > 0 {
             let (last, at) = self.called;
@@ -293,7 +294,7 @@ impl<L: Link> Post<L> {
         self.crews.values_mut().for_each(|crew| crew.lose(rank));
     }
 
-    /// Until there is something to pass on, or it is time to look for packets.
+    /// Waits until there is a packet to send, or it is time to poll for packets.
     fn rest(&self) {
         if Instant::now() < self.alert {
             return std::hint::spin_loop();
@@ -301,11 +302,11 @@ impl<L: Link> Post<L> {
         let mut select = Select::new();
         select.recv(&self.controls);
         self.crews.values().for_each(|crew| crew.watch(&mut select));
-        // What is ready is found at the next turn.
+        // The next iteration of the loop finds it.
         let _ = select.ready_timeout((self.active.elapsed() / REST_PART).clamp(SHORT_REST, LONG_REST));
     }
 
-    /// Ends once all is sent.
+    /// Leaves the other ranks once all packets are sent.
     fn leave(mut self) {
         let begin = Instant::now();
         self.idle = None;
@@ -317,7 +318,7 @@ impl<L: Link> Post<L> {
     }
 }
 
-/// Where packets leave.
+/// Sending end of the link. A packet ends the idle span, unless it is a sign of life.
 struct Outlet<'a, L> {
     link: &'a mut L,
     idle: &'a mut Option<EnteredSpan>,
@@ -325,7 +326,7 @@ struct Outlet<'a, L> {
 
 impl<L: Link> Outlet<'_, L> {
     /// # Errors
-    /// Why there is no such packet.
+    /// A message if the packet cannot be encoded.
     fn send(&mut self, to: usize, packet: &Packet) -> Result<(), String> {
         let _span = (!packet.is_sign()).then(|| {
             *self.idle = None;

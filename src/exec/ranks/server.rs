@@ -1,4 +1,4 @@
-//! What ranks other than 0 do: they open devices, load scenes and start workers as rank 0 asks them to.
+//! Main loop of ranks other than 0: opens devices, loads scenes and starts workers on request of rank 0.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -19,48 +19,48 @@ use crate::exec::worker_pool::{END_LIMIT, start_worker};
 use crate::passes::Declarations;
 use crate::stages::SceneTables;
 
-/// What a rank needs of its surroundings.
+/// Environment of a rank: opens its devices, loads scenes and records trace spans.
 pub trait Host {
-    /// Opens devices, so many on each adapter that is chosen.
+    /// Opens `virtual_devices` on each selected adapter.
     ///
     /// # Errors
-    /// Why it could not, in one line.
+    /// A one-line message.
     fn open(&mut self, virtual_devices: usize) -> Result<Vec<GpuDevice>, String>;
 
     /// # Errors
-    /// Why it could not, in one line.
+    /// A one-line message.
     fn load(&mut self, what: &Load) -> Result<Arc<SceneTables>, String>;
 
-    /// Begins to record what this process's threads are at. Times are counted from `zero`.
+    /// Begins to record trace spans of this process's threads. Times count from `zero`.
     ///
     /// # Errors
-    /// Why it could not, in one line.
+    /// A one-line message.
     fn record(&mut self, zero: Instant) -> Result<(), String>;
 
-    /// What has been recorded since the last call; empty where nothing is recorded.
+    /// Takes the trace spans recorded since the last call; empty if nothing is being recorded.
     fn recorded(&mut self) -> Vec<u8>;
 
-    /// Returns the declarations of passes, which are not sent: those of rank 0 must be the same.
+    /// Returns the declarations of passes. They are not sent, and must be the same as those of rank 0.
     fn passes(&self) -> Declarations {
         Declarations::default()
     }
 
-    /// The signal that told this rank to end.
+    /// Returns the signal that told this rank to end.
     fn interrupted(&self) -> Option<i32>;
 }
 
-/// How long a wait for letters lasts before it is seen whether there was a signal.
+/// Interval at which a wait for letters checks for signals.
 const SLICE: Duration = Duration::from_millis(20);
 
-/// How often what was recorded is sent.
+/// Interval at which recorded spans are sent.
 const RECORDS: Duration = Duration::from_millis(250);
 
-/// Scenes that are kept: a run may have several in turns.
+/// Number of cached scenes; a run may alternate between several.
 const SCENES: usize = 2;
 
 type Thread = JoinHandle<Option<GpuDevice>>;
 
-/// The workers of a crew that are here, by their devices' numbers, and the set that the devices are of.
+/// The workers of a crew on this rank, by device number, and the set of their devices.
 struct Working {
     set: u32,
     threads: Vec<(usize, Thread)>,
@@ -71,16 +71,16 @@ struct Server<'a> {
     host: &'a mut dyn Host,
     sets: HashMap<u32, Vec<GpuDevice>>,
     crews: HashMap<u32, Working>,
-    /// The latest last, with their fingerprints.
+    /// Scenes with their fingerprints, the latest last.
     scenes: Vec<(u64, Arc<SceneTables>)>,
-    /// Until when what was recorded has been sent.
+    /// Time up to which recorded spans have been sent.
     recorded_ms: f64,
 }
 
 /// Serves rank 0 until it ends; returns its exit status.
 ///
 /// # Errors
-/// [`RankError::Lost`] if it is lost.
+/// [`RankError::Lost`] if rank 0 is lost.
 pub fn serve(node: &Arc<Node>, host: &mut dyn Host) -> Result<u8, RankError> {
     let (sets, crews) = (HashMap::new(), HashMap::new());
     let mut server = Server { node, host, sets, crews, scenes: Vec::new(), recorded_ms: 0.0 };
@@ -199,13 +199,13 @@ impl Server<'_> {
             while !thread.is_finished() && begin.elapsed() < END_LIMIT {
                 std::thread::sleep(Duration::from_millis(1));
             }
-            // One that hangs stays behind.
+            // A worker that hangs is left behind.
             if let Some(gpu) = thread.is_finished().then(|| thread.join().ok().flatten()).flatten() {
                 left.push(device);
                 gpus.push(gpu);
             }
         }
-        // In front of those that the crew did not take.
+        // These devices come before those that the crew did not use.
         if let Some(rest) = self.sets.get_mut(&set) {
             gpus.append(rest);
             *rest = gpus;

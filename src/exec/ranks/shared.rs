@@ -1,4 +1,4 @@
-//! What the post and the rank's other threads tell one another.
+//! Orders and state that the post shares with the rank's other threads.
 
 use std::sync::atomic::AtomicU64;
 use std::sync::{Mutex, PoisonError};
@@ -7,7 +7,7 @@ use super::packet::Letter;
 use super::transport::Crew;
 use super::{RankError, Recorded};
 
-/// What the rank's other threads have the post do.
+/// Order to the post from the rank's other threads.
 pub enum Control {
     Send {
         to: usize,
@@ -28,18 +28,19 @@ pub enum Control {
     },
 }
 
-/// What the post tells the rank's other threads.
+/// State that the post shares with the rank's other threads.
 #[derive(Default)]
 pub struct Shared {
-    /// A rank that is gone.
+    /// Error of a lost rank.
     pub lost: Mutex<Option<RankError>>,
-    /// By rank.
+    /// Host names, by rank.
     pub hosts: Mutex<Vec<String>>,
-    /// Bytes of rows that have left for other ranks.
+    /// Bytes of rows sent to other ranks.
     pub row_bytes: AtomicU64,
-    /// By rank, what a packet takes to it, milliseconds, and each byte of a large one; rank 0 knows it.
+    /// Latency in milliseconds from rank 0 to each rank, and milliseconds per byte of large packets; known on rank 0
+    /// only.
     pub links: Mutex<Vec<(f64, f64)>>,
-    /// What other ranks have recorded and nobody has taken yet.
+    /// Trace spans that other ranks have recorded, until they are taken.
     pub recorded: Mutex<Vec<Recorded>>,
 }
 

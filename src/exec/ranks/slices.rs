@@ -1,6 +1,6 @@
-//! How soon the thread that carries packets gets a core when it has something to do.
+//! Scheduling of the thread that carries packets: its latency when it has work to do.
 
-/// A request for time slices of this length, nanoseconds, instead of some milliseconds.
+/// Length of the requested time slices, in nanoseconds. The default is some milliseconds.
 const SLICE_NS: u64 = 100_000;
 
 /// `struct sched_attr` of Linux (sched_setattr(2)), in its first version.
@@ -17,17 +17,18 @@ struct Attributes {
     period_ns: u64,
 }
 
-/// Asks for short time slices for this thread. It takes no larger share of a core by that, but goes before threads that
-/// compute when it wakes up, where ranks have no cores to spare. Linux 6.12 and later do so (Documentation/scheduler/sched-eevdf.rst);
-/// others ignore it, and so does this what they answer.
+/// Requests short time slices for this thread. They do not give it a larger fraction of a core, but it runs before
+/// compute threads when it wakes up, which matters if ranks have no cores to spare. Linux 6.12 and later support this
+/// (Documentation/scheduler/sched-eevdf.rst). Other kernels ignore the request, and their answer is ignored here.
 pub fn ask_for_short_ones() {
     let mut attributes = Attributes::default();
     let size = size_of::<Attributes>() as u32;
-    // SAFETY: the kernel writes no more than `size` bytes, which is what there is; 0 is this thread.
+    // SAFETY: the kernel writes no more than `size` bytes, which is the size of the struct; 0 is this thread.
     let found = unsafe { libc::syscall(libc::SYS_sched_getattr, 0, &raw mut attributes, size, 0) };
     if found == 0 && attributes.policy == libc::SCHED_OTHER as u32 {
         attributes.runtime_ns = SLICE_NS;
-        // SAFETY: the kernel reads as many bytes as `size` in it says, which it has written there.
+        // SAFETY: the kernel reads as many bytes as the struct's `size` says, which the kernel itself has written
+        // there.
         unsafe { libc::syscall(libc::SYS_sched_setattr, 0, &raw const attributes, 0) };
     }
 }

@@ -1,5 +1,6 @@
-//! A crew, the devices of one renderer on all ranks, as one rank sees it. Each rank has the channels of all devices. Behind
-//! those of its own devices are workers, and behind the others this, which passes on what comes.
+//! A crew, the devices of one renderer on all ranks, as one rank sees it. Each rank has the channels of all devices.
+//! The channels of its own devices lead to workers. Those of other ranks' devices lead to the crew, which forwards
+//! their messages.
 
 use std::time::Duration;
 
@@ -13,15 +14,15 @@ use crate::exec::watchdog::LifeSign;
 
 pub struct Crew {
     number: u32,
-    /// To the workers of all devices, here or elsewhere.
+    /// Senders to the workers of all devices, on any rank.
     inboxes: Vec<Sender<Message>>,
-    /// To the renderer, if it is here.
+    /// Sender to the renderer, if it is on this rank.
     replies: Sender<Reply>,
-    /// What commands the workers that are here, where the renderer is not.
+    /// Channels that command this rank's workers, if the renderer is on another rank.
     commander: Option<RendererChannels>,
     own: Vec<usize>,
     others: Vec<Other>,
-    /// The zero of the renderer's times, milliseconds since the post began.
+    /// Zero of the renderer's times, in milliseconds since the post began.
     pub origin_ms: f64,
 }
 
@@ -34,8 +35,8 @@ struct Other {
 }
 
 impl Crew {
-    /// The crew on rank `here`, with the ends of its own workers. `ends` are those of all devices, and `ranks` says where
-    /// each is. `commander` is none where the renderer has it.
+    /// Creates the crew on rank `here`; returns it with the ends of the rank's own workers. `ends` are those of all
+    /// devices, and `ranks` has the rank of each. `commander` is `None` on the renderer's rank.
     pub fn new(
         number: u32,
         (here, ranks): (usize, &[usize]),
@@ -59,7 +60,7 @@ impl Crew {
         (Self { number, inboxes, replies, commander, own, others, origin_ms }, own_ends)
     }
 
-    /// Passes on what has come for others; returns whether there was anything. The bytes of rows go by `send` as well.
+    /// Forwards messages for other ranks by `send`, rows included; returns true if there were any.
     pub fn pass_on(&mut self, send: &mut impl FnMut(usize, Packet)) -> bool {
         let crew = self.number;
         let mut any = false;
@@ -90,7 +91,7 @@ impl Crew {
         any
     }
 
-    /// Has `select` wake up for whatever [`Self::pass_on`] passes on.
+    /// Makes `select` wake up for everything that [`Self::pass_on`] forwards.
     pub fn watch<'a>(&'a self, select: &mut Select<'a>) {
         for other in &self.others {
             let (commands, inbox): (&Receiver<Command>, &Receiver<Message>) = other.end.receivers();
@@ -116,20 +117,21 @@ impl Crew {
         }
     }
 
-    /// A message has come for a worker that is here.
+    /// Delivers a message to a worker on this rank.
     pub fn message(&self, device: usize, message: Message) {
         if self.own.contains(&device) {
-            // A worker that has ended waits for nothing.
+            // A worker that has ended needs no message.
             let _ = self.inboxes[device].send(message);
         }
     }
 
     pub fn reply(&self, reply: Reply) {
-        // Nobody listens any more if the run has ended.
+        // The receiver is gone if the run has ended.
         let _ = self.replies.send(reply);
     }
 
-    /// What those of the workers here are that the renderer elsewhere watches over.
+    /// Returns the signs of life of this rank's workers, if the renderer is on another rank. `None` stands for a worker
+    /// that has ended.
     pub fn signs(&self) -> Option<Vec<(usize, Option<LifeSign>)>> {
         let commander = self.commander.as_ref()?;
         let signs = commander.signs();
@@ -149,7 +151,7 @@ impl Crew {
         }
     }
 
-    /// A rank is gone with its workers.
+    /// Removes the workers of a lost rank.
     pub fn lose(&mut self, rank: usize) {
         self.others.retain(|other| other.rank != rank);
     }

@@ -1,4 +1,4 @@
-//! What a worker is told, and what it does: the input and output of [`Protocol`].
+//! Commands, outcomes and actions of a worker: the input and output of [`Protocol`].
 
 use std::sync::Arc;
 
@@ -7,14 +7,14 @@ use super::protocol::Protocol;
 use super::script::{Outgoing, Script};
 use crate::exec::InjectedKind;
 
-/// What a worker is told to do, as far as the order of its actions depends on it.
+/// Command to a worker, reduced to the parts that determine the order of its actions.
 #[derive(Clone, Debug)]
 pub enum Command {
     Frame(Arc<Script>),
     Read { injected: Option<InjectedKind> },
 }
 
-/// What came of an attempt.
+/// Outcome of an attempt at a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Outcome {
     Done,
@@ -24,15 +24,15 @@ pub enum Outcome {
     Aborted,
 }
 
-/// What to do next. `B` is what the bytes of rows are in.
+/// Next action of a worker. `B` holds the bytes of rows.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Action<B> {
-    /// Take a command if there is one, and wait for it if `waits`; then [`Protocol::command`] or
-    /// [`Protocol::no_command`]. The worker ends if it waits and there will be none any more.
+    /// Take a command if there is one, and wait for it if `waits`; then call [`Protocol::command`] or
+    /// [`Protocol::no_command`]. The worker ends if it waits and there will be no more commands.
     TakeCommand {
         waits: bool,
     },
-    /// Turn to a new frame.
+    /// Begin a new frame.
     Begin {
         ticket: u64,
     },
@@ -45,19 +45,19 @@ pub enum Action<B> {
     RecordTimestamps {
         ticket: u64,
     },
-    /// Wait until the device has done what was submitted, and ask for the pose that the frame is shown from.
+    /// Wait until the device has completed all submissions, then ask for the late-latched pose.
     Ask {
         ticket: u64,
     },
-    /// End the command encoder, which is what takes the host's time.
+    /// End the command encoder. This takes host time, since wgpu encodes only now.
     Close {
         ticket: u64,
     },
-    /// Submit what is recorded.
+    /// Submit the recorded commands.
     Submit {
         ticket: u64,
     },
-    /// Submit nothing, so that what was written to the device is carried out.
+    /// Submit nothing, so that the device executes pending writes.
     SubmitUploads {
         ticket: u64,
     },
@@ -66,12 +66,12 @@ pub enum Action<B> {
     },
     /// Wait for the copy of these rows, map it and send it.
     Send(Outgoing),
-    /// A wait for rows begins; more actions may belong to it until they are written.
+    /// Begin a wait for rows. More actions may come before they are written.
     Receive {
         ticket: u64,
         transfer: u32,
     },
-    /// Wait for a message for a slice of the limit; then [`Protocol::message`] or [`Protocol::timed_out`].
+    /// Wait for a message for a slice of the limit; then call [`Protocol::message`] or [`Protocol::timed_out`].
     AwaitMessage,
     /// Write rows to the device.
     Write {
@@ -79,13 +79,14 @@ pub enum Action<B> {
         task: usize,
         rows: B,
     },
-    /// See whether the frame's last submission has ended, and wait for that if `waits`; if so, ask for its images. Then
-    /// [`Protocol::ended`].
+    /// Check whether the frame's last submission has completed, and wait for it if `waits`. If so, request the frame's
+    /// images. Then call [`Protocol::ended`].
     End {
         ticket: u64,
         waits: bool,
     },
-    /// The same for its images; if they are there, take them.
+    /// Check whether the frame's images have arrived, and wait for them if `waits`. If so, take them. Then call
+    /// [`Protocol::ended`].
     TakeImages {
         ticket: u64,
         waits: bool,
@@ -94,7 +95,7 @@ pub enum Action<B> {
     Read {
         ticket: u64,
     },
-    /// Tell all other workers that nothing more of this attempt comes from here.
+    /// Tell all other workers that this one sends nothing more for this attempt.
     CallOff {
         ticket: u64,
     },

@@ -1,4 +1,4 @@
-//! A device with all that its worker needs to carry out tasks of frames.
+//! A device with everything that its worker needs to execute tasks of frames.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -25,10 +25,10 @@ pub struct WorkerDevice {
 }
 
 impl WorkerDevice {
-    /// Makes images and pipelines of these programs and warms them up. Times are counted from `origin`.
+    /// Creates the images and pipelines of these programs and warms them up. `origin` is the zero of times.
     ///
     /// # Errors
-    /// A device that fails at once, has too little memory or cannot compile a stage.
+    /// [`ExecError`] if the device fails at once, has too little memory or cannot compile a stage.
     pub fn new(
         mut gpu: GpuDevice,
         settings: &StageSettings,
@@ -54,7 +54,7 @@ impl WorkerDevice {
         Ok(Self { gpu, stages, stamps, stamp_buffer, clock, pool: Pool::default(), origin })
     }
 
-    /// Milliseconds since the origin.
+    /// Returns the milliseconds since the origin.
     pub fn now_ms(&self) -> f64 {
         self.origin.elapsed().as_secs_f64() * 1e3
     }
@@ -66,18 +66,18 @@ impl WorkerDevice {
                 std::thread::park();
             },
             InjectedKind::Oom => self.gpu.report_out_of_memory(),
-            // Comes as more runs of dispatches.
+            // `FrameJob::runs` has this effect.
             InjectedKind::Slow => {}
         }
     }
 
-    /// Turns to a frame.
+    /// Begins a frame.
     pub fn begin(&mut self, job: &FrameJob, program: &Arc<Program>) {
         self.stamps.reset();
         self.stages.set_frame(&self.gpu, program, &job.constants, &job.previous, &job.update, job.place);
     }
 
-    /// Changes what the eyes show of the frame, as its submissions from here on see it.
+    /// Changes the display resampling of the frame, for its submissions from now on.
     pub fn show(&self, shown: &[layout::Shown; 2]) {
         self.stages.show(&self.gpu, shown);
     }
@@ -86,7 +86,7 @@ impl WorkerDevice {
         self.gpu.device.create_command_encoder(&Default::default())
     }
 
-    /// Records a part of a dispatch, `runs` times; returns the number of the dispatch's pair of timestamps.
+    /// Records a part of a dispatch, `runs` times; returns the index of the dispatch's pair of timestamps.
     pub fn record(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
@@ -112,7 +112,7 @@ impl WorkerDevice {
         self.pool.record(&self.gpu, encoder, source, offset, size)
     }
 
-    /// Records a copy of the timestamps, whose places the next frame's take; none if there are none.
+    /// Records a copy of the timestamps, which the next frame overwrites; returns `None` if there are none.
     pub fn record_stamps(&mut self, encoder: &mut wgpu::CommandEncoder) -> Option<Recorded> {
         let written = self.stamps.written();
         (written > 0).then(|| {
@@ -121,10 +121,10 @@ impl WorkerDevice {
         })
     }
 
-    /// Writes rows of an image. The device carries that out at the head of its next submission.
+    /// Writes rows of an image. The device executes the write at the head of its next submission.
     ///
     /// # Errors
-    /// Another number of bytes than the task's rows have.
+    /// [`DeviceFailure`] if the number of bytes is not that of the task's rows.
     pub fn write(&self, task: &Task, image: &Bound, place: Place, rows: &Bytes) -> Result<u64, DeviceFailure> {
         let (offset, size) = self.stages.images.span(&image.resource, &task.rows);
         if rows.len() as u64 != size {
@@ -134,16 +134,16 @@ impl WorkerDevice {
         Ok(size)
     }
 
-    /// The bytes of a copy, once its submission has ended.
+    /// Returns the bytes of a copy, once its submission has completed.
     ///
     /// # Errors
-    /// What went wrong on the device, or with the mapping.
+    /// [`DeviceFailure`] if the device or the mapping failed.
     pub fn finish(&mut self, back: ReadBack) -> Result<Mapped, DeviceFailure> {
         self.pool.finish(&self.gpu, back)
     }
 
-    /// When the tasks with these pairs of timestamps began and ended, milliseconds since the origin. The first of them was
-    /// submitted, and the last seen to have ended, at the ends of `bracket_ms`.
+    /// Returns the begin and end of the tasks with these pairs of timestamps, in milliseconds since the origin.
+    /// `bracket_ms` lasts from the submission of the first task to the observed end of the last.
     ///
     /// # Errors
     /// Those of [`Self::finish`].
@@ -158,15 +158,15 @@ impl WorkerDevice {
         Ok(self.clock.host_ms(&ticks, bracket_ms).chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect())
     }
 
-    /// How wrong times of the device have been at most.
+    /// Returns the maximum error of the device's times so far.
     pub fn clock_residual_us(&self) -> f64 {
         self.clock.residual_us
     }
 
-    /// Asks for images, both eyes of each.
+    /// Requests images, both eyes of each.
     ///
     /// # Errors
-    /// That no pass writes one of them.
+    /// [`DeviceFailure`] if no pass writes one of them.
     pub fn request(&mut self, images: &[Output], place: Place) -> Result<Vec<[ReadBack; 2]>, DeviceFailure> {
         let mut encoder = self.encoder();
         let mut copies = Vec::new();
@@ -187,14 +187,14 @@ impl WorkerDevice {
         Ok(copies.into_iter().map(|eyes| eyes.map(|copy| copy.submitted(submission.clone()))).collect())
     }
 
-    /// Where the outputs of a frame are.
+    /// Returns the buffers of a frame's outputs, for both eyes.
     pub fn buffers(&self, program: &Program, place: Place) -> Vec<(Output, [wgpu::Buffer; 2])> {
         let outputs = program.outputs().map(|number| &program.images()[number]);
         let buffers = |image: &Bound| Eye::ALL.map(|eye| self.stages.images.buffer(image, eye, place).clone());
         outputs.map(|image| (image.resource.into(), buffers(image))).collect()
     }
 
-    /// An image that was asked for.
+    /// Returns a requested image.
     ///
     /// # Errors
     /// Those of [`Self::finish`].
@@ -202,10 +202,10 @@ impl WorkerDevice {
         Ok([self.finish(left)?.to_vec(), self.finish(right)?.to_vec()])
     }
 
-    /// Whether a submission has ended; waits for that if `waits`.
+    /// Returns true if a submission has completed, and waits for it if `waits`.
     ///
     /// # Errors
-    /// What went wrong on the device, or that it took too long.
+    /// [`DeviceFailure`] if the device failed or took too long.
     pub fn has_ended(&self, last: &wgpu::SubmissionIndex, waits: bool, frame: u32) -> Result<bool, DeviceFailure> {
         if !waits {
             return self.gpu.has_ended(last);

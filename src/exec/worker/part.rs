@@ -1,4 +1,4 @@
-//! A device's part of a frame: what is recorded, submitted and on its way.
+//! A device's part of a frame: its recorded and submitted commands, and its readbacks.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -15,31 +15,30 @@ use crate::graph::{FrameGraph, Task, TaskKind};
 use crate::passes::LATE_CUT;
 use crate::schedule::parts;
 
-/// What a worker knows of a frame until it has answered. Tasks go by their numbers among those of the device.
+/// State of a frame on a worker until it is answered. Task numbers are indices among the device's tasks.
 pub struct Part {
     job: FrameJob,
     graph: Arc<FrameGraph>,
     device: usize,
-    /// When the device turned to the frame and when its last submission was seen to have ended, milliseconds since the
-    /// origin.
+    /// Begin of the frame on this device, and observed end of its last submission, in milliseconds since the origin.
     begin_ms: f64,
     end_ms: f64,
-    /// When its first submission was handed out.
+    /// Time of its first submission.
     submitted_ms: Option<f64>,
     encoder: Option<wgpu::CommandEncoder>,
-    /// Of an encoder that has ended.
+    /// Commands of an encoder that has been finished.
     commands: Option<wgpu::CommandBuffer>,
-    /// In the encoder: rows for others, by task and transfer, and the timestamps.
+    /// Copies in the encoder: rows for other devices, by task and transfer, and the timestamps.
     copies: Vec<(usize, u32, Recorded)>,
     stamps_copy: Option<Recorded>,
-    /// Rows for others whose copy has been submitted, by transfer, with their tasks.
+    /// Submitted copies of rows for other devices, by transfer, with their tasks.
     outgoing: HashMap<u32, (usize, ReadBack)>,
     stamps: Option<ReadBack>,
     last: Option<wgpu::SubmissionIndex>,
     times: Vec<TaskTime>,
-    /// Dispatches with the numbers of their pairs of timestamps and of their submissions.
+    /// Task, index of the pair of timestamps and number of submissions of each dispatch.
     stamped: Vec<(usize, u32, u32)>,
-    /// Images on their way to the host.
+    /// Readbacks of images in progress.
     images: Vec<[ReadBack; 2]>,
     shown_from: Option<Box<SampledPose>>,
 }
@@ -67,12 +66,12 @@ impl Part {
         }
     }
 
-    /// The frame's number in the run.
+    /// Returns the frame's number in the run.
     pub fn frame(&self) -> u32 {
         self.job.constants.sampling.index
     }
 
-    /// What is to be done for it.
+    /// Returns the operations that the worker runs for the frame.
     pub fn script(&self, ticket: u64) -> Script {
         let is_cut = |number: usize| self.job.cuts.iter().any(|cut| cut.task == number);
         let shows = |task: &Task| self.graph.pass(task).is_some_and(|linked| linked.pass.cut_group == LATE_CUT);
@@ -87,7 +86,7 @@ impl Part {
         device.begin(&self.job, &self.graph.program);
     }
 
-    /// Records a dispatch or a copy of rows. A dispatch that is cut has its parts submitted, but for the last one.
+    /// Records a dispatch or a copy of rows. It submits all parts of a split dispatch except the last.
     pub fn record(&mut self, device: &mut WorkerDevice, task: usize) {
         let graph = Arc::clone(&self.graph);
         let work = &graph.tasks_of(self.device)[task];
@@ -116,17 +115,17 @@ impl Part {
         self.stamps_copy = device.record_stamps(encoder);
     }
 
-    /// Ends the encoder; wgpu encodes only now.
+    /// Ends the encoder, which is when wgpu encodes.
     pub fn close(&mut self) {
         let _span = tracing::info_span!("encode").entered();
         self.commands = self.encoder.take().map(wgpu::CommandEncoder::finish);
     }
 
-    /// Waits until the device has done what was submitted, then asks for the pose that the frame is shown from, which the
-    /// next submission sees.
+    /// Waits until the device has completed all submissions, then asks for the late-latched pose, which the next
+    /// submission uses.
     ///
     /// # Errors
-    /// What went wrong on the device, or that it took too long.
+    /// [`DeviceFailure`] if the device failed or took too long.
     pub fn ask(&mut self, device: &WorkerDevice) -> Result<(), DeviceFailure> {
         let Some(late) = &self.job.late else { return Ok(()) };
         if let Some(last) = &self.last {
@@ -139,7 +138,7 @@ impl Part {
         Ok(())
     }
 
-    /// Submits what is recorded.
+    /// Submits the recorded commands.
     pub fn submit(&mut self, device: &WorkerDevice) {
         if self.encoder.is_some() {
             self.close();
@@ -157,15 +156,15 @@ impl Part {
         self.last = Some(submission);
     }
 
-    /// Carries out uploads that no dispatch follows.
+    /// Executes uploads that no dispatch follows, with an empty submission.
     pub fn submit_uploads(&mut self, device: &WorkerDevice) {
         self.last = Some(device.gpu.queue.submit([]));
     }
 
-    /// Waits for the copy of a transfer's rows, maps it and has it sent.
+    /// Waits for the copy of a transfer's rows, maps it and passes it to `send`.
     ///
     /// # Errors
-    /// What went wrong on the device, or that it took too long.
+    /// [`DeviceFailure`] if the device failed or took too long.
     pub fn send(
         &mut self,
         device: &mut WorkerDevice,
@@ -187,10 +186,10 @@ impl Part {
         Ok(())
     }
 
-    /// Writes rows that have come to the device.
+    /// Writes received rows to the device.
     ///
     /// # Errors
-    /// Another number of bytes than the rows have.
+    /// [`DeviceFailure`] if the number of bytes is not that of the rows.
     pub fn write(&mut self, device: &WorkerDevice, task: usize, rows: Bytes) -> Result<(), DeviceFailure> {
         let begin_ms = device.now_ms();
         let work = &self.graph.tasks_of(self.device)[task];
@@ -200,10 +199,11 @@ impl Part {
         Ok(())
     }
 
-    /// Sees whether the last submission has ended; if so, reads the timestamps, and on the primary asks for images.
+    /// Checks whether the last submission has completed, and waits for it if `waits`. If so, reads the timestamps and,
+    /// on the primary, requests images.
     ///
     /// # Errors
-    /// What went wrong on the device, or that it took too long.
+    /// [`DeviceFailure`] if the device failed or took too long.
     pub fn end(&mut self, device: &mut WorkerDevice, waits: bool) -> Result<bool, DeviceFailure> {
         if let Some(last) = &self.last
             && !device.has_ended(last, waits, self.frame())?
@@ -226,10 +226,10 @@ impl Part {
         Ok(true)
     }
 
-    /// The answer, if its images are with the host.
+    /// Returns the answer, if its images have reached the host; waits for them if `waits`.
     ///
     /// # Errors
-    /// What went wrong on the device, or that it took too long.
+    /// [`DeviceFailure`] if the device failed or took too long.
     pub fn take_images(&mut self, device: &mut WorkerDevice, waits: bool) -> Result<Option<FrameReply>, DeviceFailure> {
         if let Some([_, last]) = self.images.last()
             && !device.has_ended(&last.submission(), waits, self.frame())?
@@ -246,7 +246,7 @@ impl Part {
     }
 }
 
-/// A task, as far as the order of actions depends on it.
+/// Reduces a task to the parts that determine the order of actions.
 fn step(task: &Task, is_cut: bool, is_late: bool) -> Step {
     match task.kind {
         TaskKind::Dispatch { .. } if is_late => Step::LateDispatch { is_cut },

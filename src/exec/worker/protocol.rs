@@ -1,5 +1,5 @@
-//! What a worker does next: the protocol of README.md as a state machine without input or output. A worker carries out
-//! the actions that it names and tells it what came of them; a test explores it in every order of events.
+//! The worker's protocol, described in README.md, as a state machine without I/O. A worker executes the actions that it
+//! returns and reports their outcomes. A test explores it in every order of events.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -8,8 +8,8 @@ use super::action::{Action, Command, Outcome};
 use super::script::{Operation, Outgoing, Script};
 use crate::exec::messages::Message;
 
-/// A worker waits for others for this many slices of a device's limit: longer than it takes to find out that one of
-/// them is hung.
+/// Number of slices of a device's limit for which a worker waits for others. It is longer than the detection of a hung
+/// worker takes.
 const DEPENDENT_SLICES: u32 = 32;
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -19,60 +19,61 @@ struct Frame {
     progress: Progress,
 }
 
-/// How far a frame has come.
+/// Progress of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Progress {
-    /// At this operation of its own tasks.
+    /// Index of the next operation of its own tasks.
     Own(usize),
-    /// At this upload of the stitch.
+    /// Index of the next upload of the stitch.
     Stitch(usize),
     /// All tasks are submitted.
     Submitted,
-    /// All tasks have ended, and images are on their way to the host.
+    /// All tasks have ended, and images are being read back to the host.
     Read,
 }
 
-/// What the worker is at.
+/// Position in the worker's loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum At {
-    /// Between two steps: a new frame goes before what is left of older ones, so that the device has something to do
+    /// Pause between two steps. A new frame takes priority over the rest of older ones, so that the device stays busy
     /// while the host waits for their rows.
     Commands,
     /// The newest frame's own tasks.
     Newest,
-    /// The oldest frame, a step further. Without `waits`, frames older than the newest are taken as far as nothing must
-    /// be waited for, and the newest goes on.
+    /// The oldest frame, for one step. Without `waits`, frames older than the newest advance as far as they can without
+    /// waiting, and then the newest continues.
     Oldest { waits: bool },
 }
 
 /// The state of a worker.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Protocol<B> {
-    /// Lavapipe's queue takes no second submission while the first one runs, but holds its caller up. Rows that others
-    /// wait for are sent before that happens, at the price of a short gap; hardware queues need no gap.
+    /// True if a submission blocks until the previous one has completed, as on lavapipe. Rows that others wait for are
+    /// then sent before each submission, at the cost of a short gap. Hardware queues need no gap.
     submit_blocks: bool,
     /// Frames that are begun and not answered, oldest first. All but the newest have their own tasks submitted.
     open: VecDeque<Frame>,
     /// Rows whose copy has been submitted, in order of submission.
     outgoing: VecDeque<Outgoing>,
-    /// Attempts that are not answered, oldest first.
+    /// Attempts that have not been answered, oldest first.
     unanswered: Vec<u64>,
-    /// Rows that came before they were asked for, by ticket and transfer.
+    /// Rows that arrived before they were needed, by ticket and transfer.
     early: BTreeMap<(u64, u32), B>,
-    /// Attempts that were called off.
+    /// Attempts that were cancelled.
     aborted: BTreeSet<u64>,
-    /// All attempts below are over; what comes of them is dropped.
+    /// Lowest ticket that can still be open. Messages with lower tickets are dropped.
     floor: u64,
     has_failed: bool,
     at: At,
-    /// While rows are waited for: how many slices have passed without a message.
+    /// During a wait for rows: the number of slices without a message.
     receiving: Option<u32>,
-    /// What is to be done before anything else.
+    /// Actions that come before all others.
     due: VecDeque<Action<B>>,
 }
 
 impl<B> Protocol<B> {
-    /// `submit_blocks`: whether a submission waits until the one before has ended.
+    /// Creates the state of a new worker. `submit_blocks` is true if a submission blocks until the previous one has
+    /// completed.
     pub fn new(submit_blocks: bool) -> Self {
         Self {
             submit_blocks,
@@ -89,7 +90,7 @@ impl<B> Protocol<B> {
         }
     }
 
-    /// The next action. All messages that have come should have been given to [`Self::message`] before.
+    /// Returns the next action. Pass all messages that have arrived to [`Self::message`] first.
     pub fn next_action(&mut self) -> Action<B> {
         loop {
             if let Some(action) = self.due.pop_front() {
@@ -109,8 +110,8 @@ impl<B> Protocol<B> {
         }
     }
 
-    /// There is a command, which is made only if the device can still be used; whatever fails from here on is answered
-    /// under its ticket.
+    /// Accepts a command. `make` is called only if the device can still be used. Later failures are answered under this
+    /// ticket.
     pub fn command(&mut self, ticket: u64, make: impl FnOnce() -> Command) {
         self.unanswered.push(ticket);
         if self.has_failed {
@@ -129,22 +130,22 @@ impl<B> Protocol<B> {
         }
     }
 
-    /// There is no command yet.
+    /// Notes that there is no command yet.
     pub fn no_command(&mut self) {
         self.at = At::Oldest { waits: true };
     }
 
-    /// A message has come.
+    /// Accepts a message.
     pub fn message(&mut self, message: Message<B>) {
         match message {
-            // Rows of an attempt that was given up come late.
+            // Messages of an abandoned attempt may arrive late.
             Message::Rows { ticket, .. } | Message::Abort { ticket } if ticket < self.floor || self.has_failed => {}
             Message::Rows { ticket, transfer, rows } => drop(self.early.insert((ticket, transfer), rows)),
             Message::Abort { ticket } => drop(self.aborted.insert(ticket)),
         }
     }
 
-    /// No message came for a slice of the limit.
+    /// Notes that no message arrived for a slice of the limit.
     pub fn timed_out(&mut self) {
         let slices = self.receiving.unwrap_or(0);
         self.receiving = Some(slices + 1);
@@ -154,7 +155,7 @@ impl<B> Protocol<B> {
         }
     }
 
-    /// Whether what [`Action::End`] or [`Action::TakeImages`] asked for has ended.
+    /// Notes whether the work that [`Action::End`] or [`Action::TakeImages`] asked for has completed.
     pub fn ended(&mut self, has_ended: bool) {
         let (At::Oldest { waits }, Some(frame)) = (self.at, self.open.front_mut()) else { return };
         if !has_ended {
@@ -172,7 +173,7 @@ impl<B> Protocol<B> {
         self.end_step(waits);
     }
 
-    /// The device can no longer be used: nothing comes of anything that it was told to do.
+    /// Notes that the device can no longer be used, and fails all open attempts.
     pub fn fail(&mut self) {
         self.has_failed = true;
         self.at = At::Commands;
@@ -187,7 +188,7 @@ impl<B> Protocol<B> {
         self.due.extend(self.unanswered.iter().map(failed));
     }
 
-    /// Nothing comes of this attempt, as another device failed in it.
+    /// Abandons an attempt, since another device failed in it.
     fn give_up(&mut self, ticket: u64) {
         self.open.retain(|f| f.ticket != ticket);
         self.outgoing.retain(|o| o.ticket != ticket);
@@ -210,7 +211,7 @@ impl<B> Protocol<B> {
         }
     }
 
-    /// Carries out the own tasks of the newest frame; nothing if only the state has changed.
+    /// Returns the next action of the newest frame's own tasks, or `None` if only the state has changed.
     fn step_newest(&mut self) -> Option<Action<B>> {
         let Some(Frame { ticket, script, progress: Progress::Own(at) }) = self.open.back() else {
             self.at = At::Commands;
@@ -220,7 +221,7 @@ impl<B> Protocol<B> {
         let action = match script.own.get(at) {
             Some(Operation::Write { task, transfer }) => return self.receive(ticket, *task, *transfer),
             Some(Operation::Submit(_)) if self.submit_blocks && !self.outgoing.is_empty() => return self.send(),
-            // Others need not wait meanwhile.
+            // Rows are sent first, so that other workers need not wait meanwhile.
             Some(Operation::Ask) if !self.outgoing.is_empty() => return self.send(),
             Some(Operation::Ask) => Some(Action::Ask { ticket }),
             Some(Operation::Submit(copies)) => {
@@ -243,8 +244,8 @@ impl<B> Protocol<B> {
         action
     }
 
-    /// Takes the oldest frame further, once its own tasks are submitted: sends what others wait for, takes in what the
-    /// whole images lack, and waits for the device. Nothing if only the state has changed.
+    /// Advances the oldest frame, once its own tasks are submitted: sends rows that others wait for, receives rows of
+    /// the stitch, and waits for the device. Returns `None` if only the state has changed.
     fn step_oldest(&mut self, waits: bool) -> Option<Action<B>> {
         let Some(frame) = self.open.front().filter(|_| waits || self.open.len() > 1) else {
             self.at = At::Newest;
@@ -281,8 +282,8 @@ impl<B> Protocol<B> {
         script.ends_with_uploads().then_some(Action::SubmitUploads { ticket })
     }
 
-    /// Waits for rows. Those that others wait for go out first: all of them stand before this upload in the common
-    /// order, so whoever waits for them cannot be waited for here.
+    /// Waits for rows, but sends all rows that others wait for first. Those precede this upload in the common order, so
+    /// there can be no circular wait.
     fn receive(&mut self, ticket: u64, task: usize, transfer: u32) -> Option<Action<B>> {
         if self.receiving.is_none() {
             self.receiving = Some(0);
@@ -306,7 +307,7 @@ impl<B> Protocol<B> {
         Some(Action::Write { ticket, task, rows })
     }
 
-    /// Sends the rows that were copied first, if there are any.
+    /// Returns the action that sends the rows copied first, if there are any.
     fn send(&mut self) -> Option<Action<B>> {
         self.outgoing.pop_front().map(Action::Send)
     }

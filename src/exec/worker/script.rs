@@ -1,18 +1,18 @@
-//! A device's part of a frame as a list of what its worker does, in order.
+//! A device's part of a frame as a list of operations that its worker executes in order.
 
 use crate::exec::InjectedKind;
 
-/// A task, as far as the order of a worker's actions depends on it.
+/// A task, reduced to the parts that determine the order of a worker's actions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Step {
     Dispatch,
-    /// A dispatch that is spread over several submissions.
+    /// A dispatch that is split into several submissions.
     CutDispatch,
-    /// A dispatch that shows the frame from a pose that is asked for when the device has done all before.
+    /// A dispatch of late reprojection. Its pose is sampled when the device has completed all earlier work.
     LateDispatch {
         is_cut: bool,
     },
-    /// Rows leave for device `to`.
+    /// Rows for device `to`.
     Download {
         transfer: u32,
         to: usize,
@@ -20,7 +20,7 @@ pub enum Step {
     Upload {
         transfer: u32,
     },
-    /// The whole images are there; nothing is to be done.
+    /// The complete images; needs no operation.
     Stitch,
 }
 
@@ -35,40 +35,40 @@ pub struct Outgoing {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Operation {
     Begin,
-    /// Put a dispatch or a copy of rows into the command encoder, by the number of the task.
+    /// Record a dispatch or a copy of rows, given the number of the task.
     Record(usize),
     RecordTimestamps,
-    /// Ask for the pose that the frame is shown from.
+    /// Ask for the late-latched pose.
     Ask,
     /// End the command encoder.
     Close,
-    /// Submit what is recorded, with copies of these rows.
+    /// Submit the recorded commands, including copies of these rows.
     Submit(Vec<Outgoing>),
     Inject(InjectedKind),
-    /// Write rows once they are there.
+    /// Write rows once they have arrived.
     Write {
         task: usize,
         transfer: u32,
     },
 }
 
-/// What a worker does for a frame.
+/// Operations that a worker runs for a frame.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Script {
-    /// For its own tasks, which others may wait for.
+    /// Operations for its own tasks, which other workers may wait for.
     pub(super) own: Vec<Operation>,
     /// The uploads of the stitch: task and transfer.
     pub(super) stitch: Vec<(usize, u32)>,
 }
 
 impl Script {
-    /// From the tasks of a device: its own and those of the stitch, numbered through. A fault is injected half-way
-    /// through its own.
+    /// Makes the script of a device from its own tasks and those of the stitch, which have consecutive numbers. A fault
+    /// is injected halfway through its own tasks.
     ///
-    /// What is recorded is submitted as late as possible: when rows must be waited for, and at the end. Copies leave
-    /// together, as soon as the last of a run of them is recorded. Rows are waited for once everything up to the next
-    /// submission is recorded, at whose head they are written: the host records while the device is at the work before.
-    /// Late dispatches come last, so that all rows are there when a pose is asked for.
+    /// Commands are submitted as late as possible: before a wait for rows, and at the end. Consecutive copies share a
+    /// submission, right after the last of them is recorded. The worker waits for rows only when everything up to the
+    /// next submission is recorded, and writes them at its head, so that the host records while the device is busy with
+    /// earlier work. Late dispatches come last, so that all rows have arrived when the pose is sampled.
     pub fn new(ticket: u64, own: &[Step], stitch: &[Step], injected: Option<InjectedKind>) -> Self {
         let mut builder = Builder::default();
         builder.operations.push(Operation::Begin);
@@ -124,7 +124,7 @@ impl Script {
         Self { own: builder.operations, stitch: stitch.iter().enumerate().filter_map(upload).collect() }
     }
 
-    /// Whether nothing but an empty submission carries the frame's last uploads out.
+    /// Returns true if only an empty submission executes the frame's last uploads.
     pub(super) fn ends_with_uploads(&self) -> bool {
         !self.stitch.is_empty() || !self.own.iter().any(|o| matches!(o, Operation::Submit(_)))
     }
@@ -133,12 +133,12 @@ impl Script {
 #[derive(Default)]
 struct Builder {
     operations: Vec<Operation>,
-    /// Whether anything is recorded that has not been submitted.
+    /// True if recorded commands have not been submitted yet.
     has_recorded: bool,
     copies: Vec<Outgoing>,
-    /// Behind the last submission, and before the next one.
+    /// Writes between the last submission and the next one.
     writes: Vec<Operation>,
-    /// Whether what is recorded needs a pose that is not asked for yet.
+    /// True if recorded commands need a pose that has not been sampled yet.
     asks: bool,
 }
 
@@ -193,7 +193,7 @@ mod tests {
         assert_eq!(operations(&own, None), [&first[..], &second, &last].concat());
     }
 
-    /// Its first part is submitted while it is recorded.
+    /// Covers a split dispatch, whose first part is submitted while it is recorded.
     #[test]
     fn rows_are_written_before_a_dispatch_that_is_cut_is_recorded() {
         let own = [Step::Upload { transfer: 6 }, Step::Dispatch, Step::CutDispatch];
@@ -201,7 +201,7 @@ mod tests {
         assert_eq!(operations(&own, None), [&expected[..], &[Submit(vec![])]].concat());
     }
 
-    /// ... and rows that it reads have been waited for.
+    /// Covers rows that late dispatches read, which must arrive before the pose is sampled.
     #[test]
     fn a_pose_is_asked_for_once_when_all_else_is_submitted() {
         let late = |is_cut| Step::LateDispatch { is_cut };

@@ -16,7 +16,7 @@ fn pass(name: &'static str, group: CutGroup, uses: impl IntoIterator<Item = Use>
     Pass::new(Stage(name), Eye::Left, group, Kernel::new("test")).uses(uses)
 }
 
-/// The rows of each image that are transferred, by the device that receives them.
+/// Returns the transferred rows of each image, by the device that receives them.
 fn transfers(passes: Vec<Pass>, assignment: &Assignment) -> HashMap<(&'static str, usize), Vec<Range<u32>>> {
     let program = Arc::new(Program::new(EXTENT, Seam::Halo(HaloPlan::EXCHANGE), passes).unwrap());
     let graph = FrameGraph::build(&program, assignment, None);
@@ -29,7 +29,7 @@ fn transfers(passes: Vec<Pass>, assignment: &Assignment) -> HashMap<(&'static st
     rows
 }
 
-/// Two devices meet at row 20 when the image is written, and at row 30 when it is read.
+/// Divides the rows of two devices at row 20 where the image is written, and at row 30 where it is read.
 fn moved() -> Assignment {
     let mut assignment = Assignment::uniform(Stripes::even(60, 2));
     assignment.set(WRITER, Eye::Left, Stripes::from_edges(60, &[20]));
@@ -91,7 +91,7 @@ fn every_device_makes_what_it_has_for_itself() {
             _ => None,
         })
         .collect();
-    // The second of three devices has no rows, and so no use for the table.
+    // The second of three devices has no rows, so it does not make the table.
     assert_eq!(ran, [(0, 0), (0, 2), (1, 0), (1, 2)]);
     assert_eq!(graph.dag.edge_count(), 2, "each reader follows its own device's pass");
 }

@@ -52,8 +52,8 @@ fn passes_that_contradict_one_another_are_refused() {
     assert_eq!(error(grids), ProgramError::Grid { stage });
 }
 
-/// Each device computes a margin beside its rows, as wide as later passes read, up to the pass before which rows are
-/// received.
+/// Each device computes a margin around its rows that covers the halos of later passes, up to the next pass that
+/// receives rows from neighbours.
 #[test]
 fn margins_are_what_later_passes_read() {
     let link = |halo: u32, from: Image| pass(CUT, [Use::read(from).halo(halo), Use::write(from.next())]);

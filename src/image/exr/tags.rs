@@ -1,4 +1,4 @@
-//! What a file says of how its image came about, as attributes of its header: OpenEXR's own names where it has one.
+//! Image metadata in the attributes of a file's header, under OpenEXR's own names where they exist.
 
 use ::exr::meta::attribute::{AttributeValue, Text};
 use ::exr::meta::header::{Header, LayerAttributes};
@@ -6,14 +6,14 @@ use serde::Serialize;
 
 use crate::image::Extent;
 
-/// What an image is of. Files of other programs may say only a part of it.
+/// Metadata of an image. Files of other programs may hold only some of it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Tags {
-    /// `worldToCamera`, of row vectors: a point is (x, y, z, 1) times the matrix. The camera looks along +z, with x to
-    /// the right and y up.
+    /// `worldToCamera`, for row vectors: (x, y, z, 1) times the matrix. The camera looks along +z, with x to the right
+    /// and y up.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world_to_camera: Option<[[f32; 4]; 4]>,
-    /// `worldToNDC`, likewise: after division by w, (0, 0) is the image's top left corner and (1, 1) the bottom
+    /// `worldToNDC`, for row vectors: after division by w, (0, 0) is the image's top left corner and (1, 1) the bottom
     /// right one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world_to_ndc: Option<[[f32; 4]; 4]>,
@@ -23,22 +23,21 @@ pub struct Tags {
     /// `view`: `left` or `right`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub eye: Option<String>,
-    /// `imageCounter`: the number of the frame.
+    /// `imageCounter`: the frame number.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<i32>,
-    /// `diptych.time_s`: the instant of the frame, in seconds.
+    /// `diptych.time_s`: the frame's time in seconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_s: Option<f64>,
-    /// `diptych.exposure_ev`: the stops by which the image is brightened to be shown; its values are not.
+    /// `diptych.exposure_ev`: exposure in stops for display. The image's values are not scaled by it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exposure_ev: Option<f32>,
-    /// `diptych.baseline_m` and `diptych.baseline_units`: between the eyes, metres and scene units.
+    /// `diptych.baseline_m` and `diptych.baseline_units`: distance between the eyes in metres and in scene units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline_m: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline_units: Option<f64>,
-    /// `diptych.pixel_centre`, of auxiliary images: the point of each pixel, from its top left corner, that they
-    /// are of.
+    /// `diptych.pixel_centre`, of auxiliary images: sample position in each pixel, from its top left corner.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixel_centre: Option<[f32; 2]>,
 }
@@ -51,7 +50,7 @@ const BASELINE_UNITS: &str = "diptych.baseline_units";
 const PIXEL_CENTRE: &str = "diptych.pixel_centre";
 
 impl Tags {
-    /// Those of a part. Numbers that make no sense count as not there.
+    /// Reads the metadata of a part. Invalid numbers count as missing.
     pub(super) fn of(header: &Header) -> Self {
         let own = &header.own_attributes;
         let other = |name: &str| {
@@ -88,7 +87,7 @@ impl Tags {
         }
     }
 
-    /// As a header has them, with the program's name where there is anything to say.
+    /// Returns the header's attributes. They include the program's name unless there is no metadata.
     pub(super) fn attributes(&self, extent: Extent) -> LayerAttributes {
         let flat = |rows: [[f32; 4]; 4]| -> [f32; 16] { std::array::from_fn(|i| rows[i / 4][i % 4]) };
         let mut attributes = LayerAttributes {
@@ -112,7 +111,7 @@ impl Tags {
         if *self != Self::default() {
             attributes.software_name = Text::new_or_none(concat!("diptych ", env!("CARGO_PKG_VERSION")));
         }
-        // The width of the image at distance 1 in front of the camera.
+        // `screenWindowWidth` is the image's width at distance 1 from the camera.
         if let Some(yfov_deg) = self.yfov_deg {
             let height = 2.0 * (f64::from(yfov_deg).to_radians() / 2.0).tan();
             attributes.screen_window_width = (height * f64::from(extent.width) / f64::from(extent.height)) as f32;
@@ -120,7 +119,7 @@ impl Tags {
         attributes
     }
 
-    /// Vertical field of view in degrees: what the file says, or what follows from its matrices.
+    /// Returns the vertical field of view in degrees: the file's attribute, else from its matrices.
     pub fn field_of_view_deg(&self) -> Option<f64> {
         let said = self.yfov_deg.and_then(|deg| deg.to_string().parse().ok());
         said.or_else(|| self.field_of_view_of_matrices())
@@ -131,17 +130,17 @@ impl Tags {
         let column = |matrix: [[f32; 4]; 4], c: usize| [0, 1, 2].map(|row: usize| f64::from(matrix[row][c]));
         let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let (up, forward) = (column(camera, 1), column(camera, 2));
-        // Of a step along the camera's axis.
+        // Change of a homogeneous coordinate per unit step along a camera axis.
         let share = |of: [f64; 3], axis: [f64; 3]| dot(of, axis) / dot(axis, axis);
         let tan_half = 0.5 * (share(column(ndc, 3), forward) / share(column(ndc, 1), up)).abs();
         (tan_half.is_finite() && tan_half > 0.0).then(|| 2.0 * tan_half.atan().to_degrees())
     }
 }
 
-/// Puts the attributes of a file with one part in the order of their names. The writer takes those of names of ours from
-/// a hash map, whose order differs from run to run, and equal images are to give equal bytes. The header stays as long.
+/// Sorts the attributes of a single-part file by name, so that equal images give equal bytes: the writer takes
+/// attributes of our own names from a hash map, whose order differs between runs. The header's length does not change.
 pub(super) fn sort(file: &mut [u8]) {
-    // Magic number and version.
+    // Length of the magic number and the version.
     const BEGIN: usize = 8;
     let mut attributes = Vec::new();
     let mut rest = file.get(BEGIN..).unwrap_or_default();
@@ -154,7 +153,7 @@ pub(super) fn sort(file: &mut [u8]) {
     file[BEGIN..BEGIN + sorted.len()].copy_from_slice(&sorted);
 }
 
-/// The bytes of the first attribute, name, type, length and value, and those after it; `None` at the header's end.
+/// Splits off the first attribute: name, type, length and value. Returns `None` at the header's end.
 fn attribute(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let text_end = |from: usize| Some(from + bytes.get(from..)?.iter().position(|byte| *byte == 0)? + 1);
     let name_end = text_end(0).filter(|end| *end > 1)?;
@@ -209,7 +208,7 @@ mod tests {
         assert_eq!(back(&odd), Tags { world_to_ndc: None, ..tags() });
     }
 
-    /// The writer would put attributes of our own names in another order each time.
+    /// The writer puts custom attributes into a random order.
     #[test]
     fn attributes_are_in_the_order_of_their_names() {
         let folder = tempfile::tempdir().unwrap();
@@ -233,8 +232,8 @@ mod tests {
         assert!((0..8).all(|_| write() == bytes));
     }
 
-    /// By OpenEXR 3.5.3 through its Python binding: from (1, 2, 3) along −z, tan 30° up and 1.5 times that to the
-    /// side, without a field of view.
+    /// Header written by OpenEXR 3.5.3 through its Python binding: a camera at (1, 2, 3) that looks along −z, with
+    /// half-angle tangents tan 30° vertically and 1.5 times that horizontally, and without a field of view.
     #[test]
     fn attributes_by_the_reference_library_are_read() {
         let tags = read_colour(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/src/image/exr/openexr_camera.exr")))

@@ -6,7 +6,7 @@ use super::*;
 
 type Part = Layer<AnyChannels<FlatSamples>>;
 
-/// Small deterministic numbers in 0 … 1.
+/// Returns small deterministic numbers in 0 … 1.
 fn noise(count: usize, seed: u32) -> impl Iterator<Item = f32> {
     let mut state = seed;
     (0..count).map(move |_| {
@@ -199,7 +199,7 @@ fn the_largest_level_of_a_mip_map_is_read() {
     assert_eq!((image.extent, image.pixels), (Extent::new(5, 3), vec![[1.0, 2.0, 3.0]; 15]));
 }
 
-/// B44 keeps differences within 4x4 blocks that fit in six bits of a half, PXR24 keeps 24 bits of a float.
+/// B44 keeps differences within 4x4 blocks that fit in six bits of a half; PXR24 keeps 24 bits of a float.
 #[test]
 fn what_lossy_compressions_keep_is_read() {
     let extent = Extent::new(9, 6);
@@ -247,8 +247,8 @@ fn missing_empty_and_foreign_files_are_errors() {
     }
 }
 
-/// Written by OpenEXR 3.5.3 through its Python binding: RGBA half, 32x32 tiles, ZIP, data window (-3, 5) to (4, 10);
-/// value n of the 8x6x3 colours, row by row, is n / 16.
+/// Written by OpenEXR 3.5.3 through its Python binding: RGBA half, 32x32 tiles, ZIP, data window (-3, 5) to (4, 10).
+/// Value n of the 8x6x3 colours, in row order, is n / 16.
 #[test]
 fn a_file_by_the_reference_library_is_read() {
     let image = decoded(include_bytes!("openexr_tiled_half.exr"));
@@ -270,7 +270,8 @@ fn dwa_is_refused_by_name() {
 fn subsampled_channels_are_refused_by_name() {
     let plane = f32s(&[1.0; 64]);
     let mut bytes = encoded(vec![part("", Extent::new(8, 8), &[("BY", plane.clone()), ("Y", plane)], PLAIN)]);
-    // The crate writes none. In the header a name and a zero are followed by type, flags, and the sampling in x and y.
+    // The crate cannot write subsampled channels. In the header a name and a zero are followed by the type, flags, and
+    // the sampling in x and y.
     let sampling = bytes.windows(3).position(|w| w == b"BY\0").unwrap() + 3 + 8;
     assert_eq!(bytes[sampling..sampling + 8], [1, 0, 0, 0, 1, 0, 0, 0]);
     bytes[sampling] = 2;
@@ -278,14 +279,14 @@ fn subsampled_channels_are_refused_by_name() {
     assert_unsupported(&bytes, "subsampl");
 }
 
-/// Both by OpenEXR 3.5.3 through its Python binding.
+/// Both files were written by OpenEXR 3.5.3 through its Python binding.
 #[test]
 fn deep_data_and_newer_compressions_are_refused_by_name() {
     assert_unsupported(include_bytes!("openexr_deep.exr"), "deep data");
     assert_unsupported(include_bytes!("openexr_htj2k.exr"), "ht j2k");
 }
 
-/// Each truncation must err; a mutation may hit a sample and go unnoticed, but it must not panic.
+/// Each truncation must fail. A mutation may change a sample only, but it must not panic.
 #[test]
 fn damaged_files_give_errors_and_no_panics() {
     let extent = Extent::new(23, 18);
@@ -311,7 +312,7 @@ fn damaged_files_give_errors_and_no_panics() {
             let mut pick = |n: usize| (random.next().unwrap() * n as f32) as usize;
             for i in 0..variants() {
                 let mut bad = good.clone();
-                // Half of the hits go to the header, where they matter most.
+                // Half of the mutations go to the header, where they matter most.
                 let reach = if i % 2 == 0 { 400.min(bad.len()) } else { bad.len() };
                 for _ in 0..=pick(4) {
                     bad[pick(reach)] = [0, 1, 0x7f, 0x80, 0xff, pick(256) as u8][pick(6)];
@@ -322,7 +323,7 @@ fn damaged_files_give_errors_and_no_panics() {
     }
 }
 
-/// Mutations per encoding; `DIPTYCH_FUZZ=100000` looks longer.
+/// Number of mutations per encoding; `DIPTYCH_FUZZ=100000` runs more.
 fn variants() -> usize {
     std::env::var("DIPTYCH_FUZZ").ok().and_then(|n| n.parse().ok()).unwrap_or(60)
 }

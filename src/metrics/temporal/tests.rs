@@ -4,12 +4,12 @@ use super::*;
 use crate::image::display::linear_from_srgb;
 
 const EXTENT: Extent = Extent { width: 24, height: 10 };
-/// Side of the square and how far it moves, pixels.
+/// Side of the square and its step per frame, pixels.
 const SIDE: usize = 6;
 const STEP: usize = 4;
 const SQUARE: f64 = 0.8;
 
-/// A grey image of these display values, by column and row.
+/// Returns a grey image with these display values by column and row.
 fn grey(shown: impl Fn(usize, usize) -> f64) -> RgbImage {
     let width = EXTENT.width as usize;
     let pixel = |i| {
@@ -28,7 +28,7 @@ fn in_square(x: usize, y: usize, left: usize) -> bool {
     (left..left + SIDE).contains(&x) && (2..2 + SIDE).contains(&y)
 }
 
-/// A wall with a square before it, which has come from the left by `moved` pixels.
+/// Returns a wall with a square in front of it, which has moved right by `moved` pixels.
 fn scene(left: usize, moved: usize) -> Surfaces {
     let inside = move |x, y| in_square(x, y, left);
     let motion = vectors(|x, y| [if inside(x, y) { -(moved as f32) } else { 0.0 }, 0.0, 0.0]);
@@ -60,7 +60,7 @@ fn an_image_that_is_always_wrong_alike_does_not_flicker() {
     assert_eq!((found.flicker, found.new_share, found.ghosting), (Some(0.0), Some(0.0), None));
 }
 
-/// The square leaves STEP of its columns behind, and its front covers others, which are not seen any more.
+/// The square disoccludes STEP columns of the wall behind it; its front occludes others.
 #[test]
 fn what_moves_in_the_reference_too_is_no_flicker() {
     let (before, now) = (scene(3, 0), scene(3 + STEP, STEP));
@@ -87,7 +87,7 @@ fn surfaces_uncovered_or_come_in_from_outside_are_new() {
     assert_eq!(from_outside[2 * width + 2..2 * width + 5], [History::New, History::New, History::Seen(2 * width)]);
 }
 
-/// The image holds (1 − α) of the frame before, where that was, as an exponential mean without motion does.
+/// The image holds (1 − α) of the previous frame without reprojection, like an exponential moving average.
 #[test]
 fn an_exponential_mean_ghosts_by_what_it_keeps() {
     let (before, now) = (scene(3, 0), scene(3 + STEP, STEP));
@@ -96,7 +96,7 @@ fn an_exponential_mean_ghosts_by_what_it_keeps() {
     let mean = grey(|x, y| alpha * is(x, y) + (1.0 - alpha) * was(x, y));
     let (was, is) = (grey(was), grey(is));
     let found = temporal([(&was, &was, &before), (&is, &mean, &now)]);
-    // Both where the square was and where it has come to, each STEP columns wide, the image is wrong by this.
+    // The image has this error at the square's old and new position, each STEP columns wide.
     let wrong = (1.0 - alpha) * SQUARE;
     let (area, moved) = (EXTENT.area() as f64, (STEP * SIDE) as f64);
     assert_near(found.flicker, wrong * moved / (area - moved));
@@ -123,7 +123,7 @@ fn the_sky_counts_as_neither() {
     assert_eq!(found, TemporalError { flicker: None, ghosting: None, new_share: None });
 }
 
-/// The nearest pixel to where motion leads may show what is across an edge.
+/// The nearest pixel to the reprojected point may lie across an edge.
 #[test]
 fn an_edge_that_moves_by_part_of_a_pixel_uncovers_nothing() {
     let mut now = scene(3, 0);
@@ -139,7 +139,7 @@ fn an_edge_that_moves_by_part_of_a_pixel_uncovers_nothing() {
     assert!(!history.contains(&History::New));
 }
 
-/// The scale of the world does not matter, nor does a plane seen at a slant count as new.
+/// The scale of the world does not matter, and a slanted plane is not taken for a disocclusion.
 #[test]
 fn a_slanted_plane_that_moves_past_is_seen_at_any_scale() {
     for scale in [1e-4f32, 1.0, 1e4] {
@@ -179,12 +179,12 @@ fn at_rest_the_sky_counts_and_what_is_always_wrong_alike_does_not() {
     assert!(now.change_at_rest(&Pair::new(&small, &small, 0.0).unwrap()).is_err());
 }
 
-/// What changes beyond 5 degrees of either gaze does not count.
+/// Changes beyond 5 degrees of either gaze do not count.
 #[test]
 fn near_a_gaze_that_moves_counts_what_both_frames_see_there() {
     let extent = Extent::new(40, 20);
     let seen = |x: f64| Viewing { gaze: [x, 0.5], yfov_deg: 40.0 };
-    // Tangents, so that degrees at the middle are pixels over this.
+    // Converts degrees at the image's centre to pixels.
     let per_degree = 10.0 / 20f64.to_radians().tan() * 1f64.to_radians();
     let grey = |value: &dyn Fn(f64, f64) -> f64| {
         let pixel = |i: usize| [value((i % 40) as f64 + 0.5, (i / 40) as f64 + 0.5) as f32; 3];
@@ -201,7 +201,7 @@ fn near_a_gaze_that_moves_counts_what_both_frames_see_there() {
     assert_eq!(flicker(&beyond(20.0), [&seen(0.5), &seen(0.5)]), Some(0.0));
     let moved = flicker(&beyond(20.0), [&seen(0.55), &seen(0.55)]).unwrap();
     assert!(0.0 < moved && moved < all, "{moved} of {all}");
-    // Pixels of both gazes only, whichever frame was first.
+    // Only pixels near both gazes count, in either order of frames.
     for gazes in [[&seen(0.5), &seen(0.55)], [&seen(0.55), &seen(0.5)]] {
         assert_eq!(flicker(&beyond(20.0), gazes), Some(0.0));
         assert_near(flicker(&grey(&|_, _| 0.5), gazes), all);

@@ -1,4 +1,4 @@
-//! From filtered light to an image that is antialiased over frames.
+//! Temporal antialiasing (TAA) of filtered illumination.
 
 use super::{Light, gradient};
 use crate::graph::{Chain, Kernel, Pass, Resource, Stage, Use};
@@ -8,16 +8,16 @@ use crate::passes::tonemap::{CUT, finished};
 use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;
 
-/// The image antialiased over frames, scene-referred RGB.
+/// The result of TAA, scene-referred RGB.
 const RESOLVED: Resource = Resource::image("resolved", 16);
 
-/// Rows that antialiasing reads beyond its own.
+/// Rows that TAA reads beyond its own.
 const RESOLVE_REACH_ROWS: u32 = 1;
 
-/// Remodulates light, also in the rows around a device's own, and antialiases over frames.
+/// Returns the passes that remodulate illumination, also in the rows around a device's own, and apply TAA.
 pub fn passes(spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
     let (filtered, composed) = light.advance();
-    // What surfaces were seen before, where they may have moved.
+    // Surfaces of the previous frame, which validate history in dynamic scenes.
     let last_guide = match spec.moving.is_some() {
         true => Use::read(GUIDE).before(spec.history_halo()),
         false => Use::read(last_surface(spec)).if_written(),

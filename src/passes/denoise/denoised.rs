@@ -5,7 +5,7 @@ use crate::graph::Pass;
 use crate::passes::FrameSpec;
 use crate::scene::rig::Eye;
 
-/// The passes of a denoiser on one view up to the light that it leaves.
+/// The passes of a denoiser on one view, and the image of filtered illumination.
 pub struct Denoised {
     pub view: Eye,
     pub before: Vec<Pass>,

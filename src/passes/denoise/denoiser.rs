@@ -8,35 +8,34 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 use super::method::{Denoise, MAX_ITERATIONS};
 use super::{atrous, bmfr, svgf};
 
-/// The library's denoisers. A further one is a module with its passes and a line here.
+/// The library's denoisers. A new one needs a module with its passes and a line here.
 const BUILT_IN: [&dyn Denoise; 4] = [&atrous::Atrous, &svgf::Svgf, &bmfr::Bmfr::DROPPING, &bmfr::Bmfr::NOISY];
 
 /// The denoisers that the program has registered.
 static REGISTERED: RwLock<Vec<&'static dyn Denoise>> = RwLock::new(Vec::new());
 
-/// A method that removes the noise of path tracing from a frame. Where a frame may have none, the type is an [`Option`] of
-/// this.
+/// A method that removes path tracing noise from a frame. If a frame may have none, the type is an [`Option`] of this.
 #[derive(Clone, Copy)]
 pub struct Denoiser(&'static dyn Denoise);
 
 impl Denoiser {
     /// An à-trous filter on the frame alone.
     pub const ATROUS: Self = Self(&atrous::Atrous);
-    /// An à-trous filter on what is accumulated over frames, guided by its variance.
+    /// An à-trous filter on temporally accumulated illumination, guided by its variance.
     pub const SVGF: Self = Self(&svgf::Svgf);
-    /// What is accumulated over frames, fitted in blocks to features of surfaces.
+    /// Blockwise regression (BMFR): fits radiance accumulated over frames to features of surfaces.
     pub const BMFR: Self = Self(&bmfr::Bmfr::DROPPING);
-    /// The same with noise on the features where [`Self::BMFR`] leaves out dependent ones, to compare it with.
+    /// BMFR with noise on the features where [`Self::BMFR`] drops dependent ones, for comparison.
     pub const BMFR_NOISE: Self = Self(&bmfr::Bmfr::NOISY);
-    /// The number of iterations unless another one is asked for.
+    /// Default number of iterations.
     pub const DEFAULT_ITERATIONS: u32 = 5;
-    /// The most iterations that can be asked for.
+    /// Maximum number of iterations.
     pub const MAX_ITERATIONS: u32 = MAX_ITERATIONS;
 
     /// Adds a denoiser to those that [`Self::from_name`] finds. With several ranks, each must register the same.
     ///
     /// # Errors
-    /// A sentence, if there is another denoiser of this name, or if `none` is its name.
+    /// A message if the name is taken or is `none`.
     pub fn register(method: &'static dyn Denoise) -> Result<Self, String> {
         if Self::from_name(method.name()).is_ok() {
             return Err(format!("there is a denoiser {} already", method.name()));
@@ -45,7 +44,7 @@ impl Denoiser {
         Ok(Self(method))
     }
 
-    /// Returns no denoiser, and each denoiser.
+    /// Returns all choices: no denoiser, then each denoiser.
     pub fn choices() -> Vec<Option<Self>> {
         let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner);
         let all = BUILT_IN.into_iter().chain(registered.iter().copied());
@@ -55,7 +54,7 @@ impl Denoiser {
     /// Returns the choice with this name.
     ///
     /// # Errors
-    /// A sentence that lists all names.
+    /// A message that lists all names.
     pub fn from_name(name: &str) -> Result<Option<Self>, String> {
         let choices = Self::choices();
         let choice = choices.iter().find(|choice| Self::name_of(**choice) == name).copied();
@@ -70,17 +69,17 @@ impl Denoiser {
         choice.map_or("none", |denoiser| denoiser.0.name())
     }
 
-    /// Returns true if frames build on those before them.
+    /// Returns true if frames build on a history of previous ones.
     pub fn keeps_history(self) -> bool {
         self.0.keeps_history()
     }
 
-    /// Returns the most iterations that a frame of this denoiser can have.
+    /// Returns the maximum number of iterations of this denoiser.
     pub fn most_iterations(self) -> u32 {
         self.0.most_iterations()
     }
 
-    /// Returns its properties and passes.
+    /// Returns the implementation: its properties and passes.
     pub fn method(self) -> &'static dyn Denoise {
         self.0
     }
@@ -117,7 +116,7 @@ impl<'de> Deserialize<'de> for Denoiser {
 /// Serializes a choice by its name.
 ///
 /// # Errors
-/// Those of the serializer.
+/// Errors of the serializer.
 pub fn serialize<S: Serializer>(choice: &Option<Denoiser>, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(Denoiser::name_of(*choice))
 }
@@ -125,7 +124,7 @@ pub fn serialize<S: Serializer>(choice: &Option<Denoiser>, serializer: S) -> Res
 /// Deserializes a choice from its name.
 ///
 /// # Errors
-/// Those of the deserializer, and a name that is unknown.
+/// Errors of the deserializer, and unknown names.
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Denoiser>, D::Error> {
     Denoiser::from_name(&String::deserialize(deserializer)?).map_err(D::Error::custom)
 }

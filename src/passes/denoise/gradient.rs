@@ -1,6 +1,6 @@
-//! How much of the light in the left eye is other than in the frame before, told by the same random numbers, where
-//! anything moves: temporal gradients (Schied, Peters & Dachsbacher, "Gradient Estimation for Real-Time Adaptive Temporal
-//! Filtering", 2018).
+//! Temporal gradients in dynamic scenes: the relative change of the left eye's light since the previous frame, from
+//! paths traced again with the same random numbers (Schied, Peters & Dachsbacher, "Gradient Estimation for Real-Time
+//! Adaptive Temporal Filtering", 2018).
 
 use super::CUT;
 use crate::graph::{Grid, Kernel, Pass, Resource, Size, Stage, Use};
@@ -12,34 +12,34 @@ use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;
 use crate::wgsl::{Constant, constants};
 
-/// Columns and rows of a tile, of which one pixel is traced again.
+/// Edge of a tile, pixels. One pixel per tile is traced again.
 const TILE: u32 = 3;
 const TILES: Grid = Grid { size: Size::FrameOver(TILE), ..Grid::FRAME };
 
-/// Tiles on each side that the smoothing of differences reads.
+/// Radius of the smoothing of gradients, tiles.
 const REACH: u32 = 2;
 
-/// For shaders that read [`change`].
+/// Constants of shaders that read [`change`].
 pub const CONSTANTS: &[Constant] = constants![TILE];
 
 const TRACE: Kernel = Kernel::with_scene("gradient").with(CONSTANTS);
 const SMOOTH: Kernel = Kernel::new("gradient_smooth").with(constants![REACH]);
 
-/// Luminance of the light of a tile's pixel now minus before, and the larger of both.
+/// Luminance of a tile's pixel now minus before, and the larger of both.
 const GRADIENT: Resource = Resource::image("gradient", 8).on(TILES);
 
-/// Not where nothing moves, nor in polar images, whose tiles are no squares.
+/// Whether gradients are computed: only in dynamic scenes, and not in polar images, whose tiles are not square.
 fn is_found(spec: &FrameSpec) -> bool {
     spec.moving.is_some() && spec.screen.is_none()
 }
 
-/// Share of each tile's history that is dropped, if it is found.
+/// Returns the image of the fraction of each tile's history to drop; a dummy if gradients are not computed.
 pub fn change(spec: &FrameSpec) -> Resource {
     let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));
     Resource::image("light_change", 4).on(if is_found(spec) { TILES } else { nothing })
 }
 
-/// The passes that find it, before the left eye accumulates.
+/// Returns the passes that compute gradients, before the left eye accumulates.
 pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
     if !is_found(spec) || view != Eye::Left {
         return Vec::new();

@@ -5,13 +5,13 @@ use crate::passes::path_trace::RADIANCE;
 use crate::passes::{FrameSpec, tonemap};
 use crate::scene::rig::Eye;
 
-/// The most iterations that can be asked for.
+/// Maximum number of iterations of any denoiser.
 pub const MAX_ITERATIONS: u32 = 10;
 
 const FILTERED: Resource = Resource::image("filtered", 16);
 
-/// The image that holds light, on its way through passes that each read one image and write the next. Light is
-/// demodulated: it is reflected light over albedo.
+/// The image that carries demodulated illumination (reflected light over albedo) through passes that each read one
+/// image and write the next.
 #[derive(Clone, Copy, Debug)]
 pub struct Light {
     current: Image,
@@ -24,18 +24,18 @@ impl Light {
         Self { current: RADIANCE.into(), filtered: FILTERED.into() }
     }
 
-    /// The image that holds light now.
+    /// Returns the image that currently holds light.
     pub fn image(self) -> Image {
         self.current
     }
 
-    /// The image that a pass reads light from, and the one that it writes it to.
+    /// Returns the image that a pass reads light from, and the one that it writes light to.
     pub fn advance(&mut self) -> (Image, Image) {
         self.filtered = self.filtered.next();
         self.advance_to(self.filtered)
     }
 
-    /// Like [`Self::advance`], but the pass writes to `target`.
+    /// Does the same as [`Self::advance`], but the pass writes to `target`.
     pub fn advance_to(&mut self, target: Image) -> (Image, Image) {
         (std::mem::replace(&mut self.current, target), target)
     }
@@ -46,10 +46,10 @@ pub trait Denoise: Sync {
     /// Returns the name in files and on the command line, which never changes.
     fn name(&self) -> &'static str;
 
-    /// Returns one line for `--help`. A denoiser without one is left out there.
+    /// Returns one line for `--help`, which omits denoisers without one.
     fn help(&self) -> Option<&'static str>;
 
-    /// Returns true if frames build on those before them.
+    /// Returns true if frames build on a history of previous ones.
     fn keeps_history(&self) -> bool {
         false
     }
@@ -59,29 +59,29 @@ pub trait Denoise: Sync {
         false
     }
 
-    /// Returns the most iterations that a frame can have.
+    /// Returns the maximum number of iterations of a frame.
     fn most_iterations(&self) -> u32 {
         MAX_ITERATIONS
     }
 
-    /// Estimates the FLIP that noise and blur leave at this number of samples per pixel, for the built-in ladder. `rows` are
-    /// those of an eye's image. By default it is that of a filter on each frame alone.
+    /// Estimates the FLIP that noise and blur leave at this number of samples per pixel, for the built-in ladder.
+    /// `rows` is the height of an eye's image. The default is for a filter on each frame alone.
     fn estimated_flip(&self, samples: f64, iterations: u32, _rows: u32) -> f64 {
         (0.55 + 0.45 * 0.5f64.powi(iterations as i32 - 1)) * 0.18 * samples.powf(-0.35)
     }
 
-    /// The passes before the filter.
+    /// Returns the passes before the filter.
     fn before(&self, _spec: &FrameSpec, _view: Eye, _light: &mut Light) -> Vec<Pass> {
         Vec::new()
     }
 
-    /// The passes of the filter. Each reads rows around its own from what the one before wrote, and the halo plan says
-    /// before which of them rows are received.
+    /// Returns the passes of the filter. Each reads the output of the one before, including rows around its own. The
+    /// halo plan decides before which of them rows are received.
     fn filter(&self, _spec: &FrameSpec, _view: Eye, _light: &mut Light) -> Vec<Pass> {
         Vec::new()
     }
 
-    /// The passes from light to the images that leave the frame.
+    /// Returns the passes from filtered light to the frame's outputs.
     fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         vec![tonemap::pass(spec, view, light.image())]
     }

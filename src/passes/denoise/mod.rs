@@ -1,4 +1,4 @@
-//! Denoisers, which come between traced light and the image.
+//! Denoisers, which run between path tracing and the finished image.
 
 mod antialias;
 mod atrous;
@@ -33,7 +33,7 @@ impl Denoise for Undenoised {
     }
 }
 
-/// Returns the passes of this denoiser.
+/// Returns the implementation of a denoiser.
 pub fn of(denoiser: Option<Denoiser>) -> &'static dyn Denoise {
     denoiser.map_or(&Undenoised, Denoiser::method)
 }

@@ -1,4 +1,4 @@
-//! Bilateral smoothing across the seams of stripes that were filtered apart.
+//! Bilateral smoothing across the seams of stripes that were filtered separately.
 
 use super::atrous::inverse_sigma2_bits;
 use super::{CUT, Light};
@@ -7,7 +7,7 @@ use crate::passes::gbuffer::GUIDE;
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
-/// Rows and columns that are read around a pixel; as many rows beyond a stripe.
+/// Filter radius, pixels, which is also the number of rows read beyond a stripe.
 const SEAM_REACH: u32 = 4;
 
 const KERNEL: Kernel = Kernel::new("seam_filter").with(constants![SEAM_REACH]);

@@ -1,4 +1,4 @@
-//! Quality ladders, drawn with the fronts that they are taken from, and as a table.
+//! Quality ladders as a table, and plotted with the fronts that they come from.
 
 use super::{COLUMNS, ERROR, Row, Series, cells_of, fronts, time_chart};
 use crate::control::{Ladder, Rung};
@@ -6,8 +6,8 @@ use crate::report::peers::{self, Peer};
 use crate::report::study::cell;
 use crate::report::{ReportError, Table};
 
-/// A plot of time against both eyes' FLIP + flicker, with the front of each denoiser and the ladder. With other
-/// renderers, whose flicker is unknown, it is against FLIP alone.
+/// Plots time against both eyes' FLIP + flicker, with the front of each denoiser and the ladder. If there are other
+/// renderers, whose flicker is unknown, the plot shows FLIP alone.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
@@ -22,7 +22,7 @@ pub fn ladder_svg(title: String, rows: &[Row], peers: &[Peer], ladder: &Ladder) 
     time_chart(title, &format!("{label}, mean of both eyes"), &series)
 }
 
-/// A table with a line per rung, from the cheapest.
+/// Returns a table with a line per rung, from the cheapest.
 pub fn ladder_table(ladder: &Ladder) -> Table {
     let mut headers = vec!["rung"];
     headers.extend(COLUMNS);

@@ -1,4 +1,4 @@
-//! The distance of a ladder's rungs from the best setting that takes no longer.
+//! Compares a ladder's rungs with the best setting that takes no longer.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use crate::control::{MIN_STEP, Rung};
 use crate::quality::Quality;
 use crate::report::Table;
 
-/// The distance of a rung.
+/// Comparison of a rung with the best setting.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Regret {
     #[serde(rename = "knobs")]
@@ -15,13 +15,13 @@ pub struct Regret {
     pub time_ms: f64,
     /// FLIP + flicker of the rung, mean of both eyes.
     pub error: f64,
-    /// The least FLIP + flicker of the settings that take no longer, within [`MIN_STEP`].
+    /// Lowest FLIP + flicker among the settings that take no longer, within [`MIN_STEP`].
     pub best_error: f64,
-    /// The excess of the rung over that, as a share of it.
+    /// Excess of the rung's error over the best, as a fraction of the best.
     pub regret: f64,
 }
 
-/// The distances of those settings that were measured, from the cheapest.
+/// Returns the regret of each measured rung, from the cheapest.
 pub fn regrets(rungs: &[Quality], rows: &[Row]) -> Vec<Regret> {
     let all: Vec<_> = rows.iter().map(Row::rung).collect();
     let mut found: Vec<_> = all.iter().filter(|r| rungs.contains(&r.quality)).collect();

@@ -1,4 +1,4 @@
-//! The rate at which the error falls with samples.
+//! Fits the rate at which the error falls with the number of samples.
 
 use std::fmt;
 
@@ -10,17 +10,17 @@ use crate::exec::Stereo;
 use crate::quality::Denoiser;
 use crate::report::once;
 
-/// The exponent of the error, √relMSE, over samples per pixel. It is −0.5 for independent samples.
+/// Exponent of the error, √relMSE, as a function of samples per pixel. It is −0.5 for independent samples.
 #[derive(Clone, Debug, Serialize)]
 pub struct Slope {
     pub denoiser: &'static str,
     pub iterations: u32,
     pub eye: &'static str,
-    /// The mean over the slopes of the repeats.
+    /// Mean of the slopes of the repeats.
     pub slope: f64,
-    /// The standard error of that mean, `None` for a single repeat.
+    /// Standard error of that mean; `None` for a single repeat.
     pub standard_error: Option<f64>,
-    /// The number of settings that it is fitted to.
+    /// Number of settings in the fit.
     pub points: usize,
 }
 
@@ -34,7 +34,7 @@ impl fmt::Display for Slope {
     }
 }
 
-/// The slope of a least-squares line through (ln x, ln y), `None` for fewer than two different x.
+/// Returns the slope of a least-squares line through (ln x, ln y); `None` for fewer than two different x.
 pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = points.iter().map(|p| (p.0.ln(), p.1.ln())).collect();
     let mean = |f: &dyn Fn(&(f64, f64)) -> f64| logs.iter().map(f).sum::<f64>() / logs.len() as f64;
@@ -43,9 +43,9 @@ pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
     (spread > 0.0).then(|| logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>() / spread)
 }
 
-/// The slopes by denoiser, iterations and eye, from the rows that sample all pixels alike and have most bounces. The
-/// noise of the reference adds to every relMSE and is subtracted. Settings whose error it hides are left out, and so is
-/// 1 spp, whose sample goes through the pixel's centre and estimates another image.
+/// Returns the slopes by denoiser, iterations and eye, from the rows that sample all pixels uniformly with the most
+/// bounces. The noise of the reference adds to every relMSE and is subtracted. The fit omits settings whose error that
+/// noise hides, and 1 spp, whose sample goes through the pixel's centre and estimates a different image.
 pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
     let rows: Vec<&Row> = rows.iter().filter(|r| r.quality.scale == 1.0 && r.quality.fovea.is_none()).collect();
     let bounces = rows.iter().map(|r| r.quality.bounces).max();
@@ -67,7 +67,7 @@ fn filter(row: &Row) -> (&'static str, u32) {
     (Denoiser::name_of(row.quality.denoiser), row.quality.most_iterations())
 }
 
-/// The slope of the relMSE of each repeat over samples per pixel.
+/// Fits the slope of each repeat's relMSE over samples per pixel.
 fn slope(
     (denoiser, iterations): (&'static str, u32),
     eye: &'static str,
@@ -84,7 +84,7 @@ fn slope(
     Some(Slope { denoiser, iterations, eye, slope, standard_error, points: settings.len() })
 }
 
-/// The mean and its standard error, which needs two values. They are none without values.
+/// Returns the mean and its standard error, which needs two values. Without values there is none.
 fn mean_and_error(values: &[f64]) -> Option<(f64, Option<f64>)> {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn the_references_noise_is_taken_off_and_one_sample_left_out() {
-        // The relMSE of a flat image to a black one is 100 times its square.
+        // The relMSE of a flat image against a black one is 100 times its square.
         let noise = Stereo { left: Noise { rmse: 0.01, relmse: 0.01 }, right: Noise { rmse: 0.02, relmse: 0.04 } };
         let seen = |n: f64| (0.16 / n + 1e-4).sqrt();
         // At 4096 samples the error is below the noise, and at 1 it is that of another estimator.

@@ -1,4 +1,4 @@
-//! Puts surfaces, materials and textures together into a [`Scene`].
+//! Assembly of surfaces, materials and textures into a [`Scene`].
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use super::super::{AlphaMode, Instance, Light, Material, Mesh, Scene, TexelImage
 use super::geometry::Surface;
 use glam::{Affine3A, Vec3};
 
-/// A scene under construction. The environment and lights that stand still are left to its shot.
+/// A scene under construction. Its shot adds the environment and static lights.
 pub struct Assembly {
     scene: Scene,
 }
@@ -21,7 +21,7 @@ impl Assembly {
         self.scene.materials.len() - 1
     }
 
-    /// A repeating texture, for coordinate set 0.
+    /// Adds a repeating texture for coordinate set 0.
     pub fn texture(&mut self, image: TexelImage, linear: bool) -> TextureRef {
         self.scene.images.push(Arc::new(image));
         let (image, wrap) = (self.scene.images.len() - 1, Wrap::Repeat);
@@ -29,7 +29,7 @@ impl Assembly {
         TextureRef { texture: self.scene.textures.len() - 1, uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY }
     }
 
-    /// Keeps a mesh to be placed later.
+    /// Adds a mesh to be placed later. Returns its index.
     pub fn mesh(&mut self, surface: Surface, material: usize) -> usize {
         self.raw_mesh(surface.into_mesh(material))
     }
@@ -43,13 +43,13 @@ impl Assembly {
         self.instance(mesh, world_from_local);
     }
 
-    /// Places a mesh; the instance's index.
+    /// Places a mesh. Returns the instance's index.
     pub fn instance(&mut self, mesh: usize, world_from_local: Affine3A) -> usize {
         self.scene.instances.push(Instance { mesh, world_from_local });
         self.scene.instances.len() - 1
     }
 
-    /// A light that moves; its index.
+    /// Adds a dynamic light. Returns its index.
     pub fn light(&mut self, light: Light) -> usize {
         self.scene.lights.push(light);
         self.scene.lights.len() - 1
@@ -59,7 +59,7 @@ impl Assembly {
         places.into_iter().for_each(|&place| self.place(mesh, place));
     }
 
-    /// A mesh that stands in the world as it is.
+    /// Adds a mesh and places it untransformed.
     pub fn add(&mut self, surface: Surface, material: usize) -> usize {
         let mesh = self.mesh(surface, material);
         self.place(mesh, Affine3A::IDENTITY);
@@ -71,12 +71,12 @@ impl Assembly {
     }
 }
 
-/// A Lambertian material.
+/// Returns a Lambertian material.
 pub fn matte(name: &str, color: [f32; 3]) -> Material {
     Material { name: name.into(), base_color: Vec3::from(color).extend(1.0), ..Material::default() }
 }
 
-/// A dielectric with a shine.
+/// Returns a glossy dielectric.
 pub fn glossy(name: &str, color: [f32; 3], roughness: f32) -> Material {
     Material { roughness, specular: 1.0, ..matte(name, color) }
 }
@@ -85,22 +85,22 @@ pub fn metal(name: &str, color: [f32; 3], roughness: f32) -> Material {
     Material { metallic: 1.0, ..glossy(name, color, roughness) }
 }
 
-/// A matte material coloured by a texture.
+/// Returns a Lambertian material coloured by a texture.
 pub fn textured(name: &str, texture: TextureRef) -> Material {
     Material { base_color_texture: Some(texture), ..matte(name, [1.0; 3]) }
 }
 
-/// A thin sheet seen from both sides.
+/// Makes a material double-sided, for thin sheets.
 pub fn sheet(material: Material) -> Material {
     Material { double_sided: true, ..material }
 }
 
-/// A sheet cut out by its texture's alpha.
+/// Makes a sheet cut out by its texture's alpha.
 pub fn cut_out(material: Material) -> Material {
     Material { alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..sheet(material) }
 }
 
-/// An emitter that reflects next to nothing.
+/// Returns an emitter that reflects almost nothing.
 pub fn emitter(name: &str, radiance: [f32; 3]) -> Material {
     Material { emissive: radiance.into(), ..matte(name, [0.0; 3]) }
 }

@@ -1,5 +1,5 @@
-//! Hard edges at many depths: boards, bars, boxes and spheres from 0.5 m to 50 m in front of a chequered
-//! floor and backdrop. What goes wrong at seams and in reprojection shows here.
+//! Hard edges at many depths: boards, bars, boxes and spheres from 0.5 m to 50 m in front of a chequered floor and
+//! backdrop. This scene exposes errors at seams and in reprojection.
 
 use super::super::Scene;
 use super::assembly::{Assembly, emitter, glossy, matte, metal, textured};
@@ -9,18 +9,18 @@ use super::shapes::{block, cuboid, cylinder, sphere, torus};
 use super::texels::checker;
 use glam::{Vec2, Vec3};
 
-/// Materials by use.
+/// Indices of materials by use.
 struct Paints {
     light: usize,
     dark: usize,
-    /// A texture of 8 × 8 squares, nearest and linear filtering.
+    /// Textures of 8 × 8 squares, with nearest and with linear filtering.
     crisp: usize,
     soft: usize,
     colors: [usize; 4],
     panel: usize,
 }
 
-/// sRGB bytes of albedo 0.8 and 0.1.
+/// sRGB codes of albedo 0.8 and 0.1.
 const LIGHT: u8 = 231;
 const DARK: u8 = 89;
 
@@ -53,7 +53,7 @@ fn mix_paints(a: &mut Assembly) -> Paints {
     }
 }
 
-/// Floor of 1 m squares (an 8 m texture) and a backdrop of 2 m squares, 50 m away.
+/// Adds a floor of 1 m squares (an 8 m texture) and a backdrop of 2 m squares, 50 m away.
 fn surroundings(a: &mut Assembly, paints: &Paints) {
     let floor = Surface::quad(Vec3::new(-32.0, 0.0, 4.0), Vec3::X * 64.0, Vec3::Z * -56.0);
     a.add(floor.uv_scaled(Vec2::splat(1.0 / 8.0)), paints.crisp);
@@ -61,7 +61,7 @@ fn surroundings(a: &mut Assembly, paints: &Paints) {
     a.add(backdrop.uv_scaled(Vec2::splat(1.0 / 16.0)), paints.soft);
 }
 
-/// Upright boards: textured ones, and ones whose squares are geometry with holes between them.
+/// Adds upright boards: textured ones, and ones whose squares are geometry with holes between them.
 fn boards(a: &mut Assembly, paints: &Paints) {
     let board = cuboid([-0.5, -0.5, -0.02], [0.5, 0.5, 0.02]);
     let plain = a.mesh(board.clone(), paints.crisp);
@@ -85,8 +85,8 @@ fn boards(a: &mut Assembly, paints: &Paints) {
     }
 }
 
-/// Every other square of a unit board of 8 × 8: the light ones stand forward of the dark ones, with a gap
-/// between neighbours to see through.
+/// Returns every other square of a unit board of 8 × 8. The light ones are in front of the dark ones, with gaps between
+/// neighbours to see through.
 fn squares(parity: usize) -> Surface {
     let (cell, half) = (1.0 / 8.0, 0.9 / 16.0);
     let depth = if parity == 0 { 0.05 } else { -0.05 };
@@ -98,7 +98,7 @@ fn squares(parity: usize) -> Surface {
     Surface::union(pieces)
 }
 
-/// Fences of thin bars, upright, lying and slanting, down to a pixel's width and less.
+/// Adds fences of thin bars, upright, horizontal and slanted, down to less than a pixel's width.
 fn bars(a: &mut Assembly, paints: &Paints) {
     let unit = a.mesh(block([0.0; 3], [0.01, 1.0, 0.01]), paints.dark);
     let pale = a.mesh(block([0.0; 3], [0.01, 1.0, 0.01]), paints.light);
@@ -117,7 +117,7 @@ fn bars(a: &mut Assembly, paints: &Paints) {
     }
 }
 
-/// Boxes and spheres in rows that recede, each row in its own depth.
+/// Adds receding rows of boxes and spheres, each row at its own depth.
 fn solids(a: &mut Assembly, paints: &Paints) {
     let boxes = paints.colors.map(|paint| a.mesh(block([0.0; 3], [1.0; 3]), paint));
     let checked_box = a.mesh(block([0.0; 3], [1.0; 3]), paints.crisp);

@@ -1,4 +1,4 @@
-//! The classic box: two coloured walls, two blocks and a lamp in the ceiling. Everything is Lambertian.
+//! The Cornell box: two coloured walls, two blocks and a lamp in the ceiling, all Lambertian.
 
 use super::super::Scene;
 use super::assembly::{Assembly, emitter, matte};
@@ -33,7 +33,7 @@ pub fn build() -> Scene {
     a.finish()
 }
 
-/// Faces down, a little below the ceiling.
+/// Returns a rectangle that faces down, slightly below the ceiling.
 fn lamp_surface() -> Surface {
     let (width, depth) = (0.47, 0.38);
     let corner = Vec3::new(-width / 2.0, 2.0 * HALF - 0.005, -depth / 2.0);

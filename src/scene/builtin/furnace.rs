@@ -1,6 +1,6 @@
-//! White furnace: spheres in an environment of radiance 1. The white one must vanish, the grey ones show their albedo, but
-//! for the light that others take: of the white one 0.3 % in the mean, and from nothing at its middle to 1.4 % at its rim,
-//! where it faces a grey one.
+//! White furnace: spheres in an environment of radiance 1. The white one must be invisible and the grey ones show their
+//! albedo, except for mutual occlusion. It takes 0.3 % of the white sphere's light on average: nothing at its middle,
+//! and 1.4 % at its rim where that faces a grey sphere.
 
 use super::super::Scene;
 use super::assembly::{Assembly, matte};
@@ -19,7 +19,7 @@ pub fn build() -> Scene {
     for (name, albedo, radius, [x, y, z]) in spheres {
         let material = a.material(matte(name, [albedo; 3]));
         let mut mesh = sphere(radius, 96, 48).into_mesh(material);
-        // Interpolated normals lose or gain a little light; a furnace shall tell of the estimator alone.
+        // Interpolated normals lose or gain a little light; a furnace should test only the estimator.
         mesh.normals.clear();
         let mesh = a.raw_mesh(mesh);
         a.place(mesh, shift(x, y, z));

@@ -1,7 +1,7 @@
-//! The mesh building kit: surfaces of smooth or sharp-edged triangles, made by grids and by sweeping outlines.
+//! Mesh building kit: surfaces of smooth or sharp-edged triangles, made from grids and by sweeping outlines.
 //!
-//! Everything is wound counter-clockwise seen from outside, carries unit normals, and has texture
-//! coordinates in metres unless said otherwise. Transforms given to it may not mirror.
+//! Surfaces are wound counter-clockwise seen from outside and have unit normals. Texture coordinates are in metres
+//! unless said otherwise. Transforms must not mirror.
 
 use super::super::Mesh;
 use super::maths::sin_cos;
@@ -14,7 +14,7 @@ pub struct Vertex {
     pub uv: Vec2,
 }
 
-/// Triangles under construction.
+/// A triangle mesh under construction.
 #[derive(Clone, Debug, Default)]
 pub struct Surface {
     pub vertices: Vec<Vertex>,
@@ -22,7 +22,7 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// `columns` × `rows` cells of `f` over the unit square (u, v). The front is towards ∂f/∂u × ∂f/∂v.
+    /// Tessellates `f` over the unit square (u, v) with `columns` × `rows` cells. The front is towards ∂f/∂u × ∂f/∂v.
     pub fn grid(columns: usize, rows: usize, f: impl Fn(f32, f32) -> Vertex) -> Self {
         let mut s = Self::default();
         for j in 0..=rows {
@@ -39,8 +39,8 @@ impl Surface {
         s
     }
 
-    /// As [`grid`](Self::grid), with normals from the slope of `f` and (u, v) as texture coordinates.
-    /// `f` must be defined a little beyond the unit square.
+    /// Builds a [`grid`](Self::grid) with normals from the slope of `f` and (u, v) as texture coordinates. `f` must be
+    /// defined slightly beyond the unit square.
     pub fn smooth_grid(columns: usize, rows: usize, f: impl Fn(f32, f32) -> Vec3) -> Self {
         const STEP: f32 = 1e-3;
         Self::grid(columns, rows, |u, v| {
@@ -50,7 +50,7 @@ impl Surface {
         })
     }
 
-    /// A flat parallelogram; the front is towards `side_u` × `side_v`.
+    /// Returns a flat parallelogram. The front is towards `side_u` × `side_v`.
     pub fn quad(corner: Vec3, side_u: Vec3, side_v: Vec3) -> Self {
         let normal = side_u.cross(side_v).normalize();
         let size = Vec2::new(side_u.length(), side_v.length());
@@ -61,7 +61,7 @@ impl Surface {
         })
     }
 
-    /// Adds a quadrilateral between four vertices; a side of no length leaves one triangle.
+    /// Adds a quadrilateral between four vertices. A side of zero length leaves one triangle.
     pub fn face(&mut self, [a, b, c, d]: [u32; 4]) {
         for triangle in [[a, b, c], [a, c, d]] {
             let [p, q, r] = triangle.map(|i| self.vertices[i as usize].position);
@@ -99,7 +99,7 @@ impl Surface {
         self.transformed(Affine3A::from_translation(Vec3::new(x, y, z)))
     }
 
-    /// The same surface seen from its other side.
+    /// Flips the surface to face the other side.
     pub fn flipped(mut self) -> Self {
         self.vertices.iter_mut().for_each(|v| v.normal = -v.normal);
         self.triangles.iter_mut().for_each(|t| t.swap(1, 2));
@@ -123,13 +123,13 @@ impl Surface {
     }
 }
 
-/// A polyline in the plane whose outside is on the right of its direction: a closed one runs
-/// counter-clockwise, a profile to be turned about an axis runs upwards.
+/// A polyline in the plane with its outside to the right of its direction: a closed one runs counter-clockwise, a
+/// profile to be turned about an axis runs upwards.
 #[derive(Clone, Debug)]
 pub struct Outline {
     points: Vec<Vec2>,
     closed: bool,
-    /// Corners whose edges' normals have a greater dot product than this are smoothed over.
+    /// Threshold on the dot product of adjacent edges' normals above which a corner is smoothed.
     smooth_above: f32,
 }
 
@@ -151,7 +151,7 @@ impl Outline {
         Self { closed: true, ..Self::open(points) }
     }
 
-    /// Counter-clockwise rectangle.
+    /// Returns a counter-clockwise rectangle.
     pub fn rectangle(min: [f32; 2], max: [f32; 2]) -> Self {
         Self::closed([[min[0], min[1]], [max[0], min[1]], [max[0], max[1]], [min[0], max[1]]])
     }
@@ -164,7 +164,7 @@ impl Outline {
         .smooth()
     }
 
-    /// Smooths over every corner.
+    /// Smooths every corner.
     pub fn smooth(self) -> Self {
         Self { smooth_above: -1.0, ..self }
     }
@@ -195,8 +195,8 @@ impl Outline {
             .collect()
     }
 
-    /// The surface traced by the outline as its plane passes through `frames`, each of which maps the plane
-    /// (x, y, 0) into space with z pointing onwards. Ends are left open.
+    /// Returns the surface that the outline traces as its plane moves through `frames`. Each maps the plane (x, y, 0)
+    /// into space with z pointing along the path. Ends are open.
     pub fn sweep(&self, frames: &[Affine3A]) -> Surface {
         let mut s = Surface::default();
         let normals: Vec<Mat3A> = frames.iter().map(|f| f.matrix3.inverse().transpose()).collect();
@@ -224,8 +224,8 @@ impl Outline {
         s
     }
 
-    /// The area inside a closed outline that can be seen whole from its middle; the front is towards
-    /// the frame's z, or away from it.
+    /// Returns the area inside a closed outline, which must be star-shaped around its middle. The front is towards the
+    /// frame's z, or away from it.
     pub fn cap(&self, frame: Affine3A, towards_z: bool) -> Surface {
         let middle = self.points.iter().sum::<Vec2>() / self.points.len() as f32;
         let vertex = |p: Vec2| Vertex {
@@ -244,7 +244,7 @@ impl Outline {
         s
     }
 
-    /// [`sweep`](Self::sweep) of a closed outline with both ends capped: a solid.
+    /// Sweeps a closed outline like [`sweep`](Self::sweep) and caps both ends to a solid.
     pub fn sweep_solid(&self, frames: &[Affine3A]) -> Surface {
         let (first, last) = (frames[0], frames[frames.len() - 1]);
         self.sweep(frames).with(self.cap(first, false)).with(self.cap(last, true))

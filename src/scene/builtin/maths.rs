@@ -1,9 +1,9 @@
-//! Numbers that are the same on every machine: trigonometry from plain arithmetic, and chance from a hash.
+//! Numbers that are identical on every machine: trigonometry from plain arithmetic, and random numbers from a hash.
 
 use glam::{Affine3A, Mat3A, Vec3, Vec3A};
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
-/// Sine and cosine of `angle_rad`. The platform's own may differ in the last bit, and then so would the scene.
+/// Returns sine and cosine of `angle_rad`. The platform's own may differ in the last bit, which would change the scene.
 pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
     let x = f64::from(angle_rad);
     let quarter = (x * FRAC_2_PI).round();
@@ -30,25 +30,25 @@ pub fn cos(angle_rad: f32) -> f32 {
     sin_cos(angle_rad).1
 }
 
-/// Counter-clockwise about +y seen from above: takes +z towards +x.
+/// Returns a counter-clockwise rotation about +y seen from above: it maps +z towards +x.
 pub fn turn_y(angle_rad: f32) -> Affine3A {
     let (s, c) = sin_cos(angle_rad);
     linear(Vec3::new(c, 0.0, -s), Vec3::Y, Vec3::new(s, 0.0, c))
 }
 
-/// About +x: takes +y towards +z.
+/// Returns a rotation about +x: it maps +y towards +z.
 pub fn turn_x(angle_rad: f32) -> Affine3A {
     let (s, c) = sin_cos(angle_rad);
     linear(Vec3::X, Vec3::new(0.0, c, s), Vec3::new(0.0, -s, c))
 }
 
-/// About +z: takes +x towards +y.
+/// Returns a rotation about +z: it maps +x towards +y.
 pub fn turn_z(angle_rad: f32) -> Affine3A {
     let (s, c) = sin_cos(angle_rad);
     linear(Vec3::new(c, s, 0.0), Vec3::new(-s, c, 0.0), Vec3::Z)
 }
 
-/// Turned by quarter turns about +y, without rounding.
+/// Returns a rotation by quarter turns about +y, without rounding.
 pub fn quarter_turn_y(quarters: i32) -> Affine3A {
     let (s, c) = match quarters.rem_euclid(4) {
         0 => (0.0, 1.0),
@@ -71,7 +71,7 @@ fn linear(x: Vec3, y: Vec3, z: Vec3) -> Affine3A {
     Affine3A { matrix3: Mat3A::from_cols(x.into(), y.into(), z.into()), translation: Vec3A::ZERO }
 }
 
-/// A well-mixed 32-bit hash.
+/// Returns a well-mixed 32-bit hash.
 pub fn hash(mut x: u32) -> u32 {
     x = x.wrapping_add(0x6A09_E667);
     for (shift, factor) in [(16, 0xD1B5_4A35), (13, 0xA24B_AED5), (15, 0x9FB2_1C65)] {
@@ -80,12 +80,12 @@ pub fn hash(mut x: u32) -> u32 {
     x ^ (x >> 16)
 }
 
-/// `hash` as a number in 0..1.
+/// Returns the hash as a number in 0..1.
 pub fn hash_unit(x: u32) -> f32 {
     (hash(x) >> 8) as f32 / (1 << 24) as f32
 }
 
-/// A sequence of chances that depends on its seed only.
+/// A pseudorandom number generator that depends only on its seed.
 #[derive(Clone, Debug)]
 pub struct Dice {
     state: u32,
@@ -96,7 +96,7 @@ impl Dice {
         Self { state: hash(seed) }
     }
 
-    /// In 0..1.
+    /// Returns a number in 0..1.
     pub fn unit(&mut self) -> f32 {
         self.state = self.state.wrapping_add(0x9E37_79B9);
         hash_unit(self.state)
@@ -106,13 +106,13 @@ impl Dice {
         low + (high - low) * self.unit()
     }
 
-    /// An angle in 0..2π.
+    /// Returns an angle in 0..2π.
     pub fn angle(&mut self) -> f32 {
         self.range(0.0, std::f32::consts::TAU)
     }
 }
 
-/// Smooth noise in 0..1 with features about one unit wide, repeating every `period` units.
+/// Returns smooth noise in 0..1 with features about one unit wide and a period of `period` units.
 pub fn noise(x: f32, y: f32, period: u32, seed: u32) -> f32 {
     let (x0, y0) = (x.floor(), y.floor());
     let ease = |t: f32| t * t * (3.0 - 2.0 * t);
@@ -145,7 +145,7 @@ mod tests {
         let n = 4096;
         let mut bins = [0; 16];
         (0..n).for_each(|_| bins[(dice.unit() * 16.0) as usize] += 1);
-        // 99.99 % quantile of chi-square with 15 degrees of freedom.
+        // The 99.99 % quantile of chi-square with 15 degrees of freedom.
         let expected = n as f32 / 16.0;
         let chi2: f32 = bins.iter().map(|&b| (b as f32 - expected).powi(2) / expected).sum();
         assert!(chi2 < 44.3, "{chi2}");

@@ -5,7 +5,7 @@ use super::maths::{cos, sin, sin_cos};
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
 use std::f32::consts::{PI, TAU};
 
-/// Axis-aligned box.
+/// Returns an axis-aligned box.
 pub fn cuboid(min: [f32; 3], max: [f32; 3]) -> Surface {
     let (min, max) = (Vec3::from(min), Vec3::from(max));
     let size = max - min;
@@ -20,16 +20,16 @@ pub fn cuboid(min: [f32; 3], max: [f32; 3]) -> Surface {
     ])
 }
 
-/// A box of `size` whose bottom's middle is at `foot`.
+/// Returns a box of `size` with the middle of its bottom at `foot`.
 pub fn block(foot: [f32; 3], size: [f32; 3]) -> Surface {
     let half = [size[0] / 2.0, size[2] / 2.0];
     cuboid([foot[0] - half[0], foot[1], foot[2] - half[1]], [foot[0] + half[0], foot[1] + size[1], foot[2] + half[1]])
 }
 
-/// A sphere about the origin of `around` × `up` cells; texture coordinates run over the unit square.
+/// Returns a sphere about the origin of `around` × `up` cells. Texture coordinates cover the unit square.
 pub fn sphere(radius: f32, around: usize, up: usize) -> Surface {
     Surface::grid(up, around, |u, v| {
-        // The poles and the seam are exact, so that the surface closes.
+        // Exact coordinates at the poles and the seam close the surface.
         let (ring, height) = match u {
             u if u <= 0.0 => (0.0, -1.0),
             u if u >= 1.0 => (0.0, 1.0),
@@ -41,7 +41,7 @@ pub fn sphere(radius: f32, around: usize, up: usize) -> Surface {
     })
 }
 
-/// The frames of a turn about +y in `sides` steps; x is the radius.
+/// Returns the frames of a turn about +y in `sides` steps. x is the radius.
 fn turn(sides: usize) -> Vec<Affine3A> {
     (0..=sides)
         .map(|i| {
@@ -56,40 +56,40 @@ fn frame(origin: Vec3, x: Vec3, y: Vec3) -> Affine3A {
     Affine3A { matrix3: Mat3A::from_cols(x.into(), y.into(), x.cross(y).into()), translation: origin.into() }
 }
 
-/// The outline, x ≥ 0 and running upwards, turned about the y axis.
+/// Turns the outline, with x ≥ 0 and running upwards, about the y axis.
 pub fn lathe(profile: &Outline, sides: usize) -> Surface {
     profile.sweep(&turn(sides))
 }
 
-/// A cylinder standing on the origin.
+/// Returns a cylinder that stands on the origin.
 pub fn cylinder(radius: f32, height: f32, sides: usize) -> Surface {
     lathe(&Outline::open([[0.0, 0.0], [radius, 0.0], [radius, height], [0.0, height]]), sides)
 }
 
-/// A ring round the y axis.
+/// Returns a torus around the y axis.
 pub fn torus(radius: f32, thickness: f32, sides: usize, around: usize) -> Surface {
     lathe(&Outline::circle([radius, 0.0], thickness, around), sides)
 }
 
-/// The outline's x and y, pushed along +z from 0 to `length`.
+/// Extrudes the outline along +z from 0 to `length`.
 pub fn extrude(outline: &Outline, length: f32) -> Surface {
     let end = Affine3A::from_translation(Vec3::Z * length);
     outline.sweep_solid(&[Affine3A::IDENTITY, end])
 }
 
-/// The frame of a flat cross-section at height `y`, scaled; the outline's x is x and its y is −z.
+/// Returns the frame of a horizontal cross-section at height `y`, scaled. It maps the outline's x to x and its y to −z.
 fn level(y: f32, scale: f32) -> Affine3A {
     frame(Vec3::Y * y, Vec3::X * scale, Vec3::NEG_Z * scale)
 }
 
-/// A cross-section raised through (height, scale) levels; ends are left open.
+/// Raises a cross-section through (height, scale) levels. Ends are open.
 pub fn rise(outline: &Outline, levels: &[[f32; 2]]) -> Surface {
     let frames: Vec<_> = levels.iter().map(|&[y, scale]| level(y, scale)).collect();
     outline.sweep(&frames)
 }
 
-/// The outline swept over an arch round the z axis from +x over +y to −x; its x is the radius, its y is −z.
-/// Ends are capped.
+/// Sweeps the outline over an arch about the z axis, from +x over +y to −x, and caps the ends. The outline's x is the
+/// radius; its y is −z.
 pub fn arch(outline: &Outline, steps: usize) -> Surface {
     let frames: Vec<_> = (0..=steps)
         .map(|i| {
@@ -100,8 +100,8 @@ pub fn arch(outline: &Outline, steps: usize) -> Surface {
     outline.sweep_solid(&frames)
 }
 
-/// A horizontal moulding: the outline (x outward, y up) pushed along `outward` × up for `length` from `start`.
-/// `mitre` moves each end along by that multiple of x: +1 at the start and −1 at the end fit inner corners.
+/// Returns a horizontal moulding: the outline (x outward, y up) extruded from `start` along `outward` × up for
+/// `length`. `mitre` shears each end along by that multiple of x: +1 at the start and −1 at the end fit inner corners.
 pub fn moulding(profile: &Outline, start: Vec3, outward: Vec3, length: f32, mitre: [f32; 2]) -> Surface {
     let along = outward.cross(Vec3::Y);
     let mut s = profile.sweep(&[Affine3A::IDENTITY, Affine3A::from_translation(Vec3::Z * length)]);
@@ -114,12 +114,12 @@ pub fn moulding(profile: &Outline, start: Vec3, outward: Vec3, length: f32, mitr
     s
 }
 
-/// A round limb along a curve of (centre, radius), such as a branch; both ends closed.
+/// Returns a round limb, such as a branch, along a curve of (centre, radius), with closed ends.
 pub fn limb(path: &[(Vec3, f32)], sides: usize) -> Surface {
     ribbon(path, 1.0, sides, Vec3::new(0.31, 0.11, 0.94))
 }
 
-/// A limb flattened to `flatness` of its width in the direction nearest to `face`.
+/// Returns a limb flattened to `flatness` of its width in the direction nearest to `face`.
 pub fn ribbon(path: &[(Vec3, f32)], flatness: f32, sides: usize, face: Vec3) -> Surface {
     let mut frames: Vec<Affine3A> = Vec::with_capacity(path.len());
     for (i, &(centre, radius)) in path.iter().enumerate() {
@@ -127,7 +127,7 @@ pub fn ribbon(path: &[(Vec3, f32)], flatness: f32, sides: usize, face: Vec3) -> 
         let after = path[(i + 1).min(path.len() - 1)].0;
         let onwards = (after - before).normalize();
         let side = face.cross(onwards).normalize();
-        // Where the curve passes through the direction of `face`, the side would swap over.
+        // Avoids a flip of the side where the curve passes through the direction of `face`.
         let swapped = frames.last().is_some_and(|f| side.dot(f.matrix3.x_axis.into()) < 0.0);
         let x = if swapped { -side } else { side };
         let y = onwards.cross(x) * flatness;
@@ -139,8 +139,8 @@ pub fn ribbon(path: &[(Vec3, f32)], flatness: f32, sides: usize, face: Vec3) -> 
     Outline::circle([0.0, 0.0], 1.0, sides).sweep_solid(&frames)
 }
 
-/// The wall above an arched opening: `width` wide from y = 0 (the springing) up to `height`, `depth` thick about
-/// z = 0, less a half disc of `radius` about the origin. Its outer ends and top are left open.
+/// Returns the wall above an arched opening: `width` wide from y = 0 (the springing) up to `height`, `depth` thick
+/// about z = 0, minus a half disc of `radius` about the origin. Its outer ends and top are open.
 pub fn spandrel(width: f32, height: f32, radius: f32, depth: f32, steps: usize) -> Surface {
     let mut edge: Vec<Vec2> = vec![Vec2::new(-width / 2.0, 0.0)];
     edge.extend((0..=steps).map(|i| {
@@ -164,13 +164,13 @@ pub fn spandrel(width: f32, height: f32, radius: f32, depth: f32, steps: usize) 
     front.with(back).with(soffit.sweep(&frames))
 }
 
-/// The underside of a groin vault over `width` × `depth` about the origin: two crossing half barrels that rise
-/// from y = 0 to `rise`.
+/// Returns the underside of a groin vault over `width` × `depth` about the origin: two intersecting half barrels that
+/// rise from y = 0 to `rise`.
 pub fn groin_vault(width: f32, depth: f32, rise: f32, steps: usize) -> Surface {
     let half = Vec3::new(width / 2.0, rise, depth / 2.0);
     Surface::union((0..4).map(|side| {
         let swap = side % 2 == 1;
-        // The web on the +x side of a unit vault whose barrel runs along x: y² + z² = 1.
+        // Web on the +x side of a unit vault whose barrel runs along x: y² + z² = 1.
         let web = Surface::grid(steps * 2, steps, |u, v| {
             let reach = v * PI / 2.0;
             let (z, y) = sin_cos((1.0 - 2.0 * u) * reach);

@@ -1,4 +1,4 @@
-//! Claims about every built-in scene, and about the shapes they are made of.
+//! Tests of all built-in scenes and of the shapes they are made of.
 
 use super::super::{Environment, Mesh, Scene};
 use super::geometry::{Outline, Surface};
@@ -114,7 +114,7 @@ fn few_triangles_are_without_area() {
     });
 }
 
-/// FNV-1a over everything that places a vertex.
+/// Returns the FNV-1a hash of everything that places a vertex.
 fn fingerprint(scene: &Scene) -> u64 {
     let placed = scene.instances.iter().flat_map(|i| i.world_from_local.to_cols_array());
     let vertices = scene.meshes.iter().flat_map(|m| m.positions.iter().chain(&m.normals)).flat_map(|v| v.to_array());
@@ -156,7 +156,7 @@ fn the_camera_starts_inside_what_it_looks_at() {
     });
 }
 
-/// Volume enclosed by a closed surface; negative if it is inside out.
+/// Returns the volume enclosed by a closed surface; negative if it is inside out.
 fn signed_volume(surface: &Surface) -> f32 {
     let corner = |i: u32| surface.vertices[i as usize].position.as_dvec3();
     let six: f64 = surface.triangles.iter().map(|t| corner(t[0]).dot(corner(t[1]).cross(corner(t[2])))).sum();

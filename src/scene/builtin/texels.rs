@@ -1,4 +1,4 @@
-//! Small images made in code. Colours are sRGB bytes, as a file would hold them.
+//! Small procedural images. Colours are sRGB codes, like a file's.
 
 use super::super::TexelImage;
 use super::maths::{hash_unit, noise, sin_cos};
@@ -15,7 +15,7 @@ fn opaque(color: [f32; 3]) -> [u8; 4] {
     [r, g, b, 255]
 }
 
-/// A board of `squares` × `squares` in two greys.
+/// Returns a board of `squares` × `squares` in two greys.
 pub fn checker(size: u32, squares: u32, light: u8, dark: u8) -> TexelImage {
     paint(size, |x, y| {
         let odd = (x * squares / size + y * squares / size) % 2 == 1;
@@ -24,7 +24,7 @@ pub fn checker(size: u32, squares: u32, light: u8, dark: u8) -> TexelImage {
     })
 }
 
-/// Two by two veined marble tiles, pale and warm in turn, with dark joints between them.
+/// Returns two by two veined marble tiles, alternately pale and warm, with dark joints.
 pub fn marble_tiles(size: u32) -> TexelImage {
     let half = size / 2;
     paint(size, |x, y| {
@@ -42,7 +42,7 @@ pub fn marble_tiles(size: u32) -> TexelImage {
     })
 }
 
-/// Four octaves of noise, in 0..1, that repeats over the image.
+/// Returns four octaves of periodic noise in 0..1.
 fn turbulence(x: u32, y: u32, size: u32, seed: u32) -> f32 {
     let (mut sum, mut weight) = (0.0, 0.5);
     for octave in 0..4 {
@@ -54,7 +54,7 @@ fn turbulence(x: u32, y: u32, size: u32, seed: u32) -> f32 {
     sum / 0.9375
 }
 
-/// Litter, moss and soil.
+/// Returns litter, moss and soil.
 pub fn forest_floor(size: u32) -> TexelImage {
     paint(size, |x, y| {
         let cloud = turbulence(x, y, size, 40);
@@ -65,7 +65,7 @@ pub fn forest_floor(size: u32) -> TexelImage {
     })
 }
 
-/// A bough of small broad leaves, open elsewhere; its stem stands at the middle of the bottom row.
+/// Returns a bough of small broad leaves, transparent elsewhere, with its stem at the middle of the bottom row.
 pub fn leaf_spray(size: u32) -> TexelImage {
     let mut leaves = Vec::new();
     for twig in 0..9 {
@@ -89,7 +89,7 @@ pub fn leaf_spray(size: u32) -> TexelImage {
     paint(size, |x, y| spray_texel(&leaves, size, x, y, [112.0, 140.0, 60.0]))
 }
 
-/// A twig of thin needles, open elsewhere.
+/// Returns a twig of thin needles, transparent elsewhere.
 pub fn needle_spray(size: u32) -> TexelImage {
     let needles: Vec<_> = (0..44)
         .map(|i| {
@@ -103,7 +103,7 @@ pub fn needle_spray(size: u32) -> TexelImage {
     paint(size, |x, y| spray_texel(&needles, size, x, y, [86.0, 122.0, 78.0]))
 }
 
-/// A pointed oval from its foot; the unit square's y runs up.
+/// A pointed oval that grows from its foot. y points up in the unit square.
 struct Leaf {
     foot: [f32; 2],
     along: [f32; 2],
@@ -112,7 +112,7 @@ struct Leaf {
 }
 
 impl Leaf {
-    /// How far a point is across the leaf, −1 to 1 from edge to edge; none beside it.
+    /// Returns a point's position across the leaf, −1 to 1 from edge to edge; `None` outside the leaf.
     fn across(&self, x: f32, y: f32) -> Option<f32> {
         let (dx, dy) = (x - self.foot[0], y - self.foot[1]);
         let along = (dx * self.along[0] + dy * self.along[1]) / self.length;
@@ -126,7 +126,7 @@ fn spray_texel(leaves: &[Leaf], size: u32, x: u32, y: u32, color: [f32; 3]) -> [
     let (u, v) = ((x as f32 + 0.5) / size as f32, 1.0 - (y as f32 + 0.5) / size as f32);
     let leaf = leaves.iter().enumerate().rev().find_map(|(i, l)| l.across(u, v).map(|a| (i, a)));
     let twig = (u - 0.5).abs() < 0.008 && v < 0.85;
-    // Open texels keep the leaf's colour, so that filtering brings no other in.
+    // Transparent texels keep a leaf's colour, so that filtering does not blend in another one.
     let (shade, alpha) = match leaf {
         Some((i, across)) => (1.0 + 0.25 * (hash_unit(i as u32) - 0.5) - 0.18 * (1.0 - across.abs()), 255),
         None => (0.75, if twig { 255 } else { 0 }),

@@ -1,5 +1,5 @@
-//! Streets at night between towers whose 10,000 lit windows are all the light there is: what choosing among many
-//! lights costs, and what it brings, shows here.
+//! Streets at night between towers, lit only by their 10,000 windows. This scene shows the cost and the benefit of
+//! importance sampling many lights.
 
 use super::super::Scene;
 use super::assembly::{Assembly, emitter, matte};
@@ -8,16 +8,16 @@ use super::maths::{Dice, quarter_turn_y, shift};
 use super::shapes::block;
 use glam::Vec3;
 
-/// Towers along each side of the district, metres between their middles, and their width.
+/// Number of towers along each side of the district, distance between their centres in metres, and their width.
 const SIDE: usize = 10;
 const PITCH: f32 = 20.0;
 const WIDTH: f32 = 9.0;
 
-/// Lit windows on each of a tower's four faces.
+/// Number of lit windows on each of a tower's four faces.
 const COLUMNS: usize = 5;
 const ROWS: usize = 5;
 
-/// Radiance through curtains, blinds and bare glass.
+/// Radiance of rooms seen through curtains, blinds and bare glass.
 const ROOMS: [[f32; 3]; 4] = [[14.0, 9.0, 4.0], [9.0, 8.0, 6.0], [2.5, 3.5, 6.0], [30.0, 24.0, 16.0]];
 
 pub fn build() -> Scene {
@@ -37,7 +37,7 @@ pub fn build() -> Scene {
         let [x, z] = [i % SIDE, i / SIDE].map(|k| PITCH * (k as f32 - 0.5 * (SIDE - 1) as f32));
         let height = dice.range(14.0, 48.0);
         a.add(block([x, 0.0, z], [WIDTH, height, WIDTH]), walls[i % walls.len()]);
-        // Rows of windows are storeys apart that are drawn anew for each tower.
+        // The storey height is random per tower.
         let storey = (height - 3.0) / ROWS as f32;
         for k in 0..4 * COLUMNS * ROWS {
             let (face, column, row) = (k / (COLUMNS * ROWS), k % COLUMNS, k / COLUMNS % ROWS);

@@ -1,4 +1,4 @@
-//! Random access to the elements of an accessor, whatever their component type and wherever they lie.
+//! Random access to an accessor's elements, of any component type and storage.
 
 use ::gltf::json::accessor::{Accessor, ComponentType, Type, sparse};
 use ::gltf::json::validation::Checked;
@@ -6,14 +6,14 @@ use ::gltf::json::validation::Checked;
 use super::buffers::{Buffers, View};
 use super::fault::{Fault, Outcome, Within, label, lookup};
 
-/// A matrix of 16 components of four bytes.
+/// Largest element: a matrix of 16 components of four bytes.
 const MAX_ELEMENT: usize = 64;
 
-/// An accessor whose every element is known to be readable.
+/// An accessor with every element validated as readable.
 pub struct Elements<'a> {
     pub count: usize,
     pub component: ComponentType,
-    /// Components of an element, 1 to 4, or 16.
+    /// Number of components in an element: 1 to 4, or 16.
     pub width: usize,
     normalized: bool,
     base: Option<Strided<'a>>,
@@ -28,9 +28,9 @@ struct Strided<'a> {
 }
 
 struct Sparse<'a> {
-    /// Strictly increasing, each below the accessor's count.
+    /// Strictly increasing indices, all below the accessor's count.
     indices: Vec<u32>,
-    /// One packed element for each index.
+    /// Packed elements, one per index.
     values: &'a [u8],
 }
 
@@ -63,22 +63,24 @@ impl<'a> Elements<'a> {
         Ok(Self { count, component, width, normalized: accessor.normalized, base, sparse })
     }
 
-    /// Element `i` as floats, absent components zero; normalised integers are mapped to 0..1 or -1..1. `i < count`.
+    /// Returns element `i` as floats, with absent components zero. Normalised integers map to 0..1 or -1..1. `i <
+    /// count`.
     pub fn floats(&self, i: usize) -> [f32; 4] {
         self.convert(i, self.normalized)
     }
 
-    /// As [`floats`](Self::floats), but integers count as normalised even if the file does not say so.
+    /// Returns element `i` like [`floats`](Self::floats), but always treats integers as normalised. `i < count`.
     pub fn unit_floats(&self, i: usize) -> [f32; 4] {
         self.convert(i, true)
     }
 
-    /// The first component of element `i` of an accessor with unsigned components. `i < count`.
+    /// Returns the first component of element `i` of an accessor with unsigned components. `i < count`.
     pub fn unsigned(&self, i: usize) -> u32 {
         read_unsigned(self.component, self.element(i))
     }
 
-    /// The components of element `i` of an accessor with unsigned components, absent ones zero. `i < count`.
+    /// Returns the components of element `i` of an accessor with unsigned components, with absent ones zero. `i <
+    /// count`.
     pub fn unsigneds(&self, i: usize) -> [u32; 4] {
         let mut out = [0; 4];
         let components = self.element(i).chunks_exact(self.component.size());
@@ -86,7 +88,7 @@ impl<'a> Elements<'a> {
         out
     }
 
-    /// Element `i` of an accessor with 16 components, column after column. `i < count`.
+    /// Returns element `i` of an accessor with 16 components, in column-major order. `i < count`.
     pub fn matrix(&self, i: usize) -> [f32; 16] {
         self.convert(i, self.normalized)
     }
@@ -171,7 +173,8 @@ fn width_of(type_: Checked<Type>) -> Outcome<usize> {
     }
 }
 
-/// `bytes` has the component's size; floats and signed integers read as 0, as no caller admits them.
+/// Reads an unsigned integer from `bytes` of the component's size. Floats and signed integers, which no caller admits,
+/// read as 0.
 fn read_unsigned(component: ComponentType, bytes: &[u8]) -> u32 {
     match (component, bytes) {
         (ComponentType::U8, &[a]) => a.into(),
@@ -181,7 +184,7 @@ fn read_unsigned(component: ComponentType, bytes: &[u8]) -> u32 {
     }
 }
 
-/// `bytes` has the component's size.
+/// Converts `bytes` of the component's size to a float.
 fn to_float(component: ComponentType, bytes: &[u8], normalized: bool) -> f32 {
     let (value, max) = match (component, bytes) {
         (ComponentType::I8, &[a]) => (f32::from(a as i8), f32::from(i8::MAX)),

@@ -1,4 +1,4 @@
-//! Animations as the file has them, with `KHR_animation_pointer`, which the parser of the rest leaves unread.
+//! Animations of a file, including `KHR_animation_pointer`, which the parser of the other parts does not read.
 
 use std::collections::HashSet;
 
@@ -64,14 +64,15 @@ struct SamplerJson {
 const FLOAT: &[ComponentType] = &[F32];
 const UNIT: &[ComponentType] = &[F32, I8, U8, I16, U16];
 
-/// More names than these are not said.
+/// Largest number of names in a message.
 const MOST_NAMES: usize = 20;
 
-/// Reads what is played. Targets name nodes by their place in `nodes`, and materials and lights by their index in the file.
+/// Reads the animations to play. Targets refer to nodes by their index in `nodes`, and to materials and lights by their
+/// index in the file.
 pub struct Reader<'a, 'b> {
     pub buffers: &'a Buffers<'b>,
     pub nodes: &'a [PlacedNode],
-    /// Per node of the file, its place in `nodes`.
+    /// Index in `nodes` of each node of the file.
     pub places: &'a [Option<usize>],
     pub play: &'a Play,
 }
@@ -125,7 +126,8 @@ impl Reader<'_, '_> {
         })
     }
 
-    /// What a channel is of; none, with a warning, where that is not read or not shown.
+    /// Resolves a channel's target. Returns `None` if it isn't in the scene or, with a warning, if its property isn't
+    /// supported.
     fn target(&self, json: &TargetJson, place: &str, warnings: &mut Warnings) -> Outcome<Option<Target>> {
         let node = |index: usize, part: &str| -> Outcome<Option<Target>> {
             lookup(&self.buffers.root.nodes, "node", index)?;
@@ -207,7 +209,7 @@ impl Reader<'_, '_> {
         Ok(keys)
     }
 
-    /// How many morph targets the mesh of a node has.
+    /// Returns the number of morph targets of a node's mesh.
     fn weight_count(&self, place: usize) -> Outcome<usize> {
         let node = self.nodes[place].node;
         let mesh = self.buffers.root.nodes[node].mesh.ok_or_else(|| Fault::Invalid("its node has no mesh".into()))?;
@@ -233,7 +235,7 @@ impl Reader<'_, '_> {
         Ok(numbers)
     }
 
-    /// The moves of nodes as an animation.
+    /// Returns a shot's moves of nodes as an animation.
     fn moves(&self) -> Outcome<Option<Animation>> {
         let mut channels = Vec::new();
         for one in &self.play.moves {

@@ -1,4 +1,4 @@
-//! The file's buffers and views of them, decompressed where they are compressed.
+//! The file's buffers and views of them, decompressed if necessary.
 
 use std::cell::{Cell, OnceCell, RefCell};
 use std::collections::HashMap;
@@ -12,21 +12,21 @@ use super::uri::Target;
 use crate::scene::budget::{Budget, Held};
 use crate::scene::folder::Folder;
 
-/// Extension under its ratified name and the one of its successor.
+/// The extension's ratified name and that of its successor.
 const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
-/// An accessor without a buffer view is all zeros and costs the file nothing; a file that reads more elements of such
-/// accessors than this, however often it uses one, is a trap.
+/// Limit on elements of accessors without a buffer view. They are all zeros and cost the file nothing, so a hostile
+/// file could claim any number of them. Each use counts.
 const MAX_ZEROS: usize = 1 << 22;
 
 pub struct Buffers<'a> {
     pub root: &'a Root,
-    /// Where URIs start from.
+    /// Folder to which URIs are relative.
     pub folder: &'a Folder<'a>,
     bin: Option<&'a [u8]>,
-    /// Filled when something in use asks for them. None: a placeholder without bytes, behind views that are compressed.
+    /// Data of each buffer, loaded on first use. `None` is a placeholder without bytes, behind compressed views.
     data: Vec<OnceCell<Option<Data<'a>>>>,
-    /// What buffers share if they name one file.
+    /// Bytes by URI target, shared by buffers that name the same one.
     targets: RefCell<HashMap<Target<'a>, Rc<Held<'a>>>>,
     decoded: Vec<OnceCell<Held<'a>>>,
     zeros_left: Cell<usize>,
@@ -51,12 +51,12 @@ impl Data<'_> {
 #[derive(Clone, Copy)]
 pub struct View<'a> {
     pub bytes: &'a [u8],
-    /// Distance between elements; None: they are packed.
+    /// Distance between elements; `None` if they are packed.
     pub stride: Option<usize>,
 }
 
 impl<'a> Buffers<'a> {
-    /// `bin` is the binary chunk of a GLB.
+    /// Wraps the file's buffers. `bin` is the binary chunk of a GLB.
     pub fn new(root: &'a Root, bin: Option<&'a [u8]>, folder: &'a Folder<'a>) -> Self {
         let data = root.buffers.iter().map(|_| OnceCell::new()).collect();
         let decoded = root.buffer_views.iter().map(|_| OnceCell::new()).collect();
@@ -67,7 +67,7 @@ impl<'a> Buffers<'a> {
         self.folder.access.budget
     }
 
-    /// Notes that `count` elements without bytes are read.
+    /// Counts `count` elements without bytes against their limit.
     pub fn take_zeros(&self, count: usize) -> Outcome<()> {
         let left = self.zeros_left.get().checked_sub(count);
         let left = left.ok_or_else(|| Fault::Invalid(format!("it has no buffer view for its {count} elements")))?;

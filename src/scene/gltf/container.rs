@@ -1,4 +1,4 @@
-//! Takes a `.gltf` or `.glb` apart: its JSON, parsed, and its binary chunk.
+//! Containers: splits a `.gltf` or `.glb` into its parsed JSON and its binary chunk.
 
 use ::gltf::json::{Material, Root};
 use serde::Deserialize;
@@ -13,7 +13,8 @@ const MAGIC: &[u8] = b"glTF";
 const CHUNK_JSON: u32 = u32::from_le_bytes(*b"JSON");
 const CHUNK_BIN: u32 = u32::from_le_bytes(*b"BIN\0");
 
-/// At most what parsing takes for an object and for an element of the JSON, in lists that grow, bytes. Materials take more.
+/// Upper bounds on the parser's bytes per object and per element of the JSON, including growing lists. Materials take
+/// more.
 const OBJECT_BYTES: u64 = 1024;
 const ELEMENT_BYTES: u64 = 96;
 const MATERIAL_BYTES: u64 = 3 * size_of::<Material>() as u64;
@@ -33,7 +34,7 @@ pub fn parse<'a, 'b>(bytes: &'a [u8], budget: &'b Budget) -> Outcome<Container<'
     let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
     let reserved = budget.reserve(parsing_bytes(json))?;
     let root: Root = Root::from_slice(json).or_else(|error| {
-        // As plain values first.
+        // Plain JSON values take memory besides the parsed structure.
         let _values = budget.reserve(parsing_bytes(json))?;
         let lenient = serde_json::from_slice(json).ok().and_then(|value| serde_json::from_value(complete(value)).ok());
         lenient.ok_or_else(|| Fault::Invalid(format!("its JSON does not read as glTF 2.0: {error}")))
@@ -45,7 +46,7 @@ pub fn parse<'a, 'b>(bytes: &'a [u8], budget: &'b Budget) -> Outcome<Container<'
     Ok(Container { root, animations, bin, _reserved: reserved })
 }
 
-/// At most what the JSON takes as the parser lays it out, which may be hundreds of times its length.
+/// Returns an upper bound on the bytes of the parsed JSON, which may be hundreds of times its length.
 fn parsing_bytes(json: &[u8]) -> u64 {
     #[derive(Default, Deserialize)]
     struct Lists {
@@ -67,8 +68,8 @@ fn parsing_bytes(json: &[u8]) -> u64 {
     2 * json.len() as u64 + objects * OBJECT_BYTES + elements * ELEMENT_BYTES + materials * MATERIAL_BYTES
 }
 
-/// Fills in what the format lets a file leave out but the parser asks for: a scene's list of nodes, and parts of
-/// animations where an extension says them otherwise (they are read apart).
+/// Fills in optional parts that the parser requires: a scene's list of nodes. Replaces animations, which are read
+/// separately, by an empty one, since extensions may omit parts that the parser requires.
 fn complete(mut json: Value) -> Value {
     for scene in json.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
         if let Some(scene) = scene.as_object_mut() {
@@ -91,7 +92,7 @@ fn check_version(root: &Root) -> Outcome<()> {
     Ok(())
 }
 
-/// The JSON and binary chunks of a GLB; chunks of other types are passed over.
+/// Returns the JSON and binary chunks of a GLB. Ignores chunks of other types.
 fn split_chunks(bytes: &[u8]) -> Outcome<(&[u8], Option<&[u8]>)> {
     let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     let (Some(version), Some(length)) = (word(4), word(8)) else {

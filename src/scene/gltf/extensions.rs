@@ -1,4 +1,4 @@
-//! Which glTF extensions are read, and what to say of the others.
+//! Supported glTF extensions, and errors and warnings for the others.
 
 use ::gltf::json::Root;
 
@@ -26,7 +26,7 @@ const READ: &[&str] = &[
 /// Extensions that do not change the picture.
 const UNREMARKABLE: &[&str] = &["KHR_xmp", "KHR_xmp_json_ld"];
 
-/// The way to a file without the extension.
+/// Advice for converting files to drop the extension.
 const CONVERTERS: &[(&str, &str)] = &[
     ("KHR_draco_mesh_compression", "`gltf-transform copy in.glb out.glb` decodes Draco meshes"),
     ("KHR_texture_basisu", "`gltf-transform ktxdecompress in.glb out.glb` turns KTX2 textures into PNG"),

@@ -1,4 +1,4 @@
-//! How reading a glTF file can fail, and what it could only partly honour.
+//! Errors and warnings of reading a glTF file.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -7,11 +7,11 @@ use crate::scene::SceneError;
 use crate::scene::budget::Exceeded;
 use crate::scene::folder::AccessError;
 
-/// A [`SceneError`] that does not yet know which file it is about.
+/// A [`SceneError`] without the file's name.
 #[derive(Debug)]
 pub enum Fault {
     Invalid(String),
-    /// Not to be trusted, or too much.
+    /// Access denied, or over the budget.
     Refused(String),
     Read {
         path: String,
@@ -58,7 +58,7 @@ impl From<Exceeded> for Fault {
     }
 }
 
-/// Puts the place where something is wrong in front of what is wrong.
+/// Adds the location of an error in the file.
 pub trait Within {
     fn within(self, place: impl FnOnce() -> String) -> Self;
 }
@@ -73,7 +73,7 @@ impl<T> Within for Outcome<T> {
     }
 }
 
-/// `mesh 3 'Chair'`, or `mesh 3` where it has no name.
+/// Returns `mesh 3 'Chair'`, or `mesh 3` if it has no name.
 pub fn label(kind: &str, index: usize, name: &Option<String>) -> String {
     match name.as_deref() {
         Some(name) if !name.is_empty() => format!("{kind} {index} '{name}'"),
@@ -81,13 +81,13 @@ pub fn label(kind: &str, index: usize, name: &Option<String>) -> String {
     }
 }
 
-/// Looks up `list[index]`, naming the list where the index is beyond it.
+/// Returns `list[index]`, or an error that names the list.
 pub fn lookup<'a, T>(list: &'a [T], kind: &str, index: usize) -> Outcome<&'a T> {
     list.get(index)
         .ok_or_else(|| Fault::Invalid(format!("it refers to {kind} {index}, but the file has {} of them", list.len())))
 }
 
-/// Warnings, each said once with the first place it applies to and how many more there are.
+/// Warnings without duplicates: each has the first place it applies to and the number of further places.
 #[derive(Debug, Default)]
 pub struct Warnings {
     entries: Vec<Entry>,
@@ -102,7 +102,7 @@ struct Entry {
 }
 
 impl Warnings {
-    /// `place` may be empty where `text` is about the whole file.
+    /// Adds a warning. `place` is empty if `text` is about the whole file.
     pub fn note(&mut self, text: &str, place: &str) {
         if let Some(&at) = self.by_text.get(text) {
             self.entries[at].count += 1;

@@ -1,4 +1,4 @@
-//! Turns mesh primitives into [`Mesh`]es, each once however often it is placed.
+//! Conversion of mesh primitives to [`Mesh`]es, once per primitive regardless of its instances.
 
 use std::ops::Range;
 
@@ -17,24 +17,24 @@ use super::{morphs, skins, tangents};
 use crate::scene::motion::Influence;
 use crate::scene::{Material, Mesh};
 
-/// More triangles than this, before instancing, are taken for a damaged or hostile file.
+/// Limit on triangles before instancing. Files with more are taken for damaged or hostile.
 const MAX_TRIANGLES: usize = 1 << 27;
 
 const INDEX: &[ComponentType] = &[U8, U16, U32];
 
-/// What a corner takes while triangles are made, with their list as it grows, and a vertex of the file, bytes.
+/// Bytes per triangle corner during assembly, including the growth of its list, and bytes per vertex of the file.
 const CORNER_BYTES: u64 = 40;
 const VERTEX_BYTES: u64 = 16;
 
 /// The meshes read so far.
 pub struct Geometry<'a, 'b> {
     buffers: &'a Buffers<'b>,
-    /// Those of the file; they say which meshes need tangents.
+    /// Materials of the file, which determine the meshes that need tangents.
     materials: &'a [Material],
-    /// Per glTF mesh.
+    /// Motion data that each glTF mesh needs.
     wanted: &'a [Wanted],
     meshes: Vec<Mesh>,
-    /// Per glTF mesh, once read, where its primitives are in `meshes`.
+    /// Range in `meshes` of each glTF mesh's primitives, once read.
     ranges: Vec<Option<Range<usize>>>,
     triangles_left: usize,
 }
@@ -45,7 +45,7 @@ impl<'a, 'b> Geometry<'a, 'b> {
         Self { buffers, materials, wanted, meshes: Vec::new(), ranges, triangles_left: MAX_TRIANGLES }
     }
 
-    /// The places in the scene's meshes of the primitives of glTF mesh `index`, read on first use.
+    /// Returns the range of glTF mesh `index` in the scene's meshes. Reads it on first use.
     pub fn primitives_of(&mut self, index: usize, warnings: &mut Warnings) -> Outcome<Range<usize>> {
         let mesh = lookup(&self.buffers.root.meshes, "mesh", index)?;
         if let Some(range) = &self.ranges[index] {
@@ -63,7 +63,7 @@ impl<'a, 'b> Geometry<'a, 'b> {
         Ok(range)
     }
 
-    /// Whether a mesh refers to the material after the file's last.
+    /// Returns true if a mesh refers to the default material, which follows the file's materials.
     pub fn uses_default_material(&self) -> bool {
         self.meshes.iter().any(|m| m.material == self.materials.len())
     }
@@ -123,7 +123,7 @@ impl<'a, 'b> Geometry<'a, 'b> {
             ..Mesh::default()
         };
         if let Some(map) = map {
-            // The format has tangents ignored where there are no normals.
+            // The format ignores tangents without normals.
             let given = if mesh.normals.is_empty() { None } else { vertices.tangents(place, warnings)? };
             tangents::give(&mut mesh, map, given, place, warnings);
         }
@@ -139,7 +139,7 @@ impl<'a, 'b> Geometry<'a, 'b> {
         }
     }
 
-    /// The elements of the primitive's indices, with their accessor.
+    /// Returns the primitive's indices and the index of their accessor.
     fn indices(&self, primitive: &Primitive) -> Outcome<Option<(Elements<'a>, usize)>> {
         let Some(index) = primitive.indices else { return Ok(None) };
         let indices = Elements::open(self.buffers, index.value()).within(|| "indices".into())?;
@@ -154,7 +154,7 @@ impl<'a, 'b> Geometry<'a, 'b> {
 }
 
 impl Vertices<'_, '_> {
-    /// At most what the mesh takes while it is made.
+    /// Returns an upper bound on the bytes of the mesh during its construction.
     fn mesh_bytes(&self, triangles: usize, mapped: bool) -> u64 {
         let has = |semantic| self.primitive.attributes.contains_key(&Checked::Valid(semantic));
         let attributes = [
@@ -168,7 +168,7 @@ impl Vertices<'_, '_> {
         let still: usize = attributes.iter().filter(|(is_there, _)| *is_there).map(|(_, bytes)| bytes).sum();
         let influence = if self.wanted.influences { size_of::<Influence>() } else { 0 };
         let made = mapped && !(has(Semantic::Tangents) && has(Semantic::Normals));
-        // Tangents of each target; while they are made, also positions and normals of one, and derivatives of two.
+        // Tangents of each target, and temporarily positions and normals of one and derivatives of two.
         let targets = self.targets().len();
         let made_of_targets = if made && targets > 0 { (targets + 4) * size_of::<Vec3>() } else { 0 };
         let moved = influence + morphs::bytes_per_vertex(self.targets()) + made_of_targets;

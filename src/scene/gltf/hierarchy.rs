@@ -1,4 +1,4 @@
-//! Walks the node hierarchy of the scene to show, without recursion: files may nest nodes arbitrarily deep.
+//! Node hierarchy of the scene. Files may nest nodes arbitrarily deep, so traversal does not recurse.
 
 use ::gltf::json::Root;
 use ::gltf::json::scene::Node;
@@ -11,14 +11,14 @@ use crate::scene::motion::Placement;
 pub struct PlacedNode {
     /// Index into the file's nodes.
     pub node: usize,
-    /// Its parent's place in the list, before its own.
+    /// Index of its parent in the list, which is smaller than its own.
     pub parent: Option<usize>,
-    /// In its parent.
+    /// Transform to its parent at rest.
     pub rest: Placement,
     pub world_from_node: DAffine3,
 }
 
-/// The nodes of the default scene, else of scene 0, else all; each parent before its children.
+/// Returns the nodes of the default scene, else of scene 0, else all. Parents precede their children.
 pub fn walk(root: &Root) -> Outcome<Vec<PlacedNode>> {
     let parents = parents(root)?;
     let tops: Vec<usize> = (0..parents.len()).filter(|&i| parents[i].is_none()).collect();
@@ -47,7 +47,7 @@ pub fn walk(root: &Root) -> Outcome<Vec<PlacedNode>> {
     Ok(placed)
 }
 
-/// Each node's parent.
+/// Returns each node's parent.
 fn parents(root: &Root) -> Outcome<Vec<Option<usize>>> {
     let mut parents = vec![None; root.nodes.len()];
     for (index, node) in root.nodes.iter().enumerate() {
@@ -64,7 +64,7 @@ fn parents(root: &Root) -> Outcome<Vec<Option<usize>>> {
     Ok(parents)
 }
 
-/// With one parent each, the nodes that no parentless node leads to are on cycles or below them.
+/// Rejects cycles. As each node has at most one parent, the nodes that no root leads to are on cycles or below them.
 fn reject_cycles(root: &Root, parents: &[Option<usize>], tops: &[usize]) -> Outcome<()> {
     let mut reached = vec![false; parents.len()];
     let mut pending = tops.to_vec();
@@ -97,7 +97,7 @@ fn placement(node: &Node) -> Outcome<Placement> {
     })
 }
 
-/// From columns of numbers.
+/// Converts a column-major matrix, which must be affine.
 pub fn affine_from_matrix(columns: [f32; 16]) -> Outcome<DAffine3> {
     const TOLERANCE: f32 = 1e-4;
     let last_row = [columns[3], columns[7], columns[11], columns[15] - 1.0];

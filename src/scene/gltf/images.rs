@@ -1,4 +1,4 @@
-//! Decodes PNG, JPEG and WebP images to 8-bit RGBA texels, without conversion of colour.
+//! Decoding of PNG, JPEG and WebP images to 8-bit RGBA texels, without colour conversion.
 
 use std::io::Cursor;
 use std::ops::RangeInclusive;
@@ -10,19 +10,19 @@ use crate::image::{Extent, Image};
 use crate::scene::TexelImage;
 use crate::scene::budget::Budget;
 
-/// Longest side, pixels.
+/// Limit on a side in pixels.
 const MAX_SIDE: u32 = 16384;
 
-/// Deflate gains no more than this, so that what a PNG says about itself takes no more beside its texels; and what it may
-/// take at most and in any case, bytes.
+/// Largest expansion of deflate, which bounds a PNG's metadata, and the range of memory that metadata is granted, in
+/// bytes.
 const DEFLATE_GAIN: u64 = 1032;
 const METADATA_BYTES: RangeInclusive<u64> = 1 << 20..=64 << 20;
 
-/// Bytes that a pixel takes while it is decoded, at most: two for each of a progressive JPEG's four channels, what comes
-/// out of the decoder, and that as RGBA.
+/// Upper bound on the bytes per pixel during decoding: two for each of a progressive JPEG's four channels, the
+/// decoder's output, and its conversion to RGBA.
 const DECODING_BYTES: u64 = 24;
 
-/// The texels' part of the budget is taken for good.
+/// Decodes an image. The texels' bytes stay reserved in the budget.
 pub fn decode(bytes: &[u8], budget: &Budget) -> Outcome<TexelImage> {
     let fault = |what: String| Fault::Invalid(format!("it does not decode: {what}"));
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| fault(e.to_string()))?;
@@ -39,7 +39,7 @@ pub fn decode(bytes: &[u8], budget: &Budget) -> Outcome<TexelImage> {
     let decoder = reader.into_decoder().map_err(|e| fault(e.to_string()))?;
     let (width, height) = decoder.dimensions();
     let extent = Extent::new(width, height);
-    // JPEG's decoder has a copy of the file.
+    // The JPEG decoder keeps a copy of the file.
     let mut reserved = budget.reserve(extent.area() as u64 * DECODING_BYTES + bytes.len() as u64)?;
     let rgba = DynamicImage::from_decoder(decoder).map_err(|e| fault(e.to_string()))?.into_rgba8();
     let pixels = rgba.as_raw().as_chunks::<4>().0.to_vec();

@@ -1,5 +1,5 @@
-//! What extensions add to a material: reflection of the dielectric, transmission, a coat, and the older model of
-//! specular colour and glossiness.
+//! Material extensions: specular reflection of dielectrics, transmission and volume, clearcoat, and the older
+//! specular-glossiness model.
 
 use ::gltf::json::extensions::material::{
     Ior, Material as JsonExtensions, PbrSpecularGlossiness, Specular, Transmission, Volume as JsonVolume,
@@ -14,7 +14,7 @@ use crate::scene::{Clearcoat, Material, Volume};
 
 const CLEARCOAT: &str = "KHR_materials_clearcoat";
 
-/// `KHR_materials_clearcoat`.
+/// JSON of `KHR_materials_clearcoat`.
 #[derive(Default, serde::Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 struct JsonClearcoat {
@@ -75,13 +75,13 @@ impl Reader<'_, '_, '_> {
         let info = json.transmission_texture.as_ref().filter(|_| material.transmission > 0.0);
         material.transmission_texture = self.texture(info)?;
         if info.is_some() && material.transmission_texture.is_none() {
-            // Without its texture, everything that the texture keeps opaque would be clear.
+            // Without its texture, the parts that the texture keeps opaque would transmit.
             material.transmission = 0.0;
         }
         Ok(())
     }
 
-    /// None: thin walls.
+    /// Reads the volume; `None` for thin walls.
     fn volume(&mut self, json: &JsonVolume) -> Outcome<Option<Volume>> {
         let thickness = self.color([json.thickness_factor.0; 3], f32::MAX, "thickness")?.x;
         let attenuation_color = self.color(json.attenuation_color.0, 1.0, "attenuation colour")?;
@@ -93,7 +93,7 @@ impl Reader<'_, '_, '_> {
         }
         let mut attenuation_distance = json.attenuation_distance.0;
         if attenuation_distance <= 0.0 {
-            // Files write 0 where they mean the default, and other renderers take it so.
+            // Files write 0 to mean the default, and other renderers accept that.
             self.warnings.note("attenuation distances that are not above 0 are taken as infinite", self.place);
             attenuation_distance = f32::INFINITY;
         }
@@ -115,9 +115,9 @@ impl Reader<'_, '_, '_> {
         })
     }
 
-    /// `KHR_materials_pbrSpecularGlossiness` in the terms of `KHR_materials_ior` and `KHR_materials_specular`, made for
-    /// it: with an index of refraction of 0, the specular colour is the reflectance at normal incidence. As the
-    /// archived extension asks, it goes before the metallic-roughness values beside it.
+    /// Converts `KHR_materials_pbrSpecularGlossiness` to `KHR_materials_ior` and `KHR_materials_specular`, which
+    /// support it by design: with an index of refraction of 0, the specular colour is the reflectance at normal
+    /// incidence. Overrides the metallic-roughness values, as the archived extension requires.
     fn specular_glossiness(&mut self, json: &PbrSpecularGlossiness, material: &mut Material) -> Outcome<()> {
         material.base_color = self.clamp(Vec4::from_array(json.diffuse_factor.0), 1.0, "diffuse colour")?;
         material.base_color_texture = self.texture(json.diffuse_texture.as_ref())?;

@@ -1,4 +1,4 @@
-//! Materials: glTF's metallic-roughness model, with the textures it refers to.
+//! Materials: glTF's metallic-roughness model and its textures.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use super::fault::{Fault, Outcome, Warnings, Within, label};
 use super::textures::TextureTable;
 use crate::scene::{AlphaMode, Material, NormalMap, TexelImage, Texture, TextureRef};
 
-/// What surfaces look like, in the file's order.
+/// Materials in the file's order, with their textures and images.
 pub struct Surfaces {
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,
@@ -33,7 +33,7 @@ pub fn read(buffers: &Buffers, warnings: &mut Warnings) -> Outcome<Surfaces> {
     Ok(Surfaces { materials, textures, images })
 }
 
-/// Reads one material.
+/// Reader of one material.
 pub(super) struct Reader<'r, 'a, 'b> {
     pub table: &'r mut TextureTable<'a, 'b>,
     pub warnings: &'r mut Warnings,
@@ -46,7 +46,7 @@ impl Reader<'_, '_, '_> {
         let extensions = json.extensions.as_ref().unwrap_or(&none);
         let mut material = self.coverage(json)?;
         if extensions.unlit.is_some() {
-            // The extension has all else ignored.
+            // The extension overrides all other properties.
             material.unlit = true;
             return Ok(material);
         }
@@ -59,7 +59,7 @@ impl Reader<'_, '_, '_> {
         Ok(material)
     }
 
-    /// What lit and unlit materials share: base colour and alpha.
+    /// Reads the properties that lit and unlit materials share: name, base colour, alpha and sidedness.
     fn coverage(&mut self, json: &JsonMaterial) -> Outcome<Material> {
         let pbr = &json.pbr_metallic_roughness;
         Ok(Material {
@@ -79,7 +79,7 @@ impl Reader<'_, '_, '_> {
         let info = pbr.metallic_roughness_texture.as_ref();
         material.metallic_roughness_texture = self.texture(info)?;
         if info.is_some() && material.metallic_roughness_texture.is_none() {
-            // A texture says that not all is metal.
+            // A texture may make parts non-metallic, so without it nothing is metallic.
             material.metallic = 0.0;
         }
         Ok(())
@@ -100,13 +100,13 @@ impl Reader<'_, '_, '_> {
         material.emissive = self.color(emissive, f32::MAX, "emission")?;
         material.emissive_texture = self.texture(json.emissive_texture.as_ref())?;
         if json.emissive_texture.is_some() && material.emissive_texture.is_none() {
-            // Without its texture, everything that the texture keeps dark would shine.
+            // Without its texture, the parts that the texture keeps dark would emit.
             material.emissive = Vec3::ZERO;
         }
         Ok(())
     }
 
-    /// None where there is none, or, with a warning, where it cannot be used.
+    /// Returns the texture reference; `None` if there is none or, with a warning, if it cannot be used.
     pub fn texture(&mut self, info: Option<&Info>) -> Outcome<Option<TextureRef>> {
         info.map_or(Ok(None), |info| self.table.refer(info, self.place, self.warnings))
     }
@@ -120,17 +120,17 @@ impl Reader<'_, '_, '_> {
         Ok(self.texture(Some(&info))?.map(|texture| NormalMap { texture, scale: json.scale }))
     }
 
-    /// A factor from 0 to 1.
+    /// Clamps a factor to 0 … 1, with a warning.
     pub fn unit(&mut self, value: f32, what: &str) -> Outcome<f32> {
         Ok(self.clamp(Vec4::splat(value), 1.0, what)?.x)
     }
 
-    /// A colour whose channels are from 0 to `max`.
+    /// Clamps a colour's channels to 0 … `max`, with a warning.
     pub fn color(&mut self, value: [f32; 3], max: f32, what: &str) -> Outcome<Vec3> {
         Ok(self.clamp(Vec3::from_array(value).extend(0.0), max, what)?.truncate())
     }
 
-    /// A factor whose components are from 0 to `max`; those beyond are clamped with a warning.
+    /// Clamps a factor's components to 0 … `max`, with a warning.
     pub fn clamp(&mut self, value: Vec4, max: f32, what: &str) -> Outcome<Vec4> {
         if !value.is_finite() {
             return Err(Fault::Invalid(format!("its {what} is not finite")));
@@ -143,7 +143,7 @@ impl Reader<'_, '_, '_> {
     }
 }
 
-/// The reference in a normal map's own kind of it, whose extensions the parser leaves unread.
+/// Converts a normal map's texture reference, whose extensions the parser does not read.
 fn info_of(json: &NormalTexture) -> Outcome<Info> {
     let parse = |others: &serde_json::Map<String, Value>| serde_json::from_value(Value::Object(others.clone()));
     let extensions = json.extensions.as_ref().map(|e| parse(&e.others)).transpose();

@@ -1,7 +1,7 @@
-//! `EXT_meshopt_compression` and `KHR_meshopt_compression`: decompresses a buffer view.
+//! Decompression of buffer views with `EXT_meshopt_compression` and `KHR_meshopt_compression`.
 //!
-//! The decoders take untrusted streams but trust counts and strides, so those are checked first; and as a stream
-//! byte cannot stand for arbitrarily much, so is the size of what it claims to hold.
+//! The decoders accept untrusted streams but trust counts and strides, so these are checked first. The claimed size is
+//! bounded, too, by the stream's length.
 
 use ::gltf::json::{Value, buffer};
 use ::meshopt::ffi::meshopt_decodeVertexBuffer;
@@ -14,8 +14,8 @@ use serde::Deserialize;
 use super::fault::{Fault, Outcome};
 use crate::scene::budget::{Budget, Held};
 
-/// A stream byte stands for at most so many decoded ones: the densest coding, a vertex block of 256 elements without
-/// deltas, spends two bits on each byte of an element.
+/// Largest number of decoded bytes per stream byte. The densest coding, a vertex block of 256 elements without deltas,
+/// spends two bits on each byte of the element.
 const MAX_EXPANSION: usize = 1024;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -37,7 +37,7 @@ enum Filter {
     Color,
 }
 
-/// The extension's object in a buffer view, checked.
+/// The extension's validated JSON object in a buffer view.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Compressed {
@@ -60,7 +60,7 @@ impl Compressed {
         Ok(this)
     }
 
-    /// Bytes that it decompresses to. Does not overflow, as [`parse`](Self::parse) has checked.
+    /// Returns the number of decompressed bytes. It cannot overflow, since [`parse`](Self::parse) has checked it.
     pub fn decoded_len(&self) -> usize {
         self.byte_stride * self.count
     }
@@ -96,7 +96,7 @@ impl Compressed {
     }
 }
 
-/// The view's bytes, laid out as accessors expect them.
+/// Decompresses a view's bytes in the layout that accessors expect.
 pub fn decode<'b>(compressed: &Compressed, source: &[u8], budget: &'b Budget) -> Outcome<Held<'b>> {
     let Compressed { mode, count, byte_stride, .. } = *compressed;
     if compressed.decoded_len() > source.len().saturating_mul(MAX_EXPANSION) {
@@ -105,7 +105,7 @@ pub fn decode<'b>(compressed: &Compressed, source: &[u8], budget: &'b Budget) ->
             source.len()
         )));
     }
-    // Elements are decoded as such, then copied as bytes.
+    // Elements are decoded as typed values, then copied as bytes.
     let mut reserved = budget.reserve(2 * compressed.decoded_len() as u64)?;
     let decoded = match (mode, byte_stride) {
         (Mode::Attributes, _) => decode_attributes(compressed, source),
@@ -126,7 +126,7 @@ fn to_bytes<T: bytemuck::NoUninit>(elements: Vec<T>) -> Vec<u8> {
 
 fn decode_attributes(compressed: &Compressed, source: &[u8]) -> ::meshopt::Result<Vec<u8>> {
     let Compressed { count, byte_stride, filter, .. } = *compressed;
-    // Words, as the filters need them aligned; `check` has made the stride a multiple of four.
+    // The filters need the alignment of words; `check` has made the stride a multiple of four.
     let mut words = vec![0u32; count * byte_stride / 4];
     // SAFETY: `words` holds `count` elements of `byte_stride` bytes, a stride the decoder takes; it reads no further
     // than the length of `source`.

@@ -1,21 +1,21 @@
 //! Reads glTF 2.0 (`.gltf` with its files, or `.glb`) into a [`Scene`], and [writes](write()) one.
 //!
-//! A file is somebody else's data: every index, offset, count and size in it is checked where it is used, before
-//! memory is asked for. What cannot be read ends in one [`SceneError`] that names the place; what can be read
-//! only in part is said in [`Scene::warnings`].
+//! Files are untrusted: every index, offset, count and size is checked where it is used, before memory is allocated. A
+//! failure is one [`SceneError`] that names the place; [`Scene::warnings`] lists the parts that are read only
+//! partially.
 //!
-//! - One [`Mesh`](crate::scene::Mesh) per (mesh, primitive) that the scene shows, shared by its instances, holding only
+//! - One [`Mesh`](crate::scene::Mesh) per (mesh, primitive) in the scene, shared by its instances, with only
 //!   the vertices that its triangles use.
-//! - A mirroring transform (negative determinant) is left in [`Instance::world_from_local`]; glTF then means the
-//!   winding of the instance's triangles to be reversed, which is up to whoever flattens the instances.
-//! - A mesh whose material has a normal map has tangents: the file's, else those of MikkTSpace, for which vertices are
-//!   split where needed.
+//! - Mirroring transforms (negative determinant) stay in [`Instance::world_from_local`]. glTF then reverses
+//!   the winding of the instance's triangles, which is left to the code that flattens instances.
+//! - Meshes of materials with a normal map have tangents: the file's, else those of MikkTSpace, for which
+//!   vertices are split if necessary.
 //! - A material of the file starts from glTF's defaults. A mesh without one has [`Material::default`], white and
-//!   Lambertian, where glTF would have a white metal.
-//! - What is animated is the scene's [`Motion`]. Skins and morph targets that nothing animates are
-//!   baked; the transform of a skinned mesh's own node does not count.
-//! - Animations of nodes, morph weights, and by `KHR_animation_pointer` of base colour, emission, light intensity and light
-//!   colour are read. Occlusion textures are left out.
+//!   Lambertian, where glTF specifies a white metal.
+//! - Animations become the scene's [`Motion`]. Skins and morph targets that nothing animates are baked. The
+//!   transform of a skinned mesh's own node is ignored.
+//! - Animations may target nodes, morph weights, and by `KHR_animation_pointer` base colour, emission, light
+//!   intensity and light colour. Occlusion textures are ignored.
 //! - Photometric units are taken as radiometric ones: candela as W/sr, lux as W/m².
 
 mod accessor;
@@ -59,33 +59,33 @@ use super::motion::play::Play;
 use super::motion::pose::narrow;
 use super::{Environment, Instance, Material, Scene, SceneError};
 
-/// More instances than this are taken for a damaged or hostile file.
+/// Limit on instances. Files with more are taken for damaged or hostile.
 const MAX_INSTANCES: usize = 1 << 22;
 
-/// What an instance takes in a list that grows.
+/// Bytes per instance in a growing list.
 const INSTANCE_BYTES: usize = 3 * size_of::<Instance>();
 
-/// [`load_playing`] all animations of the file, over and over.
+/// Loads a file like [`load_playing`], with all its animations looping.
 ///
 /// # Errors
-/// As [`load_playing`].
+/// Errors of [`load_playing`].
 pub fn load(path: &Path, access: Access) -> Result<Scene, SceneError> {
     load_playing(path, &Play::default(), access)
 }
 
-/// Reads the default scene of the file at `path`; files it refers to are looked up beside it. The scene moves as `play`
-/// says.
+/// Reads the default scene of the file at `path`, whose references are relative to its folder. `play` selects the
+/// scene's motion.
 ///
 /// # Errors
-/// [`SceneError::Read`] names a file that cannot be read, [`SceneError::Extensions`] the required extensions that are
-/// not supported, [`SceneError::Invalid`] the part of the file that is wrong, or the animation or node of `play` that it
-/// does not have, [`SceneError::Refused`] what `access` has no room for or does not allow.
+/// [`SceneError::Read`] names a file that cannot be read, [`SceneError::Extensions`] the unsupported required
+/// extensions, [`SceneError::Invalid`] the invalid part of the file or the unknown animation or node of `play`,
+/// [`SceneError::Refused`] a request that `access` has no room for or does not allow.
 pub fn load_playing(path: &Path, play: &Play, access: Access) -> Result<Scene, SceneError> {
     let bytes = folder::read(path, access).map_err(|error| error.in_file(&path.display().to_string()))?;
     parse(&bytes, path, play, access).map_err(|fault| fault.in_file(path))
 }
 
-/// `path` is where the `bytes` come from.
+/// Parses `bytes` that were read from `path`.
 fn parse(bytes: &[u8], path: &Path, play: &Play, access: Access) -> Outcome<Scene> {
     let container = container::parse(bytes, access.budget)?;
     let root = &container.root;

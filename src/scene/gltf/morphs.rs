@@ -14,7 +14,7 @@ use crate::scene::motion::Morph;
 const POSITION: &[ComponentType] = &[F32, I8, U8, I16, U16];
 const DIRECTION: &[ComponentType] = &[F32, I8, I16];
 
-/// All targets in the file's order, for the vertices in use.
+/// Reads all targets in the file's order, for the vertices in use.
 pub fn read(vertices: &Vertices, targets: &[MorphTarget]) -> Outcome<Vec<Morph>> {
     let one = |(i, target): (usize, &MorphTarget)| {
         let read = || -> Outcome<Morph> {
@@ -29,7 +29,7 @@ pub fn read(vertices: &Vertices, targets: &[MorphTarget]) -> Outcome<Vec<Morph>>
     targets.iter().enumerate().map(one).collect()
 }
 
-/// At most what a vertex has of morph targets, bytes.
+/// Returns an upper bound on the morph targets' bytes per vertex.
 pub fn bytes_per_vertex(targets: &[MorphTarget]) -> usize {
     let of = |t: &MorphTarget| [t.positions, t.normals, t.tangents].iter().flatten().count() * size_of::<Vec3>();
     targets.iter().map(of).sum()

@@ -1,4 +1,4 @@
-//! Finds what of a file moves, and bakes what is skinned or morphed but stands still.
+//! Motion of a file's scene: finds dynamic instances, and bakes static ones that are skinned or morphed.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -20,25 +20,25 @@ use crate::scene::motion::pose::wide;
 use crate::scene::motion::{Animation, Attached, Body, Channel, Emitter, Motion, Node, Placement, Skin, Target};
 use crate::scene::{Material, Scene};
 
-/// What is played, and which nodes it moves.
+/// Animations to play, and the nodes that they move.
 pub struct Plan<'a, 'b> {
     buffers: &'a Buffers<'b>,
     nodes: &'a [PlacedNode],
-    /// Per node of the file, its place in `nodes`.
+    /// Index in `nodes` of each node of the file, its place.
     places: Vec<Option<usize>>,
-    /// Targets are nodes by their places, and materials and lights of the file.
+    /// Animations. Their targets are places of nodes, and materials and lights of the file.
     animations: Vec<Animation>,
     loops: bool,
-    /// Per place: whether its transform, or that of an ancestor, is animated.
+    /// Per place, true if its transform or an ancestor's is animated.
     moving: Vec<bool>,
-    /// Per place: whether its weights are animated.
+    /// Per place, true if its weights are animated.
     morphing: Vec<bool>,
 }
 
-/// An instance that may have to be a body, or to be baked.
+/// An instance that may be dynamic or need baking.
 pub struct Candidate {
     pub instance: usize,
-    /// Of its node.
+    /// Place of its node: an index into the placed nodes.
     pub place: usize,
 }
 
@@ -72,7 +72,7 @@ impl<'a, 'b> Plan<'a, 'b> {
         &self.buffers.root.nodes[self.nodes[place].node]
     }
 
-    /// What each mesh of the file needs.
+    /// Returns the motion data that each mesh of the file needs.
     pub fn wanted(&self) -> Vec<Wanted> {
         let mut wanted = vec![Wanted::default(); self.buffers.root.meshes.len()];
         for place in 0..self.nodes.len() {
@@ -84,17 +84,17 @@ impl<'a, 'b> Plan<'a, 'b> {
         wanted
     }
 
-    /// Whether the weights of a node's mesh are animated, or other than 0 at rest.
+    /// Returns true if the weights of a node's mesh are animated, or nonzero at rest.
     fn morphs(&self, place: usize) -> bool {
         self.morphing[place] || rest_weights(self.buffers.root, self.json(place)).iter().any(|w| *w != 0.0)
     }
 
-    /// Whether an instance of that node may be other than its mesh at its place.
+    /// Returns true if instances of that node may be skinned, morphed or dynamic.
     pub fn is_candidate(&self, place: usize) -> bool {
         self.json(place).skin.is_some() || self.moving[place] || self.morphs(place)
     }
 
-    /// Gives the scene its motion. Skinned and morphed instances that nothing animates get shapes of their own.
+    /// Gives the scene its motion. Bakes skinned and morphed instances that nothing animates to meshes of their own.
     pub fn put_into(
         self,
         scene: &mut Scene,
@@ -126,7 +126,7 @@ impl<'a, 'b> Plan<'a, 'b> {
         Ok(())
     }
 
-    /// Bodies and the skins that they use, with places for nodes.
+    /// Returns bodies and the skins in use, with nodes given by place.
     fn bodies(
         &self,
         scene: &mut Scene,
@@ -190,7 +190,8 @@ impl<'a, 'b> Plan<'a, 'b> {
         Ok((bodies, skins))
     }
 
-    /// Moves the nodes that the motion needs into it, and turns places into their indices, which it returns by place.
+    /// Moves the nodes that the motion needs into it, and replaces places by their indices. Returns the index of each
+    /// place.
     fn take_nodes(&self, motion: &mut Motion) -> Vec<Option<usize>> {
         let mut needed = vec![false; self.nodes.len()];
         let attached = motion.lights.iter().chain(&motion.cameras).map(|a| a.node);
@@ -202,7 +203,7 @@ impl<'a, 'b> Plan<'a, 'b> {
         for channel in self.animations.iter().flat_map(|a| &a.channels) {
             moved_node(channel.target).into_iter().for_each(|place| animated[place] = true);
         }
-        // Parents are before their children.
+        // Parents precede their children.
         for place in (0..self.nodes.len()).rev().filter(|p| self.nodes[*p].parent.is_some()) {
             if let Some(parent) = self.nodes[place].parent.filter(|_| needed[place]) {
                 needed[parent] = true;
@@ -222,7 +223,7 @@ impl<'a, 'b> Plan<'a, 'b> {
         numbers
     }
 
-    /// Moves the channels into the motion whose targets are in the scene.
+    /// Moves the channels with targets in the scene into the motion.
     fn take_animations(
         self,
         motion: &mut Motion,
@@ -275,7 +276,7 @@ impl<'a, 'b> Plan<'a, 'b> {
     }
 }
 
-/// The node whose transform that is of.
+/// Returns the node whose transform the target animates.
 fn moved_node(target: Target) -> Option<usize> {
     match target {
         Target::Translation(place) | Target::Rotation(place) | Target::Scale(place) => Some(place),
@@ -283,13 +284,13 @@ fn moved_node(target: Target) -> Option<usize> {
     }
 }
 
-/// A node's weights at rest, or its mesh's.
+/// Returns a node's weights at rest, else its mesh's.
 fn rest_weights<'r>(root: &'r Root, node: &'r JsonNode) -> &'r [f32] {
     let mesh = node.mesh.and_then(|m| root.meshes.get(m.value()));
     node.weights.as_deref().or_else(|| mesh?.weights.as_deref()).unwrap_or_default()
 }
 
-/// Weights for so many morph targets; 0 where the file names none.
+/// Returns weights for `targets` morph targets, 0 if the file has none.
 fn weights_for(given: &[f32], targets: usize, morphs: bool) -> Outcome<Vec<f32>> {
     if !morphs || targets == 0 {
         return Ok(Vec::new());
@@ -304,7 +305,7 @@ fn weights_for(given: &[f32], targets: usize, morphs: bool) -> Outcome<Vec<f32>>
     }
 }
 
-/// Taken apart; a matrix that cannot be becomes its translation.
+/// Decomposes a matrix. One that cannot be decomposed keeps only its translation.
 fn parts(rest: Placement) -> Placement {
     let Placement::Matrix(matrix) = rest else { return rest };
     let (scale, rotation, translation) = matrix.to_scale_rotation_translation();
@@ -314,7 +315,7 @@ fn parts(rest: Placement) -> Placement {
     }
 }
 
-/// What a material emits; none where it does not.
+/// Returns a material's emission; `None` if it is unlit, lacks its emissive texture or has values that aren't finite.
 fn emitter(root: &Root, scene: &Scene, index: usize) -> Option<Emitter> {
     let (json, material) = (root.materials.get(index)?, scene.materials.get(index)?);
     let lost = |m: &Material| m.unlit || (json.emissive_texture.is_some() && m.emissive_texture.is_none());
@@ -324,7 +325,7 @@ fn emitter(root: &Root, scene: &Scene, index: usize) -> Option<Emitter> {
     (!lost(material) && strength.is_finite() && color.is_finite()).then_some(Emitter { index, color, strength })
 }
 
-/// The scene's lights that are a light of the file.
+/// Returns the scene's lights that instance a light of the file.
 fn lamps(root: &Root, lights: &[PlacedLight], light: usize) -> Vec<Emitter> {
     let declared = root.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref());
     let Some(json) = declared.and_then(|l| l.lights.get(light)) else { return Vec::new() };
@@ -333,7 +334,7 @@ fn lamps(root: &Root, lights: &[PlacedLight], light: usize) -> Vec<Emitter> {
     of.map(|(index, _)| Emitter { index, color, strength: json.intensity }).collect()
 }
 
-/// The place of one in the list, where it is put if it is not there.
+/// Returns an emitter's index in the list. Appends it if it is missing.
 fn number_of(list: &mut Vec<Emitter>, one: Emitter) -> usize {
     list.iter().position(|e| e.index == one.index).unwrap_or_else(|| {
         list.push(one);
@@ -341,7 +342,7 @@ fn number_of(list: &mut Vec<Emitter>, one: Emitter) -> usize {
     })
 }
 
-/// Leaves out meshes that no instance shows any more, and influences and morphs that no body needs.
+/// Removes meshes without instances, and influences and morphs that no body needs.
 fn tidy(scene: &mut Scene, motion: &Motion) {
     let (mut shown, mut needed) = (vec![false; scene.meshes.len()], vec![false; scene.meshes.len()]);
     scene.instances.iter().for_each(|i| shown[i.mesh] = true);

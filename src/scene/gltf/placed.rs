@@ -1,4 +1,4 @@
-//! Lights (`KHR_lights_punctual`) and cameras where the scene's nodes put them.
+//! Lights (`KHR_lights_punctual`) and cameras, transformed by the scene's nodes.
 
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -18,7 +18,7 @@ pub struct PlacedLight {
     pub light: Light,
     /// Index into the file's lights.
     pub index: usize,
-    /// Its node's place in the list of nodes.
+    /// Place of its node: an index into the list of nodes.
     pub place: usize,
 }
 
@@ -38,7 +38,7 @@ pub fn lights(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Out
     Ok(lights)
 }
 
-/// None, with a warning, where the node gives the light no direction.
+/// Reads a light; `None`, with a warning, if its node gives it no direction.
 fn read_light(light: &JsonLight, placed: &PlacedNode, place: &str, warnings: &mut Warnings) -> Outcome<Option<Light>> {
     let strength = Vec3::from_array(light.color) * light.intensity;
     if !strength.is_finite() || strength.min_element() < 0.0 {
@@ -62,7 +62,7 @@ fn read_light(light: &JsonLight, placed: &PlacedNode, place: &str, warnings: &mu
         (JsonKind::Spot, Some(direction)) => {
             let (inner, outer) =
                 light.spot.as_ref().map_or((0.0, FRAC_PI_4), |s| (s.inner_cone_angle, s.outer_cone_angle));
-            // Files write pi / 2 with few digits.
+            // Files write π/2 with few digits, which may round it up.
             if !(0.0 <= inner && inner <= outer && 0.0 < outer && outer <= FRAC_PI_2 + 1e-3) {
                 return Err(Fault::Invalid(format!(
                     "its cone angles {inner} and {outer} do not rise from 0 to at most pi / 2"
@@ -75,7 +75,7 @@ fn read_light(light: &JsonLight, placed: &PlacedNode, place: &str, warnings: &mu
     Ok(Some(Light { kind, strength }))
 }
 
-/// Cameras, each with its node's place in the list of nodes.
+/// Returns the cameras, each with its node's index in the list of nodes.
 pub fn cameras(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Outcome<Vec<(Camera, usize)>> {
     let mut cameras = Vec::new();
     for (at, placed) in nodes.iter().enumerate() {

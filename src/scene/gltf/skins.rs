@@ -1,4 +1,4 @@
-//! Skins: joints, their inverse bind matrices, and the influences of joints on vertices.
+//! Skins: joints, their inverse bind matrices, and their influences on vertices.
 
 use ::gltf::json::accessor::ComponentType::{F32, U8, U16};
 use ::gltf::json::mesh::Semantic;
@@ -12,13 +12,13 @@ use super::vertices::Vertices;
 use crate::scene::motion::pose::narrow;
 use crate::scene::motion::{Influence, Skin};
 
-/// An influence has 16 bits for a joint.
+/// Limit on joints, since an influence stores a joint in 16 bits.
 const MAX_JOINTS: usize = 1 << 16;
 
-/// Sets of four joints per vertex.
+/// Number of sets of four joints per vertex.
 const SETS: u32 = 2;
 
-/// The skin with that index in the file; its joints are `places` of nodes, by their index in the file.
+/// Reads a skin by its index in the file. `places` maps the file's nodes to the indices that joints use.
 pub fn read(buffers: &Buffers, index: usize, places: &[Option<usize>]) -> Outcome<Skin> {
     let json = lookup(&buffers.root.skins, "skin", index)?;
     read_skin(buffers, json, places).within(|| label("skin", index, &json.name))
@@ -57,7 +57,7 @@ fn read_skin(buffers: &Buffers, json: &::gltf::json::Skin, places: &[Option<usiz
     Ok(Skin { joints, inverse_bind: (0..count).map(matrix).collect::<Outcome<_>>()? })
 }
 
-/// The influences of a primitive's vertices; none if it has no joints or no weights.
+/// Reads the influences of a primitive's vertices; empty if it has no joints or no weights.
 pub fn influences(vertices: &Vertices, place: &str, warnings: &mut Warnings) -> Outcome<Vec<Influence>> {
     let mut sets = Vec::new();
     for set in 0..SETS {

@@ -1,4 +1,4 @@
-//! The textures and images that materials refer to, each read once.
+//! The materials' textures and images, each read once.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -20,15 +20,15 @@ pub struct TextureTable<'a, 'b> {
     buffers: &'a Buffers<'b>,
     pub textures: Vec<Texture>,
     pub images: Vec<Arc<TexelImage>>,
-    /// From the file's numbers to those in `textures`.
+    /// Index in `textures` of each texture of the file.
     texture_of: HashMap<usize, usize>,
-    /// From where they are encoded to those in `images`.
+    /// Index in `images` by location of the encoded bytes.
     image_of: HashMap<Encoded<'b>, usize>,
-    /// Images made by [`roughness_of`](Self::roughness_of), by their source and the factor's bits.
+    /// Images made by [`roughness_of`](Self::roughness_of), by source and the factor's bits.
     roughness_of: HashMap<(usize, u32), usize>,
 }
 
-/// Where an image is encoded. Images of one file may be encoded in one place.
+/// Location of an image's encoded bytes. Several images of a file may share one.
 #[derive(PartialEq, Eq, Hash)]
 enum Encoded<'a> {
     Target(Target<'a>),
@@ -47,7 +47,7 @@ impl<'a, 'b> TextureTable<'a, 'b> {
         }
     }
 
-    /// None, with a warning, where the texture cannot be used.
+    /// Returns a reference to a texture; `None`, with a warning, if it cannot be used.
     pub fn refer(&mut self, info: &Info, place: &str, warnings: &mut Warnings) -> Outcome<Option<TextureRef>> {
         let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
         let uv_set = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord) as usize;
@@ -60,7 +60,7 @@ impl<'a, 'b> TextureTable<'a, 'b> {
         Ok(texture.map(|texture| TextureRef { texture, uv_set, uv_from_uv }))
     }
 
-    /// The roughness that a texture's glossiness stands for, 1 - `glossiness` times alpha, in an image of its own.
+    /// Converts glossiness in a texture's alpha to a roughness image: 1 - `glossiness` times alpha.
     pub fn roughness_of(&mut self, glossy: TextureRef, glossiness: f32) -> Outcome<TextureRef> {
         let source = self.textures[glossy.texture].image;
         let image = match self.roughness_of.get(&(source, glossiness.to_bits())) {
@@ -129,19 +129,19 @@ impl<'a, 'b> TextureTable<'a, 'b> {
     }
 }
 
-/// The image to use: the one of `EXT_texture_webp` where there is one.
+/// Returns the image to use: that of `EXT_texture_webp`, if any.
 fn source_of(texture: &JsonTexture) -> Option<usize> {
     let webp = texture
         .extensions
         .as_ref()
         .and_then(|e| e.others.get("EXT_texture_webp")?.get("source")?.as_u64())
         .and_then(|source| usize::try_from(source).ok());
-    // The crate's stand-in for a texture without a source.
+    // The crate marks a texture without a source by this index.
     let absent = u32::MAX as usize;
     webp.or(Some(texture.source.value()).filter(|&source| source != absent))
 }
 
-/// `image` is left 0.
+/// Reads a sampler. Leaves `image` 0.
 fn read_sampler(sampler: &Sampler) -> Outcome<Texture> {
     let wrap = |mode: Checked<WrappingMode>| match mode {
         Checked::Valid(WrappingMode::Repeat) => Ok(Wrap::Repeat),
@@ -157,8 +157,8 @@ fn read_sampler(sampler: &Sampler) -> Outcome<Texture> {
     Ok(Texture { image: 0, wrap_u: wrap(sampler.wrap_s)?, wrap_v: wrap(sampler.wrap_t)?, linear })
 }
 
-/// Scales, then turns, then shifts. As v runs down the image, a counter-clockwise turn takes +u towards -v: the
-/// extension's text and examples say so, where its GLSL turns the other way.
+/// Returns scale, then rotation, then translation. Since v points down the image, a counter-clockwise rotation maps +u
+/// towards -v. The extension's text and examples say so, although its GLSL rotates the other way.
 fn affine_from(transform: &TextureTransform) -> Outcome<Affine2> {
     let (sin, cos) = transform.rotation.0.sin_cos();
     let rotation = Mat2::from_cols(Vec2::new(cos, -sin), Vec2::new(sin, cos));

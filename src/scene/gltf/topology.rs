@@ -1,11 +1,11 @@
-//! From a primitive's corners to triangles over the vertices that they use.
+//! Topology: assembles a primitive's corners to triangles over the vertices in use.
 
 use ::gltf::json::mesh::Mode;
 
 use super::accessor::Elements;
 use super::fault::{Fault, Outcome};
 
-/// The vertices in the order in which triangles take them, each below `vertex_count`.
+/// Returns the vertex index of each corner, all below `vertex_count`.
 pub fn corners(indices: Option<(Elements, usize)>, vertex_count: usize) -> Outcome<Vec<u32>> {
     let Some((indices, accessor)) = indices else { return Ok((0..vertex_count as u32).collect()) };
     let corners: Vec<u32> = (0..indices.count).map(|i| indices.unsigned(i)).collect();
@@ -18,8 +18,8 @@ pub fn corners(indices: Option<(Elements, usize)>, vertex_count: usize) -> Outco
     }
 }
 
-/// Triangles from corners in the order of section 3.7.2.1 of glTF 2.0. Strips and fans lose triangles that name a
-/// vertex twice, which is how they make jumps.
+/// Assembles triangles from corners, in the order of section 3.7.2.1 of glTF 2.0. Degenerate triangles of strips and
+/// fans, which jump to another part of the mesh, are dropped.
 pub fn assemble(mode: Mode, corners: &[u32]) -> Outcome<Vec<[u32; 3]>> {
     let has_area = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
     match mode {
@@ -42,9 +42,9 @@ pub fn assemble(mode: Mode, corners: &[u32]) -> Outcome<Vec<[u32; 3]>> {
     }
 }
 
-/// Renumbers the triangles' vertices without gaps; returns the old number of each, rising.
+/// Renumbers the triangles' vertices without gaps. Returns their old indices in increasing order.
 pub fn compact(triangles: &mut [[u32; 3]], vertex_count: usize) -> Vec<u32> {
-    // One more than the new number, 0 where unused: pages that no triangle touches cost nothing.
+    // Stores the new index plus one, 0 if unused: pages that no triangle touches cost nothing.
     let mut successor = vec![0u32; vertex_count];
     let mut used = Vec::new();
     for &v in triangles.as_flattened() {

@@ -1,4 +1,4 @@
-//! What a URI of a glTF file stands for: the bytes in a `data:` URI, or a file beside it.
+//! URIs of a glTF file: bytes in a `data:` URI, or a file beside it.
 
 use std::borrow::Cow;
 use std::path::PathBuf;
@@ -13,12 +13,12 @@ use super::fault::{Fault, Outcome};
 use crate::scene::budget::{Budget, Held};
 use crate::scene::folder::{self, Access, Folder, shorten};
 
-/// Where the bytes behind a URI are.
+/// Location of the bytes behind a URI.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Target<'a> {
-    /// What follows `data:`.
+    /// Text after `data:`.
     Data(&'a str),
-    /// The same path for the same file, however it is named.
+    /// Canonical path: the same for all names of a file.
     File(PathBuf),
 }
 
@@ -45,7 +45,7 @@ impl<'a> Target<'a> {
     }
 }
 
-/// Whether a URI is more than a path (RFC 3986, 3.1); what looks like one letter's scheme is a drive.
+/// Returns true if a URI is more than a path (RFC 3986, 3.1). A one-letter scheme is taken for a drive.
 fn has_scheme(uri: &str) -> bool {
     let Some((head, _)) = uri.split_once(':') else { return false };
     let within = |c: char| c.is_ascii_alphanumeric() || matches!(c, '+' | '-' | '.');
@@ -61,7 +61,7 @@ fn decode_data<'b>(rest: &str, budget: &'b Budget) -> Outcome<Held<'b>> {
     let Some((head, body)) = rest.split_once(',') else {
         return Err(Fault::Invalid("its data: URI has no comma before the data".into()));
     };
-    // Base64 is decoded from the text without percent signs, which grows as it is made.
+    // Base64 is decoded from the percent-decoded text, which grows during decoding.
     let mut reserved = budget.reserve(2 * body.len() as u64)?;
     let raw = percent_decode_str(body);
     let bytes = if head.to_ascii_lowercase().ends_with(";base64") {

@@ -1,4 +1,4 @@
-//! The attributes of a primitive.
+//! Attributes of a primitive.
 
 use ::gltf::json::accessor::ComponentType::{self, F32, I8, I16, U8, U16};
 use ::gltf::json::mesh::{MorphTarget, Primitive, Semantic};
@@ -12,7 +12,7 @@ use super::fault::{Fault, Outcome, Warnings, Within};
 pub const QUANTIZED: &[ComponentType] = &[F32, I8, U8, I16, U16];
 const COLOR: &[ComponentType] = &[F32, U8, U16];
 
-/// What a mesh needs besides its shape.
+/// Motion data that a mesh needs besides its shape.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Wanted {
     pub influences: bool,
@@ -23,15 +23,15 @@ pub struct Wanted {
 pub struct Vertices<'a, 'b> {
     pub buffers: &'a Buffers<'b>,
     pub primitive: &'a Primitive,
-    /// Their numbers in the file, rising.
+    /// Indices of the used vertices in the file, increasing.
     pub used: &'a [u32],
-    /// Vertices in the file.
+    /// Number of vertices in the file.
     pub count: usize,
     pub wanted: Wanted,
 }
 
 impl Vertices<'_, '_> {
-    /// The morph targets that are wanted.
+    /// Returns the morph targets, if wanted.
     pub fn targets(&self) -> &[MorphTarget] {
         self.primitive.targets.as_deref().filter(|_| self.wanted.morphs).unwrap_or_default()
     }
@@ -129,7 +129,7 @@ impl Vertices<'_, '_> {
         Ok(colors)
     }
 
-    /// The elements of an attribute, one for each vertex of the file.
+    /// Opens an attribute, with one element per vertex of the file.
     pub fn open(
         &self,
         semantic: Semantic,

@@ -1,5 +1,5 @@
-//! Writes a scene's geometry and materials as one plain `.glb`: floats and 32-bit indices, PNG images inside, a node per
-//! instance. Lights, environment and cameras are left to a shot.
+//! Writer of a scene's geometry and materials as one plain `.glb`: floats and 32-bit indices, embedded PNG images, a
+//! node per instance. A shot holds lights, environment and cameras.
 
 use std::collections::BTreeSet;
 use std::io::{self, Write};
@@ -19,10 +19,10 @@ use crate::scene::{
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
 
-/// Writes what [`load`](super::load) reads as the same scene, without its lights, environment and cameras.
+/// Writes a file that [`load`](super::load) reads as the same scene, without its lights, environment and cameras.
 ///
 /// # Errors
-/// [`SceneError::Image`] where the file cannot be written, [`SceneError::Invalid`] for more than the 4 GiB that a `.glb`
+/// [`SceneError::Image`] if the file cannot be written, [`SceneError::Invalid`] if it exceeds the 4 GiB that a `.glb`
 /// can hold.
 pub fn write(path: &Path, scene: &Scene) -> Result<(), SceneError> {
     let invalid = |what: String| SceneError::Invalid { path: path.display().to_string(), what };
@@ -45,7 +45,7 @@ pub fn write(path: &Path, scene: &Scene) -> Result<(), SceneError> {
     })?)
 }
 
-/// The JSON and the binary chunk.
+/// Returns the JSON and the binary chunk.
 fn chunks(scene: &Scene) -> io::Result<(Vec<u8>, Vec<u8>)> {
     let mut draft = Draft::default();
     let images = scene.images.iter().map(|i| draft.image(i)).collect::<io::Result<_>>()?;
@@ -74,14 +74,14 @@ fn chunks(scene: &Scene) -> io::Result<(Vec<u8>, Vec<u8>)> {
         ("bufferViews", draft.views),
         ("extensionsUsed", draft.extensions.into_iter().map(Value::from).collect()),
     ];
-    // The format forbids lists without entries.
+    // The format forbids empty lists.
     for (name, list) in lists.into_iter().filter(|(_, list)| !list.is_empty()) {
         root[name] = list.into();
     }
     Ok((serde_json::to_vec(&root)?, draft.bin))
 }
 
-/// A file in the making.
+/// A file under construction.
 #[derive(Default)]
 struct Draft {
     bin: Vec<u8>,
@@ -142,7 +142,7 @@ impl Draft {
         });
         self.texture(&mut pbr, "baseColorTexture", m.base_color_texture);
         self.texture(&mut pbr, "metallicRoughnessTexture", m.metallic_roughness_texture);
-        // A power of two, so that factor and strength multiply to the same bits.
+        // A power of two, so that the product of factor and strength is exact.
         let strength = m.emissive.max_element().max(1.0).log2().ceil().exp2().min(f32::MAX);
         let mut json = json!({
             "name": m.name, "pbrMetallicRoughness": pbr, "doubleSided": m.double_sided,
@@ -169,7 +169,7 @@ impl Draft {
         json
     }
 
-    /// The extensions that change how a material scatters.
+    /// Returns the extensions that change a material's scattering.
     fn layers(&mut self, m: &Material) -> Vec<(&'static str, Value)> {
         let mut layers = Vec::new();
         let mut specular = json!({ "specularFactor": m.specular, "specularColorFactor": m.specular_color.to_array() });
@@ -187,7 +187,7 @@ impl Draft {
             layers.push(("KHR_materials_transmission", transmission));
         }
         if let Some(Volume { attenuation_color, attenuation_distance }) = m.volume {
-            // Its geometry says how thick the volume is; a thickness above 0, that there is one.
+            // The geometry defines the volume's thickness; a factor above 0 only enables the volume.
             let mut volume = json!({ "thicknessFactor": 1.0, "attenuationColor": attenuation_color.to_array() });
             if attenuation_distance.is_finite() {
                 volume["attenuationDistance"] = attenuation_distance.into();
@@ -223,7 +223,8 @@ impl Draft {
     }
 }
 
-/// Scales, then turns, then shifts, as files have it; a counter-clockwise turn takes +u towards -v.
+/// Returns the file's form of a transform: scale, then rotation, then translation. A counter-clockwise rotation maps +u
+/// towards -v.
 fn transform(Affine2 { matrix2, translation }: Affine2) -> Value {
     let (u, v) = (matrix2.x_axis, matrix2.y_axis);
     let rotation = if u.length() > 0.0 { (-u.y).atan2(u.x) } else { v.x.atan2(v.y) };

@@ -9,7 +9,7 @@ const FILE: &str = r#"{"diptych_motion": 1}
 {"time_s": 3, "position_m": [0.2, 0, -0.1], "orientation": [0, 0.70711, 0, 0.70711]}
 "#;
 
-/// Looks down at 45 degrees, towards +x.
+/// Returns a rig that looks down at 45 degrees, towards +x.
 fn shot() -> Rig {
     let position = DVec3::new(10.0, 20.0, 30.0);
     let key = RigKey { time_s: 0.0, position, target: position + DVec3::new(1.0, -1.0, 0.0), up: DVec3::Y * 2.0 };
@@ -23,7 +23,7 @@ fn the_space_is_level_and_in_metres() {
     let [first, last] = [1.0, 3.0].map(|t| Rig { baseline_m: 0.0, ..rig.clone() }.view(t, Eye::Left));
     close(first.forward, [1.0, 0.0, 0.0]);
     close(first.origin, [10.0, 20.0, 30.0]);
-    // 20 cm to the right and 10 ahead, turned to the left by a quarter.
+    // The head is 20 cm to the right and 10 cm ahead, turned left by a quarter.
     close(last.origin, [20.0, 20.0, 50.0]);
     close(last.forward, [0.0, 0.0, -1.0]);
     close(last.up, [0.0, 1.0, 0.0]);
@@ -53,10 +53,10 @@ fn what_is_recorded_is_replayed() {
     assert_eq!(std::fs::read_to_string(kept.unwrap()).unwrap(), "of a run that was killed");
     for (i, at_s) in [0.9, 1.3, 2.2, 3.0].into_iter().enumerate() {
         recording.add(0.1 * i as f64, &rig, at_s, Some([[0.1, 0.9], [0.1, 0.1 * i as f64]])).unwrap();
-        // Each is there at once, and nothing has the final name yet.
+        // Each sample is written at once, and the final name does not exist yet.
         assert_eq!((std::fs::read_to_string(&part).unwrap().matches('\n').count(), path.exists()), (i + 2, false));
     }
-    // The clock stood still.
+    // A sample at the same time is skipped.
     recording.add(0.3, &rig, 1.0, None).unwrap();
     recording.finish().unwrap();
     assert!(!part.exists());
@@ -107,11 +107,11 @@ fn what_is_wrong_is_named_with_its_line() {
 fn recorded_orientations_are_of_unit_length() {
     let [x, y, z, w] = Space::of(&shot()).sample(0.0, &shot().key_at(0.0), None).orientation;
     assert!((x.hypot(y).hypot(z).hypot(w) - 1.0).abs() < 1e-12);
-    // Down by an eighth of a turn.
+    // The rig is pitched down by an eighth of a turn.
     assert!((2.0 * x.abs().asin() - (FRAC_1_SQRT_2).asin()).abs() < 1e-9 && y.abs() + z.abs() < 1e-9, "{x} {y} {z}");
 }
 
-/// Eyes that see further outwards, are turned apart by 6 degrees and so far from one another.
+/// Returns eyes with a wider field of view outwards, canted apart by 6 degrees and `apart_m` apart.
 fn eyes(apart_m: f64) -> HeadEyes {
     use crate::scene::optics::{Fov, HeadEye};
     let eye = |side: f64| {

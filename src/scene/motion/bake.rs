@@ -1,4 +1,4 @@
-//! The still scene of one time.
+//! Baking of a dynamic scene at one time to a static one.
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
@@ -6,8 +6,8 @@ use super::{Influence, Morph, Motion};
 use crate::scene::{Mesh, Scene};
 
 impl Scene {
-    /// The scene as it is at `time_s` seconds, with nothing that moves: vertices are morphed and skinned in f64 and then
-    /// rounded. Images are shared with this scene. A scene that stands still is copied.
+    /// Returns the static scene at `time_s` seconds. Vertices are morphed and skinned in f64 and then rounded. Images
+    /// are shared with this scene. A static scene is copied.
     pub fn at(&self, time_s: f64) -> Scene {
         let (motion, pose) = (&self.motion, self.motion.pose(time_s));
         let mut still = Scene { motion: Motion::default(), ..self.clone() };
@@ -21,7 +21,7 @@ impl Scene {
             let weights = pose.weights.get(index).map_or(&[][..], Vec::as_slice);
             let joints = body.skin.map(|_| motion.joints(&pose, index));
             let shape = deformed(&self.meshes[instance.mesh], weights, joints.as_deref());
-            // The last body that shows a mesh takes its place.
+            // The last body with a mesh takes its slot.
             uses[instance.mesh] -= 1;
             if uses[instance.mesh] == 0 {
                 still.meshes[instance.mesh] = shape;
@@ -36,7 +36,7 @@ impl Scene {
         still
     }
 
-    /// What [`Scene::at`] takes at most, bytes.
+    /// Returns an upper bound on the bytes that [`Scene::at`] takes.
     pub fn bytes_at(&self) -> u64 {
         let shape = |mesh: &Mesh| mesh.bytes() - mesh.motion_bytes();
         let bodies = self.motion.bodies.iter().filter(|b| b.deforms()).filter_map(|b| self.instances.get(b.instance));
@@ -45,7 +45,7 @@ impl Scene {
     }
 }
 
-/// The mesh with its morphs added by their weights, then, if there are joints, brought into the world by them, all in f64.
+/// Returns the mesh with its weighted morphs added and then, if there are joints, skinned to world space, all in f64.
 /// The result has neither influences nor morphs.
 pub fn deformed(mesh: &Mesh, weights: &[f32], joints: Option<&[DAffine3]>) -> Mesh {
     let mut shape = Mesh {
@@ -78,7 +78,7 @@ pub fn deformed(mesh: &Mesh, weights: &[f32], joints: Option<&[DAffine3]>) -> Me
         }
         if let Some(&rest) = mesh.tangents.get(i) {
             let tangent = rest.truncate().as_dvec3();
-            // A tangent of zero marks where there is no normal map.
+            // A zero tangent marks a vertex without a normal map.
             let tangent = if tangent == DVec3::ZERO { tangent } else { tangent + offset(|m| &m.tangents, i) };
             let tangent = (linear * tangent).normalize_or_zero().as_vec3();
             shape.tangents.push(tangent.extend(rest.w * handedness as f32));
@@ -89,13 +89,12 @@ pub fn deformed(mesh: &Mesh, weights: &[f32], joints: Option<&[DAffine3]>) -> Me
 
 const MOST: f64 = f32::MAX as f64;
 
-/// Whether more joints mirror than do not. The triangles are then wound the other way round, as those of a mirrored
-/// instance are.
+/// Returns true if most joints mirror. Triangles are then wound in reverse, like those of a mirrored instance.
 pub fn is_mirrored(joints: &[DAffine3]) -> bool {
     joints.iter().filter(|j| j.matrix3.determinant() < 0.0).count() * 2 > joints.len()
 }
 
-/// A vertex without influences follows the first joint.
+/// Returns a vertex's skinning matrix. A vertex without influences follows the first joint.
 fn blend(joints: &[DAffine3], influence: Option<&Influence>) -> DAffine3 {
     let joint = |index: usize| joints.get(index).copied().unwrap_or(DAffine3::IDENTITY);
     let Some(influence) = influence else { return joint(0) };
@@ -108,7 +107,7 @@ fn blend(joints: &[DAffine3], influence: Option<&Influence>) -> DAffine3 {
     sum
 }
 
-/// The inverse transpose up to a factor, which singular transforms have as well.
+/// Returns the cofactor matrix: the inverse transpose up to a factor, defined for singular transforms as well.
 fn cofactor(linear: &DMat3) -> DMat3 {
     let DMat3 { x_axis: x, y_axis: y, z_axis: z } = *linear;
     DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y))

@@ -1,4 +1,4 @@
-//! Values at times, and what is between them (glTF 2.0, appendix C).
+//! Keyframes and their interpolation (glTF 2.0, appendix C).
 
 use glam::{DQuat, DVec4};
 
@@ -6,13 +6,14 @@ use glam::{DQuat, DVec4};
 pub enum Interpolation {
     /// Each key's value holds until the next key.
     Step,
-    /// Rotations go the shortest way around, at constant speed.
+    /// Linear interpolation; for rotations, spherical along the shortest path.
     Linear,
     /// Hermite splines. A key has an in-tangent, a value and an out-tangent; tangents are per second.
     CubicSpline,
 }
 
-/// At least one key; times from 0 on that strictly rise; as many values as keys and interpolation ask for; all finite.
+/// Validated keys: at least one; finite, nonnegative, strictly increasing times; finite values, as many as keys and
+/// interpolation require.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Keys {
     times_s: Vec<f32>,
@@ -21,7 +22,7 @@ pub struct Keys {
     interpolation: Interpolation,
 }
 
-/// Why keys are none.
+/// Fault in a list of keys.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum KeysError {
     #[error("it has no keys")]
@@ -36,18 +37,18 @@ pub enum KeysError {
     Count { keys: usize, values: usize, expected: usize },
 }
 
-/// Where a time is among keys.
+/// Location of a time among keys.
 enum Place {
     At(usize),
-    /// After this key, by that share of the seconds to the next.
+    /// Index of the key before, fraction of the interval to the next key, and the interval's length in seconds.
     Between(usize, f64, f64),
 }
 
 impl Keys {
-    /// `values` has `width` numbers for each time, three times as many for splines.
+    /// Validates keys. `values` has `width` numbers for each time, or three times as many for splines.
     ///
     /// # Errors
-    /// [`KeysError`], naming the key.
+    /// [`KeysError`] that names the key.
     pub fn new(
         times_s: Vec<f32>,
         values: Vec<f32>,
@@ -75,22 +76,22 @@ impl Keys {
         Ok(Self { times_s, values, width, interpolation })
     }
 
-    /// Numbers of a value.
+    /// Returns the number of components in a value.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Time of the last key.
+    /// Returns the time of the last key.
     pub fn end_s(&self) -> f64 {
         self.times_s.last().map_or(0.0, |t| f64::from(*t))
     }
 
-    /// Bytes on the heap.
+    /// Returns the number of bytes on the heap.
     pub fn bytes(&self) -> u64 {
         ((self.times_s.capacity() + self.values.capacity()) * size_of::<f32>()) as u64
     }
 
-    /// The value at a time, as many numbers as it is wide; held before the first key and after the last.
+    /// Returns the value's components at a time, clamped before the first key and after the last.
     pub fn at(&self, time_s: f64) -> Vec<f64> {
         let of = |key, part| self.part(key, part).iter().map(|v| f64::from(*v));
         match self.place(time_s) {
@@ -109,7 +110,7 @@ impl Keys {
         }
     }
 
-    /// The rotation at a time, of unit length. Keys that are none count as the identity.
+    /// Returns the rotation at a time as a unit quaternion. Zero keys count as the identity.
     pub fn rotation_at(&self, time_s: f64) -> DQuat {
         match self.place(time_s) {
             Place::Between(key, s, _) if self.interpolation == Interpolation::Linear => {
@@ -120,7 +121,7 @@ impl Keys {
         }
     }
 
-    /// Whether each key's value has a length.
+    /// Returns true if every key's value is nonzero.
     pub fn are_rotations(&self) -> bool {
         (0..self.times_s.len()).all(|key| self.part(key, VALUE).iter().any(|v| *v != 0.0))
     }
@@ -138,7 +139,7 @@ impl Keys {
         }
     }
 
-    /// A key's in-tangent, value or out-tangent. Only splines have tangents.
+    /// Returns a key's in-tangent, value or out-tangent. Only splines have tangents.
     fn part(&self, key: usize, part: usize) -> &[f32] {
         let start = match self.interpolation {
             Interpolation::CubicSpline => (3 * key + part) * self.width,
@@ -158,7 +159,7 @@ fn rotation(numbers: impl Iterator<Item = f64>) -> DQuat {
     DVec4::from_array(q).try_normalize().map_or(DQuat::IDENTITY, DQuat::from_vec4)
 }
 
-/// From `a` to `b` in `interval_s` seconds, at a share `s` of them.
+/// Interpolates from `a` to `b` over `interval_s` seconds, at the fraction `s` of them.
 fn hermite(a: f64, b: f64, out: f64, into: f64, s: f64, interval_s: f64) -> f64 {
     let (s2, s3) = (s * s, s * s * s);
     (2.0 * s3 - 3.0 * s2 + 1.0) * a

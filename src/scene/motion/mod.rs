@@ -1,8 +1,8 @@
-//! What of a scene moves: a hierarchy of nodes, animations of it, and the surfaces, lights and cameras that hang on it.
+//! Dynamic part of a scene: a hierarchy of nodes, its animations, and the meshes, lights and cameras attached to it.
 //!
-//! [`Motion::pose`] evaluates everything at one time in f64; [`Scene::at`](super::Scene::at) makes the still scene of that time. The methods
-//! are those of glTF 2.0: sections 3.7.2.2 (morph targets), 3.7.3 (skins), 3.11 (animations) and appendix C
-//! (interpolation).
+//! [`Motion::pose`] evaluates everything at one time in f64; [`Scene::at`](super::Scene::at) returns the static scene
+//! of that time. The methods are those of glTF 2.0: sections 3.7.2.2 (morph targets), 3.7.3 (skins), 3.11 (animations)
+//! and appendix C (interpolation).
 
 pub mod keys;
 pub mod play;
@@ -14,44 +14,44 @@ use serde::Serialize;
 
 use self::keys::Keys;
 
-/// What of a scene moves. Empty: it stands still.
+/// Motion of a scene; empty if the scene is static.
 #[derive(Clone, Debug, Default)]
 pub struct Motion {
-    /// Those that a body, a light or a camera depends on, parents before children.
+    /// Nodes that a body, a light or a camera depends on. Parents precede their children.
     pub nodes: Vec<Node>,
-    /// Those that are played, all at once. No two channels have one target.
+    /// Animations, all played at once. No two channels share a target.
     pub animations: Vec<Animation>,
     pub skins: Vec<Skin>,
-    /// Instances that may move, each once.
+    /// Instances that may move. Each occurs once.
     pub bodies: Vec<Body>,
-    /// Lights on nodes: at the node's origin, shining along its −z.
+    /// Lights on nodes, at the node's origin and shining along its −z.
     pub lights: Vec<Attached>,
-    /// Cameras on nodes: at the node's origin, looking along its −z.
+    /// Cameras on nodes, at the node's origin and looking along its −z.
     pub cameras: Vec<Attached>,
-    /// What animated materials emit at rest; `index` is one into [`Scene::materials`](super::Scene::materials).
+    /// Emission of animated materials at rest; `index` points into [`Scene::materials`](super::Scene::materials).
     pub emitters: Vec<Emitter>,
-    /// What animated lights emit at rest; `index` is one into [`Scene::lights`](super::Scene::lights).
+    /// Emission of animated lights at rest; `index` points into [`Scene::lights`](super::Scene::lights).
     pub lamps: Vec<Emitter>,
-    /// Whether animations begin anew after their end; else the end is held.
+    /// True if animations loop; otherwise they hold their end.
     pub loops: bool,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
-    /// As in the file; may be empty.
+    /// Name in the file; may be empty.
     pub name: String,
     /// Index into [`Motion::nodes`], below the node's own.
     pub parent: Option<usize>,
-    /// Its place in its parent where no animation says otherwise.
+    /// Transform to its parent, unless animated.
     pub rest: Placement,
 }
 
 /// A transform from a node to its parent, scene units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Placement {
-    /// Scales, then turns, then shifts. The rotation has unit length.
+    /// Scale, then rotation (a unit quaternion), then translation.
     Parts { translation: DVec3, rotation: DQuat, scale: DVec3 },
-    /// Nothing animates it.
+    /// Matrix of a node without animation.
     Matrix(DAffine3),
 }
 
@@ -71,17 +71,17 @@ impl Placement {
 pub struct Body {
     /// Index into [`Scene::instances`](super::Scene::instances).
     pub instance: usize,
-    /// Index into [`Motion::nodes`]. Its transform does not count if there is a skin.
+    /// Index into [`Motion::nodes`]. With a skin, the node's transform is ignored.
     pub node: usize,
-    /// Index into [`Motion::skins`]. The mesh has influences then, which name the skin's joints, and its instance's
+    /// Index into [`Motion::skins`]. With a skin, the mesh has influences on the skin's joints, and its instance's
     /// transform is the identity.
     pub skin: Option<usize>,
-    /// Weights of the mesh's morphs at rest, as many as it has, or empty: no morphs count.
+    /// Weights of the mesh's morphs at rest, one each; empty to ignore morphs.
     pub weights: Vec<f32>,
 }
 
 impl Body {
-    /// Whether its vertices move against one another.
+    /// Returns true if it is skinned or morphed; otherwise it is a rigid body.
     pub fn deforms(&self) -> bool {
         self.skin.is_some() || !self.weights.is_empty()
     }
@@ -92,7 +92,7 @@ impl Body {
 pub struct Skin {
     /// Indices into [`Motion::nodes`]; at least one.
     pub joints: Vec<usize>,
-    /// From the mesh to each joint, as many as there are joints.
+    /// Matrices from the mesh to each joint, one per joint.
     pub inverse_bind: Vec<Affine3A>,
 }
 
@@ -105,7 +105,7 @@ pub struct Attached {
     pub node: usize,
 }
 
-/// Emission as the product of two factors that are animated apart.
+/// Emission as the product of two separately animated factors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Emitter {
     pub index: usize,
@@ -115,60 +115,60 @@ pub struct Emitter {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Animation {
-    /// As in the file; may be empty.
+    /// Name in the file; may be empty.
     pub name: String,
     pub channels: Vec<Channel>,
-    /// From 0 on, and not before the last key. An animation of 0 s is a still.
+    /// Duration in seconds, at least the time of the last key. An animation of 0 s is static.
     pub duration_s: f64,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channel {
     pub target: Target,
-    /// As wide as the target: 1 for strengths, 3, 4 for rotations (x, y, z, w) and base colours, or as many as there are
-    /// weights.
+    /// Keys with as many components as the target: 1 for strengths, 4 for rotations (x, y, z, w) and base colours, the
+    /// number of morphs for weights, else 3.
     pub keys: Keys,
 }
 
-/// What a channel sets.
+/// Property that a channel animates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Target {
-    /// Of a node with [`Placement::Parts`], by its index into [`Motion::nodes`]; so are the next two.
+    /// Translation of a node with [`Placement::Parts`], by its index into [`Motion::nodes`], like the next two.
     Translation(usize),
     Rotation(usize),
     Scale(usize),
-    /// Of all bodies of that node.
+    /// Morph weights of all bodies on that node.
     Weights(usize),
-    /// Of the material with that index into [`Scene::materials`](super::Scene::materials).
+    /// Base colour of the material with that index into [`Scene::materials`](super::Scene::materials).
     BaseColor(usize),
-    /// Of one of [`Motion::emitters`], by its index there; so is the next.
+    /// Emissive colour, by index into [`Motion::emitters`], like the next.
     EmissiveColor(usize),
     EmissiveStrength(usize),
-    /// Of one of [`Motion::lamps`], by its index there; so is the next.
+    /// Colour of a light, by index into [`Motion::lamps`], like the next.
     LightColor(usize),
     LightIntensity(usize),
 }
 
-/// How much of a scene moves.
+/// Summary of a scene's motion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Moves {
-    /// Animations that are played.
+    /// Animations in play.
     pub animations: Vec<PlayedAnimation>,
-    /// The number of nodes that are animated or below such nodes, or on the way to them.
+    /// Number of nodes that moving instances, lights and cameras depend on.
     pub nodes: usize,
     /// Skeletons in use.
     pub skins: usize,
-    /// Instances that follow a node without changing their shape.
+    /// Instances that follow a node as rigid bodies.
     pub rigid_instances: usize,
     /// Instances with a skin.
     pub skinned_instances: usize,
-    /// Instances whose morph targets are animated, or may have weights.
+    /// Instances with morph targets that are animated or have weights.
     pub morphing_instances: usize,
-    /// Lights that move or change their strength.
+    /// Lights with animated position or strength.
     pub lights: usize,
     pub cameras: usize,
-    /// Materials that change.
+    /// Materials with animated values.
     pub materials: usize,
 }
 
@@ -180,18 +180,18 @@ pub struct PlayedAnimation {
 }
 
 impl Motion {
-    /// Whether the scene stands still.
+    /// Returns true if the scene is static.
     pub fn is_empty(&self) -> bool {
         let Self { bodies, lights, cameras, animations, .. } = self;
         bodies.is_empty() && lights.is_empty() && cameras.is_empty() && animations.is_empty()
     }
 
-    /// When the last of the animations ends for the first time, seconds.
+    /// Returns the end of the longest animation in seconds.
     pub fn duration_s(&self) -> f64 {
         self.animations.iter().map(|a| a.duration_s).fold(0.0, f64::max)
     }
 
-    /// `None` where nothing moves.
+    /// Returns a summary of the motion; `None` for a static scene.
     pub fn moves(&self) -> Option<Moves> {
         let count = |is_one: fn(&Body) -> bool| self.bodies.iter().filter(|b| is_one(b)).count();
         let played = |a: &Animation| PlayedAnimation { name: a.name.clone(), duration_s: a.duration_s };
@@ -216,17 +216,17 @@ impl Motion {
     }
 }
 
-/// Joints in one skin that move a vertex, and by which share.
+/// Joints of one skin that influence a vertex, with their weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Influence {
-    /// Indices into [`Skin::joints`]; 0 where the weight is 0.
+    /// Indices into [`Skin::joints`]; 0 if the weight is 0.
     pub joints: [u16; 8],
-    /// From 0 on; they sum to 1.
+    /// Nonnegative weights; they sum to 1.
     pub weights: [f32; 8],
 }
 
-/// Offsets that a weight multiplies and adds to a mesh: each one per position, or empty for none.
+/// Morph target: offsets that are scaled by a weight and added to a mesh. Each list has one per position, or is empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Morph {
     pub positions: Vec<Vec3>,

@@ -1,4 +1,4 @@
-//! What of a scene file's animations is played, and what moves besides.
+//! Playback settings: the animations of a scene file to play, and a shot's own moves.
 
 use glam::{DQuat, DVec3, Vec3};
 
@@ -6,19 +6,19 @@ use super::keys::{Interpolation, Keys};
 use super::{Animation, Attached, Channel, Node, Placement, Target};
 use crate::scene::{LightKind, Scene};
 
-/// Which animations of a scene file are played.
+/// Choice of a scene file's animations.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Choice {
-    /// All together.
+    /// All animations together.
     #[default]
     All,
     None,
-    /// The first of that name.
+    /// The first animation of that name.
     Named(String),
 }
 
 impl Choice {
-    /// `all`, `none`, or a name.
+    /// Parses `all`, `none`, or a name.
     pub fn of(text: &str) -> Self {
         match text {
             "all" => Self::All,
@@ -36,46 +36,47 @@ impl Choice {
     }
 }
 
-/// What is to move.
+/// Animations and moves to play.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Play {
     pub animation: Choice,
-    /// Whether animations begin anew after their end; else the end is held.
+    /// True if animations loop; otherwise they hold their end.
     pub loops: bool,
     pub moves: Vec<Move>,
 }
 
 impl Default for Play {
-    /// All of the file's animations, over and over.
+    /// Loops all of the file's animations.
     fn default() -> Self {
         Self { animation: Choice::All, loops: true, moves: Vec::new() }
     }
 }
 
-/// What a move is of.
+/// Object that a move animates.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Moved {
-    /// The first node of that name in the scene's file.
+    /// First node of that name in the scene's file.
     Node(String),
-    /// One of the shot's own lights, by its number.
+    /// One of the shot's own lights, by index.
     Light(usize),
 }
 
-/// A node or light that moves by keys of its own, linear between them. They go before the file's animations.
+/// Linearly interpolated keys of a node or light. They override the file's animations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Move {
     pub of: Moved,
-    /// At least one; times from 0 on that strictly rise, each of them one that an f32 holds apart from the others.
+    /// Keys, at least one, at nonnegative, strictly increasing times that are distinct as f32.
     pub keys: Vec<MoveKey>,
 }
 
-/// A place in the parent. What is `None` in the first key is so in all, and stays as it is in the scene.
+/// Transform to the parent. Components that are `None` in the first key are `None` in all, and keep their value from
+/// the scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MoveKey {
     pub time_s: f64,
-    /// Scene units.
+    /// Position in scene units.
     pub position: Option<DVec3>,
-    /// Turns around x, then y, then z of the parent, degrees.
+    /// Rotation around the parent's x, then y, then z, degrees.
     pub rotation_deg: Option<DVec3>,
     pub scale: Option<DVec3>,
 }
@@ -88,7 +89,7 @@ impl MoveKey {
 }
 
 impl Move {
-    /// Its channels, of a node by that index.
+    /// Returns the move's channels for the node with that index.
     pub fn channels(&self, node: usize) -> Vec<Channel> {
         let keys = |width, of: &dyn Fn(&MoveKey) -> Option<Vec<f64>>| {
             let values: Vec<f32> = self.keys.iter().filter_map(of).flatten().map(|v| v as f32).collect();
@@ -106,7 +107,7 @@ impl Move {
 }
 
 impl Play {
-    /// Lets the shot's own lights move, the first of which has the index `first` in the scene.
+    /// Animates the shot's own lights. `first` is the index of the first of them in the scene.
     pub fn move_lights(&self, scene: &mut Scene, first: usize) {
         let mut channels = Vec::new();
         let motion = &mut scene.motion;
@@ -126,14 +127,14 @@ impl Play {
         }
     }
 
-    /// Moves as an animation. All of them last as long as the longest.
+    /// Returns the moves' channels as an animation, as long as the longest move.
     pub fn animation_of(&self, channels: Vec<Channel>) -> Animation {
         let ends = self.moves.iter().filter_map(|m| m.keys.last()).map(|k| f64::from(k.time_s as f32));
         Animation { name: String::new(), channels, duration_s: ends.fold(0.0, f64::max) }
     }
 }
 
-/// Where a light's node is that shines along its −z.
+/// Returns the placement of a light's node, along whose −z the light shines.
 fn place_of(light: &LightKind) -> Placement {
     let towards = |direction: Vec3| {
         let direction = direction.as_dvec3().try_normalize().unwrap_or(DVec3::NEG_Z);

@@ -1,27 +1,27 @@
-//! A motion at one time.
+//! Evaluation of a motion at one time.
 
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Mat3, Vec3, Vec4};
 
 use super::{Animation, Motion, Placement, Target};
 use crate::scene::{Light, LightKind, Scene};
 
-/// Where everything that moves is at one time, and what changes besides.
+/// State of everything dynamic at one time: transforms, morph weights, colours and emission.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pose {
-    /// One per node. Every number fits an f32: a node whose transform does not is as its parent.
+    /// Transforms, one per node. A node whose transform exceeds f32 takes its parent's.
     pub world_from_node: Vec<DAffine3>,
-    /// Per body, a weight for each of its mesh's morphs.
+    /// Weights of each body's morphs.
     pub weights: Vec<Vec<f32>>,
-    /// New base colours by material, within 0 to 1.
+    /// Animated base colours by material, within 0 to 1.
     pub base_colors: Vec<(usize, Vec4)>,
-    /// New emission by material, W/(m² sr), from 0 on.
+    /// Animated emission by material, W/(m² sr), nonnegative.
     pub emissive: Vec<(usize, Vec3)>,
-    /// New strengths by light, as [`Light::strength`], from 0 on.
+    /// Animated strengths by light, like [`Light::strength`], nonnegative.
     pub light_strengths: Vec<(usize, Vec3)>,
 }
 
 impl Animation {
-    /// The time within it that is shown at `time_s`.
+    /// Returns the animation's local time at `time_s`.
     fn local_s(&self, time_s: f64, loops: bool) -> f64 {
         match self.duration_s > 0.0 && time_s.is_finite() {
             true if loops => time_s.rem_euclid(self.duration_s),
@@ -32,7 +32,7 @@ impl Animation {
 }
 
 impl Motion {
-    /// Everything at `time_s` seconds, by all animations at once. A time that is not finite counts as 0.
+    /// Evaluates all animations at `time_s` seconds. A time that is not finite counts as 0.
     pub fn pose(&self, time_s: f64) -> Pose {
         let mut rests: Vec<Placement> = self.nodes.iter().map(|n| n.rest).collect();
         let mut weights: Vec<Vec<f32>> = self.bodies.iter().map(|b| b.weights.clone()).collect();
@@ -93,14 +93,14 @@ impl Motion {
         worlds
     }
 
-    /// Where the node of a body is. `body` is an index into [`Motion::bodies`]; the identity beyond them.
+    /// Returns the transform of a body's node. `body` is an index into [`Motion::bodies`]; the identity beyond them.
     pub fn world_from_body(&self, pose: &Pose, body: usize) -> DAffine3 {
         let node = self.bodies.get(body).and_then(|body| pose.world_from_node.get(body.node));
         node.copied().unwrap_or(DAffine3::IDENTITY)
     }
 
-    /// What brings a body's vertices into the world: a matrix for each joint of its skin, or its node's alone. `body` is an
-    /// index into [`Motion::bodies`]; none beyond them.
+    /// Returns the matrices that transform a body's vertices to the world: one for each joint of its skin, or its
+    /// node's alone. `body` is an index into [`Motion::bodies`]; none beyond them.
     pub fn joints(&self, pose: &Pose, body: usize) -> Vec<DAffine3> {
         let Some(body) = self.bodies.get(body) else { return Vec::new() };
         let world = |node: usize| pose.world_from_node.get(node).copied().unwrap_or(DAffine3::IDENTITY);
@@ -112,8 +112,8 @@ impl Motion {
         }
     }
 
-    /// Writes the pose into `scene`, which is the one that this is the motion of, or a copy: transforms of rigid and
-    /// morphing instances, lights, cameras, and values of materials. Geometry stays.
+    /// Applies the pose to `scene`, which must be this motion's scene or a copy: transforms of rigid and morphed
+    /// instances, lights, cameras and material values. Geometry does not change.
     pub fn place(&self, pose: &Pose, scene: &mut Scene) {
         let world = |node: usize| pose.world_from_node.get(node).copied().unwrap_or(DAffine3::IDENTITY);
         for body in self.bodies.iter().filter(|b| b.skin.is_none()) {
@@ -143,7 +143,7 @@ impl Motion {
     }
 }
 
-/// The first numbers; 0 for those that are not there.
+/// Returns the first numbers, padded with 0.
 fn first<const N: usize>(numbers: Vec<f64>) -> [f64; N] {
     let mut out = [0.0; N];
     out.iter_mut().zip(numbers).for_each(|(to, from)| *to = from);
@@ -156,7 +156,7 @@ fn set(placements: &mut [Placement], node: usize, change: impl FnOnce(&mut DVec3
     }
 }
 
-/// A light whose node has no direction keeps the one it has.
+/// Moves a light to its node. If the node gives no direction, the light keeps its own.
 fn put_light(light: &mut Light, world_from_node: &DAffine3) {
     let at = world_from_node.translation.as_vec3();
     let along = world_from_node.transform_vector3(DVec3::NEG_Z).try_normalize().map(DVec3::as_vec3);
@@ -170,8 +170,7 @@ fn put_light(light: &mut Light, world_from_node: &DAffine3) {
     }
 }
 
-/// The rigid transform that looks and stands as `transform` does; shear and mirroring go, too. None where a scale of 0
-/// leaves no direction.
+/// Returns `transform` without scale, shear and mirroring. Returns `None` if a scale of 0 leaves no direction.
 pub fn without_scale(transform: &DAffine3) -> Option<Affine3A> {
     let back = transform.matrix3.z_axis.try_normalize()?;
     let up = transform.matrix3.y_axis.try_normalize()?;
@@ -180,12 +179,12 @@ pub fn without_scale(transform: &DAffine3) -> Option<Affine3A> {
     Some(Affine3A::from_mat3_translation(rotation, transform.translation.as_vec3()))
 }
 
-/// Rounded.
+/// Converts to f32, with rounding.
 pub fn narrow(transform: &DAffine3) -> Affine3A {
     Affine3A::from_mat3_translation(transform.matrix3.as_mat3(), transform.translation.as_vec3())
 }
 
-/// Exact.
+/// Converts to f64 exactly.
 pub fn wide(transform: &Affine3A) -> DAffine3 {
     DAffine3::from_mat3_translation(
         Mat3::from(transform.matrix3).as_dmat3(),

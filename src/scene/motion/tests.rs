@@ -1,4 +1,4 @@
-//! Keys, hierarchies, skins and morphs against values worked out by hand.
+//! Tests of keys, hierarchies, skins and morphs against values worked out by hand.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -27,7 +27,7 @@ fn steps_hold_and_lines_go_straight() {
     assert_eq!((two.end_s(), two.width()), (1.0, 2));
 }
 
-/// A cubic is what its own values and slopes give back.
+/// A cubic spline reproduces a cubic from its values and slopes.
 #[test]
 fn splines_are_cubics() {
     let cubic = |t: f64| 2.0 * t.powi(3) - 3.0 * t * t + 0.5 * t + 7.0;
@@ -78,7 +78,7 @@ fn node(parent: Option<usize>, translation: DVec3) -> Node {
     Node { name: String::new(), parent, rest }
 }
 
-/// Turns node `of` by a right angle around z in two seconds.
+/// Returns an animation that rotates node `of` by a right angle around z in two seconds.
 fn turning(of: usize) -> Animation {
     let ends = [DQuat::IDENTITY, DQuat::from_rotation_z(FRAC_PI_2)].map(|q| q.as_quat().to_array());
     let keys = keys(&[0.0, 2.0], &ends.concat(), 4, Interpolation::Linear);
@@ -122,7 +122,7 @@ fn a_hierarchy_moves_what_hangs_on_it() {
     scene.lights.push(Light { kind, strength: Vec3::ONE });
     scene.cameras.push(Camera { world_from_view: Affine3A::IDENTITY, yfov_rad: 1.0 });
     let close = |a: Vec3, b: [f32; 3]| assert!(a.distance(b.into()) < 1e-6, "{a}");
-    // After one second, half of the turn.
+    // After one second, the rotation is half done.
     let h = std::f32::consts::FRAC_1_SQRT_2;
     for (time_s, place, lamp) in [
         (0.0, [2.0, 0.0, 0.0], [2.0, 1.0, 0.0]),
@@ -176,7 +176,7 @@ fn skinned_vertices_are_the_mean_of_their_joints() {
     let scene = scene(mesh, motion);
     assert_eq!(scene.at(0.0).meshes[0].positions, triangle().positions);
     let still = scene.at(2.0);
-    // The second joint turns by a right angle around (1, 0, 0): (0, 1, 0) goes to (0, -1, 0) by it.
+    // The second joint turns by a right angle around (1, 0, 0), which maps (0, 1, 0) to (0, -1, 0).
     let expected = [Vec3::ZERO, Vec3::X, Vec3::ZERO];
     for (found, expected) in still.meshes[0].positions.iter().zip(expected) {
         assert!(found.distance(expected) < 1e-6, "{found}");
@@ -202,7 +202,7 @@ fn normals_stand_on_skinned_surfaces_and_mirrors_turn_triangles() {
     let shape = deformed(&mesh, &[], Some(&[mirror]));
     assert_eq!((shape.triangles[0], shape.tangents[0]), ([0, 2, 1], Vec4::new(-1.0, 0.0, 0.0, -1.0)));
     assert!(shape.normals[0].distance(Vec3::new(-1.0, 1.0, 1.0).normalize()) < 1e-6);
-    // A joint scaled to nothing leaves a point, and normals as they were.
+    // A joint scaled to zero collapses positions to a point, and keeps normals.
     let shape = deformed(&mesh, &[], Some(&[DAffine3::ZERO]));
     assert_eq!((shape.positions[1], shape.normals[1]), (Vec3::ZERO, mesh.normals[1]));
 }
@@ -220,7 +220,7 @@ fn morphs_are_added_by_their_weights() {
     assert!(shape.tangents[0].distance(Vec3::new(1.0, 0.5, 0.0).normalize().extend(1.0)) < 1e-6);
     assert_eq!(deformed(&mesh, &[0.0, 0.0], None).positions, mesh.positions);
 
-    // Weights by keys, of two bodies that share a mesh; a third instance stays as it is.
+    // Animates the weights of two bodies that share a mesh; a third instance is static.
     let target = Target::Weights(0);
     let keys = keys(&[0.0, 1.0], &[0.0, 0.0, 1.0, 0.0], 2, Interpolation::Linear);
     let body = |instance| Body { instance, node: 0, skin: None, weights: vec![0.0; 2] };

@@ -5,7 +5,7 @@ fn eye(x: f64, cant_deg: f64, fov: Fov) -> HeadEye {
     HeadEye { position_m: [x, 0.01, -0.02], orientation, fov }
 }
 
-/// Of eyes that see further down than up and outwards than inwards, and are turned outwards by 5 degrees.
+/// Returns eyes that see further down than up and outwards than inwards, and are turned outwards by 5 degrees.
 fn canted() -> HeadEyes {
     let left = Fov { left: -0.9, right: 0.7, up: 0.75, down: -0.85 };
     let right = Fov { left: -left.right, right: -left.left, ..left };
@@ -14,7 +14,7 @@ fn canted() -> HeadEyes {
 
 const SIZE: Extent = Extent { width: 80, height: 90 };
 
-/// The direction through a point of an eye's image, in the head.
+/// Returns the direction through a point of an eye's image, in the head's axes.
 fn in_head(eye: &HeadEye, [x, y]: [f64; 2]) -> DVec3 {
     let Fov { left, right, up, down } = eye.fov;
     let across = left.tan() + (right.tan() - left.tan()) * x / 80.0;
@@ -31,7 +31,7 @@ fn eyes_that_share_a_symmetric_view_are_rendered_as_they_are() {
     assert!(orientation.angle_between(DQuat::IDENTITY) < 1e-6);
     let tan = optics.tan_half;
     assert!((tan[0] - 0.8f64.tan()).abs() < 1e-9 && (tan[1] - 0.6f64.tan()).abs() < 1e-9, "{tan:?}");
-    // Square pixels.
+    // Chooses a size with square pixels.
     let size = Extent::new(200, (200.0 * tan[1] / tan[0]) as u32);
     let grid = optics.grid(size, 1.0).unwrap();
     assert!(grid.width.abs_diff(204) <= 2 && grid.height.abs_diff(size.height + 4) <= 2, "{grid:?}");
@@ -45,7 +45,7 @@ fn eyes_that_share_a_symmetric_view_are_rendered_as_they_are() {
 fn the_shared_frame_covers_both_eyes_with_as_many_pixels_as_they_have_ahead() {
     let eyes = canted();
     let Rectified { optics, orientation, .. } = eyes.rectified().unwrap();
-    // The same way up and down, and as far left as right.
+    // The vertical and the horizontal field of view are symmetric.
     let grid = optics.grid(SIZE, 1.0).unwrap();
     let mut reached = [f64::INFINITY; 4];
     for side in Eye::ALL {
@@ -67,7 +67,7 @@ fn the_shared_frame_covers_both_eyes_with_as_many_pixels_as_they_have_ahead() {
             let room = [at.x, at.y, f64::from(grid.width) - at.x, f64::from(grid.height) - at.y];
             reached = std::array::from_fn(|i| reached[i].min(room[i]));
         }
-        // Straight ahead a pixel of the eye is one of the frame at least, whichever way one goes.
+        // On its axis, a pixel of the eye covers at least one of the frame in every direction.
         let Fov { left, right, up, down } = optics.lenses[side as usize].tan;
         let ahead = [80.0 * left / (left - right), 90.0 * up / (up - down)];
         for turn in 0..8 {
@@ -103,7 +103,7 @@ fn eyes_that_are_none_are_told() {
     one.right.position_m = one.left.position_m;
     let Rectified { baseline_m, .. } = one.rectified().unwrap();
     assert_eq!(baseline_m, 0.0);
-    // A narrow eye beside a wide one.
+    // Puts a narrow eye beside a wide one.
     one.left.fov = Fov { left: -0.01, right: 0.01, up: 0.01, down: -0.01 };
     assert!(one.rectified().unwrap().optics.grid(SIZE, 1.0).unwrap_err().contains("times the pixels"));
 }
@@ -116,7 +116,7 @@ fn eyes_need_no_resampling_only_where_they_see_alike_and_pixels_are_square() {
     };
     let [left, right] = [eye(-0.03, 0.0, fov), eye(0.03, 0.0, fov)];
     let height = |width: u32| (f64::from(width) * 0.6f64.tan() / 0.8f64.tan()).round() as u32;
-    // Of these widths the height is nearly whole.
+    // For these widths the height is nearly an integer.
     for width in [200, 400, 1600] {
         let nearest = Extent::new(width, height(width));
         let off = f64::from(width) * 0.6f64.tan() / 0.8f64.tan() - f64::from(nearest.height);

@@ -1,8 +1,8 @@
-//! What the numbers of a shot may be, in its file and in the options that go before it.
+//! Valid ranges of a shot's numbers, in its file and in the options that override it.
 
 use super::EXPOSURE_EV;
 
-/// What a number may be, and how a message says so.
+/// Valid range of a number, and its description for messages.
 pub struct Allowed {
     test: fn(f64) -> bool,
     pub what: &'static str,
@@ -18,13 +18,13 @@ pub const STOPS: Allowed = Allowed { test: |v| EXPOSURE_EV.contains(&v), what: "
 pub const FRACTION: Allowed = Allowed { test: |v| (0.0..=1.0).contains(&v), what: "a number from 0 to 1" };
 
 impl Allowed {
-    /// Whether it is that, and an f32 can hold it.
+    /// Returns true if the value is in range and an f32 can hold it.
     pub fn allows(&self, value: f64) -> bool {
         fits_f32(value) && (self.test)(value)
     }
 }
 
-/// An f64 that an f32 can hold.
+/// Returns true if an f32 can hold the value.
 pub fn fits_f32(value: f64) -> bool {
     (value as f32).is_finite()
 }

@@ -1,4 +1,4 @@
-//! What a shot file's values may be: turns the file's tables into a [`Draft`] or an error with line and key.
+//! Validation of shot files: turns the file's tables into a [`Draft`] or an error with line and key.
 
 use std::ops::Range;
 use std::path::Path;
@@ -58,7 +58,8 @@ impl Check<'_> {
         SceneError::Invalid { path: self.origin.to_owned(), what: format!("line {line}: {what}") }
     }
 
-    /// toml names the key of an error only in the text it prints when it has no source to quote.
+    /// Makes the error of invalid TOML. The toml crate names the key only in its printed text, and only without a
+    /// source to quote.
     fn syntax(&self, mut error: toml::de::Error) -> SceneError {
         let message = error.message().trim().replace('\n', ", ");
         let span = error.span().unwrap_or(0..0);
@@ -122,7 +123,7 @@ impl Check<'_> {
         match rig::degenerate_time(&rig.keys) {
             None => Ok(rig),
             Some(time_s) => {
-                // The key it happens at or before; the first key is never later than the time found.
+                // Names the last key up to that time; the first key is never later.
                 let before = rig.keys.iter().rposition(|key| key.time_s <= time_s).unwrap_or(0);
                 let what = format!(
                     "rig.key[{before}]: at {time_s} s position and target are the same point, or up is parallel \
@@ -179,7 +180,7 @@ impl Check<'_> {
         Ok(ShotEnvironment { sky, scale, rotation_deg })
     }
 
-    /// Keys that the light's kind has no use for are checked like the others, then left alone.
+    /// Reads a light. Keys that its kind does not use are validated, then ignored.
     fn light(&self, index: usize, table: &Spanned<LightTable>, rig: &PartialRig) -> Result<ShotLight> {
         let (t, name) = (table.get_ref(), |field: &str| format!("light[{index}].{field}"));
         let missing = |field: &str, kind: &str| {
@@ -224,8 +225,8 @@ impl Check<'_> {
         }
     }
 
-    /// Inner and outer half-angles of a spot's cone, degrees. An outer cone given alone may be narrower than
-    /// the default inner one, which then follows it.
+    /// Returns the inner and outer half-angles of a spot's cone in degrees. If only the outer cone is given and is
+    /// narrower than the default inner one, the inner one shrinks to it.
     fn cones(&self, t: &LightTable, name: impl Fn(&str) -> String) -> Result<(f64, f64)> {
         let outer_default = DEFAULT_OUTER_CONE_DEG;
         let outer = self.number_or(&name("outer_cone_deg"), t.outer_cone_deg.as_ref(), outer_default, &CONE)?;
@@ -278,7 +279,7 @@ impl Check<'_> {
                 rotation_deg: triple("rotation_deg", &t.rotation_deg)?,
                 scale: triple("scale", &t.scale)?,
             };
-            // Keys are kept as those of glTF, whose times are f32.
+            // Move keys are stored like glTF's, with f32 times.
             if let Some(last) = keys.last().filter(|last| last.time_s as f32 >= key.time_s as f32) {
                 let what = format!("{} is {}: give a time after {} s", name("time_s"), key.time_s, last.time_s);
                 return Err(self.at(t.time_s.as_ref().map_or(table.span(), Spanned::span), what));

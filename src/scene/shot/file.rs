@@ -1,4 +1,4 @@
-//! The layout of a shot file: keys, types and spans, nothing checked beyond that.
+//! The layout of a shot file: keys, types and spans, without further validation.
 
 use serde::Deserialize;
 use toml::Spanned;

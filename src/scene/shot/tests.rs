@@ -8,7 +8,7 @@ use crate::scene::budget::Budget;
 use crate::scene::complete::{Overrides, complete};
 use crate::scene::motion::Motion;
 
-/// Every key there is.
+/// Uses every key.
 const FULL: &str = r#"
 name = "garage"
 scene = "garage/garage.gltf"
@@ -86,7 +86,7 @@ ev = -1.5
 
 const MINIMAL: &str = "scene = 'builtin:box'\n[rig]\n[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n";
 
-/// A shot of an empty scene.
+/// Completes a shot of an empty scene.
 fn parse(text: &str, origin: &str) -> Result<Shot, SceneError> {
     complete(
         Draft::parse(text, origin)?,
@@ -101,7 +101,7 @@ fn line_of(text: &str, needle: &str) -> usize {
     1 + text.lines().position(|line| line.contains(needle)).unwrap()
 }
 
-/// `FULL` with `old` replaced must fail at `old`'s line, with a message that holds each of `says`.
+/// Asserts that `FULL` with `old` replaced fails at `old`'s line, with a message that contains each of `says`.
 #[track_caller]
 fn fails(old: &str, new: &str, says: &[&str]) {
     assert!(FULL.contains(old), "the test's own text lacks {old}");
@@ -265,7 +265,7 @@ fn an_outer_cone_alone_may_be_narrow() {
     assert_eq!((inner_cone_deg, outer_cone_deg), (5.0, 5.0));
 }
 
-/// Mutates bytes, cuts, doubles and swaps pieces; deterministic.
+/// Changes bytes, and cuts, duplicates and swaps pieces, deterministically.
 fn mutate(text: &str, seed: u64) -> String {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     let mut next = |below: usize| {
@@ -318,7 +318,7 @@ fn mutated_shots_never_panic_and_what_is_accepted_is_finite() {
     assert!(accepted > 100, "only {accepted} mutations were accepted: the test does not reach the checks");
 }
 
-/// The tables of the documentation, by their names: of each key its default.
+/// Returns the tables of the documentation by name, each with its keys and their defaults.
 fn documented() -> Vec<(String, Vec<(String, String)>)> {
     let text = include_str!("../../../docs/shot.md");
     let mut tables: Vec<(String, Vec<(String, String)>)> = Vec::new();
@@ -336,7 +336,7 @@ fn documented() -> Vec<(String, Vec<(String, String)>)> {
     tables
 }
 
-/// A shot with `line` in the table of that name.
+/// Returns a shot with `line` in the table of that name.
 fn with_line(table: &str, line: &str) -> String {
     let heading = match table {
         "" => return format!("{line}\n{MINIMAL}"),

@@ -1,4 +1,4 @@
-//! A shot as a file to read and to edit.
+//! Writer of shots as editable files.
 
 use std::fmt::Write;
 
@@ -7,7 +7,7 @@ use toml::Value;
 use super::{SceneSource, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
 use crate::scene::motion::play::{Move, Moved, Play};
 
-/// The whole of it.
+/// Returns the text of the file.
 pub fn text(shot: &Shot) -> String {
     let source = match &shot.scene {
         SceneSource::File(name) => name.clone(),
@@ -76,7 +76,7 @@ fn moves(text: &mut String, moves: &[Move]) {
 
 fn rig(text: &mut String, shot: &Shot) {
     let rig = &shot.rig;
-    // 70 degrees come back from radians as 70.
+    // Rounds degrees, so that 70 degrees converted to radians and back print as 70.
     let yfov_deg = (rig.yfov_rad.to_degrees() * 1e12).round() / 1e12;
     let _ = write!(
         text,

@@ -1,4 +1,4 @@
-//! The cost of stripes whose passes are cut together.
+//! The cost of stripes for passes that share a partition.
 
 use std::ops::Range;
 
@@ -7,7 +7,7 @@ use crate::graph::{CutGroup, Work};
 use crate::scene::rig::Eye;
 
 impl CostModel {
-    /// The costs of stripes for all passes of these groups, on both views.
+    /// Returns the costs of stripes for all passes of these groups, on both views.
     pub fn stripes_of(&self, groups: &[CutGroup]) -> StripeCosts<'_> {
         let mut parts: Vec<Part> = Vec::new();
         for linked in self.program.passes().iter().filter(|p| groups.contains(&p.pass.cut_group)) {
@@ -48,7 +48,7 @@ impl StripeCosts<'_> {
         self.model.spec.extent.height
     }
 
-    /// Time that a device takes for a stripe, including the margins that it computes beside its own rows.
+    /// Returns the time that a device takes for a stripe, including the margins that it computes around its own rows.
     pub fn ms(&self, device: usize, rows: &Range<u32>) -> f64 {
         if rows.is_empty() {
             return 0.0;
@@ -61,7 +61,7 @@ impl StripeCosts<'_> {
         self.parts.iter().map(part_ms).sum()
     }
 
-    /// Time that rows within a stripe add to it on each device, which is without margins.
+    /// Returns the time that rows add to a stripe on each device, without margins.
     pub fn own_ms(&self, rows: &Range<u32>) -> Vec<f64> {
         let mut sums = vec![0.0; self.devices()];
         for part in &self.parts {

@@ -1,12 +1,12 @@
-//! The grid that directions to an environment image are drawn from. It holds luminance times the sine of the polar
-//! angle at the centres of its cells and is interpolated bilinearly, as the image is: with a cell per texel the density
-//! is the lit sphere's luminance itself, however small a sun is.
+//! The grid for importance sampling of an environment image. Cells hold luminance times the sine of the polar angle at
+//! their centres, and are interpolated bilinearly like the image. With one cell per texel, the density therefore
+//! follows the luminance on the sphere, however small a sun is.
 
 use crate::image::RgbImage;
 use crate::stages::alias;
 use crate::stages::layout::EnvCell;
 
-/// Finer images share cells: 2^23 of 12 bytes are 96 MiB.
+/// Maximum number of cells: 2^23 of 16 bytes are 128 MiB. Texels of larger images share cells.
 pub(super) const MOST_CELLS: usize = 1 << 23;
 
 pub(super) struct EnvGrid {
@@ -17,7 +17,7 @@ pub(super) struct EnvGrid {
     pub cells: Vec<EnvCell>,
 }
 
-/// None for an image without light.
+/// Builds the grid of an image; `None` for an image without light.
 pub(super) fn build(image: &RgbImage) -> Option<EnvGrid> {
     build_within(image, MOST_CELLS)
 }
@@ -42,7 +42,7 @@ fn build_within(image: &RgbImage, most_cells: usize) -> Option<EnvGrid> {
         let sin_theta = (std::f64::consts::PI * (y as f64 + 0.5) / gh as f64).sin();
         row.iter_mut().for_each(|v| *v *= sin_theta);
     }
-    // Patches are of one size, but for those of the first and the last row, of which half lies outside.
+    // All patches have the same size, except in the first and the last row, where half of each lies outside.
     let at = |x: usize, y: usize| values[y.min(gh - 1) * gw + x % gw];
     let patch = |x: usize, y: usize| {
         let size = if y == 0 || y == gh { 0.125 } else { 0.25 };
@@ -63,8 +63,8 @@ fn build_within(image: &RgbImage, most_cells: usize) -> Option<EnvGrid> {
     Some(EnvGrid { width: gw as u32, height: gh as u32, cells })
 }
 
-/// For each of `fine` texels the at most two of `coarse` cells that it lies in, and how much of each it fills. No texel
-/// is left out of a cell that it touches: where there is light, there is density.
+/// Returns, for each of `fine` texels, the one or two of `coarse` cells that it overlaps, and the fraction of each cell
+/// that it fills. Every overlap counts, so that the density is positive wherever there is light.
 fn overlaps(fine: usize, coarse: usize) -> Vec<Vec<(usize, f64)>> {
     let cells = |i: usize| {
         // In units of 1 / (fine · coarse).
@@ -90,7 +90,7 @@ mod tests {
             let mut filled = vec![0.0; coarse];
             for (i, cells) in overlaps(fine, coarse).iter().enumerate() {
                 let sum: f64 = cells.iter().map(|c| c.1).sum();
-                // In texels' own widths: the whole texel, scaled to cells.
+                // A texel's overlaps add up to its width in cells.
                 assert!((sum - coarse as f64 / fine as f64).abs() < 1e-12, "{fine} on {coarse}, texel {i}: {cells:?}");
                 cells.iter().for_each(|&(c, part)| filled[c] += part);
             }

@@ -1,9 +1,9 @@
-//! A bounding hierarchy of lights, to pick one by what it may bring to a point: Conty Estevez & Kulla, "Importance
-//! Sampling of Many Lights with Adaptive Tree Splitting", HPG 2018, with the cone arithmetic of Pharr, Jakob &
-//! Humphreys, PBRT 4e, 12.6.3.
+//! A bounding hierarchy that samples lights by their importance to a point: Conty Estevez & Kulla, "Importance Sampling
+//! of Many Lights with Adaptive Tree Splitting", HPG 2018, with the cone arithmetic of Pharr, Jakob & Humphreys, PBRT
+//! 4e, 12.6.3.
 //!
-//! Departures: clusters are bounded by spheres about their box's centre instead of boxes, since importance only ever
-//! asks for the sphere; and children are stored side by side with the axis quantised, so that a node takes 32 bytes.
+//! Departures: clusters are bounded by spheres around their boxes' centres instead of boxes, since importance only
+//! needs the sphere. Children are stored side by side and the axis is quantised, so that a node takes 32 bytes.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -13,16 +13,16 @@ use crate::stages::layout::{LIGHT_LEAF, LIGHT_LEVELS, LIGHT_TWO_SIDED};
 
 const BINS: usize = 12;
 
-/// Powers below this share of the total are raised to it: products with them must not vanish in f32.
+/// Least power of a node relative to the total, so that products with it do not vanish in f32.
 const LEAST_POWER: f64 = 1e-25;
 
-/// Added to every bound, in cosines: more than what rounding in f32 can take away from what the shader compares.
+/// Slack of every bound, in cosines. It exceeds the rounding errors of the shader's f32 comparisons.
 const SLACK: f64 = 4e-5;
 
-/// Two [`Node`]s a light, less one.
+/// A packed node. A tree over n lights has 2 n - 1 nodes.
 pub(super) type Node = [u32; 8];
 
-/// The normals of a light, and how far off them it emits.
+/// Cone of the normals of a light, and the angle around them into which it emits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Cone {
     pub axis: DVec3,
@@ -34,15 +34,15 @@ pub(super) struct Cone {
 }
 
 impl Cone {
-    /// Emits everywhere.
+    /// A cone that emits in all directions.
     pub const ALL: Self = Self { axis: DVec3::Z, normals: PI, emission: FRAC_PI_2, two_sided: false };
 
-    /// A cone that holds both (PBRT 4e, 3.8.4).
+    /// Returns a cone that contains both (PBRT 4e, 3.8.4).
     fn union(self, other: Self) -> Self {
         let (a, b) = if self.normals >= other.normals { (self, other) } else { (other, self) };
         let two_sided = a.two_sided || b.two_sided;
         let emission = a.emission.max(b.emission);
-        // Of a two-sided cone, the side that is nearer will do.
+        // The nearer side of a two-sided cone suffices.
         let towards = if two_sided && a.axis.dot(b.axis) < 0.0 { -b.axis } else { b.axis };
         let between = angle(a.axis, towards);
         if (between + b.normals).min(PI) <= a.normals {
@@ -57,13 +57,13 @@ impl Cone {
         Self { axis: axis.normalize(), normals, emission, two_sided }
     }
 
-    /// Solid angle that is lit, weighted by the cosine off the normals: M_Ω of Conty Estevez & Kulla, equation 1.
+    /// Returns the lit solid angle, weighted by the cosine to the normals: M_Ω of Conty Estevez & Kulla, equation 1.
     fn measure(&self) -> f64 {
         let (o, w) = (self.normals, (self.normals + self.emission).min(PI));
         2.0 * PI * (1.0 - o.cos()) + FRAC_PI_2 * (2.0 * w * o.sin() - (o - 2.0 * w).cos() - 2.0 * o * o.sin() + o.cos())
     }
 
-    /// Largest angle between `axis` and this cone's normals.
+    /// Returns the largest angle between `axis` and this cone's normals.
     fn widest_off(&self, axis: DVec3, two_sided: bool) -> f64 {
         let off = angle(axis, self.axis);
         (if two_sided { off.min(PI - off) } else { off }) + self.normals
@@ -74,14 +74,14 @@ fn angle(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b))
 }
 
-/// What the tree knows of a light.
+/// Spatial, directional and power bounds of one light, from which the tree is built.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds {
-    /// The light lies within `radius` about the triangle of these points.
+    /// Triangle that contains the light, up to a distance of `radius`.
     pub corners: [DVec3; 3],
     pub radius: f64,
     pub cone: Cone,
-    /// Radiant intensity at most, as luminance. More than 0.
+    /// Upper bound of the radiant intensity, as luminance; above 0.
     pub power: f64,
 }
 
@@ -99,7 +99,7 @@ impl Bounds {
     }
 }
 
-/// Several lights together.
+/// Bounds of a set of lights.
 #[derive(Clone, Copy)]
 struct Cluster {
     low: DVec3,
@@ -130,22 +130,21 @@ impl Cluster {
         }
     }
 
-    /// The cost that splits are compared by: power, spread of directions and surface of the bounding sphere. `None`
-    /// for no lights.
+    /// Returns the cost by which splits are compared: the product of power, lit solid angle and surface of the bounding
+    /// sphere. `None` without lights.
     fn cost(&self) -> Option<f64> {
         Some(self.power * self.cone?.measure() * (self.high - self.low).length_squared())
     }
 }
 
-/// The tree, root first, and for each light the way there: bit k is set where the path takes the second child at
-/// level k.
+/// The tree, root first, and the path to each light: bit k is set if the path takes the second child at level k.
 #[derive(Debug, Default)]
 pub(super) struct LightTree {
     pub nodes: Vec<Node>,
     pub trails: Vec<u32>,
 }
 
-/// A node whose children are still to be made.
+/// A node whose children have not been built yet.
 struct Open {
     node: usize,
     first: usize,
@@ -154,7 +153,7 @@ struct Open {
     trail: u32,
 }
 
-/// Deterministic: the same lights give the same tree.
+/// Builds the tree. The same lights give the same tree.
 pub(super) fn build(lights: &[Bounds]) -> LightTree {
     if lights.is_empty() {
         return LightTree::default();
@@ -181,8 +180,8 @@ pub(super) fn build(lights: &[Bounds]) -> LightTree {
     tree
 }
 
-/// Orders `members` so that the first ones, whose number is returned, make one child, and the others the other.
-/// Neither is empty nor has more than 2^`levels` lights.
+/// Partitions `members` into two children and returns the size of the first. Neither child is empty or has more than
+/// 2^`levels` lights.
 fn split(lights: &[Bounds], members: &mut [usize], levels: u32) -> usize {
     let centres = members.iter().map(|&i| lights[i].centre());
     let (low, high) = centres.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), c| (low.min(c), high.max(c)));
@@ -208,8 +207,8 @@ fn bin_of(at: f64, low: f64, extent: f64) -> usize {
     ((BINS as f64 * (at - low) / extent) as usize).min(BINS - 1)
 }
 
-/// Axis and last bin of the first child of the split with the least cost (the surface-area orientation heuristic),
-/// where thin cuts are made dearer by the box's longest side over the one that is cut.
+/// Returns the axis and the first child's last bin of the cheapest split (surface area orientation heuristic). The
+/// box's longest side over the split side scales the cost, which penalises thin slices.
 fn cheapest(lights: &[Bounds], members: &[usize], low: DVec3, extent: DVec3) -> Option<(usize, usize)> {
     let mut best: Option<(f64, usize, usize)> = None;
     for axis in (0..3).filter(|&axis| extent[axis] > 0.0) {
@@ -235,7 +234,7 @@ fn cheapest(lights: &[Bounds], members: &[usize], low: DVec3, extent: DVec3) -> 
     best.map(|(_, axis, bin)| (axis, bin))
 }
 
-/// A node as the shader reads it: centre and radius; power, axis, cosines, and what comes next.
+/// Packs a node for the shader: centre, radius, power, axis, cosines, and the first child or the light.
 fn pack(lights: &[Bounds], members: &[usize], total: f64, next: u32) -> Node {
     let cluster = Cluster::of(members.iter().map(|&i| &lights[i]));
     let cone = cluster.cone.unwrap_or(Cone::ALL);
@@ -254,7 +253,7 @@ fn pack(lights: &[Bounds], members: &[usize], total: f64, next: u32) -> Node {
         centre.x.to_bits(),
         centre.y.to_bits(),
         centre.z.to_bits(),
-        // A radius that f32 has no number for is not to become none.
+        // A radius too small for f32 must not become 0.
         ((radius * (1.0 + 1e-6)).max(if radius > 0.0 { f64::from(f32::MIN_POSITIVE) } else { 0.0 }) as f32).to_bits(),
         ((cluster.power / total).max(LEAST_POWER) as f32).to_bits(),
         axis,
@@ -263,12 +262,12 @@ fn pack(lights: &[Bounds], members: &[usize], total: f64, next: u32) -> Node {
     ]
 }
 
-/// A 16-bit signed normalised number that is not above `value`.
+/// Rounds down to a 16-bit signed normalised number.
 fn floor_snorm(value: f64) -> u32 {
     u32::from((value * 32767.0).floor().clamp(-32767.0, 32767.0) as i16 as u16)
 }
 
-/// Octahedral, in two 16-bit signed normalised numbers (Cigolle et al., JCGT 3(2), 2014).
+/// Packs an axis octahedrally into two 16-bit signed normalised numbers (Cigolle et al., JCGT 3(2), 2014).
 fn pack_axis(axis: Vec3) -> u32 {
     let on_face = axis.truncate() / (axis.x.abs() + axis.y.abs() + axis.z.abs());
     let folded = if axis.z >= 0.0 { on_face } else { (1.0 - Vec2::new(on_face.y, on_face.x).abs()) * signs(on_face) };
@@ -291,7 +290,7 @@ fn signs(v: Vec2) -> Vec2 {
 mod tests {
     use super::*;
 
-    /// `n` one-sided, two-sided and round lights, strewn but repeatable.
+    /// Returns `n` one-sided, two-sided and omnidirectional lights at deterministic scattered positions.
     fn lights(n: usize, spread: f64) -> Vec<Bounds> {
         let strewn = |i: usize, k: u64| ((i as u64 * 2654435761 + k * 40503) % 1009) as f64 / 1009.0 - 0.5;
         let light = |i| {
@@ -309,7 +308,7 @@ mod tests {
         f64::from(f32::from_bits(word))
     }
 
-    /// Follows each light's trail, through nodes that hold it.
+    /// Checks that each light's trail leads to it through nodes that bound it.
     fn check(lights: &[Bounds]) {
         let tree = build(lights);
         assert_eq!(tree.nodes.len(), 2 * lights.len() - 1);

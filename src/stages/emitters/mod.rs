@@ -1,5 +1,5 @@
-//! What light comes from, as paths choose from it: the table of lights and the tree over those that are somewhere, the
-//! tree of spherical lights that rays meet, and the grid over an environment image.
+//! Light sources as paths sample them: the table of lights, the light tree over local lights, the tree of spherical
+//! lights that rays intersect, and the grid over an environment image.
 
 mod env_grid;
 mod light_tree;
@@ -18,29 +18,29 @@ use crate::accel::{Accel, Node, Triangle};
 use crate::scene::{self, AlphaMode, LightKind, Material, Scene};
 use crate::wgsl::ROW_BYTES;
 
-/// Lights in the order spheres, points, emissive triangles (which the tree picks from), directional.
+/// Lights in this order: spheres, points, emissive triangles, directional lights. The light tree holds all but the
+/// directional ones.
 #[derive(Default)]
 pub struct Emitters {
     pub lights: Vec<Light>,
     /// Cells of the environment's grid, or none.
     pub env_cells: Vec<EnvCell>,
-    /// Columns and rows of that grid; 0: there is none.
+    /// Size of that grid; 0 without one.
     pub env_size: [u32; 2],
-    /// Lights that the tree picks from.
+    /// Number of lights in the light tree.
     local_count: u32,
-    /// First row in the table of nodes, and the one after the last, of the tree of spheres.
+    /// Rows of the sphere tree in the table of nodes: the first, and the one after the last.
     sphere_rows: [u32; 2],
     light_tree: u32,
-    /// Both trees, for the table of nodes.
+    /// Nodes of both trees, for the table of nodes.
     pub trees: Vec<Node>,
 }
 
-/// At most what making them takes for each light, while lists grow and the tree is built, and for each cell of the
-/// environment's grid, bytes.
+/// Upper bounds of the memory needed to build the emitters, per light and per cell of the environment's grid, bytes.
 const LIGHT_BYTES: u64 = 1500;
 const CELL_BYTES: u64 = 64;
 
-/// At most what making the emitters takes, bytes.
+/// Returns an upper bound of the memory needed to build the emitters, bytes.
 pub(super) fn making_bytes(scene: &Scene, accel: &Accel) -> u64 {
     let shines: Vec<bool> = scene.materials.iter().map(|m| m.emissive != Vec3::ZERO).collect();
     let shines = |t: &Triangle| shines.get(t.material as usize) == Some(&true);
@@ -53,19 +53,19 @@ pub(super) fn making_bytes(scene: &Scene, accel: &Accel) -> u64 {
     lights as u64 * LIGHT_BYTES + cells as u64 * CELL_BYTES
 }
 
-/// Rec. 709 luminance.
+/// Returns the Rec. 709 luminance.
 fn luminance(c: Vec3) -> f64 {
     f64::from(c.x) * 0.2126 + f64::from(c.y) * 0.7152 + f64::from(c.z) * 0.0722
 }
 
-/// Mean reflectance of a coat for light from within: Schlick's term over directions weighted by the cosine.
+/// Mean reflectance of a clear coat for light from below: the cosine-weighted mean of Schlick's term.
 const COAT_REFLECTANCE: f64 = 0.04 + 0.96 / 21.0;
 
-/// Least coverage that an emitter is picked by: where the image's mean is none, its filtered texels or the colours of
-/// vertices may still leave some.
+/// Least coverage assumed for sampling an emitter. Even if its image has a mean of 0, filtered texels or vertex colours
+/// may let some light through.
 const LEAST_COVERAGE: f64 = 1e-3;
 
-/// Share of rays that meet the material, without the colours of vertices.
+/// Returns the fraction of rays that hit the material, ignoring vertex colours.
 fn mean_coverage(scene: &Scene, material: &Material) -> f64 {
     let coverage = |alpha: f32| match material.alpha_mode {
         AlphaMode::Opaque => 1.0,
@@ -93,23 +93,23 @@ fn mean_color(image: &scene::TexelImage) -> Vec3 {
     Vec3::from_array(sum.map(|s| (s / image.pixels.len().max(1) as f64) as f32))
 }
 
-/// What of a scene's lights does not depend on where they are.
+/// Properties of a scene's lights that do not depend on their positions.
 pub struct Sources {
-    /// Of each material.
+    /// One entry per material.
     materials: Vec<Source>,
-    /// Of each material, the area of triangles that may emit, at rest.
+    /// Area at rest of the triangles that may emit, per material.
     areas: Vec<f64>,
-    /// Triangles that may emit, by their numbers.
+    /// Numbers of the triangles that may emit.
     pub triangles: Vec<u32>,
-    /// Whether lights are listed that emit nothing now, as they may at other times.
+    /// Whether lights that are dark now stay listed, since they may emit at other times.
     keeps_dark: bool,
 }
 
-/// What a material emits.
+/// Emission of a material, averaged over its textures.
 struct Source {
-    /// Mean colour of what multiplies its emission.
+    /// Mean colour of the texture that multiplies its emission.
     tint: Vec3,
-    /// Mean share of emission that is not held back.
+    /// Mean fraction of emission that gets past alpha and clear coat.
     share: f64,
     two_sided: bool,
 }
@@ -121,7 +121,7 @@ impl Sources {
         let materials = scene.materials.iter().enumerate();
         let materials: Vec<_> = materials.map(|(i, m)| Source::new(scene, m, is_animated(i), &mut means)).collect();
         let emits = |t: &Triangle| materials.get(t.material as usize).is_some_and(|source| source.share > 0.0);
-        // A scene without surfaces still has a triangle, without area and perhaps without material.
+        // A scene without surfaces still stores a degenerate triangle, whose material may not exist.
         let rows = accel.triangles.iter().enumerate().filter(|(row, t)| t.is_first(*row) && emits(t));
         let mut areas = vec![0.0; materials.len()];
         let mut triangles = Vec::new();
@@ -134,8 +134,8 @@ impl Sources {
         Self { materials, areas, triangles, keeps_dark }
     }
 
-    /// Power of each material's triangles and of each light, as far as it is known: that of a directional light is as if it
-    /// fell on a square unit.
+    /// Returns the power of each material's triangles and of each light. A directional light counts as if it fell on a
+    /// unit square.
     fn powers(&self, scene: &Scene) -> Vec<f64> {
         let materials = scene.materials.iter().zip(&self.materials).zip(&self.areas);
         let glowing = materials.map(|((m, s), area)| PI * s.radiance(m) * area);
@@ -147,7 +147,7 @@ impl Sources {
         glowing.chain(scene.lights.iter().map(|l| solid_angle(l) * luminance(l.strength))).collect()
     }
 
-    /// Share of all power that has become more or less from one frame to the next.
+    /// Returns the fraction of all power that changed from one frame to the next.
     pub fn change(&self, last: &Scene, now: &Scene) -> f64 {
         let (last, now) = (self.powers(last), self.powers(now));
         let pairs = || last.iter().zip(&now);
@@ -170,17 +170,18 @@ impl Source {
         Self { tint, share, two_sided }
     }
 
-    /// Mean radiance that the material emits now, as luminance.
+    /// Returns the mean radiance that the material emits now, as luminance.
     fn radiance(&self, material: &Material) -> f64 {
         luminance(material.emissive * self.tint) * self.share
     }
 }
 
-/// Power that a light counts with at least where lights are listed that emit nothing.
+/// Least power of a light if dark lights stay listed.
 const DARK: f64 = 1e-30;
 
 impl Emitters {
-    /// Adds the trees to the nodes of `accel`, and tells its triangles which light they are.
+    /// Builds the emitters, appends their trees to the nodes of `accel`, and stores its light's number in each emissive
+    /// triangle.
     pub fn new(scene: &Scene, sources: &Sources, accel: &mut Accel) -> Self {
         let triangles = sources.triangles.iter().map(|&prim| (prim, accel.triangles[prim as usize]));
         let mut out = Self::placed(scene, sources, accel.origin, triangles, rows(&accel.nodes));
@@ -197,8 +198,8 @@ impl Emitters {
         out
     }
 
-    /// Of lights and materials as `scene` has them, and with these triangles, which say where they are by now. `first_row`
-    /// is that of the trees in the table of nodes.
+    /// Builds the lights and trees from the lights and materials of `scene` and from `triangles`, those that may emit,
+    /// at their current positions. `first_row` is the first row of the trees in the table of nodes.
     pub fn placed(
         scene: &Scene,
         sources: &Sources,
@@ -242,12 +243,12 @@ impl Emitters {
         out
     }
 
-    /// That of the trees in the table of nodes.
+    /// Returns the first row of the trees in the table of nodes.
     pub fn first_row(&self) -> u32 {
         self.sphere_rows[0]
     }
 
-    /// Where shaders find the lights.
+    /// Returns the shader constants that locate the lights.
     pub fn describe(&self) -> Lights {
         let (local_count, [sphere_tree, sphere_tree_end]) = (self.local_count, self.sphere_rows);
         let directional_count = self.lights.len() as u32 - local_count;
@@ -282,10 +283,10 @@ fn relative_to(origin: DVec3, light: &scene::Light) -> scene::Light {
     light
 }
 
-/// Smaller spheres have a square that shaders tell from 0 badly or not at all.
+/// Least radius of a sphere. The square of a smaller one underflows in shaders, or nearly so.
 const SMALLEST_RADIUS: f32 = 1e-15;
 
-/// Makes a point of a sphere that is too small or too bright for f32: there is no more to see of it.
+/// Turns a sphere that is too small or too bright for f32 into a point light. It would be too small to see anyway.
 fn told_from_a_point(mut light: scene::Light) -> scene::Light {
     let is_told = radius(&light) >= SMALLEST_RADIUS && sphere_radiance(&light).is_finite();
     if let LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } = &mut light.kind
@@ -319,21 +320,21 @@ fn gpu_light(light: &scene::Light) -> Light {
             // 1 - cos, without cancellation.
             let half = (0.5 * f64::from(angle_rad)).sin();
             let lift = 2.0 * half * half;
-            // Directions are drawn evenly over the disc, which a surface that faces its middle sees at a mean cosine of
-            // 1 - lift / 2: that surface is to have the given irradiance.
+            // Directions are sampled uniformly over the disc, whose mean cosine to its centre is 1 - lift / 2. A
+            // surface that faces the centre must receive the given irradiance.
             let strength = light.strength * (1.0 / (1.0 - 0.5 * lift)) as f32;
             Light { position: -direction, radius: lift as f32, strength, ..base }
         }
     }
 }
 
-/// Where a point, spot or sphere lies and where it sends light.
+/// Bounds the position and the emission cone of a point, spot or sphere light.
 fn local_bounds(light: &scene::Light) -> Bounds {
     let (position, cone) = match light.kind {
         LightKind::Spot { position, direction, cos_inner, cos_outer, .. } => {
             let [inner, outer] = [cos_inner, cos_outer].map(|c| f64::from(c).clamp(-1.0, 1.0).acos());
             let emission = (outer - inner).clamp(0.0, FRAC_PI_2);
-            // What the emission cannot hold, as it ends at a right angle, the normals do.
+            // The emission angle is at most a right angle, and the cone of normals takes the rest.
             let normals = (outer - emission).max(0.0);
             (position, Cone { axis: direction.as_dvec3().normalize(), normals, emission, two_sided: false })
         }
@@ -343,7 +344,8 @@ fn local_bounds(light: &scene::Light) -> Bounds {
     Bounds { corners: [position.as_dvec3(); 3], radius, cone, power: luminance(light.strength) }
 }
 
-/// An emissive triangle. Normal and area come from f64: those of needles are lost in f32.
+/// Returns the light and the bounds of an emissive triangle. Normal and area are computed in f64, since f32 loses those
+/// of slivers.
 fn triangle_light(prim: u32, t: &Triangle, radiance: f64, two_sided: bool) -> (Light, Bounds) {
     let corners = [t.v0, t.v1, t.v2].map(|v| v.as_dvec3());
     let cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
@@ -354,7 +356,7 @@ fn triangle_light(prim: u32, t: &Triangle, radiance: f64, two_sided: bool) -> (L
     (light, Bounds { corners, radius: 0.0, cone, power: area * radiance })
 }
 
-/// An alias table over directional lights by their irradiance; they follow `first` others.
+/// Fills in the alias table over directional lights, weighted by irradiance. They follow `first` other lights.
 fn set_picks(lights: &mut [Light], first: u32) {
     let power: Vec<f64> = lights.iter().map(|l| luminance(l.strength)).collect();
     let total: f64 = power.iter().sum();
@@ -368,12 +370,12 @@ fn set_picks(lights: &mut [Light], first: u32) {
     }
 }
 
-/// Rows of tables that nodes take.
+/// Returns the number of table rows that nodes take.
 pub(super) fn rows(nodes: &[Node]) -> u32 {
     (size_of_val(nodes) / ROW_BYTES) as u32
 }
 
-/// Puts what has another size behind the nodes of the triangles' trees.
+/// Appends words to the nodes of the triangles' trees, padded to whole nodes.
 pub(super) fn append(table: &mut Vec<Node>, words: &[u32]) {
     for words in words.chunks(size_of::<Node>() / 4) {
         let mut whole = Node::default();

@@ -1,5 +1,5 @@
-//! The tree that rays meet spherical lights by: boxes in depth-first order, each with the index of the node to go to
-//! when it is missed (Smits, "Efficiency Issues for Ray Tracing", JGT 3(2), 1998), so that rays need no stack.
+//! A bounding volume hierarchy over spherical lights: boxes in depth-first order, each with the index of the node to
+//! skip to after a miss (Smits, "Efficiency Issues for Ray Tracing", JGT 3(2), 1998), so that rays need no stack.
 
 use glam::{DVec3, Vec3};
 
@@ -8,15 +8,15 @@ use crate::stages::layout::NO_LIGHT;
 /// Rows of the shader's table that a node takes.
 pub(super) const ROWS: u32 = 2;
 
-/// (low, where to go on a miss, high, sphere or, in inner nodes, [`NO_LIGHT`]).
+/// A node: low corner, row to skip to after a miss, high corner, and sphere ([`NO_LIGHT`] in inner nodes).
 pub(super) type Node = [u32; 8];
 
-/// The tree over spheres of (centre, radius), whose rows start at `first_row` of the shader's table of nodes.
-/// Deterministic.
+/// Builds the tree over spheres of (centre, radius). Its rows start at `first_row` of the shader's table of nodes. The
+/// same spheres give the same tree.
 pub(super) fn build(spheres: &[(Vec3, f32)], first_row: u32) -> Vec<Node> {
     let mut order: Vec<usize> = (0..spheres.len()).collect();
     let mut nodes = Vec::with_capacity(2 * spheres.len());
-    // Nodes of a subtree stand together, so that what follows it is known from its size.
+    // The nodes of a subtree are contiguous, so its size tells where it ends.
     let mut open = vec![(0, spheres.len())];
     while let Some((first, last)) = open.pop() {
         let members = &mut order[first..last];
@@ -54,7 +54,7 @@ fn bounds(spheres: &[(Vec3, f32)], members: &[usize]) -> ([f64; 3], [f64; 3]) {
     (low.to_array(), high.to_array())
 }
 
-/// Bits of the next f32 outside.
+/// Rounds outwards to the next f32 and returns its bits.
 fn outwards<const UP: bool>(x: f64) -> u32 {
     let nearest = x as f32;
     (if UP { nearest.next_up() } else { nearest.next_down() }).to_bits()

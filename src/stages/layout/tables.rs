@@ -16,7 +16,7 @@ shared_structs! {
         pub roughness: f32,
         pub metallic: f32,
         pub alpha_cutoff: f32,
-        /// [`DOUBLE_SIDED`] and the others.
+        /// Bits such as [`DOUBLE_SIDED`].
         pub flags: u32,
         pub ior: f32,
         pub specular: f32,
@@ -24,25 +24,25 @@ shared_structs! {
         pub clearcoat: f32,
         pub specular_color: Vec3,
         pub clearcoat_roughness: f32,
-        /// Inside a volume, per scene unit.
+        /// Absorption coefficient inside the volume, per scene unit.
         pub absorption: Vec3,
         pub normal_scale: f32,
         pub clearcoat_normal_scale: f32,
-        /// Its entries of `textures`, one after another; those of base colour and emission come first, in this order.
+        /// First of its consecutive entries in `textures`. Base colour and emission come first, in this order.
         pub first_texture: u32,
         pub texture_count: u32,
         pub pad1: u32,
     }
 
-    /// A texture as one material refers to it. Texels lie one after another in pages of [`PAGE`] x [`PAGE`].
+    /// A texture as one material refers to it. Texels are stored consecutively in pages of [`PAGE`] x [`PAGE`].
     pub struct TextureInfo {
         /// Index of the top left texel.
         pub first: u32,
-        /// Texels.
+        /// Size, texels.
         pub width: u32,
         pub height: u32,
-        /// [`TEXTURE_LINEAR`] and the others; modes of wrapping from the bits [`WRAP_U_SHIFT`] and [`WRAP_V_SHIFT`] on, two
-        /// each; [`TextureRole`] from [`ROLE_SHIFT`] on, four.
+        /// Bits such as [`TEXTURE_LINEAR`]; wrap modes of two bits each, from bits [`WRAP_U_SHIFT`] and
+        /// [`WRAP_V_SHIFT`] on; [`TextureRole`], four bits from [`ROLE_SHIFT`] on.
         pub flags: u32,
         /// uv' = (m00 u + m01 v + tx, m10 u + m11 v + ty) as `KHR_texture_transform`.
         pub uv_matrix: Vec4,
@@ -50,29 +50,29 @@ shared_structs! {
         pub pad: UVec2,
     }
 
-    /// A light that is picked.
+    /// A light that can be sampled.
     pub struct Light {
-        /// Triangle: unused. Local: position. Directional: the way to the light.
+        /// Triangle: unused. Local: position. Directional: direction towards the light.
         pub position: Vec3,
         /// [`LIGHT_SPOT`], [`LIGHT_TRIANGLE`] or 0.
         pub kind: u32,
         /// Triangle: unused (materials hold it). Local: W/sr, or radiance of a sphere. Directional: W/m2.
         pub strength: Vec3,
-        /// Triangle: area. Local: of the sphere. Directional: 1 - cos of the disc's half-angle.
+        /// Triangle: area. Local: radius of the sphere. Directional: 1 - cos of the disc's half-angle.
         pub radius: f32,
         /// Triangle: normal. Spot: axis.
         pub axis: Vec3,
         pub cos_outer: f32,
         /// Spot: 1 / (cos_inner - cos_outer).
         pub cone_scale: f32,
-        /// Directional: probability in its group; alias table: keep this entry with probability `keep`, else take
-        /// `alias_index`.
+        /// Directional: probability within its group. The alias table keeps this entry with probability `keep`, and
+        /// otherwise takes `alias_index`.
         pub pick: f32,
         pub keep: f32,
         pub alias_index: u32,
         /// Triangle: its number.
         pub prim: u32,
-        /// The way through the light tree: bit k is set where it takes the second child at level k.
+        /// Path through the light tree: bit k is set if it takes the second child at level k.
         pub trail: u32,
         pub pad: UVec2,
     }
@@ -93,30 +93,30 @@ shared_structs! {
         pub pad: u32,
     }
 
-    /// First rows of tables; 0 of those that are empty and need not be there.
+    /// First row of each table; 0 for an absent, empty table.
     pub struct Tables {
         pub triangles: u32,
         pub shadings: u32,
-        /// Three a triangle.
+        /// Three rows per triangle.
         pub vertex_colors: u32,
         pub second_uvs: u32,
-        /// Three a triangle.
+        /// Three rows per triangle.
         pub tangents: u32,
         pub materials: u32,
         pub textures: u32,
         /// Spheres first, then other local lights, then directional ones.
         pub lights: u32,
         pub env_cells: u32,
-        /// One code a row.
+        /// One row per 8-bit code.
         pub srgb: u32,
-        /// One node a row.
+        /// One row per node.
         pub albedo: u32,
-        /// Three corners a triangle of bodies that deform, where they were in the frame before.
+        /// Three rows per deforming triangle: its corners' positions in the previous frame.
         pub last_corners: u32,
     }
 }
 
-/// Tables that shaders read by entries.
+/// Tables whose entries shaders read by generated functions.
 pub(super) const TABLES: &[Table] = &[
     Table { entry: "Triangle", reader: "stored_triangle", first_row: "triangles" },
     Table { entry: "Shading", reader: "stored_shading", first_row: "shadings" },
@@ -127,7 +127,7 @@ pub(super) const TABLES: &[Table] = &[
     Table { entry: "EnvCell", reader: "stored_env_cell", first_row: "env_cells" },
 ];
 
-/// What a material's texture is for.
+/// Purpose of a material's texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum TextureRole {
@@ -144,18 +144,18 @@ pub enum TextureRole {
 }
 
 impl TextureRole {
-    /// Whether it holds colours, sRGB-encoded.
+    /// Whether it holds sRGB-encoded colours.
     pub fn is_color(self) -> bool {
         matches!(self, Self::BaseColor | Self::Emissive | Self::SpecularColor)
     }
 }
 
 shared_constants! {
-    /// Of [`Material::flags`].
+    /// Bits of [`Material::flags`].
     pub const DOUBLE_SIDED: u32 = 1;
     pub const ALPHA_MASK: u32 = 2;
     pub const ALPHA_BLEND: u32 = 4;
-    /// Encloses a volume; transmission is through a thin sheet otherwise.
+    /// Material that encloses a volume. Otherwise transmission passes through a thin sheet.
     pub const THICK: u32 = 8;
     pub const UNLIT: u32 = 16;
     pub const BASE_COLOR_TEXTURE: u32 = 32;
@@ -163,7 +163,7 @@ shared_constants! {
     pub const NORMAL_MAP: u32 = 128;
     pub const CLEARCOAT_NORMAL_MAP: u32 = 256;
 
-    /// Of [`TextureInfo::flags`]: filtered linearly, on the second set of coordinates, sRGB-encoded.
+    /// Bits of [`TextureInfo::flags`]: linear filtering, second set of texture coordinates, sRGB encoding.
     pub const TEXTURE_LINEAR: u32 = 1;
     pub const TEXTURE_SECOND_UVS: u32 = 2;
     pub const TEXTURE_SRGB: u32 = 64;
@@ -171,7 +171,7 @@ shared_constants! {
     pub const WRAP_V_SHIFT: u32 = 4;
     pub const ROLE_SHIFT: u32 = 8;
 
-    /// Modes of wrapping.
+    /// Wrap modes.
     pub const WRAP_REPEAT: u32 = 0;
     pub const WRAP_MIRROR: u32 = 1;
     pub const WRAP_CLAMP: u32 = 2;
@@ -179,26 +179,26 @@ shared_constants! {
     /// Edge of a page of texels.
     pub const PAGE: u32 = 2048;
 
-    /// Of [`Light::kind`].
+    /// Values of [`Light::kind`].
     pub const LIGHT_SPOT: u32 = 1;
     pub const LIGHT_TRIANGLE: u32 = 2;
 
-    /// In the place of a light's number.
+    /// Placeholder for the number of a light that does not exist.
     pub const NO_LIGHT: u32 = u32::MAX;
 
-    /// In a node of the light tree, beside the number of what comes next: a light instead of nodes; the opposite directions
-    /// are lit as well.
+    /// Bits of the last word of a light tree node: the word holds a light's number instead of a node's; the lights also
+    /// emit in the opposite directions.
     pub const LIGHT_LEAF: u32 = 1 << 31;
     pub const LIGHT_TWO_SIDED: u32 = 1 << 30;
 
-    /// Deepest light tree: a trail has a bit per level.
+    /// Maximum depth of the light tree, since a trail has one bit per level.
     pub const LIGHT_LEVELS: u32 = 32;
 
-    /// Rows of tables in a row of the texture that has them.
+    /// Width of the texture that stores the tables, table rows.
     pub const TABLE_WIDTH: u32 = 8192;
 
-    /// Rows that a node of the triangles' trees takes, and an instance; of the latter, those before the matrix into its
-    /// space, before its numbers and before where it was.
+    /// Table rows per node of the triangles' trees and per instance, followed by the row offsets of an instance's
+    /// inverse matrix, header and previous matrix.
     const ROWS_PER_NODE: u32 = (size_of::<Node>() / ROW_BYTES) as u32;
     const ROWS_PER_INSTANCE: u32 = (size_of::<Instance>() / ROW_BYTES) as u32;
     const LOCAL_FROM_WORLD: u32 = (offset_of!(Instance, local_from_world) / ROW_BYTES) as u32;
@@ -208,11 +208,11 @@ shared_constants! {
     /// Nodes of the albedo table along the cosine and along perceptual roughness, both from 0 to 1.
     pub const ALBEDO_GRID: u32 = 32;
 
-    /// Most levels of all trees that a ray goes through.
+    /// Maximum depth of the trees that a ray traverses, instances included.
     const STACK_SIZE: u32 = MAX_DEPTH as u32;
 }
 
-/// Microfacets smoother than this are a mirror; the square of perceptual roughness.
+/// Squared perceptual roughness below which a surface is a mirror.
 pub const SMOOTH: f32 = 1e-4;
 
 pub(super) const ROLES: &[Constant] = &[

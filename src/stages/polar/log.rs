@@ -1,9 +1,9 @@
 //! Log-polar images (Andersson & Hansson 2020, "Performance Optimizations for Foveated Real-Time Raytracing", section 3.3).
 //!
-//! Rings are circles on the screen, and the logarithm of their radius, in pixels, grows as the kernel has it: with the row
-//! alone or with a root of it. Before the rings may stand the rows of a square in which every pixel of the screen close to
-//! the gaze is one of the image; rings begin at the rim of the disc within. Departures from the paper: rings are rows; the
-//! two images are one; what lies beside the screen's edge is traced as far as filters read it.
+//! Rings are circles on the screen. The kernel maps the row to the logarithm of the ring's radius in pixels, linearly
+//! or by a root. The rows of a square may precede the rings: there, every screen pixel close to the gaze has its own
+//! pixel, and the rings begin at the rim of the disc inside the square. Departures from the paper: rings are rows; a
+//! single image holds both parts; pixels beyond the screen's edge are traced as far as filters read them.
 
 use glam::{DVec2, Vec2};
 
@@ -12,13 +12,14 @@ use crate::image::Extent;
 use crate::quality::LogPolar;
 use crate::stages::layout::{self, View};
 
-/// Shares of the diagonal: from where on the image is blurred, and where it is blurred most, which the paper leaves open.
+/// Distances from the gaze at which the blur begins and at which it is strongest, as fractions of the diagonal. The
+/// paper does not give them.
 const BLUR_BEGINS: f64 = 1.0 / 6.0;
 const BLUR_FULL: f64 = 1.0 / 2.0;
-/// Most of the kernel's range that the image around the gaze may take.
+/// Maximum fraction of the kernel's range that the image around the gaze may take.
 const MOST_INNER: f64 = 0.95;
 
-/// What shaders know of the images for a screen of this size.
+/// Returns the shader constants of the images for a screen of this size.
 pub(super) fn constants(map: &LogPolar, screen: Extent) -> layout::LogPolar {
     let (width, height) = (f64::from(screen.width), f64::from(screen.height));
     let diagonal = width.hypot(height);
@@ -40,18 +41,19 @@ pub(super) fn constants(map: &LogPolar, screen: Extent) -> layout::LogPolar {
     }
 }
 
-/// Columns and rows of the square around the gaze.
+/// Returns the edge length of the square around the gaze, pixels.
 fn square(map: &layout::LogPolar) -> f64 {
     if map.radius > 0.0 { 2.0 * (f64::from(map.radius) + 1.0).ceil() } else { 0.0 }
 }
 
-/// Columns and rows of the images.
+/// Returns the size of the images.
 pub(super) fn grid(map: &layout::LogPolar) -> Extent {
     let (square, own) = (square(map), f64::from(map.rings - map.first_ring).round());
     Extent::new(f64::from(map.columns).max(square) as u32, (square + own) as u32)
 }
 
-/// A view whose gaze is at a point of the screen, in fractions of it: rings up to the farthest corner.
+/// Returns a view whose gaze is at a point of the screen, in fractions of its size. Its rings reach the farthest
+/// corner.
 pub(super) fn look(map: &layout::LogPolar, view: View, gaze: [f64; 2]) -> View {
     let screen = map.screen.as_dvec2();
     let at = DVec2::from(gaze) * screen;
@@ -60,14 +62,14 @@ pub(super) fn look(map: &layout::LogPolar, view: View, gaze: [f64; 2]) -> View {
     View { gaze_x: at.x as f32, gaze_y: at.y as f32, rows: rows as f32, fovea_rows: square(map) as f32, ..view }
 }
 
-/// The pixels of an eye's image that are there.
+/// Returns the number of pixels that an eye's image uses.
 pub(super) fn pixels(map: &layout::LogPolar, view: &View) -> u64 {
     let (rows, square) = (f64::from(view.rows), f64::from(view.fovea_rows));
     (square * square + (rows - square) * f64::from(map.columns)) as u64
 }
 
-/// Those of them that are traced: what they show is on the screen, or so close by that filters read it (`is_shown` in
-/// `grid.inc.wgsl`).
+/// Counts the traced pixels of an eye's image: those on the screen, or so close to it that filters read them
+/// (`is_shown` in `grid.inc.wgsl`).
 pub(super) fn traced(map: &layout::LogPolar, view: &View) -> u64 {
     let (gaze, screen) = (DVec2::new(view.gaze_x.into(), view.gaze_y.into()), map.screen.as_dvec2());
     let is_near = |at: DVec2, margin: f64| at.cmpgt(DVec2::splat(-margin)).all() && at.cmplt(screen + margin).all();
@@ -99,13 +101,13 @@ fn columns_per_pixel(map: &layout::LogPolar, distance: f64) -> f64 {
     f64::from(map.columns) / (std::f64::consts::TAU * distance)
 }
 
-/// Rings within a distance from the gaze, pixels.
+/// Returns the number of rings within a distance of the gaze, which is in pixels.
 fn ring_of(map: &layout::LogPolar, distance: f64) -> f64 {
     let share = distance.max(1.0).ln() / f64::from(map.log_diagonal);
     f64::from(map.rings) * share.powf(map.kernel.into()) - f64::from(map.first_ring)
 }
 
-/// Where a point of the screen is.
+/// Returns the place of a point of the screen in an eye's image.
 pub(super) fn place(map: &layout::LogPolar, view: &View, at: DVec2) -> PolarPlace {
     let gaze = Vec2::new(view.gaze_x, view.gaze_y).as_dvec2();
     let (distance, square) = (at.distance(gaze), f64::from(view.fovea_rows));
@@ -121,7 +123,8 @@ pub(super) fn place(map: &layout::LogPolar, view: &View, at: DVec2) -> PolarPlac
 mod tests {
     use super::*;
 
-    /// Of the paper's table 5.3: rays over the pixels of a screen of 1920x1080, the gaze in its middle, all and those traced.
+    /// Checks against the paper's table 5.3, for a 1920x1080 screen with a centred gaze: all pixels, and the traced
+    /// ones, in percent of the screen's.
     #[test]
     fn modes_have_as_many_pixels_as_published() {
         let screen = Extent::new(1920, 1080);
@@ -131,7 +134,7 @@ mod tests {
             let view = look(&map, View::default(), [0.5, 0.5]);
             let found = [pixels(&map, &view), traced(&map, &view)].map(|n| 100.0 * n as f64 / screen.area() as f64);
             assert!((0..2).all(|i| (found[i] - percent[i]).abs() < 3.0), "{name}: {found:?} %");
-            // Wherever the gaze is, there is a row for all that is seen.
+            // The image has enough rows wherever the gaze is.
             let grid = grid(&map);
             for gaze in [[0.0, 0.0], [1.0, 0.3], [0.7, 1.0]] {
                 assert!(look(&map, View::default(), gaze).rows <= grid.height as f32, "{name}, {gaze:?}");
@@ -139,7 +142,7 @@ mod tests {
         }
     }
 
-    /// Around the gaze there is one of the image for each pixel, and then those of rings.
+    /// Checks the density: one pixel per screen pixel around the gaze, and that of the rings outside.
     #[test]
     fn densities_add_up_to_the_pixels_of_a_ring_on_the_screen() {
         let (screen, middle) = (Extent::new(400, 300), DVec2::new(200.0, 150.0));
@@ -147,7 +150,7 @@ mod tests {
             let map = constants(&mode, screen);
             let view = look(&map, View::default(), [0.5, 0.5]);
             let at = |i: usize| DVec2::new((i % 400) as f64 + 0.5, (i / 400) as f64 + 0.5);
-            // Closer to the gaze, density changes within pixels.
+            // Closer to the gaze, the density changes within a pixel.
             let within = |i: &usize| (10.0..150.0).contains(&at(*i).distance(middle));
             let found: f64 = (0..screen.area()).filter(within).map(|i| place(&map, &view, at(i)).density).sum();
             let radius = f64::from(map.radius).max(10.0);

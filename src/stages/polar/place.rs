@@ -1,10 +1,10 @@
 //! Places in polar images.
 
-/// Where a pixel of the screen is in an image.
+/// Place of a screen pixel in a polar image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PolarPlace {
-    /// In rows from the first, which is the gaze's.
+    /// Row, counted from the gaze.
     pub row: f64,
-    /// Pixels of the image in a pixel of the screen.
+    /// Pixels of the image per pixel of the screen.
     pub density: f64,
 }

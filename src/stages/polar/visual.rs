@@ -1,10 +1,10 @@
-//! Visual-polar images: rows are rings around the gaze, columns are directions from it, and each ring has as many of the
-//! rows as visual acuity asks for there (Koskela et al. 2019, "Foveated Real-Time Path Tracing in Visual-Polar Space").
+//! Visual-polar images: rows are rings around the gaze, columns are directions from it, and the density of rings
+//! follows visual acuity (Koskela et al. 2019, "Foveated Real-Time Path Tracing in Visual-Polar Space").
 //!
-//! An eye's image has `rows` rings. The innermost `fovea_rows` are those of the fovea, where rings are equally wide and
-//! have the fewer columns the smaller they are. Outside it the number of rings up to an eccentricity grows as the acuity
-//! summed up to there does. Departures from the paper: rings are rows rather than columns, so that a stripe's neighbours
-//! are those of any image, and where the gaze leaves the middle, rings get wider but their pixels stay as many.
+//! An eye's image has `rows` rings. The innermost `fovea_rows` cover the fovea: they are equally wide, and smaller
+//! rings have fewer columns. Outside the fovea, the number of rings up to an eccentricity follows the acuity integrated
+//! up to there. Departures from the paper: rings are rows rather than columns, so that stripes have the same neighbours
+//! as in any image. If the gaze leaves the centre, rings get wider but the number of pixels stays the same.
 
 use std::f64::consts::PI;
 
@@ -14,23 +14,24 @@ use super::place::PolarPlace;
 use crate::image::Extent;
 use crate::stages::layout::View;
 
-/// Where acuity begins to fall, degrees from the gaze.
+/// Eccentricity at which acuity begins to fall, degrees.
 pub const FOVEA_DEG: f64 = 5.79;
-/// Most of an image's rings that have fewer columns than it; as shaders have it.
+/// Maximum fraction of an image's rings that are shortened; shaders use the same value.
 const MOST_SHORT: f64 = 0.5;
-/// The least eccentricity that an outermost ring is taken to have, degrees.
+/// Least eccentricity assumed for the outermost ring, degrees.
 const LEAST_DEG: f64 = 1e-6;
-/// Square degrees that the fovea covers.
+/// Area of the fovea, square degrees.
 const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
-/// What acuity sums up to over a disc is a multiple of this, square degrees.
+/// Factor of the integral of acuity over a disc, square degrees.
 const ACUITY_SUM: f64 = 2.0 * PI * (449.4 / 60.0) / (0.3 * 0.3);
 
-/// Acuity at an eccentricity, over that of the fovea: 60 cycles per degree there, and 449.4 / (0.3 e + 1)² at e degrees.
+/// Returns the acuity at an eccentricity relative to that of the fovea: 60 cycles per degree in the fovea, and 449.4 /
+/// (0.3 e + 1)² at e degrees outside.
 pub fn acuity(degrees: f64) -> f64 {
     if degrees < FOVEA_DEG { 1.0 } else { 449.4 / 60.0 / (0.3 * degrees + 1.0).powi(2) }
 }
 
-/// The sum of relative acuity over the disc within `degrees`, at least those of the fovea, square degrees.
+/// Integrates relative acuity over the disc within `degrees`, which are at least those of the fovea; square degrees.
 fn acuity_within(degrees: f64) -> f64 {
     let part = |degrees: f64| {
         let falling = 0.3 * degrees + 1.0;
@@ -39,35 +40,35 @@ fn acuity_within(degrees: f64) -> f64 {
     FOVEA_AREA + ACUITY_SUM * (part(degrees) - part(FOVEA_DEG))
 }
 
-/// Returns the rings of the fovea over those of an image whose outermost is at `degrees`: density is continuous at its
-/// rim. It is above 1 where all of the image is in the fovea.
+/// Returns the number of the fovea's rings relative to that of an image whose outermost ring is at `degrees`. The
+/// density is continuous at the fovea's rim. The result exceeds 1 if the fovea covers the whole image.
 fn fovea_share(degrees: f64) -> f64 {
     1.0 / rings_within(degrees.max(LEAST_DEG))
 }
 
-/// Returns the pixels of an image over those that it would have without shorter rings; `share` is [`fovea_share`].
+/// Returns the number of an image's pixels relative to one without shortened rings; `share` is [`fovea_share`].
 fn pixel_share(share: f64) -> f64 {
     1.0 - 0.5 * share.min(MOST_SHORT)
 }
 
-/// Returns the angle between two directions, degrees; it is as exact for small angles as for others.
+/// Returns the angle between two directions, degrees. It stays exact for small angles.
 fn degrees_between(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b)).to_degrees()
 }
 
 impl View {
-    /// The place in the rows, from the gaze, at which this eye's visual-polar image shows what lies in a direction.
+    /// Returns the row, counted from the gaze, at which this eye's visual-polar image shows a direction.
     pub(crate) fn ring_of(&self, direction: DVec3) -> f64 {
         f64::from(self.fovea_rows) * rings_within(degrees_between(direction, self.gaze.as_dvec3()))
     }
 }
 
-/// Rings up to an eccentricity over those of the fovea.
+/// Returns the number of rings up to an eccentricity relative to the fovea's.
 fn rings_within(degrees: f64) -> f64 {
     if degrees < FOVEA_DEG { degrees / FOVEA_DEG } else { 0.5 * (1.0 + acuity_within(degrees) / FOVEA_AREA) }
 }
 
-/// The eccentricity of the corner that is farthest from the gaze, degrees.
+/// Returns the eccentricity of the corner farthest from the gaze, degrees.
 fn farthest_corner(view: &View, gaze: Vec3) -> f64 {
     let [forward, right, up] = [view.forward, view.right, view.up].map(Vec3::as_dvec3);
     let (right, up) = (right * f64::from(view.tan_half_x), up * f64::from(view.tan_half_y));
@@ -75,55 +76,54 @@ fn farthest_corner(view: &View, gaze: Vec3) -> f64 {
     corners.map(|c| degrees_between(gaze.as_dvec3(), c)).into_iter().fold(0.0, f64::max)
 }
 
-/// Columns and rows of the images for a screen of this size.
+/// Returns the size of the images for a screen of this size.
 pub(super) fn grid(screen: Extent) -> Extent {
     let of = |pixels: u32| (2 * pixels).div_ceil(3).max(1);
     Extent::new(of(screen.width), of(screen.height))
 }
 
-/// Where an eye's image has what lies in a direction of its screen.
+/// Returns a function from directions of an eye's screen to places in the eye's image.
 pub(super) fn place_of(seen: &View, screen: Extent) -> impl Fn(DVec3) -> PolarPlace {
     let seen = *seen;
     let (gaze, forward) = (seen.gaze.as_dvec3(), seen.forward.as_dvec3());
-    // Of a pixel in the middle of the screen, steradians.
+    // Solid angle of a pixel in the centre of the screen, steradians.
     let middle = (2.0 * f64::from(seen.tan_half_y) / f64::from(screen.height)).powi(2);
     let grid = grid(screen);
-    // Of the fovea, pixels per steradian; it falls with acuity.
+    // Density in the fovea, pixels per steradian. Outside it falls with acuity.
     let most = f64::from(seen.fovea_rows) * f64::from(grid.width) / (2.0 * PI * FOVEA_DEG.to_radians().powi(2));
     let short_rows = f64::from(short_rows(&seen, grid.height));
     move |ray| {
         let degrees = degrees_between(ray, gaze);
         let row = seen.ring_of(ray);
-        // Rings of the fovea that have all columns have the fewer for their size, the wider they are.
+        // Within the fovea, shortened rings have a constant density, and full-length rings thin out as they get larger.
         let thinned = if degrees < FOVEA_DEG { row.max(short_rows) / f64::from(seen.fovea_rows) } else { 1.0 };
-        // Columns are counted on the sphere, acuity on a plane.
+        // Columns lie on the sphere, but acuity is integrated in a plane.
         let angle = degrees.max(1e-9).to_radians();
         let density = most / thinned * acuity(degrees) * angle / angle.sin() * middle * ray.dot(forward).powi(3);
         PolarPlace { row, density }
     }
 }
 
-/// A view that looks at its gaze, with so many rows where the gaze is in the middle.
+/// Returns a view that looks at its gaze, with this many rows if the gaze is centred.
 pub(super) fn look(view: View, rows: u32) -> View {
     let share = fovea_share(farthest_corner(&view, view.gaze));
-    // As many pixels as where the gaze is in the middle.
+    // Keep the number of pixels of a centred gaze.
     let centred = fovea_share(farthest_corner(&view, view.forward));
     let rows = (f64::from(rows) * pixel_share(centred) / pixel_share(share)).round().max(1.0);
     View { rows: rows as f32, fovea_rows: (rows * share) as f32, ..view }
 }
 
-/// The pixels of an eye's image that are there.
+/// Returns the number of pixels that an eye's image uses.
 pub(super) fn pixels(view: &View, grid: Extent) -> u64 {
     (0..view.rows as u32).map(|row| u64::from(row_length(view, grid, row))).sum()
 }
 
-/// Returns the number of rings that have fewer columns than the image: those of the fovea, but never so many that hardly any
-/// ring has all columns.
+/// Returns the number of shortened rings: those of the fovea, up to a fraction of [`MOST_SHORT`] of all rows.
 fn short_rows(view: &View, rows: u32) -> f32 {
     view.fovea_rows.min((MOST_SHORT * f64::from(rows)) as f32)
 }
 
-/// Columns of a ring; as shaders have it.
+/// Returns the number of columns of a ring; shaders compute the same.
 fn row_length(view: &View, grid: Extent, row: u32) -> u32 {
     let columns = grid.width as f32;
     let length = (columns * (row as f32 + 0.5) / short_rows(view, grid.height)).ceil();
@@ -149,7 +149,7 @@ mod tests {
         Polar { gaze: [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] }), space: PolarSpace::Visual }
     }
 
-    /// The paper's constant for 80 degrees, and shares that follow from its formulas.
+    /// Checks the paper's constant for 80 degrees, and fractions that follow from its formulas.
     #[test]
     fn acuity_sums_up_to_published_numbers() {
         assert!((acuity_within(80.0) - 1091.3).abs() < 1.0, "{}", acuity_within(80.0));
@@ -166,7 +166,7 @@ mod tests {
             let polar = towards([0.5, 0.5]);
             let places = polar.places(Eye::Left, 0.0, &eye, screen);
             let (grid, seen) = (polar.grid(screen), polar.seen(Eye::Left, 0.0, &eye, screen));
-            // Within the circle that touches the upper and the lower side of the screen.
+            // Rows within the circle that touches the upper and the lower side of the screen.
             let rows = f64::from(seen.fovea_rows) * rings_within(f64::from(tan_half_yfov).atan().to_degrees());
             let within: f64 = places.iter().filter(|p| p.row < rows).map(|p| p.density).sum();
             let short = f64::from(short_rows(&seen, grid.height));
@@ -175,7 +175,7 @@ mod tests {
         }
     }
 
-    /// The fovea's rim is beside all screens of less than 5.79 degrees around the gaze.
+    /// Checks narrow views: the fovea covers the whole screen if all of it is within 5.79 degrees of the gaze.
     #[test]
     fn narrow_views_have_rings_and_pixels() {
         let screen = Extent::new(640, 360);

@@ -47,7 +47,7 @@ fn a_declaration_that_is_right_is_accepted() {
     assert_eq!(check(kernel(), [uses()[0], texel_of_four, uses()[2], uses()[3]]), Ok(()));
 }
 
-/// Each wrong in one way.
+/// Each declaration is wrong in one way.
 #[test]
 fn declarations_that_are_wrong_are_refused() {
     let with = |place: usize, used: Use| {

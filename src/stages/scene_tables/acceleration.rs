@@ -1,14 +1,13 @@
-//! The driver's acceleration structures over the scene's triangles, for hardware traversal: one at the bottom for each tree
-//! of [`Accel`], and one at the top over its instances.
+//! Hardware acceleration structures over the scene's triangles: a BLAS for each tree of [`Accel`], and a TLAS over its
+//! instances.
 //!
-//! Primitives of a bottom-level structure are numbered as the triangles of its tree. Where some of these are opaque and
-//! others ask for their alpha, there is a geometry for either, with all triangles; those of the other kind are points
-//! there, which no ray can meet, and so are copies of triangles. So no table is needed that leads from primitives to
-//! triangles.
+//! Primitives of a BLAS are numbered like the triangles of its tree. If a tree mixes opaque and alpha-tested triangles,
+//! its BLAS has one geometry for each kind. Both contain all triangles, but those of the other kind are degenerate
+//! there, so that no ray hits them, and so are copies of triangles. Primitive numbers thus need no table that maps them
+//! to triangles.
 //!
-//! What moves is built anew in each frame, from nothing that a frame before has left: the structures of bodies that change
-//! their shape, from the vertices that the pass `skin` has written, and the one at the top. Bodies that are left out of a
-//! frame are not built in it.
+//! Dynamic geometry is rebuilt from scratch in each frame: the BLAS of every deforming body, from the vertices that the
+//! pass `skin` has written, and the TLAS. Bodies that are left out of a frame are not built in it.
 
 use std::ops::Range;
 
@@ -19,27 +18,27 @@ use crate::accel::{Accel, Instance, SKINNED_BYTES, SkinTriangle, Triangle};
 use crate::device::GpuDevice;
 use crate::stages::limits::{self, LimitExceeded};
 
-/// Corners lie in triangles, one every so many bytes.
+/// Stride of corners, which are stored within triangles, bytes.
 const CORNER_BYTES: u64 = size_of::<Triangle>() as u64 / 3;
 
 const FLAGS: wgpu::AccelerationStructureFlags = wgpu::AccelerationStructureFlags::PREFER_FAST_TRACE;
-/// Of what is built in each frame.
+/// Flags of structures that are rebuilt in each frame.
 const MOVING_FLAGS: wgpu::AccelerationStructureFlags = wgpu::AccelerationStructureFlags::PREFER_FAST_BUILD;
 const UPDATE: wgpu::AccelerationStructureUpdateMode = wgpu::AccelerationStructureUpdateMode::Build;
 
-/// One geometry of a bottom-level structure.
+/// One geometry of a BLAS.
 struct Geometry {
     size: wgpu::BlasTriangleGeometrySizeDescriptor,
-    /// None: all corners in order.
+    /// Index buffer; `None` if all corners are used in order.
     indices: Option<wgpu::Buffer>,
 }
 
-/// A bottom-level structure and what it is built from.
+/// A BLAS and the inputs of its build.
 struct Bottom {
     rows: Range<u32>,
-    /// Whether its corners are vertices that change their places.
+    /// Whether it holds a deforming body, built from skinned vertices.
     deforms: bool,
-    /// Of all corners or vertices, the first that is one of its own.
+    /// First vertex of this BLAS among all corners or skinned vertices.
     first_vertex: u32,
     blas: wgpu::Blas,
     geometries: Vec<Geometry>,
@@ -47,20 +46,20 @@ struct Bottom {
 
 /// The structures of a scene on one device.
 pub struct Structures {
-    /// In the order of their rows.
+    /// BLASes in the order of their rows.
     bottoms: Vec<Bottom>,
     tlas: wgpu::Tlas,
     /// First row of the instances in the tables.
     instances: u32,
-    /// Whether the first instance, that of the flattened triangles, has any.
+    /// Whether the first instance, which holds the flattened static triangles, has any.
     has_still: bool,
-    /// The bodies that change their shape and are in the frame that is set, by their places in `bottoms`.
+    /// Deforming bodies of the current frame, as indices into `bottoms`.
     deforming: Vec<usize>,
 }
 
 impl Structures {
-    /// Builds what stands still, and the top over it; the rest follows with each frame. `instances` is the first row of the
-    /// instances in the tables.
+    /// Builds the BLAS of all geometry that does not deform, and the TLAS over it. The rest follows with each frame.
+    /// `instances` is the first row of the instances in the tables.
     ///
     /// # Errors
     /// If the scene has more triangles or instances than the device takes.
@@ -69,7 +68,7 @@ impl Structures {
         let most = accel.instances.len().max(accel.most_instances());
         limits::check(&gpu.device.limits(), gpu.info.index, limits::of_structures(largest, most))?;
         let is_bare = accel.trees.iter().all(Range::is_empty);
-        // The one triangle that is stored where there is none; no ray meets it.
+        // A scene without triangles stores a single one, which no ray hits.
         let stored = is_bare.then_some(0..accel.triangles.len() as u32);
         let rows = accel.trees.iter().cloned().chain(stored).filter(|rows| !rows.is_empty());
         let bottoms: Vec<Bottom> = rows.map(|rows| bottom(gpu, accel, rows)).collect();
@@ -84,7 +83,7 @@ impl Structures {
             flags: if accel.moves() { MOVING_FLAGS } else { FLAGS },
             update_mode: UPDATE,
         });
-        // The flattened triangles may be none, and then the first mesh begins where they do.
+        // Without flattened triangles, the first mesh begins at the row where they would.
         let has_still = is_bare || !accel.trees[0].is_empty();
         let mut structures = Self { bottoms, tlas, instances, has_still, deforming: Vec::new() };
         structures.put(&accel.instances, false);
@@ -96,19 +95,19 @@ impl Structures {
         Ok(structures)
     }
 
-    /// The one at the top, which shaders bind.
+    /// Returns the TLAS, which shaders bind.
     pub fn top(&self) -> &wgpu::Tlas {
         &self.tlas
     }
 
-    /// Puts instances where a frame has them, for what is built next.
+    /// Places the instances of a frame for the next build.
     pub fn place(&mut self, update: &SceneUpdate) {
         if let Some((_, bytes)) = update.rows.iter().find(|(first_row, _)| *first_row == self.instances) {
             self.put(&bytemuck::pod_collect_to_vec::<u8, Instance>(bytes), true);
         }
     }
 
-    /// `all`: those too whose shape changes.
+    /// Fills in the TLAS. `all` includes deforming bodies.
     fn put(&mut self, instances: &[Instance], all: bool) {
         self.deforming.clear();
         for i in 0..self.tlas.get().len() {
@@ -126,14 +125,15 @@ impl Structures {
         }
     }
 
-    /// Records that all is built that moves; `vertices` are those that the pass `skin` has brought into the world.
+    /// Records the builds of deforming bodies and of the TLAS. `vertices` are the world-space vertices that the pass
+    /// `skin` has written.
     pub fn build(&self, encoder: &mut wgpu::CommandEncoder, vertices: &wgpu::Buffer) {
         let entries: Vec<_> = self.deforming.iter().map(|&at| self.bottoms[at].entry(vertices)).collect();
         encoder.build_acceleration_structures(&entries, [&self.tlas]);
     }
 }
 
-/// Rows of the matrix, one after another.
+/// Returns the instance's transform, row by row.
 fn place(instance: &Instance) -> [f32; 12] {
     bytemuck::cast(instance.world_from_local)
 }
@@ -165,7 +165,7 @@ fn bottom(gpu: &GpuDevice, accel: &Accel, rows: Range<u32>) -> Bottom {
             flags: if alpha { wgpu::AccelerationStructureGeometryFlags::empty() } else { opaque },
         };
         let indices = is_indexed.then(|| {
-            // One corner three times of those that are left out.
+            // Triangles to exclude degenerate to one corner.
             let corners = |(i, t): (usize, &Triangle)| match asks_alpha(t) == alpha && is_first(i) {
                 true => corners_of(i),
                 false => [corners_of(i)[0]; 3],
@@ -190,7 +190,8 @@ fn bottom(gpu: &GpuDevice, accel: &Accel, rows: Range<u32>) -> Bottom {
 }
 
 impl Bottom {
-    /// `vertices`: the corners of all triangles, or of a body that deforms, the vertices of all such bodies.
+    /// Returns the build's input. `vertices` holds the corners of all triangles, or for a deforming body the skinned
+    /// vertices.
     fn entry<'a>(&'a self, vertices: &'a wgpu::Buffer) -> wgpu::BlasBuildEntry<'a> {
         let geometry = |g: &'a Geometry| wgpu::BlasTriangleGeometry {
             size: &g.size,

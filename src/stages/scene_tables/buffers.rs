@@ -11,26 +11,26 @@ use crate::scene::{Environment, TexelImage};
 use crate::stages::limits::{self, LimitExceeded, Pages, SceneSizes, table_size};
 use crate::wgsl::ROW_BYTES;
 
-/// A scene's tables on a device; group 0 of the tracing stages, but for the frame's constants at binding 0.
+/// A scene's tables on a device: bind group 0 of the tracing stages, except for the frame's constants at binding 0.
 pub struct SceneBuffers {
     tables: TableStore,
     textures: Vec<(u32, wgpu::TextureView)>,
-    /// For hardware traversal.
+    /// Acceleration structures, for hardware traversal.
     structures: Option<Structures>,
 }
 
-/// What the tables are in.
+/// Storage of the tables.
 enum TableStore {
     Buffer(wgpu::Buffer),
     Texture(wgpu::Texture, wgpu::TextureView),
 }
 
-/// How many storage buffers a pass binds that reads the scene.
+/// Returns the number of storage buffers that a pass binds to read the scene.
 pub fn scene_buffers(tables: Tables) -> usize {
     usize::from(tables == Tables::Buffer)
 }
 
-/// The tables, the textures' texels, the environment image, and the instances for hardware traversal.
+/// Bindings of the tables, the texels of textures, the environment image, and the TLAS for hardware traversal.
 const TABLES: u32 = 1;
 const TEXELS: u32 = 2;
 const ENVIRONMENT: u32 = 3;
@@ -57,7 +57,7 @@ fn tables_entry(tables: Tables, read_only: bool) -> wgpu::BindGroupLayoutEntry {
     wgpu::BindGroupLayoutEntry { binding: TABLES, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None }
 }
 
-/// For passes that change the tables, and read nothing of the scene.
+/// Returns the layout entries of passes that write the tables and read nothing of the scene.
 pub fn changing_entries(tables: Tables) -> [wgpu::BindGroupLayoutEntry; 1] {
     [tables_entry(tables, false)]
 }
@@ -83,7 +83,7 @@ pub fn layout_entries(SceneAccess { tables, traversal }: SceneAccess) -> Vec<wgp
 
 impl SceneBuffers {
     /// # Errors
-    /// A scene that is beyond the limits of the device.
+    /// A scene that exceeds the device's limits.
     pub fn new(gpu: &GpuDevice, tables: &SceneTables) -> Result<Self, LimitExceeded> {
         let SceneAccess { tables: read_from, traversal } = gpu.scene_access();
         let parts = tables.in_order().1;
@@ -120,7 +120,7 @@ impl SceneBuffers {
         self.tables_entry().into_iter().chain(others).collect()
     }
 
-    /// Of the tables alone.
+    /// Returns the entry of the tables alone.
     pub fn tables_entry(&self) -> [wgpu::BindGroupEntry<'_>; 1] {
         let resource = match &self.tables {
             TableStore::Buffer(buffer) => buffer.as_entire_binding(),
@@ -129,8 +129,8 @@ impl SceneBuffers {
         [wgpu::BindGroupEntry { binding: TABLES, resource }]
     }
 
-    /// Sets what a frame changes. The device carries that out at the head of its next submission; its acceleration
-    /// structures follow with [`Self::build_structures`].
+    /// Uploads the changes of a frame. The device applies them at the start of its next submission.
+    /// [`Self::build_structures`] then updates its acceleration structures.
     pub fn update(&mut self, gpu: &GpuDevice, update: &SceneUpdate) {
         for (first_row, rows) in &update.rows {
             self.write(gpu, *first_row, rows);
@@ -140,15 +140,15 @@ impl SceneBuffers {
         }
     }
 
-    /// Records that the acceleration structures of what moves are built, if the device has any; `vertices` are those that
-    /// the pass `skin` has brought into the world.
+    /// Records the builds of dynamic geometry's acceleration structures, if the device has any. `vertices` are the
+    /// world-space vertices that the pass `skin` has written.
     pub fn build_structures(&self, encoder: &mut wgpu::CommandEncoder, vertices: &wgpu::Buffer) {
         if let Some(structures) = &self.structures {
             structures.build(encoder, vertices);
         }
     }
 
-    /// Sets rows of the tables from `first` on. The device carries that out at the head of its next submission.
+    /// Writes rows of the tables from `first` on. The device applies this at the start of its next submission.
     fn write(&self, gpu: &GpuDevice, first: u32, bytes: &[u8]) {
         match &self.tables {
             TableStore::Buffer(buffer) => gpu.queue.write_buffer(buffer, u64::from(first) * ROW_BYTES as u64, bytes),
@@ -157,7 +157,7 @@ impl SceneBuffers {
     }
 }
 
-/// A buffer with these contents, unless the device has failed.
+/// Creates a buffer with these contents, which are missing if the device has failed.
 fn upload(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], bytes: usize) -> wgpu::Buffer {
     let (size, usage) = (bytes as u64, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST);
     let descriptor = wgpu::BufferDescriptor { label: Some("tables"), size, usage, mapped_at_creation: true };
@@ -173,7 +173,7 @@ fn upload(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], bytes: usize) -> wgpu::Buffe
     buffer
 }
 
-/// Texel after texel, and row of texels after row.
+/// Uploads the tables to a texture, one texel per table row, in row-major order.
 fn upload_rows(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], rows: u64) -> wgpu::Texture {
     let [width, height] = table_size(rows);
     let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
@@ -185,7 +185,7 @@ fn upload_rows(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], rows: u64) -> wgpu::Tex
     texture
 }
 
-/// Sets some texels of a texture of tables: the rest of a row, whole rows, and the beginning of one.
+/// Writes a range of texels of the texture of tables: the rest of a row, whole rows, then the start of the last row.
 fn write_texels(gpu: &GpuDevice, texture: &wgpu::Texture, first: u32, bytes: &[u8]) {
     let width = texture.width();
     let mut at = first;
@@ -215,7 +215,7 @@ fn write_texels(gpu: &GpuDevice, texture: &wgpu::Texture, first: u32, bytes: &[u
     }
 }
 
-/// The images' texels, one after another.
+/// Uploads the texels of all images consecutively.
 fn upload_pages(gpu: &GpuDevice, images: &[Arc<TexelImage>], &Pages { edge, count }: &Pages) -> wgpu::TextureView {
     let per_page = (edge * edge) as usize;
     let pages = count as u32;
@@ -233,7 +233,7 @@ fn upload_pages(gpu: &GpuDevice, images: &[Arc<TexelImage>], &Pages { edge, coun
     })
 }
 
-/// One black pixel where there is none.
+/// Returns the environment image, or one black pixel if there is none.
 fn environment_image(environment: &Environment) -> Cow<'_, RgbImage> {
     match environment {
         Environment::Map { image, .. } => Cow::Borrowed(image),
@@ -265,10 +265,11 @@ fn new_texture(gpu: &GpuDevice, label: &str, size: wgpu::Extent3d, format: wgpu:
     })
 }
 
-/// Bytes that wait in memory for one submission.
+/// Maximum number of bytes staged in memory for one submission.
 const UPLOAD_BYTES: usize = 64 << 20;
 
-/// Row after row, a bounded number of them at a time: all that is written waits in one buffer for its submission.
+/// Uploads a layer in batches of rows. Writes are staged in memory until a submission, so each batch is submitted
+/// separately.
 fn write_layer(gpu: &GpuDevice, texture: &wgpu::Texture, z: u32, width: u32, texel_bytes: u32, bytes: &[u8]) {
     let row_bytes = (width * texel_bytes) as usize;
     let rows = (UPLOAD_BYTES / row_bytes).max(1);

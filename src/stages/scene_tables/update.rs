@@ -1,4 +1,4 @@
-//! What a frame changes in the tables of a scene that moves.
+//! Changes of a frame to the tables of a dynamic scene.
 
 use std::collections::BTreeSet;
 
@@ -14,28 +14,28 @@ use crate::stages::emitters::Emitters;
 use crate::stages::layout;
 use crate::wgsl::ROW_BYTES;
 
-/// What a frame changes: plain data, the same for every device.
+/// Changes of a frame: plain data, the same for every device.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SceneUpdate {
-    /// First rows in the tables, and what they are from there on.
+    /// New contents of table rows, each with the first row.
     pub rows: Vec<(u32, Vec<u8>)>,
-    /// Joints and weights of bodies that change their shape.
+    /// Joint matrices and morph weights of deforming bodies.
     pub pose: Vec<[f32; 4]>,
-    /// The number of bodies that the frame lacks, since rays cannot follow them.
+    /// Number of bodies left out of the frame because rays cannot traverse them accurately.
     pub left_out: u32,
 }
 
-/// How a scene moves.
+/// Motion of a scene.
 pub(super) struct Moves {
     motion: Motion,
-    /// Lights and materials at rest; what else is asked of the scene is in other tables.
+    /// Lights and materials at rest. Other tables hold the rest of the scene.
     rest: Scene,
-    /// Materials that are not always what they are at rest.
+    /// Materials that are animated.
     changing: Vec<usize>,
 }
 
 impl Moves {
-    /// None where nothing moves.
+    /// Returns the motion of a scene; `None` if it is static.
     pub fn of(scene: &Scene) -> Option<Self> {
         let motion = &scene.motion;
         if motion.is_empty() {
@@ -51,7 +51,7 @@ impl Moves {
         Some(Self { motion: motion.clone(), rest, changing: changing.into_iter().collect() })
     }
 
-    /// Whether any light may be anywhere else, or anything else, at another time.
+    /// Whether any light may move or change over time.
     fn changes_lights(&self) -> bool {
         let Motion { lights, lamps, emitters, .. } = &self.motion;
         !(lights.is_empty() && lamps.is_empty() && emitters.is_empty())
@@ -59,8 +59,8 @@ impl Moves {
 }
 
 impl SceneTables {
-    /// What a frame at `now_s` changes, `last_s` being the time of the one before, and says of it in its constants. Beside
-    /// it, of each body, bounds now, relative to [`Self::origin`], and by how much it has moved at most between the two
+    /// Returns the changes of a frame at `now_s` that follows one at `last_s`, and sets its constants. Also returns,
+    /// for each body, its current bounds relative to [`Self::origin`] and its maximum displacement between the two
     /// times, scene units.
     pub fn update(&self, frame: &mut layout::Frame, now_s: f64, last_s: f64) -> (SceneUpdate, Vec<(Aabb, f32)>) {
         let mut update = SceneUpdate::default();
@@ -99,7 +99,7 @@ impl SceneTables {
         (update, self.accel.moved(&poses).collect())
     }
 
-    /// Where those are that may emit.
+    /// Returns the triangles that may emit, at their current positions.
     fn emissive_triangles<'a>(&'a self, pose: &'a [Vec4]) -> impl Iterator<Item = (u32, Triangle)> + 'a {
         let skins = &self.accel.skins;
         self.sources.triangles.iter().map(move |&prim| {
@@ -113,7 +113,7 @@ impl SceneTables {
         })
     }
 
-    /// The table's entry of a material that shines in other colours than at rest, with its first row.
+    /// Returns the first row and the table entry of an animated material with its current colours.
     fn material_row(&self, number: usize, now: &Material) -> (u32, Vec<u8>) {
         let Material { base_color, emissive, .. } = *now;
         let entry = layout::Material { base_color, emissive, ..self.materials[number] };

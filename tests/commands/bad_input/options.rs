@@ -1,4 +1,4 @@
-//! Options with values that are none.
+//! Options with invalid values.
 
 use super::*;
 
@@ -16,7 +16,7 @@ fn sizes_that_are_none_are_refused() {
 
 #[test]
 fn sizes_beyond_a_device_s_memory_fail_and_say_so() {
-    // 1 GiB an image. Adapters that bind as much would take minutes and have nothing to refuse.
+    // One image takes 1 GiB. Adapters that can bind as much would take minutes and refuse nothing.
     let binds = diptych::device::adapters().iter().map(|a| a.max_storage_mib).max();
     let binds = binds.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
     if binds >= 1024 {

@@ -1,8 +1,8 @@
-//! Edits of files that are whole.
+//! Edits of valid files.
 
 use super::*;
 
-/// Values as text, so that numbers that JSON has and `serde_json` would change come through.
+/// Values as text, because `serde_json` would change some numbers that JSON allows.
 pub(super) const VALUES: [&str; 46] = [
     "0",
     "-1",
@@ -54,14 +54,14 @@ pub(super) const VALUES: [&str; 46] = [
 
 #[derive(Clone, Debug)]
 pub(super) enum Edit {
-    /// One leaf of the JSON gets another value.
+    /// Replaces a leaf of the JSON by another value.
     Leaf(Index, &'static str),
-    /// One leaf gets the value of another.
+    /// Replaces a leaf by the value of another.
     Swap(Index, Index),
-    /// A member is dropped, or gets another's name.
+    /// Removes a member, or renames it like another.
     Drop(Index),
     Rename(Index, Index),
-    /// An element of an array, again.
+    /// Repeats an element of an array.
     Again(Index),
     Binary(Damage),
     Text(Damage),
@@ -85,7 +85,7 @@ pub(super) fn edit() -> impl Strategy<Value = Edit> {
     ]
 }
 
-/// JSON pointers to every value below the root, leaves or all.
+/// Returns JSON pointers to all values below the root, or only to leaves.
 pub(super) fn pointers(value: &Value, leaves_only: bool) -> Vec<String> {
     let mut out = Vec::new();
     let mut open = vec![(String::new(), value)];
@@ -108,13 +108,13 @@ pub(super) fn chosen(json: &Value, at: Index, leaves_only: bool) -> Option<Strin
     (!all.is_empty()).then(|| at.get(&all).clone())
 }
 
-/// The parent of what a pointer points to, and the last step.
+/// Returns the parent of a pointer's target, and the last step of the pointer.
 pub(super) fn parent<'a>(json: &'a mut Value, pointer: &str) -> Option<(&'a mut Value, String)> {
     let (above, last) = pointer.rsplit_once('/')?;
     Some((json.pointer_mut(above)?, last.to_owned()))
 }
 
-/// Stands for a value that is put in as text.
+/// Returns a placeholder for a value that is inserted as text.
 pub(super) fn mark(i: usize) -> String {
     format!("@{i}@")
 }

@@ -1,4 +1,4 @@
-//! Drawn directions have the density that is claimed (a chi-square test over the sphere), lobe by lobe.
+//! Sampled directions follow the claimed density of each lobe (chi-square test over the sphere).
 
 use std::f64::consts::{PI, TAU};
 
@@ -11,7 +11,8 @@ use crate::reference::sampling::Rng;
 
 const BANDS: usize = 24;
 const SECTORS: usize = 32;
-/// Points per bin, in θ and φ, at which the density is integrated. It breaks off where facets would be seen from below.
+/// Points per bin, in θ and φ, at which the density is integrated. The density is discontinuous where facets would be
+/// seen from below.
 const FINE: [usize; 2] = [48, 24];
 const DRAWN: usize = 100_000;
 
@@ -20,13 +21,14 @@ fn direction(z: f64, phi: f64) -> DVec3 {
     DVec3::new(across * phi.cos(), across * phi.sin(), z)
 }
 
-/// Bands are even in θ: lobes at grazing angles are narrow in it.
+/// Integrates the density per bin. Bands are uniform in θ, because lobes at grazing angles are narrow in it.
 fn expected_per_bin(bsdf: &Bsdf) -> Vec<f64> {
     let mut bins = vec![0.0; BANDS * SECTORS];
     let (rows, columns) = (BANDS * FINE[0], SECTORS * FINE[1]);
     for row in 0..rows {
         for column in 0..columns {
-            // Rows are shifted from column to column, so that a break along a row is not met by all or none.
+            // Rows are shifted from column to column, so that some but not all of them cross a discontinuity along a
+            // row.
             let theta = PI * (row as f64 + (0.618_034 * column as f64).fract()) / rows as f64;
             let measure = theta.sin() * PI / rows as f64 * TAU / columns as f64;
             let phi = TAU * (column as f64 + 0.5) / columns as f64;
@@ -36,7 +38,8 @@ fn expected_per_bin(bsdf: &Bsdf) -> Vec<f64> {
     bins
 }
 
-/// Standard deviations by which χ² over the bins, with one more for what came to nothing, exceeds its mean.
+/// Returns the number of standard deviations by which χ² exceeds its mean, over the bins and one more for failed
+/// samples.
 fn excess(bsdf: &Bsdf) -> f64 {
     let mut expected = expected_per_bin(bsdf);
     let mut rng = Rng::new(11, 7);

@@ -1,4 +1,4 @@
-//! No material makes light, and how much a white one loses.
+//! No material creates energy, and white materials lose a known fraction.
 
 use std::sync::Mutex;
 
@@ -8,7 +8,7 @@ use crate::effort::is_thorough;
 const ROUGHNESSES: [f64; 6] = [0.0, 0.1, 0.3, 0.5, 0.7, 1.0];
 const COSINES: [f64; 5] = [1.0, 0.7, 0.4, 0.15, 0.03];
 
-/// Everything combined with everything, as far as it matters.
+/// Returns all relevant combinations of material properties.
 fn grid() -> Vec<Finish> {
     let mut all = Vec::new();
     for roughness in ROUGHNESSES {
@@ -36,7 +36,8 @@ fn grid() -> Vec<Finish> {
 fn no_material_makes_light() {
     let step = if is_thorough() { 1 } else { 7 };
     let work = Mutex::new(grid().into_iter().step_by(step));
-    // Of materials in general, and of those whose facets reflect what an index of 1 lets pass straight on besides.
+    // Maxima over materials in general, and over those with an index of 1, whose facets reflect beside straight
+    // transmission.
     let brightest = Mutex::new([(0.0, String::new()), (0.0, String::new())]);
     let search = || {
         loop {
@@ -60,14 +61,14 @@ fn no_material_makes_light() {
     };
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
     std::thread::scope(|scope| (0..threads).for_each(|_| drop(scope.spawn(search))));
-    // Light that goes straight on is reduced by F at the macro normal, where rough facets reflect a little more.
+    // Straight transmission is attenuated by F at the macro normal, where rough facets reflect a little more.
     for ((albedo, which), most) in brightest.into_inner().unwrap().into_iter().zip([1.001, 1.005]) {
         println!("largest albedo: {albedo:.5} ({which})");
         assert!(albedo <= most, "{which}: {albedo}");
     }
 }
 
-/// What a single scattering on white facets loses, by roughness and cosine.
+/// Single scattering on white facets loses a known fraction, by roughness and cosine.
 #[test]
 fn white_furnace_losses() {
     let dielectric = Finish { specular: 1.0, ..MATTE };

@@ -1,4 +1,4 @@
-//! Microfacets and the table of what their layer reflects.
+//! Microfacets, and the table of their layer's albedo.
 
 use std::f64::consts::TAU;
 
@@ -7,7 +7,8 @@ use glam::{DVec2, DVec3};
 use crate::reference::layer;
 use crate::reference::microfacet::{Ggx, reflect};
 
-/// ∫ f(h) dω over the hemisphere for facets of that α: tan θ = α t / (1 − t) spreads their peak.
+/// Returns ∫ f(h) dω over the hemisphere. The substitution tan θ = α t / (1 − t) spreads the peak of facets with that
+/// α.
 fn over_facets(alpha: f64, f: impl Fn(DVec3) -> f64) -> f64 {
     const N: usize = 256;
     let mut sum = 0.0;
@@ -41,7 +42,8 @@ fn facets_cover_the_surface_once() {
     }
 }
 
-/// Walter et al. 2007, equation 11 in Smith's form: the facets that a direction sees have its projected area.
+/// Checks equation 11 of Walter et al. 2007 in Smith's form: the facets visible from a direction have its projected
+/// area.
 #[test]
 fn visible_facets_have_the_area_seen_and_their_density_is_one() {
     for alpha in ALPHAS {
@@ -50,7 +52,7 @@ fn visible_facets_have_the_area_seen_and_their_density_is_one() {
             let v = at_cosine(mu);
             let seen = over_facets(alpha, |h| facets.masking(mu) * v.dot(h).max(0.0) * facets.distribution(h));
             let density = over_facets(alpha, |h| facets.density(v, h));
-            // Only facets beyond 90° − 3° are left to see at grazing angles on smooth surfaces.
+            // At grazing angles on smooth surfaces, only facets beyond 90° − 3° are visible.
             let allowed = if mu < 0.1 { 5e-3 } else { 1e-3 };
             assert!((seen / mu - 1.0).abs() < allowed, "α {alpha}, μ {mu}: {seen}");
             assert!((density - 1.0).abs() < allowed, "α {alpha}, μ {mu}: {density}");
@@ -58,7 +60,7 @@ fn visible_facets_have_the_area_seen_and_their_density_is_one() {
     }
 }
 
-/// Interpolated against integrated between the table's nodes, and that against an integral over directions.
+/// Compares interpolation with integration between the table's nodes, and integration with an integral over directions.
 #[test]
 fn the_table_of_the_layer_is_exact_to_a_ten_thousandth() {
     let mut worst = (0.0, 0.0, 0.0);
@@ -108,6 +110,6 @@ fn the_mean_of_the_layer_is_that_of_its_directions() {
         let found = layer::mean_albedo(alpha, 0.04, 1.0);
         assert!((found - expected).abs() < 1e-4, "α {alpha}: {found} is not {expected}");
     }
-    // Smooth: f0 + (f90 − f0) / 21.
+    // A smooth surface has f0 + (f90 − f0) / 21.
     assert!((layer::mean_albedo(0.0, 0.04, 1.0) - (0.04 + 0.96 / 21.0)).abs() < 1e-12);
 }

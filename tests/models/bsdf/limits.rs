@@ -1,4 +1,4 @@
-//! Reciprocity, closed forms of smooth surfaces, and that rough ones run into them.
+//! Reciprocity, closed forms of smooth surfaces, and convergence of rough surfaces to them.
 
 use glam::DVec3;
 
@@ -17,7 +17,7 @@ fn random_direction(rng: &mut Rng, side: f64) -> DVec3 {
     DVec3::new(across * phi.cos(), across * phi.sin(), z)
 }
 
-/// The value without its cosine.
+/// Returns the value without its cosine.
 fn value(bsdf: &Bsdf, l: DVec3) -> f64 {
     bsdf.scattered(l).x / bsdf.normal.dot(l).abs()
 }
@@ -46,7 +46,8 @@ fn what_is_reflected_and_what_passes_thin_glass_is_reciprocal() {
     }
 }
 
-/// Over the squared index of the viewer's side, as radiance is (Veach 1997, section 5.2).
+/// Checks reciprocity of values over the squared index on the viewer's side, by which radiance scales (Veach 1997,
+/// section 5.2).
 #[test]
 fn refraction_is_reciprocal_over_the_squared_index() {
     let mut rng = Rng::new(4, 4);
@@ -71,7 +72,7 @@ fn fresnel(f0: f64, cosine: f64) -> f64 {
     f0 + (1.0 - f0) * schlick_weight(cosine)
 }
 
-/// Direction and weight of what the smooth surface does, over the two lobes that it has.
+/// Returns direction and weight of the two delta lobes of a smooth surface.
 fn deltas(finish: Finish, mu: f64) -> [Option<(DVec3, f64)>; 2] {
     let bsdf = finish.seen_at(mu);
     let n = 100_000;
@@ -140,7 +141,7 @@ fn rough_surfaces_run_into_smooth_ones() {
         Finish { coat: Some(0.0), ..MATTE },
     ] {
         for mu in [1.0, 0.8, 0.3] {
-            // α just below and above the bound.
+            // α lies just below and above the bound.
             let [smooth, rough] = [0.009_99, 0.010_01].map(|roughness| {
                 Finish { roughness, coat: finish.coat.map(|_| roughness), ..finish }.albedo(mu, 16_384)
             });

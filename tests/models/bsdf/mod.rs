@@ -1,4 +1,4 @@
-//! The reference's material model by itself: densities, reciprocity, energy and smooth limits.
+//! Tests the reference's material model: densities, reciprocity, energy and smooth limits.
 
 mod densities;
 mod energy;
@@ -55,20 +55,20 @@ impl Finish {
         }
     }
 
-    /// Seen at that cosine, from an azimuth that is not along an axis.
+    /// Returns the material seen at that cosine, from an azimuth that is not along an axis.
     fn seen_at(self, mu: f64) -> Bsdf {
         let across = (1.0 - mu * mu).sqrt();
         self.seen_from(DVec3::new(0.8 * across, -0.6 * across, mu))
     }
 
-    /// Index of refraction on the viewer's side over the one beyond.
+    /// Returns the index of refraction on the viewer's side over the one beyond.
     fn index_ratio(self) -> f64 {
         let index = if self.thick && self.ior > 1.0 { self.ior } else { 1.0 };
         if self.on_back { index } else { 1.0 / index }
     }
 
-    /// Share of the light that leaves when it arrives from the viewer: the mean weight over `n` points spread evenly in
-    /// the cube (in two dimensions by the recurrence of Roberts 2018), the radiance of refracted light not scaled.
+    /// Returns the albedo for light from the viewer's direction: the mean weight over `n` points spread evenly in the
+    /// cube (in two dimensions by the recurrence of Roberts 2018). The radiance of refracted light is not scaled.
     fn albedo(self, mu: f64, n: u32) -> f64 {
         let bsdf = self.seen_at(mu);
         let steps = [0.754_877_666_246_692_7, 0.569_840_290_998_053_3];

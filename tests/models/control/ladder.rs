@@ -1,5 +1,5 @@
-//! Ladders and their files: what is written is read again, what is no ladder is refused with its reason, and fronts are
-//! what nothing beats.
+//! Quality ladders and their files: written ladders can be read, invalid ones are rejected with a reason, and fronts
+//! are Pareto optimal.
 
 use diptych::control::{Ladder, MIN_STEP, Measure, Origin, Rung, STEEPEST};
 use diptych::quality::Denoiser;
@@ -46,7 +46,7 @@ fn what_was_not_measured_is_named_so_in_the_file() {
     assert_eq!(Ladder::parse(&text).unwrap(), estimated);
 }
 
-/// Ladders from before rungs were judged over frames: FLIP alone, of `bench`, or as `play` left its estimates.
+/// Ladders from before rungs were judged over frames: FLIP alone, from `bench`, or estimates left by `play`.
 #[test]
 fn ladders_of_before_are_read_for_what_they_are() {
     let text = |version: &str| {
@@ -123,8 +123,8 @@ fn a_front_has_nothing_that_is_beaten_or_hardly_told_apart_and_leaves_out_nothin
         }
         for other in &measured {
             assert!(!rungs.iter().any(|r| other.time_ms < r.time_ms && other.error <= r.error));
-            // What is not on the ladder is no better than a rung that costs no more, but for the step, or saves too
-            // little against a better one.
+            // A setting off the ladder has one of two reasons. It is no better than a rung that costs no more, within
+            // the step, or it saves too little against a better rung.
             let reach_ms = other.time_ms * (1.0 + MIN_STEP);
             let is_beaten = rungs.iter().any(|r| r.time_ms <= reach_ms && r.error <= other.error);
             let is_steep = |r: &Rung| other.error / r.error > (r.time_ms / other.time_ms).powf(STEEPEST);

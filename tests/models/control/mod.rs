@@ -1,5 +1,5 @@
-//! The control loop keeps its budget: on simulated renderers with random ladders, whatever happens to the load, however far
-//! off predictions are, and though it learns of a frame's time only one to three frames later.
+//! The control loop keeps its budget on simulated renderers with random ladders: under any load, with wrong
+//! predictions, and when frame times arrive one to three frames late.
 //!
 //! `DIPTYCH_CONTROL_CASES` sets the number of cases of each test.
 
@@ -27,8 +27,8 @@ where
     result.unwrap_or_else(|failure| panic!("{failure}"));
 }
 
-/// Times of ladders from at most 4 ms to at least 55 ms whose steps are fine enough that any load from 1/3 to 2.5 has a
-/// rung between the band's lower end and the aim, with the margin for scatter.
+/// Generates the times of ladders from at most 4 ms to at least 55 ms. Their steps are so fine that for any load from
+/// 1/3 to 2.5 some rung lies between the band's lower end and the target, with the margin for scatter.
 fn ladders() -> impl Strategy<Value = Vec<f64>> {
     let steps = prop::collection::vec(1.03f64..1.3, 130);
     (1.5f64..4.0, steps).prop_map(|(floor_ms, steps)| {
@@ -39,17 +39,17 @@ fn ladders() -> impl Strategy<Value = Vec<f64>> {
     })
 }
 
-/// Frames in flight beside the one that is decided.
+/// Generates the number of frames in flight besides the one to decide.
 fn delays() -> std::ops::RangeInclusive<usize> {
     0..=2
 }
 
-/// Factors around 1, as likely to be below as above.
+/// Generates factors around 1, as likely below as above.
 fn factors(most: f64) -> impl Strategy<Value = f64> {
     (-1.0f64..1.0).prop_map(move |x| most.powf(x))
 }
 
-/// A controller on a load of 1 that steps to another one at frame 100, with predictions off by a factor.
+/// Runs a controller on a load that steps from 1 to another value at frame 100, with predictions off by a factor.
 fn step(times_ms: &[f64], load: f64, bias: f64, delay: usize, frames: usize) -> Run {
     let at = |frame: usize| if frame < 100 { 1.0 } else { load };
     Plant { delay, predicted_ms: Some(&|_, rung| bias * times_ms[rung]), ..Plant::new(times_ms, &at) }.run(frames)
@@ -105,12 +105,13 @@ fn a_ramp_is_followed_with_a_tenth_over_the_band_at_most() {
         let late = run.share_from(100, |s| s.mean_ms > HI_MS);
         assert!(late < 0.15, "{late} of the frames were late");
         assert_eq!(run.outside_from(200), None);
-        // The margin for scatter, which the ramp looked like, may still let go of a last rung.
+        // The controller took the ramp for scatter. Once that margin decays, it may change the rung once more.
         assert!(run.changes_from(250) <= 1);
     });
 }
 
-/// Shares of frames that are late, and changes in 1,000 frames, under noise: of 10,000 cases the most were 3 and 49 changes.
+/// Bounds the fraction of late frames and the changes per 1,000 frames under noise. The maxima in 10,000 cases were 3
+/// and 49 changes.
 fn noise_holds(noise: f64, late_max: f64, changes_max: usize) {
     let most = AtomicUsize::new(0);
     hold((ladders(), any::<u64>(), factors(2.0), delays()), |(times_ms, seed, bias, delay)| {
@@ -123,7 +124,7 @@ fn noise_holds(noise: f64, late_max: f64, changes_max: usize) {
         let late = run.share_from(200, |s| s.ms > HI_MS);
         assert!(late <= late_max, "{late} of the frames were late");
         let off = run.share_from(200, |s| !(LO_MS..=HI_MS).contains(&s.mean_ms));
-        // The most among 40,000 cases was 0.058.
+        // The maximum in 40,000 cases was 0.058.
         assert!(off <= 0.08, "{off} of the frames were planned outside the band");
     });
     println!("noise of {noise}: at most {} changes in 1000 frames", most.into_inner());
@@ -187,7 +188,7 @@ fn climbs_are_apart_and_within_the_band_by_one_rung_and_drops_need_not_be() {
             if pair[1] > pair[0] {
                 let expected_ms = steps[frame + 1].decision.expected_ms;
                 assert!(expected_ms <= HI_MS / 1.03, "{expected_ms}");
-                // But for rounding.
+                // Allow for rounding.
                 let is_below = expected_ms * times_ms[pair[0]] / times_ms[pair[1]] < LO_MS * 1.000_001;
                 assert!(is_below || pair[1] == pair[0] + 1, "{pair:?}");
                 let wait = if is_below { CLIMB_BACK_AFTER } else { CLIMB_EVERY };
@@ -202,14 +203,14 @@ fn climbs_are_apart_and_within_the_band_by_one_rung_and_drops_need_not_be() {
     });
 }
 
-/// Rungs of 14 and 39 ms in a budget of 25 to 45: the dearer one fits, whatever the cheaper one costs, and is found again
-/// after a load under which it did not.
+/// The rungs take 14 and 39 ms in a budget of 25 to 45. The expensive one fits, whatever the cheap one costs, and is
+/// chosen again after a load under which it did not fit.
 #[test]
 fn a_gap_in_the_ladder_is_crossed_to_the_rung_within_the_band() {
     let most = AtomicUsize::new(0);
     let case = (0.0f64..0.12, any::<bool>(), any::<u64>(), factors(2.0), delays());
     hold(case, |(noise, has_middle, seed, bias, delay)| {
-        // Where another rung is within the band, only frames that scatter less than the step leaves room for go beyond it.
+        // With another rung in the band, the noise is reduced, so that scatter stays below a step.
         let (times_ms, noise) =
             if has_middle { (&[14.0, 26.0, 39.0][..], noise / 3.0) } else { (&[14.0, 39.0][..], noise) };
         let load = |frame: usize| if (100..140).contains(&frame) { 3.0 } else { 1.0 };
@@ -235,12 +236,12 @@ fn the_dearest_rung_that_stays_inside_the_band_is_taken() {
         times_ms[run.0[199].decision.rung]
     };
     let calm = |_: usize| 1.0;
-    // From the start, and from below after a load that has gone.
+    // The rung is reached from the start, and from below after a temporary load.
     for load in [&calm as &dyn Fn(usize) -> f64, &|frame| if frame < 50 { 2.5 } else { 1.0 }] {
         assert_eq!(dearest(&[14.0, 39.0], [25.0, 45.0], load), 39.0);
         assert_eq!(dearest(&[14.0, 26.0, 30.0, 39.0, 44.9], [25.0, 45.0], load), 39.0);
         assert_eq!(dearest(&[14.0, 26.0, 42.0], [25.0, 45.0], load), 42.0);
-        // Close to the end of the band is better than outside of it, beyond it is not.
+        // A rung close to the upper end of the band is better than one below the band. A rung above it is not.
         assert_eq!(dearest(&[14.0, 43.0], [25.0, 45.0], load), 43.0);
         assert_eq!(dearest(&[14.0, 46.0], [25.0, 45.0], load), 14.0);
     }
@@ -287,7 +288,7 @@ fn nonsense_from_clocks_and_predictors_keeps_the_rung_on_the_ladder() {
             assert!(decision.rung < times_ms.len());
             assert!(!decision.expected_ms.is_nan(), "{decision:?}");
         }
-        // Whatever was learned is forgotten again.
+        // Everything that was learned is forgotten in time.
         let run = Plant::new(&times_ms, &|_| 1.0).run_with(controller, 1000);
         assert_eq!(run.outside_from(60 + CLIMB_EVERY as usize * times_ms.len()), None);
     });

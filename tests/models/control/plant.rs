@@ -1,4 +1,5 @@
-//! A renderer that the controller can be tried on: what a frame takes is what its rung costs, times the load, times noise.
+//! Simulates a renderer for tests of the controller: a frame's time is the cost of its rung, times the load, times
+//! noise.
 
 use std::collections::VecDeque;
 
@@ -8,7 +9,7 @@ use diptych::quality::Quality;
 pub const LO_MS: f64 = 11.0;
 pub const HI_MS: f64 = 20.0;
 
-/// A ladder whose rungs take these times.
+/// Creates a ladder whose rungs take these times.
 pub fn ladder(times_ms: &[f64]) -> Ladder {
     let rung = |(i, &time_ms): (usize, &f64)| Rung {
         time_ms,
@@ -34,7 +35,7 @@ pub fn ladder(times_ms: &[f64]) -> Ladder {
     Ladder::new(origin, times_ms.iter().enumerate().map(rung).collect()).unwrap()
 }
 
-/// A ladder's times: from `floor_ms` up by these factors.
+/// Returns a ladder's times: from `floor_ms` up by these factors.
 pub fn times(floor_ms: f64, steps: &[f64]) -> Vec<f64> {
     let mut times_ms = vec![floor_ms];
     for step in steps {
@@ -44,21 +45,21 @@ pub fn times(floor_ms: f64, steps: &[f64]) -> Vec<f64> {
 }
 
 pub struct Plant<'a> {
-    /// What rungs cost under a load of 1.
+    /// Cost of the rungs under a load of 1.
     pub times_ms: &'a [f64],
-    /// By frame.
+    /// Load by frame.
     pub load: &'a dyn Fn(usize) -> f64,
-    /// What the predictor says by frame and rung; none: the ladder's times.
+    /// Prediction by frame and rung; by default the ladder's times.
     pub predicted_ms: Option<&'a dyn Fn(usize, usize) -> f64>,
     /// Standard deviation of the logarithm.
     pub noise: f64,
     pub seed: u64,
-    /// A frame's time is known when this many more have been decided.
+    /// Number of further frames that are decided before a frame's time is known.
     pub delay: usize,
 }
 
 impl<'a> Plant<'a> {
-    /// Without noise; each frame is known when the next one is decided.
+    /// Creates a plant without noise, in which each frame's time is known when the next one is decided.
     pub fn new(times_ms: &'a [f64], load: &'a dyn Fn(usize) -> f64) -> Self {
         Self { times_ms, load, predicted_ms: None, noise: 0.0, seed: 0, delay: 0 }
     }
@@ -89,7 +90,7 @@ impl<'a> Plant<'a> {
 
 pub struct Step {
     pub decision: Decision,
-    /// Without noise.
+    /// Time without noise.
     pub mean_ms: f64,
     pub ms: f64,
 }
@@ -97,18 +98,18 @@ pub struct Step {
 pub struct Run(pub Vec<Step>);
 
 impl Run {
-    /// Frames from `begin` on that another rung than the frame before has.
+    /// Returns the frames from `begin` on whose rung differs from that of the previous frame.
     pub fn changes_from(&self, begin: usize) -> usize {
         self.0[begin..].windows(2).filter(|pair| pair[0].decision.rung != pair[1].decision.rung).count()
     }
 
-    /// The first frame from `begin` on that is, but for noise, outside the band.
+    /// Returns the first frame from `begin` on that lies outside the band, noise aside.
     pub fn outside_from(&self, begin: usize) -> Option<(usize, f64)> {
         let frames = self.0.iter().map(|s| s.mean_ms).enumerate().skip(begin);
         frames.into_iter().find(|(_, ms)| !(LO_MS..=HI_MS).contains(ms))
     }
 
-    /// Share of frames from `begin` on for which this is so.
+    /// Returns the fraction of frames from `begin` on with this property.
     pub fn share_from(&self, begin: usize, is_so: impl Fn(&Step) -> bool) -> f64 {
         let frames = &self.0[begin..];
         frames.iter().filter(|s| is_so(s)).count() as f64 / frames.len() as f64
@@ -119,7 +120,7 @@ impl Run {
 struct Random(u64);
 
 impl Random {
-    /// 0 < value < 1.
+    /// Returns a number with 0 < value < 1.
     fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -127,7 +128,7 @@ impl Random {
         (((z ^ z >> 31) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
     }
 
-    /// By Box & Muller (1958).
+    /// Returns a normal deviate by Box & Muller (1958).
     fn normal(&mut self) -> f64 {
         let (radius, angle) = ((-2.0 * self.uniform().ln()).sqrt(), std::f64::consts::TAU * self.uniform());
         radius * angle.cos()

@@ -64,7 +64,7 @@ fn an_integrating_sphere_is_a_truncated_geometric_series_of_explicit_samples() {
         let seen = reference.probe(vec3(0.2, 0.1, 0.0), vec3(1.0, 0.3, 0.2), 400, bounces, 3);
         let series: f64 = (0..=bounces).map(|k| rho.powi(k as i32)).sum();
         let expected = rho / PI * 3.0 / 4.0 * series;
-        // The facets of the sphere stand off it by up to 0.3 %.
+        // The sphere's facets deviate from it by up to 0.3 %.
         assert!((seen.mean[0][0] / expected - 1.0).abs() < 0.006, "{bounces}: {seen:?} {expected}");
     }
 }

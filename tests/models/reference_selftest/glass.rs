@@ -11,7 +11,7 @@ use crate::reference::scenes::{
 };
 use crate::reference::ztest::Estimate;
 
-/// Share of light per unit of length.
+/// Transmitted fraction of light per unit of length.
 const CLEARNESS: f64 = 0.64;
 
 fn glass() -> Material {
@@ -19,7 +19,7 @@ fn glass() -> Material {
 }
 
 fn thick() -> Material {
-    // The square of 0.8 over 2.
+    // 0.8 per half a unit is 0.64 per unit.
     let volume = Volume { attenuation_color: Vec3::splat(0.8), attenuation_distance: 0.5 };
     Material { volume: Some(volume), ..glass() }
 }
@@ -29,7 +29,7 @@ fn fresnel(cosine: f64) -> f64 {
     0.04 + 0.96 * (1.0 - cosine).powi(5)
 }
 
-/// A sheet at that height, 40 wide, that faces up or down.
+/// Adds a sheet of width 40 at that height that faces up or down.
 fn sheet(scene: &mut Scene, height: f32, up: bool, material: &Material) {
     let material = add_material(scene, material.clone());
     let (u, v) = (40.0 * Vec3::Z, 40.0 * Vec3::X);
@@ -41,7 +41,7 @@ fn glowing(emissive: f32) -> Material {
     Material { emissive: Vec3::splat(emissive), base_color: glam::Vec4::W, ..matte() }
 }
 
-/// From (0, 5, 0) down, aslant by a cosine of 0.8.
+/// Looks down from (0, 5, 0) at an angle with a cosine of 0.8.
 fn look_down(scene: &Scene, spp: u32, bounces: u32) -> Estimate {
     Reference::new(scene).probe(vec3(0.0, 5.0, 0.0), vec3(0.6, -0.8, 0.0), spp, bounces, 1)
 }
@@ -66,7 +66,7 @@ fn a_mirror_shows_spherical_lights_but_no_disc_of_a_sun() {
     let kind = diptych::scene::LightKind::Directional { direction, angle_rad: 0.1 };
     scene.lights.push(diptych::scene::Light { kind, strength: Vec3::ONE });
     assert_exact(&look_down(&scene, 10, 2), [0.0; 3]);
-    // The mirror is met at (3.75, 0, 0).
+    // The ray meets the mirror at (3.75, 0, 0).
     scene.lights.push(point(vec3(3.75, 0.0, 0.0) + 4.0 * vec3(0.6, 0.8, 0.0), 0.5, Vec3::splat(3.0)));
     assert_exact(&look_down(&scene, 10, 2), [3.0 / (std::f64::consts::PI * 0.25); 3]);
 }
@@ -88,7 +88,7 @@ fn thin_glass_lets_light_straight_on_from_both_sides() {
     }
 }
 
-/// A lamp under a slab of height 0.5: 1, 3, 5 … passes through the glass, each attenuated by its length.
+/// A lamp under a slab of height 0.5. Light passes the glass 1, 3, 5 … times, attenuated by each length.
 #[test]
 fn a_slab_is_a_truncated_series_of_inner_reflections() {
     let mut scene = empty("slab");
@@ -99,7 +99,7 @@ fn a_slab_is_a_truncated_series_of_inner_reflections() {
     let pass = CLEARNESS.powf(0.5 / cos_inside);
     let f = fresnel(0.8);
     for bounces in [1, 2, 3, 5] {
-        // Two refractions and an even number of reflections inside.
+        // Light is refracted twice and reflected an even number of times inside.
         let series: f64 = (0..=(bounces - 1) / 2).map(|k| (f * pass).powi(2 * k)).sum();
         let expected = 2.0 * (1.0 - f).powi(2) * pass * series;
         assert_near(&look_down(&scene, 200_000, bounces as u32), expected, 0.002);
@@ -107,16 +107,16 @@ fn a_slab_is_a_truncated_series_of_inner_reflections() {
     assert_exact(&look_down(&scene, 100, 0), [0.0; 3]);
 }
 
-/// An empty slab shows what is behind it as bright as it is, but for its reflections: squared indices cancel.
+/// Through an empty slab the background is equally bright, except for reflections: squared indices cancel.
 #[test]
 fn a_camera_in_glass_sees_through_it_attenuated_and_compressed() {
     let mut scene = empty("diver");
     sheet(&mut scene, 0.0, true, &thick());
     sheet(&mut scene, 9.0, false, &glowing(2.0));
-    // Straight up from 0.7 below.
+    // Look straight up from 0.7 below.
     let up = Reference::new(&scene).probe(vec3(0.0, -0.7, 0.0), Vec3::Y, 100_000, 0, 1);
     assert_near(&up, 2.0 * 2.25 * (1.0 - 0.04) * CLEARNESS.powf(0.7), 0.002);
-    // Beyond the critical angle the surface is a mirror, seen from inside: attenuated there and back.
+    // Beyond the critical angle the surface is a mirror seen from inside; light is attenuated on both ways.
     let mut scene = empty("total reflection");
     sheet(&mut scene, 0.0, true, &thick());
     sheet(&mut scene, -1.0, true, &glowing(2.0));
@@ -132,13 +132,13 @@ fn shadow_rays_are_blocked_by_glass_and_attenuated_within() {
     place(&mut scene, quad(vec3(-20.0, 0.0, -20.0), 40.0 * Vec3::Z, 40.0 * Vec3::X, white));
     scene.lights.push(point(vec3(0.0, 0.5, 0.0), 0.0, Vec3::splat(std::f32::consts::PI)));
     scene.lights.push(point(vec3(0.0, 2.0, 0.0), 0.0, Vec3::splat(100.0)));
-    // Straight down through the surface onto the floor under the inner light, which is seen over the inner length 1.
+    // Look straight down through the surface at the floor under the inner light, over the inner length 1.
     let seen = Reference::new(&scene).probe(vec3(0.0, 3.0, 0.0), Vec3::NEG_Y, 100_000, 1, 1);
     let lit = CLEARNESS.powf(0.5) / 0.25;
     assert_near(&seen, 0.96 / 2.25 * CLEARNESS * lit, 0.002);
 }
 
-/// A white floor under a pane, lit by one light from that direction or place.
+/// Adds a white floor under a pane, lit by one light from that direction or place.
 #[test]
 fn a_pane_dims_delta_lights_and_stops_samples_of_others() {
     let direction = vec3(0.6, -0.8, 0.0);

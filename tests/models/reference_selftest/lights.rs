@@ -35,7 +35,7 @@ fn a_point_light_falls_off_with_squared_distance_and_cosine() {
     assert_exact(&look_at_floor(&scene, 1.5, 0.0, 2, 0), [0.0; 3]);
 }
 
-/// A sphere of even radiance entirely above the horizon lights like a point in its centre.
+/// A uniform spherical light entirely above the horizon lights like a point in its centre.
 #[test]
 fn a_sphere_lights_like_its_centre() {
     let mut scene = white_floor("sphere");
@@ -44,7 +44,7 @@ fn a_sphere_lights_like_its_centre() {
     assert_near(&look_at_floor(&scene, 1.5, 0.0, 200_000, 0), expected, 0.002);
 }
 
-/// Half below the horizon: the irradiance over the radiance is the circle segment θ − sin θ cos θ.
+/// With half of the sphere below the horizon, irradiance over radiance is the circle segment θ − sin θ cos θ.
 #[test]
 fn a_sphere_on_the_horizon_lights_by_its_upper_half() {
     let mut scene = white_floor("half sphere");
@@ -93,13 +93,13 @@ fn a_sphere_blocks_other_lights_from_inside_too() {
         scene.lights.push(point(Vec3::Y * height, 0.5, Vec3::ZERO));
         assert_exact(&look_at_floor(&scene, 0.0, 0.0, 20, 2), [0.0; 3]);
     }
-    // Beyond the light it hides nothing.
+    // A sphere beyond the light occludes nothing.
     scene.lights.push(point(Vec3::Y * 5.0, 0.5, Vec3::ZERO));
     assert_exact(&look_at_floor(&scene, 0.0, 0.0, 20, 2), [1.0 / 16.0; 3]);
 }
 
-/// Differential element under the centre of a parallel rectangle: four of those of a
-/// rectangle with a corner over the element, a textbook's closed form.
+/// Returns the form factor of a parallel rectangle from a differential element below its centre. It is four times the
+/// textbook's closed form for a rectangle with a corner above the element.
 fn rectangle_form_factor(half_x: f64, half_z: f64, height: f64) -> f64 {
     let (x, z) = (half_x / height, half_z / height);
     let side = |x: f64, z: f64| {
@@ -115,7 +115,7 @@ fn an_emissive_quad_lights_by_its_form_factor() {
     for double_sided in [false, true] {
         let mut scene = white_floor("quad");
         lamp_over_origin(&mut scene, 3.0, true, double_sided);
-        // From within the lamp's height, so that the look is not through it.
+        // Look from within the lamp's height, so that the ray does not pass through it.
         let look = |emitters, spp| {
             let reference = Reference::new(&scene).with_emitters(emitters);
             reference.probe(vec3(0.3, 0.4, -0.2), vec3(-0.3, -0.4, 0.2), spp, 0, 4)
@@ -138,18 +138,18 @@ fn the_back_of_a_one_sided_lamp_is_dark() {
     }
 }
 
-/// Two lamps of different colour and size: both are found in proportion.
+/// Two lamps of different colour and size are sampled in proportion.
 #[test]
 fn lamps_add_up() {
     let mut scene = white_floor("two lamps");
     lamp_over_origin(&mut scene, 3.0, true, false);
     let dim = add_material(&mut scene, Material { emissive: vec3(0.2, 0.2, 0.2), ..matte() });
-    // Below the first one and smaller: it hides the middle of it.
+    // The second lamp is smaller, below the first one, and occludes its middle.
     place(&mut scene, quad(vec3(-0.25, 0.5, -0.25), 0.5 * Vec3::X, 0.5 * Vec3::Z, dim));
     let whole = rectangle_form_factor(1.0, 0.5, 1.0);
     let hidden = rectangle_form_factor(0.25, 0.25, 0.5);
     let expected = 3.0 * (whole - hidden) + 0.2 * hidden;
-    // From the side, under both, so that the look does not pass through the lower lamp.
+    // Look from the side under both lamps, so that the ray does not pass through the lower one.
     let seen = Reference::new(&scene).probe(vec3(0.4, 0.2, 0.0), vec3(-0.4, -0.2, 0.0), 400_000, 0, 5);
     assert_near(&seen, expected, 0.003);
 }
@@ -212,7 +212,7 @@ fn a_directional_light_has_its_irradiance_with_and_without_a_disc() {
         } else {
             assert_near(&seen, expected, 0.002);
         }
-        // Its disc is not in the sky.
+        // The disc is not visible in the sky.
         let seen = Reference::new(&scene).probe(Vec3::Y, -direction, 2, 2, 1);
         assert_exact(&seen, [0.0; 3]);
     }

@@ -1,4 +1,4 @@
-//! Closed forms: coats, maps, textures of the material model, unlit surfaces.
+//! Closed forms: coats, maps, textures of the material model, and unlit surfaces.
 
 use std::f64::consts::PI;
 
@@ -15,14 +15,14 @@ use crate::reference::{Emitters, Reference};
 
 const BLACK: glam::Vec4 = vec4(0.0, 0.0, 0.0, 1.0);
 
-/// One texel everywhere.
+/// Adds a texture with the same texel everywhere.
 fn flat_texture(scene: &mut Scene, code: [u8; 4]) -> Option<TextureRef> {
     let image = add_image(scene, Image::filled(Extent::new(1, 1), code));
     scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: true });
     Some(TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv: Affine2::IDENTITY })
 }
 
-/// In the plane y = 0, faces up; tangents along +x.
+/// Returns a mesh in the plane y = 0 that faces up, with tangents along +x.
 fn plane(material: usize) -> Mesh {
     let mut mesh = quad(vec3(-5.0, 0.0, -5.0), 10.0 * Vec3::Z, 10.0 * Vec3::X, material);
     mesh.tangents = vec![vec4(1.0, 0.0, 0.0, 1.0); 4];
@@ -51,7 +51,7 @@ fn a_coat_mirrors_by_its_fresnel_term_and_dims_what_is_under_it() {
     assert_exact(&look_down(&scene, 10), [3.0 * (1.0 - 0.5 * 0.04) + 0.5 * 0.04; 3]);
 }
 
-/// A coated lamp lights a screen the same whether it is aimed at or run into.
+/// A coated lamp lights a screen equally through light sampling and through bounces.
 #[test]
 fn coated_and_unlit_lamps_light_the_same_by_either_estimator() {
     let clearcoat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
@@ -85,7 +85,7 @@ fn unlit_surfaces_show_their_colour_to_both_sides_and_nothing_else() {
     assert_exact(&Reference::new(&scene).probe(Vec3::NEG_Y, Vec3::Y, 2, 3, 1), [0.2, 0.4, 0.6]);
 }
 
-/// What a map's code means: red along the tangent, green along the bitangent, on both sides and in a mirror.
+/// Red tilts a map's normal along the tangent and green along the bitangent, on both sides and in a mirror.
 #[test]
 fn a_normal_map_turns_the_cosine() {
     let code = [204u8, 153, 230, 0];
@@ -104,19 +104,19 @@ fn a_normal_map_turns_the_cosine() {
         let mut below = scene.clone();
         sun(&mut scene, -to_sun);
         sun(&mut below, to_sun);
-        // Up is y, along is x, and across is up × along = −z; a mirror in x turns what was along.
+        // Up is y, along is x, and across is up × along = −z; mirroring in x flips the direction along.
         let (x, y) = (local.x * f64::from(scale), local.y * f64::from(scale));
         let along = if mirrored { -1.0 } else { 1.0 };
         let normal = DVec3::new(along * x, local.z, -y * f64::from(w)).normalize();
         let expected = normal.dot(to_sun.as_dvec3());
         assert_exact(&look_down(&scene, 2), [expected; 3]);
-        // From below everything is flipped.
+        // From below, everything is flipped.
         let seen = Reference::new(&below).probe(Vec3::NEG_Y, Vec3::Y, 2, 0, 1);
         assert_exact(&seen, [expected; 3]);
     }
 }
 
-/// A normal that the map turns away from the viewer is bent until the viewer just sees it.
+/// A mapped normal that faces away from the viewer is bent until the viewer just sees it.
 #[test]
 fn a_normal_that_faces_away_is_bent() {
     let mut scene = empty("bent");
@@ -134,12 +134,12 @@ fn a_normal_that_faces_away_is_bent() {
     assert_exact(&seen, [bent.dot(to_sun.as_dvec3()); 3]);
 }
 
-/// Every factor times its channel is that factor alone. Codes are linear or sRGB as the model has it.
+/// A factor times its texture channel equals the product as a factor. Codes are linear or sRGB as the model defines.
 #[test]
 fn textures_multiply_their_factors_channel_by_channel() {
     let mut plain = empty("plain");
     let mut textured = empty("textured");
-    // 51, 102, 153, 204: 0.2, 0.4, 0.6, 0.8 of the factor.
+    // Codes 51, 102, 153 and 204 are 0.2, 0.4, 0.6 and 0.8 of the factor.
     let all = flat_texture(&mut textured, [51, 102, 153, 204]);
     // sRGB code 188 is 0.502886 linear.
     let half = flat_texture(&mut textured, [188, 188, 188, 7]);

@@ -1,7 +1,7 @@
-//! The reference path tracer and its z-test, held against closed forms.
+//! Compares the reference path tracer and its z-test with closed forms.
 //!
-//! Where the estimator has no variance the answer must be exact (to f32 input); elsewhere it must lie within
-//! 4.5 standard errors, which must be small.
+//! If the estimator has no variance, the answer must be exact to f32 input. Otherwise it must lie within 4.5 standard
+//! errors, which must be small.
 
 mod energy;
 mod glass;
@@ -21,7 +21,7 @@ use crate::reference::Reference;
 use crate::reference::scenes::{add_matte, empty, place, quad};
 use crate::reference::ztest::Estimate;
 
-/// A floor at y = 0 that faces up, 20 wide.
+/// Adds a floor at y = 0 that faces up, 20 wide.
 fn floor(scene: &mut Scene, albedo: Vec3) {
     let material = add_matte(scene, albedo);
     place(scene, quad(vec3(-10.0, 0.0, -10.0), 20.0 * Vec3::Z, 20.0 * Vec3::X, material));
@@ -33,7 +33,7 @@ fn white_floor(name: &str) -> Scene {
     scene
 }
 
-/// Radiance that the point (x, 0, z) of the floor sends up and aside.
+/// Returns the radiance that the point (x, 0, z) of the floor sends up and aside.
 fn look_at_floor(scene: &Scene, x: f32, z: f32, spp: u32, bounces: u32) -> Estimate {
     let away = vec3(0.3, 0.4, -0.2);
     Reference::new(scene).probe(vec3(x, 0.0, z) + away, -away, spp, bounces, 1)

@@ -1,4 +1,4 @@
-//! Rays, and directions drawn.
+//! Rays and sampled directions.
 
 use glam::{DVec3, Vec3, vec3};
 
@@ -6,7 +6,8 @@ use crate::reference::intersect::{self, Geometry, Ray, Triangle};
 use crate::reference::sampling::{Rng, cone_direction, cosine_direction};
 use crate::reference::scenes::icosphere;
 
-/// Rays from inside a closed mesh at its vertices and edges: none escapes. Also far from the origin and small.
+/// Rays from inside a closed mesh towards its vertices and edges: none escapes, even far from the origin and at small
+/// scale.
 #[test]
 fn no_ray_leaks_through_shared_edges() {
     for (size, offset) in [(1.0f64, 0.0f64), (1e-3, 1e2), (1e6, 0.0)] {
@@ -40,12 +41,12 @@ fn no_ray_leaks_through_shared_edges() {
     }
 }
 
-/// A ray that starts just off a wall, as in a corner, still meets it.
+/// A ray that starts just off a wall still hits it, as in a corner.
 #[test]
 fn walls_nearer_than_the_hierarchy_can_tell_are_hit() {
     let corners = [DVec3::ZERO, DVec3::Y * 10.0, DVec3::Z * 10.0];
     let wall = |x: f64, index: usize| Triangle { vertices: corners.map(|c| c + DVec3::X * x), instance: 0, index };
-    // A dense pile up to x = 5, so that its inner nodes have a fine grid, in a scene ten wide.
+    // A dense pile up to x = 5 in a scene ten wide, so that its inner nodes have a fine grid.
     let mut places: Vec<f64> = (0..400).map(|i| 5.0 - 1e-3 * f64::from(i)).collect();
     places.extend([0.0, 10.0]);
     let walls = places.iter().enumerate().map(|(i, &x)| wall(x, i));
@@ -60,7 +61,7 @@ fn walls_nearer_than_the_hierarchy_can_tell_are_hit() {
     }
 }
 
-/// The hierarchy against all triangles one by one.
+/// Compares the hierarchy with a loop over all triangles.
 #[test]
 fn the_hierarchy_finds_what_brute_force_finds() {
     let mut rng = Rng::new(3, 4);
@@ -76,7 +77,7 @@ fn the_hierarchy_finds_what_brute_force_finds() {
     let axes = [DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y, DVec3::NEG_Z];
     for i in 0..4_000 {
         let direction = if i % 4 == 0 { axes[i / 4 % 6] } else { vector().normalize() };
-        // From inside, and from far outside.
+        // Rays start inside, or far outside.
         let origin = vector() * 4.0 - direction * if i % 3 == 0 { 1e4 } else { 0.0 };
         let ray = Ray { origin, direction };
         let found = geometry.closest(&ray, f64::INFINITY, None, |_, _| true).map(|h| h.t);
@@ -90,7 +91,7 @@ fn the_hierarchy_finds_what_brute_force_finds() {
     }
 }
 
-/// Means of cos θ: 2/3 for the cosine lobe, (1 + cos θ₀) / 2 for a cone.
+/// Checks means of cos θ: 2/3 for the cosine lobe, (1 + cos θ₀) / 2 for a cone.
 #[test]
 fn directions_have_their_densities() {
     let mut rng = Rng::new(5, 6);

@@ -1,4 +1,4 @@
-//! Whole scenes by the z-test.
+//! Tests whole scenes by the z-test.
 
 use diptych::image::Extent;
 use diptych::scene::Scene;
@@ -23,7 +23,8 @@ fn every_scene_agrees_with_itself_under_another_seed() {
     assert!(squares > 0.5, "mean z² {squares}: variances are too large");
 }
 
-/// Two estimators that share the surfaces' values only: bounces alone, and bounces weighed against explicit samples.
+/// Compares two estimators that share only the surfaces' values: bounces alone, and bounces weighted against explicit
+/// samples.
 fn hold_estimators_together(name: &str, (scene, camera): &(Scene, Pinhole), extent: Extent, resolution: f64) {
     let [a, b] = [(Emitters::Sampled, 128), (Emitters::BounceHits, 512)]
         .map(|(emitters, spp)| Reference::new(scene).with_emitters(emitters).render(camera, extent, spp, 2, 3));
@@ -39,7 +40,7 @@ fn explicit_samples_and_bounce_hits_agree() {
         }
     }
     for (name, light) in lit::ALL {
-        // Bounces find these rarely, and smaller ones hardly ever.
+        // Bounces rarely hit these lights, and hardly ever hit smaller ones.
         if ["emissive_triangles", "sphere"].contains(&name) {
             hold_estimators_together(name, &lit::things(name, light), Extent::new(40, 32), 0.1);
         }

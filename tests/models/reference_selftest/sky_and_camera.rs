@@ -60,7 +60,7 @@ fn pixels_run_right_and_down_and_are_box_filtered() {
     // The image plane at distance 1 is 2 high and 4 wide; right is −y, up is +z.
     assert_eq!(camera.right, Vec3::NEG_Y);
     let lamp = add_material(&mut scene, Material { emissive: Vec3::ONE, double_sided: true, ..matte() });
-    // Covers x 5 to 6.5 of the image and y 0 to 1.
+    // Covers x from 5 to 6.5 and y from 0 to 1 of the image.
     let corner = vec3(1.0, 2.0 - 6.5 / 2.0, 0.5);
     place(&mut scene, quad(corner, 0.75 * Vec3::Y, 0.5 * Vec3::Z, lamp));
     let seen = Reference::new(&scene).render(&camera, extent, 4_000, 0, 1);

@@ -27,9 +27,9 @@ fn a_shading_normal_turns_the_cosine_on_both_sides_and_never_lets_light_through(
     assert_exact(&sun(&scene, Vec3::Y, Vec3::NEG_Y), [0.8; 3]);
     assert_exact(&sun(&scene, -normal, Vec3::Y), [1.0; 3]);
     assert_exact(&sun(&scene, Vec3::NEG_Y, Vec3::NEG_Y), [0.0; 3]);
-    // Above the shading normal's horizon, but below the surface.
+    // The light is above the shading normal's horizon, but below the surface.
     assert_exact(&sun(&scene, vec3(-0.96, 0.28, 0.0), Vec3::Y), [0.0; 3]);
-    // The shading normal faces away from this viewer: the geometric one counts.
+    // The shading normal faces away from this viewer, so the geometric one is used.
     assert_exact(&sun(&scene, Vec3::NEG_Y, vec3(-0.96, 0.28, 0.0)), [1.0; 3]);
 }
 
@@ -42,7 +42,7 @@ fn bounces_that_leave_below_the_surface_are_lost() {
     place(&mut scene, mesh);
     scene.environment = Environment::Constant(Vec3::ONE);
     let seen = Reference::new(&scene).probe(Vec3::Y, Vec3::NEG_Y, 200_000, 0, 6);
-    // Of the cosine lobe around ns, (1 + cos) / 2 lies above a plane tilted by that angle.
+    // A fraction (1 + cos) / 2 of the cosine lobe around ns lies above a plane tilted by that angle.
     assert_near(&seen, 0.9, 0.002);
 }
 
@@ -61,14 +61,14 @@ fn a_mirrored_instance_keeps_its_front_and_its_normals() {
     };
     assert_exact(&seen_from(Vec3::ONE, 3.0), [1.0; 3]);
     assert_exact(&seen_from(Vec3::ONE, -3.0), [0.0; 3]);
-    // Mirrored in x it stands at −1 and faces −x; in y, in place and still facing +x.
+    // Mirrored in x, the lamp is at −1 and faces −x. Mirrored in y, it stays in place and faces +x.
     assert_exact(&seen_from(vec3(-1.0, 1.0, 1.0), -3.0), [1.0; 3]);
     assert_exact(&seen_from(vec3(-1.0, 1.0, 1.0), 3.0), [0.0; 3]);
     assert_exact(&seen_from(vec3(1.0, -2.0, 1.0), 3.0), [1.0; 3]);
     assert_exact(&seen_from(vec3(1.0, -2.0, 1.0), -3.0), [0.0; 3]);
 }
 
-/// Normals go by the inverse transpose: a sphere stretched to an ellipsoid has the gradient as its normal.
+/// Normals transform by the inverse transpose: the normal of an ellipsoid is its gradient.
 #[test]
 fn stretched_and_mirrored_smooth_normals_stand_on_the_surface() {
     for mirror in [1.0f32, -1.0] {

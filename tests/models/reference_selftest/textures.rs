@@ -22,7 +22,7 @@ fn checker_scene(wrap_u: Wrap, wrap_v: Wrap, linear: bool) -> Scene {
     scene
 }
 
-/// The only texture, through a coordinate set as it is.
+/// References the only texture, without a transform of its coordinates.
 const fn texture_ref(uv_set: usize) -> TextureRef {
     TextureRef { texture: 0, uv_set, uv_from_uv: Affine2::IDENTITY }
 }
@@ -79,7 +79,7 @@ fn wrap_modes_repeat_mirror_and_clamp() {
     assert_eq!(look(ClampToEdge, MirroredRepeat, -0.1, 1.1), 0.2);
 }
 
-/// A quad in the plane z = 0, 1 × 1 from the origin, textured with v down, before a sky of 1.
+/// Adds a quad in the plane z = 0, 1 × 1 from the origin, textured with v down, in front of a sky of 1.
 fn textured_quad(material: Material, colors: Vec<glam::Vec4>, linear: bool) -> Scene {
     let mut scene = checker_scene(Wrap::ClampToEdge, Wrap::ClampToEdge, linear);
     let material = add_material(&mut scene, material);
@@ -107,7 +107,7 @@ fn a_textured_surface_multiplies_factor_vertex_colour_and_texel() {
         ..matte()
     };
     let scene = textured_quad(material, vec![vec4(0.5, 0.25, 1.0, 1.0); 4], false);
-    // Under a white sky: albedo + emission.
+    // Under a white sky, the radiance is albedo + emission.
     assert_exact(&through(&scene, 0.2, 0.8, 20), [0.25 + 2.0, 0.0, 0.0]);
     assert_exact(&through(&scene, 0.8, 0.8, 20), [0.0, (0.125 + 4.0) * MIDDLE, 0.0]);
     assert_exact(&through(&scene, 0.2, 0.2, 20), [0.0, 0.0, 0.5 + 8.0]);
@@ -156,7 +156,8 @@ fn blending_is_there_with_probability_alpha_for_camera_and_shadow_rays() {
     });
 }
 
-/// Emission of a half-open lamp: explicit samples must weigh by coverage what bounces find by chance.
+/// Emission of a half-transparent lamp: explicit samples must be weighted by coverage, because bounces hit it only by
+/// chance.
 #[test]
 fn masked_and_blended_lamps_light_the_same_by_either_estimator() {
     for alpha_mode in [AlphaMode::Mask { cutoff: 0.3 }, AlphaMode::Blend] {

@@ -9,7 +9,7 @@ use crate::reference::sampling::Rng;
 use crate::reference::scenes::matte;
 use crate::reference::ztest::{Estimate, Moments, assert_agrees, compare, mean_and_variance, verdict};
 
-/// K renders of independent noise around `mean`, standard deviation 0.3.
+/// Returns K renders of independent noise around `mean` with a standard deviation of 0.3.
 fn noise(extent: Extent, renders: u64, mean: f32, seed: u64) -> Vec<RgbImage> {
     (0..renders)
         .map(|k| {
@@ -35,7 +35,7 @@ fn equal_means_pass_and_have_the_documented_z() {
         let report = assert_agrees("noise", &a, &b, 0.015);
         squares += report.block_mean_square() / 20.0;
         tails += report.blocks_beyond_3() / 20.0;
-        // t-like with 14 degrees of freedom: 1 % beyond 3.
+        // The distribution is like Student's t with 14 degrees of freedom: 1 % beyond 3.
         assert!((0.005..0.015).contains(&report.pixels_beyond_3), "{report}");
     }
     assert!((squares - 1.0).abs() < 0.05, "{squares}");
@@ -73,7 +73,7 @@ fn noise_that_hides_everything_and_values_that_are_not_finite_do_not_pass() {
     assert!(verdict(&compare(&a, &b), 0.05).len() > 1);
 }
 
-/// Images without noise may differ by f32 rounding, and by no more.
+/// Images without noise may differ by f32 rounding and no more.
 #[test]
 fn exact_images_agree_to_rounding() {
     let flat = |value: f64| {
@@ -87,7 +87,8 @@ fn exact_images_agree_to_rounding() {
     assert!(!verdict(&compare(&flat(0.5), &flat(0.5005)), 0.005).is_empty());
 }
 
-/// Renders whose pixels share a random number: the spread of the renders' means tells how far the image's mean is off.
+/// Pixels of a render share a random number, so only the spread of the renders' means shows the error of the image's
+/// mean.
 #[test]
 fn errors_that_pixels_share_are_in_the_variance_of_the_image() {
     let extent = Extent::new(16, 8);
@@ -104,7 +105,7 @@ fn errors_that_pixels_share_are_in_the_variance_of_the_image() {
         let report = compare(&estimate(1.0, 2 * seed), &estimate(1.0, 2 * seed + 1));
         assert!(!image_mean(verdict(&report, 0.01)), "{report}");
         squares += report.image_z[0] * report.image_z[0] / 200.0;
-        // The standard error is 0.02 / √12 / √32 · √2 = 0.00144, known as well as 62 degrees of freedom tell.
+        // The standard error is 0.02 / √12 / √32 · √2 = 0.00144, estimated with 62 degrees of freedom.
         let bias = 0.00144 * (3.8 + 1.3);
         assert!((0.7 * bias..1.3 * bias).contains(&report.surely_found[0]), "{report}");
         let biased = compare(&estimate(1.0, 2 * seed), &estimate(1.0 + bias, 2 * seed + 1));
@@ -114,7 +115,7 @@ fn errors_that_pixels_share_are_in_the_variance_of_the_image() {
     assert!((160..200).contains(&seen), "a bias that nine of ten tries find is found {seen} times in 200");
 }
 
-/// A lattice has the mean of independent paths, and less noise.
+/// A lattice has the same mean as independent paths and less noise.
 #[test]
 fn renders_of_a_lattice_have_the_mean_of_independent_paths() {
     let (scene, camera) = matte::environment_only();

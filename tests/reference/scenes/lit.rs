@@ -1,7 +1,7 @@
-//! The same things, matte, glossy and metal, under one kind of light each, and under many. Bright lamps stand outside the
-//! picture, whose edges would make most of its noise, and the floor fills it, so that no pixel is black.
+//! Matte, glossy and metal objects under one kind of light each, and under many. Bright lamps are outside the picture,
+//! because their edges would cause most of its noise. The floor fills the picture, so that no pixel is black.
 //!
-//! To add a row: a line in [`ALL`] with a function that adds the light to [`things`].
+//! To add a row, write a function that adds the light to [`things`], and its line in [`ALL`].
 
 use diptych::image::Extent;
 use diptych::scene::{AlphaMode, Clearcoat, Environment, Light, LightKind, Material, Scene};
@@ -14,7 +14,7 @@ use crate::reference::Pinhole;
 
 pub type Row = (&'static str, fn(&mut Scene));
 
-/// Every kind of light with its name.
+/// All kinds of light with their names.
 pub const ALL: [Row; 10] = [
     ("emissive_triangles", add_lamps),
     ("point", |scene| scene.lights.push(point(0.0))),
@@ -28,7 +28,7 @@ pub const ALL: [Row; 10] = [
     ("many_lights", add_many),
 ];
 
-/// Emissive triangles that send less than their material says, or from behind.
+/// Emissive triangles that emit less than their factor, or from the back.
 pub const CARDS: [Row; 5] = [
     ("masked", |scene| add_card(scene, Card::Masked)),
     ("blended", |scene| add_card(scene, Card::Blended)),
@@ -37,7 +37,7 @@ pub const CARDS: [Row; 5] = [
     ("seen_from_behind", |scene| add_card(scene, Card::FromBehind)),
 ];
 
-/// A floor with a matte, a glossy and a rough metal ball, in that light.
+/// Returns a floor with a matte, a glossy and a rough metal ball in that light.
 pub fn things(name: &str, add_light: fn(&mut Scene)) -> (Scene, Pinhole) {
     let mut scene = ground(name);
     let base = vec3(0.7, 0.5, 0.3);
@@ -56,7 +56,7 @@ fn add_lamps(scene: &mut Scene) {
     place(scene, quad(vec3(2.9, 0.3, -0.8), 1.4 * Vec3::Z, 1.6 * Vec3::Y, strip));
 }
 
-/// What is special about the lamp of [`add_card`].
+/// Property of the lamp of [`add_card`] under test.
 #[derive(Clone, Copy, PartialEq)]
 enum Card {
     Masked,
@@ -66,7 +66,7 @@ enum Card {
     FromBehind,
 }
 
-/// A lamp with nothing else to light the scene. It hangs above and faces down, a little towards the camera.
+/// Adds a lamp as the only light. It hangs above and faces down, tilted slightly towards the camera.
 fn add_card(scene: &mut Scene, kind: Card) {
     let pictures = Pictures::add(scene);
     let lamp = |emissive: Vec3| {
@@ -98,7 +98,7 @@ fn add_card(scene: &mut Scene, kind: Card) {
         vec![vec2(-0.1, 1.1), vec2(1.2, 1.0), vec2(1.0, 0.0), vec2(0.1, -0.1)],
         vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
     ];
-    // A part of a masked card is cut out; a blended one fades along its length.
+    // A masked card has a hole; a blended one fades along its length.
     if matches!(kind, Card::Masked | Card::Blended) {
         card.colors = [1.0, 0.3, 0.3, 1.0].map(|a| vec4(1.0, 1.0, 1.0, a)).to_vec();
     }
@@ -135,7 +135,7 @@ fn sun(angle_deg: f32) -> Light {
     }
 }
 
-/// One texel of the sky is the sun: 300 times as bright as the rest.
+/// Adds a sky with one texel as the sun, 300 times as bright as the rest.
 fn add_sunny_sky(scene: &mut Scene) {
     let mut image = sky(Extent::new(32, 16));
     image.pixels[3 * 32 + 19] = [300.0, 280.0, 240.0];

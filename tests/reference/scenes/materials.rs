@@ -1,7 +1,7 @@
 //! Scenes that show the lobes of the material model, each under light that is easy to find.
 //!
-//! To add a row: a function that returns the scene and its camera, and its line in [`ALL`]. Keep small bright lights
-//! away from smooth glass and metal, for their caustics hide every bias.
+//! To add a row, write a function that returns the scene and its camera, and its line in [`ALL`]. Keep small bright
+//! lights away from smooth glass and metal: the noise of caustics would hide any bias.
 
 use diptych::scene::{AlphaMode, Clearcoat, Light, LightKind, Material, Mesh, NormalMap, Scene, Volume};
 use glam::{Affine3A, Vec3, vec2, vec3, vec4};
@@ -12,7 +12,7 @@ use crate::reference::Pinhole;
 
 type Row = (&'static str, fn() -> (Scene, Pinhole));
 
-/// Every scene of this file with its name.
+/// All scenes of this file with their names.
 pub const ALL: [Row; 16] = [
     ("metals", metals),
     ("dielectrics", dielectrics),
@@ -36,7 +36,7 @@ fn amber(attenuation_distance: f32) -> Option<Volume> {
     Some(Volume { attenuation_color: vec3(0.9, 0.6, 0.2), attenuation_distance })
 }
 
-/// Rough, glossy and smooth.
+/// Rough, glossy and smooth metals.
 fn metals() -> (Scene, Pinhole) {
     let mut scene = studio("metals");
     let gold = vec3(1.0, 0.77, 0.34);
@@ -44,7 +44,7 @@ fn metals() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// Glossy, rough and smooth over a colour, and half metal.
+/// Dielectrics: glossy, rough and smooth over a colour, and half metal.
 fn dielectrics() -> (Scene, Pinhole) {
     let mut scene = studio("dielectrics");
     let red = vec3(0.8, 0.25, 0.2);
@@ -69,7 +69,7 @@ fn tinted_specular() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// Panels of rough, half and smooth thin glass before a block.
+/// Panels of rough, half-rough and smooth thin glass in front of a block.
 fn thin_glass() -> (Scene, Pinhole) {
     let mut scene = studio("thin_glass");
     let green = vec3(0.7, 0.95, 0.8);
@@ -83,8 +83,8 @@ fn thin_glass() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// A sun, a point and a spot behind panes: tinted with bumps, half opaque, blended, coated and smooth in parts. The lamp
-/// of the room and its sky shine through them, too.
+/// A sun, a point light and a spot behind panes that are tinted with bumps, half opaque, blended, coated, or smooth in
+/// parts. The room's lamp and sky shine through them, too.
 fn delta_lights_behind_panes() -> (Scene, Pinhole) {
     let mut scene = studio("delta_lights_behind_panes");
     let pictures = Pictures::add(&mut scene);
@@ -109,7 +109,7 @@ fn delta_lights_behind_panes() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// Panels that show their backs, with volumes that nothing can be seen of, beside glass.
+/// Panels that show their backs, with invisible volumes, beside glass.
 fn opaque_with_a_volume() -> (Scene, Pinhole) {
     let mut scene = studio("opaque_with_a_volume");
     let dense = Volume { attenuation_color: vec3(0.5, 0.1, 0.02), attenuation_distance: 0.3 };
@@ -143,7 +143,7 @@ fn rough_thick_glass() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// The camera is inside a large ball of glass, which it does not know, with a block in there, too.
+/// The camera and a block are inside a large glass ball. The camera's rays do not know that medium.
 fn inside_glass() -> (Scene, Pinhole) {
     let mut scene = studio("inside_glass");
     let material = Material { volume: amber(2.0), ..glass(Vec3::ONE, 0.0) };
@@ -168,7 +168,7 @@ fn clearcoats() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// Matte, metal and dielectric; the middle one is mirrored, the last strong.
+/// Matte, metal and dielectric normal maps; the middle one is mirrored, the last one strong.
 fn normal_maps() -> (Scene, Pinhole) {
     let mut scene = studio("normal_maps");
     let pictures = Pictures::add(&mut scene);
@@ -182,7 +182,7 @@ fn normal_maps() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// Coats with and without a map over bases with and without one, and a coat by texture.
+/// Coats with and without a map over bases with and without one, and a textured coat.
 fn coat_maps() -> (Scene, Pinhole) {
     let mut scene = studio("coat_maps");
     let pictures = Pictures::add(&mut scene);
@@ -226,7 +226,7 @@ fn material_textures() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// Strength and colour of the dielectric's reflection, and transmission, before a block.
+/// Textured strength and colour of the dielectric's reflection, and textured transmission, in front of a block.
 fn specular_textures() -> (Scene, Pinhole) {
     let mut scene = studio("specular_textures");
     let pictures = Pictures::add(&mut scene);
@@ -247,7 +247,7 @@ fn specular_textures() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// A ball and a panel that light the floor and are seen in a metal ball and from behind.
+/// An unlit ball and panel that light the floor and are seen in a metal ball and from behind.
 pub fn unlit() -> (Scene, Pinhole) {
     let mut scene = studio("unlit");
     let pictures = Pictures::add(&mut scene);
@@ -262,7 +262,7 @@ pub fn unlit() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// An index of 1 bends nothing, one of 0 reflects all but what the colour leaves.
+/// An index of 1 does not refract; an index of 0 reflects everything that the colour leaves.
 fn ior_one_and_zero() -> (Scene, Pinhole) {
     let mut scene = studio("ior_one_and_zero");
     let haze = Material { ior: 1.0, volume: amber(0.6), ..glass(Vec3::ONE, 0.4) };
@@ -272,7 +272,7 @@ fn ior_one_and_zero() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// Normal maps, on the base or on a coat alone, of bent sheets without tangents.
+/// Normal maps, on the base or only on a coat, on bent sheets without tangents.
 pub fn mapped_without_tangents() -> (Scene, Pinhole) {
     let mut scene = studio("normal maps without tangents");
     let map = Pictures::add(&mut scene).waves;
@@ -291,8 +291,8 @@ pub fn mapped_without_tangents() -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// A sheet that is bent around an upright axis. On both coordinate sets its image is mirrored in the middle, where vertices
-/// are shared.
+/// Returns a sheet that is bent around a vertical axis. On both coordinate sets its image is mirrored in the middle,
+/// where vertices are shared.
 fn bent_sheet(material: usize, has_normals: bool) -> Mesh {
     const COLUMNS: u32 = 8;
     const ROWS: u32 = 5;

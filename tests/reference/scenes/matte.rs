@@ -6,7 +6,7 @@ use glam::{Affine2, Affine3A, Quat, Vec3, vec2, vec3, vec4};
 
 use super::*;
 
-/// Every scene of this file with its name.
+/// Returns all scenes of this file with their names.
 pub fn all() -> Vec<(&'static str, Scene, Pinhole)> {
     let named = |name, (scene, camera)| (name, scene, camera);
     vec![
@@ -19,7 +19,7 @@ pub fn all() -> Vec<(&'static str, Scene, Pinhole)> {
     ]
 }
 
-/// A box open towards the camera, two blocks in it, one-sided emissive quad under the ceiling.
+/// A box open towards the camera with two blocks and a one-sided emissive quad under the ceiling.
 pub fn box_area_light() -> (Scene, Pinhole) {
     let mut scene = empty("box_area_light");
     let white = add_matte(&mut scene, vec3(0.73, 0.73, 0.73));
@@ -113,7 +113,7 @@ pub fn point_spot_directional() -> (Scene, Pinhole) {
     (scene, camera)
 }
 
-/// A turned sky with a soft sun and a dark ground, and nothing else to light a ball and a block on a floor.
+/// A rotated sky with a soft sun and a dark ground as the only light on a ball and a block on a floor.
 pub fn environment_only() -> (Scene, Pinhole) {
     let mut scene = empty("environment_only");
     let grey = add_matte(&mut scene, vec3(0.5, 0.5, 0.5));
@@ -190,8 +190,8 @@ pub fn textured_masked_blend() -> (Scene, Pinhole) {
     (scene, camera)
 }
 
-/// One mesh pair (a ball with smooth normals, a one-sided emissive badge beside it), placed plain, mirrored,
-/// stretched and turned, and both mirrored and stretched.
+/// One mesh pair (a ball with smooth normals and a one-sided emissive badge beside it), placed plain, mirrored,
+/// stretched and rotated, and both mirrored and stretched.
 pub fn instanced_mirrored() -> (Scene, Pinhole) {
     let mut scene = empty("instanced_mirrored");
     let grey = add_matte(&mut scene, vec3(0.6, 0.6, 0.6));
@@ -202,7 +202,7 @@ pub fn instanced_mirrored() -> (Scene, Pinhole) {
     );
     place(&mut scene, quad(vec3(-4.0, 0.0, -3.0), 6.0 * Vec3::Z, 8.0 * Vec3::X, grey));
     let ball = add_mesh(&mut scene, icosphere(2, true, ball));
-    // Faces +x and a little towards +z; the plain instance shines away from the ball.
+    // The badge faces +x and slightly towards +z; the plain instance shines away from the ball.
     let (along, up) = (vec3(0.3, 0.0, -0.8), vec3(0.0, 0.8, 0.0));
     let badge = add_mesh(&mut scene, quad(vec3(1.2, -0.4, 0.4), along, up, badge));
     let turn = Quat::from_rotation_y(0.5) * Quat::from_rotation_z(0.4);

@@ -1,4 +1,4 @@
-//! Small scenes, made here, that between them use everything of the model, each with its camera; and parts to build with.
+//! Small procedural scenes that together use the whole model, each with its camera; and helpers to build them.
 
 pub mod lit;
 pub mod materials;
@@ -44,7 +44,7 @@ pub fn instance(scene: &mut Scene, mesh: usize, world_from_local: Affine3A) {
     scene.instances.push(Instance { mesh, world_from_local });
 }
 
-/// Adds the mesh with one instance, where it is.
+/// Adds the mesh with one instance at the origin.
 pub fn place(scene: &mut Scene, mesh: Mesh) {
     let mesh = add_mesh(scene, mesh);
     instance(scene, mesh, Affine3A::IDENTITY);
@@ -54,7 +54,7 @@ pub fn scaled_at(scale: f32, at: Vec3) -> Affine3A {
     Affine3A::from_scale_rotation_translation(Vec3::splat(scale), Quat::IDENTITY, at)
 }
 
-/// Parallelogram whose front looks along `u` × `v`; corners in the order 0, u, u + v, v.
+/// Returns a parallelogram whose front faces along `u` × `v`, with corners in the order 0, u, u + v, v.
 pub fn quad(corner: Vec3, u: Vec3, v: Vec3, material: usize) -> Mesh {
     Mesh {
         positions: vec![corner, corner + u, corner + u + v, corner + v],
@@ -64,7 +64,7 @@ pub fn quad(corner: Vec3, u: Vec3, v: Vec3, material: usize) -> Mesh {
     }
 }
 
-/// Cube of edge 1 around the origin, faces out.
+/// Returns a cube of edge 1 around the origin that faces outwards.
 pub fn block(material: usize) -> Mesh {
     let mut mesh = Mesh { material, ..Mesh::default() };
     for (n, u) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
@@ -83,7 +83,7 @@ pub fn append(mesh: &mut Mesh, part: Mesh) {
     mesh.triangles.extend(part.triangles.iter().map(|t| t.map(|i| i + first)));
 }
 
-/// Unit sphere of 20 · 4^`levels` triangles, faces out; its corners lie on the sphere.
+/// Returns a sphere of 20 · 4^`levels` triangles that faces outwards; its corners lie on the unit sphere.
 pub fn icosphere(levels: u32, smooth: bool, material: usize) -> Mesh {
     let golden = 0.5 * (1.0 + 5f32.sqrt());
     // The corners of an icosahedron are those of three golden rectangles.

@@ -1,4 +1,4 @@
-//! Scenes in which something moves, one for each way to move, all before one camera.
+//! Animated scenes, one for each kind of motion, with a common camera.
 
 use std::f32::consts::{FRAC_PI_2, TAU};
 
@@ -12,10 +12,10 @@ use glam::{Affine2, DQuat, DVec3, Vec2, vec4};
 
 use super::*;
 
-/// How long the motions last, after which they begin anew, seconds.
+/// Duration of the motions in seconds, after which they repeat.
 pub const DURATION_S: f64 = 2.0;
 
-/// A scene that is being made to move.
+/// An animated scene under construction.
 pub struct Draft {
     pub scene: Scene,
     channels: Vec<Channel>,
@@ -26,7 +26,7 @@ impl Draft {
         Self { scene: empty(name), channels: Vec::new() }
     }
 
-    /// A grey floor before a wall, with some light from all around.
+    /// Creates a grey floor in front of a wall, with some light from all directions.
     pub fn room(name: &str) -> Self {
         let mut draft = Self::new(name);
         let scene = &mut draft.scene;
@@ -48,27 +48,27 @@ impl Draft {
         self.channels.push(Channel { target, keys });
     }
 
-    /// Turns a node around an axis from rest to `angle` in the middle of the motion and back.
+    /// Rotates a node around an axis from rest to `angle` in the middle of the motion and back.
     pub fn swing(&mut self, node: usize, axis: DVec3, angle: f64) {
         let turned = |angle| DQuat::from_axis_angle(axis.normalize(), angle).as_quat().to_array();
         let keys = [turned(0.0), turned(angle), turned(0.0)].concat();
         self.animate(Target::Rotation(node), Interpolation::Linear, &[0.0, 1.0, 2.0], &keys);
     }
 
-    /// Shifts a node from `from` to `to` in the middle of the motion and back.
+    /// Moves a node from `from` to `to` in the middle of the motion and back.
     pub fn shift(&mut self, node: usize, from: Vec3, to: Vec3) {
         let keys = [from, to, from].map(|v| v.to_array()).concat();
         self.animate(Target::Translation(node), Interpolation::Linear, &[0.0, 1.0, 2.0], &keys);
     }
 
-    /// A body of that mesh.
+    /// Adds a body of that mesh.
     pub fn body(&mut self, mesh: usize, node: usize, skin: Option<usize>, weights: Vec<f32>) {
         let number = self.scene.instances.len();
         instance(&mut self.scene, mesh, Affine3A::IDENTITY);
         self.scene.motion.bodies.push(Body { instance: number, node, skin, weights });
     }
 
-    /// A light on a node.
+    /// Adds a light on a node.
     pub fn light(&mut self, node: usize, kind: LightKind, strength: Vec3) -> usize {
         self.scene.lights.push(Light { kind, strength });
         let index = self.scene.lights.len() - 1;
@@ -76,7 +76,7 @@ impl Draft {
         index
     }
 
-    /// The scene, as it is at time 0.
+    /// Returns the scene at time 0.
     pub fn done(mut self) -> Scene {
         let animation = Animation { name: "all".into(), channels: self.channels, duration_s: DURATION_S };
         self.scene.motion.animations = vec![animation];
@@ -91,7 +91,7 @@ pub fn camera() -> Pinhole {
     Pinhole::looking_at(vec3(0.0, 1.2, 4.2), vec3(0.0, 0.8, 0.0), Vec3::Y, 40.0)
 }
 
-/// A material with a normal map that dents it nowhere, so that there are tangents.
+/// Adds a material with a flat normal map, so that meshes get tangents.
 pub fn add_mapped(scene: &mut Scene, albedo: Vec3) -> usize {
     let image = add_image(scene, Image::filled(Extent::new(2, 2), [128, 128, 255, 255]));
     scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: false });
@@ -100,8 +100,8 @@ pub fn add_mapped(scene: &mut Scene, albedo: Vec3) -> usize {
     add_material(scene, Material { base_color: albedo.extend(1.0), normal_map, ..matte() })
 }
 
-/// An upright tube of radius 0.25 and height 1.5 around the y axis, that three joints at 0, 0.5 and 1 bend. Weights of 0 stand
-/// before and between others.
+/// Returns an upright tube of radius 0.25 and height 1.5 around the y axis, which three joints at 0, 0.5 and 1 bend.
+/// Zero weights precede others or lie between them.
 pub fn tube(sides: usize, rings: usize, material: usize) -> Mesh {
     let mut mesh = Mesh { material, ..Mesh::default() };
     for (ring, side) in (0..=rings).flat_map(|r| (0..=sides).map(move |s| (r, s))) {
@@ -126,7 +126,7 @@ pub fn tube(sides: usize, rings: usize, material: usize) -> Mesh {
     mesh
 }
 
-/// Triangles of a grid of vertices row by row, columns to the right and rows up.
+/// Returns the triangles of a grid of vertices in row-major order, columns to the right and rows up.
 fn grid(columns: usize, rows: usize) -> Vec<[u32; 3]> {
     let at = |row: usize, column: usize| (row * (columns + 1) + column) as u32;
     let quads = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
@@ -137,7 +137,7 @@ fn grid(columns: usize, rows: usize) -> Vec<[u32; 3]> {
     quads.flat_map(split).collect()
 }
 
-/// Adds a tube at `at` that swings, mirrored if `scale` says so.
+/// Adds a swinging tube at `at`, mirrored by a negative `scale`.
 pub fn add_tube(draft: &mut Draft, mesh: usize, at: DVec3, scale: DVec3) {
     let hip = draft.node(None, at, scale);
     let knee = draft.node(Some(hip), DVec3::Y * 0.5, DVec3::ONE);
@@ -151,8 +151,8 @@ pub fn add_tube(draft: &mut Draft, mesh: usize, at: DVec3, scale: DVec3) {
     draft.body(mesh, hip, Some(skin), weights);
 }
 
-/// A square of edge 1 in x and y around (0, 0, 0), of `cells` squares each way, with two shapes: a bulge with normals and
-/// tangents of its own, and a shear without.
+/// Returns a square of edge 1 in x and y around (0, 0, 0), with `cells` squares each way and two morph targets: a bulge
+/// with normals and tangents of its own, and a shear without.
 pub fn patch(cells: usize, material: usize) -> Mesh {
     let mut mesh = Mesh { material, ..Mesh::default() };
     let (mut bulge, mut shear) = (Morph::default(), Morph::default());
@@ -197,12 +197,12 @@ pub fn morphed() -> Scene {
     let mesh = add_mesh(&mut draft.scene, patch(12, red));
     add_patch(&mut draft, mesh, DVec3::new(-0.7, 0.9, 0.0));
     add_patch(&mut draft, mesh, DVec3::new(0.8, 0.8, 0.4));
-    // One stays as it is.
+    // One instance is static.
     instance(&mut draft.scene, mesh, Affine3A::from_translation(vec3(0.0, 1.3, -1.0)));
     draft.done()
 }
 
-/// Blocks that share a mesh, one of them mirrored and one that is away for a while.
+/// Blocks that share a mesh; one is mirrored, and one is scaled to zero for a while.
 pub fn rigid() -> Scene {
     let mut draft = Draft::room("rigid");
     let green = add_matte(&mut draft.scene, vec3(0.4, 0.8, 0.4));
@@ -221,7 +221,7 @@ pub fn rigid() -> Scene {
     draft.done()
 }
 
-/// A spherical lamp, a point and a spot that move.
+/// Moving spherical light, point light and spot.
 pub fn lights() -> Scene {
     let mut draft = Draft::room("lights");
     draft.scene.environment = Environment::Black;
@@ -242,7 +242,7 @@ pub fn lights() -> Scene {
     draft.done()
 }
 
-/// Emissive blocks, one mirrored, that move and shine ever brighter.
+/// Moving emissive blocks, one mirrored, with increasing brightness.
 pub fn emissive() -> Scene {
     let mut draft = Draft::room("emissive");
     draft.scene.environment = Environment::Black;
@@ -261,7 +261,7 @@ pub fn emissive() -> Scene {
     draft.done()
 }
 
-/// A lamp that is dark until [`SWITCH_S`], beside one that is not.
+/// A lamp that is dark until [`SWITCH_S`], beside one that is always on.
 pub fn switched() -> Scene {
     let mut draft = Draft::room("switched");
     draft.scene.environment = Environment::Black;
@@ -277,7 +277,7 @@ pub fn switched() -> Scene {
 
 pub const SWITCH_S: f64 = 1.0;
 
-/// All ways to move in one scene.
+/// All kinds of motion in one scene.
 pub fn everything() -> Scene {
     let mut draft = Draft::room("everything");
     let blue = add_mapped(&mut draft.scene, vec3(0.3, 0.5, 0.8));

@@ -6,7 +6,7 @@ use diptych::image::{Extent, Image, RgbImage};
 use diptych::scene::TexelImage;
 use glam::{Vec2, Vec3, vec2, vec3};
 
-/// Light and dark fields of changing hue, with an alpha that falls off from the middle.
+/// Returns light and dark fields of changing hue, with an alpha that falls off from the middle.
 pub fn checker(extent: Extent) -> TexelImage {
     let mut image = Image::filled(extent, [0; 4]);
     for (i, texel) in image.pixels.iter_mut().enumerate() {
@@ -52,7 +52,7 @@ pub fn waves(extent: Extent) -> TexelImage {
     image
 }
 
-/// Every channel in steps of its own, none of them down to 0.
+/// Returns an image whose channels have different steps, all above 0.
 pub fn steps(extent: Extent) -> TexelImage {
     let mut image = Image::filled(extent, [0; 4]);
     for (i, texel) in image.pixels.iter_mut().enumerate() {

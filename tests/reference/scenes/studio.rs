@@ -1,4 +1,4 @@
-//! The room in which materials are shown: a floor, a large lamp, an even sky, and things of one material.
+//! A studio for materials: a floor, a large lamp, a uniform sky, and objects of one material.
 
 use diptych::image::Extent;
 use diptych::scene::{Environment, Material, Mesh, NormalMap, Scene, Texture, TextureRef, Wrap};
@@ -8,7 +8,7 @@ use super::pictures::{checker, steps, waves};
 use super::{add_image, add_material, add_matte, add_mesh, empty, icosphere, instance, matte, place, quad, scaled_at};
 use crate::reference::Pinhole;
 
-/// A floor under an even sky; nothing else.
+/// Returns an empty floor under a uniform sky.
 pub fn ground(name: &str) -> Scene {
     let mut scene = empty(name);
     let grey = add_matte(&mut scene, vec3(0.5, 0.45, 0.4));
@@ -16,7 +16,7 @@ pub fn ground(name: &str) -> Scene {
     scene
 }
 
-/// The ground, an even sky and a lamp two wide that shines down on it from the left.
+/// Returns the ground, a uniform sky and a lamp of width 2 that shines down on it from the left.
 pub fn studio(name: &str) -> Scene {
     let mut scene = ground(name);
     let lamp = Material { base_color: vec4(0.2, 0.2, 0.2, 1.0), emissive: vec3(2.5, 2.2, 1.8), ..matte() };
@@ -26,12 +26,12 @@ pub fn studio(name: &str) -> Scene {
     scene
 }
 
-/// What the things in a row are seen by.
+/// Returns the camera for objects in a row.
 pub fn camera() -> Pinhole {
     Pinhole::looking_at(vec3(0.0, 1.1, 4.0), vec3(0.0, 0.55, 0.0), Vec3::Y, 30.0)
 }
 
-/// A dielectric as a glTF file has it by default.
+/// Returns a dielectric with glTF's defaults.
 pub fn dielectric(base: Vec3, roughness: f32) -> Material {
     Material { base_color: base.extend(1.0), roughness, specular: 1.0, ..matte() }
 }
@@ -44,7 +44,7 @@ pub fn glass(base: Vec3, roughness: f32) -> Material {
     Material { transmission: 1.0, ..dielectric(base, roughness) }
 }
 
-/// Balls of radius 0.45 side by side, one of each material.
+/// Adds balls of radius 0.45 side by side, one of each material.
 pub fn add_balls<const N: usize>(scene: &mut Scene, materials: [Material; N]) {
     for (i, material) in materials.into_iter().enumerate() {
         let material = add_material(scene, material);
@@ -53,8 +53,8 @@ pub fn add_balls<const N: usize>(scene: &mut Scene, materials: [Material; N]) {
     }
 }
 
-/// Upright panels side by side, one of each material, with both coordinate sets, tangents and an open side behind.
-/// Every second one mirrors.
+/// Adds upright panels side by side, one of each material, with both coordinate sets, tangents and an open back. Every
+/// second one is mirrored.
 pub fn add_panels<const N: usize>(scene: &mut Scene, materials: [Material; N]) {
     for (i, material) in materials.into_iter().enumerate() {
         let material = add_material(scene, material);
@@ -69,7 +69,8 @@ fn spread(i: usize, n: usize) -> f32 {
     1.05 * (i as f32 - 0.5 * (n as f32 - 1.0))
 }
 
-/// 0.9 × 1 around the origin, leaning back, faces +z. Tangents are neither unit nor in the plane in the interior.
+/// Returns a panel of 0.9 × 1 around the origin that leans back and faces +z. Its interior tangents are neither unit
+/// nor in the plane.
 fn panel(material: usize) -> Mesh {
     let mut mesh = quad(vec3(-0.45, -0.5, 0.1), 0.9 * Vec3::X, vec3(0.0, 1.0, -0.25), material);
     let along = |x: f32, y: f32| vec3(1.0, x, y).normalize().extend(1.0);
@@ -83,7 +84,7 @@ fn panel(material: usize) -> Mesh {
     mesh
 }
 
-/// Pictures to make textures of; see [`Pictures::add`].
+/// Images for textures; see [`Pictures::add`].
 #[derive(Clone, Copy)]
 pub struct Pictures {
     pub checker: TextureRef,
@@ -92,7 +93,7 @@ pub struct Pictures {
 }
 
 impl Pictures {
-    /// All repeat, are bilinear, and lie on coordinate set 0.
+    /// Adds the textures. All repeat, are bilinear, and use coordinate set 0.
     pub fn add(scene: &mut Scene) -> Self {
         let mut add = |image| {
             let image = add_image(scene, image);
@@ -111,12 +112,12 @@ impl Pictures {
     }
 }
 
-/// The texture on the second coordinate set.
+/// Returns the texture on the second coordinate set.
 pub fn second(texture: TextureRef) -> TextureRef {
     TextureRef { uv_set: 1, ..texture }
 }
 
-/// The texture turned, stretched and moved.
+/// Returns the texture with a transform that rotates, scales and shifts it.
 pub fn turned(texture: TextureRef) -> TextureRef {
     TextureRef { uv_from_uv: Affine2::from_scale_angle_translation(vec2(1.3, 0.8), 0.5, vec2(0.2, -0.1)), ..texture }
 }

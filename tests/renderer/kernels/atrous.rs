@@ -8,22 +8,22 @@ use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{floats, is_near, rgb};
 
-/// Share of the distance to the eye by which the same surface may be off the centre's plane.
+/// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const REACH: f64 = 0.02;
-/// The cubic B-spline at the integers.
+/// Cubic B-spline at the integers.
 const SPLINE: [f64; 5] = [1.0 / 16.0, 1.0 / 4.0, 3.0 / 8.0, 1.0 / 4.0, 1.0 / 16.0];
 
-/// An iteration over one image.
+/// One iteration over an image.
 struct Twin<'a> {
     constants: &'a Constants,
     stripe: &'a Stripe,
     view: usize,
-    /// Whether pixels may be left to the filter.
+    /// True if pixels may be left to the filter.
     sparse: bool,
     step: u32,
     inverse_sigma2: f64,
-    /// Of a layer's iterations, those that do not compare light. Where no pixel is left to the filter, `inverse_sigma2`
-    /// says so.
+    /// Number of a layer's iterations that do not compare light. If no pixel is left to the filter, `inverse_sigma2`
+    /// decides instead.
     blind_iterations: u32,
     guide: &'a [Option<Surface>],
     source: &'a [[f32; 4]],
@@ -40,7 +40,7 @@ impl Twin<'_> {
             cases.meet("no surface");
             return self.source[at];
         };
-        // A layer of K iterations takes part in the last K, whose steps are 2^(K-1) to 1.
+        // A layer with K iterations takes part in the last K, with steps from 2^(K-1) to 1.
         let iterations = self.constants.foveation.layer_iterations[self.constants.layer((x, y), self.view)];
         let left = self.step.ilog2() + 1;
         if self.sparse && left > iterations {
@@ -78,7 +78,7 @@ impl Twin<'_> {
             cases.meet("filtered");
             return floats(sum / weight, self.source[at][3].into());
         }
-        // An empty pixel waits until half of what its surroundings should hold is within reach.
+        // An empty pixel is filled only if the taps have at least half of the expected samples around it.
         let enough = match is_empty && !is_last {
             true => 0.5 * self.constants.sampling_probability((x, y), self.view),
             false => 0.0,
@@ -92,7 +92,7 @@ impl Twin<'_> {
     }
 }
 
-/// Runs the iterations of a filter that ends with `count` of them, each on light of its own.
+/// Runs the last `count` iterations of a filter, each on independent light.
 fn compare(sparse: bool, layers: bool, count: u32, seed: u64, expected: &[&'static str]) {
     let mut random = Random::new(seed);
     let mut constants = Constants::new(WIDTH, HEIGHT);
@@ -137,7 +137,8 @@ fn compare(sparse: bool, layers: bool, count: u32, seed: u64, expected: &[&'stat
         };
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let (got, want) = (filtered[constants.index(x, y)], twin.pixel((x, y), &mut cases));
-            // Drivers' exponential functions are off by a few units in the last place of their argument, 80 at most.
+            // Drivers' exponential functions have errors of a few units in the last place of their argument, which is
+            // at most 80.
             let near = (0..4).all(|c| is_near(got[c].into(), want[c].into(), 2e-5, 1e-6));
             assert!(near, "({x}, {y}) of iteration {index}, {stripe:?}: {got:?} instead of {want:?}");
         }

@@ -1,4 +1,4 @@
-//! Accumulation over frames around the fit.
+//! Temporal accumulation before and after the fit.
 
 use glam::{DVec3, Vec2};
 
@@ -8,10 +8,10 @@ use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{Counts, MATERIAL_MASK, SAMPLED, VIEW_DEPENDENT, floats, is_finite, is_near, rgb};
 
-/// Least shares of a frame that are asked for.
+/// Minimum weights of a new frame.
 const SHARES: [f32; 2] = [0.2, 0.1];
 
-/// Guides and accumulated light of the frame before.
+/// Guides and accumulated light of the previous frame.
 struct Before {
     eye: Eye,
     guide: Vec<[u32; 4]>,
@@ -22,7 +22,7 @@ impl Before {
     fn new(random: &mut Random, constants: &Constants, view: usize, eye: Eye) -> Self {
         let mut seen_by = constants.clone();
         seen_by.eyes[view] = eye;
-        // The right eye's own history is short of pixels, so that the left one's is looked up.
+        // The right eye lacks history in many pixels, so that the left eye's is used.
         let lost = if view == 1 { 0.6 } else { 0.15 };
         let light = |random: &mut Random| {
             let [r, g, b, _] = match random.chance(0.02) {
@@ -36,7 +36,7 @@ impl Before {
         Self { eye, guide, light: (0..constants.area()).map(|_| light(random)).collect() }
     }
 
-    /// Light, frames and sum of weights of the pixels around the point where a surface was.
+    /// Returns light, frames and sum of weights of the pixels around a surface's previous image point.
     fn past(&self, constants: &Constants, stripe: &Stripe, row: u32, surface: &Surface, material: u32) -> [DVec3; 2] {
         let (mut light, mut frames, mut found) = (DVec3::ZERO, 0.0, 0.0);
         if let Some((seen, z)) = self.eye.seen_at(surface.position, constants.size()) {
@@ -66,7 +66,7 @@ impl Before {
     }
 }
 
-/// What a pixel is to have: light, frames before rounding, and whether something was dropped.
+/// Expected result of a pixel: light, frames before rounding, and whether something was dropped.
 struct After {
     light: DVec3,
     frames: f64,
@@ -173,7 +173,7 @@ fn compare(case: Case, cases: &mut Cases) {
             let now = (source[at][3] != 0).then(|| rgb(source[at].map(f32::from_bits)));
             let want = twin(case, &pasts, now, cases);
             let light = rgb(got[at].map(f32::from_bits));
-            // Weights of pixels are off by some 1e-6, and are divided by their sum, which is 0.01 at least.
+            // Weights of pixels have errors of about 1e-6 and are divided by their sum, which is at least 0.01.
             assert!((0..3).all(|c| is_near(light[c], want.light[c], 5e-4, 1e-4)), "{place}: {light}, {}", want.light);
             let frames = f64::from(got[at][3] >> 24);
             assert!((frames - want.frames).abs() <= 0.5 + 5e-4 * want.frames, "{place}: {frames}, {}", want.frames);

@@ -1,9 +1,9 @@
-//! The constants of a frame that kernels without a scene read, and the pinhole camera.
+//! Frame constants for kernels without a scene, and the pinhole camera.
 
 use diptych::stages::layout::{self, Camera, Display, Frame, History, Previous, Sampling, View};
 use glam::{DQuat, DVec2, DVec3, Vec2, Vec3, Vec4};
 
-/// A pinhole. Its numbers are what the device is given, so they are f32; what follows from them is computed in f64.
+/// A pinhole. Its numbers are f32, as on the device; derived values are computed in f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Eye {
     pub origin: Vec3,
@@ -14,12 +14,12 @@ pub struct Eye {
 }
 
 impl Eye {
-    /// Looks along -z.
+    /// Creates a pinhole that looks along -z.
     pub fn at_origin(tan_half: Vec2) -> Self {
         Self { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: -Vec3::Z, tan_half }
     }
 
-    /// The same eye elsewhere, turned about its own axes.
+    /// Returns the eye moved, and rotated about its own axes.
     pub fn moved(&self, way: DVec3, yaw: f64, pitch: f64) -> Self {
         let (up, right) = (self.up.as_dvec3().normalize(), self.right.as_dvec3().normalize());
         let turn = DQuat::from_axis_angle(up, yaw) * DQuat::from_axis_angle(right, pitch);
@@ -33,14 +33,14 @@ impl Eye {
         }
     }
 
-    /// Unit direction through an image point, in pixels from the top left corner.
+    /// Returns the unit direction through an image point, in pixels from the top left corner.
     pub fn ray(&self, at: DVec2, size: DVec2) -> DVec3 {
         let x = (2.0 * at.x / size.x - 1.0) * f64::from(self.tan_half.x);
         let y = (1.0 - 2.0 * at.y / size.y) * f64::from(self.tan_half.y);
         (self.forward.as_dvec3() + self.right.as_dvec3() * x + self.up.as_dvec3() * y).normalize()
     }
 
-    /// Image point at which `p` is seen, and its distance along the view direction. Behind the eye there is none.
+    /// Returns the image point of `p`, and its distance along the view direction; none behind the eye.
     pub fn seen_at(&self, p: DVec3, size: DVec2) -> Option<(DVec2, f64)> {
         let v = p - self.origin.as_dvec3();
         let z = v.dot(self.forward.as_dvec3());
@@ -68,20 +68,20 @@ pub struct Constants {
     pub eyes: [Eye; 2],
     pub width: u32,
     pub height: u32,
-    /// Number of the frame.
+    /// Frame number.
     pub index: u32,
     pub spp: u32,
     pub exposure: f32,
-    /// How far up and down history may have moved; none where there is no history.
+    /// Maximum vertical motion of history in rows; none without history.
     pub history_rows: Option<u32>,
     pub centre: Vec2,
     pub foveation: Foveation,
 }
 
-/// Constants that say which pixels are sampled, and how often they are filtered.
+/// Constants of the sampling mask and of the layers' filter iterations.
 #[derive(Clone, Debug)]
 pub struct Foveation {
-    /// Whether there are layers; the kernel is told by an override.
+    /// True if there are layers; the kernel gets an override constant for that.
     pub layers: bool,
     pub mask_turn: u32,
     pub radii: Vec2,
@@ -94,7 +94,7 @@ pub struct Foveation {
 impl Constants {
     pub fn new(width: u32, height: u32) -> Self {
         let middle = Vec2::new(width as f32, height as f32) * 0.5;
-        // The eyes differ in everything, lest one is taken for the other.
+        // All parameters of the eyes differ, so that a mix-up of the two is noticed.
         let left = Eye::at_origin(Vec2::new(0.55, 0.5)).moved(DVec3::new(-0.1, 0.2, 0.3), 0.15, -0.1);
         let right = Eye::at_origin(Vec2::new(0.53, 0.52)).moved(DVec3::new(0.25, 0.19, 0.33), 0.16, -0.09);
         Self {
@@ -130,23 +130,23 @@ impl Constants {
         (y * self.width + x) as usize
     }
 
-    /// Where in the image a pixel's ray goes.
+    /// Returns the image point through which a pixel's ray goes.
     pub fn through(&self, x: u32, y: u32) -> DVec2 {
         DVec2::new(x.into(), y.into()) + self.centre.as_dvec2()
     }
 
-    /// The pixel at an offset from (x, y), if it is within the image's columns and within `rows`.
+    /// Returns the pixel at an offset from (x, y), if it is within the image's columns and within `rows`.
     pub fn tap(&self, (x, y): (u32, u32), (dx, dy): (i32, i32), rows: &std::ops::Range<u32>) -> Option<usize> {
         let (x, y) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
         (x < self.width && rows.contains(&y)).then(|| self.index(x, y))
     }
 
-    /// Constants of this frame as the next one has them.
+    /// Returns the constants of this frame as the next frame's previous ones.
     pub fn as_previous(&self) -> [Previous; 1] {
         [Previous::from(&self.frame())]
     }
 
-    /// Contents of the uniform buffer of group 0.
+    /// Returns the contents of the uniform buffer of group 0.
     pub fn frame(&self) -> Frame {
         let Foveation { mask_turn, radii, gaze, layer_iterations, unsampled_share, sampled_share, .. } = self.foveation;
         Frame {

@@ -1,4 +1,4 @@
-//! Remodulation: light over albedo becomes light again.
+//! Remodulation: multiplies demodulated illumination by albedo.
 
 use glam::{DVec2, DVec3};
 
@@ -7,10 +7,10 @@ use super::harness::{Buffer, Kernel, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Albedo, Format, Light, floats, is_finite, is_near, rgb};
 
-/// In place of a depth: the pixel's colour was not finite.
+/// Value in place of a depth: the pixel's colour was not finite.
 const DROPPED: f64 = -1.0;
 
-/// Colour and depth of a pixel.
+/// Returns colour and depth of a pixel.
 fn twin(light: &Light, albedo: &Albedo, emission: DVec3, depth: f64, cases: &mut Cases) -> (DVec3, f64) {
     let gloss = (albedo.all - albedo.matte).max(DVec3::ZERO);
     let color = light.matte * albedo.matte + light.gloss * gloss + emission;
@@ -42,7 +42,7 @@ fn compare(gloss: bool, seed: u64) {
         let all = matte + DVec3::from_array(std::array::from_fn(|_| random.within(0.0..0.3)));
         let mut bits = format.pack_sampled(&Light { variance: DVec2::ZERO, ..light });
         if gloss && !light.matte.is_finite() {
-            // Half floats are bounded when they are packed; this one is infinite all the same.
+            // Packing clamps half floats, but this one is infinite.
             bits[0] = 0x7c00_0000;
         }
         radiance.push(bits);
@@ -71,7 +71,7 @@ fn compare(gloss: bool, seed: u64) {
             let depth = f64::from(emission[at][3]);
             let (color, depth) = twin(&light, &reflected, rgb(emission[at]), depth, &mut cases);
             let got = rgb(composed[at]);
-            // A dozen roundings of floats.
+            // A result has about a dozen roundings of floats.
             let near = (0..3).all(|c| is_near(got[c], color[c], 1e-6, 0.0));
             assert!(near && f64::from(composed[at][3]) == depth, "({x}, {y}): {:?}, not {color} {depth}", composed[at]);
         }

@@ -1,4 +1,4 @@
-//! The weights by which spatial filters keep to a surface.
+//! Edge-stopping weights of spatial filters.
 
 use glam::DVec3;
 
@@ -16,13 +16,14 @@ impl Surface {
         (bits[3] != NO_NORMAL).then(|| Self { position: position(bits), normal: unpack_normal(bits[3]) })
     }
 
-    /// Largest distance off the plane that counts as the same surface, for a share of the distance to the eye.
+    /// Returns the maximum distance to the plane that counts as the same surface, for a fraction of the distance to the
+    /// eye.
     pub fn reach(&self, eye: &Eye, share: f64) -> f64 {
         share * self.position.distance(eye.origin.as_dvec3())
     }
 
-    /// How much `tap` belongs to this surface, less where the pixels differ otherwise by `difference`: the eighth power
-    /// of the cosine between the normals, and a Gaussian of the tap's distance off this surface's plane.
+    /// Returns the similarity of `tap` to this surface, reduced by another `difference` between the pixels. It is the
+    /// eighth power of the cosine between the normals times a Gaussian of the tap's distance to this surface's plane.
     pub fn weight(&self, reach: f64, tap: &Self, difference: f64) -> f64 {
         let cosine = self.normal.dot(tap.normal).max(0.0);
         let off = self.normal.dot(tap.position - self.position) / reach;
@@ -30,7 +31,7 @@ impl Surface {
     }
 }
 
-/// Colour for comparison.
+/// Compresses a colour for comparison.
 pub fn comparable(c: DVec3) -> DVec3 {
     c / (1.0 + luminance(c))
 }

@@ -1,4 +1,4 @@
-//! Smoothing of differences in light.
+//! Smoothing of temporal gradients.
 
 use super::camera::Constants;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
@@ -8,7 +8,7 @@ const REACH: i64 = 2;
 const UNNOTICED: f64 = 0.01;
 const STRENGTH: f64 = 4.0;
 
-/// The share of history to drop.
+/// Returns the fraction of history to drop.
 fn expected(gradient: &[[f32; 2]], stripe: &Stripe, (x, y): (u32, u32)) -> f64 {
     let mut sums = [0.0; 2];
     for dy in -REACH..=REACH {
@@ -34,7 +34,7 @@ fn history_is_dropped_by_the_share_of_light_that_has_changed() {
     let constants = Constants::new(WIDTH, HEIGHT);
     let mut met = [0; 3];
     for (round, stripe) in stripes().iter().enumerate() {
-        // From what nobody notices to what leaves no history; here and there is no light.
+        // Changes range from unnoticeable ones to those that leave no history; some pixels have no light.
         let most = [0.02, 0.3, 0.6, 1.0][round % 4];
         let gradient: Vec<[f32; 2]> = (0..constants.area())
             .map(|_| {

@@ -1,4 +1,4 @@
-//! Random images of surfaces and light, and a record of the cases that a test has met.
+//! Random images of surfaces and light, and a record of the cases that a test covered.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
@@ -11,11 +11,11 @@ use super::harness::Stripe;
 use super::pack::{Light, NO_NORMAL, pack_guide};
 use crate::reference::sampling::{Rng, tangents};
 
-/// Size of most images: no multiple of the workgroups' edge.
+/// Size of most images, which is not a multiple of the workgroups' edge.
 pub const WIDTH: u32 = 21;
 pub const HEIGHT: u32 = 19;
 
-/// The whole image, stripes at its upper and lower border and inside, with and without rows around them.
+/// Returns the whole image, and stripes at its borders and inside, with and without rows around them.
 pub fn stripes() -> [Stripe; 6] {
     [(0..19, 0..19), (5..14, 2..18), (9..10, 9..10), (12..19, 10..19), (0..4, 0..8), (1..7, 0..9)]
         .map(|(rows, valid)| Stripe { rows, valid })
@@ -44,13 +44,13 @@ impl Random {
         from[self.0.bits() as usize % from.len()]
     }
 
-    /// A colour whose components are below `most`, rarely much brighter.
+    /// Returns a colour whose components are below `most`, and rarely much brighter.
     pub fn color(&mut self, most: f64) -> DVec3 {
         let most = if self.chance(0.05) { 30.0 * most } else { most };
         DVec3::from_array(std::array::from_fn(|_| self.within(0.0..most)))
     }
 
-    /// A unit vector at an angle of at most `angle` from the unit vector `n`.
+    /// Returns a unit vector at an angle of at most `angle` from the unit vector `n`.
     pub fn tilted(&mut self, n: DVec3, angle: f64) -> DVec3 {
         let ((t, b), tilt, turn) = (tangents(n), self.within(0.0..angle), self.within(0.0..TAU));
         (n * tilt.cos() + (t * turn.cos() + b * turn.sin()) * tilt.sin()).normalize()
@@ -60,24 +60,24 @@ impl Random {
         Light { matte: self.color(most), gloss: self.color(0.5 * most), variance: DVec2::ZERO }
     }
 
-    /// Words of an image that a kernel is to overwrite.
+    /// Returns random words for an image that a kernel must overwrite.
     pub fn rubbish<const N: usize>(&mut self, count: usize) -> Vec<[u32; N]> {
         (0..count).map(|_| std::array::from_fn(|_| self.bits())).collect()
     }
 }
 
-/// A plane that eyes look at, and how far pixels are off it.
+/// A plane that fills the view, with deviations of its pixels.
 #[derive(Clone, Copy)]
 pub struct Wall {
     pub point: DVec3,
     pub normal: DVec3,
-    /// Largest distance of a pixel's surface off the plane, over its distance from the eye.
+    /// Maximum distance of a pixel's surface from the plane, relative to its distance from the eye.
     pub bumps: f64,
-    /// Largest angle between a pixel's normal and the plane's.
+    /// Maximum angle between a pixel's normal and the plane's.
     pub tilt: f64,
-    /// Share of pixels whose normal is any direction.
+    /// Fraction of pixels with a random normal.
     pub stray: f64,
-    /// Share of pixels without a surface.
+    /// Fraction of pixels without a surface.
     pub sky: f64,
 }
 
@@ -87,13 +87,13 @@ impl Wall {
         Self { point: DVec3::new(0.0, 0.0, -4.0), normal, bumps, tilt, stray: 0.05, sky }
     }
 
-    /// Where a ray meets the plane.
+    /// Returns the intersection of a ray with the plane.
     pub fn met_by(&self, eye: &Eye, direction: DVec3) -> DVec3 {
         let origin = eye.origin.as_dvec3();
         origin + direction * ((self.point - origin).dot(self.normal) / direction.dot(self.normal))
     }
 
-    /// What the guide image holds of a pixel.
+    /// Returns a pixel of the guide image.
     pub fn guide(&self, random: &mut Random, constants: &Constants, view: usize, (x, y): (u32, u32)) -> [u32; 4] {
         if random.chance(self.sky) {
             return [0, 0, 0, NO_NORMAL];
@@ -111,7 +111,7 @@ impl Wall {
     }
 }
 
-/// How often a test has met each case of a kernel.
+/// Counts of a kernel's cases that a test covered.
 #[derive(Default)]
 pub struct Cases(BTreeMap<&'static str, usize>);
 

@@ -1,5 +1,5 @@
-//! Log-polar images: rays, image points and the pixels that are traced against the formulas in f64, neighbours, blur, and
-//! the map of auxiliary images to the screen.
+//! Log-polar images: compares rays, image points and traced pixels with the formulas in f64, and tests neighbours,
+//! blur, and the map of auxiliary images to the screen.
 
 use std::f64::consts::TAU;
 
@@ -14,7 +14,7 @@ use super::pack::rgb;
 
 const LOG_POLAR: [(&str, bool); 2] = [("POLAR", true), ("LOG_POLAR", true)];
 
-/// An eye's image of a screen, as the paper's section 3.3 has it.
+/// An eye's log-polar image of a screen (section 3.3 of the paper).
 struct Image {
     mode: LogPolar,
     screen: DVec2,
@@ -49,7 +49,7 @@ impl Image {
         if self.mode.gaze > 0.0 { 2.0 * (self.radius() + 1.0).ceil() } else { 0.0 }
     }
 
-    /// w_C and u_G.
+    /// Returns w_C and u_G.
     fn rings(&self) -> [f64; 2] {
         let inner = if self.mode.gaze > 0.0 { (self.radius() + 1.0).ln() / self.log_diagonal() } else { 0.0 };
         let inner = inner.powf(self.mode.alpha);
@@ -83,7 +83,7 @@ impl Image {
         (0..self.rows()).flat_map(|row| (0..self.length(row)).map(move |column| (column, row)))
     }
 
-    /// Where on the screen a place in a row is.
+    /// Returns the screen position of a place in a row.
     fn on_screen(&self, column: f64, row: f64) -> DVec2 {
         if row < self.square() {
             return self.gaze.floor() - 0.5 * self.square() + DVec2::new(column, row);
@@ -166,7 +166,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let seen = image.on_screen(place.x, place.y);
             let expected = image.eye.ray(seen, image.screen);
             off_ray = off_ray.max((Vec3::from_slice(&rays[at]).as_dvec3() - expected).length());
-            // Rings lie outside the image around the gaze, and image points within it, and a pixel around the gaze at least.
+            // Compare only points that are unambiguous: rings outside the image around the gaze, points of that image
+            // inside it, both at least a pixel from the gaze.
             let distance = seen.distance(image.gaze);
             let is_in_square = place.y < image.square();
             if is_in_square == (distance < image.radius()) && distance > 1.01 {
@@ -180,7 +181,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-/// Of the paper's table 5.3: traced rays over the pixels of a screen of 1920x1080.
+/// Table 5.3 of the paper: traced rays over the pixels of a screen of 1920x1080.
 #[test]
 fn as_many_pixels_are_traced_as_published() {
     const SHOWN: &str = "
@@ -269,7 +270,7 @@ fn auxiliary_images_have_the_pixel_that_shows_a_point() {
                     let turn = (away.to_angle() / TAU).rem_euclid(1.0);
                     DVec2::new(turn * image.columns(), image.square() + image.ring_of(distance))
                 };
-                // Closer than a pixel there is nothing but the innermost ring.
+                // Closer than a pixel there is only the innermost ring.
                 let is_clear = (place - place.round()).abs().min_element() > 2e-3 && distance > 1.01;
                 if !is_around_gaze && !is_clear || (distance - image.radius()).abs() < 1e-3 {
                     cases.meet("left to rounding");
@@ -288,7 +289,7 @@ fn auxiliary_images_have_the_pixel_that_shows_a_point() {
     assert!(gaze > 100 && rings > 100 && 50 * unclear < rings, "{gaze}, {rings}, {unclear} are left to rounding");
 }
 
-/// Blur as in section 3.5 of the paper: shares of a Gaussian's weights of 1, 2 and 1, which rise with the distance.
+/// Tests the blur of section 3.5 of the paper: Gaussian weights of 1, 2 and 1, scaled with the distance.
 #[test]
 fn rings_are_blurred_by_the_next_pixels_where_the_gaze_is_far() {
     let mut random = Random::new(192);

@@ -1,14 +1,15 @@
-//! Each compute kernel alone: small images go in, images come out, and a twin in plain Rust says what they should be.
+//! Tests each compute kernel in isolation: a kernel transforms small images, and a twin in plain Rust computes the
+//! expected ones.
 //!
-//! A twin is written from the method and computes in f64, on values that [`pack`] has unpacked. It is exact but for
-//! the rounding of the shader's floats and half floats, which the tolerances of the comparisons allow for. Inputs are
-//! random, from a fixed seed, and made so that every branch is taken; the tests assert that it is.
+//! A twin follows the published method and computes in f64, on values that [`pack`] has unpacked. It differs from the
+//! shader only by the rounding of floats and half floats, for which comparisons have tolerances. Inputs are random with
+//! a fixed seed and cover every branch, which the tests assert.
 //!
-//! Rows that a kernel must not read hold values that are not finite, so that reading one shows in the result. The
+//! Rows that a kernel must not read hold values that are not finite, so that a read shows in the result. The
 //! [`harness`] asserts that rows outside the stripe are not written.
 //!
-//! The test of a new kernel is one more file: a twin, inputs, and a call of [`harness::Kernel::run`] that names the
-//! shader's bindings. [`harness::Kernel::with_scene`] makes a kernel that reads a scene.
+//! To test a new kernel, add a file with a twin, inputs, and a call of [`harness::Kernel::run`] that names the shader's
+//! bindings. For a kernel that reads a scene, use [`harness::Kernel::with_scene`].
 
 mod accumulate;
 mod atrous;

@@ -1,4 +1,4 @@
-//! What frames add up to while the eyes stand still, against statistics of all of them at once.
+//! Compares accumulation with static eyes with statistics over all frames.
 
 use glam::{DVec2, DVec3};
 
@@ -14,7 +14,8 @@ fn still() -> (Constants, Stripe) {
     (constants, Stripe { rows: 0..HEIGHT, valid: 0..HEIGHT })
 }
 
-/// Light of every frame: bright and dark in turns, so that the mean over the last frames stays near that over all.
+/// Returns the light of every frame, alternately bright and dark, so that the mean over the last frames stays near that
+/// over all.
 fn lights(random: &mut Random, constants: &Constants) -> Vec<Vec<Light>> {
     let mut light = |frame: u32| {
         let around = [0.5, 1.0][frame as usize % 2];
@@ -24,8 +25,8 @@ fn lights(random: &mut Random, constants: &Constants) -> Vec<Vec<Light>> {
     (0..FRAMES).map(|frame| (0..constants.area()).map(|_| light(frame)).collect()).collect()
 }
 
-/// The mean over frames is that of all samples, and the variance beside it is the unbiased one of that mean, which counts
-/// the more, the fewer frames there are.
+/// Asserts that the accumulated mean is that of all samples, and its variance the unbiased one of that mean, which is
+/// increased for few frames.
 fn accumulate(gloss: bool, seed: u64) {
     let mut random = Random::new(seed);
     let (constants, stripe) = still();
@@ -70,7 +71,7 @@ fn accumulate(gloss: bool, seed: u64) {
             let mean = frames.iter().map(|frame| of(&frame[at])).sum::<DVec3>() / n;
             let deviations = frames.iter().map(|frame| luminance(of(&frame[at])) - luminance(mean));
             let variance = deviations.map(|d| d * d).sum::<f64>() / (n - 1.0) / n * (1.0 + 24.0 / n);
-            // Each frame is rounded once more, and neighbours have weights of some 1e-5.
+            // Each frame adds a rounding, and neighbours have weights of about 1e-5.
             let relative = 1e-4 + if gloss { 4.0 * HALF } else { 0.0 };
             let color = [got.matte, got.gloss][channel];
             assert!((0..3).all(|c| is_near(color[c], mean[c], relative, 0.0)), "pixel {at}: {color} instead of {mean}");

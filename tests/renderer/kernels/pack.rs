@@ -1,27 +1,27 @@
-//! How images hold light, albedo, normals and counts, in plain Rust.
+//! Formats of light, albedo, normals and counts in images, in plain Rust.
 
 use exr::prelude::f16;
 use glam::{DVec2, DVec3};
 
-/// In the `hit` image's last word: several surfaces share the pixel, or what is seen depends on where from.
+/// Flag in the last word of the `hit` image: several surfaces share the pixel, or its contents depend on the viewpoint.
 pub const MIXED: u32 = 0x8000_0000;
 pub const VIEW_DEPENDENT: u32 = 0x4000_0000;
 pub const MATERIAL_MASK: u32 = 0x00ff_ffff;
 
-/// In place of a packed normal: there is no surface to light.
+/// Value in place of a packed normal: there is no surface to light.
 pub const NO_NORMAL: u32 = 0x8000_8000;
 
-/// In the last word of radiance that was sampled in this frame.
+/// Last word of radiance that was sampled in this frame.
 pub const SAMPLED: u32 = 0x3f80_0000;
 
-/// A bit beside it that tells the variance of samples instead.
+/// Flag in that word, which then contains the variance of samples.
 pub const TELLS_VARIANCE: u32 = 0x8000_0000;
 
-/// In place of a variance.
+/// Value in place of an unknown variance.
 pub const UNKNOWN: f64 = -1.0;
 pub const MISSING: f64 = -2.0;
 
-/// Relative rounding of a half float, with a margin for drivers that round towards zero.
+/// Relative rounding error of a half float, with a margin for drivers that round towards zero.
 pub const HALF: f64 = 1.0 / 1024.0;
 /// Smallest step of half floats.
 pub const HALF_STEP: f64 = 1.0 / 16_777_216.0;
@@ -36,7 +36,7 @@ pub fn halves(bits: u32) -> [f64; 2] {
     [bits as u16, (bits >> 16) as u16].map(|half| f16::from_bits(half).to_f64())
 }
 
-/// Whether every component is finite once it is a float.
+/// Returns true if every component is finite as a float.
 pub fn is_finite(v: DVec3) -> bool {
     v.as_vec3().is_finite()
 }
@@ -45,7 +45,8 @@ pub fn luminance(c: DVec3) -> f64 {
     c.dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }
 
-/// A unit vector as a point of the octahedron |x| + |y| + |z| = 1, whose lower half is folded outwards over the upper.
+/// Packs a unit vector as a point of the octahedron |x| + |y| + |z| = 1, whose lower half is folded outwards over the
+/// upper.
 pub fn pack_normal(n: DVec3) -> u32 {
     let p = DVec2::new(n.x, n.y) / (n.x.abs() + n.y.abs() + n.z.abs());
     let folded = if n.z < 0.0 { fold(p) } else { p };
@@ -61,7 +62,7 @@ pub fn unpack_normal(bits: u32) -> DVec3 {
     DVec3::new(p.x, p.y, z).normalize()
 }
 
-/// Mirrors a point of the square's corner triangles at the diamond's edge; its own inverse.
+/// Mirrors a point of the square's corner triangles at the diamond's edge; inverts itself.
 fn fold(p: DVec2) -> DVec2 {
     let sign = |v: f64| if v >= 0.0 { 1.0 } else { -1.0 };
     DVec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))
@@ -76,7 +77,7 @@ pub fn pack_guide(position: DVec3, normal: DVec3) -> [u32; 4] {
     [x, y, z, pack_normal(normal)]
 }
 
-/// Three floats and a fourth.
+/// Returns three floats and a fourth.
 pub fn floats(color: DVec3, fourth: f64) -> [f32; 4] {
     [color.x as f32, color.y as f32, color.z as f32, fourth as f32]
 }
@@ -85,7 +86,7 @@ pub fn rgb(texel: [f32; 4]) -> DVec3 {
     DVec3::new(texel[0].into(), texel[1].into(), texel[2].into())
 }
 
-/// Counts of a pixel: rays, samples that were dropped, why the pixel is a hole, and whether its light was clipped.
+/// Counts of a pixel: rays, dropped samples, the reason for a hole, and a flag for clipped light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Counts {
     pub rays: u32,
@@ -95,7 +96,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Of [`Self::why`]: the pixel is no hole, but left to the filter.
+    /// Value of [`Self::why`] for a pixel that is no hole, but left to the filter.
     pub const SKIPPED: u32 = 7;
 
     pub fn unpack(bits: u32) -> Self {
@@ -111,7 +112,7 @@ impl Counts {
     }
 }
 
-/// Light over albedo: what the Lambertian lobe sends and what facets send, with the variance of either's luminance.
+/// Demodulated light of the Lambertian lobe and of facets, with the variance of the luminance of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Light {
     pub matte: DVec3,
@@ -125,7 +126,7 @@ impl Light {
     }
 }
 
-/// All that a surface reflects of even light, and the Lambertian lobe's part of it.
+/// Albedo under uniform light in total and of the Lambertian lobe, and the roughness.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Albedo {
     pub all: DVec3,
@@ -133,7 +134,7 @@ pub struct Albedo {
     pub roughness: f64,
 }
 
-/// How light is packed: with gloss as half floats, which are scaled by the exposure; without it as floats.
+/// Format of light: half floats scaled by the exposure with specular radiance, else floats.
 #[derive(Clone, Copy, Debug)]
 pub struct Format {
     pub gloss: bool,
@@ -162,26 +163,26 @@ impl Format {
         [pair(matte.x, matte.y), pair(matte.z, gloss.x), pair(gloss.y, gloss.z), self.pack_variances(light.variance)]
     }
 
-    /// Light that was sampled in this frame.
+    /// Packs light that was sampled in this frame.
     pub fn pack_sampled(&self, light: &Light) -> [u32; 4] {
         let [x, y, z, _] = self.pack(light);
         [x, y, z, SAMPLED]
     }
 
-    /// The same with the variance of its samples.
+    /// Packs sampled light with the variance of its samples.
     pub fn pack_sampled_with(&self, light: &Light) -> [u32; 4] {
         let [x, y, z, w] = self.pack(light);
         [x, y, z, w | TELLS_VARIANCE]
     }
 
-    /// Light that was sampled in this frame, if it was. Its variance is below 0 unless it is told.
+    /// Unpacks light, if it was sampled in this frame. Its variance is negative if unknown.
     pub fn unpack_sampled(&self, [x, y, z, w]: [u32; 4]) -> Option<Light> {
         let light = self.unpack([x, y, z, w & !TELLS_VARIANCE]);
         let told = if w & TELLS_VARIANCE != 0 { light.variance } else { DVec2::splat(UNKNOWN) };
         (w != 0).then_some(Light { variance: told, ..light })
     }
 
-    /// Two variances as standard deviations. What is below 0 stands for no variance and stays as it is.
+    /// Packs two variances as standard deviations. Negative values mean no variance and stay as they are.
     pub fn pack_variances(&self, variances: DVec2) -> u32 {
         let [x, y] = variances.to_array().map(|v| if v < 0.0 { v } else { v.sqrt() * self.exposure });
         pair(x, y)
@@ -210,8 +211,8 @@ impl Format {
         [pair(gloss.x, gloss.y), pair(gloss.z, albedo.roughness), pair(matte.x, matte.y), pair(matte.z, 0.0)]
     }
 
-    /// Whether an image holds this light as what was sampled in this frame, but for a relative error. Its variance is
-    /// told unless it is below 0.
+    /// Returns true if an image holds this light as sampled in this frame, within a relative error. It has a variance
+    /// unless that is negative.
     pub fn holds_sampled(&self, [x, y, z, w]: [u32; 4], light: &Light, relative: f64) -> bool {
         if light.variance.x < 0.0 {
             return w == SAMPLED && self.holds([x, y, z, 0], &Light { variance: DVec2::ZERO, ..*light }, relative, 0.0);
@@ -219,14 +220,14 @@ impl Format {
         w & TELLS_VARIANCE != 0 && self.holds([x, y, z, w & !TELLS_VARIANCE], light, relative, 0.0)
     }
 
-    /// Whether an image holds this light, but for a relative error of `relative`, an error of the variance of
+    /// Returns true if an image holds this light within a relative error of `relative`, an error of the variance of
     /// `variance`, and the rounding of its format.
     pub fn holds(&self, bits: [u32; 4], light: &Light, relative: f64, variance: f64) -> bool {
         let (got, want) = (self.unpack(bits), self.unpack(self.pack(light)));
         let relative = if self.gloss { relative + HALF } else { relative };
         let step = if self.gloss { 2.0 * HALF_STEP / self.exposure } else { 0.0 };
         let near = |a: f64, b: f64| is_near(a, b, relative, step);
-        // It is held as its root, whose error counts twice.
+        // The format holds the root, so its relative error counts twice.
         let near_variance = |a: f64, b: f64| match a >= 0.0 && b >= 0.0 {
             true => is_near(a, b, 2.0 * relative, variance + (2.0 * b.sqrt() + step) * step),
             false => a == b,
@@ -236,7 +237,7 @@ impl Format {
     }
 }
 
-/// Whether `got` is off by no more than these. Not a number is near nothing.
+/// Returns true if `got` differs by at most these errors. NaN never matches.
 pub fn is_near(got: f64, want: f64, relative: f64, absolute: f64) -> bool {
     (got - want).abs() <= relative * want.abs() + absolute
 }

@@ -1,4 +1,4 @@
-//! The shaders' packing against its twins: both read what the other has written.
+//! Compares the shaders' packing with its twins: each reads the other's output.
 
 use std::f64::consts::PI;
 
@@ -48,7 +48,7 @@ fn compare(gloss: bool, seed: u64) {
                 1 => DVec2::splat(MISSING),
                 _ => DVec2::new(random.within(0.0..9.0), random.within(0.0..0.1)),
             };
-            // Beyond what a half float holds, and as small as its smallest steps.
+            // Values exceed half floats, and are as small as their smallest steps.
             let scale = [1e6, 1e-5, 1.0, 100.0][at % 4];
             Light { variance, ..random.light(scale) }
         })
@@ -59,7 +59,7 @@ fn compare(gloss: bool, seed: u64) {
             Albedo { all: matte + random.color(0.2), matte, roughness: random.within(0.0..1.0) }
         })
         .collect();
-    // Of all directions, and around the axes, where the octahedron's faces meet.
+    // Directions everywhere, and around the axes, where the octahedron's faces meet.
     let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
     let spread = |at: usize| [0.0, 0.1, PI][at / axes.len() % 3];
     let normals: Vec<DVec3> = (0..area).map(|at| random.tilted(axes[at % axes.len()], spread(at))).collect();
@@ -87,7 +87,7 @@ fn compare(gloss: bool, seed: u64) {
     let (normal, packed) = (outputs.get::<[f32; 4]>("normal"), outputs.get::<u32>("packed_normal"));
     let (counts, sampled) = (outputs.get::<u32>("counts"), outputs.get::<[u32; 4]>("sampled"));
     for at in 0..area {
-        // What was rounded once is not rounded again, but for the exposure that is divided out in between.
+        // Rounded values do not change again, except through the division by exposure.
         let unpacked = format.unpack(packed_lights[at]);
         assert!(
             format.holds(light[at], &unpacked, 1e-6, 0.0),
@@ -105,7 +105,7 @@ fn compare(gloss: bool, seed: u64) {
         let apart = (got.all - want.all).abs().max((got.matte - want.matte).abs()).max_element();
         assert!(apart < 2e-3 * want.all.max_element(), "{got:?} instead of {want:?}");
         assert!((got.roughness - want.roughness).abs() < 1e-3);
-        // Sixteen bits for each half of the octahedron's square, which is drawn out by less than 3.
+        // There are sixteen bits for each axis of the octahedron's square, which is distorted by less than 3.
         let unpacked = DVec3::new(normal[at][0].into(), normal[at][1].into(), normal[at][2].into());
         assert!(unpacked.distance(unpack_normal(packed_normals[at])) < 1e-6, "{at}: {unpacked}");
         assert!(unpacked.distance(normals[at]) < 1e-4, "{at}: {unpacked} instead of {}", normals[at]);
@@ -126,7 +126,7 @@ fn half_floats_come_back_as_they_were() {
     compare(true, 52);
 }
 
-/// Without a device: what is packed is unpacked to the same, within the format's rounding.
+/// Without a device: unpacked values equal the packed ones within the format's rounding.
 #[test]
 fn light_and_normals_survive_packing() {
     let mut random = Random::new(53);

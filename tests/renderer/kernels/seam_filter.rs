@@ -8,9 +8,9 @@ use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{Format, Light};
 
-/// Share of the distance to the eye by which the same surface may be off the centre's plane.
+/// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const SURFACE_REACH: f64 = 0.01;
-/// Rows on either side of a seam that are smoothed, and how far the filter reaches from each pixel.
+/// Rows on either side of a seam that are smoothed, and radius of the filter.
 const REACH: u32 = 4;
 const INVERSE_SIGMA2: f32 = 2.0;
 
@@ -23,7 +23,7 @@ struct Twin<'a> {
 }
 
 impl Twin<'_> {
-    /// Nothing where a pixel stays as it is.
+    /// Returns the filtered light; none if the pixel does not change.
     fn pixel(&self, (x, y): (u32, u32), cases: &mut Cases) -> Option<Light> {
         let Some(surface) = &self.guide[self.constants.index(x, y)] else {
             cases.meet("no surface");

@@ -1,19 +1,19 @@
-//! The list of pixels that are path traced where others are left to the filter.
+//! Mask compaction: the list of pixels to path trace, if others are left to the filter.
 
 use super::camera::Constants;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Counts, MIXED, NO_NORMAL};
 
-/// Pixels that one workgroup of the list's dispatch traces.
+/// Number of pixels that one workgroup of the list's dispatch traces.
 const GROUP: u32 = 64;
 
-/// The list of holes: how many there are, the three sizes of the dispatch over them, and room for `area` pixels.
+/// Returns an empty list of holes: its length, the three sizes of the dispatch over it, and room for `area` pixels.
 pub fn empty_list(area: usize) -> Vec<u32> {
     [0, 0, 1, 1].into_iter().chain(std::iter::repeat_n(0xdead_beef, area)).collect()
 }
 
-/// Asserts that a list holds these pixels, in any order, and asks for enough workgroups.
+/// Asserts that a list contains these pixels, in any order, and dispatches enough workgroups.
 #[track_caller]
 pub fn assert_lists(list: &[u32], mut pixels: Vec<u32>) {
     let count = pixels.len();
@@ -95,7 +95,7 @@ fn compare(layers: bool, view: usize, width: u32, seed: u64) {
 
 #[test]
 fn a_share_of_the_pixels_is_listed() {
-    // Columns of more than 8 bits, and more pixels than a few workgroups trace.
+    // Columns need more than 8 bits, and pixels more than a few workgroups.
     compare(false, 0, 300, 41);
 }
 
@@ -105,7 +105,7 @@ fn fewer_pixels_are_listed_away_from_the_gaze() {
     compare(true, 1, WIDTH, 43);
 }
 
-/// What a pixel's place on the Z curve is scrambled for.
+/// Owen scrambling on the Z curve stratifies the mask in all aligned blocks.
 #[test]
 fn every_aligned_block_has_its_share_of_the_pixels() {
     let mut constants = Constants::new(64, 32);

@@ -1,4 +1,4 @@
-//! One iteration of the filter guided by variance.
+//! One iteration of the variance-guided filter.
 
 use glam::{DVec2, DVec3};
 
@@ -8,15 +8,15 @@ use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{Format, Light, MISSING, UNKNOWN};
 
-/// Share of the distance to the eye by which the same surface may be off the centre's plane.
+/// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const REACH: f64 = 0.02;
-/// Square of the standard deviations by which luminance may differ.
+/// Squared number of standard deviations by which luminance may differ.
 const SIGMA2: f32 = 1.44;
 
-/// What a pixel becomes.
+/// Result of a pixel.
 enum Filtered {
     Black,
-    /// As it was.
+    /// Unchanged light.
     Kept,
     Light(Light),
 }
@@ -38,7 +38,7 @@ impl Twin<'_> {
             return Filtered::Black;
         };
         let foveation = &self.constants.foveation;
-        // A layer of K iterations takes part in the first K.
+        // A layer with K iterations takes part in the first K.
         if foveation.layers && self.iteration >= foveation.layer_iterations[self.constants.layer((x, y), self.view)] {
             cases.meet("another layer's iteration");
             return Filtered::Kept;
@@ -55,7 +55,7 @@ impl Twin<'_> {
         Filtered::Light(Light { matte: matte.0, gloss: gloss.0, variance: DVec2::new(matte.1, gloss.1) })
     }
 
-    /// Light of one kind and its variance, averaged by weights that sum to 1: variances by their squares.
+    /// Filters light of one kind by normalised weights, and its variance by their squares.
     fn channel(
         &self,
         (x, y): (u32, u32),
@@ -75,7 +75,7 @@ impl Twin<'_> {
             let Some(other) = other.filter(|_| value.variance.x >= 0.0) else { continue };
             let (own, its) = (luminance(centre), luminance(value));
             let allowed = f64::from(SIGMA2) * (light(centre).1.max(0.0) + light(value).1) + 1e-6 * own * its + unseen;
-            // A pixel without light takes whatever its surface has.
+            // A pixel without light accepts any light of its surface.
             let difference = if is_missing { 0.0 } else { (own - its).powi(2) / allowed };
             let similarity = if (dx, dy) == (0, 0) { 1.0 } else { surface.weight(reach, &other, difference) };
             let k = f64::from((2 - dx.abs()) * (2 - dy.abs())) / 16.0 * similarity;
@@ -97,10 +97,11 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
     let mut cases = Cases::default();
     for (iteration, stripe) in (0..3).flat_map(|i| stripes().into_iter().map(move |stripe| (i, stripe))) {
         let view = (iteration % 2) as usize;
-        // Weights whose squares are no floats would leave a pixel without light of its own no variance.
+        // If squared weights underflowed, a pixel without light would get no variance.
         let wall = Wall { stray: 0.0, ..Wall::new(0.02, 0.25, 0.1) };
         let guide = wall.guides(&mut random, &constants, view);
-        // In one stripe light is so faint that what nobody sees decides, in another so bright that it is bounded.
+        // In one stripe light is so faint that the visibility threshold decides, and in another so bright that it is
+        // clamped.
         let (unit, square) = match stripe.rows.start {
             9 => (1e19, 1e36),
             12 => (1e-10, 1e-20),
@@ -114,7 +115,7 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
                 let variance = match random.bits() % 5 {
                     0 => DVec2::splat(MISSING),
                     1 => DVec2::splat(UNKNOWN),
-                    // Not where light is that bright: the shader divides its square by this.
+                    // Exclude such bright light: the shader divides its square by the variance.
                     2 if unit <= 1.0 => DVec2::ZERO,
                     _ => DVec2::new(random.within(0.0..0.3), random.within(0.0..0.1)) * square,
                 };
@@ -144,7 +145,7 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
             match twin.pixel((x, y), &mut cases) {
                 Filtered::Black => assert_eq!(got, [0; 4], "{place}"),
                 Filtered::Kept => assert_eq!(got, source[at], "{place}"),
-                // Differences may be many deviations, and drivers' exponential functions are off by as many roundings.
+                // Differences may be many deviations, and drivers' exponential functions have as many rounding errors.
                 Filtered::Light(light) => {
                     let unpacked = format.unpack(got);
                     assert!(format.holds(got, &light, 1e-4, 0.0), "{place}: {unpacked:?} instead of {light:?}");

@@ -1,4 +1,4 @@
-//! Counts of pixels, summed into rows.
+//! Sums the counts of pixels by row.
 
 use super::camera::Constants;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
@@ -6,7 +6,7 @@ use super::inputs::{Cases, Random};
 use super::pack::Counts;
 
 const HEIGHT: u32 = 11;
-/// Pixels that one invocation sums.
+/// Number of pixels that one invocation sums.
 const SEGMENT: u32 = 64;
 
 /// Rays, dropped samples, holes by reason 1 to 6, pixels left to the filter, clipped pixels.
@@ -43,7 +43,7 @@ fn compare(width: u32, seed: u64) {
         clipped: random.pick(&[false, false, true]),
     };
     let tally: Vec<u32> = (0..constants.area()).map(|_| pixel().pack()).collect();
-    // Sums are added to what is there.
+    // The kernel adds to existing sums.
     let before: Vec<Row> = (0..HEIGHT).map(|y| std::array::from_fn(|i| 1000 * y + i as u32)).collect();
     let mut cases = Cases::default();
     for rows in [0..HEIGHT, 3..10, 4..5] {
@@ -67,7 +67,7 @@ fn compare(width: u32, seed: u64) {
 
 #[test]
 fn counts_are_summed_by_rows() {
-    // As many segments as a workgroup sums, and the last one of part of a segment.
+    // One workgroup's maximum number of segments, then a partial segment.
     compare(8 * SEGMENT, 31);
     compare(2 * SEGMENT + 5, 32);
     compare(7, 33);

@@ -7,17 +7,17 @@ use super::harness::{Buffer, Kernel, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Counts, floats, is_finite, is_near, rgb};
 
-/// Most that a level of the display image may be off before it is rounded.
+/// Maximum error of a display level before rounding.
 const LEVEL_ERROR: f64 = 0.51;
 
-/// Display levels of linear light, 0 to 255 and not rounded: exposure, c / (1 + c), and the transfer function of sRGB.
+/// Returns display levels of linear light, 0 to 255, not rounded: exposure, c / (1 + c), and sRGB's transfer function.
 pub fn display_levels(color: DVec3, exposure: f64) -> DVec3 {
     let exposed = color.clamp(DVec3::ZERO, DVec3::splat(1e18)) * exposure;
     (exposed / (1.0 + exposed))
         .map(|c| if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 } * 255.0)
 }
 
-/// Whether a pixel of the display image shows these levels and is opaque.
+/// Returns true if a pixel of the display image shows these levels and is opaque.
 pub fn shows(code: u32, levels: DVec3) -> bool {
     let [r, g, b, a] = code.to_le_bytes().map(f64::from);
     a == 255.0 && (DVec3::new(r, g, b) - levels).abs().max_element() <= LEVEL_ERROR
@@ -66,7 +66,7 @@ fn light_is_remodulated_and_encoded() {
             let (color, dropped) = if is_finite(light) { (light, 0) } else { (DVec3::ZERO, 1) };
             let counts = Counts::unpack(tally[at]).with_dropped(dropped);
             let got = rgb(linear[at]);
-            // The sum may cancel where light is negative.
+            // Negative light may cancel in the sum.
             let near = (0..3).all(|c| is_near(got[c], color[c], 1e-6, 1e-6));
             assert!(near && linear[at][3] == 1.0, "({x}, {y}): {:?} instead of {color}", linear[at]);
             let levels = display_levels(color, constants.exposure.into());

@@ -1,4 +1,4 @@
-//! The variance that guides the filter over frames.
+//! The variance that guides the temporal filter.
 
 use glam::DVec2;
 
@@ -9,11 +9,11 @@ use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{Format, Light, MISSING, UNKNOWN};
 use glam::DVec3;
 
-/// Share of the distance to the eye by which the same surface may be off the centre's plane.
+/// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const REACH: f64 = 0.02;
-/// Weight of pixels of other surfaces where a pixel has no light of its own.
+/// Weight of other surfaces' pixels for a pixel without light of its own.
 const LAST_RESORT: f64 = 1e-6;
-/// How often an estimate counts.
+/// Factor on estimated variances.
 const DOUBT: f64 = 9.0;
 
 struct Twin<'a> {
@@ -25,13 +25,13 @@ struct Twin<'a> {
 }
 
 impl Twin<'_> {
-    /// Valid pixels at most `reach` rows and columns away, with their offsets.
+    /// Returns valid pixels at most `reach` rows and columns away, with their offsets.
     fn around(&self, pixel: (u32, u32), reach: i32) -> impl Iterator<Item = ((i32, i32), usize)> {
         let offsets = (-reach..=reach).flat_map(move |dy| (-reach..=reach).map(move |dx| (dx, dy)));
         offsets.filter_map(move |o| self.constants.tap(pixel, o, &self.stripe.valid).map(|tap| (o, tap)))
     }
 
-    /// Nothing where there is no surface.
+    /// Returns the light with its variance; none without a surface.
     fn pixel(&self, pixel: (u32, u32), cases: &mut Cases) -> Option<Light> {
         let at = self.constants.index(pixel.0, pixel.1);
         let Some(surface) = &self.guide[at] else {
@@ -74,7 +74,7 @@ impl Twin<'_> {
         Some(Light { matte: matte / weight, gloss: gloss / weight, variance })
     }
 
-    /// The mean of the known variances around a pixel, by a tent of 3x3 pixels.
+    /// Returns the mean of the known variances around a pixel, by a tent of 3x3 pixels.
     fn smoothed(&self, pixel: (u32, u32)) -> DVec2 {
         let (mut sum, mut weight) = (DVec2::ZERO, 0.0);
         for ((dx, dy), tap) in self.around(pixel, 1).filter(|&(_, tap)| self.source[tap].variance.x >= 0.0) {
@@ -93,10 +93,10 @@ fn compare(gloss: bool, seed: u64) {
     let mut cases = Cases::default();
     for (round, stripe) in stripes().iter().enumerate() {
         let view = round % 2;
-        // In one round so little is left that some pixels find nothing.
+        // In one round so few pixels have light that some find none.
         let (sky, missing) = if round == 2 { (0.5, 0.9) } else { (0.1, 0.3) };
         let guide = Wall::new(0.03, 0.6, sky).guides(&mut random, &constants, view);
-        // In another, light is so bright that it is bounded.
+        // In another round light is so bright that it is clamped.
         let unit = if round == 3 { 1e18 } else { 1.0 };
         let source: Vec<_> = (guide.iter())
             .map(|bits| {
@@ -105,7 +105,7 @@ fn compare(gloss: bool, seed: u64) {
                 }
                 let known = DVec2::new(random.within(0.0..2.0), random.within(0.0..0.5));
                 if random.chance(missing) {
-                    // Light that is missing is black, but nothing may depend on that.
+                    // Missing light is black, but the result must not depend on it.
                     return format.pack(&Light { variance: DVec2::splat(MISSING), ..random.light(9.0) });
                 }
                 let variance = if random.chance(0.5) { known } else { DVec2::splat(UNKNOWN) };

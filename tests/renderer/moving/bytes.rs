@@ -1,4 +1,4 @@
-//! Every device moves the scene by itself, and all of them alike.
+//! Every device updates the animated scene by itself, and all get the same result.
 
 use crate::common::{Frame, Stage, devices_to_lose, is_thorough};
 use crate::reference::scenes::moving;
@@ -14,7 +14,7 @@ use super::watched;
 
 const FRAMES: usize = 6;
 
-/// From 0.1 on, so that the lamp of the scene has switched after the first frames.
+/// Times from 0.1 on, so that the scene's lamp switches after the first frames.
 fn times_s() -> Vec<f64> {
     (0..FRAMES).map(|i| 0.1 + i as f64 * 0.015).collect()
 }
@@ -56,7 +56,7 @@ fn hold_motion_against_one_device(denoiser: Denoiser) {
         (2, 2, measured(2), HaloPlan::RECOMPUTE),
         (4, 1, measured(4), HaloPlan::RECOMPUTE),
     ];
-    // A fourth device has all shaders to compile.
+    // A fourth device would have to compile all shaders.
     let count = if is_thorough() { all.len() } else { 2 };
     for (devices, in_flight, policy, plan) in all.into_iter().take(count) {
         (settings.seam, settings.adapts_halo) = (Seam::Halo(plan), false);
@@ -66,7 +66,7 @@ fn hold_motion_against_one_device(denoiser: Denoiser) {
     }
 }
 
-/// The scene is where it is at the frame's time, however often the frame is begun.
+/// The scene has the frame's time, however often the frame restarts.
 #[test]
 fn moving_scenes_keep_their_bytes_when_a_device_is_lost() {
     let subject = watched(moving::everything());
@@ -84,7 +84,7 @@ fn moving_scenes_keep_their_bytes_when_a_device_is_lost() {
     }
 }
 
-/// As GPUs read and write them, and as lavapipe does.
+/// Tables in buffers, as on GPUs, and in textures, as on lavapipe, give the same bytes.
 #[test]
 fn tables_that_change_in_a_buffer_or_in_a_texture_give_the_same_bytes() {
     let subject = watched(moving::everything());
@@ -114,13 +114,13 @@ fn stages(frame: &Frame) -> Vec<&'static str> {
     names.filter(|name| ["skin", "refit", "motion"].contains(name)).collect()
 }
 
-/// Where something could move and does not, light has the same bytes; antialiasing over frames counts on less.
+/// An animated scene at rest is lit identically, but TAA keeps a shorter history.
 #[test]
 fn what_stands_still_has_no_pass_for_what_moves_and_the_light_of_what_could_move() {
     let scene = moving::lights();
     let still = frames(scene.at(0.0), |_| {});
     assert!(still.iter().all(|frame| stages(frame).is_empty()), "{:?}", stages(&still[0]));
-    // All nodes are at rest; no light is anywhere else.
+    // All nodes are at rest, and lights stay in place.
     let mut could = scene.at(0.0);
     let nodes = scene.motion.nodes.clone();
     could.motion = Motion { nodes, lights: vec![Attached { index: 0, node: 0 }], ..Motion::default() };

@@ -1,4 +1,4 @@
-//! Where the image of surfaces says that they were is where the host finds them in the frame before.
+//! Motion vectors agree with the surface positions in the previous frame, as computed on the host.
 
 use crate::common::{Stage, Subject};
 use crate::reference::scenes::moving;
@@ -12,7 +12,7 @@ use super::watched;
 
 const EXTENT: Extent = Extent::new(96, 64);
 
-/// Corners of a scene's triangles in the world.
+/// Returns the corners of a scene's triangles in world space.
 fn triangles(scene: &Scene) -> Vec<[DVec3; 3]> {
     let of_instance = |instance: &diptych::scene::Instance| {
         let mesh = &scene.meshes[instance.mesh];
@@ -24,7 +24,7 @@ fn triangles(scene: &Scene) -> Vec<[DVec3; 3]> {
     scene.instances.iter().flat_map(of_instance).collect()
 }
 
-/// The nearest triangle that a ray meets, with the weights of its corners.
+/// Returns the nearest triangle that a ray hits, with the weights of its corners.
 fn meets(triangles: &[[DVec3; 3]], origin: DVec3, direction: DVec3) -> Option<(usize, [f64; 3])> {
     let mut nearest = f64::INFINITY;
     let mut found = None;
@@ -51,7 +51,7 @@ fn pixel(view: &View, p: DVec3) -> DVec2 {
     DVec2::new(0.5 + 0.5 * x, 0.5 - 0.5 * y) * size
 }
 
-/// At least so many pixels are on what moves by itself.
+/// Compares motion vectors. At least `least_moved` pixels must be on dynamic geometry.
 fn hold(subject: &Subject, last_s: f64, now_s: f64, least_moved: usize) {
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
     settings.stages.aovs = vec![Aov::Motion];
@@ -81,7 +81,7 @@ fn hold(subject: &Subject, last_s: f64, now_s: f64, least_moved: usize) {
                 wrong.push((x, y, found, expected));
             }
         }
-        // Rays through edges may meet one triangle there and its neighbour here.
+        // Rays through edges may hit a triangle in one place and its neighbour in the other.
         println!("{} at {now_s} s, {eye} eye: {} pixels differ", subject.name, wrong.len());
         assert!(wrong.len() < EXTENT.area() / 500, "{}: {} pixels, as {:?}", subject.name, wrong.len(), &wrong[..5]);
     }
@@ -95,7 +95,7 @@ fn the_image_of_motion_is_where_surfaces_were() {
     }
 }
 
-/// Also where nothing but they and a lamp does.
+/// In the second scene, only the eyes and a lamp move.
 #[test]
 fn the_image_of_motion_knows_eyes_that_move_as_well() {
     let mut lit = moving::switched();

@@ -1,4 +1,4 @@
-//! What moves keeps its history.
+//! Dynamic geometry keeps its history.
 
 use crate::common::{Stage, Subject, is_thorough};
 use crate::reference::scenes::moving::{self, Draft};
@@ -18,13 +18,13 @@ const HEIGHT: u32 = 64;
 const FPS: f64 = 72.0;
 const FRAMES: u32 = 16;
 
-/// A board that moves by a pixel and a half a frame beside one that stands, before a wall far behind. A lamp that is as long
-/// as any way lights both alike wherever they are, and has much noise.
+/// Returns a board that moves by 1.5 pixels per frame beside a static one, in front of a distant wall. A lamp as long
+/// as the whole path lights both equally in any position and is noisy.
 fn boards() -> Scene {
     things(|grey, _| quad(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y, grey))
 }
 
-/// The same with fences of dark bars that are as wide as a pixel and a half and stand as far apart.
+/// Returns the same with fences of dark bars, 1.5 pixels wide and equally far apart.
 fn fences() -> Scene {
     things(|_, dark| {
         let bar = |i: u16| quad(Vec3::new(0.09 * f32::from(i) - 0.5, -0.5, 0.0), Vec3::X * 0.045, Vec3::Y, dark);
@@ -34,7 +34,7 @@ fn fences() -> Scene {
     })
 }
 
-/// A mesh of a grey or a dark material that moves, and again where it stands.
+/// Adds a grey or dark mesh twice: moving, and static.
 fn things(mesh: impl Fn(usize, usize) -> Mesh) -> Scene {
     let mut draft = Draft::new("things");
     let dark = add_matte(&mut draft.scene, Vec3::splat(0.05));
@@ -50,10 +50,10 @@ fn things(mesh: impl Fn(usize, usize) -> Mesh) -> Scene {
     draft.done()
 }
 
-/// Where the boards are.
+/// z of the boards.
 const Z: f32 = 0.3;
 
-/// Square error over square radiance of the left eye, over these pixels.
+/// Returns square error over square radiance of the left eye, over these pixels.
 fn error(right: &Stereo<RgbImage>, found: &Stereo<RgbImage>, pixels: &[usize]) -> f64 {
     let mut sums = [0.0f64; 2];
     for &p in pixels {
@@ -72,7 +72,8 @@ fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
     Stage::alone(subject, &settings).frame_at(time_s, 0).linear
 }
 
-/// The last of some frames, and the pixels of it that are on what moves and on the other, `inside` pixels off their borders.
+/// Returns the last frame of a sequence, with its pixels on the moving and on the static object, at least `inside`
+/// pixels from their borders.
 fn arrived(subject: &Subject, begins_anew: bool, inside: usize) -> (Stereo<RgbImage>, [Vec<usize>; 2]) {
     let mut settings = RenderSettings { bounces: 2, ..subject.accumulated(WIDTH, HEIGHT) };
     settings.stages.aovs = vec![Aov::Motion, Aov::Position];
@@ -111,7 +112,7 @@ fn surfaces_that_move_keep_their_history() {
     assert!(moving < 0.5 * moving_anew, "{moving} is not much less than {moving_anew} without history");
 }
 
-/// What is thin is not blurred by being looked up between pixels in frame after frame.
+/// Repeated resampling of history does not blur thin geometry.
 #[test]
 fn thin_things_that_move_stay_sharp() {
     let subject = watched(fences());
@@ -121,7 +122,7 @@ fn thin_things_that_move_stay_sharp() {
     let counts = pixels.each_ref().map(Vec::len);
     println!("{counts:?} pixels: {moving:.4} moving, {still:.4} still");
     assert!(counts.iter().all(|count| *count > 100), "{counts:?} pixels");
-    // With ten frames of what moves it is above 0.24.
+    // With a history of ten frames on dynamic geometry, it would be above 0.24.
     assert!(still < 0.06 && moving < 0.15, "{moving} where the fence moves, {still} where it stands");
 }
 
@@ -145,7 +146,7 @@ fn a_light_that_switches_is_right_four_frames_later() {
     assert!(of_lit[3..].iter().all(|of| (of - 1.0).abs() < 0.1), "{of_lit:.3?} of what is right");
 }
 
-/// As much light as before, elsewhere: only what pixels receive tells.
+/// The lamp's total light stays the same, so only individual pixels show its jump.
 #[test]
 fn a_lamp_that_jumps_is_right_where_it_was_and_where_it_is() {
     let mut draft = Draft::room("jump");

@@ -1,5 +1,5 @@
-//! Scenes that move: the same bytes on any devices, the light of the still scene of each instant, and a history that follows
-//! the surfaces.
+//! Animated scenes: the same bytes on any devices, the light of a static scene at each instant, and a history that
+//! follows surfaces.
 
 mod bytes;
 mod followed;
@@ -16,14 +16,14 @@ use diptych::scene::motion::Target;
 use diptych::scene::motion::keys::Interpolation;
 use glam::{DVec3, Vec3};
 
-/// Eyes that stand still, in one place.
+/// Returns the scene with static eyes in one place.
 pub fn watched(scene: Scene) -> Subject {
     let camera = moving::camera();
     let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
     Subject::new(&scene.name.clone(), scene, rig)
 }
 
-/// What shrinks to nothing in the middle of its motion is counted there, and nowhere else.
+/// A body that shrinks to nothing in the middle of its motion is counted there, and nowhere else.
 #[test]
 fn bodies_that_are_left_out_of_a_frame_are_counted() {
     let mut draft = moving::Draft::room("shrinking");

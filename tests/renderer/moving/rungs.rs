@@ -1,4 +1,4 @@
-//! A change of quality is not a change of light: history is kept as it is at a constant quality.
+//! A change of quality does not count as a change of light: history is kept as at constant quality.
 
 use crate::common::{Stage, Subject, with_outputs};
 use crate::reference::scenes::moving;
@@ -17,13 +17,13 @@ type Rung = (u32, u32, f64);
 /// Frames before the last one.
 const BEFORE: usize = 5;
 
-/// Bits of the gradients of a run's last frame, and the mean fraction of history that it drops.
+/// Gradients of a run's last frame (bits), and the mean fraction of history that it drops.
 struct Last {
     gradients: Vec<u32>,
     dropped: f64,
 }
 
-/// Renders frames of which the last has a rung of its own; the numbers of frames are `stride` apart.
+/// Renders frames, of which the last has a rung of its own. Frame numbers are `stride` apart.
 fn play(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], stride: u32) -> Last {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     let stages = &mut settings.stages;
@@ -47,7 +47,7 @@ fn play(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], stride: 
 
 const USUAL: Rung = (1, 6, 1.0);
 
-/// Gradients compare the paths of the frame before with themselves, whatever those of the frame are.
+/// Gradients compare the previous frame's paths with themselves, whatever the settings of the current frame.
 #[test]
 fn a_change_of_bounces_or_scale_changes_no_gradient() {
     let subject = watched(moving::everything());
@@ -75,7 +75,8 @@ fn a_change_of_samples_drops_no_more_history_than_none() {
         let (more, apart) = (dropped([USUAL, many], 1), dropped([USUAL; 2], 7));
         println!("{denoiser:?} drops {constant:.4}, with more samples {more:.4}, with numbers apart {apart:.4}");
         assert!(constant > 0.0, "{denoiser:?}: there are no gradients");
-        // The middle of a pixel is another in frames of several samples, and so are random numbers of other frames.
+        // With several samples, rays do not go through the pixel centre, and frames further apart have other random
+        // numbers.
         assert!(more.max(apart) < 2.0 * constant, "{denoiser:?}: {more} and {apart} instead of {constant}");
         let none = [[many, USUAL], [many; 2]].map(|rungs| dropped(rungs, 1));
         assert_eq!(none, [0.0; 2], "{denoiser:?}: samples of a frame of several cannot be told apart");

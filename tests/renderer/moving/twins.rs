@@ -1,4 +1,4 @@
-//! A moving scene at a time is the still scene of that time.
+//! An animated scene at a time equals the static scene of that time.
 
 use crate::common::{Stage, Subject};
 use crate::reference::scenes::moving;
@@ -12,7 +12,7 @@ use super::watched;
 const WIDTH: u32 = 96;
 const HEIGHT: u32 = 64;
 
-/// Least of both eyes, dB, beside the still scene of that instant made anew; random numbers are the same.
+/// Returns the lower PSNR of both eyes, dB, against a new static scene of that instant with the same random numbers.
 fn psnr(stage: &mut Stage, subject: &Subject, time_s: f64, spp: u32) -> f64 {
     let found = stage.frame_at(time_s, 5).linear;
     let twin = watched(subject.scene.at(time_s));
@@ -40,7 +40,7 @@ fn what_deforms_is_the_still_scene_of_its_instant() {
     hold_against_twins(moving::morphed(), &[0.7], 16, 60.0);
 }
 
-/// Also one that is scaled to nothing for a while, and comes back in another size.
+/// One body is scaled to nothing for a while, and returns in another size.
 #[test]
 fn what_moves_rigidly_is_the_still_scene_of_its_instant() {
     hold_against_twins(moving::rigid(), &[0.3, 1.0, 1.5], 16, 60.0);
@@ -49,11 +49,11 @@ fn what_moves_rigidly_is_the_still_scene_of_its_instant() {
 #[test]
 fn lights_that_move_or_switch_are_those_of_their_instant() {
     hold_against_twins(moving::lights(), &[0.0, 0.8], 16, 60.0);
-    // While a lamp is dark, its twin has one light less, and draws others.
+    // While a lamp is dark, the static scene has one light fewer, and random numbers select others.
     hold_against_twins(moving::switched(), &[1.2], 16, 60.0);
 }
 
-/// More of them than invocations in a row.
+/// There are more bodies than invocations in a row.
 #[test]
 fn tens_of_thousands_of_triangles_that_deform_are_all_moved() {
     let mut draft = moving::Draft::room("many triangles");

@@ -1,4 +1,4 @@
-//! Code that a scene does not need is compiled out and changes no byte, for each flag of [`SceneNeeds`].
+//! Compiling out code that a scene does not need changes no byte, for each flag of [`SceneNeeds`].
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use diptych::scene::needs::SceneNeeds;
 use diptych::scene::{Environment, Scene};
 use glam::{Vec3, vec3};
 
-/// Four scenes that between them have each flag on and each off.
+/// Returns four scenes that together have each flag on and each off.
 fn scenes() -> [(Scene, Pinhole, Layout); 4] {
     let add = |scene: &mut Scene, rows: &[lit::Row], name: &str| {
         let (_, light) = rows.iter().find(|row| row.0 == name).unwrap_or_else(|| panic!("there is no row {name}"));
@@ -48,12 +48,12 @@ fn subjects() -> [Subject; 4] {
     })
 }
 
-/// The scene's needs with those of its tables.
+/// Returns the scene's needs combined with those of its tables.
 fn needs(subject: &Subject) -> SceneNeeds {
     SceneNeeds { instances: subject.tables.has_instances(), ..subject.needs }
 }
 
-/// Flags by name, so that those that are added to the struct count as well.
+/// Returns the flags by name, so that new fields of the struct count as well.
 fn flags(needs: SceneNeeds) -> BTreeMap<String, bool> {
     serde_json::from_value(serde_json::to_value(needs).unwrap()).unwrap()
 }
@@ -67,12 +67,12 @@ fn each_need_is_met_by_one_of_the_scenes_and_not_by_another() {
     }
 }
 
-/// Frames of a scene's own shaders have the bytes of shaders with everything.
+/// Frames from a scene's own shaders have the bytes of frames from shaders with all features.
 #[test]
 fn code_that_a_scene_does_not_need_changes_no_byte() {
     let mut cases: Vec<_> = subjects().into_iter().map(|subject| (subject, 1)).collect();
     if is_thorough() {
-        // Several samples are further code.
+        // Several samples use additional code.
         let shots = [("builtin:cornell", 1), ("builtin:forest", 1), ("builtin:checker", 1), ("builtin:checker", 3)];
         cases.extend(shots.map(|(shot, spp)| (Subject::load(shot), spp)));
     }

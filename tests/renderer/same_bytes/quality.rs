@@ -21,7 +21,7 @@ fn layers() -> Foveation {
     Foveation::new([0.4, 0.6].map(|x| Gaze { path: vec![[0.0, x, 0.5]] }), [4; 3])
 }
 
-/// Frames of all [`QUALITIES`].
+/// Renders frames of all [`QUALITIES`].
 fn play(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<Stereo<RgbImage>> {
     let mut settings = settings.clone();
     (settings.stages.spp, settings.stages.mixes_spp, settings.stages.iterations) = (3, true, 4);

@@ -1,5 +1,5 @@
-//! Scenes that strain the arithmetic: no sample is dropped, no pixel is anything but a radiance, and what the row says
-//! of its scene holds.
+//! Scenes that strain the arithmetic. No sample is dropped, every pixel is a valid radiance, and the row's claim about
+//! its scene holds.
 
 mod moved;
 mod rows;
@@ -16,10 +16,10 @@ use diptych::stages::{Foveation, Sampler};
 const WIDTH: u32 = 32;
 const HEIGHT: u32 = 18;
 
-/// Samples of a quick run, in which a row is to fail where its scene strains the arithmetic and not where few samples would.
+/// Maximum number of samples in a quick run. Rows should fail for arithmetic, not for a low number of samples.
 const MOST_SPP: u32 = 16;
 
-/// How a scene is rendered.
+/// Settings for rendering a scene.
 #[derive(Clone, Copy)]
 struct Effort {
     size: [u32; 2],
@@ -34,7 +34,7 @@ impl Effort {
     }
 }
 
-/// A scene, where it is seen from, and what must be true of its image beside being finite.
+/// A scene, its camera, and a claim about its image, which must also be finite.
 struct Row {
     name: &'static str,
     scene: Scene,
@@ -43,12 +43,12 @@ struct Row {
     claim: Box<dyn Fn(&RgbImage)>,
 }
 
-/// A scene as its camera sees it, with both eyes.
+/// Returns a scene seen by its camera in both eyes.
 fn subject(name: &str, scene: Scene, camera: Pinhole) -> Subject {
     Subject::new(name, scene, still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov))
 }
 
-/// Both eyes of `frames` frames, each with random numbers of its own; every sample is finite.
+/// Renders both eyes of `frames` frames with independent random numbers; every sample must be finite.
 fn renders(subject: &Subject, effort: Effort, sampler: Sampler, frames: u32) -> Vec<RgbImage> {
     let mut settings = subject.settings(effort.size[0], effort.size[1]);
     settings.bounces = effort.bounces;
@@ -85,7 +85,7 @@ fn every_sample_of_every_row_is_finite() {
     rows::all().into_iter().for_each(hold);
 }
 
-/// What is accumulated, filtered and antialiased over frames, from few samples, is a radiance everywhere.
+/// Accumulation, filters and TAA give a valid radiance everywhere, even from few samples.
 #[test]
 fn every_row_is_finite_through_history_and_filters() {
     for row in rows::all().into_iter().step_by(if is_thorough() { 1 } else { 8 }) {
@@ -93,7 +93,7 @@ fn every_row_is_finite_through_history_and_filters() {
         let [width, height] = row.effort.size;
         let mut settings = subject.accumulated(width, height);
         settings.bounces = row.effort.bounces;
-        // The same shaders for all rows, those for gloss among them.
+        // All rows use the same shaders, with specular radiance.
         settings.stages.needs = SceneNeeds::ALL;
         let gaze = Gaze { path: vec![[0.0, 0.5, 0.5]] };
         settings.stages.foveation = Some(Foveation::new([gaze.clone(), gaze], [2, 3, 5]));
@@ -107,7 +107,7 @@ fn every_row_is_finite_through_history_and_filters() {
     }
 }
 
-/// However many layers a ray has to look through, on whatever driver: its sample is right, or it is counted.
+/// However many layers a ray must pass, on any driver, its sample is correct or counted as dropped.
 #[test]
 fn rays_that_are_cut_short_are_counted() {
     for count in [1000, 5000, 100_000] {
@@ -126,7 +126,7 @@ fn rays_that_are_cut_short_are_counted() {
     }
 }
 
-/// Light that is finite in each sample and infinite in a sum, over an albedo or with what a surface emits.
+/// Light that is finite in each sample may overflow in a sum, in a division by albedo, or with a surface's emission.
 #[test]
 fn light_that_overflows_is_dropped_and_counted() {
     let (scene, camera) = rows::too_bright();

@@ -1,4 +1,4 @@
-//! A scene looks the same at every scale and wherever it stands.
+//! A scene looks the same at every scale and position.
 
 use diptych::image::RgbImage;
 use diptych::scene::{Environment, Light, LightKind, Material, Scene};
@@ -10,7 +10,7 @@ use crate::reference::Pinhole;
 use crate::reference::scenes::{add_material, add_matte, add_mesh, block, empty, instance, matte, place, quad};
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 
-/// Light and shade of every kind in a room of 4 x 4 x 4, all of it on a lattice of 1/4.
+/// Returns a room of 4 x 4 x 4 with all kinds of light and shadow, on a lattice of 1/4.
 fn room(scale: f32, offset: Vec3) -> (Scene, Pinhole) {
     let mut scene = empty("room");
     let grey = add_matte(&mut scene, Vec3::splat(0.5));
@@ -58,7 +58,7 @@ fn many(scale: f32, offset: Vec3) -> Vec<RgbImage> {
     renders(&subject(&format!("room x {scale} at {offset}"), scene, camera), effort, Sampler::Pcg, 4)
 }
 
-/// Halving is exact, and so is all that follows: not one bit of the image depends on the unit of length.
+/// Halving is exact, and so is everything that follows: no bit of the image depends on the unit of length.
 #[test]
 fn a_power_of_two_in_scale_changes_nothing() {
     let render = |scale| {

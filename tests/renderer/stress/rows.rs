@@ -1,4 +1,4 @@
-//! The table of scenes.
+//! Table of scenes.
 
 use std::f32::consts::PI;
 
@@ -14,9 +14,9 @@ use crate::reference::scenes::{
     add_image, add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, place, quad, scaled_at,
 };
 
-/// 64 samples, six reflections.
+/// 64 samples, six bounces.
 pub const FULL: Effort = Effort::new(64, 6);
-/// One sample through the pixel's centre, direct light.
+/// One sample through the pixel's centre, direct light only.
 const DIRECT: Effort = Effort::new(1, 1);
 
 pub type Claim = Box<dyn Fn(&RgbImage)>;
@@ -29,7 +29,7 @@ pub fn row(name: &'static str, (scene, camera): (Scene, Pinhole), effort: Effort
     Row { name, scene, camera, effort, claim }
 }
 
-/// Nothing but what is asked of every row.
+/// Returns a claim without conditions beyond those of every row.
 pub fn finite() -> Claim {
     Box::new(|_| {})
 }
@@ -57,7 +57,7 @@ pub fn mean_is(value: f64, tolerance: f64) -> Claim {
     })
 }
 
-/// Each pixel is that of another scene, `factor` times, to a relative `tolerance`.
+/// Claims that each pixel is `factor` times that of another image, to a relative `tolerance`.
 fn times(factor: f32, tolerance: f32, other: RgbImage) -> Claim {
     Box::new(move |image| {
         assert!(other.pixels.as_flattened().iter().any(|v| *v > 0.0));
@@ -73,7 +73,7 @@ fn point(position: Vec3, radius: f32, strength: f32) -> Light {
     Light { kind: LightKind::Point { position, radius }, strength: Vec3::splat(strength) }
 }
 
-/// A grey floor of 8 x 8 around the origin, seen from the front.
+/// Returns a grey floor of 8 x 8 around the origin, seen from the front.
 fn floor(name: &str) -> (Scene, Pinhole) {
     let mut scene = empty(name);
     let grey = add_matte(&mut scene, Vec3::splat(0.5));
@@ -187,7 +187,7 @@ fn materials() -> Vec<Row> {
     ]
 }
 
-/// Panes that cover nothing before a white sky.
+/// Returns panes with zero coverage in front of a white sky.
 pub fn layers(count: u32, alpha_mode: AlphaMode) -> (Scene, Pinhole) {
     let mut scene = Scene { environment: Environment::Constant(Vec3::ONE), ..empty("layers") };
     let open = Material { base_color: vec4(0.2, 0.5, 0.9, 0.0), alpha_mode, double_sided: true, ..matte() };
@@ -199,7 +199,8 @@ pub fn layers(count: u32, alpha_mode: AlphaMode) -> (Scene, Pinhole) {
     (scene, Pinhole::looking_at(vec3(0.0, 0.0, 1.0), Vec3::ZERO, Vec3::Y, 45.0))
 }
 
-/// Two lamps that light each other and a glossy floor, so bright that f32 holds each light but not the sum of two.
+/// Returns two lamps that light each other and a glossy floor. They are so bright that f32 can hold the light of each
+/// but not their sum.
 pub fn too_bright() -> (Scene, Pinhole) {
     floor_with("too bright", |s| {
         s.materials[0] = Material { metallic: 0.5, roughness: 0.3, ..matte() };
@@ -209,7 +210,7 @@ pub fn too_bright() -> (Scene, Pinhole) {
     })
 }
 
-/// The floor under a lamp and a sky, as a comparison for what is put onto it.
+/// Returns the floor under a lamp and a sky, with additions by `more`.
 fn lit_floor(more: impl FnOnce(&mut Scene)) -> (Scene, Pinhole) {
     floor_with("lit floor", |s| {
         s.lights.push(point(vec3(0.3, 1.2, 0.2), 0.1, 1.0));
@@ -218,7 +219,7 @@ fn lit_floor(more: impl FnOnce(&mut Scene)) -> (Scene, Pinhole) {
     })
 }
 
-/// A repeating, bilinear texture.
+/// Adds a repeating, bilinear texture.
 pub fn repeating(scene: &mut Scene, image: usize) -> TextureRef {
     scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: true });
     TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv: Affine2::IDENTITY }
@@ -296,7 +297,8 @@ fn geometry() -> Vec<Row> {
     ]
 }
 
-/// A floor that is one triangle of 1e6, lit by a point light: radiance albedo / π · I cos / d², known exactly.
+/// A floor of one triangle with an edge of 1e6, lit by a point light. The radiance is known exactly: albedo / π · I cos
+/// / d².
 fn huge_triangle() -> Row {
     let mut scene = empty("huge triangle");
     let grey = add_matte(&mut scene, Vec3::splat(0.5));

@@ -1,4 +1,4 @@
-//! The table's rows of materials at their limits.
+//! Rows of materials at their limits.
 
 use diptych::image::{Extent, Image};
 use diptych::scene::{Clearcoat, Environment, Light, LightKind, Material, NormalMap, Scene, Volume};
@@ -77,7 +77,7 @@ fn furnace(material: Material) -> (Scene, Pinhole) {
     (scene, camera())
 }
 
-/// The camera is in a ball, off its centre.
+/// Returns a camera in a ball, off its centre.
 fn inside(material: Material) -> (Scene, Pinhole) {
     let mut scene = studio("inside");
     let material = add_material(&mut scene, material);
@@ -86,7 +86,8 @@ fn inside(material: Material) -> (Scene, Pinhole) {
     (scene, Pinhole::looking_at(vec3(0.0, 1.0, 1.4), vec3(0.0, 0.7, 0.0), Vec3::Y, 60.0))
 }
 
-/// A block with a lamp on its top that shines into it, one on its side that shines out of it, one around a light.
+/// Returns a block with a lamp on its top that shines into it, one on its side that shines outwards, and one around a
+/// light.
 fn touching(material: Material) -> (Scene, Pinhole) {
     let mut scene = studio("touching");
     let material = add_material(&mut scene, material);
@@ -108,7 +109,7 @@ fn bright<const N: usize>(materials: [Material; N]) -> (Scene, Pinhole) {
     (scene, camera)
 }
 
-/// Maps all black, all white, and of the texel that stands for no direction.
+/// Returns normal maps that are black, white, or a texel without a direction.
 fn mapped(scale: f32, has_tangents: bool) -> (Scene, Pinhole) {
     let mut scene = studio("mapped");
     let panels = [[0, 0, 0, 255], [255; 4], [128, 128, 128, 255]].map(|texel| {

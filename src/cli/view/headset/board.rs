@@ -1,4 +1,4 @@
-//! The overlay's panel in a headset: what the window has in a corner, on a rectangle in space.
+//! The overlay's panel in a headset: the contents of the window's panel, on a rectangle in space.
 
 use std::time::{Duration, Instant};
 
@@ -11,24 +11,26 @@ use super::super::overlay::{Overlay, Painted, Parts};
 use super::super::shared::News;
 use crate::cli::failure::Failure;
 
-/// Pixels, how many of them make a point of text, and how wide it is.
+/// Size of the panel, pixels.
 const SIZE: Extent = Extent { width: 800, height: 360 };
+/// Pixels per point of text.
 const PIXELS_PER_POINT: f32 = 2.0;
+/// Width of the panel in space, metres.
 const WIDTH_M: f64 = 0.6;
-/// Between two drawings: on a software adapter they take time from the devices that render.
+/// Minimum time between redraws: on a software adapter, drawing takes time from the devices that render.
 const INTERVAL: Duration = Duration::from_millis(200);
 
 pub struct Board {
     panel: Panel,
     overlay: Overlay,
     renderer: egui_wgpu::Renderer,
-    /// Textures that the next drawing has no use for.
+    /// Textures to free at the next redraw.
     freed: Vec<egui::TextureId>,
     drawn: Option<Instant>,
 }
 
 impl Board {
-    /// Ahead of the head as it is in that frame; none where the headset shows no panels.
+    /// Opens a panel in front of the head's pose in `frame`; `None` if the headset cannot show panels.
     pub fn open(headset: &Headset, frame: &HeadsetFrame) -> Result<Option<Self>, Failure> {
         let Some(panel) = headset.panel(SIZE, WIDTH_M, frame.head)? else { return Ok(None) };
         let options = RendererOptions { dithering: false, ..Default::default() };
@@ -36,7 +38,7 @@ impl Board {
         Ok(Some(Self { panel, overlay: Overlay::new(), renderer, freed: Vec::new(), drawn: None }))
     }
 
-    /// What is shown, drawn anew from time to time; none before there is anything on it.
+    /// Returns the panel, redrawn at intervals; `None` before the first frame's news.
     pub fn panel(&mut self, headset: &Headset, look: &Look, news: &News) -> Result<Option<&Panel>, Failure> {
         if self.drawn.is_none_or(|drawn| drawn.elapsed() >= INTERVAL) && !news.frames.is_empty() {
             self.drawn = Some(Instant::now());
@@ -60,7 +62,7 @@ impl Board {
         textures.clear();
         let descriptor = ScreenDescriptor { size_in_pixels: size, pixels_per_point };
         panel.fill(gpu, |texture, encoder| {
-            // What callbacks would have run before: there are none.
+            // Command buffers come only from paint callbacks, which the overlay does not use.
             let _ = renderer.update_buffers(&gpu.device, &gpu.queue, encoder, &primitives, &descriptor);
             let view = texture.create_view(&Default::default());
             let ops =

@@ -1,4 +1,4 @@
-//! Where a headset is in the scene, and from where a frame is shown when all else of it is done.
+//! Pose of a headset in the scene, and late latching of the pose that a frame is shown from.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -14,19 +14,20 @@ use crate::scene::rig::Rig;
 use super::super::renderer::speed_per_s;
 use crate::cli::failure::Failure;
 
-/// The time that passes for thumbsticks between two frames is at most this, however long they took.
+/// Maximum time step of thumbstick locomotion between two frames, seconds.
 const LONGEST_STEP_S: f64 = 0.25;
 
-/// Where the session's space is in the scene, and the eyes that are there.
+/// Pose of the session's space in the scene, and the headset's eyes.
 #[derive(Clone)]
 pub struct World {
     shot: Rig,
     pub space: Space,
     eyes: HeadEyes,
     size: Extent,
-    /// Whether frames are of the eyes' own images, which is so for all or none.
+    /// Whether frames need no display resampling: there is no overscan and the eyes are symmetric. Fixed for the
+    /// session.
     is_plain: bool,
-    /// What is rendered on all sides beside what is shown; 0: frames are shown from where they were rendered.
+    /// Overscan on every side, degrees; 0 turns late reprojection off.
     border_deg: f64,
     walk: Walk,
     speed_m_per_s: f64,
@@ -34,7 +35,7 @@ pub struct World {
 }
 
 impl World {
-    /// Has the shot seen with these eyes.
+    /// Sets the rig of the loaded shot to these eyes and returns the headset's world.
     pub fn new(loaded: &mut LoadedScene, eyes: HeadEyes, size: Extent, border_deg: f64) -> Result<Self, Failure> {
         let space = loaded.space.with_eyes(eyes).map_err(HeadsetError::Eyes)?;
         let shot = loaded.shot.rig.clone();
@@ -60,7 +61,8 @@ impl World {
         Rig { optics, ..rig }
     }
 
-    /// The rig of a frame, whose eyes may have been moved apart, from wherever thumbsticks have taken it.
+    /// Returns the rig of a frame, after thumbstick locomotion and with the frame's eyes, whose distance may have
+    /// changed.
     pub fn rig_of(&mut self, frame: &HeadsetFrame) -> Result<Rig, Failure> {
         let (now, is_first) = (Instant::now(), self.before.is_none());
         let passed_s = self.before.replace(now).map_or(0.0, |before| (now - before).as_secs_f64().min(LONGEST_STEP_S));
@@ -76,7 +78,7 @@ impl World {
     }
 }
 
-/// What a frame's worker asks when all else of the frame is done.
+/// Late latching: gives a frame's worker the newest head pose once the rest of the frame is done.
 pub struct Late {
     locator: Locator,
     asked: Mutex<Option<Asked>>,
@@ -86,7 +88,7 @@ struct Asked {
     index: u32,
     frame: HeadsetFrame,
     world: World,
-    /// The last that was answered.
+    /// The head pose that was latched last.
     answer: Option<HeadSample>,
 }
 
@@ -100,7 +102,7 @@ impl Late {
         Arc::new(move |index| late.answer(index))
     }
 
-    /// A frame begins.
+    /// Begins a frame.
     pub fn begin(&self, index: u32, frame: &HeadsetFrame, world: &World) {
         let asked = Asked { index, frame: *frame, world: world.clone(), answer: None };
         *self.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(asked);
@@ -114,7 +116,7 @@ impl Late {
         Some(asked.world.rig(sample.head))
     }
 
-    /// Where the frame that began was found to be shown from.
+    /// Ends the frame; returns the head pose that was latched for it, if any.
     pub fn end(&self) -> Option<HeadSample> {
         self.asked.lock().unwrap_or_else(PoisonError::into_inner).take()?.answer
     }

@@ -10,16 +10,16 @@ const STAGE: Stage = Stage("atrous");
 
 /// Tolerance to differences in compressed radiance, once noise is averaged down.
 const SIGMA: f32 = 1.0;
-/// Iterations before radiance is compared at all. At one sample per pixel, a pixel's own value says nothing about what
-/// it should be, and comparing with it would keep outliers.
+/// Iterations that ignore differences in radiance. At one sample per pixel, a pixel's value is mostly noise, and
+/// comparing with it would keep outliers.
 const BLIND_ITERATIONS: u32 = 3;
 
-/// Distance between the taps of iteration `index` of `count`: 2^(count-1) down to 1.
+/// Returns the distance between the taps of iteration `index` of `count`: 2^(count-1) down to 1.
 fn step(index: u32, count: u32) -> u32 {
     1 << (count - 1 - index)
 }
 
-/// 1 / σ² of iteration `index`, as bits.
+/// Returns 1 / σ² of iteration `index`, as bits.
 pub(super) fn inverse_sigma2_bits(index: u32) -> u32 {
     if index < BLIND_ITERATIONS { 0 } else { (1.0 / (SIGMA * SIGMA)).to_bits() }
 }
@@ -40,7 +40,8 @@ impl Denoise for Atrous {
             let (source, target) = light.advance();
             let step = step(index, spec.iterations);
             let halo = spec.halo(2 * step);
-            // The pixels of a foveal layer count the iterations that they take part in.
+            // Pixels of a foveal layer only count the iterations that they take part in, so the shader counts blind
+            // ones.
             let args = match spec.sparse {
                 true => [step, inverse_sigma2_bits(u32::MAX), BLIND_ITERATIONS],
                 false => [step, inverse_sigma2_bits(index), 0],

@@ -1,8 +1,9 @@
-//! `bmfr`: light accumulated over frames, fitted to features of surfaces in blocks of pixels, accumulated once more, and
-//! antialiased over frames.
+//! `bmfr`: temporally accumulated illumination, fitted to features of surfaces in blocks of pixels and accumulated
+//! again, followed by TAA.
 //!
 //! The method is that of Koskela et al. 2019, "Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing
-//! Reconstruction", with dependent features left out as in Xu, Tong & Xu, "Real-Time Path Tracing Reconstruction in DXR".
+//! Reconstruction", with linearly dependent features dropped as in Xu, Tong & Xu, "Real-Time Path Tracing
+//! Reconstruction in DXR".
 
 use super::{CUT, Denoise, Light, antialias, gradient};
 use crate::graph::{Chain, Dispatch, Image, Kernel, Pass, Resource, Stage, Use};
@@ -12,34 +13,34 @@ use crate::passes::{FrameSpec, PREVIOUS, tonemap};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
-/// Light accumulated over frames before the fit, with the material and the number of frames.
+/// Accumulated illumination before the fit, with the material and the number of frames.
 const ACCUMULATED: Resource = Resource::image("accumulated", 16);
-/// The same of fitted light.
+/// Accumulated illumination after the fit, in the same layout.
 const FITTED: Resource = Resource::image("fitted", 16);
 
-/// Columns and rows of a block.
+/// Edge of a block, pixels.
 const BLOCK: u32 = 32;
 
 const ACCUMULATE: Kernel = Kernel::new("bmfr_accumulate").with(gradient::CONSTANTS);
 const FIT: Kernel = Kernel::new("fit").with(constants![BLOCK]).workgroup([256, 1, 1]);
 
-/// Least share of a frame in accumulated light, before and after the fit.
+/// Minimum blend weight of the current frame, before and after the fit.
 const LEAST_SHARE: f32 = 0.2;
 const LEAST_FITTED_SHARE: f32 = 0.1;
 
 pub struct Bmfr {
-    /// Amplitude of the noise that is added to features, 0 to 1; with 0, dependent features are left out.
+    /// Amplitude of the noise that is added to features, 0 to 1. With 0, dependent features are dropped.
     pub noise: f32,
 }
 
 impl Bmfr {
-    /// Dependent features are left out.
+    /// BMFR that drops dependent features.
     pub const DROPPING: Self = Self { noise: 0.0 };
-    /// Features get the noise of the authors' code.
+    /// BMFR that adds the noise of the authors' code to features.
     pub const NOISY: Self = Self { noise: 0.01 };
 }
 
-/// Joins the light of an image with what the frame before has left of `kept`. The right eye may take the left one's.
+/// Blends light with the previous frame's `kept` image. The right eye falls back to the left eye's.
 fn accumulate(spec: &FrameSpec, pass: Pass, light: &mut Light, kept: Resource, least_share: f32) -> Pass {
     let last = |resource: Resource| Use::read(resource).before(spec.history_halo());
     let (source, target) = light.advance_to(Image::from(kept));
@@ -72,12 +73,12 @@ impl Denoise for Bmfr {
         true
     }
 
-    /// The fit is one.
+    /// Returns 1, since the fit is a single iteration.
     fn most_iterations(&self) -> u32 {
         1
     }
 
-    /// That of svgf times the mean ratio over six scenes at 180 rows and one sample.
+    /// Scales the estimate of svgf by the mean ratio over six scenes at 180 rows and one sample.
     fn estimated_flip(&self, samples: f64, _iterations: u32, _rows: u32) -> f64 {
         1.13 * (0.055 + 0.022 * samples.powf(-0.65))
     }
@@ -88,7 +89,7 @@ impl Denoise for Bmfr {
         gradient::passes(spec, view).into_iter().chain([pass]).collect()
     }
 
-    /// The fit of whole blocks, wherever stripes cut them.
+    /// Returns the fit, which handles whole blocks even if stripes split them.
     fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let (source, target) = light.advance();
         let halo = spec.halo(BLOCK - 1);

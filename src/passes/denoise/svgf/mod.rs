@@ -1,4 +1,4 @@
-//! `svgf`: light accumulated over frames, filtered by its own variance, then antialiased over frames.
+//! `svgf`: temporally accumulated illumination, filtered with guidance by its variance, followed by TAA.
 //!
 //! The method is that of Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering".
 
@@ -13,23 +13,23 @@ use crate::wgsl::constants;
 const STAGE: Stage = Stage("svgf");
 const VARIANCE: Stage = Stage("variance");
 
-/// Mean and variance of the light accumulated over frames, how much of it there is, and the material.
+/// Mean and variance of accumulated illumination, the number of samples and frames in it, and the material.
 const MOMENTS: Resource = Resource::image("moments", 16);
 /// Accumulated light after the filter's first iteration.
 const HISTORY: Resource = Resource::image("history", 16);
 
-/// Rows and columns that the estimate of variance reads beyond its own.
+/// Radius of the spatial estimate of variance, pixels.
 const VARIANCE_REACH: u32 = 3;
 
 const VARIANCE_KERNEL: Kernel = Kernel::new("variance").with(constants![VARIANCE_REACH]);
 
-/// Standard deviations by which the luminance of two pixels may differ: in the first iteration, which is kept for the next
-/// frame, so that its blur adds up over frames, and in the others.
+/// Standard deviations by which the luminance of two pixels may differ, in the first iteration and in the others. The
+/// first iteration's result becomes the history, so its blur accumulates over frames.
 const FIRST_SIGMA: f32 = 0.8;
 const SIGMA: f32 = 1.2;
 
-/// Distance between the taps of iteration `index`. It rises, so that the first iteration, which is kept for the next
-/// frame, blurs least.
+/// Returns the distance between the taps of iteration `index`. It rises, so that the first iteration, whose result
+/// becomes the history, blurs least.
 fn step(index: u32) -> u32 {
     1 << index
 }
@@ -53,16 +53,16 @@ impl Denoise for Svgf {
         true
     }
 
-    /// Follows measurements of three scenes after some frames, at 64 and 180 rows.
+    /// Fits measurements of three scenes after some frames, at 64 and 180 rows.
     fn estimated_flip(&self, samples: f64, iterations: u32, rows: u32) -> f64 {
         let unfiltered = 0.5f64.powi(iterations as i32 - 1);
-        // Blur by the filter's reach.
+        // Blur that grows with the filter's radius.
         let blur = 1.0 + 0.35 * (2f64.powi(iterations as i32) - 1.0) / f64::from(rows.max(1));
         blur * (0.97 + 0.06 * unfiltered) * (0.055 + 0.022 * samples.powf(-0.65))
     }
 
-    /// Accumulates the light of this frame with that of the frames before. The right eye may take the history of the
-    /// left one where it has none.
+    /// Returns the passes that blend this frame's light with its history. The right eye falls back to the left eye's
+    /// history.
     fn before(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let last = |resource| Use::read(resource).before(spec.history_halo());
         let (traced, accumulated) = light.advance();

@@ -1,4 +1,4 @@
-//! What stands and hangs in the court: banners, plants, lantern, fountain, doors.
+//! Furnishings of the court: banners, plants, lantern, fountain, doors.
 
 use super::super::geometry::{Outline, Surface};
 use super::super::maths::{Dice, cos, shift, sin, sin_cos, turn_z};
@@ -6,13 +6,13 @@ use super::super::shapes::{arch, block, cuboid, cylinder, lathe, limb, ribbon, s
 use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, TAU};
 
-/// A banner hung from its upper edge at the origin, 1.3 × 3 metres, with folds that deepen downwards.
+/// Returns a banner hung from its upper edge at the origin, 1.3 × 3 metres, with folds that deepen downwards.
 pub fn banner(seed: u32) -> Surface {
     let mut dice = Dice::new(seed);
     let (phase, drift) = (dice.angle(), dice.range(-0.12, 0.12));
     let (width, height) = (1.3, 3.0);
     Surface::smooth_grid(28, 30, |u, v| {
-        // v runs up the cloth, so that the front is towards +z.
+        // v points up the cloth, so that the front is towards +z.
         let drop = 1.0 - v;
         let across = u - 0.5;
         let fold = sin(phase + (3.2 * across + 0.25 * drop) * TAU);
@@ -24,7 +24,7 @@ pub fn banner(seed: u32) -> Surface {
     })
 }
 
-/// The rod a banner hangs from, with knobs, and its two brackets back to the wall.
+/// Returns a banner's rod with knobs, and its two brackets to the wall.
 pub fn banner_rod(reach: f32) -> Surface {
     let rod = cylinder(0.022, 1.6, 10).transformed(turn_z(FRAC_PI_2)).moved(0.8, 0.03, 0.0);
     let knob = |x: f32| sphere(0.05, 12, 8).moved(x, 0.03, 0.0);
@@ -32,7 +32,7 @@ pub fn banner_rod(reach: f32) -> Surface {
     Surface::union([rod, knob(-0.8), knob(0.8), bracket(-0.72), bracket(0.72)])
 }
 
-/// An agave of long bent leaves.
+/// Returns an agave with long bent leaves.
 pub fn plant() -> Surface {
     let mut dice = Dice::new(31);
     Surface::union((0..24).map(|i| {
@@ -52,7 +52,7 @@ pub fn plant() -> Surface {
     }))
 }
 
-/// Cage and chain of a hanging lantern; its light sits at the origin.
+/// Returns cage and chain of a hanging lantern, with its light at the origin.
 pub fn lantern(chain: f32) -> Surface {
     let ring = |y: f32, r: f32| torus(r, 0.014, 20, 8).moved(0.0, y, 0.0);
     let mut s = ring(-0.24, 0.1).with(ring(0.2, 0.17)).with(ring(0.0, 0.17));
@@ -71,7 +71,7 @@ pub fn lantern(chain: f32) -> Surface {
     s.with(lathe(&cap, 16)).with(cylinder(0.008, chain - 0.38, 8).moved(0.0, 0.38, 0.0))
 }
 
-/// The stone of the fountain: an eight-sided basin and a pedestal with a bowl.
+/// Returns the fountain's stone: an eight-sided basin and a pedestal with a bowl.
 pub fn fountain() -> Surface {
     let basin = Outline::open([
         [1.62, 0.0],
@@ -116,7 +116,7 @@ pub fn water(radius: f32, y: f32) -> Surface {
     })
 }
 
-/// A stone doorway flat against a wall at z = 0, with its foot on y = 0: jambs, sill and arch.
+/// Returns a stone doorway flat against a wall at z = 0, with its foot on y = 0: jambs, sill and arch.
 pub fn doorway() -> Surface {
     let ring = Outline::closed([
         [0.6, 0.05],
@@ -136,7 +136,7 @@ pub fn doorway() -> Surface {
     Surface::union([jamb(-0.7), jamb(0.7), impost(-0.7), impost(0.7), key, sill, ring])
 }
 
-/// The planked leaves that close a doorway.
+/// Returns the planked leaves of a door.
 pub fn door() -> Surface {
     let planks = (0..6).map(|i| {
         let x = -0.6 + 0.2 * i as f32;
@@ -148,7 +148,7 @@ pub fn door() -> Surface {
     Surface::union(planks).with(band(0.4)).with(band(1.6))
 }
 
-/// A lion of a sort: a ball with a mane of small knobs, on a pedestal.
+/// Returns a stylised lion: a ball with a mane of small knobs, on a pedestal.
 pub fn guardian() -> Surface {
     let pedestal = Surface::union([
         block([0.0, -0.02, 0.0], [0.56, 0.16, 0.56]),

@@ -1,4 +1,4 @@
-//! The building: floors, walls, arcades, vaults, cornices, balustrades and the terrace.
+//! Builds the hall: floors, walls, arcades, vaults, cornices, balustrades and the terrace.
 
 use super::super::assembly::Assembly;
 use super::super::geometry::{Outline, Surface};
@@ -8,16 +8,16 @@ use super::orders::{self, Order, WALL_HALF};
 use super::{BAY, COURT, COURT_Y, GALLERY, Paints, ROOF_Y, UPPER_Y, is_first_of_side};
 use glam::{Affine3A, Vec2, Vec3};
 
-/// Width of the steps down into the court, and how far they reach from the column line.
+/// Distances of the edges of the steps into the court from the column line.
 const STEP_REACH: [f32; 2] = [0.52, 0.88];
 
-/// A flat rectangle at height `y` that faces up, tiled by position.
+/// Returns a flat rectangle at height `y` that faces up, with texture coordinates from positions.
 fn paving(min: [f32; 2], max: [f32; 2], y: f32, tile_m: f32) -> Surface {
     let (dx, dz) = (max[0] - min[0], max[1] - min[1]);
     Surface::quad(Vec3::new(min[0], y, max[1]), Vec3::X * dx, Vec3::NEG_Z * dz).uv_scaled(Vec2::splat(1.0 / tile_m))
 }
 
-/// Paving of a ring round the court, from `inner` metres inside the column line to the back walls.
+/// Returns paving of a ring round the court, from `inner` metres inside the column line to the back walls.
 fn ring_paving(inner: f32, y: f32, tile_m: f32) -> Surface {
     let [x, z] = COURT.map(|half| half - inner);
     let [far_x, far_z] = COURT.map(|half| half + GALLERY + 0.1);
@@ -29,7 +29,7 @@ fn ring_paving(inner: f32, y: f32, tile_m: f32) -> Surface {
     ])
 }
 
-/// A moulding all round the court, x measured from the column line inwards.
+/// Returns a moulding all round the court. x is measured inwards from the column line.
 fn court_ring(profile: &Outline, y: f32) -> Surface {
     let [x, z] = COURT;
     let side = |start: Vec3, outward: Vec3, half: f32| moulding(profile, start, outward, 2.0 * half, [1.0, -1.0]);
@@ -51,7 +51,7 @@ pub fn floors(a: &mut Assembly, paints: &Paints) {
     a.add(ring_paving(-0.15, UPPER_Y, 0.9), paints.tiles);
 }
 
-/// The shell: back walls with a dark dado, the ceiling over the upper gallery and the roof's edge.
+/// Adds the shell: back walls with a dark dado, the ceiling over the upper gallery and the roof's edge.
 pub fn walls_and_roof(a: &mut Assembly, paints: &Paints) {
     let [x, z] = COURT.map(|half| half + GALLERY);
     let shell = |low: f32, high: f32, inset: f32| {
@@ -71,7 +71,7 @@ pub fn walls_and_roof(a: &mut Assembly, paints: &Paints) {
     a.add(ceiling_ring(ROOF_Y, ROOF_Y + 0.25), paints.wood);
 }
 
-/// A slab over the galleries.
+/// Returns a slab over the galleries.
 fn ceiling_ring(low: f32, high: f32) -> Surface {
     let [x, z] = COURT.map(|half| half - 0.1);
     let [far_x, far_z] = COURT.map(|half| half + GALLERY + 0.3);
@@ -83,7 +83,7 @@ fn ceiling_ring(low: f32, high: f32) -> Surface {
     ])
 }
 
-/// Columns, corner piers, arches and the wall above them, of one storey.
+/// Adds a storey's columns, corner piers and arches, and the wall above them.
 pub fn arcade(a: &mut Assembly, paints: &Paints, bays: &[Affine3A], floor: f32, order: &Order) {
     let shaft = a.mesh(orders::shaft(order), paints.stone);
     let ends = a.mesh(orders::base_and_capital(order), paints.trim);
@@ -104,7 +104,7 @@ pub fn arcade(a: &mut Assembly, paints: &Paints, bays: &[Affine3A], floor: f32, 
     }
 }
 
-/// Groin vaults, transverse ribs and wall pilasters of the lower gallery.
+/// Adds groin vaults, transverse ribs and wall pilasters of the lower gallery.
 pub fn vaults(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     let (depth, spring) = (GALLERY - WALL_HALF, super::LOWER.height);
     let middle = -(WALL_HALF + depth / 2.0);
@@ -129,7 +129,7 @@ pub fn vaults(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     }
 }
 
-/// A flat pier against the back wall, foot at the origin.
+/// Returns a flat pier against the back wall, with its foot at the origin.
 fn pilaster(height: f32) -> Surface {
     Surface::union([
         block([0.0, -0.02, 0.1], [0.46, height, 0.32]),
@@ -139,7 +139,7 @@ fn pilaster(height: f32) -> Surface {
     ])
 }
 
-/// Timber over the upper gallery: beams across it and a plate along each wall.
+/// Adds the timber of the upper gallery: beams across it and a plate along each wall.
 pub fn beams(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     let mut timber = Surface::default();
     for i in 0..4 {
@@ -152,7 +152,7 @@ pub fn beams(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     a.place_all(timber, bays);
 }
 
-/// The two entablatures round the court, with dentils under them and ornaments on the upper one.
+/// Adds the two entablatures round the court, with dentils under them and ornaments on the upper one.
 pub fn cornices(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     let lower = Outline::open([
         [0.2, -0.1],
@@ -236,11 +236,11 @@ fn balustrade(a: &mut Assembly, [rails, baluster]: [usize; 2], length: f32, plac
     }
 }
 
-/// Height of the terrace the camera stands on.
+/// Height of the terrace on which the camera stands, and number of its stairs.
 const TERRACE_Y: f32 = 1.9;
 const STAIRS: usize = 13;
 
-/// A raised platform at the near end with stairs down into the court.
+/// Adds a raised platform at the near end with stairs down into the court.
 pub fn terrace(a: &mut Assembly, paints: &Paints) {
     a.add(cuboid([-3.0, COURT_Y - 0.1, 9.6], [3.0, TERRACE_Y - 0.06, 12.62]), paints.stone);
     a.add(cuboid([-3.06, TERRACE_Y - 0.14, 9.54], [3.06, TERRACE_Y, 12.6]), paints.trim);

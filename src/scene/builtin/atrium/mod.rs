@@ -1,7 +1,7 @@
 //! The demo scene: a court of three by nine bays between two storeys of vaulted and beamed galleries.
 //!
-//! x runs across the court, −z along it away from the camera. Bays go round in a ring; each has a frame
-//! whose origin is on the column line at ground level, x along the wall and +z into the court.
+//! x points across the court, −z along it away from the camera. Bays form a ring. Each has a frame with its origin on
+//! the column line at ground level, x along the wall and +z into the court.
 
 mod furnishing;
 mod hall;
@@ -14,13 +14,13 @@ use super::texels::marble_tiles;
 use glam::Affine3A;
 use orders::{BAY, Order};
 
-/// Bays across and along the court.
+/// Number of bays across and along the court.
 const BAYS: [usize; 2] = [3, 9];
-/// Half the court from column line to column line, across and along.
+/// Half the distance between column lines, across and along.
 const COURT: [f32; 2] = [BAY * 1.5, BAY * 4.5];
-/// From the column line to the back wall's face.
+/// Distance from the column line to the back wall's face.
 const GALLERY: f32 = 3.4;
-/// Level of the court below the lower gallery's floor, of the upper floor, and of the roof's underside.
+/// Heights of the court, of the upper floor and of the roof's underside relative to the lower gallery's floor.
 const COURT_Y: f32 = -0.3;
 const UPPER_Y: f32 = 5.5;
 const ROOF_Y: f32 = 9.85;
@@ -87,7 +87,7 @@ fn mix_paints(a: &mut Assembly) -> Paints {
     }
 }
 
-/// Frames of all bays, side by side round the court; the first of each side has a corner at its left.
+/// Returns the frames of all bays in order round the court. The first bay of each side has a corner at its left.
 fn bays() -> Vec<Affine3A> {
     let mut bays = Vec::new();
     for quarter in 0..4 {
@@ -103,7 +103,7 @@ fn bays() -> Vec<Affine3A> {
     bays
 }
 
-/// Whether bay `i` is the first of its side.
+/// Returns true if bay `i` is the first of its side.
 fn is_first_of_side(i: usize) -> bool {
     let (short, long) = (BAYS[0], BAYS[1]);
     [0, short, short + long, 2 * short + long].contains(&i)
@@ -139,7 +139,7 @@ fn furnish(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     a.place(lantern, shift(-6.31, 2.9, 3.0));
 }
 
-/// Long cloths in front of every other upper balustrade of the long sides, in three colours.
+/// Adds long banners in three colours in front of every other upper balustrade of the long sides.
 fn banners(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     let cloths: Vec<_> = (0..3).map(|i| a.mesh(furnishing::banner(40 + i as u32), paints.cloth[i])).collect();
     let rod = a.mesh(furnishing::banner_rod(0.7), paints.gilt);

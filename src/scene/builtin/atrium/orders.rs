@@ -1,4 +1,4 @@
-//! Columns, piers, arches and balusters: the pieces that repeat from bay to bay.
+//! Columns, piers, arches and balusters: the pieces that repeat in each bay.
 
 use super::super::geometry::{Outline, Surface};
 use super::super::maths::{sin, sin_cos};
@@ -9,14 +9,14 @@ use std::f32::consts::{PI, TAU};
 /// Distance between columns, metres.
 pub const BAY: f32 = 3.0;
 
-/// Measures of a storey's arcade, metres.
+/// Dimensions of a storey's arcade, metres.
 #[derive(Clone, Copy)]
 pub struct Order {
-    /// From the floor to where arches spring.
+    /// Height from the floor to the springing of the arches.
     pub height: f32,
     pub shaft_radius: f32,
     pub arch_radius: f32,
-    /// From the springing to the top of the wall above the arch.
+    /// Height from the springing to the top of the wall above the arch.
     pub wall_rise: f32,
     pub flutes: usize,
     pub leafy: bool,
@@ -25,7 +25,7 @@ pub struct Order {
 /// Half the thickness of the wall above the arches.
 pub const WALL_HALF: f32 = 0.22;
 
-/// The fluted shaft, swelling a little towards its foot; stands between base and capital.
+/// Returns the fluted shaft between base and capital, swelling slightly towards its foot.
 pub fn shaft(order: &Order) -> Surface {
     let r = order.shaft_radius;
     let (foot, neck) = (base_height(r), order.height - capital_height(r));
@@ -38,7 +38,7 @@ pub fn shaft(order: &Order) -> Surface {
     rise(&fluted(r, order.flutes), &levels)
 }
 
-/// A circle with scooped flutes and narrow fillets between them.
+/// Returns a circle with scooped flutes and narrow fillets between them.
 fn fluted(radius: f32, flutes: usize) -> Outline {
     let depth = radius * 0.085;
     let points = (0..flutes).flat_map(move |i| {
@@ -61,7 +61,7 @@ fn capital_height(r: f32) -> f32 {
     r * 1.9
 }
 
-/// Plinth, two tori with a scotia between them, capital and abacus.
+/// Returns plinth, two tori with a scotia between them, capital and abacus.
 pub fn base_and_capital(order: &Order) -> Surface {
     let r = order.shaft_radius;
     let plinth = block([0.0, -0.02, 0.0], [r * 2.8, r * 0.42 + 0.02, r * 2.8]);
@@ -109,13 +109,13 @@ fn profile(points: &[[f32; 2]], unit: f32, lift: f32) -> Outline {
     Outline::open(points.iter().map(|p| [p[0] * unit, p[1] * unit + lift]))
 }
 
-/// The slab under the arches, in two steps; it reaches a little into the wall above.
+/// Returns the slab under the arches in two steps. It extends slightly into the wall above.
 fn abacus(r: f32, top: f32) -> Surface {
     let lower = block([0.0, top - r * 0.36, 0.0], [r * 2.44, r * 0.2, r * 2.44]);
     lower.with(block([0.0, top - r * 0.18, 0.0], [r * 2.66, r * 0.18 + 0.012, r * 2.66]))
 }
 
-/// Two rings of curling leaves round the bell.
+/// Returns two rings of curling leaves round the bell.
 fn leaves(r: f32, foot: f32) -> Surface {
     let leaf = |height: f32, turn: f32| {
         let (s, c) = sin_cos(turn);
@@ -134,12 +134,12 @@ fn leaves(r: f32, foot: f32) -> Surface {
     Surface::union(ring(0.7, 0.0).chain(ring(1.25, 0.5)))
 }
 
-/// The plastered wall over one bay's arch, about the springing point's height.
+/// Returns the plastered wall over one bay's arch, with y = 0 at the springing.
 pub fn arch_wall(order: &Order) -> Surface {
     spandrel(BAY, order.wall_rise, order.arch_radius, 2.0 * WALL_HALF, 24)
 }
 
-/// The moulded ring of stone round the opening, on both faces of the wall, with its keystone.
+/// Returns the moulded stone ring round the opening, on both faces of the wall, with its keystone.
 pub fn archivolt(order: &Order, steps: usize) -> Surface {
     let r = order.arch_radius;
     let half = [
@@ -159,7 +159,7 @@ pub fn archivolt(order: &Order, steps: usize) -> Surface {
     ring.with(cuboid([-0.11, r - 0.06, -0.33], [0.11, r + 0.29, 0.33]))
 }
 
-/// A square corner pier with plinth and impost.
+/// Returns a square corner pier with plinth and impost.
 pub fn pier(order: &Order) -> Surface {
     let half = 0.42;
     let body = cuboid([-half, -0.02, -half], [half, order.height + order.wall_rise - 0.06, half]);
@@ -194,7 +194,7 @@ pub fn baluster() -> Surface {
     lathe(&Outline::open(points), 8)
 }
 
-/// Plinth and handrail of a balustrade along x, standing at y = 0; balusters go on y = 0.1.
+/// Returns plinth and handrail of a balustrade along x that stands at y = 0. Balusters start at y = 0.1.
 pub fn rails(length: f32) -> Surface {
     let half = length / 2.0;
     let top = 0.1 + BALUSTER;
@@ -204,13 +204,13 @@ pub fn rails(length: f32) -> Surface {
     lower.with(rail).with(cap)
 }
 
-/// Where balusters stand along a balustrade of that length, evenly.
+/// Returns evenly spaced positions of balusters along a balustrade of that length, centred on 0.
 pub fn baluster_offsets(length: f32) -> impl Iterator<Item = f32> {
     let count = (length / 0.27) as usize;
     (0..count).map(move |i| (i as f32 + 0.5) / count as f32 * length - length / 2.0)
 }
 
-/// An urn with a foot and a rolled lip, about 0.9 high, or a tall vase from the same family.
+/// Returns an urn with a foot and a rolled lip, about 0.9 high, or a stretched version of it.
 pub fn urn(stretch: Vec2) -> Surface {
     let points = [
         [0.0, 0.0],

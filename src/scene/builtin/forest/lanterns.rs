@@ -15,7 +15,7 @@ struct Lantern {
     intensity: f32,
 }
 
-/// Fireflies low over the ground and, one in four, brighter lamps among the trees.
+/// Returns fireflies low over the ground and, for every fourth light, a brighter lamp among the trees.
 fn lanterns() -> Vec<Lantern> {
     let trunks: Vec<_> = tree_spots().iter().map(|s| s.foot).collect();
     let mut dice = Dice::new(8080);
@@ -38,7 +38,7 @@ fn lanterns() -> Vec<Lantern> {
     found
 }
 
-/// TOML text of the shot.
+/// Returns the TOML text of the shot.
 fn shot() -> String {
     let mut text = String::from(
         "# Written by this crate's test `write_the_forest_shot`; do not edit.\n\

@@ -19,13 +19,13 @@ const TREES: usize = 98;
 const BUSHES: usize = 64;
 const TUFTS: usize = 118;
 
-/// A plant's place in the wood.
+/// Placement of a plant.
 #[derive(Clone, Copy)]
 struct Spot {
     foot: Vec3,
     turn: f32,
     size: f32,
-    /// Which of its sort.
+    /// Index of its variant.
     kind: usize,
 }
 
@@ -62,7 +62,7 @@ fn trees(a: &mut Assembly, broad: TextureRef) {
     }
 }
 
-/// One tree in each cell of a grid, off its middle, where the path leaves room.
+/// Returns one jittered position per cell of a grid for trees, except on the path.
 fn tree_spots() -> Vec<Spot> {
     let mut dice = Dice::new(2024);
     let cell = 5.6;
@@ -81,7 +81,7 @@ fn tree_spots() -> Vec<Spot> {
     spots.take(TREES).collect()
 }
 
-/// Bushes among the trees and tufts of grass along the path.
+/// Adds bushes among the trees and tufts of grass along the path.
 fn undergrowth(a: &mut Assembly, broad: TextureRef) {
     let spray = textured("bush", broad);
     let bush_leaf = a.material(cut_out(Material { base_color: Vec3::new(0.55, 0.7, 0.4).extend(1.0), ..spray }));
@@ -96,12 +96,12 @@ fn undergrowth(a: &mut Assembly, broad: TextureRef) {
     }
 }
 
-/// `count` places, thinning out with the distance from the path, which lies between the two bounds.
+/// Returns `count` placements within two distances from the path, denser near it.
 fn spots_near_path(count: usize, seed: u32, [near, far]: [f32; 2]) -> Vec<Spot> {
     let mut dice = Dice::new(seed);
     (0..count)
         .map(|i| {
-            // The far end is seen end-on, so it needs fewer.
+            // The far end is seen at a grazing angle, so it needs fewer plants.
             let along = (i as f32 + dice.unit()) / count as f32;
             let z = 17.5 - 50.0 * along * (0.45 + 0.55 * along);
             let reach = dice.unit();
@@ -117,7 +117,7 @@ fn spots_near_path(count: usize, seed: u32, [near, far]: [f32; 2]) -> Vec<Spot> 
         .collect()
 }
 
-/// Boulders beside the path.
+/// Adds boulders beside the path.
 fn stones(a: &mut Assembly) {
     let rock = a.material(glossy("rock", [0.3, 0.3, 0.28], 0.8));
     let boulders = [5, 6].map(|seed| a.mesh(plants::boulder(seed).uv_scaled(Vec2::splat(2.0)), rock));

@@ -6,21 +6,21 @@ use super::super::shapes::{limb, sphere};
 use super::species::Species;
 use glam::{Vec2, Vec3};
 
-/// Turn from one branch to the next, so that none stands right above another.
+/// Angle from one branch to the next, so that no branch is right above another.
 const GOLDEN_ANGLE: f32 = 2.399_963;
 
-/// Wood and leaves.
+/// Returns wood and leaves of a tree.
 pub fn tree(species: &Species) -> (Surface, Surface) {
     let mut dice = Dice::new(species.seed);
     let trunk = trunk_path(species, &mut dice);
     let mut branches: Vec<_> = (0..species.branches).map(|i| branch_path(species, &trunk, i, &mut dice)).collect();
     let wood = limb(&trunk, 8).with(Surface::union(branches.iter().map(|path| limb(path, 4))));
-    // The tree's tip bears leaves as a branch does.
+    // Leaves grow on the trunk's tip as on branches.
     branches.push(trunk[trunk.len() - 3..].to_vec());
     let mut leaves = Surface::default();
     for i in 0..species.cards {
         let path = &branches[i % branches.len()];
-        // More leaves further out.
+        // Prefers positions near the tip.
         let (a, b) = (dice.unit(), dice.unit());
         let at = point_on(path, 0.3 + 0.75 * a.max(b));
         let heart = point_on(&trunk, species.crown_foot + 0.5 * (1.0 - species.crown_foot));
@@ -32,7 +32,7 @@ pub fn tree(species: &Species) -> (Surface, Surface) {
 
 type Path = Vec<(Vec3, f32)>;
 
-/// Widens into the ground and sways a little on its way up.
+/// Returns a trunk's path, which widens into the ground and sways slightly on its way up.
 fn trunk_path(species: &Species, dice: &mut Dice) -> Path {
     let (lean_x, lean_z) = (dice.range(-0.3, 0.3), dice.range(-0.3, 0.3));
     (0..=7)
@@ -67,14 +67,15 @@ fn branch_path(species: &Species, trunk: &Path, index: usize, dice: &mut Dice) -
         .collect()
 }
 
-/// The centre at fraction `t` of the path's points; beyond 1 in its last direction.
+/// Returns the centre at fraction `t` of the path's points, extrapolated beyond 1.
 fn point_on(path: &Path, t: f32) -> Vec3 {
     let place = t.max(0.0) * (path.len() - 1) as f32;
     let i = (place as usize).min(path.len() - 2);
     path[i].0 + (path[i + 1].0 - path[i].0) * (place - i as f32)
 }
 
-/// A square with a spray of leaves, its stem at `foot`, facing about `outward` and growing upwards or down.
+/// Returns a square with a spray of leaves and its stem at `foot`, which faces about `outward` and grows upwards or
+/// down.
 fn card(foot: Vec3, outward: Vec3, size: f32, lift: f32, dice: &mut Dice) -> Surface {
     let jitter = Vec3::new(dice.range(-1.0, 1.0), dice.range(-1.0, 1.0), dice.range(-1.0, 1.0));
     let normal = (outward.normalize() + 0.85 * jitter).normalize();
@@ -82,12 +83,12 @@ fn card(foot: Vec3, outward: Vec3, size: f32, lift: f32, dice: &mut Dice) -> Sur
     let right = grow.cross(normal).normalize() * size * dice.range(0.75, 1.2);
     let up = normal.cross(right);
     let mut s = Surface::quad(foot - right / 2.0 - up * 0.1, right, up);
-    // Row 0 of a texture is its top.
+    // Row 0 of a texture is its top row.
     s.vertices.iter_mut().for_each(|v| v.uv = Vec2::new(v.uv.x, right.length() - v.uv.y) / right.length());
     s
 }
 
-/// A heap of leaf cards without visible wood.
+/// Returns a heap of leaf cards without visible wood.
 pub fn bush(seed: u32) -> Surface {
     let mut dice = Dice::new(seed);
     Surface::union((0..90).map(|_| {
@@ -99,7 +100,7 @@ pub fn bush(seed: u32) -> Surface {
     }))
 }
 
-/// Bent blades of grass over about two square metres.
+/// Returns bent blades of grass over about two square metres.
 pub fn tuft(seed: u32) -> Surface {
     let mut dice = Dice::new(seed);
     Surface::union((0..110).map(|_| {
@@ -110,7 +111,7 @@ pub fn tuft(seed: u32) -> Surface {
     }))
 }
 
-/// Two cells that narrow to a point and lean towards `lean`.
+/// Returns a blade of two cells that narrows to a point and leans towards `lean`.
 fn blade(foot: Vec3, lean: Vec3, length: f32) -> Surface {
     let side = Vec3::Y.cross(lean) * 0.011;
     Surface::grid(1, 2, |u, v| {
@@ -121,7 +122,7 @@ fn blade(foot: Vec3, lean: Vec3, length: f32) -> Surface {
     })
 }
 
-/// A lumpy, flattened ball, half sunk.
+/// Returns a lumpy, flattened ball, half sunk.
 pub fn boulder(seed: u32) -> Surface {
     let mut s = sphere(1.0, 24, 14);
     let lump = |n: Vec3| {

@@ -1,17 +1,17 @@
-//! The trees of the wood, in numbers.
+//! Parameters of the wood's tree species.
 
-/// How a tree grows. Lengths in metres for a tree of scale 1.
+/// Growth parameters of a tree. Lengths are in metres for a tree of scale 1.
 #[derive(Clone, Copy)]
 pub struct Species {
     pub name: &'static str,
     pub seed: u32,
     pub height: f32,
     pub trunk_radius: f32,
-    /// Where the first branch leaves the trunk, of the height.
+    /// Height of the lowest branch on the trunk, as a fraction of `height`.
     pub crown_foot: f32,
-    /// Reach of branches at foot, middle and top of the crown.
+    /// Length of branches at the crown's foot, middle and top.
     pub reach: [f32; 3],
-    /// How steeply branches rise; below 0 they hang.
+    /// Slope of branches; negative if they hang.
     pub lift: f32,
     pub branches: usize,
     pub cards: usize,

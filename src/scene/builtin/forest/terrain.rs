@@ -1,20 +1,20 @@
-//! The lie of the land and the path through it.
+//! Height of the ground and the path through it.
 
 use super::super::geometry::Surface;
 use super::super::maths::{noise, sin};
 use glam::{Vec2, Vec3};
 
-/// Where the middle of the path is at depth `z`.
+/// Returns x of the path's centre line at depth `z`.
 pub fn path_x(z: f32) -> f32 {
     1.7 * sin(0.15 * z + 0.6) + 0.6 * sin(0.31 * z)
 }
 
-/// Distance from the middle of the path, sideways.
+/// Returns the horizontal distance in x from the middle of the path.
 pub fn off_path(x: f32, z: f32) -> f32 {
     (x - path_x(z)).abs()
 }
 
-/// Level of the ground, metres.
+/// Returns the height of the ground, metres.
 pub fn height(x: f32, z: f32) -> f32 {
     let rolling = 0.55 * sin(0.09 * x + 0.7) * sin(0.075 * z + 0.4) + 0.25 * sin(0.21 * x - 0.13 * z);
     let lumps = 0.16 * noise(x * 0.8 + 512.0, z * 0.8 + 512.0, 1024, 3);

@@ -1,4 +1,4 @@
-//! A figure of tubes around a skeleton, standing upright, looking along +z, with its left at +x. Metres.
+//! A figure of tubes around a skeleton, in metres. It stands upright and looks along +z, with its left at +x.
 
 use glam::{DVec3, Vec2, Vec3};
 
@@ -8,7 +8,7 @@ use super::super::geometry::{Surface, Vertex};
 use super::super::maths::{sin_cos, turn_x};
 use std::f32::consts::{FRAC_PI_2, TAU};
 
-/// A joint's name, the number of its parent, and where it is in the mesh.
+/// Name of a joint, index of its parent, and position in the mesh.
 pub struct Joint {
     pub name: &'static str,
     pub parent: Option<usize>,
@@ -23,12 +23,12 @@ pub const PELVIS: usize = 0;
 pub const SPINE: usize = 1;
 pub const CHEST: usize = 2;
 pub const HEAD: usize = 3;
-/// Upper arms, left and right; the forearm is the next joint.
+/// Indices of the upper arms, left and right. The forearm is the next joint.
 pub const ARMS: [usize; 2] = [4, 6];
-/// Thighs, left and right; shin and foot are the next two joints.
+/// Indices of the thighs, left and right. Shin and foot are the next two joints.
 pub const LEGS: [usize; 2] = [8, 11];
 
-/// Parents come before children.
+/// All joints. Parents precede their children.
 pub const JOINTS: [Joint; 14] = [
     joint("pelvis", None, [0.0, 0.9, 0.0]),
     joint("spine", Some(PELVIS), [0.0, 1.02, 0.0]),
@@ -49,7 +49,7 @@ pub const JOINTS: [Joint; 14] = [
 /// Height of the ankles above the soles.
 pub const ANKLE: f64 = 0.08;
 
-/// Half the height over which two joints share the vertices between them.
+/// Half the height over which weights blend between two joints.
 const BLEND: f32 = 0.05;
 
 const SHIRT: [f32; 3] = [0.75, 0.3, 0.12];
@@ -57,7 +57,7 @@ const TROUSERS: [f32; 3] = [0.1, 0.16, 0.3];
 const SKIN: [f32; 3] = [0.62, 0.42, 0.32];
 const SHOES: [f32; 3] = [0.08, 0.07, 0.07];
 
-/// Cross-sections of a tube: height, half width, half depth.
+/// Cross-sections of a tube as (height, half width, half depth).
 type Rings = &'static [[f32; 3]];
 
 const TORSO: Rings = &[
@@ -120,7 +120,7 @@ const LEG: Rings = &[
     [0.97, 0.0, 0.0],
 ];
 
-/// Along z, from heel to toe: half width and half height, with the sole at y = 0.
+/// Cross-sections along z from heel to toe as (z, half width, half height), with the sole at y = 0.
 const FOOT: Rings = &[
     [-0.065, 0.0, 0.0],
     [-0.06, 0.022, 0.022],
@@ -151,15 +151,15 @@ pub fn mesh(material: usize) -> Mesh {
         part(tube(ARM, 10, |_| 0.0).moved(side * 0.205, 0.0, 0.0), SKIN, &[(arm + 1, 0.0), (arm, 1.1)]);
         let chain = [(foot, 0.0), (shin, ANKLE as f32), (leg, 0.47), (PELVIS, 0.95)];
         part(tube(LEG, 12, |_| 0.0).moved(side * 0.09, 0.0, 0.0), TROUSERS, &chain);
-        // The tube's axis goes to +z, and its −z upwards.
+        // The rotation maps the tube's axis to +z and its −z upwards.
         let shoe = tube(FOOT, 10, |half_height| -half_height).transformed(turn_x(FRAC_PI_2));
         part(shoe.moved(side * 0.09, 0.0, 0.0), SHOES, &[(foot, 0.0)]);
     }
     mesh
 }
 
-/// Elliptic cross-sections along +y, closed where the first and the last are points; `z_of` gives where the middle of a
-/// section is from its half depth.
+/// Returns a tube of elliptic cross-sections along +y, closed if the first and the last are points. `z_of` maps a
+/// section's half depth to its centre's z.
 fn tube(rings: &[[f32; 3]], sides: usize, z_of: impl Fn(f32) -> f32) -> Surface {
     let last = rings.len() - 1;
     Surface::grid(last, sides, |u, v| {
@@ -178,7 +178,8 @@ fn tube(rings: &[[f32; 3]], sides: usize, z_of: impl Fn(f32) -> f32) -> Surface 
     })
 }
 
-/// Of the joints of a limb from below, each with the height from which on vertices are its own.
+/// Returns the skin weights of a vertex at height `y`. `chain` lists a limb's joints from below, each with the height
+/// above which it alone influences vertices.
 fn influence(chain: &[(usize, f32)], y: f32) -> Influence {
     let at = chain.iter().rposition(|(_, from)| y >= from - BLEND).unwrap_or(0);
     let (joint, from) = chain[at];

@@ -1,5 +1,5 @@
-//! A room in which everything moves that can: a walking figure with a skeleton, two swinging lamps, a fan of rigid blades,
-//! a banner that morphs in its wind, and a sign that goes out. All of it repeats after four seconds.
+//! A room with every kind of dynamic geometry and light: a skinned walking figure, two swinging lamps, a fan with rigid
+//! blades, a banner with morph targets, and a sign that switches off. Everything repeats after four seconds.
 
 mod figure;
 mod staging;
@@ -22,13 +22,13 @@ use super::shapes::{block, cylinder, lathe, sphere};
 use super::texels::checker;
 use std::f64::consts::FRAC_PI_2;
 
-/// Half the room's width, its height, and where its back and its open front are, metres.
+/// Half the room's width, its height, and z of its back and its open front, metres.
 const HALF: f32 = 2.2;
 const HEIGHT: f32 = 2.8;
 const BACK: f32 = -2.0;
 const FRONT: f32 = 2.4;
 
-/// Keys of the walk, and of things that swing.
+/// Number of keys of the walk and of swinging motion.
 const WALK_STEPS: u32 = 160;
 const SWING_STEPS: u32 = 64;
 
@@ -64,7 +64,7 @@ fn room(s: &mut Staging) {
     a.add(sphere(0.22, 32, 16).moved(1.65, 0.92, 0.75), steel);
 }
 
-/// A sign on the left wall that goes out after two seconds.
+/// Adds a sign on the left wall that switches off after two seconds.
 fn sign(s: &mut Staging) {
     const COLOR: Vec3 = Vec3::new(0.25, 0.8, 1.0);
     const STRENGTH: f32 = 6.0;
@@ -91,7 +91,7 @@ fn walker(s: &mut Staging) {
     s.dress(mesh, joints, &JOINTS.map(|j| j.at));
 }
 
-/// Two lamps that hang from the ceiling. The second has a spot besides.
+/// Adds two lamps that hang from the ceiling. The second has a spotlight as well.
 fn lamps(s: &mut Staging) {
     const DROP: f32 = 0.95;
     let cord = s.still.material(matte("cord", [0.05; 3]));
@@ -109,7 +109,7 @@ fn lamps(s: &mut Staging) {
         let at = |t: f64| turned(axis, swing * wave(t / 2.0 + phase).0).to_array();
         s.sampled(Target::Rotation(hook), SWING_STEPS, at);
         if name == "right lamp" {
-            // A light shines along its node's −z.
+            // Lights shine along their node's −z.
             let down = turned(DVec3::X, -FRAC_PI_2);
             let node = s.node("spot", Some(hook), DVec3::new(0.0, -f64::from(DROP) - 0.02, 0.0), down);
             let (cos_inner, cos_outer) = (0.9, 0.77);
@@ -122,7 +122,7 @@ fn lamps(s: &mut Staging) {
     }
 }
 
-/// A fan on a stand, whose head turns to and fro.
+/// Adds a fan on a stand, with an oscillating head.
 fn fan(s: &mut Staging) {
     const BLADES: u32 = 4;
     const AT: [f32; 3] = [1.5, 1.3, -1.15];
@@ -139,7 +139,8 @@ fn fan(s: &mut Staging) {
     s.sampled(Target::Rotation(head), SWING_STEPS, |t| turned(DVec3::Y, -0.7 + 0.4 * wave(t / 4.0).0).to_array());
     let rotor = s.node("rotor", Some(head), DVec3::Z * 0.1, DQuat::IDENTITY);
     s.hang(hub, rotor);
-    // One turn in a second; steps are far below half a turn, so that each goes the right way.
+    // The rotor turns once per second. Steps are far below half a turn, so that interpolation takes the right
+    // direction.
     s.sampled(Target::Rotation(rotor), SWING_STEPS, |t| turned(DVec3::Z, t.fract() * std::f64::consts::TAU).to_array());
     for i in 0..BLADES {
         let turn = turned(DVec3::Z, std::f64::consts::TAU * f64::from(i) / f64::from(BLADES));
@@ -148,7 +149,7 @@ fn fan(s: &mut Staging) {
     }
 }
 
-/// Along +x, twisted, flatter towards its end.
+/// Returns a twisted blade along +x that flattens towards its end.
 fn blade() -> Surface {
     Surface::smooth_grid(8, 2, |u, v| {
         let (sin, cos) = sin_cos(0.7 - 0.4 * u);
@@ -157,7 +158,7 @@ fn blade() -> Surface {
     })
 }
 
-/// Cloth that hangs from a rod on the back wall. Its folds run across it as the sum of two shapes.
+/// Adds a cloth that hangs from a rod on the back wall. The sum of two morph targets makes travelling folds.
 fn banner(s: &mut Staging) {
     const RED: [f32; 3] = [0.55, 0.05, 0.07];
     const TOP: [f32; 3] = [-0.75, 2.45, BACK + 0.25];
@@ -172,12 +173,12 @@ fn banner(s: &mut Staging) {
     s.sampled(Target::Weights(node), SWING_STEPS, |t| [wave(t / 2.0).1, wave(t / 2.0).0]);
 }
 
-/// Of the banner, metres.
+/// Size of the banner, metres.
 const WIDTH: f32 = 1.3;
 const LENGTH: f32 = 1.7;
 
-/// A flat cloth from the origin down, and a quarter wave apart two shapes of it. Normals of the sum are exact: a surface
-/// z(x, y) has the normal (−∂z/∂x, −∂z/∂y, 1), which is linear in z.
+/// Returns a flat cloth that hangs from the origin, and two morph targets a quarter wave apart. Normals of the sum are
+/// exact: a surface z(x, y) has the normal (−∂z/∂x, −∂z/∂y, 1), which is linear in z.
 fn cloth(material: usize) -> Mesh {
     const DEPTH: f32 = 0.09;
     const WAVES: [f32; 2] = [7.0, 2.2];

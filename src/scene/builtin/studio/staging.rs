@@ -1,4 +1,4 @@
-//! Puts together what moves: nodes, what hangs on them, and the channels of one looping animation.
+//! Assembly of dynamic scenes: nodes, the meshes attached to them, and the channels of one looping animation.
 
 use glam::{Affine3A, DQuat, DVec3};
 
@@ -8,10 +8,10 @@ use super::super::super::motion::{Animation, Body, Channel, Motion, Node, Placem
 use super::super::assembly::Assembly;
 use super::super::maths::sin_cos;
 
-/// After this the animation begins anew, seconds.
+/// Period of the animation, seconds.
 pub const PERIOD_S: f64 = 4.0;
 
-/// A scene under construction of which something moves.
+/// A dynamic scene under construction.
 pub struct Staging {
     pub still: Assembly,
     pub motion: Motion,
@@ -24,19 +24,19 @@ impl Staging {
         Self { still: Assembly::new(name), motion, channels: Vec::new() }
     }
 
-    /// A node at that place in its parent.
+    /// Adds a node with that transform in its parent. Returns its index.
     pub fn node(&mut self, name: &str, parent: Option<usize>, translation: DVec3, rotation: DQuat) -> usize {
         let rest = Placement::Parts { translation, rotation, scale: DVec3::ONE };
         self.motion.nodes.push(Node { name: name.to_owned(), parent, rest });
         self.motion.nodes.len() - 1
     }
 
-    /// Lets a mesh follow a node.
+    /// Attaches a mesh to a node.
     pub fn hang(&mut self, mesh: usize, node: usize) {
         self.body(mesh, node, None, Vec::new());
     }
 
-    /// Lets joints move a mesh, given with their positions in it.
+    /// Skins a mesh to joints, given with their positions in the mesh.
     pub fn dress(&mut self, mesh: usize, joints: Vec<usize>, positions: &[DVec3]) {
         let inverse_bind = positions.iter().map(|p| Affine3A::from_translation(-p.as_vec3())).collect();
         let node = joints.first().copied().unwrap_or(0);
@@ -49,7 +49,7 @@ impl Staging {
         self.motion.bodies.push(Body { instance, node, skin, weights });
     }
 
-    /// A channel with keys at equal steps, linear between them; `of` is given seconds below the period.
+    /// Adds a linearly interpolated channel with keys at equal steps. `of` gets seconds below the period.
     pub fn sampled<const N: usize>(&mut self, target: Target, steps: u32, of: impl Fn(f64) -> [f64; N]) {
         let time_s = |step: u32| PERIOD_S * f64::from(step) / f64::from(steps);
         let times = (0..=steps).map(time_s).collect();
@@ -57,7 +57,7 @@ impl Staging {
         self.channel(target, N, times, values, Interpolation::Linear);
     }
 
-    /// A channel of one number that jumps to each key's value.
+    /// Adds a channel of one number with step interpolation.
     pub fn switched(&mut self, target: Target, times_s: &[f64], values: &[f64]) {
         self.channel(target, 1, times_s.to_vec(), values.to_vec(), Interpolation::Step);
     }
@@ -67,7 +67,7 @@ impl Staging {
         self.channels.extend(Keys::new(times, values, width, kind).ok().map(|keys| Channel { target, keys }));
     }
 
-    /// The scene as it is at the start, with its motion.
+    /// Returns the scene at time 0, with its motion.
     pub fn finish(self) -> Scene {
         let Self { still, mut motion, channels } = self;
         let mut scene = still.finish();
@@ -78,13 +78,13 @@ impl Staging {
     }
 }
 
-/// Sine and cosine of so many full turns.
+/// Returns sine and cosine of an angle in full turns.
 pub fn wave(turns: f64) -> (f64, f64) {
     let (sin, cos) = sin_cos((turns.fract() * std::f64::consts::TAU) as f32);
     (sin.into(), cos.into())
 }
 
-/// A turn about an axis of unit length.
+/// Returns a rotation about a unit axis.
 pub fn turned(axis: DVec3, angle_rad: f64) -> DQuat {
     let (sin, cos) = wave(angle_rad / (2.0 * std::f64::consts::TAU));
     DQuat::from_xyzw(axis.x * sin, axis.y * sin, axis.z * sin, cos).normalize()

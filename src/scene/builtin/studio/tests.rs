@@ -1,4 +1,4 @@
-//! The studio repeats itself, and its figure holds together and stays on the floor.
+//! Tests that the studio loops, and that its figure holds together and stays on the floor.
 
 use super::staging::PERIOD_S;
 use super::*;
@@ -8,9 +8,9 @@ fn everything_of_it_moves_that_can() {
     let scene = build();
     let moves = scene.motion.moves().unwrap();
     assert_eq!((moves.skins, moves.skinned_instances, moves.morphing_instances), (1, 1, 1));
-    // Three meshes of each lamp, the fan's motor, hub and blades.
+    // Counts three meshes of each lamp, and the fan's motor, hub and blades.
     assert_eq!((moves.rigid_instances, moves.lights, moves.materials), (12, 1, 1));
-    // Two of the root, one of each joint, and those of pelvis, sign, lamps, fan (2) and banner.
+    // Counts two channels of the root, one of each joint, and those of pelvis, sign, lamps, fan (2) and banner.
     assert_eq!(scene.motion.animations[0].channels.len(), 2 + JOINTS.len() + 1 + 1 + 2 + 2 + 1);
     assert_eq!((moves.animations.len(), moves.animations[0].duration_s), (1, PERIOD_S));
     let sign = |time_s| scene.at(time_s).materials.iter().find(|m| m.name == "sign").map(|m| m.emissive.y);
@@ -30,7 +30,7 @@ fn it_ends_as_it_began() {
     assert_eq!(start.weights, end.weights);
 }
 
-/// Vertices of the skinned mesh at a time.
+/// Returns the vertices of the skinned mesh at a time.
 fn walker_at(scene: &Scene, time_s: f64) -> Vec<Vec3> {
     let body = scene.motion.bodies.iter().find(|b| b.skin.is_some()).unwrap();
     let still = scene.at(time_s);
@@ -71,8 +71,8 @@ fn feet_stay_on_the_floor_and_where_they_are_put_down() {
         let y = lowest(positions);
         assert!((-0.008..0.012).contains(&y), "{i}: {y} m");
     }
-    // The vertex that is lowest stays as long as it is on the floor, but for the rolling of the foot: one that slid would
-    // move by 29 mm.
+    // The lowest vertex stays in place while it is on the floor, except for the foot's rolling. A sliding foot would
+    // move it by 29 mm.
     for pair in soles.windows(2) {
         let y = lowest(&pair[0]);
         let at = pair[0].iter().position(|p| p.y == y).unwrap();

@@ -1,5 +1,5 @@
-//! A walk around a circle. Feet stay where they are put down; the angles of hips and knees follow from the places of hips
-//! and ankles by the law of cosines, and those of the upper body swing against the legs.
+//! A walk around a circle. Feet stay in place while they are on the floor. Angles of hips and knees follow from the
+//! positions of hips and ankles by the law of cosines; the upper body swings against the legs.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -7,38 +7,38 @@ use super::figure::{ANKLE, ARMS, CHEST, HEAD, JOINTS, LEGS, PELVIS, SPINE};
 use super::staging::{PERIOD_S, turned, wave};
 use std::f64::consts::TAU;
 
-/// Middle and radius of the circle, metres.
+/// Centre and radius of the circle, metres.
 pub const MIDDLE: DVec3 = DVec3::new(-0.1, 0.0, 0.25);
 pub const RADIUS: f64 = 0.75;
 
-/// Pairs of steps in a round.
+/// Pairs of steps per round.
 const CYCLES: f64 = 5.0;
 
-/// Share of a cycle in which a foot is on the floor.
+/// Fraction of a cycle in which a foot is on the floor.
 const STANCE: f64 = 0.6;
 
-/// How much lower hips are than those of somebody who stands, metres.
+/// Distance by which hips are lower than when standing, metres.
 const STOOP: f64 = 0.05;
 
-/// Where a foot touches the floor when its heel is up, and when its toes are, from the ankle along the foot; metres.
+/// Contact points of a foot with its heel up and with its toes up: distances from the ankle along the foot, metres.
 const TOES: f64 = 0.19;
 const HEEL: f64 = -0.06;
 
-/// From the line of the walk to a foot's middle, metres.
+/// Distance from the line of the walk to a foot's middle, metres.
 const ASIDE: f64 = 0.08;
 
-/// Pitches of a foot, toes down, at shares of its cycle; radians.
+/// Keys of a foot's pitch, toes down: fractions of its cycle and radians.
 const PITCHES: [[f64; 2]; 7] =
     [[0.0, -0.2], [0.1, 0.0], [0.4, 0.0], [0.6, 0.55], [0.75, 0.45], [0.92, -0.2], [1.0, -0.2]];
 
-/// The figure at one time.
+/// Pose of the figure at one time.
 pub struct Stride {
-    /// Between the feet, on the floor.
+    /// Position on the floor, between the feet.
     pub place: DVec3,
     pub heading: DQuat,
-    /// Of the pelvis from that place, by that heading.
+    /// Position of the pelvis relative to `place`, in the axes of `heading`; metres.
     pub pelvis: DVec3,
-    /// Of each joint from its parent.
+    /// Rotation of each joint relative to its parent.
     pub turns: [DQuat; JOINTS.len()],
 }
 
@@ -47,7 +47,7 @@ impl Stride {
         let round = time_s / PERIOD_S;
         let cycle = round * CYCLES;
         let (place, heading) = on_circle(round);
-        // The left foot is put down at the start of a cycle.
+        // A cycle begins when the left foot touches down.
         let (_, reach) = wave(cycle);
         let (_, lean) = wave(cycle - 0.5 * STANCE + 1.0);
         let (_, bob) = wave(2.0 * cycle - 0.1 + 1.0);
@@ -75,7 +75,7 @@ impl Stride {
     }
 }
 
-/// Where one is and how one looks after a share of the round, with the middle to the left.
+/// Returns position and heading after `round` rounds of the circle, with its centre on the left.
 fn on_circle(round: f64) -> (DVec3, DQuat) {
     let (sin, cos) = wave(round);
     (MIDDLE + RADIUS * DVec3::new(-cos, 0.0, sin), turned(DVec3::Y, TAU * round.fract()))
@@ -87,7 +87,7 @@ struct Foot {
 }
 
 impl Foot {
-    /// `cycle` counts from where this foot is put down; `side` is 1 on the left and −1 on the right.
+    /// Returns a foot's pose. `cycle` counts from its touchdown; `side` is 1 on the left and −1 on the right.
     fn at(cycle: f64, side: f64) -> Self {
         let phase = cycle.fract();
         // The body is above the foot in the middle of its stance.
@@ -97,7 +97,7 @@ impl Foot {
         let lift = 0.05 * 4.0 * swing * (1.0 - swing);
         let pitch = pitch(phase);
         let turn = heading * turned(DVec3::X, pitch);
-        // The tip of the toes stays where it is while the heel goes up.
+        // The tip of the toes stays in place while the heel lifts.
         let sole = |along: f64| turn * DVec3::new(0.0, -ANKLE, along);
         let lowest = sole(TOES).y.min(sole(HEEL).y);
         let toes = place + heading * DVec3::new(side * ASIDE, 0.0, TOES);
@@ -117,7 +117,7 @@ fn pitch(phase: f64) -> f64 {
     a + (b - a) * smooth(((phase - from) / (to - from)).clamp(0.0, 1.0))
 }
 
-/// How thigh and shin are turned in the world so that the ankle is where it should be, with the knee in front.
+/// Returns world rotations of thigh and shin that put the ankle in place, with the knee in front.
 fn bent(hip: DVec3, ankle: DVec3, heading: DQuat) -> [DQuat; 2] {
     let [thigh, shin] = [JOINTS[LEGS[0]].at.y - JOINTS[LEGS[0] + 1].at.y, JOINTS[LEGS[0] + 1].at.y - ANKLE];
     let towards = ankle - hip;

@@ -1,4 +1,4 @@
-//! Whatever happens to a file's bytes, reading it ends soon and without a panic.
+//! Tests that reading damaged files ends soon and does not panic.
 
 use std::io::Cursor;
 use std::time::{Duration, Instant};
@@ -10,7 +10,7 @@ use super::{CORNERS, Draft, F32, U8, U16, read};
 
 const CASES: u32 = 20_000;
 
-/// Uses as many parts of the format as fit in a few kilobytes.
+/// Returns a file that uses as many parts of the format as fit in a few kilobytes.
 fn sample() -> Vec<u8> {
     let mut draft = Draft::triangle();
     let normals = draft.floats("VEC3", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
@@ -66,7 +66,7 @@ fn sample() -> Vec<u8> {
     draft.with_fallback().glb()
 }
 
-/// xorshift32
+/// The xorshift32 generator.
 pub(super) struct Random(pub u32);
 
 impl Random {
@@ -85,7 +85,7 @@ fn damage(bytes: &mut Vec<u8>, random: &mut Random) {
             0 => bytes[at] ^= 1 << random.below(8),
             1 => bytes[at] = random.below(256) as u8,
             2 | 3 => {
-                // Digits are where the JSON's indices and sizes are.
+                // Most digits are in the JSON's indices and sizes.
                 let digits: Vec<usize> = (0..bytes.len()).filter(|&i| bytes[i].is_ascii_digit()).collect();
                 let Some(&digit) = digits.get(random.below(digits.len().max(1))) else { continue };
                 bytes[digit] = b'0' + random.below(10) as u8;
@@ -116,7 +116,7 @@ fn damaged_files_neither_panic_nor_hang() {
         survivors += u32::from(read(&bytes).is_ok());
         assert!(start.elapsed() < Duration::from_secs(10), "case {case}");
     }
-    // Else the damage would only ever exercise the JSON parser.
+    // Otherwise the damage would only exercise the JSON parser.
     assert!((CASES / 100..CASES).contains(&survivors), "{survivors}");
 }
 
@@ -133,7 +133,7 @@ fn deeply_nested_json_does_not_exhaust_the_stack() {
     const DEPTH: usize = 300_000;
     let nest = "[".repeat(DEPTH) + &"]".repeat(DEPTH);
     for key in ["extras", "unknown", "extensions", "nodes"] {
-        // Either outcome will do.
+        // Both success and failure are fine.
         let _ = read(format!(r#"{{"asset": {{"version": "2.0"}}, "{key}": {nest}}}"#).as_bytes());
     }
     let inner = format!(r#"{{"asset": {{"version": "2.0"}}, "nodes": [{{"extensions": {{"A": {nest}}}}}]}}"#);

@@ -1,4 +1,4 @@
-//! Containers, URIs, versions and extensions.
+//! Tests of containers, URIs, versions and extensions.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -144,7 +144,7 @@ fn scenes_without_nodes_and_animations_of_pointers_are_read() {
     assert_eq!(draft.scene().triangle_count(), 0);
 }
 
-/// A triangle whose buffer is a file of `length` bytes, named by `count` buffers.
+/// Returns a triangle whose buffer is a file of `length` bytes, named by `count` buffers.
 fn of_one_file(folder: &Path, length: usize, count: usize) -> (PathBuf, Draft) {
     let mut draft = Draft::triangle();
     let mut bytes = draft.bin.clone();

@@ -1,4 +1,4 @@
-//! Primitives: topologies, attribute formats, and what is wrong with them.
+//! Tests of primitives: topologies, attribute formats, and their errors.
 
 use glam::{Vec2, Vec3, Vec4};
 use serde_json::json;

@@ -1,4 +1,4 @@
-//! Nodes and their transforms.
+//! Tests of nodes and their transforms.
 
 use glam::{Affine3A, Quat, Vec3};
 use serde_json::{Value, json};

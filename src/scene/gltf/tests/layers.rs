@@ -1,4 +1,4 @@
-//! What extensions add to materials.
+//! Tests of material extensions.
 
 use glam::{Affine2, Vec3, Vec4};
 use serde_json::{Value, json};
@@ -16,7 +16,7 @@ fn with_extension(name: &str, extension: Value) -> Draft {
     draft
 }
 
-/// The first material; there must be no warnings.
+/// Returns the first material, and asserts that there are no warnings.
 #[track_caller]
 fn quietly(scene: &Scene) -> &Material {
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);

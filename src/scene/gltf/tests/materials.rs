@@ -1,4 +1,4 @@
-//! Materials, textures and images.
+//! Tests of materials, textures and images.
 
 use std::f32::consts::FRAC_PI_2;
 use std::fs;
@@ -31,7 +31,7 @@ pub(super) fn with_material(material: Value) -> Draft {
     draft
 }
 
-/// Texture 0 shows image 0, a PNG in the buffer.
+/// Returns a file whose texture 0 shows image 0, a PNG in the buffer.
 pub(super) fn with_texture(material: Value) -> Draft {
     let mut draft = with_material(material);
     let view = draft.view(&encoded(ImageFormat::Png));
@@ -210,7 +210,7 @@ fn every_texture_has_its_transform_and_coordinates() {
     let textures: Vec<_> = scene.materials[0].textures().collect();
     assert_eq!((textures.len(), scene.textures.len(), scene.images.len()), (10, 1, 1));
     assert!(textures.iter().all(|t| t.uv_set == 1 && *t == textures[0]));
-    // The extension's example: the lower left quadrant of the image.
+    // Transforms of the extension's example: the lower left quadrant of the image.
     for (uv, expected) in [(Vec2::ZERO, Vec2::Y), (Vec2::X, Vec2::new(0.0, 0.5)), (Vec2::ONE, Vec2::splat(0.5))] {
         assert!(textures[0].uv_from_uv.transform_point2(uv).distance(expected) < 1e-6, "{uv}");
     }

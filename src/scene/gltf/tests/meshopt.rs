@@ -1,4 +1,4 @@
-//! Compressed buffer views.
+//! Tests of compressed buffer views.
 
 use glam::Vec3;
 use meshopt::{
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::{CORNERS, Draft, F32, U16, U32, assert_mentions};
 
 impl Draft {
-    /// A view that decompresses to `count` elements of `stride` bytes; its own buffer is a placeholder.
+    /// Adds a view that decompresses to `count` elements of `stride` bytes. Its own buffer is a placeholder.
     pub fn compressed_view(&mut self, stream: &[u8], stride: usize, count: usize, mode: &str, filter: &str) -> usize {
         let source = self.view(stream);
         let offset = self.json["bufferViews"][source]["byteOffset"].clone();
@@ -42,7 +42,7 @@ fn stream_of<T>(vertices: &[T]) -> Vec<u8> {
     encode_vertex_buffer_level(vertices, 2, Some(0)).unwrap()
 }
 
-/// Positions and indices compressed.
+/// Returns a triangle with compressed positions and indices.
 fn compressed_triangle() -> Draft {
     let mut draft = Draft::empty();
     let corners: &[[f32; 3]] = bytemuck::cast_slice(&CORNERS);

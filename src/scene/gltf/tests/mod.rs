@@ -1,4 +1,4 @@
-//! Small files built in memory, and what reading them must give.
+//! Tests that read small files built in memory.
 
 mod damaged;
 mod files;
@@ -25,10 +25,10 @@ const U8: u32 = 5121;
 const U16: u32 = 5123;
 const U32: u32 = 5125;
 
-/// Right-angled, facing +z.
+/// Corners of a right triangle that faces +z.
 const CORNERS: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 
-/// A glTF file in the making; `bin` becomes the binary chunk of a GLB.
+/// A glTF file under construction. `bin` becomes the binary chunk of a GLB.
 #[derive(Clone)]
 struct Draft {
     json: Value,
@@ -36,7 +36,7 @@ struct Draft {
 }
 
 impl Draft {
-    /// One node, one mesh, no primitives.
+    /// Returns a file with one node and one mesh, without primitives.
     fn empty() -> Self {
         let json = json!({
             "asset": {"version": "2.0"},
@@ -50,7 +50,7 @@ impl Draft {
         Self { json, bin: Vec::new() }
     }
 
-    /// One triangle: accessor 0 its positions, accessor 1 its indices.
+    /// Returns a triangle. Accessor 0 holds its positions, accessor 1 its indices.
     fn triangle() -> Self {
         let mut draft = Self::empty();
         let positions = draft.floats("VEC3", &CORNERS);
@@ -130,7 +130,7 @@ impl Draft {
         self.read().unwrap()
     }
 
-    /// What the error says; panics if there is none.
+    /// Returns the error's message; panics if there is no error.
     fn complaint(&self) -> String {
         self.read().unwrap_err().to_string()
     }
@@ -142,7 +142,7 @@ fn read(bytes: &[u8]) -> Result<Scene, SceneError> {
         .map_err(|fault| fault.in_file(path))
 }
 
-/// What a file may do whose memory is not in question.
+/// Grants default access, for tests that don't limit memory.
 fn any(budget: &Budget) -> Access<'_> {
     Access::of(budget)
 }

@@ -1,4 +1,4 @@
-//! Animations, skins and morph targets.
+//! Tests of animations, skins and morph targets.
 
 use glam::{Affine3A, Mat4, Vec3};
 use serde_json::{Value, json};
@@ -9,7 +9,7 @@ use crate::scene::motion::Influence;
 use crate::scene::motion::play::{Choice, Move, MoveKey, Moved, Play};
 use crate::scene::{LightKind, Scene, SceneError};
 
-/// A triangle on node 1, below node 0.
+/// Returns a triangle on node 1, below node 0.
 fn hierarchy() -> Draft {
     let mut draft = Draft::triangle();
     draft.json["nodes"] = json!([{"name": "Base", "children": [1]}, {"name": "Top", "mesh": 0}]);
@@ -91,7 +91,7 @@ fn a_shot_moves_nodes_by_their_names() {
     assert_mentions(&playing(&draft, &play("Lid")).unwrap_err().to_string(), &["no node named 'Lid'"]);
 }
 
-/// Two joints on nodes 1 and 2; vertices 0 and 1 follow the first, vertex 2 the second.
+/// Returns a triangle skinned to joints on nodes 1 and 2. Vertices 0 and 1 follow the first, vertex 2 the second.
 fn skinned(weights: &[u8; 12], joints: &[u8; 12]) -> Draft {
     let mut draft = Draft::triangle();
     draft.json["nodes"] = json!([
@@ -129,7 +129,7 @@ fn a_skin_moves_vertices_with_their_joints_and_not_with_their_node() {
     let mesh = &scene.at(2.0).meshes[0];
     assert_eq!(mesh.positions, [Vec3::ZERO, Vec3::X, Vec3::new(0.0, 1.5, 0.0)]);
     assert_eq!(scene.motion.joints(&scene.motion.pose(2.0), 0).len(), 2);
-    // Two skins on one skeleton, and one mesh with both.
+    // Adds two skins on one skeleton, and a mesh with both.
     draft.push("skins", json!({"joints": [2, 1]}));
     draft.push("nodes", json!({"mesh": 0, "skin": 1}));
     draft.json["scenes"][0]["nodes"] = json!([0, 1, 3]);
@@ -179,7 +179,7 @@ fn broken_skins_are_named() {
     assert_mentions(&bare.scene().warnings[0], &["without joints", "node 0"]);
 }
 
-/// Vertex 1 moves along z, vertex 2 along x, by sparse accessors.
+/// Returns a triangle whose vertex 1 moves along z and vertex 2 along x, by sparse accessors.
 fn morphing() -> Draft {
     let mut draft = Draft::triangle();
     let mut targets = Vec::new();
@@ -309,7 +309,7 @@ fn a_million_keys_take_what_the_budget_has() {
 fn vertices_in_use_keep_their_influences() {
     let mut draft = skinned(&WEIGHTS, &JOINTS);
     rising(&mut draft, "Stretch", 2, 3.0);
-    // Vertex 0 is used by no triangle any more.
+    // Leaves vertex 0 unused.
     let indices = draft.packed(U16, "SCALAR", 3, &[1, 0, 2, 0, 1, 0]);
     draft.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
     let mesh = &draft.scene().meshes[0];
@@ -317,7 +317,7 @@ fn vertices_in_use_keep_their_influences() {
     assert_eq!((mesh.influences[0].joints[0], mesh.influences[1].joints[0]), (0, 1));
 }
 
-/// The still scene of a time, written and read again, is that scene.
+/// Writing and reading the static scene of a time gives the same scene.
 #[test]
 fn a_baked_scene_is_read_back() {
     let mut draft = skinned(&WEIGHTS, &JOINTS);

@@ -1,4 +1,4 @@
-//! Lights and cameras.
+//! Tests of lights and cameras.
 
 use std::f32::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4};
 

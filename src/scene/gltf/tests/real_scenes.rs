@@ -1,4 +1,4 @@
-//! Scenes that others made, where they are at hand.
+//! Tests with third-party scenes, if they are available.
 
 use std::env;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use super::{any, load};
 use crate::scene::budget::Budget;
 use crate::scene::motion::play::{Choice, Play};
 
-/// `DIPTYCH_SCENES`, else the folder beside the crate.
+/// Returns `DIPTYCH_SCENES`, else the folder beside the crate.
 fn folder() -> PathBuf {
     env::var_os("DIPTYCH_SCENES")
         .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scenes")), PathBuf::from)

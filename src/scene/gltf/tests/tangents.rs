@@ -1,4 +1,4 @@
-//! Tangents, from the file and generated.
+//! Tests of tangents, from the file and generated.
 
 use std::f32::consts::FRAC_PI_2;
 
@@ -10,7 +10,7 @@ use super::materials::with_texture;
 use super::{Draft, U8, assert_mentions};
 use crate::scene::Mesh;
 
-/// Two triangles in the plane z = 0 that face +z, over `uvs` for the corners (0, 0), (1, 0), (1, 1) and (0, 1).
+/// Returns two triangles in the plane z = 0 that face +z, with `uvs` for the corners (0, 0), (1, 0), (1, 1) and (0, 1).
 fn quad(uvs: [f32; 8]) -> Draft {
     let mut draft = with_texture(json!({"normalTexture": {"index": 0}}));
     let positions = draft.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0]);
@@ -25,7 +25,7 @@ fn quad(uvs: [f32; 8]) -> Draft {
     draft
 }
 
-/// The image stands upright: its top is at y = 1.
+/// Texture coordinates of an upright image: its top is at y = 1.
 const UPRIGHT: [f32; 8] = [0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0];
 
 #[track_caller]
@@ -44,7 +44,7 @@ fn tangents_run_along_u_and_bitangents_up_the_image() {
     assert_all(&upright.meshes[0], Vec4::new(1.0, 0.0, 0.0, 1.0));
     let mirrored = UPRIGHT.chunks(2).flat_map(|uv| [1.0 - uv[0], uv[1]]).collect::<Vec<_>>();
     let mirrored = quad(mirrored.try_into().unwrap()).scene();
-    // u runs towards -x, yet up the image is +y: the bitangent is minus the cross product of normal and tangent.
+    // u points towards -x, yet up the image is +y, so the bitangent is minus the cross product of normal and tangent.
     assert_all(&mirrored.meshes[0], Vec4::new(-1.0, 0.0, 0.0, -1.0));
     let turned = UPRIGHT.chunks(2).flat_map(|uv| [1.0 - uv[1], uv[0]]).collect::<Vec<_>>();
     let turned = quad(turned.try_into().unwrap()).scene();
@@ -56,7 +56,7 @@ fn tangents_follow_the_transform_and_the_set_of_the_map() {
     let mut draft = quad(UPRIGHT);
     draft.json["materials"][0]["normalTexture"]["extensions"] = json!({"KHR_texture_transform": {"scale": [-2, 2]}});
     assert_all(&draft.scene().meshes[0], Vec4::new(-1.0, 0.0, 0.0, -1.0));
-    // A turn that takes u up the image: towards +y, u falls.
+    // The rotation points u up the image: u decreases towards +y.
     draft.json["materials"][0]["normalTexture"]["extensions"] =
         json!({"KHR_texture_transform": {"rotation": FRAC_PI_2}});
     let mesh = &draft.scene().meshes[0];
@@ -77,7 +77,7 @@ fn tangents_follow_the_transform_and_the_set_of_the_map() {
 
 #[test]
 fn vertices_are_split_where_the_image_is_mirrored() {
-    // A strip of two quads; the image is mirrored along their common edge x = 1.
+    // A strip of two quads, with the image mirrored along their common edge x = 1.
     let mut draft = with_texture(json!({"normalTexture": {"index": 0}}));
     let positions = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 2.0, 1.0, 0.0];
     let positions = draft.floats("VEC3", &positions);
@@ -94,17 +94,17 @@ fn vertices_are_split_where_the_image_is_mirrored() {
             assert!(mesh.tangents[v as usize].distance(expected) < 1e-6);
         }
     }
-    // A copy is at its original's place and has its colour.
+    // A copy has its original's position and colour.
     for v in 6..8 {
         let original = (0..6).find(|&o| mesh.positions[o] == mesh.positions[v]).unwrap();
         assert_eq!((mesh.uvs[0][v], mesh.colors[v]), (mesh.uvs[0][original], mesh.colors[original]));
     }
 }
 
-/// A mesh without tangents has those of its moved vertices, whatever its targets say.
+/// A mesh without tangents has those of its displaced vertices, whatever its targets say.
 #[test]
 fn morph_targets_have_the_tangents_of_their_shapes() {
-    // The right side is lifted by the first, and turned out of the plane by the second.
+    // The first target lifts the right side; the second rotates it out of the plane.
     let lift = [0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0];
     let turn = [0.0, 0.0, 0.0, -0.5, 0.0, 0.5, -0.5, 0.0, 0.5, 0.0, 0.0, 0.0];
     let wrong = [0.0, 0.0, 7.0].repeat(4);
@@ -122,7 +122,7 @@ fn morph_targets_have_the_tangents_of_their_shapes() {
         for weights in [[0.0, 0.0], [1.0, 0.0], [0.25, 0.0], [0.0, 1.0]] {
             draft.json["meshes"][0]["weights"] = json!(weights);
             let [lift, turn] = weights;
-            // Tangents are perpendicular to the normals of the file, which stay.
+            // Tangents are perpendicular to the normals of the file, which do not change.
             let out = if has_normals { 0.0 } else { 0.5 * turn };
             let along_u = Vec3::new(1.0 - 0.5 * turn, 2.0 * lift, out).normalize();
             assert_all(&draft.scene().meshes[0], along_u.extend(1.0));
@@ -143,7 +143,7 @@ fn tangents_of_the_file_are_kept_where_a_map_needs_them() {
     other.attribute("TANGENT", quantized);
     assert_all(&other.scene().meshes[0], Vec4::new(0.0, 1.0, 0.0, -1.0));
 
-    // Without normals they are to be ignored.
+    // Without normals, tangents must be ignored.
     let mut flat = draft.clone();
     let attributes = &mut flat.json["meshes"][0]["primitives"][0]["attributes"];
     attributes.as_object_mut().unwrap().remove("NORMAL");
@@ -196,7 +196,7 @@ fn degenerate_triangles_take_what_their_vertices_have() {
     }
 }
 
-/// A fan of `count` triangles around the origin.
+/// Returns a fan of `count` triangles around the origin.
 fn fan(count: usize) -> Draft {
     let mut draft = with_texture(json!({"normalTexture": {"index": 0}}));
     let point = |i: usize| Vec2::from_angle(i as f32 / count as f32);
@@ -229,7 +229,7 @@ fn tangled_meshes_have_sane_tangents() {
     let mut random = Random(0x2545_F491);
     for case in 0..2000 {
         let mut draft = with_texture(json!({"normalTexture": {"index": 0}}));
-        // Few values, so that vertices and edges coincide.
+        // Few distinct values make vertices and edges coincide.
         let mut few = |count: usize| (0..count).map(|_| random.below(3) as f32 - 1.0).collect::<Vec<_>>();
         let (positions, uvs) = (draft.floats("VEC3", &few(3 * VERTICES)), draft.floats("VEC2", &few(2 * VERTICES)));
         let corners: Vec<u8> = (0..36).map(|_| random.below(VERTICES) as u8).collect();
@@ -241,7 +241,7 @@ fn tangled_meshes_have_sane_tangents() {
         assert_eq!((mesh.tangents.len(), mesh.uvs[0].len()), (count, count), "case {case}");
         let sane = |t: &Vec4| *t == Vec4::ZERO || (t.truncate().length() - 1.0).abs() < 1e-5 && t.w.abs() == 1.0;
         assert!(mesh.tangents.iter().all(sane), "case {case}");
-        // Splitting moves no corner.
+        // Splitting must not move corners.
         draft.json["materials"][0] = json!({});
         let whole = &draft.scene().meshes[0];
         let corners = |m: &Mesh| m.triangles.iter().map(|t| t.map(|v| m.positions[v as usize])).collect::<Vec<_>>();

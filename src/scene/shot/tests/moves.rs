@@ -1,4 +1,4 @@
-//! What is to move, and what is written.
+//! Tests of reading and writing a shot's moves.
 
 use glam::DVec3;
 

@@ -1,4 +1,4 @@
-//! Accumulation of light over frames.
+//! Temporal accumulation of light.
 
 mod moments;
 mod twin;
@@ -15,17 +15,17 @@ use super::pack::{
     Counts, Format, HALF, HALF_STEP, Light, MATERIAL_MASK, MISSING, SAMPLED, UNKNOWN, VIEW_DEPENDENT, is_near,
 };
 
-/// How the eyes were before.
+/// Motion of the eyes since the previous frame.
 #[derive(Clone, Copy)]
 enum Motion {
-    /// There is no frame before.
+    /// No previous frame.
     None,
     Still,
-    /// By some thousandths of a pixel.
+    /// Motion by some thousandths of a pixel.
     Slow,
-    /// By some pixels.
+    /// Motion by some pixels.
     Moved,
-    /// As far, the other way.
+    /// Motion by as much in the opposite direction.
     MovedBack,
 }
 
@@ -34,23 +34,24 @@ struct Case {
     gloss: bool,
     view: usize,
     motion: Motion,
-    /// Samples per pixel of this frame and of the one before.
+    /// Samples per pixel of this frame; then of the previous one.
     spp: u32,
     last_spp: u32,
     seed: u64,
 }
 
-/// An eye's images of the frame before.
+/// An eye's images of the previous frame.
 struct Bits {
     guide: Vec<[u32; 4]>,
     moments: Vec<[u32; 4]>,
     light: Vec<[u32; 4]>,
 }
 
-/// Half floats that are not finite, which are never packed; as floats they are not finite either.
+/// Half floats that are not finite, which are never packed. As floats they are not finite either.
 const INFINITE: [u32; 4] = [0x7f80_7c00; 4];
 
-/// `damaged` is the share of pixels with numbers that are not finite, and of those that lead to such.
+/// Makes random history. `damaged` is the fraction of pixels with numbers that are not finite, and of those with
+/// numbers that lead to such.
 fn history(
     random: &mut Random,
     constants: &Constants,
@@ -61,7 +62,7 @@ fn history(
     let mut seen_by = constants.clone();
     seen_by.eyes[view] = eye;
     let guide = Wall::new(0.003, 0.3, 0.05).guides(random, &seen_by, view);
-    // The right eye's own history is short of pixels, so that the left one's is looked up.
+    // The right eye lacks history in many pixels, so that the left eye's is used.
     let lost = if view == 1 { 0.6 } else { 0.15 };
     let statistics = |random: &mut Random| {
         let mean = DVec2::new(random.within(0.2..1.5), random.within(0.0..0.3));
@@ -76,7 +77,7 @@ fn history(
         };
         let mut bits = moments.pack(format);
         if random.chance(damaged) {
-            // A variance near the largest float, of so few samples that the mean's variance is none.
+            // A variance near the largest float, from so few samples that the variance of the mean overflows.
             bits = [bits[0], if format.gloss { 0x7c00 } else { 3e38f32.to_bits() }, 0x3800_3400, bits[3] | 0x0800_0000];
         }
         bits
@@ -92,7 +93,7 @@ fn history(
     }
 }
 
-/// Material and flags, and radiance.
+/// Returns material and flags, and radiance.
 fn present(random: &mut Random, format: Format) -> ([u32; 4], [u32; 4]) {
     let flags = random.pick(&[0, 0, 0, VIEW_DEPENDENT]) | (random.bits() & 0x3f) << 24;
     let radiance = match random.bits() % 40 {
@@ -127,14 +128,14 @@ fn before(format: Format, eye: Eye, bits: &Bits) -> Before {
     }
 }
 
-/// Image points are off by up to 5e-6 pixels, and so are the weights of the pixels around them. These are divided by
-/// their sum, which is 0.01 at least.
+/// Tolerance for weights. Image points have errors of up to 5e-6 pixels, and so have the weights of the pixels around
+/// them. These are divided by their sum, which is at least 0.01.
 const WEIGHTS: f64 = 5e-4;
-/// Largest variance of a history. Those of the pixels around differ by far more than their other values do, so that an
-/// error of weights is one of the largest.
+/// Largest variance of a history. Variances of neighbouring pixels differ by far more than other values, so an error in
+/// weights causes an error relative to the largest.
 const LARGEST_VARIANCE: f64 = 0.5;
 
-/// Compares a pixel of both images that the kernel writes.
+/// Compares a pixel of both output images.
 #[track_caller]
 fn assert_pixel(format: Format, light: [u32; 4], moments: [u32; 4], after: &After, place: &str) {
     let (shown, got) = (format.unpack(light), Moments::unpack(format, moments));
@@ -156,7 +157,7 @@ fn assert_pixel(format: Format, light: [u32; 4], moments: [u32; 4], after: &Afte
     }
     assert!(is_near(got.recent, want.recent, WEIGHTS + HALF, 0.0), "recent mean of {}", told());
     assert!(is_near(got.samples, want.samples, WEIGHTS + HALF, 0.0), "samples of {}", told());
-    // Rounded to the next whole frame.
+    // Frame counts are rounded to whole numbers.
     assert!((got.frames - want.frames).abs() <= 0.5 + WEIGHTS * want.frames, "frames of {}", told());
 }
 
@@ -165,7 +166,7 @@ fn compare(case: Case, cases: &mut Cases) {
     let mut constants = Constants { exposure: 1.3, spp: case.spp, ..Constants::new(WIDTH, HEIGHT) };
     constants.centre = Vec2::new(0.3, 0.8);
     let format = Format { gloss: case.gloss, exposure: constants.exposure.into() };
-    // By about a pixel and a half; history may have moved by one row.
+    // Motion by about 1.5 pixels, within the limit of one row.
     let way = DVec3::new(0.07, -0.05, 0.02);
     let eyes_before = match case.motion {
         Motion::Moved => constants.eyes.map(|eye| eye.moved(way, -0.02, -0.06)),
@@ -174,7 +175,7 @@ fn compare(case: Case, cases: &mut Cases) {
         Motion::None | Motion::Still => constants.eyes,
     };
     constants.history_rows = (!matches!(case.motion, Motion::None)).then_some(1);
-    // While eyes hardly move, image points are whole pixels but for rounding, which decides whether a neighbour counts.
+    // With hardly any motion, image points are whole pixels except for rounding, which decides if a neighbour counts.
     let damaged = if matches!(case.motion, Motion::Moved | Motion::MovedBack) { 0.02 } else { 0.0 };
     let previous = Constants { eyes: eyes_before, spp: case.last_spp, ..constants.clone() }.as_previous();
     for stripe in stripes() {
@@ -234,7 +235,7 @@ fn compare(case: Case, cases: &mut Cases) {
     }
 }
 
-/// Cases of all frames that have one before them.
+/// Cases that occur in every frame with a previous one.
 const WITH_HISTORY: [&str; 12] = [
     "no surface",
     "sampled",
@@ -268,7 +269,7 @@ fn light_is_accumulated_while_the_eyes_stand_still() {
     }
 }
 
-/// Hardly anything is blurred by resampling, but what depends on the eye's position changes.
+/// Resampling hardly blurs, but view-dependent light changes.
 #[test]
 fn light_is_accumulated_while_the_eyes_move_slowly() {
     for (gloss, seed) in [(false, 119), (true, 120)] {

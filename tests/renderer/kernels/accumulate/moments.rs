@@ -1,4 +1,4 @@
-//! How the statistics of a pixel's history are packed.
+//! Packs the statistics of a pixel's history.
 
 use glam::DVec2;
 
@@ -7,17 +7,17 @@ use crate::kernels::pack::{Format, MATERIAL_MASK, halves, pair};
 /// Statistics of a pixel's history.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Moments {
-    /// Of the luminance of matte light and of gloss, with the variance of a sample.
+    /// Mean luminance of diffuse and specular radiance, with the variance of a sample.
     pub mean: DVec2,
     pub variance: DVec2,
-    /// Mean luminance of matte light over the last frames.
+    /// Mean luminance of diffuse radiance over the last frames.
     pub recent: f64,
     pub samples: f64,
     pub frames: f64,
     pub material: u32,
 }
 
-/// The power of two in a positive number that is a float; of 0 the smallest one.
+/// Returns the power of two in a positive number that is a float; for 0 the smallest one.
 fn power_of_two_in(mean: f64) -> f64 {
     f64::from(f32::from_bits(((mean as f32).to_bits() & 0x7f80_0000).max(0x0080_0000)))
 }
@@ -41,7 +41,7 @@ impl Moments {
         }
     }
 
-    /// Frames are rounded down.
+    /// Packs the statistics. Frame counts are rounded down.
     pub fn pack(&self, format: Format) -> [u32; 4] {
         let float = |v: f64| (v as f32).to_bits();
         let [x, y] = if format.gloss {

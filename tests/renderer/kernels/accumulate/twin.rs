@@ -1,4 +1,5 @@
-//! Accumulation as the method has it (Schied et al. 2017; West 1979), with the departures that the shader's head names.
+//! Temporal accumulation by the published methods (Schied et al. 2017; West 1979), with the changes listed at the top
+//! of the shader.
 
 use glam::{DVec2, DVec3};
 
@@ -9,14 +10,14 @@ use crate::kernels::harness::Stripe;
 use crate::kernels::inputs::Cases;
 use crate::kernels::pack::{Light, MISSING, UNKNOWN, is_finite};
 
-/// Least sum of weights that counts as history.
+/// Minimum sum of weights for history.
 const LEAST_FOUND: f64 = 0.01;
-/// Frames that the recent mean remembers, and from which on variance over time is known.
+/// Number of frames that the recent mean remembers, and from which temporal variance is known.
 const FEW_FRAMES: f64 = 4.0;
-/// Observations by which variance counts twice.
+/// Number of observations at which variance is doubled.
 const FEW_OBSERVATIONS: f64 = 24.0;
 
-/// What an eye has left of the frame before.
+/// An eye's images of the previous frame.
 pub struct Before {
     pub eye: Eye,
     pub guide: Vec<Option<Surface>>,
@@ -24,7 +25,7 @@ pub struct Before {
     pub light: Vec<Light>,
 }
 
-/// History that was found around an image point of the frame before.
+/// History interpolated at an image point of the previous frame.
 struct Past {
     light: Light,
     moments: Moments,
@@ -38,37 +39,38 @@ impl Past {
     }
 }
 
-/// What a pixel has in this frame.
+/// Inputs of a pixel in this frame.
 pub struct Now {
     pub surface: Option<Surface>,
     pub material: u32,
-    /// Of 0 to 1; gloss of smoother surfaces changes faster.
+    /// Roughness from 0 to 1. Specular radiance of smoother surfaces changes faster.
     pub roughness: f64,
     pub is_view_dependent: bool,
-    /// What was sampled, with the variance of samples, which is below 0 unless it is told.
+    /// Sampled light, with the variance of the samples, which is negative if unknown.
     pub light: Option<Light>,
 }
 
 pub struct After {
     pub light: Light,
-    /// Frames are not rounded.
+    /// Statistics before rounding of the frame count.
     pub moments: Moments,
     pub dropped: bool,
 }
 
 pub struct Twin<'a> {
     pub constants: &'a Constants,
-    /// Samples per pixel of the frame before.
+    /// Samples per pixel of the previous frame.
     pub last_spp: u32,
     pub stripe: &'a Stripe,
     pub gloss: bool,
     pub view: usize,
-    /// The own eye's first, then the left one's.
+    /// Previous images of the same eye, then of the left eye.
     pub before: &'a [Before],
 }
 
 impl Twin<'_> {
-    /// A mean over the four pixels around an image point, of those that show the same surface. With the sum of weights.
+    /// Returns the weighted sum over the four pixels around an image point that show the same surface, with the sum of
+    /// weights.
     fn past(&self, before: &Before, row: u32, surface: &Surface, material: u32) -> (f64, Past) {
         let mut past = Past {
             light: Light { matte: DVec3::ZERO, gloss: DVec3::ZERO, variance: DVec2::ZERO },
@@ -107,8 +109,8 @@ impl Twin<'_> {
         (found, past)
     }
 
-    /// The history of the own eye, or else of the left one, divided by its weights; whether any was not finite; and how
-    /// far the image point that was looked at last lies between pixels, 0 to 1.
+    /// Returns the normalised history of the same eye, or else of the left one; whether any was not finite; and how far
+    /// between pixels the last image point lies, from 0 to 1.
     fn history(&self, row: u32, surface: &Surface, material: u32, cases: &mut Cases) -> (Option<Past>, bool, f64) {
         let (mut dropped, mut between) = (false, 0.0);
         for (i, before) in self.before.iter().enumerate() {
@@ -135,7 +137,7 @@ impl Twin<'_> {
         (None, dropped, between)
     }
 
-    /// Nothing where there is no surface.
+    /// Returns the pixel's result; none without a surface.
     pub fn pixel(&self, row: u32, now: &Now, cases: &mut Cases) -> Option<After> {
         let Some(surface) = &now.surface else {
             cases.meet("no surface");
@@ -155,7 +157,7 @@ impl Twin<'_> {
         let past = past.unwrap_or(Past { light: black, moments: Moments::default() });
         let old = &past.moments;
 
-        // History is bounded: resampling between pixels blurs it, and what depends on the eye's position changes.
+        // History length is limited: resampling between pixels blurs it, and view-dependent light changes.
         let eye_moved = self.before.first().is_some_and(|b| b.eye.origin != self.constants.eyes[self.view].origin);
         let blurred = (2.0 * between).min(1.0);
         let mut longest = 255.0 * (1.0 - blurred) + 32.0 * blurred;
@@ -180,21 +182,21 @@ impl Twin<'_> {
             let gloss_longest = 6.0 * (1.0 - smooth) + 32.0 * smooth;
             totals.y = samples * (gloss_longest / frames.max(1.0)).min(1.0) + new_samples;
         }
-        // West's update of mean and variance by samples.
+        // Update mean and variance by West's method, per sample.
         let share = new_samples / totals;
         let value = light.luminances();
         let difference = value - old.mean;
         let mean = old.mean + share * difference;
         let moved = difference * (value - mean);
-        // Samples tell their variance where there are no frames to do so.
+        // Without history, use the variance of the samples.
         let fresh = if tells_variance && samples == 0.0 { light.variance } else { new_samples * moved };
         let variance = old.variance + share * (fresh - old.variance);
         let recent_share = if is_sampled { share.x.max(1.0 / FEW_FRAMES) } else { share.x };
         let recent = old.recent + recent_share * (value.x - old.recent);
         frames += if is_sampled { 1.0 } else { 0.0 };
 
-        // Where the recent mean is off the long one by more than both vary, light has changed: less of it is trusted.
-        // Recent frames count as many samples as the one of them with fewest.
+        // If the recent mean differs from the long-term mean by more than their variances explain, the light has
+        // changed, and history counts less. Recent frames count with the samples of the smallest.
         let fewest = f64::from(self.constants.spp.min(self.last_spp)).min(total / frames);
         cases.meet(if fewest < total / frames {
             "recent frames of few samples"

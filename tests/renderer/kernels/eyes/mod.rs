@@ -1,4 +1,4 @@
-//! Resampling of rectified images to those that eyes show, also from where they are later.
+//! Display resampling of rectified images, also from a later pose.
 
 mod twin;
 
@@ -13,11 +13,12 @@ use super::pack::{floats, rgb};
 use super::tonemap::{display_levels, shows};
 use super::visual_polar::Polar;
 
-/// Columns and rows of what is shown.
+/// Columns and rows of the display image.
 const SIZE: [u32; 2] = [26, 17];
 const AREA: usize = (SIZE[0] * SIZE[1]) as usize;
 
-/// A map from the shown image to the middle of a rectified one that has `scale` pixels for one of it, seen from `moved`.
+/// Returns a map from the display image to the middle of a rectified one with `scale` times as many pixels per axis,
+/// seen from `moved`.
 fn shown(random: &mut Random, scale: f64, moved: DVec3) -> Shown {
     let mut near = |by: f64| random.within(-by..by);
     let size = DVec2::new(WIDTH.into(), HEIGHT.into());
@@ -31,7 +32,7 @@ fn shown(random: &mut Random, scale: f64, moved: DVec3) -> Shown {
     Shown { from_shown, moved, size }
 }
 
-/// Noise, a ramp with a bright line, and even squares.
+/// Returns noise, a ramp with a bright line, or uniform squares.
 fn lights(random: &mut Random, kind: usize) -> Vec<[f32; 4]> {
     let light = |i: u32| {
         let (x, y) = (f64::from(i % WIDTH), f64::from(i / WIDTH));
@@ -67,23 +68,23 @@ fn run(
     Kernel::new(kernel, overrides).run_frame(frame, pass, groups, buffers)
 }
 
-/// The whole image, and stripes at its borders and inside. All of the rectified image may be read.
+/// Returns the whole image, and stripes at its borders and inside. Kernels may read all of the rectified image.
 fn stripes() -> impl Iterator<Item = (Stripe, usize)> {
     let rows = [0..SIZE[1], 5..13, 9..10, 12..SIZE[1], 0..4];
     rows.into_iter().map(|rows| Stripe { valid: 0..SIZE[1], rows }).enumerate().map(|(i, stripe)| (stripe, i % 2))
 }
 
-/// The pixels of a stripe, with their numbers and their middles.
+/// Returns the pixels of a stripe by index, with their centres.
 fn pixels(stripe: &Stripe) -> impl Iterator<Item = (usize, DVec2)> + use<> {
     let rows = stripe.rows.clone();
     rows.flat_map(|y| (0..SIZE[0]).map(move |x| ((y * SIZE[0] + x) as usize, DVec2::new(x.into(), y.into()) + 0.5)))
 }
 
 const SCALES: [f64; 4] = [0.05, 0.8, 2.5, 12.0];
-/// Places of later eyes, in pixels of the rectified image times the distance.
+/// Positions of later eyes, in pixels of the rectified image times the distance.
 const MOVED: [DVec3; 3] = [DVec3::ZERO, DVec3::new(5.0, -3.0, 0.2), DVec3::new(-4.0, 2.0, -0.4)];
 
-/// A rectified image with the distances of what it shows; some of it is sky, and some behind the eye as it is later.
+/// A rectified image with the distances of its surfaces. Some are sky, and some lie behind the later eye.
 struct Rectified {
     light: Vec<[f32; 4]>,
     emission: Vec<[f32; 4]>,
@@ -114,7 +115,7 @@ impl Rectified {
     }
 }
 
-/// Compares what is shown with the twin, pixel by pixel: of each pixel, where it is in the rectified image.
+/// Compares displayed light with the twin, pixel by pixel; `place` returns a pixel's place in the rectified image.
 fn compare_light(
     kernel: &'static str,
     image: &Rectified,
@@ -185,7 +186,7 @@ fn later_eyes_see_surfaces_where_they_are_from_there() {
     assert!(unclear < 50, "{unclear} pixels are left to rounding, {} are not", cases.count("moved"));
 }
 
-/// Surfaces are as far as a visual-polar image says, whose pixels beyond the ends of its rings are not finite.
+/// The distances come from a visual-polar image, whose pixels beyond the ends of rings are not finite.
 #[test]
 fn later_eyes_find_surfaces_in_polar_images() {
     let mut random = Random::new(177);
@@ -263,7 +264,7 @@ fn compare_aov(
             want = [moved.x, moved.y, 0.0, want[3]];
         }
         let off = aov[at].iter().zip(want).map(|(got, want)| (f64::from(*got) - want).abs()).fold(0.0, f64::max);
-        // Motion is the difference of points.
+        // Motion is the difference of two points.
         let allowed = if is_motion { 1e-3 } else { 0.0 };
         assert!(off <= allowed, "{centre} of {stripe:?}: {:?} instead of {want:?}", aov[at]);
     }

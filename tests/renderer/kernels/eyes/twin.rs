@@ -1,4 +1,4 @@
-//! Resampling of rectified images by definition, on numbers of f64.
+//! Display resampling by definition, in f64.
 
 use diptych::stages::layout;
 use glam::{DMat3, DVec2, DVec3, Vec3, Vec3Swizzles};
@@ -6,21 +6,21 @@ use glam::{DMat3, DVec2, DVec3, Vec3, Vec3Swizzles};
 use crate::kernels::camera::Eye;
 use crate::kernels::inputs::Cases;
 
-/// Most and fewest pixels of the rectified image that a shown one covers along an axis.
+/// Maximum and minimum number of pixels of the rectified image that a display pixel covers along an axis.
 const WIDTHS: [f64; 2] = [0.1, 8.0];
-/// Rounds in which the surface is looked for that an eye sees from elsewhere.
+/// Iterations of the search for the surface that a later eye sees.
 const ROUNDS: u32 = 8;
 
-/// Map from the image that an eye shows to its rectified one, which has `size` pixels.
+/// Map from an eye's display image to its rectified one of `size` pixels.
 #[derive(Clone, Copy)]
 pub struct Shown {
     pub from_shown: DMat3,
-    /// Place of the eye that shows it, times its distance.
+    /// Position of the displaying eye, times its distance.
     pub moved: DVec3,
     pub size: DVec2,
 }
 
-/// A shown pixel in the rectified image.
+/// Place of a display pixel in the rectified image.
 pub struct Place {
     pub point: DVec2,
     /// Size of the rectangle that it covers.
@@ -31,7 +31,7 @@ fn projected(seen: DVec3) -> DVec2 {
     seen.xy() / seen.z
 }
 
-/// A place with the footprint of a pixel by central differences.
+/// Returns a place with a pixel's footprint by central differences.
 fn place(at: DVec2, map: impl Fn(DVec2) -> DVec2) -> Place {
     const STEP: f64 = 1e-5;
     let along = |axis: DVec2| (map(at + axis * STEP) - map(at - axis * STEP)) / (2.0 * STEP);
@@ -41,7 +41,7 @@ fn place(at: DVec2, map: impl Fn(DVec2) -> DVec2) -> Place {
 }
 
 impl Shown {
-    /// The same as devices are given it, with numbers that are exact as floats.
+    /// Returns the map with numbers that are exact as floats, and its form on devices.
     pub fn rounded(self) -> (Self, layout::Shown) {
         let [across, down, corner, moved] =
             [self.from_shown.x_axis, self.from_shown.y_axis, self.from_shown.z_axis, self.moved].map(|v| v.as_vec3());
@@ -58,12 +58,12 @@ impl Shown {
         place(at, |at| projected(self.seen(at)))
     }
 
-    /// The point of the shown image for a point of the rectified one.
+    /// Returns the display image's point for a point of the rectified one.
     pub fn shown_point(&self, point: DVec2) -> DVec2 {
         projected(self.from_shown.inverse() * point.extend(1.0))
     }
 
-    /// Column and row of the pixel nearest to a point. None where rounding decides.
+    /// Returns column and row of the pixel nearest to a point; none if rounding decides.
     pub fn nearest(&self, point: DVec2) -> Option<[usize; 2]> {
         let last = self.size - 1.0;
         let is_clear = |at: f64, last: f64| at < -0.5 || at > last + 1.5 || (at - at.round()).abs() > 2e-4;
@@ -71,8 +71,8 @@ impl Shown {
         (is_clear(point.x, last.x) && is_clear(point.y, last.y)).then_some([held.x as usize, held.y as usize])
     }
 
-    /// The place that an eye sees from where it is later: among the surfaces that were seen, at `depth` along the axis of
-    /// the eye that saw them, the one that is found by going to and fro. None where rounding decides.
+    /// Returns the place that a later eye sees. Fixed-point iteration finds it among the surfaces, which are at `depth`
+    /// along the axis of the eye that rendered them. None if rounding decides.
     pub fn later_place(&self, at: DVec2, depth: impl Fn([usize; 2]) -> f64, cases: &mut Cases) -> Option<Place> {
         let far = self.place(at);
         if self.moved == DVec3::ZERO {
@@ -95,13 +95,14 @@ impl Shown {
     }
 }
 
-/// Distance to the surface of a pixel along the axis of the eye, for a distance along its ray.
+/// Returns the depth of a pixel's surface along the axis of the eye, for a distance along its ray.
 pub fn depth(eye: &Eye, distance: f64, through: DVec2, size: DVec2) -> f64 {
     distance * eye.ray(through, size).dot(eye.forward.as_dvec3())
 }
 
-/// The integral of light from `low` to `high` of the middle of five pixels with these means: of a step between even sides
-/// (Harten 1989), or of a parabola that does not overshoot (Colella & Woodward 1984, equations 1.5 to 1.10).
+/// Integrates light from `low` to `high` over the middle one of five pixels with these means. The profile is a step
+/// between uniform sides (Harten 1989), or a parabola that does not overshoot (Colella & Woodward 1984, equations 1.5
+/// to 1.10).
 fn part([two_before, before, own, after, two_after]: [f64; 5], [low, high]: [f64; 2], cases: &mut Cases) -> f64 {
     let rise = after - before;
     let rises = (after - own) * (own - before) > 0.0;
@@ -133,7 +134,7 @@ fn part([two_before, before, own, after, two_after]: [f64; 5], [low, high]: [f64
     (high - low) / 6.0 * (light(low) + 4.0 * light(0.5 * (low + high)) + light(high))
 }
 
-/// The mean from `low` to `high` of a row of pixels.
+/// Returns the mean of a row of pixels from `low` to `high`.
 fn mean(pixel: impl Fn(i64) -> DVec3, [low, high]: [f64; 2], cases: &mut Cases) -> DVec3 {
     let mut sum = DVec3::ZERO;
     for i in low.floor() as i64..high.ceil() as i64 {
@@ -144,7 +145,7 @@ fn mean(pixel: impl Fn(i64) -> DVec3, [low, high]: [f64; 2], cases: &mut Cases) 
     sum / (high - low)
 }
 
-/// Light of a shown pixel at a place in an image, whose outermost pixels go on for ever.
+/// Returns the light of a display pixel at a place in an image, whose outermost pixels repeat beyond the border.
 pub fn resampled(place: &Place, light: impl Fn(i64, i64) -> DVec3, size: DVec2, cases: &mut Cases) -> DVec3 {
     let centre = place.point.clamp(DVec2::splat(-4.0), size + 4.0);
     let (low, high) = (centre - 0.5 * place.widths, centre + 0.5 * place.widths);

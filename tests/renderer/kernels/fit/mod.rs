@@ -1,4 +1,4 @@
-//! Light fitted in blocks to features of surfaces.
+//! Blockwise regression of light on features of surfaces.
 
 mod twin;
 
@@ -11,39 +11,39 @@ use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, Random};
 use super::pack::{NO_NORMAL, SAMPLED, floats, is_finite, pack_guide};
 
-/// With no displacement, the last blocks are one pixel wide or high.
+/// Size at which the last blocks without displacement are one pixel wide or high.
 const WIDTH: u32 = 65;
 const HEIGHT: u32 = 33;
 
-/// What blocks are made of.
+/// Geometry of the blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Shape {
-    /// Normals differ by what packing leaves of them, and by far.
+    /// Normals vary strongly, and others only by packing errors.
     Rough,
-    /// One normal along an axis, one coordinate: columns of zeros, and such as are multiples of others.
+    /// One normal along an axis and one coordinate: some columns are zero, others multiples of one another.
     Level,
-    /// One normal, and coordinates that depend on one another.
+    /// One normal, and linearly dependent coordinates.
     Tilted,
-    /// A plane far from the world's origin, where one coordinate is nothing but rounding.
+    /// A plane far from the world's origin, where one coordinate consists of rounding errors.
     Distant,
-    /// Waves.
+    /// A wavy surface.
     Wavy,
-    /// The same point everywhere.
+    /// A single point.
     Point,
 }
 
-/// What light there is.
+/// Distribution of light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Lit {
     Noisy,
-    /// A sum of the coordinates.
+    /// Linear combination of the coordinates.
     Exact,
-    /// As bright as floats can be, among what is dark.
+    /// Values near the largest float among dark pixels.
     Huge,
     Dark,
-    /// Hardly any pixel has light.
+    /// Light in very few pixels.
     Sparse,
-    /// None has.
+    /// No pixel with light.
     Nowhere,
 }
 
@@ -75,7 +75,7 @@ fn light(lit: Lit, random: &mut Random, at: DVec3) -> Option<DVec3> {
     }
 }
 
-/// Images of guides and light.
+/// Returns images of guides and light.
 fn images(random: &mut Random, constants: &Constants, shape: Shape, lit: Lit) -> (Vec<[u32; 4]>, Vec<[u32; 4]>) {
     let pixels = (0..constants.height).flat_map(|y| (0..constants.width).map(move |x| (x, y)));
     pixels
@@ -91,7 +91,7 @@ fn images(random: &mut Random, constants: &Constants, shape: Shape, lit: Lit) ->
         .unzip()
 }
 
-/// Light that is black where there might be none was not told of.
+/// Returns true if the pixel counts as lit. Where light may be absent, black pixels do not.
 fn light_is_told(lit: Lit, random: &mut Random, bits: [u32; 3]) -> bool {
     match lit {
         Lit::Noisy | Lit::Sparse => bits != [0; 3],
@@ -124,7 +124,7 @@ fn compare(index: u32, shape: Shape, lit: Lit, seed: u64, cases: &mut Cases) {
     let constants = Constants { index, ..Constants::new(WIDTH, HEIGHT) };
     let (guide, source) = images(&mut random, &constants, shape, lit);
     let (left, above) = DISPLACEMENTS[index as usize % 16];
-    // As the graph has it, whole blocks around a stripe may be read.
+    // Like in the graph, kernels may read whole blocks around a stripe.
     for rows in [0..HEIGHT, 3..12, 32..33, 15..17] {
         let valid = rows.start.saturating_sub(BLOCK - 1)..(rows.end + BLOCK - 1).min(HEIGHT);
         let stripe = Stripe { rows: rows.clone(), valid };
@@ -174,8 +174,7 @@ fn assert_pixel(got: [u32; 4], fit: Option<&Fit>, pixel: &Pixel, place: &str, ca
         cases.meet("unclear");
         return;
     }
-    // Features that add little to others make rounding count for more, also together, and more beside the lit pixels than on
-    // them.
+    // Nearly dependent features amplify rounding errors, also in combination, and more outside the lit pixels.
     let rounding = 1e-5 + 2e-7 / (fit.least_added * fit.least_added);
     let allowed = fit.brightest() * rounding * if pixel.light.is_some() { 1.0 } else { 20.0 };
     let off = (got - want).abs().max_element();
@@ -218,7 +217,7 @@ fn blocks_are_somewhere_else_in_each_of_sixteen_frames() {
     assert_eq!(places.len(), 16);
 }
 
-/// With noise, which makes all features independent, the fit follows the light less closely.
+/// Noise makes all features independent, and the fit follows the light less closely.
 #[test]
 fn noise_on_features_changes_the_fit_a_little() {
     let mut random = Random::new(371);

@@ -1,5 +1,5 @@
-//! The regression as the method has it (Koskela et al. 2019), solved in f64 by Gram-Schmidt orthogonalisation, done twice
-//! (Giraud, Langou & Rozložník 2005), where the shader reflects.
+//! Regression by the published method (Koskela et al. 2019), solved in f64 by Gram-Schmidt orthogonalisation, which
+//! runs twice (Giraud, Langou & Rozložník 2005). The shader uses Householder reflections.
 
 use glam::DVec3;
 
@@ -7,12 +7,12 @@ use crate::kernels::edges::Surface;
 
 pub const BLOCK: u32 = 32;
 pub const FEATURES: usize = 10;
-/// Least length of what a feature adds to those before it, over its own.
+/// Minimum length that a feature adds to the preceding ones, relative to its own.
 const INDEPENDENT: f64 = 1e-3;
-/// Lengths by which rounding decides whether a feature is left out, or how much it counts.
+/// Lengths for which rounding decides if a feature is omitted, or how much it counts.
 const UNCLEAR: std::ops::Range<f64> = 3e-4..3e-3;
 
-/// By how far blocks begin left of the image and above it, in each of 16 frames.
+/// Displacement of blocks to the left and upwards, in each of 16 frames.
 pub const DISPLACEMENTS: [(u32, u32); 16] = [
     (0, 0),
     (16, 16),
@@ -32,11 +32,11 @@ pub const DISPLACEMENTS: [(u32, u32); 16] = [
     (0, 24),
 ];
 
-/// What a pixel of a block has.
+/// Inputs of a pixel in a block.
 #[derive(Clone, Copy)]
 pub struct Pixel {
     pub surface: Option<Surface>,
-    /// None where there is none.
+    /// Light; none if the pixel has no light.
     pub light: Option<DVec3>,
 }
 
@@ -45,16 +45,17 @@ pub struct Fit {
     scale: DVec3,
     weights: [DVec3; FEATURES],
     brightest: f64,
-    /// The least that a feature adds to those before it, over its length: rounding counts for so many times as much.
+    /// Minimum length that a feature adds to the preceding ones, relative to its own. Its inverse amplifies rounding
+    /// errors.
     pub least_added: f64,
-    /// Whether rounding decides nothing.
+    /// True if rounding decides nothing.
     pub is_clear: bool,
-    /// Features that were left out.
+    /// Number of omitted features.
     pub dropped: usize,
 }
 
 impl Fit {
-    /// None without any light.
+    /// Fits a block; none without any light.
     pub fn new(block: &[Pixel]) -> Option<Self> {
         let lit: Vec<(Surface, DVec3)> = block.iter().filter_map(|p| Some((p.surface?, p.light?))).collect();
         if lit.is_empty() {
@@ -78,7 +79,7 @@ impl Fit {
         };
         let rows: Vec<[f64; FEATURES]> = lit.iter().map(|(surface, _)| fit.features(surface)).collect();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        // Of each feature that is kept: its direction, and how its column is made of the directions so far.
+        // Kept features, each with its direction and the components of its column along the directions so far.
         let mut kept: Vec<(usize, Vec<f64>, Vec<f64>)> = Vec::new();
         for m in 0..FEATURES {
             let mut rest: Vec<f64> = rows.iter().map(|row| row[m]).collect();
@@ -117,7 +118,7 @@ impl Fit {
         [1.0, n.x, n.y, n.z, x.x, x.y, x.z, x.x * x.x, x.y * x.y, x.z * x.z]
     }
 
-    /// The light of a surface of the block.
+    /// Returns the fitted light of a surface in the block.
     pub fn light(&self, surface: &Surface) -> DVec3 {
         let features = self.features(surface);
         let sum = self.weights.iter().zip(features).map(|(w, f)| *w * f).sum::<DVec3>();

@@ -26,7 +26,7 @@ const TILES: [u32; 2] = [WIDTH.div_ceil(TILE), HEIGHT.div_ceil(TILE)];
 const SUN: DVec3 = DVec3::new(0.3, -0.5, -0.8);
 const STRENGTH: DVec3 = DVec3::new(3.0, 2.5, 2.0);
 
-/// A folding screen, whose parts light one another, in the sun behind a board.
+/// Returns a folding screen in the sun behind a board. Its parts light one another.
 fn screen() -> Scene {
     let mut scene = empty("folding screen");
     let [red, blue] = [Vec3::new(0.8, 0.3, 0.2), Vec3::new(0.1, 0.4, 0.9)].map(|c| add_matte(&mut scene, c));
@@ -40,7 +40,7 @@ fn screen() -> Scene {
     scene
 }
 
-/// The same with lamps of all kinds, some light from all around, and parts that shine.
+/// Returns the screen with all kinds of lamps, some ambient light, and emissive parts.
 fn lit_screen(gloss: bool) -> Scene {
     let mut scene = screen();
     if gloss {
@@ -54,7 +54,7 @@ fn lit_screen(gloss: bool) -> Scene {
     scene
 }
 
-/// A board near the eye, close before which is a lamp: so bright that samples near it are not finite.
+/// Returns a board near the eye with a lamp so close and bright that samples near it are not finite.
 fn dazzled() -> Scene {
     let mut scene = empty("dazzled board");
     let grey = add_matte(&mut scene, Vec3::splat(0.5));
@@ -70,12 +70,12 @@ fn subject(scene: Scene, gloss: bool) -> (Subject, World) {
     let world = World { triangles: corners, sun: SUN.normalize(), strength: STRENGTH };
     let rig = still_rig(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y, 0.5);
     let mut subject = Subject::laid_out("folding screen", scene, rig, Layout::Flat);
-    // One shader for all scenes.
+    // All scenes share a shader.
     subject.needs = SceneNeeds::of(&lit_screen(gloss));
     (subject, world)
 }
 
-/// Images of what an eye sees: hits and guides.
+/// Returns images of an eye's view: hits and guides.
 fn seen(world: &World, constants: &Constants, eye: &Eye) -> (Vec<[u32; 4]>, Vec<[u32; 4]>) {
     let pixel = |i: u32| {
         let direction = eye.ray(constants.through(i % WIDTH, i / WIDTH), constants.size());
@@ -89,12 +89,12 @@ fn seen(world: &World, constants: &Constants, eye: &Eye) -> (Vec<[u32; 4]>, Vec<
     (0..WIDTH * HEIGHT).map(pixel).unzip()
 }
 
-/// Settings of one path for each pixel.
+/// Returns settings of one path for each pixel.
 fn sampling(index: u32, reflections: u32) -> Sampling {
     Sampling { index, reflections, spp: 1, sampled_share: 1.0, ..Default::default() }
 }
 
-/// The gradients of a frame whose settings are all others than those of the frame before.
+/// Computes the gradients of a frame whose settings all differ from those of the previous frame.
 fn gradients(
     subject: &Subject,
     format: Format,
@@ -129,7 +129,7 @@ fn overrides(format: Format) -> [(&'static str, bool); 3] {
     [("SOBOL", true), ("HAS_GLOSS", format.gloss), ("HAS_MOTION", true)]
 }
 
-/// A pixel of the frame before: what is there may be gone, or was not sampled, or is a lamp.
+/// Damages a pixel of the previous frame: its surface may be gone, may not be sampled, or may be a lamp.
 fn damaged(random: &mut Random, hit: &mut [u32; 4], guide: &mut [u32; 4], radiance: &mut [u32; 4]) {
     match random.bits() % 20 {
         0 => *guide = [0, 0, 0, NO_NORMAL],
@@ -143,12 +143,12 @@ fn damaged(random: &mut Random, hit: &mut [u32; 4], guide: &mut [u32; 4], radian
 
 struct Case {
     gloss: bool,
-    /// Step and upward turn of the eye since the frame before.
+    /// Translation and upward rotation of the eye since the previous frame.
     step: (DVec3, f64),
     is_jittered: bool,
     history_rows: Option<u32>,
     lost: Range<u32>,
-    /// Whether rows that are not there hold what they would if they were.
+    /// True if unavailable rows hold correct data instead of values that are not finite.
     tempts: bool,
     seed: u64,
 }
@@ -218,7 +218,7 @@ fn compare(case: &Case, cases: &mut Cases) {
                 unclear += 1;
                 continue;
             };
-            // Gloss is beside matte light, in half floats.
+            // Specular and diffuse radiance are stored as half floats.
             let allowed = (1e-4 + if case.gloss { HALF } else { 0.0 }) * want.y;
             let off = (got[0] - want.x).abs().max((got[1] - want.y).abs());
             assert!(off <= allowed, "{got:?} instead of {want} at ({x}, {y}) of {stripe:?}");
@@ -273,7 +273,7 @@ fn frames_without_history_or_of_several_samples_have_no_gradients() {
     }
 }
 
-/// The radiance image of paths that are traced with these settings.
+/// Returns the radiance image of paths with these settings.
 fn traced(
     subject: &Subject,
     format: Format,
@@ -304,8 +304,8 @@ fn traced(
     outputs.get("radiance_image")
 }
 
-/// Gradients after a frame that was traced with `settings`, if it is said to have been traced with `said`; its eyes and this
-/// frame's are the same.
+/// Returns the gradients after a frame that was traced with `settings`, if the previous settings are given as `said`.
+/// The eyes do not move.
 fn after(scene: Scene, gloss: bool, settings: Sampling, said: &[Sampling]) -> Vec<Vec<[f32; 2]>> {
     let (subject, world) = subject(scene, gloss);
     let constants = Constants { history_rows: Some(0), index: 9, exposure: 1.3, ..Constants::new(WIDTH, HEIGHT) };
@@ -322,7 +322,7 @@ fn after(scene: Scene, gloss: bool, settings: Sampling, said: &[Sampling]) -> Ve
     said.iter().map(gradients).collect()
 }
 
-/// Asserts that light is as it was, but for what compilers round in one of two terms alone: sums, and half floats of gloss.
+/// Asserts that light has not changed, within rounding: of sums, and of half floats with specular radiance.
 #[track_caller]
 fn assert_same(found: &[[f32; 2]], gloss: bool) {
     let allowed = if gloss { HALF as f32 } else { 1e-6 };
@@ -350,7 +350,8 @@ fn samples_that_are_dropped_are_no_change() {
     }
 }
 
-/// Paths of several reflections in the light of all kinds of lamps are those of the frame before, whatever this frame's are.
+/// Gradients repeat the previous frame's paths of several bounces under all kinds of lamps, whatever this frame's
+/// settings are.
 #[test]
 fn paths_are_those_of_the_frame_before() {
     for gloss in [false, true] {

@@ -1,4 +1,4 @@
-//! Temporal gradients by definition (Schied et al. 2018, section 4), where one sun is all light and nothing is reflected twice.
+//! Temporal gradients by definition (Schied et al. 2018, section 4), under a single sun without indirect light.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -12,10 +12,10 @@ use crate::kernels::harness::Stripe;
 use crate::kernels::inputs::Cases;
 use crate::kernels::pack::luminance;
 
-/// Columns and rows of a tile.
+/// Edge of a tile, pixels.
 pub const TILE: u32 = 3;
 
-/// A point on a triangle.
+/// A hit on a triangle.
 pub struct Met {
     pub triangle: usize,
     /// Weights of the second and the third corner.
@@ -23,12 +23,12 @@ pub struct Met {
     pub position: DVec3,
 }
 
-/// Triangles in the light of a sun.
+/// Triangles lit by a sun.
 pub struct World {
     pub triangles: Vec<[DVec3; 3]>,
-    /// Unit vector of the way that the light takes.
+    /// Unit vector in the direction of the light.
     pub sun: DVec3,
-    /// Irradiance of what faces the sun.
+    /// Irradiance of a surface that faces the sun.
     pub strength: DVec3,
 }
 
@@ -38,13 +38,13 @@ impl World {
         (b - a).cross(c - a).normalize()
     }
 
-    /// The normal of a triangle on the side of the viewer, who looks along `direction`.
+    /// Returns a triangle's normal on the side of a viewer who looks along `direction`.
     pub fn normal_towards(&self, triangle: usize, direction: DVec3) -> DVec3 {
         let normal = self.normal(triangle);
         if normal.dot(direction) > 0.0 { -normal } else { normal }
     }
 
-    /// The first triangle along a ray, at least `from` away (Möller & Trumbore 1997).
+    /// Returns the first hit along a ray at a distance of at least `from` (Möller & Trumbore 1997).
     pub fn meets(&self, origin: DVec3, direction: DVec3, from: f64) -> Option<Met> {
         let mut nearest = f64::INFINITY;
         let mut found = None;
@@ -61,7 +61,8 @@ impl World {
         found
     }
 
-    /// Luminance of the light over albedo that a point of a Lambertian surface reflects. None at the rim of a shadow, where
+    /// Returns the luminance of demodulated light that a point of a Lambertian surface reflects; none at a shadow's
+    /// edge, where rounding decides.
     /// rounding decides.
     pub fn light_at(&self, position: DVec3, normal: DVec3) -> Option<f64> {
         let cosine = -normal.dot(self.sun);
@@ -74,30 +75,30 @@ impl World {
     }
 }
 
-/// The frame before, by pixels.
+/// The previous frame, by pixel.
 pub struct Before {
     pub eye: Eye,
     pub is_jittered: bool,
     pub guide: Vec<Option<Surface>>,
-    /// Bits of the image: the triangle that is seen, and weights of its corners.
+    /// Contents of the hit image: the visible triangle, and weights of its corners.
     pub hit: Vec<[u32; 4]>,
-    /// Luminance of light over albedo; none where nothing was sampled.
+    /// Luminance of demodulated light; none if the pixel was not sampled.
     pub then: Vec<Option<f64>>,
 }
 
 pub struct Twin<'a> {
     pub world: &'a World,
-    /// Constants of the frame, not of the tiles.
+    /// Constants of the frame, in pixels instead of tiles.
     pub constants: &'a Constants,
     /// Rows of tiles.
     pub stripe: &'a Stripe,
     pub lost: Range<u32>,
-    /// Surfaces of this frame as they were in the frame before.
+    /// Surfaces of this frame at their positions in the previous frame.
     pub last_surface: &'a [Option<Surface>],
     pub before: &'a Before,
 }
 
-/// A hash by a permuted congruential generator (Jarzynski & Olano, JCGT 9(3), 2020).
+/// Hashes by a permuted congruential generator (Jarzynski & Olano, JCGT 9(3), 2020).
 fn pcg(value: u32) -> u32 {
     let state = value.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
     let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
@@ -109,14 +110,14 @@ fn combined(a: u32, b: u32) -> u32 {
 }
 
 impl Twin<'_> {
-    /// The pixel that stands for a tile in this frame.
+    /// Returns the pixel that represents a tile in this frame.
     fn pick(&self, (x, y): (u32, u32)) -> (u32, u32) {
         let place = combined(combined(self.constants.index, x), y) % (TILE * TILE);
         let (x, y) = (x * TILE + place % TILE, y * TILE + place / TILE);
         (x.min(self.constants.width - 1), y.min(self.constants.height - 1))
     }
 
-    /// Light now minus then, and the larger of both. None where rounding decides.
+    /// Returns the change of light, and the larger of the old and new light; none if rounding decides.
     pub fn tile(&self, tile: (u32, u32), cases: &mut Cases) -> Option<DVec2> {
         let nothing = |cases: &mut Cases, case| {
             cases.meet(case);

@@ -1,4 +1,4 @@
-//! What goes into a kernel and what comes out.
+//! Inputs and outputs of a kernel.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -6,7 +6,7 @@ use std::ops::Range;
 use bytemuck::Pod;
 use diptych::stages::layout::PassConstants;
 
-/// The rows that a dispatch computes, and those that it may read.
+/// The rows that a dispatch computes, and the rows that it may read.
 #[derive(Clone, Debug)]
 pub struct Stripe {
     pub rows: Range<u32>,
@@ -27,7 +27,7 @@ impl Stripe {
     }
 }
 
-/// What stands at a binding: an image, of which only the stripe's rows may be written, or anything else.
+/// Contents of a binding: an image, of which the kernel may write only the stripe's rows, or any other data.
 pub enum Buffer {
     Image(Vec<u8>),
     Whole(Vec<u8>),
@@ -49,7 +49,7 @@ impl Buffer {
     }
 }
 
-/// What the writable bindings hold after a dispatch.
+/// Contents of the writable bindings after a dispatch.
 pub struct Outputs(pub(super) BTreeMap<String, Vec<u8>>);
 
 impl Outputs {
@@ -59,7 +59,7 @@ impl Outputs {
     }
 }
 
-/// An image's rows `rows`, and elsewhere what no kernel may read: bits that are not finite in any format.
+/// Returns an image with only the rows `rows`. Other rows hold bits that are not finite in any format.
 pub fn only_in<T: Pod>(rows: &Range<u32>, width: u32, pixels: &[T]) -> Vec<T> {
     let mut out = pixels.to_vec();
     let (begin, end) = ((rows.start * width) as usize, (rows.end * width) as usize);

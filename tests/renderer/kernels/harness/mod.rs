@@ -1,5 +1,5 @@
-//! Runs one kernel on given buffers. Bindings, overrides and entry point are found in the shader's own text by their
-//! names, so that neither the order of bindings nor the renderer's declaration of its passes matters here.
+//! Runs one kernel on given buffers. It finds bindings, overrides and entry point by name in the shader's source. So
+//! neither the order of bindings nor the renderer's declaration of its passes matters.
 
 mod buffers;
 mod reflect;
@@ -19,7 +19,7 @@ use self::reflect::{Binding, Kind, assert_same_names, binding, layout_entry};
 use super::camera::Constants;
 use crate::common::{self, Subject};
 
-/// Edge of the workgroups of most kernels.
+/// Edge of most kernels' workgroups.
 const TILE: u32 = 8;
 
 #[derive(Clone)]
@@ -31,7 +31,7 @@ struct Compiled {
 /// An override constant's name and value.
 pub type Override = (&'static str, bool);
 
-/// The device that all tests of kernels share, with what was compiled on it.
+/// Device for all kernel tests, with its compiled pipelines.
 struct Bench {
     gpu: GpuDevice,
     compiled: HashMap<(String, Vec<Override>), Compiled>,
@@ -51,7 +51,7 @@ pub struct Kernel {
     name: &'static str,
     source: String,
     overrides: Vec<Override>,
-    /// The scene that it reads, if it reads one.
+    /// Scene that the kernel reads, if any.
     scene: Option<Arc<SceneTables>>,
 }
 
@@ -60,7 +60,7 @@ impl Kernel {
         Self::of(shader, shader_text_of(shader, SceneAccess::default()), overrides)
     }
 
-    /// A kernel that reads this scene, which says how to compile it beside `overrides`.
+    /// Creates a kernel that reads this scene, with the scene's override constants and `overrides`.
     pub fn with_scene(shader: &'static str, overrides: &[Override], subject: &Subject) -> Self {
         let source = shader_text_of(shader, bench().gpu.scene_access());
         let declared = override_names(&source);
@@ -69,14 +69,14 @@ impl Kernel {
         Self { scene: Some(Arc::clone(&subject.tables)), ..Self::of(shader, source, &overrides) }
     }
 
-    /// The functions that `shader` includes, followed by a kernel of the test's own.
+    /// Combines the functions that `shader` includes with a kernel of the test's own.
     pub fn beside(shader: &'static str, overrides: &[Override], kernel: &str) -> Self {
         let whole = shader_text_of(shader, SceneAccess::default());
         let end = whole.find("@group(1)").unwrap_or_else(|| panic!("shader '{shader}' binds nothing"));
         Self::of(shader, format!("{}{kernel}", &whole[..end]), overrides)
     }
 
-    /// Images are a pinhole's unless a test says otherwise.
+    /// Sets the override for pinhole images unless a test sets it.
     fn of(name: &'static str, source: String, overrides: &[Override]) -> Self {
         let mut overrides = overrides.to_vec();
         for kind in ["POLAR", "LOG_POLAR"] {
@@ -94,7 +94,7 @@ impl Kernel {
         self.run_groups(constants, pass, [columns.div_ceil(TILE), rows.div_ceil(TILE)], buffers)
     }
 
-    /// Dispatches so many workgroups for the stripe that `pass` names.
+    /// Dispatches workgroups for the stripe that `pass` names.
     pub fn run_groups(
         &self,
         constants: &Constants,
@@ -106,12 +106,12 @@ impl Kernel {
         self.run_frame(&constants.frame(), pass, groups, buffers)
     }
 
-    /// Dispatches so many workgroups of a pass that has no rows.
+    /// Dispatches workgroups of a pass without rows.
     pub fn run_once(&self, frame: &Frame, args: [u32; 3], groups: [u32; 2], buffers: &[(&str, Buffer)]) -> Outputs {
         self.run_frame(frame, PassConstants { args, ..Default::default() }, groups, buffers)
     }
 
-    /// Dispatches so many workgroups, with these constants of the frame. Images that are written have the rows of the pass.
+    /// Dispatches workgroups with these frame constants. Output images have the rows of the pass.
     pub fn run_frame(
         &self,
         frame: &Frame,

@@ -1,4 +1,4 @@
-//! What a shader declares.
+//! Reflects a shader's declarations.
 
 use naga::{AddressSpace, StorageAccess};
 
@@ -9,7 +9,7 @@ pub enum Kind {
     Write,
 }
 
-/// A binding of group 1, or the scene's tables where a shader changes them, as it declares them.
+/// A binding of group 1, or of the scene's tables if a shader writes them.
 #[derive(Clone)]
 pub struct Binding {
     pub name: String,
@@ -18,7 +18,7 @@ pub struct Binding {
     pub kind: Kind,
 }
 
-/// Panics unless both lists hold the same names, each once.
+/// Panics unless both lists contain the same names, each once.
 pub fn assert_same_names(what: &str, declared: &[&str], given: &[&str]) {
     let missing: Vec<_> = declared.iter().filter(|name| !given.contains(name)).collect();
     let unknown: Vec<_> = given.iter().filter(|name| !declared.contains(name)).collect();
@@ -28,7 +28,7 @@ pub fn assert_same_names(what: &str, declared: &[&str], given: &[&str]) {
     );
 }
 
-/// None unless it is of group 1 or the shader writes it.
+/// Returns the binding; none unless it belongs to group 1 or the shader writes it.
 pub fn binding(variable: &naga::GlobalVariable) -> Option<Binding> {
     let stores = |space| matches!(space, AddressSpace::Storage { access } if access.contains(StorageAccess::STORE));
     let place = variable.binding.filter(|b| b.group == 1 || stores(variable.space))?;

@@ -1,9 +1,9 @@
-//! The harness notices what a test gets wrong, and what a kernel writes where it should not.
+//! The harness detects mistakes of tests, and kernels that write where they should not.
 
 use super::{Buffer, Kernel, Override, Stripe};
 use crate::kernels::camera::Constants;
 
-/// Adds to every row of an image, whatever the stripe.
+/// Writes to every row of an image, whatever the stripe.
 const WRITES_EVERYWHERE: &str = "
 @group(1) @binding(0) var<storage, read_write> image: array<u32>;
 @group(1) @binding(1) var<uniform> step: vec4<u32>;

@@ -1,4 +1,4 @@
-//! Bodies that change their shape, in poses that no animation has: their triangles, and the trees over them.
+//! Deforming bodies in poses that no animation contains: their triangles, and the trees over them.
 
 mod refit;
 mod skin;
@@ -15,8 +15,8 @@ use super::inputs::Random;
 use crate::reference::scenes::moving::{Draft, add_mapped, add_patch, add_tube, patch, tube};
 use crate::reference::scenes::{add_material, add_mesh, block, matte};
 
-/// Bodies of all kinds: two with joints, one of them mirrored, one that has shapes as well, one with shapes alone, and a
-/// glowing block, which moves as a body with one joint.
+/// Returns bodies of all kinds: two skinned, one of them mirrored, one skinned and morphed, one morphed, and an
+/// emissive block, which moves as a body with one joint.
 fn bodies() -> Scene {
     let mut draft = Draft::room("bodies");
     let mapped = add_mapped(&mut draft.scene, Vec3::splat(0.5));
@@ -32,7 +32,7 @@ fn bodies() -> Scene {
         (morph.positions, morph.normals) = (stretched(&morph.positions), stretched(&morph.normals));
         morph.tangents = stretched(&morph.tangents);
     }
-    // Where there is no tangent, a shape brings none.
+    // Where the base has no tangent, a morph target must not add one.
     both.tangents[2] = Vec4::ZERO;
     let mesh = add_mesh(&mut draft.scene, both);
     add_tube(&mut draft, mesh, DVec3::Z, DVec3::ONE);
@@ -44,7 +44,7 @@ fn bodies() -> Scene {
     draft.done()
 }
 
-/// A transform that turns, stretches and shears by as much as `by` says, 0 to 1, and mirrors if `sign` is negative.
+/// Returns a transform that rotates, scales and shears by up to `by`, from 0 to 1, and mirrors if `sign` is negative.
 fn transform(random: &mut Random, by: f64, sign: f64) -> DAffine3 {
     let turn = DQuat::from_axis_angle(random.tilted(DVec3::Z, 3.0), by * random.within(-3.0..3.0));
     let scale = DVec3::from_array(std::array::from_fn(|_| (by * random.within(-1.2..0.7)).exp()));
@@ -55,7 +55,7 @@ fn transform(random: &mut Random, by: f64, sign: f64) -> DAffine3 {
     DAffine3 { matrix3: linear, translation }
 }
 
-/// A pose in which the bodies are anywhere, as mirrored as they are at rest. Means of joints turn some parts inside out.
+/// Returns a random pose with the mirroring of the rest pose. Blended joints turn some parts inside out.
 fn pose(scene: &Scene, random: &mut Random) -> Pose {
     let mut pose = scene.motion.pose(0.0);
     let whole = transform(random, 1.0, 1.0);
@@ -68,11 +68,11 @@ fn pose(scene: &Scene, random: &mut Random) -> Pose {
     pose
 }
 
-/// What a device has of the scene.
+/// A device's data of the scene.
 struct Device {
     accel: Accel,
     frame: Frame,
-    /// Rows of all tables up to those that change.
+    /// Rows of all tables before the ones that change.
     rows: usize,
 }
 
@@ -85,7 +85,7 @@ impl Device {
         Self { accel, frame, rows }
     }
 
-    /// What `skin` makes of two poses; everything else in the tables stays as it is in `tables`.
+    /// Runs `skin` on two poses; everything else in the tables stays as in `tables`.
     fn skin(&self, scene: &Scene, poses: [&Pose; 2], tables: &[[u32; 4]]) -> Outputs {
         let skins = &self.accel.skins;
         let rows = self.accel.pose_rows(&scene.motion, poses);
@@ -107,7 +107,7 @@ impl Device {
             assert!(count < COLUMNS);
             Kernel::new("skin", &[]).run_once(&self.frame, args, [count.div_ceil(64), 1], &buffers(skinned))
         };
-        // Vertices, then triangles.
+        // Process vertices, then triangles.
         let vertices = skins.vertices.len() as u32;
         let skinned = run(vertices, [vertices, 0, 1], &words).get::<[f32; 16]>("skinned");
         run(count, [count, 2 * skins.nodes.len() as u32, 0], &skinned)

@@ -1,4 +1,4 @@
-//! The kernel `refit`: boxes hold what is below them in any pose, and are hardly larger.
+//! The kernel `refit`: boxes contain everything below them in any pose, and are hardly larger.
 
 use diptych::accel::Node;
 use diptych::scene::motion::pose::Pose;
@@ -17,7 +17,7 @@ fn around(a: Box3, b: Box3) -> Box3 {
 
 const NOTHING: Box3 = [Vec3::INFINITY, Vec3::NEG_INFINITY];
 
-/// The trees after `skin` and `refit`, and the boxes of triangles.
+/// Returns the trees after `skin` and `refit`, and the boxes of triangles.
 fn refitted(device: &Device, scene: &diptych::scene::Scene, poses: [&Pose; 2]) -> (Vec<CwBvhNode>, Vec<Box3>) {
     let skins = &device.accel.skins;
     let skinned = device.skin(scene, poses, &vec![[0; 4]; device.rows]);
@@ -43,7 +43,7 @@ fn refitted(device: &Device, scene: &diptych::scene::Scene, poses: [&Pose; 2]) -
     (nodes, corners.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect())
 }
 
-/// A child's box as rays meet it, and the step that its bounds are counted in.
+/// Returns a child's box as rays see it, and the quantisation step of its bounds.
 fn child_box(node: &CwBvhNode, slot: usize) -> (Box3, Vec3) {
     let unit = Vec3::from_array(node.e.map(|e| f32::from_bits(u32::from(e) << 23)));
     let at = |x: [u8; 8], y: [u8; 8], z: [u8; 8]| {
@@ -53,8 +53,8 @@ fn child_box(node: &CwBvhNode, slot: usize) -> (Box3, Vec3) {
     ([low, at(node.child_max_x, node.child_max_y, node.child_max_z)], unit)
 }
 
-/// Walks one tree; returns the box around the triangles below a node. Every box must hold its triangles and be at most
-/// two steps wider on each side.
+/// Traverses a tree; returns the box around the triangles below a node. Every box must contain its triangles and be at
+/// most two steps wider on each side.
 fn walk(device: &Device, nodes: &[CwBvhNode], triangles: &[Box3], index: usize, seen: &mut Vec<u32>) -> Box3 {
     let skins = &device.accel.skins;
     let node = &nodes[index];
@@ -74,13 +74,13 @@ fn walk(device: &Device, nodes: &[CwBvhNode], triangles: &[Box3], index: usize, 
             found[0].cmple(inside[0]).all() && found[1].cmpge(inside[1]).all(),
             "the box {found:?} in slot {slot} of node {index} does not hold {inside:?}"
         );
-        // Coordinates far from 0 are rounded more coarsely than steps are wide.
+        // Coordinates far from 0 may be rounded more coarsely than a step.
         let room = 2.0 * unit + found[0].abs().max(found[1].abs()) * f32::EPSILON;
         let waste = (inside[0] - found[0]).max(found[1] - inside[1]);
         assert!(waste.cmple(room).all(), "the box {found:?} of slot {slot} of node {index} is far around {inside:?}");
         whole = around(whole, inside);
     }
-    // Steps are no longer than needed: half of them would not reach from side to side.
+    // Steps are as short as possible: half of them would not cover the extent.
     let reach = whole[1] - whole[0];
     let step = Vec3::from_array(node.e.map(|e| f32::from_bits(u32::from(e) << 23)));
     assert!((0.5 * step * 254.0).cmple(reach.max(Vec3::splat(1e-30)) * 1.001).all(), "{step} steps for {reach}");

@@ -1,4 +1,4 @@
-//! The kernel `skin` against the meshes that the host deforms in f64.
+//! Compares the kernel `skin` with meshes that the host deforms in f64.
 
 use diptych::scene::Mesh;
 use diptych::scene::motion::bake::{deformed, is_mirrored};
@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3, Vec4};
 use super::{Device, bodies, pose};
 use crate::kernels::inputs::{Cases, Random};
 
-/// Bodies one after another, each deformed, with the number of its first vertex.
+/// Returns the deformed bodies in order, with the index of their first vertex.
 fn shapes(scene: &diptych::scene::Scene, pose: &Pose) -> Vec<(usize, Mesh)> {
     let mut first = 0;
     let shape = |(number, body): (usize, &diptych::scene::motion::Body)| {
@@ -26,7 +26,7 @@ fn xyz(row: [u32; 4]) -> Vec3 {
     Vec3::from_array([row[0], row[1], row[2]].map(f32::from_bits))
 }
 
-/// By how much three numbers may differ that lie within 10 of 0 and are sums of a dozen products.
+/// Tolerance for sums of a dozen products within 10 of 0.
 const CLOSE: f32 = 2e-5;
 
 #[test]
@@ -102,7 +102,7 @@ fn rows_of(device: &Device, scene: &diptych::scene::Scene, poses: &[Pose; 2]) ->
     device.accel.pose_rows(&scene.motion, [&poses[0], &poses[1]])
 }
 
-/// A body that is scaled to nothing is a point, and nothing about it is a number that is none.
+/// A body that is scaled to nothing is a point, and all its numbers are finite.
 #[test]
 fn bodies_without_size_are_finite() {
     let scene = bodies();

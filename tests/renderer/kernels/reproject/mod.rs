@@ -1,4 +1,4 @@
-//! Reprojection of the left eye's light into the right one, and the list of holes.
+//! Reprojection of the left eye's light into the right eye, and the compacted list of holes.
 
 mod twin;
 
@@ -19,14 +19,14 @@ struct Eyes {
 }
 
 fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bool) -> Eyes {
-    // Bumps and tilts around what the thresholds allow, which are wider in outer layers.
+    // Bumps and tilts are near the thresholds, which are larger in outer layers.
     let wall = if constants.foveation.layers { Wall::new(0.008, 0.2, 0.05) } else { Wall::new(0.003, 0.1, 0.05) };
     let area = constants.area();
     let mut hit = || -> Vec<[u32; 4]> {
         let flags = |random: &mut Random| match random.bits() % 20 {
             0 => MIXED,
             1 => VIEW_DEPENDENT,
-            // Roughness has bits of its own.
+            // Bits of the roughness.
             2..6 => 0x3f00_0000,
             _ => 0,
         };
@@ -109,7 +109,7 @@ fn compare(gloss: bool, sparse: bool, adjust: impl Fn(&mut Constants), seed: u64
             match fate {
                 Fate::Gathered(light) => {
                     cases.meet("gathered");
-                    // The column is off by some roundings of its 21 pixels, and so is the share of either tap.
+                    // The column has a few rounding errors of its 21 pixels, and so have the weights of both taps.
                     let holds = format.holds_sampled(radiance[at], &light, 2e-4);
                     assert!(holds, "{place}: {:?}", format.unpack(radiance[at]));
                 }
@@ -145,8 +145,8 @@ fn gloss_is_gathered_beside_matte_light() {
     compare(true, false, |_| {}, 62, &[]);
 }
 
-/// Where frames are averaged, rays go through another point of the pixel. The eyes are swapped, so that surfaces lie
-/// outside the left eye's image on its other side.
+/// With temporal accumulation, rays go through different points of the pixel. The eyes are swapped, so that surfaces
+/// leave the left eye's image on the other side.
 #[test]
 fn light_is_gathered_where_rays_go_through_pixels() {
     let adjust = |c: &mut Constants| {
@@ -172,10 +172,10 @@ fn outer_layers_allow_surfaces_to_differ_more() {
     compare(true, true, layers, 67, &expected);
 }
 
-/// Where surfaces fall on whole pixels of the left eye, its neighbours' light is no substitute.
+/// If surfaces fall on whole pixels of the left eye, light of neighbours is no substitute.
 #[test]
 fn whole_pixels_are_gathered_from_one_pixel() {
-    // At a distance of 4 the image is 4 wide, so that eyes 0.5 apart see surfaces two of 16 pixels apart.
+    // At a distance of 4 the image is 4 wide, so eyes 0.5 apart have a disparity of two of 16 pixels.
     let eye = Eye::at_origin(Vec2::splat(0.5));
     let constants = Constants { eyes: [eye, eye.moved(0.5 * DVec3::X, 0.0, 0.0)], ..Constants::new(16, 1) };
     let format = Format { gloss: false, exposure: 1.0 };

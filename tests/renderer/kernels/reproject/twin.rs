@@ -1,5 +1,5 @@
-//! Reprojection as the method has it (Adelson & Hodges 1993): a pixel of the right eye interpolates between the two
-//! pixels of its row where the left eye sees its surface, as far as they show the same.
+//! Reprojection by the published method (Adelson & Hodges 1993). A pixel of the right eye interpolates the two pixels
+//! of its row where the left eye sees its surface, if they show the same surface.
 
 use glam::{DVec2, DVec3};
 
@@ -8,7 +8,7 @@ use crate::kernels::edges::Surface;
 use crate::kernels::inputs::Cases;
 use crate::kernels::pack::{Light, UNKNOWN};
 
-/// Why a pixel is a hole, as the shader numbers it.
+/// Reason for a hole, as numbered by the shader.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Why {
     Outside = 1,
@@ -17,7 +17,7 @@ pub enum Why {
     Material,
     Mixed,
     View,
-    /// Not sampled in the left eye.
+    /// The pixel was not sampled in the left eye.
     Skipped,
 }
 
@@ -42,11 +42,11 @@ pub struct Pixel {
     pub is_mixed: bool,
     pub is_view_dependent: bool,
     pub material: u32,
-    /// What was sampled; of the left eye only.
+    /// Sampled light; only for the left eye.
     pub light: Option<Light>,
 }
 
-/// What becomes of a pixel of the right eye.
+/// Result for a pixel of the right eye.
 #[derive(Debug)]
 pub enum Fate {
     Sky,
@@ -55,7 +55,8 @@ pub enum Fate {
     LeftToFilter,
 }
 
-/// Why `left` has no light for the surface `right` of `material`, which is `reach` away from the left eye.
+/// Returns the reason why `left` has no light for the surface `right` of `material`, at a distance `reach` from the
+/// left eye.
 fn refusal(left: Option<&Pixel>, material: u32, right: &Surface, reach: f64, slack: f64) -> Option<Why> {
     let Some(left) = left else { return Some(Why::Outside) };
     if left.is_mixed {
@@ -76,7 +77,7 @@ fn refusal(left: Option<&Pixel>, material: u32, right: &Surface, reach: f64, sla
 
 pub struct Twin<'a> {
     pub constants: &'a Constants,
-    /// Whether pixels may be left to the filter.
+    /// True if pixels may be left to the filter.
     pub sparse: bool,
     pub left: &'a [Pixel],
 }
@@ -119,7 +120,7 @@ impl Twin<'_> {
             return Fate::Gathered(Light { matte: of(|l| l.matte), gloss: of(|l| l.gloss), variance });
         }
         if refusals.contains(&Some(Why::Skipped)) {
-            // The filter fills it from what was sampled around it. Where all pixels are to have light it is traced.
+            // The filter fills it from samples around it. If all pixels must have light, it is traced.
             let is_full = layer == 0 && self.constants.foveation.sampled_share >= 1.0;
             cases.meet(if is_full { "not sampled, but traced" } else { "not sampled" });
             return hole(Why::Outside, is_full);

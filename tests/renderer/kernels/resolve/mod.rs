@@ -1,4 +1,4 @@
-//! Antialiasing over frames.
+//! Temporal antialiasing.
 
 mod twin;
 
@@ -11,7 +11,8 @@ use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Counts, floats, is_near, rgb};
 use super::tonemap::{display_levels, shows};
 
-/// A colour, sometimes much brighter than white, and a depth, 0 for the sky, which is mostly on the left, or `DROPPED`.
+/// Returns a colour, sometimes much brighter than white, and a depth: 0 for the sky, which is mostly on the left, or
+/// `DROPPED`.
 fn composed(random: &mut Random, x: usize) -> [f32; 4] {
     let sky = if x < 7 { 0.97 } else { 0.3 };
     let depth = if random.chance(sky) { 0.0 } else { random.within(2.0..6.0) };
@@ -22,7 +23,7 @@ fn composed(random: &mut Random, x: usize) -> [f32; 4] {
     }
 }
 
-/// A colour that is near what its surroundings allow or far from it, and the number of frames in it.
+/// Returns a colour near or far from the colours of its neighbourhood, and its number of frames.
 fn resolved(random: &mut Random, damaged: f64) -> [f32; 4] {
     let frames = random.pick(&[1.0, 2.0, 6.0, 14.0, 255.0]);
     if random.chance(damaged) {
@@ -31,12 +32,13 @@ fn resolved(random: &mut Random, damaged: f64) -> [f32; 4] {
     floats(random.color(2.0), frames.into())
 }
 
-/// By how much an eye has moved and turned since the frame before.
+/// Motion and rotation of an eye since the previous frame.
 type Turn = (DVec3, f64, f64);
 
-/// Image points are off by some 1e-6 pixels, and so are the shares of pixels as bright as 60.
+/// Tolerance: image points have errors of about 1e-6 pixels, and so have the weights of pixels as bright as 60.
 const TOLERANCE: f64 = 1e-4;
-/// Motion of some 1e-3 pixels is a difference of such points, and how long history counts follows from it.
+/// Tolerance for slow motion: motion of about 1e-3 pixels is a difference of image points and determines the history
+/// length.
 const SLOW_TOLERANCE: f64 = 5e-3;
 
 fn compare(turn: Option<Turn>, has_history: bool, seed: u64, expected: &[&'static str]) {
@@ -48,7 +50,7 @@ fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u
     let mut constants = Constants { exposure: 1.6, ..Constants::new(WIDTH, HEIGHT) };
     constants.history_rows = has_history.then_some(1);
     constants.centre = Vec2::new(0.7, 0.4);
-    // The sky does not move with an eye that does not turn, but for rounding, which decides whether a neighbour counts.
+    // If the eye does not turn, the sky does not move, except for rounding, which decides if a neighbour counts.
     let damaged = if matches!(turn, Some((_, 0.0, 0.0))) { 0.0 } else { 0.005 };
     let mut cases = Cases::default();
     for (round, stripe) in stripes().iter().enumerate() {
@@ -113,7 +115,7 @@ fn history_moves_with_the_surface() {
     let way = DVec3::new(0.06, 0.09, -0.02);
     let expected = ["history that moved", "history that is not finite", "no history"];
     compare(Some((way, 0.02, 0.03)), true, 123, &expected);
-    // Up and down by about as much as history may have moved, which is two rows where the second is interpolated.
+    // Vertical motion near the limit, where interpolation of the second row needs two rows.
     compare(Some((way, 0.02, 0.09)), true, 126, &["history that moved", "no history"]);
     compare(Some((-way, -0.03, -0.09)), true, 128, &["history that moved", "no history"]);
     compare_within(

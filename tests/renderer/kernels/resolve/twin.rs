@@ -1,5 +1,5 @@
-//! Antialiasing over frames as the method has it (Karis 2014; Salvi 2016; Catmull & Rom 1974), with the departures that
-//! the shader's head names.
+//! Temporal antialiasing by the published methods (Karis 2014; Salvi 2016; Catmull & Rom 1974), with the changes listed
+//! at the top of the shader.
 
 use std::ops::Range;
 
@@ -10,21 +10,21 @@ use crate::kernels::harness::Stripe;
 use crate::kernels::inputs::Cases;
 use crate::kernels::pack::{is_finite, luminance, rgb};
 
-/// In place of a depth: the pixel's colour was not finite.
+/// Value in place of a depth: the pixel's colour was not finite.
 pub const DROPPED: f32 = -1.0;
-/// Longest history in frames, of pixels that moved and of those that did not.
+/// Maximum history length in frames, for pixels that moved and for static ones.
 const LONGEST_MOVED: f64 = 10.0;
 const LONGEST_STILL: f64 = 255.0;
-/// How far what moves slowly may have moved over its history, in pixels.
+/// Maximum motion of slow pixels over their history, in pixels.
 const LONGEST_WAY: f64 = 0.1;
-/// Standard deviations by which history may be off its surroundings.
+/// Maximum difference of history from the neighbourhood's mean, in standard deviations.
 const ALLOWED_DEVIATIONS: f64 = 2.5;
 
 pub struct Twin<'a> {
     pub constants: &'a Constants,
     pub stripe: &'a Stripe,
     pub view: usize,
-    /// The eye of the frame before.
+    /// Eye of the previous frame.
     pub eye: Eye,
     pub composed: &'a [[f32; 4]],
     pub last: &'a [[f32; 4]],
@@ -36,7 +36,7 @@ pub struct Resolved {
     pub is_dropped: bool,
 }
 
-/// What surrounds a pixel: mean and deviation of its colours, and where and how far away the nearest surface is.
+/// Neighbourhood of a pixel: mean and deviation of its colours, and place and depth of the nearest surface.
 struct Surroundings {
     mean: DVec3,
     deviation: DVec3,
@@ -44,7 +44,7 @@ struct Surroundings {
     depth: f64,
 }
 
-/// The curve of Catmull and Rom through the second and third of four values, at `t` between them.
+/// Interpolates by Catmull–Rom between the second and third of four values, at `t`.
 fn cubic(p: [DVec4; 4], t: f64) -> DVec4 {
     let tangents = [(p[2] - p[0]) * 0.5, (p[3] - p[1]) * 0.5];
     let (t2, t3) = (t * t, t * t * t);
@@ -55,7 +55,7 @@ fn cubic(p: [DVec4; 4], t: f64) -> DVec4 {
 }
 
 impl Twin<'_> {
-    /// The pixel nearest to an image point's row and column, of these rows.
+    /// Returns the pixel nearest to an image point's row and column, within these rows.
     fn held(&self, x: i64, y: i64, rows: &Range<u32>) -> (u32, u32) {
         let x = x.clamp(0, i64::from(self.constants.width) - 1);
         let y = y.clamp(i64::from(rows.start), i64::from(rows.end) - 1);
@@ -81,12 +81,12 @@ impl Twin<'_> {
         around
     }
 
-    /// By how many pixels the front has moved since the frame before; nothing where it was behind the eye.
+    /// Returns the motion of the front surface since the previous frame, in pixels; none if it was behind the eye.
     fn motion(&self, around: &Surroundings) -> Option<DVec2> {
         let (now, size) = (&self.constants.eyes[self.view], self.constants.size());
         let at = self.constants.through(around.front.0, around.front.1);
         let ray = now.ray(at, size);
-        // The sky is so far away that only the eye's turn moves it.
+        // The sky is infinitely far, so only rotation of the eye moves it.
         let point = match around.depth > 0.0 {
             true => now.origin.as_dvec3() + ray * around.depth,
             false => self.eye.origin.as_dvec3() + ray,
@@ -94,7 +94,7 @@ impl Twin<'_> {
         self.eye.seen_at(point, size).map(|(seen, _)| seen - at)
     }
 
-    /// Colour and number of frames of the frame before, around an image point in whole pixels.
+    /// Returns colour and frame count of the previous frame, interpolated at an image point in whole pixels.
     fn history(&self, row: u32, at: DVec2) -> Option<DVec4> {
         let reach = self.constants.history_rows?;
         let size = self.constants.size();
@@ -128,11 +128,11 @@ impl Twin<'_> {
         let motion = if is_still { Some(DVec2::ZERO) } else { self.motion(&around) };
         let old = motion.and_then(|m| self.history(y, DVec2::new(x.into(), y.into()) + m));
         let known = old.filter(|old| is_finite(old.truncate()) && (old.w as f32).is_finite());
-        // History counts the longer, the slower the pixel moves.
+        // The slower a pixel moves, the longer its history.
         let way = motion.unwrap_or_default().abs().max_element().max(LONGEST_WAY / LONGEST_STILL);
         let stillness = (LONGEST_WAY / way - LONGEST_MOVED).max(0.0) / (LONGEST_STILL - LONGEST_MOVED);
         let exposure = f64::from(self.constants.exposure);
-        // Frames of several samples are antialiased themselves.
+        // Frames with several samples are already antialiased.
         let moved =
             LONGEST_MOVED / f64::from(self.constants.spp).sqrt() / (1.0 + luminance(around.deviation) * exposure);
         let longest = moved + stillness * (LONGEST_STILL - moved);

@@ -10,11 +10,11 @@ use crate::kernels::harness::{Buffer, Kernel, Stripe, only_in};
 use crate::kernels::inputs::{Cases, Random};
 use crate::kernels::pack::rgb;
 
-/// The Gaussian of Koskela et al. 2019, section 3: its deviation along an axis of the image, pixels.
+/// Returns the deviation of the Gaussian of Koskela et al. 2019, section 3, along an axis of the image, in pixels.
 fn deviation(polar: &Polar, row: u32, along_columns: bool) -> f64 {
     let e = polar.eccentricity(f64::from(row) + 0.5);
     let share = ((e - FOVEA_DEG) / (30.0 - FOVEA_DEG)).clamp(0.0, 1.0);
-    // 6.8 of 1440 pixels of the eye's height.
+    // 6.8 of the eye's 1440 rows.
     let angle = share * 2.0 * 6.8 / 1440.0 * f64::from(polar.eye.tan_half.y);
     let step = 1e-3;
     let rows_per_degree = (polar.row_of(e + step) - polar.row_of(e - step)) / (2.0 * step);
@@ -22,7 +22,7 @@ fn deviation(polar: &Polar, row: u32, along_columns: bool) -> f64 {
     angle * if along_columns { columns_per_radian } else { rows_per_degree.to_degrees() }
 }
 
-/// The mean around a pixel, at most `most` pixels to either side. None where rounding decides.
+/// Returns the mean around a pixel, over at most `most` pixels to each side; none if rounding decides.
 fn blurred(
     polar: &Polar,
     stripe: &Stripe,
@@ -98,7 +98,7 @@ fn polar_images_are_blurred_as_far_as_acuity_allows() {
                     continue;
                 }
                 let Some(want) = blurred(&polar, &stripe, (column, row), mode, &source, &mut cases) else { continue };
-                // The fit of eccentricities is off by 0.03 degrees, and so are deviations by some 0.3 %.
+                // The fit of eccentricities has an error of 0.03 degrees, so deviations have errors of about 0.3 %.
                 let off = (rgb(found[at].map(f32::from_bits)) - want).abs().max_element();
                 assert!(off < 4e-3, "({column}, {row}) of {stripe:?}: off by {off}");
             }

@@ -1,4 +1,5 @@
-//! Visual-polar images: rays and image points against the formulas in f64, neighbours on rings, and the map to the screen.
+//! Visual-polar images: compares rays and image points with the formulas in f64, and tests neighbours on rings and the
+//! map to the screen.
 
 mod blur;
 
@@ -16,12 +17,12 @@ const POLAR: (&str, bool) = ("POLAR", true);
 const FOVEA_DEG: f64 = 5.79;
 const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
 
-/// Acuity, cycles per degree, over that of the fovea.
+/// Returns acuity in cycles per degree, relative to the fovea.
 fn acuity(degrees: f64) -> f64 {
     if degrees < FOVEA_DEG { 1.0 } else { 449.4 / 60.0 / (0.3 * degrees + 1.0).powi(2) }
 }
 
-/// The integral of acuity over the disc within an eccentricity, by Simpson's rule.
+/// Integrates acuity over the disc within an eccentricity, by Simpson's rule.
 fn acuity_within(degrees: f64) -> f64 {
     const STEPS: u32 = 200;
     let step = (degrees - FOVEA_DEG) / f64::from(STEPS);
@@ -33,7 +34,7 @@ fn acuity_within(degrees: f64) -> f64 {
     FOVEA_AREA + (at(0) + inner + at(STEPS)) * step / 3.0
 }
 
-/// An eye's image.
+/// An eye's visual-polar image.
 pub struct Polar {
     pub eye: Eye,
     gaze: DVec3,
@@ -48,7 +49,8 @@ impl Polar {
         Self::with_fovea(gaze, 0.21)
     }
 
-    /// Above 1, `fovea` are its rings over those of an image that ends within it.
+    /// Creates an image. `fovea` is the number of rings in the fovea over those of the image; above 1 the image ends
+    /// within the fovea.
     fn with_fovea(gaze: DVec2, fovea: f64) -> Self {
         let eye = Eye::at_origin(Vec2::new(1.0, 0.6)).moved(DVec3::new(0.2, -0.1, 0.4), 0.3, -0.2);
         let (right, up, forward) = (eye.right.as_dvec3(), eye.up.as_dvec3(), eye.forward.as_dvec3());
@@ -92,7 +94,7 @@ impl Polar {
         (0..self.rows).flat_map(|row| (0..self.length(row)).map(move |column| (column, row)))
     }
 
-    /// The eccentricity at a place in the rows: where acuity within sums up to it.
+    /// Returns the eccentricity of a row: the angle within which the integral of acuity reaches it.
     fn eccentricity(&self, row: f64) -> f64 {
         if row < self.fovea_rows {
             return FOVEA_DEG * row / self.fovea_rows;
@@ -106,7 +108,7 @@ impl Polar {
         low
     }
 
-    /// The place in the rows at an eccentricity, degrees.
+    /// Returns the row of an eccentricity in degrees.
     fn row_of(&self, degrees: f64) -> f64 {
         if degrees < FOVEA_DEG {
             return self.fovea_rows * degrees / FOVEA_DEG;
@@ -114,7 +116,7 @@ impl Polar {
         0.5 * self.fovea_rows * (1.0 + acuity_within(degrees) / FOVEA_AREA)
     }
 
-    /// The place in a direction: in whole turns around the gaze, and in the rows.
+    /// Returns the place of a direction: whole turns around the gaze, and the row.
     pub fn place_of(&self, ray: DVec3) -> DVec2 {
         let up = self.right.cross(self.gaze);
         let turn = ray.dot(up).atan2(ray.dot(self.right)) / TAU;
@@ -172,12 +174,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let expected = polar.ray(f64::from(column) + OFFSET.x, f64::from(row) + OFFSET.y, length);
             off_ray = off_ray.max((Vec3::from_slice(&rays[at]).as_dvec3() - expected).length());
             let [x, y, wanted_x, wanted_y] = points[at].map(f64::from);
-            // In pixels of the row.
+            // Error in pixels of the row.
             let columns = (x - wanted_x) * f64::from(length) / f64::from(polar.columns);
             off_point = off_point.max(columns.abs()).max((y - wanted_y).abs());
         }
         assert!(off_ray < 3e-5, "{gaze}, {fovea_rows}: rays are off by {off_ray}");
-        // An angle is off by a rounding, and narrow views have more rings in an angle.
+        // An angle has a rounding error, and narrow views have more rings per angle.
         let allowed = 1e-3 * (fovea_rows / 40.0).max(1.0);
         assert!(off_point < allowed, "{gaze}, {fovea_rows}: image points are off by {off_point} pixels");
     }
@@ -226,7 +228,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             assert_eq!(y as u32, ring, "{column}, {row}");
             let (from, to) = (f64::from(polar.length(row)), f64::from(polar.length(ring)));
             assert!((0..to as i32).contains(&x), "{column}, {row}: {x} of {to}");
-            // In whole turns, the short way.
+            // Difference in whole turns, the short way.
             let turns = (f64::from(column) + f64::from(dx) + 0.5) / from - (f64::from(x) + 0.5) / to;
             let off = (turns - turns.round()).abs() * to;
             assert!(off <= 0.5 + 1e-3, "{column}, {row}: {off} columns beside its direction");
@@ -234,7 +236,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-/// Something smooth to see, which is not the same on any two sides of the gaze.
+/// Returns smooth light that differs in all directions from the gaze.
 fn light_from(direction: DVec3) -> DVec3 {
     DVec3::splat(1.5) + direction + 0.3 * (direction.yzx() * 9.0).map(f64::sin)
 }
@@ -264,7 +266,7 @@ fn what_is_seen_in_a_direction_is_on_the_screen_where_it_is() {
         for (i, found) in (0..).zip(linear) {
             let at = DVec2::new(f64::from(i % width) + 0.5, f64::from(i / width) + 0.5);
             let ray = polar.eye.ray(at, DVec2::new(width.into(), height.into()));
-            // Beyond the outermost ring there is none.
+            // There is no image beyond the outermost ring.
             let e = ray.angle_between(polar.gaze).to_degrees();
             if e > polar.eccentricity(f64::from(polar.rows) - 1.0) {
                 continue;
@@ -275,7 +277,7 @@ fn what_is_seen_in_a_direction_is_on_the_screen_where_it_is() {
     }
 }
 
-/// An image whose pixels are numbered; what is no pixel is not finite.
+/// Returns an image of numbered pixels; values outside of it are not finite.
 fn numbered(polar: &Polar) -> Vec<[f32; 4]> {
     let mut image = vec![[f32::NAN; 4]; (polar.columns * polar.rows) as usize];
     for (column, row) in polar.pixels() {
@@ -301,11 +303,11 @@ fn auxiliary_images_have_the_pixel_in_the_direction_of_the_screens() {
             for (x, y) in stripe.rows.clone().flat_map(|y| (0..width).map(move |x| (x, y))) {
                 let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
                 let place = polar.place_of(polar.eye.ray(at, DVec2::new(width.into(), height.into())));
-                // Beyond the outermost ring, what it shows goes on.
+                // The outermost ring is extended beyond its edge.
                 let row = (place.y as u32).min(polar.rows - 1);
                 let column = place.x * f64::from(polar.length(row));
                 let is_beyond = place.y > f64::from(polar.rows) + 0.1;
-                // Towards the gaze all columns meet.
+                // All columns meet at the gaze.
                 let is_clear = |v: f64, off: f64| (v - v.round()).abs() > off;
                 if place.y < 0.1 || !(is_beyond || is_clear(place.y, 2e-3)) || !is_clear(column, 2e-3) {
                     cases.meet("left to rounding");
