@@ -1,4 +1,4 @@
-//! The program as a user runs it: its commands, files, messages and exit statuses.
+//! Runs the program as a user does: its commands, files, messages and exit statuses.
 
 mod animation;
 mod bad_input;
@@ -13,6 +13,7 @@ mod head_motion;
 mod help;
 mod host_trace;
 mod image_files;
+mod interface;
 mod metrics;
 mod pictures;
 mod play;
@@ -22,6 +23,7 @@ mod runs;
 mod scale;
 mod schema;
 mod shots;
+
 mod studies;
 mod tools;
 mod trace_files;

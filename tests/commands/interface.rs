@@ -1,0 +1,96 @@
+//! The interface that other programs rely on: options, columns of CSV files and stage names, as recorded in
+//! `tests/interface`. A change is either intended or a mistake: `DIPTYCH_WRITE_INTERFACE=1` writes the files.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use crate::common::diptych;
+
+/// Environment variable to write the files instead of comparing them.
+const WRITES: &str = "DIPTYCH_WRITE_INTERFACE";
+
+#[track_caller]
+fn assert_recorded(name: &str, text: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interface").join(name);
+    if std::env::var_os(WRITES).is_some() {
+        fs::write(&path, text).unwrap();
+    }
+    let recorded = fs::read_to_string(&path).unwrap_or_default();
+    let lines = |text: &str| text.lines().map(str::to_owned).collect::<BTreeSet<_>>();
+    let [lost, new] = [(&recorded, text), (&text.to_owned(), &recorded)].map(|(a, b)| &lines(a) - &lines(b));
+    assert!(recorded == text, "tests/interface/{name}: lost {lost:#?}, new {new:#?}: see {WRITES}");
+}
+
+/// Lists commands and their options, with the names of values.
+#[test]
+fn options_are_those_that_are_recorded() {
+    let commands =
+        ["render", "play", "scale", "bench", "compare", "trace", "graph", "devices", "scenes", "shot", "export"];
+    let mut text = String::new();
+    for command in commands {
+        let help = String::from_utf8(diptych(&[command, "--help"]).stdout).unwrap();
+        let options = help.lines().map(str::trim_start).filter(|line| line.starts_with("--") || line.starts_with("-h"));
+        for option in options {
+            let names: Vec<&str> =
+                option.split_whitespace().take_while(|word| word.starts_with(['-', '<', '['])).collect();
+            text += &format!("{command} {}\n", names.join(" "));
+        }
+    }
+    assert_recorded("options.txt", &text);
+}
+
+/// Lists the columns of every CSV file, and the members of run.json by path.
+#[test]
+fn columns_and_members_are_those_that_are_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = ["builtin:cornell", "--size", "32x18", "--threads-per-device", "1", "--quiet"];
+    let run = |command: &str, options: &[&str]| -> PathBuf {
+        let out = folder.path().join(command);
+        let output = diptych(&[&[command], &small[..], options, &["--out", out.to_str().unwrap()]].concat());
+        assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
+        out
+    };
+    let out = [
+        run("render", &["--virtual", "2", "--frames", "2", "--warm-up", "0"]),
+        run("play", &["--frames", "3", "--budget-ms", "1..1000"]),
+        run("scale", &["--counts", "1,2", "--frames", "1", "--warm-up", "0", "--simulate", "4"]),
+        run("bench", &["--quick", "--spp", "1", "--bounces", "1", "--denoiser", "svgf", "--reference-spp", "16"]),
+    ];
+    let (mut columns, mut members) = (String::new(), BTreeSet::new());
+    for folder in &out {
+        let command = folder.file_name().unwrap().to_string_lossy();
+        let mut files: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+        files.sort();
+        for file in files.iter().filter(|file| file.extension().is_some_and(|e| e == "csv")) {
+            let header = fs::read_to_string(file).unwrap().lines().next().unwrap().to_owned();
+            columns += &format!("{command} {} {header}\n", file.file_name().unwrap().to_string_lossy());
+        }
+        let report: Value = serde_json::from_slice(&fs::read(folder.join("run.json")).unwrap()).unwrap();
+        collect(&command, &report, &mut members);
+    }
+    // The columns of the critical path depend on the stages that happen to be on it.
+    let columns = columns.split(',').filter(|column| !column.starts_with("critical_")).collect::<Vec<_>>().join(",");
+    assert_recorded("columns.txt", &columns);
+    let members: Vec<String> = members.into_iter().collect();
+    assert_recorded("run_json.txt", &(members.join("\n") + "\n"));
+}
+
+/// Adds the paths of all members of a value, except options and the details of devices and faults.
+fn collect(path: &str, value: &Value, members: &mut BTreeSet<String>) {
+    match value {
+        Value::Object(object) => {
+            for (name, value) in object {
+                let path = format!("{path}.{name}");
+                if !path.ends_with(".settings") && !path.ends_with(".stage_ms") {
+                    collect(&path, value, members);
+                }
+                members.insert(path);
+            }
+        }
+        Value::Array(values) => values.iter().for_each(|value| collect(&format!("{path}[]"), value, members)),
+        _ => {}
+    }
+}
