@@ -1,14 +1,15 @@
-//! Checks the repository in the current folder: `lint [FOLDER]`. Lists each fault by file and line, and then exits with
-//! status 1.
+//! Checks the repository in the current folder or in FOLDER: `lint [FOLDER]`. Lists each fault by file and line; exits
+//! with status 1 if there are any.
 
 mod links;
+mod prose;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::{Command, ExitCode};
 use std::{env, fs};
 
-/// The files of a repository, by their paths below its root.
+/// Files of a repository, by their paths below its root.
 struct Repository<'a> {
     root: &'a Path,
     files: BTreeSet<String>,
@@ -30,7 +31,7 @@ impl<'a> Repository<'a> {
     }
 }
 
-/// Lists the files that git tracks, or would track once they are added.
+/// Lists the files that git tracks, or would track after they are added.
 fn tracked(root: &Path) -> Result<BTreeSet<String>, String> {
     let mut git = Command::new("git");
     git.current_dir(root).args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"]);
@@ -45,8 +46,9 @@ fn tracked(root: &Path) -> Result<BTreeSet<String>, String> {
 fn main() -> ExitCode {
     let folder = env::args().nth(1).unwrap_or_else(|| ".".to_owned());
     let root = Path::new(&folder);
-    let faults =
-        tracked(root).and_then(|files| Repository::read(root, files)).map(|repository| links::broken(&repository));
+    let faults = tracked(root)
+        .and_then(|files| Repository::read(root, files))
+        .and_then(|repository| Ok([links::broken(&repository), prose::faults(&repository)?].concat()));
     match faults {
         Ok(faults) if faults.is_empty() => ExitCode::SUCCESS,
         Ok(faults) => {
