@@ -66,6 +66,7 @@ lint:
 	$(CARGO) fmt --check
 	$(CARGO) clippy --profile tests --locked --all-targets -- -D warnings
 	$(CARGO) clippy --profile tests --locked --all-targets --features view,xr -- -D warnings
+	$(CARGO) clippy --profile tests --locked --no-default-features --lib --example render_frame -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked --features view,xr
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked
 	cd tools/lint && $(CARGO) fmt --check
@@ -79,6 +80,7 @@ test: deps
 
 test-long: deps
 	DIPTYCH_TEST_LONG=1 $(CARGO) test --release --locked -- --include-ignored
+	$(CARGO) run --release --locked --no-default-features --example render_frame
 
 test-view: deps
 	$(CARGO) test --release --locked --features view --bin diptych --test view

@@ -8,7 +8,7 @@ use crate::device;
 ///
 /// # Safety
 /// The process must have no other thread yet. Threads that it starts later may read the environment only through
-/// [`std::env`].
+/// [`mod@std::env`].
 pub unsafe fn prepare_environment() {
     // SAFETY: there is no other thread, as the caller promises.
     let set = |name: &str, value: &str| unsafe { std::env::set_var(name, value) };
