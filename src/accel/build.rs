@@ -1,19 +1,102 @@
 //! Construction of the tables: BVHs over static geometry, over deforming bodies and over meshes that instances share.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use obvhs::cwbvh::CwBvh;
 
 use super::flatten::{self, Flat, Present};
-use super::instances::{self, Shared};
-use super::moving::{By, Placement};
-use super::tree::{Room, Tree, depth, tree_over};
-use super::{Accel, AccelError, MAX_DEPTH, MAX_PRIMS, MAX_REACH, Node, Triangle};
+use super::instances::{self, Division, Layout, Shared};
+use super::limits::{AccelError, MAX_DEPTH, MAX_PRIMS, MAX_TRIANGLES};
+use super::moving::{By, Placement, Poses};
+use super::origin::{check_reach, checked_origin};
+use super::skins::Skins;
+use super::tables::Accel;
+use super::tree::{BUILD_BYTES, Node, Room, Tree, depth, nodes_from, tree_over};
+use super::triangle::{Shading, Triangle};
+use crate::scene::Scene;
+use crate::scene::budget::Budget;
 use crate::scene::motion::bake::deformed;
-use crate::scene::{Bounds, Scene};
+
+/// Upper bound on the bytes per instance while the tree over instances is built, including that tree.
+const INSTANCE_BYTES: usize = 1000;
 
 impl Accel {
+    /// Builds with [`Layout::Auto`].
+    ///
+    /// # Errors
+    /// If the scene is too large for the tables or the tree too deep for rays.
+    pub fn build(scene: &Scene) -> Result<Self, AccelError> {
+        Self::build_with(scene, Layout::Auto)
+    }
+
+    /// Builds the trees deterministically: the same scene gives the same trees.
+    ///
+    /// # Errors
+    /// If the scene is too large for the tables or the trees too deep for rays.
+    pub fn build_with(scene: &Scene, layout: Layout) -> Result<Self, AccelError> {
+        Self::build_within(scene, layout, &Budget::unlimited())
+    }
+
+    /// Builds like [`Self::build_with`]. The budget keeps the bytes of the finished tables reserved.
+    ///
+    /// # Errors
+    /// Errors of [`Self::build_with`], and if the budget is too small.
+    pub fn build_within(scene: &Scene, layout: Layout, budget: &Budget) -> Result<Self, AccelError> {
+        let count = scene.triangle_count();
+        if count >= MAX_PRIMS {
+            return Err(AccelError::TooManyInstances(count));
+        }
+        let origin = checked_origin(scene)?;
+        let refused = |exceeded| AccelError::Memory { triangles: count, exceeded };
+        let instances = scene.instances.len() * INSTANCE_BYTES;
+        let _instances = budget.reserve(instances as u64).map_err(refused)?;
+        let division = Division::new(scene, layout);
+        let stored = division.stored_triangles(scene);
+        if stored > MAX_TRIANGLES {
+            return Err(AccelError::TooMany(stored));
+        }
+        let present = Present::of(scene);
+        // Lists grow to at most twice their length, and are copied into tree order.
+        let making = stored as u64 * (4 * present.row_bytes() + BUILD_BYTES) as u64;
+        let mut reserved = budget.reserve(making).map_err(refused)?;
+        let bodies =
+            division.deforming.iter().map(|&b| &scene.meshes[scene.instances[scene.motion.bodies[b].instance].mesh]);
+        budget.reserve(bodies.map(Skins::bytes).sum()).map_err(refused)?.keep();
+        let mut accel = Self { origin, ..Self::empty() };
+        let room = Room { budget, row_bytes: present.row_bytes(), triangles: count };
+        let (flat, _) =
+            accel.push_tree(&flatten::flatten(scene, division.flat(scene), origin, &present), true, &room)?;
+        let deepest = accel.push_bodies(scene, &division.deforming, &present, &room)?;
+        let deepest = deepest.max(accel.push_shared(scene, &division.shared, &present, &room)?);
+        let pose = scene.motion.pose(0.0);
+        let rows = accel.pose_rows(&scene.motion, [&pose, &pose]);
+        let poses = Poses { motion: &scene.motion, now: &pose, last: &pose, rows: &rows };
+        accel.instance_tree = accel.nodes.len() as u32;
+        let placed = accel.placed_at((!scene.motion.bodies.is_empty()).then_some(&poses));
+        (accel.instances, accel.numbers) = (placed.instances, placed.numbers);
+        if !accel.placements.is_empty() {
+            accel.nodes.extend(placed.nodes);
+            // Reserves nodes for the largest number of instances in any frame.
+            let last = accel.instance_tree as usize + accel.placements.len();
+            accel.nodes.resize(accel.nodes.len().max(if accel.moves() { last } else { 0 }), Node::default());
+        }
+        // The root over instances stays on the stack while rays traverse the flattened triangles.
+        let waiting = usize::from(!accel.placements.is_empty());
+        let levels = (flat.levels + waiting).max(deepest + placed.levels);
+        if levels > MAX_DEPTH {
+            return Err(AccelError::TooDeep { depth: levels });
+        }
+        if accel.triangles.is_empty() {
+            // Buffers must not be empty.
+            accel.triangles.push(Triangle::default());
+            accel.shadings.push(Shading::default());
+        }
+        reserved.shrink_to((stored * room.stored_bytes()) as u64);
+        reserved.keep();
+        Ok(accel)
+    }
+
     /// Adds triangles in tree order and the tree over them. Returns the tree and that order.
-    pub(super) fn push_tree(&mut self, flat: &Flat, splits: bool, room: &Room) -> Result<(Tree, Vec<u32>), AccelError> {
+    fn push_tree(&mut self, flat: &Flat, splits: bool, room: &Room) -> Result<(Tree, Vec<u32>), AccelError> {
         self.dropped += flat.dropped;
         let (root, first_row) = (self.nodes.len() as u32, self.triangles.len() as u32);
         if flat.triangles.is_empty() {
@@ -43,7 +126,7 @@ impl Accel {
     }
 
     /// Adds deforming bodies in their pose at time 0, each with its own tree. Returns the depth of the deepest tree.
-    pub(super) fn push_bodies(
+    fn push_bodies(
         &mut self,
         scene: &Scene,
         bodies: &[usize],
@@ -75,7 +158,7 @@ impl Accel {
 
     /// Adds shared meshes, each with its own tree, and the placements of their instances. Returns the depth of the
     /// deepest tree.
-    pub(super) fn push_shared(
+    fn push_shared(
         &mut self,
         scene: &Scene,
         shared: &[Shared],
@@ -112,7 +195,7 @@ impl Accel {
     }
 
     /// Adds a tree's nodes, with leaf indices offset by `first`. Returns its depth.
-    pub(super) fn push_nodes(&mut self, bvh: &CwBvh, first: u32) -> Result<usize, AccelError> {
+    fn push_nodes(&mut self, bvh: &CwBvh, first: u32) -> Result<usize, AccelError> {
         let depth = depth(bvh);
         if depth > MAX_DEPTH {
             return Err(AccelError::TooDeep { depth });
@@ -123,34 +206,9 @@ impl Accel {
     }
 }
 
-/// Returns a tree's nodes for a table in which its root has index `root` and its leaf indices start at `first`.
-pub fn nodes_from(bvh: &CwBvh, root: u32, first: u32) -> impl Iterator<Item = Node> {
-    bvh.nodes.iter().map(move |node| {
-        let mut node = *node;
-        node.child_base_idx = node.child_base_idx.wrapping_add(root);
-        node.primitive_base_idx = node.primitive_base_idx.wrapping_add(first);
-        bytemuck::cast::<_, Node>(node)
-    })
-}
-
 /// Returns the component-wise minimum and maximum of the positions.
 fn ends(positions: &[Vec3]) -> (Vec3, Vec3) {
     positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
-}
-
-/// Returns the point that positions are relative to. Fails if the scene reaches too far from it.
-pub fn checked_origin(scene: &Scene) -> Result<DVec3, AccelError> {
-    let bounds = scene.bounds();
-    let origin = origin_for(bounds);
-    if scene.triangle_count() > 0 {
-        check_reach((bounds.min.as_dvec3() - origin).abs().max((bounds.max.as_dvec3() - origin).abs()))?;
-    }
-    Ok(origin)
-}
-
-fn check_reach(reach: DVec3) -> Result<(), AccelError> {
-    let is_within = reach.cmple(DVec3::splat(MAX_REACH)).all();
-    if is_within { Ok(()) } else { Err(AccelError::TooLarge(reach.max_element())) }
 }
 
 /// Returns the attributes of each triangle's corners in tree order, or an empty list if the attribute is absent.
@@ -158,14 +216,57 @@ fn corners<T: Copy>(order: &[u32], of_triangle: &[[T; 3]]) -> Vec<T> {
     if of_triangle.is_empty() { Vec::new() } else { order.iter().flat_map(|&i| of_triangle[i as usize]).collect() }
 }
 
-/// Returns the point nearest to the scene's centre on a lattice coarser than the scene. Subtracting it is exact for
-/// positions that f32 can tell apart there. It is (0, 0, 0) for all scenes around the origin.
-pub fn origin_for(bounds: Bounds) -> DVec3 {
-    let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
-    let size = (max - min).max_element();
-    if !(size.is_finite() && size > 0.0) {
-        return DVec3::ZERO;
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::builtin;
+
+    #[test]
+    fn building_keeps_every_triangle_with_area() {
+        let scene = (builtin::find("cornell").unwrap().build)();
+        let accel = Accel::build(&scene).unwrap();
+        let is_first = |&(row, t): &(usize, &Triangle)| t.is_first(row);
+        let firsts = accel.triangles.iter().enumerate().filter(is_first).count();
+        assert_eq!(firsts + accel.dropped, scene.triangle_count());
+        assert!(accel.triangles.iter().all(|t| t.area() > 0.0));
     }
-    let cell = 4.0 * size.log2().ceil().exp2();
-    ((min + max) / 2.0 / cell).round() * cell
+
+    #[test]
+    fn more_triangles_than_numbers_are_refused() {
+        let mut scene = (builtin::find("cornell").unwrap().build)();
+        let mesh = scene.instances[0].mesh;
+        scene.meshes[mesh].triangles = vec![[0, 1, 2]; 1 << 20];
+        scene.instances = vec![scene.instances[0]; 1 << 11];
+        assert!(matches!(Accel::build(&scene), Err(AccelError::TooManyInstances(count)) if count == MAX_PRIMS));
+    }
+
+    #[test]
+    fn bodies_out_of_reach_are_refused_or_left_out() {
+        let studio = (builtin::find("studio").unwrap().build)();
+        let accel = Accel::build(&studio).unwrap();
+        let with_joints = |scale: f32| {
+            let mut scene = studio.clone();
+            let binds = scene.motion.skins.iter_mut().flat_map(|skin| &mut skin.inverse_bind);
+            binds.for_each(|bind| bind.matrix3 *= scale);
+            scene
+        };
+        for far in [1e20, 1e38] {
+            let scene = with_joints(far);
+            assert!(matches!(Accel::build(&scene), Err(AccelError::TooLarge(_))));
+            let pose = scene.motion.pose(0.0);
+            let rows = accel.pose_rows(&scene.motion, [&pose, &pose]);
+            let poses = Poses { motion: &scene.motion, now: &pose, last: &pose, rows: &rows };
+            let placed = accel.placed_at(Some(&poses));
+            assert_eq!(placed.left_out as usize, studio.motion.skins.len());
+            assert_eq!(placed.instances.len() + studio.motion.skins.len(), accel.instances.len());
+        }
+    }
+
+    #[test]
+    fn building_twice_gives_the_same_tree() {
+        let scene = (builtin::find("checker").unwrap().build)();
+        let (a, b) = (Accel::build(&scene).unwrap(), Accel::build(&scene).unwrap());
+        assert_eq!(a.nodes, b.nodes);
+        assert_eq!(bytemuck::cast_slice::<_, u32>(&a.triangles), bytemuck::cast_slice::<_, u32>(&b.triangles));
+    }
 }

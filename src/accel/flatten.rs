@@ -2,7 +2,7 @@
 
 use glam::{Affine3A, DVec3, Mat3, Vec2, Vec3};
 
-use super::{Shading, TRIANGLE_ALPHA, Triangle};
+use super::triangle::{Shading, TRIANGLE_ALPHA, Triangle};
 use crate::scene::{AlphaMode, Instance, Material, Mesh, Scene};
 
 #[derive(Default)]

@@ -7,7 +7,6 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, DMat3, DVec3, Mat3, Mat4, Vec3, Vec3A, Vec4};
 use obvhs::aabb::Aabb;
 
-use super::Layout;
 use super::tree::Tree;
 use crate::scene::{self, Material, Mesh, Scene};
 
@@ -24,6 +23,18 @@ const LEAST_SAVING: usize = 2;
 /// condition number. Rounding errors grow with them.
 const MAX_SCALE: f64 = 1e4;
 const MAX_STRETCH: f64 = 1e3;
+
+/// Storage of instances.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Layout {
+    /// Flat, unless the tables would be large and instancing makes them much smaller.
+    #[default]
+    Auto,
+    /// All triangles in world space under one tree.
+    Flat,
+    /// Shared meshes stored once, in local space.
+    TwoLevel,
+}
 
 /// A mesh's tree placed in the world, stored as 16-byte rows of the node table.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -184,6 +195,11 @@ pub(super) fn box_in(place: &Mat4, low: Vec3, high: Vec3) -> Aabb {
         out.extend(place.transform_point3(Vec3::new(pick(0), pick(1), pick(2))).into());
     }
     grown(out, place, low.abs().max(high.abs()))
+}
+
+/// Returns the largest distance of a point in the box from (0, 0, 0).
+pub(super) fn farthest(bounds: &Aabb) -> f32 {
+    bounds.min.abs().max(bounds.max.abs()).length()
 }
 
 /// Grows the bounds by eight times the rounding error of transforming a point with coordinates up to `farthest`.

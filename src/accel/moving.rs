@@ -5,10 +5,10 @@ use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::builder::build_cwbvh;
 
-use super::build::nodes_from;
-use super::instances::{box_in, is_undone_well};
-use super::tree::{Tree, depth};
-use super::{Instance, MAX_REACH, Node, Skins};
+use super::instances::{Instance, box_in, farthest, is_undone_well};
+use super::limits::MAX_REACH;
+use super::skins::Skins;
+use super::tree::{Node, Tree, depth, nodes_from};
 use crate::scene::motion::Motion;
 use crate::scene::motion::pose::{Pose, narrow};
 
@@ -135,11 +135,6 @@ impl Placement {
 fn is_within_reach(bounds: &Aabb) -> bool {
     let reach = Vec3A::splat(MAX_REACH as f32);
     (bounds.min.cmpge(-reach) & bounds.max.cmple(reach)).all()
-}
-
-/// Returns the largest distance of a point in the box from (0, 0, 0).
-pub(super) fn farthest(bounds: &Aabb) -> f32 {
-    bounds.min.abs().max(bounds.max.abs()).length()
 }
 
 fn near(place: &DAffine3, origin: DVec3) -> Affine3A {

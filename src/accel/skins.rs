@@ -4,8 +4,9 @@
 use glam::{DAffine3, DVec3, Mat4, UVec3, Vec2, Vec3, Vec4};
 use obvhs::aabb::Aabb;
 
-use super::moving::farthest;
-use super::{Node, Triangle};
+use super::instances::{box_in, farthest};
+use super::tree::Node;
+use super::triangle::Triangle;
 use crate::scene::Mesh;
 use crate::scene::motion::Influence;
 use crate::scene::motion::bake::is_mirrored;
@@ -244,7 +245,7 @@ impl Skins {
             let at = (body.first_joint + j) * JOINT_ROWS + 3 * which;
             let m = Mat4::from_cols(pose[at], pose[at + 1], pose[at + 2], Vec4::W).transpose();
             let (low, high) = (Vec3::from(joint.min) - grown, Vec3::from(joint.max) + grown);
-            let joint = super::instances::box_in(&m, low, high);
+            let joint = box_in(&m, low, high);
             if !(joint.min.is_finite() && joint.max.is_finite()) {
                 // A union would ignore NaN bounds.
                 return joint;
@@ -268,8 +269,8 @@ impl Skins {
                 [0, 3].map(|at| Mat4::from_cols(rows[at], rows[at + 1], rows[at + 2], Vec4::W).transpose());
             let (low, high) = (Vec3::from(joint.min) - grown, Vec3::from(joint.max) + grown);
             let linear = Mat4 { w_axis: Vec4::W, ..now };
-            let by_joint = farthest(&super::instances::box_in(&(now - last), low, high));
-            most = most.max(by_joint + farthest(&super::instances::box_in(&linear, -morphed, morphed)));
+            let by_joint = farthest(&box_in(&(now - last), low, high));
+            most = most.max(by_joint + farthest(&box_in(&linear, -morphed, morphed)));
         }
         most
     }

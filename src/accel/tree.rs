@@ -1,4 +1,4 @@
-//! Builder of the BVH over triangles, and its memory bounds.
+//! Builder of the BVH over triangles, its nodes, and its memory bounds.
 
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
@@ -8,12 +8,16 @@ use obvhs::ploc::PlocBuilder;
 use obvhs::splits::split_aabbs_preset;
 use obvhs::{Boundable, BvhBuildParams};
 
-use super::{AccelError, Triangle};
+use super::limits::AccelError;
+use super::triangle::Triangle;
 use crate::scene::budget::Budget;
 
 /// Upper bounds on the bytes per triangle besides the tables: during the build, and for the finished tree.
 pub const BUILD_BYTES: usize = 400;
 const NODE_BYTES: usize = 80;
+
+/// A node of 80 bytes in obvhs's layout.
+pub type Node = [u32; 20];
 
 /// A tree in the tables.
 #[derive(Clone, Copy, Debug)]
@@ -86,6 +90,16 @@ pub fn depth(bvh: &CwBvh) -> usize {
         open.extend((0..children).map(|c| (node.child_base_idx + c, level + 1)));
     }
     deepest
+}
+
+/// Returns a tree's nodes for a table in which its root has index `root` and its leaf indices start at `first`.
+pub fn nodes_from(bvh: &CwBvh, root: u32, first: u32) -> impl Iterator<Item = Node> {
+    bvh.nodes.iter().map(move |node| {
+        let mut node = *node;
+        node.child_base_idx = node.child_base_idx.wrapping_add(root);
+        node.primitive_base_idx = node.primitive_base_idx.wrapping_add(first);
+        bytemuck::cast::<_, Node>(node)
+    })
 }
 
 #[cfg(test)]

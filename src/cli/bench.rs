@@ -1,6 +1,8 @@
 //! `diptych bench`: run time against error over a grid of settings, and the quality ladder derived from it.
 
 mod andersson;
+mod args;
+mod axes;
 mod bmfr;
 mod findings;
 mod grid;
@@ -19,7 +21,6 @@ mod timed;
 mod turns;
 
 use std::path::PathBuf;
-use std::time::Duration;
 
 use anyhow::Context;
 
@@ -27,7 +28,7 @@ use crate::accumulation::hash_of;
 use crate::control::{Ladder, Measure, Origin};
 use crate::device::{DeviceInfo, SceneAccess};
 use crate::loaded::LoadedScene;
-use crate::quality::{Denoiser, LogPolar, Quality};
+use crate::quality::Denoiser;
 use crate::report::Table;
 use crate::report::bench::{
     ERROR, ERROR_NOTE, Row, Shared, csv, exposure_note, frames, ladder_svg, mark_front, regret_table, regrets, slopes,
@@ -38,115 +39,18 @@ use crate::report::run::{FrameRow, RunReport};
 use crate::stages::all_shader_text;
 
 use super::failure::Failure;
-use super::foveation::{FoveationMode, FoveationOptions};
+use super::foveation::FoveationOptions;
 use super::interrupt;
-use super::options::{self, DenoiserChoice, RunOptions, Switch, render_scale};
+use super::options::{RunOptions, Switch};
 use super::output;
 use super::page::and_page;
-use super::reference::{PASS_SPP, seconds};
 use super::settings;
 use super::setup::{self, Tracing};
+pub use args::Args;
 use grid::Grid;
 use journal::Journal;
 use page::Page;
 use reference::Reference;
-
-#[derive(clap::Args, Clone, Debug)]
-pub struct Args {
-    #[command(flatten)]
-    pub options: RunOptions,
-    /// Virtual devices on each adapter
-    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
-    virtual_devices: u16,
-    /// Samples per pixel to measure [default: 1,2,4,8,16]
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=1 << 20), help_heading = options::QUALITY)]
-    spp: Vec<u32>,
-    /// Maximum bounces to measure [default: 2,6]
-    ///
-    /// The reference has the most of them.
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(0..=1024), help_heading = options::QUALITY)]
-    bounces: Vec<u32>,
-    /// Denoisers to measure [default: none,atrous,svgf]
-    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = options::denoiser_parser(), help_heading = options::QUALITY)]
-    denoiser: Vec<DenoiserChoice>,
-    /// Iterations of denoisers to measure [default: 3,5]
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=i64::from(Denoiser::MAX_ITERATIONS)), help_heading = options::QUALITY)]
-    iterations: Vec<u32>,
-    /// Foveation modes to measure [default: none]
-    #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
-    foveation: Vec<FoveationMode>,
-    /// Log-polar mode or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
-    #[arg(long, value_name = "MODE", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
-    polar: Option<LogPolar>,
-    /// Render scales to measure [default: 1,0.7,0.5]
-    ///
-    /// Those below 1 are measured with the fewest samples.
-    #[arg(
-        long = "render-scale",
-        alias = "scale",
-        value_delimiter = ',',
-        value_name = "F,F,…",
-        value_parser = render_scale,
-        conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
-    scale: Vec<f64>,
-    /// Also measure the rungs of this ladder and print their regret
-    ///
-    /// Regret is the error above the best setting that takes no longer, within 3 %.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
-    ladder: Option<PathBuf>,
-    /// Measure a small grid against a coarse reference
-    #[arg(long, help_heading = options::QUALITY)]
-    quick: bool,
-    /// Measure everything again instead of resuming
-    #[arg(long, help_heading = options::OUTPUT)]
-    fresh: bool,
-    /// Timed and compared frames per setting, at least two in the grid
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
-    repeats: u32,
-    /// Frames before the timed ones
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
-    warm_up: u32,
-    /// Folder of left.exr and right.exr to compare with [default: render them]
-    #[arg(
-        long = "reference-images",
-        alias = "reference",
-        value_name = "DIR",
-        conflicts_with_all = ["reference_spp", "reference_time_limit", "reference_dir"], help_heading = options::QUALITY)]
-    reference: Option<PathBuf>,
-    /// Samples per pixel of the reference [default: 1024, with --quick 256]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2 * i64::from(PASS_SPP)..), help_heading = options::QUALITY)]
-    reference_spp: Option<u32>,
-    /// Seconds for the reference; a later run resumes it
-    #[arg(long, default_value = "600", value_name = "S", value_parser = seconds, help_heading = options::QUALITY)]
-    reference_time_limit: Duration,
-    /// Folder of references for later runs [default: reference in --out]
-    #[arg(long = "reference-cache", alias = "reference-dir", value_name = "DIR", help_heading = options::OUTPUT)]
-    reference_dir: Option<PathBuf>,
-    /// Also write report.html
-    #[arg(long, help_heading = options::OUTPUT)]
-    report: bool,
-    /// With --report: other renderers' times and FLIP, as in docs/peers
-    #[arg(long, value_name = "FILE", requires = "report", conflicts_with_all = ["seams", "preset"], help_heading = options::OUTPUT)]
-    peers: Option<PathBuf>,
-    #[command(flatten)]
-    seams: seams::SeamOptions,
-    #[command(flatten)]
-    preset: preset::PresetOptions,
-}
-
-impl Args {
-    /// Reads the qualities of the rungs of `--ladder`; none without the option.
-    fn judged(&self) -> Result<Vec<Quality>, Failure> {
-        let Some(path) = &self.ladder else { return Ok(Vec::new()) };
-        let ladder = Ladder::read(path).context("cannot use --ladder").map_err(Failure::Input)?;
-        let qualities: Vec<Quality> = ladder.rungs().iter().map(|r| r.quality).collect();
-        if let Some((i, other)) = qualities.iter().enumerate().find(|(_, quality)| !grid::is_of_options(quality)) {
-            let what = format!("--ladder {}: no options stand for rung {}, {other}", path.display(), i + 1);
-            return Err(Failure::Input(anyhow::anyhow!(what)));
-        }
-        Ok(qualities)
-    }
-}
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let iterations = args.iterations.first().map(|n| [*n; 3]);

@@ -1,25 +1,25 @@
 //! `diptych compare`.
 
+mod findings;
 mod said;
+mod sequence;
 mod text;
 
 use std::path::{Path, PathBuf};
 
 use crate::exec::Stereo;
 use crate::image::display::{DisplayImage, write_png};
-use crate::image::exr::{ColourFile, ColourSource, Tags, read_colour};
+use crate::image::exr::{ColourFile, read_colour};
 use crate::image::{Extent, stereo};
 use crate::metrics::heatmap::{flip_heatmap, heatmap};
-use crate::metrics::rings::{Ring, Viewing};
-use crate::metrics::seams::SeamError;
-use crate::metrics::{Errors, MEASURES, Pair};
+use crate::metrics::rings::Viewing;
+use crate::metrics::{MEASURES, Pair};
 use anyhow::Context;
-use serde::Serialize;
 
 use super::failure::Failure;
-use super::sequence::{self, frames_in};
-pub use said::{Said, Source, differences};
-pub use text::source_note;
+use findings::{BothFindings, Findings, Rings, mean};
+use said::{Said, differences};
+use sequence::frames_in;
 
 #[derive(clap::Args)]
 #[command(after_long_help = text::help())]
@@ -74,43 +74,6 @@ fn yfov(text: &str) -> Result<f64, String> {
 fn exposure(text: &str) -> Result<f32, String> {
     let parsed = text.parse().ok().filter(|ev: &f32| ev.is_finite());
     parsed.ok_or_else(|| "give a number of stops, e.g. -0.5".to_owned())
-}
-
-/// Results for a pair of images, as printed by `--json`.
-#[derive(Serialize)]
-pub struct Findings {
-    exposure_ev: f32,
-    exposure_source: Source,
-    #[serde(flatten)]
-    errors: Errors,
-    /// Contradictions between the metadata of the images.
-    warnings: Vec<String>,
-    reference_source: ColourSource,
-    image_source: ColourSource,
-    /// Metadata stored in the files.
-    reference_tags: Tags,
-    image_tags: Tags,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    rings: Option<Rings>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    seams: Option<SeamError>,
-}
-
-#[derive(Serialize)]
-struct Rings {
-    #[serde(flatten)]
-    viewing: Viewing,
-    yfov_source: Source,
-    rings: Vec<Ring>,
-}
-
-/// Results for two eyes, as printed by `--json`.
-#[derive(Serialize)]
-struct BothFindings {
-    #[serde(flatten)]
-    eyes: Stereo<Findings>,
-    /// Means over both eyes; `null` for measures that are undefined in one of them.
-    mean: serde_json::Map<String, serde_json::Value>,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -178,12 +141,6 @@ fn both_eyes(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the mean of each measure over both eyes, if it is defined in both.
-fn mean(left: &Findings, right: &Findings) -> [Option<f64>; 9] {
-    let (left, right) = (left.errors.values(), right.errors.values());
-    std::array::from_fn(|i| Some((left[i]? + right[i]?) / 2.0))
-}
-
 fn write_map(path: &Option<PathBuf>, map: impl FnOnce() -> Result<DisplayImage, Failure>) -> Result<(), Failure> {
     path.as_ref().map_or(Ok(()), |path| Ok(write_png(path, &map()?)?))
 }
@@ -225,23 +182,6 @@ impl Compared {
 
     fn heatmap(&self) -> Result<DisplayImage, Failure> {
         Ok(heatmap(&self.reference.image, &self.image.image, self.findings.exposure_ev)?)
-    }
-}
-
-impl Findings {
-    fn warn(&self, of: &str) {
-        self.warnings.iter().for_each(|warning| eprintln!("warning: {of}{warning}"));
-    }
-}
-
-impl Rings {
-    fn warn(&self) {
-        if self.yfov_source == Source::Default {
-            let assumed = self.viewing.yfov_deg;
-            eprintln!(
-                "warning: no file says its field of view, {assumed} degrees are assumed for --rings: give --yfov"
-            );
-        }
     }
 }
 

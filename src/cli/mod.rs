@@ -43,7 +43,6 @@ mod render;
 mod scale;
 mod scene_options;
 mod scenes;
-mod sequence;
 mod settings;
 mod setup;
 mod shot;

@@ -1,10 +1,11 @@
 //! `diptych play`: a sequence inside a frame budget. The control loop sets the quality.
 
+mod args;
 mod disturb;
 mod fit;
 mod ladder;
 mod live;
-mod options;
+pub mod options;
 mod pace;
 mod page;
 mod path;
@@ -28,40 +29,13 @@ use super::page::and_page;
 use super::pictures::Pictures;
 use super::progress::Progress;
 use super::setup::{self, Tracing};
-use disturb::{Disturbance, Disturbances};
-pub use options::LoopOptions;
+pub use args::Args;
+use disturb::Disturbances;
 pub use pace::Pace;
 use page::Last;
 pub use path::CameraPath;
 pub use prepared::Prepared;
 pub use session::Session;
-
-#[derive(clap::Args, Clone, Debug)]
-pub struct Args {
-    #[command(flatten)]
-    pub options: LoopOptions,
-    /// Frames to render
-    #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = crate::cli::options::SCENE)]
-    frames: u32,
-    /// If nothing fits the budget at --size, play at a smaller size
-    #[arg(long, help_heading = crate::cli::options::SCENE)]
-    fit: bool,
-    /// Also write every Kth frame; the clock stops meanwhile
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..), help_heading = crate::cli::options::OUTPUT)]
-    save_every: Option<u32>,
-    /// Disturb the run: slow:devI@FROM..TO or scene-cut@FRAME
-    #[arg(long, value_name = "WHAT@WHEN", help_heading = crate::cli::options::TESTS)]
-    disturb: Vec<Disturbance>,
-    /// Also write report.html
-    #[arg(long, help_heading = crate::cli::options::OUTPUT)]
-    report: bool,
-    /// Also write each task to run.json
-    #[arg(long, help_heading = crate::cli::options::OUTPUT)]
-    details: bool,
-    /// With --report: samples of the reference [default: 10 seconds of them]
-    #[arg(long, value_name = "N", requires = "report", value_parser = clap::value_parser!(u32).range(1..=1 << 24), help_heading = crate::cli::options::OUTPUT)]
-    report_spp: Option<u32>,
-}
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let mut prepared = Prepared::new(&args.options, Some(args.frames))?;
@@ -99,7 +73,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut run =
         Run { args, options, loaded: &loaded, session, path, motion, record, samples, newest: None, pictures };
     run.frames()?;
-    let last = if args.report { Last::of(&mut run)? } else { None };
+    let last = if args.report { run.last()? } else { None };
     let Run { session, motion, record, samples, pictures, .. } = run;
     motion.map_or(Ok(()), Recording::finish)?;
     session.progress.finish();
@@ -193,6 +167,12 @@ impl Run<'_> {
             let base = if let [all] = base[..] { vec![all; devices] } else { base.clone() };
             renderer.set_slowdown(disturbances.slowdown(index, &base, devices));
         }
+    }
+
+    /// Reads the newest frame back; `None` before the first one.
+    fn last(&mut self) -> Result<Option<Last>, Failure> {
+        let Some((index, time_s)) = self.newest else { return Ok(None) };
+        Ok(Some(Last { index, linear: self.session.renderer.read_linear()?, rig: self.rig(index), time_s }))
     }
 
     /// Writes the pictures of the newest frame, if there is one.

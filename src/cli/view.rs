@@ -3,6 +3,7 @@
 //! The window and its input are on the main thread, as operating systems require. The control loop and all devices that
 //! render are on another thread, so that neither waits for the other.
 
+mod args;
 mod camera;
 #[cfg(feature = "xr")]
 mod headset;
@@ -14,7 +15,6 @@ mod renderer;
 mod shared;
 mod window;
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context, anyhow};
@@ -22,55 +22,14 @@ use winit::event_loop::EventLoop;
 
 use super::failure::Failure;
 use super::interrupt;
-use super::options::RunOptions;
-use super::play::{LoopOptions, Prepared};
+use super::play::Prepared;
 use super::progress::Progress;
 use super::setup::{self, Tracing};
+pub use args::Args;
 use look::Look;
 use renderer::Start;
 use shared::Shared;
 use window::{App, Wake};
-
-/// Help of `--out`, which has no effect without a headset: the window writes only files that options name.
-const OUT: &str = "With --xr: folder for run.json and frames.csv; created if missing";
-
-#[derive(clap::Args, Clone, Debug)]
-#[command(mut_arg("out", |out| out.required(false).default_value(".").hide(!cfg!(feature = "xr")).help(OUT)))]
-pub struct Args {
-    #[command(flatten)]
-    options: LoopOptions,
-    /// Close after this number of frames
-    #[arg(long, help_heading = super::options::SCENE, value_parser = clap::value_parser!(u32).range(1..))]
-    frames: Option<u32>,
-    /// Render into a headset through OpenXR [needs the feature `xr`]
-    ///
-    /// The runtime sets the time and pose of frames; --size and --budget-ms default to what it recommends.
-    #[arg(long, help_heading = super::options::SCENE)]
-    xr: bool,
-    /// With --xr: overscan for late reprojection, degrees; 0 turns it off
-    #[cfg(feature = "xr")]
-    #[arg(long, requires = "xr", default_value_t = 2.0, value_name = "DEG", value_parser = late_border, help_heading = super::options::SCENE)]
-    late_border: f64,
-    /// With --xr: show the panel with frame times from the start
-    #[cfg(feature = "xr")]
-    #[arg(long, requires = "xr", help_heading = super::options::SCENE)]
-    panel: bool,
-    /// Write the last picture as a PNG
-    #[arg(long, value_name = "FILE", help_heading = super::options::OUTPUT)]
-    screenshot: Option<PathBuf>,
-}
-
-#[cfg(feature = "xr")]
-fn late_border(text: &str) -> Result<f64, String> {
-    let degrees = text.parse().ok().filter(|degrees| (0.0..=30.0).contains(degrees));
-    degrees.ok_or_else(|| format!("'{text}' is no number of degrees from 0 to 30"))
-}
-
-impl Args {
-    pub fn run_options(&self) -> Option<&RunOptions> {
-        Some(&self.options.run)
-    }
-}
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     if args.xr {

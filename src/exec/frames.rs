@@ -4,54 +4,17 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use obvhs::aabb::Aabb;
-
-use super::late::Late;
+use super::inputs::Inputs;
 use super::messages::{Answer, FrameJob, Order, Pixels, Stop};
 use super::output::Output;
-use super::planner::Plan;
+use super::plan::Plan;
 use super::watchdog::Limits;
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Tally, TaskTiming};
 use crate::device::DeviceFailure;
 use crate::graph::FrameGraph;
 use crate::passes::ROW_TALLY;
-use crate::quality::Quality;
-use crate::schedule::{Cut, Effort, Network};
-use crate::stages::{Place, SceneUpdate, layout};
-
-/// Inputs of a frame. They are kept so that it can be rendered again after a device failure.
-#[derive(Clone)]
-pub struct Inputs {
-    pub constants: layout::Frame,
-    pub quality: Quality,
-    /// Relative cost of its stages, compared with other qualities.
-    pub effort: Effort,
-    /// Constants of the previous frame.
-    pub previous: layout::Previous,
-    /// Changes to the scene tables.
-    pub update: SceneUpdate,
-    /// Bounds of each moving body, relative to the tables' origin, and its maximum displacement since the previous
-    /// frame, in scene units.
-    pub moved: Vec<(Aabb, f32)>,
-    /// Time in the scene, in seconds.
-    pub time_s: f64,
-    pub place: Place,
-    /// Images that are returned with its answer.
-    pub reads: Arc<[Output]>,
-    /// Images to gather on the primary; `None` gathers all outputs.
-    pub outputs: Option<Arc<[Output]>>,
-    /// Source of the late-latched pose; `None` uses the pose in the constants.
-    pub late: Option<Late>,
-}
-
-impl Inputs {
-    /// Returns the number of samples of both eyes.
-    fn samples(&self) -> u64 {
-        let layout::Frame { camera, sampling, .. } = self.constants;
-        2 * u64::from(camera.width) * u64::from(camera.height) * u64::from(sampling.spp.max(1))
-    }
-}
+use crate::schedule::{Cut, Network};
 
 /// An attempt at a frame.
 #[derive(Clone, Copy)]

@@ -7,7 +7,6 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::constants::shown_later;
-use super::{FrameParams, Renderer};
 use crate::image::Extent;
 use crate::scene::rig::Rig;
 use crate::stages::layout;
@@ -42,7 +41,7 @@ pub struct SampledPose {
 impl Late {
     /// Prepares late latching of a frame rendered from a rig of one key. `sizes` are the extents of the displayed and
     /// of the rectified images.
-    fn new(source: &Arc<PoseSource>, frame: u32, rendered: &Rig, origin: DVec3, sizes: [Extent; 2]) -> Self {
+    pub(super) fn new(source: &Arc<PoseSource>, frame: u32, rendered: &Rig, origin: DVec3, sizes: [Extent; 2]) -> Self {
         Self { source: Arc::clone(source), frame, rendered: rendered.relative_to(origin), origin, sizes }
     }
 
@@ -52,24 +51,6 @@ impl Late {
         let optics = self.rendered.optics.as_ref()?;
         let shown = shown_later(optics, self.sizes, [&self.rendered, &rig.relative_to(self.origin)]);
         Some((SampledPose { rig, at_ms }, shown))
-    }
-}
-
-impl Renderer {
-    /// Sets the pose source for late reprojection of frames begun from now on. Once the rest of a frame is done, the
-    /// primary asks the source and resamples the frame alone. [`super::FrameReport::shown_from`] records the pose. If
-    /// the source returns `None`, or the primary is on another rank, frames use [`FrameParams::shown_from`]. The source
-    /// is used only with [`crate::stages::StageSettings::is_late`].
-    pub fn set_pose_source(&mut self, source: Option<Arc<PoseSource>>) {
-        self.pose_source = source;
-    }
-
-    /// Returns the late latching of a frame, if there is a pose source.
-    pub(super) fn late(&self, params: &FrameParams) -> Option<Late> {
-        let FrameParams { rig, time_s, index, .. } = params;
-        let stages = &self.settings.stages;
-        let source = self.pose_source.as_ref().filter(|_| stages.is_late)?;
-        Some(Late::new(source, *index, &rig.at(*time_s), self.tables.origin(), [stages.extent, stages.screen()]))
     }
 }
 

@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use super::faults::InjectedKind;
 use super::late::{Late, SampledPose};
 use super::output::Output;
-use super::planner::Plan;
+use super::plan::Plan;
 use super::staging::Mapped;
 use super::wire;
 use crate::device::DeviceFailure;
@@ -185,7 +185,7 @@ pub(super) mod tests {
 
     use super::*;
     use crate::device::FailureKind;
-    use crate::exec::planner::History;
+    use crate::exec::plan::History;
     use crate::graph::{Assignment, HaloPlan, Seam, Stripes};
     use crate::passes::path_trace::CUT;
     use crate::passes::tonemap::{DISPLAY, LINEAR};

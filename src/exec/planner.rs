@@ -1,58 +1,19 @@
-//! The plan of a frame: the assignment of rows to devices, and the graph that it determines.
+//! Planning of a frame: the assignment of rows to devices, and the graph that follows from the plan.
 
-use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use serde::{Deserialize, Serialize};
-
-use super::frames::Inputs;
+use super::RenderSettings;
+use super::inputs::Inputs;
 use super::output::Output;
-use super::{RenderSettings, wire};
-use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Resource, Seam};
+use super::plan::{History, Plan};
+use crate::graph::{FrameGraph, Program, ProgramError, Resource, Seam};
 use crate::passes::{Declarations, FrameSpec, LATE_CUT, ROW_TALLY};
 use crate::quality::Denoiser;
-use crate::scene::rig::Eye;
 use crate::schedule::{CostModel, Policy, choose_halo};
 
 /// Cached graphs in addition to those of the frames in flight: one for each number of iterations that predictions may
 /// use.
 const OTHER_GRAPHS: usize = Denoiser::MAX_ITERATIONS as usize + 1;
-
-/// State that the previous frame has left on the devices.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct History {
-    /// Assignment of the previous frame.
-    #[serde(with = "wire::assignment")]
-    pub before: Assignment,
-    /// Maximum number of rows that its surfaces may have moved.
-    pub rows: u32,
-    /// Devices that have failed since, with their rows.
-    pub lost: Vec<usize>,
-}
-
-impl History {
-    /// Returns the smallest range that contains the rows of all failed devices, in any image with a history.
-    pub fn lost_rows(&self, program: &Program) -> Range<u32> {
-        let kept = program.images().iter().filter(|image| image.is_before);
-        let of_image = kept.flat_map(|image| Eye::ALL.map(|view| (program.writer(&image.resource, view), view)));
-        let stripes = of_image.filter_map(|(group, view)| Some(self.before.stripes(group?, view)));
-        let rows = stripes.flat_map(|stripes| self.lost.iter().map(|&device| stripes.rows(device)).collect::<Vec<_>>());
-        let lost = rows.filter(|rows| !rows.is_empty());
-        lost.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end)).unwrap_or(0..0)
-    }
-}
-
-/// Parameters in which the graphs of a run differ.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Plan {
-    pub seam: Seam,
-    pub iterations: u32,
-    #[serde(with = "wire::assignment")]
-    pub assignment: Assignment,
-    pub history: Option<History>,
-    /// Images to gather on the primary, in addition to the row tallies; `None` gathers all outputs.
-    pub outputs: Option<Vec<Output>>,
-}
 
 /// Cache of the graphs of the latest plans. The renderer and the workers of a process share it, so each graph is built
 /// once.
@@ -193,7 +154,7 @@ impl Planner {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::graph::Stripes;
+    use crate::graph::{Assignment, Stripes};
     use crate::image::Extent;
 
     fn graphs(capacity: usize) -> Graphs {

@@ -1,9 +1,7 @@
-//! Quality settings that may change from frame to frame: validation, and prediction of frame times.
+//! Quality settings that may change from frame to frame: their defaults, and validation.
 
-use super::planner::Plan;
-use super::{RenderSettings, Renderer};
+use super::RenderSettings;
 use crate::quality::{Denoiser, Quality};
-use crate::schedule::{Effort, simulate_at};
 
 /// Returns the default quality of frames.
 pub(super) fn of(settings: &RenderSettings) -> Quality {
@@ -47,14 +45,4 @@ pub(super) fn check(quality: &Quality, settings: &RenderSettings) -> Result<(), 
         return Err(format!("{iterations} iterations, of {least} to {}", stages.iterations));
     }
     Ok(())
-}
-
-impl Renderer {
-    /// Predicts the makespan in milliseconds of a frame with this quality and relative cost, on the stripes of the last
-    /// frame. Returns `None` before the cost model has learned from a frame.
-    pub fn predicted_ms(&self, quality: &Quality, effort: &Effort) -> Option<f64> {
-        let (plan, _) = self.planned.as_ref().filter(|_| self.costs.has_learned())?;
-        let graph = self.planner.graph(&Plan { iterations: quality.most_iterations(), ..plan.clone() });
-        simulate_at(&graph, &self.costs, effort).ok().map(|p| p.makespan_ms)
-    }
 }

@@ -5,11 +5,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::constants::{Samples, constants};
-use super::frames::{Attempt, Finished, Frames, InFlight, Inputs, Whole};
+use super::frames::{Attempt, Finished, Frames, InFlight, Whole};
 use super::history::history_rows;
+use super::inputs::Inputs;
 use super::late::PoseSource;
 use super::output::Output;
-use super::planner::{Graphs, History, Plan, Planner};
+use super::plan::{History, Plan};
+use super::planner::{Graphs, Planner};
 use super::ranks::Devices;
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, RenderSettings, costs, quality};

@@ -4,12 +4,16 @@
 //! selected.
 
 mod aov;
+mod auxiliary;
+mod declared;
 pub mod denoise;
 pub mod gbuffer;
+mod motion;
 mod moving;
 pub mod path_trace;
 mod polar;
 mod reproject;
+mod resources;
 mod select;
 mod shown;
 mod spec;
@@ -19,51 +23,27 @@ pub mod tonemap;
 use std::fmt;
 use std::sync::Arc;
 
-pub use aov::{Aov, STAGES as AOVS, image as aov_image};
+pub use aov::Aov;
+pub use auxiliary::{STAGES as AOVS, image as aov_image};
+pub use declared::Declared;
 pub use moving::Moving;
-pub use reproject::HOLES;
+pub use resources::{HOLES, PREVIOUS};
 pub use shown::LATE_CUT;
 pub use spec::{FrameSpec, Views};
 pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
 
-use crate::graph::{CutGroup, Kernel, Pass, Program, ProgramError, Resource, Seam, Stage};
+use crate::graph::{CutGroup, Kernel, Pass, Program, ProgramError, Seam};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 use denoise::{Denoiser, Light};
 
-/// Constants of the previous frame, which the host sets.
-pub const PREVIOUS: Resource = Resource::constants("previous frame", 240);
-
-/// The passes of a frame, and the stages that it leaves out.
-#[derive(Clone, Debug, Default)]
-pub struct Declared {
-    /// The passes in an order that respects every dependency.
-    pub passes: Vec<Pass>,
-    /// Stages that are not needed, and why.
-    pub left_out: Vec<(Stage, Eye, &'static str)>,
-}
-
-impl Declared {
-    pub fn add(&mut self, pass: Pass) {
-        self.passes.push(pass);
-    }
-
-    /// Adds a pass if it is needed.
-    pub fn add_if(&mut self, is_needed: bool, why_not: &'static str, pass: Pass) {
-        match is_needed {
-            true => self.passes.push(pass),
-            false => self.left_out.push((pass.stage, pass.view, why_not)),
-        }
-    }
-}
-
 /// Declares the renderer's own passes of a frame.
 pub fn declare(spec: &FrameSpec) -> Declared {
     let mut frame = Declared::default();
-    moving::bring(spec, &mut frame);
+    motion::bring(spec, &mut frame);
     for view in Eye::ALL {
         frame.add(gbuffer::pass(spec, view));
-        moving::follow(spec, view, &mut frame);
+        motion::follow(spec, view, &mut frame);
         let is_traced = view == Eye::Left || spec.views == Views::Traced;
         let surfaces = |frame: &mut Declared, is_needed: bool, why_not, pass| match spec.has_surfaces {
             true => frame.add_if(is_needed, why_not, pass),
@@ -111,7 +91,7 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
     frame.passes.extend(shown::pass(spec, view));
     frame.add(tally::pass(view));
     for (index, aov) in (0..).zip(&spec.aovs) {
-        frame.passes.extend(aov::passes(spec, view, index, *aov));
+        frame.passes.extend(auxiliary::passes(spec, view, index, *aov));
     }
 }
 

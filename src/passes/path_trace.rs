@@ -2,18 +2,17 @@
 
 use super::FrameSpec;
 use super::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
-use super::reproject::{CUT as REPROJECT, HOLES};
-use crate::graph::{CutGroup, Dispatch, Kernel, Launch, Pass, Resource, Stage, Use, Work};
+use super::reproject::CUT as REPROJECT;
+use super::resources::HOLES;
+use crate::graph::{CutGroup, Dispatch, Kernel, Launch, Pass, Stage, Use, Work};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
+
+pub use super::resources::RADIANCE;
 
 pub const STAGE: Stage = Stage("path_trace");
 pub const HOLE_FILL: Stage = Stage("hole_fill");
 pub const CUT: CutGroup = CutGroup("path_trace");
-
-/// Demodulated illumination. If specular radiance is filtered separately, diffuse and specular illumination, each
-/// demodulated by its own albedo.
-pub const RADIANCE: Resource = Resource::image("radiance", 16);
 
 /// Paths per pixel in one launch. Mesa's software driver ends all loops of an invocation after 65,535 iterations in
 /// total, and a path of 13 rays takes some thousands. Short launches also satisfy drivers that abort long dispatches.

@@ -1,15 +1,13 @@
 //! Maps a polar image to the screen.
 
-use super::{Declared, FrameSpec, shown, tonemap};
+use super::resources::{DISPLAY, LINEAR, POLAR, RECTIFIED, RECTIFIED_DISPLAY};
+use super::{Declared, FrameSpec, tonemap};
 use crate::graph::{CutGroup, Grid, Kernel, Pass, Projection, Reach, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 
 const CUT: CutGroup = CutGroup("to_screen");
 
-/// The finished polar image: scene-referred RGB, and encoded, which nothing reads.
-pub const LINEAR: Resource = Resource::image("polar", 16);
-pub const DISPLAY: Resource = Resource::image("polar_display", 4);
 /// The image blurred along the rings, and then across them too.
 const AROUND: Resource = Resource::image("polar_around", 16);
 const BLURRED: Resource = Resource::image("polar_blurred", 16);
@@ -32,16 +30,16 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
         let pass = Pass::new(Stage("polar_blur"), view, tonemap::CUT, Kernel::new("polar_blur"));
         pass.index(axis).uses([read, Use::write(target)]).args([axis, reach, 0])
     };
-    for pass in [blur(0, Use::read(LINEAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)] {
+    for pass in [blur(0, Use::read(POLAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)] {
         frame.add_if(spec.blurs, "the polar image is not blurred", pass);
     }
     let grid = screen(extent);
     let [linear, display] = match spec.shown {
-        None => [tonemap::LINEAR, tonemap::DISPLAY],
-        Some(_) => [shown::LINEAR, shown::DISPLAY],
+        None => [LINEAR, DISPLAY],
+        Some(_) => [RECTIFIED, RECTIFIED_DISPLAY],
     };
     frame.add(Pass::new(Stage("to_screen"), view, CUT, Kernel::new("to_screen")).on(grid).uses([
-        Use::read(if spec.blurs { BLURRED } else { LINEAR }).reaching(Reach::All),
+        Use::read(if spec.blurs { BLURRED } else { POLAR }).reaching(Reach::All),
         Use::write(linear.on(grid)),
         Use::write(display.on(grid)),
     ]));

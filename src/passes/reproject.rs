@@ -2,15 +2,12 @@
 
 use super::FrameSpec;
 use super::gbuffer::{GUIDE, HIT, TALLY};
-use super::path_trace::RADIANCE;
+use super::resources::{HOLES, RADIANCE};
 use super::tally::HoleReason;
-use crate::graph::{CutGroup, Kernel, Pass, Resource, Stage, Use};
+use crate::graph::{CutGroup, Kernel, Pass, Stage, Use};
 use crate::scene::rig::Eye;
 
 pub const CUT: CutGroup = CutGroup("reproject");
-
-/// Compacted list of the pixels to path trace.
-pub const HOLES: Resource = Resource::list("holes");
 
 const fn code(reason: HoleReason) -> u32 {
     reason as u32 + 1

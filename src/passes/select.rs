@@ -1,8 +1,8 @@
 //! Mask compaction: lists the pixels to path trace if others are left to the filter.
 
 use super::gbuffer::{GUIDE, HIT, TALLY};
-use super::path_trace::{CUT, RADIANCE};
-use super::reproject::HOLES;
+use super::path_trace::CUT;
+use super::resources::{HOLES, RADIANCE};
 use crate::graph::{Kernel, Pass, Stage, Use};
 use crate::scene::rig::Eye;
 

@@ -3,18 +3,14 @@
 use super::FrameSpec;
 use super::gbuffer::EMISSION;
 use super::polar::screen;
-use super::tonemap;
-use crate::graph::{CutGroup, Kernel, Pass, Reach, Resource, Stage, Use};
+use super::resources::{DISPLAY, LINEAR, RECTIFIED};
+use crate::graph::{CutGroup, Kernel, Pass, Reach, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 
 const CUT: CutGroup = CutGroup("to_eye");
 /// Group of the late reprojection passes, which are the last of a frame, for both eyes.
 pub const LATE_CUT: CutGroup = CutGroup("to_later_eye");
-
-/// The finished rectified image: scene-referred RGB, and encoded, which nothing reads.
-pub const LINEAR: Resource = Resource::image("rectified", 16);
-pub const DISPLAY: Resource = Resource::image("rectified_display", 4);
 
 const LATER: Kernel = Kernel::new("to_later_eye");
 
@@ -30,9 +26,9 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
         if spec.is_late { ("to_later_eye", LATE_CUT, LATER) } else { ("to_eye", CUT, Kernel::new("to_eye")) };
     let Extent { width, height } = rectified(spec);
     let pass = Pass::new(Stage(stage), view, cut, kernel).on(grid).args([width, height, 0]).uses([
-        Use::read(LINEAR.on(screen(rectified(spec)))).reaching(Reach::All),
-        Use::write(tonemap::LINEAR.on(grid)),
-        Use::write(tonemap::DISPLAY.on(grid)),
+        Use::read(RECTIFIED.on(screen(rectified(spec)))).reaching(Reach::All),
+        Use::write(LINEAR.on(grid)),
+        Use::write(DISPLAY.on(grid)),
     ]);
     // `EMISSION` also holds the depth of surfaces.
     Some(if spec.is_late { pass.uses([Use::read(EMISSION).reaching(Reach::All)]) } else { pass })

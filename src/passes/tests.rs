@@ -1,5 +1,5 @@
 use super::*;
-use crate::graph::{Assignment, FrameGraph, HaloPlan, Scope, Stripes, Task};
+use crate::graph::{Assignment, FrameGraph, HaloPlan, Scope, Stage, Stripes, Task};
 
 /// A frame of 64x180 with à-trous, reprojection and an auxiliary image.
 pub fn spec(devices: usize, seam: Seam) -> FrameSpec {

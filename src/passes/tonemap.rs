@@ -1,23 +1,21 @@
 //! Multiplies light by albedo (remodulation) and encodes it for display.
 
+use super::FrameSpec;
 use super::gbuffer::{ALBEDO, EMISSION, TALLY};
-use super::{FrameSpec, polar, shown};
+use super::resources::{POLAR, POLAR_DISPLAY, RECTIFIED, RECTIFIED_DISPLAY};
 use crate::graph::{CutGroup, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 
-pub const CUT: CutGroup = CutGroup("tonemap");
+pub use super::resources::{DISPLAY, LINEAR};
 
-/// Scene-referred RGB.
-pub const LINEAR: Resource = Resource::image("linear", 16).output();
-/// Encoded RGBA8.
-pub const DISPLAY: Resource = Resource::image("display", 4).output();
+pub const CUT: CutGroup = CutGroup("tonemap");
 
 /// Returns the images that the passes after the filter write: scene-referred and encoded. Later passes map polar images
 /// to the screen, and resample rectified images for display.
 pub fn finished(spec: &FrameSpec) -> [Resource; 2] {
     match (spec.screen, spec.shown) {
-        (Some(_), _) => [polar::LINEAR, polar::DISPLAY],
-        (None, Some(_)) => [shown::LINEAR, shown::DISPLAY],
+        (Some(_), _) => [POLAR, POLAR_DISPLAY],
+        (None, Some(_)) => [RECTIFIED, RECTIFIED_DISPLAY],
         (None, None) => [LINEAR, DISPLAY],
     }
 }

@@ -3,8 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::csv::{self, Column, Csv, number, optional};
-use super::play::ControlRow;
-use super::run::FrameRow;
+use super::frame_row::{ControlRow, FrameRow};
 use crate::exec::RightEye;
 use crate::quality::FrameQuality;
 

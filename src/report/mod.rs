@@ -4,6 +4,7 @@ pub mod andersson;
 pub mod bench;
 pub mod bmfr;
 pub mod csv;
+mod frame_row;
 pub mod frames;
 pub mod headset;
 pub mod html;

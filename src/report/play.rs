@@ -3,34 +3,18 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::Table;
+pub use super::frame_row::ControlRow;
+use super::frame_row::FrameRow;
 use super::quantiles::Quantiles;
-use super::run::FrameRow;
 use super::study::cell;
 use crate::control::{Measure, Rung};
 use crate::quality::FrameQuality;
 
 /// Number of frames before the control loop is judged.
 pub const SETTLING_FRAMES: usize = 30;
-
-/// Decision of the control loop for a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-pub struct ControlRow {
-    /// Index of the rung in the ladder, from 0.
-    pub rung: usize,
-    /// Expected time of the rung: the cost model's prediction after correction.
-    pub expected_ms: f64,
-    /// True if any rung was expected to fit the budget.
-    pub fits: bool,
-    pub in_band: bool,
-    /// Delay from the frame's due time to its begin.
-    pub late_ms: f64,
-    /// Host time for choosing the rung.
-    pub decide_ms: f64,
-}
 
 /// A rung, with the fraction of frames that used it.
 #[derive(Clone, Debug, Serialize)]

@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 use serde::ser::{Error, SerializeSeq, Serializer};
 use serde_json::value::RawValue;
 
+use super::frame_row::{FrameRow, FrameRows};
 use super::frames::FrameLine;
 use super::headset::HeadsetTally;
 use super::play::PlayTally;
-use super::run::{FrameRow, FrameRows};
 use crate::image::ImageError;
 use crate::image::file::{LineFile, count_lines, keep_unfinished};
 

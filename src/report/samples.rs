@@ -1,7 +1,6 @@
 //! Selects frames to show on a page, for a run of any length in bounded memory.
 
-use super::play::ControlRow;
-use super::run::FrameRow;
+use super::frame_row::{ControlRow, FrameRow};
 use crate::exec::TaskTiming;
 use crate::quality::FrameQuality;
 

@@ -3,9 +3,9 @@
 use serde::Serialize;
 
 use super::csv::{Column, Csv, number};
+use super::frame_row::aov_ms;
 use super::html::Section;
 use super::plot::{Axis, Chart, Series, line_chart_svg};
-use super::run::aov_ms;
 use super::{ReportError, Table, imbalance, median_of, once, shares_text};
 use crate::exec::{FrameReport, TimedTask};
 use crate::schedule::LOSS_SHARE;

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::fmt;
 
 use super::layout::{PAGE, PassConstants, TABLE_WIDTH};
-use super::pipeline::{Groups, workgroups};
+use super::workgroups::{Groups, workgroups};
 use crate::device::Tables;
 use crate::graph::{Format, Pass, Program, SceneUse};
 use crate::image::Extent;

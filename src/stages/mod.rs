@@ -4,6 +4,7 @@
 
 mod albedo_table;
 mod alias;
+mod color;
 mod compile;
 mod emitters;
 mod foveation;
@@ -16,6 +17,7 @@ mod reflect;
 mod scene_tables;
 mod shader;
 mod task;
+mod workgroups;
 
 pub use compile::StageError;
 pub use foveation::Foveation;

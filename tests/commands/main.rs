@@ -23,7 +23,6 @@ mod runs;
 mod scale;
 mod schema;
 mod shots;
-
 mod studies;
 mod tools;
 mod trace_files;

@@ -1,7 +1,8 @@
-//! What needs no device: the control loop on simulated renderers, the workers' protocol as a model, and the reference
-//! path tracer by itself; and the record of sessions that last for hours.
+//! Tests that need no device: the control loop on simulated renderers, a model of the workers' protocol, the reference
+//! path tracer by itself, and the record of hour-long sessions.
 
 mod bsdf;
+mod circles;
 mod control;
 #[path = "../common/effort.rs"]
 mod effort;

@@ -18,9 +18,9 @@ use crate::scene::rig::{Eye, RigKey};
 use crate::scene::shot::Gaze;
 use crate::stages::Polar;
 
-use super::Args;
+use super::args::Args;
+use super::axes::FPS;
 use super::findings::{Findings, section};
-use super::grid::FPS;
 use super::judge::{Judge, pairs};
 use super::over_shots::over_shots;
 use super::reference::{Reference, own};

@@ -8,7 +8,7 @@ use crate::report::bmfr::{DENOISERS, NOTE, Row, bmfr_csv, bmfr_table, cited};
 use crate::report::csv::{Column, Csv};
 use crate::report::frames::FrameLine;
 
-use super::Args;
+use super::args::Args;
 use super::findings::{Findings, section};
 use super::judge::Judge;
 use super::over_shots::over_shots;

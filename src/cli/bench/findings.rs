@@ -6,7 +6,7 @@ use crate::report::html::Section;
 use crate::report::run::RunReport;
 use crate::report::{Csv, Table};
 
-use super::Args;
+use super::args::Args;
 use crate::cli::failure::Failure;
 use crate::cli::page::{self, and_page};
 

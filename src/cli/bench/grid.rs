@@ -3,153 +3,26 @@
 use std::cell::Cell;
 use std::time::Instant;
 
-use serde_json::{Value, json};
-
 use crate::exec::ranks::Devices;
 use crate::exec::{FrameReport, Renderer, Stereo};
 use crate::image::RgbImage;
 use crate::loaded::LoadedScene;
 use crate::quality::{Denoiser, Quality};
 use crate::report::bench::{Measured, Row};
-use crate::report::once;
 use crate::report::run::FrameRow;
-use crate::stages::Foveation;
 use crate::trace::frames::record_devices;
 
-use super::Args;
+use super::args::Args;
+use super::axes::FRAMES_MAX;
 use super::journal::Journal;
 use super::judge::Judge;
 use super::reference::Reference;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
-use crate::cli::foveation::FoveationMode;
 use crate::cli::interrupt;
-use crate::cli::options::{DenoiserChoice, RenderOptions};
+use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
-use crate::cli::settings;
 use crate::cli::setup::{self, Tracing};
-
-/// Frame rate at which the camera approaches the compared instant.
-pub const FPS: f64 = 72.0;
-/// Minimum number of warm-up frames for denoisers that keep a history.
-const HISTORY_FRAMES: u32 = 15;
-
-/// Denoisers that are measured by default.
-const MEASURED: [DenoiserChoice; 3] = [None, Some(Denoiser::ATROUS), Some(Denoiser::SVGF)];
-
-/// Upper bound on the frames of a setting, which keeps the settings' frame numbers in the trace apart.
-pub const FRAMES_MAX: u32 = 10_000;
-
-impl Args {
-    fn spp(&self) -> Vec<u32> {
-        chosen(&self.spp, if self.quick { &[1, 4] } else { &[1, 2, 4, 8, 16] })
-    }
-
-    pub fn bounces(&self) -> Vec<u32> {
-        chosen(&self.bounces, &[2, 6])
-    }
-
-    fn iterations(&self) -> Vec<u32> {
-        chosen(&self.iterations, if self.quick { &[5] } else { &[3, 5] })
-    }
-
-    pub fn denoisers(&self) -> Vec<DenoiserChoice> {
-        chosen(&self.denoiser, &MEASURED)
-    }
-
-    fn foveations(&self) -> Vec<FoveationMode> {
-        chosen(&self.foveation, &[FoveationMode::None])
-    }
-
-    fn scales(&self) -> Vec<f64> {
-        chosen(&self.scale, if self.quick { &[1.0, 0.5] } else { &[1.0, 0.7, 0.5] })
-    }
-
-    /// Returns the measured values, by the names of the options' fields.
-    pub fn measured(&self) -> [(&'static str, Value); 7] {
-        [
-            ("spp", json!(self.spp())),
-            ("bounces", json!(self.bounces())),
-            ("iterations", json!(self.iterations())),
-            ("denoiser", json!(self.denoisers().into_iter().map(Denoiser::name_of).collect::<Vec<_>>())),
-            ("foveation", json!(self.foveations().iter().map(setup::name).collect::<Vec<_>>())),
-            ("scale", json!(self.scales())),
-            ("balance", settings::balance(&self.options.balances())),
-        ]
-    }
-
-    /// Returns the number of compared frames per setting: at least two, because flicker compares consecutive frames.
-    fn judged_frames(&self) -> u32 {
-        self.repeats.max(2)
-    }
-
-    /// Returns the number of warm-up frames, in which the camera approaches along its path. They suffice to fill the
-    /// history of denoisers that keep one.
-    pub fn warm_up_of(&self, quality: &Quality) -> u32 {
-        if quality.denoiser.is_some_and(Denoiser::keeps_history) {
-            self.warm_up.max(HISTORY_FRAMES)
-        } else {
-            self.warm_up
-        }
-    }
-
-    /// Returns the number of frames of a setting, warm-up included.
-    pub fn frames_of(&self, quality: &Quality) -> u32 {
-        self.warm_up_of(quality) + self.judged_frames()
-    }
-
-    /// Returns the instant of frame `i`, seconds. The camera moves along its path during the warm-up, so that the
-    /// history comes from other views than the compared frames. Then it rests.
-    pub fn time_s(&self, quality: &Quality, i: u32) -> f64 {
-        self.options.time - f64::from(self.warm_up_of(quality).saturating_sub(i)) / FPS
-    }
-
-    /// Returns the settings of the grid; the sample count varies fastest. Without a denoiser there is neither foveation
-    /// nor a render scale below 1.
-    fn settings(&self) -> Vec<Quality> {
-        let mut settings = Vec::new();
-        for denoiser in self.denoisers() {
-            let filters = denoiser.is_some();
-            let iterations =
-                denoiser.map_or(vec![0], |d| once(self.iterations().into_iter().map(|n| n.min(d.most_iterations()))));
-            let foveations = if filters { self.foveations() } else { vec![FoveationMode::None] };
-            let scales = if filters { self.scales() } else { vec![1.0] };
-            for (&iterations, foveation) in iterations.iter().flat_map(|i| foveations.iter().map(move |f| (i, f))) {
-                let (iterations, fovea, polar) = ([iterations; 3], foveation.radii(), foveation.space(self.polar));
-                for (bounces, &scale) in self.bounces().iter().flat_map(|b| scales.iter().map(move |s| (*b, s))) {
-                    let quality = |spp| Quality { spp, bounces, denoiser, iterations, fovea, polar, scale };
-                    settings.extend(self.samples(scale).into_iter().map(quality));
-                }
-            }
-        }
-        settings
-    }
-
-    /// Returns the sample counts to measure at a render scale. A scale below 1 is a cheaper alternative to the lowest
-    /// sample count, so only that count is measured.
-    fn samples(&self, scale: f64) -> Vec<u32> {
-        let mut spp = self.spp();
-        if scale < 1.0 {
-            spp = spp.into_iter().min().into_iter().collect();
-        }
-        spp
-    }
-}
-
-/// Returns the requested values without duplicates, or the default if none are requested.
-fn chosen<T: Copy + PartialEq>(asked: &[T], default: &[T]) -> Vec<T> {
-    once(if asked.is_empty() { default } else { asked }.iter().copied())
-}
-
-/// Whether command-line options can express this quality.
-pub fn is_of_options(quality: &Quality) -> bool {
-    let Quality { denoiser, iterations, fovea, scale, .. } = *quality;
-    let is_whole = match denoiser {
-        Some(_) => iterations != [0; 3],
-        None => iterations == [0; 3] && scale == 1.0 && fovea.is_none(),
-    };
-    is_whole && fovea.is_none_or(|radii| radii == Foveation::RADII)
-}
 
 /// Estimates the relative cost of a frame: one unit per sample, and one for everything else.
 fn work(quality: &Quality) -> u64 {

@@ -14,9 +14,9 @@ use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
 use anyhow::{anyhow, ensure};
 
-use super::Args;
+use super::args::Args;
+use super::axes::FPS;
 use super::findings::{Findings, section};
-use super::grid::FPS;
 use super::over_shots::over_shots;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;

@@ -20,7 +20,7 @@ use crate::report::{Csv, Table};
 use crate::scene::rig::Eye;
 use crate::schedule::{CostModel, RatioRule};
 
-use super::Args;
+use super::args::Args;
 use super::findings::{Findings, section};
 use super::turns::Turns;
 use crate::cli::balance::Balance;

@@ -1,6 +1,6 @@
 //! Experiments on several shots.
 
-use super::Args;
+use super::args::Args;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::options::RunOptions;

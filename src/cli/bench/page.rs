@@ -18,7 +18,7 @@ use crate::report::lanes::LaneFrame;
 use crate::report::peers::{self, Peer};
 use crate::report::pictures::Group;
 
-use super::Args;
+use super::args::Args;
 use super::grid::Grid;
 use super::reference::Reference;
 use crate::cli::failure::Failure;

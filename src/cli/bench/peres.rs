@@ -16,7 +16,7 @@ use crate::report::peres::{
 use crate::report::study::quartiles;
 use crate::scene::rig::Rig;
 
-use super::Args;
+use super::args::Args;
 use super::findings::{Findings, section};
 use super::reference::own;
 use super::turns::Turns;

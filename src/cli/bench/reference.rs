@@ -8,7 +8,7 @@ use crate::image::{Extent, RgbImage, exr};
 use crate::loaded::LoadedScene;
 use crate::quality::Quality;
 
-use super::Args;
+use super::args::Args;
 use super::journal::Journal;
 use crate::cli::failure::Failure;
 use crate::cli::options::{RenderOptions, RunOptions};

@@ -19,7 +19,7 @@ use crate::report::study::{
 use crate::report::{Csv, Table};
 use crate::scene::rig::Eye;
 
-use super::Args;
+use super::args::Args;
 use super::reference::{Reference, given, own};
 use super::timed::{Setting, Timed, TimedFrame, Warm};
 use crate::cli::balance::Balance;
@@ -31,30 +31,6 @@ use crate::cli::page::{self, and_page};
 use crate::cli::progress::Progress;
 use crate::cli::settings;
 use crate::cli::setup::{self, Tracing};
-
-#[derive(clap::Args, Clone, Debug)]
-#[command(next_help_heading = crate::cli::options::QUALITY)]
-pub struct SeamOptions {
-    /// Measure seams instead of the grid: every seam policy at every count
-    ///
-    /// Settings are the first of --spp, --bounces, --denoiser and --iterations.
-    #[arg(long = "seam-study", alias = "seams", conflicts_with_all = ["virtual_devices", "seam"])]
-    seams: bool,
-    /// With --seam-study: virtual devices on each adapter
-    #[arg(long, value_delimiter = ',', default_value = "2,3,4", value_name = "N,N,…", requires = "seams", value_parser = clap::value_parser!(u16).range(1..=64))]
-    counts: Vec<u16>,
-}
-
-impl SeamOptions {
-    pub fn is_wanted(&self) -> bool {
-        self.seams
-    }
-
-    /// Returns the counts above 1, which have seams.
-    fn counts(&self) -> Vec<u16> {
-        self.counts.iter().copied().filter(|count| *count > 1).collect()
-    }
-}
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = settings(args)?;

@@ -9,8 +9,8 @@ use crate::loaded::LoadedScene;
 use crate::report::run::FrameRow;
 use crate::trace::frames::record_devices;
 
-use super::Args;
-use super::grid::FRAMES_MAX;
+use super::args::Args;
+use super::axes::FRAMES_MAX;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
 use crate::cli::interrupt;

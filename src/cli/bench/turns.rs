@@ -10,7 +10,7 @@ use crate::report::run::FrameRow;
 use crate::scene::rig::Eye;
 use crate::trace::frames::record_devices;
 
-use super::grid::FRAMES_MAX;
+use super::axes::FRAMES_MAX;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
 use crate::cli::foveation::FoveationMode;

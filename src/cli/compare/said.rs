@@ -45,6 +45,16 @@ impl Said<f64> {
     }
 }
 
+/// Returns a note on where the exposure comes from.
+pub fn source_note(source: Source) -> &'static str {
+    match source {
+        Source::Option => "",
+        Source::Reference => "as the reference says",
+        Source::Image => "as the image says, the reference does not",
+        Source::Default => "assumed, as no file says it: --exposure gives another",
+    }
+}
+
 /// Lists contradictions between the metadata of two images. Tags that either image lacks are skipped.
 pub fn differences(reference: &Tags, image: &Tags) -> Vec<String> {
     let mut found = Vec::new();

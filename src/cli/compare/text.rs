@@ -4,8 +4,9 @@ use crate::metrics::MEASURES;
 use crate::metrics::rings::Ring;
 use crate::report::text_table;
 
-use super::{Findings, Source, mean};
-use crate::cli::sequence::SEQUENCE_MEASURES;
+use super::findings::{Findings, mean};
+use super::said::{Source, source_note};
+use super::sequence::SEQUENCE_MEASURES;
 
 /// Lists the meaning of each measure, for `--help`.
 pub fn help() -> String {
@@ -25,16 +26,6 @@ pub fn help() -> String {
         lines(&more),
         lines(&SEQUENCE_MEASURES).trim_end()
     )
-}
-
-/// Returns a note on where the exposure comes from.
-pub fn source_note(source: Source) -> &'static str {
-    match source {
-        Source::Option => "",
-        Source::Reference => "as the reference says",
-        Source::Image => "as the image says, the reference does not",
-        Source::Default => "assumed, as no file says it: --exposure gives another",
-    }
 }
 
 /// Prints the measures of one image, or of both eyes with their mean.

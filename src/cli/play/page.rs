@@ -19,8 +19,8 @@ use crate::report::samples::{FrameSamples, SampledFrame};
 use crate::report::timeline::{Disturbed, timeline};
 use crate::scene::rig::Rig;
 
+use super::args::Args;
 use super::disturb::Disturbance;
-use super::{Args, Run};
 use crate::cli::failure::Failure;
 use crate::cli::fault_options::FaultOptions;
 use crate::cli::options::{RenderOptions, RunOptions};
@@ -35,19 +35,13 @@ const SPP_MAX: u32 = 1 << 14;
 
 /// The last frame, read back from the devices.
 pub struct Last {
-    index: u32,
-    linear: Stereo<RgbImage>,
+    pub(super) index: u32,
+    pub(super) linear: Stereo<RgbImage>,
     pub rig: Rig,
-    time_s: f64,
+    pub(super) time_s: f64,
 }
 
 impl Last {
-    /// Reads the newest frame back; `None` before the first one.
-    pub fn of(run: &mut Run) -> Result<Option<Self>, Failure> {
-        let Some((index, time_s)) = run.newest else { return Ok(None) };
-        Ok(Some(Self { index, linear: run.session.renderer.read_linear()?, rig: run.rig(index), time_s }))
-    }
-
     /// Renders an unbiased reference of `loaded` at the same instant, with other random numbers.
     fn reference(
         &self,

@@ -21,7 +21,7 @@ use crate::report::record::FrameRecord;
 use crate::report::rectified::RectifiedFrame;
 use crate::scene::head::Recording;
 
-use super::Args;
+use super::args::Args;
 use super::look::Look;
 use super::renderer::frame_news;
 use super::shared::News;

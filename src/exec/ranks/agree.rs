@@ -5,7 +5,7 @@ use std::hash::{DefaultHasher, Hasher};
 
 use serde::{Deserialize, Serialize};
 
-use super::packet::DeviceCard;
+use super::device_card::DeviceCard;
 use crate::device::{DeviceInfo, SceneAccess, Tables, Traversal};
 use crate::stages::all_shader_text;
 

@@ -5,8 +5,9 @@ use std::time::Instant;
 
 use super::RankError;
 use super::agree::{check_devices, check_scene};
+use super::device_card::DeviceCard;
 use super::node::{Asked, Node};
-use super::packet::{DeviceCard, Load, Request, Response, Start};
+use super::packet::{Load, Request, Response, Start};
 use super::transport::Crew;
 use crate::device::{DeviceInfo, GpuDevice, MAX_DEVICES, RankName};
 use crate::exec::RenderSettings;

@@ -4,7 +4,9 @@
 
 mod agree;
 mod clock;
+mod device_card;
 mod devices;
+mod error;
 mod link;
 #[cfg(feature = "mpi")]
 mod mpi;
@@ -20,12 +22,14 @@ mod transport;
 
 pub(super) use devices::Others;
 pub use devices::{Devices, Loading, Opening};
+pub use error::RankError;
 pub use link::{ChannelLink, Link, Way, channel_links};
 #[cfg(feature = "mpi")]
 pub use mpi::MpiLink;
 pub use node::{Asked, Node};
 pub use packet::{Load, Request, Response};
 pub use server::{Host, serve};
+pub use shared::Recorded;
 
 /// Environment variables by which MPI launchers tell each process how many they start (`SIZES`) and its own rank
 /// (`NUMBERS`).
@@ -40,29 +44,4 @@ fn told(names: &[&str]) -> Option<u32> {
 /// Returns `None` if the process was started alone.
 pub fn started_as() -> Option<u32> {
     told(&SIZES).filter(|&size| size > 1).map(|_| told(&NUMBERS).unwrap_or(0))
-}
-
-/// Trace spans that another rank has recorded of its threads.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Recorded {
-    pub rank: usize,
-    /// Zero of its times, in milliseconds after [`Node::epoch`] here.
-    pub zero_ms: f64,
-    /// Maximum error of `zero_ms`, in µs; `None` while the rank's clock is not known.
-    pub residual_us: Option<f64>,
-    /// Spans in the format of [`Host::recorded`].
-    pub text: Vec<u8>,
-}
-
-/// Error that ends a run on several ranks.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum RankError {
-    /// A rank that cannot take part, or could not execute a request.
-    #[error("rank {rank} on {host}: {what}")]
-    Refused { rank: usize, host: String, what: String },
-    /// A rank that is lost.
-    #[error("rank {rank} on {host} is lost: {what}")]
-    Lost { rank: usize, host: String, what: String },
-    #[error("{0} devices on all ranks are more than the 64 that one run can drive")]
-    TooMany(usize),
 }

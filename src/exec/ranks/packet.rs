@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::agree::Identity;
+use super::device_card::DeviceCard;
 use super::link::Way;
-use crate::device::DeviceInfo;
 use crate::exec::RenderSettings;
 use crate::exec::messages::{Bytes, Command, Message, Reply};
 use crate::exec::watchdog::LifeSign;
@@ -140,30 +140,6 @@ pub enum Response {
     Loaded(u64),
     /// The devices that have not failed, by their numbers in the crew.
     Left(Vec<usize>),
-}
-
-/// Description of another rank's device, which that rank sends to rank 0.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DeviceCard {
-    /// Sent as JSON text, the format of files, since it omits absent fields.
-    #[serde(with = "as_text")]
-    pub info: DeviceInfo,
-    /// [`crate::device::Quirks::max_dispatch_ms`]
-    pub max_dispatch_ms: Option<f64>,
-}
-
-mod as_text {
-    use serde::de::Error as _;
-    use serde::ser::Error as _;
-    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwned};
-
-    pub fn serialize<T: Serialize, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error> {
-        serde_json::to_string(value).map_err(S::Error::custom)?.serialize(serializer)
-    }
-
-    pub fn deserialize<'de, T: DeserializeOwned, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
-        serde_json::from_str(&String::deserialize(deserializer)?).map_err(D::Error::custom)
-    }
 }
 
 /// Last byte of a packet: rows of an image, followed by their header, or any other packet.

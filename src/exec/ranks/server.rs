@@ -6,8 +6,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::RankError;
+use super::device_card::DeviceCard;
 use super::node::Node;
-use super::packet::{DeviceCard, Letter, Load, Request, Response, Start};
+use super::packet::{Letter, Load, Request, Response, Start};
 use super::transport::Crew;
 use crate::device::{GpuDevice, RankName};
 use crate::exec::channels::channels;

@@ -3,9 +3,9 @@
 use std::sync::atomic::AtomicU64;
 use std::sync::{Mutex, PoisonError};
 
+use super::RankError;
 use super::packet::Letter;
 use super::transport::Crew;
-use super::{RankError, Recorded};
 
 /// Order to the post from the rank's other threads.
 pub enum Control {
@@ -26,6 +26,18 @@ pub enum Control {
     Abort {
         status: u8,
     },
+}
+
+/// Trace spans that another rank has recorded of its threads.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recorded {
+    pub rank: usize,
+    /// Zero of its times, in milliseconds after [`Node::epoch`](super::Node::epoch) here.
+    pub zero_ms: f64,
+    /// Maximum error of `zero_ms`, in µs; `None` while the rank's clock is not known.
+    pub residual_us: Option<f64>,
+    /// Spans in the format of [`Host::recorded`](super::Host::recorded).
+    pub text: Vec<u8>,
 }
 
 /// State that the post shares with the rank's other threads.

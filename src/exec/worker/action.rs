@@ -1,9 +1,7 @@
-//! Commands, outcomes and actions of a worker: the input and output of [`Protocol`].
+//! Commands, outcomes and actions of a worker: the input and output of `Protocol`.
 
 use std::sync::Arc;
 
-#[cfg(doc)]
-use super::protocol::Protocol;
 use super::script::{Outgoing, Script};
 use crate::exec::InjectedKind;
 
@@ -27,8 +25,8 @@ pub enum Outcome {
 /// Next action of a worker. `B` holds the bytes of rows.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Action<B> {
-    /// Take a command if there is one, and wait for it if `waits`; then call [`Protocol::command`] or
-    /// [`Protocol::no_command`]. The worker ends if it waits and there will be no more commands.
+    /// Take a command if there is one, and wait for it if `waits`; then call `Protocol::command` or
+    /// `Protocol::no_command`. The worker ends if it waits and there will be no more commands.
     TakeCommand {
         waits: bool,
     },
@@ -71,7 +69,7 @@ pub enum Action<B> {
         ticket: u64,
         transfer: u32,
     },
-    /// Wait for a message for a slice of the limit; then call [`Protocol::message`] or [`Protocol::timed_out`].
+    /// Wait for a message for a slice of the limit; then call `Protocol::message` or `Protocol::timed_out`.
     AwaitMessage,
     /// Write rows to the device.
     Write {
@@ -80,13 +78,13 @@ pub enum Action<B> {
         rows: B,
     },
     /// Check whether the frame's last submission has completed, and wait for it if `waits`. If so, request the frame's
-    /// images. Then call [`Protocol::ended`].
+    /// images. Then call `Protocol::ended`.
     End {
         ticket: u64,
         waits: bool,
     },
     /// Check whether the frame's images have arrived, and wait for them if `waits`. If so, take them. Then call
-    /// [`Protocol::ended`].
+    /// `Protocol::ended`.
     TakeImages {
         ticket: u64,
         waits: bool,

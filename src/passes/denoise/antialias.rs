@@ -3,7 +3,7 @@
 use super::{Light, gradient};
 use crate::graph::{Chain, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{ALBEDO, EMISSION, GUIDE, TALLY};
-use crate::passes::moving::last_surface;
+use crate::passes::resources::last_surface;
 use crate::passes::tonemap::{CUT, finished};
 use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;

@@ -1,12 +1,13 @@
 //! The interface of a denoiser, and the image that carries light through its passes.
 
-use crate::graph::{Image, Pass, Resource};
-use crate::passes::path_trace::RADIANCE;
+use super::denoiser::Denoiser;
+use crate::graph::{CutGroup, Image, Pass, Resource};
+use crate::passes::resources::RADIANCE;
 use crate::passes::{FrameSpec, tonemap};
 use crate::scene::rig::Eye;
 
-/// Maximum number of iterations of any denoiser.
-pub const MAX_ITERATIONS: u32 = 10;
+/// The partition of all denoisers' passes.
+pub const CUT: CutGroup = CutGroup("denoise");
 
 const FILTERED: Resource = Resource::image("filtered", 16);
 
@@ -61,7 +62,7 @@ pub trait Denoise: Sync {
 
     /// Returns the maximum number of iterations of a frame.
     fn most_iterations(&self) -> u32 {
-        MAX_ITERATIONS
+        Denoiser::MAX_ITERATIONS
     }
 
     /// Estimates the FLIP that noise and blur leave at this number of samples per pixel, for the built-in ladder.

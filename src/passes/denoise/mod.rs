@@ -7,18 +7,15 @@ mod denoised;
 mod denoiser;
 mod gradient;
 mod method;
+mod registry;
 pub mod seam_filter;
 mod svgf;
 
 pub(super) use denoised::Denoised;
 pub use denoiser::Denoiser;
-pub(crate) use denoiser::{deserialize, serialize};
-pub use method::{Denoise, Light};
-
-use crate::graph::CutGroup;
-
-/// The partition of all denoisers' passes.
-pub const CUT: CutGroup = CutGroup("denoise");
+pub(crate) use denoiser::serialize;
+pub use method::{CUT, Denoise, Light};
+pub(crate) use registry::deserialize;
 
 /// No denoiser. Light stays as it was traced.
 struct Undenoised;

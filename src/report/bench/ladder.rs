@@ -1,8 +1,12 @@
 //! Quality ladders as a table, and plotted with the fronts that they come from.
 
-use super::{COLUMNS, ERROR, Row, Series, cells_of, fronts, time_chart};
+use super::charts::{fronts, time_chart};
+use super::errors::ERROR;
+use super::rows::Row;
+use super::tables::{COLUMNS, cells_of};
 use crate::control::{Ladder, Rung};
 use crate::report::peers::{self, Peer};
+use crate::report::plot::Series;
 use crate::report::study::cell;
 use crate::report::{ReportError, Table};
 
@@ -39,7 +43,7 @@ pub fn ladder_table(ladder: &Ladder) -> Table {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::row;
+    use super::super::rows::tests::row;
     use super::*;
     use crate::control::{Measure, Origin};
     use crate::quality::Denoiser;

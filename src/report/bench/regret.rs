@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use super::{COLUMNS, Row, cells_of};
+use super::rows::Row;
+use super::tables::{COLUMNS, cells_of};
 use crate::control::{MIN_STEP, Rung};
 use crate::quality::Quality;
 use crate::report::Table;
@@ -50,7 +51,7 @@ pub fn regret_table(regrets: &[Regret]) -> Table {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::row;
+    use super::super::rows::tests::row;
     use super::*;
 
     #[test]

@@ -4,7 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::{Measured, NOISE_MARGIN, Row};
+use super::errors::NOISE_MARGIN;
+use super::rows::{Measured, Row};
 use crate::accumulation::Noise;
 use crate::exec::Stereo;
 use crate::quality::Denoiser;
@@ -95,7 +96,7 @@ fn mean_and_error(values: &[f64]) -> Option<(f64, Option<f64>)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::row;
+    use super::super::rows::tests::row;
     use super::*;
 
     #[test]

@@ -4,6 +4,7 @@
 
 use crate::image::RgbImage;
 use crate::stages::alias;
+use crate::stages::color::luminance;
 use crate::stages::layout::EnvCell;
 
 /// Maximum number of cells: 2^23 of 16 bytes are 128 MiB. Texels of larger images share cells.
@@ -30,7 +31,7 @@ fn build_within(image: &RgbImage, most_cells: usize) -> Option<EnvGrid> {
     let mut values = vec![0.0f64; gw * gh];
     for (y, rows) in overlaps(h, gh).iter().enumerate() {
         for (x, columns) in columns.iter().enumerate() {
-            let l = super::luminance(image.pixels[y * w + x].into()).max(0.0);
+            let l = luminance(image.pixels[y * w + x].into()).max(0.0);
             for (row, part_y) in rows {
                 for (column, part_x) in columns {
                     values[row * gw + column] += l * part_x * part_y;

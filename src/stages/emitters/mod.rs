@@ -13,6 +13,7 @@ use glam::{DVec3, Vec3};
 use self::env_grid::EnvGrid;
 use self::light_tree::{Bounds, Cone, LightTree};
 use super::alias;
+use super::color::{linear_from_srgb, luminance};
 use super::layout::{EnvCell, LIGHT_SPOT, LIGHT_TRIANGLE, Light, Lights};
 use crate::accel::{Accel, Node, Triangle};
 use crate::scene::{self, AlphaMode, LightKind, Material, Scene};
@@ -53,11 +54,6 @@ pub(super) fn making_bytes(scene: &Scene, accel: &Accel) -> u64 {
     lights as u64 * LIGHT_BYTES + cells as u64 * CELL_BYTES
 }
 
-/// Returns the Rec. 709 luminance.
-fn luminance(c: Vec3) -> f64 {
-    f64::from(c.x) * 0.2126 + f64::from(c.y) * 0.7152 + f64::from(c.z) * 0.0722
-}
-
 /// Mean reflectance of a clear coat for light from below: the cosine-weighted mean of Schlick's term.
 const COAT_REFLECTANCE: f64 = 0.04 + 0.96 / 21.0;
 
@@ -87,7 +83,7 @@ fn mean_color(image: &scene::TexelImage) -> Vec3 {
     let mut sum = [0.0f64; 3];
     for texel in &image.pixels {
         for (s, &code) in sum.iter_mut().zip(texel) {
-            *s += f64::from(super::scene_tables::linear_from_srgb(code));
+            *s += f64::from(linear_from_srgb(code));
         }
     }
     Vec3::from_array(sum.map(|s| (s / image.pixels.len().max(1) as f64) as f32))

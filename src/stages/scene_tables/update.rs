@@ -1,15 +1,13 @@
 //! Changes of a frame to the tables of a dynamic scene.
 
-use std::collections::BTreeSet;
-
 use glam::Vec4;
 use obvhs::aabb::Aabb;
 use serde::{Deserialize, Serialize};
 
-use super::{SceneTables, bytes_of};
+use super::moves::Moves;
+use super::tables::{SceneTables, bytes_of};
 use crate::accel::{Poses, Triangle};
-use crate::scene::motion::{Motion, Target};
-use crate::scene::{Material, Scene};
+use crate::scene::Material;
 use crate::stages::emitters::Emitters;
 use crate::stages::layout;
 use crate::wgsl::ROW_BYTES;
@@ -23,39 +21,6 @@ pub struct SceneUpdate {
     pub pose: Vec<[f32; 4]>,
     /// Number of bodies left out of the frame because rays cannot traverse them accurately.
     pub left_out: u32,
-}
-
-/// Motion of a scene.
-pub(super) struct Moves {
-    motion: Motion,
-    /// Lights and materials at rest. Other tables hold the rest of the scene.
-    rest: Scene,
-    /// Materials that are animated.
-    changing: Vec<usize>,
-}
-
-impl Moves {
-    /// Returns the motion of a scene; `None` if it is static.
-    pub fn of(scene: &Scene) -> Option<Self> {
-        let motion = &scene.motion;
-        if motion.is_empty() {
-            return None;
-        }
-        let (materials, lights) = (scene.materials.clone(), scene.lights.clone());
-        let rest = Scene { materials, lights, ..Scene::empty(&scene.name) };
-        let colored = motion.animations.iter().flat_map(|a| &a.channels).filter_map(|channel| match channel.target {
-            Target::BaseColor(material) => Some(material),
-            _ => None,
-        });
-        let changing: BTreeSet<usize> = motion.emitters.iter().map(|e| e.index).chain(colored).collect();
-        Some(Self { motion: motion.clone(), rest, changing: changing.into_iter().collect() })
-    }
-
-    /// Whether any light may move or change over time.
-    fn changes_lights(&self) -> bool {
-        let Motion { lights, lamps, emitters, .. } = &self.motion;
-        !(lights.is_empty() && lamps.is_empty() && emitters.is_empty())
-    }
 }
 
 impl SceneTables {

@@ -8,7 +8,7 @@
 use super::{CUT, Denoise, Light, antialias, gradient};
 use crate::graph::{Chain, Dispatch, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
-use crate::passes::moving::last_surface;
+use crate::passes::resources::last_surface;
 use crate::passes::{FrameSpec, PREVIOUS, tonemap};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;

@@ -5,7 +5,7 @@
 use super::{CUT, Denoise, Light, antialias, gradient};
 use crate::graph::{Chain, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
-use crate::passes::moving::last_surface;
+use crate::passes::resources::last_surface;
 use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;

@@ -10,8 +10,8 @@ use crate::metrics::{MEASURES, Pair};
 use crate::report::study::{SequenceRow, sequence_table};
 use anyhow::{Context, bail, ensure};
 
-use super::compare::{Said, differences, source_note};
-use super::failure::Failure;
+use super::said::{Said, differences, source_note};
+use crate::cli::failure::Failure;
 
 /// Measures that only sequences have.
 pub const SEQUENCE_MEASURES: [(&str, &str); 3] = [

@@ -1,8 +1,4 @@
-//! The scene as shaders read it: tables built once per scene, and their copy on a device.
-
-mod acceleration;
-mod buffers;
-mod update;
+//! The tables of a scene, built once.
 
 use std::borrow::Cow;
 use std::hash::{DefaultHasher, Hasher};
@@ -10,13 +6,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
-use super::albedo_table;
-use super::emitters::{self, Emitters, Sources};
-use super::layout::{
-    self, ALPHA_BLEND, ALPHA_MASK, BASE_COLOR_TEXTURE, CLEARCOAT_NORMAL_MAP, DOUBLE_SIDED, EMISSIVE_TEXTURE,
-    NORMAL_MAP, ROLE_SHIFT, TEXTURE_LINEAR, TEXTURE_SECOND_UVS, TEXTURE_SRGB, THICK, TextureInfo, TextureRole, UNLIT,
-    WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, WRAP_U_SHIFT, WRAP_V_SHIFT,
-};
+use super::moves::Moves;
 use crate::accel;
 use crate::accel::Accel;
 use crate::graph::Resource;
@@ -24,10 +14,15 @@ use crate::image::Extent;
 use crate::passes::Moving;
 use crate::scene::budget::{Budget, Exceeded};
 use crate::scene::{self, AlphaMode, Environment, Scene, TexelImage, Wrap};
+use crate::stages::albedo_table;
+use crate::stages::color::linear_from_srgb;
+use crate::stages::emitters::{self, Emitters, Sources};
+use crate::stages::layout::{
+    self, ALPHA_BLEND, ALPHA_MASK, BASE_COLOR_TEXTURE, CLEARCOAT_NORMAL_MAP, DOUBLE_SIDED, EMISSIVE_TEXTURE,
+    NORMAL_MAP, ROLE_SHIFT, TEXTURE_LINEAR, TEXTURE_SECOND_UVS, TEXTURE_SRGB, THICK, TextureInfo, TextureRole, UNLIT,
+    WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, WRAP_U_SHIFT, WRAP_V_SHIFT,
+};
 use crate::wgsl::ROW_BYTES;
-pub use buffers::{SceneBuffers, changing_entries, layout_entries, scene_buffers};
-use update::Moves;
-pub use update::SceneUpdate;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
@@ -39,25 +34,19 @@ pub enum TableError {
 
 /// Tables of one scene, the same for every device.
 pub struct SceneTables {
-    accel: Accel,
-    sources: Sources,
+    pub(super) accel: Accel,
+    pub(super) sources: Sources,
     /// First row of the instances, and of the map from triangle numbers to instances.
-    instances: u32,
-    numbers: u32,
-    moving: Option<Moves>,
-    first_rows: layout::Tables,
+    pub(super) instances: u32,
+    pub(super) numbers: u32,
+    pub(super) moving: Option<Moves>,
+    pub(super) first_rows: layout::Tables,
     has_surfaces: bool,
-    materials: Vec<layout::Material>,
+    pub(super) materials: Vec<layout::Material>,
     textures: Vec<TextureInfo>,
-    images: Vec<Arc<TexelImage>>,
-    emitters: Emitters,
-    environment: Environment,
-}
-
-/// Decodes an 8-bit sRGB code (IEC 61966-2-1).
-pub(super) fn linear_from_srgb(code: u8) -> f32 {
-    let c = f64::from(code) / 255.0;
-    (if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }) as f32
+    pub(super) images: Vec<Arc<TexelImage>>,
+    pub(super) emitters: Emitters,
+    pub(super) environment: Environment,
 }
 
 impl SceneTables {
@@ -120,7 +109,7 @@ impl SceneTables {
     }
 
     /// Returns the first row of each table, and the bytes of all tables in order.
-    fn in_order(&self) -> (layout::Tables, Vec<Cow<'_, [u8]>>) {
+    pub(super) fn in_order(&self) -> (layout::Tables, Vec<Cow<'_, [u8]>>) {
         let Self { accel, emitters, .. } = self;
         let mut parts: Vec<Cow<'_, [u8]>> = Vec::new();
         let mut rows = 0;
@@ -216,7 +205,7 @@ impl SceneTables {
     }
 
     /// Returns the inputs of the motion passes, with their contents.
-    pub(super) fn skin_inputs(&self) -> [(Resource, &[u8]); 5] {
+    pub(in crate::stages) fn skin_inputs(&self) -> [(Resource, &[u8]); 5] {
         let skins = &self.accel.skins;
         let bytes: [&[u8]; 5] = [
             bytemuck::cast_slice(&skins.triangles),
@@ -235,7 +224,7 @@ impl SceneTables {
     }
 }
 
-fn bytes_of<T: bytemuck::Pod>(table: &[T]) -> Cow<'_, [u8]> {
+pub(super) fn bytes_of<T: bytemuck::Pod>(table: &[T]) -> Cow<'_, [u8]> {
     Cow::Borrowed(bytemuck::cast_slice(table))
 }
 

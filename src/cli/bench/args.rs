@@ -1,0 +1,173 @@
+//! Options of `diptych bench`, with those of its seam study and of its presets.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::ValueEnum;
+
+use crate::cli::foveation::FoveationMode;
+use crate::cli::options::{self, DenoiserChoice, RunOptions, render_scale};
+use crate::cli::reference::{PASS_SPP, seconds};
+use crate::quality::{Denoiser, LogPolar};
+use crate::report::{leria::FRAMES, once};
+
+#[derive(clap::Args, Clone, Debug)]
+pub struct Args {
+    #[command(flatten)]
+    pub options: RunOptions,
+    /// Virtual devices on each adapter
+    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
+    pub(super) virtual_devices: u16,
+    /// Samples per pixel to measure [default: 1,2,4,8,16]
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=1 << 20), help_heading = options::QUALITY)]
+    pub(super) spp: Vec<u32>,
+    /// Maximum bounces to measure [default: 2,6]
+    ///
+    /// The reference has the most of them.
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(0..=1024), help_heading = options::QUALITY)]
+    pub(super) bounces: Vec<u32>,
+    /// Denoisers to measure [default: none,atrous,svgf]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = options::denoiser_parser(), help_heading = options::QUALITY)]
+    pub(super) denoiser: Vec<DenoiserChoice>,
+    /// Iterations of denoisers to measure [default: 3,5]
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=i64::from(Denoiser::MAX_ITERATIONS)), help_heading = options::QUALITY)]
+    pub(super) iterations: Vec<u32>,
+    /// Foveation modes to measure [default: none]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
+    pub(super) foveation: Vec<FoveationMode>,
+    /// Log-polar mode or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
+    #[arg(long, value_name = "MODE", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
+    pub(super) polar: Option<LogPolar>,
+    /// Render scales to measure [default: 1,0.7,0.5]
+    ///
+    /// Those below 1 are measured with the fewest samples.
+    #[arg(
+        long = "render-scale",
+        alias = "scale",
+        value_delimiter = ',',
+        value_name = "F,F,…",
+        value_parser = render_scale,
+        conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
+    pub(super) scale: Vec<f64>,
+    /// Also measure the rungs of this ladder and print their regret
+    ///
+    /// Regret is the error above the best setting that takes no longer, within 3 %.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
+    pub(super) ladder: Option<PathBuf>,
+    /// Measure a small grid against a coarse reference
+    #[arg(long, help_heading = options::QUALITY)]
+    pub(super) quick: bool,
+    /// Measure everything again instead of resuming
+    #[arg(long, help_heading = options::OUTPUT)]
+    pub(super) fresh: bool,
+    /// Timed and compared frames per setting, at least two in the grid
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
+    pub(super) repeats: u32,
+    /// Frames before the timed ones
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
+    pub(super) warm_up: u32,
+    /// Folder of left.exr and right.exr to compare with [default: render them]
+    #[arg(
+        long = "reference-images",
+        alias = "reference",
+        value_name = "DIR",
+        conflicts_with_all = ["reference_spp", "reference_time_limit", "reference_dir"], help_heading = options::QUALITY)]
+    pub(super) reference: Option<PathBuf>,
+    /// Samples per pixel of the reference [default: 1024, with --quick 256]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2 * i64::from(PASS_SPP)..), help_heading = options::QUALITY)]
+    pub(super) reference_spp: Option<u32>,
+    /// Seconds for the reference; a later run resumes it
+    #[arg(long, default_value = "600", value_name = "S", value_parser = seconds, help_heading = options::QUALITY)]
+    pub(super) reference_time_limit: Duration,
+    /// Folder of references for later runs [default: reference in --out]
+    #[arg(long = "reference-cache", alias = "reference-dir", value_name = "DIR", help_heading = options::OUTPUT)]
+    pub(super) reference_dir: Option<PathBuf>,
+    /// Also write report.html
+    #[arg(long, help_heading = options::OUTPUT)]
+    pub(super) report: bool,
+    /// With --report: other renderers' times and FLIP, as in docs/peers
+    #[arg(long, value_name = "FILE", requires = "report", conflicts_with_all = ["seams", "preset"], help_heading = options::OUTPUT)]
+    pub(super) peers: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) seams: SeamOptions,
+    #[command(flatten)]
+    pub(super) preset: PresetOptions,
+}
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = options::QUALITY)]
+pub struct SeamOptions {
+    /// Measure seams instead of the grid: every seam policy at every count
+    ///
+    /// Settings are the first of --spp, --bounces, --denoiser and --iterations.
+    #[arg(long = "seam-study", alias = "seams", conflicts_with_all = ["virtual_devices", "seam"])]
+    seams: bool,
+    /// With --seam-study: virtual devices on each adapter
+    #[arg(long, value_delimiter = ',', default_value = "2,3,4", value_name = "N,N,…", requires = "seams", value_parser = clap::value_parser!(u16).range(1..=64))]
+    counts: Vec<u16>,
+}
+
+impl SeamOptions {
+    pub fn is_wanted(&self) -> bool {
+        self.seams
+    }
+
+    /// Returns the counts above 1, which have seams.
+    pub(super) fn counts(&self) -> Vec<u16> {
+        self.counts.iter().copied().filter(|count| *count > 1).collect()
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Experiment {
+    /// Leria et al.: every stage on all devices, beside path tracing alone
+    Leria,
+    /// Xu, Tong & Xu: dependent features left out of bmfr's fit, beside noise on all, and svgf
+    Bmfr,
+    /// Koskela et al.: visual-polar images beside as many samples spread evenly, and by a linear falloff
+    Koskela,
+    /// Andersson & Hansson: log-polar images in four modes, by rings around the gaze
+    Andersson,
+    /// Tables 4 and 5 of Peres: foveated sampling and denoising in layers
+    Peres,
+    /// Frames shown 1, 2 and 4 frames after their pose was taken from --motion, as they are and corrected
+    Late,
+}
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = options::QUALITY)]
+pub struct PresetOptions {
+    /// Repeat a published experiment instead of the grid
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference"])]
+    pub(super) preset: Option<Experiment>,
+    /// With --preset bmfr, koskela, andersson, peres or late: several shots
+    ///
+    /// With peres they stand for the scenes of the thesis: Pink Room, Sponza, Forest [default: builtin:checker,
+    /// builtin:atrium and builtin:forest].
+    #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "preset")]
+    pub shots: Vec<String>,
+    /// With --preset peres: factor on the thesis's resolutions
+    #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
+    pub size_factor: f64,
+    /// With --preset peres, andersson or late: instants along the path
+    #[arg(long, value_name = "N", requires = "preset", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub instants: u32,
+    /// With --preset leria: frames along the path
+    #[arg(long, value_name = "N", requires = "preset", default_value_t = FRAMES, value_parser = clap::value_parser!(u32).range(1..=5000))]
+    pub frames: u32,
+    /// With --preset leria: also predict these device counts
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", requires = "preset", default_value = "4", value_parser = clap::value_parser!(u16).range(2..=64))]
+    simulate: Vec<u16>,
+}
+
+fn size_factor(text: &str) -> Result<f64, String> {
+    let factor = text.parse().ok().filter(|factor: &f64| (0.01..=4.0).contains(factor));
+    factor.ok_or_else(|| "give a number from 0.01 to 4".to_owned())
+}
+
+impl PresetOptions {
+    /// Returns the device counts of --simulate without duplicates.
+    pub fn simulated(&self) -> Vec<usize> {
+        once(self.simulate.iter().copied().map(usize::from))
+    }
+}

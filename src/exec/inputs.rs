@@ -1,0 +1,44 @@
+//! The inputs of a frame, from which it is planned and handed out.
+
+use std::sync::Arc;
+
+use obvhs::aabb::Aabb;
+
+use super::late::Late;
+use super::output::Output;
+use crate::quality::Quality;
+use crate::schedule::Effort;
+use crate::stages::{Place, SceneUpdate, layout};
+
+/// Inputs of a frame. They are kept so that it can be rendered again after a device failure.
+#[derive(Clone)]
+pub struct Inputs {
+    pub constants: layout::Frame,
+    pub quality: Quality,
+    /// Relative cost of its stages, compared with other qualities.
+    pub effort: Effort,
+    /// Constants of the previous frame.
+    pub previous: layout::Previous,
+    /// Changes to the scene tables.
+    pub update: SceneUpdate,
+    /// Bounds of each moving body, relative to the tables' origin, and its maximum displacement since the previous
+    /// frame, in scene units.
+    pub moved: Vec<(Aabb, f32)>,
+    /// Time in the scene, in seconds.
+    pub time_s: f64,
+    pub place: Place,
+    /// Images that are returned with its answer.
+    pub reads: Arc<[Output]>,
+    /// Images to gather on the primary; `None` gathers all outputs.
+    pub outputs: Option<Arc<[Output]>>,
+    /// Source of the late-latched pose; `None` uses the pose in the constants.
+    pub late: Option<Late>,
+}
+
+impl Inputs {
+    /// Returns the number of samples of both eyes.
+    pub(super) fn samples(&self) -> u64 {
+        let layout::Frame { camera, sampling, .. } = self.constants;
+        2 * u64::from(camera.width) * u64::from(camera.height) * u64::from(sampling.spp.max(1))
+    }
+}

@@ -1,0 +1,46 @@
+//! The plan of a frame: the parameters that determine its graph.
+
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+
+use super::output::Output;
+use super::wire;
+use crate::graph::{Assignment, Program, Seam};
+use crate::scene::rig::Eye;
+
+/// State that the previous frame has left on the devices.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct History {
+    /// Assignment of the previous frame.
+    #[serde(with = "wire::assignment")]
+    pub before: Assignment,
+    /// Maximum number of rows that its surfaces may have moved.
+    pub rows: u32,
+    /// Devices that have failed since, with their rows.
+    pub lost: Vec<usize>,
+}
+
+impl History {
+    /// Returns the smallest range that contains the rows of all failed devices, in any image with a history.
+    pub fn lost_rows(&self, program: &Program) -> Range<u32> {
+        let kept = program.images().iter().filter(|image| image.is_before);
+        let of_image = kept.flat_map(|image| Eye::ALL.map(|view| (program.writer(&image.resource, view), view)));
+        let stripes = of_image.filter_map(|(group, view)| Some(self.before.stripes(group?, view)));
+        let rows = stripes.flat_map(|stripes| self.lost.iter().map(|&device| stripes.rows(device)).collect::<Vec<_>>());
+        let lost = rows.filter(|rows| !rows.is_empty());
+        lost.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end)).unwrap_or(0..0)
+    }
+}
+
+/// Parameters in which the graphs of a run differ.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    pub seam: Seam,
+    pub iterations: u32,
+    #[serde(with = "wire::assignment")]
+    pub assignment: Assignment,
+    pub history: Option<History>,
+    /// Images to gather on the primary, in addition to the row tallies; `None` gathers all outputs.
+    pub outputs: Option<Vec<Output>>,
+}

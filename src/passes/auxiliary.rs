@@ -1,0 +1,81 @@
+//! Passes of auxiliary images.
+
+use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
+use super::polar::screen;
+use super::shown::{self, LATE_CUT};
+use super::tonemap::CUT;
+use super::{Aov, FrameSpec, PREVIOUS};
+use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};
+use crate::image::Extent;
+use crate::scene::rig::Eye;
+
+/// Stages of auxiliary images: the images themselves, their mapping from polar images to the screen, and their display
+/// resampling. Their time does not count as frame time.
+pub const STAGES: [Stage; 4] = [Stage("aov"), Stage("aov_to_screen"), Stage("aov_to_eye"), Stage("aov_to_later_eye")];
+
+/// Auxiliary images in polar and rectified projection, before they are resampled.
+const POLAR: Resource = Resource::image("polar_aov", 16);
+const RECTIFIED: Resource = Resource::image("rectified_aov", 16);
+
+/// Returns the `index`th auxiliary image of a frame.
+pub const fn image(index: u8) -> Resource {
+    Resource::image("aov", 16).output().numbered(index)
+}
+
+/// Kernel with constants for the kinds that the shader names.
+const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
+    ("ALBEDO", Aov::Albedo as u32),
+    ("NORMAL", Aov::Normal as u32),
+    ("POSITION", Aov::Position as u32),
+    ("LAST_POSITION", Aov::LastPosition as u32),
+    ("DEPTH", Aov::Depth as u32),
+    ("ROUGHNESS", Aov::Roughness as u32),
+    ("HOLES", Aov::Holes as u32),
+    ("SPP", Aov::Spp as u32),
+    ("STRIPES", Aov::Stripes as u32),
+    ("BASE_COLOR", Aov::BaseColor as u32),
+    ("DIFFUSE_ALBEDO", Aov::DiffuseAlbedo as u32),
+]);
+
+/// Returns the passes of an auxiliary image.
+pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
+    let [polar, rectified, last] = [POLAR.numbered(index), RECTIFIED.numbered(index), image(index)];
+    let rectified_size = shown::rectified(spec);
+    let map = |stage: Stage, from: Resource, to: Resource| {
+        Pass::new(stage, view, CUT, Kernel::new(stage.name()))
+            .index(index.into())
+            .on(to.grid)
+            .uses([Use::read(from).reaching(Reach::All), Use::write(to)])
+    };
+    let to_screen = |to: Resource| spec.screen.map(|size| map(STAGES[1], polar, to.on(screen(size))));
+    let Some(shown) = spec.shown else {
+        let first = if spec.screen.is_some() { polar } else { last };
+        return std::iter::once(pass(view, index, aov, first, rectified_size)).chain(to_screen(last)).collect();
+    };
+    let first = if spec.screen.is_some() { polar } else { rectified };
+    let (from, to) = (rectified.on(screen(rectified_size)), last.on(screen(shown)));
+    let args = [rectified_size.width, rectified_size.height, u32::from(aov == Aov::Motion)];
+    let to_eye = match spec.is_late {
+        false => map(STAGES[2], from, to),
+        true => {
+            let late = Pass { cut_group: LATE_CUT, ..map(STAGES[3], from, to) };
+            late.uses([Use::read(EMISSION).reaching(Reach::All)])
+        }
+    };
+    let first = pass(view, index, aov, first, rectified_size);
+    std::iter::once(first).chain(to_screen(rectified)).chain([to_eye.args(args)]).collect()
+}
+
+fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pass {
+    Pass::new(STAGES[0], view, CUT, KERNEL)
+        .index(index.into())
+        .uses([
+            Use::read(HIT),
+            Use::read(ALBEDO),
+            Use::read(EMISSION),
+            Use::read(TALLY),
+            Use::write(target),
+            Use::read(PREVIOUS),
+        ])
+        .args([aov as u32, screen.width, screen.height])
+}

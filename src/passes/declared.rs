@@ -1,0 +1,27 @@
+//! The passes of a frame as they are declared.
+
+use crate::graph::{Pass, Stage};
+use crate::scene::rig::Eye;
+
+/// The passes of a frame, and the stages that it leaves out.
+#[derive(Clone, Debug, Default)]
+pub struct Declared {
+    /// The passes in an order that respects every dependency.
+    pub passes: Vec<Pass>,
+    /// Stages that are not needed, and why.
+    pub left_out: Vec<(Stage, Eye, &'static str)>,
+}
+
+impl Declared {
+    pub fn add(&mut self, pass: Pass) {
+        self.passes.push(pass);
+    }
+
+    /// Adds a pass if it is needed.
+    pub fn add_if(&mut self, is_needed: bool, why_not: &'static str, pass: Pass) {
+        match is_needed {
+            true => self.passes.push(pass),
+            false => self.left_out.push((pass.stage, pass.view, why_not)),
+        }
+    }
+}

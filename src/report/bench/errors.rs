@@ -1,0 +1,73 @@
+//! Errors of images by name, and which of them tables show.
+
+use serde::{Deserialize, Serialize};
+
+use crate::metrics;
+use crate::metrics::rings::Viewing;
+
+/// Metrics that tables show, in this order. Files have the remaining ones after them.
+pub(super) const SHOWN: [&str; 10] =
+    ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "flip_acuity", "mean_ratio"];
+
+/// Names of two metrics: the flicker between frames, and FLIP + flicker, by which fronts and ladders are made
+/// ([`crate::control::Measure::FlipFlicker`]).
+pub(super) const FLICKER: &str = "flicker";
+pub const ERROR: &str = "flip_flicker";
+
+/// A relMSE below this many times the reference's own cannot be distinguished from it.
+pub(super) const NOISE_MARGIN: f64 = 4.0;
+
+/// An eye's errors by name, with the names of [`SeenErrors`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Errors(pub(super) serde_json::Map<String, serde_json::Value>);
+
+impl Errors {
+    /// Returns the means over repeats. A value that is undefined in one repeat is undefined in the mean.
+    pub fn mean_of(comparisons: &[impl Serialize]) -> Self {
+        let all: Vec<serde_json::Value> = comparisons.iter().filter_map(|c| serde_json::to_value(c).ok()).collect();
+        let names = all.first().and_then(|v| v.as_object()).into_iter().flat_map(|v| v.keys());
+        let mean = |name: &String| -> Option<f64> {
+            let values: Option<Vec<f64>> = all.iter().map(|v| v.get(name)?.as_f64()).collect();
+            values.map(|v| v.iter().sum::<f64>() / v.len() as f64)
+        };
+        Self(names.map(|name| (name.clone(), mean(name).into())).collect())
+    }
+
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.0.get(name)?.as_f64()
+    }
+
+    /// Adds the flicker between frames, and its sum with FLIP, which is undefined if either is.
+    pub(super) fn with_flicker(mut self, flicker: Option<f64>) -> Self {
+        let sum = self.get("flip").zip(flicker).map(|(flip, flicker)| flip + flicker);
+        for (name, value) in [(FLICKER, flicker), (ERROR, sum)] {
+            self.0.insert(name.to_owned(), value.into());
+        }
+        self
+    }
+
+    /// Returns the names of the errors, those of [`SHOWN`] first.
+    pub(super) fn names(&self) -> Vec<&str> {
+        let mut names: Vec<&str> = self.0.keys().map(String::as_str).collect();
+        names.sort_by_key(|n| SHOWN.iter().position(|s| s == n).unwrap_or(SHOWN.len()));
+        names
+    }
+}
+
+/// Errors of an eye, with and without weights by the gaze.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct SeenErrors {
+    #[serde(flatten)]
+    pub all: metrics::Errors,
+    /// The result of [`metrics::Pair::foveated_flip`].
+    pub flip_foveated: f64,
+    /// The result of [`metrics::Pair::acuity_flip`].
+    pub flip_acuity: f64,
+}
+
+impl SeenErrors {
+    pub fn new(pair: &metrics::Pair, viewing: &Viewing) -> Self {
+        Self { all: pair.errors(), flip_foveated: pair.foveated_flip(viewing), flip_acuity: pair.acuity_flip(viewing) }
+    }
+}

@@ -1,0 +1,154 @@
+//! Results of the grid's settings, and their Pareto front.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::errors::{ERROR, Errors, FLICKER, SeenErrors};
+use crate::control::{Rung, front};
+use crate::exec::{FrameReport, Stereo};
+use crate::metrics::temporal::{Change, TemporalError};
+use crate::quality::Quality;
+use crate::report::frames::FrameLine;
+use crate::report::median_of;
+
+/// One measured frame of a setting.
+#[derive(Clone, Debug)]
+pub struct Repeat {
+    /// Busy time by stage, summed over views and devices.
+    pub stage_ms: BTreeMap<String, f64>,
+    pub errors: Stereo<SeenErrors>,
+    /// Its line in `frames.csv`.
+    pub line: FrameLine,
+}
+
+impl Repeat {
+    pub fn new(frame: &FrameReport, errors: Stereo<SeenErrors>, line: FrameLine) -> Self {
+        Self { stage_ms: frame.stage_ms(), errors, line }
+    }
+}
+
+/// Results of a setting.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// Median, minimum and maximum of the repeats' makespans.
+    pub time_ms: f64,
+    pub time_ms_min: f64,
+    pub time_ms_max: f64,
+    /// Medians of the busy times.
+    pub stage_ms: BTreeMap<String, f64>,
+    pub errors: Stereo<Errors>,
+    /// relMSE of each repeat.
+    pub relmse_repeats: Stereo<Vec<f64>>,
+    /// Line of each repeat in `frames.csv`.
+    pub frames: Vec<FrameLine>,
+}
+
+impl Measured {
+    /// Combines the frames of a setting. `changes` holds the difference between consecutive frames of each eye, with
+    /// the camera at rest.
+    pub fn of(repeats: &[Repeat], changes: Stereo<Change>) -> Self {
+        let times_ms: Vec<f64> = repeats.iter().map(|r| r.line.makespan_ms).collect();
+        let stages = repeats.iter().flat_map(|r| r.stage_ms.keys());
+        let stage_ms =
+            |stage: &String| median_of(repeats.iter().filter_map(|r| r.stage_ms.get(stage).copied()).collect());
+        let eye = |of: fn(&Repeat) -> &SeenErrors| repeats.iter().map(|r| *of(r)).collect::<Vec<_>>();
+        let found = Stereo { left: eye(|r| &r.errors.left), right: eye(|r| &r.errors.right) };
+        let relmse = |c: &[SeenErrors]| c.iter().map(|c| c.all.relmse).collect();
+        Self {
+            time_ms_min: times_ms.iter().copied().fold(f64::INFINITY, f64::min),
+            time_ms_max: times_ms.iter().copied().fold(0.0, f64::max),
+            time_ms: median_of(times_ms),
+            stage_ms: stages.map(|stage| (stage.clone(), stage_ms(stage))).collect(),
+            errors: Stereo {
+                left: Errors::mean_of(&found.left).with_flicker(TemporalError::from(changes.left).flicker),
+                right: Errors::mean_of(&found.right).with_flicker(TemporalError::from(changes.right).flicker),
+            },
+            relmse_repeats: Stereo { left: relmse(&found.left), right: relmse(&found.right) },
+            frames: repeats.iter().map(|r| r.line.clone()).collect(),
+        }
+    }
+
+    /// Returns the mean of both eyes; infinite if it is undefined in one.
+    pub fn error(&self, name: &str) -> f64 {
+        let [l, r] = [&self.errors.left, &self.errors.right].map(|e| e.get(name).unwrap_or(f64::INFINITY));
+        (l + r) / 2.0
+    }
+}
+
+/// A setting with its results.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    #[serde(flatten)]
+    pub quality: Quality,
+    #[serde(flatten)]
+    pub measured: Measured,
+    /// True if no other setting is both faster and better by [`ERROR`], as a mean of both eyes.
+    pub on_front: bool,
+}
+
+impl Row {
+    pub fn new(quality: Quality, measured: Measured) -> Self {
+        Self { quality, measured, on_front: false }
+    }
+
+    pub fn rung(&self) -> Rung {
+        let Measured { time_ms, stage_ms, .. } = &self.measured;
+        let [flip, flicker, relmse] = ["flip", FLICKER, "relmse"].map(|name| Some(self.measured.error(name)));
+        let (quality, error, stage_ms) = (self.quality, self.measured.error(ERROR), stage_ms.clone());
+        Rung { time_ms: *time_ms, error, flip, flicker, relmse, is_estimated: false, quality, stage_ms }
+    }
+}
+
+pub(super) fn points(rows: &[&Row], error: &str) -> Vec<(f64, f64)> {
+    rows.iter().map(|r| (r.measured.time_ms, r.measured.error(error))).collect()
+}
+
+/// Marks the rows of the Pareto front.
+pub fn mark_front(rows: &mut [Row]) {
+    for i in front(&points(&rows.iter().collect::<Vec<_>>(), ERROR)) {
+        rows[i].on_front = true;
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::image::{Extent, RgbImage};
+    use crate::metrics::Pair;
+    use crate::metrics::rings::Viewing;
+    use crate::quality::{Denoiser, FrameQuality};
+
+    /// Makes a setting whose repeats have these RMSE in the left eye and twice that in the right.
+    pub fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> Row {
+        let denoiser = Denoiser::from_name(denoiser).unwrap();
+        let quality = Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
+        let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
+        let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 70.0 };
+        let flat = |v: f64| {
+            let pair = Pair::new(&black, &RgbImage::filled(black.extent, [v as f32; 3]), 0.0).unwrap();
+            SeenErrors::new(&pair, &viewing)
+        };
+        let repeat = |v: &f64| Repeat {
+            stage_ms: [("atrous".to_owned(), time_ms / 4.0)].into(),
+            errors: Stereo { left: flat(*v), right: flat(2.0 * v) },
+            line: FrameLine { makespan_ms: time_ms, quality: FrameQuality::from(&quality), ..FrameLine::default() },
+        };
+        let repeats: Vec<Repeat> = rmse.iter().map(repeat).collect();
+        let black = || Pair::new(&black, &black, 0.0).unwrap();
+        let change = black().change_at_rest(&black()).unwrap();
+        Row::new(quality, Measured::of(&repeats, Stereo { left: change, right: change }))
+    }
+
+    #[test]
+    fn the_front_is_what_nothing_beats() {
+        let mut rows = vec![
+            row("none", 1, 1.0, &[0.4]),
+            row("none", 2, 2.0, &[0.3]),
+            row("svgf", 1, 1.5, &[0.2]),
+            row("svgf", 2, 3.0, &[0.1]),
+        ];
+        mark_front(&mut rows);
+        assert_eq!(rows.iter().map(|r| r.on_front).collect::<Vec<_>>(), [true, false, true, true]);
+    }
+}

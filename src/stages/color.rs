@@ -1,0 +1,14 @@
+//! Decoding of sRGB codes, and the luminance of linear colours.
+
+use glam::Vec3;
+
+/// Decodes an 8-bit sRGB code (IEC 61966-2-1).
+pub fn linear_from_srgb(code: u8) -> f32 {
+    let c = f64::from(code) / 255.0;
+    (if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }) as f32
+}
+
+/// Returns the Rec. 709 luminance.
+pub fn luminance(c: Vec3) -> f64 {
+    f64::from(c.x) * 0.2126 + f64::from(c.y) * 0.7152 + f64::from(c.z) * 0.0722
+}
