@@ -18,6 +18,7 @@
 #              only these; SCENES=DIR: with third-party scenes; NEWER_MESA=COMMAND: also under the driver with which
 #              COMMAND runs commands; WITH_PEERS=1: with Mitsuba and OIDN; ARGS=--smoke: tiny sizes, in
 #              out/numbers/smoke
+# make docs    builds the documentation as a site, with the reference of the library: out/docs. Needs mdBook
 # make deps    checks for a Vulkan driver and compilers. Installs Mesa's driver if none is found and apt-get exists.
 #              Warns about an old, slow software driver
 # make clean
@@ -48,7 +49,7 @@ ifneq ($(RUN),)
 export CARGO_TARGET_$(shell $(RUSTC) -vV | sed -n 's/^host: //p' | tr a-z- A-Z_)_RUNNER := $(RUN)
 endif
 
-.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr golden release-check peers peers-packages numbers deps clean
+.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr golden release-check peers peers-packages numbers docs deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -136,6 +137,9 @@ numbers: deps $(if $(WITH_PEERS),peers-packages)
 	$(CARGO) build --release --locked
 	python3 tools/results/measure.py --diptych "$(DIPTYCH)" --tables "$(TABLES)" $(if $(SCENES),--scenes "$(SCENES)") \
 		$(if $(NEWER_MESA),--driver "$(NEWER_MESA)") $(if $(WITH_PEERS),--peers $(PEERS)/venv/bin/python) $(ARGS)
+
+docs:
+	CARGO="$(CARGO)" sh tools/docs.sh out/docs
 
 deps:
 	@sh tools/deps.sh
