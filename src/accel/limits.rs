@@ -21,21 +21,17 @@ pub(super) const MAX_REACH: f64 = 1e14;
 #[derive(Debug, thiserror::Error)]
 pub enum AccelError {
     #[error(
-        "the scene's tree is {depth} levels deep, more than the {MAX_DEPTH} a ray's stack holds: its triangles are stacked on one another, simplify the scene"
+        "the scene's BVH is {depth} levels deep, more than the {MAX_DEPTH} that a ray's traversal stack holds: too many triangles overlap, simplify the scene"
     )]
     TooDeep { depth: usize },
     #[error(
-        "the scene has {0} triangles, those that instances share counted once, more than the {MAX_TRIANGLES} that fit into memory: simplify it"
+        "the scene has {0} triangles (those shared by instances counted once), more than the limit of {MAX_TRIANGLES}: simplify it"
     )]
     TooMany(usize),
-    #[error(
-        "the scene has {0} triangles after instancing, more than the {MAX_PRIMS} that can be told apart: simplify it"
-    )]
+    #[error("the scene has {0} triangles after instancing, more than the limit of {MAX_PRIMS}: simplify it")]
     TooManyInstances(usize),
-    #[error(
-        "the scene reaches to {0:e} units, more than the {MAX_REACH:e} that areas can be reckoned with: scale it down"
-    )]
+    #[error("the scene extends to {0:e} units, beyond the limit of {MAX_REACH:e}: scale it down")]
     TooLarge(f64),
-    #[error("the scene's {triangles} triangles after instancing are refused: {exceeded}")]
+    #[error("the BVH of the scene's {triangles} triangles (after instancing) does not fit into memory: {exceeded}")]
     Memory { triangles: usize, exceeded: Exceeded },
 }

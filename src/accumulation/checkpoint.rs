@@ -18,10 +18,10 @@ const FIRST_LINE: &[u8] = b"diptych accumulation 1\n";
 pub enum CheckpointError {
     #[error("cannot read the checkpoint {path}: check that you may read it")]
     Read { path: PathBuf, source: io::Error },
-    #[error("the checkpoint {path} is damaged ({what}): remove it to begin anew")]
+    #[error("the checkpoint {path} is damaged ({what}): remove it to start over")]
     Damaged { path: PathBuf, what: String },
     #[error(
-        "the checkpoint {path} is of another render ({}): ask for what it is of, choose another folder, or remove it",
+        "the checkpoint {path} belongs to a different render ({}): use the settings of that render, choose another folder, or remove it",
         differences.join(", ")
     )]
     Foreign { path: PathBuf, differences: Vec<String> },

@@ -20,9 +20,9 @@ pub enum Balance {
 /// Built-in policies with their names and help texts.
 pub const BUILT_IN: [(Balance, &str, &str); 4] = [
     (Balance::Even, "even", "The same rows for every device"),
-    (Balance::Static, "static", "By --ratios"),
-    (Balance::Measured, "measured", "By the measured cost of past frames"),
-    (Balance::Heft, "heft", "By list scheduling of blocks of rows, at measured cost"),
+    (Balance::Static, "static", "Fixed --ratios"),
+    (Balance::Measured, "measured", "Measured cost of past frames"),
+    (Balance::Heft, "heft", "List scheduling of row blocks at measured cost"),
 ];
 
 impl Balance {

@@ -178,10 +178,10 @@ fn write_results(
     let figure = svg(title, rows, reference.noise.as_ref()).context("cannot draw the plot")?;
     output::write_text(&options.out, "bench.svg", &figure)?;
     let best = &ladders[0];
-    best.write(&options.out.join("ladder.toml")).context("cannot keep the ladder")?;
+    best.write(&options.out.join("ladder.toml")).context("cannot write the ladder")?;
     for ladder in ladders.iter().filter(|_| ladders.len() > 1) {
         let name = format!("ladder.{}.toml", Denoiser::name_of(ladder.rungs()[0].quality.denoiser));
-        ladder.write(&options.out.join(name)).context("cannot keep the ladder")?;
+        ladder.write(&options.out.join(name)).context("cannot write the ladder")?;
     }
     let climb = ladder_svg(format!("Quality ladder, {} at {}", options.shot, options.size), rows, &[], best)
         .context("cannot draw the ladder")?;
@@ -209,7 +209,7 @@ fn ladders(
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
     let rungs: Vec<_> = rows.iter().map(Row::rung).collect();
-    Ok(Ladder::by_denoiser(&origin, &rungs).context("no setting can be a rung of a ladder")?)
+    Ok(Ladder::by_denoiser(&origin, &rungs).context("cannot build a ladder from the measured settings")?)
 }
 
 /// Names the denoiser of ladder.toml and the files of the other denoisers' ladders.

@@ -28,7 +28,7 @@ pub enum Command {
     View(view::Args),
     /// Render the same frames at several device counts and policies
     Scale(scale::Args),
-    /// Measure run time against error over a grid of settings
+    /// Measure time against error over a grid of settings
     Bench(bench::Args),
     /// Compare images or sequences with a reference: RMSE, PSNR, SSIM, FLIP, …
     Compare(compare::Args),

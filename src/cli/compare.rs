@@ -26,7 +26,7 @@ use sequence::frames_in;
 pub struct Args {
     /// Reference: an image, or a folder with left.exr and right.exr or a sequence
     reference: PathBuf,
-    /// Image to compare, likewise; a sequence needs --aov motion,position,normal
+    /// Image or folder to compare; sequences need --aov motion,position,normal
     image: PathBuf,
     /// Exposure of displayed values, stops [default: the reference's]
     ///
@@ -194,7 +194,7 @@ fn refuse_options_of_images(args: &Args) -> Result<(), anyhow::Error> {
     ];
     match given.iter().find(|(_, is_given)| *is_given) {
         Some((option, _)) => {
-            anyhow::bail!("{option} is of single frames: name two files, or folders without numbered frames")
+            anyhow::bail!("{option} works on single frames: name two files, or folders without numbered frames")
         }
         None => Ok(()),
     }
@@ -202,7 +202,7 @@ fn refuse_options_of_images(args: &Args) -> Result<(), anyhow::Error> {
 
 fn check_seams(rows: &[u32], extent: Extent) -> Result<(), anyhow::Error> {
     match rows.iter().find(|&&row| row == 0 || row >= extent.height) {
-        Some(row) => anyhow::bail!("--seam-rows {row}: no stripe of {extent} meets another there, give rows from 1 on"),
+        Some(row) => anyhow::bail!("--seam-rows {row}: an image of {extent} has no seam there: give rows inside it"),
         None => Ok(()),
     }
 }

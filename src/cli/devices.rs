@@ -4,6 +4,7 @@ use crate::device;
 use crate::report::text_table;
 
 use super::failure::Failure;
+use super::hints;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -28,7 +29,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             let state = if a.missing.is_empty() {
                 "ready".into()
             } else {
-                format!("lacks {}: {}", a.missing.join(", "), a.hint)
+                format!("lacks {}: {} ({})", a.missing.join(", "), a.hint, hints::ADAPTER)
             };
             vec![
                 a.index.to_string(),

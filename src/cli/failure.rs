@@ -10,7 +10,7 @@ use crate::loaded::LoadError;
 use crate::scene::SceneError;
 use crate::session::CalibrationError;
 
-use super::signals;
+use super::{hints, signals};
 
 /// A command's failure: in the user's input, or in the run itself.
 pub enum Failure {
@@ -21,20 +21,20 @@ pub enum Failure {
 }
 
 impl Failure {
-    /// Formats the error on one line and each cause on a further line.
+    /// Formats the error on one line and each cause on a further line. Each is followed by the options that remedy it.
     pub fn message(&self) -> String {
         let (Self::Input(error) | Self::Run(error)) = self else { return "interrupted\n".to_owned() };
-        let mut text = format!("error: {error}\n");
-        for cause in error.chain().skip(1) {
-            text += &format!("  because: {cause}\n");
-        }
-        text
+        let begins = std::iter::once("error").chain(std::iter::repeat("  because"));
+        let lines =
+            begins.zip(error.chain()).map(|(begin, error)| format!("{begin}: {}\n", hints::with_options(error)));
+        lines.collect()
     }
 
     /// Formats the error and its causes on a single line, without the prefix `error:`.
     pub fn line(&self) -> String {
         let (Self::Input(error) | Self::Run(error)) = self else { return "interrupted".to_owned() };
-        format!("{error:#}").replace('\n', " ")
+        let texts: Vec<_> = error.chain().map(hints::with_options).collect();
+        texts.join(": ").replace('\n', " ")
     }
 
     pub fn exit_status(&self) -> u8 {
@@ -138,5 +138,24 @@ impl From<AccumulateError> for Failure {
             AccumulateError::Exec(error) => error.into(),
             AccumulateError::Checkpoint(error) => error.into(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context;
+
+    use super::*;
+    use crate::image::Extent;
+
+    #[test]
+    fn options_follow_the_error_or_cause_that_they_remedy() {
+        let (first, second) = (Extent::new(1, 2), Extent::new(3, 4));
+        let failed: Result<(), _> = Err(ImageError::SizeMismatch { first, second });
+        let failure = Failure::Input(failed.context("cannot compare them").unwrap_err());
+        let cause =
+            "the images differ in size, 1x2 and 3x4: check that both were rendered at the same size (render --size)";
+        assert_eq!(failure.message(), format!("error: cannot compare them\n  because: {cause}\n"));
+        assert_eq!(failure.line(), format!("cannot compare them: {cause}"));
     }
 }

@@ -26,7 +26,7 @@ impl FaultOptions {
     pub fn injected(&self, devices: usize) -> Result<InjectedFaults, Failure> {
         let refuse = |what: String| Err(Failure::Input(anyhow::anyhow!(what)));
         if let Some(i) = self.injections.iter().find(|i| i.device >= devices) {
-            return refuse(format!("--inject: there is no device {}, but only {devices}, from 0 on", i.device));
+            return refuse(format!("--inject: there is no device {}: there are {devices}, numbered from 0", i.device));
         }
         let slowdown = match &self.slowdown[..] {
             [] => Vec::new(),

@@ -142,26 +142,26 @@ impl FoveationOptions {
         let is_on = self.is_on();
         anyhow::ensure!(
             denoiser.is_some() || self.iterations.is_none_or(|layers| layers == [0; 3]),
-            "--iterations are of a denoiser, and there is none: leave them out, or choose another --denoiser than none"
+            "--iterations needs a denoiser: leave it out, or choose another --denoiser than none"
         );
         if let (Some(denoiser), Some(layers)) = (denoiser, self.iterations) {
             let (most, name) = (denoiser.most_iterations(), Denoiser::name_of(Some(denoiser)));
             anyhow::ensure!(
                 layers.iter().all(|n| *n <= most),
-                "--iterations: --denoiser {name} has {most} of them at most: leave them out, or choose another"
+                "--iterations: --denoiser {name} takes at most {most}: give fewer, or choose another denoiser"
             );
         }
         anyhow::ensure!(
             self.foveation != FoveationMode::None || self.gaze.is_none(),
-            "--gaze is for --foveation layers, visual-polar and log-polar"
+            "--gaze needs --foveation layers, visual-polar or log-polar"
         );
         anyhow::ensure!(
             self.foveation == FoveationMode::LogPolar || self.polar.is_none(),
-            "--polar is for --foveation log-polar"
+            "--polar needs --foveation log-polar"
         );
         anyhow::ensure!(
             is_on || self.iterations.is_none_or(|[inner, middle, outer]| inner == middle && middle == outer),
-            "--iterations M,N,P is for --foveation layers: give one number"
+            "--iterations M,N,P needs --foveation layers: give one number without it"
         );
         Ok(())
     }

@@ -13,7 +13,7 @@ use super::output;
 
 #[derive(clap::Args)]
 pub struct CompletionArgs {
-    /// Shell
+    /// Shell to complete for
     shell: Shell,
 }
 

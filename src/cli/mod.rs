@@ -26,6 +26,7 @@ mod faults;
 mod foveation;
 mod graph;
 mod headings;
+mod hints;
 mod interrupt;
 mod manual;
 mod node;

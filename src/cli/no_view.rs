@@ -7,7 +7,7 @@ use super::options::RunOptions;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
-    /// Whatever a program with the window would take
+    /// Arguments of `view`, ignored
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
     _all: Vec<OsString>,
 }

@@ -33,7 +33,7 @@ pub enum SeamOption {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum HaloOption {
-    /// The cheaper of both, for each iteration
+    /// Choose the cheaper for each iteration
     Cost,
     /// Receive a wide margin once and filter it redundantly
     Recompute,
@@ -192,10 +192,7 @@ impl RunOptions {
             self.balance() != Balance::Static || !self.ratios.is_empty(),
             "--balance static needs --ratios"
         );
-        anyhow::ensure!(
-            self.balance() == Balance::Static || self.ratios.is_empty(),
-            "--ratios are for --balance static"
-        );
+        anyhow::ensure!(self.balance() == Balance::Static || self.ratios.is_empty(), "--ratios needs --balance static");
         Ok(())
     }
 }
@@ -289,7 +286,7 @@ impl RenderOptions {
         anyhow::ensure!(self.fps.is_finite() && self.fps > 0.0, "--fps {} is not a rate above 0", self.fps);
         anyhow::ensure!(
             self.spp <= MAX_FRAME_SPP,
-            "--spp {} is more than the {MAX_FRAME_SPP} of one frame: --reference takes them in passes",
+            "--spp {} exceeds the limit of {MAX_FRAME_SPP} per frame: use --reference to accumulate more",
             self.spp
         );
         if let Some(late) = self.faults.injections.iter().find(|i| i.frame >= self.frames) {
@@ -302,7 +299,7 @@ impl RenderOptions {
         }
         anyhow::ensure!(
             self.scale == 1.0 || self.quality().denoiser.is_some(),
-            "--render-scale below 1 needs a denoiser, that brings light to the pixels left out"
+            "--render-scale below 1 needs a denoiser to fill in the pixels that are not traced"
         );
         self.foveated.check(self.denoiser)?;
         self.run.check()

@@ -64,7 +64,7 @@ const LANES_NOTE: &str = "A lane per device and eye, a box per pass over a strip
 /// Returns a section with swimlanes. `note` describes the frames; `shown` is the index of the frame that is visible at
 /// first.
 pub fn swimlanes(note: String, frames: &[LaneFrame<'_>], shown: usize) -> Result<Section, Failure> {
-    let figure = Some(lanes(frames, shown).context("cannot write down the tasks of frames")?);
+    let figure = Some(lanes(frames, shown).context("cannot encode the tasks of the frames")?);
     Ok(Section { heading: "Swimlanes of a frame", notes: vec![note, LANES_NOTE.to_owned()], figure, table: None })
 }
 

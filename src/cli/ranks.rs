@@ -1,5 +1,6 @@
 //! Processes that `mpirun` starts together: rank 0 runs the command, the others serve it with their devices.
 
+use std::error::Error;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -11,6 +12,7 @@ use crate::stages::SceneTables;
 use crate::trace::HostSpans;
 
 use super::failure::Failure;
+use super::hints;
 use super::interrupt;
 use super::node::NODE;
 use super::options::RunOptions;
@@ -21,7 +23,7 @@ use super::setup;
 pub fn join() -> Result<(), Failure> {
     #[cfg(feature = "mpi")]
     if crate::exec::ranks::started_as().is_some() {
-        let node = Node::join(crate::exec::ranks::MpiLink::new, interrupt::raise);
+        let node = crate::exec::ranks::Node::join(crate::exec::ranks::MpiLink::new, interrupt::raise);
         let node = node.map_err(|what| Failure::Run(anyhow::anyhow!("cannot join the other ranks: {what}")))?;
         let node = NODE.get_or_init(|| node);
         if node.rank() == 0 {
@@ -40,8 +42,8 @@ pub fn check_alone() -> Result<(), Failure> {
     if number > 0 {
         std::thread::sleep(std::time::Duration::from_secs(1));
     }
-    let what = "this is one of several processes that were started together, and this program has no MPI: build it with \
-                `--features mpi`, or start one process";
+    let what = "this is one of several processes started by an MPI launcher, but this diptych was built without MPI: \
+                build it with `--features mpi`, or start one process";
     Err(Failure::Run(anyhow::anyhow!(what)))
 }
 
@@ -87,7 +89,7 @@ struct Here<'a> {
 
 impl Here<'_> {
     fn options(&self) -> Result<&RunOptions, String> {
-        self.options.ok_or_else(|| "its command line is not one that renders".to_owned())
+        self.options.ok_or_else(|| "its command does not render".to_owned())
     }
 }
 
@@ -112,6 +114,10 @@ impl Host for Here<'_> {
 
     fn passes(&self) -> Declarations {
         registered().passes.clone()
+    }
+
+    fn describe(&self, error: &(dyn Error + 'static)) -> String {
+        hints::with_options(error)
     }
 
     fn interrupted(&self) -> Option<i32> {

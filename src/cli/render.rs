@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     if args.overlay && loaded.shot.rig.optics.is_some() && options.foveated.space().is_some() {
         let what =
-            "--overlay does not go with eyes that --motion describes and images around the gaze: leave one of them out";
+            "--overlay cannot be combined with both polar --foveation and the projections of --motion: leave one out";
         return Err(Failure::Input(anyhow::anyhow!(what)));
     }
     let last_s = time_s(options, options.frames - 1);

@@ -107,7 +107,7 @@ fn triple(text: &str, allowed: &Allowed) -> Option<DVec3> {
 }
 
 fn point(text: &str) -> Result<DVec3, String> {
-    triple(text, &ANY).ok_or_else(|| "give three numbers, as 0,1.6,-2.5".to_owned())
+    triple(text, &ANY).ok_or_else(|| "give three numbers, e.g. 0,1.6,-2.5".to_owned())
 }
 
 fn animation(text: &str) -> Result<Choice, String> {
@@ -119,7 +119,7 @@ fn environment(text: &str) -> Result<ShotEnvironment, String> {
     let sky = match triple(text, &NOT_NEGATIVE) {
         Some(radiance) => Sky::Constant(radiance.as_vec3()),
         None if lower.ends_with(".hdr") || lower.ends_with(".exr") => Sky::Image(text.to_owned()),
-        None => return Err("give an .hdr or .exr file, or a radiance of three numbers from 0 on, as 1,1,1".to_owned()),
+        None => return Err("give an .hdr or .exr file, or a radiance of three numbers ≥ 0, e.g. 1,1,1".to_owned()),
     };
     Ok(ShotEnvironment { sky, scale: 1.0, rotation_deg: 0.0 })
 }

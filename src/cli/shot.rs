@@ -27,10 +27,10 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let out = &args.out;
     if out.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
-        return Err(Failure::Input(anyhow!("--out {}: a shot's name ends in .toml", out.display())));
+        return Err(Failure::Input(anyhow!("--out {}: a shot's file name must end in .toml", out.display())));
     }
     if out.exists() {
-        let what = anyhow!("--out {}: it is there already, and may have been edited: give another name", out.display());
+        let what = anyhow!("--out {}: the file exists and may have been edited: give another name", out.display());
         return Err(Failure::Input(what));
     }
     let (mut shot, scene) = args.scene.load(&args.scene_file, 0.0, &args.scene.budget())?;

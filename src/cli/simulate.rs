@@ -45,7 +45,7 @@ impl FromStr for Nodes {
         let number = |text: &str| text.parse().ok().filter(|n| (1..=MOST_DEVICES).contains(n));
         let found = number(nodes).zip(number(each)).map(|(nodes, each)| Self { nodes, each });
         let found = found.filter(|found| found.nodes * found.each <= MOST_DEVICES);
-        found.ok_or_else(|| format!("give 1 to {MOST_DEVICES} devices, as 4, or nodes with devices each, as 2x4"))
+        found.ok_or_else(|| format!("give 1 to {MOST_DEVICES} devices, e.g. 4, or nodes x devices per node, e.g. 2x4"))
     }
 }
 
@@ -67,13 +67,13 @@ impl Args {
     /// Checks constraints that clap cannot express.
     pub fn check(&self, options: &RenderOptions) -> Result<(), Failure> {
         if self.is_wanted() && options.frames_in_flight > 1 {
-            let what = "--simulate plays frames one after another: leave --frames-in-flight out";
+            let what = "--simulate runs one frame at a time: leave --frames-in-flight out";
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
         for (name, value) in [("--network-us", self.network_us), ("--network-gbps", self.network_gbps)] {
             let least = if name == "--network-us" { 0.0 } else { f64::MIN_POSITIVE };
             if let Some(value) = value.filter(|value| !(value.is_finite() && *value >= least)) {
-                return Err(Failure::Input(anyhow::anyhow!("{name} {value} is none that a network has")));
+                return Err(Failure::Input(anyhow::anyhow!("{name} {value} is not usable: give a positive number")));
             }
         }
         match self.speeds.iter().find(|s| !s.is_finite() || **s <= 0.0) {

@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let shared = Arc::new(Shared::default());
     let start = Start { prepared, loaded, gpus, tracing, progress };
     let mut app = App::new(look, start, shared, events.create_proxy());
-    events.run_app(&mut app).context("the window's system failed")?;
+    events.run_app(&mut app).context("the windowing system failed")?;
     let screenshot = app.end(args.screenshot.is_some())?;
     if let (Some(path), Some(picture)) = (&args.screenshot, screenshot) {
         crate::image::display::write_png(path, &picture)?;

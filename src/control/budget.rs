@@ -11,7 +11,7 @@ const STEP_HEADROOM: f64 = 1.06;
 const GAP_HEADROOM: f64 = 1.03;
 
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("a budget of {lo_ms} to {hi_ms} ms is none: give two times, 0 < LO < HI")]
+#[error("{lo_ms} to {hi_ms} ms is not a valid frame budget: give two times, 0 < LO < HI")]
 pub struct BudgetError {
     lo_ms: f64,
     hi_ms: f64,

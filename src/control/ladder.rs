@@ -22,13 +22,13 @@ const ESTIMATED_FLIP: &str = "; flip is estimated";
 
 #[derive(Debug, thiserror::Error)]
 pub enum LadderError {
-    #[error("cannot read the ladder {path}")]
+    #[error("cannot read the ladder file {path}")]
     Read { path: PathBuf, source: io::Error },
-    #[error("{path} is no ladder: make one with `diptych bench`")]
+    #[error("{path} is not a quality ladder: make one with `diptych bench`")]
     File { path: PathBuf, source: Box<LadderError> },
-    #[error("it does not have a ladder's form: {0}")]
+    #[error("not a valid ladder file: {0}")]
     Form(#[from] Box<toml::de::Error>),
-    #[error("it has no rungs")]
+    #[error("the ladder has no rungs")]
     Empty,
     #[error("rung {number}: {what}")]
     Rung { number: usize, what: String },

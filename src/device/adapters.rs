@@ -184,7 +184,7 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     let info = adapter.get_info();
     let advice = advice(&info);
     let missing = missing(adapter.features(), &adapter.limits());
-    let hint = if missing.is_empty() { "" } else { "update its driver or choose another adapter with --devices" };
+    let hint = if missing.is_empty() { "" } else { "update its driver or choose another adapter" };
     let limits = adapter.limits();
     let quirks = Quirks::of(&info);
     AdapterReport {

@@ -5,7 +5,7 @@
 pub enum ShaderChecks {
     /// All checks: bounds, loops, integer division.
     Full,
-    /// Bounds checks only. Our loops are bounded and our divisors are never zero.
+    /// Bounds checks only
     #[default]
     Fast,
 }

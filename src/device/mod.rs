@@ -49,10 +49,10 @@ pub enum DeviceError {
     #[error("adapter {index} ({name}) lacks {missing}: {hint}")]
     Lacks { index: usize, name: String, missing: String, hint: &'static str },
     #[error(
-        "adapter {index} ({name}, {driver}) has no ray queries, which hardware traversal is made of: let shaders traverse with --traversal compute, choose another adapter with --devices, or update its driver (Mesa's software driver has them in version 25)"
+        "adapter {index} ({name}, {driver}) has no ray queries, which hardware traversal needs: update its driver (Mesa's software driver has them in version 25), or choose compute traversal or another adapter"
     )]
     NoRayQueries { index: usize, name: String, driver: String },
-    #[error("adapter {index} ({name}) gave no device")]
+    #[error("cannot open a device on adapter {index} ({name})")]
     Open { index: usize, name: String, source: wgpu::RequestDeviceError },
     #[cfg(feature = "view")]
     #[error("cannot draw into the window")]
@@ -61,14 +61,14 @@ pub enum DeviceError {
     #[error("no graphics adapter can draw into the window: {}", adapters::INSTALL_HINT)]
     NoScreen(#[from] wgpu::RequestAdapterError),
     #[cfg(feature = "xr")]
-    #[error("the headset's runtime gave no device: {0}")]
+    #[error("cannot open a device for the headset's OpenXR runtime: {0}")]
     Headset(String),
-    #[error("{0} devices are more than the 64 that one run can drive")]
+    #[error("{0} devices are requested, but one run can drive at most 64")]
     TooMany(usize),
     #[error("{given} thread counts for {devices} devices: give one per device, or one for all")]
     ThreadCounts { given: usize, devices: usize },
     #[error(
-        "adapter {index} ({name}) reads its number of threads from the environment variable {}, which this program does not let the library set: ask for no number of threads, or provide device::set_environment_hook",
+        "adapter {index} ({name}) reads its thread count from the environment variable {}, which this program does not let the library set: request no thread count, or install a hook with device::set_environment_hook",
         environment::THREADS
     )]
     ThreadsUnsettable { index: usize, name: String },

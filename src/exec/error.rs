@@ -9,15 +9,15 @@ pub enum ExecError {
     Device { device: usize, what: String },
     #[error("no device is left: the last one, device {device}, failed: {what}")]
     NoneLeft { device: usize, what: String },
-    #[error("there is no frame to read yet, or its image was not asked for")]
+    #[error("no image to read: no frame has been rendered yet, or the image was not requested")]
     NoFrame,
-    #[error("a frame cannot have {0}")]
+    #[error("the renderer cannot render a frame of this quality: {0}")]
     Quality(String),
     #[error(
-        "some devices follow rays in shaders and others by ray queries, which do not give the same bytes: open them for one traversal"
+        "devices mix compute and hardware traversal, which do not give the same bytes: open all with one traversal"
     )]
     MixedTraversal,
-    #[error("the devices waited for one another until they gave up")]
+    #[error("the devices did not finish, although none of them reported a failure")]
     Stuck,
     #[error(transparent)]
     Stage(#[from] StageError),

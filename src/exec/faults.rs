@@ -49,17 +49,17 @@ impl FromStr for Injection {
     fn from_str(text: &str) -> Result<Self, String> {
         let parts = text.split_once(":dev").and_then(|(kind, place)| Some((kind, place.split_once("@frame")?)));
         let Some((kind, (device, frame))) = parts else {
-            return Err("write KIND:devI@frameF, as loss:dev1@frame3".to_owned());
+            return Err("write KIND:devI@frameF, e.g. loss:dev1@frame3".to_owned());
         };
         let kind = match kind {
             "loss" => InjectedKind::Loss,
             "hang" => InjectedKind::Hang,
             "slow" => InjectedKind::Slow,
             "oom" => InjectedKind::Oom,
-            other => return Err(format!("'{other}' is no fault: choose loss, hang, slow or oom")),
+            other => return Err(format!("'{other}' is not a fault: choose loss, hang, slow or oom")),
         };
-        let device = device.parse().map_err(|_| format!("'{device}' is not the number of a device"))?;
-        let frame = frame.parse().map_err(|_| format!("'{frame}' is not the number of a frame"))?;
+        let device = device.parse().map_err(|_| format!("'{device}' is not a device number"))?;
+        let frame = frame.parse().map_err(|_| format!("'{frame}' is not a frame number"))?;
         Ok(Self { kind, device, frame })
     }
 }

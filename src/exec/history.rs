@@ -108,7 +108,7 @@ fn most_rows(camera: &Camera, previous: &[View; 2], nearness: [f64; 2]) -> Optio
 }
 
 fn seen_row(camera: &Camera, eye: &View, last: &View, at: DVec2, inverse_depth: f64) -> Option<f64> {
-    let axis = |v: glam::Vec3| v.as_dvec3();
+    let axis = |v: Vec3| v.as_dvec3();
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     let x = (2.0 * at.x / width - 1.0) * f64::from(eye.tan_half_x);
     let y = (1.0 - 2.0 * at.y / height) * f64::from(eye.tan_half_y);
@@ -162,7 +162,7 @@ mod tests {
                 let (column, row) = ((part(0.618) * 160.0).floor() + 0.5, (part(0.414) * 90.0).floor() + 0.5);
                 let distance = clearance / part(0.732).max(1e-6);
                 let view = rig.view(1.0, Eye::Left);
-                let ray = view.ray_direction(column, row, crate::image::Extent::new(160, 90));
+                let ray = view.ray_direction(column, row, Extent::new(160, 90));
                 let p = view.origin.as_dvec3() + ray * distance - before[0].origin.as_dvec3();
                 let z = p.dot(before[0].forward.as_dvec3());
                 let up = p.dot(before[0].up.as_dvec3()) / (z * f64::from(before[0].tan_half_y));

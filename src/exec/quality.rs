@@ -22,27 +22,27 @@ pub(super) fn check(quality: &Quality, settings: &RenderSettings) -> Result<(), 
     let stages = &settings.stages;
     let (iterations, denoiser) = (quality.most_iterations(), denoiser(settings));
     if quality.spp == 0 || quality.spp > stages.spp {
-        return Err(format!("{} samples per pixel, of 1 to {}", quality.spp, stages.spp));
+        return Err(format!("{} samples per pixel are outside the range 1 to {}", quality.spp, stages.spp));
     }
     if (quality.spp > 1) != stages.jitter(quality.spp) {
-        return Err("one sample per pixel, without the pipelines for it".to_owned());
+        return Err("it has no pipelines for one sample per pixel".to_owned());
     }
     if !(quality.scale > 0.0 && quality.scale <= 1.0) || (quality.scale < 1.0 && !stages.leaves_pixels()) {
-        return Err(format!("a render scale of {}, without the pipelines for it", quality.scale));
+        return Err(format!("it has no pipelines for a render scale of {}", quality.scale));
     }
     if quality.fovea.is_some() && stages.foveation.is_none() {
-        return Err("foveal layers, without the pipelines for them".to_owned());
+        return Err("it has no pipelines for foveal layers".to_owned());
     }
     if quality.polar != stages.polar.as_ref().map(|polar| polar.space) {
-        return Err("other images than all frames have".to_owned());
+        return Err("the polar mapping differs from the renderer's".to_owned());
     }
     if quality.denoiser != denoiser {
         let [asked, had] = [quality.denoiser, denoiser].map(Denoiser::name_of);
-        return Err(format!("the denoiser {asked}, where all frames have {had}"));
+        return Err(format!("the denoiser is {asked}, but the renderer was built for {had}"));
     }
     let least = u32::from(denoiser.is_some());
     if !(least..=stages.iterations).contains(&iterations) {
-        return Err(format!("{iterations} iterations, of {least} to {}", stages.iterations));
+        return Err(format!("{iterations} denoiser iterations are outside the range {least} to {}", stages.iterations));
     }
     Ok(())
 }

@@ -53,19 +53,19 @@ impl Bound {
 pub enum ProgramError {
     #[error("{stage} reads {image}, which no pass before it has written")]
     Unwritten { stage: &'static str, image: &'static str },
-    #[error("{stage} reads {image} of version {read}, but version {held} has taken its place")]
+    #[error("{stage} reads version {read} of {image}, but version {held} has overwritten it")]
     Overwritten { stage: &'static str, image: &'static str, read: u8, held: u8 },
-    #[error("{stage} reads what the frame before left of {image}, which no pass writes")]
+    #[error("{stage} reads {image} of the previous frame, but no pass writes it")]
     NeverKept { stage: &'static str, image: &'static str },
     #[error(
-        "{stage} reads {image}, which stays on the device that wrote it, with other stripes or rows around its own"
+        "{stage} reads rows of {image} that another device may have written, but {image} is never transferred between devices"
     )]
     Elsewhere { stage: &'static str, image: &'static str },
-    #[error("{stage} writes {image}: one runs for each view, of the other there is one for each device")]
+    #[error("{stage} writes {image}, but one of the two is per view and the other per device")]
     Scope { stage: &'static str, image: &'static str },
-    #[error("{stage} writes {image}, which the host sets")]
+    #[error("{stage} writes {image}, which only the host may write")]
     Input { stage: &'static str, image: &'static str },
-    #[error("{stage} computes a margin on another grid than the pass that it is for")]
+    #[error("{stage} computes margin rows on a different grid from the pass that reads them")]
     Grid { stage: &'static str },
 }
 

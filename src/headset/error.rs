@@ -6,12 +6,10 @@ use crate::device::DeviceError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum HeadsetError {
-    #[error(
-        "there is no OpenXR loader here, by which headsets are reached: install one (Debian or Ubuntu: `apt-get install libopenxr-loader1`)"
-    )]
+    #[error("no OpenXR loader was found: install one (Debian or Ubuntu: `apt-get install libopenxr-loader1`)")]
     NoLoader,
     #[error(
-        "no OpenXR runtime answers: start the headset's (Monado: `monado-service`), and make it the active one (its manifest is named by XR_RUNTIME_JSON, or by active_runtime.json in openxr/1 below a folder of configurations)"
+        "no OpenXR runtime answers: start the headset's runtime (Monado: `monado-service`) and make it the active one (point XR_RUNTIME_JSON, or openxr/1/active_runtime.json in a configuration folder, at its manifest)"
     )]
     NoRuntime,
     #[error("the OpenXR runtime {runtime} finds no headset: connect one and switch it on")]

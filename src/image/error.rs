@@ -21,16 +21,16 @@ pub enum ImageError {
     )]
     Unsupported { path: PathBuf, what: String },
 
-    #[error("{path} takes {needed} bytes of memory to read, more than are left")]
+    #[error("reading {path} needs {needed} bytes of memory, more than are available")]
     TooLarge { path: PathBuf, needed: u64 },
 
     #[error("{path} has no colour: check that it has channels R, G and B, Y, or a single channel; it has {channels}")]
     NoColour { path: PathBuf, channels: String },
 
-    #[error("{path} has no channels {wanted}, only {channels}: check that it is the image that its name says")]
+    #[error("{path} has no channels {wanted}, only {channels}: check that this is the right image")]
     NoChannels { path: PathBuf, wanted: String, channels: String },
 
-    #[error("the images differ in size, {first} and {second}: check that both come from the same --size")]
+    #[error("the images differ in size, {first} and {second}: check that both were rendered at the same size")]
     SizeMismatch { first: Extent, second: Extent },
 
     #[error("images of {0} have no pixels to compare")]

@@ -6,39 +6,31 @@
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum), value(rename_all = "snake_case"))]
 #[repr(u32)]
 pub enum Aov {
-    /// The albedo by which radiance is divided before it is filtered, linear RGB: the share of uniform light from all
-    /// around that all lobes of the surface send to the eye. It is the mean over the pixel where that has several
-    /// samples.
+    /// Albedo that demodulates radiance, linear RGB
     Albedo,
-    /// Shading normal, world space, towards the eye.
+    /// Shading normal towards the eye, world space
     Normal,
-    /// World space, scene units.
+    /// Position, world space, scene units
     Position,
-    /// Position of the surface in the previous frame, world space, scene units.
+    /// Position of the surface in the previous frame, world space, scene units
     LastPosition,
-    /// Distance along the ray, scene units; 0 for the sky.
+    /// Distance along the ray, scene units; 0 for the sky
     Depth,
-    /// Position of the surface in the previous frame minus the current one, pixels.
+    /// Motion vector to the previous frame, pixels
     Motion,
-    /// Perceptual, 0 to 1.
+    /// Perceptual roughness, 0 to 1
     Roughness,
-    /// Why a pixel of the right eye was traced. 0: it was reprojected, or there is no surface. 1: it is outside the
-    /// left image. 2, 3, 4: the left eye saw a surface turned another way, at another depth, or of another material. 5:
-    /// several surfaces share it (antialiasing). 6: it shows a mirror, glass or gloss. 7, of either eye: it was left to
-    /// the filter.
+    /// Reason for tracing the pixel, 0 to 7
     Holes,
-    /// Samples per pixel; 0 where it was left to the filter.
+    /// Samples per pixel; 0 if left to the denoiser
     Spp,
-    /// Index of the device that finished the pixel.
+    /// Index of the device that finished the pixel
     Stripes,
-    /// Product of factor, texture and vertex colour, of unlit materials as well, linear RGB. It is 0 where there is no
-    /// surface.
+    /// Base colour, linear RGB; 0 without a surface
     BaseColor,
-    /// Albedo of the Lambertian lobe, linear RGB: the part of the base colour that neither metal nor transmission
-    /// takes, before the layers above dim it.
+    /// Albedo of the Lambertian lobe, linear RGB
     DiffuseAlbedo,
-    /// Share of uniform light from all around that microfacets reflect to the eye, those of the coat included, linear
-    /// RGB.
+    /// Directional albedo of all microfacet lobes, linear RGB
     SpecularAlbedo,
 }
 

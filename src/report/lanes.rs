@@ -48,7 +48,8 @@ struct Data {
 struct Frame {
     name: String,
     ms: f64,
-    /// Tasks in order: shape, begin relative to the begin of the previous task, and length, in microseconds.
+    /// Tasks in order, three numbers each: index into `shapes`, start relative to the previous task's start, and
+    /// duration, microseconds.
     tasks: Vec<i64>,
 }
 

@@ -11,22 +11,24 @@ use super::table::Table;
 
 #[derive(Debug, thiserror::Error)]
 pub enum PeersError {
-    #[error("cannot read the peers {path}")]
+    #[error("cannot read the peers file {path}")]
     Read { path: PathBuf, source: io::Error },
-    #[error("{path} names no peers: write [[peer]] with name, time_ms, flip and perhaps note, as in docs/peers")]
+    #[error(
+        "{path} is not a valid peers file: write [[peer]] with name, time_ms, flip and optionally note, as in docs/peers"
+    )]
     File { path: PathBuf, source: Box<PeersError> },
-    #[error("it does not have the form of peers: {0}")]
+    #[error("cannot parse the peers: {0}")]
     Form(#[from] Box<toml::de::Error>),
-    #[error("it has no [[peer]]")]
+    #[error("no [[peer]] in the file")]
     Empty,
     #[error("peer {number} ({name}): {what}")]
     Peer { number: usize, name: String, what: String },
-    #[error("exposure_ev {0} is not a number of stops")]
+    #[error("exposure_ev is {0}: give a number of stops")]
     Exposure(f64),
     #[error(
-        "the peers' FLIP is of pictures shown at {peers_ev} EV, the shot's at {shot_ev} EV, so they cannot be compared with \
-         each other: measure the peers at the shot's exposure and say so in their file (exposure_ev = {shot_ev}), or give \
-         the shot theirs ([exposure] ev = {peers_ev})"
+        "the peers' FLIP was measured at {peers_ev} EV, the shot's at {shot_ev} EV, so they cannot be compared: measure \
+         the peers at the shot's exposure and state it in their file (exposure_ev = {shot_ev}), or set the shot's \
+         exposure to theirs ([exposure] ev = {peers_ev})"
     )]
     OtherExposure { peers_ev: f64, shot_ev: f64 },
 }

@@ -23,8 +23,9 @@ pub struct SampledFrame {
 #[derive(Clone, Debug)]
 pub struct FrameSamples {
     frames: Vec<SampledFrame>,
-    /// Number of frames that each stands for, and that the last one stands for so far.
+    /// Number of frames that a sample stands for.
     stride: usize,
+    /// Number of frames that the last sample stands for so far.
     in_last: usize,
     tasks: usize,
 }

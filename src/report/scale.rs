@@ -135,7 +135,7 @@ impl Row {
 struct Shares {
     /// Work that the devices of the first row had, too.
     work: f64,
-    /// Time by which stages took longer than there: margins of stripes, slower devices, shared caches and cores.
+    /// Additional time of stages compared with the first row: margins, slower devices, shared caches and cores.
     more: f64,
     /// Time in which devices had less to do than the busiest one.
     uneven: f64,

@@ -52,7 +52,7 @@ impl FromStr for ByteSize {
 /// A request for more memory than the budget has left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "it takes {needed} of memory, and {left} are left of the {limit} that a scene may take: give --max-scene-memory more if you trust it"
+    "it needs {needed}, but only {left} are left of the scene's memory limit of {limit}: raise the limit if you trust it"
 )]
 pub struct Exceeded {
     pub needed: ByteSize,

@@ -12,7 +12,7 @@ use super::rig::{Rig, RigKey, degenerate_time};
 use super::shot::allowed::fits_f32;
 use super::shot::{Draft, PartialRig, Shot, ShotEnvironment, Sky};
 use super::viewpoint::{self, Viewpoint};
-use super::{Camera, Environment, Scene, SceneError};
+use super::{Camera, Environment, Scene, SceneError, Setting};
 
 /// Settings that take precedence over those of a shot.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -39,7 +39,7 @@ pub struct Overrides {
 /// the scene's warnings.
 ///
 /// # Errors
-/// [`SceneError::Invalid`], if the overrides give no view.
+/// [`SceneError::Setting`], if the overrides do not fit the scene or give no view.
 pub fn complete(
     draft: Draft,
     overrides: &Overrides,
@@ -89,14 +89,11 @@ fn rig(
     rig.yfov_rad = yfov_rad.unwrap_or(rig.yfov_rad);
     rig.baseline_m = overrides.baseline_m.or(draft.baseline_m).unwrap_or(rig.baseline_m);
     if !fits_f32(rig.baseline_m / metres_per_unit) {
-        return Err(invalid("--baseline", "it is too large a number in the scene's units".to_owned()));
+        let what = "it is too large a number in the scene's units".to_owned();
+        return Err(SceneError::Setting { setting: Setting::Baseline, what });
     }
     move_to(&mut rig.keys, overrides)?;
     Ok(rig)
-}
-
-fn invalid(option: &str, what: String) -> SceneError {
-    SceneError::Invalid { path: option.to_owned(), what }
 }
 
 /// Returns the rig of the scene file's camera `number`: for a moving camera, a path that begins at the overrides' time.
@@ -107,11 +104,13 @@ fn camera_rig(scene: &mut Scene, motion: &Motion, number: usize, overrides: &Ove
             0 => "the scene's file has no camera".to_owned(),
             _ => format!("the scene's file has cameras 0 to {}", count - 1),
         };
-        return Err(invalid(&format!("--camera {number}"), what));
+        return Err(SceneError::Setting { setting: Setting::Camera(number), what });
     };
     if count > 1 && overrides.camera.is_none() {
         let last = count - 1;
-        scene.warnings.push(format!("{count} cameras in the file: taking the first; --camera 0 to {last} chooses"));
+        scene.warnings.push(format!(
+            "taking the first of {count} cameras in the file; another can be chosen by its number, 0 to {last}"
+        ));
     }
     let is_moving = motion.cameras.iter().any(|c| c.index == number) && motion.duration_s() > 0.0;
     let keys = if is_moving { camera_path(camera, motion, number, overrides.time_s) } else { Vec::new() };
@@ -148,8 +147,8 @@ fn found_rig(scene: &mut Scene, metres_per_unit: f64, yfov_rad: Option<f64>, bud
     let RigKey { position, target, .. } = rig.keys[0];
     let place = if is_inside { "within the scene" } else { "before the scene" };
     scene.warnings.push(format!(
-        "no camera in the file: placed {place} at {position:.3}, looking at {target:.3}; --position, --target or a \
-         shot change it"
+        "no camera in the file: placed {place} at {position:.3}, looking at {target:.3}; choose a \
+         position and a target, or write a shot, to change it"
     ));
     rig
 }
@@ -166,13 +165,11 @@ fn move_to(keys: &mut [RigKey], overrides: &Overrides) -> Result<(), SceneError>
             key.up = DVec3::NEG_Z;
         }
     }
-    match degenerate_time(keys) {
-        None => Ok(()),
-        Some(time_s) => Err(invalid(
-            "--position, --target",
-            format!("at {time_s} s they are the same point, or the eyes look along their up vector: give others"),
-        )),
-    }
+    let Some(time_s) = degenerate_time(keys) else { return Ok(()) };
+    let what = format!(
+        "at {time_s} s position and target are the same point, or the eyes look along their up vector: give others"
+    );
+    Err(SceneError::Setting { setting: Setting::View, what })
 }
 
 #[cfg(test)]
@@ -310,7 +307,7 @@ mod tests {
         assert!(scene.warnings.is_empty(), "nothing was looked for: {:?}", scene.warnings);
 
         let error = at(&to(Some(DVec3::ONE), Some(DVec3::ONE)), draft(&path)).unwrap_err().to_string();
-        assert!(error.contains("--position") && error.contains("same point"), "{error}");
+        assert!(error.contains("the view") && error.contains("same point"), "{error}");
     }
 
     #[test]
@@ -325,7 +322,7 @@ mod tests {
         assert!(camera_of(2, &mut scene).unwrap_err().to_string().contains("cameras 0 to 1"));
         assert!(scene.warnings.is_empty());
         assert_eq!(plain(bare(), &mut scene).rig, Rig::from_camera(camera(0.0)));
-        assert!(scene.warnings[0].contains("--camera"), "{:?}", scene.warnings);
+        assert!(scene.warnings[0].contains("chosen by its number, 0 to 1"), "{:?}", scene.warnings);
     }
 
     #[test]
@@ -365,6 +362,6 @@ mod tests {
     fn a_baseline_that_no_number_holds_is_refused() {
         let wide = Overrides { baseline_m: Some(1e38), ..Overrides::default() };
         let error = completed(draft("[rig]\nmetres_per_unit = 1e-6"), &wide, &mut triangle()).unwrap_err();
-        assert!(error.to_string().contains("--baseline"), "{error}");
+        assert!(error.to_string().contains("the baseline"), "{error}");
     }
 }

@@ -7,7 +7,7 @@ use ::image::codecs::hdr::HdrDecoder;
 use ::image::{ImageDecoder, ImageError as DecodeError};
 
 use super::SceneError;
-use super::budget::{Budget, Exceeded};
+use super::budget::Budget;
 use super::folder::{self, Access};
 use crate::image::{Extent, Image, ImageError, RgbImage, exr};
 
@@ -40,20 +40,19 @@ pub fn read_latlong(path: &Path, scale: f32, access: Access) -> Result<(RgbImage
 /// Bytes per pixel of the decoded image.
 const PIXEL_BYTES: usize = size_of::<[f32; 3]>();
 
-fn refused(name: &str, error: Exceeded) -> SceneError {
-    SceneError::Refused { path: name.to_owned(), what: error.to_string() }
-}
-
 fn read_exr(path: &Path, bytes: &[u8], budget: &Budget) -> Result<RgbImage, SceneError> {
     let name = path.display().to_string();
     let image = exr::decode_rgb(path, bytes, budget.left()).map_err(|error| match error {
         ImageError::TooLarge { needed, .. } => match budget.reserve(needed) {
-            Err(exceeded) => refused(&name, exceeded),
+            Err(exceeded) => SceneError::refused(&name, exceeded),
             Ok(_) => error.into(),
         },
         other => other.into(),
     })?;
-    budget.reserve((image.extent.area() * PIXEL_BYTES) as u64).map_err(|error| refused(&name, error))?.keep();
+    budget
+        .reserve((image.extent.area() * PIXEL_BYTES) as u64)
+        .map_err(|error| SceneError::refused(&name, error))?
+        .keep();
     Ok(image)
 }
 
@@ -75,7 +74,8 @@ fn read_hdr(name: &str, bytes: &[u8], budget: &Budget) -> Result<RgbImage, Scene
             "its size is {extent}: give an image of 1 to {LARGEST_SIDE} a side and at most {LARGEST_AREA} pixels"
         )));
     }
-    let reserved = budget.reserve((extent.area() * PIXEL_BYTES) as u64).map_err(|error| refused(name, error))?;
+    let reserved =
+        budget.reserve((extent.area() * PIXEL_BYTES) as u64).map_err(|error| SceneError::refused(name, error))?;
     let mut image = Image::filled(extent, [0.0; 3]);
     decoder.read_image(bytemuck::cast_slice_mut(&mut image.pixels)).map_err(decode_error)?;
     reserved.keep();

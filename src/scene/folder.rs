@@ -7,8 +7,8 @@ use std::io::{self, Read};
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::SceneError;
 use super::budget::{Budget, Exceeded, Held};
+use super::{Refusal, SceneError};
 
 /// Permissions for reading a scene's files, and the source that they are read from.
 #[derive(Clone, Copy, Debug)]
@@ -49,7 +49,7 @@ pub enum Source<'a> {
 #[derive(Debug)]
 pub enum AccessError {
     Read { path: PathBuf, source: io::Error },
-    Refused(String),
+    Refused(Refusal),
 }
 
 impl AccessError {
@@ -57,14 +57,14 @@ impl AccessError {
     pub fn in_file(self, path: &str) -> SceneError {
         match self {
             Self::Read { path, source } => SceneError::Read { path: path.display().to_string(), source },
-            Self::Refused(what) => SceneError::Refused { path: path.to_owned(), what },
+            Self::Refused(refusal) => SceneError::refused(path, refusal),
         }
     }
 }
 
 impl From<Exceeded> for AccessError {
     fn from(error: Exceeded) -> Self {
-        Self::Refused(error.to_string())
+        Self::Refused(error.into())
     }
 }
 
@@ -86,12 +86,7 @@ impl<'a> Folder<'a> {
     /// # Errors
     /// [`AccessError`] if access is denied, or if there is no such file.
     pub fn find(&self, name: &str) -> Result<PathBuf, AccessError> {
-        let outside = || {
-            AccessError::Refused(format!(
-                "it names '{}', which is not below its own folder: give --allow-outside if you trust it",
-                shorten(name)
-            ))
-        };
+        let outside = || AccessError::Refused(Refusal::Outside(shorten(name)));
         let path = self.path.join(name);
         if self.access.allow_outside || matches!(self.access.source, Source::Sent(_)) {
             return Ok(path);
@@ -204,13 +199,13 @@ mod tests {
         let secret = outer.path().join("secret.bin");
         for name in ["../secret.bin", "below/../../secret.bin", secret.to_str().unwrap()] {
             let error = folder(&outer, &budget, false, name).unwrap_err();
-            assert!(error.contains("secret.bin") && error.contains("--allow-outside"), "{error}");
+            assert!(error.contains("secret.bin") && error.contains("allow files outside"), "{error}");
             assert!(folder(&outer, &budget, true, name).is_ok_and(|found| found.exists()), "{name}");
         }
         let elsewhere = ["/", "..", "../inner/own.bin", "//host/share/a.bin", "C:/a.bin", "C:a.bin", "a\0b"];
         for name in elsewhere.into_iter().chain(["\\\\host\\share\\a.bin", "..\\secret.bin", "below\\own.bin"]) {
             let error = folder(&outer, &budget, false, name).unwrap_err();
-            assert!(error.contains("--allow-outside"), "{name}: {error}");
+            assert!(error.contains("allow files outside"), "{name}: {error}");
         }
     }
 
@@ -224,7 +219,7 @@ mod tests {
         link("..", "up");
         link("below", "down");
         for name in ["file.bin", "up/secret.bin", "up/inner/../secret.bin"] {
-            assert!(folder(&outer, &budget, false, name).unwrap_err().contains("--allow-outside"), "{name}");
+            assert!(folder(&outer, &budget, false, name).unwrap_err().contains("allow files outside"), "{name}");
             assert!(folder(&outer, &budget, true, name).is_ok(), "{name}");
         }
         assert!(folder(&outer, &budget, false, "down/own.bin").is_ok());
@@ -239,7 +234,7 @@ mod tests {
         let held = read(&path, Access::of(&budget)).unwrap();
         assert_eq!((&*held, budget.left()), (&b"secret.bin"[..], 5));
         let error = read(&path, Access::of(&budget)).unwrap_err().in_file("a").to_string();
-        assert!(["10 bytes", "5 bytes", "15 bytes", "--max-scene-memory"].iter().all(|p| error.contains(p)), "{error}");
+        assert!(["10 bytes", "5 bytes", "15 bytes", "raise the limit"].iter().all(|p| error.contains(p)), "{error}");
         drop(held);
         assert_eq!(budget.left(), 15);
         assert!(matches!(read(outer.path(), Access::of(&budget)), Err(AccessError::Read { .. })));

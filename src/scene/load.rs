@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::budget::{Budget, Exceeded};
+use super::budget::Budget;
 use super::complete::{Overrides, complete};
 use super::environment::read_latlong;
 use super::folder::{self, Access, Folder};
@@ -28,15 +28,14 @@ pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
 /// file acts as a shot that omits all of them.
 ///
 /// # Errors
-/// [`SceneError`], naming the file or the option.
+/// [`SceneError`], naming the file or the override.
 pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Result<(Shot, Scene), SceneError> {
     let folder = Folder::of(Path::new(arg), access);
     let (draft, mut scene) = open(arg, overrides, &folder)?;
     let shot = if scene.motion.is_empty() {
         complete(draft, overrides, &mut scene, &Motion::default(), access.budget)?
     } else {
-        let exceeded = |error: Exceeded| SceneError::Refused { path: arg.to_owned(), what: error.to_string() };
-        let _copy = access.budget.reserve(scene.bytes_at()).map_err(exceeded)?;
+        let _copy = access.budget.reserve(scene.bytes_at()).map_err(|error| SceneError::refused(arg, error))?;
         let mut still = scene.at(overrides.time_s);
         let shot = complete(draft, overrides, &mut still, &scene.motion, access.budget)?;
         scene.warnings = still.warnings;
@@ -46,12 +45,12 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
     scene.lights.extend(shot.lights());
     shot.play.move_lights(&mut scene, first);
     if let Some(environment) = &shot.environment {
-        let (origin, folder) = match overrides.environment {
+        let folder = match overrides.environment {
             // The user may name files anywhere.
-            Some(_) => ("--environment", Folder::of(Path::new(""), Access { allow_outside: true, ..access })),
-            None => (arg, folder),
+            Some(_) => Folder::of(Path::new(""), Access { allow_outside: true, ..access }),
+            None => folder,
         };
-        put_around(&mut scene, environment, origin, &folder)?;
+        put_around(&mut scene, environment, arg, &folder)?;
     }
     scene.warnings.extend(lost_light(&scene));
     Ok((shot, scene))
@@ -138,7 +137,7 @@ fn read_text(path: &Path, access: Access) -> Result<String, SceneError> {
     String::from_utf8(held.bytes).map_err(no_text)
 }
 
-/// Adds the environment to the scene. `origin` names it in errors; an image's path is relative to `folder`.
+/// Adds the environment to the scene. An image's path is relative to `folder`; errors name `origin` if it leads out.
 fn put_around(
     scene: &mut Scene,
     environment: &ShotEnvironment,

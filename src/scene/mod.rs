@@ -4,6 +4,7 @@
 //! environment of a [shot](shot::Shot). It is independent of devices.
 
 pub mod budget;
+mod error;
 pub mod complete;
 pub mod folder;
 pub mod optics;
@@ -27,6 +28,7 @@ use std::sync::Arc;
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
 
 use self::motion::{Influence, Morph, Motion};
+pub use error::{Refusal, SceneError, Setting};
 
 /// Geometry of one glTF primitive: triangles with one material, in local space.
 #[derive(Clone, Debug, Default)]
@@ -375,21 +377,4 @@ impl Scene {
         }
         b
     }
-}
-
-/// Errors of scenes and shots. Each variant names the thing to check.
-#[derive(Debug, thiserror::Error)]
-pub enum SceneError {
-    #[error("cannot read '{path}'")]
-    Read { path: String, source: std::io::Error },
-    #[error("'{path}' is not valid: {what}")]
-    Invalid { path: String, what: String },
-    #[error("'{path}' is refused: {what}")]
-    Refused { path: String, what: String },
-    #[error("'{path}' requires {}, which diptych cannot read{hint}", extensions.join(", "))]
-    Extensions { path: String, extensions: Vec<String>, hint: String },
-    #[error("there is no built-in scene '{name}': choose one of {known}")]
-    UnknownBuiltin { name: String, known: String },
-    #[error(transparent)]
-    Image(#[from] crate::image::ImageError),
 }

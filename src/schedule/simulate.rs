@@ -80,7 +80,7 @@ pub const LOSS_SHARE: f64 = 0.05;
 
 /// Deadlock: a device waits for rows that are only sent later.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("device {device} waits for ever for the rows of transfer {transfer}")]
+#[error("deadlock: device {device} waits forever for the rows of transfer {transfer}")]
 pub struct Stuck {
     pub device: usize,
     pub transfer: u32,

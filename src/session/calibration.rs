@@ -35,7 +35,7 @@ pub struct View<'a> {
 pub enum CalibrationError {
     #[error(transparent)]
     Exec(#[from] ExecError),
-    #[error("no setting could be timed")]
+    #[error("the calibration could not time any quality setting")]
     Ladder(#[from] LadderError),
     /// `stop` returned true.
     #[error("interrupted")]

@@ -83,15 +83,35 @@ pub struct Need {
     what: Cow<'static, str>,
     limit: Limit,
     amount: u64,
-    remedy: &'static str,
+    remedy: Remedy,
 }
 
-const SMALLER_SCENE: &str = "use fewer triangles";
-const SMALLER_TEXTURES: &str = "make them smaller";
-const SMALLER_ENVIRONMENT: &str = "make it smaller";
-const SMALLER_SIZE: &str = "choose a smaller --size";
-const BY_SHADERS: &str = "let shaders trace rays with --traversal compute";
-const SMALLER_PASS: &str = "declare it with less";
+/// Change that lowers a need, on the same device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Remedy {
+    FewerTriangles,
+    SmallerTextures,
+    SmallerEnvironment,
+    /// Smaller images.
+    SmallerSize,
+    /// Traversal in compute shaders.
+    ComputeTraversal,
+    /// A declaration of the pass with less.
+    SmallerPass,
+}
+
+impl Remedy {
+    fn text(self) -> &'static str {
+        match self {
+            Self::FewerTriangles => "use fewer triangles",
+            Self::SmallerTextures => "make them smaller",
+            Self::SmallerEnvironment => "make it smaller",
+            Self::SmallerSize => "choose a smaller size",
+            Self::ComputeTraversal => "choose compute traversal",
+            Self::SmallerPass => "declare it with less",
+        }
+    }
+}
 
 /// A limit that is exceeded.
 #[derive(Clone, Debug)]
@@ -99,6 +119,13 @@ pub struct LimitExceeded {
     need: Need,
     limit: u64,
     device: usize,
+}
+
+impl LimitExceeded {
+    /// Returns the change that lowers the need. Another adapter may have a higher limit instead.
+    pub fn remedy(&self) -> Remedy {
+        self.need.remedy
+    }
 }
 
 impl std::error::Error for LimitExceeded {}
@@ -112,7 +139,7 @@ impl fmt::Display for LimitExceeded {
         });
         let verb = if what.ends_with('s') { "need" } else { "needs" };
         write!(f, "{what} {verb} {amount}, and device {device} takes {most} (its {}): ", limit.name())?;
-        write!(f, "{remedy}, or choose another adapter with --devices")
+        write!(f, "{}, or choose another adapter", remedy.text())
     }
 }
 
@@ -123,7 +150,7 @@ pub fn check(limits: &wgpu::Limits, device: usize, needs: impl IntoIterator<Item
     exceeding.map_or(Ok(()), |need| Err(LimitExceeded { limit: need.limit.of(limits), need, device }))
 }
 
-fn storage(what: &str, bytes: u64, remedy: &'static str) -> [Need; 2] {
+fn storage(what: &str, bytes: u64, remedy: Remedy) -> [Need; 2] {
     let need = |limit| Need { what: what.to_owned().into(), limit, amount: bytes, remedy };
     [Limit::StorageBinding, Limit::Buffer].map(need)
 }
@@ -143,21 +170,22 @@ pub fn of_scene(sizes: &SceneSizes) -> Vec<Need> {
     };
     let tables = "the scene's tables";
     let mut needs = match sizes.tables {
-        Tables::Buffer => Vec::from(storage(tables, sizes.rows * ROW_BYTES as u64, SMALLER_SCENE)),
-        Tables::Texture => Vec::from(edges(tables, table_size(sizes.rows), SMALLER_SCENE)),
+        Tables::Buffer => Vec::from(storage(tables, sizes.rows * ROW_BYTES as u64, Remedy::FewerTriangles)),
+        Tables::Texture => Vec::from(edges(tables, table_size(sizes.rows), Remedy::FewerTriangles)),
     };
     let Pages { edge, count } = Pages::of(sizes.texels);
     let what = "the scene's textures";
-    needs.extend(edges(what, [edge; 2], SMALLER_TEXTURES));
-    needs.push(Need { what: what.into(), limit: Limit::TextureLayers, amount: count, remedy: SMALLER_TEXTURES });
+    needs.extend(edges(what, [edge; 2], Remedy::SmallerTextures));
+    needs.push(Need { what: what.into(), limit: Limit::TextureLayers, amount: count, remedy: Remedy::SmallerTextures });
     let Extent { width, height } = sizes.environment;
-    needs.extend(edges("the environment image", [width, height], SMALLER_ENVIRONMENT));
+    needs.extend(edges("the environment image", [width, height], Remedy::SmallerEnvironment));
     needs
 }
 
 /// Returns the needs of a scene's acceleration structures. `triangles` are those of its largest tree.
 pub fn of_structures(triangles: usize, instances: usize) -> [Need; 2] {
-    let need = |what: &'static str, limit, amount| Need { what: what.into(), limit, amount, remedy: BY_SHADERS };
+    let need =
+        |what: &'static str, limit, amount| Need { what: what.into(), limit, amount, remedy: Remedy::ComputeTraversal };
     [
         need("the scene's largest tree", Limit::Corners, 3 * triangles as u64),
         need("the scene's instances", Limit::Instances, instances as u64),
@@ -174,9 +202,14 @@ pub fn of_frames<'a>(programs: &'a [Program], scene_buffers: usize) -> impl Iter
         let bytes = resource.bytes(extent);
         match resource.format {
             Format::Uniform(_) => {
-                vec![Need { what: what.into(), limit: Limit::UniformBinding, amount: bytes, remedy: SMALLER_PASS }]
+                vec![Need {
+                    what: what.into(),
+                    limit: Limit::UniformBinding,
+                    amount: bytes,
+                    remedy: Remedy::SmallerPass,
+                }]
             }
-            Format::Texels(_) | Format::List => Vec::from(storage(&what, bytes, SMALLER_SIZE)),
+            Format::Texels(_) | Format::List => Vec::from(storage(&what, bytes, Remedy::SmallerSize)),
         }
     });
     let passes = programs.iter().flat_map(|program| program.passes().iter().map(|p| (program.extent, &p.pass)));
@@ -195,11 +228,11 @@ fn of_pass(pass: &Pass, frame: Extent, scene_buffers: usize) -> [Need; 5] {
         Groups::Listed(_) => [1; 2],
     };
     [
-        need(Limit::StorageBuffers, buffers as u64, SMALLER_PASS),
-        need(Limit::Workgroups, columns.into(), SMALLER_SIZE),
-        need(Limit::Workgroups, rows.into(), SMALLER_SIZE),
-        need(Limit::Invocations, pass.kernel.workgroup.map(u64::from).iter().product(), SMALLER_PASS),
-        need(Limit::Immediates, size_of::<PassConstants>() as u64, SMALLER_PASS),
+        need(Limit::StorageBuffers, buffers as u64, Remedy::SmallerPass),
+        need(Limit::Workgroups, columns.into(), Remedy::SmallerSize),
+        need(Limit::Workgroups, rows.into(), Remedy::SmallerSize),
+        need(Limit::Invocations, pass.kernel.workgroup.map(u64::from).iter().product(), Remedy::SmallerPass),
+        need(Limit::Immediates, size_of::<PassConstants>() as u64, Remedy::SmallerPass),
     ]
 }
 
@@ -253,7 +286,7 @@ mod tests {
             &wgpu::Limits::downlevel_defaults(),
             small.clone(),
             "the scene's tables need 8192 texels an edge, and device 3 takes 2048 texels an edge (its \
-             max_texture_dimension_2d): use fewer triangles, or choose another adapter with --devices",
+             max_texture_dimension_2d): use fewer triangles, or choose another adapter",
         );
         let binding =
             "the scene's tables need 192 MiB, and device 3 takes 128 MiB (its max_storage_buffer_binding_size)";
@@ -287,6 +320,7 @@ mod tests {
         let text =
             "at 4096x4096 needs 256 MiB, and device 3 takes 128 MiB (its max_storage_buffer_binding_size): choose a";
         assert_said(&limits(), frames(&huge), text);
+        assert_eq!(check(&limits(), 3, frames(&huge)).unwrap_err().remedy(), Remedy::SmallerSize);
         let few = wgpu::Limits { max_compute_workgroups_per_dimension: 100, ..limits() };
         assert_said(&few, frames(&hd), "needs 240 workgroups a row or column, and device 3 takes 100 workgroups");
         assert_said(&few, frames(&narrow), "needs 135 workgroups a row or column, and device 3 takes 100 workgroups");

@@ -22,7 +22,7 @@ mod workgroups;
 pub use compile::StageError;
 pub use foveation::Foveation;
 pub use images::{Images, Place};
-pub use limits::LimitExceeded;
+pub use limits::{LimitExceeded, Remedy};
 pub use pipeline::DeviceStages;
 pub use polar::{FOVEA_DEG, Polar, PolarPlace, acuity};
 pub use reflect::{Mismatch, verify};
@@ -48,7 +48,7 @@ pub enum Sampler {
     /// Owen-scrambled Sobol'.
     #[default]
     Sobol,
-    /// Independent.
+    /// Independent random numbers (PCG)
     Pcg,
 }
 

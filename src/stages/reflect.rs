@@ -13,25 +13,25 @@ use crate::graph::{Access, Format, Pass, SceneUse, Use};
 pub enum Mismatch {
     #[error("the shader is not valid: {0}")]
     Invalid(String),
-    #[error("the shader has no entry point main")]
+    #[error("the shader has no entry point named main")]
     NoMain,
-    #[error("binding {0} of the shader is not declared")]
+    #[error("the shader uses binding {0}, which the pass does not declare")]
     Undeclared(u32),
-    #[error("{0} is declared and not used")]
+    #[error("{0} is declared, but the shader never uses it")]
     Unused(&'static str),
-    #[error("{0} is declared as read and is written")]
+    #[error("{0} is declared as read-only, but the shader writes it")]
     Written(&'static str),
-    #[error("{0} is declared as written and is not")]
+    #[error("{0} is declared as written, but the shader never writes it")]
     Unwritten(&'static str),
-    #[error("{0} is declared as written alone and is read")]
+    #[error("{0} is declared as write-only, but the shader reads it")]
     Read(&'static str),
-    #[error("{0} is declared as read and written, and is not read")]
+    #[error("{0} is declared as read-write, but the shader never reads it")]
     Unread(&'static str),
-    #[error("{0} is declared with elements of {1} bytes, the shader's have {2}")]
+    #[error("{0} is declared with elements of {1} bytes, but the shader's have {2}")]
     Format(&'static str, u32, u32),
-    #[error("workgroups are declared as {0:?}, the shader's are {1:?}")]
+    #[error("the workgroup size is declared as {0:?}, but the shader's is {1:?}")]
     Workgroup([u32; 3], [u32; 3]),
-    #[error("the use of the scene is declared as {0:?}, the shader's is {1:?}")]
+    #[error("the scene use is declared as {0:?}, but the shader's is {1:?}")]
     Scene(SceneUse, SceneUse),
 }
 

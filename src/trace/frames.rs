@@ -126,7 +126,7 @@ fn middle(task: &Task) -> (Track, f64) {
     (task.lane.track(task.pid - FIRST_DEVICE_PID), 0.5 * (task.begin_us + task.end_us))
 }
 
-/// Returns an arrow's id. Those of transfers are below that of the critical path.
+/// Returns an arrow's id. Ids of transfers are smaller than that of the critical path.
 fn arrow(frame: &Frame, number: u32) -> u64 {
     frame.time.frame << 32 | u64::from(number)
 }

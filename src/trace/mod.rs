@@ -41,7 +41,7 @@ const FRAMES_TRACKS: u32 = 4;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TraceError {
-    #[error("host spans cannot be recorded: this process has a tracing subscriber already")]
+    #[error("host spans cannot be recorded: this process already has a tracing subscriber")]
     SubscriberTaken,
     #[error(transparent)]
     Write(#[from] ImageError),
@@ -51,7 +51,7 @@ pub enum TraceError {
     NotATrace { path: String, what: String },
     #[error("'{path}', event {index} (counted from 0): {what}")]
     Event { path: String, index: usize, what: String },
-    #[error("'{path}' holds no frames of diptych's devices: give a trace that a run wrote with --trace")]
+    #[error("'{path}' has no frames of diptych devices: give a trace recorded by a diptych run")]
     NoFrames { path: String },
     #[error("'{path}' has no frame {frame}: it has {count}, from {first} to {last}")]
     NoSuchFrame { path: String, frame: u64, count: usize, first: u64, last: u64 },

@@ -343,15 +343,15 @@ fn options_that_are_wrong_are_refused_with_a_reason() {
         (&["--budget-ms", "20"], "write LO..HI"),
         (&["--budget-ms", "a..b"], "'a' is not a time"),
         (&["--ladder", "/nowhere/ladder.toml"], "cannot read the ladder"),
-        (&["--ladder", &none], "is no ladder"),
+        (&["--ladder", &none], "is not a quality ladder"),
         (&["--ladder", &falling], "rung 2"),
-        (&["--ladder", &two, "--denoiser", "svgf"], "none of its 2 rungs is for --denoiser svgf"),
+        (&["--ladder", &two, "--denoiser", "svgf"], "none of its 2 rungs uses --denoiser svgf"),
         (&["--disturb", "earthquake"], "write slow:devI@FROM..TO"),
         (&["--disturb", "slow:dev1@7..3"], "no frame from 7 up to 3"),
         (&["--disturb", "slow:dev5@1..3", "--frames", "9"], "there is no device 5"),
         (&["--disturb", "scene-cut@9", "--frames", "9"], "there is no frame 9"),
         (&["--iterations", "0"], "choose --denoiser none"),
-        (&["--denoiser", "none", "--iterations", "3"], "--iterations are of a denoiser"),
+        (&["--denoiser", "none", "--iterations", "3"], "--iterations needs a denoiser"),
         (&["--fps", "0"], "is not a rate"),
     ];
     for (options, reason) in cases {

@@ -86,7 +86,7 @@ fn options_say_what_a_shot_would() {
     assert!(bytes(&by_options) == bytes(&by_written));
     let output = diptych(&["shot", &file, "--out", &written]);
     let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.code() == Some(2) && errors.contains("there already"), "{errors}");
+    assert!(output.status.code() == Some(2) && errors.contains("the file exists"), "{errors}");
 }
 
 #[test]
@@ -143,8 +143,9 @@ fn options_that_give_no_view_are_refused() {
         (&["--baseline=-1"], "0 or a number above"),
         (&["--environment", "sky.png"], ".hdr"),
         (&["--environment", "no-such-sky.hdr"], "no-such-sky.hdr"),
-        (&["--camera", "0"], "no camera"),
+        (&["--camera", "0"], "no camera (--camera)"),
         (&["--position", "1,1,1", "--target", "1,1,1"], "same point"),
+        (&["--position", "1,1,1", "--target", "1,1,1"], "(--position, --target)"),
     ] {
         let out = case.path("out");
         let output = diptych(&[&["render", &shot, "--out", &out], options].concat());

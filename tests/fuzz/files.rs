@@ -339,5 +339,5 @@ fn files_outside_are_read_where_that_is_allowed() {
     };
     assert!(is_from_outside(&load(true).unwrap().1));
     let error = load(false).unwrap_err().to_string();
-    assert!(error.contains("../outside.") && error.contains("--allow-outside"), "{error}");
+    assert!(error.contains("../outside.") && error.contains("allow files outside"), "{error}");
 }

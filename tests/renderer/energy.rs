@@ -114,10 +114,8 @@ fn the_white_sphere_lacks_what_the_grey_ones_take() {
 fn a_white_environment_image_is_as_good_as_a_constant_one() {
     let mut subject = Subject::load("builtin:furnace");
     let white = Image::filled(Extent::new(16, 8), [1.0; 3]);
-    let scene = diptych::scene::Scene {
-        environment: Environment::Map { image: white.into(), rotation_deg: 40.0 },
-        ..subject.scene.clone()
-    };
+    let scene =
+        Scene { environment: Environment::Map { image: white.into(), rotation_deg: 40.0 }, ..subject.scene.clone() };
     subject = Subject::new("furnace, image", scene, subject.rig);
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.stages.spp = 64;

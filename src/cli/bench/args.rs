@@ -60,10 +60,10 @@ pub struct Args {
     /// Measure everything again instead of resuming
     #[arg(long, help_heading = options::OUTPUT)]
     pub(super) fresh: bool,
-    /// Timed and compared frames per setting, at least two in the grid
+    /// Timed and compared frames per setting [grid: at least 2]
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
     pub(super) repeats: u32,
-    /// Frames before the timed ones
+    /// Untimed frames before the timed ones
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
     pub(super) warm_up: u32,
     /// Folder of left.exr and right.exr to compare with [default: render them]
@@ -120,17 +120,17 @@ impl SeamOptions {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Experiment {
-    /// Leria et al.: every stage on all devices, beside path tracing alone
+    /// Leria et al.: all stages distributed against path tracing alone
     Leria,
-    /// Xu, Tong & Xu: dependent features left out of bmfr's fit, beside noise on all, and svgf
+    /// Xu, Tong & Xu: bmfr with and without feature noise, and svgf
     Bmfr,
-    /// Koskela et al.: visual-polar images beside as many samples spread evenly, and by a linear falloff
+    /// Koskela et al.: visual-polar space against equal-sample alternatives
     Koskela,
-    /// Andersson & Hansson: log-polar images in four modes, by rings around the gaze
+    /// Andersson & Hansson: four log-polar modes, by rings around the gaze
     Andersson,
-    /// Tables 4 and 5 of Peres: foveated sampling and denoising in layers
+    /// Peres: foveated sampling and denoising in layers
     Peres,
-    /// Frames shown 1, 2 and 4 frames after their pose was taken from --motion, as they are and corrected
+    /// Late reprojection of frames 1, 2 and 4 periods late (needs --motion)
     Late,
 }
 

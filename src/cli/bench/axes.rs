@@ -126,7 +126,7 @@ impl Args {
         let ladder = Ladder::read(path).context("cannot use --ladder").map_err(Failure::Input)?;
         let qualities: Vec<Quality> = ladder.rungs().iter().map(|r| r.quality).collect();
         if let Some((i, other)) = qualities.iter().enumerate().find(|(_, quality)| !is_of_options(quality)) {
-            let what = format!("--ladder {}: no options stand for rung {}, {other}", path.display(), i + 1);
+            let what = format!("--ladder {}: no command-line options describe rung {}, {other}", path.display(), i + 1);
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
         Ok(qualities)

@@ -34,7 +34,7 @@ const FRAMES: u32 = 1 + 3 * LATENCIES.len() as u32;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     if args.options.motion.is_none() {
-        return Err(Failure::Input(anyhow!("--preset late is about head motion: give it with --motion")));
+        return Err(Failure::Input(anyhow!("--preset late needs a head motion: give it with --motion")));
     }
     let mut found = Found::default();
     let frames = u64::from(FRAMES * args.preset.instants);
@@ -114,7 +114,7 @@ fn instants(rig: &Rig, count: u32) -> Result<Vec<f64>, anyhow::Error> {
     let longest_s = f64::from(LATENCIES[LATENCIES.len() - 1]) / FPS;
     let [first_s, last_s] = [rig.keys.first(), rig.keys.last()].map(|key| key.map_or(0.0, |key| key.time_s));
     let length_s = last_s - first_s - longest_s;
-    ensure!(length_s > 0.0, "--motion: it is shorter than the {:.0} ms that frames are late", 1e3 * longest_s);
+    ensure!(length_s > 0.0, "--motion: the motion is shorter than the highest latency, {:.0} ms", 1e3 * longest_s);
     Ok((0..count).map(|i| first_s + length_s * (f64::from(i) + 0.5) / f64::from(count)).collect())
 }
 

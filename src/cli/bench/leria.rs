@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let simulated = args.preset.simulated();
     if let Some(rule) = options.ratios.first().filter(|rule| simulated.iter().any(|n| *n != rule.ratios.len())) {
         let count = rule.ratios.len();
-        return Err(Failure::Input(anyhow!("--simulate: --ratios are of {count} devices: add --simulate {count}")));
+        return Err(Failure::Input(anyhow!("--simulate: --ratios has {count} devices: add --simulate {count}")));
     }
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let devices = gpus.len();
     if devices < 2 {
         return Err(Failure::Input(anyhow!(
-            "--preset leria shares work out, which takes two devices: try --virtual 2"
+            "--preset leria distributes rows over at least two devices: try --virtual 2"
         )));
     }
     let loaded = setup::load(&options)?;

@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         shots = SHOTS.map(str::to_owned).to_vec();
     }
     if shots.len() > SCENES.len() {
-        return Err(Failure::Input(anyhow!("--shots: the thesis has {} scenes, give no more", SCENES.len())));
+        return Err(Failure::Input(anyhow!("--shots: the thesis has {} scenes: give at most as many", SCENES.len())));
     }
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;

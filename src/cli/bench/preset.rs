@@ -43,9 +43,9 @@ pub fn run(args: &Args) -> Option<Result<(), Failure>> {
     let refusal = match experiment.refuses().iter().find_map(|id| typed(id)) {
         Some(option) => {
             let name = setup::name(&experiment);
-            anyhow!("--preset {name}: {option} does not go with it: leave one of them out")
+            anyhow!("--preset {name} cannot be combined with {option}: leave one of them out")
         }
-        None if typed("shot").is_some() && typed("shots").is_some() => anyhow!("SHOT and --shots: give one of them"),
+        None if typed("shot").is_some() && typed("shots").is_some() => anyhow!("give either SHOT or --shots, not both"),
         None => return Some(experiment.run(args)),
     };
     Some(Err(Failure::Input(refusal)))

@@ -51,7 +51,7 @@ pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> 
         let path = folder.join(name);
         let image = exr::read_rgb(&path).map_err(|e| Failure::Input(e.into()))?;
         if image.extent != options.size {
-            let what = format!("{} is {}, not {}: ask for its --size", path.display(), image.extent, options.size);
+            let what = format!("{} is {}, not {}: give its size as --size", path.display(), image.extent, options.size);
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
         Ok(image)

@@ -70,10 +70,10 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     let options = RenderOptions::single(run, &quality);
     options.check().map_err(Failure::Input)?;
     if denoiser.is_none() {
-        return Err(Failure::Input(anyhow!("--seam-study: without a denoiser stripes leave no seam")));
+        return Err(Failure::Input(anyhow!("--seam-study needs a denoiser: without one there are no seams")));
     }
     if args.seams.counts().is_empty() {
-        return Err(Failure::Input(anyhow!("--counts: stripes take two devices to meet, e.g. 2,3,4")));
+        return Err(Failure::Input(anyhow!("--counts: seams need at least two devices, e.g. 2,3,4")));
     }
     Ok(options)
 }

@@ -52,7 +52,7 @@ impl<'a> Turns<'a> {
     pub fn add(&mut self, name: String, options: RenderOptions, gpus: Devices) -> Result<(), Failure> {
         let begin = Instant::now();
         if self.loaded.shot.rig.optics.is_some() && options.foveated.foveation != FoveationMode::None {
-            let what = "--motion: the experiment compares pixels around the gaze of eyes that are alike, and it describes others";
+            let what = "--motion: the experiment needs equal projections for both eyes, but the recording sets its own";
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
         let renderer = setup::renderer(&options, self.loaded, gpus, self.tracing.recorder.origin())?;

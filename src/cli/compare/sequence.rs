@@ -54,15 +54,15 @@ impl<'a> Sequence<'a> {
         let [of_reference, of_image] = [frames_in(reference)?, frames_in(image)?];
         for (folder, own, other) in [(image, &of_image, &of_reference), (reference, &of_reference, &of_image)] {
             if let Some(&frame) = other.difference(own).next() {
-                bail!("there is no {}: render as many --frames", colour(folder, "left", frame).display());
+                bail!("there is no {}: render both with the same --frames", colour(folder, "left", frame).display());
             }
         }
-        let few = "frame(s) named as left.0000.exr, and a sequence takes two: render with --frames, or name \
+        let few = "frame(s) named like left.0000.exr, but a sequence needs two: render with --frames, or name \
                    folders that both have left.exr and right.exr";
         ensure!(of_image.len() > 1, "{} has {} {few}", image.display(), of_image.len());
         let mut following = of_image.iter().zip(of_image.iter().skip(1));
         if let Some((last, next)) = following.find(|(a, b)| *a + 1 != **b) {
-            bail!("{} has no frame between {last} and {next}: frames must follow one another", image.display());
+            bail!("{} has no frame between {last} and {next}: frame numbers must be consecutive", image.display());
         }
         let first = of_image.first().copied().unwrap_or_default();
         let tags = |folder| Ok::<_, anyhow::Error>(exr::read_colour(&colour(folder, "left", first))?.tags);

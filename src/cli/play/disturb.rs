@@ -13,23 +13,23 @@ pub enum Disturbance {
     SceneCut { frame: u32 },
 }
 
-const FORMS: &str = "write slow:devI@FROM..TO, as slow:dev1@100..200, or scene-cut@FRAME, as scene-cut@150";
+const FORMS: &str = "write slow:devI@FROM..TO, e.g. slow:dev1@100..200, or scene-cut@FRAME, e.g. scene-cut@150";
 
 impl FromStr for Disturbance {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
         let (what, when) = text.split_once('@').ok_or(FORMS)?;
-        let frame = |text: &str| text.parse::<u32>().map_err(|_| format!("'{text}' is not the number of a frame"));
+        let frame = |text: &str| text.parse::<u32>().map_err(|_| format!("'{text}' is not a frame number"));
         if what == "scene-cut" {
             return Ok(Self::SceneCut { frame: frame(when)? });
         }
         let device = what.strip_prefix("slow:dev").ok_or(FORMS)?;
-        let device = device.parse().map_err(|_| format!("'{device}' is not the number of a device"))?;
+        let device = device.parse().map_err(|_| format!("'{device}' is not a device number"))?;
         let (from, to) = when.split_once("..").ok_or(FORMS)?;
         let frames = frame(from)?..frame(to)?;
         if frames.is_empty() {
-            return Err(format!("there is no frame from {from} up to {to}"));
+            return Err(format!("the frame range {from}..{to} is empty"));
         }
         Ok(Self::Slow { device, frames })
     }
@@ -54,7 +54,7 @@ impl Disturbances<'_> {
                 return refuse(format!("there is no frame {first}: the last of {frames} is {}", frames - 1));
             }
             if device >= devices {
-                return refuse(format!("there is no device {device}, but only {devices}, from 0 on"));
+                return refuse(format!("there is no device {device}: there are {devices}, numbered from 0"));
             }
         }
         Ok(())

@@ -67,7 +67,7 @@ pub fn start(
         let nothing = || {
             let [lo_ms, hi_ms] = [budget.lo_ms(), budget.hi_ms()];
             anyhow::anyhow!(
-                "--fit: no size of the shape of {asked} fits the budget of {lo_ms} to {hi_ms} ms: give a larger one"
+                "--fit: no size with the aspect ratio of {asked} fits the budget of {lo_ms} to {hi_ms} ms: raise it"
             )
         };
         prepared.render.run.size = fitting.ok_or_else(nothing)?.0;
@@ -196,7 +196,7 @@ fn tell(fit: &SizeFit, prepared: &Prepared, progress: &Progress) {
             let takes_it = if prepared.fits_size.is_some() { "; --fit takes it" } else { "" };
             text += &format!(": --size {size} should fit{takes_it}");
         }
-        _ => text += ", and no smaller size of this shape fits it",
+        _ => text += ", and no smaller size of this aspect ratio fits it",
     }
     if let Some(frames) = prepared.frames.filter(|_| !is_taken && fit.asked_ms > FAR * budget.hi_ms()) {
         text += &format!("; {frames} frames will take about {}", duration(f64::from(frames) * fit.asked_ms));

@@ -65,7 +65,7 @@ impl Choice {
         let (plain, foveated): (Vec<Rung>, _) = of(denoiser).into_iter().partition(|r| r.quality.fovea.is_none());
         ensure!(
             !(plain.is_empty() && foveated.is_empty()),
-            "--ladder {path}: none of its {} rungs is for --denoiser {name}{space}: measure some with `diptych bench`",
+            "--ladder {path}: none of its {} rungs uses --denoiser {name}{space}: measure some with `diptych bench`",
             all.rungs().len(),
         );
         let rungs = if args.foveated.is_on() { of(denoiser) } else { plain };

@@ -122,7 +122,7 @@ fn pictures(args: &Args, options: &RenderOptions, loaded: &LoadedScene, last: &L
 fn budget(args: &Args, play: &PlaySummary, samples: &FrameSamples) -> Result<[Section; 2], Failure> {
     let disturbed: Vec<Disturbed> = args.disturb.iter().map(disturbed).collect();
     let figure = timeline(play.budget_ms, play.rungs, samples.frames(), &disturbed);
-    let figure = figure.context("cannot write down the frames")?;
+    let figure = figure.context("cannot encode the frames")?;
     let how = "Frame times in the shaded budget and samples per pixel, and below them the rung of the quality ladder, 0 \
         the cheapest. Triangles stand for frames beyond the axis. Choose a frame by a click or the arrow keys.";
     let judged = format!("The first {SETTLING_FRAMES} frames of a longer run settle the loop and are not judged.");

@@ -28,12 +28,12 @@ impl LoopOptions {
         self.foveated.check(choice.denoiser)?;
         let (is_asked, filters) = (choice.denoiser.is_some(), options.quality().denoiser.is_some());
         ensure!(filters || !is_asked, "--iterations 0 filters nothing: choose --denoiser none");
-        let what = "--foveation layers leaves pixels to a denoiser: choose another than none";
+        let what = "--foveation layers needs a denoiser to fill in pixels: choose another than none";
         ensure!(filters || !self.foveated.is_on(), what);
         if let Some(path) = &self.record_motion {
             let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
             let is_file = path.file_name().is_some() && !path.is_dir() && folder.is_none_or(Path::is_dir);
-            ensure!(is_file, "--record-motion: there can be no file {}", path.display());
+            ensure!(is_file, "--record-motion: cannot create the file {}", path.display());
         }
         options.check()
     }

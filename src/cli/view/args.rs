@@ -37,7 +37,7 @@ pub struct Args {
 #[cfg(feature = "xr")]
 fn late_border(text: &str) -> Result<f64, String> {
     let degrees = text.parse().ok().filter(|degrees| (0.0..=30.0).contains(degrees));
-    degrees.ok_or_else(|| format!("'{text}' is no number of degrees from 0 to 30"))
+    degrees.ok_or_else(|| format!("'{text}' is not a number of degrees from 0 to 30"))
 }
 
 impl Args {

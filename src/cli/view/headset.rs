@@ -40,7 +40,7 @@ const LEAST_SHARE: f64 = 0.55;
 pub fn run(args: &Args) -> Result<(), Failure> {
     let typed = |id: &str| Given::here().and_then(|given| given.typed(id));
     if let Some(option) = typed("motion").or_else(|| typed("fps")) {
-        return Err(Failure::Input(anyhow!("{option} does not go with --xr: the headset says when and from where")));
+        return Err(Failure::Input(anyhow!("{option} cannot be combined with --xr: the headset sets times and poses")));
     }
     // Create the folder first: --record-motion may name a file in it.
     let writes = typed("out").is_some();
@@ -109,7 +109,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// Returns the frame budget for a display period.
 fn budget(period_ms: f64) -> Result<Budget, Failure> {
     Budget::new(LEAST_SHARE * period_ms, period_ms)
-        .map_err(|_| Failure::Run(anyhow!("the headset tells no period of its display: give --budget-ms LO..HI")))
+        .map_err(|_| Failure::Run(anyhow!("the headset does not report its display period: give --budget-ms LO..HI")))
 }
 
 /// Waits for the first frame, which describes the eyes, and skips it. `None` if the session ended before.

@@ -48,7 +48,7 @@ impl Presenter {
         let screen = ScreenDevice::open(Arc::clone(&window))?;
         let device = &screen.gpu.device;
         let mut config =
-            screen.surface.get_default_config(&screen.adapter, 1, 1).context("the window takes no images")?;
+            screen.surface.get_default_config(&screen.adapter, 1, 1).context("cannot present to the window")?;
         // Images and overlay are already sRGB encoded: prefer a format that does not encode again.
         let formats = screen.surface.get_capabilities(&screen.adapter).formats;
         config.format = formats.into_iter().find(|f| !f.is_srgb()).unwrap_or(config.format);

@@ -68,7 +68,7 @@ impl App {
         if let Some(failure) = self.failure {
             return Err(Failure::Run(failure));
         }
-        rendered.transpose().map_err(|_| anyhow!("the renderer's thread ended in a panic"))?.transpose()?;
+        rendered.transpose().map_err(|_| anyhow!("the render thread panicked"))?.transpose()?;
         let Some(mut open) = self.open.filter(|_| wants_picture) else { return Ok(None) };
         Ok(Some(open.presenter.capture(&open.drawing)?))
     }

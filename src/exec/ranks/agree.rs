@@ -42,22 +42,28 @@ impl Identity {
     }
 }
 
+/// Difference between a device of another rank and rank 0's first device.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DeviceMismatch {
+    /// Adapters, each with its driver.
+    #[error("its adapter is {its}, but rank 0 has {first}: different adapters do not give the same bytes")]
+    Adapter { its: String, first: String },
+    #[error(
+        "its ray traversal is {}, but rank 0 uses {}: choose the same for all ranks", its.name(), first.name()
+    )]
+    Traversal { its: Traversal, first: Traversal },
+}
+
 /// # Errors
-/// A message that describes how another rank's devices differ from rank 0's first.
-pub fn check_devices(first: &DeviceInfo, others: &[DeviceCard]) -> Result<(), String> {
+/// The first difference between another rank's devices and rank 0's first.
+pub fn check_devices(first: &DeviceInfo, others: &[DeviceCard]) -> Result<(), DeviceMismatch> {
     for DeviceCard { info, .. } in others {
         if (&info.name, &info.driver) != (&first.name, &first.driver) {
-            return Err(format!(
-                "its adapter is {}, {}, and that of rank 0 is {}, {}: kinds of adapters do not give the same bytes",
-                info.name, info.driver, first.name, first.driver
-            ));
+            let [its, first] = [info, first].map(|info| format!("{}, {}", info.name, info.driver));
+            return Err(DeviceMismatch::Adapter { its, first });
         }
         if info.traversal != first.traversal {
-            return Err(format!(
-                "its rays are followed by {} and those of rank 0 by {}: choose one with --traversal",
-                info.traversal.name(),
-                first.traversal.name()
-            ));
+            return Err(DeviceMismatch::Traversal { its: info.traversal, first: first.traversal });
         }
     }
     Ok(())
@@ -102,8 +108,10 @@ mod tests {
         let card = |name, traversal| DeviceCard { info: info(name, traversal), max_dispatch_ms: None };
         let first = info("one", Traversal::Compute);
         assert_eq!(check_devices(&first, &[card("one", Traversal::Compute)]), Ok(()));
-        assert!(check_devices(&first, &[card("two", Traversal::Compute)]).unwrap_err().contains("two, driver 1"));
+        let mismatch = check_devices(&first, &[card("two", Traversal::Compute)]).unwrap_err();
+        assert!(mismatch.to_string().contains("two, driver 1"));
         let other = [card("one", Traversal::Compute), card("one", Traversal::Hardware)];
-        assert!(check_devices(&first, &other).unwrap_err().contains("--traversal"));
+        let mismatch = DeviceMismatch::Traversal { its: Traversal::Hardware, first: Traversal::Compute };
+        assert_eq!(check_devices(&first, &other), Err(mismatch));
     }
 }

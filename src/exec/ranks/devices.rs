@@ -114,7 +114,8 @@ impl Opening {
         for (rank, response) in (1..).zip(self.asked.wait()?) {
             let Response::Devices(cards) = response else { continue };
             if let Some(first) = own.first() {
-                check_devices(&first.info, &cards).map_err(|what| node.refusal(rank, what))?;
+                let differ = |mismatch| RankError::Devices { rank, host: node.host(rank), mismatch };
+                check_devices(&first.info, &cards).map_err(differ)?;
             }
             self.set.cards.extend(cards.into_iter().map(|card| (rank, card)));
         }

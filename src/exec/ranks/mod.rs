@@ -20,6 +20,7 @@ mod shared;
 mod slices;
 mod transport;
 
+pub use agree::DeviceMismatch;
 pub(super) use devices::Others;
 pub use devices::{Devices, Loading, Opening};
 pub use error::RankError;

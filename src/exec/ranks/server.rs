@@ -1,6 +1,7 @@
 //! Main loop of ranks other than 0: opens devices, loads scenes and starts workers on request of rank 0.
 
 use std::collections::HashMap;
+use std::error::Error;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -44,6 +45,11 @@ pub trait Host {
     /// Returns the declarations of passes. They are not sent, and must be the same as those of rank 0.
     fn passes(&self) -> Declarations {
         Declarations::default()
+    }
+
+    /// Formats an error of a worker on one line, for rank 0.
+    fn describe(&self, error: &(dyn Error + 'static)) -> String {
+        error.to_string()
     }
 
     /// Returns the signal that told this rank to end.
@@ -179,7 +185,7 @@ impl Server<'_> {
         for ((device, mut gpu), end) in own.iter().zip(gpus).zip(own_ends) {
             gpu.info.index = *device;
             let made = WorkerDevice::new(gpu, &settings.stages, &tables, &programs, self.node.epoch);
-            let made = made.map_err(|e| e.to_string())?;
+            let made = made.map_err(|e| self.host.describe(&e))?;
             cards.push(self.card(&made.gpu));
             workers.push(Worker::new(made, Arc::clone(&graphs), Box::new(end)));
         }

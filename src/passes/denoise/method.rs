@@ -6,7 +6,7 @@ use crate::passes::resources::RADIANCE;
 use crate::passes::{FrameSpec, tonemap};
 use crate::scene::rig::Eye;
 
-/// The partition of all denoisers' passes.
+/// Cut group of all denoiser passes: they have the same stripes.
 pub const CUT: CutGroup = CutGroup("denoise");
 
 const FILTERED: Resource = Resource::image("filtered", 16);

@@ -106,8 +106,9 @@ impl Reader<'_, '_> {
         }
         if covered {
             let names: Vec<_> = played.iter().take(MOST_NAMES).map(|a: &Animation| a.name.as_str()).collect();
-            let hint = "where several animations move the same, the first goes before: --animation chooses one of";
-            warnings.note(&format!("{hint} {}", names.join(", ")), "");
+            let hint =
+                "several animations move the same property: the first takes precedence; one can be chosen by its name";
+            warnings.note(&format!("{hint}: {}", names.join(", ")), "");
         }
         played.extend(moves);
         Ok(played)

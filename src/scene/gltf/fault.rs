@@ -3,16 +3,19 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use crate::scene::SceneError;
 use crate::scene::budget::Exceeded;
 use crate::scene::folder::AccessError;
+use crate::scene::{Refusal, SceneError};
 
 /// A [`SceneError`] without the file's name.
 #[derive(Debug)]
 pub enum Fault {
     Invalid(String),
-    /// Access denied, or over the budget.
-    Refused(String),
+    /// Access denied, or over the budget. `place` ends in `: `, or is empty.
+    Refused {
+        place: String,
+        refusal: Refusal,
+    },
     Read {
         path: String,
         source: std::io::Error,
@@ -30,7 +33,7 @@ impl Fault {
         let file = path.display().to_string();
         match self {
             Fault::Invalid(what) => SceneError::Invalid { path: file, what },
-            Fault::Refused(what) => SceneError::Refused { path: file, what },
+            Fault::Refused { place, refusal } => SceneError::Refused { path: file, place, refusal },
             Fault::Read { path, source } => SceneError::Read { path, source },
             Fault::Extensions { extensions, hint } => SceneError::Extensions { path: file, extensions, hint },
         }
@@ -47,14 +50,20 @@ impl From<AccessError> for Fault {
     fn from(error: AccessError) -> Self {
         match error {
             AccessError::Read { path, source } => Fault::Read { path: path.display().to_string(), source },
-            AccessError::Refused(what) => Fault::Refused(what),
+            AccessError::Refused(refusal) => refusal.into(),
         }
     }
 }
 
 impl From<Exceeded> for Fault {
     fn from(error: Exceeded) -> Self {
-        Fault::Refused(error.to_string())
+        Refusal::from(error).into()
+    }
+}
+
+impl From<Refusal> for Fault {
+    fn from(refusal: Refusal) -> Self {
+        Fault::Refused { place: String::new(), refusal }
     }
 }
 
@@ -67,7 +76,9 @@ impl<T> Within for Outcome<T> {
     fn within(self, place: impl FnOnce() -> String) -> Self {
         self.map_err(|fault| match fault {
             Fault::Invalid(what) => Fault::Invalid(format!("{}: {what}", place())),
-            Fault::Refused(what) => Fault::Refused(format!("{}: {what}", place())),
+            Fault::Refused { place: inner, refusal } => {
+                Fault::Refused { place: format!("{}: {inner}", place()), refusal }
+            }
             other => other,
         })
     }

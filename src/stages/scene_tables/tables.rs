@@ -26,7 +26,7 @@ use crate::wgsl::ROW_BYTES;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
-    #[error("the tables of the scene's lights are refused: {0}")]
+    #[error("the scene's light tables do not fit into memory: {0}")]
     Memory(Exceeded),
     #[error("the scene's textures hold {0} texels, more than the 2^32 that can be addressed: make them smaller")]
     Texels(u64),

@@ -61,7 +61,7 @@ fn log_polar_images_that_are_none_are_refused() {
     ] {
         assert_option_refused(&["--foveation", "log-polar", "--polar", map], &["--polar", part]);
     }
-    assert_option_refused(&["--polar", "fov"], &["--polar is for --foveation log-polar"]);
+    assert_option_refused(&["--polar", "fov"], &["--polar needs --foveation log-polar"]);
 }
 
 #[test]

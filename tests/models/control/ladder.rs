@@ -103,7 +103,7 @@ fn what_is_no_ladder_is_refused_with_its_reason() {
         assert!(message.contains(part), "{to}: {message}");
     }
     let origin = text.split("[[rung]]").next().unwrap();
-    assert_eq!(refusal(origin), "it has no rungs");
+    assert_eq!(refusal(origin), "the ladder has no rungs");
     let missing = Ladder::read("/nowhere/ladder.toml".as_ref()).unwrap_err().to_string();
     assert!(missing.contains("/nowhere/ladder.toml"), "{missing}");
 }
@@ -142,5 +142,5 @@ fn settings_without_finite_numbers_are_on_no_front() {
     let origin = three().origin().clone();
     assert_eq!(Ladder::of_measured(origin.clone(), &measured).unwrap().rungs(), &measured[2..]);
     let message = Ladder::of_measured(origin, &measured[..2]).unwrap_err().to_string();
-    assert_eq!(message, "it has no rungs");
+    assert_eq!(message, "the ladder has no rungs");
 }

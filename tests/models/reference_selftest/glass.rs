@@ -63,8 +63,8 @@ fn a_mirror_shows_spherical_lights_but_no_disc_of_a_sun() {
     let mut scene = empty("mirrored lights");
     sheet(&mut scene, 0.0, true, &Material { metallic: 1.0, roughness: 0.0, ..matte() });
     let direction = vec3(-0.6, -0.8, 0.0);
-    let kind = diptych::scene::LightKind::Directional { direction, angle_rad: 0.1 };
-    scene.lights.push(diptych::scene::Light { kind, strength: Vec3::ONE });
+    let kind = LightKind::Directional { direction, angle_rad: 0.1 };
+    scene.lights.push(Light { kind, strength: Vec3::ONE });
     assert_exact(&look_down(&scene, 10, 2), [0.0; 3]);
     // The ray meets the mirror at (3.75, 0, 0).
     scene.lights.push(point(vec3(3.75, 0.0, 0.0) + 4.0 * vec3(0.6, 0.8, 0.0), 0.5, Vec3::splat(3.0)));

@@ -64,9 +64,9 @@ fn coordinates_are_transformed_before_the_lookup() {
 #[test]
 fn wrap_modes_repeat_mirror_and_clamp() {
     let row = |mode, n| (-4..8).map(|i| texture::wrap(f64::from(i), n, mode)).collect::<Vec<_>>();
-    assert_eq!(row(Wrap::Repeat, 3), [2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1]);
-    assert_eq!(row(Wrap::MirroredRepeat, 3), [2, 2, 1, 0, 0, 1, 2, 2, 1, 0, 0, 1]);
-    assert_eq!(row(Wrap::ClampToEdge, 3), [0, 0, 0, 0, 0, 1, 2, 2, 2, 2, 2, 2]);
+    assert_eq!(row(Repeat, 3), [2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1]);
+    assert_eq!(row(MirroredRepeat, 3), [2, 2, 1, 0, 0, 1, 2, 2, 1, 0, 0, 1]);
+    assert_eq!(row(ClampToEdge, 3), [0, 0, 0, 0, 0, 1, 2, 2, 2, 2, 2, 2]);
 
     let look = |wrap_u, wrap_v, u: f64, v: f64| {
         let scene = checker_scene(wrap_u, wrap_v, false);

@@ -18,7 +18,7 @@ fn triangles(scene: &Scene) -> Vec<[DVec3; 3]> {
         let mesh = &scene.meshes[instance.mesh];
         let (linear, shift) =
             (glam::Mat3::from(instance.world_from_local.matrix3).as_dmat3(), instance.world_from_local);
-        let world = move |p: glam::Vec3| linear * p.as_dvec3() + glam::Vec3::from(shift.translation).as_dvec3();
+        let world = move |p: Vec3| linear * p.as_dvec3() + Vec3::from(shift.translation).as_dvec3();
         mesh.triangles.iter().map(move |t| t.map(|i| world(mesh.positions[i as usize]))).collect::<Vec<_>>()
     };
     scene.instances.iter().flat_map(of_instance).collect()

@@ -32,7 +32,7 @@ impl Denoise for Atrous {
     }
 
     fn help(&self) -> Option<&'static str> {
-        Some("On each frame alone")
+        Some("Spatial à-trous filter")
     }
 
     fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {

@@ -66,7 +66,7 @@ impl Denoise for Bmfr {
     }
 
     fn help(&self) -> Option<&'static str> {
-        (self.noise == 0.0).then_some("Over frames, fitted to features of surfaces in blocks")
+        (self.noise == 0.0).then_some("Temporal regression on surface features, per block")
     }
 
     fn keeps_history(&self) -> bool {

@@ -42,7 +42,7 @@ impl Denoise for Svgf {
     }
 
     fn help(&self) -> Option<&'static str> {
-        Some("Over frames, guided by variance")
+        Some("Temporal filter guided by variance")
     }
 
     fn keeps_history(&self) -> bool {

@@ -169,7 +169,7 @@ fn a_file_is_read_once_however_many_buffers_name_it() {
     assert_eq!(load_within(&path, &draft, 12 << 20).unwrap().triangle_count(), 1);
     let error = load_within(&path, &draft, 8 << 20).unwrap_err();
     assert!(matches!(error, SceneError::Refused { .. }));
-    assert_mentions(&error.to_string(), &["scene.gltf", "buffer 0", "8.0 MiB", "--max-scene-memory"]);
+    assert_mentions(&error.to_string(), &["scene.gltf", "buffer 0", "8.0 MiB", "raise the limit"]);
 }
 
 #[test]
@@ -183,5 +183,5 @@ fn buffers_that_nothing_in_use_needs_are_not_read() {
     assert_mentions(&load_within(&path, &draft, 1 << 20).unwrap_err().to_string(), &["lost.bin"]);
     draft.json["bufferViews"][1]["buffer"] = json!(2);
     let error = load_within(&path, &draft, 1 << 20).unwrap_err().to_string();
-    assert_mentions(&error, &["scene.gltf", "buffer 2", "'../outside.bin'", "--allow-outside"]);
+    assert_mentions(&error, &["scene.gltf", "buffer 2", "'../outside.bin'", "allow files outside"]);
 }

@@ -71,7 +71,7 @@ fn animations_are_chosen_by_name() {
     assert_eq!(height(&chosen("High").unwrap(), 2.0), 4.0);
     let all = chosen("all").unwrap();
     assert_eq!((height(&all, 2.0), all.motion.animations.len()), (8.5, 2));
-    assert_mentions(&all.warnings[0], &["--animation", "Low, High, Top"]);
+    assert_mentions(&all.warnings[0], &["chosen by its name", "Low, High, Top"]);
     assert_mentions(&chosen("Lost").unwrap_err().to_string(), &["draft.glb", "'Lost'", "Low, High, Top"]);
     assert_mentions(
         &playing(&Draft::triangle(), &Play { animation: Choice::of("x"), ..Play::default() }).unwrap_err().to_string(),
