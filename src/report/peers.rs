@@ -158,7 +158,7 @@ mod tests {
             ("[[peer]]\nname = 'a'\nflip = nan\ntime_ms = 1.0", "flip NaN"),
             ("[[peer]]\nname = 'a'\nflip = 1.5\ntime_ms = 1.0", "flip 1.5"),
             ("[[peer]]\nname = ' '\nflip = 0.5\ntime_ms = 1.0", "name is empty"),
-            ("exposure_ev = inf\n[[peer]]\nname = 'a'\nflip = 0.5\ntime_ms = 1.0", "exposure_ev inf"),
+            ("exposure_ev = inf\n[[peer]]\nname = 'a'\nflip = 0.5\ntime_ms = 1.0", "exposure_ev is inf"),
         ] {
             let error = Peers::parse(text).unwrap_err().to_string();
             assert!(error.contains(reason), "{text}: {error}");
