@@ -144,8 +144,8 @@ fn files_that_are_not_ours_are_refused_where_ours_are_needed() {
     let foreign = file("foreign.json", r#"[{"ph": "X", "name": "op", "pid": 7, "tid": 1, "ts": 0, "dur": 9}]"#);
     let table = file("table.csv", "devices,makespan_ms\n");
     assert!(printed(&["trace", &foreign]).contains("note: there is no device work"));
-    refused(&["trace", &foreign, &foreign], "foreign.json' holds no frames");
-    refused(&["trace", &foreign, "--frame", "0"], "foreign.json' holds no frames");
+    refused(&["trace", &foreign, &foreign], "foreign.json' has no frames");
+    refused(&["trace", &foreign, "--frame", "0"], "foreign.json' has no frames");
     refused(&["trace", &foreign, &table], "table.csv' is not a trace");
     refused(&["trace", "no/such.json"], "no/such.json");
     refused(&["trace", &foreign, &foreign, "--frame", "0"], "cannot be used with");

@@ -97,7 +97,7 @@ fn what_is_no_ladder_is_refused_with_its_reason() {
         ("flip_flicker", "beauty", "unknown variant `beauty`"),
         ("relmse = 0.1", "relmse = -1.0", "rung 1: relmse -1 is out of range"),
         ("denoiser = \"none\"", "denoiser = \"\"", "the denoiser \"\" is unknown"),
-        ("[origin]", "[origin", "form"),
+        ("[origin]", "[origin", "not a valid ladder file"),
     ] {
         let message = changed(from, to);
         assert!(message.contains(part), "{to}: {message}");
