@@ -80,7 +80,7 @@ test: deps
 	$(CARGO) test --profile tests --locked --doc
 
 test-long: deps
-	DIPTYCH_TEST_LONG=1 $(CARGO) test --release --locked -- --include-ignored
+	DIPTYCH_TEST_LONG=1 $(CARGO) test --release --locked --no-fail-fast -- --include-ignored
 	$(CARGO) run --release --locked --no-default-features --example render_frame
 
 test-view: deps

@@ -63,7 +63,7 @@ pub mod cli;
 
 pub use control::{Budget, Controller, Ladder};
 pub use device::Selection;
-pub use exec::{FrameReport, RenderSettings, Renderer, Stereo};
+pub use exec::{FrameReport, Renderer, Stereo};
 pub use image::Extent;
 pub use loaded::{LoadError, LoadedScene};
 pub use quality::{Denoiser, Quality};
@@ -71,6 +71,7 @@ pub use scene::Scene;
 pub use scene::rig::Rig;
 pub use schedule::{CostModel, Policy};
 pub use session::Session;
+pub use stages::RunConfig;
 
 /// Programs in documents, which are compiled with those of the documentation.
 #[cfg(doctest)]

@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 
 use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
 use crate::scene::shot::Gaze;
-use crate::stages::{Foveation, Polar};
+use crate::stages::Foveation;
 
 use super::denoisers::DenoiserChoice;
 
@@ -118,23 +118,11 @@ impl FoveationOptions {
     }
 
     /// Returns the gaze of each eye: that of `--gaze`, or else the shot's.
-    fn gaze(&self, shot: &[Gaze; 2]) -> [Gaze; 2] {
+    pub fn gaze(&self, shot: &[Gaze; 2]) -> [Gaze; 2] {
         match self.gaze {
             None => shot.clone(),
             Some(GazeOption(eyes)) => eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }),
         }
-    }
-
-    /// Returns the foveal layers, if they are on.
-    pub fn layers(&self, shot: &[Gaze; 2]) -> Option<Foveation> {
-        let usual = Foveation::new(self.gaze(shot), self.layer_iterations());
-        let unsampled_share = self.unsampled_share.unwrap_or(usual.unsampled_share);
-        self.radii().map(|radii| Foveation { radii, unsampled_share, ..usual })
-    }
-
-    /// Returns the polar space around the gaze, if it is on.
-    pub fn polar(&self, shot: &[Gaze; 2]) -> Option<Polar> {
-        self.space().map(|space| Polar { gaze: self.gaze(shot), space })
     }
 
     /// Checks constraints that clap cannot express.

@@ -35,11 +35,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     options.check().map_err(Failure::Input)?;
     let devices = usize::from(*virtual_devices);
     let loaded = setup::load(options)?;
-    let settings = setup::render_settings(options, &loaded, false)?;
-    let spec = settings.spec(devices, loaded.tables.has_surfaces());
+    let config = setup::config(options, &loaded, false)?;
+    let spec = config.spec(devices, loaded.tables.has_surfaces());
     let spec = FrameSpec { history_rows: spec.history_rows.map(|_| HISTORY_ROWS), ..spec };
-    let model = CostModel::new(&spec, &settings.stages.declarations);
-    let assignment = setup::policy(options, settings.stages.grid(), devices)?.assign(&model);
+    let model = CostModel::new(&spec, &config.buffers.declarations);
+    let assignment = setup::policy(options, config.grid(), devices)?.assign(&model);
     let graph = FrameGraph::build(model.program(), &assignment, spec.history_rows.map(|_| &assignment));
     say!("{}", passes_table(&graph.program).text());
     let left_out = left_out_table(&declare(&spec).left_out);

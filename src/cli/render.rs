@@ -202,11 +202,11 @@ impl Run<'_> {
             if self.args.overlay {
                 let rectified = shot.rig.optics.as_ref().zip(self.renderer.rectified());
                 match self.renderer.polar() {
-                    Some(polar) => images.overlay_rings(polar, &shot.rig, time_s, frame.stripe_edges()),
+                    Some(polar) => images.overlay_rings(&polar, &shot.rig, time_s, frame.stripe_edges()),
                     None => images.overlay(frame.stripe_edges(), rectified),
                 }
                 if let Some(foveation) = self.renderer.foveation() {
-                    images.overlay_layers(foveation, time_s, rectified);
+                    images.overlay_layers(&foveation, time_s, rectified);
                 }
             }
             let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, time_s, frame.index);

@@ -5,9 +5,10 @@ use std::time::Instant;
 
 use crate::device::{self, DeviceError, GpuDevice, Selection, Traversal, TraversalChoice, Wanted};
 use crate::exec::ranks::{Devices, Load, Loading, Recorded, Request};
-use crate::exec::{FrameReport, RenderSettings, Renderer};
+use crate::exec::{FrameReport, Renderer};
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
+use crate::passes::Display;
 use crate::quality::{Envelope, Quality};
 use crate::scene::SceneError;
 use crate::scene::folder::Source;
@@ -15,6 +16,7 @@ use crate::scene::head::HeadMotion;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::Rig;
 use crate::schedule::Policy;
+use crate::stages::{Execution, RunConfig};
 use crate::trace::frames::{FrameControl, record_frame};
 use crate::trace::{Recorder, TraceFile};
 use anyhow::anyhow;
@@ -144,10 +146,10 @@ pub fn varying_renderer(
     mixes_spp: bool,
 ) -> Result<Renderer, Failure> {
     let injected = options.faults.injected(gpus.len())?;
-    let settings = render_settings(options, loaded, mixes_spp)?;
-    let policy = policy(options, settings.stages.grid(), gpus.len())?;
+    let config = config(options, loaded, mixes_spp)?;
+    let policy = policy(options, config.grid(), gpus.len())?;
     let _span = tracing::info_span!("start renderer").entered();
-    let builder = Renderer::builder(loaded).settings(settings).policy(|_, _| policy);
+    let builder = Renderer::builder(loaded).config(config).policy(|_, _| policy);
     let mut renderer = builder.on(gpus).origin(origin).build()?;
     renderer.set_injected_faults(injected);
     if let Some(limit) = options.faults.watchdog() {
@@ -156,40 +158,41 @@ pub fn varying_renderer(
     Ok(renderer)
 }
 
-/// Returns the settings that apply to all frames.
-pub fn render_settings(
-    options: &RenderOptions,
-    loaded: &LoadedScene,
-    mixes_spp: bool,
-) -> Result<RenderSettings, Failure> {
+/// Returns the configuration of all frames.
+pub fn config(options: &RenderOptions, loaded: &LoadedScene, mixes_spp: bool) -> Result<RunConfig, Failure> {
     let envelope = Envelope { most: options.quality(), mixes_spp };
-    let settings = RenderSettings::for_envelope(loaded, options.size, &envelope);
-    let mut settings = settings.map_err(|what| Failure::Input(anyhow!("{what}")))?;
-    let stages = &mut settings.stages;
+    let config = RunConfig::for_envelope(loaded, options.size, envelope);
+    let mut config = config.map_err(|what| Failure::Input(anyhow!("{what}")))?;
+    let buffers = &mut config.buffers;
     if options.no_skip {
-        stages.needs = SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL };
+        buffers.needs = SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL };
     }
-    stages.sampler = options.sampler;
-    stages.reproject = options.reprojects();
-    stages.foveation = options.foveated.layers(&loaded.gaze);
-    stages.polar = options.foveated.polar(&loaded.gaze);
-    stages.is_late = options.is_late;
-    stages.aovs = options.aovs();
-    stages.frames_in_flight = usize::from(options.frames_in_flight);
-    stages.checks = options.shader_checks;
-    stages.declarations = registered().passes.clone();
+    buffers.reproject = options.reprojects();
+    if let Display::Resampled { is_late, .. } = &mut buffers.display {
+        *is_late = options.is_late;
+    }
+    buffers.aovs = options.aovs();
+    buffers.declarations = registered().passes.clone();
     // A renderer replaces this with the traversal of its devices. `diptych graph` has no devices and uses the requested
     // one.
-    if let Some(moving) = &mut stages.moving {
+    if let Some(moving) = &mut buffers.moving {
         moving.hardware = options.traversal == TraversalChoice::Hardware;
     }
-    Ok(RenderSettings {
-        seam: options.seam(),
-        adapts_halo: options.halo == HaloOption::Cost,
-        seed: options.seed,
+    let foveated = &options.foveated;
+    Ok(RunConfig {
+        execution: Execution {
+            seam: options.seam(),
+            adapts_halo: options.halo == HaloOption::Cost,
+            max_dispatch_ms: options.max_dispatch_ms,
+            frames_in_flight: usize::from(options.frames_in_flight),
+            checks: options.shader_checks,
+        },
+        sampler: options.sampler,
         indirect_clamp: options.clamp.unwrap_or(0.0),
-        max_dispatch_ms: options.max_dispatch_ms,
-        ..settings
+        unsampled_share: foveated.unsampled_share.unwrap_or(config.unsampled_share),
+        gaze: foveated.gaze(&loaded.gaze),
+        seed: options.seed,
+        ..config
     })
 }
 

@@ -4,13 +4,14 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::ranks::Devices;
-use super::{ExecError, RenderSettings, Renderer};
+use super::{ExecError, Renderer};
 use crate::device::{self, DeviceError, Selection};
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::quality::{Envelope, Quality};
 use crate::scene::rig::Rig;
 use crate::schedule::{Measured, Policy};
+use crate::stages::RunConfig;
 
 /// An error of [`Builder::build`].
 #[derive(Debug, thiserror::Error)]
@@ -26,7 +27,7 @@ pub enum BuildError {
 }
 
 type NewPolicy<'a> = dyn FnOnce(u32, usize) -> Box<dyn Policy> + 'a;
-type Change<'a> = dyn FnOnce(&mut RenderSettings) + 'a;
+type Change<'a> = dyn FnOnce(&mut RunConfig) + 'a;
 
 /// Builds a [`Renderer`]. Settings that you leave out have the defaults of `diptych render`.
 #[must_use]
@@ -34,7 +35,7 @@ pub struct Builder<'a> {
     scene: &'a LoadedScene,
     extent: Extent,
     envelope: Envelope,
-    settings: Option<RenderSettings>,
+    config: Option<RunConfig>,
     changes: Vec<Box<Change<'a>>>,
     selection: Selection,
     devices: Option<Devices>,
@@ -61,7 +62,7 @@ impl Renderer {
             scene,
             extent: Extent::new(640, 360),
             envelope: Quality::default().into(),
-            settings: None,
+            config: None,
             changes: Vec::new(),
             selection: Selection::default(),
             devices: None,
@@ -96,7 +97,7 @@ impl<'a> Builder<'a> {
 
     /// Returns the size of each eye's image.
     pub(crate) fn extent(&self) -> Extent {
-        self.settings.as_ref().map_or(self.extent, |settings| settings.stages.extent)
+        self.config.as_ref().map_or(self.extent, |config| config.buffers.extent)
     }
 
     /// Opens `count` virtual devices on each adapter.
@@ -124,14 +125,14 @@ impl<'a> Builder<'a> {
         self
     }
 
-    /// Sets all settings, which replaces those derived from [`Self::size`] and [`Self::quality`].
-    pub fn settings(mut self, settings: RenderSettings) -> Self {
-        self.settings = Some(settings);
+    /// Sets the configuration, which replaces that derived from [`Self::size`] and [`Self::quality`].
+    pub fn config(mut self, config: RunConfig) -> Self {
+        self.config = Some(config);
         self
     }
 
-    /// Changes single settings after all others are set.
-    pub fn configure(mut self, change: impl FnOnce(&mut RenderSettings) + 'a) -> Self {
+    /// Changes the configuration after all else is set.
+    pub fn configure(mut self, change: impl FnOnce(&mut RunConfig) + 'a) -> Self {
         self.changes.push(Box::new(change));
         self
     }
@@ -147,12 +148,12 @@ impl<'a> Builder<'a> {
     /// # Errors
     /// [`BuildError`]
     pub fn build(self) -> Result<Renderer, BuildError> {
-        let Self { scene, extent, envelope, settings, changes, selection, devices, policy, origin } = self;
-        let settings = settings.map_or_else(|| RenderSettings::for_envelope(scene, extent, &envelope), Ok);
-        let mut settings = settings.map_err(BuildError::Optics)?;
-        changes.into_iter().for_each(|change| change(&mut settings));
+        let Self { scene, extent, envelope, config, changes, selection, devices, policy, origin } = self;
+        let config = config.map_or_else(|| RunConfig::for_envelope(scene, extent, envelope), Ok);
+        let mut config = config.map_err(BuildError::Optics)?;
+        changes.into_iter().for_each(|change| change(&mut config));
         let devices = devices.map_or_else(|| device::open(&selection).map(Devices::from), Ok)?;
-        let policy = policy(settings.stages.grid().height, devices.len());
-        Ok(Renderer::new(devices, Arc::clone(&scene.tables), settings, policy, origin)?)
+        let policy = policy(config.grid().height, devices.len());
+        Ok(Renderer::new(devices, Arc::clone(&scene.tables), config, policy, origin)?)
     }
 }

@@ -4,11 +4,12 @@ use std::ops::Range;
 
 use glam::{DMat3, DVec3};
 
-use super::{FrameParams, RenderSettings};
+use super::FrameParams;
 use crate::image::Extent;
+use crate::passes::Display;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
-use crate::stages::{SceneTables, StageSettings, layout};
+use crate::stages::{RunConfig, SceneTables, layout};
 
 /// Samples that a frame takes from the sequences of its pixels.
 pub enum Samples {
@@ -19,50 +20,50 @@ pub enum Samples {
 }
 
 /// Returns the constants of a frame, without history.
-pub fn constants(
-    settings: &RenderSettings,
-    params: &FrameParams,
-    tables: &SceneTables,
-    samples: &Samples,
-) -> layout::Frame {
+pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables, samples: &Samples) -> layout::Frame {
     let FrameParams { time_s, index, seed, ref quality, ref gaze, .. } = *params;
-    let stages = &settings.stages;
-    let aspect = f64::from(stages.extent.width) / f64::from(stages.extent.height);
-    let Extent { width, height } = stages.grid();
+    let extent = config.buffers.extent;
+    let aspect = f64::from(extent.width) / f64::from(extent.height);
+    let Extent { width, height } = config.grid();
     let rig = params.rig.at(time_s).relative_to(tables.origin());
     let later = params.shown_from.as_ref().map_or(rig.clone(), |later| later.relative_to(tables.origin()));
     let (samples, curve_shift) = match samples {
-        Samples::First(spp) => (0..*spp, curve_shift(stages.grid(), *spp)),
+        Samples::First(spp) => (0..*spp, curve_shift(config.grid(), *spp)),
         Samples::Own(samples) => (samples.clone(), layout::NO_CURVE),
     };
     let spp = samples.end - samples.start;
-    let screen = stages.screen();
-    let optics = rig.optics.as_ref().filter(|_| stages.rectified.is_some());
+    let screen = config.screen();
+    let optics = rig.optics.as_ref().filter(|_| config.buffers.display != Display::Direct);
     let rectified = optics.map(|optics| (optics, screen));
-    let layers = stages.foveation.as_ref().map(|layers| {
+    let layers = config.foveation().map(|layers| {
         let layers = gaze.map_or(layers.clone(), |eyes| layers.looking(eyes));
-        layers.describe(stages.extent, time_s, quality.fovea, rectified)
+        layers.describe(extent, time_s, quality.fovea, rectified)
     });
+    let polar = config.polar();
     let view = |eye: Eye| {
         let mut view = layout::View::new(&rig.view(time_s, eye), aspect);
         if let Some(optics) = optics {
             [view.tan_half_x, view.tan_half_y] = optics.rendered_tan_half(screen).map(|tan| tan as f32);
         }
-        let Some(polar) = &stages.polar else { return view };
+        let Some(polar) = &polar else { return view };
         let gaze = gaze.map_or_else(|| polar.gaze[eye as usize].at(time_s), |eyes| eyes[eye as usize]);
-        polar.look_at(optics.map_or(gaze, |optics| on_screen(optics, eye, stages, gaze)), view, screen)
+        polar.look_at(optics.map_or(gaze, |optics| on_screen(optics, eye, [extent, screen], gaze)), view, screen)
     };
     let mut frame = layout::Frame {
         camera: layout::Camera {
             views: Eye::ALL.map(view),
-            centre: stages.centre(index, spp),
+            centre: config.centre(index, spp),
             width,
             height,
             shown: optics.map_or_else(Default::default, |optics| {
-                let sizes = [stages.extent, screen];
-                if stages.is_late { shown_later(optics, sizes, [&rig, &later]) } else { shown(optics, sizes) }
+                let sizes = [extent, screen];
+                if config.buffers.display.is_late() {
+                    shown_later(optics, sizes, [&rig, &later])
+                } else {
+                    shown(optics, sizes)
+                }
             }),
-            log_polar: stages.polar.as_ref().map(|polar| polar.constants(screen)).unwrap_or_default(),
+            log_polar: polar.as_ref().map(|polar| polar.space.constants(screen)).unwrap_or_default(),
         },
         sampling: layout::Sampling {
             index,
@@ -71,11 +72,11 @@ pub fn constants(
             sample_base: samples.start,
             curve_shift,
             reflections: quality.bounces.max(1),
-            indirect_clamp: settings.indirect_clamp,
+            indirect_clamp: config.indirect_clamp,
             sampled_share: (quality.scale * quality.scale) as f32,
             // Over several frames, the sampling mask covers every pixel.
-            mask_turn: if stages.keeps_history() { index.wrapping_mul(GOLDEN_RATIO) } else { 0 },
-            is_jittered: stages.jitter(spp).into(),
+            mask_turn: if config.keeps_history() { index.wrapping_mul(GOLDEN_RATIO) } else { 0 },
+            is_jittered: config.jitter(spp).into(),
             ..Default::default()
         },
         foveation: layout::Foveation { layer_iterations: quality.iterations.into(), ..layers.unwrap_or_default() },
@@ -88,8 +89,7 @@ pub fn constants(
 }
 
 /// Maps a point of an eye's displayed image to its rectified image, both in fractions of the image's sides.
-fn on_screen(optics: &Optics, eye: Eye, stages: &StageSettings, [x, y]: [f64; 2]) -> [f64; 2] {
-    let [shown, rectified] = [stages.extent, stages.screen()];
+fn on_screen(optics: &Optics, eye: Eye, [shown, rectified]: [Extent; 2], [x, y]: [f64; 2]) -> [f64; 2] {
     let sides = |extent: Extent| [f64::from(extent.width), f64::from(extent.height)];
     let ([width, height], [columns, rows]) = (sides(shown), sides(rectified));
     let ([x, y], _) = optics.rectified_point(eye, [shown, rectified], [x * width, y * height]);

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::quality::Quality;
 use crate::scene::rig::Rig;
 
-/// Parameters that determine a frame, together with its scene and the settings of its renderer.
+/// Parameters that determine a frame, together with its scene and the configuration of its renderer.
 /// [`super::Renderer::frame`] fills in defaults. Frames with the same parameters and the same history are
 /// byte-identical.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,10 +20,10 @@ pub struct FrameParams {
     pub seed: u32,
     pub quality: Quality,
     /// Gaze of the left and the right eye, in fractions of each eye's image from the top left. `None` uses the gaze of
-    /// the settings at `time_s`. Only foveated frames depend on it.
+    /// the configuration at `time_s`. Only foveated frames depend on it.
     pub gaze: Option<[[f64; 2]; 2]>,
     /// Camera with one key that the frame is reprojected to. `None` shows the frame from its own pose. It is used only
-    /// with [`crate::stages::StageSettings::is_late`].
+    /// with [`crate::passes::Display::is_late`].
     pub shown_from: Option<Rig>,
     /// Exposure of displayed images, in stops.
     pub exposure_ev: f32,

@@ -2,7 +2,6 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::RenderSettings;
 use super::inputs::Inputs;
 use super::output::Output;
 use super::plan::{History, Plan};
@@ -10,6 +9,7 @@ use crate::graph::{FrameGraph, Program, ProgramError, Resource, Seam};
 use crate::passes::{Declarations, FrameSpec, LATE_CUT, ROW_TALLY};
 use crate::quality::Denoiser;
 use crate::schedule::{CostModel, Policy, choose_halo};
+use crate::stages::RunConfig;
 
 /// Cached graphs in addition to those of the frames in flight: one for each number of iterations that predictions may
 /// use.
@@ -41,10 +41,9 @@ impl Graphs {
     ///
     /// # Errors
     /// Those of [`Self::new`].
-    pub fn of_settings(settings: &RenderSettings, devices: usize, has_surfaces: bool) -> Result<Self, ProgramError> {
-        let stages = &settings.stages;
-        let capacity = stages.frames_in_flight + OTHER_GRAPHS;
-        Self::new(settings.spec(devices, has_surfaces), stages.declarations.clone(), capacity)
+    pub fn of_config(config: &RunConfig, devices: usize, has_surfaces: bool) -> Result<Self, ProgramError> {
+        let capacity = config.execution.frames_in_flight + OTHER_GRAPHS;
+        Self::new(config.spec(devices, has_surfaces), config.buffers.declarations.clone(), capacity)
     }
 
     /// Returns programs that together contain every pass that any frame may need.
@@ -94,8 +93,8 @@ pub struct Planner {
 }
 
 impl Planner {
-    pub fn new(policy: Box<dyn Policy>, settings: &RenderSettings, devices: usize, graphs: Arc<Graphs>) -> Self {
-        Self { policy, seam: settings.seam, adapts_halo: settings.adapts_halo, devices, graphs }
+    pub fn new(policy: Box<dyn Policy>, config: &RunConfig, devices: usize, graphs: Arc<Graphs>) -> Self {
+        Self { policy, seam: config.execution.seam, adapts_halo: config.execution.adapts_halo, devices, graphs }
     }
 
     pub fn policy_name(&self) -> &'static str {

@@ -9,7 +9,7 @@ impl Renderer {
     /// Sets the pose source for late reprojection of frames begun from now on. Once the rest of a frame is done, the
     /// primary asks the source and resamples the frame alone. [`super::FrameReport::shown_from`] records the pose. If
     /// the source returns `None`, or the primary is on another rank, frames use [`FrameParams::shown_from`]. The source
-    /// is used only with [`crate::stages::StageSettings::is_late`].
+    /// is used only with [`crate::passes::Display::is_late`].
     pub fn set_pose_source(&mut self, source: Option<Arc<PoseSource>>) {
         self.pose_source = source;
     }
@@ -17,8 +17,13 @@ impl Renderer {
     /// Returns the late latching of a frame, if there is a pose source.
     pub(super) fn late(&self, params: &FrameParams) -> Option<Late> {
         let FrameParams { rig, time_s, index, .. } = params;
-        let stages = &self.settings.stages;
-        let source = self.pose_source.as_ref().filter(|_| stages.is_late)?;
-        Some(Late::new(source, *index, &rig.at(*time_s), self.tables.origin(), [stages.extent, stages.screen()]))
+        let source = self.pose_source.as_ref().filter(|_| self.config.buffers.display.is_late())?;
+        Some(Late::new(
+            source,
+            *index,
+            &rig.at(*time_s),
+            self.tables.origin(),
+            [self.config.buffers.extent, self.config.screen()],
+        ))
     }
 }

@@ -70,7 +70,7 @@ impl Renderer {
     /// [`ExecError::NoFrame`] if no frame is complete, or frames are in flight and the image was not requested;
     /// [`ExecError::NoneLeft`] if the last device failed.
     pub fn read_linear(&mut self) -> Result<Stereo<RgbImage>, ExecError> {
-        let extent = self.settings.stages.extent;
+        let extent = self.config.buffers.extent;
         let pixels = self.read(LINEAR)?;
         let image =
             |bytes: &Vec<u8>| Image { extent, pixels: values(bytes).map(|[r, g, b, _]: [f32; 4]| [r, g, b]).collect() };
@@ -83,7 +83,7 @@ impl Renderer {
     /// # Errors
     /// Those of [`Self::read_linear`].
     pub fn read_display(&mut self) -> Result<Stereo<Image<[u8; 4]>>, ExecError> {
-        let extent = self.settings.stages.extent;
+        let extent = self.config.buffers.extent;
         let pixels = self.read(DISPLAY)?;
         let [left, right] = pixels.each_ref().map(|bytes: &Vec<u8>| Image { extent, pixels: values(bytes).collect() });
         Ok(Stereo { left, right })
@@ -94,7 +94,7 @@ impl Renderer {
     /// # Errors
     /// Those of [`Self::read_linear`].
     pub fn read_aov(&mut self, i: usize) -> Result<Stereo<Vec<Vec<f32>>>, ExecError> {
-        let aov: Aov = self.settings.stages.aovs[i];
+        let aov: Aov = self.config.buffers.aovs[i];
         let pixels = self.read(aov_image(i as u8))?;
         let channel = |bytes: &Vec<u8>, c: usize| values(bytes).map(|pixel: [f32; 4]| pixel[c]).collect();
         let channels = |bytes: &Vec<u8>| (0..aov.channels().len()).map(|c| channel(bytes, c)).collect();

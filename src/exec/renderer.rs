@@ -14,17 +14,17 @@ use super::plan::{History, Plan};
 use super::planner::{Graphs, Planner};
 use super::ranks::Devices;
 use super::worker_pool::WorkerPool;
-use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, RenderSettings, costs, quality};
+use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, costs, quality};
 use crate::device::{DeviceFailure, DeviceInfo, Traversal};
 use crate::graph::{FrameGraph, Resource};
 use crate::image::Extent;
 use crate::scene::rig::Rig;
 use crate::schedule::{CostModel, Effort, FrameCosts, Policy, cuts, simulate};
-use crate::stages::{Foveation, Place, Polar, SceneTables, StageError, layout};
+use crate::stages::{Foveation, Place, Polar, RunConfig, SceneTables, StageError, layout};
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
-    pub(super) settings: RenderSettings,
+    pub(super) config: RunConfig,
     /// Relative cost of the stages of frames that begin from now on.
     effort: Effort,
     pub(super) tables: Arc<SceneTables>,
@@ -55,7 +55,7 @@ impl Renderer {
     pub fn new(
         devices: impl Into<Devices>,
         tables: Arc<SceneTables>,
-        mut settings: RenderSettings,
+        mut config: RunConfig,
         policy: Box<dyn Policy>,
         origin: Instant,
     ) -> Result<Self, ExecError> {
@@ -64,21 +64,20 @@ impl Renderer {
         if infos.iter().any(|info| info.traversal != infos[0].traversal) {
             return Err(ExecError::MixedTraversal);
         }
-        if let Some(moving) = &mut settings.stages.moving {
+        if let Some(moving) = &mut config.buffers.moving {
             moving.hardware = infos.iter().any(|info| info.traversal == Traversal::Hardware);
         }
-        let stages = &settings.stages;
-        let frames_in_flight = stages.frames_in_flight;
-        let graphs = Graphs::of_settings(&settings, devices.len(), tables.has_surfaces());
+        let frames_in_flight = config.execution.frames_in_flight;
+        let graphs = Graphs::of_config(&config, devices.len(), tables.has_surfaces());
         let graphs = Arc::new(graphs.map_err(StageError::Program)?);
-        let costs = CostModel::new(&settings.spec(devices.len(), tables.has_surfaces()), &stages.declarations);
-        let planner = Planner::new(policy, &settings, devices.len(), Arc::clone(&graphs));
+        let costs = CostModel::new(&config.spec(devices.len(), tables.has_surfaces()), &config.buffers.declarations);
+        let planner = Planner::new(policy, &config, devices.len(), Arc::clone(&graphs));
         let bounds_ms = devices.max_dispatch_ms().into_iter();
-        let max_dispatch_ms = bounds_ms.map(|bound_ms| settings.max_dispatch_ms.or(bound_ms)).collect();
-        let (workers, devices) = WorkerPool::start(devices, &settings, &tables, &graphs, origin)?;
+        let max_dispatch_ms = bounds_ms.map(|bound_ms| config.execution.max_dispatch_ms.or(bound_ms)).collect();
+        let (workers, devices) = WorkerPool::start(devices, &config, &tables, &graphs, origin)?;
         Ok(Self {
             effort: Effort::default(),
-            settings,
+            config,
             tables,
             devices,
             max_dispatch_ms,
@@ -135,18 +134,18 @@ impl Renderer {
     }
 
     /// Returns the foveal layers, if there are any.
-    pub fn foveation(&self) -> Option<&Foveation> {
-        self.settings.stages.foveation.as_ref()
+    pub fn foveation(&self) -> Option<Foveation> {
+        self.config.foveation()
     }
 
-    /// Returns the settings of log-polar or visual-polar images, if frames have these.
-    pub fn polar(&self) -> Option<&Polar> {
-        self.settings.stages.polar.as_ref()
+    /// Returns the polar projection of traced images, if they have one.
+    pub fn polar(&self) -> Option<Polar> {
+        self.config.polar()
     }
 
     /// Returns the extent of the rectified images, if the displayed images are resampled from such.
     pub fn rectified(&self) -> Option<Extent> {
-        self.settings.stages.rectified
+        self.config.chain().projection()
     }
 
     /// Sets the relative cost of the stages of frames begun from now on. With it, the cost model can compare frames of
@@ -175,21 +174,21 @@ impl Renderer {
     }
 
     /// Returns the parameters of the frame that a camera sees at a time in seconds, with the default quality, seed and
-    /// exposure of the settings. `index` keys its random numbers.
+    /// exposure of the configuration. `index` keys its random numbers.
     pub fn frame(&self, rig: &Rig, time_s: f64, index: u32) -> FrameParams {
-        let (rig, quality) = (rig.clone(), quality::of(&self.settings));
-        let RenderSettings { seed, exposure_ev, .. } = self.settings;
+        let (rig, quality) = (rig.clone(), self.config.quality());
+        let RunConfig { seed, exposure_ev, .. } = self.config;
         FrameParams { rig, time_s, index, seed, quality, gaze: None, shown_from: None, exposure_ev }
     }
 
     /// Checks whether a frame can have these parameters.
     ///
     /// # Errors
-    /// [`ExecError::Quality`] if the settings have no pipelines for its quality: more samples or iterations, another
-    /// denoiser, no iteration of it, one sample without [`crate::stages::StageSettings::mixes_spp`], a render scale
-    /// below 1 without [`crate::stages::StageSettings::sparse`], or foveal layers without foveation.
+    /// [`ExecError::Quality`] if its quality is outside the [`RunConfig::envelope`]: more samples or iterations, another
+    /// denoiser, no iteration of it, one sample without [`crate::quality::Envelope::mixes_spp`], a render scale below 1
+    /// if all others have 1, or foveal layers without foveation.
     pub fn check(&self, params: &FrameParams) -> Result<(), ExecError> {
-        quality::check(&params.quality, &self.settings).map_err(ExecError::Quality)
+        quality::check(&params.quality, &self.config).map_err(ExecError::Quality)
     }
 
     /// Renders a frame.
@@ -202,7 +201,7 @@ impl Renderer {
     }
 
     /// Renders a frame like [`Self::render`], but with this range of samples from a sequence per pixel: at most
-    /// [`crate::stages::StageSettings::spp`] of them.
+    /// [`Quality::spp`] of the envelope's bounds.
     ///
     /// # Errors
     /// Those of [`Self::finish`].
@@ -212,7 +211,7 @@ impl Renderer {
     }
 
     /// Begins a frame like [`Self::render`], but does not wait for it; [`Self::finish`] waits for frames in the same
-    /// order. At most [`crate::stages::StageSettings::frames_in_flight`] may be in flight. One more finishes the oldest
+    /// order. At most [`crate::stages::Execution::frames_in_flight`] may be in flight. One more finishes the oldest
     /// first and discards its report. `reads` are the images that can be read while frames are in flight.
     ///
     /// # Errors
@@ -224,14 +223,14 @@ impl Renderer {
 
     fn begin_with(&mut self, params: &FrameParams, samples: &Samples, reads: &[Resource]) -> Result<(), ExecError> {
         let FrameParams { time_s, quality, .. } = *params;
-        let mut constants = constants(&self.settings, params, &self.tables, samples);
+        let mut constants = constants(&self.config, params, &self.tables, samples);
         if self.frames.is_full() {
             self.finish()?;
         }
         let previous = self.last.as_ref().map_or(&constants, |last| &last.constants).into();
         let last_s = self.last.as_ref().map_or(time_s, |l| l.time_s);
         let (update, moved) = self.tables.update(&mut constants, time_s, last_s);
-        let place = Place::of(self.begun, self.settings.stages.frames_in_flight);
+        let place = Place::of(self.begun, self.config.execution.frames_in_flight);
         self.begun += 1;
         let reads: Arc<[Output]> = reads.iter().map(|image| Output::from(*image)).collect();
         let effort = self.effort.clone();
@@ -332,7 +331,7 @@ impl Renderer {
         let before = match again {
             None => planned.map(|plan| plan.assignment).filter(|_| !std::mem::take(&mut self.begins_anew)),
             // Later frames may have begun and overwritten this frame's history.
-            Some(_) if self.settings.stages.frames_in_flight > 1 => None,
+            Some(_) if self.config.execution.frames_in_flight > 1 => None,
             Some(_) => planned.and_then(|plan| plan.history).map(|history| history.before),
         };
         let history = before.and_then(|before| {
@@ -354,7 +353,7 @@ impl Renderer {
             tasks: Vec::new(),
             clock_residuals_us: Vec::new(),
             tallies: Default::default(),
-            pixels: inputs.constants.camera.views.map(|view| self.settings.stages.pixels(&view)),
+            pixels: inputs.constants.camera.views.map(|view| self.config.pixels(&view)),
             row_tallies: Default::default(),
             bodies_left_out: inputs.update.left_out,
             devices: left,
@@ -365,11 +364,10 @@ impl Renderer {
             pixel_centre: inputs.constants.camera.centre.to_array(),
             shown_from: None,
         };
-        let stages = &self.settings.stages;
         let spp = inputs.constants.sampling.spp;
         let cuts = |device: usize| {
             let bound_ms = self.max_dispatch_ms[device];
-            bound_ms.map_or_else(Vec::new, |ms| cuts(&graph, &self.costs, device, ms, (spp, stages.jitter(spp))))
+            bound_ms.map_or_else(Vec::new, |ms| cuts(&graph, &self.costs, device, ms, (spp, self.config.jitter(spp))))
         };
         self.frames.hand_out(inputs, (&plan, Arc::clone(&graph)), cuts, report, attempt);
         // The prediction runs while the devices are busy.
@@ -387,7 +385,7 @@ impl Renderer {
     /// Returns the number of rows up and down in which a frame searches for the history of its surfaces, or `None` if
     /// it has no history.
     fn history_rows(&self, inputs: &Inputs) -> Option<u32> {
-        let keeps = self.settings.stages.keeps_history();
+        let keeps = self.config.keeps_history();
         let Inputs { constants, previous, moved, .. } = inputs;
         keeps.then(|| history_rows(&constants.camera, &previous.views, &self.tables, moved)).flatten()
     }

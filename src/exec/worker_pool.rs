@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use super::ExecError;
 use super::channels::channels;
 use super::ledger::Ledger;
 use super::messages::{Answer, Command, Order, Stop};
@@ -13,10 +14,9 @@ use super::transport::RendererTransport;
 use super::watchdog::Watchdog;
 use super::worker::Worker;
 use super::worker::device::WorkerDevice;
-use super::{ExecError, RenderSettings};
 use crate::device::{DeviceFailure, DeviceInfo, FailureKind, GpuDevice};
 use crate::schedule::Network;
-use crate::stages::SceneTables;
+use crate::stages::{RunConfig, SceneTables};
 
 /// Time limit for a worker to end.
 pub const END_LIMIT: Duration = Duration::from_secs(5);
@@ -49,7 +49,7 @@ impl WorkerPool {
     /// started, or another rank cannot take part.
     pub fn start(
         devices: Devices,
-        settings: &RenderSettings,
+        config: &RunConfig,
         tables: &SceneTables,
         graphs: &Arc<Graphs>,
         origin: Instant,
@@ -57,8 +57,8 @@ impl WorkerPool {
         let programs = graphs.programs();
         let (gpus, mut others) = devices.split();
         let count = others.as_ref().map_or(gpus.len(), Others::devices);
-        let asked = others.as_ref().map(|others| others.start(settings, tables));
-        let gpus = gpus.into_iter().map(|gpu| WorkerDevice::new(gpu, &settings.stages, tables, &programs, origin));
+        let asked = others.as_ref().map(|others| others.start(config, tables));
+        let gpus = gpus.into_iter().map(|gpu| WorkerDevice::new(gpu, config, tables, &programs, origin));
         let gpus = gpus.collect::<Result<Vec<_>, _>>()?;
         let mut infos: Vec<DeviceInfo> = gpus.iter().map(|device| device.gpu.info.clone()).collect();
         let (transport, mut ends) = channels(count);

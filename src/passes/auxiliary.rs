@@ -2,9 +2,9 @@
 
 use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
 use super::polar::screen;
-use super::shown::{self, LATE_CUT};
+use super::shown::LATE_CUT;
 use super::tonemap::CUT;
-use super::{Aov, FrameSpec, PREVIOUS};
+use super::{Aov, Display, FrameSpec, ImageChain, PREVIOUS};
 use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -40,29 +40,30 @@ const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
 /// Returns the passes of an auxiliary image.
 pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
     let [polar, rectified, last] = [POLAR.numbered(index), RECTIFIED.numbered(index), image(index)];
-    let rectified_size = shown::rectified(spec);
+    let ImageChain { polar: space, display, displayed } = spec.chain;
+    let screen_size = spec.chain.screen();
     let map = |stage: Stage, from: Resource, to: Resource| {
         Pass::new(stage, view, CUT, Kernel::new(stage.name()))
             .index(index.into())
             .on(to.grid)
             .uses([Use::read(from).reaching(Reach::All), Use::write(to)])
     };
-    let to_screen = |to: Resource| spec.screen.map(|size| map(STAGES[1], polar, to.on(screen(size))));
-    let Some(shown) = spec.shown else {
-        let first = if spec.screen.is_some() { polar } else { last };
-        return std::iter::once(pass(view, index, aov, first, rectified_size)).chain(to_screen(last)).collect();
+    let to_screen = |to: Resource| space.map(|_| map(STAGES[1], polar, to.on(screen(screen_size))));
+    let Display::Resampled { is_late, .. } = display else {
+        let first = if space.is_some() { polar } else { last };
+        return std::iter::once(pass(view, index, aov, first, screen_size)).chain(to_screen(last)).collect();
     };
-    let first = if spec.screen.is_some() { polar } else { rectified };
-    let (from, to) = (rectified.on(screen(rectified_size)), last.on(screen(shown)));
-    let args = [rectified_size.width, rectified_size.height, u32::from(aov == Aov::Motion)];
-    let to_eye = match spec.is_late {
+    let first = if space.is_some() { polar } else { rectified };
+    let (from, to) = (rectified.on(screen(screen_size)), last.on(screen(displayed)));
+    let args = [screen_size.width, screen_size.height, u32::from(aov == Aov::Motion)];
+    let to_eye = match is_late {
         false => map(STAGES[2], from, to),
         true => {
             let late = Pass { cut_group: LATE_CUT, ..map(STAGES[3], from, to) };
             late.uses([Use::read(EMISSION).reaching(Reach::All)])
         }
     };
-    let first = pass(view, index, aov, first, rectified_size);
+    let first = pass(view, index, aov, first, screen_size);
     std::iter::once(first).chain(to_screen(rectified)).chain([to_eye.args(args)]).collect()
 }
 

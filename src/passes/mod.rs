@@ -29,7 +29,7 @@ pub use declared::Declared;
 pub use moving::Moving;
 pub use resources::{HOLES, PREVIOUS};
 pub use shown::LATE_CUT;
-pub use spec::{FrameSpec, Views};
+pub use spec::{Display, FrameSpec, ImageChain, PolarImage, Views};
 pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
 
 use crate::graph::{CutGroup, Kernel, Pass, Program, ProgramError, Seam};
@@ -145,15 +145,21 @@ impl Declarations {
 
 /// Returns the passes of frames that together cover every stage.
 fn all_passes() -> impl Iterator<Item = Pass> {
-    let other = Some(Extent::new(1, 1));
-    let ways = [(None, None, false), (other, None, false), (None, other, false), (None, other, true)];
-    let kinds = Denoiser::choices().into_iter().flat_map(move |filter| ways.map(|way| (filter, way)));
-    kinds.flat_map(|(filter, (screen, shown, is_late))| {
+    let one = Extent::new(1, 1);
+    let resampled = |is_late| Display::Resampled { projection: one, is_late };
+    let direct = ImageChain::direct(one);
+    let chains = [
+        direct,
+        ImageChain { polar: Some(PolarImage { blurs: true }), ..direct },
+        ImageChain { display: resampled(false), ..direct },
+        ImageChain { display: resampled(true), ..direct },
+    ];
+    let kinds = Denoiser::choices().into_iter().flat_map(move |filter| chains.map(|chain| (filter, chain)));
+    kinds.flat_map(move |(filter, chain)| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });
-        let small = FrameSpec::new(Extent::new(1, 1), 2);
-        declare(&FrameSpec { screen, shown, is_late, sparse: true, filter, iterations: 1, seam, aovs, moving, ..small })
-            .passes
+        let small = FrameSpec::new(one, 2);
+        declare(&FrameSpec { chain, sparse: true, filter, iterations: 1, seam, aovs, moving, ..small }).passes
     })
 }
 

@@ -1,7 +1,7 @@
 //! Maps a polar image to the screen.
 
 use super::resources::{DISPLAY, LINEAR, POLAR, RECTIFIED, RECTIFIED_DISPLAY};
-use super::{Declared, FrameSpec, tonemap};
+use super::{Declared, Display, FrameSpec, tonemap};
 use crate::graph::{CutGroup, Grid, Kernel, Pass, Projection, Reach, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -24,22 +24,22 @@ pub fn screen(extent: Extent) -> Grid {
 
 /// Adds the passes that blur a view's finished polar image and map it to the screen.
 pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
-    let Some(extent) = spec.screen else { return };
+    let Some(image) = spec.chain.polar else { return };
     let reach = blur_reach(spec.extent.height);
     let blur = |axis, read: Use, target| {
         let pass = Pass::new(Stage("polar_blur"), view, tonemap::CUT, Kernel::new("polar_blur"));
         pass.index(axis).uses([read, Use::write(target)]).args([axis, reach, 0])
     };
     for pass in [blur(0, Use::read(POLAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)] {
-        frame.add_if(spec.blurs, "the polar image is not blurred", pass);
+        frame.add_if(image.blurs, "the polar image is not blurred", pass);
     }
-    let grid = screen(extent);
-    let [linear, display] = match spec.shown {
-        None => [LINEAR, DISPLAY],
-        Some(_) => [RECTIFIED, RECTIFIED_DISPLAY],
+    let grid = screen(spec.chain.screen());
+    let [linear, display] = match spec.chain.display {
+        Display::Direct => [LINEAR, DISPLAY],
+        Display::Resampled { .. } => [RECTIFIED, RECTIFIED_DISPLAY],
     };
     frame.add(Pass::new(Stage("to_screen"), view, CUT, Kernel::new("to_screen")).on(grid).uses([
-        Use::read(if spec.blurs { BLURRED } else { POLAR }).reaching(Reach::All),
+        Use::read(if image.blurs { BLURRED } else { POLAR }).reaching(Reach::All),
         Use::write(linear.on(grid)),
         Use::write(display.on(grid)),
     ]));

@@ -27,7 +27,7 @@ const KERNEL: Kernel = Kernel::new("reproject").with(&[
 ]);
 
 pub fn pass(spec: &FrameSpec) -> Pass {
-    let reach = if spec.screen.is_some() { spec.extent.height.div_ceil(POLAR_REACH) } else { 0 };
+    let reach = if spec.chain.polar.is_some() { spec.extent.height.div_ceil(POLAR_REACH) } else { 0 };
     let left = |image| Use::read(image).of(Eye::Left).halo(spec.halo(reach));
     Pass::new(Stage("reproject"), Eye::Right, CUT, KERNEL)
         .uses([

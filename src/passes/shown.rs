@@ -1,9 +1,9 @@
 //! Display resampling from the shared (rectified) projection to each eye's own.
 
-use super::FrameSpec;
 use super::gbuffer::EMISSION;
 use super::polar::screen;
 use super::resources::{DISPLAY, LINEAR, RECTIFIED};
+use super::{Display, FrameSpec};
 use crate::graph::{CutGroup, Kernel, Pass, Reach, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -14,22 +14,18 @@ pub const LATE_CUT: CutGroup = CutGroup("to_later_eye");
 
 const LATER: Kernel = Kernel::new("to_later_eye");
 
-/// Returns the size of the rectified image.
-pub fn rectified(spec: &FrameSpec) -> Extent {
-    spec.screen.unwrap_or(spec.extent)
-}
-
 /// Returns the pass that resamples a view's finished image for display, if the image is not displayed as rendered.
 pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
-    let grid = screen(spec.shown?);
+    let Display::Resampled { projection, is_late } = spec.chain.display else { return None };
+    let grid = screen(spec.chain.displayed);
     let (stage, cut, kernel) =
-        if spec.is_late { ("to_later_eye", LATE_CUT, LATER) } else { ("to_eye", CUT, Kernel::new("to_eye")) };
-    let Extent { width, height } = rectified(spec);
+        if is_late { ("to_later_eye", LATE_CUT, LATER) } else { ("to_eye", CUT, Kernel::new("to_eye")) };
+    let Extent { width, height } = projection;
     let pass = Pass::new(Stage(stage), view, cut, kernel).on(grid).args([width, height, 0]).uses([
-        Use::read(RECTIFIED.on(screen(rectified(spec)))).reaching(Reach::All),
+        Use::read(RECTIFIED.on(screen(projection))).reaching(Reach::All),
         Use::write(LINEAR.on(grid)),
         Use::write(DISPLAY.on(grid)),
     ]);
     // `EMISSION` also holds the depth of surfaces.
-    Some(if spec.is_late { pass.uses([Use::read(EMISSION).reaching(Reach::All)]) } else { pass })
+    Some(if is_late { pass.uses([Use::read(EMISSION).reaching(Reach::All)]) } else { pass })
 }

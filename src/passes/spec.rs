@@ -14,20 +14,72 @@ pub enum Views {
     Reprojected,
 }
 
+/// How the screen image becomes the displayed one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Display {
+    /// The screen image is displayed.
+    #[default]
+    Direct,
+    /// Each eye resamples its image from a shared (rectified) projection.
+    Resampled {
+        /// Extent of the shared projection, which is then the screen image.
+        projection: Extent,
+        /// Whether late reprojection may resample it from a later pose, by the depth of surfaces.
+        is_late: bool,
+    },
+}
+
+impl Display {
+    pub fn is_late(self) -> bool {
+        matches!(self, Self::Resampled { is_late: true, .. })
+    }
+}
+
+/// A traced image in a polar projection around the gaze.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PolarImage {
+    /// Whether it is blurred away from the gaze.
+    pub blurs: bool,
+}
+
+/// The images of an eye from the traced one to the displayed one. If a step is left out, its two images are the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImageChain {
+    /// The traced image is polar, and mapped to the screen image.
+    pub polar: Option<PolarImage>,
+    /// The step from the screen image, which is a pinhole image, to the displayed one.
+    pub display: Display,
+    /// Extent of the displayed image.
+    pub displayed: Extent,
+}
+
+impl ImageChain {
+    /// Returns the chain of an image that is displayed as traced.
+    pub fn direct(extent: Extent) -> Self {
+        Self { polar: None, display: Display::Direct, displayed: extent }
+    }
+
+    /// Returns the extent of the screen image.
+    pub fn screen(&self) -> Extent {
+        self.projection().unwrap_or(self.displayed)
+    }
+
+    /// Returns the extent of the shared projection, if there is one.
+    pub fn projection(&self) -> Option<Extent> {
+        match self.display {
+            Display::Direct => None,
+            Display::Resampled { projection, .. } => Some(projection),
+        }
+    }
+}
+
 /// Specification of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameSpec {
     /// Extent of the images that are traced and filtered.
     pub extent: Extent,
-    /// Extent of the screen, if traced images are polar and mapped to it. Otherwise the screen itself is traced. With
-    /// `shown`, the screen is the shared (rectified) projection.
-    pub screen: Option<Extent>,
-    /// Whether polar images are blurred away from the gaze.
-    pub blurs: bool,
-    /// Extent of the images that the eyes show, if they are resampled from a rectified screen.
-    pub shown: Option<Extent>,
-    /// Whether late reprojection resamples them from a later pose, by the depth of surfaces.
-    pub is_late: bool,
+    /// The images from the traced to the displayed one.
+    pub chain: ImageChain,
     pub devices: usize,
     pub views: Views,
     /// Whether only listed pixels are path traced.
@@ -52,10 +104,7 @@ impl FrameSpec {
     pub fn new(extent: Extent, devices: usize) -> Self {
         Self {
             extent,
-            screen: None,
-            blurs: true,
-            shown: None,
-            is_late: false,
+            chain: ImageChain::direct(extent),
             devices,
             views: Views::Reprojected,
             sparse: false,

@@ -7,6 +7,16 @@ pub fn spec(devices: usize, seam: Seam) -> FrameSpec {
     FrameSpec { filter: Some(Denoiser::ATROUS), seam, aovs: vec![Aov::Albedo], ..frame }
 }
 
+/// Returns the chain of polar images for a screen of this size.
+fn polar(screen: Extent) -> ImageChain {
+    ImageChain { polar: Some(PolarImage { blurs: true }), ..ImageChain::direct(screen) }
+}
+
+/// Returns the chain of images that are resampled from a shared projection.
+fn resampled(projection: Extent, displayed: Extent, is_late: bool) -> ImageChain {
+    ImageChain { display: Display::Resampled { projection, is_late }, ..ImageChain::direct(displayed) }
+}
+
 /// Frames that together have every pass.
 pub fn all_specs() -> Vec<FrameSpec> {
     let mut specs = Vec::new();
@@ -15,12 +25,16 @@ pub fn all_specs() -> Vec<FrameSpec> {
             for (sparse, seam) in [(false, Seam::Halo(HaloPlan::EXCHANGE)), (true, Seam::Filter), (true, Seam::None)] {
                 for history_rows in [None, Some(4)] {
                     let frame = FrameSpec { filter, views, sparse, history_rows, ..spec(2, seam) };
-                    let polar = FrameSpec { screen: Some(Extent::new(96, 270)), ..frame.clone() };
-                    let shown = FrameSpec { shown: Some(Extent::new(48, 135)), ..frame.clone() };
-                    let late = FrameSpec { is_late: true, ..shown.clone() };
-                    let shown_polar = FrameSpec { shown: shown.shown, ..polar.clone() };
-                    let late_polar = FrameSpec { is_late: true, ..shown_polar.clone() };
-                    specs.extend([frame, polar, shown, late, shown_polar, late_polar]);
+                    let (screen, displayed) = (Extent::new(96, 270), Extent::new(48, 135));
+                    let chains = [
+                        frame.chain,
+                        polar(screen),
+                        resampled(frame.extent, displayed, false),
+                        resampled(frame.extent, displayed, true),
+                        ImageChain { polar: Some(PolarImage { blurs: true }), ..resampled(screen, displayed, false) },
+                        ImageChain { polar: Some(PolarImage { blurs: true }), ..resampled(screen, displayed, true) },
+                    ];
+                    specs.extend(chains.map(|chain| FrameSpec { chain, ..frame.clone() }));
                 }
             }
         }
@@ -115,7 +129,8 @@ fn groups_are_those_that_can_be_named() {
 #[test]
 fn rectified_images_are_resampled_to_what_eyes_show() {
     let shown = Extent::new(72, 80);
-    let rectified = FrameSpec { shown: Some(shown), iterations: 0, aovs: Vec::new(), ..spec(2, Seam::Filter) };
+    let frame = FrameSpec { iterations: 0, aovs: Vec::new(), ..spec(2, Seam::Filter) };
+    let rectified = FrameSpec { chain: resampled(frame.extent, shown, false), ..frame };
     assert!(stages(&rectified).ends_with(&["tonemap", "to_eye", "tally"]), "{:?}", stages(&rectified));
     let program = Declarations::default().program(&rectified);
     let extent = |name| {
@@ -129,8 +144,8 @@ fn rectified_images_are_resampled_to_what_eyes_show() {
 /// it.
 #[test]
 fn what_is_shown_late_is_shown_last() {
-    let shown = Some(Extent::new(72, 80));
-    let late = FrameSpec { shown, is_late: true, ..spec(2, Seam::Filter) };
+    let frame = spec(2, Seam::Filter);
+    let late = FrameSpec { chain: resampled(frame.extent, Extent::new(72, 80), true), ..frame };
     let passes = declare(&late).passes;
     let (first, last) = passes.split_at(passes.len() - 4);
     let names: Vec<_> = last.iter().map(|pass| (pass.stage.name(), pass.view)).collect();
@@ -142,7 +157,8 @@ fn what_is_shown_late_is_shown_last() {
 /// Checks that only the primary runs late reprojection if its rows are gathered there.
 #[test]
 fn what_is_gathered_is_computed_by_the_primary_alone() {
-    let late = FrameSpec { shown: Some(Extent::new(72, 80)), is_late: true, ..spec(3, Seam::Filter) };
+    let frame = spec(3, Seam::Filter);
+    let late = FrameSpec { chain: resampled(frame.extent, Extent::new(72, 80), true), ..frame };
     let even = Assignment::uniform(Stripes::even(180, 2)).renumbered(&[1, 2], 3);
     let mut gathered = even.clone();
     gathered.gather(LATE_CUT);
@@ -161,16 +177,19 @@ fn what_is_gathered_is_computed_by_the_primary_alone() {
 #[test]
 fn polar_images_are_mapped_to_the_screen() {
     let screen = Extent::new(96, 270);
-    let polar = FrameSpec { screen: Some(screen), iterations: 0, aovs: Vec::new(), ..spec(2, Seam::Filter) };
+    let chain = polar(screen);
+    let polar = FrameSpec { chain, iterations: 0, aovs: Vec::new(), ..spec(2, Seam::Filter) };
     assert!(stages(&polar).ends_with(&["tonemap", "polar_blur", "to_screen", "tally"]), "{:?}", stages(&polar));
-    let sharp = FrameSpec { blurs: false, ..polar.clone() };
+    let unblurred = Some(PolarImage { blurs: false });
+    let sharp = FrameSpec { chain: ImageChain { polar: unblurred, ..chain }, ..polar.clone() };
     assert!(stages(&sharp).ends_with(&["tonemap", "to_screen", "tally"]), "{:?}", stages(&sharp));
     let program = Declarations::default().program(&polar);
     let outputs: Vec<_> = program.outputs().map(|number| program.images()[number].resource).collect();
     let extents = |name| outputs.iter().find(|image| image.name == name).map(|image| image.extent(program.extent));
     assert_eq!([extents("linear"), extents("display"), extents("polar")], [Some(screen), Some(screen), None]);
     // The screen may be the shared (rectified) projection.
-    let shown = FrameSpec { shown: Some(Extent::new(48, 135)), aovs: vec![Aov::Albedo], ..polar };
+    let chain = ImageChain { polar: chain.polar, ..resampled(screen, Extent::new(48, 135), false) };
+    let shown = FrameSpec { chain, aovs: vec![Aov::Albedo], ..polar };
     let last = ["tonemap", "polar_blur", "to_screen", "to_eye", "tally", "aov", "aov_to_screen", "aov_to_eye"];
     assert!(stages(&shown).ends_with(&last), "{:?}", stages(&shown));
     let program = Declarations::default().program(&shown);

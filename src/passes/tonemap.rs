@@ -1,8 +1,8 @@
 //! Multiplies light by albedo (remodulation) and encodes it for display.
 
-use super::FrameSpec;
 use super::gbuffer::{ALBEDO, EMISSION, TALLY};
 use super::resources::{POLAR, POLAR_DISPLAY, RECTIFIED, RECTIFIED_DISPLAY};
+use super::{Display, FrameSpec};
 use crate::graph::{CutGroup, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 
@@ -13,10 +13,10 @@ pub const CUT: CutGroup = CutGroup("tonemap");
 /// Returns the images that the passes after the filter write: scene-referred and encoded. Later passes map polar images
 /// to the screen, and resample rectified images for display.
 pub fn finished(spec: &FrameSpec) -> [Resource; 2] {
-    match (spec.screen, spec.shown) {
+    match (spec.chain.polar, spec.chain.display) {
         (Some(_), _) => [POLAR, POLAR_DISPLAY],
-        (None, Some(_)) => [RECTIFIED, RECTIFIED_DISPLAY],
-        (None, None) => [LINEAR, DISPLAY],
+        (None, Display::Resampled { .. }) => [RECTIFIED, RECTIFIED_DISPLAY],
+        (None, Display::Direct) => [LINEAR, DISPLAY],
     }
 }
 

@@ -1,15 +1,33 @@
 //! The range of qualities in a run, which determines the pipelines and buffers to create.
 
-use super::{Denoiser, Quality};
+use serde::{Deserialize, Serialize};
+
+use super::{Denoiser, PolarSpace, Quality};
+use crate::passes::denoise;
 
 /// The bounds of the qualities that the frames of a run may have.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope {
     /// Maximum samples, bounces and iterations, and minimum render scale. All frames share its denoiser and its polar
     /// projection.
+    #[serde(with = "AllFields")]
     pub most: Quality,
     /// Whether 1-spp (pixel centre) and jittered multi-spp frames mix in one run.
     pub mixes_spp: bool,
+}
+
+/// A quality as ranks send it. Files leave out fields, which the format between ranks cannot express.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Quality")]
+struct AllFields {
+    spp: u32,
+    bounces: u32,
+    #[serde(serialize_with = "denoise::serialize", deserialize_with = "denoise::deserialize")]
+    denoiser: Option<Denoiser>,
+    iterations: [u32; 3],
+    fovea: Option<[f64; 2]>,
+    polar: Option<PolarSpace>,
+    scale: f64,
 }
 
 impl Envelope {

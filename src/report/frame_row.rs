@@ -144,8 +144,7 @@ pub struct FrameRow {
 impl FrameRow {
     /// Creates the row of a frame that `rig` sees at `time_s`.
     pub fn new(frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> Self {
-        let matrices =
-            |eye| rig.matrices(time_s, eye, frame.spec.shown.or(frame.spec.screen).unwrap_or(frame.spec.extent));
+        let matrices = |eye| rig.matrices(time_s, eye, frame.spec.chain.displayed);
         let rows_of = |group, view| {
             let stripes = frame.assignment.stripes(group, view);
             (0..stripes.devices()).map(|d| stripes.rows(d).len() as u32).collect::<Vec<u32>>()

@@ -1,6 +1,6 @@
 //! Compiles the pipelines of passes on a device.
 
-use super::StageSettings;
+use super::RunConfig;
 use super::layout::PassConstants;
 use super::limits::LimitExceeded;
 use super::shader::{Shader, override_names};
@@ -32,16 +32,16 @@ pub fn build(
     gpu: &mut GpuDevice,
     pass: &Pass,
     group0: &wgpu::BindGroupLayout,
-    settings: &StageSettings,
+    config: &RunConfig,
 ) -> Result<Vec<Built>, StageError> {
     let kernel = pass.kernel;
     let shader = Shader::new(&kernel, gpu.scene_access());
     let declared = override_names(shader.text());
     let mut one = |kind: Option<bool>, jitter| {
-        let constants = settings.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
+        let constants = config.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
         // Foreign texts may share a name, so the text itself is the key.
         let name = kernel.foreign_text().unwrap_or(kernel.name);
-        let key = PipelineKey { shader: name, checks: shader.checks(settings.checks), constants };
+        let key = PipelineKey { shader: name, checks: shader.checks(config.execution.checks), constants };
         let pipeline = match gpu.pipelines.get(&key) {
             Some(kept) => kept.clone(),
             None => {
@@ -51,7 +51,7 @@ pub fn build(
         };
         Ok(Built { kernel, jitter: kind, pipeline })
     };
-    match settings.jitters() {
+    match config.jitters() {
         &[jitter] => Ok(vec![one(None, jitter)?]),
         _ if !declared.contains(&"JITTER") => Ok(vec![one(None, false)?]),
         kinds => kinds.iter().map(|&jitter| one(Some(jitter), jitter)).collect(),

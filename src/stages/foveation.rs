@@ -18,18 +18,18 @@ pub struct Foveation {
     pub radii: [f64; 2],
     /// Fraction of the outer layer's pixels that is not sampled, 0 to 1; it falls to 0 towards the inner layer.
     pub unsampled_share: f64,
-    /// Filter iterations that pixels of the inner, middle and outer layer take part in: those with the smallest steps.
-    /// A frame may override them.
-    pub iterations: [u32; 3],
 }
 
 impl Foveation {
     /// Default radii, from Peres, section 5.1.
     pub const RADII: [f64; 2] = [0.15, 0.30];
 
-    /// Creates layers with the radii and the unsampled fraction of Peres, sections 4.2 and 5.1.
-    pub fn new(gaze: [Gaze; 2], iterations: [u32; 3]) -> Self {
-        Self { gaze, radii: Self::RADII, unsampled_share: 0.5, iterations }
+    /// Default fraction of unsampled pixels, from Peres, section 4.2.
+    pub const UNSAMPLED_SHARE: f64 = 0.5;
+
+    /// Creates layers with the default radii and fraction of unsampled pixels.
+    pub fn new(gaze: [Gaze; 2]) -> Self {
+        Self { gaze, radii: Self::RADII, unsampled_share: Self::UNSAMPLED_SHARE }
     }
 
     /// Returns the same layers around a gaze that does not move.
@@ -120,7 +120,7 @@ mod tests {
     fn a_falloff_samples_the_share_that_is_asked_for() {
         let extent = Extent::new(64, 48);
         let gaze = || Gaze { path: vec![[0.0, 0.4, 0.5]] };
-        let falloff = |radii| Foveation { radii, ..Foveation::new([gaze(), gaze()], [5; 3]) };
+        let falloff = |radii| Foveation { radii, ..Foveation::new([gaze(), gaze()]) };
         // Around (25.6, 24), all pixels within 6.4 pixels are sampled. The fraction falls linearly to its floor at 12.8
         // pixels.
         let unsampled = falloff([0.1, 0.2]).unsampled_share_for(0.4, 0.0, extent);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{DVec3, UVec3, Vec2};
 
 use super::layout::{Camera, Display, Foveation, Frame, History, NO_CURVE, Previous, Sampling, View};
-use super::{DeviceStages, Place, SceneTables, StageSettings, StageTask, Stamps};
+use super::{DeviceStages, Place, RunConfig, SceneTables, StageTask, Stamps};
 use crate::accel::Accel;
 use crate::device::{self, GpuDevice, Selection};
 use crate::graph::{Assignment, Bound, FrameGraph, Program, Stripes, TaskKind};
@@ -53,8 +53,10 @@ impl Bench {
         let mut gpu = device::open(&selection).expect("this test needs an adapter").swap_remove(0);
         let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
         let needs = SceneNeeds { gloss, ..SceneNeeds::of(&scene) };
-        let settings = StageSettings { iterations: ITERATIONS, reproject: false, ..StageSettings::new(EXTENT, needs) };
-        let stages = DeviceStages::new(&mut gpu, settings, &tables, &[program(Some(0))]).unwrap();
+        let mut config = RunConfig::new(EXTENT, needs);
+        config.envelope.most.iterations = [ITERATIONS; 3];
+        config.buffers.reproject = false;
+        let stages = DeviceStages::new(&mut gpu, config, &tables, &[program(Some(0))]).unwrap();
         let stamps = Stamps::new(&gpu.device);
         Self { gpu, stages, stamps, tables, frames: 0, before: None }
     }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::mem::offset_of;
 use std::sync::Arc;
 
-use super::StageSettings;
+use super::RunConfig;
 use super::compile::{Built, StageError, buffer_entry, build};
 use super::images::{Images, Place};
 use super::layout::{Camera, Frame, PassConstants, Previous, Shown};
@@ -23,7 +23,7 @@ type GroupKey = (&'static str, Vec<(Bound, Eye)>, Place);
 
 /// Pipelines, images and scene of one device, with which it records tasks.
 pub struct DeviceStages {
-    settings: StageSettings,
+    config: RunConfig,
     /// Samples per pixel and place of the current frame.
     spp: u32,
     place: Place,
@@ -61,18 +61,18 @@ impl DeviceStages {
     /// Creates the images of all programs, the scene's tables, and the pipelines that the device has not cached.
     pub fn new(
         gpu: &mut GpuDevice,
-        mut settings: StageSettings,
+        mut config: RunConfig,
         tables: &SceneTables,
         programs: &[Program],
     ) -> Result<Self, StageError> {
-        settings.needs.instances |= tables.has_instances();
+        config.buffers.needs.instances |= tables.has_instances();
         limits::check(
             &gpu.device.limits(),
             gpu.info.index,
             limits::of_frames(programs, scene_buffers(gpu.quirks.tables)),
         )?;
         let scene = SceneBuffers::new(gpu, tables)?;
-        let images = Images::new(gpu, programs, settings.grid(), settings.frames_in_flight);
+        let images = Images::new(gpu, programs, config.grid(), config.execution.frames_in_flight);
         let frame = uniform(gpu, "frame", size_of::<Frame>());
         let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
         let all: Vec<_> = std::iter::once(constants).chain(layout_entries(gpu.scene_access())).collect();
@@ -103,14 +103,14 @@ impl DeviceStages {
                 SceneUse::Write => &changing_layout,
             };
             let _span = tracing::info_span!("build pipeline", shader = pass.kernel.name).entered();
-            built.extend(build(gpu, pass, group0, &settings)?);
+            built.extend(build(gpu, pass, group0, &config)?);
         }
         for (resource, bytes) in tables.skin_inputs().into_iter().filter(|(resource, _)| images.has(resource)) {
             gpu.queue.write_buffer(input(&images, resource), 0, bytes);
         }
         Ok(Self {
-            spp: settings.spp,
-            settings,
+            spp: config.envelope.most.spp,
+            config,
             place: Place::default(),
             images,
             built,
@@ -146,7 +146,7 @@ impl DeviceStages {
         if self.images.has(&PREVIOUS) {
             gpu.queue.write_buffer(input(&self.images, PREVIOUS), 0, bytemuck::bytes_of(previous));
         }
-        let pose = self.settings.moving.as_ref().map(Moving::pose).filter(|pose| self.images.has(pose));
+        let pose = self.config.buffers.moving.as_ref().map(Moving::pose).filter(|pose| self.images.has(pose));
         if let Some(pose) = pose {
             gpu.queue.write_buffer(input(&self.images, pose), 0, bytemuck::cast_slice(&update.pose));
         }
@@ -160,7 +160,7 @@ impl DeviceStages {
     }
 
     pub fn extent(&self) -> Extent {
-        self.settings.extent
+        self.config.buffers.extent
     }
 
     /// Runs every pipeline of these programs once on no rows, so that drivers compile it now rather than in the first
@@ -176,7 +176,7 @@ impl DeviceStages {
                 let kernel = linked.pass.kernel;
                 let kinds = self.built.iter().filter(|b| b.kernel.name == kernel.name);
                 let spps: Vec<u32> =
-                    kinds.map(|b| if b.jitter == Some(false) { 1 } else { self.settings.spp }).collect();
+                    kinds.map(|b| if b.jitter == Some(false) { 1 } else { self.config.envelope.most.spp }).collect();
                 for spp in spps {
                     if !warm.contains(&(kernel.name, spp)) {
                         warm.push((kernel.name, spp));
@@ -202,7 +202,7 @@ impl DeviceStages {
     ) -> Option<u32> {
         let program = Arc::clone(self.program.as_ref()?);
         let linked = &program.passes()[task.pass];
-        find(&self.built, &linked.pass.kernel, self.settings.jitter(self.spp))?;
+        find(&self.built, &linked.pass.kernel, self.config.jitter(self.spp))?;
         let pair = if task.begins() { stamps.begin() } else { stamps.current() };
         let builds_from = linked.pass.builds_from.filter(|_| task.ends() && !task.rows.is_empty());
         let added_to = if runs > 1 { self.keep_found(gpu, encoder, &program, task) } else { Vec::new() };
@@ -265,7 +265,7 @@ impl DeviceStages {
     ) -> Option<()> {
         let linked = &program.passes()[task.pass];
         let (declared, kernel) = (&linked.pass, &linked.pass.kernel);
-        let jitter = self.settings.jitter(self.spp);
+        let jitter = self.config.jitter(self.spp);
         let built = find(&self.built, kernel, jitter)?;
         let images = &self.images;
         let cleared = declared.uses.iter().zip(&linked.images).filter(|(u, _)| u.is_cleared && task.begins());

@@ -23,21 +23,36 @@ pub struct Polar {
     pub space: PolarSpace,
 }
 
-impl Polar {
+impl PolarSpace {
     /// Returns the size of the images for a screen of this size.
     pub fn grid(&self, screen: Extent) -> Extent {
-        match &self.space {
-            PolarSpace::Visual => visual::grid(screen),
-            PolarSpace::Log(map) => log::grid(&log::constants(map, screen)),
+        match self {
+            Self::Visual => visual::grid(screen),
+            Self::Log(map) => log::grid(&log::constants(map, screen)),
         }
     }
 
     /// Returns the shader constants of log-polar images for a screen of this size; all 0 for visual-polar ones.
     pub(crate) fn constants(&self, screen: Extent) -> layout::LogPolar {
-        match &self.space {
-            PolarSpace::Visual => layout::LogPolar::default(),
-            PolarSpace::Log(map) => log::constants(map, screen),
+        match self {
+            Self::Visual => layout::LogPolar::default(),
+            Self::Log(map) => log::constants(map, screen),
         }
+    }
+
+    /// Returns the number of pixels that an eye's image uses.
+    pub(super) fn pixels(&self, view: &View, screen: Extent) -> u64 {
+        match self {
+            Self::Visual => visual::pixels(view, visual::grid(screen)),
+            Self::Log(map) => log::pixels(&log::constants(map, screen), view),
+        }
+    }
+}
+
+impl Polar {
+    /// Returns the size of the images for a screen of this size.
+    pub fn grid(&self, screen: Extent) -> Extent {
+        self.space.grid(screen)
     }
 
     /// Returns an eye's view with its gaze at `time_s`.
@@ -59,14 +74,6 @@ impl Polar {
         }
     }
 
-    /// Returns the number of pixels that an eye's image uses.
-    pub(super) fn pixels(&self, view: &View, screen: Extent) -> u64 {
-        match &self.space {
-            PolarSpace::Visual => visual::pixels(view, visual::grid(screen)),
-            PolarSpace::Log(map) => log::pixels(&log::constants(map, screen), view),
-        }
-    }
-
     fn seen(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> View {
         let aspect = f64::from(screen.width) / f64::from(screen.height);
         self.look(eye as usize, time_s, View::new(view, aspect), screen)
@@ -74,14 +81,14 @@ impl Polar {
 
     /// Returns the number of pixels of an eye's image, relative to its screen.
     pub fn share(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
-        self.pixels(&self.seen(eye, time_s, view, screen), screen) as f64 / screen.area() as f64
+        self.space.pixels(&self.seen(eye, time_s, view, screen), screen) as f64 / screen.area() as f64
     }
 
     /// Returns the number of traced pixels of an eye's image, relative to its screen.
     pub fn traced_share(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
         let seen = self.seen(eye, time_s, view, screen);
         let pixels = match &self.space {
-            PolarSpace::Visual => self.pixels(&seen, screen),
+            PolarSpace::Visual => self.space.pixels(&seen, screen),
             PolarSpace::Log(map) => log::traced(&log::constants(map, screen), &seen),
         };
         pixels as f64 / screen.area() as f64

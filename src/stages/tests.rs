@@ -5,6 +5,7 @@ use crate::accel::{Instance, Node};
 use crate::device::{SceneAccess, ShaderChecks, Traversal};
 use crate::graph::{Kernel, SceneUse, Stage};
 use crate::passes::{self, tests::all_specs};
+use crate::scene::needs::SceneNeeds;
 use crate::wgsl::{Declaration, ROW_BYTES};
 
 fn module(shader: &str) -> naga::Module {

@@ -8,7 +8,9 @@ use naga::{Module, ShaderStage};
 
 use super::*;
 use crate::device::{SceneAccess, Tables, Traversal};
+use crate::image::Extent;
 use crate::passes;
+use crate::scene::needs::SceneNeeds;
 
 /// Returns the capabilities of shaders on devices opened for a traversal. All wgpu backends used here convert half
 /// floats.
@@ -59,8 +61,8 @@ fn validate_variants(text: &str, traversal: Traversal) -> Result<usize, String> 
 
 #[test]
 fn every_variant_of_every_shader_is_valid() {
-    let settings = StageSettings::new(Extent::new(1, 1), SceneNeeds::ALL);
-    let settable: Vec<&str> = settings.constants(false).into_iter().map(|(name, _)| name).collect();
+    let config = RunConfig::new(Extent::new(1, 1), SceneNeeds::ALL);
+    let settable: Vec<&str> = config.constants(false).into_iter().map(|(name, _)| name).collect();
     let mut texts = Vec::new();
     for (tables, traversal) in
         [Tables::Buffer, Tables::Texture].into_iter().flat_map(|t| Traversal::ALL.map(|u| (t, u)))

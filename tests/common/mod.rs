@@ -9,10 +9,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
+use diptych::RunConfig;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::ranks::Devices;
-use diptych::exec::{ExecError, FrameParams, FrameReport, RenderSettings, Renderer, Stereo};
+use diptych::exec::{ExecError, FrameParams, FrameReport, Renderer, Stereo};
 use diptych::graph::{Life, Pass};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::tonemap::LINEAR;
@@ -23,7 +24,7 @@ use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::schedule::{Even, Policy};
-use diptych::stages::SceneTables;
+use diptych::stages::{Foveation, Polar, SceneTables};
 pub use effort::is_thorough;
 
 /// A scene ready for upload, and its camera.
@@ -54,35 +55,52 @@ impl Subject {
 
     /// Returns settings with one sample per pixel, traced in both eyes through a pinhole, six bounces and no denoising.
     /// A quick run uses the features of [`shared_shaders`].
-    pub fn settings(&self, width: u32, height: u32) -> RenderSettings {
-        let mut settings = RenderSettings::new(Extent::new(width, height), &self.scene, &self.tables);
-        let stages = &mut settings.stages;
-        stages.needs = if is_thorough() { self.needs } else { shared_shaders(self.needs) };
-        stages.reproject = false;
-        (stages.filter, stages.iterations) = (Some(Denoiser::ATROUS), 0);
+    pub fn settings(&self, width: u32, height: u32) -> RunConfig {
+        let mut settings = RunConfig::of_scene(Extent::new(width, height), &self.scene, &self.tables);
+        settings.buffers.needs = if is_thorough() { self.needs } else { shared_shaders(self.needs) };
+        settings.buffers.reproject = false;
+        (settings.envelope.most.denoiser, settings.envelope.most.iterations) = (Some(Denoiser::ATROUS), [0; 3]);
         settings
     }
 
     /// Creates a renderer on these devices, with stripes of equal height.
-    pub fn renderer(&self, gpus: Vec<GpuDevice>, settings: &RenderSettings) -> Result<Renderer, ExecError> {
-        let policy = Box::new(Even::new(settings.stages.grid().height, gpus.len()));
+    pub fn renderer(&self, gpus: Vec<GpuDevice>, settings: &RunConfig) -> Result<Renderer, ExecError> {
+        let policy = Box::new(Even::new(settings.grid().height, gpus.len()));
         Renderer::new(gpus, Arc::clone(&self.tables), settings.clone(), policy, Instant::now())
     }
 
     /// Returns [`Self::settings`] with reprojection into the right eye and five filter iterations.
-    pub fn denoised(&self, width: u32, height: u32) -> RenderSettings {
+    pub fn denoised(&self, width: u32, height: u32) -> RunConfig {
         let mut settings = self.settings(width, height);
-        settings.stages.reproject = true;
-        settings.stages.iterations = 5;
+        settings.buffers.reproject = true;
+        settings.envelope.most.iterations = [5; 3];
         settings
     }
 
     /// Returns [`Self::denoised`] with temporal accumulation.
-    pub fn accumulated(&self, width: u32, height: u32) -> RenderSettings {
+    pub fn accumulated(&self, width: u32, height: u32) -> RunConfig {
         let mut settings = self.denoised(width, height);
-        settings.stages.filter = Some(Denoiser::SVGF);
+        settings.envelope.most.denoiser = Some(Denoiser::SVGF);
         settings
     }
+}
+
+/// Returns a configuration with a change.
+pub fn with(mut config: RunConfig, change: impl FnOnce(&mut RunConfig)) -> RunConfig {
+    change(&mut config);
+    config
+}
+
+/// Adds foveal layers that are filtered with these iterations.
+pub fn foveate(config: &mut RunConfig, layers: &Foveation, iterations: [u32; 3]) {
+    let Foveation { gaze, radii, unsampled_share } = layers.clone();
+    (config.gaze, config.unsampled_share) = (gaze, unsampled_share);
+    (config.envelope.most.fovea, config.envelope.most.iterations) = (Some(radii), iterations);
+}
+
+/// Traces images in this polar projection.
+pub fn project(config: &mut RunConfig, Polar { gaze, space }: Polar) {
+    (config.gaze, config.envelope.most.polar) = (gaze, Some(space));
 }
 
 /// Returns one of two feature sets that covers `needs`: drivers take longer to compile shaders for each scene than to
@@ -187,27 +205,22 @@ pub struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
-    pub fn alone(subject: &'a Subject, settings: &RenderSettings) -> Self {
+    pub fn alone(subject: &'a Subject, settings: &RunConfig) -> Self {
         Self::even(subject, settings, 1)
     }
 
-    pub fn with(subject: &'a Subject, settings: &RenderSettings, devices: usize, policy: Box<dyn Policy>) -> Self {
+    pub fn with(subject: &'a Subject, settings: &RunConfig, devices: usize, policy: Box<dyn Policy>) -> Self {
         Self::on(self::devices(devices), subject, settings, policy)
     }
 
     /// Creates a stage on `devices` devices with stripes of equal height.
-    pub fn even(subject: &'a Subject, settings: &RenderSettings, devices: usize) -> Self {
-        let policy = Even::new(settings.stages.grid().height, devices);
+    pub fn even(subject: &'a Subject, settings: &RunConfig, devices: usize) -> Self {
+        let policy = Even::new(settings.grid().height, devices);
         Self::with(subject, settings, devices, Box::new(policy))
     }
 
     /// Creates a stage on these devices.
-    pub fn on(
-        gpus: impl Into<Devices>,
-        subject: &'a Subject,
-        settings: &RenderSettings,
-        policy: Box<dyn Policy>,
-    ) -> Self {
+    pub fn on(gpus: impl Into<Devices>, subject: &'a Subject, settings: &RunConfig, policy: Box<dyn Policy>) -> Self {
         let gpus: Devices = gpus.into();
         let devices = gpus.len();
         let is_slow = gpus.infos().iter().any(|g| g.threads.is_some() && g.traversal == Traversal::Hardware);
@@ -217,7 +230,7 @@ impl<'a> Stage<'a> {
             // Tests may take longer than the usual timeout before the first frame.
             renderer.set_watchdog(Duration::from_secs(600));
         }
-        let frames_in_flight = settings.stages.frames_in_flight;
+        let frames_in_flight = settings.execution.frames_in_flight;
         Self { subject, renderer: Some(renderer), devices, frames_in_flight, change: Box::new(|_| ()) }
     }
 

@@ -1,7 +1,8 @@
 //! Splitting work into several submissions gives the bytes of whole frames.
 
-use crate::common::{Frame, Stage, Subject, devices, is_thorough};
-use diptych::exec::{InjectedFaults, RenderSettings, TimedTask};
+use crate::common::{Frame, Stage, Subject, devices, foveate, is_thorough, with};
+use diptych::RunConfig;
+use diptych::exec::{InjectedFaults, TimedTask};
 use diptych::quality::Denoiser;
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured};
@@ -13,7 +14,7 @@ const HEIGHT: u32 = 60;
 /// Times along the camera's path. Later frames are split according to the learned costs.
 const TIMES_S: [f64; 3] = [0.0, 0.05, 0.1];
 
-fn frames(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<Frame> {
+fn frames(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Frame> {
     let policy = Box::new(Measured::new(HEIGHT, devices));
     Stage::with(subject, settings, devices, policy).frames_in_flight(&TIMES_S)
 }
@@ -23,12 +24,12 @@ fn most_submissions(frame: &Frame) -> u32 {
     frame.report.tasks.iter().map(|t| t.submissions).max().unwrap()
 }
 
-fn hold_cut_frames_against_whole_ones(what: &str, subject: &Subject, settings: &RenderSettings) {
+fn hold_cut_frames_against_whole_ones(what: &str, subject: &Subject, settings: &RunConfig) {
     let whole = frames(subject, settings, 1);
     assert!(whole.iter().all(|f| most_submissions(f) == 1), "{what}: software devices need no bound");
     // The bounds mean the smallest possible portions, parts of a frame, and all of it.
     for (bound_ms, devices) in [(1e-6, 1), (2.0, 2), (1e9, 1)] {
-        let settings = RenderSettings { max_dispatch_ms: Some(bound_ms), ..settings.clone() };
+        let settings = with(settings.clone(), |config| config.execution.max_dispatch_ms = Some(bound_ms));
         for (one, cut) in whole.iter().zip(&frames(subject, &settings, devices)) {
             let frame = one.report.index;
             assert!(one.linear == cut.linear, "{what}, {bound_ms} ms, frame {frame}");
@@ -49,11 +50,11 @@ fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
     let subject = Subject::load("builtin:atrium");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     hold_cut_frames_against_whole_ones("over frames", &subject, &settings);
-    settings.stages.frames_in_flight = 2;
+    settings.execution.frames_in_flight = 2;
     if is_thorough() {
         hold_cut_frames_against_whole_ones("in flight", &subject, &settings);
     }
-    (settings.stages.filter, settings.stages.iterations) = (Some(Denoiser::BMFR), 1);
+    (settings.envelope.most.denoiser, settings.envelope.most.iterations) = (Some(Denoiser::BMFR), [1; 3]);
     hold_cut_frames_against_whole_ones("fitted in flight", &subject, &settings);
 }
 
@@ -62,11 +63,11 @@ fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
 fn samples_of_lists_in_small_portions_have_the_bytes_of_whole_frames() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
-    settings.stages.spp = 9;
-    settings.stages.foveation = Some(Foveation::new([0, 1].map(|_| Gaze { path: vec![[0.0, 0.4, 0.5]] }), [2, 3, 5]));
+    settings.envelope.most.spp = 9;
+    foveate(&mut settings, &Foveation::new([0, 1].map(|_| Gaze { path: vec![[0.0, 0.4, 0.5]] })), [2, 3, 5]);
     hold_cut_frames_against_whole_ones("layers", &subject, &settings);
-    settings.stages.reproject = false;
-    settings.stages.foveation = None;
+    settings.buffers.reproject = false;
+    settings.envelope.most.fovea = None;
     hold_cut_frames_against_whole_ones("traced", &subject, &settings);
 }
 
@@ -74,9 +75,9 @@ fn samples_of_lists_in_small_portions_have_the_bytes_of_whole_frames() {
 fn slow_devices_run_each_portion_again() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
-    settings.stages.spp = 5;
+    settings.envelope.most.spp = 5;
     let whole = Stage::alone(&subject, &settings).frame(0);
-    settings.max_dispatch_ms = Some(1e-6);
+    settings.execution.max_dispatch_ms = Some(1e-6);
     let mut two = Stage::on(devices(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
     two.renderer().set_injected_faults(InjectedFaults { slowdown: vec![2, 1], ..Default::default() });
     let cut = two.frame(0);

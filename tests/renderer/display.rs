@@ -1,7 +1,8 @@
 //! Display encoding, the units of light, and the output of images.
 
-use crate::common::{Stage, Subject, is_thorough};
-use diptych::exec::{ExecError, RenderSettings, Stereo};
+use crate::common::{Stage, Subject, is_thorough, with};
+use diptych::RunConfig;
+use diptych::exec::{ExecError, Stereo};
 use diptych::image::RgbImage;
 use diptych::image::display::tonemap;
 use diptych::passes::tonemap::DISPLAY;
@@ -16,7 +17,7 @@ use glam::Vec3;
 #[test]
 fn the_display_image_is_the_tonemapped_linear_image() {
     let subject = Subject::load("builtin:cornell");
-    let settings = RenderSettings { exposure_ev: -0.7, ..subject.denoised(96, 54) };
+    let settings = RunConfig { exposure_ev: -0.7, ..subject.denoised(96, 54) };
     let mut stage = Stage::alone(&subject, &settings);
     let frame = stage.frame(0);
     let display = stage.display();
@@ -49,8 +50,8 @@ fn exposed(exposure_ev: f32, gloss: bool) -> Vec<Stereo<RgbImage>> {
     let white = (-exposure_ev).exp2();
     // The sun has 100,000 lux at −17 EV.
     let subject = under_a_sun(white, 1e5 * (white / 17f32.exp2()));
-    let mut settings = RenderSettings { exposure_ev, ..subject.accumulated(64, 36) };
-    settings.stages.needs.gloss = gloss;
+    let mut settings = RunConfig { exposure_ev, ..subject.accumulated(64, 36) };
+    settings.buffers.needs.gloss = gloss;
     let mut stage = Stage::alone(&subject, &settings);
     let frame = |i: u32| stage.frame_at(0.02 * f64::from(i), i).linear;
     let mut frames: Vec<_> = (0..8).map(frame).collect();
@@ -86,14 +87,14 @@ fn light_and_exposure_may_be_in_any_unit() {
 fn light_too_bright_for_half_floats_is_cut_and_counted() {
     let subject = under_a_sun(1.0, 1e9);
     let clipped = |exposure_ev, gloss| {
-        let mut settings = RenderSettings { exposure_ev, ..subject.accumulated(64, 36) };
-        settings.stages.needs.gloss = gloss;
+        let mut settings = RunConfig { exposure_ev, ..subject.accumulated(64, 36) };
+        settings.buffers.needs.gloss = gloss;
         let frame = Stage::alone(&subject, &settings).frame(0);
         let brightest = frame.linear.left.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
         assert!(frame.linear.left.pixels.as_flattened().iter().all(|v| v.is_finite()));
         let clipped = frame.report.tallies.map(|tally| tally.clipped);
-        let iterations = [settings.stages.iterations; 3];
-        let denoiser = settings.stages.filter;
+        let iterations = settings.envelope.most.iterations;
+        let denoiser = settings.envelope.most.denoiser;
         let quality = Quality { spp: 1, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
         let row = FrameRow::new(&frame.report, &quality, &subject.rig, 0.0);
         assert_eq!(row.clipped_pixels, clipped[0] + clipped[1]);
@@ -113,7 +114,7 @@ fn light_too_bright_for_half_floats_is_cut_and_counted() {
 #[test]
 fn only_what_is_read_crosses_to_the_primary() {
     let subject = Subject::load("builtin:cornell");
-    let settings = RenderSettings { adapts_halo: false, ..subject.denoised(96, 54) };
+    let settings = with(subject.denoised(96, 54), |config| config.execution.adapts_halo = false);
     let mut two = Stage::even(&subject, &settings, 2);
     let render = |two: &mut Stage| {
         let params = two.params(0.0, 0);

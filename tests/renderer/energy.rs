@@ -4,7 +4,7 @@ use crate::common::{Stage, Subject, is_thorough, still_rig};
 use crate::reference::scenes::{add_material, add_mesh, empty, icosphere, instance, matte, place, quad, scaled_at};
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use crate::reference::{Pinhole, Reference};
-use diptych::exec::RenderSettings;
+use diptych::RunConfig;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::Aov;
 use diptych::scene::{Clearcoat, Environment, Material, Scene, Volume};
@@ -18,9 +18,9 @@ const HEIGHT: u32 = 90;
 const ROUNDING: f32 = 1e-5;
 
 /// Returns the left image and its albedo.
-fn render(subject: &Subject, settings: &RenderSettings) -> (RgbImage, Vec<f32>) {
+fn render(subject: &Subject, settings: &RunConfig) -> (RgbImage, Vec<f32>) {
     let mut settings = settings.clone();
-    settings.stages.aovs = vec![Aov::Albedo];
+    settings.buffers.aovs = vec![Aov::Albedo];
     let mut stage = Stage::alone(subject, &settings);
     let image = stage.frame(0).linear.left;
     (image, stage.aov(0).left.swap_remove(0))
@@ -47,9 +47,9 @@ fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
     let subject = Subject::load("builtin:furnace");
     for (spp, bounces, sampler) in [(1, 6, Sampler::Sobol), (1, 1, Sampler::Pcg), (16, 12, Sampler::Pcg)] {
         let mut settings = subject.settings(WIDTH, HEIGHT);
-        settings.bounces = bounces;
-        settings.stages.spp = spp;
-        settings.stages.sampler = sampler;
+        settings.envelope.most.bounces = bounces;
+        settings.envelope.most.spp = spp;
+        settings.sampler = sampler;
         let (image, albedo) = render(&subject, &settings);
         let brightest = image.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
         assert!(brightest <= 1.0 + ROUNDING, "{spp} spp: light is made: {brightest}");
@@ -79,8 +79,8 @@ fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
 fn the_white_sphere_lacks_what_the_grey_ones_take() {
     let subject = Subject::load("builtin:furnace");
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    settings.stages.spp = 64;
-    settings.stages.aovs = vec![Aov::Albedo, Aov::Position];
+    settings.envelope.most.spp = 64;
+    settings.buffers.aovs = vec![Aov::Albedo, Aov::Position];
     let mut stage = Stage::alone(&subject, &settings);
     let image = stage.frame(0).linear.left;
     let [albedo, position] = [0, 1].map(|i| stage.aov(i).left);
@@ -118,8 +118,8 @@ fn a_white_environment_image_is_as_good_as_a_constant_one() {
         Scene { environment: Environment::Map { image: white.into(), rotation_deg: 40.0 }, ..subject.scene.clone() };
     subject = Subject::new("furnace, image", scene, subject.rig);
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    settings.stages.spp = 64;
-    settings.stages.sampler = Sampler::Pcg;
+    settings.envelope.most.spp = 64;
+    settings.sampler = Sampler::Pcg;
     let (image, albedo) = render(&subject, &settings);
     let pixels = inner(&pixels_of(&albedo, 1.0), WIDTH as usize);
     let values: Vec<f64> = pixels.iter().map(|&i| f64::from(image.pixels[i][1])).collect();
@@ -206,7 +206,7 @@ fn hold_in_the_furnace((scene, camera): (Scene, Pinhole), bounces: u32) {
     let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
     let subject = Subject::new(&scene.name.clone(), scene, rig);
     let mut settings = subject.settings(extent.width, extent.height);
-    (settings.bounces, settings.stages.spp, settings.stages.sampler) = (bounces, 64, Sampler::Pcg);
+    (settings.envelope.most.bounces, settings.envelope.most.spp, settings.sampler) = (bounces, 64, Sampler::Pcg);
     let mut stage = Stage::alone(&subject, &settings);
     let renders: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
     let found = mean_and_variance(&renders);

@@ -1,17 +1,17 @@
 //! Canted eyes with asymmetric fields of view. Resampling to each eye's projection matches tracing that projection
 //! directly.
 
-use crate::common::{Stage, Subject, is_thorough, still_rig};
-use diptych::exec::RenderSettings;
+use crate::common::{Stage, Subject, foveate, is_thorough, project, still_rig};
+use diptych::RunConfig;
 use diptych::image::display::display_value;
 use diptych::image::{Extent, Image, RgbImage};
-use diptych::passes::Aov;
+use diptych::passes::{Aov, Display};
 use diptych::quality::{Denoiser, LogPolar, PolarSpace};
 use diptych::scene::head::HeadMotion;
 use diptych::scene::optics::Fov;
 use diptych::scene::rig::Eye;
 use diptych::scene::shot::Gaze;
-use diptych::stages::{Foveation, Polar, StageSettings};
+use diptych::stages::{Foveation, Polar};
 use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot};
 use serde_json::json;
 
@@ -55,13 +55,14 @@ fn motion(has_eyes: bool) -> HeadMotion {
 }
 
 /// Returns the subject seen by these eyes, and settings with this many samples.
-fn shown(shot: &str, per_tan: u32, spp: u32) -> (Subject, RenderSettings) {
+fn shown(shot: &str, per_tan: u32, spp: u32) -> (Subject, RunConfig) {
     let mut subject = Subject::load(shot);
     subject.rig = motion(true).rig(&subject.rig).unwrap();
     let size = size(per_tan);
     let mut settings = subject.settings(size.width, size.height);
-    settings.stages.rectified = Some(subject.rig.optics.unwrap().grid(size, 1.25).unwrap());
-    settings.stages.spp = spp;
+    let projection = subject.rig.optics.unwrap().grid(size, 1.25).unwrap();
+    settings.buffers.display = Display::Resampled { projection, is_late: false };
+    settings.envelope.most.spp = spp;
     (subject, settings)
 }
 
@@ -81,7 +82,7 @@ fn traced(shot: &str, eye: Eye, per_tan: u32, spp: u32) -> [RgbImage; 2] {
     subject.rig = still_rig(origin, axes(turned * DVec3::NEG_Z), axes(turned * DVec3::Y), half[1] as f32);
     let [width, height] = half.map(|tan| (2.0 * tan * f64::from(per_tan)).round() as u32);
     let mut settings = subject.settings(width, height);
-    (settings.stages.spp, settings.seed) = (spp, 7);
+    (settings.envelope.most.spp, settings.seed) = (spp, 7);
     let whole = Stage::alone(&subject, &settings).frame(0).linear;
     let [first, above] = [tan[0] + half[0], half[1] - tan[2]].map(|tan| (tan * f64::from(per_tan)).round() as u32);
     let extent = size(per_tan);
@@ -115,7 +116,7 @@ fn eyes_show_what_is_traced_at_their_own_projections() {
     for (shot, per_tan, spp) in if is_thorough() { thorough } else { quick } {
         let (subject, settings) = shown(shot, per_tan, spp);
         let [first, second] = [0, 1].map(|seed| {
-            let settings = RenderSettings { seed, ..settings.clone() };
+            let settings = RunConfig { seed, ..settings.clone() };
             Stage::alone(&subject, &settings).frame(0).linear
         });
         for (eye, images) in [(Eye::Left, [first.left, second.left]), (Eye::Right, [first.right, second.right])] {
@@ -150,17 +151,17 @@ const LOG_POLAR: PolarSpace = PolarSpace::Log(LogPolar::COMPOSITE);
 #[test]
 fn what_eyes_show_is_of_one_device_on_any_number() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);
-    settings.stages.filter = Some(Denoiser::SVGF);
-    (settings.stages.reproject, settings.stages.iterations) = (true, 3);
-    let kinds: [(_, fn(&mut StageSettings)); 4] = [
-        ("layers", |stages| stages.foveation = Some(Foveation::new(gaze(), [1, 2, 3]))),
-        ("visual-polar", |stages| stages.polar = Some(Polar { gaze: gaze(), space: PolarSpace::Visual })),
+    settings.envelope.most.denoiser = Some(Denoiser::SVGF);
+    (settings.buffers.reproject, settings.envelope.most.iterations) = (true, [3; 3]);
+    let kinds: [(_, fn(&mut RunConfig)); 4] = [
+        ("layers", |config| foveate(config, &Foveation::new(gaze()), [1, 2, 3])),
+        ("visual-polar", |config| project(config, Polar { gaze: gaze(), space: PolarSpace::Visual })),
         ("all alike", |_| ()),
-        ("log-polar", |stages| stages.polar = Some(Polar { gaze: gaze(), space: LOG_POLAR })),
+        ("log-polar", |config| project(config, Polar { gaze: gaze(), space: LOG_POLAR })),
     ];
     for (what, change) in if is_thorough() { &kinds[..] } else { &kinds[..2] } {
         let mut settings = settings.clone();
-        change(&mut settings.stages);
+        change(&mut settings);
         let frames = |devices| {
             let mut stage = Stage::even(&subject, &settings, devices);
             [0, 1].map(|index| stage.frame_at(0.02 * f64::from(index), index).linear)
@@ -178,8 +179,9 @@ fn what_eyes_show_is_of_one_device_on_any_number() {
 #[test]
 fn layers_are_around_the_gaze_of_each_eye() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);
-    let foveation = Foveation::new(gaze(), [0; 3]);
-    (settings.stages.aovs, settings.stages.foveation) = (vec![Aov::Spp], Some(foveation.clone()));
+    let foveation = Foveation::new(gaze());
+    settings.buffers.aovs = vec![Aov::Spp];
+    foveate(&mut settings, &foveation, [0; 3]);
     let mut stage = Stage::alone(&subject, &settings);
     stage.frame(0);
     let sampled = stage.aov(0);
@@ -220,14 +222,16 @@ fn images_around_the_gaze_are_sharp_where_each_eye_looks() {
         // The field of view is similar to that of the other eyes.
         subject.rig.yfov_rad = 2.0;
         let mut settings = subject.settings(size.width, size.height);
-        settings.stages.spp = 16;
+        settings.envelope.most.spp = 16;
         (subject, settings)
     };
     // Differences by eye: near the gaze and far from it.
-    let errors = |(subject, settings): &(Subject, RenderSettings), space: PolarSpace| {
+    let errors = |(subject, settings): &(Subject, RunConfig), space: PolarSpace| {
         let render = |polar: Option<Polar>| {
             let mut settings = settings.clone();
-            settings.stages.polar = polar;
+            if let Some(polar) = polar {
+                project(&mut settings, polar);
+            }
             Stage::alone(subject, &settings).frame(0).linear
         };
         let [whole, found] = [None, Some(Polar { gaze: gaze(), space })].map(render);
@@ -250,7 +254,7 @@ fn images_around_the_gaze_are_sharp_where_each_eye_looks() {
 #[test]
 fn motion_is_that_of_what_eyes_show() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);
-    settings.stages.aovs = vec![Aov::Motion, Aov::Position];
+    settings.buffers.aovs = vec![Aov::Motion, Aov::Position];
     let mut stage = Stage::alone(&subject, &settings);
     let times_s = [0.0, 1.0];
     (0..).zip(times_s).for_each(|(index, time_s)| drop(stage.frame_at(time_s, index)));

@@ -89,7 +89,7 @@ fn frames_in_flight_keep_their_bytes_when_devices_fail() {
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     let times_s: Vec<f64> = (0..8).map(|i| f64::from(i) * 0.3).collect();
     let alone = Stage::alone(&subject, &settings).frames_in_flight(&times_s);
-    settings.stages.frames_in_flight = 3;
+    settings.execution.frames_in_flight = 3;
     let mut four = Stage::on(devices_to_lose(4), &subject, &settings, Box::new(Measured::new(HEIGHT, 4)));
     four.renderer().set_watchdog(Duration::from_secs(3));
     four.renderer().set_injected_faults(injected(&["loss:dev0@frame1", "hang:dev2@frame4", "oom:dev1@frame5"], &[]));
@@ -118,7 +118,7 @@ fn history_begins_anew_when_a_device_fails_with_frames_in_flight() {
         let mut alone = Stage::alone(&subject, &settings);
         (3..6).map(|i| alone.frame_at(times_s[i as usize], i)).collect()
     };
-    settings.stages.frames_in_flight = 2;
+    settings.execution.frames_in_flight = 2;
     let mut three = Stage::on(devices_to_lose(3), &subject, &settings, Box::new(Measured::new(HEIGHT, 3)));
     three.renderer().set_injected_faults(injected(&["loss:dev1@frame3"], &[]));
     let frames = three.frames_in_flight(&times_s);
@@ -192,7 +192,7 @@ fn a_frame_whose_primary_is_lost_before_it_was_read_is_made_again() {
 fn slow_devices_change_neither_bytes_nor_counts() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
-    settings.stages.spp = 5; // Two dispatches; the second one accumulates.
+    settings.envelope.most.spp = 5; // Two dispatches; the second one accumulates.
     let one = Stage::alone(&subject, &settings).frame(0);
     let mut two = Stage::on(devices_to_lose(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
     let mut busy_ms = |slowdown: &[u32], injections: &[&str]| {

@@ -1,7 +1,8 @@
 //! Foveated layers: which pixels are sampled, and that nothing else changes.
 
-use crate::common::{Stage, Subject};
-use diptych::exec::{RenderSettings, Stereo};
+use crate::common::{Stage, Subject, foveate, project, with};
+use diptych::RunConfig;
+use diptych::exec::Stereo;
 use diptych::image::RgbImage;
 use diptych::passes::Aov;
 use diptych::quality::{Denoiser, LogPolar, PolarSpace};
@@ -15,11 +16,10 @@ fn towards(x: f64, y: f64) -> [Gaze; 2] {
     [x, 1.0 - x].map(|x| Gaze { path: vec![[0.0, x, y]] })
 }
 
-fn settings(subject: &Subject, foveation: Foveation) -> RenderSettings {
+fn settings(subject: &Subject, foveation: &Foveation, iterations: [u32; 3]) -> RunConfig {
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    settings.stages.iterations = foveation.iterations.into_iter().fold(0, u32::max);
-    settings.stages.aovs = vec![Aov::Spp];
-    settings.stages.foveation = Some(foveation);
+    settings.buffers.aovs = vec![Aov::Spp];
+    foveate(&mut settings, foveation, iterations);
     settings
 }
 
@@ -43,8 +43,8 @@ fn the_mask_has_the_density_of_its_ring() {
     const RINGS: usize = 12;
     let subject = Subject::load("builtin:cornell");
     for (x, unsampled_share) in [(0.5, 0.5), (0.3, 0.75)] {
-        let foveation = Foveation { unsampled_share, ..Foveation::new(towards(x, 0.4), [0; 3]) };
-        let mut stage = Stage::alone(&subject, &settings(&subject, foveation.clone()));
+        let foveation = Foveation { unsampled_share, ..Foveation::new(towards(x, 0.4)) };
+        let mut stage = Stage::alone(&subject, &settings(&subject, &foveation, [0; 3]));
         stage.frame(0);
         let spp = stage.aov(0);
         for (eye, spp) in eyes(&spp).into_iter().enumerate() {
@@ -69,12 +69,12 @@ fn the_mask_has_the_density_of_its_ring() {
 #[test]
 fn what_is_sampled_is_what_it_is_without_foveation() {
     let subject = Subject::load("builtin:checker");
-    let foveation = Foveation::new(towards(0.4, 0.5), [0; 3]);
+    let foveation = Foveation::new(towards(0.4, 0.5));
     for spp in [1, 3] {
-        let mut foveated = settings(&subject, foveation.clone());
-        foveated.stages.spp = spp;
+        let mut foveated = settings(&subject, &foveation, [0; 3]);
+        foveated.envelope.most.spp = spp;
         let mut plain = foveated.clone();
-        plain.stages.foveation = None;
+        plain.envelope.most.fovea = None;
         let all = Stage::alone(&subject, &plain).frame(0);
         let mut stage = Stage::alone(&subject, &foveated);
         let some = stage.frame(0);
@@ -94,12 +94,12 @@ fn what_is_sampled_is_what_it_is_without_foveation() {
 #[test]
 fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
     let subject = Subject::load("builtin:checker");
-    let foveation = Foveation { unsampled_share: 0.0, ..Foveation::new(towards(0.5, 0.5), [5; 3]) };
+    let foveation = Foveation { unsampled_share: 0.0, ..Foveation::new(towards(0.5, 0.5)) };
     for (spp, reproject) in [(1, false), (3, true)] {
-        let mut foveated = settings(&subject, foveation.clone());
-        (foveated.stages.spp, foveated.stages.reproject) = (spp, reproject);
+        let mut foveated = settings(&subject, &foveation, [5; 3]);
+        (foveated.envelope.most.spp, foveated.buffers.reproject) = (spp, reproject);
         let mut plain = foveated.clone();
-        plain.stages.foveation = None;
+        plain.envelope.most.fovea = None;
         let expected = Stage::alone(&subject, &plain).frame(0);
         let found = Stage::alone(&subject, &foveated).frame(0);
         // Outside the inner layer, reprojection into the right eye may leave pixels to the filter.
@@ -118,8 +118,8 @@ fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
     let subject = Subject::load("builtin:cornell");
     for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(Some) {
         let render = |scale: f64| {
-            let mut settings = RenderSettings { scale, ..subject.denoised(WIDTH, HEIGHT) };
-            (settings.stages.filter, settings.stages.sparse, settings.stages.aovs) = (filter, true, vec![Aov::Spp]);
+            let mut settings = with(subject.denoised(WIDTH, HEIGHT), |config| config.envelope.most.scale = scale);
+            (settings.envelope.most.denoiser, settings.buffers.aovs) = (filter, vec![Aov::Spp]);
             let mut stage = Stage::alone(&subject, &settings);
             let frames: Vec<_> = (0..8).map(|i| stage.frame(i)).collect();
             (frames, stage.aov(0))
@@ -149,11 +149,11 @@ fn narrow_visual_polar_images_are_close_to_those_of_the_screen() {
     let mut subject = Subject::load("builtin:checker");
     for yfov_deg in [1.0f64, 3.0, 20.0] {
         subject.rig.yfov_rad = yfov_deg.to_radians();
-        let mut settings = RenderSettings { bounces: 1, ..subject.settings(WIDTH, HEIGHT) };
-        settings.stages.spp = 8;
+        let mut settings = with(subject.settings(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 1);
+        settings.envelope.most.spp = 8;
         let expected = Stage::alone(&subject, &settings).frame(0);
         for (x, y) in [(0.5, 0.5), (0.2, 0.3), (1.0, 0.9)] {
-            settings.stages.polar = Some(Polar { gaze: towards(x, y), space: PolarSpace::Visual });
+            project(&mut settings, Polar { gaze: towards(x, y), space: PolarSpace::Visual });
             let found = Stage::alone(&subject, &settings).frame(0);
             for (found, expected) in eyes(&found.linear).into_iter().zip(eyes(&expected.linear)) {
                 let [found, expected] = [found, expected].map(|image| block_means(image, BLOCK));
@@ -182,8 +182,9 @@ fn a_full_render_scale_changes_no_byte_where_others_are_possible() {
     for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(Some) {
         let render = |sparse: bool| {
             let mut settings = subject.denoised(WIDTH, HEIGHT);
-            (settings.stages.filter, settings.stages.sparse) = (filter, sparse);
+            (settings.envelope.most.denoiser, settings.envelope.most.scale) = (filter, if sparse { 0.5 } else { 1.0 });
             let mut stage = Stage::alone(&subject, &settings);
+            stage.set(|params| params.quality.scale = 1.0);
             (0..3).map(|i| stage.frame(i).linear).collect::<Vec<_>>()
         };
         for (plain, sparse) in render(false).iter().zip(&render(true)) {
@@ -199,11 +200,11 @@ fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
     let subject = Subject::load("builtin:cornell");
     for gaze in [towards(0.0, 0.0), towards(1.0, 1.0), towards(0.5, 0.5)] {
         for unsampled_share in [0.5, 1.0] {
-            let foveation = Foveation { unsampled_share, ..Foveation::new(gaze.clone(), [2, 3, 5]) };
-            let (mut foveated, distances) = (settings(&subject, foveation.clone()), distances(&foveation, 0));
-            foveated.stages.reproject = true;
+            let foveation = Foveation { unsampled_share, ..Foveation::new(gaze.clone()) };
+            let (mut foveated, distances) = (settings(&subject, &foveation, [2, 3, 5]), distances(&foveation, 0));
+            foveated.buffers.reproject = true;
             let mut plain = foveated.clone();
-            plain.stages.foveation = None;
+            plain.envelope.most.fovea = None;
             let all = Stage::alone(&subject, &plain).frame(0).linear;
             let mut stage = Stage::alone(&subject, &foveated);
             let found = stage.frame(0).linear;
@@ -223,8 +224,8 @@ fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
 fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
     let subject = Subject::load("builtin:cornell");
     for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(Some) {
-        let mut settings = settings(&subject, Foveation::new(towards(0.5, 0.5), [1; 3]));
-        (settings.stages.filter, settings.stages.iterations) = (filter, 1);
+        let mut settings = settings(&subject, &Foveation::new(towards(0.5, 0.5)), [1; 3]);
+        (settings.envelope.most.denoiser, settings.envelope.most.iterations) = (filter, [1; 3]);
         let mut stage = Stage::alone(&subject, &settings);
         let mut sampled = vec![0.0; (WIDTH * HEIGHT) as usize];
         for frame in 0..3 {
@@ -241,7 +242,7 @@ fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
 fn a_gaze_that_is_set_is_each_eyes_own() {
     let subject = Subject::load("builtin:cornell");
     let sampled = |at_first, later: Option<[[f64; 2]; 2]>| {
-        let mut stage = Stage::alone(&subject, &settings(&subject, Foveation::new(at_first, [0; 3])));
+        let mut stage = Stage::alone(&subject, &settings(&subject, &Foveation::new(at_first), [0; 3]));
         stage.set(move |params| params.gaze = later);
         stage.frame(0);
         let spp = stage.aov(0);
@@ -262,10 +263,10 @@ fn mean(image: &RgbImage, counts: impl Fn(usize) -> bool) -> f64 {
 fn polar_images_show_what_the_screen_does() {
     let subject = Subject::load("builtin:cornell");
     let mut plain = subject.settings(WIDTH, HEIGHT);
-    (plain.stages.filter, plain.stages.spp, plain.stages.aovs) = (None, 32, vec![Aov::Position]);
+    (plain.envelope.most.denoiser, plain.envelope.most.spp, plain.buffers.aovs) = (None, 32, vec![Aov::Position]);
     let render = |space: Option<PolarSpace>| {
         let mut settings = plain.clone();
-        settings.stages.polar = space.map(|space| Polar { gaze: towards(0.4, 0.6), space });
+        (settings.gaze, settings.envelope.most.polar) = (towards(0.4, 0.6), space);
         let mut stage = Stage::alone(&subject, &settings);
         let frame = stage.frame(0);
         (frame, stage.aov(0))

@@ -106,7 +106,7 @@ struct Errors {
 
 fn hold_against_rays(subject: &Subject) -> Errors {
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
-    settings.stages.aovs = vec![Aov::Position, Aov::Depth, Aov::Normal, Aov::Albedo];
+    settings.buffers.aovs = vec![Aov::Position, Aov::Depth, Aov::Normal, Aov::Albedo];
     let mut stage = Stage::alone(subject, &settings);
     stage.frame(0);
     let aovs: Vec<_> = (0..4).map(|i| stage.aov(i)).collect();
@@ -185,7 +185,7 @@ fn colours_of_materials_are_what_their_names_say() {
         let (scene, camera) = build();
         let subject = subject(name, scene, &camera);
         let mut settings = subject.settings(EXTENT.width, EXTENT.height);
-        settings.stages.aovs = vec![Aov::BaseColor, Aov::DiffuseAlbedo, Aov::SpecularAlbedo];
+        settings.buffers.aovs = vec![Aov::BaseColor, Aov::DiffuseAlbedo, Aov::SpecularAlbedo];
         let mut stage = Stage::alone(&subject, &settings);
         stage.frame(0);
         let planes: Vec<_> = (0..3).map(|i| stage.aov(i).left).collect();

@@ -3,7 +3,7 @@
 use crate::common::{Stage, Subject, still_rig};
 use crate::reference::Pinhole;
 use crate::reference::scenes::{add_material, add_matte, empty, matte, place, quad, studio};
-use diptych::exec::RenderSettings;
+use diptych::RunConfig;
 use diptych::image::RgbImage;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::{Light, LightKind, Material, Scene, Volume};
@@ -24,10 +24,10 @@ fn subject(scene: &Scene) -> Subject {
     Subject::new("panes", scene.clone(), still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov))
 }
 
-fn rendered(scene: &Scene, settings: impl Fn(&mut RenderSettings)) -> RgbImage {
+fn rendered(scene: &Scene, settings: impl Fn(&mut RunConfig)) -> RgbImage {
     let subject = subject(scene);
     let mut chosen = subject.settings(SIZE, SIZE);
-    chosen.bounces = 1;
+    chosen.envelope.most.bounces = 1;
     settings(&mut chosen);
     Stage::alone(&subject, &chosen).frame(0).linear.left
 }
@@ -106,7 +106,7 @@ fn volumes_absorb_light_on_each_way_through_them() {
         let volume = Some(Volume { attenuation_color, attenuation_distance: 1.0 });
         let water = add_material(&mut scene, Material { ior: 1.0, volume, ..clear() });
         place(&mut scene, quad(vec3(-9.0, 0.5, -9.0), 18.0 * Vec3::Z, 18.0 * Vec3::X, water));
-        let image = rendered(&scene, |settings| settings.bounces = 2);
+        let image = rendered(&scene, |settings| settings.envelope.most.bounces = 2);
         [0, 1, 2].map(|c| image.pixels.iter().map(|p: &[f32; 3]| f64::from(p[c])).sum::<f64>())
     };
     // Light goes from the floor or a lamp's front to the surface at an angle, then from that point to the floor.
@@ -134,8 +134,8 @@ fn an_opaque_surface_with_a_volume_is_opaque() {
         scene.lights.push(sun(vec3(0.3, -1.0, 0.1), 0.0));
         let gloss = SceneNeeds::of(&scene).gloss;
         rendered(&scene, |settings| {
-            settings.bounces = 4;
-            settings.stages.needs = if all { SceneNeeds { gloss, ..SceneNeeds::ALL } } else { SceneNeeds::of(&scene) };
+            settings.envelope.most.bounces = 4;
+            settings.buffers.needs = if all { SceneNeeds { gloss, ..SceneNeeds::ALL } } else { SceneNeeds::of(&scene) };
         })
     };
     let expected = render(None, false);

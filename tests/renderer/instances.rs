@@ -203,7 +203,7 @@ fn surfaces_are_where_and_as_they_are_flattened() {
     let seen = |layout| {
         let subject = subject(&scene, layout, Vec3::ZERO);
         let mut settings = subject.settings(EXTENT.width, EXTENT.height);
-        settings.stages.aovs = aovs.to_vec();
+        settings.buffers.aovs = aovs.to_vec();
         let mut stage = Stage::alone(&subject, &settings);
         stage.frame(0);
         (0..aovs.len()).map(|i| vectors(&mut stage, i)).collect::<Vec<_>>()
@@ -251,7 +251,7 @@ fn pictures_are_those_of_flattened_scenes() {
         let render = |layout| {
             let subject = subject(&scene, layout, by);
             let mut settings = subject.settings(extent.width, extent.height);
-            settings.stages.spp = spp;
+            settings.envelope.most.spp = spp;
             Stage::alone(&subject, &settings).frame(0).linear
         };
         let (flat, shared) = (render(Layout::Flat), render(Layout::TwoLevel));
@@ -298,7 +298,7 @@ fn no_light_leaks_into_a_closed_instance() {
         let subject = Subject::laid_out("inside", scene, still_rig(at, Vec3::X, Vec3::Y, 1.0), Layout::TwoLevel);
         let (extent, spp) = (Extent::new(48, 32), 16);
         let mut settings = subject.settings(extent.width, extent.height);
-        settings.stages.spp = spp;
+        settings.envelope.most.spp = spp;
         let frame = Stage::alone(&subject, &settings).frame(0);
         assert!(frame.report.tallies[0].rays > 4 * u64::from(spp) * extent.area() as u64, "paths end early");
         for image in [&frame.linear.left, &frame.linear.right] {
@@ -330,7 +330,7 @@ fn scenes_load_that_are_too_large_flattened() {
     let rig = still_rig(Vec3::new(0.0, 0.0, 3.0), Vec3::NEG_Z, Vec3::Y, 0.8);
     let subject = Subject::new("ten million", scene, rig);
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
-    settings.stages.aovs = vec![Aov::Position, Aov::Depth];
+    settings.buffers.aovs = vec![Aov::Position, Aov::Depth];
     let mut stage = Stage::alone(&subject, &settings);
     stage.frame(0);
     let (positions, depths) = (vectors(&mut stage, 0), vectors(&mut stage, 1));

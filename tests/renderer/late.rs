@@ -4,10 +4,12 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use crate::common::{Frame, Stage, Subject};
-use diptych::exec::{InjectedFaults, PoseSource, RenderSettings, Stereo, TimedTask};
+use crate::common::{Frame, Stage, Subject, project};
+use diptych::RunConfig;
+use diptych::exec::{InjectedFaults, PoseSource, Stereo, TimedTask};
 use diptych::image::{Extent, RgbImage};
 use diptych::metrics::Pair;
+use diptych::passes::Display;
 use diptych::quality::{LogPolar, PolarSpace};
 use diptych::scene::optics::Optics;
 use diptych::scene::rig::{Rig, RigKey};
@@ -18,7 +20,7 @@ use glam::DVec3;
 const SIZE: Extent = Extent { width: 64, height: 48 };
 
 /// Returns a head that turns and moves, sideways and ahead, from 0 s to 1 s.
-fn subject(spp: u32) -> (Subject, RenderSettings) {
+fn subject(spp: u32) -> (Subject, RunConfig) {
     let mut subject = Subject::load("builtin:cornell");
     let first = RigKey { time_s: 0.0, ..subject.rig.keys[0] };
     let position = first.position + DVec3::new(0.04, 0.01, -0.03);
@@ -27,8 +29,9 @@ fn subject(spp: u32) -> (Subject, RenderSettings) {
     let optics = Optics::with_border(&subject.rig, SIZE, 6.0);
     subject.rig.optics = Some(optics);
     let mut settings = subject.settings(SIZE.width, SIZE.height);
-    (settings.stages.rectified, settings.stages.is_late) = (Some(optics.grid(SIZE, 1.25).unwrap()), true);
-    settings.stages.spp = spp;
+    let projection = optics.grid(SIZE, 1.25).unwrap();
+    settings.buffers.display = Display::Resampled { projection, is_late: true };
+    settings.envelope.most.spp = spp;
     (subject, settings)
 }
 
@@ -37,7 +40,7 @@ fn shown_from(
     later_s: f64,
     index: u32,
     devices: usize,
-    (subject, settings): &(Subject, RenderSettings),
+    (subject, settings): &(Subject, RunConfig),
 ) -> Stereo<RgbImage> {
     let mut stage = Stage::even(subject, settings, devices);
     stage.set(|params| params.shown_from = Some(subject.rig.at(later_s)));
@@ -55,14 +58,14 @@ fn polar_images_are_corrected_as_well() {
     for space in [PolarSpace::Visual, PolarSpace::Log(LogPolar::COMPOSITE)] {
         let mut seen = subject(24);
         let gaze = Gaze { path: vec![[0.0, 0.5, 0.5]] };
-        seen.1.stages.polar = Some(Polar { gaze: [gaze.clone(), gaze], space });
+        project(&mut seen.1, Polar { gaze: [gaze.clone(), gaze], space });
         corrects(&seen, [3.0, 0.8], &[2]);
     }
 }
 
 /// Asserts that corrected frames are closer to frames of the later pose than uncorrected ones: better by this many dB,
 /// and with at most this fraction of their FLIP. All these numbers of devices must give the same image.
-fn corrects(seen: &(Subject, RenderSettings), [by_db, flip_share]: [f64; 2], counts: &[usize]) {
+fn corrects(seen: &(Subject, RunConfig), [by_db, flip_share]: [f64; 2], counts: &[usize]) {
     let (subject, settings) = seen;
     let rendered_at = |time_s: f64| {
         let mut stage = Stage::even(subject, settings, 1);
@@ -108,7 +111,7 @@ fn the_last_pose_is_the_one_that_frames_are_shown_from() {
     let (subject, mut settings) = seen;
     assert!(known[0] != known[1]);
     for (devices, in_flight) in [(1, 1), (2, 1), (3, 2)] {
-        settings.stages.frames_in_flight = in_flight;
+        settings.execution.frames_in_flight = in_flight;
         let mut stage = Stage::even(&subject, &settings, devices);
         let (source, tell) = told();
         stage.renderer().set_pose_source(Some(source));
@@ -150,7 +153,7 @@ fn frames_in_flight_have_poses_of_their_own() {
     let later_s = |frame: u32| 0.2 * f64::from(frame);
     let known: Vec<_> = (0..4).map(|index| shown_from(later_s(index), index, 1, &seen)).collect();
     let (subject, mut settings) = seen;
-    settings.stages.frames_in_flight = 2;
+    settings.execution.frames_in_flight = 2;
     let mut stage = Stage::even(&subject, &settings, 2);
     let rig = subject.rig.clone();
     stage.renderer().set_pose_source(Some(Arc::new(move |frame| Some(rig.at(later_s(frame))))));

@@ -45,9 +45,9 @@ fn a_card_lights_as_much_as_there_is_of_it() {
 /// Estimates from eight renders, in which both eyes have the same view.
 fn rendered(subject: &Subject, bounces: u32, spp: u32) -> Estimate {
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    settings.bounces = bounces;
-    settings.stages.sampler = Sampler::Pcg;
-    settings.stages.spp = spp;
+    settings.envelope.most.bounces = bounces;
+    settings.sampler = Sampler::Pcg;
+    settings.envelope.most.spp = spp;
     let mut stage = Stage::alone(subject, &settings);
     let frames: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
     mean_and_variance(&frames)
@@ -143,9 +143,9 @@ fn a_sun_of_one_texel_lights_with_little_noise_and_its_own_power() {
     let camera = Pinhole::looking_at(vec3(0.0, 5.0, 0.1), Vec3::ZERO, Vec3::Z, 45.0);
     let subject = subject(scene, &camera);
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    settings.bounces = 1;
-    settings.stages.sampler = Sampler::Pcg;
-    settings.stages.spp = 16;
+    settings.envelope.most.bounces = 1;
+    settings.sampler = Sampler::Pcg;
+    settings.envelope.most.spp = 16;
     let image = Stage::alone(&subject, &settings).frame(0).linear.left;
     let values: Vec<f64> = image.pixels.iter().map(|p| f64::from(p[0])).collect();
     let mean = values.iter().sum::<f64>() / values.len() as f64;

@@ -32,7 +32,7 @@ fn a_device_that_is_lost_before_the_start_ends_the_run() {
 fn frames_keep_their_bytes_whenever_a_device_is_lost() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
-    settings.max_dispatch_ms = Some(1.0);
+    settings.execution.max_dispatch_ms = Some(1.0);
     let one = Stage::alone(&subject, &settings).frame(0).linear;
     for delay_us in [0, 300, 2_000, 7_000, 15_000, 40_000] {
         let gpus = devices_to_lose(2);

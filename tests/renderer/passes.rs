@@ -66,8 +66,8 @@ fn check(
     };
     let mut settings = subject.settings(WIDTH, HEIGHT);
     // This denoiser makes the previous frame available.
-    (settings.stages.filter, settings.stages.iterations) = (Some(Denoiser::SVGF), 1);
-    settings.stages.declarations = Declarations::new(move |spec| {
+    (settings.envelope.most.denoiser, settings.envelope.most.iterations) = (Some(Denoiser::SVGF), [1; 3]);
+    settings.buffers.declarations = Declarations::new(move |spec| {
         let passes = declare(spec);
         passes.iter().for_each(|p| verify(p).unwrap_or_else(|e| panic!("{}: {e}", p.stage.name())));
         passes

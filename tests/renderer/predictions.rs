@@ -6,7 +6,6 @@ use crate::common::{Stage, Subject};
 use diptych::control::TRACING;
 use diptych::exec::{FrameReport, TimedTask};
 use diptych::graph::FrameGraph;
-use diptych::quality::Quality;
 use diptych::scene::rig::Eye;
 use diptych::schedule::{CostModel, Effort, Heft, Measured, Policy, simulate_at};
 
@@ -50,10 +49,7 @@ fn assert_close(found: Option<f64>, expected: Option<f64>) {
 fn frames_are_predicted_by_the_costs_of_those_before_and_their_own_work() {
     let subject = Subject::load("builtin:cornell");
     let settings = subject.denoised(WIDTH, HEIGHT);
-    let stages = &settings.stages;
-    let (spp, denoiser, iterations) = (stages.spp, stages.filter, [stages.iterations; 3]);
-    let quality =
-        Quality { spp, bounces: settings.bounces, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
+    let quality = settings.quality();
     let policies: [Box<dyn Policy>; 2] =
         [Box::new(Measured::new(HEIGHT, DEVICES)), Box::new(Heft::new(HEIGHT, DEVICES))];
     for policy in policies {

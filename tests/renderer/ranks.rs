@@ -6,12 +6,13 @@ use std::sync::{Arc, LazyLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crate::common::{Stage, Subject, devices_to_lose, is_thorough};
+use crate::common::{Stage, Subject, devices_to_lose, foveate, is_thorough, project};
 use crate::reference::scenes::moving;
 use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
+use diptych::RunConfig;
 use diptych::device::GpuDevice;
+use diptych::exec::InjectedFaults;
 use diptych::exec::ranks::{ChannelLink, Devices, Host, Link, Load, Loading, Node, Request, Way, channel_links, serve};
-use diptych::exec::{InjectedFaults, RenderSettings};
 use diptych::quality::{Denoiser, LogPolar, PolarSpace};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured, Policy};
@@ -155,18 +156,18 @@ fn times_s() -> Vec<f64> {
 }
 
 /// Returns subjects with settings and numbers of frames in flight.
-fn cases<'a>(checker: &'a Subject, moving: &'a Subject) -> Vec<(&'static str, &'a Subject, RenderSettings, usize)> {
+fn cases<'a>(checker: &'a Subject, moving: &'a Subject) -> Vec<(&'static str, &'a Subject, RunConfig, usize)> {
     let polar = |space| {
         let gaze = [0.4, 0.3].map(|x| Gaze { path: vec![[0.0, x, 0.4], [0.2, x + 0.1, 0.5]] });
         let mut settings = checker.accumulated(WIDTH, HEIGHT);
-        settings.stages.polar = Some(Polar { gaze, space });
+        project(&mut settings, Polar { gaze, space });
         settings
     };
     let mut layers = checker.accumulated(WIDTH, HEIGHT);
-    layers.stages.foveation = Some(Foveation::new([Gaze::default(), Gaze::default()], [2, 3, 5]));
+    foveate(&mut layers, &Foveation::new([Gaze::default(), Gaze::default()]), [2, 3, 5]);
     let mut bmfr = checker.accumulated(WIDTH, HEIGHT);
-    bmfr.stages.filter = Some(Denoiser::BMFR);
-    bmfr.stages.iterations = 1;
+    bmfr.envelope.most.denoiser = Some(Denoiser::BMFR);
+    bmfr.envelope.most.iterations = [1; 3];
     let mut all = vec![
         ("a scene that moves", moving, moving.accumulated(WIDTH, HEIGHT), 2),
         ("a log-polar image", checker, polar(PolarSpace::Log(LogPolar::COMPOSITE)), 1),
@@ -190,9 +191,9 @@ fn ranks_give_the_bytes_of_one_device_and_send_what_the_graph_says() {
         let mut expected_bytes = 0;
         for (what, subject, mut settings, in_flight) in cases(&checker, &moving) {
             joined.load(subject).unwrap();
-            settings.stages.frames_in_flight = in_flight;
+            settings.execution.frames_in_flight = in_flight;
             let one = Stage::even(subject, &settings, 1).frames_in_flight(&times_s());
-            let height = settings.stages.grid().height;
+            let height = settings.grid().height;
             let policy: Box<dyn Policy> = Box::new(Measured::new(height, ranks * each));
             let mut stage = Stage::on(devices, subject, &settings, policy);
             let found = stage.frames_in_flight(&times_s());

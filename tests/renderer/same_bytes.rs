@@ -4,9 +4,10 @@
 mod needs;
 mod quality;
 
-use crate::common::{Stage, Subject, devices_to_lose, diptych, is_thorough, shared_shot};
+use crate::common::{Stage, Subject, devices_to_lose, diptych, foveate, is_thorough, project, shared_shot};
+use diptych::RunConfig;
 use diptych::device::{ShaderChecks, Tables};
-use diptych::exec::{RenderSettings, Stereo};
+use diptych::exec::Stereo;
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
 use diptych::quality::{Denoiser, LogPolar, PolarSpace, Quality};
@@ -48,7 +49,7 @@ pub fn ratios(devices: usize, rules: &[&str]) -> Box<dyn Policy> {
 }
 
 /// Renders a frame on one device, then on several with even stripes.
-fn hold_against_one_device(subject: &Subject, settings: &RenderSettings, counts: &[usize]) {
+fn hold_against_one_device(subject: &Subject, settings: &RunConfig, counts: &[usize]) {
     let one = Stage::even(subject, settings, 1).frame(0).linear;
     for &devices in counts {
         let found = Stage::even(subject, settings, devices).frame(0).linear;
@@ -81,9 +82,10 @@ fn polar_images_are_those_of_one_device_while_the_gaze_moves() {
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
         let towards = |x: f64| Gaze { path: vec![[0.0, x, 0.4], [0.05, x + 0.1, 0.5], [0.06, 0.9, 0.1]] };
         let gaze = [towards(0.4), towards(0.3)];
-        settings.stages.polar = Some(Polar { gaze, space });
-        (settings.stages.reproject, settings.stages.filter) = (reproject, Some(denoiser));
-        settings.stages.iterations = settings.stages.iterations.min(denoiser.most_iterations());
+        project(&mut settings, Polar { gaze, space });
+        (settings.buffers.reproject, settings.envelope.most.denoiser) = (reproject, Some(denoiser));
+        settings.envelope.most.iterations =
+            settings.envelope.most.iterations.map(|n| n.min(denoiser.most_iterations()));
         let [one, several] = [1, devices].map(|devices| {
             let mut stage = Stage::even(&subject, &settings, devices);
             (0..6).map(|index| stage.frame_at(f64::from(index) * 0.015, index)).collect::<Vec<_>>()
@@ -153,10 +155,10 @@ fn stripes_may_differ_between_stages_and_views() {
     let subject = Subject::load("builtin:checker");
     for reproject in [true, false] {
         let mut settings = subject.denoised(WIDTH, HEIGHT);
-        settings.stages.reproject = reproject;
+        settings.buffers.reproject = reproject;
         let one = Stage::even(&subject, &settings, 1).frame(0).linear;
         for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
-            settings.seam = Seam::Halo(plan);
+            settings.execution.seam = Seam::Halo(plan);
             let found = Stage::with(&subject, &settings, 3, ratios(3, &rules)).frame(0).linear;
             assert_same(&format!("reproject {reproject}, {plan:?}"), &one, &found);
         }
@@ -206,8 +208,8 @@ fn blocks_that_straddle_stripes_give_the_bytes_of_one_device() {
 
 fn hold_history_against_one_device(subject: &Subject, denoiser: Denoiser) {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
-    settings.stages.filter = Some(denoiser);
-    settings.stages.iterations = settings.stages.iterations.min(denoiser.most_iterations());
+    settings.envelope.most.denoiser = Some(denoiser);
+    settings.envelope.most.iterations = settings.envelope.most.iterations.map(|n| n.min(denoiser.most_iterations()));
     let times_s: Vec<f64> = (0..6).map(|i| f64::from(i) * 0.05).collect();
     let one = Stage::with(subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
     let history: Vec<_> = one.iter().map(|f| f.report.spec.history_rows).collect();
@@ -216,9 +218,9 @@ fn hold_history_against_one_device(subject: &Subject, denoiser: Denoiser) {
     assert!(one[5].linear.left != fresh.left && one[5].linear.right != fresh.right, "history changes nothing");
     let rules = ["1,1,1", "5,1,2", "1,0,1", "1,2,9", "1,2,9", "atrous.left=1,9,1"];
     for (plan, in_flight) in [(HaloPlan::RECOMPUTE, 1), (HaloPlan::EXCHANGE, 3)] {
-        settings.seam = Seam::Halo(plan);
-        settings.adapts_halo = false;
-        settings.stages.frames_in_flight = in_flight;
+        settings.execution.seam = Seam::Halo(plan);
+        settings.execution.adapts_halo = false;
+        settings.execution.frames_in_flight = in_flight;
         let script: Vec<_> = rules.iter().map(|rule| ratios(3, &[rule])).collect();
         let script = Box::new(Script::new(script));
         let three = Stage::with(subject, &settings, 3, script).frames_in_flight(&times_s);
@@ -235,9 +237,9 @@ fn layers_around_a_moving_gaze_give_the_bytes_of_one_device() {
     let gaze = [Gaze { path }, Gaze { path: vec![[0.0, 0.4, 0.2]] }];
     for (spp, reproject, plan) in [(1, true, HaloPlan::RECOMPUTE), (3, false, HaloPlan::EXCHANGE)] {
         let mut settings = subject.denoised(WIDTH, HEIGHT);
-        settings.stages.foveation = Some(Foveation::new(gaze.clone(), [2, 3, 5]));
-        (settings.stages.spp, settings.stages.reproject) = (spp, reproject);
-        (settings.seam, settings.adapts_halo) = (Seam::Halo(plan), false);
+        foveate(&mut settings, &Foveation::new(gaze.clone()), [2, 3, 5]);
+        (settings.envelope.most.spp, settings.buffers.reproject) = (spp, reproject);
+        (settings.execution.seam, settings.execution.adapts_halo) = (Seam::Halo(plan), false);
         let frames = |devices: usize| {
             let mut stage = Stage::with(&subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
             (0..4).map(|i| stage.frame_at(f64::from(i) * 0.6, i)).collect::<Vec<_>>()
@@ -260,7 +262,7 @@ fn frames_in_flight_give_the_bytes_of_frames_one_by_one() {
     let alone = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
     assert!(alone.iter().all(|f| !f.report.overlapped));
     for (in_flight, devices) in [(2, 1), (3, 3)] {
-        settings.stages.frames_in_flight = in_flight;
+        settings.execution.frames_in_flight = in_flight;
         let policy = Box::new(Measured::new(HEIGHT, devices));
         let frames = Stage::with(&subject, &settings, devices, policy).frames_in_flight(&times_s);
         assert_eq!(frames.len(), alone.len());
@@ -281,9 +283,9 @@ fn all_halo_plans_give_the_same_bytes() {
     const ITERATIONS: u32 = 3;
     let render = |plan, devices| {
         let mut settings = subject.denoised(WIDTH, HEIGHT);
-        settings.stages.iterations = ITERATIONS;
-        settings.seam = Seam::Halo(plan);
-        settings.adapts_halo = false;
+        settings.envelope.most.iterations = [ITERATIONS; 3];
+        settings.execution.seam = Seam::Halo(plan);
+        settings.execution.adapts_halo = false;
         Stage::even(&subject, &settings, devices).frame(0).linear
     };
     let one = render(HaloPlan::RECOMPUTE, 1);
@@ -301,9 +303,9 @@ fn every_seed_sampler_and_sample_count_gives_the_bytes_of_one_device() {
     {
         let mut settings = subject.denoised(WIDTH, HEIGHT);
         settings.seed = seed;
-        settings.stages.spp = spp;
-        settings.stages.sampler = sampler;
-        settings.stages.reproject = reproject;
+        settings.envelope.most.spp = spp;
+        settings.sampler = sampler;
+        settings.buffers.reproject = reproject;
         let one = Stage::even(&subject, &settings, 1).frame(0).linear;
         let three = Stage::even(&subject, &settings, 3).frame(0).linear;
         assert_same(&format!("seed {seed}, {spp} spp"), &one, &three);
@@ -339,7 +341,7 @@ fn shader_checks_change_no_byte() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     let fast = Stage::alone(&subject, &settings).frame(0).linear;
-    settings.stages.checks = ShaderChecks::Full;
+    settings.execution.checks = ShaderChecks::Full;
     let full = Stage::alone(&subject, &settings).frame(0).linear;
     assert_same("full checks", &fast, &full);
 }

@@ -1,7 +1,7 @@
 //! Seams between stripes: unfiltered, smoothed, or with the same bytes as one device.
 
-use crate::common::{Stage, Subject};
-use diptych::exec::{RenderSettings, Stereo};
+use crate::common::{Stage, Subject, with};
+use diptych::exec::Stereo;
 use diptych::graph::{HaloPlan, Seam};
 use diptych::image::RgbImage;
 use diptych::schedule::Static;
@@ -18,7 +18,7 @@ struct Images {
 }
 
 fn render(subject: &Subject, seam: Seam) -> Images {
-    let settings = RenderSettings { seam, ..subject.denoised(WIDTH, HEIGHT) };
+    let settings = with(subject.denoised(WIDTH, HEIGHT), |config| config.execution.seam = seam);
     let one = Stage::even(subject, &settings, 1).frame(0).linear;
     let frame = Stage::even(subject, &settings, 3).frame(0);
     assert_eq!(frame.report.stripe_edges(), EDGES);
@@ -67,8 +67,8 @@ fn stripes_filtered_apart_differ_within_the_halo_and_nowhere_else() {
 fn fewer_iterations_make_a_narrower_halo() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, 120);
-    settings.seam = Seam::None;
-    settings.stages.iterations = 2;
+    settings.execution.seam = Seam::None;
+    settings.envelope.most.iterations = [2; 3];
     let one = Stage::even(&subject, &settings, 1).frame(0).linear;
     let two = Stage::even(&subject, &settings, 2).frame(0).linear;
     for (one, two) in [(&one.left, &two.left), (&one.right, &two.right)] {
@@ -121,7 +121,7 @@ fn the_halo_leaves_no_seam() {
 fn a_stripe_narrower_than_the_halo_leaves_no_seam() {
     let subject = Subject::load("builtin:checker");
     for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
-        let settings = RenderSettings { seam: Seam::Halo(plan), ..subject.denoised(WIDTH, 200) };
+        let settings = with(subject.denoised(WIDTH, 200), |config| config.execution.seam = Seam::Halo(plan));
         let one = Stage::even(&subject, &settings, 1).frame(0).linear;
         let narrow = Static::new(200, 3, &["95,10,95".parse().unwrap()]).unwrap();
         let three = Stage::with(&subject, &settings, 3, Box::new(narrow)).frame(0).linear;

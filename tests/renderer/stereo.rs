@@ -1,9 +1,8 @@
 //! Two eyes: reprojected pixels look like traced ones, and each eye has its own viewpoint.
 
-use crate::common::{Stage, Subject, diptych, is_thorough, still_rig};
+use crate::common::{Stage, Subject, diptych, is_thorough, still_rig, with};
 use crate::reference::scenes::{add_matte, empty, materials, place, quad};
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
-use diptych::exec::RenderSettings;
 use diptych::image::exr::read_rgb;
 use diptych::metrics::compare;
 use diptych::passes::Aov;
@@ -15,10 +14,10 @@ use glam::{DVec3, Vec3};
 #[test]
 fn a_reprojected_eye_looks_like_a_traced_one() {
     let subject = Subject::load("builtin:cornell");
-    let mut settings = RenderSettings { bounces: 2, ..subject.settings(64, 36) };
-    settings.stages.spp = 512;
+    let mut settings = with(subject.settings(64, 36), |config| config.envelope.most.bounces = 2);
+    settings.envelope.most.spp = 512;
     let traced = Stage::alone(&subject, &settings).frame(0);
-    settings.stages.reproject = true;
+    settings.buffers.reproject = true;
     let reprojected = Stage::alone(&subject, &settings).frame(0);
     assert!(traced.linear.left == reprojected.linear.left);
     assert!(traced.linear.right != reprojected.linear.right);
@@ -33,7 +32,7 @@ fn a_reprojected_eye_looks_like_a_traced_one() {
 fn files_hold_the_eye_that_they_are_named_after() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.settings(48, 32);
-    settings.stages.reproject = true;
+    settings.buffers.reproject = true;
     let expected = Stage::alone(&subject, &settings).frame(0).linear;
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
@@ -54,10 +53,10 @@ fn glossy_surfaces_look_reprojected_as_they_look_traced() {
         let mut rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
         rig.baseline_m = 0.064;
         let subject = Subject::new(name, scene, rig);
-        let mut settings = RenderSettings { bounces: 3, ..subject.settings(64, 36) };
-        settings.stages.spp = 256;
+        let mut settings = with(subject.settings(64, 36), |config| config.envelope.most.bounces = 3);
+        settings.envelope.most.spp = 256;
         let traced = Stage::alone(&subject, &settings).frame(0).linear.right;
-        settings.stages.reproject = true;
+        settings.buffers.reproject = true;
         let frame = Stage::alone(&subject, &settings).frame(0);
         let found = compare(&traced, &frame.linear.right).unwrap();
         let mean = found.mean_ratio.unwrap();
@@ -72,7 +71,7 @@ fn glossy_surfaces_look_reprojected_as_they_look_traced() {
 fn few_pixels_of_the_atrium_are_holes() {
     let subject = Subject::load("builtin:atrium");
     assert_eq!(subject.rig.baseline_m, 0.064);
-    let settings = RenderSettings { bounces: 1, ..subject.denoised(640, 360) };
+    let settings = with(subject.denoised(640, 360), |config| config.envelope.most.bounces = 1);
     let frame = Stage::alone(&subject, &settings).frame(0);
     // By reason; 8.5 % in all. Drivers round differently at silhouettes.
     let (found, expected) = (frame.report.tallies[1].holes, [2042u64, 12694, 769, 3775, 0, 354]);
@@ -86,15 +85,15 @@ fn eyes_in_one_place_see_the_same() {
     for shot in ["builtin:cornell", "builtin:checker"] {
         let mut subject = Subject::load(shot);
         subject.rig.baseline_m = 0.0;
-        let mut settings = RenderSettings { bounces: 2, ..subject.settings(80, 45) };
-        settings.stages.reproject = true;
+        let mut settings = with(subject.settings(80, 45), |config| config.envelope.most.bounces = 2);
+        settings.buffers.reproject = true;
         let frame = Stage::alone(&subject, &settings).frame(0);
         assert!(frame.hole_fraction() < 0.001, "{shot}: {} are holes", frame.hole_fraction());
         let found = compare(&frame.linear.left, &frame.linear.right).unwrap();
         assert!(found.psnr > 60.0, "{shot}: reprojection onto itself\n{found}");
 
-        settings.stages.reproject = false;
-        settings.stages.spp = 16;
+        settings.buffers.reproject = false;
+        settings.envelope.most.spp = 16;
         let mut stage = Stage::alone(&subject, &settings);
         let frames: Vec<_> = (0..8).map(|i| stage.frame(i).linear).collect();
         let lefts: Vec<_> = frames.iter().map(|f| f.left.clone()).collect();
@@ -125,8 +124,8 @@ fn a_near_object_is_further_left_in_the_right_eye() {
     rig.baseline_m = 0.2;
     let subject = Subject::new("board before a wall", scene, rig);
     let mut settings = subject.settings(width, height);
-    settings.stages.aovs = vec![Aov::Depth];
-    settings.stages.reproject = true;
+    settings.buffers.aovs = vec![Aov::Depth];
+    settings.buffers.reproject = true;
     let mut stage = Stage::alone(&subject, &settings);
     stage.frame(0);
     let depth = stage.aov(0);
@@ -146,7 +145,7 @@ fn a_point_has_the_same_row_in_both_eyes() {
     for shot in ["builtin:atrium", "builtin:checker"] {
         let subject = Subject::load(shot);
         let mut settings = subject.settings(width, height);
-        settings.stages.aovs = vec![Aov::Position, Aov::Depth];
+        settings.buffers.aovs = vec![Aov::Position, Aov::Depth];
         let mut stage = Stage::alone(&subject, &settings);
         for time_s in [0.0, 1.1, 3.3] {
             stage.frame_at(time_s, 0);
@@ -170,9 +169,9 @@ fn a_point_has_the_same_row_in_both_eyes() {
 fn holes_get_the_bytes_of_a_traced_eye() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.settings(128, 72);
-    settings.stages.aovs = vec![Aov::Holes];
+    settings.buffers.aovs = vec![Aov::Holes];
     let traced = Stage::alone(&subject, &settings).frame(0).linear.right;
-    settings.stages.reproject = true;
+    settings.buffers.reproject = true;
     let mut stage = Stage::alone(&subject, &settings);
     let reprojected = stage.frame(0);
     let holes = stage.aov(0).right;

@@ -1,8 +1,9 @@
 //! Temporal accumulation: frames with history are closer to the reference, keep their energy, and show no ghosts.
 
-use crate::common::{Stage, Subject, is_thorough, still_rig, with_outputs};
+use crate::common::{Stage, Subject, is_thorough, still_rig, with, with_outputs};
 use crate::reference::scenes::{add_matte, empty, place, quad};
-use diptych::exec::{RenderSettings, Stereo};
+use diptych::RunConfig;
+use diptych::exec::Stereo;
 use diptych::graph::Resource;
 use diptych::image::{Image, RgbImage};
 use diptych::metrics::temporal::{History, Surfaces};
@@ -22,7 +23,7 @@ const FPS: f64 = 72.0;
 fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.seed = 99;
-    settings.stages.spp = spp;
+    settings.envelope.most.spp = spp;
     Stage::alone(subject, &settings).frame_at(time_s, 0).linear
 }
 
@@ -31,7 +32,7 @@ fn errors(reference: &Stereo<RgbImage>, found: &Stereo<RgbImage>) -> [Errors; 2]
 }
 
 /// Renders `frames` frames along the camera's path; returns the last one.
-fn arrived(subject: &Subject, settings: &RenderSettings, time_s: f64, frames: u32) -> Stereo<RgbImage> {
+fn arrived(subject: &Subject, settings: &RunConfig, time_s: f64, frames: u32) -> Stereo<RgbImage> {
     let mut stage = Stage::alone(subject, settings);
     let at = |i: u32| time_s - f64::from(frames - 1 - i) / FPS;
     (0..frames - 1).for_each(|i| drop(stage.frame_at(at(i), i)));
@@ -58,8 +59,8 @@ fn still_frames_converge_and_keep_their_energy() {
 fn a_frame_of_many_samples_is_blurred_little() {
     let subject = Subject::load("builtin:cornell");
     let right = reference(&subject, 0.0, 128);
-    let flip = |mut settings: RenderSettings| {
-        settings.stages.spp = 64;
+    let flip = |mut settings: RunConfig| {
+        settings.envelope.most.spp = 64;
         errors(&right, &Stage::alone(&subject, &settings).frame(0).linear)[0].flip
     };
     let (filtered, traced) = (flip(subject.accumulated(WIDTH, HEIGHT)), flip(subject.settings(WIDTH, HEIGHT)));
@@ -75,7 +76,7 @@ fn more_samples_make_moving_frames_better() {
     let right = reference(&subject, time_s, if is_thorough() { 512 } else { 128 });
     let flip = |spp: u32| {
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
-        settings.stages.spp = spp;
+        settings.envelope.most.spp = spp;
         errors(&right, &arrived(&subject, &settings, time_s, 12)).iter().map(|e| 0.5 * e.flip).sum::<f64>()
     };
     let [one, four] = [flip(1), flip(4)];
@@ -90,9 +91,9 @@ fn frames_of_fewer_samples_keep_their_history() {
     const MANY: u32 = 16;
     let subject = Subject::load("builtin:cornell");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
-    (settings.stages.spp, settings.stages.mixes_spp) = (MANY, true);
-    settings.stages.declarations = with_outputs(&["moments"]);
-    let (denoiser, iterations) = (settings.stages.filter, [settings.stages.iterations; 3]);
+    (settings.envelope.most.spp, settings.envelope.mixes_spp) = (MANY, true);
+    settings.buffers.declarations = with_outputs(&["moments"]);
+    let (denoiser, iterations) = (settings.envelope.most.denoiser, settings.envelope.most.iterations);
     // Returns the mean history length of all pixels.
     let kept = |spp_of: &dyn Fn(u32) -> u32| {
         let mut stage = Stage::alone(&subject, &settings);
@@ -169,8 +170,8 @@ fn what_a_passing_board_uncovers_has_its_own_light() {
     let end = RigKey { target: end.position - DVec3::Z, ..end };
     rig.keys.push(end);
     let subject = Subject::new("board before a lit wall", scene, rig);
-    let mut settings = RenderSettings { bounces: 1, ..subject.accumulated(WIDTH, HEIGHT) };
-    settings.stages.aovs = vec![Aov::Motion, Aov::Position, Aov::Normal];
+    let mut settings = with(subject.accumulated(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 1);
+    settings.buffers.aovs = vec![Aov::Motion, Aov::Position, Aov::Normal];
     let mut stage = Stage::alone(&subject, &settings);
     let mut frames = Vec::new();
     for i in 0..16 {
@@ -185,8 +186,11 @@ fn what_a_passing_board_uncovers_has_its_own_light() {
     }
     drop(stage);
     let (mut found, mut expected, mut pixels) = (0.0, 0.0, 0);
-    let mut settings = RenderSettings { bounces: 1, seed: 99, ..subject.settings(WIDTH, HEIGHT) };
-    settings.stages.spp = 32;
+    let mut settings = with(subject.settings(WIDTH, HEIGHT), |config| {
+        config.envelope.most.bounces = 1;
+        config.seed = 99
+    });
+    settings.envelope.most.spp = 32;
     let mut stage = Stage::alone(&subject, &settings);
     for (i, pair) in (1..).zip(frames.windows(2)).skip(7) {
         let [(_, before), (linear, now)] = pair else { unreachable!("windows of two") };
@@ -243,7 +247,7 @@ fn a_creeping_camera_drags_nothing_behind() {
     let picture = |speed_px: f64| {
         let subject = unlit(turning(speed_px * f64::from(frames - 1), DVec3::X));
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
-        settings.stages.iterations = 1;
+        settings.envelope.most.iterations = [1; 3];
         let mut stage = Stage::alone(&subject, &settings);
         (0..frames - 1).for_each(|i| drop(stage.frame_at(f64::from(i) / f64::from(frames - 1), i)));
         stage.frame_at(1.0, frames - 1).linear.left

@@ -40,7 +40,7 @@ struct Seen {
 fn see(subject: &Subject, traversal: TraversalChoice, times_s: &[f64]) -> Option<Seen> {
     let gpu = open(traversal)?;
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
-    settings.stages.aovs = vec![Aov::Depth];
+    settings.buffers.aovs = vec![Aov::Depth];
     let mut stage = Stage::on(vec![gpu], subject, &settings, Box::new(Even::new(EXTENT.height, 1)));
     let frames = (0..).zip(times_s).map(|(index, &time_s)| stage.frame_at(time_s, index));
     let linear = frames.last()?.linear.left;

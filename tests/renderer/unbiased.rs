@@ -2,12 +2,12 @@
 
 use std::ops::Range;
 
-use crate::common::{Stage, Subject, is_thorough, still_rig};
+use crate::common::{Stage, Subject, is_thorough, still_rig, with};
 use crate::reference::scenes::{lit, materials, matte, moving};
 use crate::reference::tangents;
 use crate::reference::ztest::{Estimate, assert_agrees, compare, verdict};
 use crate::reference::{Pinhole, Reference};
-use diptych::exec::RenderSettings;
+use diptych::RunConfig;
 use diptych::image::{Extent, RgbImage};
 use diptych::scene::Scene;
 use diptych::scene::gltf;
@@ -95,7 +95,7 @@ fn estimates(resolution: f64, mut sides: [&mut dyn FnMut(Range<u64>, u32) -> Ren
 }
 
 /// Renders both eyes, which have the same view with independent random numbers.
-fn renders(subject: &Subject, time_s: f64, settings: &RenderSettings, numbers: Range<u64>) -> Renders {
+fn renders(subject: &Subject, time_s: f64, settings: &RunConfig, numbers: Range<u64>) -> Renders {
     assert_eq!(subject.rig.baseline_m, 0.0);
     let mut stage = Stage::alone(subject, settings);
     let frames = (numbers.start / 2..numbers.end / 2).map(|i| stage.frame_at(time_s, i as u32).linear);
@@ -125,9 +125,9 @@ fn against(row: usize, (subject, time_s): (&Subject, f64), effort: &Effort) -> V
                 reference.renders(&pinhole(subject), EXTENT, spp, bounces.max(1) - 1, seeds)
             };
             let mut settings = subject.settings(EXTENT.width, EXTENT.height);
-            (settings.bounces, settings.seed, settings.stages.sampler) = (bounces, seed, sampler);
+            (settings.envelope.most.bounces, settings.seed, settings.sampler) = (bounces, seed, sampler);
             let mut find = |numbers, spp| {
-                settings.stages.spp = spp;
+                settings.envelope.most.spp = spp;
                 renders(subject, time_s, &settings, numbers)
             };
             let [expected, found] = estimates(effort.resolution, [&mut expect, &mut find]);
@@ -256,7 +256,7 @@ fn the_classic_box_is_unbiased() {
 fn no_bounces_are_direct_light_as_is_one() {
     let subject = subject(matte::box_area_light());
     let render = |bounces| {
-        let settings = RenderSettings { bounces, ..subject.settings(48, 32) };
+        let settings = with(subject.settings(48, 32), |config| config.envelope.most.bounces = bounces);
         Stage::alone(&subject, &settings).frame(0).linear.left
     };
     assert!(render(0) == render(1));
@@ -268,7 +268,7 @@ fn no_bounces_are_direct_light_as_is_one() {
 fn seeds_name_random_numbers_of_their_own() {
     let subject = subject(matte::box_area_light());
     let render = |seed, index| {
-        let settings = RenderSettings { seed, ..subject.settings(48, 32) };
+        let settings = RunConfig { seed, ..subject.settings(48, 32) };
         Stage::alone(&subject, &settings).frame(index).linear.left
     };
     let [first, again, other, later] = [(1, 0), (1, 0), (2, 0), (1, 1)].map(|(seed, index)| render(seed, index));
@@ -287,10 +287,10 @@ fn seeds_name_random_numbers_of_their_own() {
 fn samples_of_a_frame_and_of_several_frames_have_one_mean() {
     let subject = subject(matte::environment_only());
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
-    (settings.bounces, settings.stages.sampler) = (2, Sampler::Pcg);
+    (settings.envelope.most.bounces, settings.sampler) = (2, Sampler::Pcg);
     let render = |spp: u32, count: u64| {
         let mut settings = settings.clone();
-        (settings.seed, settings.stages.spp) = (spp, spp);
+        (settings.seed, settings.envelope.most.spp) = (spp, spp);
         Estimate::from_renders(EXTENT, renders(&subject, 0.0, &settings, 0..count))
     };
     // 100 samples make four batches, the last of them incomplete.

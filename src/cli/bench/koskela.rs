@@ -62,7 +62,7 @@ fn arrangements(run: &RunOptions, loaded: &LoadedScene) -> [Arranged; ARRANGEMEN
     let share = Polar { gaze: gaze(), space: PolarSpace::Visual }.share(Eye::Left, run.time, &view, run.size).min(1.0);
     let [width, _] = tan_half(loaded, run).map(|tan| 2.0 * tan);
     let radii = FALLOFF_DEG.map(|degrees| degrees.to_radians().tan() / width);
-    let falloff = Foveation { radii, ..Foveation::new(gaze(), ITERATIONS) };
+    let falloff = Foveation { radii, ..Foveation::new(gaze()) };
     let unsampled = falloff.unsampled_share_for(share, run.time, run.size);
     let of = |quality| {
         let mut options = RenderOptions::single(run.clone(), &quality);

@@ -86,8 +86,8 @@ impl Session {
 
     /// Returns the gaze of the left and the right eye at `time_s`; `None` without foveation.
     pub fn gaze(&self, time_s: f64) -> Option<[[f64; 2]; 2]> {
-        let of_layers = self.renderer.foveation().map(|layers| &layers.gaze);
-        let of_polar = self.renderer.polar().map(|polar| &polar.gaze);
+        let of_layers = self.renderer.foveation().map(|layers| layers.gaze);
+        let of_polar = self.renderer.polar().map(|polar| polar.gaze);
         let of_settings = of_layers.or(of_polar).map(|eyes| eyes.each_ref().map(|gaze| gaze.at(time_s)));
         of_settings.map(|eyes| self.inner.gaze.unwrap_or(eyes))
     }

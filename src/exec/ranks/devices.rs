@@ -10,9 +10,9 @@ use super::node::{Asked, Node};
 use super::packet::{Load, Request, Response, Start};
 use super::transport::Crew;
 use crate::device::{DeviceInfo, GpuDevice, MAX_DEVICES, RankName};
-use crate::exec::RenderSettings;
 use crate::exec::channels::WorkerChannels;
 use crate::schedule::Network;
+use crate::stages::RunConfig;
 use crate::stages::SceneTables;
 
 /// Devices that no renderer uses at the moment: this process's first, then those of the other ranks in order.
@@ -171,9 +171,9 @@ impl Others {
     }
 
     /// Asks the other ranks to start their workers.
-    pub fn start(&self, settings: &RenderSettings, tables: &SceneTables) -> Asked {
+    pub fn start(&self, config: &RunConfig, tables: &SceneTables) -> Asked {
         let (ranks, scene) = (self.ranks(), tables.fingerprint());
-        let start = Start { crew: self.crew, set: self.set.number, ranks, settings: settings.clone(), scene };
+        let start = Start { crew: self.crew, set: self.set.number, ranks, config: config.clone(), scene };
         self.set.node.ask(|_| Request::Start(Box::new(start.clone())))
     }
 

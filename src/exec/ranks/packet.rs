@@ -5,10 +5,10 @@ use serde::{Deserialize, Serialize};
 use super::agree::Identity;
 use super::device_card::DeviceCard;
 use super::link::Way;
-use crate::exec::RenderSettings;
 use crate::exec::messages::{Bytes, Command, Message, Reply};
 use crate::exec::watchdog::LifeSign;
 use crate::scene::folder::Files;
+use crate::stages::RunConfig;
 
 /// A packet. `crew` identifies a renderer with its devices, and `device` is a number among these.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
@@ -119,7 +119,7 @@ pub struct Start {
     pub set: u32,
     /// The rank of each device of the crew.
     pub ranks: Vec<usize>,
-    pub settings: RenderSettings,
+    pub config: RunConfig,
     /// [`crate::stages::SceneTables::fingerprint`].
     pub scene: u64,
 }

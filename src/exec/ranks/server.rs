@@ -165,11 +165,11 @@ impl Server<'_> {
     }
 
     fn start(&mut self, start: Start) -> Result<Response, String> {
-        let Start { crew: number, set, ranks, mut settings, scene } = start;
-        settings.stages.declarations = self.host.passes();
+        let Start { crew: number, set, ranks, mut config, scene } = start;
+        config.buffers.declarations = self.host.passes();
         let tables = self.scenes.iter().find(|(fingerprint, _)| *fingerprint == scene);
         let tables = Arc::clone(&tables.ok_or("its scene is not that of rank 0")?.1);
-        let graphs = Graphs::of_settings(&settings, ranks.len(), tables.has_surfaces());
+        let graphs = Graphs::of_config(&config, ranks.len(), tables.has_surfaces());
         let graphs = Arc::new(graphs.map_err(|e| e.to_string())?);
         let programs = graphs.programs();
         let here = self.node.rank();
@@ -184,7 +184,7 @@ impl Server<'_> {
         let (mut cards, mut workers) = (Vec::new(), Vec::new());
         for ((device, mut gpu), end) in own.iter().zip(gpus).zip(own_ends) {
             gpu.info.index = *device;
-            let made = WorkerDevice::new(gpu, &settings.stages, &tables, &programs, self.node.epoch);
+            let made = WorkerDevice::new(gpu, &config, &tables, &programs, self.node.epoch);
             let made = made.map_err(|e| self.host.describe(&e))?;
             cards.push(self.card(&made.gpu));
             workers.push(Worker::new(made, Arc::clone(&graphs), Box::new(end)));

@@ -12,7 +12,7 @@ use crate::exec::{ExecError, InjectedKind};
 use crate::graph::{Bound, Program, Task, TaskKind};
 use crate::scene::rig::Eye;
 use crate::schedule::Position;
-use crate::stages::{DeviceStages, Place, SceneTables, StageSettings, StageTask, Stamps, layout};
+use crate::stages::{DeviceStages, Place, RunConfig, SceneTables, StageTask, Stamps, layout};
 
 pub struct WorkerDevice {
     pub gpu: GpuDevice,
@@ -31,7 +31,7 @@ impl WorkerDevice {
     /// [`ExecError`] if the device fails at once, has too little memory or cannot compile a stage.
     pub fn new(
         mut gpu: GpuDevice,
-        settings: &StageSettings,
+        config: &RunConfig,
         tables: &SceneTables,
         programs: &[Program],
         origin: Instant,
@@ -41,7 +41,7 @@ impl WorkerDevice {
         let failed = |failure: DeviceFailure| ExecError::Device { device, what: failure.what };
         let clock = GpuClock::calibrate(&gpu, origin).map_err(failed)?;
         gpu.info.clock_residual_us = clock.residual_us;
-        let mut stages = DeviceStages::new(&mut gpu, settings.clone(), tables, programs)?;
+        let mut stages = DeviceStages::new(&mut gpu, config.clone(), tables, programs)?;
         let mut stamps = Stamps::new(&gpu.device);
         stages.warm_up(&gpu, &mut stamps, programs.to_vec());
         gpu.wait(None).map_err(failed)?;

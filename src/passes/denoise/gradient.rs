@@ -29,7 +29,7 @@ const GRADIENT: Resource = Resource::image("gradient", 8).on(TILES);
 
 /// Whether gradients are computed: only in dynamic scenes, and not in polar images, whose tiles are not square.
 fn is_found(spec: &FrameSpec) -> bool {
-    spec.moving.is_some() && spec.screen.is_none()
+    spec.moving.is_some() && spec.chain.polar.is_none()
 }
 
 /// Returns the image of the fraction of each tile's history to drop; a dummy if gradients are not computed.

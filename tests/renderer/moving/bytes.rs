@@ -3,8 +3,9 @@
 use crate::common::{Frame, Stage, devices_to_lose, is_thorough};
 use crate::reference::scenes::moving;
 use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
+use diptych::RunConfig;
 use diptych::device::{Tables, Traversal};
-use diptych::exec::{InjectedFaults, RenderSettings};
+use diptych::exec::InjectedFaults;
 use diptych::graph::{HaloPlan, Seam};
 use diptych::quality::Denoiser;
 use diptych::scene::motion::{Attached, Motion};
@@ -37,8 +38,8 @@ fn moving_scenes_have_the_bytes_of_one_device_on_ragged_stripes_that_move() {
 fn hold_motion_against_one_device(denoiser: Denoiser) {
     let subject = watched(moving::everything());
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
-    settings.stages.filter = Some(denoiser);
-    settings.stages.iterations = settings.stages.iterations.min(denoiser.most_iterations());
+    settings.envelope.most.denoiser = Some(denoiser);
+    settings.envelope.most.iterations = settings.envelope.most.iterations.map(|n| n.min(denoiser.most_iterations()));
     let times_s = times_s();
     let one = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
     assert!(one.windows(2).all(|w| w[0].linear.left != w[1].linear.left), "nothing moves");
@@ -59,8 +60,8 @@ fn hold_motion_against_one_device(denoiser: Denoiser) {
     // A fourth device would have to compile all shaders.
     let count = if is_thorough() { all.len() } else { 2 };
     for (devices, in_flight, policy, plan) in all.into_iter().take(count) {
-        (settings.seam, settings.adapts_halo) = (Seam::Halo(plan), false);
-        settings.stages.frames_in_flight = in_flight;
+        (settings.execution.seam, settings.execution.adapts_halo) = (Seam::Halo(plan), false);
+        settings.execution.frames_in_flight = in_flight;
         let found = Stage::with(&subject, &settings, devices, policy).frames_in_flight(&times_s);
         assert_all_same(&format!("{devices} devices, {in_flight} in flight"), &one, &found);
     }
@@ -74,7 +75,7 @@ fn moving_scenes_keep_their_bytes_when_a_device_is_lost() {
     let times_s = times_s();
     let expected = Stage::alone(&subject, &settings).frames_in_flight(&times_s);
     for in_flight in [1, 3] {
-        settings.stages.frames_in_flight = in_flight;
+        settings.execution.frames_in_flight = in_flight;
         let mut three = Stage::on(devices_to_lose(3), &subject, &settings, Box::new(Measured::new(HEIGHT, 3)));
         let injections = vec!["loss:dev1@frame3".parse().unwrap()];
         three.renderer().set_injected_faults(InjectedFaults { injections, slowdown: Vec::new() });
@@ -101,7 +102,7 @@ fn tables_that_change_in_a_buffer_or_in_a_texture_give_the_same_bytes() {
     assert_all_same("a texture", &render(Tables::Buffer), &render(Tables::Texture));
 }
 
-fn frames(scene: diptych::scene::Scene, change: impl Fn(&mut RenderSettings)) -> Vec<Frame> {
+fn frames(scene: diptych::scene::Scene, change: impl Fn(&mut RunConfig)) -> Vec<Frame> {
     let subject = watched(scene);
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     change(&mut settings);
@@ -130,7 +131,7 @@ fn what_stands_still_has_no_pass_for_what_moves_and_the_light_of_what_could_move
     let moving = frames(could.clone(), |_| {});
     assert!(moving.iter().all(|frame| stages(frame) == ["motion"; 2]), "{:?}", stages(&moving[0]));
     assert_all_same("lights that could move", &still[..1], &moving[..1]);
-    let filter = |settings: &mut RenderSettings| settings.stages.filter = Some(Denoiser::ATROUS);
+    let filter = |settings: &mut RunConfig| settings.envelope.most.denoiser = Some(Denoiser::ATROUS);
     let unfiltered = frames(could, filter);
     assert_all_same("lights that could move, without history", &frames(scene.at(0.0), filter), &unfiltered);
     assert!(unfiltered.iter().all(|frame| stages(frame).is_empty()), "nothing reads where surfaces were");

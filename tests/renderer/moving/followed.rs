@@ -54,7 +54,7 @@ fn pixel(view: &View, p: DVec3) -> DVec2 {
 /// Compares motion vectors. At least `least_moved` pixels must be on dynamic geometry.
 fn hold(subject: &Subject, last_s: f64, now_s: f64, least_moved: usize) {
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
-    settings.stages.aovs = vec![Aov::Motion];
+    settings.buffers.aovs = vec![Aov::Motion];
     let mut stage = Stage::alone(subject, &settings);
     stage.frame_at(last_s, 0);
     let centre = {

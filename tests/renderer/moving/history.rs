@@ -1,9 +1,9 @@
 //! Dynamic geometry keeps its history.
 
-use crate::common::{Stage, Subject, is_thorough};
+use crate::common::{Stage, Subject, is_thorough, with};
 use crate::reference::scenes::moving::{self, Draft};
 use crate::reference::scenes::{add_material, add_matte, add_mesh, append, instance, matte, place, quad};
-use diptych::exec::{RenderSettings, Stereo};
+use diptych::exec::Stereo;
 use diptych::image::RgbImage;
 use diptych::passes::Aov;
 use diptych::scene::motion::Target;
@@ -67,16 +67,16 @@ fn error(right: &Stereo<RgbImage>, found: &Stereo<RgbImage>, pixels: &[usize]) -
 
 fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    (settings.seed, settings.stages.spp) = (99, spp);
-    settings.bounces = 2;
+    (settings.seed, settings.envelope.most.spp) = (99, spp);
+    settings.envelope.most.bounces = 2;
     Stage::alone(subject, &settings).frame_at(time_s, 0).linear
 }
 
 /// Returns the last frame of a sequence, with its pixels on the moving and on the static object, at least `inside`
 /// pixels from their borders.
 fn arrived(subject: &Subject, begins_anew: bool, inside: usize) -> (Stereo<RgbImage>, [Vec<usize>; 2]) {
-    let mut settings = RenderSettings { bounces: 2, ..subject.accumulated(WIDTH, HEIGHT) };
-    settings.stages.aovs = vec![Aov::Motion, Aov::Position];
+    let mut settings = with(subject.accumulated(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 2);
+    settings.buffers.aovs = vec![Aov::Motion, Aov::Position];
     let mut stage = Stage::alone(subject, &settings);
     let mut last = None;
     for i in 0..FRAMES {
@@ -129,7 +129,7 @@ fn thin_things_that_move_stay_sharp() {
 #[test]
 fn a_light_that_switches_is_right_four_frames_later() {
     let subject = watched(moving::switched());
-    let settings = RenderSettings { bounces: 2, ..subject.accumulated(WIDTH, HEIGHT) };
+    let settings = with(subject.accumulated(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 2);
     let mut stage = Stage::alone(&subject, &settings);
     let mean = |image: &Stereo<RgbImage>| {
         image.left.pixels.iter().flatten().map(|v| f64::from(*v)).sum::<f64>() / image.left.pixels.len() as f64
@@ -156,7 +156,7 @@ fn a_lamp_that_jumps_is_right_where_it_was_and_where_it_is() {
     let places = [[-1.5, 1.0, 0.5], [1.5, 1.0, 0.5]].concat();
     draft.animate(Target::Translation(lamp), Interpolation::Step, &[0.0, moving::SWITCH_S as f32], &places);
     let subject = watched(draft.done());
-    let settings = RenderSettings { bounces: 2, ..subject.accumulated(WIDTH, HEIGHT) };
+    let settings = with(subject.accumulated(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 2);
     let mut stage = Stage::alone(&subject, &settings);
     let time_s = |i: u32| moving::SWITCH_S + (f64::from(i) - f64::from(FRAMES)) / FPS + 1e-4;
     let frames: Vec<_> = (0..FRAMES + 4).map(|i| stage.frame_at(time_s(i), i).linear).collect();

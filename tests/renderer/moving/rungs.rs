@@ -26,10 +26,11 @@ struct Last {
 /// Renders frames, of which the last has a rung of its own. Frame numbers are `stride` apart.
 fn play(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], stride: u32) -> Last {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
-    let stages = &mut settings.stages;
-    (stages.filter, stages.spp, stages.mixes_spp, stages.sparse) = (Some(denoiser), 3, true, true);
-    stages.declarations = with_outputs(&["gradient", "light_change"]);
-    let iterations = [stages.iterations; 3];
+    let most = &mut settings.envelope.most;
+    (most.denoiser, most.spp, most.scale) = (Some(denoiser), 3, 0.5);
+    let iterations = most.iterations;
+    settings.envelope.mixes_spp = true;
+    settings.buffers.declarations = with_outputs(&["gradient", "light_change"]);
     let mut stage = Stage::alone(subject, &settings);
     for (i, (spp, bounces, scale)) in (0..).zip([rung; BEFORE].into_iter().chain([last])) {
         let denoiser = Some(denoiser);

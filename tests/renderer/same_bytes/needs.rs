@@ -78,9 +78,9 @@ fn code_that_a_scene_does_not_need_changes_no_byte() {
     }
     for (subject, spp) in &cases {
         let mut settings = subject.denoised(32, 18);
-        settings.stages.spp = *spp;
+        settings.envelope.most.spp = *spp;
         let [needed, all] = [needs(subject), SceneNeeds::ALL].map(|needs| {
-            settings.stages.needs = needs;
+            settings.buffers.needs = needs;
             let mut stage = Stage::alone(subject, &settings);
             [0, 1].map(|index| stage.frame(index).linear)
         });

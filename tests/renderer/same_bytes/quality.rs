@@ -1,8 +1,10 @@
 //! Frames whose quality changes.
 
+use diptych::RunConfig;
 use diptych::exec::FrameParams;
 
 use super::*;
+use crate::common::with;
 
 fn quality(denoiser: Denoiser, (spp, bounces, iterations, scale, fovea): Numbers) -> Quality {
     Quality { spp, bounces, denoiser: Some(denoiser), iterations: [iterations; 3], scale, fovea, polar: None }
@@ -18,16 +20,16 @@ const QUALITIES: [Numbers; 6] = [
 ];
 
 fn layers() -> Foveation {
-    Foveation::new([0.4, 0.6].map(|x| Gaze { path: vec![[0.0, x, 0.5]] }), [4; 3])
+    Foveation::new([0.4, 0.6].map(|x| Gaze { path: vec![[0.0, x, 0.5]] }))
 }
 
 /// Renders frames of all [`QUALITIES`].
-fn play(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<Stereo<RgbImage>> {
+fn play(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Stereo<RgbImage>> {
     let mut settings = settings.clone();
-    (settings.stages.spp, settings.stages.mixes_spp, settings.stages.iterations) = (3, true, 4);
-    (settings.stages.sparse, settings.stages.foveation) = (true, Some(layers()));
+    (settings.envelope.most.spp, settings.envelope.mixes_spp, settings.envelope.most.scale) = (3, true, 0.5);
+    foveate(&mut settings, &layers(), [4; 3]);
     let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
-    let denoiser = settings.stages.filter.unwrap();
+    let denoiser = settings.envelope.most.denoiser.unwrap();
     let frame = |(i, numbers): (usize, &Numbers)| {
         let quality = quality(denoiser, *numbers);
         stage.set(move |params| params.quality = quality);
@@ -42,9 +44,12 @@ fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
     let settings = subject.denoised(WIDTH, HEIGHT);
     let (one, two) = (play(&subject, &settings, 1), play(&subject, &settings, 2));
     for (i, (spp, bounces, iterations, scale, fovea)) in QUALITIES.into_iter().enumerate() {
-        let mut fixed = RenderSettings { bounces, scale, ..settings.clone() };
-        (fixed.stages.spp, fixed.stages.iterations, fixed.stages.sparse) = (spp, iterations, scale < 1.0);
-        fixed.stages.foveation = fovea.map(|radii| Foveation { radii, iterations: [iterations; 3], ..layers() });
+        let mut fixed = with(settings.clone(), |config| {
+            config.envelope.most.bounces = bounces;
+            config.envelope.most.scale = scale
+        });
+        (fixed.envelope.most.spp, fixed.envelope.most.iterations) = (spp, [iterations; 3]);
+        (fixed.gaze, fixed.envelope.most.fovea) = (layers().gaze, fovea);
         let expected = Stage::even(&subject, &fixed, 1).frame_at(i as f64 * 0.05, i as u32).linear;
         assert_same(&format!("frame {i} on one device"), &expected, &one[i]);
         assert_same(&format!("frame {i} on two devices"), &expected, &two[i]);
@@ -56,7 +61,7 @@ fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
     let subject = Subject::load("builtin:atrium");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
-        settings.stages.filter = Some(denoiser);
+        settings.envelope.most.denoiser = Some(denoiser);
         let (one, three) = (play(&subject, &settings, 1), play(&subject, &settings, 3));
         for (i, (one, three)) in one.iter().zip(&three).enumerate() {
             assert_same(&format!("{denoiser:?}, frame {i}"), one, three);
@@ -68,7 +73,7 @@ fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
 fn qualities_that_nothing_was_made_ready_for_are_refused() {
     let subject = Subject::load("builtin:cornell");
     let mut settings = subject.denoised(32, 18);
-    (settings.stages.spp, settings.stages.iterations) = (3, 4);
+    (settings.envelope.most.spp, settings.envelope.most.iterations) = (3, [4; 3]);
     let mut stage = Stage::even(&subject, &settings, 1);
     let frame = stage.params(0.0, 0);
     let mut set = |denoiser, numbers| {

@@ -5,7 +5,7 @@ mod moved;
 mod rows;
 mod surfaces;
 
-use crate::common::{Stage, Subject, is_thorough, still_rig};
+use crate::common::{Stage, Subject, foveate, is_thorough, still_rig};
 use crate::reference::Pinhole;
 use diptych::image::RgbImage;
 use diptych::scene::needs::SceneNeeds;
@@ -51,10 +51,10 @@ fn subject(name: &str, scene: Scene, camera: Pinhole) -> Subject {
 /// Renders both eyes of `frames` frames with independent random numbers; every sample must be finite.
 fn renders(subject: &Subject, effort: Effort, sampler: Sampler, frames: u32) -> Vec<RgbImage> {
     let mut settings = subject.settings(effort.size[0], effort.size[1]);
-    settings.bounces = effort.bounces;
+    settings.envelope.most.bounces = effort.bounces;
     settings.seed = effort.seed;
-    settings.stages.spp = effort.spp;
-    settings.stages.sampler = sampler;
+    settings.envelope.most.spp = effort.spp;
+    settings.sampler = sampler;
     let mut stage = Stage::alone(subject, &settings);
     let images: Vec<_> = (0..frames).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
     for pixel in images.iter().flat_map(|image| &image.pixels) {
@@ -92,11 +92,11 @@ fn every_row_is_finite_through_history_and_filters() {
         let subject = subject(row.name, row.scene, row.camera);
         let [width, height] = row.effort.size;
         let mut settings = subject.accumulated(width, height);
-        settings.bounces = row.effort.bounces;
+        settings.envelope.most.bounces = row.effort.bounces;
         // All rows use the same shaders, with specular radiance.
-        settings.stages.needs = SceneNeeds::ALL;
+        settings.buffers.needs = SceneNeeds::ALL;
         let gaze = Gaze { path: vec![[0.0, 0.5, 0.5]] };
-        settings.stages.foveation = Some(Foveation::new([gaze.clone(), gaze], [2, 3, 5]));
+        foveate(&mut settings, &Foveation::new([gaze.clone(), gaze]), [2, 3, 5]);
         let mut stage = Stage::alone(&subject, &settings);
         for frame in 0..3 {
             let linear = stage.frame(frame).linear;
@@ -115,7 +115,7 @@ fn rays_that_are_cut_short_are_counted() {
         let subject = subject(&format!("{count} layers"), scene, camera);
         for spp in [1, 8] {
             let mut settings = subject.settings(8, 8);
-            settings.stages.spp = spp;
+            settings.envelope.most.spp = spp;
             let frame = Stage::alone(&subject, &settings).frame_with_drops(0);
             let wrong = frame.linear.left.pixels.iter().filter(|pixel| **pixel != [1.0; 3]).count();
             let dropped = frame.report.tallies[0].nonfinite;
@@ -135,8 +135,8 @@ fn light_that_overflows_is_dropped_and_counted() {
     for (name, settings) in [("plain", plain), ("denoised", denoised), ("accumulated", accumulated)] {
         for (spp, gloss) in [(1, true), (1, false), (4, true)] {
             let mut settings = settings(&subject, WIDTH, HEIGHT);
-            settings.stages.spp = spp;
-            settings.stages.needs.gloss = gloss;
+            settings.envelope.most.spp = spp;
+            settings.buffers.needs.gloss = gloss;
             let mut stage = Stage::alone(&subject, &settings);
             for frame in 0..3 {
                 let frame = stage.frame_with_drops(frame);

@@ -1,0 +1,52 @@
+//! Configurations of scenes, and the frames that they specify.
+
+use crate::image::Extent;
+use crate::loaded::LoadedScene;
+use crate::passes::{Display, FrameSpec, Views};
+use crate::quality::Envelope;
+use crate::scene::Scene;
+use crate::scene::needs::SceneNeeds;
+use crate::stages::{RunConfig, SceneTables};
+
+impl RunConfig {
+    /// Returns the defaults of `diptych render`: one sample per pixel, six bounces, a reprojected right eye, and SVGF.
+    /// `tables` are those of `scene`.
+    pub fn of_scene(extent: Extent, scene: &Scene, tables: &SceneTables) -> Self {
+        let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(scene) };
+        let mut config = Self::new(extent, needs);
+        config.buffers.moving = tables.moving();
+        config
+    }
+
+    /// Returns the configuration of frames within these bounds, with a reprojected right eye. `extent` is the size of
+    /// each eye's image.
+    ///
+    /// # Errors
+    /// A message if eyes with custom optics would need too large a rectified image.
+    pub fn for_envelope(scene: &LoadedScene, extent: Extent, envelope: Envelope) -> Result<Self, String> {
+        let mut config = Self::of_scene(extent, &scene.scene, &scene.tables);
+        if let Some(optics) = &scene.shot.rig.optics {
+            config.buffers.display = Display::Resampled { projection: optics.rectified(extent)?, is_late: false };
+        }
+        Ok(Self { envelope, gaze: scene.gaze.clone(), exposure_ev: scene.shot.exposure_ev, ..config })
+    }
+
+    /// Returns the spec of a frame on this many devices, with a history if frames keep one. `has_surfaces` is true if
+    /// anything in the scene reflects light.
+    pub fn spec(&self, devices: usize, has_surfaces: bool) -> FrameSpec {
+        let (buffers, most) = (&self.buffers, &self.envelope.most);
+        FrameSpec {
+            views: if buffers.reproject { Views::Reprojected } else { Views::Traced },
+            filter: most.denoiser,
+            sparse: self.leaves_pixels(),
+            iterations: most.most_iterations(),
+            history_rows: self.keeps_history().then_some(0),
+            seam: self.execution.seam,
+            aovs: buffers.aovs.clone(),
+            has_surfaces,
+            moving: buffers.moving.clone(),
+            chain: self.chain(),
+            ..FrameSpec::new(self.grid(), devices)
+        }
+    }
+}

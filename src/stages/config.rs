@@ -1,0 +1,219 @@
+//! Configuration of a run: its images, the qualities that its frames may have, and how devices execute them.
+
+use glam::Vec2;
+use serde::{Deserialize, Serialize};
+
+use super::layout;
+use super::{Foveation, Polar};
+use crate::device::ShaderChecks;
+use crate::graph::{HaloPlan, Seam};
+use crate::image::Extent;
+use crate::passes::{Aov, Declarations, Display, ImageChain, Moving, PolarImage};
+use crate::quality::{Denoiser, Envelope, PolarSpace, Quality};
+use crate::scene::needs::SceneNeeds;
+use crate::scene::shot::Gaze;
+
+/// Source of random numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "snake_case")]
+pub enum Sampler {
+    /// Owen-scrambled Sobol'.
+    #[default]
+    Sobol,
+    /// Independent random numbers (PCG)
+    Pcg,
+}
+
+/// Images of a run, and the passes that write them.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Buffers {
+    /// Extent of each eye's displayed image.
+    pub extent: Extent,
+    /// How the screen image becomes the displayed one. Eyes with custom
+    /// [`optics`](crate::scene::rig::Rig::optics) need a shared projection.
+    pub display: Display,
+    /// Whether the right eye is reprojected from the left one.
+    pub reproject: bool,
+    /// Auxiliary images.
+    pub aovs: Vec<Aov>,
+    /// Shader features that the scene needs.
+    pub needs: SceneNeeds,
+    /// Dynamic geometry of the scene as its tables describe it; `None` for a static scene.
+    pub moving: Option<Moving>,
+    /// Declarations of the frames' passes. They are not sent to other ranks, which get them from their
+    /// [`Host`](crate::exec::ranks::Host).
+    #[serde(skip)]
+    pub declarations: Declarations,
+}
+
+/// How devices execute the frames of a run.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Execution {
+    pub seam: Seam,
+    /// True if the halo plan adapts to its measured cost; otherwise it stays that of `seam`.
+    pub adapts_halo: bool,
+    /// Maximum predicted time of a submission; `None` uses the limit of each device.
+    pub max_dispatch_ms: Option<f64>,
+    /// Maximum number of frames in flight, at least 1.
+    pub frames_in_flight: usize,
+    pub checks: ShaderChecks,
+}
+
+impl Default for Execution {
+    fn default() -> Self {
+        Self {
+            seam: Seam::Halo(HaloPlan::RECOMPUTE),
+            adapts_halo: true,
+            max_dispatch_ms: None,
+            frames_in_flight: 1,
+            checks: ShaderChecks::default(),
+        }
+    }
+}
+
+/// Configuration shared by all frames of a run. Gaze, seed and exposure are defaults of
+/// [`FrameParams`](crate::exec::FrameParams).
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct RunConfig {
+    pub buffers: Buffers,
+    /// Bounds of the qualities that frames may have. A frame has the highest by default.
+    pub envelope: Envelope,
+    pub execution: Execution,
+    pub sampler: Sampler,
+    /// Upper bound of indirect radiance; 0 disables it.
+    pub indirect_clamp: f32,
+    /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_share`].
+    pub unsampled_share: f64,
+    /// Gaze of the left and the right eye.
+    pub gaze: [Gaze; 2],
+    pub seed: u32,
+    /// Exposure of displayed images, in stops.
+    pub exposure_ev: f32,
+}
+
+impl RunConfig {
+    /// Creates the configuration of frames of [`Quality::default`], with a reprojected right eye.
+    pub fn new(extent: Extent, needs: SceneNeeds) -> Self {
+        Self {
+            buffers: Buffers {
+                extent,
+                display: Display::Direct,
+                reproject: true,
+                aovs: Vec::new(),
+                needs,
+                moving: None,
+                declarations: Declarations::default(),
+            },
+            envelope: Quality::default().into(),
+            execution: Execution::default(),
+            sampler: Sampler::default(),
+            indirect_clamp: 0.0,
+            unsampled_share: Foveation::UNSAMPLED_SHARE,
+            gaze: Default::default(),
+            seed: 0,
+            exposure_ev: 0.0,
+        }
+    }
+
+    /// Returns the default quality of frames.
+    pub fn quality(&self) -> Quality {
+        Quality { denoiser: self.denoiser(), ..self.envelope.most }
+    }
+
+    /// Returns the denoiser of all frames, if they are denoised.
+    pub fn denoiser(&self) -> Option<Denoiser> {
+        self.envelope.most.denoiser.filter(|_| self.envelope.most.most_iterations() > 0)
+    }
+
+    /// Returns the foveal layers, if pixels are not all sampled and filtered alike.
+    pub fn foveation(&self) -> Option<Foveation> {
+        let radii = self.envelope.most.fovea?;
+        Some(Foveation { gaze: self.gaze.clone(), radii, unsampled_share: self.unsampled_share })
+    }
+
+    /// Returns the polar projection of the traced images; `None` if these are the screen's own.
+    pub fn polar(&self) -> Option<Polar> {
+        Some(Polar { gaze: self.gaze.clone(), space: self.envelope.most.polar? })
+    }
+
+    /// Returns the images from the traced to the displayed one.
+    pub fn chain(&self) -> ImageChain {
+        ImageChain {
+            polar: self.envelope.most.polar.map(|space| PolarImage { blurs: space.blurs() }),
+            display: self.buffers.display,
+            displayed: self.buffers.extent,
+        }
+    }
+
+    /// Returns the size of the pinhole images: of the shared projection if there is one, otherwise of the displayed
+    /// images.
+    pub fn screen(&self) -> Extent {
+        self.chain().screen()
+    }
+
+    /// Returns the size of the traced images.
+    pub fn grid(&self) -> Extent {
+        self.envelope.most.polar.map_or(self.screen(), |space| space.grid(self.screen()))
+    }
+
+    /// Returns the number of pixels in the traced image of an eye.
+    pub(crate) fn pixels(&self, view: &layout::View) -> u64 {
+        self.envelope.most.polar.map_or(self.grid().area() as u64, |space| space.pixels(view, self.screen()))
+    }
+
+    /// Whether the samples of a frame of `spp` are jittered over the pixel. If not, its single sample goes through the
+    /// centre.
+    pub fn jitter(&self, spp: u32) -> bool {
+        if self.envelope.mixes_spp { spp > 1 } else { self.envelope.most.spp > 1 }
+    }
+
+    /// Returns all values of [`Self::jitter`] that frames may have.
+    pub(super) fn jitters(&self) -> &'static [bool] {
+        match (self.envelope.most.spp > 1, self.envelope.mixes_spp) {
+            (true, true) => &[false, true],
+            (true, false) => &[true],
+            (false, _) => &[false],
+        }
+    }
+
+    /// Returns the sub-pixel position of the rays that represent the whole pixel, in a frame of `spp`. If frames keep a
+    /// history and are not jittered, it follows the R2 sequence (Roberts, "The Unreasonable Effectiveness of
+    /// Quasirandom Sequences", 2018). Frames before the first count back from 2^32.
+    pub fn centre(&self, frame: u32, spp: u32) -> Vec2 {
+        if self.jitter(spp) || !self.keeps_history() {
+            return Vec2::splat(0.5);
+        }
+        let at = |step: f64| (0.5 + f64::from(frame.cast_signed()) * step).rem_euclid(1.0) as f32;
+        Vec2::new(at(0.754_877_666_246_692_8), at(0.569_840_290_998_053_3))
+    }
+
+    /// Whether pixels may be left unsampled for the filter to fill. A stage then lists the sampled ones.
+    pub fn leaves_pixels(&self) -> bool {
+        self.envelope.most.scale < 1.0 || self.envelope.most.fovea.is_some()
+    }
+
+    /// Whether frames keep a history for the next.
+    pub fn keeps_history(&self) -> bool {
+        self.denoiser().is_some_and(Denoiser::keeps_history)
+    }
+
+    /// Whether the filter is given variances, and specular radiance separate from diffuse radiance.
+    fn is_guided_by_variance(&self) -> bool {
+        self.denoiser().is_some_and(|denoiser| denoiser.method().needs_variance())
+    }
+
+    pub(super) fn constants(&self, jitter: bool) -> Vec<(&'static str, bool)> {
+        let mut constants = Vec::from(self.buffers.needs.constants());
+        constants.push(("SOBOL", self.sampler == Sampler::Sobol));
+        constants.push(("HAS_GLOSS", self.buffers.needs.gloss && self.is_guided_by_variance()));
+        constants.push(("JITTER", jitter));
+        constants.push(("MEASURES_VARIANCE", jitter && self.is_guided_by_variance()));
+        constants.push(("HAS_MOTION", self.buffers.moving.is_some()));
+        constants.push(("FOVEATED", self.envelope.most.fovea.is_some()));
+        constants.push(("SPARSE", self.leaves_pixels()));
+        constants.push(("POLAR", self.envelope.most.polar.is_some()));
+        constants.push(("LOG_POLAR", matches!(self.envelope.most.polar, Some(PolarSpace::Log(_)))));
+        constants
+    }
+}
