@@ -201,7 +201,7 @@ impl Renderer {
     }
 
     /// Renders a frame like [`Self::render`], but with this range of samples from a sequence per pixel: at most
-    /// [`Quality::spp`] of the envelope's bounds.
+    /// [`spp`](crate::quality::Quality::spp) of the envelope's bounds.
     ///
     /// # Errors
     /// Those of [`Self::finish`].
