@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::constants::shown_later;
 use crate::image::Extent;
 use crate::scene::rig::Rig;
+use crate::stages::frame_constants::shown_later;
 use crate::stages::layout;
 
 /// Predicts the head pose at the time when the frame of this number is displayed. Only the first key of the rig counts.

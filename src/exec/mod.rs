@@ -4,18 +4,15 @@
 
 mod builder;
 mod channels;
-mod constants;
 mod costs;
 mod error;
 mod faults;
 mod frames;
-mod history;
 mod inputs;
 mod late;
 mod ledger;
 mod messages;
 mod output;
-mod params;
 mod plan;
 mod planner;
 mod pose_source;
@@ -42,10 +39,10 @@ pub mod protocol {
     pub use super::worker::script::{Outgoing, Script, Step};
 }
 
+pub use crate::stages::FrameParams;
 pub use builder::{BuildError, Builder};
 pub use error::ExecError;
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
 pub use late::{PoseSource, SampledPose};
-pub use params::FrameParams;
 pub use renderer::Renderer;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};

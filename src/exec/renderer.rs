@@ -4,9 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::constants::{Samples, constants};
 use super::frames::{Attempt, Finished, Frames, InFlight, Whole};
-use super::history::history_rows;
 use super::inputs::Inputs;
 use super::late::PoseSource;
 use super::output::Output;
@@ -20,6 +18,8 @@ use crate::graph::{FrameGraph, Resource};
 use crate::image::Extent;
 use crate::scene::rig::Rig;
 use crate::schedule::{CostModel, Effort, FrameCosts, Policy, cuts, simulate};
+use crate::stages::frame_constants::{Samples, constants};
+use crate::stages::search_range::history_rows;
 use crate::stages::{Foveation, Place, Polar, RunConfig, SceneTables, StageError, layout};
 
 /// Renders frames on a set of devices.

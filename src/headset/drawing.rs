@@ -111,7 +111,7 @@ impl Painter {
         let format = format.remove_srgb_suffix();
         let is_depth = format.is_depth_stencil_format();
         let targets = [Some(format.into())];
-        let module = device.create_shader_module(wgpu::include_wgsl!("pixels.wgsl"));
+        let module = device.create_shader_module(wgpu::include_wgsl!("../../shaders/present/pixels.wgsl"));
         let pipeline = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some("headset"),
             layout: None,

@@ -6,7 +6,7 @@
 
 use super::Pair;
 use super::rings::Viewing;
-use crate::stages::acuity;
+use crate::quality::acuity::acuity;
 
 /// Eccentricity at which acuity has fallen to one half.
 const HALF_ACUITY_DEG: f64 = 2.3;

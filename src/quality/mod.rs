@@ -1,5 +1,6 @@
 //! The quality of a frame, shared by ladders, reports, traces, the grid of `bench` and the renderer.
 
+pub mod acuity;
 mod envelope;
 mod polar;
 

@@ -13,7 +13,6 @@ use crate::scene::rig::{self, Eye};
 use crate::scene::shot::Gaze;
 
 pub use place::PolarPlace;
-pub use visual::{FOVEA_DEG, acuity};
 
 /// Polar projection around a gaze that may move with every frame.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

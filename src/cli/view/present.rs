@@ -281,7 +281,7 @@ fn pipeline(
 ) -> wgpu::RenderPipeline {
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("picture"),
-        source: wgpu::ShaderSource::Wgsl(include_str!("picture.wgsl").into()),
+        source: wgpu::ShaderSource::Wgsl(include_str!("../../../shaders/present/picture.wgsl").into()),
     });
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some("picture"),

@@ -12,10 +12,9 @@ use glam::{DVec3, Vec3};
 
 use super::place::PolarPlace;
 use crate::image::Extent;
+use crate::quality::acuity::{FOVEA_DEG, acuity};
 use crate::stages::layout::View;
 
-/// Eccentricity at which acuity begins to fall, degrees.
-pub const FOVEA_DEG: f64 = 5.79;
 /// Maximum fraction of an image's rings that are shortened; shaders use the same value.
 const MOST_SHORT: f64 = 0.5;
 /// Least eccentricity assumed for the outermost ring, degrees.
@@ -24,12 +23,6 @@ const LEAST_DEG: f64 = 1e-6;
 const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
 /// Factor of the integral of acuity over a disc, square degrees.
 const ACUITY_SUM: f64 = 2.0 * PI * (449.4 / 60.0) / (0.3 * 0.3);
-
-/// Returns the acuity at an eccentricity relative to that of the fovea: 60 cycles per degree in the fovea, and 449.4 /
-/// (0.3 e + 1)² at e degrees outside.
-pub fn acuity(degrees: f64) -> f64 {
-    if degrees < FOVEA_DEG { 1.0 } else { 449.4 / 60.0 / (0.3 * degrees + 1.0).powi(2) }
-}
 
 /// Integrates relative acuity over the disc within `degrees`, which are at least those of the fovea; square degrees.
 fn acuity_within(degrees: f64) -> f64 {

@@ -5,8 +5,9 @@ use std::f64::consts::PI;
 use glam::{DVec2, DVec3, Vec3};
 use obvhs::aabb::Aabb;
 
-use crate::stages::layout::{Camera, View};
-use crate::stages::{FOVEA_DEG, SceneTables};
+use super::SceneTables;
+use super::layout::{Camera, View};
+use crate::quality::acuity::FOVEA_DEG;
 
 /// Granularity of the search range, so that graphs can be reused while a camera moves.
 const STEP_ROWS: u32 = 4;

@@ -4,12 +4,11 @@ use std::ops::Range;
 
 use glam::{DMat3, DVec3};
 
-use super::FrameParams;
+use super::{FrameParams, RunConfig, SceneTables, layout};
 use crate::image::Extent;
 use crate::passes::Display;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
-use crate::stages::{RunConfig, SceneTables, layout};
 
 /// Samples that a frame takes from the sequences of its pixels.
 pub enum Samples {

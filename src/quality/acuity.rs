@@ -1,0 +1,10 @@
+//! Visual acuity by eccentricity (Koskela et al. 2019, "Foveated Real-Time Path Tracing in Visual-Polar Space").
+
+/// Eccentricity at which acuity begins to fall, degrees.
+pub const FOVEA_DEG: f64 = 5.79;
+
+/// Returns the acuity at an eccentricity relative to that of the fovea: 60 cycles per degree in the fovea, and 449.4 /
+/// (0.3 e + 1)² at e degrees outside.
+pub fn acuity(degrees: f64) -> f64 {
+    if degrees < FOVEA_DEG { 1.0 } else { 449.4 / 60.0 / (0.3 * degrees + 1.0).powi(2) }
+}
