@@ -62,10 +62,7 @@ impl Graphs {
         let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
         let found = latest.iter().position(|(old, _)| old == plan).map(|place| latest.remove(place));
         let (plan, graph) = found.unwrap_or_else(|| {
-            let spec = self.spec(plan);
-            let alike = latest.iter().rev().find(|(old, _)| self.spec(old) == spec);
-            let program = alike.map(|(_, graph)| Arc::clone(&graph.program));
-            let program = program.unwrap_or_else(|| self.declarations.program(&spec));
+            let program = self.declarations.program(&self.spec(plan));
             let before = plan.history.as_ref().map(|history| (&history.before, &history.lost[..]));
             let is_read = |image: &Resource| {
                 let is_listed = |outputs: &Vec<Output>| outputs.contains(&Output::from(*image));

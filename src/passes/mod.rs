@@ -21,7 +21,7 @@ mod tally;
 pub mod tonemap;
 
 use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 pub use aov::Aov;
 pub use auxiliary::{STAGES as AOVS, image as aov_image};
@@ -97,9 +97,19 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
 
 type Declare = dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync;
 
-/// Function that declares the passes of a frame.
+/// Function that declares the passes of a frame, and owner of the programs built from them. Clones share both.
 #[derive(Clone)]
-pub struct Declarations(Arc<Declare>);
+pub struct Declarations(Arc<Shared>);
+
+struct Shared {
+    declare: Box<Declare>,
+    /// Programs of the latest specs, the most recently used last.
+    programs: Mutex<Vec<(FrameSpec, Arc<Program>)>>,
+}
+
+/// Maximum number of programs that [`Declarations`] keeps: iterations of the denoiser and search ranges of its history
+/// vary over frames.
+const KEPT_PROGRAMS: usize = 32;
 
 impl Default for Declarations {
     /// The renderer's own declarations.
@@ -116,7 +126,7 @@ impl fmt::Debug for Declarations {
 
 impl Declarations {
     pub fn new(declare: impl Fn(&FrameSpec) -> Vec<Pass> + Send + Sync + 'static) -> Self {
-        Self(Arc::new(declare))
+        Self(Arc::new(Shared { declare: Box::new(declare), programs: Mutex::default() }))
     }
 
     /// Builds the program of a frame.
@@ -124,15 +134,25 @@ impl Declarations {
     /// # Errors
     /// [`ProgramError`] if passes contradict one another.
     pub fn check(&self, spec: &FrameSpec) -> Result<Program, ProgramError> {
-        Program::new(spec.extent, spec.seam, (self.0)(spec))
+        Program::new(spec.extent, spec.seam, (self.0.declare)(spec))
     }
 
-    /// Builds the program of a frame from declarations that have been checked.
+    /// Returns the program of a frame from declarations that have been checked. It is built unless it is kept.
     ///
     /// # Panics
     /// If passes contradict one another.
     pub fn program(&self, spec: &FrameSpec) -> Arc<Program> {
-        Arc::new(self.check(spec).unwrap_or_else(|e| panic!("passes contradict one another: {e}")))
+        let mut programs = self.0.programs.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = programs.iter().position(|(known, _)| known == spec).map(|place| programs.remove(place));
+        let (spec, program) = found.unwrap_or_else(|| {
+            let program = self.check(spec).unwrap_or_else(|e| panic!("passes contradict one another: {e}"));
+            (spec.clone(), Arc::new(program))
+        });
+        programs.push((spec, Arc::clone(&program)));
+        if programs.len() > KEPT_PROGRAMS {
+            programs.remove(0);
+        }
+        program
     }
 
     /// Builds programs that together cover every pass and image of a run. Frames may differ in iterations, up to those
