@@ -7,11 +7,11 @@ use std::sync::Arc;
 use petgraph::Direction;
 use petgraph::graph::{DiGraph, NodeIndex};
 
-use super::parcels::{Parcel, trips};
 use super::program::{Linked, Program};
 use super::resource::{Resource, Scope};
 use super::rows::{overlap, scale, share, subtract, widen};
 use super::task::{Key, Task, TaskKind};
+use super::transfer_batches::{TransferBatch, trips};
 use super::{Assignment, Dispatch};
 use crate::scene::rig::Eye;
 
@@ -151,7 +151,7 @@ struct Builder<'a> {
     /// The transfers of the consumer that is being added.
     moved: Vec<Transfer>,
     /// Transfer batches of earlier consumers, each with its transfers.
-    parcels: Vec<(Parcel, Vec<Transfer>)>,
+    batches: Vec<(TransferBatch, Vec<Transfer>)>,
 }
 
 /// The download and the upload of a transfer.
@@ -175,7 +175,7 @@ impl<'a> Builder<'a> {
             transfers: 0,
             serial: 0,
             moved: Vec::new(),
-            parcels: Vec::new(),
+            batches: Vec::new(),
         }
     }
 
@@ -334,24 +334,24 @@ impl<'a> Builder<'a> {
     /// Groups the transfers of the consumer just added into one batch per source device. One submission per transfer
     /// would gain nothing.
     fn close_parcels(&mut self, due: u32) {
-        let mut of_devices: BTreeMap<usize, (Parcel, Vec<Transfer>)> = BTreeMap::new();
+        let mut of_devices: BTreeMap<usize, (TransferBatch, Vec<Transfer>)> = BTreeMap::new();
         for transfer in self.moved.drain(..) {
             let task = &self.dag[transfer.down];
             let TaskKind::Download { image, .. } = task.kind else { continue };
             let row_bytes = self.program.images()[image].resource.row_bytes(self.program.extent);
-            let (parcel, transfers) =
-                of_devices.entry(task.device).or_insert((Parcel { ready: 0, due, bytes: 0 }, vec![]));
-            parcel.ready = parcel.ready.max(task.key.pass);
-            parcel.bytes += row_bytes * u64::from(task.rows.end - task.rows.start);
+            let (batch, transfers) =
+                of_devices.entry(task.device).or_insert((TransferBatch { ready: 0, due, bytes: 0 }, vec![]));
+            batch.ready = batch.ready.max(task.key.pass);
+            batch.bytes += row_bytes * u64::from(task.rows.end - task.rows.start);
             transfers.push(transfer);
         }
-        self.parcels.extend(of_devices.into_values());
+        self.batches.extend(of_devices.into_values());
     }
 
     /// Schedules the transfer batches. `end` is one past the last pass.
     fn dispatch_parcels(&mut self, end: u32) {
-        let (parcels, transfers): (Vec<_>, Vec<_>) = self.parcels.drain(..).unzip();
-        for (trip, transfers) in trips(&parcels, end).into_iter().zip(transfers) {
+        let (batches, transfers): (Vec<_>, Vec<_>) = self.batches.drain(..).unzip();
+        for (trip, transfers) in trips(&batches, end).into_iter().zip(transfers) {
             for Transfer { down, up } in transfers {
                 self.dag[down].key.pass = trip.leaves_behind;
                 self.dag[up].key.pass = trip.arrives_before;

@@ -8,7 +8,7 @@
 mod build;
 mod halo;
 mod launch;
-mod parcels;
+mod transfer_batches;
 mod pass;
 mod program;
 mod resource;

@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::scene::rig::Eye;
 
 /// Position of a task in the common order that all devices follow. Downloads come after their producer and uploads
-/// before their consumer; `parcels.rs` picks the passes between the two. Every edge of the graph goes from a smaller
+/// before their consumer; `batches.rs` picks the passes between the two. Every edge of the graph goes from a smaller
 /// key to a larger one, so workers that execute their tasks in key order cannot deadlock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Key {

@@ -7,7 +7,7 @@ const FEW_BYTES: u64 = 64 << 10;
 
 /// A transfer batch: the rows that one task waits for from one device.
 #[derive(Clone, Copy, Debug)]
-pub struct Parcel {
+pub struct TransferBatch {
     /// The pass that writes the last of the rows.
     pub ready: u32,
     /// The pass that reads the rows.
@@ -25,8 +25,8 @@ pub struct Trip {
 }
 
 /// Schedules each transfer batch. `end` is one past the last pass.
-pub fn trips(parcels: &[Parcel], end: u32) -> Vec<Trip> {
-    let is_large = |parcel: &&Parcel| parcel.bytes >= FEW_BYTES;
+pub fn trips(batches: &[TransferBatch], end: u32) -> Vec<Trip> {
+    let is_large = |batch: &&TransferBatch| batch.bytes >= FEW_BYTES;
     // Passes before which submissions are split, in order. All devices also stop at `end`.
     let mut stops = vec![end];
     let stop_at = |stops: &mut Vec<u32>, pass| {
@@ -34,26 +34,26 @@ pub fn trips(parcels: &[Parcel], end: u32) -> Vec<Trip> {
             stops.insert(place, pass);
         }
     };
-    for parcel in parcels.iter().filter(is_large) {
-        stop_at(&mut stops, parcel.ready + 1);
-        stop_at(&mut stops, parcel.due);
+    for batch in batches.iter().filter(is_large) {
+        stop_at(&mut stops, batch.ready + 1);
+        stop_at(&mut stops, batch.due);
     }
     // Keeps stops few: in order of `due`, a small batch without a stop gets one as late as possible.
-    let mut small: Vec<&Parcel> = parcels.iter().filter(|parcel| !is_large(parcel)).collect();
-    small.sort_by_key(|parcel| parcel.due);
-    for parcel in small {
-        let next = stops.partition_point(|&stop| stop <= parcel.ready);
-        if stops.get(next).is_none_or(|&stop| stop > parcel.due) {
-            stop_at(&mut stops, parcel.due);
+    let mut small: Vec<&TransferBatch> = batches.iter().filter(|batch| !is_large(batch)).collect();
+    small.sort_by_key(|batch| batch.due);
+    for batch in small {
+        let next = stops.partition_point(|&stop| stop <= batch.ready);
+        if stops.get(next).is_none_or(|&stop| stop > batch.due) {
+            stop_at(&mut stops, batch.due);
         }
     }
-    let trip = |parcel: &Parcel| {
-        let stops = &stops[stops.partition_point(|&stop| stop <= parcel.ready)..];
+    let trip = |batch: &TransferBatch| {
+        let stops = &stops[stops.partition_point(|&stop| stop <= batch.ready)..];
         let first = stops.first().copied().unwrap_or(end);
-        let last = stops[..stops.partition_point(|&stop| stop <= parcel.due)].last().copied().unwrap_or(first);
+        let last = stops[..stops.partition_point(|&stop| stop <= batch.due)].last().copied().unwrap_or(first);
         Trip { leaves_behind: first - 1, arrives_before: last }
     };
-    parcels.iter().map(trip).collect()
+    batches.iter().map(trip).collect()
 }
 
 #[cfg(test)]
@@ -62,9 +62,10 @@ mod tests {
 
     const END: u32 = 20;
 
-    fn trips_of(parcels: &[(u32, u32, u64)]) -> Vec<(u32, u32)> {
-        let parcels: Vec<Parcel> = parcels.iter().map(|&(ready, due, bytes)| Parcel { ready, due, bytes }).collect();
-        trips(&parcels, END).iter().map(|trip| (trip.leaves_behind, trip.arrives_before)).collect()
+    fn trips_of(batches: &[(u32, u32, u64)]) -> Vec<(u32, u32)> {
+        let batches: Vec<TransferBatch> =
+            batches.iter().map(|&(ready, due, bytes)| TransferBatch { ready, due, bytes }).collect();
+        trips(&batches, END).iter().map(|trip| (trip.leaves_behind, trip.arrives_before)).collect()
     }
 
     #[test]
@@ -90,13 +91,13 @@ mod tests {
             (random >> 8) % most
         };
         for count in 0..200 {
-            let parcel = |_| {
+            let batch = |_| {
                 let ready = below(END - 1);
                 let due = (ready + 1 + below(END)).min(END);
-                Parcel { ready, due, bytes: u64::from(below(2)) * FEW_BYTES }
+                TransferBatch { ready, due, bytes: u64::from(below(2)) * FEW_BYTES }
             };
-            let parcels: Vec<Parcel> = (0..count % 20).map(parcel).collect();
-            for (Parcel { ready, due, bytes }, trip) in parcels.iter().zip(trips(&parcels, END)) {
+            let batches: Vec<TransferBatch> = (0..count % 20).map(batch).collect();
+            for (TransferBatch { ready, due, bytes }, trip) in batches.iter().zip(trips(&batches, END)) {
                 let Trip { leaves_behind, arrives_before } = trip;
                 assert!(
                     *ready <= leaves_behind && leaves_behind < arrives_before && arrives_before <= *due,
