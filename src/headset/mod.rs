@@ -18,7 +18,7 @@ mod pose;
 mod runtime;
 mod sample;
 mod session;
-mod walk;
+mod locomotion;
 
 pub use drawing::Pixels;
 pub use error::HeadsetError;
@@ -26,7 +26,7 @@ pub use frame::{HeadsetFrame, Next, Picture, Shown};
 pub use input::Input;
 pub use late::{HeadSample, Locator};
 pub use lifecycle::State;
+pub use locomotion::Locomotion;
 pub use panel::Panel;
 pub use runtime::Runtime;
 pub use session::Headset;
-pub use walk::Walk;

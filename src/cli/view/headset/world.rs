@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use crate::exec::PoseSource;
-use crate::headset::{HeadSample, HeadsetError, HeadsetFrame, Locator, Walk};
+use crate::headset::{HeadSample, HeadsetError, HeadsetFrame, Locator, Locomotion};
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::scene::head::{HeadPose, Space};
@@ -29,7 +29,7 @@ pub struct World {
     is_plain: bool,
     /// Overscan on every side, degrees; 0 turns late reprojection off.
     border_deg: f64,
-    walk: Walk,
+    locomotion: Locomotion,
     speed_m_per_s: f64,
     before: Option<Instant>,
 }
@@ -40,16 +40,16 @@ impl World {
         let space = loaded.space.with_eyes(eyes).map_err(HeadsetError::Eyes)?;
         let shot = loaded.shot.rig.clone();
         let speed_m_per_s = speed_per_s(&loaded.scene) * shot.metres_per_unit;
-        let walk = Walk::default();
+        let locomotion = Locomotion::default();
         let is_plain = border_deg <= 0.0 && space.rig_at(HeadPose::default(), &shot).plain_at(size).optics.is_none();
-        let world = Self { shot, space, eyes, size, is_plain, border_deg, walk, speed_m_per_s, before: None };
+        let world = Self { shot, space, eyes, size, is_plain, border_deg, locomotion, speed_m_per_s, before: None };
         loaded.space = space;
         loaded.shot.rig = world.rig(HeadPose::default());
         Ok(world)
     }
 
     fn rig(&self, head: HeadPose) -> Rig {
-        let rig = self.space.rig_at(self.walk.placed(head), &self.shot);
+        let rig = self.space.rig_at(self.locomotion.placed(head), &self.shot);
         if self.is_plain {
             return Rig { optics: None, ..rig };
         }
@@ -66,9 +66,9 @@ impl World {
     pub fn rig_of(&mut self, frame: &HeadsetFrame) -> Result<Rig, Failure> {
         let (now, is_first) = (Instant::now(), self.before.is_none());
         let passed_s = self.before.replace(now).map_or(0.0, |before| (now - before).as_secs_f64().min(LONGEST_STEP_S));
-        self.walk.go(frame.head, frame.input.stick, self.speed_m_per_s, passed_s);
+        self.locomotion.go(frame.head, frame.input.stick, self.speed_m_per_s, passed_s);
         if is_first || frame.input.recentres {
-            self.walk.recentre(frame.head);
+            self.locomotion.recentre(frame.head);
         }
         if frame.eyes != self.eyes {
             self.space = self.space.with_eyes(frame.eyes).map_err(HeadsetError::Eyes)?;

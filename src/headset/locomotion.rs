@@ -9,11 +9,11 @@ const DEAD_ZONE: f64 = 0.15;
 
 /// Transform from the session's space to the shot's. Both are level, and it keeps them level.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Walk {
+pub struct Locomotion {
     origin: HeadPose,
 }
 
-impl Walk {
+impl Locomotion {
     /// Converts a head pose from the session's space to the shot's.
     pub fn placed(&self, head: HeadPose) -> HeadPose {
         self.origin.then(head)
@@ -72,34 +72,34 @@ mod tests {
 
     #[test]
     fn one_goes_ahead_where_one_looks_and_stays_level() {
-        let mut walk = Walk::default();
+        let mut locomotion = Locomotion::default();
         let looks_left_and_down = head([0.0, 1.6, 0.0], FRAC_PI_2, -0.7);
-        walk.go(looks_left_and_down, [0.0, 1.0], 2.0, 0.5);
-        let at = walk.placed(looks_left_and_down).position_m;
+        locomotion.go(looks_left_and_down, [0.0, 1.0], 2.0, 0.5);
+        let at = locomotion.placed(looks_left_and_down).position_m;
         assert!((at - DVec3::new(-1.0, 1.6, 0.0)).length() < 1e-9, "{at}");
-        walk.go(looks_left_and_down, [1.0, 0.0], 2.0, 0.5);
-        let at = walk.placed(looks_left_and_down).position_m;
+        locomotion.go(looks_left_and_down, [1.0, 0.0], 2.0, 0.5);
+        let at = locomotion.placed(looks_left_and_down).position_m;
         assert!((at - DVec3::new(-1.0, 1.6, -1.0)).length() < 1e-9, "{at}");
         let before = at;
         for nothing in [[0.0, 0.0], [0.1, -0.1], [f64::NAN, 0.0]] {
-            walk.go(looks_left_and_down, nothing, 2.0, 0.5);
+            locomotion.go(looks_left_and_down, nothing, 2.0, 0.5);
         }
-        assert_eq!(walk.placed(looks_left_and_down).position_m, before);
-        walk.go(looks_left_and_down, [1.0, 1.0], 1.0, 1.0);
-        let went = walk.placed(looks_left_and_down).position_m - before;
+        assert_eq!(locomotion.placed(looks_left_and_down).position_m, before);
+        locomotion.go(looks_left_and_down, [1.0, 1.0], 1.0, 1.0);
+        let went = locomotion.placed(looks_left_and_down).position_m - before;
         assert!((went.length() - 1.0).abs() < 1e-9, "diagonals are no faster: {went}");
     }
 
     #[test]
     fn recentring_brings_the_head_back_and_keeps_how_it_is_tilted() {
-        let mut walk = Walk::default();
-        walk.go(head([0.0; 3], 0.3, 0.0), [0.2, 0.9], 3.0, 1.0);
+        let mut locomotion = Locomotion::default();
+        locomotion.go(head([0.0; 3], 0.3, 0.0), [0.2, 0.9], 3.0, 1.0);
         let tilted = head([1.0, 0.2, -2.0], 1.1, 0.4);
-        walk.recentre(tilted);
-        let HeadPose { position_m, orientation } = walk.placed(tilted);
+        locomotion.recentre(tilted);
+        let HeadPose { position_m, orientation } = locomotion.placed(tilted);
         assert!(position_m.length() < 1e-9, "{position_m}");
         assert!(orientation.abs_diff_eq(DQuat::from_rotation_x(0.4), 1e-9), "{orientation}");
-        walk.go(tilted, [0.0, 1.0], 1.0, 1.0);
-        assert!((walk.placed(tilted).position_m - DVec3::NEG_Z).length() < 1e-9);
+        locomotion.go(tilted, [0.0, 1.0], 1.0, 1.0);
+        assert!((locomotion.placed(tilted).position_m - DVec3::NEG_Z).length() < 1e-9);
     }
 }
