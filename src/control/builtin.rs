@@ -7,7 +7,7 @@ use crate::graph::Stage;
 use crate::passes::gbuffer::STAGE as GBUFFER;
 use crate::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
 use crate::quality::{Denoiser, Quality};
-use crate::schedule::Effort;
+use crate::schedule::RelativeCost;
 
 /// Samples per pixel and bounces of the candidates, and iterations of those with a filter.
 pub const SPP: [u32; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
@@ -81,14 +81,14 @@ pub fn guessed_paths(quality: &Quality) -> f64 {
 }
 
 /// Estimates the relative cost of tracing at a quality without measurements.
-pub fn guessed_effort(quality: &Quality) -> Effort {
-    Effort::new([PATH_TRACE, HOLE_FILL].map(|stage| (stage, guessed_paths(quality))))
+pub fn guessed_relative_cost(quality: &Quality) -> RelativeCost {
+    RelativeCost::new([PATH_TRACE, HOLE_FILL].map(|stage| (stage, guessed_paths(quality))))
 }
 
 /// Returns the relative cost of tracing on each rung, from the rungs' measured times if all have them, otherwise
 /// estimated. A rung's cost of paths does not depend on the other rungs, so costs learned with one set of rungs hold
 /// for another.
-pub fn efforts(rungs: &[Rung]) -> Vec<Effort> {
+pub fn relative_costs(rungs: &[Rung]) -> Vec<RelativeCost> {
     let paths = PATH_TRACE.name();
     let are_timed = rungs.iter().all(|r| r.stage_ms.get(paths).is_some_and(|ms| *ms > 0.0));
     let Some(first) = rungs.first() else { return Vec::new() };
@@ -98,8 +98,8 @@ pub fn efforts(rungs: &[Rung]) -> Vec<Effort> {
         Some((stage, ms(rung)? / unit))
     };
     let of = |rung: &Rung| match are_timed {
-        true => Effort::new(TRACING.into_iter().filter_map(|stage| measured(rung, stage))),
-        false => guessed_effort(&rung.quality),
+        true => RelativeCost::new(TRACING.into_iter().filter_map(|stage| measured(rung, stage))),
+        false => guessed_relative_cost(&rung.quality),
     };
     rungs.iter().map(of).collect()
 }
@@ -140,8 +140,8 @@ mod tests {
     }
 
     #[test]
-    fn efforts_are_measured_where_all_rungs_are() {
-        let of = |rungs: &[Rung]| efforts(rungs).iter().map(|e| e.of(PATH_TRACE)).collect::<Vec<_>>();
+    fn relative_costs_are_measured_where_all_rungs_are() {
+        let of = |rungs: &[Rung]| relative_costs(rungs).iter().map(|e| e.of(PATH_TRACE)).collect::<Vec<_>>();
         assert_eq!(of(&[rung(1, 1, Some(2.0)), rung(4, 1, Some(9.0))]), [2.0, 9.0]);
         assert_eq!(of(&[rung(1, 1, Some(2.0)), rung(4, 2, None)]), [2.0, 12.0]);
     }

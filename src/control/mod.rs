@@ -14,7 +14,9 @@ mod ladder;
 mod rung;
 
 pub use budget::{Budget, BudgetError};
-pub use builtin::{BOUNCES, ESTIMATES_EV, TRACING, candidates, efforts, guessed_effort, guessed_error, guessed_paths};
+pub use builtin::{
+    BOUNCES, ESTIMATES_EV, TRACING, candidates, guessed_error, guessed_paths, guessed_relative_cost, relative_costs,
+};
 pub use controller::{CLIMB_BACK_AFTER, CLIMB_EVERY, Controller, Decision, Predict};
 pub use front::{front, mean_error};
 pub use ladder::{Ladder, LadderError, MIN_STEP, Origin, STEEPEST};

@@ -7,7 +7,7 @@ use obvhs::aabb::Aabb;
 use super::late::Late;
 use super::output::Output;
 use crate::quality::Quality;
-use crate::schedule::Effort;
+use crate::schedule::RelativeCost;
 use crate::stages::{Place, SceneUpdate, layout};
 
 /// Inputs of a frame. They are kept so that it can be rendered again after a device failure.
@@ -16,7 +16,7 @@ pub struct Inputs {
     pub constants: layout::Frame,
     pub quality: Quality,
     /// Relative cost of its stages, compared with other qualities.
-    pub effort: Effort,
+    pub relative_cost: RelativeCost,
     /// Constants of the previous frame.
     pub previous: layout::Previous,
     /// Changes to the scene tables.

@@ -122,7 +122,7 @@ impl Planner {
         history: Option<History>,
     ) -> (Plan, Arc<FrameGraph>) {
         let iterations = inputs.quality.most_iterations();
-        costs.set_quality(iterations, &inputs.effort);
+        costs.set_quality(iterations, &inputs.relative_cost);
         self.plan_halo(costs, left);
         let mut assignment = self.policy.assign(&costs.of_devices(left)).renumbered(left, self.devices);
         if inputs.late.is_some() {

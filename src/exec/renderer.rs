@@ -17,7 +17,7 @@ use crate::device::{DeviceFailure, DeviceInfo, Traversal};
 use crate::graph::{FrameGraph, Resource};
 use crate::image::Extent;
 use crate::scene::rig::Rig;
-use crate::schedule::{CostModel, Effort, FrameCosts, Policy, cuts, simulate};
+use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, cuts, simulate};
 use crate::stages::frame_constants::{Samples, constants};
 use crate::stages::search_range::history_rows;
 use crate::stages::{Foveation, Place, Polar, RunConfig, SceneTables, StageError, layout};
@@ -26,7 +26,7 @@ use crate::stages::{Foveation, Place, Polar, RunConfig, SceneTables, StageError,
 pub struct Renderer {
     pub(super) config: RunConfig,
     /// Relative cost of the stages of frames that begin from now on.
-    effort: Effort,
+    relative_cost: RelativeCost,
     pub(super) tables: Arc<SceneTables>,
     devices: Vec<DeviceInfo>,
     /// Maximum predicted time of a submission, by device.
@@ -76,7 +76,7 @@ impl Renderer {
         let max_dispatch_ms = bounds_ms.map(|bound_ms| config.execution.max_dispatch_ms.or(bound_ms)).collect();
         let (workers, devices) = WorkerPool::start(devices, &config, &tables, &graphs, origin)?;
         Ok(Self {
-            effort: Effort::default(),
+            relative_cost: RelativeCost::default(),
             config,
             tables,
             devices,
@@ -150,8 +150,8 @@ impl Renderer {
 
     /// Sets the relative cost of the stages of frames begun from now on. With it, the cost model can compare frames of
     /// different quality.
-    pub fn set_effort(&mut self, effort: Effort) {
-        self.effort = effort;
+    pub fn set_relative_cost(&mut self, relative_cost: RelativeCost) {
+        self.relative_cost = relative_cost;
     }
 
     /// Returns the faults of the dropped devices, in order.
@@ -233,11 +233,11 @@ impl Renderer {
         let place = Place::of(self.begun, self.config.execution.frames_in_flight);
         self.begun += 1;
         let reads: Arc<[Output]> = reads.iter().map(|image| Output::from(*image)).collect();
-        let effort = self.effort.clone();
+        let relative_cost = self.relative_cost.clone();
         let outputs = self.outputs.as_ref().map(|outputs| outputs.iter().chain(&*reads).cloned().collect());
         let late = self.late(params);
         let inputs =
-            Inputs { constants, quality, effort, previous, update, moved, time_s, place, reads, outputs, late };
+            Inputs { constants, quality, relative_cost, previous, update, moved, time_s, place, reads, outputs, late };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())
@@ -287,9 +287,9 @@ impl Renderer {
             *known = known.max(residual_us);
         }
         let begun_ms = (!report.overlapped && frame.attempt.number == 1).then_some(report.begin_ms);
-        let effort = frame.inputs.effort.clone();
+        let relative_cost = frame.inputs.relative_cost.clone();
         self.costs.network = self.frames.network();
-        self.costs.learn(&FrameCosts { effort, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
+        self.costs.learn(&FrameCosts { relative_cost, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
     }
 
     fn take_out(

@@ -238,9 +238,9 @@ fn clones_of_declarations_share_programs_of_the_latest_specs() {
     let declarations = Declarations::default();
     let first = spec(2, Seam::None);
     let program = declarations.program(&first);
-    assert!(std::sync::Arc::ptr_eq(&program, &declarations.clone().program(&first)));
+    assert!(Arc::ptr_eq(&program, &declarations.clone().program(&first)));
     for devices in 3..3 + KEPT_PROGRAMS {
         declarations.program(&spec(devices, Seam::None));
     }
-    assert!(!std::sync::Arc::ptr_eq(&program, &declarations.program(&first)));
+    assert!(!Arc::ptr_eq(&program, &declarations.program(&first)));
 }

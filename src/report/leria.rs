@@ -99,7 +99,7 @@ impl FrameTimes {
                 TaskKind::Upload { .. } => RECEIVED,
                 TaskKind::Stitch => return None,
             };
-            Some((task.device, stage, task_ms(graph, model, model.effort(), task)))
+            Some((task.device, stage, task_ms(graph, model, model.relative_cost(), task)))
         });
         Self::new(prediction.makespan_ms, graph.devices(), times)
     }

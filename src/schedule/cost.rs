@@ -10,9 +10,9 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::effort::Effort;
 use super::learned::{Line, Mean};
 use super::network::Network;
+use super::relative_cost::RelativeCost;
 use crate::graph::{Pass, Program, Seam, Stage, Work};
 use crate::passes::{Declarations, FrameSpec};
 use crate::scene::rig::Eye;
@@ -53,8 +53,8 @@ pub struct FrameCosts {
     pub wait_ms: Vec<(usize, f64)>,
     /// Time from the primary's last task to the end of the frame; 0 if unknown.
     pub tail_ms: f64,
-    /// Effort (relative cost) at the quality of the frame.
-    pub effort: Effort,
+    /// RelativeCost (relative cost) at the quality of the frame.
+    pub relative_cost: RelativeCost,
 }
 
 /// Cost of a pixel that starts no path, in rays: path tracing and hole filling still visit it.
@@ -67,10 +67,10 @@ pub struct CostModel {
     program: Arc<Program>,
     /// All stages, by view, that were ever planned. Learned times are stored by their numbers.
     stages: Vec<StageOfView>,
-    /// The effort (relative cost) of the frames being planned.
-    effort: Effort,
+    /// The relative cost of the frames being planned.
+    relative_cost: RelativeCost,
     devices: Vec<DeviceCost>,
-    /// Prefix sums of rays over rows, for each eye, divided by the effort with which they were traced; `height + 1`
+    /// Prefix sums of rays over rows, for each eye, divided by the relative cost with which they were traced; `height + 1`
     /// entries.
     rays_above: [Vec<f64>; 2],
     tail: Mean,
@@ -131,7 +131,7 @@ impl CostModel {
             declarations: declarations.clone(),
             program: declarations.program(spec),
             stages: Vec::new(),
-            effort: Effort::default(),
+            relative_cost: RelativeCost::default(),
             devices: vec![DeviceCost::default(); spec.devices],
             rays_above: [vec![0.0; height + 1], vec![0.0; height + 1]],
             tail: Mean::default(),
@@ -157,9 +157,9 @@ impl CostModel {
         self.declare();
     }
 
-    /// Sets the iterations and the effort of the frames being planned.
-    pub fn set_quality(&mut self, iterations: u32, effort: &Effort) {
-        self.effort.clone_from(effort);
+    /// Sets the iterations and the relative cost of the frames being planned.
+    pub fn set_quality(&mut self, iterations: u32, relative_cost: &RelativeCost) {
+        self.relative_cost.clone_from(relative_cost);
         if iterations != self.spec.iterations {
             self.spec.iterations = iterations;
             self.declare();
@@ -198,15 +198,15 @@ impl CostModel {
 
     pub fn learn(&mut self, costs: &FrameCosts) {
         for (eye, rays) in Eye::ALL.into_iter().zip(&costs.rays) {
-            let effort = self.traces(eye).map_or(1.0, |stage| costs.effort.of(stage));
-            sum_rows(&mut self.rays_above[eye as usize], rays, self.spec.extent.width, effort);
+            let relative_cost = self.traces(eye).map_or(1.0, |stage| costs.relative_cost.of(stage));
+            sum_rows(&mut self.rays_above[eye as usize], rays, self.spec.extent.width, relative_cost);
         }
         let mut sums = vec![(0.0, 0.0); self.devices.len() * self.stages.len()];
         for cost in &costs.stages {
             let Some(number) = self.number_of(cost.stage, cost.view) else { continue };
             let (ms, units) = &mut sums[cost.device * self.stages.len() + number];
             *ms += cost.busy_ms;
-            *units += self.units(self.stages[number].unit(), &cost.rows) * costs.effort.of(cost.stage);
+            *units += self.units(self.stages[number].unit(), &cost.rows) * costs.relative_cost.of(cost.stage);
         }
         for (device, sums) in self.devices.iter_mut().zip(sums.chunks(self.stages.len().max(1))) {
             device.ms_per_unit.iter_mut().zip(sums).for_each(|(mean, (ms, units))| mean.learn(ms / units));
@@ -301,20 +301,20 @@ impl CostModel {
     }
 
     /// Returns the time per unit of a stage. A device that never ran it is assumed to match the mean of those that did.
-    fn ms_per_unit(&self, number: usize, device: usize, effort: &Effort) -> f64 {
+    fn ms_per_unit(&self, number: usize, device: usize, relative_cost: &RelativeCost) -> f64 {
         let ms = self.devices[device].ms_per_unit[number].value();
-        ms.unwrap_or_else(|| self.mean_ms(|d| d.ms_per_unit[number])) * effort.of(self.stages[number].stage)
+        ms.unwrap_or_else(|| self.mean_ms(|d| d.ms_per_unit[number])) * relative_cost.of(self.stages[number].stage)
     }
 
     /// Predicts the time of a pass on these rows in the frames being planned.
     pub fn pass_ms(&self, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
-        self.pass_ms_at(&self.effort, pass, device, rows)
+        self.pass_ms_at(&self.relative_cost, pass, device, rows)
     }
 
-    /// Predicts the time of a pass on these rows in a frame of another effort.
-    pub fn pass_ms_at(&self, effort: &Effort, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
+    /// Predicts the time of a pass on these rows in a frame of another relative cost.
+    pub fn pass_ms_at(&self, relative_cost: &RelativeCost, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
         let number = self.number_of(pass.stage, pass.view);
-        number.map_or(0.0, |n| self.ms_per_unit(n, device, effort) * self.units(self.stages[n].unit(), rows))
+        number.map_or(0.0, |n| self.ms_per_unit(n, device, relative_cost) * self.units(self.stages[n].unit(), rows))
     }
 
     /// Predicts the time of a pass on rows of `pixels` pixels cautiously, if this device has run the pass before. Each
@@ -322,13 +322,13 @@ impl CostModel {
     pub fn cautious_pass_ms(&self, pass: &Pass, device: usize, rows: &Range<u32>, pixels: f64) -> Option<f64> {
         let number = self.number_of(pass.stage, pass.view)?;
         let ms_per_unit = self.devices[device].ms_per_unit[number].value()?;
-        let units = self.units(self.stages[number].unit(), rows) * self.effort.of(pass.stage);
+        let units = self.units(self.stages[number].unit(), rows) * self.relative_cost.of(pass.stage);
         Some(ms_per_unit * if pass.work == Work::Rays { units.max(pixels) } else { units })
     }
 
-    /// The effort (relative cost) of the frames being planned.
-    pub fn effort(&self) -> &Effort {
-        &self.effort
+    /// The relative cost of the frames being planned.
+    pub fn relative_cost(&self) -> &RelativeCost {
+        &self.relative_cost
     }
 
     /// Predicts the host time to download rows from a device.
@@ -363,11 +363,11 @@ impl CostModel {
     }
 }
 
-/// Computes prefix sums of a frame's rays divided by their effort, without the one ray per pixel of the G-buffer.
-fn sum_rows(above: &mut [f64], rays: &[u32], width: u32, effort: f64) {
+/// Computes prefix sums of a frame's rays divided by their relative cost, without the one ray per pixel of the G-buffer.
+fn sum_rows(above: &mut [f64], rays: &[u32], width: u32, relative_cost: f64) {
     let mut sum = 0.0;
     for (entry, &rays) in above[1..].iter_mut().zip(rays) {
-        sum += f64::from(rays.saturating_sub(width)) / effort + f64::from(width) * RAYS_PER_IDLE_PIXEL;
+        sum += f64::from(rays.saturating_sub(width)) / relative_cost + f64::from(width) * RAYS_PER_IDLE_PIXEL;
         *entry = sum;
     }
 }

@@ -7,7 +7,7 @@
 mod cost;
 mod cut;
 mod cuts;
-mod effort;
+mod relative_cost;
 mod halo;
 mod heft;
 mod learned;
@@ -20,12 +20,12 @@ pub use cost::stripes::StripeCosts;
 pub use cost::{CostModel, FrameCosts, StageCost, TransferCost};
 pub use cut::step_rows;
 pub use cuts::{Cut, Position, cuts, parts};
-pub use effort::Effort;
 pub use halo::choose_halo;
 pub use heft::Heft;
 pub use measured::Measured;
 pub use network::Network;
 pub use policy::{Even, Policy, RatioRule, Static};
+pub use relative_cost::RelativeCost;
 pub use simulate::{LOSS_SHARE, Limit, Prediction, Step, StepKind, Stuck, simulate, simulate_at, task_ms};
 
 #[cfg(test)]

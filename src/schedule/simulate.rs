@@ -12,8 +12,8 @@ use petgraph::Direction;
 use petgraph::graph::NodeIndex;
 
 use super::cost::CostModel;
-use super::effort::Effort;
 use super::network::Traffic;
+use super::relative_cost::RelativeCost;
 use crate::graph::{FrameGraph, Stage, Task, TaskKind};
 use crate::scene::rig::Eye;
 
@@ -86,29 +86,29 @@ pub struct Stuck {
     pub transfer: u32,
 }
 
-/// Predicts the timing of a frame with this graph, at the effort of the frames that the model plans.
+/// Predicts the timing of a frame with this graph, at the relative cost of the frames that the model plans.
 ///
 /// # Errors
 /// [`Stuck`] if a task depends on one that comes after it. Graphs of [`FrameGraph::build`] have no such task.
 pub fn simulate(graph: &FrameGraph, model: &CostModel) -> Result<Prediction, Stuck> {
-    simulate_at(graph, model, model.effort())
+    simulate_at(graph, model, model.relative_cost())
 }
 
-/// Predicts the timing of a frame with this graph at another effort.
+/// Predicts the timing of a frame with this graph at another relative cost.
 ///
 /// # Errors
 /// Those of [`simulate`].
-pub fn simulate_at(graph: &FrameGraph, model: &CostModel, effort: &Effort) -> Result<Prediction, Stuck> {
-    let mut play = Play::new(graph, model, effort);
+pub fn simulate_at(graph: &FrameGraph, model: &CostModel, relative_cost: &RelativeCost) -> Result<Prediction, Stuck> {
+    let mut play = Play::new(graph, model, relative_cost);
     graph.order().iter().try_for_each(|&node| play.play(node))?;
     Ok(play.conclude())
 }
 
-/// Returns the predicted time of a task in a frame of this effort, without waits.
-pub fn task_ms(graph: &FrameGraph, model: &CostModel, effort: &Effort, task: &Task) -> f64 {
+/// Returns the predicted time of a task in a frame of this relative cost, without waits.
+pub fn task_ms(graph: &FrameGraph, model: &CostModel, relative_cost: &RelativeCost, task: &Task) -> f64 {
     match task.kind {
         TaskKind::Dispatch { pass, .. } => {
-            model.pass_ms_at(effort, &graph.program.passes()[pass].pass, task.device, &task.rows)
+            model.pass_ms_at(relative_cost, &graph.program.passes()[pass].pass, task.device, &task.rows)
         }
         TaskKind::Download { .. } => model.download_ms(task.device, graph.bytes(task)),
         TaskKind::Upload { .. } => model.upload_ms(task.device, graph.bytes(task)),
@@ -150,7 +150,7 @@ struct Clock {
 struct Play<'a> {
     graph: &'a FrameGraph,
     model: &'a CostModel,
-    effort: &'a Effort,
+    relative_cost: &'a RelativeCost,
     clocks: Vec<Clock>,
     /// The simulated tasks by node.
     played: Vec<Option<Played>>,
@@ -160,7 +160,7 @@ struct Play<'a> {
 }
 
 impl<'a> Play<'a> {
-    fn new(graph: &'a FrameGraph, model: &'a CostModel, effort: &'a Effort) -> Self {
+    fn new(graph: &'a FrameGraph, model: &'a CostModel, relative_cost: &'a RelativeCost) -> Self {
         let clock = |device| {
             let begin = Free { at_ms: model.lead_ms(device), cause: None };
             Clock { queue: begin, host: begin, gate: begin, last: None }
@@ -169,7 +169,7 @@ impl<'a> Play<'a> {
         let clocks = (0..devices).map(clock).collect();
         let played = vec![None; graph.dag.node_count()];
         let (busy_ms, traffic) = (vec![0.0; devices], Traffic::default());
-        Self { graph, model, effort, clocks, played, busy_ms, transfer_ms: 0.0, traffic }
+        Self { graph, model, relative_cost, clocks, played, busy_ms, transfer_ms: 0.0, traffic }
     }
 
     /// Returns when the rows of an upload have arrived, and when they left their device.
@@ -198,7 +198,7 @@ impl<'a> Play<'a> {
                 come.or_later(host)
             }
         };
-        let ms = task_ms(self.graph, self.model, self.effort, task);
+        let ms = task_ms(self.graph, self.model, self.relative_cost, task);
         let gap_ms = if matches!(task.kind, TaskKind::Dispatch { .. }) { self.model.gap_ms(device) } else { 0.0 };
         let end_ms = from.at_ms + gap_ms + ms;
         let end = Free { at_ms: end_ms, cause: Some(node) };

@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::time::{Duration, Instant};
 
 use crate::control::{
-    BOUNCES, Ladder, LadderError, Origin, Rung, TRACING, efforts, guessed_effort, guessed_error, guessed_paths,
+    BOUNCES, Ladder, LadderError, Origin, Rung, TRACING, guessed_error, guessed_paths, guessed_relative_cost,
+    relative_costs,
 };
 use crate::exec::{ExecError, FrameParams, FrameReport, Renderer, Stereo};
 use crate::graph::Stage;
@@ -96,16 +97,16 @@ impl Calibration<'_> {
         }
         let missing = self.missing_light();
         let mut rungs: Vec<Rung> = qualities.iter().map(|q| self.rung(q, missing[&q.bounces])).collect();
-        let efforts = efforts(&rungs);
+        let relative_costs = relative_costs(&rungs);
         // From here on, relative costs come from measurements. One more frame makes the cost model learn its times in
         // these units.
-        if let Some((quality, effort)) = qualities.first().zip(efforts.first()) {
-            self.renderer.set_effort(effort.clone());
+        if let Some((quality, relative_cost)) = qualities.first().zip(relative_costs.first()) {
+            self.renderer.set_relative_cost(relative_cost.clone());
             self.render(quality)?;
         }
-        for (rung, effort) in rungs.iter_mut().zip(efforts) {
+        for (rung, relative_cost) in rungs.iter_mut().zip(relative_costs) {
             let quality = (self.limit)(&rung.quality);
-            rung.time_ms = self.renderer.predicted_ms(&quality, &effort).unwrap_or(f64::NAN);
+            rung.time_ms = self.renderer.predicted_ms(&quality, &relative_cost).unwrap_or(f64::NAN);
         }
         origin.devices = self.renderer.devices().iter().map(|d| d.name.clone()).collect();
         Ok(Ladder::of_measured(origin, &rungs)?)
@@ -114,7 +115,7 @@ impl Calibration<'_> {
     fn time(&mut self, quality: Option<&Quality>) -> Result<(), CalibrationError> {
         let Some(quality) = quality else { return Ok(()) };
         let warm_up = if self.frames == 0 { WARM_UP } else { 0 };
-        self.renderer.set_effort(guessed_effort(quality));
+        self.renderer.set_relative_cost(guessed_relative_cost(quality));
         self.renderer.begin_anew();
         let mut least: BTreeMap<String, f64> = BTreeMap::new();
         for i in 0..warm_up + FRAMES {

@@ -8,11 +8,11 @@ use std::time::Instant;
 
 pub use calibration::{CalibrationError, FIRST_FRAME, View, calibrate};
 
-use crate::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measure, Origin, candidates, efforts};
+use crate::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measure, Origin, candidates, relative_costs};
 use crate::exec::{BuildError, Builder, ExecError, FrameParams, FrameReport, Renderer};
 use crate::quality::{Denoiser, Envelope, Quality};
 use crate::scene::rig::Rig;
-use crate::schedule::Effort;
+use crate::schedule::RelativeCost;
 
 /// Renders frames inside a budget.
 ///
@@ -35,7 +35,7 @@ pub struct Session {
     pub gaze: Option<[[f64; 2]; 2]>,
     ladder: Ladder,
     /// The quality and the relative cost of each rung.
-    qualities: Vec<(Quality, Effort)>,
+    qualities: Vec<(Quality, RelativeCost)>,
     controller: Controller,
     budget: Budget,
     /// The number of devices that were dropped.
@@ -100,7 +100,7 @@ impl Session {
     pub fn with_qualities(mut renderer: Renderer, ladder: Ladder, qualities: Vec<Quality>, budget: Budget) -> Self {
         renderer.set_budget(budget.hi_ms());
         Self {
-            qualities: qualities.into_iter().zip(efforts(ladder.rungs())).collect(),
+            qualities: qualities.into_iter().zip(relative_costs(ladder.rungs())).collect(),
             controller: Controller::new(&ladder, budget),
             budget,
             dropped: renderer.faults().len(),
@@ -130,8 +130,8 @@ impl Session {
         let Self { renderer, qualities, controller, .. } = self;
         let known = RefCell::new(HashMap::new());
         let predict = |rung: usize| -> f64 {
-            let (quality, effort) = &qualities[rung];
-            let predicted = || renderer.predicted_ms(quality, effort).unwrap_or(f64::NAN);
+            let (quality, relative_cost) = &qualities[rung];
+            let predicted = || renderer.predicted_ms(quality, relative_cost).unwrap_or(f64::NAN);
             *known.borrow_mut().entry(rung).or_insert_with(predicted)
         };
         let decision = controller.next(&predict);
@@ -144,8 +144,8 @@ impl Session {
     /// Those of [`Renderer::render`].
     pub fn render(&mut self, decided: Decided, rig: &Rig, time_s: f64, index: u32) -> Result<FrameReport, ExecError> {
         let rung = decided.decision.rung;
-        let (quality, effort) = self.qualities[rung].clone();
-        self.renderer.set_effort(effort);
+        let (quality, relative_cost) = self.qualities[rung].clone();
+        self.renderer.set_relative_cost(relative_cost);
         let params = FrameParams { quality, gaze: self.gaze, ..self.renderer.frame(rig, time_s, index) };
         let frame = self.renderer.render(&params)?;
         self.controller.observe(rung, frame.makespan_ms);

@@ -7,14 +7,14 @@ use diptych::control::TRACING;
 use diptych::exec::{FrameReport, TimedTask};
 use diptych::graph::FrameGraph;
 use diptych::scene::rig::Eye;
-use diptych::schedule::{CostModel, Effort, Heft, Measured, Policy, simulate_at};
+use diptych::schedule::{CostModel, Heft, Measured, Policy, RelativeCost, simulate_at};
 
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 72;
 const DEVICES: usize = 3;
 
-fn work(factor: f64) -> Effort {
-    Effort::new(TRACING.map(|stage| (stage, factor)))
+fn work(factor: f64) -> RelativeCost {
+    RelativeCost::new(TRACING.map(|stage| (stage, factor)))
 }
 
 /// Asserts that the model's costs equal the frame's measured times for each stage and device. This holds for the first
@@ -55,14 +55,16 @@ fn frames_are_predicted_by_the_costs_of_those_before_and_their_own_work() {
     for policy in policies {
         let mut stage = Stage::with(&subject, &settings, DEVICES, policy);
         for (index, factor) in [3.0, 2.0, 0.5, 1.0].into_iter().enumerate() {
-            let effort = work(factor);
+            let relative_cost = work(factor);
             stage.set(move |params| params.quality = quality);
-            stage.renderer().set_effort(effort.clone());
+            stage.renderer().set_relative_cost(relative_cost.clone());
             let before = stage.renderer().costs().clone();
             let report = stage.frame(index as u32).report;
             let graph = FrameGraph::build(&report.program, &report.assignment, None);
-            let of = |costs: &CostModel, effort: &Effort| simulate_at(&graph, costs, effort).unwrap().makespan_ms;
-            assert_close(report.predicted_ms, (index > 0).then(|| of(&before, &effort)));
+            let of = |costs: &CostModel, relative_cost: &RelativeCost| {
+                simulate_at(&graph, costs, relative_cost).unwrap().makespan_ms
+            };
+            assert_close(report.predicted_ms, (index > 0).then(|| of(&before, &relative_cost)));
             let learned = stage.renderer().costs().clone();
             if index < 2 {
                 assert_learned(&learned, &report);

@@ -87,8 +87,8 @@ pub fn start(
 /// Returns the median makespan of frames of the cheapest rung. Afterwards, discards their history.
 fn cheapest_ms(prepared: &Prepared, loaded: &LoadedScene, renderer: &mut Renderer) -> Result<f64, Failure> {
     let cheapest = prepared.choice.cheapest(&prepared.options.foveated);
-    if let Some((_, effort)) = &cheapest {
-        renderer.set_effort(effort.clone());
+    if let Some((_, relative_cost)) = &cheapest {
+        renderer.set_relative_cost(relative_cost.clone());
     }
     let (begin, mut makespans_ms) = (Instant::now(), Vec::new());
     for i in 0..=FRAMES {

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use anyhow::{Context, ensure};
 
-use crate::control::{BOUNCES, Ladder, Rung, candidates, efforts, guessed_effort, guessed_paths};
+use crate::control::{BOUNCES, Ladder, Rung, candidates, guessed_paths, guessed_relative_cost, relative_costs};
 use crate::quality::{Denoiser, Envelope, PolarSpace, Quality};
-use crate::schedule::Effort;
+use crate::schedule::RelativeCost;
 
 use super::options::LoopOptions;
 use crate::cli::failure::Failure;
@@ -80,14 +80,14 @@ impl Choice {
     /// Returns the quality and relative cost of a frame on the cheapest rung; `None` if there are no rungs. Among the
     /// built-in candidates, only those with the maximum bounces count, since the light that fewer bounces lose is not
     /// known yet.
-    pub fn cheapest(&self, limits: &FoveationOptions) -> Option<(Quality, Effort)> {
+    pub fn cheapest(&self, limits: &FoveationOptions) -> Option<(Quality, RelativeCost)> {
         if let Some(ladder) = &self.ladder {
             return qualities(ladder, limits).into_iter().next();
         }
         let all_bounces = self.qualities.iter().filter(|q| q.bounces == BOUNCES[BOUNCES.len() - 1]);
         let fewest = all_bounces
             .min_by(|a, b| guessed_paths(a).total_cmp(&guessed_paths(b)).then(a.iterations.cmp(&b.iterations)));
-        fewest.map(|quality| (limits.limit(quality), guessed_effort(quality)))
+        fewest.map(|quality| (limits.limit(quality), guessed_relative_cost(quality)))
     }
 
     /// Returns the bounds of all qualities, without the radii of foveal layers.
@@ -98,7 +98,7 @@ impl Choice {
 }
 
 /// Returns the quality of each rung, and the relative costs of its stages.
-pub fn qualities(ladder: &Ladder, limits: &FoveationOptions) -> Vec<(Quality, Effort)> {
+pub fn qualities(ladder: &Ladder, limits: &FoveationOptions) -> Vec<(Quality, RelativeCost)> {
     let rungs = ladder.rungs();
-    rungs.iter().map(|rung| limits.limit(&rung.quality)).zip(efforts(rungs)).collect()
+    rungs.iter().map(|rung| limits.limit(&rung.quality)).zip(relative_costs(rungs)).collect()
 }

@@ -15,7 +15,7 @@ impl CostModel {
             let (work, margin_rows) = (linked.pass.work, linked.margin_rows);
             // Only rays are counted by view.
             let unit = (work, if work == Work::Rays { linked.pass.view } else { Eye::Left });
-            let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(number, d, &self.effort));
+            let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(number, d, &self.relative_cost));
             match parts.iter_mut().find(|p| p.unit == unit && p.margin_rows == margin_rows) {
                 Some(part) => part.ms_per_unit.iter_mut().zip(ms).for_each(|(sum, ms)| *sum += ms),
                 None => parts.push(Part { unit, margin_rows, ms_per_unit: ms.collect() }),

@@ -5,17 +5,17 @@ use crate::graph::Stage;
 /// Relative cost of a row by stage; for filters, that of one iteration. Only ratios within the same stage are
 /// meaningful.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Effort {
+pub struct RelativeCost {
     stages: Vec<(Stage, f64)>,
 }
 
-impl Effort {
-    /// Creates an effort. Values that are not positive and finite are ignored.
+impl RelativeCost {
+    /// Creates relative costs. Values that are not positive and finite are ignored.
     pub fn new(stages: impl IntoIterator<Item = (Stage, f64)>) -> Self {
         Self { stages: stages.into_iter().filter(|(_, work)| work.is_finite() && *work > 0.0).collect() }
     }
 
-    /// Returns the effort of a stage, which is 1 if unknown.
+    /// Returns the relative cost of a stage, which is 1 if unknown.
     pub fn of(&self, stage: Stage) -> f64 {
         self.stages.iter().find(|(s, _)| *s == stage).map_or(1.0, |(_, work)| *work)
     }
