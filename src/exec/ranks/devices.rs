@@ -8,7 +8,7 @@ use super::agree::{check_devices, check_scene};
 use super::device_card::DeviceCard;
 use super::node::{Asked, Node};
 use super::packet::{Load, Request, Response, Start};
-use super::transport::Crew;
+use super::transport::RendererDevices;
 use crate::device::{DeviceInfo, GpuDevice, MAX_DEVICES, RankName};
 use crate::exec::channels::WorkerChannels;
 use crate::schedule::Network;
@@ -150,14 +150,14 @@ impl Loading {
 /// Devices of other ranks that a renderer uses.
 pub(crate) struct Others {
     set: Set,
-    /// Number of the [`Crew`].
-    crew: u32,
+    /// Number of the [`RendererDevices`].
+    renderer: u32,
     own: usize,
 }
 
 impl Others {
     fn new(set: Set, own: usize) -> Self {
-        Self { crew: set.node.number(), set, own }
+        Self { renderer: set.node.number(), set, own }
     }
 
     /// Returns the number of devices, including those of this process.
@@ -173,7 +173,7 @@ impl Others {
     /// Asks the other ranks to start their workers.
     pub fn start(&self, config: &RunConfig, tables: &SceneTables) -> Asked {
         let (ranks, scene) = (self.ranks(), tables.fingerprint());
-        let start = Start { crew: self.crew, set: self.set.number, ranks, config: config.clone(), scene };
+        let start = Start { renderer: self.renderer, set: self.set.number, ranks, config: config.clone(), scene };
         self.set.node.ask(|_| Request::Start(Box::new(start.clone())))
     }
 
@@ -196,8 +196,8 @@ impl Others {
         let before_ms = origin.saturating_duration_since(node.epoch).as_secs_f64() * 1e3;
         let after_ms = node.epoch.saturating_duration_since(origin).as_secs_f64() * 1e3;
         let ranks = self.ranks();
-        let (crew, own) = Crew::new(self.crew, (0, &ranks), ends, None, before_ms - after_ms);
-        node.attach(self.crew, crew);
+        let (renderer, own) = RendererDevices::new(self.renderer, (0, &ranks), ends, None, before_ms - after_ms);
+        node.attach(self.renderer, renderer);
         Ok((infos, own))
     }
 
@@ -213,9 +213,9 @@ impl Others {
 
     /// Ends the workers, whose command channels are closed, and combines the remaining devices with this process's.
     pub fn end(mut self, own: Vec<GpuDevice>) -> Devices {
-        let crew = self.crew;
-        let ended = self.set.node.ask(|_| Request::End { crew }).wait();
-        self.set.node.detach(crew);
+        let renderer = self.renderer;
+        let ended = self.set.node.ask(|_| Request::End { renderer }).wait();
+        self.set.node.detach(renderer);
         // A rank that is lost ends the run at the next frame.
         let left: Vec<usize> = ended.into_iter().flatten().flat_map(left_of).collect();
         let mut device = self.own;

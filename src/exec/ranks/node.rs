@@ -12,7 +12,7 @@ use super::link::Link;
 use super::packet::{Letter, Request, Response};
 use super::post::Post;
 use super::shared::{Control, Shared};
-use super::transport::Crew;
+use super::transport::RendererDevices;
 use super::{RankError, Recorded};
 use crate::schedule::Network;
 
@@ -28,7 +28,7 @@ pub struct Node {
     letters: Mutex<Receiver<(usize, Letter)>>,
     shared: Arc<Shared>,
     pub(super) epoch: Instant,
-    /// Next number of a request, and of a crew or a set.
+    /// Next number of a request, and of a renderer or a set.
     requests: AtomicU64,
     numbers: AtomicU32,
     thread: Mutex<Option<JoinHandle<()>>>,
@@ -163,7 +163,7 @@ impl Node {
         self.lost().map_or(Ok(()), Err)
     }
 
-    /// Returns a new number for a crew or a set.
+    /// Returns a new number for a renderer or a set.
     pub(super) fn number(&self) -> u32 {
         self.numbers.fetch_add(1, Ordering::Relaxed)
     }
@@ -181,8 +181,8 @@ impl Node {
         self.control(Control::Send { to, letter });
     }
 
-    pub(super) fn attach(&self, number: u32, crew: Crew) {
-        self.control(Control::Attach { number, crew: Box::new(crew) });
+    pub(super) fn attach(&self, number: u32, renderer: RendererDevices) {
+        self.control(Control::Attach { number, renderer: Box::new(renderer) });
     }
 
     pub(super) fn detach(&self, number: u32) {

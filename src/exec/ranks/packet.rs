@@ -10,19 +10,19 @@ use crate::exec::watchdog::LifeSign;
 use crate::scene::folder::Files;
 use crate::stages::RunConfig;
 
-/// A packet. `crew` identifies a renderer with its devices, and `device` is a number among these.
+/// A packet. `renderer` identifies a renderer with its devices, and `device` is a number among these.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Packet {
     /// Command from rank 0 to the rank of the device.
-    Command { crew: u32, device: usize, command: Box<Command> },
+    Command { renderer: u32, device: usize, command: Box<Command> },
     /// No more commands follow for this device.
-    Close { crew: u32, device: usize },
+    Close { renderer: u32, device: usize },
     /// Message from a worker or the renderer to the worker of this device.
-    Message { crew: u32, device: usize, message: Message },
+    Message { renderer: u32, device: usize, message: Message },
     /// Answer to rank 0.
-    Reply { crew: u32, reply: Box<Reply> },
+    Reply { renderer: u32, reply: Box<Reply> },
     /// Signs of life of a rank's workers, by device; `None` if a worker has ended.
-    Signs { crew: u32, signs: Vec<(usize, Option<LifeSign>)> },
+    Signs { renderer: u32, signs: Vec<(usize, Option<LifeSign>)> },
     /// Request with the time of the sender's clock, in milliseconds since its post began. It must be answered at once.
     /// If `followed`, another ping follows as soon as the answer has arrived.
     Ping { sent_ms: f64, load: Bytes, followed: bool },
@@ -105,19 +105,19 @@ pub enum Request {
     Record,
     /// Send the recorded spans before the response.
     Recorded,
-    /// Start the workers of a crew, on the first devices of a set.
+    /// Start the workers of a renderer, on the first devices of a set.
     Start(Box<Start>),
-    /// End the workers of a crew, and return their devices to the set.
+    /// End the workers of a renderer, and return their devices to the set.
     End {
-        crew: u32,
+        renderer: u32,
     },
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Start {
-    pub crew: u32,
+    pub renderer: u32,
     pub set: u32,
-    /// The rank of each device of the crew.
+    /// The rank of each device of the renderer.
     pub ranks: Vec<usize>,
     pub config: RunConfig,
     /// [`crate::stages::SceneTables::fingerprint`].
@@ -126,8 +126,8 @@ pub struct Start {
 
 impl PartialEq for Start {
     fn eq(&self, other: &Self) -> bool {
-        let Self { crew, set, ranks, scene, .. } = self;
-        (crew, set, ranks, scene) == (&other.crew, &other.set, &other.ranks, &other.scene)
+        let Self { renderer, set, ranks, scene, .. } = self;
+        (renderer, set, ranks, scene) == (&other.renderer, &other.set, &other.ranks, &other.scene)
     }
 }
 
@@ -138,7 +138,7 @@ pub enum Response {
     Devices(Vec<DeviceCard>),
     /// The fingerprint of a scene.
     Loaded(u64),
-    /// The devices that have not failed, by their numbers in the crew.
+    /// The devices that have not failed, by their numbers in the renderer.
     Left(Vec<usize>),
 }
 
@@ -146,7 +146,7 @@ pub enum Response {
 const ROWS: u8 = 1;
 const OTHER: u8 = 2;
 
-/// Size of the header of rows in bytes: crew, device, ticket, transfer.
+/// Size of the header of rows in bytes: renderer, device, ticket, transfer.
 const HEADER_BYTES: usize = 4 + 4 + 8 + 4;
 
 impl Packet {
@@ -169,10 +169,10 @@ impl Packet {
     }
 
     pub fn encode(&self) -> Result<Vec<u8>, String> {
-        if let Self::Message { crew, device, message: Message::Rows { ticket, transfer, rows } } = self {
+        if let Self::Message { renderer, device, message: Message::Rows { ticket, transfer, rows } } = self {
             let mut bytes = Vec::with_capacity(rows.len() + HEADER_BYTES + 1);
             bytes.extend_from_slice(rows);
-            bytes.extend_from_slice(&crew.to_le_bytes());
+            bytes.extend_from_slice(&renderer.to_le_bytes());
             bytes.extend_from_slice(&(*device as u32).to_le_bytes());
             bytes.extend_from_slice(&ticket.to_le_bytes());
             bytes.extend_from_slice(&transfer.to_le_bytes());
@@ -195,7 +195,7 @@ impl Packet {
                 let number = |from: usize| header[from..from + 4].iter().rev().fold(0, |n, b| n << 8 | u32::from(*b));
                 let ticket = u64::from(number(12)) << 32 | u64::from(number(8));
                 let message = Message::Rows { ticket, transfer: number(16), rows: Bytes::Owned(bytes) };
-                Ok(Self::Message { crew: number(0), device: number(4) as usize, message })
+                Ok(Self::Message { renderer: number(0), device: number(4) as usize, message })
             }
             Some(OTHER) => postcard::from_bytes(&bytes).map_err(|_| no_packet()),
             _ => Err(no_packet()),
@@ -216,18 +216,18 @@ mod tests {
     #[test]
     fn packets_come_out_of_their_bytes_as_they_went_in() {
         for command in commands() {
-            assert_comes_back(Packet::Command { crew: 3, device: 63, command: Box::new(command) });
+            assert_comes_back(Packet::Command { renderer: 3, device: 63, command: Box::new(command) });
         }
         for reply in replies() {
-            assert_comes_back(Packet::Reply { crew: u32::MAX, reply: Box::new(reply) });
+            assert_comes_back(Packet::Reply { renderer: u32::MAX, reply: Box::new(reply) });
         }
         let rows = |n: usize| Bytes::Owned((0..n).map(|i| i as u8).collect());
         for (ticket, rows) in [(0, rows(0)), (u64::MAX, rows(1)), (0x0123_4567_89ab_cdef, rows(70_000))] {
             let message = Message::Rows { ticket, transfer: 0x0102_0304, rows };
-            assert_comes_back(Packet::Message { crew: 0x0506_0708, device: 42, message });
+            assert_comes_back(Packet::Message { renderer: 0x0506_0708, device: 42, message });
         }
-        assert_comes_back(Packet::Message { crew: 1, device: 2, message: Message::Abort { ticket: 7 } });
-        assert_comes_back(Packet::Signs { crew: 1, signs: vec![(4, Some(LifeSign::default())), (5, None)] });
+        assert_comes_back(Packet::Message { renderer: 1, device: 2, message: Message::Abort { ticket: 7 } });
+        assert_comes_back(Packet::Signs { renderer: 1, signs: vec![(4, Some(LifeSign::default())), (5, None)] });
         assert_comes_back(Packet::Letter(Letter::Response { number: 1, response: Err("no".to_owned()) }));
     }
 

@@ -12,7 +12,7 @@ use super::link::Link;
 use super::packet::{Letter, Packet, RowsName};
 use super::peer::{Peer, TRIPS_TIME, Trip};
 use super::shared::{Control, Shared};
-use super::transport::Crew;
+use super::transport::RendererDevices;
 use super::{RankError, Recorded};
 use crate::exec::messages::Bytes;
 
@@ -36,7 +36,7 @@ pub struct Post<L> {
     controls: Receiver<Control>,
     letters: Sender<(usize, Letter)>,
     shared: Arc<Shared>,
-    crews: HashMap<u32, Crew>,
+    renderers: HashMap<u32, RendererDevices>,
     peers: Vec<Peer>,
     /// Zero of its clock.
     epoch: Instant,
@@ -74,7 +74,7 @@ impl<L: Link> Post<L> {
             controls,
             letters,
             shared,
-            crews: HashMap::new(),
+            renderers: HashMap::new(),
             peers,
             epoch,
             called: (0, now),
@@ -97,8 +97,8 @@ impl<L: Link> Post<L> {
             loop {
                 match self.controls.try_recv() {
                     Ok(Control::Send { to, letter }) => self.send(to, &Packet::Letter(letter)),
-                    Ok(Control::Attach { number, crew }) => drop(self.crews.insert(number, *crew)),
-                    Ok(Control::Detach { number }) => drop(self.crews.remove(&number)),
+                    Ok(Control::Attach { number, renderer }) => drop(self.renderers.insert(number, *renderer)),
+                    Ok(Control::Detach { number }) => drop(self.renderers.remove(&number)),
                     Ok(Control::Abort { status }) => return self.link.abort(status),
                     Ok(Control::Leave) | Err(TryRecvError::Disconnected) => return self.leave(),
                     Err(TryRecvError::Empty) => break,
@@ -110,9 +110,9 @@ impl<L: Link> Post<L> {
                 any |= self.take(from, bytes);
             }
             self.looked = Instant::now();
-            // MPI makes progress only while it is called. It is not called more often for that while there are crews,
+            // MPI makes progress only while it is called. It is not called more often for that while there are renderers,
             // since their devices may share the cores.
-            let is_under_way = !self.link.is_settled() && self.crews.is_empty();
+            let is_under_way = !self.link.is_settled() && self.renderers.is_empty();
             self.keep_in_touch();
             if any || is_under_way {
                 self.active = self.looked;
@@ -137,7 +137,7 @@ impl<L: Link> Post<L> {
 
     fn pass_on(&mut self) -> bool {
         let now_ms = self.now_ms();
-        let Self { link, idle, crews, shared, peers, sends_until_ms, .. } = self;
+        let Self { link, idle, renderers, shared, peers, sends_until_ms, .. } = self;
         let mut outlet = Outlet { link, idle };
         let mut failed = Vec::new();
         let mut send = |to: usize, packet: Packet| {
@@ -146,12 +146,12 @@ impl<L: Link> Post<L> {
             shared.row_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
             failed.extend(outlet.send(to, &packet).err().map(|what| (to, what)));
         };
-        let any = crews.values_mut().fold(false, |any, crew| crew.pass_on(&mut send) | any);
+        let any = renderers.values_mut().fold(false, |any, renderer| renderer.pass_on(&mut send) | any);
         failed.into_iter().for_each(|(to, what)| self.lose(to, &what));
         any
     }
 
-    /// Handles a packet that has arrived. It drops packets of crews that have ended. Returns true if more packets may
+    /// Handles a packet that has arrived. It drops packets of renderers that have ended. Returns true if more packets may
     /// follow closely.
     fn take(&mut self, from: usize, bytes: Vec<u8>) -> bool {
         self.peers[from].silent = Duration::ZERO;
@@ -173,25 +173,27 @@ impl<L: Link> Post<L> {
             self.rows_came_ms = self.now_ms();
         }
         match packet {
-            Packet::Command { crew, device, command } => {
-                if let Some(crew) = self.crews.get(&crew) {
-                    crew.command(device, *command);
+            Packet::Command { renderer, device, command } => {
+                if let Some(renderer) = self.renderers.get(&renderer) {
+                    renderer.command(device, *command);
                 }
             }
-            Packet::Close { crew, device } => self.crews.get_mut(&crew).into_iter().for_each(|c| c.close(device)),
-            Packet::Message { crew, device, message } => {
-                if let Some(crew) = self.crews.get(&crew) {
-                    crew.message(device, message);
+            Packet::Close { renderer, device } => {
+                self.renderers.get_mut(&renderer).into_iter().for_each(|c| c.close(device))
+            }
+            Packet::Message { renderer, device, message } => {
+                if let Some(renderer) = self.renderers.get(&renderer) {
+                    renderer.message(device, message);
                 }
             }
-            Packet::Reply { crew, mut reply } => {
-                if let Some(crew) = self.crews.get(&crew) {
-                    self.peers[from].clock.translate(&mut reply, crew.origin_ms);
-                    crew.reply(*reply);
+            Packet::Reply { renderer, mut reply } => {
+                if let Some(renderer) = self.renderers.get(&renderer) {
+                    self.peers[from].clock.translate(&mut reply, renderer.origin_ms);
+                    renderer.reply(*reply);
                 }
             }
-            Packet::Signs { crew, signs } => {
-                self.crews.get_mut(&crew).into_iter().for_each(|c| c.take_signs(&signs));
+            Packet::Signs { renderer, signs } => {
+                self.renderers.get_mut(&renderer).into_iter().for_each(|c| c.take_signs(&signs));
             }
             Packet::Ping { sent_ms, load, followed } => {
                 let (here_ms, bytes) = (self.now_ms(), load.len());
@@ -262,8 +264,9 @@ impl<L: Link> Post<L> {
         }
         if !is_first && now - self.signed >= SIGNS {
             self.signed = now;
-            let signs: Vec<_> = self.crews.iter().filter_map(|(&crew, c)| Some((crew, c.signs()?))).collect();
-            signs.into_iter().for_each(|(crew, signs)| self.send(0, &Packet::Signs { crew, signs }));
+            let signs: Vec<_> =
+                self.renderers.iter().filter_map(|(&renderer, c)| Some((renderer, c.signs()?))).collect();
+            signs.into_iter().for_each(|(renderer, signs)| self.send(0, &Packet::Signs { renderer, signs }));
         }
         let passed = (now - self.stepped).min(STEP);
         if passed < STEP / 5 {
@@ -291,7 +294,7 @@ impl<L: Link> Post<L> {
     fn lose(&mut self, rank: usize, what: &str) {
         let error = RankError::Lost { rank, host: self.shared.host(rank), what: what.to_owned() };
         self.shared.lost.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
-        self.crews.values_mut().for_each(|crew| crew.lose(rank));
+        self.renderers.values_mut().for_each(|renderer| renderer.lose(rank));
     }
 
     /// Waits until there is a packet to send, or it is time to poll for packets.
@@ -301,7 +304,7 @@ impl<L: Link> Post<L> {
         }
         let mut select = Select::new();
         select.recv(&self.controls);
-        self.crews.values().for_each(|crew| crew.watch(&mut select));
+        self.renderers.values().for_each(|renderer| renderer.watch(&mut select));
         // The next iteration of the loop finds it.
         let _ = select.ready_timeout((self.active.elapsed() / REST_PART).clamp(SHORT_REST, LONG_REST));
     }

@@ -10,7 +10,7 @@ use super::RankError;
 use super::device_card::DeviceCard;
 use super::node::Node;
 use super::packet::{Letter, Load, Request, Response, Start};
-use super::transport::Crew;
+use super::transport::RendererDevices;
 use crate::device::{GpuDevice, RankName};
 use crate::exec::channels::channels;
 use crate::exec::messages::Bytes;
@@ -67,7 +67,7 @@ const SCENES: usize = 2;
 
 type Thread = JoinHandle<Option<GpuDevice>>;
 
-/// The workers of a crew on this rank, by device number, and the set of their devices.
+/// The workers of a renderer on this rank, by device number, and the set of their devices.
 struct Working {
     set: u32,
     threads: Vec<(usize, Thread)>,
@@ -77,7 +77,7 @@ struct Server<'a> {
     node: &'a Arc<Node>,
     host: &'a mut dyn Host,
     sets: HashMap<u32, Vec<GpuDevice>>,
-    crews: HashMap<u32, Working>,
+    renderers: HashMap<u32, Working>,
     /// Scenes with their fingerprints, the latest last.
     scenes: Vec<(u64, Arc<SceneTables>)>,
     /// Time up to which recorded spans have been sent.
@@ -89,8 +89,8 @@ struct Server<'a> {
 /// # Errors
 /// [`RankError::Lost`] if rank 0 is lost.
 pub fn serve(node: &Arc<Node>, host: &mut dyn Host) -> Result<u8, RankError> {
-    let (sets, crews) = (HashMap::new(), HashMap::new());
-    let mut server = Server { node, host, sets, crews, scenes: Vec::new(), recorded_ms: 0.0 };
+    let (sets, renderers) = (HashMap::new(), HashMap::new());
+    let mut server = Server { node, host, sets, renderers, scenes: Vec::new(), recorded_ms: 0.0 };
     let (mut is_told, mut recorded) = (false, Instant::now());
     loop {
         match node.letter(SLICE) {
@@ -144,7 +144,7 @@ impl Server<'_> {
                 Ok(Response::Done)
             }
             Request::Start(start) => self.start(*start),
-            Request::End { crew } => Ok(Response::Left(self.end(crew))),
+            Request::End { renderer } => Ok(Response::Left(self.end(renderer))),
         }
     }
 
@@ -165,7 +165,7 @@ impl Server<'_> {
     }
 
     fn start(&mut self, start: Start) -> Result<Response, String> {
-        let Start { crew: number, set, ranks, mut config, scene } = start;
+        let Start { renderer: number, set, ranks, mut config, scene } = start;
         config.buffers.declarations = self.host.passes();
         let tables = self.scenes.iter().find(|(fingerprint, _)| *fingerprint == scene);
         let tables = Arc::clone(&tables.ok_or("its scene is not that of rank 0")?.1);
@@ -174,7 +174,7 @@ impl Server<'_> {
         let programs = graphs.programs();
         let here = self.node.rank();
         let (commander, ends) = channels(ranks.len());
-        let (crew, own_ends) = Crew::new(number, (here, &ranks), ends, Some(commander), 0.0);
+        let (renderer, own_ends) = RendererDevices::new(number, (here, &ranks), ends, Some(commander), 0.0);
         let own: Vec<usize> = (0..ranks.len()).filter(|&device| ranks[device] == here).collect();
         let gpus = self.sets.get_mut(&set).ok_or("its devices are gone")?;
         if gpus.len() < own.len() {
@@ -191,15 +191,15 @@ impl Server<'_> {
         }
         let start = |(device, worker)| start_worker(worker).map(|thread| (device, thread)).map_err(|e| e.to_string());
         let threads = own.into_iter().zip(workers).map(start).collect::<Result<_, _>>()?;
-        self.crews.insert(number, Working { set, threads });
-        self.node.attach(number, crew);
+        self.renderers.insert(number, Working { set, threads });
+        self.node.attach(number, renderer);
         Ok(Response::Devices(cards))
     }
 
-    /// Ends the workers of a crew; returns the numbers of the devices that have not failed.
-    fn end(&mut self, crew: u32) -> Vec<usize> {
-        self.node.detach(crew);
-        let Some(Working { set, threads }) = self.crews.remove(&crew) else { return Vec::new() };
+    /// Ends the workers of a renderer; returns the numbers of the devices that have not failed.
+    fn end(&mut self, renderer: u32) -> Vec<usize> {
+        self.node.detach(renderer);
+        let Some(Working { set, threads }) = self.renderers.remove(&renderer) else { return Vec::new() };
         let begin = Instant::now();
         let (mut left, mut gpus) = (Vec::new(), Vec::new());
         for (device, thread) in threads {
@@ -212,7 +212,7 @@ impl Server<'_> {
                 gpus.push(gpu);
             }
         }
-        // These devices come before those that the crew did not use.
+        // These devices come before those that the renderer did not use.
         if let Some(rest) = self.sets.get_mut(&set) {
             gpus.append(rest);
             *rest = gpus;

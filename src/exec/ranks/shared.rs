@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::RankError;
 use super::packet::Letter;
-use super::transport::Crew;
+use super::transport::RendererDevices;
 
 /// Order to the post from the rank's other threads.
 pub enum Control {
@@ -15,7 +15,7 @@ pub enum Control {
     },
     Attach {
         number: u32,
-        crew: Box<Crew>,
+        renderer: Box<RendererDevices>,
     },
     Detach {
         number: u32,

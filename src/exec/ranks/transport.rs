@@ -1,5 +1,5 @@
-//! A crew, the devices of one renderer on all ranks, as one rank sees it. Each rank has the channels of all devices.
-//! The channels of its own devices lead to workers. Those of other ranks' devices lead to the crew, which forwards
+//! The devices of one renderer on all ranks, as one rank sees it. Each rank has the channels of all devices.
+//! The channels of its own devices lead to workers. Those of other ranks' devices lead to the renderer, which forwards
 //! their messages.
 
 use std::time::Duration;
@@ -12,7 +12,7 @@ use crate::exec::messages::{Command, Message, Reply};
 use crate::exec::transport::{RendererTransport, WorkerTransport};
 use crate::exec::watchdog::LifeSign;
 
-pub struct Crew {
+pub struct RendererDevices {
     number: u32,
     /// Senders to the workers of all devices, on any rank.
     inboxes: Vec<Sender<Message>>,
@@ -34,8 +34,8 @@ struct Other {
     is_closed: bool,
 }
 
-impl Crew {
-    /// Creates the crew on rank `here`; returns it with the ends of the rank's own workers. `ends` are those of all
+impl RendererDevices {
+    /// Creates the renderer on rank `here`; returns it with the ends of the rank's own workers. `ends` are those of all
     /// devices, and `ranks` has the rank of each. `commander` is `None` on the renderer's rank.
     pub fn new(
         number: u32,
@@ -62,7 +62,7 @@ impl Crew {
 
     /// Forwards messages for other ranks by `send`, rows included; returns true if there were any.
     pub fn pass_on(&mut self, send: &mut impl FnMut(usize, Packet)) -> bool {
-        let crew = self.number;
+        let renderer = self.number;
         let mut any = false;
         for other in &mut self.others {
             let (commands, inbox) = other.end.receivers();
@@ -70,22 +70,22 @@ impl Crew {
             let mut packets = Vec::new();
             while !other.is_closed {
                 match commands.try_recv() {
-                    Ok(command) => packets.push(Packet::Command { crew, device, command: Box::new(command) }),
+                    Ok(command) => packets.push(Packet::Command { renderer, device, command: Box::new(command) }),
                     Err(TryRecvError::Empty) => break,
                     Err(TryRecvError::Disconnected) => {
                         other.is_closed = true;
-                        packets.push(Packet::Close { crew, device });
+                        packets.push(Packet::Close { renderer, device });
                     }
                 }
             }
-            packets.extend(inbox.try_iter().map(|message| Packet::Message { crew, device, message }));
+            packets.extend(inbox.try_iter().map(|message| Packet::Message { renderer, device, message }));
             any |= !packets.is_empty();
             packets.into_iter().for_each(|packet| send(other.rank, packet));
         }
         if let Some(commander) = &self.commander {
             for reply in commander.replies().try_iter() {
                 any = true;
-                send(0, Packet::Reply { crew, reply: Box::new(reply) });
+                send(0, Packet::Reply { renderer, reply: Box::new(reply) });
             }
         }
         any
