@@ -1,7 +1,7 @@
 //! `diptych compare`.
 
 mod findings;
-mod said;
+mod viewing;
 mod sequence;
 mod text;
 
@@ -18,8 +18,8 @@ use anyhow::Context;
 
 use super::failure::Failure;
 use findings::{BothFindings, Findings, Rings, mean};
-use said::{Said, differences};
 use sequence::frames_in;
+use viewing::{Sourced, differences};
 
 #[derive(clap::Args)]
 #[command(after_long_help = text::help())]
@@ -157,12 +157,12 @@ impl Compared {
     fn read(args: &Args, reference_path: &Path, image_path: &Path) -> Result<Self, Failure> {
         let read = |path: &Path| read_colour(path).map_err(|e| Failure::Input(e.into()));
         let (reference, image) = (read(reference_path)?, read(image_path)?);
-        let exposure = Said::exposure(args.exposure, &reference.tags, &image.tags);
+        let exposure = Sourced::exposure(args.exposure, &reference.tags, &image.tags);
         let pair = Pair::new(&reference.image, &image.image, exposure.value)
             .with_context(|| format!("cannot compare {} with {}", image_path.display(), reference_path.display()))
             .map_err(Failure::Input)?;
         check_seams(&args.seams, image.image.extent).map_err(Failure::Input)?;
-        let yfov = Said::yfov_deg(args.yfov, &reference.tags, &image.tags);
+        let yfov = Sourced::yfov_deg(args.yfov, &reference.tags, &image.tags);
         let viewing = Viewing { gaze: args.gaze, yfov_deg: yfov.value };
         let rings = |count: u16| Rings { viewing, yfov_source: yfov.source, rings: pair.rings(&viewing, count.into()) };
         let findings = Findings {

@@ -2,9 +2,9 @@
 
 mod args;
 mod disturb;
-mod fit;
+mod fitting_size;
 mod ladder;
-mod live;
+mod status_lines;
 pub mod options;
 mod pace;
 mod page;

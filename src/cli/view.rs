@@ -8,7 +8,7 @@ mod camera;
 #[cfg(feature = "xr")]
 mod headset;
 mod layout;
-mod look;
+mod status;
 mod overlay;
 mod present;
 mod renderer;
@@ -26,9 +26,9 @@ use super::play::Prepared;
 use super::progress::Progress;
 use super::setup::{self, Tracing};
 pub use args::Args;
-use look::Look;
 use renderer::Start;
 use shared::Shared;
+use status::ViewStatus;
 use window::{App, Wake};
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     // Open devices before the renderer's thread starts: Mesa takes thread counts from the environment, which other
     // threads must not read meanwhile.
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
-    let look = Look {
+    let look = ViewStatus {
         scene: loaded.shot.name.clone(),
         eye: options.size,
         band_ms: [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()],

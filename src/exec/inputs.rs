@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use obvhs::aabb::Aabb;
 
-use super::late::Late;
+use super::late_latching::Late;
 use super::output::Output;
 use crate::quality::Quality;
 use crate::schedule::RelativeCost;

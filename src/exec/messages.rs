@@ -7,7 +7,7 @@ use std::time::Duration;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::faults::InjectedKind;
-use super::late::{Late, SampledPose};
+use super::late_latching::{Late, SampledPose};
 use super::output::Output;
 use super::plan::Plan;
 use super::staging::Mapped;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::late::{Late, PoseSource};
+use super::late_latching::{Late, PoseSource};
 use super::{FrameParams, Renderer};
 
 impl Renderer {

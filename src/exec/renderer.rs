@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::frames::{Attempt, Finished, Frames, InFlight, Whole};
 use super::inputs::Inputs;
-use super::late::PoseSource;
+use super::late_latching::PoseSource;
 use super::output::Output;
 use super::plan::{History, Plan};
 use super::planner::{Graphs, Planner};

@@ -6,7 +6,7 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::late::SampledPose;
+use super::late_latching::SampledPose;
 use super::messages::TaskTime;
 use crate::graph::{Assignment, FrameGraph, Program, Stage, TaskKind};
 use crate::passes::path_trace::CUT;

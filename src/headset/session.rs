@@ -14,7 +14,7 @@ use super::error::{HeadsetError, Told};
 use super::frame::{HeadsetFrame, Next, Picture, Shown};
 use super::gaze::{GazeFilter, in_image};
 use super::input::{Controls, Input};
-use super::late::{HeadSample, Locator, Spaces};
+use super::late_latching::{HeadSample, Locator, Spaces};
 use super::lifecycle::{Lifecycle, State, Step};
 use super::pacing::Pacing;
 use super::panel::Panel;

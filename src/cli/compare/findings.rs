@@ -7,7 +7,7 @@ use crate::metrics::rings::{Ring, Viewing};
 use crate::metrics::seams::SeamError;
 use serde::Serialize;
 
-use super::said::Source;
+use super::viewing::Source;
 
 /// Results for a pair of images, as printed by `--json`.
 #[derive(Serialize)]

@@ -10,7 +10,7 @@ use crate::metrics::{MEASURES, Pair};
 use crate::report::study::{SequenceRow, sequence_table};
 use anyhow::{Context, bail, ensure};
 
-use super::said::{Said, differences, source_note};
+use super::viewing::{Sourced, differences, source_note};
 use crate::cli::failure::Failure;
 
 /// Measures that only sequences have.
@@ -24,7 +24,7 @@ pub const SEQUENCE_MEASURES: [(&str, &str); 3] = [
 struct Sequence<'a> {
     reference: &'a Path,
     image: &'a Path,
-    exposure: Said<f32>,
+    exposure: Sourced<f32>,
     frames: BTreeSet<u32>,
 }
 
@@ -66,7 +66,7 @@ impl<'a> Sequence<'a> {
         }
         let first = of_image.first().copied().unwrap_or_default();
         let tags = |folder| Ok::<_, anyhow::Error>(exr::read_colour(&colour(folder, "left", first))?.tags);
-        let exposure = Said::exposure(exposure_ev, &tags(reference)?, &tags(image)?);
+        let exposure = Sourced::exposure(exposure_ev, &tags(reference)?, &tags(image)?);
         Ok(Self { reference, image, exposure, frames: of_image })
     }
 

@@ -5,8 +5,8 @@ use crate::metrics::rings::Ring;
 use crate::report::text_table;
 
 use super::findings::{Findings, mean};
-use super::said::{Source, source_note};
 use super::sequence::SEQUENCE_MEASURES;
+use super::viewing::{Source, source_note};
 
 /// Lists the meaning of each measure, for `--help`.
 pub fn help() -> String {

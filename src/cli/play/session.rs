@@ -17,9 +17,9 @@ use crate::scene::rig::Rig;
 use crate::session::{self, Decided, View, calibrate};
 use crate::trace::frames::{FrameControl, record_devices};
 
-use super::fit;
-use super::live::Live;
+use super::fitting_size;
 use super::prepared::Prepared;
+use super::status_lines::StatusLines;
 use crate::cli::failure::Failure;
 use crate::cli::faults::FaultLog;
 use crate::cli::interrupt;
@@ -36,7 +36,7 @@ pub struct Session {
     pub fit: Option<SizeFit>,
     /// Time until the first frame could begin, seconds.
     pub warm_up_s: f64,
-    live: Live,
+    live: StatusLines,
     faults: FaultLog,
 }
 
@@ -65,7 +65,7 @@ impl Session {
     ) -> Result<Self, Failure> {
         progress.phase("warming up");
         let begin = Instant::now();
-        let (mut renderer, fit) = fit::start(prepared, loaded, gpus, &tracing, &progress)?;
+        let (mut renderer, fit) = fitting_size::start(prepared, loaded, gpus, &tracing, &progress)?;
         record_devices(&tracing.recorder, renderer.devices());
         let ladder = find_ladder(prepared, loaded, &mut renderer, &progress)?;
         let Prepared { options, choice, .. } = prepared;
@@ -74,7 +74,13 @@ impl Session {
         Ok(Self {
             fit,
             warm_up_s: begin.elapsed().as_secs_f64(),
-            live: Live::new(options.budget_ms, renderer.devices(), denoiser, ladder.rungs().len(), prepared.frames),
+            live: StatusLines::new(
+                options.budget_ms,
+                renderer.devices(),
+                denoiser,
+                ladder.rungs().len(),
+                prepared.frames,
+            ),
             // The session tightens the watchdog to the budget. Create it last, since calibration frames may take any
             // time.
             inner: session::Session::with_qualities(renderer, ladder, qualities, options.budget_ms),

@@ -1,7 +1,7 @@
 //! `diptych view --xr`: the control loop in a headset. The OpenXR runtime sets the time and the pose of each frame.
 
-mod board;
-mod world;
+mod panel_quad;
+mod placement;
 
 use std::sync::Arc;
 
@@ -22,17 +22,17 @@ use crate::report::rectified::RectifiedFrame;
 use crate::scene::head::Recording;
 
 use super::args::Args;
-use super::look::Look;
 use super::renderer::frame_news;
 use super::shared::News;
+use super::status::ViewStatus;
 use crate::cli::failure::Failure;
 use crate::cli::play::{Prepared, Session};
 use crate::cli::progress::Progress;
 use crate::cli::settings::Given;
 use crate::cli::setup::{self, Tracing};
 use crate::cli::{interrupt, output};
-use board::Board;
-use world::{Late, World};
+use panel_quad::PanelQuad;
+use placement::{Late, Placement};
 
 /// Lower end of the frame budget, as a fraction of the display's period.
 const LEAST_SHARE: f64 = 0.55;
@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if headset.takes_depth() {
         prepared.render.aov = vec![Aov::Depth];
     }
-    let world = World::new(&mut loaded, first.eyes, prepared.render.size, args.late_border)?;
+    let world = Placement::new(&mut loaded, first.eyes, prepared.render.size, args.late_border)?;
     prepared.render.is_late = args.late_border > 0.0;
     tell(&headset, &prepared, first.period_ms(), &progress);
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
@@ -91,7 +91,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     session.renderer.set_outputs(if headset.takes_depth() { &outputs } else { &outputs[..1] });
     let motion = prepared.options.recording(world.space, &session.progress)?;
     let record = writes.then(|| session.record(&prepared.render.out)).transpose()?;
-    let look = Look {
+    let look = ViewStatus {
         scene: loaded.shot.name.clone(),
         eye: prepared.render.size,
         band_ms: [prepared.options.budget_ms.lo_ms(), prepared.options.budget_ms.hi_ms()],
@@ -161,15 +161,15 @@ fn tell(headset: &Headset, prepared: &Prepared, period_ms: f64, progress: &Progr
 struct Show {
     session: Session,
     headset: Headset,
-    world: World,
+    world: Placement,
     late: Arc<Late>,
     motion: Option<Recording>,
     /// Record of the frames; `None` without --out.
     record: Option<FrameRecord>,
-    look: Look,
+    look: ViewStatus,
     news: News,
     /// The panel, while it is shown.
-    board: Option<Board>,
+    board: Option<PanelQuad>,
     /// Whether to open the panel with the first frame.
     opens_board: bool,
 }
@@ -215,7 +215,7 @@ impl Show {
         let corrected_ms = report.shown_from.as_ref().and(answered).and_then(|sample| frame.show_from(sample));
         let opens = std::mem::take(opens_board);
         if opens != frame.input.toggles_panel {
-            *board = if board.is_none() { Board::open(headset, &frame)? } else { None };
+            *board = if board.is_none() { PanelQuad::open(headset, &frame)? } else { None };
         }
         news.add(frame_news(row.clone()));
         news.rungs = session.ladder().rungs().len();

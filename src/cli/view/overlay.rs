@@ -6,8 +6,8 @@ use egui::{
 use egui::{TexturesDelta, Ui, Vec2, pos2, vec2};
 
 use super::layout::Placement;
-use super::look::Look;
 use super::shared::{FrameNews, News};
+use super::status::ViewStatus;
 
 /// egui's output, ready to be drawn.
 #[derive(Default)]
@@ -76,7 +76,7 @@ impl Overlay {
         &self,
         size: [u32; 2],
         pixels_per_point: f32,
-        look: &Look,
+        look: &ViewStatus,
         news: &News,
         placements: &[Placement],
         parts: Parts,
@@ -121,7 +121,7 @@ fn area(ui: &Ui, name: &str, corner: Align2, contents: impl FnOnce(&mut Ui)) {
     });
 }
 
-fn panel(ui: &mut Ui, look: &Look, news: &News) {
+fn panel(ui: &mut Ui, look: &ViewStatus, news: &News) {
     let place = if news.follows_path { "on its path" } else { "free" };
     ui.label(RichText::new(format!("{}, {}, {place}", look.scene, look.eye)).strong());
     let Some(last) = news.frames.back() else { return };

@@ -16,11 +16,11 @@ use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::{Window, WindowId};
 
 use super::layout::Layout;
-use super::look::Look;
 use super::overlay::{Overlay, Parts};
 use super::present::{Drawing, Presenter};
 use super::renderer::{self, Start};
 use super::shared::{News, Shared};
+use super::status::ViewStatus;
 use crate::cli::failure::Failure;
 
 /// Reason why the renderer's thread wakes the window.
@@ -31,7 +31,7 @@ pub enum Wake {
 }
 
 pub struct App {
-    look: Look,
+    look: ViewStatus,
     /// Inputs of the renderer's thread, until the window opens.
     start: Option<Start>,
     shared: Arc<Shared>,
@@ -57,7 +57,7 @@ struct Open {
 }
 
 impl App {
-    pub fn new(look: Look, start: Start, shared: Arc<Shared>, proxy: EventLoopProxy<Wake>) -> Self {
+    pub fn new(look: ViewStatus, start: Start, shared: Arc<Shared>, proxy: EventLoopProxy<Wake>) -> Self {
         Self { look, start: Some(start), shared, proxy, renderer: None, open: None, failure: None }
     }
 
@@ -178,7 +178,7 @@ impl ApplicationHandler<Wake> for App {
 }
 
 impl Open {
-    fn redraw(&mut self, look: &Look, shared: &Shared) -> Result<(), anyhow::Error> {
+    fn redraw(&mut self, look: &ViewStatus, shared: &Shared) -> Result<(), anyhow::Error> {
         self.drawn = Some(Instant::now());
         let (picture, news) = shared.take_output();
         self.news = news;
@@ -205,7 +205,7 @@ impl Open {
         Ok(())
     }
 
-    fn point(&mut self, look: &Look, shared: &Shared, to: [f64; 2]) {
+    fn point(&mut self, look: &ViewStatus, shared: &Shared, to: [f64; 2]) {
         let from = std::mem::replace(&mut self.pointer, to);
         let placements = self.layout.placements(self.presenter.size(), look.eye);
         let gaze = placements.iter().find_map(|p| p.within(to));

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::device::WorkerDevice;
 use super::script::{Script, Step};
 use crate::device::DeviceFailure;
-use crate::exec::late::SampledPose;
+use crate::exec::late_latching::SampledPose;
 use crate::exec::messages::{Bytes, FrameJob, FrameReply, TaskTime};
 use crate::exec::output::Output;
 use crate::exec::planner::Graphs;

@@ -3,7 +3,7 @@
 use crate::image::Extent;
 
 /// Session data that is known before the first frame.
-pub struct Look {
+pub struct ViewStatus {
     pub scene: String,
     pub eye: Extent,
     pub band_ms: [f64; 2],

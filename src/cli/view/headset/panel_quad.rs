@@ -6,9 +6,9 @@ use crate::headset::{Headset, HeadsetFrame, Panel};
 use crate::image::Extent;
 use egui_wgpu::{RendererOptions, ScreenDescriptor};
 
-use super::super::look::Look;
 use super::super::overlay::{Overlay, Painted, Parts};
 use super::super::shared::News;
+use super::super::status::ViewStatus;
 use crate::cli::failure::Failure;
 
 /// Size of the panel, pixels.
@@ -20,7 +20,7 @@ const WIDTH_M: f64 = 0.6;
 /// Minimum time between redraws: on a software adapter, drawing takes time from the devices that render.
 const INTERVAL: Duration = Duration::from_millis(200);
 
-pub struct Board {
+pub struct PanelQuad {
     panel: Panel,
     overlay: Overlay,
     renderer: egui_wgpu::Renderer,
@@ -29,7 +29,7 @@ pub struct Board {
     drawn: Option<Instant>,
 }
 
-impl Board {
+impl PanelQuad {
     /// Opens a panel in front of the head's pose in `frame`; `None` if the headset cannot show panels.
     pub fn open(headset: &Headset, frame: &HeadsetFrame) -> Result<Option<Self>, Failure> {
         let Some(panel) = headset.panel(SIZE, WIDTH_M, frame.head)? else { return Ok(None) };
@@ -39,7 +39,7 @@ impl Board {
     }
 
     /// Returns the panel, redrawn at intervals; `None` before the first frame's news.
-    pub fn panel(&mut self, headset: &Headset, look: &Look, news: &News) -> Result<Option<&Panel>, Failure> {
+    pub fn panel(&mut self, headset: &Headset, look: &ViewStatus, news: &News) -> Result<Option<&Panel>, Failure> {
         if self.drawn.is_none_or(|drawn| drawn.elapsed() >= INTERVAL) && !news.frames.is_empty() {
             self.drawn = Some(Instant::now());
             self.draw(headset, look, news)?;
@@ -47,7 +47,7 @@ impl Board {
         Ok(self.drawn.is_some().then_some(&self.panel))
     }
 
-    fn draw(&mut self, headset: &Headset, look: &Look, news: &News) -> Result<(), Failure> {
+    fn draw(&mut self, headset: &Headset, look: &ViewStatus, news: &News) -> Result<(), Failure> {
         let Self { panel, overlay, renderer, freed, .. } = self;
         let size = [SIZE.width, SIZE.height];
         let parts = Parts { panel: true, help: false, hint: false };

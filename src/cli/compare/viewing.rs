@@ -18,12 +18,12 @@ pub enum Source {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Said<T> {
+pub struct Sourced<T> {
     pub value: T,
     pub source: Source,
 }
 
-impl<T> Said<T> {
+impl<T> Sourced<T> {
     fn first(option: Option<T>, reference: Option<T>, image: Option<T>, default: T) -> Self {
         let said = [(option, Source::Option), (reference, Source::Reference), (image, Source::Image)];
         let first = said.into_iter().find_map(|(value, source)| value.map(|value| Self { value, source }));
@@ -31,14 +31,14 @@ impl<T> Said<T> {
     }
 }
 
-impl Said<f32> {
+impl Sourced<f32> {
     /// Chooses the exposure of both images in stops; the default is 0.
     pub fn exposure(option: Option<f32>, reference: &Tags, image: &Tags) -> Self {
         Self::first(option, reference.exposure_ev, image.exposure_ev, 0.0)
     }
 }
 
-impl Said<f64> {
+impl Sourced<f64> {
     /// Chooses the vertical field of view, degrees.
     pub fn yfov_deg(option: Option<f64>, reference: &Tags, image: &Tags) -> Self {
         Self::first(option, reference.field_of_view_deg(), image.field_of_view_deg(), ASSUMED_YFOV_DEG)
@@ -159,14 +159,14 @@ mod tests {
     #[test]
     fn options_go_before_the_reference_and_the_reference_before_the_image() {
         let image = Tags { exposure_ev: Some(2.0), yfov_deg: Some(50.0), ..tags() };
-        let exposure = |option, reference: &Tags| Said::exposure(option, reference, &image);
-        let said = |value, source| Said { value, source };
+        let exposure = |option, reference: &Tags| Sourced::exposure(option, reference, &image);
+        let said = |value, source| Sourced { value, source };
         assert_eq!(exposure(Some(1.0), &tags()), said(1.0, Source::Option));
         assert_eq!(exposure(None, &tags()), said(0.5, Source::Reference));
         assert_eq!(exposure(None, &Tags::default()), said(2.0, Source::Image));
-        assert_eq!(Said::exposure(None, &Tags::default(), &Tags::default()), said(0.0, Source::Default));
-        assert_eq!(Said::yfov_deg(None, &tags(), &image).value, 40.0);
-        let nobody = Said::yfov_deg(None, &Tags::default(), &Tags::default());
+        assert_eq!(Sourced::exposure(None, &Tags::default(), &Tags::default()), said(0.0, Source::Default));
+        assert_eq!(Sourced::yfov_deg(None, &tags(), &image).value, 40.0);
+        let nobody = Sourced::yfov_deg(None, &Tags::default(), &Tags::default());
         assert_eq!((nobody.value, nobody.source), (70.0, Source::Default));
     }
 }

@@ -1,4 +1,4 @@
-//! Live status in the terminal: a line per device, and the frame times against the band.
+//! StatusLines status in the terminal: a line per device, and the frame times against the band.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -19,7 +19,7 @@ const NAME: usize = 24;
 const BAR: usize = 24;
 
 /// The status display. Counts every frame, but formats text only for a redraw.
-pub struct Live {
+pub struct StatusLines {
     band_ms: [f64; 2],
     denoiser: &'static str,
     rungs: usize,
@@ -32,7 +32,7 @@ pub struct Live {
     drawn: Option<Instant>,
 }
 
-impl Live {
+impl StatusLines {
     pub fn new(band: Budget, gpus: &[DeviceInfo], denoiser: &'static str, rungs: usize, wanted: Option<u32>) -> Self {
         let names = gpus.iter().map(|d| format!("dev{} {}", d.index, d.name)).collect();
         let band_ms = [band.lo_ms(), band.hi_ms()];

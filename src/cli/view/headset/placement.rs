@@ -19,7 +19,7 @@ const LONGEST_STEP_S: f64 = 0.25;
 
 /// Pose of the session's space in the scene, and the headset's eyes.
 #[derive(Clone)]
-pub struct World {
+pub struct Placement {
     shot: Rig,
     pub space: Space,
     eyes: HeadEyes,
@@ -34,7 +34,7 @@ pub struct World {
     before: Option<Instant>,
 }
 
-impl World {
+impl Placement {
     /// Sets the rig of the loaded shot to these eyes and returns the headset's world.
     pub fn new(loaded: &mut LoadedScene, eyes: HeadEyes, size: Extent, border_deg: f64) -> Result<Self, Failure> {
         let space = loaded.space.with_eyes(eyes).map_err(HeadsetError::Eyes)?;
@@ -87,7 +87,7 @@ pub struct Late {
 struct Asked {
     index: u32,
     frame: HeadsetFrame,
-    world: World,
+    world: Placement,
     /// The head pose that was latched last.
     answer: Option<HeadSample>,
 }
@@ -103,7 +103,7 @@ impl Late {
     }
 
     /// Begins a frame.
-    pub fn begin(&self, index: u32, frame: &HeadsetFrame, world: &World) {
+    pub fn begin(&self, index: u32, frame: &HeadsetFrame, world: &Placement) {
         let asked = Asked { index, frame: *frame, world: world.clone(), answer: None };
         *self.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(asked);
     }
