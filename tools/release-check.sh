@@ -13,7 +13,7 @@ cd "$(dirname "$0")/.."
 all="lint test hardware-rays mpi xr view golden test-newer golden-newer golden-compare test-long test-long-newer"
 state=out/release-check
 report=docs/release-check.md
-make=${MAKE:-make}
+make="${MAKE:-make} --no-print-directory"
 steps=${*:-$all}
 # Commands may use a variable of that name.
 newer=${NEWER_MESA:-}
