@@ -85,12 +85,21 @@ pub fn guessed_relative_cost(quality: &Quality) -> RelativeCost {
     RelativeCost::new([PATH_TRACE, HOLE_FILL].map(|stage| (stage, guessed_paths(quality))))
 }
 
+/// Whether all rungs have a time of path tracing.
+fn have_path_times(rungs: &[Rung]) -> bool {
+    rungs.iter().all(|r| r.stage_ms.get(PATH_TRACE.name()).is_some_and(|ms| *ms > 0.0))
+}
+
+/// Whether rungs have times of stages, but not all have one of path tracing, so that [`relative_costs`] cannot use them.
+pub fn lack_path_times(rungs: &[Rung]) -> bool {
+    rungs.iter().any(|r| !r.stage_ms.is_empty()) && !have_path_times(rungs)
+}
+
 /// Returns the relative cost of tracing on each rung, from the rungs' measured times if all have them, otherwise
 /// estimated. A rung's cost of paths does not depend on the other rungs, so costs learned with one set of rungs hold
 /// for another.
 pub fn relative_costs(rungs: &[Rung]) -> Vec<RelativeCost> {
-    let paths = PATH_TRACE.name();
-    let are_timed = rungs.iter().all(|r| r.stage_ms.get(paths).is_some_and(|ms| *ms > 0.0));
+    let are_timed = have_path_times(rungs);
     let Some(first) = rungs.first() else { return Vec::new() };
     let measured = |rung: &Rung, stage: Stage| {
         let ms = |r: &Rung| r.stage_ms.get(stage.name()).copied().filter(|ms| *ms > 0.0);
@@ -143,6 +152,8 @@ mod tests {
     fn relative_costs_are_measured_where_all_rungs_are() {
         let of = |rungs: &[Rung]| relative_costs(rungs).iter().map(|e| e.of(PATH_TRACE)).collect::<Vec<_>>();
         assert_eq!(of(&[rung(1, 1, Some(2.0)), rung(4, 1, Some(9.0))]), [2.0, 9.0]);
-        assert_eq!(of(&[rung(1, 1, Some(2.0)), rung(4, 2, None)]), [2.0, 12.0]);
+        let mixed = [rung(1, 1, Some(2.0)), rung(4, 2, None)];
+        assert_eq!(of(&mixed), [2.0, 12.0]);
+        assert!(lack_path_times(&mixed) && !lack_path_times(&mixed[..1]) && !lack_path_times(&mixed[1..]));
     }
 }

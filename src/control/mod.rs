@@ -15,7 +15,8 @@ mod rung;
 
 pub use budget::{Budget, BudgetError};
 pub use builtin::{
-    BOUNCES, ESTIMATES_EV, TRACING, candidates, guessed_error, guessed_paths, guessed_relative_cost, relative_costs,
+    BOUNCES, ESTIMATES_EV, TRACING, candidates, guessed_error, guessed_paths, guessed_relative_cost, lack_path_times,
+    relative_costs,
 };
 pub use controller::{CLIMB_BACK_AFTER, CLIMB_EVERY, Controller, Decision, Predict};
 pub use front::{front, mean_error};

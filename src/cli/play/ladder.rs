@@ -5,7 +5,10 @@ use std::path::Path;
 
 use anyhow::{Context, ensure};
 
-use crate::control::{BOUNCES, Ladder, Rung, candidates, guessed_paths, guessed_relative_cost, relative_costs};
+use crate::control::{
+    BOUNCES, Ladder, Rung, candidates, guessed_paths, guessed_relative_cost, lack_path_times, relative_costs,
+};
+use crate::passes::path_trace;
 use crate::quality::{Denoiser, Envelope, PolarSpace, Quality};
 use crate::schedule::RelativeCost;
 
@@ -72,6 +75,10 @@ impl Choice {
         ensure!(!rungs.is_empty(), "--ladder {path}: all rungs for --denoiser {name} need --foveation layers");
         if !args.foveated.is_on() && !foveated.is_empty() {
             eprintln!("warning: {} rungs of {path} are left out: they need --foveation layers", foveated.len());
+        }
+        if lack_path_times(&rungs) {
+            let stage = path_trace::STAGE.name();
+            eprintln!("warning: not all rungs of {path} have a time of {stage}: their relative costs are estimated");
         }
         let qualities = rungs.iter().map(|r| r.quality).collect();
         Ok(Self { denoiser, ladder: Some(Ladder::new(all.origin().clone(), rungs)?), qualities })
