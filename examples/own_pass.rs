@@ -66,7 +66,7 @@ fn main() -> anyhow::Result<()> {
     });
     let builder = Renderer::builder(&scene).size(EXTENT.width, EXTENT.height).devices(2);
     let builder = builder.policy(|rows, devices| Box::new(Even::new(rows, devices)));
-    let mut renderer = builder.configure(|settings| settings.buffers.declarations = passes).build()?;
+    let mut renderer = builder.configure(|config| config.buffers.declarations = passes).build()?;
     let report = renderer.render(&renderer.frame(&scene.shot.rig, 0.0, 0))?;
     for task in report.tasks.iter().filter(|task| task.kind == TimedTask::Gpu(OUTLINE_STAGE)) {
         let (device, rows, ms) = (task.device, &task.rows, task.end_ms - task.begin_ms);
