@@ -102,7 +102,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         slack = f32(1u << layer);
     }
     if SPARSE {
-        is_full = is_full && frame.sampling.sampled_share >= 1.0;
+        is_full = is_full && frame.sampling.sampled_fraction >= 1.0;
         // Filters do not fill a pixel without a surface at its centre.
         wanted = guide.w == NO_NORMAL || is_sampled(pixel, 1u);
     }

@@ -185,7 +185,7 @@ fn straight_transmittance(s: Surface, direction: vec3<f32>) -> vec3<f32> {
 }
 
 // The Lambertian lobe's fraction of the value of `evaluate`.
-fn matte_share(s: Surface, v: vec3<f32>, l: vec3<f32>, value: vec3<f32>) -> vec3<f32> {
+fn matte_fraction(s: Surface, v: vec3<f32>, l: vec3<f32>, value: vec3<f32>) -> vec3<f32> {
     let nl = max(dot(s.normal, l), 0.0);
     let vh = clamp(dot(v, normalize(v + l)), 0.0, 1.0);
     let matte = s.diffuse * (layer_passage(s, vh, nl) * nl / PI * (1.0 - s.coat));

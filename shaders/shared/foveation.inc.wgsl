@@ -1,5 +1,5 @@
 // Sampling mask. A frame may leave a fraction of all pixels to the filter, whose guides are at full resolution
-// (`sampled_share` is the render scale squared). Foveation adds three layers around the gaze (Peres, sections 4.2 and
+// (`sampled_fraction` is the render scale squared). Foveation adds three layers around the gaze (Peres, sections 4.2 and
 // 4.4): the inner one is sampled in full, and outside the outer radius each pixel is sampled with probability 1 - p. In
 // between, the probability falls linearly. Departures: a pixel's threshold is not random but its index on the Z-order
 // curve, Owen-scrambled (Burley 2020; Ahmed & Wonka 2020), so that every aligned block of 2^k pixels holds as many
@@ -27,11 +27,11 @@ fn layer_of(pixel: vec2<u32>, view: u32) -> u32 {
 
 fn sampling_probability(pixel: vec2<u32>, view: u32) -> f32 {
     if !FOVEATED {
-        return frame.sampling.sampled_share;
+        return frame.sampling.sampled_fraction;
     }
     let radii = frame.foveation.radii;
     let outward = clamp((gaze_distance(pixel, view) - radii.x) / (radii.y - radii.x), 0.0, 1.0);
-    return frame.sampling.sampled_share * (1.0 - frame.foveation.unsampled_share * outward);
+    return frame.sampling.sampled_fraction * (1.0 - frame.foveation.unsampled_fraction * outward);
 }
 
 // Whether the mask samples this pixel. `mask_turn` is 0 for spatial filters. Adding the golden ratio to it every frame

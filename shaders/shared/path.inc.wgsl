@@ -104,7 +104,7 @@ fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<f
         return vec3<f32>(0.0);
     }
     if HAS_GLOSS && depth == 1u {
-        *share = matte_share(s, v, light.direction, scattered.value);
+        *share = matte_fraction(s, v, light.direction, scattered.value);
     }
     let visibility = light_visibility(leave(s, light.direction), s.position, light, alpha_key(*rng), rays);
     if max3(visibility) <= 0.0 {
@@ -175,7 +175,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, rng: 
         let direction = b.direction;
         throughput *= b.weight;
         if HAS_GLOSS && depth == 1u {
-            share = select(matte_share(s, v, b.direction, b.weight * b.pdf), vec3<f32>(0.0), b.is_delta);
+            share = select(matte_fraction(s, v, b.direction, b.weight * b.pdf), vec3<f32>(0.0), b.is_delta);
         }
         if max3(throughput) <= 0.0 {
             break;

@@ -71,7 +71,7 @@ pub struct FoveationOptions {
     pub layer_radii: Option<[f64; 2]>,
     /// Share of the outer layer that is not sampled, where it is not the usual one.
     #[arg(skip)]
-    pub unsampled_share: Option<f64>,
+    pub unsampled_fraction: Option<f64>,
 }
 
 impl FoveationOptions {

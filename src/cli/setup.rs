@@ -189,7 +189,7 @@ pub fn config(options: &RenderOptions, loaded: &LoadedScene, mixes_spp: bool) ->
         },
         sampler: options.sampler,
         indirect_clamp: options.clamp.unwrap_or(0.0),
-        unsampled_share: foveated.unsampled_share.unwrap_or(config.unsampled_share),
+        unsampled_fraction: foveated.unsampled_fraction.unwrap_or(config.unsampled_fraction),
         gaze: foveated.gaze(&loaded.gaze),
         seed: options.seed,
         ..config

@@ -53,7 +53,7 @@ pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
 pub const ESTIMATES_EV: f64 = 0.0;
 
 /// Returns the fraction of pixels that are sampled.
-fn sampled_share(quality: &Quality) -> f64 {
+fn sampled_fraction(quality: &Quality) -> f64 {
     let Some(radii) = quality.fovea else { return quality.scale * quality.scale };
     // Assumes a 16:9 image with the gaze at its centre. Half of the pixels outside the layers are sampled.
     let [inner, outer] = radii.map(|r| (PI * r * r * 16.0 / 9.0).min(1.0));
@@ -64,7 +64,7 @@ fn sampled_share(quality: &Quality) -> f64 {
 /// would add. The error combines noise, blur and missing light. Denoisers estimate noise and blur, for images shown at
 /// [`ESTIMATES_EV`].
 pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
-    let samples = f64::from(quality.spp) * sampled_share(quality);
+    let samples = f64::from(quality.spp) * sampled_fraction(quality);
     let iterations = quality.most_iterations();
     let noise = match quality.denoiser {
         Some(denoiser) if iterations > 0 => denoiser.method().estimated_flip(samples, iterations, rows),
@@ -77,7 +77,7 @@ pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
 /// Estimates the relative cost of path tracing without measurements. Russian roulette ends most paths after four
 /// bounces.
 pub fn guessed_paths(quality: &Quality) -> f64 {
-    f64::from(quality.spp) * sampled_share(quality) * f64::from(1 + quality.bounces.clamp(1, 4))
+    f64::from(quality.spp) * sampled_fraction(quality) * f64::from(1 + quality.bounces.clamp(1, 4))
 }
 
 /// Estimates the relative cost of tracing at a quality without measurements.

@@ -83,8 +83,8 @@ pub struct RunConfig {
     pub sampler: Sampler,
     /// Upper bound of indirect radiance; 0 disables it.
     pub indirect_clamp: f32,
-    /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_share`].
-    pub unsampled_share: f64,
+    /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_fraction`].
+    pub unsampled_fraction: f64,
     /// Gaze of the left and the right eye.
     pub gaze: [Gaze; 2],
     pub seed: u32,
@@ -109,7 +109,7 @@ impl RunConfig {
             execution: Execution::default(),
             sampler: Sampler::default(),
             indirect_clamp: 0.0,
-            unsampled_share: Foveation::UNSAMPLED_SHARE,
+            unsampled_fraction: Foveation::UNSAMPLED_FRACTION,
             gaze: Default::default(),
             seed: 0,
             exposure_ev: 0.0,
@@ -129,7 +129,7 @@ impl RunConfig {
     /// Returns the foveal layers, if pixels are not all sampled and filtered alike.
     pub fn foveation(&self) -> Option<Foveation> {
         let radii = self.envelope.most.fovea?;
-        Some(Foveation { gaze: self.gaze.clone(), radii, unsampled_share: self.unsampled_share })
+        Some(Foveation { gaze: self.gaze.clone(), radii, unsampled_fraction: self.unsampled_fraction })
     }
 
     /// Returns the polar projection of the traced images; `None` if these are the screen's own.

@@ -17,7 +17,7 @@ pub struct Foveation {
     /// frame may override them.
     pub radii: [f64; 2],
     /// Fraction of the outer layer's pixels that is not sampled, 0 to 1; it falls to 0 towards the inner layer.
-    pub unsampled_share: f64,
+    pub unsampled_fraction: f64,
 }
 
 impl Foveation {
@@ -25,11 +25,11 @@ impl Foveation {
     pub const RADII: [f64; 2] = [0.15, 0.30];
 
     /// Default fraction of unsampled pixels, from Peres, section 4.2.
-    pub const UNSAMPLED_SHARE: f64 = 0.5;
+    pub const UNSAMPLED_FRACTION: f64 = 0.5;
 
     /// Creates layers with the default radii and fraction of unsampled pixels.
     pub fn new(gaze: [Gaze; 2]) -> Self {
-        Self { gaze, radii: Self::RADII, unsampled_share: Self::UNSAMPLED_SHARE }
+        Self { gaze, radii: Self::RADII, unsampled_fraction: Self::UNSAMPLED_FRACTION }
     }
 
     /// Returns the same layers around a gaze that does not move.
@@ -37,9 +37,9 @@ impl Foveation {
         Self { gaze: eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }), ..self.clone() }
     }
 
-    /// Returns the [`Self::unsampled_share`], clamped to 0 to 1, at which this fraction of the left eye's pixels is
+    /// Returns the [`Self::unsampled_fraction`], clamped to 0 to 1, at which this fraction of the left eye's pixels is
     /// sampled at `time_s`.
-    pub fn unsampled_share_for(&self, sampled: f64, time_s: f64, extent: Extent) -> f64 {
+    pub fn unsampled_fraction_for(&self, sampled: f64, time_s: f64, extent: Extent) -> f64 {
         let ([inner, outer], [x, y]) = self.circles(0, time_s, extent.width, extent.height);
         let columns = extent.width as usize;
         let outward = |i: usize| {
@@ -102,7 +102,7 @@ impl Foveation {
         let (radii, [left, right]) = self.circles_rendered(radii, time_s, extent, rectified);
         layout::Foveation {
             gaze: Vec4::from([left[0], left[1], right[0], right[1]].map(|c| c as f32)),
-            unsampled_share: self.unsampled_share as f32,
+            unsampled_fraction: self.unsampled_fraction as f32,
             radii: Vec2::from(radii.map(|r| r as f32)),
             ..Default::default()
         }
@@ -123,7 +123,7 @@ mod tests {
         let falloff = |radii| Foveation { radii, ..Foveation::new([gaze(), gaze()]) };
         // Around (25.6, 24), all pixels within 6.4 pixels are sampled. The fraction falls linearly to its floor at 12.8
         // pixels.
-        let unsampled = falloff([0.1, 0.2]).unsampled_share_for(0.4, 0.0, extent);
+        let unsampled = falloff([0.1, 0.2]).unsampled_fraction_for(0.4, 0.0, extent);
         let mut sampled = 0.0;
         for (x, y) in (0..48).flat_map(|y| (0..64).map(move |x| (f64::from(x) + 0.5, f64::from(y) + 0.5))) {
             let distance = f64::hypot(x - 25.6, y - 24.0);
@@ -136,8 +136,8 @@ mod tests {
         assert!((sampled / extent.area() as f64 - 0.4).abs() < 1e-9, "{unsampled}: {sampled}");
         // Unreachable fractions are clamped: the inner layer alone samples more than 0.01, and a layer of radius 2
         // covers the whole image.
-        assert_eq!(falloff([0.1, 0.2]).unsampled_share_for(0.01, 0.0, extent), 1.0);
-        assert_eq!(falloff([2.0, 3.0]).unsampled_share_for(0.4, 0.0, extent), 1.0);
-        assert_eq!(falloff([0.1, 0.2]).unsampled_share_for(1.0, 0.0, extent), 0.0);
+        assert_eq!(falloff([0.1, 0.2]).unsampled_fraction_for(0.01, 0.0, extent), 1.0);
+        assert_eq!(falloff([2.0, 3.0]).unsampled_fraction_for(0.4, 0.0, extent), 1.0);
+        assert_eq!(falloff([0.1, 0.2]).unsampled_fraction_for(1.0, 0.0, extent), 0.0);
     }
 }

@@ -72,7 +72,7 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
             curve_shift,
             reflections: quality.bounces.max(1),
             indirect_clamp: config.indirect_clamp,
-            sampled_share: (quality.scale * quality.scale) as f32,
+            sampled_fraction: (quality.scale * quality.scale) as f32,
             // Over several frames, the sampling mask covers every pixel.
             mask_turn: if config.keeps_history() { index.wrapping_mul(GOLDEN_RATIO) } else { 0 },
             is_jittered: config.jitter(spp).into(),

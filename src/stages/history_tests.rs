@@ -104,7 +104,7 @@ impl Bench {
                 spp: 1,
                 reflections: 2,
                 curve_shift: NO_CURVE,
-                sampled_share: 1.0,
+                sampled_fraction: 1.0,
                 ..Default::default()
             },
             foveation: Foveation { layer_iterations: UVec3::splat(ITERATIONS), ..Default::default() },

@@ -107,7 +107,7 @@ shared_structs! {
         /// Clamp of indirect radiance; 0 disables it.
         pub indirect_clamp: f32,
         /// Fraction of all pixels that is sampled, before foveation leaves out more.
-        pub sampled_share: f32,
+        pub sampled_fraction: f32,
         /// Offset of every pixel's sampling threshold, which wraps around at 2^32.
         pub mask_turn: u32,
         /// 1 if samples are jittered over their pixels, 0 if the only one goes through [`Camera::centre`].
@@ -175,7 +175,7 @@ shared_structs! {
         pub layer_iterations: UVec3,
         /// Fraction of the outer layer's pixels that foveation leaves unsampled, out of those that would be sampled
         /// without it.
-        pub unsampled_share: f32,
+        pub unsampled_fraction: f32,
         /// Radii at which the inner and the middle layer end, pixels.
         pub radii: Vec2,
         pub pad0: u32,

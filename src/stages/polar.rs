@@ -84,7 +84,7 @@ impl Polar {
     }
 
     /// Returns the number of traced pixels of an eye's image, relative to its screen.
-    pub fn traced_share(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
+    pub fn traced_fraction(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
         let seen = self.seen(eye, time_s, view, screen);
         let pixels = match &self.space {
             PolarSpace::Visual => self.space.pixels(&seen, screen),

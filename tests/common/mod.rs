@@ -93,8 +93,8 @@ pub fn with(mut config: RunConfig, change: impl FnOnce(&mut RunConfig)) -> RunCo
 
 /// Adds foveal layers that are filtered with these iterations.
 pub fn foveate(config: &mut RunConfig, layers: &Foveation, iterations: [u32; 3]) {
-    let Foveation { gaze, radii, unsampled_share } = layers.clone();
-    (config.gaze, config.unsampled_share) = (gaze, unsampled_share);
+    let Foveation { gaze, radii, unsampled_fraction } = layers.clone();
+    (config.gaze, config.unsampled_fraction) = (gaze, unsampled_fraction);
     (config.envelope.most.fovea, config.envelope.most.iterations) = (Some(radii), iterations);
 }
 

@@ -42,8 +42,8 @@ fn same(a: &RgbImage, b: &RgbImage, i: usize) -> bool {
 fn the_mask_has_the_density_of_its_ring() {
     const RINGS: usize = 12;
     let subject = Subject::load("builtin:cornell");
-    for (x, unsampled_share) in [(0.5, 0.5), (0.3, 0.75)] {
-        let foveation = Foveation { unsampled_share, ..Foveation::new(towards(x, 0.4)) };
+    for (x, unsampled_fraction) in [(0.5, 0.5), (0.3, 0.75)] {
+        let foveation = Foveation { unsampled_fraction, ..Foveation::new(towards(x, 0.4)) };
         let mut stage = Stage::alone(&subject, &settings(&subject, &foveation, [0; 3]));
         stage.frame(0);
         let spp = stage.aov(0);
@@ -51,7 +51,7 @@ fn the_mask_has_the_density_of_its_ring() {
             let [r0, r1] = foveation.radii.map(|r| r * f64::from(WIDTH));
             let mut rings = [(0.0, 0.0, 0.0); RINGS];
             for (&d, &spp) in distances(&foveation, eye).iter().zip(&spp[0]) {
-                let expected = 1.0 - unsampled_share * ((d - r0) / (r1 - r0)).clamp(0.0, 1.0);
+                let expected = 1.0 - unsampled_fraction * ((d - r0) / (r1 - r0)).clamp(0.0, 1.0);
                 assert!(spp == 0.0 || spp == 1.0);
                 assert!(d >= r0 || spp == 1.0, "a pixel of the inner layer is not sampled");
                 let ring = &mut rings[((d / 8.0) as usize).min(RINGS - 1)];
@@ -94,7 +94,7 @@ fn what_is_sampled_is_what_it_is_without_foveation() {
 #[test]
 fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
     let subject = Subject::load("builtin:checker");
-    let foveation = Foveation { unsampled_share: 0.0, ..Foveation::new(towards(0.5, 0.5)) };
+    let foveation = Foveation { unsampled_fraction: 0.0, ..Foveation::new(towards(0.5, 0.5)) };
     for (spp, reproject) in [(1, false), (3, true)] {
         let mut foveated = settings(&subject, &foveation, [5; 3]);
         (foveated.envelope.most.spp, foveated.buffers.reproject) = (spp, reproject);
@@ -199,8 +199,8 @@ fn a_full_render_scale_changes_no_byte_where_others_are_possible() {
 fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
     let subject = Subject::load("builtin:cornell");
     for gaze in [towards(0.0, 0.0), towards(1.0, 1.0), towards(0.5, 0.5)] {
-        for unsampled_share in [0.5, 1.0] {
-            let foveation = Foveation { unsampled_share, ..Foveation::new(gaze.clone()) };
+        for unsampled_fraction in [0.5, 1.0] {
+            let foveation = Foveation { unsampled_fraction, ..Foveation::new(gaze.clone()) };
             let (mut foveated, distances) = (settings(&subject, &foveation, [2, 3, 5]), distances(&foveation, 0));
             foveated.buffers.reproject = true;
             let mut plain = foveated.clone();
@@ -212,10 +212,10 @@ fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
                 assert!(eyes(&found)[eye].pixels.iter().flatten().all(|c| c.is_finite()));
             }
             // If the outer layer is not sampled at all, light reaches only as far as the filter.
-            let reach = if unsampled_share < 1.0 { f64::INFINITY } else { 0.3 * f64::from(WIDTH) };
+            let reach = if unsampled_fraction < 1.0 { f64::INFINITY } else { 0.3 * f64::from(WIDTH) };
             let is_dark = |i: usize| found.left.pixels[i] == [0.0; 3] && all.left.pixels[i] != [0.0; 3];
             let dark = (0..distances.len()).filter(|&i| distances[i] < reach && is_dark(i)).count();
-            assert_eq!(dark, 0, "{gaze:?}, {unsampled_share}");
+            assert_eq!(dark, 0, "{gaze:?}, {unsampled_fraction}");
         }
     }
 }

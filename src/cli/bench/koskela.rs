@@ -63,14 +63,14 @@ fn arrangements(run: &RunOptions, loaded: &LoadedScene) -> [Arranged; ARRANGEMEN
     let [width, _] = tan_half(loaded, run).map(|tan| 2.0 * tan);
     let radii = FALLOFF_DEG.map(|degrees| degrees.to_radians().tan() / width);
     let falloff = Foveation { radii, ..Foveation::new(gaze()) };
-    let unsampled = falloff.unsampled_share_for(share, run.time, run.size);
+    let unsampled = falloff.unsampled_fraction_for(share, run.time, run.size);
     let of = |quality| {
         let mut options = RenderOptions::single(run.clone(), &quality);
         options.foveated.iterations = Some(ITERATIONS);
         options
     };
     let mut linear = of(Quality { fovea: Some(radii), ..FULL });
-    linear.foveated.unsampled_share = Some(unsampled);
+    linear.foveated.unsampled_fraction = Some(unsampled);
     let log = log_polar(share, run, loaded);
     [
         (of(FULL), None, None),
@@ -89,7 +89,7 @@ fn log_polar(share: f64, run: &RunOptions, loaded: &LoadedScene) -> LogPolar {
     let view = loaded.shot.rig.view(run.time, Eye::Left);
     for _ in 0..4 {
         let polar = Polar { gaze: [0, 1].map(|_| loaded.shot.gaze.clone()), space: PolarSpace::Log(map) };
-        map.sigma *= (polar.traced_share(Eye::Left, run.time, &view, run.size) / share).sqrt();
+        map.sigma *= (polar.traced_fraction(Eye::Left, run.time, &view, run.size) / share).sqrt();
     }
     map
 }

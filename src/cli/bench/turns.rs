@@ -90,7 +90,7 @@ impl<'a> Turns<'a> {
         let mut paths = frame.traced_pixels().map(|pixels| pixels as f64 / options.size.area() as f64);
         if let Some(polar) = self.renderers[which].polar() {
             for eye in Eye::ALL.into_iter().filter(|eye| *eye == Eye::Left || !options.reprojects()) {
-                paths[eye as usize] = polar.traced_share(eye, time_s, &shot.rig.view(time_s, eye), options.size);
+                paths[eye as usize] = polar.traced_fraction(eye, time_s, &shot.rig.view(time_s, eye), options.size);
             }
         }
         paths

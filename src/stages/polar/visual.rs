@@ -35,11 +35,11 @@ fn acuity_within(degrees: f64) -> f64 {
 
 /// Returns the number of the fovea's rings relative to that of an image whose outermost ring is at `degrees`. The
 /// density is continuous at the fovea's rim. The result exceeds 1 if the fovea covers the whole image.
-fn fovea_share(degrees: f64) -> f64 {
+fn fovea_fraction(degrees: f64) -> f64 {
     1.0 / rings_within(degrees.max(LEAST_DEG))
 }
 
-/// Returns the number of an image's pixels relative to one without shortened rings; `share` is [`fovea_share`].
+/// Returns the number of an image's pixels relative to one without shortened rings; `share` is [`fovea_fraction`].
 fn pixel_share(share: f64) -> f64 {
     1.0 - 0.5 * share.min(MOST_SHORT)
 }
@@ -99,9 +99,9 @@ pub(super) fn place_of(seen: &View, screen: Extent) -> impl Fn(DVec3) -> PolarPl
 
 /// Returns a view that looks at its gaze, with this many rows if the gaze is centred.
 pub(super) fn look(view: View, rows: u32) -> View {
-    let share = fovea_share(farthest_corner(&view, view.gaze));
+    let share = fovea_fraction(farthest_corner(&view, view.gaze));
     // Keep the number of pixels of a centred gaze.
-    let centred = fovea_share(farthest_corner(&view, view.forward));
+    let centred = fovea_fraction(farthest_corner(&view, view.forward));
     let rows = (f64::from(rows) * pixel_share(centred) / pixel_share(share)).round().max(1.0);
     View { rows: rows as f32, fovea_rows: (rows * share) as f32, ..view }
 }
@@ -147,7 +147,7 @@ mod tests {
     fn acuity_sums_up_to_published_numbers() {
         assert!((acuity_within(80.0) - 1091.3).abs() < 1.0, "{}", acuity_within(80.0));
         for (degrees, share) in [(40.0, 0.241), (50.0, 0.216), (60.0, 0.199)] {
-            assert!((fovea_share(degrees) - share).abs() < 1e-3, "{} at {degrees}", fovea_share(degrees));
+            assert!((fovea_fraction(degrees) - share).abs() < 1e-3, "{} at {degrees}", fovea_fraction(degrees));
         }
     }
 
@@ -195,7 +195,7 @@ mod tests {
     #[test]
     fn rings_are_as_dense_on_both_sides_of_the_foveas_rim() {
         for degrees in [30.0, 48.9, 75.0] {
-            let share = fovea_share(degrees);
+            let share = fovea_fraction(degrees);
             let inside = share / FOVEA_DEG;
             let outside = (1.0 - share) / (acuity_within(degrees) - FOVEA_AREA) * 2.0 * PI * FOVEA_DEG;
             assert!((inside / outside - 1.0).abs() < 1e-9, "{degrees}: {inside}, {outside}");

@@ -97,7 +97,7 @@ fn compare(sparse: bool, layers: bool, count: u32, seed: u64, expected: &[&'stat
     let mut random = Random::new(seed);
     let mut constants = Constants::new(WIDTH, HEIGHT);
     constants.foveation.layers = layers;
-    constants.foveation.sampled_share = if sparse { 0.5 } else { 1.0 };
+    constants.foveation.sampled_fraction = if sparse { 0.5 } else { 1.0 };
     constants.foveation.layer_iterations = if layers { [count - 2, count - 1, count] } else { [count; 3] };
     let overrides = [("SOBOL", true), ("SPARSE", sparse), ("FOVEATED", layers)];
     let mut cases = Cases::default();

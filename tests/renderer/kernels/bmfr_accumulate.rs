@@ -77,7 +77,7 @@ struct After {
 struct Case {
     view: usize,
     has_history: bool,
-    least_share: f32,
+    least_fraction: f32,
     seed: u64,
 }
 
@@ -107,7 +107,7 @@ fn twin(case: Case, pasts: &[[DVec3; 2]], now: Option<DVec3>, cases: &mut Cases)
             (light, frames)
         }
         (Some((light, frames)), Some(now)) => {
-            let least = f64::from(case.least_share);
+            let least = f64::from(case.least_fraction);
             cases.meet(if 1.0 / (frames + 1.0) < least { "exponential mean" } else { "mean" });
             (light.lerp(now, (1.0 / (frames + 1.0)).max(least)), frames + 1.0)
         }
@@ -139,7 +139,7 @@ fn compare(case: Case, cases: &mut Cases) {
         let own = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, WIDTH, pixels));
         let outputs = Kernel::new("bmfr_accumulate", &[("HAS_MOTION", false)]).run(
             &constants,
-            stripe.pass(case.view, [case.least_share.to_bits(), 0, 0]),
+            stripe.pass(case.view, [case.least_fraction.to_bits(), 0, 0]),
             WIDTH,
             &[
                 ("hit_image", own(&hit)),
@@ -187,15 +187,15 @@ fn compare(case: Case, cases: &mut Cases) {
 #[test]
 fn a_first_frame_is_all_of_its_history() {
     let mut cases = Cases::default();
-    compare(Case { view: 1, has_history: false, least_share: 0.2, seed: 411 }, &mut cases);
+    compare(Case { view: 1, has_history: false, least_fraction: 0.2, seed: 411 }, &mut cases);
     cases.assert_met(&["no surface", "light", "light that is not finite", "nothing"]);
 }
 
 #[test]
 fn frames_count_alike_until_they_are_many() {
-    for (least_share, seed) in SHARES.into_iter().zip(412..) {
+    for (least_fraction, seed) in SHARES.into_iter().zip(412..) {
         let mut cases = Cases::default();
-        compare(Case { view: 0, has_history: true, least_share, seed }, &mut cases);
+        compare(Case { view: 0, has_history: true, least_fraction, seed }, &mut cases);
         cases.assert_met(&["mean", "exponential mean", "own history", "history alone", "history that is not finite"]);
     }
 }
@@ -203,6 +203,6 @@ fn frames_count_alike_until_they_are_many() {
 #[test]
 fn the_right_eye_takes_the_left_ones_history_where_it_has_none() {
     let mut cases = Cases::default();
-    compare(Case { view: 1, has_history: true, least_share: 0.2, seed: 414 }, &mut cases);
+    compare(Case { view: 1, has_history: true, least_fraction: 0.2, seed: 414 }, &mut cases);
     cases.assert_met(&["own history", "the left eye's history", "nothing"]);
 }

@@ -87,8 +87,8 @@ pub struct Foveation {
     pub radii: Vec2,
     pub gaze: [Vec2; 2],
     pub layer_iterations: [u32; 3],
-    pub unsampled_share: f32,
-    pub sampled_share: f32,
+    pub unsampled_fraction: f32,
+    pub sampled_fraction: f32,
 }
 
 impl Constants {
@@ -112,8 +112,8 @@ impl Constants {
                 radii: Vec2::new(0.2, 0.4) * width as f32,
                 gaze: [middle + Vec2::new(-2.3, 1.2), middle + Vec2::new(1.4, -0.7)],
                 layer_iterations: [5; 3],
-                unsampled_share: 0.5,
-                sampled_share: 1.0,
+                unsampled_fraction: 0.5,
+                sampled_fraction: 1.0,
             },
         }
     }
@@ -148,7 +148,8 @@ impl Constants {
 
     /// Returns the contents of the uniform buffer of group 0.
     pub fn frame(&self) -> Frame {
-        let Foveation { mask_turn, radii, gaze, layer_iterations, unsampled_share, sampled_share, .. } = self.foveation;
+        let Foveation { mask_turn, radii, gaze, layer_iterations, unsampled_fraction, sampled_fraction, .. } =
+            self.foveation;
         Frame {
             camera: Camera {
                 views: self.eyes.map(|eye| eye.view()),
@@ -157,11 +158,11 @@ impl Constants {
                 height: self.height,
                 ..Default::default()
             },
-            sampling: Sampling { index: self.index, spp: self.spp, mask_turn, sampled_share, ..Default::default() },
+            sampling: Sampling { index: self.index, spp: self.spp, mask_turn, sampled_fraction, ..Default::default() },
             foveation: layout::Foveation {
                 gaze: Vec4::new(gaze[0].x, gaze[0].y, gaze[1].x, gaze[1].y),
                 layer_iterations: layer_iterations.into(),
-                unsampled_share,
+                unsampled_fraction,
                 radii,
                 ..Default::default()
             },

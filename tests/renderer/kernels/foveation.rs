@@ -22,13 +22,13 @@ impl Constants {
     /// Returns a pixel's sampling probability. With layers, it falls linearly from the inner layer's rim to the outer
     /// layer's.
     pub fn sampling_probability(&self, pixel: (u32, u32), view: usize) -> f64 {
-        let share = f64::from(self.foveation.sampled_share);
+        let share = f64::from(self.foveation.sampled_fraction);
         if !self.foveation.layers {
             return share;
         }
         let radii = self.foveation.radii.as_dvec2();
         let outward = ((self.gaze_distance(pixel, view) - radii.x) / (radii.y - radii.x)).clamp(0.0, 1.0);
-        share * (1.0 - f64::from(self.foveation.unsampled_share) * outward)
+        share * (1.0 - f64::from(self.foveation.unsampled_fraction) * outward)
     }
 
     /// Returns true if the mask samples a pixel: the threshold is its Owen-scrambled index on the Z curve.

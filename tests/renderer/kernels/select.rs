@@ -60,7 +60,7 @@ fn compare(layers: bool, view: usize, width: u32, seed: u64) {
     let mut random = Random::new(seed);
     let mut constants = Constants::new(width, HEIGHT);
     constants.foveation.layers = layers;
-    constants.foveation.sampled_share = 0.6;
+    constants.foveation.sampled_fraction = 0.6;
     constants.foveation.mask_turn = random.bits();
     let area = constants.area();
     let hit: Vec<[u32; 4]> = (0..area).map(|_| [1, 2, 3, 9 | random.pick(&[0, 0, MIXED])]).collect();
@@ -109,7 +109,7 @@ fn fewer_pixels_are_listed_away_from_the_gaze() {
 #[test]
 fn every_aligned_block_has_its_share_of_the_pixels() {
     let mut constants = Constants::new(64, 32);
-    constants.foveation.sampled_share = 0.25;
+    constants.foveation.sampled_fraction = 0.25;
     let (zero, surface) = (vec![[0; 4]; constants.area()], vec![[0, 0, 0, 5]; constants.area()]);
     let whole = Stripe { rows: 0..32, valid: 0..32 };
     let selected = select(&constants, &whole, 0, [&zero, &surface, &zero], &vec![0; constants.area()]);

@@ -41,7 +41,7 @@ impl Bmfr {
 }
 
 /// Blends light with the previous frame's `kept` image. The right eye falls back to the left eye's.
-fn accumulate(spec: &FrameSpec, pass: Pass, light: &mut Light, kept: Resource, least_share: f32) -> Pass {
+fn accumulate(spec: &FrameSpec, pass: Pass, light: &mut Light, kept: Resource, least_fraction: f32) -> Pass {
     let last = |resource: Resource| Use::read(resource).before(spec.history_halo());
     let (source, target) = light.advance_to(Image::from(kept));
     let uses = [
@@ -57,7 +57,7 @@ fn accumulate(spec: &FrameSpec, pass: Pass, light: &mut Light, kept: Resource, l
         Use::add(TALLY),
         Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
     ];
-    pass.uses(uses).args([least_share.to_bits(), 0, 0])
+    pass.uses(uses).args([least_fraction.to_bits(), 0, 0])
 }
 
 impl Denoise for Bmfr {

@@ -91,7 +91,7 @@ fn seen(world: &World, constants: &Constants, eye: &Eye) -> (Vec<[u32; 4]>, Vec<
 
 /// Returns settings of one path for each pixel.
 fn sampling(index: u32, reflections: u32) -> Sampling {
-    Sampling { index, reflections, spp: 1, sampled_share: 1.0, ..Default::default() }
+    Sampling { index, reflections, spp: 1, sampled_fraction: 1.0, ..Default::default() }
 }
 
 /// Computes the gradients of a frame whose settings all differ from those of the previous frame.

@@ -158,7 +158,7 @@ fn light_is_gathered_where_rays_go_through_pixels() {
 
 #[test]
 fn pixels_that_the_mask_does_not_ask_for_are_left_to_the_filter() {
-    let share = |c: &mut Constants| c.foveation.sampled_share = 0.6;
+    let share = |c: &mut Constants| c.foveation.sampled_fraction = 0.6;
     compare(false, true, share, 64, &["left to the filter", "not sampled"]);
     compare(true, true, share, 65, &["left to the filter", "not sampled"]);
     compare(false, true, |_| {}, 68, &["not sampled, but traced"]);

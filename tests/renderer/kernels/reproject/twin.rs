@@ -121,7 +121,7 @@ impl Twin<'_> {
         }
         if refusals.contains(&Some(Why::Skipped)) {
             // The filter fills it from samples around it. If all pixels must have light, it is traced.
-            let is_full = layer == 0 && self.constants.foveation.sampled_share >= 1.0;
+            let is_full = layer == 0 && self.constants.foveation.sampled_fraction >= 1.0;
             cases.meet(if is_full { "not sampled, but traced" } else { "not sampled" });
             return hole(Why::Outside, is_full);
         }
