@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use diptych::cli::{Program, prepare_environment};
 use diptych::graph::{Chain, Kernel, Pass, Stage, Use};
-use diptych::passes::denoise::{CUT, Denoise, Light};
+use diptych::passes::denoise::{Denoise, Light, PARTITION};
 use diptych::passes::{FrameSpec, gbuffer::GUIDE};
 use diptych::scene::rig::Eye;
 
@@ -55,7 +55,7 @@ impl Denoise for Mean {
         let iteration = |index| {
             let (source, target) = light.advance();
             let halo = spec.halo(REACH);
-            let pass = Pass::new(Stage("mean"), view, CUT, Kernel::from_text("mean", SHADER)).index(index);
+            let pass = Pass::new(Stage("mean"), view, PARTITION, Kernel::from_text("mean", SHADER)).index(index);
             let uses = [Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)];
             pass.uses(uses).args([REACH, 0, 0]).chain(Chain::Planned)
         };

@@ -52,7 +52,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 fn outline(view: Eye) -> Pass {
     let kernel = Kernel::from_text("outline", SHADER);
     let uses = [Use::read(EMISSION).halo(1), Use::write(OUTLINE)];
-    Pass::new(OUTLINE_STAGE, view, tonemap::CUT, kernel).uses(uses)
+    Pass::new(OUTLINE_STAGE, view, tonemap::PARTITION, kernel).uses(uses)
 }
 
 fn main() -> anyhow::Result<()> {

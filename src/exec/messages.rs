@@ -187,7 +187,7 @@ pub(super) mod tests {
     use crate::device::FailureKind;
     use crate::exec::plan::History;
     use crate::graph::{Assignment, HaloPlan, Seam, Stripes};
-    use crate::passes::path_trace::CUT;
+    use crate::passes::path_trace::PARTITION;
     use crate::passes::tonemap::{DISPLAY, LINEAR};
     use crate::passes::{ROW_TALLY, aov_image};
     use crate::scene::rig::Eye;
@@ -200,7 +200,7 @@ pub(super) mod tests {
 
     fn job(seam: Seam, history: Option<History>) -> FrameJob {
         let mut assignment = Assignment::uniform(Stripes::even(90, 3));
-        assignment.set(CUT, Eye::Right, Stripes::from_edges(90, &[10, 70]));
+        assignment.set(PARTITION, Eye::Right, Stripes::from_edges(90, &[10, 70]));
         // Device 0 was dropped.
         let assignment = assignment.renumbered(&[1, 2, 3], 4);
         let mut constants = layout::Frame::default();

@@ -6,7 +6,7 @@ use super::inputs::Inputs;
 use super::output::Output;
 use super::plan::{History, Plan};
 use crate::graph::{FrameGraph, Program, ProgramError, Resource, Seam};
-use crate::passes::{Declarations, FrameSpec, LATE_CUT, ROW_TALLY};
+use crate::passes::{Declarations, FrameSpec, LATE_PARTITION, ROW_TALLY};
 use crate::quality::Denoiser;
 use crate::schedule::{CostModel, Policy, choose_halo};
 use crate::stages::RunConfig;
@@ -127,7 +127,7 @@ impl Planner {
         let mut assignment = self.policy.assign(&costs.of_devices(left)).renumbered(left, self.devices);
         if inputs.late.is_some() {
             // One device asks for the pose, so it executes all late passes.
-            assignment.gather(LATE_CUT);
+            assignment.gather(LATE_PARTITION);
         }
         let outputs = inputs.outputs.as_ref().map(|outputs| outputs.to_vec());
         let plan = Plan { seam: self.seam, iterations, assignment, history, outputs };

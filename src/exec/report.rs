@@ -9,7 +9,7 @@ use std::sync::Arc;
 use super::late_latching::SampledPose;
 use super::messages::TaskTime;
 use crate::graph::{Assignment, FrameGraph, Program, Stage, TaskKind};
-use crate::passes::path_trace::CUT;
+use crate::passes::path_trace::PARTITION;
 use crate::passes::{FrameSpec, HoleReason, RowTally, Views};
 use crate::scene::rig::Eye;
 
@@ -129,7 +129,7 @@ impl FrameReport {
 
     /// Returns the rows at which the left eye's stripes of path tracing meet.
     pub fn stripe_edges(&self) -> &[u32] {
-        self.assignment.stripes(CUT, Eye::Left).inner_edges()
+        self.assignment.stripes(PARTITION, Eye::Left).inner_edges()
     }
 
     /// Returns the busy time by stage in milliseconds, summed over views and devices.

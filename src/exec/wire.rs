@@ -3,8 +3,8 @@
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::graph::{Assignment, CutGroup, Stripes};
-use crate::passes::cut_groups;
+use crate::graph::{Assignment, Partition, Stripes};
+use crate::passes::partitions;
 use crate::scene::rig::Eye;
 
 /// Serializes types that are shared with shaders as bytes, since text has no infinities.
@@ -36,7 +36,7 @@ struct AssignmentFields {
 impl From<&Assignment> for AssignmentFields {
     fn from(assignment: &Assignment) -> Self {
         let edges = |stripes: &Stripes| stripes.inner_edges().to_vec();
-        let own = |((group, eye), stripes): &((CutGroup, Eye), _)| (group.0.to_owned(), *eye as usize, edges(stripes));
+        let own = |((group, eye), stripes): &((Partition, Eye), _)| (group.0.to_owned(), *eye as usize, edges(stripes));
         Self {
             primary: assignment.primary(),
             height: assignment.height(),
@@ -50,7 +50,7 @@ impl AssignmentFields {
     /// Converts the fields to an [`Assignment`]. Returns `None` if they contradict one another, or name a group that
     /// the renderer's passes do not have.
     fn assignment(&self) -> Option<Assignment> {
-        let known = cut_groups();
+        let known = partitions();
         let stripes = |edges: &[u32]| {
             let is_whole = edges.len() == self.common.len();
             is_whole.then(|| Stripes::from_edges(self.height, edges))

@@ -199,7 +199,7 @@ impl<'a> Builder<'a> {
 
     fn add_pass(&mut self, number: u32, linked: &Linked, assignment: &Assignment) {
         let pass = &linked.pass;
-        let stripes = assignment.stripes(pass.cut_group, pass.view);
+        let stripes = assignment.stripes(pass.partition, pass.view);
         let height = pass.grid.extent(self.program.extent).height;
         let mut written = Version::default();
         for device in 0..stripes.devices() {

@@ -19,7 +19,7 @@ mod task;
 pub use build::FrameGraph;
 pub use halo::{HaloPlan, Seam};
 pub use launch::{Launch, Run, runs};
-pub use pass::{Access, Chain, CutGroup, Dispatch, Kernel, Pass, Reach, SceneUse, Stage, Use, Work};
+pub use pass::{Access, Chain, Dispatch, Kernel, Partition, Pass, Reach, SceneUse, Stage, Use, Work};
 pub use program::{Bound, Linked, Program, ProgramError};
 pub use resource::{Format, Grid, Image, LIST_HEADER, Life, Projection, Resource, Scope, Size};
 pub use stripes::{Stripes, StripesError};
@@ -34,7 +34,7 @@ pub struct Assignment {
     primary: usize,
     /// The stripes of groups without stripes of their own.
     common: Stripes,
-    own: Vec<((CutGroup, Eye), Stripes)>,
+    own: Vec<((Partition, Eye), Stripes)>,
 }
 
 impl Assignment {
@@ -57,7 +57,7 @@ impl Assignment {
     }
 
     /// Returns the stripes of single groups and views that differ from the common ones.
-    pub fn own(&self) -> &[((CutGroup, Eye), Stripes)] {
+    pub fn own(&self) -> &[((Partition, Eye), Stripes)] {
         &self.own
     }
 
@@ -85,7 +85,7 @@ impl Assignment {
         Self { primary: devices.first().copied().unwrap_or(0), common, own }
     }
 
-    pub fn set(&mut self, group: CutGroup, view: Eye, stripes: Stripes) {
+    pub fn set(&mut self, group: Partition, view: Eye, stripes: Stripes) {
         let key = (group, view);
         match self.own.iter_mut().find(|(k, _)| *k == key) {
             Some((_, own)) => *own = stripes,
@@ -94,13 +94,13 @@ impl Assignment {
     }
 
     /// Assigns all rows of a group to the primary.
-    pub fn gather(&mut self, group: CutGroup) {
+    pub fn gather(&mut self, group: Partition) {
         let edge = |device: usize| if device <= self.primary { 0 } else { self.height() };
         let stripes = Stripes::from_edges(self.height(), &(1..self.devices()).map(edge).collect::<Vec<_>>());
         Eye::ALL.into_iter().for_each(|view| self.set(group, view, stripes.clone()));
     }
 
-    pub fn stripes(&self, group: CutGroup, view: Eye) -> &Stripes {
+    pub fn stripes(&self, group: Partition, view: Eye) -> &Stripes {
         let key = (group, view);
         self.own.iter().find(|(k, _)| *k == key).map_or(&self.common, |(_, own)| own)
     }

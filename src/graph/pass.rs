@@ -22,7 +22,7 @@ impl Stage {
 
 /// Name of a group of passes that use the same stripes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct CutGroup(pub &'static str);
+pub struct Partition(pub &'static str);
 
 /// Access of a shader to the scene tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -293,7 +293,7 @@ pub struct Pass {
     /// The runs of the kernel, one after another.
     pub launches: Vec<Launch>,
     pub work: Work,
-    pub cut_group: CutGroup,
+    pub partition: Partition,
     pub chain: Chain,
     /// Vertices from which each device builds its acceleration structures of dynamic geometry after the pass.
     pub builds_from: Option<Resource>,
@@ -301,7 +301,7 @@ pub struct Pass {
 
 impl Pass {
     /// Makes a pass with one invocation per pixel of a view, whose cost is proportional to its rows.
-    pub fn new(stage: Stage, view: Eye, cut_group: CutGroup, kernel: Kernel) -> Self {
+    pub fn new(stage: Stage, view: Eye, partition: Partition, kernel: Kernel) -> Self {
         Self {
             stage,
             view,
@@ -313,16 +313,16 @@ impl Pass {
             dispatch: Dispatch::PIXELS,
             launches: vec![Launch::Once([0; 3])],
             work: Work::Rows,
-            cut_group,
+            partition,
             chain: Chain::No,
             builds_from: None,
         }
     }
 
     /// Makes a pass that every device runs for itself.
-    pub fn once(stage: Stage, cut_group: CutGroup, kernel: Kernel, workgroups: [u32; 3]) -> Self {
+    pub fn once(stage: Stage, partition: Partition, kernel: Kernel, workgroups: [u32; 3]) -> Self {
         let (dispatch, scope) = (Dispatch::Once(workgroups), Scope::Device);
-        Self { scope, dispatch, work: Work::Once, ..Self::new(stage, Eye::Left, cut_group, kernel) }
+        Self { scope, dispatch, work: Work::Once, ..Self::new(stage, Eye::Left, partition, kernel) }
     }
 
     pub fn uses(mut self, uses: impl IntoIterator<Item = Use>) -> Self {

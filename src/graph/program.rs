@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 
 use super::halo::Seam;
-use super::pass::{Chain, CutGroup, Pass, Stage};
+use super::pass::{Chain, Partition, Pass, Stage};
 use super::resource::{Image, Life, Resource, Scope};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -17,7 +17,7 @@ pub struct Program {
     passes: Vec<Linked>,
     /// The images that passes bind, without duplicates.
     images: Vec<Bound>,
-    cut_sets: Vec<Vec<CutGroup>>,
+    partition_sets: Vec<Vec<Partition>>,
 }
 
 /// A pass with the properties derived from the passes around it.
@@ -91,8 +91,8 @@ impl Program {
         };
         let mut passes: Vec<Linked> = passes.into_iter().map(link).collect();
         Eye::ALL.into_iter().try_for_each(|view| add_margins(&mut passes, view, seam))?;
-        let cut_sets = cut_sets(&passes);
-        Ok(Self { extent, passes, images, cut_sets })
+        let partition_sets = partition_sets(&passes);
+        Ok(Self { extent, passes, images, partition_sets })
     }
 
     /// Returns the passes in order.
@@ -118,8 +118,8 @@ impl Program {
 
     /// Returns the sets of groups that are partitioned together. Devices wait for one another between two sets, so each
     /// set should end on all devices at the same time.
-    pub fn cut_sets(&self) -> &[Vec<CutGroup>] {
-        &self.cut_sets
+    pub fn partition_sets(&self) -> &[Vec<Partition>] {
+        &self.partition_sets
     }
 
     /// Returns the number of passes of a view that may receive halo rows.
@@ -134,17 +134,17 @@ impl Program {
     }
 
     /// Returns the group of the last pass that writes a resource of a view.
-    pub fn writer(&self, resource: &Resource, view: Eye) -> Option<CutGroup> {
+    pub fn writer(&self, resource: &Resource, view: Eye) -> Option<Partition> {
         let writes = |p: &&Linked| {
             p.pass.view == view && p.pass.uses.iter().any(|u| u.access.writes() && u.image.resource == *resource)
         };
-        self.passes.iter().rev().find(writes).map(|p| p.pass.cut_group)
+        self.passes.iter().rev().find(writes).map(|p| p.pass.partition)
     }
 }
 
 /// Checks that every pass reads only images that earlier passes have written.
 fn check(passes: &[Pass]) -> Result<(), ProgramError> {
-    let mut held: HashMap<(Resource, u8, Eye), (u8, CutGroup)> = HashMap::new();
+    let mut held: HashMap<(Resource, u8, Eye), (u8, Partition)> = HashMap::new();
     let all_writes: Vec<Resource> =
         passes.iter().flat_map(|p| &p.uses).filter(|u| u.access.writes()).map(|u| u.image.resource).collect();
     for pass in passes {
@@ -174,7 +174,7 @@ fn check(passes: &[Pass]) -> Result<(), ProgramError> {
                     return Err(ProgramError::Overwritten { stage, image, read: version, held: *held });
                 }
                 Some((_, group)) => {
-                    let leaves = *group != pass.cut_group || used.reach.halo_rows() > 0;
+                    let leaves = *group != pass.partition || used.reach.halo_rows() > 0;
                     if resource.life == Life::Local && leaves {
                         return Err(ProgramError::Elsewhere { stage, image });
                     }
@@ -183,7 +183,7 @@ fn check(passes: &[Pass]) -> Result<(), ProgramError> {
         }
         for used in pass.uses.iter().filter(|u| u.access.writes()) {
             let Image { resource, version } = used.image;
-            held.insert((resource, used.image.buffer(), pass.eye_of(used)), (version, pass.cut_group));
+            held.insert((resource, used.image.buffer(), pass.eye_of(used)), (version, pass.partition));
         }
     }
     Ok(())
@@ -219,17 +219,17 @@ fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), Progr
 
 /// Splits the groups at the first pass that reads halo rows. Such a pass makes devices wait for one another, so the
 /// groups before it are partitioned separately from the rest.
-fn cut_sets(passes: &[Linked]) -> Vec<Vec<CutGroup>> {
+fn partition_sets(passes: &[Linked]) -> Vec<Vec<Partition>> {
     let first = passes.iter().position(|p| p.pass.halo_rows() > 0).unwrap_or(passes.len());
-    let mut late: Vec<CutGroup> = Vec::new();
-    let mut early: Vec<CutGroup> = Vec::new();
-    let add = |set: &mut Vec<CutGroup>, group| {
+    let mut late: Vec<Partition> = Vec::new();
+    let mut early: Vec<Partition> = Vec::new();
+    let add = |set: &mut Vec<Partition>, group| {
         if !set.contains(&group) {
             set.push(group);
         }
     };
-    passes[first..].iter().for_each(|p| add(&mut late, p.pass.cut_group));
-    for group in passes[..first].iter().map(|p| p.pass.cut_group) {
+    passes[first..].iter().for_each(|p| add(&mut late, p.pass.partition));
+    for group in passes[..first].iter().map(|p| p.pass.partition) {
         if !late.contains(&group) {
             add(&mut early, group);
         }

@@ -2,8 +2,8 @@
 
 use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
 use super::polar::screen;
-use super::shown::LATE_CUT;
-use super::tonemap::CUT;
+use super::shown::LATE_PARTITION;
+use super::tonemap::PARTITION;
 use super::{Aov, Display, FrameSpec, ImageChain, PREVIOUS};
 use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};
 use crate::image::Extent;
@@ -43,7 +43,7 @@ pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
     let ImageChain { polar: space, display, displayed } = spec.chain;
     let screen_size = spec.chain.screen();
     let map = |stage: Stage, from: Resource, to: Resource| {
-        Pass::new(stage, view, CUT, Kernel::new(stage.name()))
+        Pass::new(stage, view, PARTITION, Kernel::new(stage.name()))
             .index(index.into())
             .on(to.grid)
             .uses([Use::read(from).reaching(Reach::All), Use::write(to)])
@@ -59,7 +59,7 @@ pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
     let to_eye = match is_late {
         false => map(STAGES[2], from, to),
         true => {
-            let late = Pass { cut_group: LATE_CUT, ..map(STAGES[3], from, to) };
+            let late = Pass { partition: LATE_PARTITION, ..map(STAGES[3], from, to) };
             late.uses([Use::read(EMISSION).reaching(Reach::All)])
         }
     };
@@ -68,7 +68,7 @@ pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
 }
 
 fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pass {
-    Pass::new(STAGES[0], view, CUT, KERNEL)
+    Pass::new(STAGES[0], view, PARTITION, KERNEL)
         .index(index.into())
         .uses([
             Use::read(HIT),

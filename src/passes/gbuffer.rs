@@ -1,12 +1,12 @@
 //! Primary visibility of one view.
 
 use super::{FrameSpec, Views};
-use crate::graph::{CutGroup, Kernel, Launch, Pass, Resource, Stage, Use};
+use crate::graph::{Kernel, Launch, Partition, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
 pub const STAGE: Stage = Stage("gbuffer");
-pub const CUT: CutGroup = CutGroup("gbuffer");
+pub const PARTITION: Partition = Partition("gbuffer");
 
 /// Triangle, barycentrics, material and flags at a pixel's centre.
 pub const HIT: Resource = Resource::image("hit", 16);
@@ -35,7 +35,7 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
     let means = Launch::Samples { most: RAYS_PER_LAUNCH, third, only_jittered: true };
     let means = (reprojected || spec.sparse).then_some(means);
     let images = [HIT, ALBEDO, EMISSION, TALLY, GUIDE];
-    Pass::new(STAGE, view, CUT, KERNEL)
+    Pass::new(STAGE, view, PARTITION, KERNEL)
         .uses(images.map(Use::write_then_read))
         .launches(std::iter::once(Launch::Once([0; 3])).chain(means).collect())
 }

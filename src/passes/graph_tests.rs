@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::denoise::CUT;
+use super::denoise::PARTITION;
 use super::tests::spec;
 use super::*;
 use crate::graph::{Assignment, FrameGraph, HaloPlan, Stripes, Task, TaskKind};
@@ -15,7 +15,7 @@ pub fn graph(spec: &FrameSpec, assignment: &Assignment, before: Option<&Assignme
 /// Returns an assignment with different stripes for every group and view.
 fn ragged(devices: usize) -> Assignment {
     let mut a = Assignment::uniform(Stripes::even(180, devices));
-    for (i, group) in cut_groups().into_iter().enumerate() {
+    for (i, group) in partitions().into_iter().enumerate() {
         for (j, view) in Eye::ALL.into_iter().enumerate() {
             let weights: Vec<f64> = (0..devices).map(|d| 1.0 + ((d * 3 + i * 5 + j * 2) % 4) as f64).collect();
             a.set(group, view, Stripes::from_weights(180, &weights).unwrap());
@@ -27,7 +27,7 @@ fn ragged(devices: usize) -> Assignment {
 /// Returns the same frame with a history, and the assignment of the previous frame.
 fn with_history(spec: FrameSpec, rows: u32) -> (FrameSpec, Assignment) {
     let mut before = ragged(spec.devices);
-    before.set(CUT, Eye::Left, Stripes::even(180, spec.devices));
+    before.set(PARTITION, Eye::Left, Stripes::even(180, spec.devices));
     (FrameSpec { filter: Some(Denoiser::SVGF), history_rows: Some(rows), ..spec }, before)
 }
 

@@ -28,11 +28,11 @@ pub use auxiliary::{STAGES as AOVS, image as aov_image};
 pub use declared::Declared;
 pub use moving::Moving;
 pub use resources::{HOLES, PREVIOUS};
-pub use shown::LATE_CUT;
+pub use shown::LATE_PARTITION;
 pub use spec::{Display, FrameSpec, ImageChain, PolarImage, Views};
 pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
 
-use crate::graph::{CutGroup, Kernel, Pass, Program, ProgramError, Seam};
+use crate::graph::{Kernel, Partition, Pass, Program, ProgramError, Seam};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 use denoise::{Denoiser, Light};
@@ -74,7 +74,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         }
     }
     // Late reprojection runs as late as possible, for both eyes from one pose.
-    let (first, last): (Vec<_>, Vec<_>) = frame.passes.into_iter().partition(|pass| pass.cut_group != LATE_CUT);
+    let (first, last): (Vec<_>, Vec<_>) = frame.passes.into_iter().partition(|pass| pass.partition != LATE_PARTITION);
     Declared { passes: [first, last].concat(), ..frame }
 }
 
@@ -184,11 +184,11 @@ fn all_passes() -> impl Iterator<Item = Pass> {
 }
 
 /// Returns all groups of passes that share stripes, in order.
-pub fn cut_groups() -> Vec<CutGroup> {
+pub fn partitions() -> Vec<Partition> {
     let mut groups = Vec::new();
     for pass in all_passes() {
-        if !groups.contains(&pass.cut_group) {
-            groups.push(pass.cut_group);
+        if !groups.contains(&pass.partition) {
+            groups.push(pass.partition);
         }
     }
     groups

@@ -2,7 +2,7 @@
 //! previous frame.
 
 use super::denoise::Denoiser;
-use super::gbuffer::{CUT, GUIDE, HIT};
+use super::gbuffer::{GUIDE, HIT, PARTITION};
 use super::resources::last_surface;
 use super::{Declared, FrameSpec, Moving};
 use crate::accel::COLUMNS;
@@ -31,7 +31,7 @@ pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
     let why_not = if spec.moving.is_some() { "nothing changes its shape" } else { "nothing in the scene moves" };
     let most = groups(moving.triangles.max(moving.vertices));
     let launches = [[moving.vertices, 0, VERTICES], [moving.triangles, 2 * moving.nodes, 0]].map(Launch::Once);
-    let skin = Pass::once(Stage("skin"), CUT, SKIN, most)
+    let skin = Pass::once(Stage("skin"), PARTITION, SKIN, most)
         .uses([
             Use::read(moving.skin_triangles()),
             Use::read(moving.skin_vertices()),
@@ -45,7 +45,7 @@ pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
     let begins = std::iter::once(0).chain(moving.levels.iter().copied());
     let levels = begins.zip(&moving.levels).map(|(begin, &end)| [begin, end, moving.first_node]);
     let widest = levels.clone().map(|[begin, end, _]| end - begin).max().unwrap_or(0);
-    let refit = Pass::once(Stage("refit"), CUT, Kernel::changing_scene("refit"), groups(widest))
+    let refit = Pass::once(Stage("refit"), PARTITION, Kernel::changing_scene("refit"), groups(widest))
         .uses([Use::read(moving.tree_nodes()), Use::read(moving.tree_order()), Use::update(moving.boxes())])
         .launches(levels.map(Launch::Once).collect());
     frame.add_if(moving.triangles > 0 || (moving.hardware && moving.bodies), why_not, skin);
@@ -55,7 +55,7 @@ pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
 
 /// Adds the pass that tracks the surfaces of a view back to the previous frame.
 pub fn follow(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
-    let pass = Pass::new(Stage("motion"), view, CUT, Kernel::with_scene("motion")).uses([
+    let pass = Pass::new(Stage("motion"), view, PARTITION, Kernel::with_scene("motion")).uses([
         Use::read(HIT),
         Use::read(GUIDE),
         Use::write(last_surface(spec)),

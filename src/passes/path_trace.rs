@@ -2,9 +2,9 @@
 
 use super::FrameSpec;
 use super::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
-use super::reproject::CUT as REPROJECT;
+use super::reproject::PARTITION as REPROJECT;
 use super::resources::HOLES;
-use crate::graph::{CutGroup, Dispatch, Kernel, Launch, Pass, Stage, Use, Work};
+use crate::graph::{Dispatch, Kernel, Launch, Partition, Pass, Stage, Use, Work};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
@@ -12,7 +12,7 @@ pub use super::resources::RADIANCE;
 
 pub const STAGE: Stage = Stage("path_trace");
 pub const HOLE_FILL: Stage = Stage("hole_fill");
-pub const CUT: CutGroup = CutGroup("path_trace");
+pub const PARTITION: Partition = Partition("path_trace");
 
 /// Paths per pixel in one launch. Mesa's software driver ends all loops of an invocation after 65,535 iterations in
 /// total, and a path of 13 rays takes some thousands. Short launches also satisfy drivers that abort long dispatches.
@@ -24,7 +24,7 @@ const LISTED_ONLY: u32 = 1;
 /// Kernel of both stages, since drivers take seconds to compile it.
 const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![LISTED_ONLY]);
 
-fn trace(stage: Stage, view: Eye, cut: CutGroup, is_listed: bool) -> Pass {
+fn trace(stage: Stage, view: Eye, cut: Partition, is_listed: bool) -> Pass {
     let (radiance, dispatch, third) = match is_listed {
         true => (Use::update(RADIANCE), Dispatch::List(HOLES), LISTED_ONLY),
         false => (Use::write_then_read(RADIANCE), Dispatch::PIXELS, 0),
@@ -38,7 +38,7 @@ fn trace(stage: Stage, view: Eye, cut: CutGroup, is_listed: bool) -> Pass {
 }
 
 pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
-    trace(STAGE, view, CUT, spec.sparse)
+    trace(STAGE, view, PARTITION, spec.sparse)
 }
 
 /// Returns the pass that path traces the pixels that reprojection could not fill.

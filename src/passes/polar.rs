@@ -2,11 +2,11 @@
 
 use super::resources::{DISPLAY, LINEAR, POLAR, RECTIFIED, RECTIFIED_DISPLAY};
 use super::{Declared, Display, FrameSpec, tonemap};
-use crate::graph::{CutGroup, Grid, Kernel, Pass, Projection, Reach, Resource, Size, Stage, Use};
+use crate::graph::{Grid, Kernel, Partition, Pass, Projection, Reach, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 
-const CUT: CutGroup = CutGroup("to_screen");
+const PARTITION: Partition = Partition("to_screen");
 
 /// The image blurred along the rings, and then across them too.
 const AROUND: Resource = Resource::image("polar_around", 16);
@@ -27,7 +27,7 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
     let Some(image) = spec.chain.polar else { return };
     let reach = blur_reach(spec.extent.height);
     let blur = |axis, read: Use, target| {
-        let pass = Pass::new(Stage("polar_blur"), view, tonemap::CUT, Kernel::new("polar_blur"));
+        let pass = Pass::new(Stage("polar_blur"), view, tonemap::PARTITION, Kernel::new("polar_blur"));
         pass.index(axis).uses([read, Use::write(target)]).args([axis, reach, 0])
     };
     for pass in [blur(0, Use::read(POLAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)] {
@@ -38,7 +38,7 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
         Display::Direct => [LINEAR, DISPLAY],
         Display::Resampled { .. } => [RECTIFIED, RECTIFIED_DISPLAY],
     };
-    frame.add(Pass::new(Stage("to_screen"), view, CUT, Kernel::new("to_screen")).on(grid).uses([
+    frame.add(Pass::new(Stage("to_screen"), view, PARTITION, Kernel::new("to_screen")).on(grid).uses([
         Use::read(if image.blurs { BLURRED } else { POLAR }).reaching(Reach::All),
         Use::write(linear.on(grid)),
         Use::write(display.on(grid)),

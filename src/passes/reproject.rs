@@ -4,10 +4,10 @@ use super::FrameSpec;
 use super::gbuffer::{GUIDE, HIT, TALLY};
 use super::resources::{HOLES, RADIANCE};
 use super::tally::HoleReason;
-use crate::graph::{CutGroup, Kernel, Pass, Stage, Use};
+use crate::graph::{Kernel, Partition, Pass, Stage, Use};
 use crate::scene::rig::Eye;
 
-pub const CUT: CutGroup = CutGroup("reproject");
+pub const PARTITION: Partition = Partition("reproject");
 
 const fn code(reason: HoleReason) -> u32 {
     reason as u32 + 1
@@ -29,7 +29,7 @@ const KERNEL: Kernel = Kernel::new("reproject").with(&[
 pub fn pass(spec: &FrameSpec) -> Pass {
     let reach = if spec.chain.polar.is_some() { spec.extent.height.div_ceil(POLAR_REACH) } else { 0 };
     let left = |image| Use::read(image).of(Eye::Left).halo(spec.halo(reach));
-    Pass::new(Stage("reproject"), Eye::Right, CUT, KERNEL)
+    Pass::new(Stage("reproject"), Eye::Right, PARTITION, KERNEL)
         .uses([
             left(HIT),
             left(GUIDE),

@@ -4,13 +4,13 @@ use super::gbuffer::EMISSION;
 use super::polar::screen;
 use super::resources::{DISPLAY, LINEAR, RECTIFIED};
 use super::{Display, FrameSpec};
-use crate::graph::{CutGroup, Kernel, Pass, Reach, Stage, Use};
+use crate::graph::{Kernel, Partition, Pass, Reach, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 
-const CUT: CutGroup = CutGroup("to_eye");
+const PARTITION: Partition = Partition("to_eye");
 /// Group of the late reprojection passes, which are the last of a frame, for both eyes.
-pub const LATE_CUT: CutGroup = CutGroup("to_later_eye");
+pub const LATE_PARTITION: Partition = Partition("to_later_eye");
 
 const LATER: Kernel = Kernel::new("to_later_eye");
 
@@ -19,7 +19,7 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
     let Display::Resampled { projection, is_late } = spec.chain.display else { return None };
     let grid = screen(spec.chain.displayed);
     let (stage, cut, kernel) =
-        if is_late { ("to_later_eye", LATE_CUT, LATER) } else { ("to_eye", CUT, Kernel::new("to_eye")) };
+        if is_late { ("to_later_eye", LATE_PARTITION, LATER) } else { ("to_eye", PARTITION, Kernel::new("to_eye")) };
     let Extent { width, height } = projection;
     let pass = Pass::new(Stage(stage), view, cut, kernel).on(grid).args([width, height, 0]).uses([
         Use::read(RECTIFIED.on(screen(projection))).reaching(Reach::All),

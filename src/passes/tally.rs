@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::gbuffer::TALLY;
-use super::tonemap::CUT;
+use super::tonemap::PARTITION;
 use crate::graph::{Dispatch, Grid, Kernel, Pass, Resource, Size, Stage, Use};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
@@ -21,7 +21,7 @@ const COUNTS: u32 = size_of::<RowTally>() as u32 / 4;
 const KERNEL: Kernel = Kernel::new("tally").with(constants![SEGMENT, COUNTS]);
 
 pub fn pass(view: Eye) -> Pass {
-    Pass::new(Stage("tally"), view, CUT, KERNEL)
+    Pass::new(Stage("tally"), view, PARTITION, KERNEL)
         .uses([Use::read(TALLY), Use::write_then_read(ROW_TALLY).cleared()])
         .dispatch(Dispatch::Invocations([SEGMENT, 1]))
 }

@@ -118,7 +118,7 @@ fn with_hardware_traversal_structures_are_built_instead_of_refitted_trees() {
 
 #[test]
 fn groups_are_those_that_can_be_named() {
-    let names: Vec<&str> = cut_groups().iter().map(|g| g.0).collect();
+    let names: Vec<&str> = partitions().iter().map(|g| g.0).collect();
     assert_eq!(
         names,
         ["gbuffer", "path_trace", "reproject", "tonemap", "to_screen", "to_eye", "to_later_eye", "denoise"]
@@ -151,7 +151,10 @@ fn what_is_shown_late_is_shown_last() {
     let names: Vec<_> = last.iter().map(|pass| (pass.stage.name(), pass.view)).collect();
     let of = |view| [("to_later_eye", view), ("aov_to_later_eye", view)];
     assert_eq!(names, [of(Eye::Left), of(Eye::Right)].concat());
-    assert!(first.iter().all(|pass| pass.cut_group != LATE_CUT) && last.iter().all(|pass| pass.cut_group == LATE_CUT));
+    assert!(
+        first.iter().all(|pass| pass.partition != LATE_PARTITION)
+            && last.iter().all(|pass| pass.partition == LATE_PARTITION)
+    );
 }
 
 /// Checks that only the primary runs late reprojection if its rows are gathered there.
@@ -161,11 +164,11 @@ fn what_is_gathered_is_computed_by_the_primary_alone() {
     let late = FrameSpec { chain: resampled(frame.extent, Extent::new(72, 80), true), ..frame };
     let even = Assignment::uniform(Stripes::even(180, 2)).renumbered(&[1, 2], 3);
     let mut gathered = even.clone();
-    gathered.gather(LATE_CUT);
+    gathered.gather(LATE_PARTITION);
     let program = Declarations::default().program(&late);
     let devices = |assignment: &Assignment| {
         let graph = FrameGraph::build(&program, assignment, None);
-        let is_late = |task: &&Task| graph.pass(task).is_some_and(|linked| linked.pass.cut_group == LATE_CUT);
+        let is_late = |task: &&Task| graph.pass(task).is_some_and(|linked| linked.pass.partition == LATE_PARTITION);
         let mut devices: Vec<_> = graph.dag.node_weights().filter(is_late).map(|task| task.device).collect();
         devices.sort_unstable();
         devices.dedup();
@@ -220,8 +223,8 @@ fn blocks_are_fitted_on_all_devices_that_have_rows_of_them() {
 #[test]
 fn tracing_and_filter_are_cut_apart() {
     let sets = |spec: &FrameSpec| {
-        let names = |set: &Vec<CutGroup>| set.iter().map(|g| g.0).collect::<Vec<_>>();
-        Declarations::default().program(spec).cut_sets().iter().map(names).collect::<Vec<_>>()
+        let names = |set: &Vec<Partition>| set.iter().map(|g| g.0).collect::<Vec<_>>();
+        Declarations::default().program(spec).partition_sets().iter().map(names).collect::<Vec<_>>()
     };
     let halo = Seam::Halo(HaloPlan::RECOMPUTE);
     let cut = [vec!["gbuffer", "path_trace", "reproject"], vec!["denoise", "tonemap"]];

@@ -3,12 +3,12 @@
 use super::gbuffer::{ALBEDO, EMISSION, TALLY};
 use super::resources::{POLAR, POLAR_DISPLAY, RECTIFIED, RECTIFIED_DISPLAY};
 use super::{Display, FrameSpec};
-use crate::graph::{CutGroup, Image, Kernel, Pass, Resource, Stage, Use};
+use crate::graph::{Image, Kernel, Partition, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 
 pub use super::resources::{DISPLAY, LINEAR};
 
-pub const CUT: CutGroup = CutGroup("tonemap");
+pub const PARTITION: Partition = Partition("tonemap");
 
 /// Returns the images that the passes after the filter write: scene-referred and encoded. Later passes map polar images
 /// to the screen, and resample rectified images for display.
@@ -23,7 +23,7 @@ pub fn finished(spec: &FrameSpec) -> [Resource; 2] {
 /// Returns the pass. `light` is demodulated, that is, divided by albedo.
 pub fn pass(spec: &FrameSpec, view: Eye, light: Image) -> Pass {
     let [linear, display] = finished(spec);
-    Pass::new(Stage("tonemap"), view, CUT, Kernel::new("tonemap")).uses([
+    Pass::new(Stage("tonemap"), view, PARTITION, Kernel::new("tonemap")).uses([
         // In a scene without surfaces there is only emitted light.
         Use::read(light).if_written(),
         Use::read(ALBEDO),

@@ -11,7 +11,7 @@ use super::once;
 use crate::exec::{FrameReport, RightEye, Stereo, TaskTiming, TimedTask};
 use crate::graph::{Seam, Stage};
 use crate::passes::AOVS;
-use crate::passes::path_trace::CUT;
+use crate::passes::path_trace::PARTITION;
 use crate::quality::{FrameQuality, Quality};
 use crate::scene::projection::Matrices;
 use crate::scene::rig::{Eye, Rig};
@@ -154,7 +154,7 @@ impl FrameRow {
             TimedTask::Download | TimedTask::Upload => None,
         });
         let passes = || frame.program.passes().iter().map(|p| &p.pass);
-        let group_of = |stage, view| passes().find(|p| (p.stage, p.view) == (stage, view)).map(|p| p.cut_group);
+        let group_of = |stage, view| passes().find(|p| (p.stage, p.view) == (stage, view)).map(|p| p.partition);
         let rows = |(s, v): (Stage, Eye)| Some((format!("{}.{v}", s.name()), rows_of(group_of(s, v)?, v)));
         let stage_stripes = once(ran).into_iter().filter_map(rows).collect();
         let aov_ms = aov_ms(&frame.tasks);
@@ -173,7 +173,7 @@ impl FrameRow {
             right_eye: frame.right_eye(),
             nonfinite_samples: frame.tallies.iter().map(|t| t.nonfinite).sum(),
             clipped_pixels: frame.tallies.iter().map(|t| t.clipped).sum(),
-            stripes: rows_of(CUT, Eye::Left),
+            stripes: rows_of(PARTITION, Eye::Left),
             stage_stripes,
             transferred_bytes: frame.uploaded_bytes(),
             bytes_between_ranks: frame.bytes_between_ranks(),

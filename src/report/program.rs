@@ -24,7 +24,7 @@ pub fn passes_table(program: &Program) -> Table {
             name_of(linked),
             pass.view.to_string(),
             extent.to_string(),
-            pass.cut_group.0.to_owned(),
+            pass.partition.0.to_owned(),
             if linked.margin_rows > 0 { linked.margin_rows.to_string() } else { String::new() },
             of(|u| matches!(u.access, Access::Read | Access::Update | Access::Add)),
             of(|u| u.access.writes()),

@@ -70,7 +70,7 @@ fn dearest_ms(costs: &StripeCosts<'_>, stripes: &Stripes) -> f64 {
     stripes.iter().map(|(device, rows)| costs.ms(device, &rows)).fold(0.0, f64::max)
 }
 
-/// The stripes of each set of groups that share a partition ([`crate::graph::Program::cut_sets`]), from frame to frame.
+/// The stripes of each set of groups that share a partition ([`crate::graph::Program::partition_sets`]), from frame to frame.
 ///
 /// Both eyes share a partition. The G-buffer, radiance and reprojection of a row then stay on one device, and separate
 /// stripes for the right eye would not improve the balance of both eyes' sum. Without a filter, a row has one owner in
@@ -95,7 +95,7 @@ impl MovingStripes {
 
     /// Moves each set's edges towards `target` by at most [`step_rows`], unless the gain is too small.
     pub fn follow(&mut self, model: &CostModel, target: impl Fn(usize, &StripeCosts<'_>) -> Stripes) -> Assignment {
-        let sets = model.program().cut_sets();
+        let sets = model.program().partition_sets();
         self.stripes.resize(sets.len(), Stripes::even(self.height, self.devices));
         let mut assignment = Assignment::uniform(Stripes::even(self.height, self.devices));
         for (index, (set, stripes)) in sets.iter().zip(&mut self.stripes).enumerate() {

@@ -55,7 +55,7 @@ fn place(model: &CostModel) -> Vec<Vec<f64>> {
     let count = (spec.devices * BLOCKS_PER_DEVICE).max(LEAST_BLOCKS).min(spec.extent.height as usize);
     let rows = Stripes::even(spec.extent.height, count);
     let blocks_of = |costs: StripeCosts<'_>| (0..count).map(|b| costs.own_ms(&rows.rows(b))).collect();
-    let sets: Vec<Blocks> = model.program().cut_sets().iter().map(|s| blocks_of(model.stripes_of(s))).collect();
+    let sets: Vec<Blocks> = model.program().partition_sets().iter().map(|s| blocks_of(model.stripes_of(s))).collect();
     let reach_rows = filter_reach_rows(model.program());
     let reach = (reach_rows as usize * count).div_ceil(spec.extent.height as usize);
     let transfer_ms = crossing_ms(model, reach_rows);

@@ -3,8 +3,8 @@
 use std::str::FromStr;
 
 use super::cost::CostModel;
-use crate::graph::{Assignment, CutGroup, Stripes, StripesError};
-use crate::passes::{cut_groups, denoise};
+use crate::graph::{Assignment, Partition, Stripes, StripesError};
+use crate::passes::{denoise, partitions};
 use crate::scene::rig::Eye;
 
 /// Cuts frames into stripes.
@@ -48,7 +48,7 @@ impl Policy for Even {
 /// `path_trace.left=5,1,2`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RatioRule {
-    pub group: Option<CutGroup>,
+    pub group: Option<Partition>,
     pub view: Option<Eye>,
     pub ratios: Vec<f64>,
 }
@@ -74,13 +74,13 @@ impl FromStr for RatioRule {
 }
 
 /// Former names of groups, which are still accepted.
-const FORMER: [(&str, CutGroup); 1] = [("atrous", denoise::CUT)];
+const FORMER: [(&str, Partition); 1] = [("atrous", denoise::PARTITION)];
 
-fn parse_group(name: &str) -> Result<CutGroup, String> {
+fn parse_group(name: &str) -> Result<Partition, String> {
     if let Some((_, group)) = FORMER.iter().find(|(former, _)| *former == name) {
         return Ok(*group);
     }
-    let known = cut_groups();
+    let known = partitions();
     known.iter().find(|g| g.0 == name).copied().ok_or_else(|| {
         let known: Vec<_> = known.iter().map(|g| g.0).collect();
         format!("'{name}' is no stage with ratios of its own: choose one of {}", known.join(", "))
@@ -107,7 +107,7 @@ pub struct Static {
 impl Static {
     pub fn new(height: u32, devices: usize, rules: &[RatioRule]) -> Result<Self, StripesError> {
         let mut assignment = Assignment::uniform(Stripes::even(height, devices));
-        let groups = cut_groups();
+        let groups = partitions();
         for rule in rules {
             if rule.ratios.len() != devices {
                 return Err(StripesError::Count { given: rule.ratios.len(), devices });

@@ -3,11 +3,11 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::graph::{Assignment, CutGroup, FrameGraph, HaloPlan, Pass, Seam, Stripes, TaskKind};
+use crate::graph::{Assignment, FrameGraph, HaloPlan, Partition, Pass, Seam, Stripes, TaskKind};
 use crate::image::Extent;
 use crate::passes::graph_tests::{check_order, graph, replay};
-use crate::passes::path_trace::CUT;
-use crate::passes::{Declarations, FrameSpec, cut_groups, denoise};
+use crate::passes::path_trace::PARTITION;
+use crate::passes::{Declarations, FrameSpec, denoise, partitions};
 use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
 
@@ -146,7 +146,7 @@ prop_compose! {
     }
 }
 
-fn edges(assignment: &Assignment, group: CutGroup, view: Eye) -> &[u32] {
+fn edges(assignment: &Assignment, group: Partition, view: Eye) -> &[u32] {
     assignment.stripes(group, view).inner_edges()
 }
 
@@ -161,7 +161,7 @@ proptest! {
             let (assignments, model) = world.play(policy.as_mut(), 5);
             prop_assert_eq!(&assignments, &world.play(twin.as_mut(), 5).0, "{} is not deterministic", policy.name());
             for (frame, assignment) in assignments.iter().enumerate() {
-                for (group, view) in cut_groups().into_iter().flat_map(|g| Eye::ALL.map(|v| (g, v))) {
+                for (group, view) in partitions().into_iter().flat_map(|g| Eye::ALL.map(|v| (g, v))) {
                     let stripes = assignment.stripes(group, view);
                     prop_assert_eq!((stripes.devices(), stripes.height()), (devices, extent.height));
                     let rows: Vec<u32> = (0..devices).flat_map(|d| stripes.rows(d)).collect();
@@ -315,7 +315,7 @@ fn a_device_without_a_stripe_is_taken_to_be_like_the_others() {
     model.learn(&world.costs(&graph(&world.spec, &all_to_one, None)));
     assert!(model.has_learned());
     let passes = model.program().passes();
-    let path_trace = &passes.iter().find(|p| p.pass.cut_group == CUT).expect("it is in every frame").pass;
+    let path_trace = &passes.iter().find(|p| p.pass.partition == PARTITION).expect("it is in every frame").pass;
     let ms = |device| model.pass_ms(path_trace, device, &(0..40));
     assert!(ms(0) > 0.0 && ms(0) == ms(1));
 }
@@ -323,12 +323,12 @@ fn a_device_without_a_stripe_is_taken_to_be_like_the_others() {
 #[test]
 fn ratio_rules_narrow_to_stage_and_view() {
     let rule: RatioRule = "path_trace.left=5,1,2".parse().unwrap();
-    assert_eq!((rule.group, rule.view), (Some(CUT), Some(Eye::Left)));
+    assert_eq!((rule.group, rule.view), (Some(PARTITION), Some(Eye::Left)));
     let a = Static::new(80, 3, &[rule])
         .unwrap()
         .assign(&CostModel::new(&spec(80, 3, 5, Seam::None), &Declarations::default()));
-    assert_eq!(a.stripes(CUT, Eye::Left).inner_edges(), &[50, 60]);
-    assert_eq!(a.stripes(CUT, Eye::Right).inner_edges(), &[26, 53]);
+    assert_eq!(a.stripes(PARTITION, Eye::Left).inner_edges(), &[50, 60]);
+    assert_eq!(a.stripes(PARTITION, Eye::Right).inner_edges(), &[26, 53]);
     assert!("shade=1,2".parse::<RatioRule>().is_err());
     assert!("1,x".parse::<RatioRule>().is_err());
     assert!(Static::new(80, 2, &["1,2,3".parse().unwrap()]).is_err());
@@ -349,7 +349,7 @@ fn devices_that_are_left_cover_every_row_and_even_out_again() {
             for _ in 0..8 {
                 model.learn(&world.costs(&built));
                 let assignment = policy.assign(&model);
-                let stripes = assignment.stripes(CUT, Eye::Left);
+                let stripes = assignment.stripes(PARTITION, Eye::Left);
                 assert_eq!((stripes.devices(), stripes.height()), (left.len(), 160), "{}", policy.name());
                 built = graph(&world.spec, &assignment, None);
             }
@@ -365,8 +365,8 @@ fn ratios_of_those_left_stay() {
     let mut policy = Static::new(80, 3, &["5,1,2".parse().unwrap(), "atrous=0,1,0".parse().unwrap()]).unwrap();
     policy.remove_device(1);
     let assignment = policy.assign(&CostModel::new(&spec(80, 2, 0, Seam::None), &Declarations::default()));
-    assert_eq!(assignment.stripes(CUT, Eye::Left).inner_edges(), &[57]);
-    assert_eq!(assignment.stripes(denoise::CUT, Eye::Left).inner_edges(), &[40]);
+    assert_eq!(assignment.stripes(PARTITION, Eye::Left).inner_edges(), &[57]);
+    assert_eq!(assignment.stripes(denoise::PARTITION, Eye::Left).inner_edges(), &[40]);
 }
 
 #[test]

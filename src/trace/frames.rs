@@ -7,7 +7,7 @@ use super::event::{Track, args_from};
 use super::work::{Frame, FrameTime, Order, Task, Trace};
 use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
 use crate::exec::{Fault, FrameReport, TaskTiming, TimedTask};
-use crate::passes::path_trace::CUT;
+use crate::passes::path_trace::PARTITION;
 use crate::quality::Quality;
 use crate::scene::rig::Eye;
 
@@ -178,7 +178,7 @@ fn record_counters(recorder: &Recorder, frame: &FrameReport, quality: &Quality, 
         recorder.counter("pixels of the right eye", at_us, &shares);
     }
     recorder.counter("bytes moved", at_us, &[("bytes", frame.uploaded_bytes() as f64)]);
-    let stripes = frame.assignment.stripes(CUT, Eye::Left);
+    let stripes = frame.assignment.stripes(PARTITION, Eye::Left);
     let rows = (0..stripes.devices()).map(|d| stripes.rows(d).len() as f64);
     record_shares(recorder, "share of rows", at_us, rows.collect());
     record_shares(recorder, "share of work", at_us, frame.busy_ms());

@@ -37,7 +37,8 @@ fn frames_keep_their_bytes_until_no_device_is_left() {
     for (i, expected) in (0..5).zip(&one) {
         let frame = four.frame_at(time_s(i), i);
         assert!(frame.linear == *expected, "frame {i} differs");
-        let stripes = frame.report.assignment.stripes(diptych::passes::path_trace::CUT, diptych::scene::rig::Eye::Left);
+        let stripes =
+            frame.report.assignment.stripes(diptych::passes::path_trace::PARTITION, diptych::scene::rig::Eye::Left);
         rows.push((0..4).map(|d| stripes.rows(d).len()).collect::<Vec<_>>());
     }
     let working = |frame: usize| rows[frame].iter().map(|r| *r > 0).collect::<Vec<_>>();

@@ -4,7 +4,7 @@
 
 use crate::common::{Stage as Bench, Subject};
 use diptych::graph::{
-    Assignment, CutGroup, Dispatch, Grid, Image, Kernel, Pass, Reach, Resource, Scope, Size, Stage, Stripes, Use,
+    Assignment, Dispatch, Grid, Image, Kernel, Partition, Pass, Reach, Resource, Scope, Size, Stage, Stripes, Use,
 };
 use diptych::image::Extent;
 use diptych::passes::{Declarations, FrameSpec};
@@ -15,8 +15,8 @@ use diptych::stages::verify;
 
 const WIDTH: u32 = 40;
 const HEIGHT: u32 = 52;
-const WRITES: CutGroup = CutGroup("writes");
-const READS: CutGroup = CutGroup("reads");
+const WRITES: Partition = Partition("writes");
+const READS: Partition = Partition("reads");
 const OUT: Resource = Resource::image("test out", 4).output();
 const IMAGE: Resource = Resource::image("test image", 4);
 
@@ -95,7 +95,7 @@ fn kernel(name: &'static str, text: &'static str, workgroup: [u32; 3]) -> Kernel
     Kernel::from_text(name, text).workgroup(workgroup)
 }
 
-fn pass(name: &'static str, view: Eye, group: CutGroup, kernel: Kernel) -> Pass {
+fn pass(name: &'static str, view: Eye, group: Partition, kernel: Kernel) -> Pass {
     Pass::new(Stage(name), view, group, kernel)
 }
 

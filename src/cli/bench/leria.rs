@@ -5,7 +5,7 @@ use anyhow::{Context, anyhow};
 
 use crate::exec::FrameReport;
 use crate::loaded::LoadedScene;
-use crate::passes::{cut_groups, gbuffer, path_trace};
+use crate::passes::{gbuffer, partitions, path_trace};
 use crate::quality::{Denoiser, Quality};
 use crate::report::csv::Column;
 use crate::report::frames::FrameLine;
@@ -68,10 +68,10 @@ fn baseline(proposed: &RenderOptions, devices: usize) -> RenderOptions {
     let run = &mut options.run;
     run.balance = vec![Balance::Static];
     let on_primary: Vec<f64> = (0..devices).map(|device| if device == 0 { 1.0 } else { 0.0 }).collect();
-    for group in cut_groups() {
+    for group in partitions() {
         for view in Eye::ALL {
             let is_traced = view == Eye::Left || !run.reprojects();
-            if !(is_traced && [gbuffer::CUT, path_trace::CUT].contains(&group)) {
+            if !(is_traced && [gbuffer::PARTITION, path_trace::PARTITION].contains(&group)) {
                 let ratios = on_primary.clone();
                 run.ratios.push(RatioRule { group: Some(group), view: Some(view), ratios });
             }

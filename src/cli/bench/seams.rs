@@ -156,7 +156,7 @@ fn eye_of(images: &Stereo<RgbImage>, view: Eye) -> &RgbImage {
 /// Returns the first row of each of the denoiser's stripes, except the topmost.
 fn seam_rows(frame: &TimedFrame, view: Eye) -> Vec<u32> {
     let height = frame.linear.left.extent.height;
-    let edges = frame.report.assignment.stripes(denoise::CUT, view).inner_edges();
+    let edges = frame.report.assignment.stripes(denoise::PARTITION, view).inner_edges();
     edges.iter().copied().filter(|edge| (1..height).contains(edge)).collect()
 }
 

@@ -12,7 +12,7 @@ use crate::exec::output::Output;
 use crate::exec::planner::Graphs;
 use crate::exec::staging::{ReadBack, Recorded};
 use crate::graph::{FrameGraph, Task, TaskKind};
-use crate::passes::LATE_CUT;
+use crate::passes::LATE_PARTITION;
 use crate::schedule::parts;
 
 /// State of a frame on a worker until it is answered. Task numbers are indices among the device's tasks.
@@ -74,7 +74,7 @@ impl Part {
     /// Returns the operations that the worker runs for the frame.
     pub fn script(&self, ticket: u64) -> Script {
         let is_cut = |number: usize| self.job.cuts.iter().any(|cut| cut.task == number);
-        let shows = |task: &Task| self.graph.pass(task).is_some_and(|linked| linked.pass.cut_group == LATE_CUT);
+        let shows = |task: &Task| self.graph.pass(task).is_some_and(|linked| linked.pass.partition == LATE_PARTITION);
         let is_late = |task: &Task| self.job.late.is_some() && shows(task);
         let step = |(i, task): (usize, &Task)| step(task, is_cut(i), is_late(task));
         let steps = |tasks: &[Task]| tasks.iter().enumerate().map(step).collect::<Vec<_>>();

@@ -3,16 +3,16 @@
 use std::collections::HashMap;
 
 use super::*;
-use crate::graph::{CutGroup, Grid, HaloPlan, Image, Kernel, Pass, Reach, Resource, Seam, Size, Stage, Stripes, Use};
+use crate::graph::{Grid, HaloPlan, Image, Kernel, Partition, Pass, Reach, Resource, Seam, Size, Stage, Stripes, Use};
 use crate::image::Extent;
 
 const EXTENT: Extent = Extent { width: 16, height: 60 };
-const WRITER: CutGroup = CutGroup("writer");
-const READER: CutGroup = CutGroup("reader");
+const WRITER: Partition = Partition("writer");
+const READER: Partition = Partition("reader");
 const IMAGE: Resource = Resource::image("image", 4);
 const OUT: Resource = Resource::image("out", 4);
 
-fn pass(name: &'static str, group: CutGroup, uses: impl IntoIterator<Item = Use>) -> Pass {
+fn pass(name: &'static str, group: Partition, uses: impl IntoIterator<Item = Use>) -> Pass {
     Pass::new(Stage(name), Eye::Left, group, Kernel::new("test")).uses(uses)
 }
 

@@ -2,15 +2,15 @@ use super::*;
 use crate::graph::{Dispatch, Grid, HaloPlan, Kernel, Size, Use};
 
 const EXTENT: Extent = Extent { width: 16, height: 64 };
-const CUT: CutGroup = CutGroup("a");
-const OTHER: CutGroup = CutGroup("b");
+const PARTITION: Partition = Partition("a");
+const OTHER: Partition = Partition("b");
 const A: Resource = Resource::image("a", 4);
 const B: Resource = Resource::image("b", 4);
 const LIST: Resource = Resource::list("list");
 const TABLE: Resource = Resource::table("table", 4, Extent { width: 8, height: 1 });
 const HALO: Seam = Seam::Halo(HaloPlan::RECOMPUTE);
 
-fn pass(group: CutGroup, uses: impl IntoIterator<Item = Use>) -> Pass {
+fn pass(group: Partition, uses: impl IntoIterator<Item = Use>) -> Pass {
     Pass::new(Stage("test"), Eye::Left, group, Kernel::new("test")).uses(uses)
 }
 
@@ -21,34 +21,37 @@ fn error(passes: Vec<Pass>) -> ProgramError {
 #[test]
 fn passes_that_contradict_one_another_are_refused() {
     let [stage, a] = ["test", "a"];
-    assert_eq!(error(vec![pass(CUT, [Use::read(A)])]), ProgramError::Unwritten { stage, image: a });
-    assert!(Program::new(EXTENT, HALO, vec![pass(CUT, [Use::read(A).if_written()])]).is_ok());
+    assert_eq!(error(vec![pass(PARTITION, [Use::read(A)])]), ProgramError::Unwritten { stage, image: a });
+    assert!(Program::new(EXTENT, HALO, vec![pass(PARTITION, [Use::read(A).if_written()])]).is_ok());
 
     let versions = [Image::from(A), Image::from(A).next(), Image::from(A).next().next()];
-    let passes: Vec<Pass> = versions.map(|v| pass(CUT, [Use::write(v)])).into();
-    let stale = passes.into_iter().chain([pass(CUT, [Use::read(A)])]).collect();
+    let passes: Vec<Pass> = versions.map(|v| pass(PARTITION, [Use::write(v)])).into();
+    let stale = passes.into_iter().chain([pass(PARTITION, [Use::read(A)])]).collect();
     assert_eq!(error(stale), ProgramError::Overwritten { stage, image: a, read: 0, held: 2 });
 
-    assert_eq!(error(vec![pass(CUT, [Use::read(A).before(Some(1))])]), ProgramError::NeverKept { stage, image: a });
+    assert_eq!(
+        error(vec![pass(PARTITION, [Use::read(A).before(Some(1))])]),
+        ProgramError::NeverKept { stage, image: a }
+    );
 
-    let list = || pass(CUT, [Use::write_then_read(LIST)]);
+    let list = || pass(PARTITION, [Use::write_then_read(LIST)]);
     let elsewhere = ProgramError::Elsewhere { stage, image: "list" };
     assert_eq!(error(vec![list(), pass(OTHER, [Use::read(LIST)])]), elsewhere);
-    assert_eq!(error(vec![list(), pass(CUT, [Use::read(LIST).halo(1)])]), elsewhere);
-    assert!(Program::new(EXTENT, HALO, vec![list(), pass(CUT, [Use::read(LIST)])]).is_ok());
+    assert_eq!(error(vec![list(), pass(PARTITION, [Use::read(LIST).halo(1)])]), elsewhere);
+    assert!(Program::new(EXTENT, HALO, vec![list(), pass(PARTITION, [Use::read(LIST)])]).is_ok());
 
-    assert_eq!(error(vec![pass(CUT, [Use::write(TABLE)])]), ProgramError::Scope { stage, image: "table" });
-    let once = Pass::once(Stage("test"), CUT, Kernel::new("test"), [1; 3]);
+    assert_eq!(error(vec![pass(PARTITION, [Use::write(TABLE)])]), ProgramError::Scope { stage, image: "table" });
+    let once = Pass::once(Stage("test"), PARTITION, Kernel::new("test"), [1; 3]);
     assert_eq!(error(vec![once.clone().uses([Use::write(A)])]), ProgramError::Scope { stage, image: a });
     assert!(Program::new(EXTENT, HALO, vec![once.uses([Use::write(TABLE)])]).is_ok());
 
     let constants = Resource::constants("constants", 16);
     let input = ProgramError::Input { stage, image: "constants" };
-    assert_eq!(error(vec![pass(CUT, [Use::write(constants)])]), input);
+    assert_eq!(error(vec![pass(PARTITION, [Use::write(constants)])]), input);
 
-    let chain = |chain| pass(CUT, [Use::read(A).halo(2), Use::write(B)]).chain(chain);
+    let chain = |chain| pass(PARTITION, [Use::read(A).halo(2), Use::write(B)]).chain(chain);
     let half = chain(Chain::Planned).on(Grid { size: Size::FrameOver(2), ..Grid::FRAME });
-    let grids = vec![pass(CUT, [Use::write(A)]), half, chain(Chain::Margin)];
+    let grids = vec![pass(PARTITION, [Use::write(A)]), half, chain(Chain::Margin)];
     assert_eq!(error(grids), ProgramError::Grid { stage });
 }
 
@@ -56,7 +59,7 @@ fn passes_that_contradict_one_another_are_refused() {
 /// receives rows from neighbours.
 #[test]
 fn margins_are_what_later_passes_read() {
-    let link = |halo: u32, from: Image| pass(CUT, [Use::read(from).halo(halo), Use::write(from.next())]);
+    let link = |halo: u32, from: Image| pass(PARTITION, [Use::read(from).halo(halo), Use::write(from.next())]);
     let light = Image::from(A);
     let passes = || {
         let chain = [(4, Chain::Planned), (2, Chain::Planned), (1, Chain::Planned), (3, Chain::Margin)];
@@ -65,7 +68,7 @@ fn margins_are_what_later_passes_read() {
             *from = from.next();
             Some(linked)
         });
-        std::iter::once(pass(CUT, [Use::write(light)])).chain(links).collect::<Vec<_>>()
+        std::iter::once(pass(PARTITION, [Use::write(light)])).chain(links).collect::<Vec<_>>()
     };
     let margins = |seam| {
         let program = Program::new(EXTENT, seam, passes()).unwrap();
@@ -81,13 +84,15 @@ fn margins_are_what_later_passes_read() {
 #[test]
 fn outputs_and_what_is_kept_follow_from_the_uses() {
     let out = Resource::image("out", 4).output();
-    let passes =
-        vec![pass(CUT, [Use::write(A)]), pass(OTHER, [Use::read(A), Use::read(A).before(Some(2)), Use::write(out)])];
+    let passes = vec![
+        pass(PARTITION, [Use::write(A)]),
+        pass(OTHER, [Use::read(A), Use::read(A).before(Some(2)), Use::write(out)]),
+    ];
     let program = Program::new(EXTENT, HALO, passes).unwrap();
     let names = |numbers: Vec<usize>| numbers.into_iter().map(|n| program.images()[n].name()).collect::<Vec<_>>();
     assert_eq!(names(program.outputs().collect()), ["out"]);
     assert_eq!(names((0..program.images().len()).collect()), ["a", "last_a", "out"]);
-    assert_eq!(program.writer(&A, Eye::Left), Some(CUT));
+    assert_eq!(program.writer(&A, Eye::Left), Some(PARTITION));
     assert_eq!(program.writer(&A, Eye::Right), None);
-    assert_eq!(pass(CUT, []).dispatch, Dispatch::PIXELS);
+    assert_eq!(pass(PARTITION, []).dispatch, Dispatch::PIXELS);
 }

@@ -4,7 +4,7 @@ use super::{Light, gradient};
 use crate::graph::{Chain, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{ALBEDO, EMISSION, GUIDE, TALLY};
 use crate::passes::resources::last_surface;
-use crate::passes::tonemap::{CUT, finished};
+use crate::passes::tonemap::{PARTITION, finished};
 use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;
 
@@ -23,10 +23,10 @@ pub fn passes(spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         false => Use::read(last_surface(spec)).if_written(),
     };
     let [linear, display] = finished(spec);
-    let compose = Pass::new(Stage("compose"), view, CUT, Kernel::new("compose"))
+    let compose = Pass::new(Stage("compose"), view, PARTITION, Kernel::new("compose"))
         .uses([Use::read(filtered), Use::read(ALBEDO), Use::read(EMISSION), Use::write(composed)])
         .chain(Chain::Margin);
-    let resolve = Pass::new(Stage("resolve"), view, CUT, Kernel::new("resolve").with(gradient::CONSTANTS))
+    let resolve = Pass::new(Stage("resolve"), view, PARTITION, Kernel::new("resolve").with(gradient::CONSTANTS))
         .uses([
             Use::read(composed).halo(spec.halo(RESOLVE_REACH_ROWS)),
             Use::read(RESOLVED).before(spec.history_halo()),

@@ -2,7 +2,7 @@
 //! paths traced again with the same random numbers (Schied, Peters & Dachsbacher, "Gradient Estimation for Real-Time
 //! Adaptive Temporal Filtering", 2018).
 
-use super::CUT;
+use super::PARTITION;
 use crate::graph::{Grid, Kernel, Pass, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::passes::gbuffer::{GUIDE, HIT};
@@ -44,7 +44,7 @@ pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
         return Vec::new();
     }
     let last = |resource| Use::read(resource).before(spec.history_halo());
-    let trace = Pass::new(Stage("gradient"), view, CUT, TRACE)
+    let trace = Pass::new(Stage("gradient"), view, PARTITION, TRACE)
         .on(TILES)
         .uses([
             Use::read(last_surface(spec)),
@@ -55,7 +55,7 @@ pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
             Use::read(PREVIOUS),
         ])
         .args([spec.extent.width, spec.extent.height, 0]);
-    let smooth = Pass::new(Stage("gradient_smooth"), view, CUT, SMOOTH)
+    let smooth = Pass::new(Stage("gradient_smooth"), view, PARTITION, SMOOTH)
         .on(TILES)
         .uses([Use::read(GRADIENT).halo(spec.halo(REACH)), Use::write(change(spec))]);
     vec![trace, smooth]

@@ -1,13 +1,13 @@
 //! The interface of a denoiser, and the image that carries light through its passes.
 
 use super::denoiser::Denoiser;
-use crate::graph::{CutGroup, Image, Pass, Resource};
+use crate::graph::{Image, Partition, Pass, Resource};
 use crate::passes::resources::RADIANCE;
 use crate::passes::{FrameSpec, tonemap};
 use crate::scene::rig::Eye;
 
 /// Cut group of all denoiser passes: they have the same stripes.
-pub const CUT: CutGroup = CutGroup("denoise");
+pub const PARTITION: Partition = Partition("denoise");
 
 const FILTERED: Resource = Resource::image("filtered", 16);
 

@@ -14,7 +14,7 @@ mod svgf;
 pub(super) use denoised::Denoised;
 pub use denoiser::Denoiser;
 pub(crate) use denoiser::serialize;
-pub use method::{CUT, Denoise, Light};
+pub use method::{Denoise, Light, PARTITION};
 pub(crate) use registry::deserialize;
 
 /// No denoiser. Light stays as it was traced.

@@ -1,7 +1,7 @@
 //! Bilateral smoothing across the seams of stripes that were filtered separately.
 
 use super::atrous::inverse_sigma2_bits;
-use super::{CUT, Light};
+use super::{Light, PARTITION};
 use crate::graph::{Kernel, Pass, Stage, Use};
 use crate::passes::gbuffer::GUIDE;
 use crate::scene::rig::Eye;
@@ -15,6 +15,6 @@ const KERNEL: Kernel = Kernel::new("seam_filter").with(constants![SEAM_REACH]);
 pub fn pass(view: Eye, light: &mut Light) -> Pass {
     let (source, target) = light.advance();
     let uses = [Use::read(GUIDE).halo(SEAM_REACH), Use::read(source).halo(SEAM_REACH), Use::write(target)];
-    let pass = Pass::new(Stage("seam_filter"), view, CUT, KERNEL);
+    let pass = Pass::new(Stage("seam_filter"), view, PARTITION, KERNEL);
     pass.uses(uses).args([0, inverse_sigma2_bits(u32::MAX), 0])
 }

@@ -3,14 +3,14 @@
 use std::ops::Range;
 
 use super::CostModel;
-use crate::graph::{CutGroup, Work};
+use crate::graph::{Partition, Work};
 use crate::scene::rig::Eye;
 
 impl CostModel {
     /// Returns the costs of stripes for all passes of these groups, on both views.
-    pub fn stripes_of(&self, groups: &[CutGroup]) -> StripeCosts<'_> {
+    pub fn stripes_of(&self, groups: &[Partition]) -> StripeCosts<'_> {
         let mut parts: Vec<Part> = Vec::new();
-        for linked in self.program.passes().iter().filter(|p| groups.contains(&p.pass.cut_group)) {
+        for linked in self.program.passes().iter().filter(|p| groups.contains(&p.pass.partition)) {
             let Some(number) = self.number_of(linked.pass.stage, linked.pass.view) else { continue };
             let (work, margin_rows) = (linked.pass.work, linked.margin_rows);
             // Only rays are counted by view.

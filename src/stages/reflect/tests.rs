@@ -1,5 +1,5 @@
 use super::*;
-use crate::graph::{CutGroup, Kernel, Resource, SceneUse, Stage};
+use crate::graph::{Kernel, Partition, Resource, SceneUse, Stage};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 
@@ -37,7 +37,7 @@ fn uses() -> [Use; 4] {
 }
 
 fn check(kernel: Kernel, uses: impl IntoIterator<Item = Use>) -> Result<(), Mismatch> {
-    verify(&Pass::new(Stage("test"), Eye::Left, CutGroup("test"), kernel).uses(uses))
+    verify(&Pass::new(Stage("test"), Eye::Left, Partition("test"), kernel).uses(uses))
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! `atrous`: an edge-avoiding à-trous filter on the frame alone.
 
-use super::{CUT, Denoise, Light};
+use super::{Denoise, Light, PARTITION};
 use crate::graph::{Chain, Kernel, Pass, Stage, Use};
 use crate::passes::FrameSpec;
 use crate::passes::gbuffer::GUIDE;
@@ -47,7 +47,7 @@ impl Denoise for Atrous {
                 false => [step, inverse_sigma2_bits(index), 0],
             };
             let uses = [Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)];
-            let pass = Pass::new(STAGE, view, CUT, Kernel::new("atrous")).index(index);
+            let pass = Pass::new(STAGE, view, PARTITION, Kernel::new("atrous")).index(index);
             pass.uses(uses).args(args).chain(Chain::Planned)
         };
         (0..spec.iterations).map(iteration).collect()

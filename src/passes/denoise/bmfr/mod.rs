@@ -5,7 +5,7 @@
 //! Reconstruction", with linearly dependent features dropped as in Xu, Tong & Xu, "Real-Time Path Tracing
 //! Reconstruction in DXR".
 
-use super::{CUT, Denoise, Light, antialias, gradient};
+use super::{Denoise, Light, PARTITION, antialias, gradient};
 use crate::graph::{Chain, Dispatch, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
 use crate::passes::resources::last_surface;
@@ -84,7 +84,7 @@ impl Denoise for Bmfr {
     }
 
     fn before(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
-        let pass = Pass::new(Stage("accumulate"), view, CUT, ACCUMULATE);
+        let pass = Pass::new(Stage("accumulate"), view, PARTITION, ACCUMULATE);
         let pass = accumulate(spec, pass, light, ACCUMULATED, LEAST_SHARE);
         gradient::passes(spec, view).into_iter().chain([pass]).collect()
     }
@@ -93,7 +93,7 @@ impl Denoise for Bmfr {
     fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let (source, target) = light.advance();
         let halo = spec.halo(BLOCK - 1);
-        let pass = Pass::new(Stage("fit"), view, CUT, FIT)
+        let pass = Pass::new(Stage("fit"), view, PARTITION, FIT)
             .uses([Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)])
             .dispatch(Dispatch::Displaced([BLOCK; 2]))
             .args([self.noise.to_bits(), 0, 0])
@@ -102,7 +102,7 @@ impl Denoise for Bmfr {
     }
 
     fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
-        let pass = Pass::new(Stage("accumulate_fitted"), view, tonemap::CUT, ACCUMULATE);
+        let pass = Pass::new(Stage("accumulate_fitted"), view, tonemap::PARTITION, ACCUMULATE);
         let again = accumulate(spec, pass, light, FITTED, LEAST_FITTED_SHARE).chain(Chain::Margin);
         std::iter::once(again).chain(antialias::passes(spec, view, light)).collect()
     }

@@ -2,7 +2,7 @@
 //!
 //! The method is that of Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering".
 
-use super::{CUT, Denoise, Light, antialias, gradient};
+use super::{Denoise, Light, PARTITION, antialias, gradient};
 use crate::graph::{Chain, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
 use crate::passes::resources::last_surface;
@@ -66,8 +66,8 @@ impl Denoise for Svgf {
     fn before(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let last = |resource| Use::read(resource).before(spec.history_halo());
         let (traced, accumulated) = light.advance();
-        let pass =
-            Pass::new(Stage("accumulate"), view, CUT, Kernel::new("accumulate").with(gradient::CONSTANTS)).uses([
+        let pass = Pass::new(Stage("accumulate"), view, PARTITION, Kernel::new("accumulate").with(gradient::CONSTANTS))
+            .uses([
                 Use::read(HIT),
                 Use::read(if spec.moving.is_some() { last_surface(spec) } else { GUIDE }),
                 Use::read(traced),
@@ -90,7 +90,7 @@ impl Denoise for Svgf {
         let link = |stage, kernel, reach_rows: u32, (source, target): (Image, Image)| {
             let halo = spec.halo(reach_rows);
             let uses = [Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)];
-            Pass::new(stage, view, CUT, kernel).uses(uses).chain(Chain::Planned)
+            Pass::new(stage, view, PARTITION, kernel).uses(uses).chain(Chain::Planned)
         };
         let mut passes = vec![link(VARIANCE, VARIANCE_KERNEL, VARIANCE_REACH, light.advance())];
         for index in 0..spec.iterations {

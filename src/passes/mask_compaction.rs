@@ -1,13 +1,13 @@
 //! Mask compaction: lists the pixels to path trace if others are left to the filter.
 
 use super::gbuffer::{GUIDE, HIT, TALLY};
-use super::path_trace::CUT;
+use super::path_trace::PARTITION;
 use super::resources::{HOLES, RADIANCE};
 use crate::graph::{Kernel, Pass, Stage, Use};
 use crate::scene::rig::Eye;
 
 pub fn pass(view: Eye) -> Pass {
-    Pass::new(Stage("select"), view, CUT, Kernel::new("select")).uses([
+    Pass::new(Stage("select"), view, PARTITION, Kernel::new("select")).uses([
         Use::read(HIT),
         Use::read(GUIDE),
         Use::write(RADIANCE),
