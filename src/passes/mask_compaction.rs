@@ -7,7 +7,7 @@ use crate::graph::{Kernel, Pass, Stage, Use};
 use crate::scene::rig::Eye;
 
 pub fn pass(view: Eye) -> Pass {
-    Pass::new(Stage("select"), view, PARTITION, Kernel::new("select")).uses([
+    Pass::new(Stage("select"), view, PARTITION, Kernel::new("mask_compaction")).uses([
         Use::read(HIT),
         Use::read(GUIDE),
         Use::write(RADIANCE),

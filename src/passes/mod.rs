@@ -14,7 +14,7 @@ pub mod path_trace;
 mod polar;
 mod reproject;
 mod resources;
-mod select;
+mod mask_compaction;
 mod shown;
 mod spec;
 mod tally;
@@ -49,7 +49,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
             true => frame.add_if(is_needed, why_not, pass),
             false => frame.add_if(false, "the scene has no surfaces", pass),
         };
-        surfaces(&mut frame, is_traced && spec.sparse, "no pixel is left to the filter", select::pass(view));
+        surfaces(&mut frame, is_traced && spec.sparse, "no pixel is left to the filter", mask_compaction::pass(view));
         surfaces(&mut frame, is_traced, "the right eye is reprojected", path_trace::pass(spec, view));
         if view == Eye::Right {
             surfaces(&mut frame, !is_traced, "both eyes are path traced", reproject::pass(spec));

@@ -1,6 +1,6 @@
 //! Denoisers, which run between path tracing and the finished image.
 
-mod antialias;
+mod taa;
 mod atrous;
 mod bmfr;
 mod denoised;

@@ -5,7 +5,7 @@
 //! Reconstruction", with linearly dependent features dropped as in Xu, Tong & Xu, "Real-Time Path Tracing
 //! Reconstruction in DXR".
 
-use super::{Denoise, Light, PARTITION, antialias, gradient};
+use super::{Denoise, Light, PARTITION, gradient, taa};
 use crate::graph::{Chain, Dispatch, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
 use crate::passes::resources::last_surface;
@@ -104,6 +104,6 @@ impl Denoise for Bmfr {
     fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let pass = Pass::new(Stage("accumulate_fitted"), view, tonemap::PARTITION, ACCUMULATE);
         let again = accumulate(spec, pass, light, FITTED, LEAST_FITTED_SHARE).chain(Chain::Margin);
-        std::iter::once(again).chain(antialias::passes(spec, view, light)).collect()
+        std::iter::once(again).chain(taa::passes(spec, view, light)).collect()
     }
 }

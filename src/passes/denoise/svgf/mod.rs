@@ -2,7 +2,7 @@
 //!
 //! The method is that of Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering".
 
-use super::{Denoise, Light, PARTITION, antialias, gradient};
+use super::{Denoise, Light, PARTITION, gradient, taa};
 use crate::graph::{Chain, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
 use crate::passes::resources::last_surface;
@@ -103,6 +103,6 @@ impl Denoise for Svgf {
     }
 
     fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
-        antialias::passes(spec, view, light)
+        taa::passes(spec, view, light)
     }
 }

@@ -9,8 +9,8 @@ use super::camera::{Constants, Eye};
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Outputs, Override, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
+use super::mask_compaction::{assert_lists, empty_list};
 use super::pack::{Counts, Format, Light, MATERIAL_MASK, MIXED, UNKNOWN, VIEW_DEPENDENT, pack_guide};
-use super::select::{assert_lists, empty_list};
 
 struct Eyes {
     hit: [Vec<[u32; 4]>; 2],

@@ -41,7 +41,7 @@ fn select(
 ) -> Selected {
     let overrides = [("SOBOL", true), ("SPARSE", true), ("FOVEATED", constants.foveation.layers)];
     let width = constants.width;
-    let outputs = Kernel::new("select", &overrides).run(
+    let outputs = Kernel::new("mask_compaction", &overrides).run(
         constants,
         stripe.pass(view, [0; 3]),
         width,

@@ -26,7 +26,7 @@ pub fn passes(spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
     let compose = Pass::new(Stage("compose"), view, PARTITION, Kernel::new("compose"))
         .uses([Use::read(filtered), Use::read(ALBEDO), Use::read(EMISSION), Use::write(composed)])
         .chain(Chain::Margin);
-    let resolve = Pass::new(Stage("resolve"), view, PARTITION, Kernel::new("resolve").with(gradient::CONSTANTS))
+    let resolve = Pass::new(Stage("resolve"), view, PARTITION, Kernel::new("taa").with(gradient::CONSTANTS))
         .uses([
             Use::read(composed).halo(spec.halo(RESOLVE_REACH_ROWS)),
             Use::read(RESOLVED).before(spec.history_halo()),
