@@ -1,13 +1,13 @@
 // Display resampling of an auxiliary image: each displayed pixel takes the value of the nearest rectified pixel.
 
-//!include frame shown
+//!include frame display_resampling
 
 @group(1) @binding(0) var<storage, read> rectified: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> aov: array<vec4<f32>>;
 
 // Point of the displayed image that shows a point of the rectified one.
 fn shown_point(point: vec2<f32>) -> vec2<f32> {
-    let shown = frame.camera.shown[pass_.view];
+    let shown = frame.camera.display_maps[pass_.view];
     let at = vec3<f32>(point, 1.0);
     // Inverse map up to the determinant, which cancels in the division.
     let scaled = vec3<f32>(

@@ -1,6 +1,6 @@
 // Display resampling: resamples a rectified image for the display of an eye.
 
-//!include frame display shown resampled
+//!include frame display display_resampling resampled
 
 @group(1) @binding(0) var<storage, read> rectified: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> linear: array<vec4<f32>>;

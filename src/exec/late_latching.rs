@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use crate::image::Extent;
 use crate::scene::rig::Rig;
-use crate::stages::frame_constants::shown_later;
+use crate::stages::frame_constants::late_display_maps;
 use crate::stages::layout;
 
 /// Predicts the head pose at the time when the frame of this number is displayed. Only the first key of the rig counts.
@@ -46,11 +46,11 @@ impl Late {
     }
 
     /// Samples the pose; returns it with its shader constants.
-    pub fn ask(&self, at_ms: f64) -> Option<(SampledPose, [layout::Shown; 2])> {
+    pub fn ask(&self, at_ms: f64) -> Option<(SampledPose, [layout::DisplayMap; 2])> {
         let rig = (self.source)(self.frame)?;
         let optics = self.rendered.optics.as_ref()?;
-        let shown = shown_later(optics, self.sizes, [&self.rendered, &rig.relative_to(self.origin)]);
-        Some((SampledPose { rig, at_ms }, shown))
+        let maps = late_display_maps(optics, self.sizes, [&self.rendered, &rig.relative_to(self.origin)]);
+        Some((SampledPose { rig, at_ms }, maps))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
 use super::polar::screen;
-use super::shown::LATE_PARTITION;
+use super::display_resampling::LATE_PARTITION;
 use super::tonemap::PARTITION;
 use super::{Aov, Display, FrameSpec, ImageChain, PREVIOUS};
 use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};
@@ -43,7 +43,8 @@ pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
     let ImageChain { polar: space, display, displayed } = spec.chain;
     let screen_size = spec.chain.screen();
     let map = |stage: Stage, from: Resource, to: Resource| {
-        Pass::new(stage, view, PARTITION, Kernel::new(stage.name()))
+        let kernel = if stage == STAGES[3] { "aov_late_reprojection" } else { stage.name() };
+        Pass::new(stage, view, PARTITION, Kernel::new(kernel))
             .index(index.into())
             .on(to.grid)
             .uses([Use::read(from).reaching(Reach::All), Use::write(to)])

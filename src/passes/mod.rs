@@ -15,7 +15,7 @@ mod polar;
 mod reproject;
 mod resources;
 mod mask_compaction;
-mod shown;
+mod display_resampling;
 mod spec;
 mod tally;
 pub mod tonemap;
@@ -28,7 +28,7 @@ pub use auxiliary::{STAGES as AOVS, image as aov_image};
 pub use declared::Declared;
 pub use moving::Moving;
 pub use resources::{HOLES, PREVIOUS};
-pub use shown::LATE_PARTITION;
+pub use display_resampling::LATE_PARTITION;
 pub use spec::{Display, FrameSpec, ImageChain, PolarImage, Views};
 pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
 
@@ -88,7 +88,7 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
     }
     frame.passes.extend(denoiser.finish(spec, view, light));
     polar::show(spec, view, frame);
-    frame.passes.extend(shown::pass(spec, view));
+    frame.passes.extend(display_resampling::pass(spec, view));
     frame.add(tally::pass(view));
     for (index, aov) in (0..).zip(&spec.aovs) {
         frame.passes.extend(auxiliary::passes(spec, view, index, *aov));

@@ -54,12 +54,12 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
             centre: config.centre(index, spp),
             width,
             height,
-            shown: optics.map_or_else(Default::default, |optics| {
+            display_maps: optics.map_or_else(Default::default, |optics| {
                 let sizes = [extent, screen];
                 if config.buffers.display.is_late() {
-                    shown_later(optics, sizes, [&rig, &later])
+                    late_display_maps(optics, sizes, [&rig, &later])
                 } else {
-                    shown(optics, sizes)
+                    display_maps(optics, sizes)
                 }
             }),
             log_polar: polar.as_ref().map(|polar| polar.space.constants(screen)).unwrap_or_default(),
@@ -96,22 +96,22 @@ fn on_screen(optics: &Optics, eye: Eye, [shown, rectified]: [Extent; 2], [x, y]:
 }
 
 /// Returns each eye's mapping from its displayed image of `size` to its rectified image of `grid`.
-fn shown(optics: &Optics, [size, grid]: [Extent; 2]) -> [layout::Shown; 2] {
-    Eye::ALL.map(|eye| shown_where(optics.homography(eye, size, grid), DVec3::ZERO))
+fn display_maps(optics: &Optics, [size, grid]: [Extent; 2]) -> [layout::DisplayMap; 2] {
+    Eye::ALL.map(|eye| display_map(optics.homography(eye, size, grid), DVec3::ZERO))
 }
 
 /// Returns each eye's mapping from the image displayed at the pose of the second rig to the rectified image rendered at
 /// the first. Each rig has one key. `sizes` are the extents of the displayed and the rectified image.
-pub fn shown_later(optics: &Optics, sizes: [Extent; 2], rigs: [&Rig; 2]) -> [layout::Shown; 2] {
+pub fn late_display_maps(optics: &Optics, sizes: [Extent; 2], rigs: [&Rig; 2]) -> [layout::DisplayMap; 2] {
     Eye::ALL.map(|eye| {
         let (columns, moved) = optics.later_homography(eye, sizes, rigs);
-        shown_where(columns, moved)
+        display_map(columns, moved)
     })
 }
 
-fn shown_where(columns: DMat3, moved: DVec3) -> layout::Shown {
+fn display_map(columns: DMat3, moved: DVec3) -> layout::DisplayMap {
     let [across, down, corner] = [columns.x_axis, columns.y_axis, columns.z_axis].map(|column| column.as_vec3());
-    layout::Shown { across, down, corner, moved: moved.as_vec3(), ..Default::default() }
+    layout::DisplayMap { across, down, corner, moved: moved.as_vec3(), ..Default::default() }
 }
 
 /// The fractional part of the golden ratio, times 2^32.

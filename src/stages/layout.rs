@@ -65,7 +65,7 @@ shared_structs! {
     /// (a, b) / c for (a, b, c) = x · `across` + y · `down` + `corner`, if the eye has not moved since the image was
     /// rendered. Late reprojection from a later pose projects a point at distance t along the eye's axis from t · (a,
     /// b, c) + `moved` instead. All members are 0 if images are displayed as rendered.
-    pub struct Shown {
+    pub struct DisplayMap {
         pub across: Vec3,
         pub pad0: u32,
         pub down: Vec3,
@@ -87,7 +87,7 @@ shared_structs! {
         pub height: u32,
         pub log_polar: LogPolar,
         /// Display resampling of the left and the right eye.
-        pub shown: [Shown; 2],
+        pub display_maps: [DisplayMap; 2],
     }
 
     /// Sampling of a frame: random sequences, sampling mask and length of paths.

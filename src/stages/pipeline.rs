@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::RunConfig;
 use super::compile::{Built, StageError, buffer_entry, build};
 use super::images::{Images, Place};
-use super::layout::{Camera, Frame, PassConstants, Previous, Shown};
+use super::layout::{Camera, Frame, PassConstants, Previous, DisplayMap};
 use super::limits;
 use super::scene_tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entries, layout_entries, scene_buffers};
 use super::task::{StageTask, Stamps};
@@ -154,9 +154,9 @@ impl DeviceStages {
     }
 
     /// Sets the display resampling of both eyes for submissions from here on.
-    pub fn show(&self, gpu: &GpuDevice, shown: &[Shown; 2]) {
-        let at = offset_of!(Frame, camera) + offset_of!(Camera, shown);
-        gpu.queue.write_buffer(&self.frame, at as u64, bytemuck::cast_slice(shown));
+    pub fn show(&self, gpu: &GpuDevice, maps: &[DisplayMap; 2]) {
+        let at = offset_of!(Frame, camera) + offset_of!(Camera, display_maps);
+        gpu.queue.write_buffer(&self.frame, at as u64, bytemuck::cast_slice(maps));
     }
 
     pub fn extent(&self) -> Extent {

@@ -78,8 +78,8 @@ impl WorkerDevice {
     }
 
     /// Changes the display resampling of the frame, for its submissions from now on.
-    pub fn show(&self, shown: &[layout::Shown; 2]) {
-        self.stages.show(&self.gpu, shown);
+    pub fn show(&self, maps: &[layout::DisplayMap; 2]) {
+        self.stages.show(&self.gpu, maps);
     }
 
     pub fn encoder(&self) -> wgpu::CommandEncoder {

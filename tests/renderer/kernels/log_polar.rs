@@ -111,8 +111,8 @@ impl Image {
             ..self.eye.view()
         };
         let (width, height) = (self.width(), self.rows());
-        let shown = Default::default();
-        let camera = Camera { views: [view; 2], centre: Vec2::splat(0.5), width, height, log_polar, shown };
+        let display_maps = Default::default();
+        let camera = Camera { views: [view; 2], centre: Vec2::splat(0.5), width, height, log_polar, display_maps };
         Frame { camera, ..Default::default() }
     }
 

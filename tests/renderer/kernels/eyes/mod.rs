@@ -50,7 +50,7 @@ fn lights(random: &mut Random, kind: usize) -> Vec<[f32; 4]> {
 fn frame(constants: &Constants, shown: [Shown; 2]) -> (Frame, [Shown; 2]) {
     let [left, right] = shown.map(Shown::rounded);
     let frame = constants.frame();
-    (Frame { camera: Camera { shown: [left.1, right.1], ..frame.camera }, ..frame }, [left.0, right.0])
+    (Frame { camera: Camera { display_maps: [left.1, right.1], ..frame.camera }, ..frame }, [left.0, right.0])
 }
 
 fn run(
@@ -131,7 +131,7 @@ fn compare_light(
         ("linear", Buffer::image(&linear)),
         ("display", Buffer::image(&display)),
     ];
-    if kernel == "to_later_eye" {
+    if kernel == "late_reprojection" {
         buffers.push(("emission_image", Buffer::whole(&image.emission)));
     }
     let outputs = run(kernel, frame, (stripe, view), false, &buffers);
@@ -177,7 +177,7 @@ fn later_eyes_see_surfaces_where_they_are_from_there() {
         let (frame, eyes) = frame(&image.constants, eyes);
         for (stripe, view) in stripes() {
             let place = |at, cases: &mut Cases| eyes[view].later_place(at, |pixel| image.depth(view, pixel), cases);
-            compare_light("to_later_eye", &image, &frame, (&stripe, view), &mut cases, place);
+            compare_light("late_reprojection", &image, &frame, (&stripe, view), &mut cases, place);
         }
     }
     cases.assert_met(&SHAPES);
@@ -204,7 +204,7 @@ fn later_eyes_find_surfaces_in_polar_images() {
     let size = image.constants.size();
     let eyes = [0, 1].map(|_| shown(&mut random, 0.7, MOVED[1]));
     let (shown, eyes) = frame(&image.constants, eyes);
-    let camera = Camera { shown: shown.camera.shown, ..polar.frame().camera };
+    let camera = Camera { display_maps: shown.camera.display_maps, ..polar.frame().camera };
     let frame = Frame { camera, display: shown.display, ..polar.frame() };
     for (stripe, view) in stripes() {
         let place = |at, cases: &mut Cases| {
@@ -224,7 +224,7 @@ fn later_eyes_find_surfaces_in_polar_images() {
             );
             found.filter(|_| is_clear.get())
         };
-        compare_light("to_later_eye", &image, &frame, (&stripe, view), &mut cases, place);
+        compare_light("late_reprojection", &image, &frame, (&stripe, view), &mut cases, place);
     }
     cases.assert_met(&["moved", "sky"]);
     let unclear = cases.count("left to rounding");
@@ -243,7 +243,7 @@ fn compare_aov(
     let mut random = Random::new(174);
     let mut buffers =
         vec![("rectified", Buffer::whole(&image.light)), ("aov", Buffer::image(&random.rubbish::<4>(AREA)))];
-    let is_later = kernel == "aov_to_later_eye";
+    let is_later = kernel == "aov_late_reprojection";
     if is_later {
         buffers.push(("emission_image", Buffer::whole(&image.emission)));
     }
@@ -296,7 +296,7 @@ fn auxiliary_images_of_later_eyes_have_the_value_of_the_surface() {
         let eyes = [0, 1].map(|_| shown(&mut random, scale, moved));
         let (frame, eyes) = frame(&image.constants, eyes);
         for (stripe, view) in stripes() {
-            compare_aov("aov_to_later_eye", &image, &frame, (&stripe, view), (&eyes[view], false), &mut cases);
+            compare_aov("aov_late_reprojection", &image, &frame, (&stripe, view), (&eyes[view], false), &mut cases);
         }
     }
     cases.assert_met(&["where it was", "moved", "sky", "behind the eye", "inside", "outside"]);

@@ -42,12 +42,12 @@ fn place(at: DVec2, map: impl Fn(DVec2) -> DVec2) -> Place {
 
 impl Shown {
     /// Returns the map with numbers that are exact as floats, and its form on devices.
-    pub fn rounded(self) -> (Self, layout::Shown) {
+    pub fn rounded(self) -> (Self, layout::DisplayMap) {
         let [across, down, corner, moved] =
             [self.from_shown.x_axis, self.from_shown.y_axis, self.from_shown.z_axis, self.moved].map(|v| v.as_vec3());
         let [x, y, z] = [across, down, corner].map(Vec3::as_dvec3);
         let exact = Self { from_shown: DMat3::from_cols(x, y, z), moved: moved.as_dvec3(), ..self };
-        (exact, layout::Shown { across, down, corner, moved, ..Default::default() })
+        (exact, layout::DisplayMap { across, down, corner, moved, ..Default::default() })
     }
 
     fn seen(&self, at: DVec2) -> DVec3 {

@@ -21,7 +21,7 @@ fn rectified_index(point: vec2<f32>) -> u32 {
 
 // Maps a point of the displayed image.
 fn shown_place(at: vec2<f32>) -> ShownPlace {
-    let shown = frame.camera.shown[pass_.view];
+    let shown = frame.camera.display_maps[pass_.view];
     let seen = shown.across * at.x + shown.down * at.y + shown.corner;
     // Displayed points are in front of the rectified view.
     let scale = 1.0 / max(seen.z, 1e-20);

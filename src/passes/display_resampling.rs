@@ -12,14 +12,14 @@ const PARTITION: Partition = Partition("to_eye");
 /// Group of the late reprojection passes, which are the last of a frame, for both eyes.
 pub const LATE_PARTITION: Partition = Partition("to_later_eye");
 
-const LATER: Kernel = Kernel::new("to_later_eye");
+const LATE: Kernel = Kernel::new("late_reprojection");
 
 /// Returns the pass that resamples a view's finished image for display, if the image is not displayed as rendered.
 pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
     let Display::Resampled { projection, is_late } = spec.chain.display else { return None };
     let grid = screen(spec.chain.displayed);
     let (stage, cut, kernel) =
-        if is_late { ("to_later_eye", LATE_PARTITION, LATER) } else { ("to_eye", PARTITION, Kernel::new("to_eye")) };
+        if is_late { ("to_later_eye", LATE_PARTITION, LATE) } else { ("to_eye", PARTITION, Kernel::new("to_eye")) };
     let Extent { width, height } = projection;
     let pass = Pass::new(Stage(stage), view, cut, kernel).on(grid).args([width, height, 0]).uses([
         Use::read(RECTIFIED.on(screen(projection))).reaching(Reach::All),

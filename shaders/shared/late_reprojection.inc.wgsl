@@ -18,7 +18,7 @@ fn depth_at(point: vec2<f32>) -> f32 {
 }
 
 fn later_place(at: vec2<f32>) -> ShownPlace {
-    let shown = frame.camera.shown[pass_.view];
+    let shown = frame.camera.display_maps[pass_.view];
     let seen = shown.across * at.x + shown.down * at.y + shown.corner;
     // Start from a point at infinity.
     var place = shown_place(at);
