@@ -151,8 +151,8 @@ driver() {
 {
     echo "# Release check"
     echo
-    echo "\`make release-check\` writes this file. Each step has the commit that it was last run on. Columns of numbers are"
-    echo "tests; durations are hours, minutes and seconds."
+    echo "\`make release-check\` writes this file. The table lists the commit of each step's last run. The columns passed,"
+    echo "failed and ignored count tests; durations are in hours, minutes and seconds."
     echo
     echo "| | |"
     echo "| --- | --- |"

@@ -11,12 +11,12 @@ pub struct FaultOptions {
     /// Inject a fault (loss, hang, oom, slow), as loss:dev1@frame3
     #[arg(hide_short_help = true, long = "inject", value_name = "KIND:devI@frameF")]
     pub injections: Vec<crate::exec::Injection>,
-    /// Times that devices repeat their work, one number or one per device
+    /// Repeat each device's work N times: one number, or one per device
     #[arg(hide_short_help = true, long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub slowdown: Vec<u32>,
     /// Drop a device that is silent for MS milliseconds [default: by frame times]
     ///
-    /// By default at least 10 s, in play and view 0.6 s.
+    /// The default is at least 10 s, or 0.6 s in play and view.
     #[arg(hide_short_help = true, long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=86_400_000))]
     pub watchdog_ms: Option<u64>,
 }

@@ -291,7 +291,7 @@ impl RenderOptions {
         );
         if let Some(late) = self.faults.injections.iter().find(|i| i.frame >= self.frames) {
             anyhow::bail!(
-                "--inject: there is no frame {}: the last of {} is {}",
+                "--inject: frame {} does not exist: the {} frames end with frame {}",
                 late.frame,
                 self.frames,
                 self.frames - 1

@@ -17,7 +17,7 @@ type Make = dyn Fn(u32, usize) -> Box<dyn Policy> + Send + Sync;
 pub struct NewPolicy {
     pub name: &'static str,
     pub help: &'static str,
-    /// Takes the rows of an image and the number of devices.
+    /// Constructs the policy for an image height in rows and a number of devices.
     pub make: Box<Make>,
 }
 

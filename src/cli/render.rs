@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     if args.overlay && loaded.shot.rig.optics.is_some() && options.foveated.space().is_some() {
         let what =
-            "--overlay cannot be combined with both polar --foveation and the projections of --motion: leave one out";
+            "--overlay does not support polar --foveation with the eye projections of --motion: drop one of them";
         return Err(Failure::Input(anyhow::anyhow!(what)));
     }
     let last_s = time_s(options, options.frames - 1);

@@ -39,7 +39,8 @@ impl Correction {
         self.is_news = true;
     }
 
-    /// Moves the factor towards the ratios of the last frames to the current predictions. `predicted_ms` takes a rung.
+    /// Updates the factor from the ratios of recent measured times to current predictions. `predicted_ms` predicts the
+    /// time of a rung.
     pub fn update(&mut self, predicted_ms: impl Fn(usize) -> f64) {
         if !std::mem::take(&mut self.is_news) || self.frames.len() < 2 {
             return;

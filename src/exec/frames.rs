@@ -45,7 +45,7 @@ pub struct Whole {
     pub inputs: Inputs,
     pub primary: usize,
     pub end_ms: f64,
-    /// Images that came back with the answer.
+    /// Images that the primary returned with its answer.
     pub images: HashMap<Output, Pixels>,
     /// Buffers of its outputs on the primary; empty if the primary is on another rank.
     pub buffers: HashMap<Output, [wgpu::Buffer; 2]>,

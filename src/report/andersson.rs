@@ -190,18 +190,18 @@ const SHOWN: [Column<Row>; 20] = [
 ];
 
 /// The caption of [`andersson_table`].
-pub const NOTE: &str = "1 sample per pixel, 6 bounces, svgf with 5 iterations, this renderer's antialiasing, no blur, the \
-    gaze in the screen's middle. All modes render the same frames in turns. basic: every pixel of the screen; fov: \
-    log-polar; kernel: with a kernel; composite: with every pixel around the gaze; composite-kernel: both. dispatched and \
-    traced: pixels of the left eye's image, and those that start paths, over the screen's. frame: median, and how many \
-    times faster it is than basic; then medians of the time of all devices in both eyes, the filter with accumulation and \
-    composition. FLIP, also weighted by the acuity that visual-polar images are made for and by Geisler & Perry's, and SSIM \
-    are against a converged reference of the same instant, as the thesis's are against 16 samples per pixel; SSIM is of \
-    the innermost and the outermost ring, and to basic against that mode's frames, which have noise of their own. Means of \
-    both eyes and of all frames. still: frames of a camera that rests; moving: frames at instants along the camera's path, \
-    each after others on the way there. Cited: Andersson & Hansson 2020 on a Titan V, one eye, rays without noise, \
-    antialiased where it is said, with speed-ups over basic frames that are not; where they give a range of SSIM, its \
-    middle.";
+pub const NOTE: &str = "1 spp, 6 bounces, svgf with 5 iterations, diptych's own TAA, no blur, central gaze. The modes \
+    take turns frame by frame. basic: every pixel of the screen; fov: log-polar; kernel: log-polar with a kernel; \
+    composite: with every pixel around the gaze; composite-kernel: both. dispatched, traced: pixels of the left eye's \
+    image, and those that start paths, relative to the screen. frame: median; speed-up: relative to basic. The other \
+    times are medians of the sum over all devices and both eyes; the filter includes accumulation and composition. \
+    FLIP and SSIM compare with a converged reference of the same instant; the thesis compares with 16 samples per \
+    pixel. FLIP is also weighted by the acuity of visual-polar space and by Geisler & Perry's. SSIM is that of the \
+    innermost and the outermost ring; 'to basic' compares with the noisy frames of that mode. All values are means of \
+    both eyes and all frames. still: the camera does not move; moving: frames at instants along the camera's path, \
+    each with history from the path before it. Cited: Andersson & Hansson 2020 on a Titan V, one eye, noise-free rays, \
+    with antialiasing where stated; their speed-ups are relative to basic frames without antialiasing. Where they give \
+    a range of SSIM, its middle.";
 
 /// Returns a table with a line per scene, camera and mode.
 pub fn andersson_table(rows: &[Row]) -> Table {

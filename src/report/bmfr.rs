@@ -99,12 +99,12 @@ const SHOWN: [Column<Row>; 10] = [
 ];
 
 /// The caption of [`bmfr_table`].
-pub const NOTE: &str = "1 sample, 6 bounces; the camera comes along its path and rests. All denoisers render the same \
-    frames in turns. frame ms: median, least and most; path: path tracing and hole filling; filter: the fit, or \
-    variance and iterations of svgf, medians of the time of all devices, and its share of all stages; FLIP against the \
-    reference and flicker between frames, means of both eyes. bmfr leaves dependent features out, bmfr_noise adds noise \
-    to all features instead. Cited: Xu, Tong & Xu on an RTX 2070 of a laptop, one eye, where the time of stages is that \
-    of the fit with noise.";
+pub const NOTE: &str = "1 spp, 6 bounces; the camera follows its path and stops. The denoisers take turns frame by \
+    frame. frame ms: median, least and most. path: path tracing and hole filling. filter: the regression, or variance \
+    and iterations of svgf; median of the sum over all devices, and its fraction of all stages. FLIP against the \
+    reference and flicker between frames are means of both eyes. bmfr drops dependent features; bmfr_noise instead \
+    adds noise to all features. Cited: Xu, Tong & Xu on a laptop's RTX 2070, one eye; their stage time is that of the \
+    regression with noise.";
 
 /// Returns a table with a line per scene and denoiser.
 pub fn bmfr_table(rows: &[Row]) -> Table {

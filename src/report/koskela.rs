@@ -175,21 +175,21 @@ const SHOWN: [Column<Row>; 18] = [
 ];
 
 /// The caption of [`koskela_table`].
-pub const NOTE: &str = "1 sample of each pixel that is sampled, 6 bounces, svgf with 5 iterations everywhere; the camera \
-    comes along its path and rests. All arrangements render the same frames in turns. full: every pixel of the screen; \
-    uniform: a render scale with as many samples as visual-polar; linear: every pixel within 10 degrees of the gaze, and \
-    a probability that falls to a floor at 20 degrees, so low that as many pixels are sampled; log-polar: with the kernel's exponent 4, as many columns over rows as the screen \
-    has, no image around the gaze, and σ such that as many pixels are traced. paths: pixels that start \
-    paths over pixels of the screen, with those at rims of surfaces, which are never left out. frame: median; path: path \
-    tracing and hole filling, and its speed-up over full; filter: accumulation, variance and iterations; map and blur: \
-    from the polar image to the screen, medians of the time of all devices. FLIP, also weighted by the acuity \
-    that visual-polar images are made for and by Geisler & Perry's, and flicker between frames are of a gaze that rests, \
-    means of both eyes. The fovea's are of pixels within 5 degrees of the gaze, for flicker in two frames that follow one \
-    another, while the gaze moves by 15 degrees a second. Cited: Koskela et al. 2019 on a Vega Frontier Edition, one eye \
-    of 1280x1440, bmfr; the map is 0.2 ms of mipmaps and 0.6 of mapping. Their linear falloff has a floor of 20 % and 1.5 \
-    times the samples of visual-polar. Their viewers saw more artefacts in the fovea with uniform (p = 8.2e-7) and linear \
-    samples (p = 0.0023) than with visual-polar ones, and more that distract (p = 0.0059) \
-    with log-polar ones, whose σ was 1.8.";
+pub const NOTE: &str = "1 sample per sampled pixel, 6 bounces, svgf with 5 iterations everywhere; the camera follows \
+    its path and stops. The arrangements take turns frame by frame. full: every pixel of the screen. uniform: a render \
+    scale with as many samples as visual-polar. linear: every pixel within 10 degrees of the gaze; further out, the \
+    probability falls linearly to a floor at 20 degrees, chosen for the same number of samples. log-polar: kernel \
+    exponent 4, the aspect ratio of the screen, no full-resolution area, and σ chosen for the same number of traced \
+    pixels. paths: pixels that start paths over pixels of the screen, including those at silhouettes, which are always \
+    traced. frame: median. path: path tracing and hole filling, and its speed-up over full. filter: accumulation, \
+    variance and iterations. map, blur: resampling the polar image to the screen. Stage times are medians of the sum \
+    over all devices. FLIP, also weighted by the acuity of visual-polar space and by Geisler & Perry's, and flicker \
+    are for a static gaze, means of both eyes. The fovea's FLIP and flicker are for pixels within 5 degrees of the \
+    gaze while it moves at 15 degrees per second; flicker compares consecutive frames. Cited: Koskela et al. 2019 on a \
+    Vega Frontier Edition, one eye of 1280x1440, bmfr; their map is 0.2 ms of mipmaps and 0.6 ms of mapping. Their \
+    linear falloff has a floor of 20 % and 1.5 times the samples of visual-polar. Their viewers saw more artefacts in \
+    the fovea with uniform (p = 8.2e-7) and linear samples (p = 0.0023) than with visual-polar ones, and more \
+    distracting artefacts with log-polar ones (p = 0.0059), whose σ was 1.8.";
 
 /// Returns a table with a line per scene and arrangement.
 pub fn koskela_table(rows: &[Row]) -> Table {

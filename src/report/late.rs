@@ -31,8 +31,8 @@ pub struct Row {
     pub flip_noise: f64,
 }
 
-/// Measurements at an instant: motion of the head, and FLIP of both eyes for the uncorrected and the corrected frame
-/// and for noise alone.
+/// Measurements at one instant: head motion during the latency, and FLIP of each eye for the uncorrected frame, the
+/// reprojected frame, and a frame at the true pose with other random numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Instant {
     pub turned_deg: f64,
@@ -63,10 +63,11 @@ impl Row {
 }
 
 /// The caption of [`late_table`].
-pub const NOTE: &str = "Frames are rendered where the head is at an instant, undenoised, with 6 degrees more on all sides than \
-    is shown, and shown so many frames later: as they are, and reprojected with the depth of their surfaces to where the \
-    head is by then. FLIP is against a frame rendered there, means over instants and eyes; most: of any. noise: of two frames \
-    rendered there with other random numbers, below which FLIP does not get. turned, moved: what the head does meanwhile.";
+pub const NOTE: &str = "Frames are rendered without denoising, with 6 degrees of overscan, and displayed 'frames late' \
+    frames after their pose was sampled: once uncorrected, once reprojected with depth to the pose at display time. \
+    FLIP compares them with a frame rendered at that pose; values are means over instants and eyes, 'most' is the \
+    maximum. noise: FLIP of two frames at that pose with different random numbers, the lower bound. turned, moved: \
+    head motion during the latency.";
 
 const SHOWN: [Column<Row>; 9] = [
     ("scene", |r| r.scene.clone()),

@@ -254,12 +254,12 @@ const MAKESPANS: [Column<Row>; 10] = [
 ];
 
 /// The caption of [`makespan_table`].
-pub const MAKESPAN_NOTE: &str = "Baseline: path tracing, with the G-buffer that it starts from, on all devices, all that \
-    follows on the primary. Proposed: every stage on all devices. Both render the same frames in turns. frame ms: median \
-    makespan, and the distance of the quartiles; speed-up: median over frames of the baseline's makespan over the \
-    proposed one's; busy: time in stages over the makespan, median over frames. Simulated: one frame on a virtual clock, \
-    with the costs that were measured in the proposed arrangement. Cited: Leria, Mäkitalo & Jääskeläinen 2024, several \
-    GPUs, 1280x720 per eye, 1 sample, 6 bounces, SVGF; times of about 104 frames, speed-ups of those, 2.25 in the mean.";
+pub const MAKESPAN_NOTE: &str = "Baseline: the G-buffer and path tracing on all devices, all later stages on the \
+    primary. Proposed: every stage on all devices. The two take turns frame by frame. frame ms: median makespan; iqr: \
+    interquartile range. speed-up: the baseline's makespan over the proposed one's, median over frames. busy: time in \
+    stages over the makespan, median over frames. Simulated: one frame on a virtual clock with the costs measured in \
+    the proposed arrangement. Cited: Leria, Mäkitalo & Jääskeläinen 2024, several GPUs, 1280x720 per eye, 1 sample, 6 \
+    bounces, SVGF; times of about 104 frames, and speed-ups computed from them, 2.25 on average.";
 
 /// Returns a table with a line per arrangement.
 pub fn makespan_table(rows: &[Row]) -> Table {
@@ -267,11 +267,11 @@ pub fn makespan_table(rows: &[Row]) -> Table {
 }
 
 /// The caption of [`stage_table`].
-pub const STAGE_NOTE: &str = "ms of a frame, both eyes: mean over the devices that had any of it, median over frames. \
-    Denoising is all from accumulation to antialiasing and tonemapping, and counting; sending and receiving are the \
-    hosts' time in transfers, which other work may hide. Cited: the paper's San Miguel, where the baseline's times are \
-    of the primary but for path tracing and sending, and the G-buffer is rasterised. Its scene update, tonemapping, \
-    record of the frame before, stitching and blit have no stage of their own here.";
+pub const STAGE_NOTE: &str = "Time per frame in ms, both eyes: mean over the devices that run the stage, median over \
+    frames. Denoising: every stage from accumulation to TAA and tonemapping, and the tallies. Sending and receiving: \
+    host time in transfers, which other work may hide. Cited: San Miguel in the paper, where the baseline's times are \
+    those of the primary, except for path tracing and sending, and the G-buffer is rasterised. The paper's scene \
+    update, tonemapping, copy of the previous frame, stitching and blit have no stage of their own here.";
 
 /// Returns a table with a line per stage of each run.
 pub fn stage_table(runs: &[Run]) -> Table {

@@ -17,7 +17,7 @@ pub enum PeersError {
         "{path} is not a valid peers file: write [[peer]] with name, time_ms, flip and optionally note, as in docs/peers"
     )]
     File { path: PathBuf, source: Box<PeersError> },
-    #[error("cannot parse the peers: {0}")]
+    #[error("not a valid peers file: {0}")]
     Form(#[from] Box<toml::de::Error>),
     #[error("no [[peer]] in the file")]
     Empty,
@@ -116,9 +116,10 @@ pub fn series(peers: &[Peer]) -> Vec<Series> {
 }
 
 /// The caption of [`table`].
-pub const NOTE: &str = "Ours: the fastest measured setting whose FLIP, the mean of both eyes against this page's \
-    reference, is at most the peer's, and the peer's time over ours. Peers' numbers are their file's, so its machine, \
-    size and reference are to be like those of this page; the exposure is the same.";
+pub const NOTE: &str = "Ours: the fastest measured setting whose FLIP (mean of both eyes, against this page's \
+    reference) is at most the peer's; times as fast: the peer's time over ours. The peers' numbers come from their \
+    file. They are comparable only if its machine, size and reference match those of this page; the exposure is the \
+    same.";
 
 /// Returns, for each peer, the fastest setting here whose FLIP is at most the peer's.
 pub fn table(peers: &[Peer], rows: &[Row]) -> Table {

@@ -192,17 +192,19 @@ const ERRORS: [Column<Row>; 7] = [
 ];
 
 /// The caption of [`time_table`].
-pub const TIME_NOTE: &str = "Median makespan of warm frames at instants along the path, both eyes, and the distance \
-    of their quartiles; the speed-up is over Base. Thesis: table 4, mean GPU time of 1000 frames along a path on a GeForce RTX \
-    2080, at full resolution. Base: every pixel with 4 samples and 5 iterations. NH2LD and NH3LD: 4, 3 and 2 samples a \
-    pixel on average in the inner, middle and outer layer, with 3, 5 and 5 or 2, 3 and 5 iterations.";
+pub const TIME_NOTE: &str = "Median makespan of warm frames at instants along the path, both eyes, and its \
+    interquartile range; the speed-up is relative to Base. Thesis: table 4, mean GPU time of 1000 frames along a path \
+    on a GeForce RTX 2080 at full resolution. Base: 4 samples and 5 iterations for every pixel. NH2LD and NH3LD: on \
+    average 4, 3 and 2 samples per pixel in the inner, middle and outer layer, with 3, 5 and 5 or 2, 3 and 5 \
+    iterations.";
 
 /// The caption of [`quality_table`].
-pub const QUALITY_NOTE: &str = "Mean and standard deviation over instants along the path, each of both eyes and \
-    frames, against an image of many samples without denoiser, both tonemapped at exposure_ev, the shot's. RMSE is in % \
-    of the range of display values, so that at an instant PSNR = -20 log10(RMSE / 100 %). Thesis: table 5, which does not \
-    say at which resolution, and of what its RMSE is: its PSNR is 1.0 (Pink Room, Base) to 6.1 dB (Forest, Base) below \
-    what that formula gives. Other scenes and renderers: hold configurations of a scene against each other, not columns.";
+pub const QUALITY_NOTE: &str = "Mean and standard deviation over instants along the path, for both eyes and all frames \
+    of each. The reference has many samples and no denoiser; both are tonemapped at exposure_ev, the shot's exposure. \
+    RMSE is a percentage of the display range, so PSNR = -20 log10(RMSE / 100 %) at each instant. Thesis: table 5. It \
+    does not state its resolution or the quantity of its RMSE: its PSNR is 1.0 (Pink Room, Base) to 6.1 dB (Forest, \
+    Base) below this formula. Scenes and renderers differ, so compare the configurations of one scene, not the \
+    columns.";
 
 /// Returns table 4, with a line per resolution, shot and configuration.
 pub fn time_table(rows: &[Row]) -> Table {

@@ -92,10 +92,11 @@ const MEASURES: [(&str, Measure); 2] =
     [("reference", |r| (r.ssim, r.ssim_deviation)), ("basic", |r| (r.ssim_basic, r.ssim_basic_deviation))];
 
 /// The caption of [`ring_table`] and of the charts.
-pub const NOTE: &str = "SSIM by the angle from the gaze, mean over frames and both eyes, with the standard deviation over \
-    frames: 11x11 Gaussian windows that lie inside the image, of tonemapped values, the mean of three channels (theirs is \
-    of luma). Against the reference, and against the basic mode's frame of the same instant and samples. An eye looks at \
-    the screen as the thesis's do: half of its diagonal is 40.9 degrees wide.";
+pub const NOTE: &str = "SSIM by angle from the gaze: mean over frames and both eyes, and the standard deviation over \
+    frames. It is computed on tonemapped values, as the mean of three channels (the thesis uses luma), in 11x11 \
+    Gaussian windows that lie inside the image. It compares with the reference, and with the basic mode's frame of the \
+    same instant and number of samples. The viewing distance is the thesis's: half of the screen's diagonal spans 40.9 \
+    degrees.";
 
 /// Returns a table with a line per scene, camera, ring and point of comparison, and a column per mode.
 pub fn ring_table(rows: &[RingRow], modes: &[&'static str]) -> Table {

@@ -137,7 +137,7 @@ struct Shares {
     work: f64,
     /// Additional time of stages compared with the first row: margins, slower devices, shared caches and cores.
     more: f64,
-    /// Time in which devices had less to do than the busiest one.
+    /// Load imbalance: idle time of devices that have less work than the busiest one.
     uneven: f64,
     /// Time in which even the busiest device was idle: transfers, gaps between stages, the host.
     waits: f64,

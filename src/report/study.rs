@@ -159,11 +159,11 @@ const SEAMS: &[Column<SeamRow>] = &[
 ];
 
 /// Description of the columns of [`seam_table`].
-pub const SEAM_NOTE: &str = "Means over frames. psnr (dB) and flip are against the reference, both tonemapped at \
-    exposure_ev; seam is the RMSE within 4 \
-    rows of where filtered stripes meet over that elsewhere, and seam / one's over that of the one-device picture's same \
-    rows: 1 is nothing. psnr, flip and seam rmse to one are against the one-device picture: inf, 0 and 0 where all bytes \
-    are the same. ms: median of warm frames, and the distance of their quartiles.";
+pub const SEAM_NOTE: &str = "Means over frames. psnr (dB) and flip compare with the reference, both tonemapped at \
+    exposure_ev. seam: RMSE within 4 rows of a seam over RMSE elsewhere. seam / one's: RMSE of these rows over that of \
+    the same rows of the one-device image; 1 means that the seam adds no error. psnr, flip and seam rmse to one \
+    compare with the one-device image: inf, 0 and 0 if all bytes are the same. ms: median of warm frames; iqr: \
+    interquartile range.";
 
 /// Returns a table with a line per setting and eye.
 pub fn seam_table(rows: &[SeamRow]) -> Table {
@@ -201,10 +201,10 @@ const LERIA: [(&str, &str, [f64; 3]); 3] = [
 ];
 
 /// The caption of [`leria_table`].
-pub const LERIA_NOTE: &str = "PSNR in dB, in brackets less that without seams. This shot: mean of both eyes, on the most \
-    devices; no seam is one device. Cited: Leria, Mäkitalo & Jääskeläinen 2024, Real-time Stereoscopic Image-parallel \
-    Path Tracing, 1280x720 per eye, 1 spp, 6 bounces, SVGF, several GPUs; other scenes, references and denoiser, so only \
-    the differences within a column are to be compared.";
+pub const LERIA_NOTE: &str = "PSNR in dB; in brackets, the difference from the image without seams. This shot: mean of \
+    both eyes at the largest device count; 'no seam' is one device. Cited: Leria, Mäkitalo & Jääskeläinen 2024, \
+    Real-time Stereoscopic Image-parallel Path Tracing, 1280x720 per eye, 1 spp, 6 bounces, SVGF, several GPUs. \
+    Scenes, references and denoiser differ, so compare only the differences within a column.";
 
 /// Returns a table of our PSNR on the most devices beside the paper's.
 pub fn leria_table(rows: &[SeamRow]) -> Table {

@@ -5,7 +5,7 @@ use super::cut::{MovingStripes, cut};
 use super::policy::Policy;
 use crate::graph::Assignment;
 
-/// Policy that cuts stripes of equal predicted cost. Faster devices get more rows.
+/// Policy that gives every device a stripe of equal predicted time, so faster devices get more rows.
 pub struct Measured {
     stripes: MovingStripes,
 }

@@ -57,9 +57,9 @@ def measure_peers(options, drivers):
         column("without_history", WITHOUT_HISTORY, 1),
     ]
     note = (
-        f"{options.size} per eye, {options.rounds} rounds in turns, a reference of {options.peers_spp} samples. The last "
-        "two columns: how many times as fast diptych reaches that FLIP, with either kind of frame. Below 1 it is slower, "
-        "and – is a FLIP that none of its settings reaches."
+        f"{options.size} per eye, {options.rounds} interleaved rounds, a reference of {options.peers_spp} samples. The "
+        "last two columns are the speed-up of diptych's fastest setting that reaches this FLIP, for each kind of frame. "
+        "Below 1, diptych is slower; – means that no setting reaches this FLIP."
     )
     common = {"note": note, "columns": columns, "absent": absent}
     four = [row for row in compared if row["spp"] == 4]

@@ -67,9 +67,9 @@ def measure_flip(options, drivers):
     yield "flip", {
         "title": "FLIP of one sample per pixel",
         "readme": None,
-        "note": f"FLIP (0 is best) at {options.size} per eye and 1 sample per pixel, at one instant, against "
-        f"{options.reference_spp} samples; means of both eyes. Mean ratio and the denoiser's part of the stages' time "
-        f"are those of the {FRAMES}th frame.",
+        "note": f"FLIP (0 is best) at {options.size} per eye and 1 sample per pixel, at one instant, against a "
+        f"reference of {options.reference_spp} samples; means of both eyes. The mean ratio and the denoiser's percentage "
+        f"of the time of all stages are those of the {FRAMES}th frame.",
         "columns": [
             column("scene", "scene"),
             column("atrous", "`atrous`, each frame alone", 3),
@@ -104,8 +104,8 @@ def measure_play(options, drivers):
         "title": "Frames within a budget of 11 to 20 ms",
         "readme": None,
         "note": f"`play --virtual 2 --threads-per-device 1 --fit --budget-ms 11..20 --frames {options.play_frames}`: "
-        f"the median of {options.plays} runs by frames within the budget, with the least and the most of all. Frames in "
-        "which the control loop settles do not count.",
+        f"of {options.plays} runs, the one with the median percentage of frames within the budget; least and most are "
+        "those of all runs. Frames in which the controller settles do not count.",
         "columns": [
             column("scene", "scene"),
             column("driver", "driver"),
@@ -175,17 +175,17 @@ def measure_drivers(options, drivers):
             times = {"ms": ms, "least": min(taken), "most": max(taken), "times": base / ms}
             rows.append({"scene": name, "driver": driver.name} | times)
     yield "drivers", {
-        "title": "Frames under drivers",
+        "title": "Frame times by driver",
         "readme": None,
-        "note": f"{options.size} per eye, 1 sample per pixel, one device; mean of the medians of {FRAMES} warm frames "
-        f"in each of {options.turns} turns, with the least and the most of these medians.",
+        "note": f"{options.size} per eye, 1 sample per pixel, one device; mean over {options.turns} interleaved "
+        f"turns of the median of {FRAMES} warm frames; least and most are those of the two medians.",
         "columns": [
             column("scene", "scene"),
             column("driver", "driver"),
             column("ms", "frame, ms", 0),
             column("least", "least", 0),
             column("most", "most", 0),
-            column("times", "times as fast as the first driver", 2),
+            column("times", "speed-up over the first driver", 2),
         ],
         "rows": rows,
         "absent": absent,

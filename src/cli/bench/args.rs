@@ -120,7 +120,7 @@ impl SeamOptions {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Experiment {
-    /// Leria et al.: all stages distributed against path tracing alone
+    /// Leria et al.: distribute every stage, or only path tracing
     Leria,
     /// Xu, Tong & Xu: bmfr with and without feature noise, and svgf
     Bmfr,

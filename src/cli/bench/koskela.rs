@@ -127,7 +127,7 @@ struct Found {
     devices: Vec<DeviceInfo>,
     /// A note on each reference.
     notes: Vec<String>,
-    /// Pictures of the last frame of each row with a static gaze, for the page.
+    /// Last frame of each arrangement with a static gaze, as pictures for the HTML report.
     pictures: Vec<Group>,
 }
 

@@ -18,7 +18,8 @@ pub struct Args {
     pub(super) frames: Option<u32>,
     /// Render into a headset through OpenXR [needs the feature `xr`]
     ///
-    /// The runtime sets the time and pose of frames; --size and --budget-ms default to what it recommends.
+    /// The runtime sets the time and pose of frames. --size defaults to its recommended resolution and --budget-ms to
+    /// its display period.
     #[arg(long, help_heading = SCENE)]
     pub(super) xr: bool,
     /// With --xr: overscan for late reprojection, degrees; 0 turns it off

@@ -15,9 +15,9 @@ pub fn exposure_note(exposure_ev: f64) -> String {
 }
 
 /// Caption that names the error of fronts and ladders.
-pub const ERROR_NOTE: &str = "Fronts and ladders go by flip_flicker: the mean FLIP of the frames on which the moving \
-    camera arrives and rests, each with the history of those before it, plus their flicker, by how much pixels change \
-    from one of them to the next.";
+pub const ERROR_NOTE: &str = "Fronts and ladders use flip_flicker: mean FLIP plus flicker, over the frame on which the \
+    moving camera stops and the frames after it, each with the history of the frames before. Flicker is the mean \
+    change of pixels from one of these frames to the next.";
 
 /// Names and values of the columns that all rows of a table share.
 pub type Shared = Vec<(&'static str, String)>;

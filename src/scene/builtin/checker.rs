@@ -85,8 +85,8 @@ fn boards(a: &mut Assembly, paints: &Paints) {
     }
 }
 
-/// Returns every other square of a unit board of 8 × 8. The light ones are in front of the dark ones, with gaps between
-/// neighbours to see through.
+/// Returns the squares of one colour of an 8 × 8 checkerboard of unit size, as boxes with gaps between them. Squares
+/// of parity 0 are offset to the front, those of parity 1 to the back.
 fn squares(parity: usize) -> Surface {
     let (cell, half) = (1.0 / 8.0, 0.9 / 16.0);
     let depth = if parity == 0 { 0.05 } else { -0.05 };

@@ -33,7 +33,7 @@ pub fn read(buffers: &Buffers, warnings: &mut Warnings) -> Outcome<Surfaces> {
     Ok(Surfaces { materials, textures, images })
 }
 
-/// Reader of one material.
+/// Converts one glTF material, adds its textures to the table and collects warnings.
 pub(super) struct Reader<'r, 'a, 'b> {
     pub table: &'r mut TextureTable<'a, 'b>,
     pub warnings: &'r mut Warnings,

@@ -29,7 +29,7 @@ pub enum KeysError {
     Empty,
     #[error("the time of key {0} is negative or not finite")]
     Time(usize),
-    #[error("the time of key {0} is not after that of the key before")]
+    #[error("key {0} is not later than the previous key")]
     Order(usize),
     #[error("a value of key {0} is not finite")]
     Value(usize),
@@ -110,7 +110,7 @@ impl Keys {
         }
     }
 
-    /// Returns the rotation at a time as a unit quaternion. Zero keys count as the identity.
+    /// Returns the rotation at a time as a unit quaternion. A zero quaternion counts as the identity.
     pub fn rotation_at(&self, time_s: f64) -> DQuat {
         match self.place(time_s) {
             Place::Between(key, s, _) if self.interpolation == Interpolation::Linear => {

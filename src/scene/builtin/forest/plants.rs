@@ -111,7 +111,7 @@ pub fn tuft(seed: u32) -> Surface {
     }))
 }
 
-/// Returns a blade of two cells that narrows to a point and leans towards `lean`.
+/// Returns a grass blade of two segments that tapers to a point and bends towards `lean`.
 fn blade(foot: Vec3, lean: Vec3, length: f32) -> Surface {
     let side = Vec3::Y.cross(lean) * 0.011;
     Surface::grid(1, 2, |u, v| {
