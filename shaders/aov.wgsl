@@ -1,6 +1,6 @@
 // Renders one auxiliary image per dispatch, from the hit at the pixel's centre.
 
-//!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf path split pack motion last_surface
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf path split pack motion last_surface
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> albedo_image: array<vec4<u32>>;
@@ -37,7 +37,7 @@ fn on_screen(p: vec3<f32>, eye: View) -> vec2<f32> {
 
 // Screen point at which this frame sees `p`: the pixel's own centre, unless the image is polar.
 fn seen_at(p: vec3<f32>, centre: vec2<f32>) -> vec2<f32> {
-    if POLAR {
+    if IS_POLAR {
         return on_screen(p, frame.camera.views[pass_.view]);
     }
     return centre;

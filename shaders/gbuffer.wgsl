@@ -1,7 +1,7 @@
 // Primary visibility of one view: the surface at each pixel's centre. Means over the pixel are computed here too, if
 // later stages need them and path tracing does not write them (several samples per pixel).
 
-//!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint foveation
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint foveation
 
 @group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;

@@ -3,7 +3,7 @@
 // with every frame, so each device lists the pixels of its own rows, without waiting for the host. Pixels left out have
 // radiance with alpha 0, the mask that the filter weights with.
 
-//!include frame grid rng pack foveation
+//!include frame grid projection rng pack foveation
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;

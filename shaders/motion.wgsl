@@ -1,6 +1,6 @@
 // Previous position and normal of the surface at each pixel's centre, in the format of the `guide` image.
 
-//!include frame grid rng scene pack last_surface
+//!include frame grid projection rng scene pack last_surface
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;

@@ -2,7 +2,7 @@
 // earlier pass's compacted list. The list keeps all lanes busy, which avoids the divergence that Leria et al. name as
 // the limit of their hole filling. Both cases share one pipeline, since drivers take seconds to compile it.
 
-//!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint pixel
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint pixel
 
 @group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;

@@ -4,7 +4,7 @@
 // left to the filter, left pixels that were not sampled give nothing, and only pixels in the right eye's own sampling
 // mask become holes. With foveation, surfaces may differ more in the outer layers.
 
-//!include frame grid split rng pack foveation
+//!include frame grid projection split rng pack foveation
 
 @group(1) @binding(0) var<storage, read> left_hit: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> left_guide: array<vec4<u32>>;
@@ -49,7 +49,7 @@ struct Tap {
 
 // The `i`th tap around an image point, for a pixel of this row.
 fn tap_around(seen: vec2<f32>, row: u32, i: i32) -> Tap {
-    if POLAR {
+    if IS_POLAR {
         let eye = frame.camera.views[0];
         let y = clamp(seen.y - frame.camera.centre.y, -2.0, eye.rows + 1.0);
         let there = i32(floor(y)) + (i >> 1u);
@@ -134,7 +134,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var why = OUTSIDE;
     var missed = -1.0;
     var was_skipped = false;
-    for (var i = 0; i < select(2, 4, POLAR); i += 1) {
+    for (var i = 0; i < select(2, 4, IS_POLAR); i += 1) {
         let tap = tap_around(seen.xy, pixel.y, i);
         var why_tap = OUTSIDE;
         if tap.is_there {

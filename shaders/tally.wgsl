@@ -1,6 +1,6 @@
 // Sums per-pixel counts over rows: the scheduler's work per row, and the run's totals.
 
-//!include frame grid pack
+//!include frame grid projection pack
 
 @group(1) @binding(0) var<storage, read> tally: array<u32>;
 // COUNTS counters per row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the filter, clipped

@@ -1,6 +1,6 @@
 // Multiplies by albedo (remodulation), adds emission, and encodes for display: c / (1 + c), then sRGB.
 
-//!include frame grid pack display
+//!include frame grid projection pack display
 
 @group(1) @binding(0) var<storage, read> radiance: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read> albedo: array<vec4<f32>>;

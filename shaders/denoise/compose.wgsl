@@ -1,6 +1,6 @@
 // Multiplies by albedo (remodulation) and adds emission, for `resolve`.
 
-//!include frame grid split pack
+//!include frame grid projection split pack
 
 @group(1) @binding(0) var<storage, read> radiance: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> albedo: array<vec4<u32>>;

@@ -4,7 +4,7 @@
 // current pixel is tracked back, instead of a previous one forwards; paths are traced in addition to those of the
 // frame, which they replace in the paper; there are none after frames of several samples.
 
-//!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf split path pack motion
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack motion
 
 @group(1) @binding(0) var<storage, read> last_surface: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> last_hit: array<vec4<u32>>;

@@ -1,6 +1,6 @@
 // Fraction of history that is outdated: the change of light over the light, both smoothed over tiles.
 
-//!include frame grid
+//!include frame grid projection
 
 @group(1) @binding(0) var<storage, read> gradient: array<vec2<f32>>;
 @group(1) @binding(1) var<storage, read_write> light_change: array<f32>;

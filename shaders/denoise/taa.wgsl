@@ -4,7 +4,7 @@
 // so that bright edges keep their energy; history is looked up by cubic interpolation of whole pixels; the length of
 // history is counted in frames, and bounded by motion.
 
-//!include frame grid motion pack display light_change
+//!include frame grid projection motion pack display light_change
 
 @group(1) @binding(0) var<storage, read> composed: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read> last_resolved: array<vec4<f32>>;
@@ -47,7 +47,7 @@ fn was_seen(last: vec4<u32>, seen: vec3<f32>, low: vec2<i32>, high: vec2<i32>, f
     var was = false;
     for (var i = 0; i < 4; i += 1) {
         var there = base + vec2<i32>(i & 1, i >> 1u);
-        if POLAR {
+        if IS_POLAR {
             let column = i32(floor(column_in(there.y, seen.x, fovea_rows) - 0.5)) + (i & 1);
             there.x = column_held(fovea_rows, there.y, column);
         }
@@ -63,7 +63,7 @@ fn was_seen(last: vec4<u32>, seen: vec3<f32>, low: vec2<i32>, high: vec2<i32>, f
 // Vector from one image point to another, the short way around the gaze.
 fn way_between(a: vec2<f32>, b: vec2<f32>, eye: View) -> vec2<f32> {
     var way = b - a;
-    if POLAR && !(LOG_POLAR && b.y < eye.fovea_rows) {
+    if goes_around(b.y, eye.fovea_rows) {
         way.x -= f32(frame.camera.width) * round(way.x / f32(frame.camera.width));
     }
     return way;
@@ -71,7 +71,7 @@ fn way_between(a: vec2<f32>, b: vec2<f32>, eye: View) -> vec2<f32> {
 
 // Whether a point, relative to the centre of the first pixel, is within an eye's image.
 fn is_in_image(at: vec2<f32>, eye: View) -> bool {
-    if POLAR {
+    if IS_POLAR {
         return at.y > -0.5 && at.y < eye.rows - 0.5;
     }
     return all(at > vec2<f32>(-0.5)) && all(at < vec2<f32>(f32(pass_.width), f32(pass_.height)) - 0.5);
@@ -129,7 +129,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
     let motion = select(way_between(at_front, seen.xy, eye), vec2<f32>(0.0), is_still);
     var start = vec2<f32>(pixel);
-    if POLAR {
+    if IS_POLAR {
         start = point_in(start, frame.camera.centre) - vec2<f32>(0.0, frame.camera.centre.y);
     }
     let moved = clamp(start + motion, vec2<f32>(-2.0), size + 1.0);
@@ -152,14 +152,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var j = 0; j < taps; j += 1) {
         let row = clamp(i32(base.y) + j - 1, rows_low, rows_high);
         var column = base.x;
-        if POLAR {
+        if IS_POLAR {
             let point = column_in(row, start.x + motion.x, eye.fovea_rows) - frame.camera.centre.x;
             column = floor(point);
             wx = cubic(point - column);
         }
         for (var i = 0; i < 4; i += 1) {
             var held = vec2<i32>(clamp(i32(column) + i - 1, 0, i32(pass_.width) - 1), row);
-            if POLAR {
+            if IS_POLAR {
                 held.x = column_held(eye.fovea_rows, row, i32(column) + i - 1);
             }
             let w = wx[i] * wy[j];
@@ -175,7 +175,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let longest = select(mix(longest_moved, LONGEST_STILL, stillness), LONGEST_STILL, is_still);
     let is_known = has_history && is_finite(old.rgb) && is_finite(old.aaa);
     var frames = select(0.0, clamp(round(old.a), 0.0, min(longest, longest_in_light())), is_known);
-    if HAS_MOTION && !POLAR {
+    if HAS_MOTION && !IS_POLAR {
         frames *= kept_in_light(tile_of(pixel, stood_at), frames, 1.0);
     }
 

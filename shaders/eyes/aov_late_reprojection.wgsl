@@ -1,7 +1,7 @@
 // Late reprojection of an auxiliary image for the display of an eye that has moved since. Each displayed pixel takes
 // the value of the nearest rectified pixel, as rendered from the earlier pose.
 
-//!include frame grid display_resampling late_reprojection
+//!include frame grid projection display_resampling late_reprojection
 
 @group(1) @binding(0) var<storage, read> rectified: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> aov: array<vec4<f32>>;

@@ -1,6 +1,6 @@
 // Late reprojection: resamples a rectified image for the display of an eye that has moved since.
 
-//!include frame grid display display_resampling late_reprojection resampled
+//!include frame grid projection display display_resampling late_reprojection resampled
 
 @group(1) @binding(0) var<storage, read> rectified: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> linear: array<vec4<f32>>;

@@ -1,6 +1,6 @@
 // Maps a polar auxiliary image to the screen: each screen pixel takes the value of the polar pixel in its direction.
 
-//!include frame grid
+//!include frame grid projection
 
 @group(1) @binding(0) var<storage, read> polar: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> aov: array<vec4<f32>>;
@@ -13,5 +13,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
-    aov[pixel.y * pass_.width + pixel.x] = polar[polar_index(vec2<f32>(pixel) + 0.5, size)];
+    aov[pixel.y * pass_.width + pixel.x] = polar[traced_index(vec2<f32>(pixel) + 0.5, size)];
 }

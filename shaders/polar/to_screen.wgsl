@@ -3,7 +3,7 @@
 // where the image is finer than the screen, a pixel's whole footprint is gathered, instead of using smaller images that
 // have half the columns, or the nearest pixel.
 
-//!include frame grid display
+//!include frame grid projection display
 
 @group(1) @binding(0) var<storage, read> polar: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> linear: array<vec4<f32>>;
@@ -12,26 +12,11 @@
 // Maximum footprint: polar pixels between the centres of adjacent screen pixels.
 const MOST_FOOTPRINT: f32 = 6.0;
 
-// Columns and rows of the polar image per screen pixel.
-fn density_at(at: vec2<f32>, point: vec2<f32>) -> vec2<f32> {
-    if LOG_POLAR {
-        return log_polar_density(max(distance(at, gaze_on_screen(pass_.view)), 1.0));
-    }
-    let eye = frame.camera.views[pass_.view];
-    let e = eccentricity_near(point.y, eye.fovea_rows);
-    // Angle of a screen pixel, which is smaller away from the centre of a pinhole image.
-    let ray = pinhole_ray(pass_.view, at, vec2<f32>(f32(pass_.width), f32(pass_.height)));
-    let facing = dot(ray, eye.forward);
-    let angle = 2.0 * eye.tan_half_y / f32(pass_.height) * facing * sqrt(facing);
-    let inner = u32(clamp(point.y, 0.0, eye.rows - 1.0));
-    return angle * vec2<f32>(columns_per_radian(inner, e, eye.fovea_rows), rows_per_radian(e, eye.fovea_rows));
-}
-
 fn gathered(at: vec2<f32>, point: vec2<f32>) -> vec3<f32> {
     let eye = frame.camera.views[pass_.view];
     let columns = i32(frame.camera.width);
     let rows = rows_around(point.y, eye.fovea_rows, eye.rows);
-    let reach = clamp(density_at(at, point), vec2<f32>(1.0), vec2<f32>(MOST_FOOTPRINT));
+    let reach = clamp(density_on_screen(at, point), vec2<f32>(1.0), vec2<f32>(MOST_FOOTPRINT));
     let y = point.y - 0.5;
     var sum = vec3<f32>(0.0);
     var weight = 0.0;
@@ -59,7 +44,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let centre = vec2<f32>(pixel) + 0.5;
-    let point = polar_point(centre, vec2<f32>(f32(pass_.width), f32(pass_.height)));
+    let point = traced_point(centre, vec2<f32>(f32(pass_.width), f32(pass_.height)));
     var color: vec3<f32>;
     if is_in_square(frame.camera.views[pass_.view].fovea_rows, i32(floor(point.y))) {
         let there = vec2<u32>(floor(point));

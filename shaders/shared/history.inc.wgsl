@@ -39,7 +39,7 @@ fn corner_of(around: Around, i: i32) -> Corner {
     let offset = vec2<i32>(i & 1, i >> 1u);
     var there = around.base + offset;
     var fraction = around.fraction;
-    if POLAR {
+    if IS_POLAR {
         let column = column_in(there.y, around.column, around.fovea_rows) - frame.camera.centre.x;
         fraction.x = fract(column);
         there.x = column_held(around.fovea_rows, there.y, i32(floor(column)) + offset.x);

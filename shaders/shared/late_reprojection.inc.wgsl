@@ -9,10 +9,7 @@ const ITERATIONS: i32 = 8;
 fn depth_at(point: vec2<f32>) -> f32 {
     let size = vec2<f32>(rectified_size());
     let corner = clamp(floor(point), vec2<f32>(0.0), size - 1.0);
-    var at = rectified_index(point);
-    if POLAR {
-        at = polar_index(corner + 0.5, size);
-    }
+    let at = traced_index(corner + 0.5, size);
     let ray = pinhole_ray(pass_.view, corner + frame.camera.centre, size);
     return emission_image[at].a * dot(ray, frame.camera.views[pass_.view].forward);
 }

@@ -6,6 +6,8 @@ use super::ShaderChecks;
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct PipelineKey {
     pub shader: &'static str,
+    /// Name of the include that implements the projection; empty if the shader does not depend on it.
+    pub projection: &'static str,
     pub checks: ShaderChecks,
     /// Override constants that the shader declares.
     pub constants: Vec<(&'static str, bool)>,

@@ -1,8 +1,8 @@
 //! Passes of auxiliary images.
 
+use super::display_resampling::LATE_PARTITION;
 use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
 use super::polar::screen;
-use super::display_resampling::LATE_PARTITION;
 use super::tonemap::PARTITION;
 use super::{Aov, Display, FrameSpec, ImageChain, PREVIOUS};
 use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};

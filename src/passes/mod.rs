@@ -26,9 +26,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub use aov::Aov;
 pub use auxiliary::{STAGES as AOVS, image as aov_image};
 pub use declared::Declared;
+pub use display_resampling::LATE_PARTITION;
 pub use moving::Moving;
 pub use resources::{HOLES, PREVIOUS};
-pub use display_resampling::LATE_PARTITION;
 pub use spec::{Display, FrameSpec, ImageChain, PolarImage, Views};
 pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
 
@@ -170,7 +170,8 @@ fn all_passes() -> impl Iterator<Item = Pass> {
     let direct = ImageChain::direct(one);
     let chains = [
         direct,
-        ImageChain { polar: Some(PolarImage { blurs: true }), ..direct },
+        ImageChain { polar: Some(PolarImage { blur: Some("visual_polar_blur") }), ..direct },
+        ImageChain { polar: Some(PolarImage { blur: Some("log_polar_blur") }), ..direct },
         ImageChain { display: resampled(false), ..direct },
         ImageChain { display: resampled(true), ..direct },
     ];

@@ -27,11 +27,12 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
     let Some(image) = spec.chain.polar else { return };
     let reach = blur_reach(spec.extent.height);
     let blur = |axis, read: Use, target| {
-        let pass = Pass::new(Stage("polar_blur"), view, tonemap::PARTITION, Kernel::new("polar_blur"));
+        let pass =
+            Pass::new(Stage("polar_blur"), view, tonemap::PARTITION, Kernel::new(image.blur.unwrap_or_default()));
         pass.index(axis).uses([read, Use::write(target)]).args([axis, reach, 0])
     };
     for pass in [blur(0, Use::read(POLAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)] {
-        frame.add_if(image.blurs, "the polar image is not blurred", pass);
+        frame.add_if(image.blur.is_some(), "the polar image is not blurred", pass);
     }
     let grid = screen(spec.chain.screen());
     let [linear, display] = match spec.chain.display {
@@ -39,7 +40,7 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
         Display::Resampled { .. } => [RECTIFIED, RECTIFIED_DISPLAY],
     };
     frame.add(Pass::new(Stage("to_screen"), view, PARTITION, Kernel::new("to_screen")).on(grid).uses([
-        Use::read(if image.blurs { BLURRED } else { POLAR }).reaching(Reach::All),
+        Use::read(if image.blur.is_some() { BLURRED } else { POLAR }).reaching(Reach::All),
         Use::write(linear.on(grid)),
         Use::write(display.on(grid)),
     ]));

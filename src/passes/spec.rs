@@ -38,8 +38,8 @@ impl Display {
 /// A traced image in a polar projection around the gaze.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PolarImage {
-    /// Whether it is blurred away from the gaze.
-    pub blurs: bool,
+    /// Kernel that blurs it away from the gaze, if it is blurred.
+    pub blur: Option<&'static str>,
 }
 
 /// The images of an eye from the traced one to the displayed one. If a step is left out, its two images are the same.

@@ -9,7 +9,7 @@ pub fn spec(devices: usize, seam: Seam) -> FrameSpec {
 
 /// Returns the chain of polar images for a screen of this size.
 fn polar(screen: Extent) -> ImageChain {
-    ImageChain { polar: Some(PolarImage { blurs: true }), ..ImageChain::direct(screen) }
+    ImageChain { polar: Some(PolarImage { blur: Some("visual_polar_blur") }), ..ImageChain::direct(screen) }
 }
 
 /// Returns the chain of images that are resampled from a shared projection.
@@ -31,8 +31,14 @@ pub fn all_specs() -> Vec<FrameSpec> {
                         polar(screen),
                         resampled(frame.extent, displayed, false),
                         resampled(frame.extent, displayed, true),
-                        ImageChain { polar: Some(PolarImage { blurs: true }), ..resampled(screen, displayed, false) },
-                        ImageChain { polar: Some(PolarImage { blurs: true }), ..resampled(screen, displayed, true) },
+                        ImageChain {
+                            polar: Some(PolarImage { blur: Some("visual_polar_blur") }),
+                            ..resampled(screen, displayed, false)
+                        },
+                        ImageChain {
+                            polar: Some(PolarImage { blur: Some("visual_polar_blur") }),
+                            ..resampled(screen, displayed, true)
+                        },
                     ];
                     specs.extend(chains.map(|chain| FrameSpec { chain, ..frame.clone() }));
                 }
@@ -183,7 +189,7 @@ fn polar_images_are_mapped_to_the_screen() {
     let chain = polar(screen);
     let polar = FrameSpec { chain, iterations: 0, aovs: Vec::new(), ..spec(2, Seam::Filter) };
     assert!(stages(&polar).ends_with(&["tonemap", "polar_blur", "to_screen", "tally"]), "{:?}", stages(&polar));
-    let unblurred = Some(PolarImage { blurs: false });
+    let unblurred = Some(PolarImage { blur: None });
     let sharp = FrameSpec { chain: ImageChain { polar: unblurred, ..chain }, ..polar.clone() };
     assert!(stages(&sharp).ends_with(&["tonemap", "to_screen", "tally"]), "{:?}", stages(&sharp));
     let program = Declarations::default().program(&polar);

@@ -103,11 +103,11 @@ impl PolarSpace {
         }
     }
 
-    /// Whether images are blurred away from the gaze.
-    pub fn blurs(&self) -> bool {
+    /// Returns the kernel that blurs images away from the gaze, if they are blurred.
+    pub(crate) fn blur(&self) -> Option<&'static str> {
         match self {
-            Self::Visual => true,
-            Self::Log(map) => map.blur,
+            Self::Visual => Some("visual_polar_blur"),
+            Self::Log(map) => map.blur.then_some("log_polar_blur"),
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::RunConfig;
 use super::layout::PassConstants;
 use super::limits::LimitExceeded;
-use super::shader::{Shader, override_names};
+use super::shader::{Shader, ShaderVariant, override_names};
 use crate::device::{GpuDevice, Pipeline, PipelineKey};
 use crate::graph::{Access, Format, Kernel, Pass, ProgramError, Use};
 
@@ -35,13 +35,15 @@ pub fn build(
     config: &RunConfig,
 ) -> Result<Vec<Built>, StageError> {
     let kernel = pass.kernel;
-    let shader = Shader::new(&kernel, gpu.scene_access());
+    let variant = ShaderVariant { access: gpu.scene_access(), projection: config.envelope.most.polar.into() };
+    let shader = Shader::new(&kernel, variant);
     let declared = override_names(shader.text());
     let mut one = |kind: Option<bool>, jitter| {
         let constants = config.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
         // Foreign texts may share a name, so the text itself is the key.
         let name = kernel.foreign_text().unwrap_or(kernel.name);
-        let key = PipelineKey { shader: name, checks: shader.checks(config.execution.checks), constants };
+        let checks = shader.checks(config.execution.checks);
+        let key = PipelineKey { shader: name, projection: shader.projection(), checks, constants };
         let pipeline = match gpu.pipelines.get(&key) {
             Some(kept) => kept.clone(),
             None => {

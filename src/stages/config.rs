@@ -9,7 +9,7 @@ use crate::device::ShaderChecks;
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::passes::{Aov, Declarations, Display, ImageChain, Moving, PolarImage};
-use crate::quality::{Denoiser, Envelope, PolarSpace, Quality};
+use crate::quality::{Denoiser, Envelope, Quality};
 use crate::scene::needs::SceneNeeds;
 use crate::scene::shot::Gaze;
 
@@ -140,7 +140,7 @@ impl RunConfig {
     /// Returns the images from the traced to the displayed one.
     pub fn chain(&self) -> ImageChain {
         ImageChain {
-            polar: self.envelope.most.polar.map(|space| PolarImage { blurs: space.blurs() }),
+            polar: self.envelope.most.polar.map(|space| PolarImage { blur: space.blur() }),
             display: self.buffers.display,
             displayed: self.buffers.extent,
         }
@@ -212,8 +212,6 @@ impl RunConfig {
         constants.push(("HAS_MOTION", self.buffers.moving.is_some()));
         constants.push(("FOVEATED", self.envelope.most.fovea.is_some()));
         constants.push(("SPARSE", self.leaves_pixels()));
-        constants.push(("POLAR", self.envelope.most.polar.is_some()));
-        constants.push(("LOG_POLAR", matches!(self.envelope.most.polar, Some(PolarSpace::Log(_)))));
         constants
     }
 }

@@ -87,7 +87,7 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
     frame
 }
 
-/// Maps a point of an eye's displayed image to its rectified image, both in fractions of the image's sides.
+/// Maps a point of an eye's displayed image to the shared projection. Points are fractions of their image's size.
 fn on_screen(optics: &Optics, eye: Eye, [shown, rectified]: [Extent; 2], [x, y]: [f64; 2]) -> [f64; 2] {
     let sides = |extent: Extent| [f64::from(extent.width), f64::from(extent.height)];
     let ([width, height], [columns, rows]) = (sides(shown), sides(rectified));

@@ -16,6 +16,7 @@ mod limits;
 mod params;
 mod pipeline;
 mod polar;
+mod projection;
 mod reflect;
 mod scene_tables;
 pub(crate) mod search_range;
@@ -31,11 +32,12 @@ pub use limits::{LimitExceeded, Remedy};
 pub use params::FrameParams;
 pub use pipeline::DeviceStages;
 pub use polar::{Polar, PolarPlace};
+pub use projection::TracedProjection;
 pub use reflect::{Mismatch, verify};
 #[doc(hidden)] // For benchmarks.
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, SceneUpdate, TableError};
-pub use shader::{all_shader_text, override_names, shader_text, shader_text_of};
+pub use shader::{ShaderVariant, all_shader_text, override_names, shader_text, shader_text_of};
 pub use task::{StageTask, Stamps};
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::RunConfig;
 use super::compile::{Built, StageError, buffer_entry, build};
 use super::images::{Images, Place};
-use super::layout::{Camera, Frame, PassConstants, Previous, DisplayMap};
+use super::layout::{Camera, DisplayMap, Frame, PassConstants, Previous};
 use super::limits;
 use super::scene_tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entries, layout_entries, scene_buffers};
 use super::task::{StageTask, Stamps};

@@ -31,7 +31,7 @@ pub enum Mismatch {
     Format(&'static str, u32, u32),
     #[error("the workgroup size is declared as {0:?}, but the shader's is {1:?}")]
     Workgroup([u32; 3], [u32; 3]),
-    #[error("the scene use is declared as {0:?}, but the shader's is {1:?}")]
+    #[error("scene access is declared as {0:?}, but the shader's is {1:?}")]
     Scene(SceneUse, SceneUse),
 }
 

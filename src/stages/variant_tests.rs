@@ -67,12 +67,13 @@ fn every_variant_of_every_shader_is_valid() {
     for (tables, traversal) in
         [Tables::Buffer, Tables::Texture].into_iter().flat_map(|t| Traversal::ALL.map(|u| (t, u)))
     {
-        for kernel in passes::kernels() {
-            let text = shader_text(&kernel, SceneAccess { tables, traversal });
+        let kernels = passes::kernels();
+        for (kernel, projection) in kernels.iter().flat_map(|k| TracedProjection::ALL.map(|p| (k, p))) {
+            let text = shader_text(kernel, ShaderVariant { access: SceneAccess { tables, traversal }, projection });
             if texts.contains(&text) {
                 continue;
             }
-            let of = format!("{} with {tables:?} and {traversal:?}", kernel.name);
+            let of = format!("{} with {tables:?}, {traversal:?} and {projection:?}", kernel.name);
             for name in override_names(&text) {
                 assert!(settable.contains(&name), "{of}: nothing sets {name}");
             }

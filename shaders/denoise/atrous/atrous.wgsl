@@ -7,7 +7,7 @@
 // enough of their surface is within reach. Pixels that are still empty at the last iteration take the mean of any
 // surfaces there.
 
-//!include frame grid rng pack edges foveation
+//!include frame grid projection rng pack edges foveation
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;

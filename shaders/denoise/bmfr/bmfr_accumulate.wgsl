@@ -4,7 +4,7 @@
 // Departures: the right eye falls back to the left one's history, pixels that were not sampled keep theirs, and each of
 // the two accumulations counts its own frames.
 
-//!include frame grid motion pack history light_change
+//!include frame grid projection motion pack history light_change
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 // Guides of the surfaces as they were in the previous frame.
@@ -85,7 +85,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let found = past.found >= LEAST_FOUND;
     let scale = select(0.0, 1.0 / max(past.found, LEAST_FOUND), found);
     var frames = min(past.frames * scale, longest_in_light());
-    if HAS_MOTION && !POLAR {
+    if HAS_MOTION && !IS_POLAR {
         frames *= kept_in_light(tile_of(pixel, position), frames, 1.0);
     }
     // Minimum blend weight of this frame.

@@ -10,7 +10,7 @@
 //   pixel with a surface gets the fitted light.
 // - Fitted light is clamped to the brightest light of the block.
 
-//!include frame grid pack rng
+//!include frame grid projection pack rng
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
 // Demodulated illumination as floats; frames in the upper 8 bits of the last word.
@@ -110,7 +110,7 @@ fn displacement() -> vec2<u32> {
 fn column_in_block(origin: i32, displaced: u32, i: u32, row: i32) -> i32 {
     let width = i32(pass_.width);
     let column = origin + i32(i);
-    if POLAR {
+    if IS_POLAR {
         let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
         let length = i32(row_length(fovea_rows, row));
         if is_in_square(fovea_rows, row) {

@@ -10,7 +10,7 @@
 //   `gradient.wgsl`).
 // - If the right eye finds no history, the left eye's is used.
 
-//!include frame grid split motion pack variance history light_change
+//!include frame grid projection split motion pack variance history light_change
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 // Guides of the surfaces as they were in the previous frame.
@@ -207,7 +207,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     longest = min(longest, longest_in_light());
     var keep = min(longest / max(frames, 1.0), 1.0);
-    if HAS_MOTION && !POLAR {
+    if HAS_MOTION && !IS_POLAR {
         keep *= kept_in_light(tile_of(pixel, position), samples * keep, max(new_samples, 1.0));
     }
     samples *= keep;

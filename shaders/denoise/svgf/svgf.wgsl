@@ -11,7 +11,7 @@
 //   which is near 1 within the noise and falls faster beyond it.
 // - The first iteration, whose result becomes the history, tolerates less, since its blur adds up over frames.
 
-//!include frame grid split rng pack edges foveation variance
+//!include frame grid projection split rng pack edges foveation variance
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;

@@ -4,7 +4,7 @@
 // once, before the first iteration instead of in each; and spatial estimates, which may have missed rare bright light,
 // count several times.
 
-//!include frame grid split pack edges variance
+//!include frame grid projection split pack edges variance
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;

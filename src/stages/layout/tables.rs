@@ -65,8 +65,8 @@ shared_structs! {
         pub cos_outer: f32,
         /// Spot: 1 / (cos_inner - cos_outer).
         pub cone_scale: f32,
-        /// Directional: probability within its group. The alias table keeps this entry with probability `keep`, and
-        /// otherwise takes `alias_index`.
+        /// Directional: probability within the group of directional lights. Sampling uses an alias table: it keeps this
+        /// entry with probability `keep` and takes `alias_index` otherwise.
         pub pick: f32,
         pub keep: f32,
         pub alias_index: u32,
@@ -109,7 +109,7 @@ shared_structs! {
         pub env_cells: u32,
         /// One row per 8-bit code.
         pub srgb: u32,
-        /// One row per node.
+        /// Directional albedo of GGX reflection: one row per grid node, then one per roughness with the mean.
         pub albedo: u32,
         /// Three rows per deforming triangle: its corners' positions in the previous frame.
         pub last_corners: u32,

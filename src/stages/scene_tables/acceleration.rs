@@ -38,7 +38,7 @@ struct Bottom {
     rows: Range<u32>,
     /// Whether it holds a deforming body, built from skinned vertices.
     deforms: bool,
-    /// First vertex of this BLAS among all corners or skinned vertices.
+    /// Offset of its first vertex in its vertex buffer: the corners of all triangles, or the skinned vertices.
     first_vertex: u32,
     blas: wgpu::Blas,
     geometries: Vec<Geometry>,
@@ -100,7 +100,7 @@ impl Structures {
         &self.tlas
     }
 
-    /// Places the instances of a frame for the next build.
+    /// Updates the instances of the TLAS for a frame. The next [`Self::build`] uses them.
     pub fn place(&mut self, update: &SceneUpdate) {
         if let Some((_, bytes)) = update.rows.iter().find(|(first_row, _)| *first_row == self.instances) {
             self.put(&bytemuck::pod_collect_to_vec::<u8, Instance>(bytes), true);

@@ -4,6 +4,7 @@
 use std::f64::consts::TAU;
 
 use diptych::quality::LogPolar;
+use diptych::stages::TracedProjection;
 use diptych::stages::layout::{self, Camera, Frame, PassConstants, View};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
@@ -11,8 +12,6 @@ use super::camera::Eye;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, Random};
 use super::pack::rgb;
-
-const LOG_POLAR: [(&str, bool); 2] = [("POLAR", true), ("LOG_POLAR", true)];
 
 /// An eye's log-polar image of a screen (section 3.3 of the paper).
 struct Image {
@@ -148,7 +147,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 ";
     let offset = DVec2::new(0.25, 0.75);
-    let kernel = Kernel::beside("polar_blur", &LOG_POLAR, ROUND_TRIP);
+    let kernel = Kernel::beside("log_polar_blur", &[], ROUND_TRIP);
     for ((name, mode), gaze) in LogPolar::PRESETS.iter().flat_map(|mode| GAZES.map(|gaze| (mode, gaze))) {
         let image = Image::new(*mode, [213.0, 120.0], gaze);
         let nothing = vec![[0f32; 4]; (image.width() * image.rows()) as usize];
@@ -194,7 +193,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 ";
-    let kernel = Kernel::beside("polar_blur", &LOG_POLAR, SHOWN);
+    let kernel = Kernel::beside("log_polar_blur", &[], SHOWN);
     for ((name, mode), percent) in LogPolar::PRESETS.iter().zip([154.0, 65.7, 37.5, 37.7]) {
         let image = Image::new(*mode, [1920.0, 1080.0], GAZES[0]);
         let nothing = vec![0u32; (image.width() * image.rows()) as usize];
@@ -222,7 +221,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 ";
     let image = Image::new(LogPolar::COMPOSITE, [96.0, 80.0], GAZES[1]);
     let (rim, columns, rows) = (image.square() as i32, image.columns() as i32, image.rows() as i32);
-    let kernel = Kernel::beside("polar_blur", &LOG_POLAR, NEIGHBOURS);
+    let kernel = Kernel::beside("log_polar_blur", &[], NEIGHBOURS);
     for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (3, -2), (-16, 16), (16, -1)] {
         let pass = PassConstants { args: [dx as u32, dy as u32, 0], valid_begin: 3, ..image.pass() };
         let nothing = vec![[0i32; 4]; (image.width() * image.rows()) as usize];
@@ -257,7 +256,12 @@ fn auxiliary_images_have_the_pixel_that_shows_a_point() {
             let pass = PassConstants { width, height, ..stripe.pass(1, [0; 3]) };
             let groups = [width.div_ceil(8), (stripe.rows.end - stripe.rows.start).div_ceil(8)];
             let buffers = [("polar", Buffer::whole(&polar)), ("aov", Buffer::image(&before))];
-            let outputs = Kernel::new("aov_to_screen", &LOG_POLAR).run_frame(&image.frame(), pass, groups, &buffers);
+            let outputs = Kernel::projected(TracedProjection::LogPolar, "aov_to_screen", &[]).run_frame(
+                &image.frame(),
+                pass,
+                groups,
+                &buffers,
+            );
             let aov = outputs.get::<[f32; 4]>("aov");
             for (x, y) in stripe.rows.clone().flat_map(|y| (0..width).map(move |x| (x, y))) {
                 let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
@@ -318,7 +322,7 @@ fn rings_are_blurred_by_the_next_pixels_where_the_gaze_is_far() {
             ("source", Buffer::image(&only_in(readable, image.width(), &source))),
             ("blurred", Buffer::image(&before)),
         ];
-        let outputs = Kernel::new("polar_blur", &LOG_POLAR).run_frame(&frame, pass, image.groups(), &buffers);
+        let outputs = Kernel::new("log_polar_blur", &[]).run_frame(&frame, pass, image.groups(), &buffers);
         let found = outputs.get::<[u32; 4]>("blurred");
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..image.width()).map(move |x| (x, y))) {
             let at = (y * image.width() + x) as usize;

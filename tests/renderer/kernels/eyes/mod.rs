@@ -2,6 +2,7 @@
 
 mod twin;
 
+use diptych::stages::TracedProjection;
 use diptych::stages::layout::{Camera, Frame, PassConstants};
 use glam::{DMat3, DVec2, DVec3, Vec2};
 
@@ -63,9 +64,9 @@ fn run(
     let [width, height] = SIZE;
     let pass = PassConstants { width, height, ..stripe.pass(view, [WIDTH, HEIGHT, is_motion.into()]) };
     let groups = [width.div_ceil(8), (pass.row_end - pass.row_begin).div_ceil(8)];
-    let polar = [("POLAR", true)];
-    let overrides = if frame.camera.views[0].rows > 0.0 { &polar[..] } else { &[] };
-    Kernel::new(kernel, overrides).run_frame(frame, pass, groups, buffers)
+    let is_polar = frame.camera.views[0].rows > 0.0;
+    let projection = if is_polar { TracedProjection::VisualPolar } else { TracedProjection::Perspective };
+    Kernel::projected(projection, kernel, &[]).run_frame(frame, pass, groups, buffers)
 }
 
 /// Returns the whole image, and stripes at its borders and inside. Kernels may read all of the rectified image.

@@ -11,7 +11,9 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use diptych::device::GpuDevice;
 use diptych::device::SceneAccess;
 use diptych::stages::layout::{Frame, PassConstants};
-use diptych::stages::{SceneBuffers, SceneTables, override_names, scene_layout_entries, shader_text_of};
+use diptych::stages::{
+    SceneBuffers, SceneTables, ShaderVariant, TracedProjection, override_names, scene_layout_entries, shader_text_of,
+};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 pub use self::buffers::{Buffer, Outputs, Stripe, only_in};
@@ -57,7 +59,13 @@ pub struct Kernel {
 
 impl Kernel {
     pub fn new(shader: &'static str, overrides: &[Override]) -> Self {
-        Self::of(shader, shader_text_of(shader, SceneAccess::default()), overrides)
+        Self::projected(TracedProjection::default(), shader, overrides)
+    }
+
+    /// Creates a kernel for images in this projection.
+    pub fn projected(projection: TracedProjection, shader: &'static str, overrides: &[Override]) -> Self {
+        let access = SceneAccess::default();
+        Self::of(shader, shader_text_of(shader, ShaderVariant { access, projection }), overrides)
     }
 
     /// Creates a kernel that reads this scene, with the scene's override constants and `overrides`.
@@ -76,16 +84,8 @@ impl Kernel {
         Self::of(shader, format!("{}{kernel}", &whole[..end]), overrides)
     }
 
-    /// Sets the override for pinhole images unless a test sets it.
     fn of(name: &'static str, source: String, overrides: &[Override]) -> Self {
-        let mut overrides = overrides.to_vec();
-        for kind in ["POLAR", "LOG_POLAR"] {
-            let is_said = overrides.iter().any(|(name, _)| *name == kind);
-            if !is_said && source.contains(&format!("override {kind}:")) {
-                overrides.push((kind, false));
-            }
-        }
-        Self { name, source, overrides, scene: None }
+        Self { name, source, overrides: overrides.to_vec(), scene: None }
     }
 
     /// Dispatches `columns` invocations for every row of the stripe that `pass` names. The pass's grid is the frame.

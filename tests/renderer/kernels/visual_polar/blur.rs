@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use diptych::stages::layout::PassConstants;
 use glam::DVec3;
 
-use super::{FOVEA_DEG, GAZES, POLAR, Polar};
+use super::{FOVEA_DEG, GAZES, Polar};
 use crate::kernels::harness::{Buffer, Kernel, Stripe, only_in};
 use crate::kernels::inputs::{Cases, Random};
 use crate::kernels::pack::rgb;
@@ -84,7 +84,7 @@ fn polar_images_are_blurred_as_far_as_acuity_allows() {
         let groups = [width.div_ceil(8), (stripe.rows.end - stripe.rows.start).div_ceil(8)];
         let buffers =
             [("source", Buffer::image(&only_in(&stripe.valid, width, &source))), ("blurred", Buffer::image(&before))];
-        let outputs = Kernel::new("polar_blur", &[POLAR]).run_frame(&polar.frame(), pass, groups, &buffers);
+        let outputs = Kernel::new("visual_polar_blur", &[]).run_frame(&polar.frame(), pass, groups, &buffers);
         let found = outputs.get::<[u32; 4]>("blurred");
         for row in stripe.rows.clone() {
             let mode = (along_columns, most, deviation(&polar, row, along_columns));

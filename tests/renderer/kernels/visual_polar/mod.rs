@@ -5,14 +5,13 @@ mod blur;
 
 use std::f64::consts::{PI, TAU};
 
+use diptych::stages::TracedProjection;
 use diptych::stages::layout::{Camera, Display, Frame, PassConstants, View};
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec3Swizzles};
 
 use super::camera::Eye;
 use super::harness::{Buffer, Kernel, Stripe};
 use super::inputs::{Cases, Random};
-
-const POLAR: (&str, bool) = ("POLAR", true);
 
 const FOVEA_DEG: f64 = 5.79;
 const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
@@ -160,7 +159,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         let pass = PassConstants { view: 1, width: polar.columns, height: polar.rows, ..Default::default() };
         let nothing = vec![[0f32; 4]; (polar.columns * polar.rows) as usize];
         let groups = [polar.columns.div_ceil(8), polar.rows.div_ceil(8)];
-        let outputs = Kernel::beside("polar_blur", &[POLAR], ROUND_TRIP).run_frame(
+        let outputs = Kernel::beside("visual_polar_blur", &[], ROUND_TRIP).run_frame(
             &polar.frame(),
             pass,
             groups,
@@ -203,7 +202,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 ";
     let polar = Polar::new(GAZES[1]);
     let groups = [polar.columns.div_ceil(8), polar.rows.div_ceil(8)];
-    let kernel = Kernel::beside("polar_blur", &[POLAR], NEIGHBOURS);
+    let kernel = Kernel::beside("visual_polar_blur", &[], NEIGHBOURS);
     for (dx, dy) in OFFSETS {
         let (valid, height) = (20..polar.rows, polar.rows);
         let pass = PassConstants {
@@ -252,7 +251,7 @@ fn what_is_seen_in_a_direction_is_on_the_screen_where_it_is() {
             image[(row * polar.columns + column) as usize] = light_from(ray).as_vec3().extend(1.0).to_array();
         }
         let pass = PassConstants { row_end: height, width, height, ..Default::default() };
-        let outputs = Kernel::new("to_screen", &[POLAR]).run_frame(
+        let outputs = Kernel::projected(TracedProjection::VisualPolar, "to_screen", &[]).run_frame(
             &polar.frame(),
             pass,
             [width.div_ceil(8), height.div_ceil(8)],
@@ -298,7 +297,12 @@ fn auxiliary_images_have_the_pixel_in_the_direction_of_the_screens() {
             let pass = PassConstants { width, height, ..stripe.pass(1, [0; 3]) };
             let groups = [width.div_ceil(8), (stripe.rows.end - stripe.rows.start).div_ceil(8)];
             let buffers = [("polar", Buffer::whole(&numbered(&polar))), ("aov", Buffer::image(&before))];
-            let outputs = Kernel::new("aov_to_screen", &[POLAR]).run_frame(&polar.frame(), pass, groups, &buffers);
+            let outputs = Kernel::projected(TracedProjection::VisualPolar, "aov_to_screen", &[]).run_frame(
+                &polar.frame(),
+                pass,
+                groups,
+                &buffers,
+            );
             let aov = outputs.get::<[f32; 4]>("aov");
             for (x, y) in stripe.rows.clone().flat_map(|y| (0..width).map(move |x| (x, y))) {
                 let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);

@@ -1,10 +1,8 @@
-// Blurs a polar image along one of its axes. A visual-polar image is blurred as far as acuity allows (Koskela et al.
-// 2019, section 3): not at all in the fovea, and from there on by a Gaussian whose deviation grows up to BLUR_FULL_DEG.
-// A log-polar image is blurred by adjacent pixels, whose weight grows with the distance from the gaze (Andersson &
-// Hansson 2020, section 3.5). Departure: the image is blurred before it is mapped to the screen, while it has fewer
-// pixels.
+// Blurs a visual-polar image along one of its axes as far as acuity allows (Koskela et al. 2019, section 3): not at all
+// in the fovea, and from there on by a Gaussian whose deviation grows up to BLUR_FULL_DEG. Departure: the image is
+// blurred before it is mapped to the screen, while it has fewer pixels.
 
-//!include frame grid
+//!include frame grid grid_polar grid_visual_polar
 
 @group(1) @binding(0) var<storage, read> source: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> blurred: array<vec4<f32>>;
@@ -17,22 +15,6 @@ const BLUR_FULL_DEG: f32 = 30.0;
 const REACH: f32 = 2.5;
 const LEAST_DEVIATION: f32 = 0.3;
 
-// Blends a pixel with its two neighbours. At a fraction of 1, the weights are the three of a Gaussian.
-fn blurred_by_next(pixel: vec2<u32>, along_columns: bool) -> vec3<f32> {
-    let map = frame.camera.log_polar;
-    let own = source[pixel_index(pixel)].rgb;
-    let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
-    let distance = distance_at(f32(pixel.y) + 0.5, fovea_rows);
-    let share = clamp((distance - map.blur_begins) / (map.blur_full - map.blur_begins), 0.0, 1.0);
-    if is_in_square(fovea_rows, i32(pixel.y)) || map.blur_begins >= map.blur_full || share <= 0.0 {
-        return own;
-    }
-    let step = select(vec2<i32>(0, 1), vec2<i32>(1, 0), along_columns);
-    let before = source[pixel_index(vec2<u32>(beside(pixel, -step).pixel))].rgb;
-    let after = source[pixel_index(vec2<u32>(beside(pixel, step).pixel))].rgb;
-    return own * (1.0 - 0.5 * share) + (before + after) * (0.25 * share);
-}
-
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
@@ -41,10 +23,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = pixel_index(pixel);
     let along_columns = pass_.args[0] == 0u;
-    if LOG_POLAR {
-        blurred[at] = vec4<f32>(blurred_by_next(pixel, along_columns), 1.0);
-        return;
-    }
     let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
     let e = eccentricity_near(f32(pixel.y) + 0.5, fovea_rows);
     let share = clamp((e - FOVEA_DEG) / (BLUR_FULL_DEG - FOVEA_DEG), 0.0, 1.0);

@@ -1,0 +1,36 @@
+//! Projections of traced images, and the shader includes that implement them.
+
+use crate::quality::PolarSpace;
+
+/// The projection of traced images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum TracedProjection {
+    #[default]
+    Perspective,
+    VisualPolar,
+    LogPolar,
+}
+
+impl TracedProjection {
+    pub const ALL: [Self; 3] = [Self::Perspective, Self::VisualPolar, Self::LogPolar];
+
+    /// Returns the files that replace the include `projection`, without `.inc.wgsl`. The last one tells projections
+    /// apart.
+    pub(super) fn includes(self) -> &'static [&'static str] {
+        match self {
+            Self::Perspective => &["grid_perspective"],
+            Self::VisualPolar => &["grid_polar", "grid_visual_polar"],
+            Self::LogPolar => &["grid_polar", "grid_log_polar"],
+        }
+    }
+}
+
+impl From<Option<PolarSpace>> for TracedProjection {
+    fn from(polar: Option<PolarSpace>) -> Self {
+        match polar {
+            None => Self::Perspective,
+            Some(PolarSpace::Visual) => Self::VisualPolar,
+            Some(PolarSpace::Log(_)) => Self::LogPolar,
+        }
+    }
+}
