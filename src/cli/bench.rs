@@ -3,7 +3,7 @@
 mod andersson;
 mod args;
 mod axes;
-mod bmfr;
+mod experiment;
 mod findings;
 mod grid;
 mod journal;

@@ -2,9 +2,9 @@
 
 pub mod andersson;
 pub mod bench;
-pub mod bmfr;
 pub mod csv;
 mod frame_row;
+pub mod experiment;
 pub mod frames;
 pub mod headset;
 pub mod html;

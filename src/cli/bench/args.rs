@@ -138,13 +138,20 @@ pub(super) enum Experiment {
 #[command(next_help_heading = options::QUALITY)]
 pub struct PresetOptions {
     /// Repeat a published experiment instead of the grid
-    #[arg(long, value_name = "NAME", conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference"])]
+    #[arg(long, value_name = "NAME", group = "experiments", conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference"])]
     pub(super) preset: Option<Experiment>,
-    /// With --preset bmfr, koskela, andersson, peres or late: several shots
+    /// Run the experiment that a TOML file describes instead of the grid
+    #[arg(
+        long,
+        value_name = "FILE",
+        group = "experiments",
+        conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference", "foveation", "polar", "scale", "ladder", "peers"])]
+    pub(super) experiment: Option<PathBuf>,
+    /// With --experiment and all presets but leria: several shots
     ///
     /// With peres they stand for the scenes of the thesis: Pink Room, Sponza, Forest [default: builtin:checker,
     /// builtin:atrium and builtin:forest].
-    #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "preset")]
+    #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "experiments")]
     pub shots: Vec<String>,
     /// With --preset peres: factor on the thesis's resolutions
     #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
