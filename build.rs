@@ -6,9 +6,9 @@ use std::{env, fs, io};
 
 fn main() -> io::Result<()> {
     println!("cargo::rerun-if-changed=shaders");
-    let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").map_err(io::Error::other)?).join("shaders");
+    let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").map_err(io::Error::other)?);
     let mut files = Vec::new();
-    collect(&root, &mut files)?;
+    collect(&root.join("shaders"), &mut files)?;
     files.sort();
     let mut table = String::from("&[");
     for path in &files {
@@ -17,7 +17,9 @@ fn main() -> io::Result<()> {
         if files.iter().any(|other| other != path && other.file_name() == path.file_name()) {
             return Err(io::Error::other(format!("two shaders have the name {name}")));
         }
-        let _ = write!(table, "({name:?}, include_str!({:?})),", path.display().to_string());
+        // Relative, so that a build folder still serves a checkout that has moved.
+        let path = format!("/{}", path.strip_prefix(&root).unwrap_or(path).display());
+        let _ = write!(table, "({name:?}, include_str!(concat!(env!(\"CARGO_MANIFEST_DIR\"), {path:?}))),");
     }
     table.push(']');
     let out = env::var("OUT_DIR").map_err(io::Error::other)?;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::fnv::Fnv;
+use super::fnv::hash_of;
 use super::{Accumulation, Fingerprint, Half};
 use crate::image::file::atomic_write;
 use crate::image::{Extent, ImageError};
@@ -120,7 +120,5 @@ fn split(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
 }
 
 fn checksum(sums: &[u8]) -> String {
-    let mut fnv = Fnv::new();
-    fnv.bytes(sums);
-    fnv.hex()
+    hash_of(sums)
 }

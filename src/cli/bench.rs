@@ -136,7 +136,7 @@ fn subject(args: &Args, loaded: &LoadedScene, devices: &[DeviceInfo]) -> Result<
     let devices = Table::of_devices([devices]).rows;
     let shown = format!("{} EV", loaded.shot.exposure_ev);
     let all = format!("{quiet:?} {virtual_devices} {repeats} {warm_up} {seen} {shown} {devices:?} {ERROR} {shaders}");
-    Ok(hash_of(&all))
+    Ok(hash_of(all.as_bytes()))
 }
 
 fn say_reference(options: &RunOptions, exposure_ev: f64, reference: &Reference) {

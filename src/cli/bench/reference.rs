@@ -57,7 +57,7 @@ pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> 
         Ok(image)
     };
     let images = Stereo { left: read("left.exr")?, right: read("right.exr")? };
-    let key = [&images.left, &images.right].map(|image| hash_of(&format!("{:?}", image.pixels)));
+    let key = [&images.left, &images.right].map(|image| hash_of(bytemuck::cast_slice(&image.pixels)));
     let origin = format!("{}; its noise is unknown, and errors below it mean nothing", folder.display());
     Ok(Reference { images, noise: None, origin, key: key.join(" ") })
 }
