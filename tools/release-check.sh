@@ -13,7 +13,7 @@ cd "$(dirname "$0")/.."
 all="lint test hardware-rays mpi xr view golden test-newer golden-newer golden-compare test-long test-long-newer"
 state=out/release-check
 report=docs/release-check.md
-make="${MAKE:-make} --no-print-directory"
+make=${MAKE:-make}
 steps=${*:-$all}
 # Commands may use a variable of that name.
 newer=${NEWER_MESA:-}
@@ -131,7 +131,7 @@ for step in $steps; do
     case $status in
     0)
         result=passed
-        case $step in golden*) remark=$(tail -n 1 "$log") ;; esac
+        case $step in golden*) remark=$(grep -v '^make' "$log" | tail -n 1) ;; esac
         ;;
     77) result=skipped remark=$(tail -n 1 "$log") ;;
     *) result=**failed** remark=$(sed -n 's/^test \(.*\) \.\.\. FAILED$/`\1`/p' "$log" | sort -u | head -n 5 | paste -s -d ' ' -) ;;
