@@ -31,8 +31,8 @@ use crate::loaded::LoadedScene;
 use crate::quality::Denoiser;
 use crate::report::Table;
 use crate::report::bench::{
-    ERROR, ERROR_NOTE, Row, Shared, csv, exposure_note, frames, ladder_svg, mark_front, regret_table, regrets, slopes,
-    svg, table,
+    ERROR, ERROR_NOTE, SettingRow, Shared, csv, exposure_note, frames, ladder_svg, mark_front, regret_table, regrets,
+    slopes, svg, table,
 };
 use crate::report::peers::Peers;
 use crate::report::run::{FrameRow, RunReport};
@@ -160,7 +160,7 @@ fn say_reference(options: &RunOptions, exposure_ev: f64, reference: &Reference) 
 fn write_results(
     args: &Args,
     exposure_ev: f64,
-    rows: &[Row],
+    rows: &[SettingRow],
     ladders: &[Ladder],
     reference: &Reference,
 ) -> Result<(String, Shared), Failure> {
@@ -193,7 +193,7 @@ fn write_results(
 fn ladders(
     options: &RunOptions,
     exposure_ev: f64,
-    rows: &[Row],
+    rows: &[SettingRow],
     devices: &[DeviceInfo],
 ) -> Result<Vec<Ladder>, Failure> {
     let name = |d: &DeviceInfo| {
@@ -208,7 +208,7 @@ fn ladders(
         devices: devices.iter().map(name).collect(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
-    let rungs: Vec<_> = rows.iter().map(Row::rung).collect();
+    let rungs: Vec<_> = rows.iter().map(SettingRow::rung).collect();
     Ok(Ladder::by_denoiser(&origin, &rungs).context("cannot build a ladder from the measured settings")?)
 }
 

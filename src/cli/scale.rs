@@ -16,7 +16,7 @@ use crate::report::html::Section;
 use crate::report::lanes::{LaneFrame, median_frame};
 use crate::report::pictures::Group;
 use crate::report::run::{FrameRow, RunReport, aov_ms};
-use crate::report::scale::{Row, scale_csv, scale_sections, scale_svg, scale_table};
+use crate::report::scale::{ScaleRow, scale_csv, scale_sections, scale_svg, scale_table};
 use crate::report::simulation::{self, enough_nodes, simulation_csv, simulation_svg, simulation_table};
 use crate::report::{Csv, Table};
 use crate::schedule::{CostModel, Network};
@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         (1 + counts.len() * policies.len()) as u64 * u64::from(args.warm_up + options.frames + followers(options));
     let progress = Progress::new(steps, options.quiet, options.json);
     let measuring = Measuring { args, loaded: &loaded, progress: &progress, tracing: &tracing };
-    let mut found = Found::default();
+    let mut found = Results::default();
     let mut model = found.add(args, &loaded, measuring.run(&one, gpus, None)?)?;
     for count in counts {
         for options in &policies {
@@ -99,7 +99,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.simulation.is_wanted() {
         files = "scale.csv, scale.svg, simulate.csv, frames.csv and run.json";
         for options in &policies {
-            let own = |r: &&Row| r.devices == r.base_devices || r.policy == options.balance().name();
+            let own = |r: &&ScaleRow| r.devices == r.base_devices || r.policy == options.balance().name();
             let measured: Vec<_> = found.rows.iter().filter(own).map(|r| (r.devices, r.makespan_ms)).collect();
             found.simulated.extend(args.simulation.run(options, &model, &measured)?);
         }
@@ -109,7 +109,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.report {
         found.write_page(args, &loaded, figure)?;
     }
-    let Found { rows, simulated, .. } = &found;
+    let Results { rows, simulated, .. } = &found;
     if options.json {
         say!("{}", serde_json::json!({ "event": "result", "rows": rows, "simulated": simulated }));
     } else if !options.quiet {
@@ -186,7 +186,7 @@ struct Measuring<'a> {
 
 /// Results for a number of devices.
 struct Measured {
-    row: Row,
+    row: ScaleRow,
     renderer: Renderer,
     warm_up_s: f64,
     frames: Vec<FrameReport>,
@@ -200,7 +200,7 @@ impl Measuring<'_> {
     }
 
     /// Measures frames on these devices. `base` is the row that the speed-up refers to; `None` for that row itself.
-    fn run(&self, options: &RenderOptions, gpus: Devices, base: Option<&Row>) -> Result<Measured, Failure> {
+    fn run(&self, options: &RenderOptions, gpus: Devices, base: Option<&ScaleRow>) -> Result<Measured, Failure> {
         let Self { args, loaded, progress, tracing } = self;
         let infos = gpus.infos();
         // Count the threads of the devices on this machine.
@@ -238,22 +238,25 @@ impl Measuring<'_> {
             }
         }
         let oversubscribed = threads > std::thread::available_parallelism().map_or(1, usize::from);
-        let row = Row { policy: renderer.policy_name().to_owned(), ..Row::new(devices, &frames, oversubscribed, base) };
+        let row = ScaleRow {
+            policy: renderer.policy_name().to_owned(),
+            ..ScaleRow::new(devices, &frames, oversubscribed, base)
+        };
         Ok(Measured { row, renderer, warm_up_s, frames })
     }
 }
 
 /// Results of all counts.
 #[derive(Default)]
-struct Found {
-    rows: Vec<Row>,
+struct Results {
+    rows: Vec<ScaleRow>,
     /// Devices of each row.
     devices: Vec<Vec<DeviceInfo>>,
     warm_up_s: f64,
     /// Timed frames of all counts.
     frames: Vec<FrameRow>,
     policies: Vec<String>,
-    simulated: Vec<simulation::Row>,
+    simulated: Vec<simulation::SimulationRow>,
     seen: Seen,
 }
 
@@ -289,8 +292,8 @@ impl Seen {
         page::pictures(note, &[frame]).map(Some)
     }
 
-    fn swimlanes(&self, rows: &[Row]) -> Result<Section, Failure> {
-        let name = |row: &Row| format!("{} device(s), {}", row.devices, row.policy);
+    fn swimlanes(&self, rows: &[ScaleRow]) -> Result<Section, Failure> {
+        let name = |row: &ScaleRow| format!("{} device(s), {}", row.devices, row.policy);
         let frames = rows.iter().zip(&self.frames);
         let frames: Vec<LaneFrame> = frames.map(|(row, frame)| LaneFrame::new(name(row), frame)).collect();
         let note = "Of each count a frame of median makespan.";
@@ -298,7 +301,7 @@ impl Seen {
     }
 }
 
-impl Found {
+impl Results {
     /// Adds the results for a number of devices and returns their cost model.
     fn add(&mut self, args: &Args, loaded: &LoadedScene, measured: Measured) -> Result<CostModel, Failure> {
         let Measured { row, mut renderer, warm_up_s, frames } = measured;

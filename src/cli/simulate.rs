@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use crate::graph::FrameGraph;
-use crate::report::simulation::Row;
+use crate::report::simulation::SimulationRow;
 use crate::schedule::{CostModel, Network, Prediction, simulate};
 
 use super::failure::Failure;
@@ -88,7 +88,7 @@ impl Args {
         options: &RenderOptions,
         model: &CostModel,
         measured: &[(usize, f64)],
-    ) -> Result<Vec<Row>, Failure> {
+    ) -> Result<Vec<SimulationRow>, Failure> {
         let one_ms = predict(options, &model.on_devices(&[1.0]))?.1.makespan_ms;
         let mut rows = Vec::new();
         for &Nodes { nodes, each } in &self.simulate {
@@ -103,10 +103,10 @@ impl Args {
             // The measured run has one node per rank.
             let is_here = is_alike && nodes == crate::cli::node::others().map_or(1, |node| node.ranks());
             let here = measured.iter().find(|(d, _)| is_here && *d == devices);
-            rows.push(Row {
+            rows.push(SimulationRow {
                 policy: options.balance().name(),
                 nodes,
-                ..Row::new(&prediction, &speeds, one_ms, here.map(|(_, ms)| *ms))
+                ..SimulationRow::new(&prediction, &speeds, one_ms, here.map(|(_, ms)| *ms))
             });
         }
         Ok(rows)

@@ -46,7 +46,7 @@ const PARTS: [(&str, &[&str]); 6] = [
 
 /// Results of a mode on a scene.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Row {
+pub struct AnderssonRow {
     /// `measured` or `cited`.
     pub source: &'static str,
     pub scene: String,
@@ -77,7 +77,7 @@ pub struct Row {
 
 /// Returns the rows of a scene and a camera, in the order of [`MODES`]. Each result comes with the fractions of
 /// dispatched and traced pixels and with its rings.
-pub fn measured(scene: &str, camera: &'static str, found: &[(Measured, [f64; 2], Vec<RingRow>)]) -> Vec<Row> {
+pub fn measured(scene: &str, camera: &'static str, found: &[(Measured, [f64; 2], Vec<RingRow>)]) -> Vec<AnderssonRow> {
     let basic_ms = found.first().map(|(of, ..)| of.time_ms);
     let row = |(mode, (of, [dispatched, traced], rings)): (&'static str, &(Measured, [f64; 2], Vec<RingRow>))| {
         let part = |(name, stages): (&'static str, &[&str])| {
@@ -87,7 +87,7 @@ pub fn measured(scene: &str, camera: &'static str, found: &[(Measured, [f64; 2],
         let ends =
             |ssim: fn(&RingRow) -> Option<f64>| [rings.first().and_then(ssim), rings.iter().rev().find_map(ssim)];
         let error = |name: &str| Some(of.error(name)).filter(|error| error.is_finite());
-        Row {
+        AnderssonRow {
             source: "measured",
             scene: scene.to_owned(),
             camera: Some(camera),
@@ -126,17 +126,17 @@ const CITED_SSIM: [(&str, Option<&str>, [f64; 4], f64); 3] = [
 ];
 
 /// Returns the authors' results.
-pub fn cited() -> Vec<Row> {
+pub fn cited() -> Vec<AnderssonRow> {
     let row = |scene: &str, camera, mode: usize| {
         let [dispatched, traced] = CITED_SHARES[mode].map(Some);
-        Row {
+        AnderssonRow {
             source: "cited",
             scene: scene.to_owned(),
             camera,
             mode: MODES[mode],
             dispatched,
             traced,
-            ..Row::default()
+            ..AnderssonRow::default()
         }
     };
     let basic_ms = |times: usize| CITED_MS[times / 2 * 2].1[0];
@@ -144,12 +144,12 @@ pub fn cited() -> Vec<Row> {
         let of = times.iter().enumerate().filter_map(move |(mode, ms)| Some((mode, (*ms)?)));
         of.map(move |(mode, ms)| {
             let speedup = basic_ms(i).map(|basic| basic / ms);
-            Row { time_ms: Some([ms; 3]), speedup, ..row(scene, None, mode) }
+            AnderssonRow { time_ms: Some([ms; 3]), speedup, ..row(scene, None, mode) }
         })
     });
     let ssim = CITED_SSIM.iter().flat_map(|(scene, camera, centre, edge)| {
         let of = centre.iter().enumerate();
-        of.map(move |(i, centre)| Row { ssim: [Some(*centre), Some(*edge)], ..row(scene, *camera, i + 1) })
+        of.map(move |(i, centre)| AnderssonRow { ssim: [Some(*centre), Some(*edge)], ..row(scene, *camera, i + 1) })
     });
     times.chain(ssim).collect()
 }
@@ -158,7 +158,7 @@ fn percent(share: Option<f64>) -> String {
     cell(share.map(|share| 100.0 * share), 1)
 }
 
-fn part(row: &Row, part: usize) -> Option<f64> {
+fn part(row: &AnderssonRow, part: usize) -> Option<f64> {
     row.parts_ms.get(PARTS[part].0).copied()
 }
 
@@ -166,7 +166,7 @@ fn ends(ssim: &[Option<f64>; 2]) -> String {
     ssim.map(|value| cell(value, 3)).join(", ")
 }
 
-const SHOWN: [Column<Row>; 20] = [
+const SHOWN: [Column<AnderssonRow>; 20] = [
     ("source", |r| r.source.to_owned()),
     ("scene", |r| r.scene.clone()),
     ("camera", |r| r.camera.unwrap_or("-").to_owned()),
@@ -204,11 +204,11 @@ pub const NOTE: &str = "1 spp, 6 bounces, svgf with 5 iterations, diptych's own 
     a range of SSIM, its middle.";
 
 /// Returns a table with a line per scene, camera and mode.
-pub fn andersson_table(rows: &[Row]) -> Table {
+pub fn andersson_table(rows: &[AnderssonRow]) -> Table {
     table(&SHOWN, rows)
 }
 
-const CSV: [Column<Row>; 24] = [
+const CSV: [Column<AnderssonRow>; 24] = [
     ("source", |r| r.source.to_owned()),
     ("scene", |r| r.scene.clone()),
     ("camera", |r| optional(r.camera)),
@@ -236,7 +236,7 @@ const CSV: [Column<Row>; 24] = [
 ];
 
 /// Returns the contents of `andersson.csv`.
-pub fn andersson_csv(rows: &[Row]) -> Csv {
+pub fn andersson_csv(rows: &[AnderssonRow]) -> Csv {
     Csv::new(&CSV, rows)
 }
 

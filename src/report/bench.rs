@@ -13,6 +13,6 @@ pub use charts::svg;
 pub use errors::{ERROR, Errors, SeenErrors};
 pub use ladder::{ladder_svg, ladder_table};
 pub use regret::{Regret, regret_table, regrets};
-pub use rows::{Measured, Repeat, Row, mark_front};
+pub use rows::{Measured, Repeat, SettingRow, mark_front};
 pub use slopes::{Slope, log_slope, slopes};
 pub use tables::{ERROR_NOTE, Shared, csv, exposure_note, frames, table};

@@ -113,7 +113,7 @@ impl Column {
 
 /// Results of an arrangement on a scene, measured or cited.
 #[derive(Clone, Debug)]
-pub struct Row {
+pub struct ExperimentRow {
     is_cited: bool,
     scene: String,
     arrangement: String,
@@ -171,8 +171,8 @@ impl Experiment {
     }
 
     /// Returns the row of a measured arrangement.
-    pub fn measured(&self, scene: &str, arrangement: &str, of: &Measured) -> Row {
-        Row {
+    pub fn measured(&self, scene: &str, arrangement: &str, of: &Measured) -> ExperimentRow {
+        ExperimentRow {
             is_cited: false,
             scene: scene.to_owned(),
             arrangement: arrangement.to_owned(),
@@ -183,8 +183,8 @@ impl Experiment {
     }
 
     /// Returns the rows of published numbers.
-    pub fn cited(&self) -> impl Iterator<Item = Row> {
-        self.cited.iter().map(|Cited { scene, arrangement, values }| Row {
+    pub fn cited(&self) -> impl Iterator<Item = ExperimentRow> {
+        self.cited.iter().map(|Cited { scene, arrangement, values }| ExperimentRow {
             is_cited: true,
             scene: scene.clone(),
             arrangement: arrangement.clone(),
@@ -195,17 +195,17 @@ impl Experiment {
     }
 
     /// Returns the names of columns that are empty in all measured rows, as if their stages did not exist.
-    pub fn empty_columns(&self, rows: &[Row]) -> Vec<&str> {
+    pub fn empty_columns(&self, rows: &[ExperimentRow]) -> Vec<&str> {
         let is_empty = |i: usize| rows.iter().filter(|row| !row.is_cited).all(|row| row.values[i].is_none());
         self.columns.iter().enumerate().filter(|(i, _)| is_empty(*i)).map(|(_, column)| column.name.as_str()).collect()
     }
 
     /// Returns a table with a line per scene and arrangement.
-    pub fn table(&self, rows: &[Row]) -> Table {
+    pub fn table(&self, rows: &[ExperimentRow]) -> Table {
         // A run prints one table, so its headers may stay in memory.
         let labels = self.columns.iter().map(|column| &*column.label.clone().unwrap_or(column.name.clone()).leak());
         let headers = ["source", "scene", self.key.clone().leak(), "frame ms", "least..most", "frames/s"];
-        let line = |row: &Row| {
+        let line = |row: &ExperimentRow| {
             let range = |[_, least, most]: [f64; 3]| format!("{least:.1}..{most:.1}");
             let first = [
                 row.source().to_owned(),
@@ -222,9 +222,9 @@ impl Experiment {
     }
 
     /// Returns the contents of the CSV file.
-    pub fn csv(&self, rows: &[Row]) -> Csv {
+    pub fn csv(&self, rows: &[ExperimentRow]) -> Csv {
         let own = ["source", "scene", &self.key].into_iter().chain(TIMES).map(str::to_owned);
-        let line = |row: &Row| {
+        let line = |row: &ExperimentRow| {
             let times = (0..3).map(|i| number(row.time_ms.map(|ms| ms[i]), 4));
             let values = self.columns.iter().zip(&row.values).map(|(column, v)| number(*v, column.decimals()));
             [row.source().to_owned(), row.scene.clone(), row.arrangement.clone()]
@@ -241,8 +241,8 @@ impl Experiment {
     }
 
     /// Returns the rows as JSON.
-    pub fn json(&self, rows: &[Row]) -> Vec<Value> {
-        let object = |row: &Row| {
+    pub fn json(&self, rows: &[ExperimentRow]) -> Vec<Value> {
+        let object = |row: &ExperimentRow| {
             let own = json!({
                 "source": row.source(), "scene": row.scene, self.key.as_str(): row.arrangement,
                 "time_ms": row.time_ms, "frames_per_s": row.frames_per_s,
@@ -255,7 +255,7 @@ impl Experiment {
     }
 }
 
-impl Row {
+impl ExperimentRow {
     fn source(&self) -> &'static str {
         if self.is_cited { "cited" } else { "measured" }
     }
@@ -301,7 +301,7 @@ mod tests {
             let expected = ["50.0000", "8.0000", "4.0000", "0.25000", "0.150000", "0.300000"];
             assert_eq!(found, [&[denoiser], &expected[..]].concat()[..]);
         }
-        let cited: Vec<Row> = experiment.cited().collect();
+        let cited: Vec<ExperimentRow> = experiment.cited().collect();
         let shown = experiment.table(&cited).rows;
         assert_eq!(shown[0][3..9], ["-", "-", "78.0", "-", "-", "-"]);
         assert_eq!(shown[1][3..9], ["-", "-", "71.0", "7.08", "6.42", "42.7 %"]);

@@ -28,7 +28,7 @@ const FILTERS: [&str; 3] = ["accumulate", "variance", "svgf"];
 
 /// Results of an arrangement on a scene.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
+pub struct KoskelaRow {
     /// `measured` or `cited`.
     pub source: &'static str,
     pub scene: String,
@@ -73,14 +73,14 @@ pub struct Beside {
 }
 
 /// Returns the rows of a scene, in the order of [`ARRANGEMENTS`].
-pub fn measured(scene: &str, found: Vec<(Measured, Beside)>) -> Vec<Row> {
+pub fn measured(scene: &str, found: Vec<(Measured, Beside)>) -> Vec<KoskelaRow> {
     let row =
         |arrangement, (of, Beside { floor, sigma, paths, fovea: [fovea_flip, fovea_flicker] }): (Measured, Beside)| {
             let sum = |stages: &[&str]| {
                 let own: Vec<f64> = stages.iter().filter_map(|stage| of.stage_ms.get(*stage).copied()).collect();
                 (!own.is_empty()).then(|| own.iter().sum())
             };
-            Row {
+            KoskelaRow {
                 source: "measured",
                 scene: scene.to_owned(),
                 arrangement,
@@ -102,7 +102,7 @@ pub fn measured(scene: &str, found: Vec<(Measured, Beside)>) -> Vec<Row> {
                 fovea_flicker,
             }
         };
-    let mut rows: Vec<Row> = ARRANGEMENTS.into_iter().zip(found).map(|(name, found)| row(name, found)).collect();
+    let mut rows: Vec<KoskelaRow> = ARRANGEMENTS.into_iter().zip(found).map(|(name, found)| row(name, found)).collect();
     let full_ms = rows[0].path_ms;
     for row in &mut rows {
         row.path_speedup = full_ms.zip(row.path_ms).map(|(full, own)| full / own);
@@ -111,8 +111,8 @@ pub fn measured(scene: &str, found: Vec<(Measured, Beside)>) -> Vec<Row> {
 }
 
 /// Returns the authors' path tracing times (section 5) of the cheapest and the most expensive scene.
-pub fn cited() -> Vec<Row> {
-    let row = |scene: &str, arrangement, path_ms| Row {
+pub fn cited() -> Vec<KoskelaRow> {
+    let row = |scene: &str, arrangement, path_ms| KoskelaRow {
         source: "cited",
         scene: scene.to_owned(),
         arrangement,
@@ -135,8 +135,8 @@ pub fn cited() -> Vec<Row> {
     };
     let scenes = [("least of the paper's", 20.0, 8.0), ("most of the paper's", 56.0, 22.0)];
     let of_scene = |(scene, full_ms, polar_ms)| {
-        let full = Row { paths_left: Some(1.0), path_speedup: Some(1.0), ..row(scene, "full", full_ms) };
-        let polar = Row {
+        let full = KoskelaRow { paths_left: Some(1.0), path_speedup: Some(1.0), ..row(scene, "full", full_ms) };
+        let polar = KoskelaRow {
             paths_left: Some(0.39),
             filter_ms: Some(2.4),
             map_ms: Some(0.8),
@@ -153,7 +153,7 @@ fn percent(share: Option<f64>) -> String {
     cell(share.map(|share| 100.0 * share), 1)
 }
 
-const SHOWN: [Column<Row>; 18] = [
+const SHOWN: [Column<KoskelaRow>; 18] = [
     ("source", |r| r.source.to_owned()),
     ("scene", |r| r.scene.clone()),
     ("arrangement", |r| r.arrangement.to_owned()),
@@ -192,11 +192,11 @@ pub const NOTE: &str = "1 sample per sampled pixel, 6 bounces, svgf with 5 itera
     distracting artefacts with log-polar ones (p = 0.0059), whose σ was 1.8.";
 
 /// Returns a table with a line per scene and arrangement.
-pub fn koskela_table(rows: &[Row]) -> Table {
+pub fn koskela_table(rows: &[KoskelaRow]) -> Table {
     table(&SHOWN, rows)
 }
 
-const CSV: [Column<Row>; 21] = [
+const CSV: [Column<KoskelaRow>; 21] = [
     ("source", |r| r.source.to_owned()),
     ("scene", |r| r.scene.clone()),
     ("arrangement", |r| r.arrangement.to_owned()),
@@ -221,7 +221,7 @@ const CSV: [Column<Row>; 21] = [
 ];
 
 /// Returns the contents of `koskela.csv`.
-pub fn koskela_csv(rows: &[Row]) -> Csv {
+pub fn koskela_csv(rows: &[KoskelaRow]) -> Csv {
     Csv::new(&CSV, rows)
 }
 

@@ -15,7 +15,7 @@ pub const BORDER_DEG: f64 = 6.0;
 
 /// Results for a latency on a shot: means over instants and eyes, and maxima.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct LateRow {
     pub scene: String,
     pub latency_frames: u32,
     pub latency_ms: f64,
@@ -40,7 +40,7 @@ pub struct Instant {
     pub flips: [[f64; 2]; 3],
 }
 
-impl Row {
+impl LateRow {
     /// Summarises a latency from its instants, at least one.
     pub fn of(scene: &str, latency_frames: u32, fps: f64, instants: &[Instant]) -> Self {
         let mean = |of: &dyn Fn(&Instant) -> f64| instants.iter().map(of).sum::<f64>() / instants.len().max(1) as f64;
@@ -69,7 +69,7 @@ pub const NOTE: &str = "Frames are rendered without denoising, with 6 degrees of
     maximum. noise: FLIP of two frames at that pose with different random numbers, the lower bound. turned, moved: \
     head motion during the latency.";
 
-const SHOWN: [Column<Row>; 9] = [
+const SHOWN: [Column<LateRow>; 9] = [
     ("scene", |r| r.scene.clone()),
     ("frames late", |r| r.latency_frames.to_string()),
     ("ms", |r| cell(Some(r.latency_ms), 1)),
@@ -82,11 +82,11 @@ const SHOWN: [Column<Row>; 9] = [
 ];
 
 /// Returns a table with a line per scene and latency.
-pub fn late_table(rows: &[Row]) -> Table {
+pub fn late_table(rows: &[LateRow]) -> Table {
     table(&SHOWN, rows)
 }
 
-const CSV: [Column<Row>; 11] = [
+const CSV: [Column<LateRow>; 11] = [
     ("scene", |r| r.scene.clone()),
     ("latency_frames", |r| optional(Some(r.latency_frames))),
     ("latency_ms", |r| number(Some(r.latency_ms), 3)),
@@ -101,7 +101,7 @@ const CSV: [Column<Row>; 11] = [
 ];
 
 /// Returns the contents of `late.csv`.
-pub fn late_csv(rows: &[Row]) -> Csv {
+pub fn late_csv(rows: &[LateRow]) -> Csv {
     Csv::new(&CSV, rows)
 }
 
@@ -116,7 +116,7 @@ mod tests {
             moved_mm: 10.0 * by,
             flips: [[0.1 * by, 0.3 * by], [0.02 * by, 0.02 * by], [0.01, 0.01]],
         };
-        let row = Row::of("builtin:cornell", 2, 50.0, &[instant(1.0), instant(2.0)]);
+        let row = LateRow::of("builtin:cornell", 2, 50.0, &[instant(1.0), instant(2.0)]);
         let csv = late_csv(&[row]);
         let names = ["latency_ms", "turned_deg", "moved_mm", "flip", "flip_most", "flip_corrected", "flip_noise"];
         let values = names.map(|name| csv.value(0, name).parse::<f64>().unwrap());

@@ -142,7 +142,7 @@ pub struct Run {
 
 /// Results of an arrangement. Values over frames are medians.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
+pub struct LeriaRow {
     /// `measured`, `simulated` or `cited`.
     pub source: &'static str,
     pub scene: String,
@@ -169,7 +169,7 @@ fn by_column<S: Serializer>(part_ms: &[Option<f64>; PARTS.len()], serializer: S)
 
 impl Run {
     /// Returns a row for each of [`ARRANGEMENTS`].
-    pub fn rows(&self) -> [Row; 2] {
+    pub fn rows(&self) -> [LeriaRow; 2] {
         let [baseline, proposed] = &self.frames;
         let gains = baseline.iter().zip(proposed).map(|(b, p)| b.makespan_ms / p.makespan_ms).collect();
         let speedups = [1.0, median_of(gains)];
@@ -178,7 +178,7 @@ impl Run {
             let makespans_ms = || frames.iter().map(|f| f.makespan_ms);
             let median =
                 |of: &dyn Fn(&FrameTimes) -> Option<f64>| super::median(frames.iter().filter_map(of).collect());
-            Row {
+            LeriaRow {
                 source: self.source,
                 scene: self.shot.clone(),
                 devices: Some(self.devices),
@@ -211,11 +211,11 @@ impl Run {
 }
 
 /// Returns the paper's rows. Only those of the first scene have times of stages.
-fn cited() -> Vec<Row> {
+fn cited() -> Vec<LeriaRow> {
     let row = |scene: usize, i: usize| {
         let ((name, total_s), is_detailed) = (CITED_S[scene], scene == 0);
         let [primary, others] = CITED_BUSY[i].map(|share| is_detailed.then_some(share));
-        Row {
+        LeriaRow {
             source: "cited",
             scene: name.to_owned(),
             devices: None,
@@ -233,11 +233,11 @@ fn cited() -> Vec<Row> {
 }
 
 /// Returns the rows of these runs, then the paper's.
-pub fn rows(runs: &[Run]) -> Vec<Row> {
+pub fn rows(runs: &[Run]) -> Vec<LeriaRow> {
     runs.iter().flat_map(Run::rows).chain(cited()).collect()
 }
 
-const MAKESPANS: [Column<Row>; 10] = [
+const MAKESPANS: [Column<LeriaRow>; 10] = [
     ("source", |r| r.source.to_owned()),
     ("scene", |r| r.scene.clone()),
     ("devices", |r| r.devices.map_or("-".to_owned(), |n| n.to_string())),
@@ -262,7 +262,7 @@ pub const MAKESPAN_NOTE: &str = "Baseline: the G-buffer and path tracing on all 
     bounces, SVGF; times of about 104 frames, and speed-ups computed from them, 2.25 on average.";
 
 /// Returns a table with a line per arrangement.
-pub fn makespan_table(rows: &[Row]) -> Table {
+pub fn makespan_table(rows: &[LeriaRow]) -> Table {
     table(&MAKESPANS, rows)
 }
 
@@ -303,7 +303,7 @@ pub fn stage_table(runs: &[Run]) -> Table {
     Table { headers, rows: lines }
 }
 
-const CSV: [Column<Row>; 11] = [
+const CSV: [Column<LeriaRow>; 11] = [
     ("source", |r| r.source.to_owned()),
     ("scene", |r| r.scene.clone()),
     ("devices", |r| optional(r.devices)),
@@ -318,7 +318,7 @@ const CSV: [Column<Row>; 11] = [
 ];
 
 /// Returns the contents of `leria.csv`: a line per arrangement, with the times of its stages.
-pub fn leria_csv(rows: &[Row]) -> Csv {
+pub fn leria_csv(rows: &[LeriaRow]) -> Csv {
     let stages = Csv {
         columns: PARTS.iter().map(|part| part.column.to_owned()).collect(),
         lines: rows.iter().map(|r| r.part_ms.iter().map(|ms| number(*ms, 4)).collect()).collect(),
@@ -359,7 +359,7 @@ mod tests {
     #[test]
     fn stages_are_means_over_the_devices_that_ran_them() {
         let [baseline, proposed] = run().rows();
-        let ms = |row: &Row, name| row.part_ms[PARTS.iter().position(|part| part.name == name).unwrap()];
+        let ms = |row: &LeriaRow, name| row.part_ms[PARTS.iter().position(|part| part.name == name).unwrap()];
         let found =
             ["path tracing", "denoising", "sending", "receiving", "hole filling"].map(|name| ms(&baseline, name));
         assert_eq!(found, [Some(4.0), Some(3.0), Some(2.0), Some(0.5), None]);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::bench::Row;
+use super::bench::SettingRow;
 use super::plot::Series;
 use super::table::Table;
 
@@ -122,7 +122,7 @@ pub const NOTE: &str = "Ours: the fastest measured setting whose FLIP (mean of b
     same.";
 
 /// Returns, for each peer, the fastest setting here whose FLIP is at most the peer's.
-pub fn table(peers: &[Peer], rows: &[Row]) -> Table {
+pub fn table(peers: &[Peer], rows: &[SettingRow]) -> Table {
     let headers = vec!["peer", "note", "FLIP", "ms", "ours, ms", "FLIP", "setting", "times as fast"];
     let ours = |flip: f64| {
         let reaching = rows.iter().map(|r| (r, &r.measured)).filter(|(_, m)| m.error("flip") <= flip);

@@ -73,7 +73,7 @@ impl ImageErrors {
 
 /// Results of a configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Found {
+pub struct ConfigurationResults {
     /// Quartiles of the warm frames' makespans over all instants.
     pub time_ms: [f64; 3],
     /// Time of the base configuration over that of this one.
@@ -103,7 +103,7 @@ pub fn over_instants(of: &[ImageErrors]) -> (ImageErrors, Option<ImageErrors>) {
 
 /// A configuration of the thesis at one resolution and scene.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
+pub struct PeresRow {
     /// Indices into [`RESOLUTIONS`], [`SCENES`] and [`CONFIGURATIONS`].
     #[serde(skip)]
     pub of: [usize; 3],
@@ -114,12 +114,12 @@ pub struct Row {
     pub stands_for: &'static str,
     pub configuration: &'static str,
     /// Results; `None` if it was not measured.
-    pub found: Option<Found>,
+    pub found: Option<ConfigurationResults>,
 }
 
-impl Row {
+impl PeresRow {
     /// Creates a row; `of` must be within the bounds of the constants.
-    pub fn new(of: [usize; 3], size: String, shot: String, found: Option<Found>) -> Self {
+    pub fn new(of: [usize; 3], size: String, shot: String, found: Option<ConfigurationResults>) -> Self {
         let [resolution, scene, configuration] = of;
         let (resolution, stands_for) = (RESOLUTIONS[resolution].name, SCENES[scene]);
         Self { of, resolution, size, shot, stands_for, configuration: CONFIGURATIONS[configuration], found }
@@ -165,7 +165,7 @@ const RMSE: fn(&ImageErrors) -> Option<f64> = |e| Some(e.rmse_percent);
 const SSIM: fn(&ImageErrors) -> Option<f64> = |e| e.ssim;
 const PSNR: fn(&ImageErrors) -> Option<f64> = |e| Some(e.psnr);
 
-const SUBJECT: [Column<Row>; 5] = [
+const SUBJECT: [Column<PeresRow>; 5] = [
     ("resolution", |r| r.resolution.to_owned()),
     ("size", |r| r.size.clone()),
     ("shot", |r| r.shot.clone()),
@@ -173,7 +173,7 @@ const SUBJECT: [Column<Row>; 5] = [
     ("configuration", |r| r.configuration.to_owned()),
 ];
 
-const TIME: [Column<Row>; 5] = [
+const TIME: [Column<PeresRow>; 5] = [
     ("ms", |r| cell(r.time_ms(), 2)),
     ("iqr ms", |r| cell(r.found.map(|f| f.time_ms[2] - f.time_ms[0]), 2)),
     ("speed-up", |r| cell(r.found.map(|f| f.speed_up), 2)),
@@ -181,7 +181,7 @@ const TIME: [Column<Row>; 5] = [
     ("thesis speed-up", |r| format!("{:.2}", r.cited_speed_up())),
 ];
 
-const ERRORS: [Column<Row>; 7] = [
+const ERRORS: [Column<PeresRow>; 7] = [
     ("exposure_ev", |r| r.found.map_or("-".to_owned(), |f| f.exposure_ev.to_string())),
     ("rmse %", |r| r.quality_text(RMSE, 4)),
     ("ssim", |r| r.quality_text(SSIM, 6)),
@@ -207,16 +207,16 @@ pub const QUALITY_NOTE: &str = "Mean and standard deviation over instants along 
     columns.";
 
 /// Returns table 4, with a line per resolution, shot and configuration.
-pub fn time_table(rows: &[Row]) -> Table {
+pub fn time_table(rows: &[PeresRow]) -> Table {
     table(&[&SUBJECT[..], &TIME].concat(), rows)
 }
 
 /// Returns table 5, with the same lines as [`time_table`].
-pub fn quality_table(rows: &[Row]) -> Table {
+pub fn quality_table(rows: &[PeresRow]) -> Table {
     table(&[&SUBJECT[..], &ERRORS].concat(), rows)
 }
 
-const CSV: [Column<Row>; 21] = [
+const CSV: [Column<PeresRow>; 21] = [
     ("resolution", |r| r.resolution.to_owned()),
     ("size", |r| r.size.clone()),
     ("shot", |r| r.shot.clone()),
@@ -241,7 +241,7 @@ const CSV: [Column<Row>; 21] = [
 ];
 
 /// Returns both tables as CSV.
-pub fn peres_csv(rows: &[Row]) -> Csv {
+pub fn peres_csv(rows: &[PeresRow]) -> Csv {
     Csv::new(&CSV, rows)
 }
 
@@ -256,7 +256,7 @@ mod tests {
         for (resolution, scenes) in printed.iter().enumerate() {
             for (scene, speed_ups) in scenes.iter().enumerate() {
                 for (configuration, printed) in (1..).zip(speed_ups) {
-                    let row = Row::new([resolution, scene, configuration], String::new(), String::new(), None);
+                    let row = PeresRow::new([resolution, scene, configuration], String::new(), String::new(), None);
                     let cut = (row.cited_speed_up() * 100.0).floor() / 100.0;
                     assert!((cut - printed).abs() < 1e-9, "{row:?}: {cut}");
                 }
@@ -274,10 +274,17 @@ mod tests {
     fn what_was_not_measured_leaves_the_cited_numbers_alone() {
         let quality = ImageErrors::new(20.0, Some(0.5));
         let (quality, deviation) = over_instants(&[quality, ImageErrors { psnr: 22.0, ..quality }]);
-        let found =
-            Found { time_ms: [9.0, 10.0, 12.0], speed_up: 1.0, instants: 2, quality, deviation, exposure_ev: 2.0 };
-        let row =
-            |configuration, found| Row::new([0, 2, configuration], "240x270".into(), "builtin:forest".into(), found);
+        let found = ConfigurationResults {
+            time_ms: [9.0, 10.0, 12.0],
+            speed_up: 1.0,
+            instants: 2,
+            quality,
+            deviation,
+            exposure_ev: 2.0,
+        };
+        let row = |configuration, found| {
+            PeresRow::new([0, 2, configuration], "240x270".into(), "builtin:forest".into(), found)
+        };
         let rows = [row(0, Some(found)), row(2, None)];
         assert_eq!(time_table(&rows).rows[0][3..], ["Forest", "Base", "10.00", "3.00", "1.00", "22.84", "1.00"]);
         assert_eq!(time_table(&rows).rows[1][5..], ["-", "-", "-", "17.54", "1.30"]);

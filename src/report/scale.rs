@@ -15,7 +15,7 @@ use crate::trace::summary::Summary;
 /// One row of `scale.csv`, for one device count. Values over frames are medians, and makespans exclude auxiliary
 /// images.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Row {
+pub struct ScaleRow {
     pub devices: usize,
     /// Name of the policy that distributed the rows.
     pub policy: String,
@@ -59,9 +59,9 @@ pub struct Row {
     pub critical_path: String,
 }
 
-impl Row {
+impl ScaleRow {
     /// Summarises timed frames. `base` is the row that defines a speedup of 1, none for that row itself.
-    pub fn new(devices: usize, frames: &[FrameReport], oversubscribed: bool, base: Option<&Row>) -> Self {
+    pub fn new(devices: usize, frames: &[FrameReport], oversubscribed: bool, base: Option<&ScaleRow>) -> Self {
         let values = |of: &dyn Fn(&FrameReport) -> f64| frames.iter().map(of).collect::<Vec<_>>();
         let median = |of: &dyn Fn(&FrameReport) -> f64| median_of(values(of));
         let makespan_ms = |f: &FrameReport| f.makespan_ms - aov_ms(&f.tasks);
@@ -97,7 +97,7 @@ impl Row {
         row.over(base)
     }
 
-    fn over(self, base: Option<&Row>) -> Self {
+    fn over(self, base: Option<&ScaleRow>) -> Self {
         let Some(base) = base else {
             return Self { base_devices: self.devices, speedup: 1.0, efficiency: 1.0, ..self };
         };
@@ -123,9 +123,9 @@ impl Row {
     }
 
     /// Splits the devices' time by cause. The fractions add up to 1.
-    fn shares(&self, first: &Row) -> Shares {
+    fn shares(&self, first: &ScaleRow) -> Shares {
         let busy = 1.0 - self.idle_share;
-        let busy_ms = |r: &Row| r.period_ms * (1.0 - r.idle_share) * r.devices as f64;
+        let busy_ms = |r: &ScaleRow| r.period_ms * (1.0 - r.idle_share) * r.devices as f64;
         let work = busy * busy_ms(first) / busy_ms(self);
         let uneven = (self.imbalance - 1.0) * busy;
         Shares { work, more: busy - work, uneven, waits: self.idle_share - uneven }
@@ -179,7 +179,7 @@ fn interquartile_range(mut values: Vec<f64>) -> f64 {
     quantile(0.75).zip(quantile(0.25)).map_or(0.0, |(upper, lower)| upper - lower)
 }
 
-const COLUMNS: [Column<Row>; 19] = [
+const COLUMNS: [Column<ScaleRow>; 19] = [
     ("devices", |r| r.devices.to_string()),
     ("makespan_ms", |r| format!("{:.4}", r.makespan_ms)),
     ("makespan_ms_min", |r| format!("{:.4}", r.makespan_ms_min)),
@@ -202,12 +202,12 @@ const COLUMNS: [Column<Row>; 19] = [
 ];
 
 /// Returns the names of the rows' policies, each once.
-fn policies(rows: &[Row]) -> Vec<&str> {
+fn policies(rows: &[ScaleRow]) -> Vec<&str> {
     once(rows.iter().map(|r| r.policy.as_str()))
 }
 
 /// Adds the rows' policies as the second column, if there are several.
-fn with_policies(mut table: Table, rows: &[Row]) -> Table {
+fn with_policies(mut table: Table, rows: &[ScaleRow]) -> Table {
     if policies(rows).len() > 1 {
         table.headers.insert(1, "policy");
         table.rows.iter_mut().zip(rows).for_each(|(cells, row)| cells.insert(1, row.policy.clone()));
@@ -216,11 +216,11 @@ fn with_policies(mut table: Table, rows: &[Row]) -> Table {
 }
 
 /// Returns the contents of `scale.csv`.
-pub fn scale_csv(rows: &[Row]) -> Csv {
+pub fn scale_csv(rows: &[ScaleRow]) -> Csv {
     Csv::new(&COLUMNS, rows)
 }
 
-pub fn scale_table(rows: &[Row]) -> Table {
+pub fn scale_table(rows: &[ScaleRow]) -> Table {
     let headers = vec![
         "devices",
         "makespan ms",
@@ -236,7 +236,7 @@ pub fn scale_table(rows: &[Row]) -> Table {
         "predicted off by",
         "note",
     ];
-    let cells = |r: &Row| {
+    let cells = |r: &ScaleRow| {
         vec![
             r.devices.to_string(),
             format!("{:.1}", r.makespan_ms),
@@ -257,7 +257,7 @@ pub fn scale_table(rows: &[Row]) -> Table {
 }
 
 /// Returns a table of the limits of each count's speedup.
-fn limits_table(rows: &[Row]) -> Table {
+fn limits_table(rows: &[ScaleRow]) -> Table {
     let headers = vec![
         "devices",
         "work",
@@ -267,7 +267,7 @@ fn limits_table(rows: &[Row]) -> Table {
         "limited by",
         "critical path, of the frames' time",
     ];
-    let cells = |r: &Row| {
+    let cells = |r: &ScaleRow| {
         let shares = r.shares(rows.first().unwrap_or(r));
         let Shares { work, more, uneven, waits } = shares;
         let mut cells = vec![r.devices.to_string()];
@@ -286,7 +286,7 @@ fn percent(share: f64) -> String {
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
-pub fn scale_svg(title: String, rows: &[Row]) -> Result<String, ReportError> {
+pub fn scale_svg(title: String, rows: &[ScaleRow]) -> Result<String, ReportError> {
     let chart = Chart {
         title,
         x: Axis { label: "devices".into(), log: false },
@@ -308,7 +308,7 @@ pub fn scale_svg(title: String, rows: &[Row]) -> Result<String, ReportError> {
 }
 
 /// Returns the sections of a page on scaling and its limits; `figure` is the plot.
-pub fn scale_sections(rows: &[Row], figure: String) -> [Section; 2] {
+pub fn scale_sections(rows: &[ScaleRow], figure: String) -> [Section; 2] {
     let scaling = "Makespan: median time of a frame, from its plan to both images on the primary, its latency. A frame \
         every: median time from end to end. A period is the makespan, or with several frames in flight the time from end \
         to end. Spread: interquartile range of periods over their median. Speed-up: of the period over the first row's, \
@@ -338,10 +338,10 @@ pub fn scale_sections(rows: &[Row], figure: String) -> [Section; 2] {
 mod tests {
     use super::*;
 
-    fn row(devices: usize, makespan_ms: f64, idle_share: f64, imbalance: f64) -> Row {
+    fn row(devices: usize, makespan_ms: f64, idle_share: f64, imbalance: f64) -> ScaleRow {
         let (makespan_ms_iqr, period_ms, period_spread) = (0.09 * makespan_ms, makespan_ms, 0.09);
-        let row = Row { devices, makespan_ms, makespan_ms_iqr, period_ms, period_spread, ..Row::default() };
-        Row { frames: 10, periods: 9, idle_share, imbalance, ..row }
+        let row = ScaleRow { devices, makespan_ms, makespan_ms_iqr, period_ms, period_spread, ..ScaleRow::default() };
+        ScaleRow { frames: 10, periods: 9, idle_share, imbalance, ..row }
     }
 
     #[test]
@@ -357,7 +357,7 @@ mod tests {
 
     #[test]
     fn policies_have_a_column_where_there_are_several() {
-        let of = |devices, policy: &str| Row { policy: policy.to_owned(), ..row(devices, 50.0, 0.0, 1.0) };
+        let of = |devices, policy: &str| ScaleRow { policy: policy.to_owned(), ..row(devices, 50.0, 0.0, 1.0) };
         let rows = [of(1, "even"), of(2, "even"), of(2, "mine")];
         let table = scale_table(&rows);
         assert_eq!((table.headers[1], table.rows[2][1].as_str()), ("policy", "mine"));
@@ -400,7 +400,7 @@ mod tests {
     #[test]
     fn sections_say_what_oversubscription_means_only_where_there_is_some() {
         let rows = [row(1, 100.0, 0.04, 1.0).over(None)];
-        let notes = |rows: &[Row]| scale_sections(rows, String::new())[0].notes.len();
-        assert_eq!((notes(&rows), notes(&[Row { oversubscribed: true, ..rows[0].clone() }])), (1, 2));
+        let notes = |rows: &[ScaleRow]| scale_sections(rows, String::new())[0].notes.len();
+        assert_eq!((notes(&rows), notes(&[ScaleRow { oversubscribed: true, ..rows[0].clone() }])), (1, 2));
     }
 }

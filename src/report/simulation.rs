@@ -9,7 +9,7 @@ use crate::schedule::{Prediction, StepKind};
 
 /// One row of `simulate.csv`.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
+pub struct SimulationRow {
     /// Name of the policy that distributes the rows.
     pub policy: &'static str,
     /// Number of machines, which have equally many devices.
@@ -38,7 +38,7 @@ pub struct PathShare {
     pub share: f64,
 }
 
-impl Row {
+impl SimulationRow {
     /// Summarises a prediction for devices of these speeds. `one_ms` is the makespan on one device of speed 1.
     pub fn new(prediction: &Prediction, speeds: &[f64], one_ms: f64, measured_ms: Option<f64>) -> Self {
         let devices = speeds.len();
@@ -86,11 +86,11 @@ const WORTH: f64 = 0.03;
 
 /// Describes the number of machines beyond which more, with equally many devices each, do not pay for this frame.
 /// Returns none if all pay, or if only one number of machines was simulated.
-pub fn enough_nodes(rows: &[Row]) -> Option<String> {
-    let mut by_nodes: Vec<&Row> = rows.iter().collect();
-    let each = |row: &Row| row.devices / row.nodes.max(1);
+pub fn enough_nodes(rows: &[SimulationRow]) -> Option<String> {
+    let mut by_nodes: Vec<&SimulationRow> = rows.iter().collect();
+    let each = |row: &SimulationRow| row.devices / row.nodes.max(1);
     by_nodes.sort_by_key(|row| (each(row), row.nodes));
-    let pays = |pair: &[&Row]| pair[1].predicted_ms < (1.0 - WORTH) * pair[0].predicted_ms;
+    let pays = |pair: &[&SimulationRow]| pair[1].predicted_ms < (1.0 - WORTH) * pair[0].predicted_ms;
     let stop = by_nodes
         .windows(2)
         .find(|pair| each(pair[0]) == each(pair[1]) && pair[0].nodes < pair[1].nodes && !pays(pair))?;
@@ -106,7 +106,7 @@ pub fn enough_nodes(rows: &[Row]) -> Option<String> {
     ))
 }
 
-const COLUMNS: [Column<Row>; 9] = [
+const COLUMNS: [Column<SimulationRow>; 9] = [
     ("nodes", |r| r.nodes.to_string()),
     ("devices", |r| r.devices.to_string()),
     ("predicted_ms", |r| format!("{:.4}", r.predicted_ms)),
@@ -120,22 +120,25 @@ const COLUMNS: [Column<Row>; 9] = [
 
 /// Returns the contents of `simulate.csv`: the columns of a row, then the critical path's fractions by stage and
 /// transfer, for all that occur in any row.
-pub fn simulation_csv(rows: &[Row]) -> Csv {
+pub fn simulation_csv(rows: &[SimulationRow]) -> Csv {
     let parts = once(rows.iter().flat_map(|r| r.critical_path.iter().map(|part| part.what)));
-    let share = |row: &Row, what: &str| row.critical_path.iter().find(|p| p.what == what).map_or(0.0, |p| p.share);
+    let share =
+        |row: &SimulationRow, what: &str| row.critical_path.iter().find(|p| p.what == what).map_or(0.0, |p| p.share);
     let shares = Csv {
         columns: parts.iter().map(|what| format!("critical_{what}_share")).collect(),
         lines: rows.iter().map(|r| parts.iter().map(|what| format!("{:.5}", share(r, what))).collect()).collect(),
     };
-    Csv::new(&COLUMNS, rows).beside(shares).beside(Csv::new(&[("policy", |r: &Row| r.policy.to_owned())], rows))
+    Csv::new(&COLUMNS, rows)
+        .beside(shares)
+        .beside(Csv::new(&[("policy", |r: &SimulationRow| r.policy.to_owned())], rows))
 }
 
 /// Returns the names of the rows' policies, each once.
-fn policies(rows: &[Row]) -> Vec<&'static str> {
+fn policies(rows: &[SimulationRow]) -> Vec<&'static str> {
     once(rows.iter().map(|r| r.policy))
 }
 
-pub fn simulation_table(rows: &[Row]) -> Table {
+pub fn simulation_table(rows: &[SimulationRow]) -> Table {
     let headers = vec![
         "simulated",
         "makespan ms",
@@ -146,7 +149,7 @@ pub fn simulation_table(rows: &[Row]) -> Table {
         "limit",
         "critical path",
     ];
-    let cells = |r: &Row| {
+    let cells = |r: &SimulationRow| {
         vec![
             if r.nodes > 1 { format!("{}x{}", r.nodes, r.devices / r.nodes) } else { r.devices.to_string() },
             format!("{:.1}", r.predicted_ms),
@@ -170,13 +173,13 @@ pub fn simulation_table(rows: &[Row]) -> Table {
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
-pub fn simulation_svg(title: String, rows: &[Row]) -> Result<String, ReportError> {
+pub fn simulation_svg(title: String, rows: &[SimulationRow]) -> Result<String, ReportError> {
     let chart = Chart {
         title,
         x: Axis { label: "devices".into(), log: false },
         y: Axis { label: "speed-up over one simulated device".into(), log: false },
     };
-    let line = |name: String, policy: Option<&str>, of: fn(&Row) -> Option<f64>, guide| {
+    let line = |name: String, policy: Option<&str>, of: fn(&SimulationRow) -> Option<f64>, guide| {
         let own = rows.iter().filter(|r| policy.is_none_or(|policy| r.policy == policy));
         let mut points: Vec<_> = own.filter_map(|r| Some((r.devices as f64, of(r)?))).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -188,7 +191,7 @@ pub fn simulation_svg(title: String, rows: &[Row]) -> Result<String, ReportError
         let name = |what: &str| if policies.len() > 1 { format!("{what}, {policy}") } else { what.to_owned() };
         series.push(line(name("simulated"), Some(policy), |r| Some(r.speedup), false));
         if rows.iter().any(|r| r.policy == *policy && r.measured_ms.is_some()) {
-            series.push(line(name("measured"), Some(policy), Row::measured_speedup, false));
+            series.push(line(name("measured"), Some(policy), SimulationRow::measured_speedup, false));
         }
     }
     line_chart_svg(&chart, &series)
@@ -201,7 +204,7 @@ mod tests {
     use crate::scene::rig::Eye;
     use crate::schedule::{Limit, Step};
 
-    fn row() -> Row {
+    fn row() -> SimulationRow {
         let step = |kind, begin_ms, end_ms| Step { kind, view: Eye::Left, device: 0, begin_ms, end_ms };
         let critical_path = vec![
             step(StepKind::Stage(Stage("path_trace")), 0.0, 40.0),
@@ -210,7 +213,7 @@ mod tests {
             step(StepKind::Stage(Stage("atrous")), 43.0, 50.0),
         ];
         let (makespan_ms, busy_ms, limit) = (50.0, vec![45.0, 15.0], Limit::Imbalance);
-        Row::new(
+        SimulationRow::new(
             &Prediction { makespan_ms, busy_ms, transfer_ms: 4.0, critical_path, limit },
             &[1.0; 2],
             90.0,
@@ -229,23 +232,23 @@ mod tests {
 
     #[test]
     fn nodes_that_do_not_pay_are_named() {
-        let of = |nodes, predicted_ms| Row { nodes, devices: 4 * nodes, predicted_ms, ..row() };
+        let of = |nodes, predicted_ms| SimulationRow { nodes, devices: 4 * nodes, predicted_ms, ..row() };
         assert_eq!(enough_nodes(&[of(1, 50.0), of(2, 30.0), of(4, 20.0)]), None);
         let said = enough_nodes(&[of(4, 29.5), of(1, 50.0), of(2, 30.0)]).unwrap();
         assert!(said.starts_with("more than 2 node(s)") && said.contains("29.5 ms instead of 30.0"), "{said}");
         // Four nodes of one device each are not compared with one node of four.
-        let single = |nodes, predicted_ms| Row { devices: nodes, ..of(nodes, predicted_ms) };
+        let single = |nodes, predicted_ms| SimulationRow { devices: nodes, ..of(nodes, predicted_ms) };
         assert_eq!(enough_nodes(&[of(1, 50.0), single(1, 180.0), single(8, 40.0), of(2, 30.0)]), None);
     }
 
     #[test]
     fn what_was_not_measured_is_empty_and_has_no_point() {
-        let rows = [row(), Row { devices: 4, measured_ms: None, ..row() }];
+        let rows = [row(), SimulationRow { devices: 4, measured_ms: None, ..row() }];
         let table = simulation_csv(&rows);
         let known = ["devices", "predicted_ms", "measured_ms", "limit", "critical_atrous_share"];
         assert_eq!(known.map(|name| table.value(0, name)), ["2", "50.0000", "60.0000", "imbalance", "0.14000"]);
         assert_eq!((table.value(1, "devices"), table.value(1, "measured_ms")), ("4", ""));
-        let dots = |rows: &[Row]| simulation_svg("t".into(), rows).unwrap().matches("<circle").count();
+        let dots = |rows: &[SimulationRow]| simulation_svg("t".into(), rows).unwrap().matches("<circle").count();
         assert_eq!((dots(&rows), dots(&rows[1..])), (3, 1));
     }
 }

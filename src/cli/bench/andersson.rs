@@ -8,7 +8,7 @@ use crate::loaded::LoadedScene;
 use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
 use crate::report::Table;
 use crate::report::andersson::{
-    CAMERAS, MODES, NOTE, RINGS, Row, andersson_csv, andersson_table, cited, measured, viewing,
+    AnderssonRow, CAMERAS, MODES, NOTE, RINGS, andersson_csv, andersson_table, cited, measured, viewing,
 };
 use crate::report::csv::{Column, Csv};
 use crate::report::frames::FrameLine;
@@ -62,15 +62,15 @@ fn on_path(keys: &[RigKey], count: u32) -> Vec<f64> {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let still = args.frames_of(&BASIC);
     let moving = args.preset.instants * (args.warm_up_of(&BASIC) + 1);
-    let mut found = Found::default();
+    let mut found = Results::default();
     let frames = u64::from(still + moving) * MODES.len() as u64;
     over_shots(args, frames, |args, progress, tracing| found.measure(args, progress, tracing))?;
     found.write(args)
 }
 
 #[derive(Default)]
-struct Found {
-    rows: Vec<Row>,
+struct Results {
+    rows: Vec<AnderssonRow>,
     rings: Vec<RingRow>,
     /// Timed frames, each with its shot, camera and mode.
     frames: Vec<([String; 3], FrameLine)>,
@@ -90,7 +90,7 @@ struct View {
     step_s: f64,
 }
 
-impl Found {
+impl Results {
     /// Measures all modes on the shot of `args`.
     fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
         let options = &args.options;

@@ -10,7 +10,7 @@ use crate::device::DeviceInfo;
 use crate::quality::Quality;
 use crate::report::Table;
 use crate::report::csv::{Column, Csv};
-use crate::report::experiment::{Arrangement, Experiment, Row};
+use crate::report::experiment::{Arrangement, Experiment, ExperimentRow};
 use crate::report::frames::FrameLine;
 
 use super::args::Args;
@@ -53,7 +53,7 @@ pub fn run(args: &Args, experiment: &Experiment, csv: &'static str) -> Result<()
     let longest = qualities.max_by_key(|quality| args.warm_up_of(quality)).unwrap_or_default();
     let frames = u64::from(args.frames_of(&longest)) * arranged.len() as u64;
     let mut found =
-        Found { experiment, longest, rows: Vec::new(), frames: Vec::new(), devices: Vec::new(), notes: Vec::new() };
+        Results { experiment, longest, rows: Vec::new(), frames: Vec::new(), devices: Vec::new(), notes: Vec::new() };
     over_shots(args, frames, |args, progress, tracing| found.measure(args, progress, tracing))?;
     found.write(args, csv)
 }
@@ -94,11 +94,11 @@ fn text(value: &Value) -> Result<String, anyhow::Error> {
     })
 }
 
-struct Found<'a> {
+struct Results<'a> {
     experiment: &'a Experiment,
     /// The quality with the longest warm-up.
     longest: Quality,
-    rows: Vec<Row>,
+    rows: Vec<ExperimentRow>,
     /// Timed frames, each with its shot and arrangement.
     frames: Vec<([String; 2], FrameLine)>,
     devices: Vec<DeviceInfo>,
@@ -106,7 +106,7 @@ struct Found<'a> {
     notes: Vec<String>,
 }
 
-impl Found<'_> {
+impl Results<'_> {
     /// Measures all arrangements on the shot of `args`.
     fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
         let run = &args.options;

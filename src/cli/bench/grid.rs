@@ -8,7 +8,7 @@ use crate::exec::{FrameReport, Renderer, Stereo};
 use crate::image::RgbImage;
 use crate::loaded::LoadedScene;
 use crate::quality::{Denoiser, Quality};
-use crate::report::bench::{Measured, Row};
+use crate::report::bench::{Measured, SettingRow};
 use crate::report::run::FrameRow;
 use crate::trace::frames::record_devices;
 
@@ -58,7 +58,7 @@ impl<'a> Grid<'a> {
 
     /// Returns a row for each setting of the grid and each one in `judged`. Each measurement is in the journal before
     /// the next one begins.
-    pub fn measure(&self, mut journal: Journal, judged: &[Quality]) -> Result<Vec<Row>, Failure> {
+    pub fn measure(&self, mut journal: Journal, judged: &[Quality]) -> Result<Vec<SettingRow>, Failure> {
         let mut settings = self.args.settings();
         let judged: Vec<_> = judged.iter().filter(|quality| !settings.contains(quality)).copied().collect();
         settings.extend(judged);
@@ -71,7 +71,7 @@ impl<'a> Grid<'a> {
             ahead.row(&measured, setting);
         }
         ahead.progress.finish();
-        let row = |s: &Quality| Some(Row::new(*s, journal.find(key, s)?.clone()));
+        let row = |s: &Quality| Some(SettingRow::new(*s, journal.find(key, s)?.clone()));
         Ok(settings.iter().filter_map(row).collect())
     }
 

@@ -11,7 +11,7 @@ use crate::report::Table;
 use crate::report::csv::{Column, Csv};
 use crate::report::frames::FrameLine;
 use crate::report::koskela::{
-    ARRANGEMENTS, Beside, FALLOFF_DEG, GAZE_DEG_PER_S, LOG_POLAR_ALPHA, NEAR_DEG, NOTE, Row, cited, koskela_csv,
+    ARRANGEMENTS, Beside, FALLOFF_DEG, GAZE_DEG_PER_S, KoskelaRow, LOG_POLAR_ALPHA, NEAR_DEG, NOTE, cited, koskela_csv,
     koskela_table, measured,
 };
 use crate::report::pictures::Group;
@@ -114,14 +114,14 @@ fn turned([x, y]: [f64; 2], [tan_x, tan_y]: [f64; 2], degrees: f64) -> [f64; 2] 
 pub fn run(args: &Args) -> Result<(), Failure> {
     // The gaze is static at first, then moves.
     let frames = 2 * u64::from(args.frames_of(&FULL)) * ARRANGEMENTS.len() as u64;
-    let mut found = Found::default();
+    let mut found = Results::default();
     over_shots(args, frames, |args, progress, tracing| found.measure(args, progress, tracing))?;
     found.write(args)
 }
 
 #[derive(Default)]
-struct Found {
-    rows: Vec<Row>,
+struct Results {
+    rows: Vec<KoskelaRow>,
     /// Timed frames, each with its shot and arrangement.
     frames: Vec<([String; 2], FrameLine)>,
     devices: Vec<DeviceInfo>,
@@ -131,7 +131,7 @@ struct Found {
     pictures: Vec<Group>,
 }
 
-impl Found {
+impl Results {
     /// Measures all arrangements on the shot of `args`.
     fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
         let options = &args.options;

@@ -8,7 +8,7 @@ use crate::loaded::LoadedScene;
 use crate::metrics::Pair;
 use crate::quality::Quality;
 use crate::report::Table;
-use crate::report::late::{BORDER_DEG, Instant, LATENCIES, NOTE, Row, late_csv, late_table};
+use crate::report::late::{BORDER_DEG, Instant, LATENCIES, LateRow, NOTE, late_csv, late_table};
 use crate::report::rectified::RectifiedFrame;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
@@ -36,20 +36,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.options.motion.is_none() {
         return Err(Failure::Input(anyhow!("--preset late needs a head motion: give it with --motion")));
     }
-    let mut found = Found::default();
+    let mut found = Results::default();
     let frames = u64::from(FRAMES * args.preset.instants);
     over_shots(args, frames, |args, progress, tracing| found.measure(args, progress, tracing))?;
     found.write(args)
 }
 
 #[derive(Default)]
-struct Found {
-    rows: Vec<Row>,
+struct Results {
+    rows: Vec<LateRow>,
     devices: Vec<DeviceInfo>,
     notes: Vec<String>,
 }
 
-impl Found {
+impl Results {
     /// Measures all latencies on the shot of `args`.
     fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
         let options = &args.options;
@@ -90,7 +90,7 @@ impl Found {
             }
         }
         let rows = LATENCIES.into_iter().zip(&found);
-        self.rows.extend(rows.map(|(latency, found)| Row::of(&options.shot, latency, FPS, found)));
+        self.rows.extend(rows.map(|(latency, found)| LateRow::of(&options.shot, latency, FPS, found)));
         self.devices = renderer.devices().to_vec();
         Ok(())
     }

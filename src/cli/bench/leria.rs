@@ -127,7 +127,7 @@ struct Study<'a> {
 }
 
 /// Results of the study.
-struct Found<'a> {
+struct Results<'a> {
     study: Study<'a>,
     /// The measured run, followed by the simulated ones.
     runs: Vec<Run>,
@@ -137,7 +137,7 @@ struct Found<'a> {
 }
 
 impl<'a> Study<'a> {
-    fn measure(mut self) -> Result<Found<'a>, Failure> {
+    fn measure(mut self) -> Result<Results<'a>, Failure> {
         let (mut frames, mut rows) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
         for i in 0..self.options.frames {
             let number = i.checked_sub(self.args.warm_up);
@@ -158,7 +158,7 @@ impl<'a> Study<'a> {
             let proposed = self.simulated(self.options, &model)?;
             runs.push(self.run("simulated", devices, [vec![baseline], vec![proposed]]));
         }
-        Ok(Found { study: self, runs, frames, rows })
+        Ok(Results { study: self, runs, frames, rows })
     }
 
     fn run(&self, source: &'static str, devices: usize, frames: [Vec<FrameTimes>; 2]) -> Run {
@@ -171,7 +171,7 @@ impl<'a> Study<'a> {
     }
 }
 
-impl Found<'_> {
+impl Results<'_> {
     fn write(mut self) -> Result<(), Failure> {
         let more = if self.study.args.report { self.page()? } else { Vec::new() };
         let Self { study: Study { args, options, loaded, turns }, runs, rows: frames, .. } = self;

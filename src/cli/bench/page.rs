@@ -11,7 +11,7 @@ use crate::loaded::LoadedScene;
 use crate::quality::Denoiser;
 use crate::report::Table;
 use crate::report::bench::{
-    ERROR_NOTE, Regret, Row, Shared, Slope, exposure_note, ladder_svg, ladder_table, regret_table, table,
+    ERROR_NOTE, Regret, SettingRow, Shared, Slope, exposure_note, ladder_svg, ladder_table, regret_table, table,
 };
 use crate::report::html::Section;
 use crate::report::lanes::LaneFrame;
@@ -38,7 +38,7 @@ pub struct Page<'a> {
     pub reference: &'a Reference,
     pub devices: &'a [DeviceInfo],
     pub peers: &'a [Peer],
-    pub rows: &'a [Row],
+    pub rows: &'a [SettingRow],
     pub slopes: &'a [Slope],
     pub regrets: &'a [Regret],
     pub ladder: &'a Ladder,
@@ -85,7 +85,7 @@ impl Page<'_> {
 
     /// Renders the fastest, the middle and the best setting of the front again, without duplicates.
     fn seen(&self, grid: &Grid) -> Result<Vec<Seen>, Failure> {
-        let mut front: Vec<&Row> = self.rows.iter().filter(|r| r.on_front).collect();
+        let mut front: Vec<&SettingRow> = self.rows.iter().filter(|r| r.on_front).collect();
         front.sort_by(|a, b| a.measured.time_ms.total_cmp(&b.measured.time_ms));
         let last = front.len().saturating_sub(1);
         let mut places = vec![("fastest", 0), ("middle", last / 2), ("best", last)];

@@ -10,8 +10,8 @@ use crate::quality::{Denoiser, Quality};
 use crate::report::csv::{Column, Csv};
 use crate::report::frames::FrameLine;
 use crate::report::peres::{
-    CONFIGURATIONS, Found, ImageErrors, QUALITY_NOTE, RESOLUTIONS, Resolution, Row, SCENES, TIME_NOTE, over_instants,
-    peres_csv, quality_table, time_table,
+    CONFIGURATIONS, ConfigurationResults, ImageErrors, PeresRow, QUALITY_NOTE, RESOLUTIONS, Resolution, SCENES,
+    TIME_NOTE, over_instants, peres_csv, quality_table, time_table,
 };
 use crate::report::study::quartiles;
 use crate::scene::rig::Rig;
@@ -80,7 +80,7 @@ struct Study<'a> {
     args: &'a Args,
     tracing: &'a Tracing,
     progress: Progress,
-    rows: Vec<Row>,
+    rows: Vec<PeresRow>,
     /// Timed frames, each with its resolution, shot and configuration.
     frames: Vec<([String; 3], FrameLine)>,
     /// A note on each reference.
@@ -135,8 +135,15 @@ impl Study<'_> {
         for (i, (of, time_ms)) in measured.iter().zip(times).enumerate() {
             let (quality, deviation) = over_instants(&of.errors);
             let (speed_up, instants) = (times[0][1] / time_ms[1], of.errors.len());
-            let found = Found { time_ms, speed_up, instants, quality, deviation, exposure_ev: loaded.exposure_ev() };
-            self.rows.push(Row::new([resolution, scene, i], size.to_string(), shot.to_owned(), Some(found)));
+            let found = ConfigurationResults {
+                time_ms,
+                speed_up,
+                instants,
+                quality,
+                deviation,
+                exposure_ev: loaded.exposure_ev(),
+            };
+            self.rows.push(PeresRow::new([resolution, scene, i], size.to_string(), shot.to_owned(), Some(found)));
         }
         Ok(())
     }

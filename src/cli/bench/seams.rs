@@ -85,7 +85,7 @@ struct Study<'a> {
 }
 
 /// Results of the study.
-struct Found<'a> {
+struct Results<'a> {
     study: Study<'a>,
     rows: Vec<SeamRow>,
     /// Devices of each count, starting with a single device.
@@ -97,7 +97,7 @@ struct Found<'a> {
 }
 
 impl<'a> Study<'a> {
-    fn measure(self, timed: &Timed<'_>) -> Result<Found<'a>, Failure> {
+    fn measure(self, timed: &Timed<'_>) -> Result<Results<'a>, Failure> {
         let one = Setting { number: 0, name: "1 device".into(), options: self.options.clone(), virtual_devices: None };
         let one = timed.frames(&one)?;
         let mut rows = self.rows("-", &one, &one.frames)?.to_vec();
@@ -123,7 +123,7 @@ impl<'a> Study<'a> {
                 }
             }
         }
-        Ok(Found { study: self, rows, devices, warm_up_s, frames })
+        Ok(Results { study: self, rows, devices, warm_up_s, frames })
     }
 
     /// Returns a row per eye; `one` holds the same frames, rendered on one device.
@@ -183,7 +183,7 @@ fn seam_errors(
     })
 }
 
-impl Found<'_> {
+impl Results<'_> {
     fn write(&self, args: &Args) -> Result<(), Failure> {
         let Self { study: Study { options, reference, .. }, rows, devices, .. } = self;
         seam_csv(rows).write(&options.out.join("seams.csv"))?;

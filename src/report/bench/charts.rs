@@ -1,6 +1,6 @@
 //! Charts of time against error, with the Pareto front of each denoiser.
 
-use super::rows::{Row, points};
+use super::rows::{SettingRow, points};
 use crate::accumulation::Noise;
 use crate::control::front;
 use crate::exec::Stereo;
@@ -12,7 +12,7 @@ use crate::report::{ReportError, once};
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
-pub fn svg(title: String, rows: &[Row], noise: Option<&Stereo<Noise>>) -> Result<String, ReportError> {
+pub fn svg(title: String, rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Result<String, ReportError> {
     let mut series = fronts(rows, "relmse");
     if let Some(noise) = noise {
         let level = (noise.left.relmse + noise.right.relmse) / 2.0;
@@ -30,7 +30,7 @@ pub(super) fn time_chart(title: String, error: &str, series: &[Series]) -> Resul
 }
 
 /// Returns the Pareto front of each denoiser's settings.
-pub(super) fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
+pub(super) fn fronts(rows: &[SettingRow], error: &str) -> Vec<Series> {
     let denoisers = once(rows.iter().map(|r| r.quality.denoiser));
     let series = |denoiser: &Option<Denoiser>| {
         let points = points(&rows.iter().filter(|r| r.quality.denoiser == *denoiser).collect::<Vec<_>>(), error);

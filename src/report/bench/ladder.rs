@@ -2,7 +2,7 @@
 
 use super::charts::{fronts, time_chart};
 use super::errors::ERROR;
-use super::rows::Row;
+use super::rows::SettingRow;
 use super::tables::{COLUMNS, cells_of};
 use crate::control::{Ladder, Rung};
 use crate::report::peers::{self, Peer};
@@ -15,7 +15,7 @@ use crate::report::{ReportError, Table};
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
-pub fn ladder_svg(title: String, rows: &[Row], peers: &[Peer], ladder: &Ladder) -> Result<String, ReportError> {
+pub fn ladder_svg(title: String, rows: &[SettingRow], peers: &[Peer], ladder: &Ladder) -> Result<String, ReportError> {
     let is_alone = peers.is_empty();
     let (error, label) = if is_alone { (ERROR, "FLIP + flicker") } else { ("flip", "FLIP") };
     let mut series = fronts(rows, error);
@@ -58,7 +58,7 @@ mod tests {
             row("svgf", 1, 1.2, &[0.1]),
             row("svgf", 2, 3.0, &[0.05]),
         ];
-        let rungs: Vec<Rung> = rows.iter().map(Row::rung).collect();
+        let rungs: Vec<Rung> = rows.iter().map(SettingRow::rung).collect();
         let (shot, size, version) = ("s".into(), "8x8".into(), "0".into());
         let measure = Measure::FlipFlicker;
         let origin = Origin { shot, size, exposure_ev: 0.0, measure, devices: Vec::new(), version };

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::rows::Row;
+use super::rows::SettingRow;
 use super::tables::{COLUMNS, cells_of};
 use crate::control::{MIN_STEP, Rung};
 use crate::quality::Quality;
@@ -23,8 +23,8 @@ pub struct Regret {
 }
 
 /// Returns the regret of each measured rung, from the cheapest.
-pub fn regrets(rungs: &[Quality], rows: &[Row]) -> Vec<Regret> {
-    let all: Vec<_> = rows.iter().map(Row::rung).collect();
+pub fn regrets(rungs: &[Quality], rows: &[SettingRow]) -> Vec<Regret> {
+    let all: Vec<_> = rows.iter().map(SettingRow::rung).collect();
     let mut found: Vec<_> = all.iter().filter(|r| rungs.contains(&r.quality)).collect();
     found.sort_by(|a, b| a.time_ms.total_cmp(&b.time_ms));
     let of = |rung: &&Rung| {

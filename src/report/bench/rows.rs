@@ -78,7 +78,7 @@ impl Measured {
 
 /// A setting with its results.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
+pub struct SettingRow {
     #[serde(flatten)]
     pub quality: Quality,
     #[serde(flatten)]
@@ -87,7 +87,7 @@ pub struct Row {
     pub on_front: bool,
 }
 
-impl Row {
+impl SettingRow {
     pub fn new(quality: Quality, measured: Measured) -> Self {
         Self { quality, measured, on_front: false }
     }
@@ -100,12 +100,12 @@ impl Row {
     }
 }
 
-pub(super) fn points(rows: &[&Row], error: &str) -> Vec<(f64, f64)> {
+pub(super) fn points(rows: &[&SettingRow], error: &str) -> Vec<(f64, f64)> {
     rows.iter().map(|r| (r.measured.time_ms, r.measured.error(error))).collect()
 }
 
 /// Marks the rows of the Pareto front.
-pub fn mark_front(rows: &mut [Row]) {
+pub fn mark_front(rows: &mut [SettingRow]) {
     for i in front(&points(&rows.iter().collect::<Vec<_>>(), ERROR)) {
         rows[i].on_front = true;
     }
@@ -120,7 +120,7 @@ pub(super) mod tests {
     use crate::quality::{Denoiser, FrameQuality};
 
     /// Makes a setting whose repeats have these RMSE in the left eye and twice that in the right.
-    pub fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> Row {
+    pub fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> SettingRow {
         let denoiser = Denoiser::from_name(denoiser).unwrap();
         let quality = Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
         let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
@@ -137,7 +137,7 @@ pub(super) mod tests {
         let repeats: Vec<Repeat> = rmse.iter().map(repeat).collect();
         let black = || Pair::new(&black, &black, 0.0).unwrap();
         let change = black().change_at_rest(&black()).unwrap();
-        Row::new(quality, Measured::of(&repeats, Stereo { left: change, right: change }))
+        SettingRow::new(quality, Measured::of(&repeats, Stereo { left: change, right: change }))
     }
 
     #[test]

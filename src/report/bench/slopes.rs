@@ -5,7 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use super::errors::NOISE_MARGIN;
-use super::rows::{Measured, Row};
+use super::rows::{Measured, SettingRow};
 use crate::accumulation::Noise;
 use crate::exec::Stereo;
 use crate::quality::Denoiser;
@@ -47,10 +47,10 @@ pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
 /// Returns the slopes by denoiser, iterations and eye, from the rows that sample all pixels uniformly with the most
 /// bounces. The noise of the reference adds to every relMSE and is subtracted. The fit omits settings whose error that
 /// noise hides, and 1 spp, whose sample goes through the pixel's centre and estimates a different image.
-pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
-    let rows: Vec<&Row> = rows.iter().filter(|r| r.quality.scale == 1.0 && r.quality.fovea.is_none()).collect();
+pub fn slopes(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
+    let rows: Vec<&SettingRow> = rows.iter().filter(|r| r.quality.scale == 1.0 && r.quality.fovea.is_none()).collect();
     let bounces = rows.iter().map(|r| r.quality.bounces).max();
-    let rows: Vec<&Row> = rows.into_iter().filter(|r| Some(r.quality.bounces) == bounces).collect();
+    let rows: Vec<&SettingRow> = rows.into_iter().filter(|r| Some(r.quality.bounces) == bounces).collect();
     let filters = once(rows.iter().map(|r| filter(r)));
     let of = |name: &(&'static str, u32)| {
         let own = || rows.iter().filter(|r| filter(r) == *name && r.quality.spp > 1);
@@ -64,7 +64,7 @@ pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
     filters.iter().flat_map(of).flatten().collect()
 }
 
-fn filter(row: &Row) -> (&'static str, u32) {
+fn filter(row: &SettingRow) -> (&'static str, u32) {
     (Denoiser::name_of(row.quality.denoiser), row.quality.most_iterations())
 }
 
@@ -113,7 +113,8 @@ mod tests {
         let seen = |n: f64| (0.16 / n + 1e-4).sqrt();
         // At 4096 samples the error is below the noise, and at 1 it is that of another estimator.
         let spps = [1u32, 2, 8, 64, 4096];
-        let rows: Vec<Row> = spps.map(|n| row("none", n, 1.0, &[if n == 1 { 9.0 } else { seen(n.into()) }; 2])).into();
+        let rows: Vec<SettingRow> =
+            spps.map(|n| row("none", n, 1.0, &[if n == 1 { 9.0 } else { seen(n.into()) }; 2])).into();
         let found = slopes(&rows, Some(&noise));
         assert_eq!(found.len(), 2);
         for slope in found {
@@ -124,7 +125,7 @@ mod tests {
 
     #[test]
     fn fewer_bounces_than_the_reference_has_tell_no_slope() {
-        let mut rows: Vec<Row> = [2, 8].map(|spp| row("none", spp, 1.0, &[1.0 / f64::from(spp)])).into();
+        let mut rows: Vec<SettingRow> = [2, 8].map(|spp| row("none", spp, 1.0, &[1.0 / f64::from(spp)])).into();
         let all = slopes(&rows, None);
         rows.extend([2, 8].map(|spp| row("none", spp, 0.5, &[0.5])));
         rows[2..].iter_mut().for_each(|r| r.quality.bounces = 2);

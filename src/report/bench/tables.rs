@@ -1,7 +1,7 @@
 //! Tables of settings with their times and errors, for people and as CSV, and the notes below them.
 
 use super::errors::{NOISE_MARGIN, SHOWN};
-use super::rows::{Measured, Row};
+use super::rows::{Measured, SettingRow};
 use crate::accumulation::Noise;
 use crate::exec::Stereo;
 use crate::quality::{Denoiser, FrameQuality, Quality};
@@ -23,14 +23,14 @@ pub const ERROR_NOTE: &str = "Fronts and ladders use flip_flicker: mean FLIP plu
 pub type Shared = Vec<(&'static str, String)>;
 
 /// Returns a line per setting and eye. Undefined values are empty.
-pub fn csv(shared: &Shared, rows: &[Row]) -> Csv {
+pub fn csv(shared: &Shared, rows: &[SettingRow]) -> Csv {
     let metrics = rows.first().map_or(Vec::new(), |r| r.measured.errors.left.names());
     let mut columns: Vec<&str> = shared.iter().map(|(name, _)| *name).collect();
     columns.extend(COLUMNS);
     columns.extend(["time_ms", "time_ms_min", "time_ms_max", "on_front", "eye"]);
     columns.extend(&metrics);
     let mut lines = Vec::new();
-    for Row { quality, measured, on_front } in rows {
+    for SettingRow { quality, measured, on_front } in rows {
         let Measured { time_ms, time_ms_min, time_ms_max, errors, .. } = measured;
         for (eye, errors) in [("left", &errors.left), ("right", &errors.right)] {
             let mut line: Vec<String> = shared.iter().map(|(_, value)| value.clone()).collect();
@@ -45,9 +45,9 @@ pub fn csv(shared: &Shared, rows: &[Row]) -> Csv {
 }
 
 /// Returns a line per timed frame, with the settings that [`FrameLine`] lacks.
-pub fn frames(rows: &[Row]) -> Csv {
+pub fn frames(rows: &[SettingRow]) -> Csv {
     let lines = || rows.iter().flat_map(|row| row.measured.frames.iter().map(move |line| (row, line)));
-    let setting = |(row, _): (&Row, &FrameLine)| {
+    let setting = |(row, _): (&SettingRow, &FrameLine)| {
         let [denoiser, _, _, foveation, ..] = cells_of(&row.quality);
         vec![denoiser, foveation]
     };
@@ -72,7 +72,7 @@ pub(super) fn cells_of(quality: &Quality) -> [String; 6] {
 }
 
 /// Returns a line per setting and eye.
-pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
+pub fn table(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Table {
     let metrics: Vec<&str> =
         SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.measured.errors.left.0.contains_key(*m))).collect();
     let mut headers = COLUMNS.to_vec();
@@ -80,7 +80,7 @@ pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
     headers.extend(&metrics);
     headers.push("note");
     let mut lines = Vec::new();
-    for Row { quality, measured, on_front } in rows {
+    for SettingRow { quality, measured, on_front } in rows {
         let of = |n: fn(&Stereo<Noise>) -> f64| noise.map_or(0.0, n);
         let Stereo { left, right } = &measured.errors;
         for (eye, errors, noise) in [("left", left, of(|n| n.left.relmse)), ("right", right, of(|n| n.right.relmse))] {
