@@ -264,7 +264,7 @@ fn broken_animations_are_named() {
     let zeros = [0.0; 6];
     let place = ["animation 0 'Bad' channel 0"];
     let mentions = |text: String, says: &str| assert_mentions(&text, &[place[0], says]);
-    mentions(with(&[1.0, 0.5], "VEC3", &zeros, "translation", |_| ()), "not after");
+    mentions(with(&[1.0, 0.5], "VEC3", &zeros, "translation", |_| ()), "not later than");
     mentions(with(&[0.0, f32::NAN], "VEC3", &zeros, "translation", |_| ()), "time of key 1");
     mentions(with(&[0.0, 1.0], "VEC3", &[f32::NAN; 6], "translation", |_| ()), "value of key 0");
     mentions(with(&[0.0], "VEC3", &zeros, "translation", |_| ()), "1 keys have 6 numbers, not 3");
