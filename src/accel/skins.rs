@@ -18,7 +18,7 @@ shared_structs! {
         /// Indices of its vertices, counter-clockwise from the front.
         pub corners: UVec3,
         pub material: u32,
-        /// Row of its first copy and the flag, as in [`Triangle`].
+        /// Row of its first copy and the alpha flag, as in [`Triangle::first_copy`].
         pub first_copy: u32,
         pub light: u32,
         pub uv0: Vec2,

@@ -14,8 +14,8 @@ shared_structs! {
         pub v0: Vec3,
         pub material: u32,
         pub v1: Vec3,
-        /// Row of its first copy, which identifies it in hits, and [`TRIANGLE_ALPHA`]. A large triangle that was split
-        /// among several leaves has a copy in each.
+        /// Row of the triangle's first copy, combined with the flag [`TRIANGLE_ALPHA`]. Hits identify the triangle by
+        /// this row. A large triangle that was split among several leaves has a copy in each.
         pub first_copy: u32,
         pub v2: Vec3,
         /// Number of its light, if any; set once lights are known.

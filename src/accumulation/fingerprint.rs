@@ -35,7 +35,7 @@ pub struct Subject<'a> {
 #[serde(transparent)]
 pub struct Fingerprint(BTreeMap<String, String>);
 
-/// Name of the entry that is present unless compute shaders traverse rays.
+/// Name of the entry for the ray traversal, which is absent if compute shaders traverse rays.
 const TRAVERSAL: &str = "traversal";
 
 /// Shaders of the tracing stages. Their results may change between versions.

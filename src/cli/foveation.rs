@@ -66,10 +66,10 @@ pub struct FoveationOptions {
     /// Denoiser iterations, also per layer as M,N,P [default: 5; 2,3,5 with layers]
     #[arg(long, value_name = "M[,N,P]", value_parser = iterations)]
     pub iterations: Option<[u32; 3]>,
-    /// Radii of the layers, where they are not the usual ones.
+    /// Radii of the foveal layers; `None` for [`Foveation::RADII`].
     #[arg(skip)]
     pub layer_radii: Option<[f64; 2]>,
-    /// Share of the outer layer that is not sampled, where it is not the usual one.
+    /// Fraction of the outer layer's pixels left unsampled; `None` for the default.
     #[arg(skip)]
     pub unsampled_fraction: Option<f64>,
 }

@@ -57,7 +57,8 @@ pub const ADAPTER: &str = "--devices";
 const MEMORY: &str = "--max-scene-memory";
 const TRAVERSAL_OR_ADAPTER: &str = "--traversal compute, --devices";
 
-/// Returns the error that a transparent one stands for. The chain of causes leaves it out.
+/// Returns the inner error of a `#[error(transparent)]` variant. Such a variant returns the cause of the inner error as
+/// its own, so the chain of causes never contains the inner error.
 fn inner<'a>(error: &'a (dyn Error + 'static)) -> Option<&'a (dyn Error + 'static)> {
     match error.downcast_ref::<LoadError>() {
         Some(LoadError::Scene(error)) => return Some(error),

@@ -66,7 +66,7 @@ pub const OVERRULED: [(&str, &str); 7] = [
 /// Returns the options of a reference: as typed, with [`SPP`] samples per pixel by default.
 ///
 /// # Errors
-/// [`Failure::Input`] for an option that was typed with another value than a reference has.
+/// [`Failure::Input`] if the command line sets an option in [`OVERRULED`] to a value that a reference cannot have.
 pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
     let Some(given) = Given::here() else { return Ok(options.clone()) };
     for (id, why) in OVERRULED {

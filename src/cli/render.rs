@@ -34,7 +34,7 @@ pub struct Args {
     virtual_devices: u16,
     /// Render an unbiased reference, without denoiser and reprojection
     ///
-    /// Samples are accumulated in passes, any number of them; --spp is then 256 unless given.
+    /// Samples are accumulated in passes, so their number is not limited. --spp defaults to 256.
     #[arg(long, help_heading = options::QUALITY)]
     reference: bool,
     #[command(flatten)]
@@ -53,8 +53,8 @@ pub struct Args {
     preset: Option<Preset>,
     /// Frames of history before the first frame [default: up to 16 samples per pixel]
     ///
-    /// A single frame of svgf or bmfr gets as many frames at its instant as give each pixel 16 samples; all else gets
-    /// none.
+    /// A single frame with svgf or bmfr follows enough frames of the same instant to give each pixel 16 samples in
+    /// total. In all other cases the default is 0.
     #[arg(long, value_name = "N", conflicts_with = "reference", value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
     warm_up: Option<u32>,
     /// Draw stripes and foveal layers on stereo.png

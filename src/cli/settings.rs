@@ -104,8 +104,8 @@ fn scalar(text: &str) -> Value {
     whole.or_else(|| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Value::from)).unwrap_or_else(|| text.into())
 }
 
-/// Returns every option of this command line, as typed or by default. Entries of `known`, by the names of fields,
-/// replace values that other options have decided.
+/// Returns every option of this command line, as typed or by default. Values in `known`, by the options' field names,
+/// take precedence, because other options determine them.
 pub fn of_command_line(exposure_ev: f64, known: impl IntoIterator<Item = (&'static str, Value)>) -> RunSettings {
     let Some(given) = Given::here() else { return RunSettings { exposure_ev, options: Map::new() } };
     let mut settings = RunSettings { exposure_ev, options: given.values() };

@@ -6,7 +6,8 @@ use crate::scene::optics::{Fov, HeadEye};
 
 /// Time for which the last gaze is held while the tracker reports none: most blinks are over by then.
 const HOLD_S: f64 = 0.4;
-/// Time constants of the return to straight ahead after that, and of catching up with the reported gaze after a gap.
+/// Time constants of the return to straight ahead once [`HOLD_S`] has passed, and of catching up with the reported gaze
+/// after a gap.
 const RETURN_S: f64 = 0.25;
 const CATCH_UP_S: f64 = 0.03;
 /// Distance at which the filter has caught up, as a tangent.
@@ -14,7 +15,8 @@ const NEAR: f64 = 0.01;
 /// Maximum eccentricity that trackers report, as a tangent.
 const WIDEST: f64 = 4.0;
 
-/// Gaze in the head as tangents to the right and up. It jumps only where the eyes do.
+/// Filter of the gaze in the head, as tangents to the right and up. The filtered gaze moves smoothly across gaps and
+/// follows jumps of the reported gaze.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GazeFilter {
     gaze: DVec2,

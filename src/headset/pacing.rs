@@ -33,8 +33,8 @@ impl Pacing {
     }
 }
 
-/// Returns the time at which a frame is shown that was predicted for `display` and is ready at `ready`: a late frame
-/// waits for the next refresh.
+/// Returns the display time of a frame that is ready at `ready`: its predicted time `display`, or for a late frame the
+/// next refresh.
 pub fn shown_at(display: Time, period_ns: i64, ready: Time) -> Time {
     let late_ns = ready.as_nanos().saturating_sub(display.as_nanos());
     if late_ns <= 0 || period_ns <= 0 {

@@ -22,7 +22,8 @@ use super::file::atomic_write;
 use super::{Extent, Image, ImageError, RgbImage};
 pub use tags::Tags;
 
-/// RLE shrinks flat AOVs. No lossless method shrinks noisy radiance much, and ZIP takes long to find that out.
+/// Compression of written files. RLE shrinks flat AOVs. Noisy radiance hardly shrinks with any lossless method, and ZIP
+/// is slow on it.
 const COMPRESSION: Compression = Compression::RLE;
 
 /// Writes channels R, G and B as f32. Equal pixels give equal bytes; NaN and infinities are kept.
@@ -179,7 +180,7 @@ pub struct ColourSource {
 }
 
 impl ColourSource {
-    /// Returns true if the file has one part and R, G and B were read, so that nothing was chosen.
+    /// Returns true if the colour was unambiguous: the file has one part, and its channels R, G and B were read.
     pub fn is_plain(&self) -> bool {
         self.part_count == 1 && self.channels.iter().zip(["R", "G", "B"]).all(|(name, plain)| name == plain)
     }
@@ -204,7 +205,7 @@ enum Refusal {
     Unsupported(String),
     /// Number of bytes that decoding would take.
     TooLarge(u64),
-    /// Names of the file's channels, without the wanted ones.
+    /// The wanted channels are missing; holds the names of the channels that the file has.
     NotThere(String),
 }
 

@@ -106,7 +106,8 @@ impl Surfaces {
         self.pixels_before(i).into_iter().find(is_same).map_or(History::New, History::Seen)
     }
 
-    /// Returns up to four pixels less than one column and row from the reprojected point, nearest first.
+    /// Returns the pixels whose centres are less than one column and one row away from the reprojected point: at most
+    /// four, nearest first.
     fn pixels_before(&self, i: usize) -> Vec<usize> {
         let (width, height) = (self.extent.width as usize, self.extent.height as usize);
         let [dx, dy, _] = self.motion_px[i].map(f64::from);

@@ -58,7 +58,7 @@ pub struct AnderssonRow {
     pub traced: Option<f64>,
     /// Median, minimum and maximum of the frames' makespans.
     pub time_ms: Option<[f64; 3]>,
-    /// Time of the basic mode over this one.
+    /// Speedup over the basic mode.
     pub speedup: Option<f64>,
     /// Time of each part in ms, for both eyes and summed over devices, by column name.
     #[serde(flatten)]

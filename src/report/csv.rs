@@ -31,6 +31,8 @@ impl Csv {
         self
     }
 
+    /// Writes the table to the file `path`.
+    ///
     /// # Errors
     /// [`ImageError`] if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), ImageError> {

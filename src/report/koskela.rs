@@ -48,7 +48,7 @@ pub struct KoskelaRow {
     pub filter_ms: Option<f64>,
     pub map_ms: Option<f64>,
     pub blur_ms: Option<f64>,
-    /// Path tracing time of every pixel over this one.
+    /// Speedup of path tracing over the arrangement that traces every pixel.
     pub path_speedup: Option<f64>,
     /// Means of both eyes.
     pub flip: Option<f64>,
@@ -61,7 +61,7 @@ pub struct KoskelaRow {
     pub fovea_flicker: Option<f64>,
 }
 
-/// Measurements of an arrangement other than those of frames with a resting gaze.
+/// Settings and results of an arrangement that [`Measured`] lacks, which covers only frames with a static gaze.
 #[derive(Clone, Copy, Debug)]
 pub struct Beside {
     pub floor: Option<f64>,

@@ -155,7 +155,7 @@ pub struct LeriaRow {
     pub makespan_ms: Option<[f64; 3]>,
     /// Speedup of a frame over the same frame of the baseline. Cited values are for the total time.
     pub speedup: f64,
-    /// Time of the primary in stages over the makespan; then the mean of the other devices.
+    /// Time in stages as a fraction of the makespan: of the primary, then the mean of the other devices.
     pub primary_busy_share: Option<f64>,
     pub others_busy_share: Option<f64>,
     /// Time of each of [`PARTS`], ms.

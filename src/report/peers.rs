@@ -85,6 +85,8 @@ impl Peers {
         if peers.peer.is_empty() { Err(PeersError::Empty) } else { Ok(peers) }
     }
 
+    /// Reads the peers file `path`.
+    ///
     /// # Errors
     /// [`PeersError::Read`], [`PeersError::File`].
     pub fn read(path: &Path) -> Result<Self, PeersError> {

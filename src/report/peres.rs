@@ -76,7 +76,7 @@ impl ImageErrors {
 pub struct ConfigurationResults {
     /// Quartiles of the warm frames' makespans over all instants.
     pub time_ms: [f64; 3],
-    /// Time of the base configuration over that of this one.
+    /// Speedup over the base configuration.
     pub speed_up: f64,
     /// Number of instants along the path.
     pub instants: usize,

@@ -165,8 +165,8 @@ struct Judged {
     makespans_ms: Quantiles,
     rung_changes: usize,
     last_rung: Option<usize>,
-    /// Current sequence of frames outside the band, if the last frame is; then the longest sequence, the first of
-    /// equals.
+    /// Sequence of frames outside the band that is still going on after the last frame, if any; then the longest
+    /// sequence, the first of equally long ones.
     excursion: Option<Excursion>,
     longest: Option<Excursion>,
     rungs: BTreeMap<usize, RungFrames>,

@@ -101,7 +101,7 @@ impl Ranged for Ticks {
         begin_px + (share * f64::from(end_px - begin_px)).round() as i32
     }
 
-    /// Returns the ticks. All are bold: there are no light ones in between.
+    /// Returns the major ticks. There are no minor ticks.
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
         if hint.weight().allow_light_points() { Vec::new() } else { self.at.clone() }
     }

@@ -8,8 +8,8 @@ use super::Table;
 use crate::graph::{Access, FrameGraph, Linked, Program, Reach, Stage, Task, TaskKind, Use};
 use crate::scene::rig::Eye;
 
-/// Returns a table with a line per pass in order: where it runs, and its bindings. The number after an image is the
-/// number of rows around its own that the pass reads, margins included.
+/// Returns a table with a line per pass in order: where it runs, and its bindings. `±N` after an image means that the
+/// pass reads N rows above and below its own, its margin included.
 pub fn passes_table(program: &Program) -> Table {
     let row = |(number, linked): (usize, &Linked)| {
         let pass = &linked.pass;

@@ -40,11 +40,11 @@ pub struct ScaleRow {
     pub speedup: f64,
     /// Standard error of the speedup, from the scatter of both rows' frames.
     pub speedup_error: f64,
-    /// Speedup over the ratio of device counts.
+    /// Speedup divided by the ratio of device counts.
     pub efficiency: f64,
     /// Busy time of the busiest device over the mean.
     pub imbalance: f64,
-    /// Host time in transfers over the makespan times the devices.
+    /// Host time in transfers, as a fraction of the makespan times the number of devices.
     pub transfer_share: f64,
     /// True if there are more worker threads than cores.
     pub oversubscribed: bool,
@@ -133,7 +133,7 @@ impl ScaleRow {
 }
 
 struct Shares {
-    /// Work that the devices of the first row had, too.
+    /// Fraction of the devices' time spent on work that the first row's devices had as well.
     work: f64,
     /// Additional time of stages compared with the first row: margins, slower devices, shared caches and cores.
     more: f64,

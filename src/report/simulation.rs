@@ -21,7 +21,7 @@ pub struct SimulationRow {
     pub measured_ms: Option<f64>,
     /// Speedup over one device of speed 1.
     pub speedup: f64,
-    /// Speedup over the sum of speeds.
+    /// Speedup divided by the sum of the devices' speeds.
     pub efficiency: f64,
     pub imbalance: f64,
     /// Host time in transfers over the makespan times the devices.

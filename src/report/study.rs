@@ -79,7 +79,7 @@ pub struct SeamErrors {
     pub seam: Option<f64>,
     /// RMSE near seams over that of the same rows of `one`; 1 without a seam.
     pub seam_over_one: Option<f64>,
-    /// Errors against `one`: infinite, 0 and 0 for identical pictures.
+    /// Errors against `one`. For identical pictures, PSNR is infinite, and FLIP and the RMSE near seams are 0.
     pub psnr_one: f64,
     pub flip_one: f64,
     pub seam_rmse_one: Option<f64>,
@@ -187,7 +187,7 @@ const SEAMS_CSV: &[Column<SeamRow>] = &[
     ("time_ms_iqr", |r| format!("{:.4}", r.time_ms[2] - r.time_ms[0])),
 ];
 
-/// Returns [`seam_table`] for programs.
+/// Returns the rows as CSV, for programs.
 pub fn seam_csv(rows: &[SeamRow]) -> Csv {
     Csv::new(SEAMS_CSV, rows)
 }

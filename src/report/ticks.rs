@@ -47,7 +47,8 @@ impl Ticks {
         Self { log: false, range: at[0]..at[at.len() - 1], at }
     }
 
-    /// Chooses 1, 2 and 5 of each decade: the powers of ten over many decades, and round steps within less than one.
+    /// Chooses ticks at 1, 2 and 5 times each power of ten, or only at powers of ten if the axis spans many decades. If
+    /// fewer than three ticks fit, chooses round values at equal distances.
     fn logarithmic(low: f64, high: f64) -> Self {
         let margin = (0.04 * (high - low)).max(0.02);
         let (low, high) = (low - margin, high + margin);

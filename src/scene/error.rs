@@ -12,10 +12,11 @@ pub enum SceneError {
     Read { path: String, source: std::io::Error },
     #[error("'{path}' is not valid: {what}")]
     Invalid { path: String, what: String },
-    /// A request of a file that is denied. `place` locates it in the file and ends in `: `, or is empty.
+    /// Denied access that an untrusted file asks for. `place` locates the request in that file and ends in `: `, or is
+    /// empty.
     #[error("'{path}' is refused: {place}{refusal}")]
     Refused { path: String, place: String, refusal: Refusal },
-    /// A setting that takes precedence over the shot's and does not fit the scene.
+    /// An override of the shot's settings that does not fit the scene.
     #[error("{setting} is not valid: {what}")]
     Setting { setting: Setting, what: String },
     #[error("'{path}' requires {}, which diptych cannot read{hint}", extensions.join(", "))]
@@ -33,10 +34,10 @@ impl SceneError {
     }
 }
 
-/// Reasons to deny a request of a file, which is untrusted.
+/// Reasons to deny access that an untrusted file asks for.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
-    /// A name of a file that is not below the folder of the file that names it.
+    /// Path that is not below the folder of the file that refers to it.
     #[error("it names '{0}', which is not below its own folder: allow files outside the folder if you trust it")]
     Outside(String),
     #[error(transparent)]

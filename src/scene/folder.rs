@@ -25,8 +25,8 @@ impl<'a> Access<'a> {
         Self { budget, allow_outside: false, source: Source::Disk }
     }
 
-    /// Returns the canonical path if files are on disk and only read, so that a file has the same path under all its
-    /// names.
+    /// Returns the canonical path if files are read from disk, so that all names of a file give the same path. Files
+    /// that are sent between machines keep the path by which they are named.
     pub fn one_path(&self, path: PathBuf) -> PathBuf {
         if let Source::Disk = self.source { fs::canonicalize(&path).unwrap_or(path) } else { path }
     }

@@ -56,8 +56,8 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
     Ok((shot, scene))
 }
 
-/// Warns of delta lights with smooth glass that has a volume: it refracts their light into paths that cannot be
-/// sampled.
+/// Returns a warning if a scene with delta lights has smooth glass with a volume: the glass refracts their light into
+/// paths that cannot be sampled.
 pub(super) fn lost_light(scene: &Scene) -> Option<String> {
     let lights = scene.lights.iter().filter(|light| light.is_delta()).count();
     // An index of refraction of 1 does not bend light, at any roughness.
@@ -137,7 +137,8 @@ fn read_text(path: &Path, access: Access) -> Result<String, SceneError> {
     String::from_utf8(held.bytes).map_err(no_text)
 }
 
-/// Adds the environment to the scene. An image's path is relative to `folder`; errors name `origin` if it leads out.
+/// Sets the scene's environment. An image's path is relative to `folder`. If access to the image is denied, the error
+/// names `origin`, the file that refers to it.
 fn put_around(
     scene: &mut Scene,
     environment: &ShotEnvironment,

@@ -102,8 +102,8 @@ impl HeadEyes {
         }
     }
 
-    /// Returns the shared frame: as upright as the eyes are, and pitched so that its vertical field of view is
-    /// symmetric.
+    /// Returns the rectified frame that both eyes share. Its x axis is the baseline, and its pitch makes the vertical
+    /// field of view symmetric.
     ///
     /// # Errors
     /// A sentence, if an eye is invalid or the eyes' fields of view diverge too far.

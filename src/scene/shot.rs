@@ -83,8 +83,8 @@ impl Gaze {
     }
 }
 
-/// Range of exposures in stops. White paper in sunlight (100,000 lux) is white at −15, under starlight at +12.
-/// Intermediate images hold radiance scaled by 2 to this power in half floats, and its squares in f32.
+/// Valid exposures in stops. White paper is displayed as white at −15 in sunlight (100,000 lux) and at +12 in
+/// starlight. Intermediate images store radiance times 2^exposure in half floats, and the square of that in f32.
 pub const EXPOSURE_EV: RangeInclusive<f64> = -24.0..=24.0;
 
 /// Rig settings of a shot file.

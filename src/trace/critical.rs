@@ -1,11 +1,14 @@
 //! Finds the critical path of a frame: the chain of tasks and waits that adds up to its makespan.
 //!
-//! The path is traced backwards from the task that ended last. The predecessor of a task is the latest to end among two
-//! kinds of candidates: its dependencies in the frame's graph, and the earlier tasks of its device. The latter are
-//! those on the same queue, for a pass also the last upload, and for a transfer the worker's previous one. Files of
-//! earlier versions lack the graph. There the predecessor is the task that ended last before the task's begin, among
-//! the tasks of its own device and, for an upload, the download at the transfer's other end. The time between the two
-//! is a wait, named after its cause.
+//! The path is traced backwards from the task that ended last. The predecessor of a task is the candidate that ended
+//! last. Candidates are the task's dependencies in the frame's graph and these earlier tasks of the same device: the
+//! previous pass (for a pass) or transfer (for a transfer); for a pass, also the last upload; for a download, also the
+//! last pass, because a download completes only after all passes submitted before it.
+//!
+//! Trace files of earlier versions lack the graph. For them, the candidates are the tasks of the same device that ended
+//! before the task began and, for an upload, the download of the same transfer.
+//!
+//! The time between the end of the predecessor and the begin of the task is a wait, named after its cause.
 
 use std::collections::{BTreeMap, HashMap};
 

@@ -1,8 +1,10 @@
-//! Records host spans: `tracing` reports them, `tracing-chrome` formats them, and the trace adopts them.
+//! Records host spans: `tracing` reports them, `tracing-chrome` formats them as JSON text, and this module parses the
+//! text and adds the spans to the trace.
 //!
-//! The thread of `tracing-chrome` writes the text of a JSON list, with a record per line. Its times count from a moment
-//! that it does not report. Here it writes to a channel, and the category of each record holds our own time and the
-//! span's number. The text of another process comes from its own recorder, with times on that process's clock.
+//! `tracing-chrome` writes a JSON list with a record per line from a thread of its own. Its timestamps count from an
+//! origin that it does not report. This module therefore stores its own timestamp and the span's number in the category
+//! of each record, and receives the text through a channel. The text of another process comes from the recorder of that
+//! process, with times on that process's clock.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -23,7 +25,7 @@ pub struct HostSpans {
     text: Receiver<Piece>,
 }
 
-/// A piece of the text, or none once everything was flushed.
+/// Message of the channel: text to append, or `None` as the marker that all text before it was flushed.
 type Piece = Option<Vec<u8>>;
 
 impl HostSpans {

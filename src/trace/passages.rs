@@ -25,13 +25,13 @@ pub struct Passage {
     /// Times of the steps: the worker queued the rows, its rank's MPI thread took them, MPI accepted them, the other
     /// rank's MPI thread found them, and that thread passed them on.
     pub at_us: [f64; 5],
-    /// Time for which that thread had not polled before it found them.
+    /// Time between the receiving MPI thread's previous poll and the poll that found the rows.
     pub rested_us: f64,
     /// Wait of the receiving worker for these rows.
     pub waited_us: Option<Interval>,
 }
 
-/// Step of all passages.
+/// Statistics of one step over all passages.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PassagePart {
     pub what: String,
@@ -39,7 +39,7 @@ pub struct PassagePart {
     pub most_us: f64,
     /// Time that workers waited for late rows during this step.
     pub waited_ms: f64,
-    /// True if an MPI thread held the rows during this step, or would have held them had it polled.
+    /// True if an MPI thread causes this step: it holds the rows, or it has not polled for them yet.
     pub is_of_thread: bool,
 }
 
@@ -50,7 +50,8 @@ pub struct PassageSummary {
     pub bytes: u64,
     /// Time that workers waited for the rows.
     pub waited_ms: f64,
-    /// Steps in order. The time for which a thread rested lies within the previous step.
+    /// Steps in order. They are consecutive, except that the receiving thread's time without a poll is also part of the
+    /// step before it.
     pub parts: Vec<PassagePart>,
 }
 
@@ -104,9 +105,10 @@ fn passages_of<'a>(spans: &'a [&HostSpan]) -> impl Iterator<Item = Passage> + 'a
 }
 
 impl Passage {
-    /// Splits the passage into consecutive steps, except that the time for which a thread rested lies within the
-    /// previous step. The last step begins with the worker's wait, if that begins after the rows were passed on. A step
-    /// may have a negative length if clocks are not aligned well enough.
+    /// Splits the passage into its steps, each with its name, [`PassagePart::is_of_thread`] and its interval. Steps are
+    /// consecutive, except that the receiving thread's time without a poll is also part of the step before it. If the
+    /// worker starts to wait only after the rows were passed on, the last step begins with that wait. A step may have
+    /// a negative length if clocks are not aligned well enough.
     fn parts(&self) -> [(&'static str, bool, Interval); 6] {
         let [handed, taken, sent, found, passed] = self.at_us;
         let (waits, goes_on) = self.waited_us.map_or((passed, passed), |(begin, end)| (begin.max(passed), end));

@@ -307,8 +307,8 @@ fn frame_time(span: &Span) -> Result<Option<FrameTime>, String> {
     Ok(frame.map(|frame| FrameTime { frame, begin_us: span.begin_us, end_us: span.end_us, devices }))
 }
 
-/// Returns the devices of a frame as a bit mask. The argument lists their numbers, as in `0,2`; older traces have a
-/// count, which means the first ones.
+/// Returns the devices of a frame as a bit mask. The argument `devices` lists their numbers, as in `0,2`. Older traces
+/// store a count n instead, which stands for devices 0 to n − 1.
 fn devices(args: &Value) -> Result<Option<u64>, String> {
     let Value::String(numbers) = &args["devices"] else {
         let count = whole(args, "devices")?;
@@ -378,7 +378,7 @@ impl Fields<'_> {
         }
     }
 
-    /// Returns an id that states whether it is local to the process.
+    /// Returns the text of `id2`, an object that holds either a `local` (per process) or a `global` id.
     fn id2(&self) -> Result<String, String> {
         let id2 = self.0.get("id2").filter(|id2| id2.is_object());
         id2.map(Value::to_string).ok_or_else(|| "it needs \"id\"".to_owned())

@@ -113,7 +113,8 @@ impl Recorder {
         log.push_spans(pid, zero_us, text);
     }
 
-    /// Records a frame on the host's track for frames in this slot. `args` should hold its number as `frame`.
+    /// Records a frame on the host's frame track number `slot`: frames in flight overlap, so each slot has a track of
+    /// its own. `args` should hold the frame's number as `frame`.
     pub fn frame(&self, slot: usize, begin_us: f64, end_us: f64, args: Args) {
         self.span(frames_track(slot as u32 % FRAMES_TRACKS), "frame", "frame", begin_us, end_us, args);
     }

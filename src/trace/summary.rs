@@ -21,9 +21,9 @@ pub struct DeviceSummary {
     pub transfer_ms: f64,
     /// Part of `transfer_ms` in which the device was busy, too.
     pub hidden_transfer_ms: f64,
-    /// Rest of the frames in which it took part: neither busy nor transferring.
+    /// Idle time within the frames that the device took part in: it was neither busy nor transferring.
     pub idle_ms: f64,
-    /// `busy_ms` over the time of these frames.
+    /// `busy_ms` as a fraction of the time of the frames that the device took part in.
     pub busy_share: f64,
     /// Error bound of its times against the host's.
     pub clock_residual_us: Option<f64>,
@@ -43,7 +43,8 @@ pub struct FrameSummary {
     pub frame: u64,
     /// Time since the first frame's begin.
     pub begin_ms: f64,
-    /// Time from its planning to its images on the primary; if the trace lacks that, from the first task to the last.
+    /// Time from the start of planning until the images are complete on the primary. If the trace does not record it,
+    /// the time from the first task's begin to the last task's end.
     pub makespan_ms: f64,
     /// Busy time of all devices together.
     pub busy_ms: f64,
@@ -139,8 +140,10 @@ impl Summary {
 }
 
 impl FrameDetail {
+    /// Returns frame `number` of the trace with its critical path.
+    ///
     /// # Errors
-    /// [`TraceError::NoFrames`], [`TraceError::NoSuchFrame`]; `origin` names the trace in them.
+    /// [`TraceError::NoFrames`], [`TraceError::NoSuchFrame`]; their messages name the trace by `origin`.
     pub fn of(trace: &Trace, number: u64, origin: &str) -> Result<FrameDetail, TraceError> {
         let frames = trace.frames();
         let path = origin.to_owned();
@@ -187,7 +190,7 @@ fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
     }
 }
 
-/// Returns the time in which any of the frames was on the devices.
+/// Returns the time covered by the frames: gaps between them do not count, and overlaps count once.
 fn time_of<'a>(frames: impl Iterator<Item = &'a Frame<'a>>) -> f64 {
     length(&union(frames.map(|f| (f.time.begin_us, f.time.end_us)).collect()))
 }

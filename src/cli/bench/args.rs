@@ -23,7 +23,7 @@ pub struct Args {
     pub(super) spp: Vec<u32>,
     /// Maximum bounces to measure [default: 2,6]
     ///
-    /// The reference has the most of them.
+    /// The reference uses the largest of these numbers.
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(0..=1024), help_heading = options::QUALITY)]
     pub(super) bounces: Vec<u32>,
     /// Denoisers to measure [default: none,atrous,svgf]
@@ -40,7 +40,7 @@ pub struct Args {
     pub(super) polar: Option<LogPolar>,
     /// Render scales to measure [default: 1,0.7,0.5]
     ///
-    /// Those below 1 are measured with the fewest samples.
+    /// Scales below 1 are measured only with the lowest sample count.
     #[arg(
         long = "render-scale",
         alias = "scale",

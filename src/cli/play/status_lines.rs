@@ -1,4 +1,4 @@
-//! StatusLines status in the terminal: a line per device, and the frame times against the band.
+//! Live status in the terminal: a line per device, and recent frame times relative to the frame budget.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};

@@ -9,7 +9,7 @@ use crate::metrics::rings::Viewing;
 pub(super) const SHOWN: [&str; 10] =
     ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "flip_acuity", "mean_ratio"];
 
-/// Names of two metrics: the flicker between frames, and FLIP + flicker, by which fronts and ladders are made
+/// Names of two metrics: the flicker between frames, and FLIP + flicker, the error of Pareto fronts and ladders
 /// ([`crate::control::Measure::FlipFlicker`]).
 pub(super) const FLICKER: &str = "flicker";
 pub const ERROR: &str = "flip_flicker";
@@ -55,7 +55,7 @@ impl Errors {
     }
 }
 
-/// Errors of an eye, with and without weights by the gaze.
+/// Errors of an eye: unweighted ones, and FLIP weighted by visual acuity around the gaze.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SeenErrors {
     #[serde(flatten)]

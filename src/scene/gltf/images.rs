@@ -13,8 +13,8 @@ use crate::scene::budget::Budget;
 /// Limit on a side in pixels.
 const MAX_SIDE: u32 = 16384;
 
-/// Largest expansion of deflate, which bounds a PNG's metadata, and the range of memory that metadata is granted, in
-/// bytes.
+/// Maximum compression ratio of deflate, which bounds the size of a PNG's metadata, and lower and upper limit on the
+/// memory that is reserved for metadata, in bytes.
 const DEFLATE_GAIN: u64 = 1032;
 const METADATA_BYTES: RangeInclusive<u64> = 1 << 20..=64 << 20;
 

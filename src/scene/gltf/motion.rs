@@ -24,7 +24,8 @@ use crate::scene::{Material, Scene};
 pub struct Plan<'a, 'b> {
     buffers: &'a Buffers<'b>,
     nodes: &'a [PlacedNode],
-    /// Index in `nodes` of each node of the file, its place.
+    /// Index in `nodes` of each node of the file; `None` if the scene does not contain it. This index is called the
+    /// node's place below.
     places: Vec<Option<usize>>,
     /// Animations. Their targets are places of nodes, and materials and lights of the file.
     animations: Vec<Animation>,
@@ -190,8 +191,8 @@ impl<'a, 'b> Plan<'a, 'b> {
         Ok((bodies, skins))
     }
 
-    /// Moves the nodes that the motion needs into it, and replaces places by their indices. Returns the index of each
-    /// place.
+    /// Adds the nodes that the motion's lights, cameras, skins and bodies need to [`Motion::nodes`], and changes their
+    /// references from places to indices into that list. Returns the new index of each place.
     fn take_nodes(&self, motion: &mut Motion) -> Vec<Option<usize>> {
         let mut needed = vec![false; self.nodes.len()];
         let attached = motion.lights.iter().chain(&motion.cameras).map(|a| a.node);

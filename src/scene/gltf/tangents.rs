@@ -14,7 +14,8 @@ const MAX_AT_POSITION: u32 = 1024;
 /// Upper bound on the bytes per triangle to generate tangents, reached when no corners share a vertex.
 pub const BYTES_PER_TRIANGLE: usize = 1100;
 
-/// Returns the texture that defines a mesh's tangents: the base's normal map, with which a coat's map shares them.
+/// Returns the texture that defines a mesh's tangents: the base layer's normal map, else the clearcoat's. If there are
+/// both, the clearcoat's map uses the tangents of the base layer's map.
 pub fn wanted_by(material: &Material) -> Option<TextureRef> {
     material.normal_map.or(material.clearcoat.normal_map).map(|map| map.texture)
 }
@@ -38,9 +39,9 @@ pub fn give(mesh: &mut Mesh, map: TextureRef, given: Option<Vec<Vec4>>, place: &
     }
 }
 
-/// Gives each morph target the tangents of its shape, since a mesh without tangents has those of its displaced vertices
-/// (glTF 2.0, 3.7.2.2). Derivatives of position along u blend like positions, so offsets are in units of their length
-/// at rest.
+/// Sets the tangent offsets of each morph target so that a morphed mesh has the tangents of its displaced vertices, as
+/// glTF 2.0 requires for meshes without tangents (3.7.2.2). Derivatives of position along u blend linearly, like
+/// positions. Offsets are therefore differences of these derivatives, divided by the derivative's length at rest.
 fn morph(mesh: &mut Mesh, map: TextureRef) {
     let mut morphs = std::mem::take(&mut mesh.morphs);
     let rest = if morphs.is_empty() { Vec::new() } else { along_u(mesh, map) };
