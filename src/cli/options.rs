@@ -290,12 +290,7 @@ impl RenderOptions {
             self.spp
         );
         if let Some(late) = self.faults.injections.iter().find(|i| i.frame >= self.frames) {
-            anyhow::bail!(
-                "--inject: frame {} does not exist: the {} frames end with frame {}",
-                late.frame,
-                self.frames,
-                self.frames - 1
-            );
+            anyhow::bail!("--inject: there is no frame {}: the last is frame {}", late.frame, self.frames - 1);
         }
         anyhow::ensure!(
             self.scale == 1.0 || self.quality().denoiser.is_some(),
