@@ -51,6 +51,9 @@ pub fn run(args: &Args, experiment: &Experiment, csv: &'static str) -> Result<()
     // All take as many warm-up frames as the arrangement that needs most.
     let qualities = arranged.iter().map(RenderOptions::quality);
     let longest = qualities.max_by_key(|quality| args.warm_up_of(quality)).unwrap_or_default();
+    // The reference has the bounces of the arrangement that has most.
+    let bounces = arranged.iter().map(|options| options.bounces).max().into_iter().collect();
+    let args = &Args { bounces, ..args.clone() };
     let frames = u64::from(args.frames_of(&longest)) * arranged.len() as u64;
     let mut found =
         Results { experiment, longest, rows: Vec::new(), frames: Vec::new(), devices: Vec::new(), notes: Vec::new() };
