@@ -1,6 +1,6 @@
-//! diptych renders stereo frames for virtual reality by path tracing, image-parallel over several GPUs: the rows of both
-//! eyes' images are divided into stripes, one for each device, and the images are the same, byte for byte, on any number
-//! of devices of one kind.
+//! diptych renders stereo frames for virtual reality by path tracing, image-parallel over several GPUs: the rows of
+//! both eyes' images are divided into stripes, one for each device, and the images are the same, byte for byte, on any
+//! number of devices of one kind.
 //!
 //! # The flow of a frame
 //!
@@ -8,16 +8,16 @@
 //!
 //! 1. [`LoadedScene::load`] reads a shot: a [`scene::Scene`] and the [`scene::rig::Rig`] that sees it. [`accel::Accel`]
 //!    builds the tree that rays walk, and [`stages::SceneTables`] lays both out for shaders.
-//! 2. [`passes::declare`] says which passes a frame has, as plain data: a [`graph::Pass`] names its shader and the images
-//!    that it reads and writes.
+//! 2. [`passes::declare`] says which passes a frame has, as plain data: a [`graph::Pass`] names its shader and the
+//!    images that it reads and writes.
 //! 3. A [`schedule::Policy`] divides the rows among the devices, and [`graph::FrameGraph`] is the DAG of tasks and
 //!    transfers that follows.
 //! 4. [`exec::Renderer`] runs it on the devices that [`device::open`] opened, and reads the images.
 //! 5. [`schedule::CostModel`] learns from the times of the frame. [`control::Controller`] may pick the
 //!    [`quality::Quality`] of the next one, so that it stays within a budget.
 //!
-//! [`metrics`] compares images, [`accumulation`] makes references, and [`trace`] says where time went. The feature `cli`, on
-//! by default, adds the commands of the program as the module `cli`, and their tables and charts as `report`.
+//! [`metrics`] compares images, [`accumulation`] makes references, and [`trace`] says where time went. The feature
+//! `cli`, on by default, adds the commands of the program as the module `cli`, and their tables and charts as `report`.
 //!
 //! # Render a frame
 //!

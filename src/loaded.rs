@@ -42,8 +42,8 @@ pub struct LoadedScene {
 }
 
 impl LoadedScene {
-    /// Loads `builtin:NAME`, a shot (`.toml`) or a scene (`.gltf`, `.glb`), within the default [`Budget`] of memory and the
-    /// folders of the files.
+    /// Loads `builtin:NAME`, a shot (`.toml`) or a scene (`.gltf`, `.glb`), within the default [`Budget`] of memory and
+    /// the folders of the files.
     ///
     /// ```
     /// let scene = diptych::LoadedScene::load("builtin:cornell")?;

@@ -6,7 +6,9 @@ fn is_in_square(eye_fovea_rows: f32, row: i32) -> bool {
 }
 
 fn row_length(eye_fovea_rows: f32, row: i32) -> f32 {
-    return select(frame.camera.log_polar.columns, eye_fovea_rows, is_in_square(eye_fovea_rows, row));
+    let length = select(frame.camera.log_polar.columns, eye_fovea_rows, is_in_square(eye_fovea_rows, row));
+    // Changes no value. Without it, Mesa's software driver rounds image points differently.
+    return clamp(length, 1.0, f32(frame.camera.width));
 }
 
 // The square and the rings are separate images.

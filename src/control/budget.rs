@@ -58,13 +58,14 @@ impl Budget {
         self.below_end_ms(HEADROOM * margin)
     }
 
-    /// Returns this limit for a step to a rung that is much more expensive than the previous one.
+    /// Returns the limit of [`Self::reach_ms`] with less headroom, for a step to a rung that is much more expensive
+    /// than the current one.
     pub fn step_reach_ms(&self, margin: f64) -> f64 {
         self.below_end_ms(STEP_HEADROOM * margin)
     }
 
-    /// Returns this limit if all cheaper rungs are below the band. Half a standard deviation of headroom is enough,
-    /// since otherwise no frame would be within the band.
+    /// Returns the limit of [`Self::reach_ms`] with less headroom, for a rung above a gap, where all cheaper rungs are
+    /// below the band. Half a standard deviation is enough there, since otherwise no frame would be within the band.
     pub fn gap_reach_ms(&self, margin: f64) -> f64 {
         self.below_end_ms(GAP_HEADROOM * margin.sqrt())
     }

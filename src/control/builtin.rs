@@ -90,7 +90,8 @@ fn have_path_times(rungs: &[Rung]) -> bool {
     rungs.iter().all(|r| r.stage_ms.get(PATH_TRACE.name()).is_some_and(|ms| *ms > 0.0))
 }
 
-/// Whether rungs have times of stages, but not all have one of path tracing, so that [`relative_costs`] cannot use them.
+/// Whether rungs have times of stages, but not all have one of path tracing, so that [`relative_costs`] cannot use
+/// them.
 pub fn lack_path_times(rungs: &[Rung]) -> bool {
     rungs.iter().any(|r| !r.stage_ms.is_empty()) && !have_path_times(rungs)
 }

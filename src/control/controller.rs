@@ -8,10 +8,10 @@
 use super::correction::Correction;
 use super::{Budget, Ladder};
 
-/// Minimum number of frames between a change and a climb.
+/// Minimum number of frames after a change of rung or devices before the controller climbs to a more expensive rung.
 pub const CLIMB_EVERY: u32 = 8;
-/// Minimum number of frames between a change and a climb from below the band. It is smaller, since a drop after a burst
-/// of load may have gone too far.
+/// Minimum number of frames after such a change before the controller climbs from a rung that is below the band. It is
+/// smaller, since a drop after a burst of load may have gone too far.
 pub const CLIMB_BACK_AFTER: u32 = 4;
 /// Number of frames after a climb within which a drop marks the climb as a mistake.
 const PROBATION: u32 = 16;
@@ -66,7 +66,7 @@ pub struct Controller {
     rung: Option<usize>,
     decisions: u64,
     changed_at: u64,
-    /// Rung and time of the last climb, while it may still turn out to be a mistake.
+    /// Rung of the last climb and the number of that decision, while the climb is on probation.
     climbed: Option<(usize, u64)>,
     trials: Vec<Trial>,
 }
@@ -146,7 +146,7 @@ impl Controller {
         higher.unwrap_or(rung)
     }
 
-    /// Counts the decision and evaluates the last climb.
+    /// Records the chosen rung. If it is a drop within the probation of a climb, locks out the rung of that climb.
     fn take(&mut self, chosen: usize) {
         let now = self.decisions;
         self.decisions += 1;
@@ -174,7 +174,7 @@ impl Controller {
 /// Bounds on the expected time of rungs that may be chosen.
 struct Limits {
     lo_ms: f64,
-    /// [`Budget::reach_ms`], [`Budget::gap_reach_ms`].
+    /// Results of [`Budget::reach_ms`] and [`Budget::gap_reach_ms`] for the current scatter.
     reach_ms: f64,
     gap_reach_ms: f64,
 }

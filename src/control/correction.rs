@@ -6,8 +6,8 @@ use std::collections::VecDeque;
 const WINDOW: usize = 3;
 /// Weight of a new median in the running mean.
 const LEARNING_RATE: f64 = 0.15;
-/// Factor between median and mean, in either direction, that indicates a change of load. The median then replaces the
-/// mean. The first value is for frames without scatter, and the second is the maximum.
+/// Ratio of median to mean, or of mean to median, above which the load has changed and the median replaces the mean.
+/// The threshold grows with the scatter of frames, from the first value up to the second.
 const LEAP: [f64; 2] = [1.3, 1.75];
 /// Ratios above this, or below its inverse, are clamped to it. Clocks and predictors that are off by more are broken.
 const RATIO_MAX: f64 = 1e3;

@@ -15,9 +15,9 @@ pub fn front(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-/// Returns a mean over the logarithm of time, from `begin` to `end`: the mean of the least error that these (time,
-/// error) pairs reach within each time, or `worst` if no pair is that fast. Lower is better. If the span is empty,
-/// returns the least error at its end.
+/// Returns the mean error for time limits from `begin` to `end`, weighted evenly over the logarithm of the limit. The
+/// error at a limit is the lowest of all (time, error) pairs within it, but at most `worst`, which also applies if no
+/// pair is that fast. Lower is better. If the span is empty, returns the error at `end`.
 pub fn mean_error(points: &[(f64, f64)], [begin, end]: [f64; 2], worst: f64) -> f64 {
     let (mut sum, mut from, mut error) = (0.0, begin, worst);
     for i in front(points) {

@@ -123,8 +123,8 @@ pub(super) fn new_instance() -> wgpu::Instance {
     wgpu::Instance::new(descriptor)
 }
 
-/// Returns the flags without validation of indirect dispatches, which costs a pass for each. The shaders that write the
-/// counts for hole-filling bound them.
+/// Returns the flags of the wgpu instance. They leave out the validation of indirect dispatches, which adds a compute
+/// pass to each. It is not needed, since the shaders that write workgroup counts keep them within bounds.
 pub(super) fn instance_flags() -> wgpu::InstanceFlags {
     if cfg!(debug_assertions) { wgpu::InstanceFlags::DEBUG } else { wgpu::InstanceFlags::empty() }
 }

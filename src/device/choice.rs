@@ -47,7 +47,8 @@ fn is_gpu(info: &AdapterInfo) -> bool {
     matches!(info.device_type, DeviceType::DiscreteGpu | DeviceType::IntegratedGpu | DeviceType::VirtualGpu)
 }
 
-/// Returns the preference of an API, lowest first. Metal meets another API only through Vulkan on top of it.
+/// Returns the rank of an API by preference, 0 being the best. Vulkan precedes Metal: where both list a GPU, Vulkan is
+/// a layer on top of Metal.
 fn rank(backend: Backend) -> u8 {
     match backend {
         Backend::Vulkan => 0,

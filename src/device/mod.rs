@@ -129,8 +129,9 @@ impl GpuDevice {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Fails the device as if its driver had reported that memory is exhausted. Hosts that overcommit memory never
-    /// report it, and an allocation refused for its size is another error.
+    /// Fails the device as if its driver had reported that it is out of memory. Fault injection needs this, since the
+    /// error is hard to provoke: hosts that overcommit memory never report it, and a single allocation that is refused
+    /// for its size gives a different error.
     pub fn report_out_of_memory(&self) {
         let error = wgpu::Error::OutOfMemory { source: "injected".into() };
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error.into());

@@ -21,7 +21,7 @@ use crate::schedule::{Cut, Network};
 pub struct Attempt {
     /// Number of the attempt, from 1.
     pub number: u32,
-    /// Number of faults before the frame's first attempt: later ones belong to the frame.
+    /// Number of faults recorded before the frame's first attempt. Later faults are attributed to this frame.
     pub first_fault: usize,
     /// Begin of the first attempt, in milliseconds since the renderer's origin.
     pub begin_ms: f64,

@@ -30,7 +30,8 @@ pub struct Command {
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Order {
     Frame(Box<FrameJob>),
-    /// Send back both eyes' image in this place, after injecting a fault if one is given.
+    /// Send back an image for both eyes, from the buffers that `place` selects. If `injected` is given, inject this
+    /// fault first.
     Read {
         image: Output,
         place: Place,
@@ -50,7 +51,7 @@ pub struct FrameJob {
     pub previous: layout::Previous,
     /// Changes to the scene tables.
     pub update: SceneUpdate,
-    /// Slot and turn of the images that it writes.
+    /// Selects the buffers that the frame writes.
     pub place: Place,
     /// Images that the primary returns with its answer, in addition to the row tallies.
     pub reads: Vec<Output>,

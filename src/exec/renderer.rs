@@ -105,9 +105,9 @@ impl Renderer {
         self.frames.limits.fixed = Some(limit);
     }
 
-    /// Sets the frame budget from now on, which makes the run an interactive one: a device that hangs costs at most a
-    /// second, as long as frames take at most a tenth of one. In batch runs, 10 s or more pass until it is dropped. A
-    /// limit of [`Self::set_watchdog`] overrides both.
+    /// Sets the frame budget from now on and makes the run interactive: if frames take at most 0.1 s, a device that
+    /// hangs delays them by at most 1 s. In batch runs, such a device is dropped after 10 s at the earliest. The limit
+    /// of [`Self::set_watchdog`] overrides both.
     pub fn set_budget(&mut self, budget_ms: f64) {
         self.frames.limits.budget_ms = Some(budget_ms);
     }
@@ -184,9 +184,9 @@ impl Renderer {
     /// Checks whether a frame can have these parameters.
     ///
     /// # Errors
-    /// [`ExecError::Quality`] if its quality is outside the [`RunConfig::envelope`]: more samples or iterations, another
-    /// denoiser, no iteration of it, one sample without [`crate::quality::Envelope::mixes_spp`], a render scale below 1
-    /// if all others have 1, or foveal layers without foveation.
+    /// [`ExecError::Quality`] if its quality is outside the [`RunConfig::envelope`]: more samples or iterations,
+    /// another denoiser, no iteration of it, one sample without [`crate::quality::Envelope::mixes_spp`], a render scale
+    /// below 1 if all others have 1, or foveal layers without foveation.
     pub fn check(&self, params: &FrameParams) -> Result<(), ExecError> {
         quality::check(&params.quality, &self.config).map_err(ExecError::Quality)
     }
@@ -301,7 +301,8 @@ impl Renderer {
         self.frames.take_out(frame, failures.into_iter().collect(), |place| planner.remove_device(place))
     }
 
-    /// Begins the frames again that were in flight when devices failed. The first of them keeps the faults.
+    /// Begins all frames again that were in flight when devices failed, oldest first. The oldest continues its series
+    /// of attempts, so that the faults are attributed to it. The others start with a first attempt.
     fn begin_again(&mut self, frames: Vec<InFlight>) {
         for (i, InFlight { inputs, attempt, .. }) in frames.into_iter().enumerate() {
             self.hand_out(inputs, (i == 0).then_some(Attempt { number: attempt.number + 1, ..attempt }));

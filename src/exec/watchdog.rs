@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use crate::device::WAIT_SLICES;
 
-/// Terms of the limit before the first frame: a time per sample that exceeds that of any useful device by far, and half
-/// a minute.
+/// Time limit before the first frame: `UNKNOWN_BASE` plus this time per sample, which exceeds that of any useful device
+/// by far.
 const UNKNOWN_SAMPLE: Duration = Duration::from_micros(20);
 const UNKNOWN_BASE: Duration = Duration::from_secs(30);
 /// Limit of batch runs: this many times the slowest frame's time per sample, and at least this duration.

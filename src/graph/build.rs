@@ -133,7 +133,8 @@ struct Holding {
 /// The newest version of one image of one view.
 #[derive(Clone, Debug, Default)]
 struct Version {
-    /// Rows by owner, which cover the image without overlap. A table has one entry per device that makes it.
+    /// Rows and their owners. The rows of an image are covered without overlap. A table, which devices compute for
+    /// themselves, has one entry for each device that does.
     owned: Vec<Holding>,
     /// Rows that devices hold in addition to their own.
     copies: Vec<Holding>,

@@ -265,7 +265,8 @@ pub enum Work {
     Once,
 }
 
-/// Role of a pass in a chain, in which each pass reads rows around its own that the previous pass wrote.
+/// Role of a pass in a filter chain. There, each pass reads a halo: rows above and below its own that the previous pass
+/// wrote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Chain {
     No,

@@ -74,8 +74,8 @@ pub enum Scope {
     Device,
 }
 
-/// Lifetime of a resource's contents. Contents that a pass reads from the previous frame are kept that long in any
-/// case.
+/// Lifetime of a resource's contents. If a pass reads the contents of the previous frame, they are kept for another
+/// frame, whatever the lifetime.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Life {
     /// The contents last until those of the next frame replace them.

@@ -6,13 +6,15 @@ pub fn widen(rows: &Range<u32>, by: u32, height: u32) -> Range<u32> {
     rows.start.saturating_sub(by)..(rows.end + by).min(height)
 }
 
-/// Converts a range of `from` rows to a range of `to` rows. Adjacent ranges stay adjacent.
+/// Rescales rows of an image with `from` rows to an image with `to` rows. Adjacent ranges stay adjacent, so a partition
+/// of the first image becomes one of the second.
 pub fn share(rows: &Range<u32>, from: u32, to: u32) -> Range<u32> {
     let edge = |row: u32| (u64::from(row) * u64::from(to)).div_ceil(u64::from(from.max(1))) as u32;
     edge(rows.start)..edge(rows.end)
 }
 
-/// Returns the rows of an image with `to` rows that these rows of an image with `from` rows cover.
+/// Rescales rows of an image with `from` rows to an image with `to` rows, rounded outwards to all rows that they
+/// overlap. Adjacent ranges may then overlap.
 pub fn scale(rows: &Range<u32>, from: u32, to: u32) -> Range<u32> {
     let (from, to) = (u64::from(from.max(1)), u64::from(to));
     let begin = u64::from(rows.start) * to / from;

@@ -11,7 +11,7 @@ pub struct Moving {
     pub triangles: u32,
     pub vertices: u32,
     pub morphs: u32,
-    /// Rows of a pose.
+    /// Number of 16-byte rows in the pose table, which holds joint matrices and morph weights.
     pub pose: u32,
     /// Number of nodes of the trees over these bodies, and the index of the first.
     pub nodes: u32,

@@ -8,7 +8,7 @@ use crate::scene::rig::Eye;
 
 const PARTITION: Partition = Partition("to_screen");
 
-/// The image blurred along the rings, and then across them too.
+/// Results of the separable blur: along the rings (`AROUND`), and then also across them (`BLURRED`).
 const AROUND: Resource = Resource::image("polar_around", 16);
 const BLURRED: Resource = Resource::image("polar_blurred", 16);
 

@@ -13,8 +13,8 @@ const fn code(reason: HoleReason) -> u32 {
     reason as u32 + 1
 }
 
-/// Reciprocal of the largest vertical distance between a surface's positions in both eyes, as a fraction of a polar
-/// image's rows.
+/// Divisor of a polar image's height that gives the search range of reprojection in rows: the largest vertical distance
+/// between a surface's positions in both eyes.
 const POLAR_REACH: u32 = 8;
 
 const KERNEL: Kernel = Kernel::new("reproject").with(&[

@@ -53,7 +53,7 @@ pub struct FrameCosts {
     pub wait_ms: Vec<(usize, f64)>,
     /// Time from the primary's last task to the end of the frame; 0 if unknown.
     pub tail_ms: f64,
-    /// RelativeCost (relative cost) at the quality of the frame.
+    /// Relative cost of the stages at the quality of the frame.
     pub relative_cost: RelativeCost,
 }
 
@@ -65,13 +65,14 @@ pub struct CostModel {
     spec: FrameSpec,
     declarations: Declarations,
     program: Arc<Program>,
-    /// All stages, by view, that were ever planned. Learned times are stored by their numbers.
+    /// All stages that were ever planned, for each view. Their indices are the stage numbers by which learned times are
+    /// stored.
     stages: Vec<StageOfView>,
     /// The relative cost of the frames being planned.
     relative_cost: RelativeCost,
     devices: Vec<DeviceCost>,
-    /// Prefix sums of rays over rows, for each eye, divided by the relative cost with which they were traced; `height + 1`
-    /// entries.
+    /// Prefix sums of rays over rows, for each eye: `height + 1` entries, divided by the relative cost of the frame in
+    /// which the rays were counted.
     rays_above: [Vec<f64>; 2],
     tail: Mean,
     frames: u32,
@@ -242,8 +243,8 @@ impl CostModel {
         }
     }
 
-    /// Returns a model with one device per entry of `speeds`, each like the mean of the measured ones, times its speed.
-    /// Transfers are the host's work and cost the same at any speed. All devices are on one machine.
+    /// Returns a model with one device per entry of `speeds`, all on one machine. The stages of a device take the mean
+    /// time of the measured devices, divided by its speed. Transfers run on the host and cost the same at any speed.
     pub fn on_devices(&self, speeds: &[f64]) -> Self {
         let (mut down, mut up) = (Line::default(), Line::default());
         for device in &self.devices {
@@ -363,7 +364,8 @@ impl CostModel {
     }
 }
 
-/// Computes prefix sums of a frame's rays divided by their relative cost, without the one ray per pixel of the G-buffer.
+/// Computes prefix sums of a frame's rays divided by their relative cost, without the one ray per pixel of the
+/// G-buffer.
 fn sum_rows(above: &mut [f64], rays: &[u32], width: u32, relative_cost: f64) {
     let mut sum = 0.0;
     for (entry, &rays) in above[1..].iter_mut().zip(rays) {

@@ -70,7 +70,8 @@ fn dearest_ms(costs: &StripeCosts<'_>, stripes: &Stripes) -> f64 {
     stripes.iter().map(|(device, rows)| costs.ms(device, &rows)).fold(0.0, f64::max)
 }
 
-/// The stripes of each set of groups that share a partition ([`crate::graph::Program::partition_sets`]), from frame to frame.
+/// The stripes of each set of groups that share a partition ([`crate::graph::Program::partition_sets`]), from frame to
+/// frame.
 ///
 /// Both eyes share a partition. The G-buffer, radiance and reprojection of a row then stay on one device, and separate
 /// stripes for the right eye would not improve the balance of both eyes' sum. Without a filter, a row has one owner in

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::cost::CostModel;
 use crate::graph::{Dispatch, FrameGraph, Pass, SceneUse, TaskKind, runs};
 
-/// Position in a task: before this run of its kernel reaches this row.
+/// Position in a task: right before row `row` of the kernel run with the index `run`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Position {
     pub run: u32,
@@ -39,8 +39,8 @@ pub fn parts(cuts: &[Cut], task: usize, rows: &Range<u32>) -> Vec<Range<Position
     ends.windows(2).map(|pair| pair[0]..pair[1]).collect()
 }
 
-/// Assumed time of a path on an unknown device, and of a pixel in passes that trace no paths: that of a slow GPU of
-/// 2015, with headroom for one that is ten times slower.
+/// Assumed times on a device that has not run the pass yet: of a path, and of a pixel in passes that trace no paths.
+/// They are those of a slow GPU of 2015, with headroom for one that is ten times slower.
 const UNKNOWN_PATH_MS: f64 = 2e-3;
 const UNKNOWN_PIXEL_MS: f64 = 1e-4;
 

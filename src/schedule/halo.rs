@@ -21,7 +21,7 @@ pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
     if best_ms < (1.0 - HYSTERESIS) * costs.ms(now) { best } else { now }
 }
 
-/// Mean cost per device of the runs of passes that make up plans.
+/// Mean costs per device of all runs of consecutive passes that a halo plan may consist of.
 struct HaloCosts {
     /// The runs that begin at each pass, the shortest first.
     runs: Vec<Vec<Run>>,
@@ -30,12 +30,12 @@ struct HaloCosts {
 
 /// The passes from one exchange to the next.
 struct Run {
-    /// Cost of margins that the device computes, of receiving rows that are new with each pass, and of waiting for
-    /// them.
+    /// Time to compute the margins, to receive halo rows of images that the filter's passes write, and to wait for
+    /// them. It excludes rows of images that the filter does not change.
     ms: f64,
-    /// Received rows around a stripe, for each view.
+    /// Number of rows received on each side of a stripe, for each view.
     halo_rows: [u32; 2],
-    /// Bytes of such a row that no pass of the filter changes, for each view.
+    /// Bytes per row of the images that no pass of the filter changes, for each view.
     kept_bytes: [u64; 2],
 }
 
@@ -114,8 +114,8 @@ impl HaloCosts {
         Self { runs: (0..passes).map(runs_at).collect(), link }
     }
 
-    /// Returns the cost of a run, and the rows of unchanged images that are present after it, given the `kept_rows`
-    /// that earlier runs have received.
+    /// Returns the cost of a run, and the number of rows of unchanged images that the device holds on each side after
+    /// it. Earlier runs have received `kept_rows` of these, which are not transferred again.
     fn after(&self, kept_rows: [u32; 2], run: &Run) -> (f64, [u32; 2]) {
         let (mut ms, mut rows) = (run.ms, kept_rows);
         for ((rows, halo), bytes) in rows.iter_mut().zip(run.halo_rows).zip(run.kept_bytes) {

@@ -87,8 +87,8 @@ impl Line {
     /// Returns latency in milliseconds and milliseconds per byte, neither below 0. Both are 0 before the first
     /// measurement.
     ///
-    /// If the sizes are too similar for a slope, or the best line has a latency below 0, the line goes through the
-    /// origin. If the line falls, everything is latency.
+    /// If the sizes are too similar to fit a slope, or the fitted latency is negative, fits a line through the origin
+    /// instead. If the fitted slope is negative, returns the mean time as latency, and 0 per byte.
     pub fn fit(&self) -> (f64, f64) {
         if self.count <= 0.0 {
             return (0.0, 0.0);

@@ -48,10 +48,11 @@ pub enum StepKind {
     Stitch,
 }
 
-/// Largest cost of a frame besides the work that a single device would have to do as well.
+/// Bottleneck of a frame: the largest loss of time compared with an even distribution of the work that a single device
+/// would have to do as well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
-    /// No other cost. All but 5 % of the makespan is that work.
+    /// No bottleneck: all losses together are at most [`LOSS_SHARE`] of the makespan.
     Work,
     /// Devices that wait for slower stripes.
     Imbalance,
@@ -75,7 +76,7 @@ impl Limit {
     }
 }
 
-/// Fraction of a frame's time that may be lost before something other than work limits it.
+/// Fraction of the makespan up to which losses are ignored and the limit is [`Limit::Work`].
 pub const LOSS_SHARE: f64 = 0.05;
 
 /// Deadlock: a device waits for rows that are only sent later.
@@ -251,8 +252,8 @@ impl<'a> Play<'a> {
         path
     }
 
-    /// Returns the largest loss. The steps of the critical path and overhead add up to the makespan, so losses add up
-    /// to the part of it that exceeds an even distribution of the work.
+    /// Returns the cause of the largest loss. The steps of the critical path and overhead add up to the makespan, so
+    /// the losses add up to its excess over an even distribution of the work without margins.
     fn limit(&self, makespan_ms: f64, path: &[Step]) -> Limit {
         let mean_busy_ms = self.busy_ms.iter().sum::<f64>() / self.busy_ms.len() as f64;
         let (mut stages_ms, mut transfers_ms) = (0.0, 0.0);

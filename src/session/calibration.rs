@@ -43,9 +43,9 @@ pub enum CalibrationError {
     Stopped,
 }
 
-/// Makes the built-in ladder of some qualities. It times a few of them on the renderer, derives the times of the others
-/// and the light per bounce from these, and estimates noise. `limit` turns a quality into the one that frames have. If
-/// `stop` returns true, calibration ends before the next frame.
+/// Builds a ladder from `qualities`. It times a few of them on the renderer, extrapolates the times of the others and
+/// the light per bounce, and estimates noise. `limit` maps a quality of the ladder to the one that frames are rendered
+/// with. If `stop` returns true, calibration ends before the next frame.
 ///
 /// # Errors
 /// [`CalibrationError`]

@@ -32,7 +32,7 @@ impl Foveation {
         Self { gaze, radii: Self::RADII, unsampled_fraction: Self::UNSAMPLED_FRACTION }
     }
 
-    /// Returns the same layers around a gaze that does not move.
+    /// Returns the same layers around a fixed gaze of each eye, in fractions of its image.
     pub fn looking(&self, eyes: [[f64; 2]; 2]) -> Self {
         Self { gaze: eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }), ..self.clone() }
     }

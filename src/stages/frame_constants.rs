@@ -12,7 +12,7 @@ use crate::scene::rig::{Eye, Rig};
 
 /// Samples that a frame takes from the sequences of its pixels.
 pub enum Samples {
-    /// The first samples, this many. Pixels share sequences.
+    /// This many samples per pixel, from sequences that pixels share (see [`layout::Sampling::curve_shift`]).
     First(u32),
     /// This range of samples from a sequence per pixel, since an accumulation does not know its final sample count.
     Own(Range<u32>),

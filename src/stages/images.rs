@@ -36,9 +36,9 @@ enum Kind {
 /// Selects a frame's buffers among the copies of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub struct Place {
-    /// Slot of the frame's outputs.
+    /// Index of the frame's output buffers, which no other frame in flight uses.
     pub slot: usize,
-    /// Turn, 0 or 1, of the frame's history.
+    /// Index, 0 or 1, of the history buffers that the frame writes. It reads the others, written by the previous frame.
     pub turn: usize,
 }
 

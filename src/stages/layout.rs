@@ -31,7 +31,8 @@ shared_structs! {
         pub rows: f32,
         pub forward: Vec3,
         pub fovea_rows: f32,
-        /// Direction of the gaze, and the direction from there in which columns begin.
+        /// Direction of the gaze. `gaze_right` is perpendicular to it, and points from the gaze towards column 0 of a
+        /// polar image.
         pub gaze: Vec3,
         /// Position of the gaze on the screen, pixels; only set for log-polar images.
         pub gaze_x: f32,
@@ -47,7 +48,8 @@ shared_structs! {
         pub log_diagonal: f32,
         /// Exponent by which rings are moved away from the gaze.
         pub kernel: f32,
-        /// Rings up to the diagonal, including the first `first_ring` that the image around the gaze replaces.
+        /// Number of rings up to a distance of the screen's diagonal. The image around the gaze replaces the innermost
+        /// `first_ring` of them.
         pub rings: f32,
         pub first_ring: f32,
         /// Radius of the image around the gaze, pixels.
@@ -99,8 +101,8 @@ shared_structs! {
         pub spp: u32,
         /// Number of the frame's first sample. Successive passes of an accumulation continue the sequences.
         pub sample_base: u32,
-        /// Bits of a sample's number below its pixel's index on the Z-order curve. With [`NO_CURVE`], each pixel has
-        /// its own sequences.
+        /// Number of low bits of the index into a shared sequence that hold the sample's number. The bits above hold
+        /// the pixel's index on the Z-order curve. With [`NO_CURVE`], each pixel has its own sequences.
         pub curve_shift: u32,
         /// Maximum number of reflections of a path.
         pub reflections: u32,
@@ -108,7 +110,7 @@ shared_structs! {
         pub indirect_clamp: f32,
         /// Fraction of all pixels that is sampled, before foveation leaves out more.
         pub sampled_fraction: f32,
-        /// Offset of every pixel's sampling threshold, which wraps around at 2^32.
+        /// Value added to the sampling threshold of every pixel, modulo 2^32. It changes the mask from frame to frame.
         pub mask_turn: u32,
         /// 1 if samples are jittered over their pixels, 0 if the only one goes through [`Camera::centre`].
         pub is_jittered: u32,

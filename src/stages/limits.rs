@@ -96,7 +96,7 @@ pub enum Remedy {
     SmallerSize,
     /// Traversal in compute shaders.
     ComputeTraversal,
-    /// A declaration of the pass with less.
+    /// A pass that declares fewer storage buffers, smaller constants or smaller workgroups.
     SmallerPass,
 }
 

@@ -6,8 +6,8 @@ use crate::quality::Quality;
 use crate::scene::rig::Rig;
 
 /// Parameters that determine a frame, together with its scene and the configuration of its renderer.
-/// [`Renderer::frame`](crate::exec::Renderer::frame) fills in defaults. Frames with the same parameters and the same history are
-/// byte-identical.
+/// [`Renderer::frame`](crate::exec::Renderer::frame) fills in defaults. Frames with the same parameters and the same
+/// history are byte-identical.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameParams {
     /// The camera, whose path is evaluated at `time_s`.

@@ -1,5 +1,5 @@
-//! Files use one another in one direction only, so that each can be read after those that it uses. A `mod.rs` that exports
-//! names of its children does not use them thereby. Tests are left out.
+//! Files use one another in one direction only, so that each can be read after those that it uses. A `mod.rs` that
+//! exports names of its children does not use them thereby. Tests are left out.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

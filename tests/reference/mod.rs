@@ -12,9 +12,11 @@
 //!   clockwise one where an instance mirrors. Unlit surfaces show their colour to both sides.
 //! - **Alpha**: a mask is there or not, a blended surface is there with probability alpha.
 //! - **Volumes**: see [`medium`].
-//! - **Shadows**: light of a directional light, or of a point or spot without a radius, passes thin, smooth transmitting
-//!   surfaces straight on, which is no scattering. To all other shadow rays transmitting surfaces are opaque.
-//! - **Lights**: see [`lights`]. Spherical lights are seen by the camera and by bounces; they are black, paths end there.
+//! - **Shadows**: light of a directional light, or of a point or spot without a radius, passes thin, smooth
+//!   transmitting surfaces straight on, which is no scattering. To all other shadow rays transmitting surfaces are
+//!   opaque.
+//! - **Lights**: see [`lights`]. Spherical lights are seen by the camera and by bounces; they are black, paths end
+//!   there.
 
 #![allow(dead_code)] // Each test binary uses a part.
 

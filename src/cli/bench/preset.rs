@@ -1,7 +1,7 @@
 //! `diptych bench --preset`: published experiments.
 //!
-//! An experiment is a file in `experiments`, which [`experiment::run`] executes, or a module with `run` and `REFUSES` if
-//! it measures more than such a file can say. Add a variant to [`Experiment`] and a line to each of its methods.
+//! An experiment is a file in `experiments`, which [`experiment::run`] executes, or a module with `run` and `REFUSES`
+//! if it measures more than such a file can say. Add a variant to [`Experiment`] and a line to each of its methods.
 
 use anyhow::anyhow;
 

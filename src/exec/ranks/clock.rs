@@ -12,7 +12,7 @@ use crate::exec::messages::{Answer, Reply};
 #[derive(Default)]
 pub struct RankClock {
     offset: ClockOffset,
-    /// Bounds of the offset at earlier times of that clock, oldest first.
+    /// Earlier times on the other rank's clock, each with the bounds of the offset at that time; oldest first.
     marks: VecDeque<(f64, Range<f64>)>,
     /// Running mean of round trips of small packets, milliseconds.
     pub round_trip_ms: Option<f64>,
@@ -84,16 +84,17 @@ impl RankClock {
         self.marks.drain(..self.marks.len().saturating_sub(MARKS));
     }
 
-    /// Returns the other clock's zero on the clock here, for times of that clock between these two, and its maximum
-    /// error in µs. The error is `None` before a round trip.
+    /// Returns the zero of the other rank's clock in milliseconds on this rank's clock, for use with times from
+    /// `from_ms` to `to_ms` on the other clock, and its maximum error over that range in µs. The error is `None` before
+    /// the first round trip.
     pub fn zero_between(&self, [from_ms, to_ms]: [f64; 2]) -> (f64, Option<f64>) {
         let [(then_ms, then_error_ms), (zero_ms, error_ms)] = [from_ms, to_ms].map(|ms| self.offset.at(ms));
         let most_ms = error_ms.max(then_error_ms + (then_ms - zero_ms).abs());
         (zero_ms, most_ms.is_finite().then_some(most_ms * 1e3))
     }
 
-    /// Converts the times of a reply, which are milliseconds since the other rank's zero, to a clock whose zero was at
-    /// `origin_ms` here.
+    /// Converts the times of a reply from the other rank's clock to milliseconds since `origin_ms`, a time on this
+    /// rank's clock.
     pub fn translate(&self, reply: &mut Reply, origin_ms: f64) {
         let Ok(Answer::Frame(frame)) = &mut reply.answer else { return };
         let (offset_ms, error_ms) = self.offset.at(frame.end_ms);

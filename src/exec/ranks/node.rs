@@ -28,7 +28,7 @@ pub struct Node {
     letters: Mutex<Receiver<(usize, Letter)>>,
     shared: Arc<Shared>,
     pub(super) epoch: Instant,
-    /// Next number of a request, and of a renderer or a set.
+    /// Next number of a request (`requests`), and next number of a renderer or of a set of devices (`numbers`).
     requests: AtomicU64,
     numbers: AtomicU32,
     thread: Mutex<Option<JoinHandle<()>>>,

@@ -10,10 +10,11 @@ const CALLS: Duration = Duration::from_millis(200);
 const FIRST_CALLS: (u32, Duration) = (50, Duration::from_millis(20));
 /// Maximum number of round trips of a call.
 const TRIPS: u32 = 8;
-/// Maximum duration of a call. Meanwhile neither end rests: the shorter the shortest round trip is, the better the
-/// clocks are aligned.
+/// Maximum duration of a call. During a call both ranks poll without sleeping, since the shortest round trip bounds the
+/// error of the clock offset.
 pub const TRIPS_TIME: Duration = Duration::from_micros(400);
-/// Bandwidth probe: every call with a multiple of this number has a load instead of pings.
+/// Interval of bandwidth probes: each call whose number is a multiple of this one sends a single ping with a load,
+/// instead of a series of empty pings.
 const LOADED: u32 = 24;
 /// Intended time of a load, in milliseconds: as much as large rows take, and short enough not to delay frames.
 const LOAD_MS: f64 = 4.0;

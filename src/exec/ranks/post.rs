@@ -18,15 +18,16 @@ use crate::exec::messages::Bytes;
 
 /// Time without a packet after which a rank is lost. Rank 0 watches the others, and they watch rank 0.
 const SILENCE: Duration = Duration::from_secs(5);
-/// Longest step in which time is counted, so that a suspended process loses one step at most.
+/// Maximum time that counts towards timeouts between two checks of them, so that a process that was suspended loses at
+/// most this much.
 const STEP: Duration = Duration::from_millis(500);
 /// Time that the rank's other threads have to end a run after a rank is lost.
 const GRACE: Duration = Duration::from_secs(3);
 
 const SIGNS: Duration = Duration::from_millis(10);
 
-/// Rest before the next poll for packets: the time since the last packet of a frame divided by `REST_PART`, limited to
-/// a range. Shorter rests would slow down devices on the same cores.
+/// Divisor that gives the sleep before the next poll for packets: the time since the last packet of a frame divided by
+/// `REST_PART`, clamped to `SHORT_REST` ..= `LONG_REST`. Shorter sleeps would slow down devices on the same cores.
 const REST_PART: u32 = 8;
 const SHORT_REST: Duration = Duration::from_micros(50);
 const LONG_REST: Duration = Duration::from_millis(1);
@@ -38,16 +39,16 @@ pub struct Post<L> {
     shared: Arc<Shared>,
     renderers: HashMap<u32, RendererDevices>,
     peers: Vec<Peer>,
-    /// Zero of its clock.
+    /// Zero of this rank's clock.
     epoch: Instant,
     /// The rank that was called last, and the time of the call.
     called: (usize, Instant),
     /// Expected end of the sending of rows, and arrival of the newest rows, in milliseconds since the epoch.
     sends_until_ms: f64,
     rows_came_ms: f64,
-    /// Time until which it does not rest.
+    /// Time until which the thread polls without sleeping.
     alert: Instant,
-    /// Time at which it last found no packet.
+    /// Time of the last poll that found no further packet.
     looked: Instant,
     /// Trace span during which it does nothing except for signs of life.
     idle: Option<EnteredSpan>,
@@ -110,8 +111,8 @@ impl<L: Link> Post<L> {
                 any |= self.take(from, bytes);
             }
             self.looked = Instant::now();
-            // MPI makes progress only while it is called. It is not called more often for that while there are renderers,
-            // since their devices may share the cores.
+            // MPI makes progress only while it is called. It is not called more often for that while there are
+            // renderers, since their devices may share the cores.
             let is_under_way = !self.link.is_settled() && self.renderers.is_empty();
             self.keep_in_touch();
             if any || is_under_way {
@@ -151,8 +152,8 @@ impl<L: Link> Post<L> {
         any
     }
 
-    /// Handles a packet that has arrived. It drops packets of renderers that have ended. Returns true if more packets may
-    /// follow closely.
+    /// Handles a packet that has arrived. It drops packets of renderers that have ended. Returns true if more packets
+    /// may follow closely.
     fn take(&mut self, from: usize, bytes: Vec<u8>) -> bool {
         self.peers[from].silent = Duration::ZERO;
         let packet = match Packet::decode(bytes) {

@@ -35,8 +35,9 @@ struct Other {
 }
 
 impl RendererDevices {
-    /// Creates the renderer on rank `here`; returns it with the ends of the rank's own workers. `ends` are those of all
-    /// devices, and `ranks` has the rank of each. `commander` is `None` on the renderer's rank.
+    /// Creates the view that rank `here` has of a renderer's devices. Also returns the channel ends for this rank's
+    /// workers. `ends` holds the worker's end for every device, and `ranks` the rank of each. `commander` is `None` on
+    /// the renderer's rank.
     pub fn new(
         number: u32,
         (here, ranks): (usize, &[usize]),

@@ -65,7 +65,7 @@ pub struct Protocol<B> {
     floor: u64,
     has_failed: bool,
     at: At,
-    /// During a wait for rows: the number of slices without a message.
+    /// Number of time slices without a message in the current wait for rows; `None` if the worker waits for none.
     receiving: Option<u32>,
     /// Actions that come before all others.
     due: VecDeque<Action<B>>,

@@ -24,7 +24,8 @@ pub const CONSTANTS: &[Constant] = constants![TILE];
 const TRACE: Kernel = Kernel::with_scene("gradient").with(CONSTANTS);
 const SMOOTH: Kernel = Kernel::new("gradient_smooth").with(constants![REACH]);
 
-/// Luminance of a tile's pixel now minus before, and the larger of both.
+/// Two values for the retraced pixel of each tile: its luminance minus that in the previous frame, and the larger of
+/// the two luminances.
 const GRADIENT: Resource = Resource::image("gradient", 8).on(TILES);
 
 /// Whether gradients are computed: only in dynamic scenes, and not in polar images, whose tiles are not square.

@@ -6,7 +6,7 @@ use crate::passes::resources::RADIANCE;
 use crate::passes::{FrameSpec, tonemap};
 use crate::scene::rig::Eye;
 
-/// Cut group of all denoiser passes: they have the same stripes.
+/// Partition of all denoiser passes, which therefore have the same stripes.
 pub const PARTITION: Partition = Partition("denoise");
 
 const FILTERED: Resource = Resource::image("filtered", 16);

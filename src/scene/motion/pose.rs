@@ -93,7 +93,8 @@ impl Motion {
         worlds
     }
 
-    /// Returns the world transform of rigid body `body`, an index into [`Motion::bodies`]; the identity if out of range.
+    /// Returns the world transform of rigid body `body`, an index into [`Motion::bodies`]; the identity if out of
+    /// range.
     pub fn world_from_body(&self, pose: &Pose, body: usize) -> DAffine3 {
         let node = self.bodies.get(body).and_then(|body| pose.world_from_node.get(body.node));
         node.copied().unwrap_or(DAffine3::IDENTITY)

@@ -1,4 +1,5 @@
-//! Log-polar images (Andersson & Hansson 2020, "Performance Optimizations for Foveated Real-Time Raytracing", section 3.3).
+//! Log-polar images (Andersson & Hansson 2020, "Performance Optimizations for Foveated Real-Time Raytracing", section
+//! 3.3).
 //!
 //! Rings are circles on the screen. The kernel maps the row to the logarithm of the ring's radius in pixels, linearly
 //! or by a root. The rows of a square may precede the rings: there, every screen pixel close to the gaze has its own

@@ -33,7 +33,7 @@ fn acuity_within(degrees: f64) -> f64 {
     FOVEA_AREA + ACUITY_SUM * (part(degrees) - part(FOVEA_DEG))
 }
 
-/// Returns the number of the fovea's rings relative to that of an image whose outermost ring is at `degrees`. The
+/// Returns the fraction of an image's rings that belong to the fovea, if the outermost ring is at `degrees`. The
 /// density is continuous at the fovea's rim. The result exceeds 1 if the fovea covers the whole image.
 fn fovea_fraction(degrees: f64) -> f64 {
     1.0 / rings_within(degrees.max(LEAST_DEG))

@@ -2,9 +2,9 @@
 //! instances.
 //!
 //! Primitives of a BLAS are numbered like the triangles of its tree. If a tree mixes opaque and alpha-tested triangles,
-//! its BLAS has one geometry for each kind. Both contain all triangles, but those of the other kind are degenerate
-//! there, so that no ray hits them, and so are copies of triangles. Primitive numbers thus need no table that maps them
-//! to triangles.
+//! its BLAS has one geometry for each kind. Both contain all triangles, so that no table is needed to map primitive
+//! numbers to triangles. In each geometry, triangles of the other kind are degenerate, so that no ray hits them. So are
+//! copies of triangles.
 //!
 //! Dynamic geometry is rebuilt from scratch in each frame: the BLAS of every deforming body, from the vertices that the
 //! pass `skin` has written, and the TLAS. Bodies that are left out of a frame are not built in it.
@@ -51,7 +51,7 @@ pub struct Structures {
     tlas: wgpu::Tlas,
     /// First row of the instances in the tables.
     instances: u32,
-    /// Whether the first instance, which holds the flattened static triangles, has any.
+    /// Whether the first instance, which holds the flattened static triangles, contains any triangles.
     has_still: bool,
     /// Deforming bodies of the current frame, as indices into `bottoms`.
     deforming: Vec<usize>,
