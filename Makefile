@@ -113,7 +113,7 @@ test-xr: deps
 	$(CARGO) build --release --locked --features xr
 	mkdir -p out/xr/bin
 	cp "$(DIPTYCH)" out/xr/bin/diptych
-	sh tools/test-xr.sh out/xr/bin/diptych out/xr/runs
+	$(RUN) sh tools/test-xr.sh out/xr/bin/diptych out/xr/runs
 
 golden: deps
 	$(CARGO) build --release --locked

@@ -4,9 +4,10 @@
 #   sh tools/release-check.sh [STEP...]        (make release-check STEPS="lint test")
 #
 # Steps whose names end in -newer run under a second driver: NEWER_MESA is a command that runs another one under it. By
-# default all steps run. A step that lacks a tool is skipped. A failed step does not stop the others, but the status is
-# then 1. Results of other steps stay in the report, each with its commit, so that steps can run separately. GOLDEN is
-# an optional folder with golden.txt and golden-newer.txt of an earlier build: images must have these hashes.
+# default all steps run. A step that lacks a tool is skipped; xr also finds Monado in the second driver's system. A
+# failed step does not stop the others, but the status is then 1. Results of other steps stay in the report, each with
+# its commit, so that steps can run separately. GOLDEN is an optional folder with golden.txt and golden-newer.txt of an
+# earlier build: images must have these hashes.
 set -eu
 
 cd "$(dirname "$0")/.."
@@ -102,14 +103,20 @@ run_step() {
         export TMPDIR="$PWD/$state/tmp"
         ;;
     mpi) sh tools/deps-mpi.sh || skip "there is no MPI, and none could be installed" ;;
-    xr) has monado-service || [ -n "${XR_RUNTIME_JSON:-}" ] || skip "there is no OpenXR runtime" ;;
+    xr)
+        if [ -n "$newer" ] && ! has monado-service && $newer sh -c 'command -v monado-service' >/dev/null; then
+            run=$newer
+        fi
+        has monado-service || [ -n "$run${XR_RUNTIME_JSON:-}" ] || skip "there is no OpenXR runtime"
+        ;;
     view) { has Xvfb && has xdotool; } || skip "there is no Xvfb or no xdotool" ;;
     esac
     case $1 in
     hardware-rays) hardware_rays ;;
     golden | golden-newer) golden "$1" "$run" ;;
     golden-compare) golden_compare ;;
-    mpi | xr | view) $make "test-$1" ;;
+    mpi | view) $make "test-$1" ;;
+    xr) $make test-xr RUN="$run" ;;
     *) $make "${1%-newer}" RUN="$run" ;;
     esac
 }
