@@ -2,15 +2,16 @@
 
 mod andersson;
 mod args;
+mod arrangement;
 mod axes;
-mod bmfr;
+mod experiment;
 mod findings;
 mod grid;
 mod journal;
 mod judge;
-mod koskela;
 mod late;
 mod leria;
+mod moving_gaze;
 mod over_shots;
 mod page;
 mod peres;

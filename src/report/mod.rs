@@ -2,13 +2,12 @@
 
 pub mod andersson;
 pub mod bench;
-pub mod bmfr;
 pub mod csv;
+pub mod experiment;
 mod frame_row;
 pub mod frames;
 pub mod headset;
 pub mod html;
-pub mod koskela;
 pub mod lanes;
 pub mod late;
 pub mod leria;

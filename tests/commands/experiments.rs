@@ -193,3 +193,58 @@ fn experiments_refuse_what_does_not_go_with_them() {
     let output = diptych(&["bench", "--out", "unused", "--frames", "3"]);
     assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("--preset"));
 }
+
+/// The example of the documentation.
+fn own_experiment() -> String {
+    let text = include_str!("../../docs/experiments.md");
+    text.split("```toml\n").nth(1).unwrap().split("```").next().unwrap().to_owned()
+}
+
+#[test]
+fn an_experiment_of_your_own_has_its_own_arrangements_and_columns() {
+    let folder = tempfile::tempdir().unwrap();
+    let [file, out] = ["own.toml", "out"].map(|name| folder.path().join(name).to_str().unwrap().to_owned());
+    std::fs::write(&file, own_experiment()).unwrap();
+    let args = ["bench", "builtin:checker", "--size", "32x20", "--repeats", "2", "--reference-spp", "16", "--json"];
+    let output = diptych(&[&args[..], &["--experiment", &file, "--out", &out]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let rows = result["rows"].as_array().unwrap();
+    assert_eq!(rows.iter().map(|row| row["bounces"].as_str().unwrap()).collect::<Vec<_>>(), ["six", "two"].repeat(2));
+    assert!(rows[..2].iter().all(|row| number(&row["path_ms"]) > 0.0 && number(&row["path_fraction"]) < 1.0));
+    assert!(number(&rows[0]["speedup"]) == 1.0 && rows[0]["flip"] != rows[1]["flip"] && rows[3]["speedup"] == 2.5);
+    let csv = std::fs::read_to_string(format!("{out}/bounces.csv")).unwrap();
+    assert!(csv.starts_with("source,scene,bounces,time_ms,path_ms,path_fraction,speedup,flip\n"), "{csv}");
+    // The command line has the last word on the number of frames.
+    let frames = std::fs::read_to_string(format!("{out}/frames.csv")).unwrap();
+    assert!(frames.starts_with("shot,bounces,frame,") && frames.lines().count() == 1 + 2 * 2, "{frames}");
+}
+
+#[test]
+fn a_wrong_experiment_is_refused_by_file_and_key() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("own.toml");
+    let path = file.to_str().unwrap();
+    let run = |more: &[&str]| {
+        let output = diptych(&[&["bench", "--out", "unused", "--experiment", path], more].concat());
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (status, text) = run(&[]);
+    assert!(status == Some(2) && text.contains("own.toml"), "{text}");
+    for (old, new, key) in [
+        ("title =", "titel =", "titel"),
+        ("\"flip\" },", "\"flop\" },", "flop"),
+        ("options.bounces = 2", "options.bounces = -2", "--bounces"),
+        ("options.bounces = 2", "options.jumps = 2", "jumps"),
+    ] {
+        std::fs::write(&file, own_experiment().replacen(old, new, 1)).unwrap();
+        let (status, text) = run(&[]);
+        assert!(status == Some(2) && text.contains("own.toml") && text.contains(key), "{new}: {text}");
+    }
+    std::fs::write(&file, own_experiment()).unwrap();
+    for more in [["--preset", "bmfr"], ["--spp", "1"], ["--frames", "3"]] {
+        let (status, text) = run(&more);
+        assert!(status == Some(2) && text.contains(more[0]), "{more:?}: {text}");
+    }
+}

@@ -1,22 +1,26 @@
-//! `diptych bench --preset`: published experiments, one module each.
+//! `diptych bench --preset` and `--experiment`: published experiments and your own.
 //!
-//! To add an experiment, write a module with `run` and `REFUSES`, add a variant to [`Experiment`] and a line to each of
-//! its methods.
+//! To add a preset, write a file in `experiments` and add a variant to [`Preset`] and a line to each of its methods. One
+//! that a file cannot describe has a module with `run` and `REFUSES`.
 
 use anyhow::anyhow;
 
-use super::args::{Args, Experiment};
-use super::{andersson, bmfr, koskela, late, leria, peres};
+use super::args::{Args, Preset};
+use super::{andersson, experiment, late, leria, peres};
 use crate::cli::failure::Failure;
 use crate::cli::settings::Given;
 use crate::cli::setup;
 
-impl Experiment {
+/// Texts of the experiments that are files.
+const BMFR: &str = include_str!("experiments/bmfr.toml");
+const KOSKELA: &str = include_str!("experiments/koskela.toml");
+
+impl Preset {
     fn run(self, args: &Args) -> Result<(), Failure> {
         match self {
             Self::Leria => leria::run(args),
-            Self::Bmfr => bmfr::run(args),
-            Self::Koskela => koskela::run(args),
+            Self::Bmfr => experiment::run_text(args, BMFR, "bmfr.toml"),
+            Self::Koskela => experiment::run_text(args, KOSKELA, "koskela.toml"),
             Self::Andersson => andersson::run(args),
             Self::Peres => peres::run(args),
             Self::Late => late::run(args),
@@ -27,8 +31,7 @@ impl Experiment {
     fn refuses(self) -> &'static [&'static str] {
         match self {
             Self::Leria => leria::REFUSES,
-            Self::Bmfr => bmfr::REFUSES,
-            Self::Koskela => koskela::REFUSES,
+            Self::Bmfr | Self::Koskela => experiment::REFUSES,
             Self::Andersson => andersson::REFUSES,
             Self::Peres => peres::REFUSES,
             Self::Late => late::REFUSES,
@@ -38,15 +41,19 @@ impl Experiment {
 
 /// Runs the experiment that the options name; `None` if they name none.
 pub fn run(args: &Args) -> Option<Result<(), Failure>> {
-    let experiment = args.preset.preset?;
+    let (name, refuses) = match (args.preset.preset, &args.preset.experiment) {
+        (Some(preset), _) => (format!("--preset {}", setup::name(&preset)), preset.refuses()),
+        (None, Some(_)) => ("--experiment".to_owned(), experiment::REFUSES),
+        (None, None) => return None,
+    };
     let typed = |id: &str| Given::here().and_then(|given| given.typed(id));
-    let refusal = match experiment.refuses().iter().find_map(|id| typed(id)) {
-        Some(option) => {
-            let name = setup::name(&experiment);
-            anyhow!("--preset {name} cannot be combined with {option}: leave one of them out")
-        }
+    let refusal = match refuses.iter().find_map(|id| typed(id)) {
+        Some(option) => anyhow!("{name} cannot be combined with {option}: leave one of them out"),
         None if typed("shot").is_some() && typed("shots").is_some() => anyhow!("give either SHOT or --shots, not both"),
-        None => return Some(experiment.run(args)),
+        None => {
+            let file = args.preset.experiment.as_deref().map(|path| experiment::run_file(args, path));
+            return args.preset.preset.map(|preset| preset.run(args)).or(file);
+        }
     };
     Some(Err(Failure::Input(refusal)))
 }
