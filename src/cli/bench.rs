@@ -1,6 +1,5 @@
 //! `diptych bench`: run time against error over a grid of settings, and the quality ladder derived from it.
 
-mod andersson;
 mod args;
 mod arrangement;
 mod axes;

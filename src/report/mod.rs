@@ -1,6 +1,5 @@
 //! Writes results: text tables, SVG charts and HTML pages for people, CSV and JSON for programs.
 
-pub mod andersson;
 pub mod bench;
 pub mod csv;
 pub mod experiment;

@@ -154,8 +154,8 @@ pub struct PresetOptions {
     /// With --preset peres: factor on the thesis's resolutions
     #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
     pub size_factor: f64,
-    /// With --preset peres, andersson or late: instants along the path
-    #[arg(long, value_name = "N", requires = "preset", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    /// With --experiment, --preset peres, andersson or late: instants on the path
+    #[arg(long, value_name = "N", requires = "study", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub instants: u32,
     /// With --preset leria: frames along the path
     #[arg(long, value_name = "N", requires = "preset", default_value_t = FRAMES, value_parser = clap::value_parser!(u32).range(1..=5000))]

@@ -39,7 +39,11 @@ pub fn of(experiment: &Experiment, run: &RunOptions) -> Result<Vec<RenderOptions
     common.foveated.iterations = None;
     let common = with(common, &experiment.options).context("options")?;
     let of = |arrangement: &Arrangement| {
-        let options = with(common.clone(), &arrangement.options)?;
+        let mut options = with(common.clone(), &arrangement.options)?;
+        if let Some(blur) = arrangement.blur {
+            ensure!(options.foveated.foveation == FoveationMode::LogPolar, "blur needs log-polar images");
+            options.foveated.polar.get_or_insert(LogPolar::COMPOSITE).blur = blur;
+        }
         options.check()?;
         let quality = options.quality();
         let has_mode = quality.polar != Some(PolarSpace::Visual) && quality.denoiser.is_some();
@@ -116,6 +120,13 @@ pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene)
     }
 }
 
+/// Returns the number of pixels in the left eye's image as a fraction of those on its screen.
+pub fn dispatched(options: &RenderOptions, loaded: &LoadedScene) -> f64 {
+    let polar = |space| Polar { gaze: [0, 1].map(|_| loaded.shot.gaze.clone()), space };
+    let view = loaded.shot.rig.view(options.time, Eye::Left);
+    options.quality().polar.map_or(1.0, |space| polar(space).share(Eye::Left, options.time, &view, options.size))
+}
+
 /// Returns the tangents of half the horizontal and half the vertical field of view.
 pub fn tan_half(loaded: &LoadedScene, size: Extent) -> [f64; 2] {
     let vertical = (loaded.shot.rig.yfov_rad / 2.0).tan();
@@ -172,6 +183,7 @@ mod tests {
             ("spp = 1", "spp = { a = 1 }", &["options", "spp"]),
             ("spp = 1", "frames = 3", &["options", "'frames'"]),
             ("options.foveation = \"layers\"", "options.foveation = \"rings\"", &["'linear'", "--foveation", "rings"]),
+            ("options.foveation = \"layers\"", "blur = false", &["'linear'", "blur"]),
             ("options.foveation = \"layers\"", "options.polar = \"fov\"", &["'linear'", "--polar"]),
             (
                 "options.foveation = \"layers\"",

@@ -32,12 +32,14 @@ fn turned([x, y]: [f64; 2], [tan_x, tan_y]: [f64; 2], degrees: f64) -> [f64; 2] 
 }
 
 /// Measures FLIP and flicker of the fovea in each renderer while the gaze moves and camera and scene rest. Returns
-/// means over both eyes. The first `warm_up` of `all` frames fill the history and are not compared.
+/// means over both eyes. The first `warm_up` of `all` frames fill the history and are not compared. `begun`
+/// counts the frames that each renderer has begun.
 pub fn with_moving_gaze(
     options: &RunOptions,
     loaded: &LoadedScene,
     reference: &Reference,
     turns: &mut Turns,
+    begun: &mut u32,
     [warm_up, all]: [u32; 2],
 ) -> Result<Vec<[Option<f64>; 2]>, Failure> {
     let (rig, from) = (&loaded.shot.rig, loaded.shot.gaze.at(options.time));
@@ -47,7 +49,8 @@ pub fn with_moving_gaze(
     for i in 0..all {
         let gaze = turned(from, tan_half(loaded, options.size), GAZE_DEG_PER_S * f64::from(i + 1) / FPS);
         turns.gaze = Some([gaze; 2]);
-        turns.render(options.time, all + i)?;
+        turns.render(options.time, *begun)?;
+        *begun += 1;
         if i < warm_up {
             continue;
         }
@@ -67,6 +70,7 @@ pub fn with_moving_gaze(
             before[which] = Some((now, viewing));
         }
     }
+    turns.gaze = None;
     let mean = |[left, right]: [Change; 2]| {
         let of = |eye: Change| TemporalError::from(eye).flicker;
         Some((of(left)? + of(right)?) / 2.0)

@@ -1,17 +1,18 @@
 //! `diptych bench --preset` and `--experiment`: published experiments and your own.
 //!
-//! To add a preset, write a file in `experiments` and add a variant to [`Preset`] and a line to each of its methods. One
-//! that a file cannot describe has a module with `run` and `REFUSES`.
+//! To add a preset, write a file in `experiments` and add a variant to [`Preset`] and a line to each of its methods.
+//! One that a file cannot describe has a module with `run` and `REFUSES`.
 
 use anyhow::anyhow;
 
 use super::args::{Args, Preset};
-use super::{andersson, experiment, late, leria, peres};
+use super::{experiment, late, leria, peres};
 use crate::cli::failure::Failure;
 use crate::cli::settings::Given;
 use crate::cli::setup;
 
 /// Texts of the experiments that are files.
+const ANDERSSON: &str = include_str!("experiments/andersson.toml");
 const BMFR: &str = include_str!("experiments/bmfr.toml");
 const KOSKELA: &str = include_str!("experiments/koskela.toml");
 
@@ -19,9 +20,9 @@ impl Preset {
     fn run(self, args: &Args) -> Result<(), Failure> {
         match self {
             Self::Leria => leria::run(args),
-            Self::Bmfr => experiment::run_text(args, BMFR, "bmfr.toml"),
-            Self::Koskela => experiment::run_text(args, KOSKELA, "koskela.toml"),
-            Self::Andersson => andersson::run(args),
+            Self::Bmfr => experiment::run_text(args, BMFR, "--preset bmfr"),
+            Self::Koskela => experiment::run_text(args, KOSKELA, "--preset koskela"),
+            Self::Andersson => experiment::run_text(args, ANDERSSON, "--preset andersson"),
             Self::Peres => peres::run(args),
             Self::Late => late::run(args),
         }
@@ -31,8 +32,7 @@ impl Preset {
     fn refuses(self) -> &'static [&'static str] {
         match self {
             Self::Leria => leria::REFUSES,
-            Self::Bmfr | Self::Koskela => experiment::REFUSES,
-            Self::Andersson => andersson::REFUSES,
+            Self::Bmfr | Self::Koskela | Self::Andersson => experiment::REFUSES,
             Self::Peres => peres::REFUSES,
             Self::Late => late::REFUSES,
         }

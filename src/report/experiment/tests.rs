@@ -1,8 +1,9 @@
 use super::*;
 use crate::exec::Stereo;
-use crate::report::bench::Errors;
+use crate::report::bench::{Errors, Measured};
 
 const BMFR: &str = include_str!("../../cli/bench/experiments/bmfr.toml");
+const ANDERSSON: &str = include_str!("../../cli/bench/experiments/andersson.toml");
 const KOSKELA: &str = include_str!("../../cli/bench/experiments/koskela.toml");
 
 /// Returns an experiment as long as the process lives.
@@ -28,7 +29,11 @@ fn a_filter_is_the_fit_or_what_stands_in_its_place() {
     let bmfr = experiment(BMFR);
     let paths = [("path_trace", 6.0), ("hole_fill", 2.0), ("accumulate", 4.0)];
     let of = |filter: &[(&str, f64)]| (measured([20.0, 19.0, 22.0], &[&paths, filter]), Beside::new());
-    let rows = bmfr.measured("builtin:cornell", &[of(&[("variance", 1.0), ("svgf", 3.0)]), of(&[("fit", 4.0)])]);
+    let rows = bmfr.measured(
+        "builtin:cornell",
+        Camera::Approaching,
+        &[of(&[("variance", 1.0), ("svgf", 3.0)]), of(&[("fit", 4.0)])],
+    );
     let csv = bmfr.csv(&rows);
     for (line, denoiser) in ["svgf", "bmfr"].into_iter().enumerate() {
         let found = ["denoiser", "frames_per_s", "path_ms", "filter_ms", "filter_share", "flip", "flicker"];
@@ -52,6 +57,7 @@ fn path_tracing_is_held_against_that_of_every_pixel() {
     };
     let rows = koskela.measured(
         "builtin:cornell",
+        Camera::Approaching,
         &[
             of(10.0, &[], None, 1.0),
             of(5.0, &[], None, 0.4),
@@ -82,6 +88,28 @@ fn cited_times_give_the_cited_factor() {
         let ratio = value(full, "path_ms") / value(polar, "path_ms");
         assert!((ratio - value(polar, "path_speedup")).abs() < 0.05, "{polar:?}: {ratio}");
     }
+}
+
+#[test]
+fn what_is_cited_is_as_fast_as_the_thesis_says() {
+    let andersson = experiment(ANDERSSON);
+    let rows = andersson.cited();
+    assert_eq!(rows.len(), 4 * 4 + 3 * 4);
+    let csv = andersson.csv(&rows);
+    let of = |scene: &str, mode: &str, name: &str| {
+        let is = |i: &usize| csv.value(*i, "scene") == scene && csv.value(*i, "mode") == mode;
+        csv.value((0..rows.len()).find(is).unwrap(), name).to_owned()
+    };
+    assert_eq!(of("Sponza", "composite", "speedup"), "1.6382");
+    assert_eq!(of("Bistro, antialiased", "composite-kernel", "speedup"), "1.7816");
+    assert_eq!(of("Bistro", "fov", "speedup"), "0.7705");
+    assert_eq!(of("Sponza", "kernel", "traced"), "0.65700");
+    let shown = andersson.table(&rows).rows;
+    let moving = shown.iter().find(|row| row[2] == "moving").unwrap();
+    assert_eq!((moving[3].as_str(), moving[18].as_str(), moving[6].as_str()), ("fov", "0.960, 0.920", "-"));
+    let [first, last] = [&rows[0], &rows[rows.len() - 1]].map(|row| andersson.json(row));
+    assert!(first["camera"].is_null() && first["ssim"] == serde_json::json!([null, null]), "{first}");
+    assert!(last["camera"] == "moving" && last["time_ms"].is_null() && last["ssim"][1] == 0.92, "{last}");
 }
 
 #[test]
