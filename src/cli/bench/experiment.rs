@@ -261,6 +261,8 @@ impl Found {
         }
         if experiment.has_any(&RINGS) {
             files.insert(1, ("rings.csv", ring_csv(&self.rings)));
+        }
+        if experiment.has_any(&RINGS) && args.report {
             let names: Vec<&str> = experiment.all.iter().map(|arrangement| &arrangement.name[..]).collect();
             let mut by_ring = section("By ring", vec![rings::NOTE.to_owned()], ring_table(&self.rings, &names));
             by_ring.figure = Some(ring_charts(&self.rings, &names).context("cannot draw the rings")?);

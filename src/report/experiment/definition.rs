@@ -167,8 +167,14 @@ impl Experiment {
             !name.is_empty() && name.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_')
         };
         let mut names = BTreeSet::from(["source", "scene", "shot", "camera"]);
-        if !is_snake(&self.name) || self.name == "frames" {
-            return Err(format!("name: '{}' is no name in snake_case other than frames", self.name));
+        if !is_snake(&self.name) || ["frames", "rings"].contains(&&self.name[..]) {
+            return Err(format!("name: '{}' is no name in snake_case other than frames and rings", self.name));
+        }
+        if [self.frames.warm_up, self.frames.repeats].into_iter().flatten().any(|count| count > 1000) {
+            return Err("frames: there are more than 1000".to_owned());
+        }
+        if self.cameras().is_empty() {
+            return Err("cameras: there is none".to_owned());
         }
         let columns = self.columns.iter().map(|column| &column.name);
         for (key, name) in [("arrangements", &self.arrangements)].into_iter().chain(columns.map(|n| ("columns", n))) {
