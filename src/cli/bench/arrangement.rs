@@ -85,8 +85,8 @@ fn text(value: &Value) -> Result<String, anyhow::Error> {
     })
 }
 
-/// Changes options so that they trace about as many pixels as a visual-polar image has: by the floor of a linear falloff
-/// with foveal layers, σ of log-polar images, or else the render scale. Returns floor and σ by their names.
+/// Changes options so that they trace about as many pixels as a visual-polar image has: by the floor of a linear
+/// falloff with foveal layers, σ of log-polar images, or else the render scale. Returns floor and σ by their names.
 pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene) -> Beside {
     let gaze = || [0, 1].map(|_| loaded.shot.gaze.clone());
     let (time_s, size) = (options.time, options.size);
