@@ -1,16 +1,16 @@
 //! `diptych bench`: run time against error over a grid of settings, and the quality ladder derived from it.
 
-mod andersson;
 mod args;
+mod arrangement;
 mod axes;
 mod experiment;
 mod findings;
 mod grid;
 mod journal;
 mod judge;
-mod koskela;
 mod late;
 mod leria;
+mod moving_gaze;
 mod over_shots;
 mod page;
 mod peres;

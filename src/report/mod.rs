@@ -1,14 +1,12 @@
 //! Writes results: text tables, SVG charts and HTML pages for people, CSV and JSON for programs.
 
-pub mod andersson;
 pub mod bench;
 pub mod csv;
-mod frame_row;
 pub mod experiment;
+mod frame_row;
 pub mod frames;
 pub mod headset;
 pub mod html;
-pub mod koskela;
 pub mod lanes;
 pub mod late;
 pub mod leria;

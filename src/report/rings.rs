@@ -5,7 +5,22 @@ use serde::Serialize;
 use super::csv::{Column, Csv, number};
 use super::study::{cell, deviation, mean};
 use super::{Axis, Chart, ReportError, Series, Table, line_chart_svg, once};
-use crate::metrics::rings::Ring;
+use crate::image::Extent;
+use crate::metrics::Pair;
+use crate::metrics::rings::{Ring, Viewing};
+use crate::quality::LogPolar;
+
+/// Number of rings of equal angle from the gaze to the farthest corner: 2.05 degrees each with the gaze in the middle
+/// of the screen.
+const RINGS: usize = 20;
+
+/// Returns the thesis's viewing conditions for a screen of this size (its equation 5.1): the gaze is in the middle, and
+/// the diagonal over the distance is the tangent of 60 degrees.
+pub fn viewing(screen: Extent) -> Viewing {
+    let (width, height) = (f64::from(screen.width), f64::from(screen.height));
+    let tan_half = height / width.hypot(height) * LogPolar::DIAGONAL_DEG.to_radians().tan() / 2.0;
+    Viewing { gaze: [0.5; 2], yfov_deg: 2.0 * tan_half.atan().to_degrees() }
+}
 
 /// Results for a ring of a mode: means of both eyes over frames.
 #[derive(Clone, Debug, Serialize)]
@@ -32,6 +47,22 @@ pub struct RingRow {
 pub struct FrameRings {
     pub reference: [Vec<Ring>; 2],
     pub basic: Option<[Vec<Ring>; 2]>,
+}
+
+impl FrameRings {
+    /// Returns the rings of both eyes, and those against the first mode's frame if there is one.
+    pub fn new(seen: &Viewing, eyes: &[Pair; 2], basic: Option<&[Pair; 2]>) -> Self {
+        let rings = |eyes: &[Pair; 2]| eyes.each_ref().map(|eye| eye.rings(seen, RINGS));
+        Self { reference: rings(eyes), basic: basic.map(rings) }
+    }
+}
+
+/// Returns SSIM of the ring at the gaze and of the outermost ring with a value, against the reference and against the
+/// first mode.
+pub fn ends(rows: &[RingRow]) -> [Option<f64>; 4] {
+    let ends = |ssim: fn(&RingRow) -> Option<f64>| [rows.first().and_then(ssim), rows.iter().rev().find_map(ssim)];
+    let [[near, far], [near_basic, far_basic]] = [ends(|ring| ring.ssim), ends(|ring| ring.ssim_basic)];
+    [near, far, near_basic, far_basic]
 }
 
 /// Summarises the rings of a mode over its frames, which have equally many rings.
@@ -175,6 +206,18 @@ mod tests {
             vec![of(0.0, Some(ssim)), of(2.0, None)]
         };
         FrameRings { reference: ssim.map(ring), basic: basic.map(|ssim| [ring(ssim), ring(ssim)]) }
+    }
+
+    /// The thesis's rings end at 0.682 of 60 degrees.
+    #[test]
+    fn twenty_rings_of_the_thesiss_width_reach_the_corners() {
+        for (width, height) in [(1920, 1080), (640, 360), (100, 100)] {
+            let Viewing { gaze, yfov_deg } = viewing(Extent::new(width, height));
+            let per_pixel = 2.0 * (yfov_deg.to_radians() / 2.0).tan() / f64::from(height);
+            let corner = (f64::from(width).hypot(f64::from(height)) / 2.0 * per_pixel).atan().to_degrees();
+            assert!((corner / 20.0 - 2.05).abs() < 0.01 && (corner - 0.682 * 60.0).abs() < 0.05, "{corner}");
+            assert_eq!(gaze, [0.5; 2]);
+        }
     }
 
     #[test]

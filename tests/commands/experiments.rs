@@ -174,80 +174,6 @@ fn late_frames_are_off_and_corrected_ones_hardly() {
     assert!(run.text("report.html").contains("eyes are resampled from a frame that they share"));
 }
 
-/// An experiment of two arrangements that differ in their options.
-const OWN: &str = r#"
-title = "Samples"
-caption = "A caption."
-key = "samples"
-[[arrangement]]
-name = "one"
-options = { denoiser = "none" }
-[[arrangement]]
-name = "eight"
-options = { denoiser = "none", spp = 8 }
-[[column]]
-name = "path_ms"
-stages = ["path_trace", "hole_fill"]
-[[column]]
-name = "rmse"
-error = "rmse"
-"#;
-
-#[test]
-fn an_experiment_of_ones_own_compares_its_arrangements() {
-    let folder = tempfile::tempdir().unwrap();
-    let (file, out) = (folder.path().join("own.toml"), folder.path().join("out"));
-    std::fs::write(&file, OWN).unwrap();
-    let options =
-        ["--size", "32x20", "--warm-up", "0", "--repeats", "2", "--reference-spp", "64", "--report", "--json"];
-    let fixed = ["bench", "builtin:cornell", "--experiment", file.to_str().unwrap(), "--out", out.to_str().unwrap()];
-    let output = diptych(&[&fixed[..], &options].concat());
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let text = String::from_utf8(output.stdout).unwrap();
-    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
-    let rows = result["rows"].as_array().unwrap();
-    let of = |name: &str| [0, 1].map(|i| number(&rows[i][name]));
-    assert_eq!([&rows[0]["samples"], &rows[1]["samples"]], ["one", "eight"]);
-    let ([one_ms, eight_ms], [noisy, clean]) = (of("path_ms"), of("rmse"));
-    assert!(eight_ms > 2.0 * one_ms && clean < 0.6 * noisy, "{rows:?}");
-    let csv = std::fs::read_to_string(out.join("experiment.csv")).unwrap();
-    assert!(
-        csv.starts_with("source,scene,samples,time_ms,time_ms_min,time_ms_max,frames_per_s,path_ms,rmse\n"),
-        "{csv}"
-    );
-    let frames = std::fs::read_to_string(out.join("frames.csv")).unwrap();
-    assert!(frames.starts_with("shot,samples,") && frames.lines().count() == 1 + 2 * 2, "{frames}");
-    assert!(std::fs::read_to_string(out.join("report.html")).unwrap().contains("A caption."));
-}
-
-#[test]
-fn experiments_that_are_wrong_are_refused_with_a_reason() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("own.toml");
-    let path = file.to_str().unwrap();
-    let refused = |options: &[&str], reason: &str| {
-        let output = diptych(&[&["bench", "--out", folder.path().join("out").to_str().unwrap()], options].concat());
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && text.contains(reason), "{reason}: {text}");
-    };
-    refused(&["--experiment", path], "own.toml");
-    for (from, to, reason) in [
-        ("title", "titel", "unknown field `titel`"),
-        ("spp = 8", "ssp = 8", "\"eight\": the option \"ssp\" is none of spp, bounces"),
-        ("spp = 8", "spp = 0", "0 is not in 1.."),
-        ("denoiser = \"none\", spp", "denoiser = \"nun\", spp", "\"eight\""),
-        ("spp = 8", "spp = {}", "neither text, a number nor a list"),
-    ] {
-        std::fs::write(&file, OWN.replacen(from, to, 1)).unwrap();
-        refused(&["--experiment", path], reason);
-    }
-    std::fs::write(&file, OWN).unwrap();
-    refused(&["--experiment", path, "--preset", "bmfr"], "--preset");
-    refused(&["--experiment", path, "--spp", "2"], "--spp");
-    refused(&["--experiment", path, "--frames", "2"], "--experiment cannot be combined with --frames");
-    refused(&["--shots", "builtin:cornell"], "--experiment");
-}
-
 #[test]
 fn experiments_refuse_what_does_not_go_with_them() {
     refused(&["leria", "builtin:cornell", "--devices", "0"], &["two devices", "--virtual 2"]);
@@ -266,4 +192,61 @@ fn experiments_refuse_what_does_not_go_with_them() {
     refused(&["nobody"], &["nobody", "leria", "bmfr", "koskela", "andersson", "peres", "late"]);
     let output = diptych(&["bench", "--out", "unused", "--frames", "3"]);
     assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("--preset"));
+}
+
+/// The example of the documentation.
+fn own_experiment() -> String {
+    let text = include_str!("../../docs/experiments.md");
+    text.split("```toml\n").nth(1).unwrap().split("```").next().unwrap().to_owned()
+}
+
+#[test]
+fn an_experiment_of_your_own_has_its_own_arrangements_and_columns() {
+    let folder = tempfile::tempdir().unwrap();
+    let [file, out] = ["own.toml", "out"].map(|name| folder.path().join(name).to_str().unwrap().to_owned());
+    std::fs::write(&file, own_experiment()).unwrap();
+    let args = ["bench", "builtin:checker", "--size", "32x20", "--repeats", "2", "--reference-spp", "16", "--json"];
+    let output = diptych(&[&args[..], &["--experiment", &file, "--out", &out]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let rows = result["rows"].as_array().unwrap();
+    assert_eq!(rows.iter().map(|row| row["bounces"].as_str().unwrap()).collect::<Vec<_>>(), ["six", "two"].repeat(2));
+    assert!(rows[..2].iter().all(|row| number(&row["path_ms"]) > 0.0 && number(&row["path_fraction"]) < 1.0));
+    assert!(number(&rows[0]["speedup"]) == 1.0 && rows[0]["flip"] != rows[1]["flip"] && rows[3]["speedup"] == 2.5);
+    let csv = std::fs::read_to_string(format!("{out}/bounces.csv")).unwrap();
+    assert!(csv.starts_with("source,scene,bounces,time_ms,path_ms,path_fraction,speedup,flip\n"), "{csv}");
+    // The command line has the last word on the number of frames.
+    let frames = std::fs::read_to_string(format!("{out}/frames.csv")).unwrap();
+    assert!(frames.starts_with("shot,bounces,frame,") && frames.lines().count() == 1 + 2 * 2, "{frames}");
+}
+
+#[test]
+fn a_wrong_experiment_is_refused_by_file_and_key() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("own.toml");
+    let path = file.to_str().unwrap();
+    let run = |more: &[&str]| {
+        let output = diptych(&[&["bench", "--out", "unused", "--experiment", path], more].concat());
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (status, text) = run(&[]);
+    assert!(status == Some(2) && text.contains("own.toml"), "{text}");
+    for (old, new, key) in [
+        ("title =", "titel =", "titel"),
+        ("\"flip\" },", "\"flop\" },", "flop"),
+        ("options.bounces = 2", "options.bounces = -2", "--bounces"),
+        ("options.bounces = 2", "options.jumps = 2", "jumps"),
+    ] {
+        std::fs::write(&file, own_experiment().replacen(old, new, 1)).unwrap();
+        let (status, text) = run(&[]);
+        assert!(status == Some(2) && text.contains("own.toml") && text.contains(key), "{new}: {text}");
+    }
+    std::fs::write(&file, own_experiment()).unwrap();
+    for more in [["--preset", "bmfr"], ["--spp", "1"], ["--frames", "3"]] {
+        let (status, text) = run(&more);
+        assert!(status == Some(2) && text.contains(more[0]), "{more:?}: {text}");
+    }
+    let output = diptych(&["bench", "--out", "unused", "--shots", "builtin:cornell"]);
+    assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("--experiment"));
 }

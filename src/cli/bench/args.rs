@@ -33,10 +33,10 @@ pub struct Args {
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=i64::from(Denoiser::MAX_ITERATIONS)), help_heading = options::QUALITY)]
     pub(super) iterations: Vec<u32>,
     /// Foveation modes to measure [default: none]
-    #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
     pub(super) foveation: Vec<FoveationMode>,
     /// Log-polar mode or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
-    #[arg(long, value_name = "MODE", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
+    #[arg(long, value_name = "MODE", conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
     pub(super) polar: Option<LogPolar>,
     /// Render scales to measure [default: 1,0.7,0.5]
     ///
@@ -47,12 +47,12 @@ pub struct Args {
         value_delimiter = ',',
         value_name = "F,F,…",
         value_parser = render_scale,
-        conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
+        conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
     pub(super) scale: Vec<f64>,
     /// Also measure the rungs of this ladder and print their regret
     ///
     /// Regret is the error above the best setting that takes no longer, within 3 %.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
     pub(super) ladder: Option<PathBuf>,
     /// Measure a small grid against a coarse reference
     #[arg(long, help_heading = options::QUALITY)]
@@ -86,7 +86,7 @@ pub struct Args {
     #[arg(long, help_heading = options::OUTPUT)]
     pub(super) report: bool,
     /// With --report: other renderers' times and FLIP, as in docs/peers
-    #[arg(long, value_name = "FILE", requires = "report", conflicts_with_all = ["seams", "preset"], help_heading = options::OUTPUT)]
+    #[arg(long, value_name = "FILE", requires = "report", conflicts_with_all = ["seams", "study"], help_heading = options::OUTPUT)]
     pub(super) peers: Option<PathBuf>,
     #[command(flatten)]
     pub(super) seams: SeamOptions,
@@ -119,7 +119,7 @@ impl SeamOptions {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum Experiment {
+pub(super) enum Preset {
     /// Leria et al.: distribute every stage, or only path tracing
     Leria,
     /// Xu, Tong & Xu: bmfr with and without feature noise, and svgf
@@ -138,26 +138,28 @@ pub(super) enum Experiment {
 #[command(next_help_heading = options::QUALITY)]
 pub struct PresetOptions {
     /// Repeat a published experiment instead of the grid
-    #[arg(long, value_name = "NAME", group = "experiments", conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference"])]
-    pub(super) preset: Option<Experiment>,
-    /// Run the experiment that a TOML file describes instead of the grid
+    #[arg(long, value_name = "NAME", group = "study", conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference"])]
+    pub(super) preset: Option<Preset>,
+    /// Run the experiment in a TOML file instead of the grid
+    ///
+    /// docs/experiments.md describes such files.
     #[arg(
         long,
         value_name = "FILE",
-        group = "experiments",
+        group = "study",
         conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference", "foveation", "polar", "scale", "ladder", "peers"])]
     pub(super) experiment: Option<PathBuf>,
     /// With --experiment and all presets but leria: several shots
     ///
     /// With peres they stand for the scenes of the thesis: Pink Room, Sponza, Forest [default: builtin:checker,
     /// builtin:atrium and builtin:forest].
-    #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "experiments")]
+    #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "study")]
     pub shots: Vec<String>,
     /// With --preset peres: factor on the thesis's resolutions
     #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
     pub size_factor: f64,
-    /// With --preset peres, andersson or late: instants along the path
-    #[arg(long, value_name = "N", requires = "preset", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    /// With --experiment, --preset peres, andersson or late: instants on the path
+    #[arg(long, value_name = "N", requires = "study", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub instants: u32,
     /// With --preset leria: frames along the path
     #[arg(long, value_name = "N", requires = "preset", default_value_t = FRAMES, value_parser = clap::value_parser!(u32).range(1..=5000))]

@@ -1,168 +1,298 @@
-//! `diptych bench --experiment`: arrangements of options that take turns, as described by a file.
+//! `diptych bench --experiment` and the presets that are files: arrangements of options that take turns, each compared
+//! with the reference.
 
 use std::path::Path;
 
-use anyhow::{Context, anyhow, bail};
-use clap::{Args as _, Command, FromArgMatches as _};
-use toml::Value;
+use anyhow::{Context, anyhow};
 
 use crate::device::DeviceInfo;
+use crate::loaded::LoadedScene;
 use crate::quality::Quality;
-use crate::report::Table;
-use crate::report::csv::{Column, Csv};
-use crate::report::experiment::{Arrangement, Experiment, ExperimentRow};
+use crate::report::experiment::{Camera, Experiment, ExperimentRow, FOVEA, OtherMeasures, RINGS};
 use crate::report::frames::FrameLine;
+use crate::report::pictures::Group;
+use crate::report::rings::{self, FrameRings, RingRow, ring_charts, ring_csv, ring_table};
+use crate::report::{Csv, Table};
+use crate::scene::rig::RigKey;
+use crate::scene::shot::Gaze;
 
 use super::args::Args;
+use super::arrangement;
+use super::axes::FPS;
 use super::findings::{Findings, section};
-use super::judge::Judge;
+use super::judge::{Judge, pairs};
+use super::moving_gaze::with_moving_gaze;
 use super::over_shots::over_shots;
-use super::reference::own;
+use super::reference::{Reference, own};
 use super::turns::Turns;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::options::{RenderOptions, RunOptions};
+use crate::cli::page;
 use crate::cli::progress::Progress;
+use crate::cli::settings::Given;
 use crate::cli::setup::{self, Tracing};
 
-pub const REFUSES: &[&str] = &["size_factor", "instants", "frames", "simulate", "fresh"];
+/// Options that no experiment of a file accepts.
+pub const REFUSES: &[&str] = &["size_factor", "frames", "simulate", "fresh"];
 
-/// Options of an arrangement: those that determine the quality of frames.
-const OPTIONS: [&str; 7] = ["spp", "bounces", "render-scale", "denoiser", "foveation", "polar", "iterations"];
-
-/// Runs the experiment of a file.
+/// Runs the experiment in a file.
 pub fn run_file(args: &Args, path: &Path) -> Result<(), Failure> {
-    let name = path.display();
-    let read = || {
-        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the experiment {name}"))?;
-        Experiment::parse(&text).map_err(|e| anyhow!("{name} is not a valid experiment: {e}"))
-    };
-    let experiment = read().map_err(Failure::Input)?;
-    run(args, &experiment, "experiment.csv").map_err(|failure| match failure {
-        Failure::Input(e) => Failure::Input(e.context(format!("experiment {name}"))),
-        other => other,
-    })
+    let text = std::fs::read_to_string(path).with_context(|| format!("--experiment: cannot read {}", path.display()));
+    run_text(args, &text.map_err(Failure::Input)?, &format!("--experiment {}", path.display()))
 }
 
-/// Runs an experiment, and writes its table to the file `csv`.
-pub fn run(args: &Args, experiment: &Experiment, csv: &'static str) -> Result<(), Failure> {
-    let arranged = experiment.arrangements.iter().map(|a| options(a, &args.options));
-    let arranged = arranged.collect::<Result<Vec<_>, _>>().map_err(Failure::Input)?;
-    // All take as many warm-up frames as the arrangement that needs most.
-    let qualities = arranged.iter().map(RenderOptions::quality);
-    let longest = qualities.max_by_key(|quality| args.warm_up_of(quality)).unwrap_or_default();
-    // The reference has the bounces of the arrangement that has most.
-    let bounces = arranged.iter().map(|options| options.bounces).max().into_iter().collect();
-    let args = &Args { bounces, ..args.clone() };
-    let frames = u64::from(args.frames_of(&longest)) * arranged.len() as u64;
-    let mut found =
-        Results { experiment, longest, rows: Vec::new(), frames: Vec::new(), devices: Vec::new(), notes: Vec::new() };
-    over_shots(args, frames, |args, progress, tracing| found.measure(args, progress, tracing))?;
-    found.write(args, csv)
-}
-
-/// Returns the options of an arrangement on the shot of `run`.
-fn options(Arrangement { name, options }: &Arrangement, run: &RunOptions) -> Result<RenderOptions, anyhow::Error> {
-    let mut typed = vec!["arrangement".to_owned(), run.shot.clone(), "--out".to_owned(), ".".to_owned()];
-    for (key, value) in options {
-        let key = key.replace('_', "-");
-        if !OPTIONS.contains(&key.as_str()) {
-            bail!("arrangement {name:?}: the option {key:?} is none of {}", OPTIONS.join(", "));
-        }
-        typed.extend([
-            format!("--{key}"),
-            text(value).with_context(|| format!("arrangement {name:?}, option {key:?}"))?,
-        ]);
+/// Runs an experiment from its text. `origin` is the option that names it.
+pub fn run_text(args: &Args, text: &str, origin: &str) -> Result<(), Failure> {
+    let experiment = Experiment::parse(text).map_err(|reason| Failure::Input(anyhow!("{origin}: {reason}")))?;
+    let all = arrangement::of(&experiment, &args.options).with_context(|| format!("{origin}: wrong options"));
+    let all = all.map_err(Failure::Input)?;
+    let is_typed = |id| Given::here().and_then(|given| given.typed(id)).is_some();
+    if is_typed("instants") && !experiment.cameras().contains(&Camera::Moving) {
+        let what = anyhow!("{origin} cannot be combined with --instants: leave one of them out");
+        return Err(Failure::Input(what));
     }
-    let parse = || {
-        let matches = RenderOptions::augment_args(Command::new("arrangement")).try_get_matches_from(&typed)?;
-        RenderOptions::from_arg_matches(&matches)
+    // Tables keep the names until the process ends.
+    let experiment: &'static Experiment = Box::leak(Box::new(experiment));
+    let mut args = args.clone();
+    // The reference has the bounces of the arrangement that has most.
+    args.bounces = all.iter().map(|options| options.bounces).max().into_iter().collect();
+    args.warm_up = experiment.frames.warm_up.filter(|_| !is_typed("warm_up")).unwrap_or(args.warm_up);
+    args.repeats = experiment.frames.repeats.filter(|_| !is_typed("repeats")).unwrap_or(args.repeats);
+    run(&args, experiment, &all)
+}
+
+fn run(args: &Args, experiment: &'static Experiment, all: &[RenderOptions]) -> Result<(), Failure> {
+    let quality = slowest(args, all);
+    let frames_of = |camera: &Camera| match camera {
+        Camera::Moving => args.preset.instants * (args.warm_up_of(&quality) + 1),
+        _ if experiment.has_any(&FOVEA) => 2 * args.frames_of(&quality),
+        _ => args.frames_of(&quality),
     };
-    // clap's message has hints for command lines after its first line.
-    let parsed =
-        parse().map_err(|e| anyhow!("arrangement {name:?}: {}", e.to_string().lines().next().unwrap_or_default()));
-    let options = RenderOptions { run: run.clone(), ..parsed? };
-    options.foveated.check(options.denoiser).with_context(|| format!("arrangement {name:?}"))?;
-    Ok(options)
+    let frames = experiment.cameras().iter().map(frames_of).sum::<u32>();
+    let mut found = Results::new(experiment);
+    over_shots(args, u64::from(frames) * all.len() as u64, |args, progress, tracing| {
+        found.measure(args, progress, tracing)
+    })?;
+    found.write(args)
 }
 
-/// Returns a value as it is typed on the command line.
-fn text(value: &Value) -> Result<String, anyhow::Error> {
-    Ok(match value {
-        Value::String(text) => text.clone(),
-        Value::Integer(number) => number.to_string(),
-        Value::Float(number) => number.to_string(),
-        Value::Array(values) => values.iter().map(text).collect::<Result<Vec<_>, _>>()?.join(","),
-        _ => bail!("{value} is neither text, a number nor a list"),
-    })
+/// Returns the quality with the most warm-up frames, of which all arrangements render as many.
+fn slowest(args: &Args, all: &[RenderOptions]) -> Quality {
+    let qualities = all.iter().map(RenderOptions::quality);
+    qualities.max_by_key(|quality| args.warm_up_of(quality)).unwrap_or(arrangement::QUALITY)
 }
 
-struct Results<'a> {
-    experiment: &'a Experiment,
-    /// The quality with the longest warm-up.
-    longest: Quality,
+/// Returns `count` evenly spaced instants along the path, from after its start to its end, so that the camera has moved
+/// before each. Empty if the camera is static.
+fn on_path(keys: &[RigKey], count: u32) -> Vec<f64> {
+    let [first, .., last] = keys else { return Vec::new() };
+    let length_s = last.time_s - first.time_s;
+    (1..=count).map(|i| first.time_s + length_s * f64::from(i) / f64::from(count)).collect()
+}
+
+struct Results {
+    experiment: &'static Experiment,
     rows: Vec<ExperimentRow>,
-    /// Timed frames, each with its shot and arrangement.
-    frames: Vec<([String; 2], FrameLine)>,
+    rings: Vec<RingRow>,
+    /// Timed frames, each with its shot, camera if there are several, and arrangement.
+    frames: Vec<(Vec<String>, FrameLine)>,
     devices: Vec<DeviceInfo>,
     /// A note on each reference.
     notes: Vec<String>,
+    /// Pictures of the last frame of each row, for the page.
+    pictures: Vec<Group>,
 }
 
-impl Results<'_> {
+/// A camera view at an instant, with its reference; `frames` excludes the warm-up.
+struct View {
+    time_s: f64,
+    reference: Reference,
+    frames: u32,
+}
+
+/// A motion of the camera, with the views of its frames and their number of warm-up frames.
+struct Shown {
+    camera: Camera,
+    warm_up: u32,
+    views: Vec<View>,
+}
+
+impl Results {
+    fn new(experiment: &'static Experiment) -> Self {
+        let (rows, rings, frames, devices, notes, pictures) = Default::default();
+        Self { experiment, rows, rings, frames, devices, notes, pictures }
+    }
+
     /// Measures all arrangements on the shot of `args`.
     fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
-        let run = &args.options;
-        let loaded = setup::load(run)?;
-        let reference = own(args, &loaded, tracing, None)?;
-        interrupt::check()?;
-        self.notes.push(reference.note(&run.shot, run.size));
-        let arrangements = &self.experiment.arrangements;
+        let (options, experiment) = (&args.options, self.experiment);
+        let mut loaded = setup::load(options)?;
+        if experiment.gazes_ahead {
+            loaded.shot.gaze = Gaze::default();
+        }
+        let arranged = arrangement::of(experiment, options).map_err(Failure::Input)?;
+        let quality = slowest(args, &arranged);
+        let warm_up = args.warm_up_of(&quality);
         let mut turns = Turns::new(&loaded, progress, tracing, self.rows.len());
-        for arrangement in arrangements {
-            let gpus = setup::open_devices(run, usize::from(args.virtual_devices))?;
-            let options = options(arrangement, run).map_err(Failure::Input)?;
-            turns.add(format!("{} of {}", arrangement.name, run.shot), options, gpus)?;
-        }
-        let mut judges: Vec<_> = arrangements.iter().map(|_| Judge::new(&loaded, &reference, run.time)).collect();
-        for i in 0..args.frames_of(&self.longest) {
-            let time_s = args.time_s(&self.longest, i);
-            let frames = turns.render(time_s, i)?;
-            let Some(number) = i.checked_sub(args.warm_up_of(&self.longest)) else { continue };
-            for (which, frame) in frames.iter().enumerate() {
-                let row = turns.keep(which, time_s, frame, number);
-                judges[which].add(frame, &row, &turns.renderers[which].read_linear()?)?;
+        let mut beside = Vec::new();
+        for (arrangement, mut own) in experiment.all.iter().zip(arranged) {
+            let mut measures = OtherMeasures::new();
+            if arrangement.as_visual_polar {
+                measures = arrangement::sample_as_visual_polar(&mut own, &loaded);
             }
+            measures.insert("dispatched", arrangement::dispatched(&own, &loaded));
+            beside.push(measures);
+            let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
+            turns.add(format!("{} of {}", arrangement.name, options.shot), own, gpus)?;
         }
-        for (arrangement, judge) in arrangements.iter().zip(judges) {
-            let measured = judge.conclude();
-            let of = [run.shot.clone(), arrangement.name.clone()];
-            self.frames.extend(measured.frames.iter().map(|line| (of.clone(), line.clone())));
-            self.rows.push(self.experiment.measured(&run.shot, &arrangement.name, &measured));
+        let mut begun = 0;
+        for &camera in experiment.cameras() {
+            let is_moving = camera == Camera::Moving;
+            let frames = if is_moving { 1 } else { args.frames_of(&quality) - warm_up };
+            let keys = &loaded.shot.rig.keys;
+            let mut views = Vec::new();
+            for time_s in if is_moving { on_path(keys, args.preset.instants) } else { vec![options.time] } {
+                let args = Args { options: RunOptions { time: time_s, ..options.clone() }, ..args.clone() };
+                let reference = own(&args, &loaded, tracing, None)?;
+                interrupt::check()?;
+                let instant = experiment.cameras.as_ref().map_or(String::new(), |_| format!("{time_s} s: "));
+                self.notes.push(instant + &reference.note(&options.shot, options.size));
+                views.push(View { time_s, reference, frames });
+            }
+            if !views.is_empty() {
+                let shown = Shown { camera, warm_up, views };
+                self.measure_views(args, &loaded, &mut turns, &mut begun, &shown, beside.clone())?;
+            }
         }
         self.devices = turns.renderers[0].devices().to_vec();
         Ok(())
     }
 
-    fn write(mut self, args: &Args, csv: &'static str) -> Result<(), Failure> {
-        let experiment = self.experiment;
-        for column in experiment.empty_columns(&self.rows) {
-            eprintln!("warning: no arrangement has any stage of the column {column}");
+    /// Measures all arrangements in all views of a camera. `begun` counts the frames that each renderer has begun;
+    /// `beside` has the measures that do not depend on frames.
+    fn measure_views(
+        &mut self,
+        args: &Args,
+        loaded: &LoadedScene,
+        turns: &mut Turns,
+        begun: &mut u32,
+        Shown { camera, warm_up, views }: &Shown,
+        mut beside: Vec<OtherMeasures>,
+    ) -> Result<(), Failure> {
+        let (options, experiment) = (&args.options, self.experiment);
+        let total: u32 = views.iter().map(|view| view.frames).sum();
+        let seen = experiment.has_any(&RINGS).then(|| rings::viewing(options.size));
+        let judge = |_: &OtherMeasures| Judge::new(loaded, &views[0].reference, options.time);
+        let mut judges: Vec<Judge> = beside.iter().map(judge).collect();
+        let mut rings: Vec<Vec<FrameRings>> = beside.iter().map(|_| Vec::new()).collect();
+        let mut number = 0;
+        for View { time_s, reference, frames } in views {
+            judges.iter_mut().for_each(|judge| judge.turn_to(reference));
+            for i in 0..warm_up + frames {
+                let before = if *camera == Camera::Still { 0 } else { warm_up.saturating_sub(i) };
+                let time_s = time_s - f64::from(before) / FPS;
+                let reports = turns.render(time_s, *begun)?;
+                *begun += 1;
+                if i < *warm_up {
+                    continue;
+                }
+                let mut first = None;
+                for (which, report) in reports.iter().enumerate() {
+                    let row = turns.keep(which, time_s, report, number);
+                    let image = turns.renderers[which].read_linear()?;
+                    judges[which].add(report, &row, &image)?;
+                    for (name, paths) in
+                        ["paths_left", "paths_right"].into_iter().zip(turns.paths(which, time_s, report))
+                    {
+                        *beside[which].entry(name).or_default() += paths / f64::from(total);
+                    }
+                    if let (Some(seen), Some(eyes)) = (&seen, judges[which].last()) {
+                        let to_first = first.as_ref().map(|first| pairs(loaded, first, &image)).transpose()?;
+                        rings[which].push(FrameRings::new(seen, eyes, to_first.as_ref()));
+                    }
+                    if args.report && number + 1 == total {
+                        let name = format!("{} of {}", experiment.all[which].name, options.shot);
+                        let of_camera = experiment.cameras.as_ref().map(|_| format!(", {}", camera.name()));
+                        let name = name + &of_camera.unwrap_or_default();
+                        self.pictures.push(page::against(name, &image, &reference.images, loaded)?);
+                    }
+                    first.get_or_insert(image);
+                }
+                number += 1;
+            }
         }
+        if experiment.has_any(&FOVEA) && *camera != Camera::Moving {
+            let count = [*warm_up, warm_up + total];
+            let foveae = with_moving_gaze(options, loaded, &views[0].reference, turns, begun, count)?;
+            for (beside, fovea) in beside.iter_mut().zip(foveae) {
+                beside.extend(FOVEA.into_iter().zip(fovea).filter_map(|(name, value)| Some((name, value?))));
+            }
+        }
+        let mut measured = Vec::new();
+        for (((arrangement, judge), mut beside), rings) in experiment.all.iter().zip(judges).zip(beside).zip(&rings) {
+            let rows = rings::over_frames(&options.shot, camera.name(), &arrangement.name, rings);
+            beside.extend(RINGS.into_iter().zip(rings::ends(&rows)).filter_map(|(name, ssim)| Some((name, ssim?))));
+            self.rings.extend(rows);
+            let of = judge.conclude();
+            let camera = experiment.cameras.as_ref().map(|_| camera.name().to_owned());
+            let names = [options.shot.clone()].into_iter().chain(camera).chain([arrangement.name.clone()]);
+            let names: Vec<String> = names.collect();
+            self.frames.extend(of.frames.iter().map(|line| (names.clone(), line.clone())));
+            measured.push((of, beside));
+        }
+        self.rows.extend(experiment.measured(&options.shot, *camera, &measured));
+        Ok(())
+    }
+
+    fn write(mut self, args: &Args) -> Result<(), Failure> {
+        let experiment = self.experiment;
         self.rows.extend(experiment.cited());
-        let (of, lines): (Vec<_>, Vec<_>) = self.frames.into_iter().unzip();
-        let columns: [Column<[String; 2]>; 2] = [("shot", |[shot, _]| shot.clone()), ("", |[_, name]| name.clone())];
-        let mut named = Csv::new(&columns, &of);
-        named.columns[1].clone_from(&experiment.key);
-        let notes = [experiment.caption.clone()].into_iter().chain(self.notes).collect();
+        let (lines, frames): (Vec<_>, Vec<_>) = self.frames.into_iter().unzip();
+        let columns = ["shot"].into_iter().chain(experiment.labels().into_iter().skip(2));
+        let columns = columns.map(str::to_owned).collect();
+        let file = format!("{}.csv", experiment.name);
+        let mut files = vec![
+            (&file[..], experiment.csv(&self.rows)),
+            ("frames.csv", Csv { columns, lines }.beside(FrameLine::csv(&frames))),
+        ];
+        let mut more = vec![section("Devices", Vec::new(), Table::of_devices([&self.devices[..]]))];
+        if args.report {
+            let note = "The last frame of each arrangement and its FLIP against the reference.";
+            more.insert(0, page::pictures(note.to_owned(), &self.pictures)?);
+        }
+        if experiment.has_any(&RINGS) {
+            files.insert(1, ("rings.csv", ring_csv(&self.rings)));
+        }
+        if experiment.has_any(&RINGS) && args.report {
+            let names: Vec<&str> = experiment.all.iter().map(|arrangement| &arrangement.name[..]).collect();
+            let mut by_ring = section("By ring", vec![rings::NOTE.to_owned()], ring_table(&self.rings, &names));
+            by_ring.figure = Some(ring_charts(&self.rings, &names).context("cannot draw the rings")?);
+            more.insert(0, by_ring);
+        }
+        let notes = experiment.captions().into_iter().chain(self.notes).collect();
         Findings {
             title: format!("{}, at {}", experiment.title, args.options.size),
-            rows: &experiment.json(&self.rows),
-            files: vec![(csv, experiment.csv(&self.rows)), ("frames.csv", named.beside(FrameLine::csv(&lines)))],
+            rows: &self.rows.iter().map(|row| experiment.json(row)).collect::<Vec<_>>(),
+            files,
             run: None,
-            tables: vec![section("Arrangements", notes, experiment.table(&self.rows))],
-            more: vec![section("Devices", Vec::new(), Table::of_devices([&self.devices[..]]))],
+            tables: vec![section(&experiment.heading, notes, experiment.table(&self.rows))],
+            more,
         }
         .write(args)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn the_camera_has_come_some_way_at_every_instant() {
+        let key = |time_s| RigKey { time_s, position: DVec3::ZERO, target: DVec3::X, up: DVec3::Y };
+        assert_eq!(on_path(&[1.0, 1.5, 4.0].map(key), 3), [2.0, 3.0, 4.0]);
+        assert!(on_path(&[key(1.0)], 3).is_empty());
     }
 }

@@ -14,7 +14,7 @@ pub struct Findings<'a, R> {
     pub title: String,
     /// Rows of the JSON result.
     pub rows: &'a [R],
-    pub files: Vec<(&'static str, Csv)>,
+    pub files: Vec<(&'a str, Csv)>,
     /// Contents of `run.json`, for an experiment with one shot.
     pub run: Option<RunReport>,
     /// Tables with their notes, for the page and the terminal.

@@ -1,0 +1,199 @@
+//! Options of an experiment's arrangements.
+
+use anyhow::{Context, anyhow, bail, ensure};
+use clap::{Args as _, Command, FromArgMatches};
+use toml::Value;
+
+use crate::cli::foveation::FoveationMode;
+use crate::cli::options::{self, RenderOptions, RunOptions};
+use crate::image::Extent;
+use crate::loaded::LoadedScene;
+use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
+use crate::report::experiment::{Arrangement, Experiment, OtherMeasures};
+use crate::scene::rig::Eye;
+use crate::stages::{Foveation, Polar};
+
+/// Quality where an experiment says nothing else.
+pub const QUALITY: Quality = Quality {
+    spp: 1,
+    bounces: 6,
+    denoiser: Some(Denoiser::SVGF),
+    iterations: [Denoiser::DEFAULT_ITERATIONS; 3],
+    fovea: None,
+    polar: None,
+    scale: 1.0,
+};
+
+/// Options that an arrangement may have beside those of quality.
+const OTHERS: [&str; 4] = ["balance", "ratios", "seam", "halo"];
+
+/// Degrees from the gaze at which the linear falloff begins and ends.
+const FALLOFF_DEG: [f64; 2] = [10.0, 20.0];
+
+/// Exponent of the kernel of log-polar images.
+const LOG_POLAR_ALPHA: f64 = 4.0;
+
+/// Returns the options of all arrangements.
+pub fn of(experiment: &Experiment, run: &RunOptions) -> Result<Vec<RenderOptions>, anyhow::Error> {
+    let mut common = RenderOptions::single(run.clone(), &QUALITY);
+    common.foveated.iterations = None;
+    let common = with(common, &experiment.options).context("options")?;
+    let of = |arrangement: &Arrangement| {
+        let mut options = with(common.clone(), &arrangement.options)?;
+        if let Some(blur) = arrangement.blur {
+            ensure!(options.foveated.foveation == FoveationMode::LogPolar, "blur needs log-polar images");
+            options.foveated.polar.get_or_insert(LogPolar::COMPOSITE).blur = blur;
+        }
+        options.check()?;
+        let quality = options.quality();
+        let has_mode = quality.polar != Some(PolarSpace::Visual) && quality.denoiser.is_some();
+        ensure!(!arrangement.as_visual_polar || has_mode, "as_visual_polar needs a denoiser and another foveation");
+        Ok(options)
+    };
+    experiment.all.iter().map(|one| of(one).with_context(|| format!("arrangement '{}'", one.name))).collect()
+}
+
+/// Returns `options` with those of a table, by their names on the command line.
+fn with(mut options: RenderOptions, table: &toml::Table) -> Result<RenderOptions, anyhow::Error> {
+    let command = Command::new("arrangement").no_binary_name(true).disable_help_flag(true);
+    // Options that the table lacks keep their values.
+    let command = RenderOptions::augment_args_for_update(command).mut_args(|arg| arg.default_value(None));
+    let mut words = Vec::new();
+    for (name, value) in table {
+        let is_allowed = command.get_arguments().any(|arg| {
+            let is_quality = arg.get_help_heading() == Some(options::QUALITY);
+            arg.get_long() == Some(name) && (is_quality || OTHERS.contains(&name.as_str()))
+        });
+        ensure!(is_allowed, "arrangements cannot have the option '{name}'");
+        words.push(format!("--{name}={}", text(value).with_context(|| name.clone())?));
+    }
+    let matches = command.try_get_matches_from(words).map_err(|error| {
+        let text = error.to_string();
+        anyhow!("{}", text.lines().next().unwrap_or_default().trim_start_matches("error: "))
+    })?;
+    options.update_from_arg_matches(&matches)?;
+    Ok(options)
+}
+
+/// Returns a value as the command line has it.
+fn text(value: &Value) -> Result<String, anyhow::Error> {
+    Ok(match value {
+        Value::String(text) => text.clone(),
+        Value::Array(values) => values.iter().map(text).collect::<Result<Vec<_>, _>>()?.join(","),
+        Value::Integer(_) | Value::Float(_) => value.to_string(),
+        _ => bail!("{value} is no text, number or list of them"),
+    })
+}
+
+/// Changes options so that they trace about as many pixels as a visual-polar image has: by the floor of a linear
+/// falloff with foveal layers, σ of log-polar images, or else the render scale. Returns floor and σ by their names.
+pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene) -> OtherMeasures {
+    let gaze = || [0, 1].map(|_| loaded.shot.gaze.clone());
+    let (time_s, size) = (options.time, options.size);
+    let view = loaded.shot.rig.view(time_s, Eye::Left);
+    let share = Polar { gaze: gaze(), space: PolarSpace::Visual }.share(Eye::Left, time_s, &view, size).min(1.0);
+    match options.foveated.foveation {
+        FoveationMode::None | FoveationMode::VisualPolar => {
+            options.scale = share.sqrt();
+            OtherMeasures::new()
+        }
+        FoveationMode::Layers => {
+            let [tan, _] = tan_half(loaded, size);
+            let radii = FALLOFF_DEG.map(|degrees| degrees.to_radians().tan() / (2.0 * tan));
+            let falloff = Foveation { radii, ..Foveation::new(gaze()) };
+            let unsampled = falloff.unsampled_fraction_for(share, time_s, size);
+            (options.foveated.layer_radii, options.foveated.unsampled_fraction) = (Some(radii), Some(unsampled));
+            OtherMeasures::from([("floor", 1.0 - unsampled)])
+        }
+        FoveationMode::LogPolar => {
+            let aspect = f64::from(size.width) / f64::from(size.height);
+            let mut map = LogPolar { sigma: 1.0, alpha: LOG_POLAR_ALPHA, gaze: 0.0, aspect, blur: true };
+            // The number of pixels is proportional to 1 / σ², except for a margin around the screen, so a few
+            // iterations suffice.
+            for _ in 0..4 {
+                let polar = Polar { gaze: gaze(), space: PolarSpace::Log(map) };
+                map.sigma *= (polar.traced_fraction(Eye::Left, time_s, &view, size) / share).sqrt();
+            }
+            options.foveated.polar = Some(map);
+            OtherMeasures::from([("sigma", map.sigma)])
+        }
+    }
+}
+
+/// Returns the number of pixels in the left eye's image as a fraction of those on its screen.
+pub fn dispatched(options: &RenderOptions, loaded: &LoadedScene) -> f64 {
+    let polar = |space| Polar { gaze: [0, 1].map(|_| loaded.shot.gaze.clone()), space };
+    let view = loaded.shot.rig.view(options.time, Eye::Left);
+    options.quality().polar.map_or(1.0, |space| polar(space).share(Eye::Left, options.time, &view, options.size))
+}
+
+/// Returns the tangents of half the horizontal and half the vertical field of view.
+pub fn tan_half(loaded: &LoadedScene, size: Extent) -> [f64; 2] {
+    let vertical = (loaded.shot.rig.yfov_rad / 2.0).tan();
+    [vertical * f64::from(size.width) / f64::from(size.height), vertical]
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        run: RunOptions,
+    }
+
+    fn options_of(text: &str) -> Result<Vec<RenderOptions>, String> {
+        let run = Line::parse_from(["diptych", "builtin:cornell", "--seed", "7", "--out", "unused"]).run;
+        of(&Experiment::parse(text)?, &run).map_err(|error| format!("{error:#}"))
+    }
+
+    #[test]
+    fn every_experiment_and_the_documented_one_have_options() {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/src/cli/bench/experiments");
+        let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+        let mut texts: Vec<String> = files.map(|path| std::fs::read_to_string(path).unwrap()).collect();
+        let docs = include_str!("../../../docs/experiments.md");
+        texts.push(docs.split("```toml\n").nth(1).unwrap().split("```").next().unwrap().to_owned());
+        for text in texts {
+            let all = options_of(&text).unwrap_or_else(|error| panic!("{text}: {error}"));
+            assert!(all.len() > 1 && all.iter().all(|options| options.seed == 7), "{text}");
+        }
+    }
+
+    #[test]
+    fn arrangements_change_what_they_name() {
+        let text = include_str!("experiments/koskela.toml");
+        let text = text.replace("spp = 1\n", "spp = 2\nreproject = 'off'\nratios = [1, 2]\nbalance = 'static'\n");
+        let all = options_of(&text).unwrap();
+        let quality = Quality { spp: 2, ..QUALITY };
+        assert_eq!(all[0].quality(), quality);
+        assert_eq!(all[3].quality(), Quality { polar: Some(PolarSpace::Visual), ..quality });
+        assert_eq!(all[2].quality(), Quality { fovea: Some(Foveation::RADII), ..quality });
+        assert!(all.iter().all(|options| !options.reprojects() && options.ratios[0].ratios == [1.0, 2.0]));
+    }
+
+    #[test]
+    fn wrong_options_are_named_with_their_arrangement() {
+        let text = include_str!("experiments/koskela.toml");
+        for (old, new, says) in [
+            ("spp = 1", "spp = 0", &["options", "--spp", "0"][..]),
+            ("spp = 1", "spp = { a = 1 }", &["options", "spp"]),
+            ("spp = 1", "frames = 3", &["options", "'frames'"]),
+            ("options.foveation = \"layers\"", "options.foveation = \"rings\"", &["'linear'", "--foveation", "rings"]),
+            ("options.foveation = \"layers\"", "blur = false", &["'linear'", "blur"]),
+            ("options.foveation = \"layers\"", "options.polar = \"fov\"", &["'linear'", "--polar"]),
+            (
+                "options.foveation = \"layers\"",
+                "options.foveation = \"visual-polar\"",
+                &["'linear'", "as_visual_polar"],
+            ),
+        ] {
+            assert!(text.contains(old), "{old}");
+            let error = options_of(&text.replacen(old, new, 1)).unwrap_err();
+            assert!(says.iter().all(|part| error.contains(part)), "{new}: {error}");
+        }
+    }
+}
