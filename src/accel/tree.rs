@@ -19,7 +19,7 @@ const NODE_BYTES: usize = 80;
 /// A node of 80 bytes in obvhs's layout.
 pub type Node = [u32; 20];
 
-/// A tree in the tables.
+/// Position and depth of a tree in the scene tables.
 #[derive(Clone, Copy, Debug)]
 pub struct Tree {
     pub root: u32,
@@ -44,9 +44,10 @@ impl Room<'_> {
     }
 }
 
-/// Builds the tree over triangles. If `splits`, pre-splits the bounds of relatively large triangles (Karras & Aila,
-/// "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies", HPG 2013), so that rays near a wall's or a
-/// beam's corner need not test it. Splitting adds at most 0.9 boxes per triangle.
+/// Builds the tree over triangles. If `splits`, first splits the bounding boxes of relatively large triangles (Karras &
+/// Aila, "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies", HPG 2013). Several small boxes
+/// enclose a large triangle of a wall or a beam more tightly than one box, so fewer rays test it. Splitting adds at
+/// most 0.9 boxes per triangle.
 pub fn tree_over(triangles: &[Triangle], splits: bool, room: &Room) -> Result<CwBvh, AccelError> {
     const PARAMS: BvhBuildParams = BvhBuildParams::slow_build();
     const MOST_IN_A_LEAF: u32 = 3;

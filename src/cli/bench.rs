@@ -31,8 +31,8 @@ use crate::loaded::LoadedScene;
 use crate::quality::Denoiser;
 use crate::report::Table;
 use crate::report::bench::{
-    ERROR, ERROR_NOTE, SettingRow, Shared, csv, exposure_note, frames, ladder_svg, mark_front, regret_table, regrets,
-    slopes, svg, table,
+    ERROR, ERROR_NOTE, KIND_NOTE, SettingRow, Shared, csv, exposure_note, frames, kind_table, ladder_svg, mark_front,
+    regret_table, regrets, slopes, svg, table,
 };
 use crate::report::peers::Peers;
 use crate::report::run::{FrameRow, RunReport};
@@ -41,6 +41,7 @@ use crate::stages::all_shader_text;
 use super::failure::Failure;
 use super::foveation::FoveationOptions;
 use super::interrupt;
+use super::kinds;
 use super::options::{RunOptions, Switch};
 use super::output;
 use super::page::and_page;
@@ -80,8 +81,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     let devices: Vec<DeviceInfo> = gpus.infos();
     let journal = Journal::open(&options.out, subject(args, &loaded, &devices)?, args.fresh)?;
-    let reference = reference::find(args, &loaded, &tracing, &journal)?;
+    let mut reference = reference::find(args, &loaded, &tracing, &journal)?;
     interrupt::check()?;
+    let (kinds, gpus) = if args.by_kind {
+        let (kinds, gpus) = kinds::of_shot(options, &loaded, &reference.images, gpus, &tracing)?;
+        (Some(kinds), gpus)
+    } else {
+        (None, gpus)
+    };
+    reference.kinds = kinds;
     say_reference(options, exposure_ev, &reference);
     let grid = Grid::new(args, &loaded, &reference, &tracing, gpus);
     let mut rows = grid.measure(journal, &judged)?;
@@ -113,6 +121,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     } else if !options.quiet {
         say!("{}", table(&rows, reference.noise.as_ref()).text().trim_end());
         slopes.iter().for_each(|slope| say!("{slope}"));
+        if let Some(kinds) = &reference.kinds {
+            say!("by kind of pixel:\n{}\n{KIND_NOTE}", kind_table(&rows, kinds).text().trim_end());
+        }
         if !regrets.is_empty() {
             say!("the rungs of --ladder against the best that takes no longer:");
             say!("{}", regret_table(&regrets).text().trim_end());
@@ -132,10 +143,12 @@ fn subject(args: &Args, loaded: &LoadedScene, devices: &[DeviceInfo]) -> Result<
     let plan = reference::plan(args)?;
     let seen = plan.fingerprint(loaded, 0).key();
     let shaders = all_shader_text(SceneAccess { traversal: plan.traversal(), ..Default::default() });
-    let Args { virtual_devices, repeats, warm_up, .. } = args;
+    let Args { virtual_devices, repeats, warm_up, by_kind, .. } = args;
     let devices = Table::of_devices([devices]).rows;
     let shown = format!("{} EV", loaded.shot.exposure_ev);
-    let all = format!("{quiet:?} {virtual_devices} {repeats} {warm_up} {seen} {shown} {devices:?} {ERROR} {shaders}");
+    let all = format!(
+        "{quiet:?} {virtual_devices} {repeats} {warm_up} {by_kind} {seen} {shown} {devices:?} {ERROR} {shaders}"
+    );
     Ok(hash_of(all.as_bytes()))
 }
 

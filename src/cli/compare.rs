@@ -1,5 +1,6 @@
 //! `diptych compare`.
 
+mod by_kind;
 mod findings;
 mod viewing;
 mod sequence;
@@ -17,6 +18,7 @@ use crate::metrics::{MEASURES, Pair};
 use anyhow::Context;
 
 use super::failure::Failure;
+use by_kind::ByKind;
 use findings::{BothFindings, Findings, Rings, mean};
 use sequence::frames_in;
 use viewing::{Sourced, differences};
@@ -55,6 +57,15 @@ pub struct Args {
     /// The RMSE within 4 rows of these seams over the RMSE elsewhere.
     #[arg(long = "seam-rows", alias = "seams", value_name = "R,R,…", value_delimiter = ',')]
     seams: Vec<u32>,
+    /// Also report errors by kind of pixel: silhouettes, creases, reflections, …
+    ///
+    /// Reads auxiliary images beside IMAGE or REFERENCE: render either with --aov
+    /// depth,normal,base_color,diffuse_albedo,specular_albedo,roughness.
+    #[arg(long)]
+    by_kind: bool,
+    /// Write the kind of each pixel as a map (PNG)
+    #[arg(long, value_name = "FILE")]
+    kind_map: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -113,6 +124,9 @@ fn one(args: &Args) -> Result<(), Failure> {
     compared.findings.rings.iter().for_each(Rings::warn);
     write_map(&args.heatmap, || compared.heatmap())?;
     write_map(&args.flip_map, || Ok(flip_heatmap(&compared.pair)))?;
+    if let Some(picture) = &compared.kinds {
+        write_map(&args.kind_map, || Ok(picture.clone()))?;
+    }
     if args.json {
         say!("{}", serde_json::to_string(&compared.findings).map_err(anyhow::Error::from)?);
     } else {
@@ -130,6 +144,9 @@ fn both_eyes(args: &Args) -> Result<(), Failure> {
     let side_by_side = |left: DisplayImage, right: DisplayImage| Ok(stereo::side_by_side(&left, &right)?);
     write_map(&args.heatmap, || side_by_side(left.heatmap()?, right.heatmap()?))?;
     write_map(&args.flip_map, || side_by_side(flip_heatmap(&left.pair), flip_heatmap(&right.pair)))?;
+    if let (Some(left), Some(right)) = (left.kinds, right.kinds) {
+        write_map(&args.kind_map, || side_by_side(left, right))?;
+    }
     let eyes = Stereo { left: left.findings, right: right.findings };
     if args.json {
         let means = mean(&eyes.left, &eyes.right);
@@ -151,6 +168,8 @@ struct Compared {
     image: ColourFile,
     pair: Pair,
     findings: Findings,
+    /// Map of the kinds of pixels, if it is needed.
+    kinds: Option<DisplayImage>,
 }
 
 impl Compared {
@@ -165,6 +184,12 @@ impl Compared {
         let yfov = Sourced::yfov_deg(args.yfov, &reference.tags, &image.tags);
         let viewing = Viewing { gaze: args.gaze, yfov_deg: yfov.value };
         let rings = |count: u16| Rings { viewing, yfov_source: yfov.source, rings: pair.rings(&viewing, count.into()) };
+        let by_kind = || {
+            let paths = [reference_path, image_path];
+            ByKind::new(paths, &reference, &pair, exposure.value, yfov.value).map_err(Failure::Input)
+        };
+        let by_kind = (args.by_kind || args.kind_map.is_some()).then(by_kind).transpose()?;
+        let (by_kind, kinds) = by_kind.map(|found| (found.errors, found.picture)).unzip();
         let findings = Findings {
             exposure_ev: exposure.value,
             exposure_source: exposure.source,
@@ -175,9 +200,10 @@ impl Compared {
             reference_tags: reference.tags.clone(),
             image_tags: image.tags.clone(),
             rings: args.rings.map(rings),
+            by_kind,
             seams: (!args.seams.is_empty()).then(|| pair.seam_error(&args.seams)),
         };
-        Ok(Self { reference, image, pair, findings })
+        Ok(Self { reference, image, pair, findings, kinds })
     }
 
     fn heatmap(&self) -> Result<DisplayImage, Failure> {
@@ -189,6 +215,8 @@ fn refuse_options_of_images(args: &Args) -> Result<(), anyhow::Error> {
     let given = [
         ("--heatmap", args.heatmap.is_some()),
         ("--flip-map", args.flip_map.is_some()),
+        ("--by-kind", args.by_kind),
+        ("--kind-map", args.kind_map.is_some()),
         ("--rings", args.rings.is_some()),
         ("--seam-rows", !args.seams.is_empty()),
     ];

@@ -28,6 +28,7 @@ mod graph;
 mod headings;
 mod hints;
 mod interrupt;
+mod kinds;
 mod manual;
 mod node;
 mod options;

@@ -14,17 +14,17 @@ impl Progress {
         Self::with_template(steps, "{bar:30} {pos}/{len} {msg} {eta}", quiet, json)
     }
 
-    /// Counts samples per pixel; the message shows the time.
+    /// Creates a bar that counts samples per pixel. Messages give the elapsed and the remaining time.
     pub fn samples(spp: u64, quiet: bool, json: bool) -> Self {
         Self::with_template(spp, "{bar:30} {pos}/{len} spp {msg}", quiet, json)
     }
 
-    /// Counts units of work, for steps of unequal cost; the message describes the progress.
+    /// Creates a bar for steps of unequal cost. `units` is their total cost; the bar shows messages, but no counts.
     pub fn work(units: u64, quiet: bool, json: bool) -> Self {
         Self::with_template(units, "{bar:30} {msg}", quiet, json)
     }
 
-    /// Shows text of one line or several, without counting.
+    /// Creates a display of messages of one or more lines, without a bar.
     pub fn text(quiet: bool, json: bool) -> Self {
         Self::with_template(0, "{msg}", quiet, json)
     }

@@ -48,13 +48,15 @@ pub struct Args {
     /// Also write the left eye's frames as a contact sheet, sheet.png
     #[arg(long, conflicts_with = "reference", help_heading = options::OUTPUT)]
     sheet: bool,
-    /// Use a configuration of Peres: samples, foveation and denoiser
+    /// Preset of Peres 2022: samples, foveation and denoiser
+    ///
+    /// The thesis is "Non-homogeneous denoising for virtual reality in real-time path tracing rendering".
     #[arg(hide_short_help = true, long = "peres", alias = "preset", conflicts_with_all = ["spp", "scale", "foveation", "iterations", "denoiser", "reference"], help_heading = options::QUALITY)]
     preset: Option<Preset>,
-    /// Frames of history before the first frame [default: up to 16 samples per pixel]
+    /// Warm-up frames, not saved [default: 0; enough for 16 spp if --frames is 1]
     ///
-    /// A single frame with svgf or bmfr follows enough frames of the same instant to give each pixel 16 samples in
-    /// total. In all other cases the default is 0.
+    /// These frames give the denoiser a history. A single frame with svgf or bmfr follows enough frames of the same
+    /// instant to give each pixel 16 samples in total. In all other cases the default is 0.
     #[arg(long, value_name = "N", conflicts_with = "reference", value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
     warm_up: Option<u32>,
     /// Draw stripes and foveal layers on stereo.png
@@ -237,7 +239,7 @@ impl Run<'_> {
             let first = image.pixels[0];
             if image.pixels.iter().all(|pixel| *pixel == first) {
                 let what = if first == [0.0; 3] { "black" } else { "of a single colour" };
-                let hint = "the camera may look away from the scene or stand within a thing, or there is no light";
+                let hint = "the camera may look away from the scene or be inside an object, or there is no light";
                 self.progress.warn(&format!("the {eye} eye's picture is {what}: {hint}"));
                 return;
             }
@@ -279,7 +281,7 @@ impl Run<'_> {
     }
 }
 
-/// Distance from mid-grey in stops from which a picture gets a warning.
+/// Deviation from mid-grey, in stops, at which a picture gets a warning.
 const EVS_OFF: f64 = 4.0;
 
 /// Returns the exposure in stops that makes the geometric mean of the picture's radiances mid-grey; black pixels are

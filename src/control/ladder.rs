@@ -13,11 +13,11 @@ use crate::quality::Denoiser;
 
 /// Relative difference in time below which measurements cannot distinguish two rungs of a front.
 pub const MIN_STEP: f64 = 0.03;
-/// Exponent that limits the error of a rung: relative to the next one up, its error may grow by at most the saved
-/// factor of time to this power. With a larger error, the rung is worse than one with fewer samples.
+/// Exponent of the limit on a rung's error: if a rung is s times as fast as the next one up, its error may be at most s
+/// to this power times as large. With a larger error, the rung is worse than one with fewer samples.
 pub const STEEPEST: f64 = 3.0;
 
-/// Version suffix of older ladders by `play`, which store estimates as `flip`.
+/// Suffix of the version in older ladders written by `play`, which store estimated errors as `flip`.
 const ESTIMATED_FLIP: &str = "; flip is estimated";
 
 #[derive(Debug, thiserror::Error)]
@@ -109,9 +109,9 @@ impl Ladder {
         Self::new(origin, rungs)
     }
 
-    /// Builds a ladder for each measured denoiser ([`Self::of_measured`]), the best first. The best denoiser has the
-    /// lowest mean error over the logarithm of time, from the fastest to the slowest setting of all. Denoisers without
-    /// a finite measurement have no ladder.
+    /// Builds a ladder for each measured denoiser ([`Self::of_measured`]), best denoiser first. Denoisers are ranked by
+    /// their `mean_error` between the shortest and the longest time measured with any of them. Denoisers without a
+    /// finite measurement have no ladder.
     ///
     /// # Errors
     /// [`LadderError::Empty`] if no denoiser has a ladder.

@@ -50,9 +50,9 @@ impl Renderer {
         self.frames.whole.is_some()
     }
 
-    /// Returns the device number of the last frame's primary (0 unless a device has failed), and its buffers of an
-    /// output for both eyes, in the layout that [`Self::read_output`] returns. Their contents last until another frame
-    /// begins. Returns `None` if the primary is on another rank.
+    /// Returns the device that was the last frame's primary (0 unless a device has failed), and its buffers that hold
+    /// the output `image` of both eyes, in the layout of [`Self::read_output`]. The buffers keep their contents until
+    /// another frame begins. Returns `None` if the primary is on another rank.
     ///
     /// # Errors
     /// [`ExecError::NoFrame`] if no frame is complete, frames are in flight, or the last frame did not gather this

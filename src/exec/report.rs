@@ -30,7 +30,7 @@ pub struct TaskTiming {
     pub bytes: Option<u64>,
     /// Number of submissions that the task was split into.
     pub submissions: u32,
-    /// Number of the transfer within its frame; both of its ends have it.
+    /// Number of the transfer within its frame. The download and the upload of a transfer have the same number.
     #[serde(skip)]
     pub transfer: Option<u32>,
     /// Index among the tasks of its device, in execution order.
@@ -93,7 +93,7 @@ pub struct FrameReport {
     pub predicted_ms: Option<f64>,
     /// Host time for planning stripes and graph, in milliseconds.
     pub plan_ms: f64,
-    /// Tasks of all devices, sorted by device, then by begin.
+    /// Tasks of all devices, sorted by device, then by begin time.
     pub tasks: Vec<TaskTiming>,
     /// Maximum error of each device's times, up to this frame.
     pub clock_residuals_us: Vec<(usize, f64)>,
@@ -113,7 +113,7 @@ pub struct FrameReport {
     pub assignment: Assignment,
     /// Spec that the frame was planned with.
     pub spec: FrameSpec,
-    /// Its passes.
+    /// Passes of the frame.
     pub program: Arc<Program>,
     /// Sample position of the auxiliary images within each pixel, from its top left corner.
     pub pixel_centre: [f32; 2],
@@ -141,7 +141,7 @@ impl FrameReport {
         sums
     }
 
-    /// Returns the time in milliseconds in which the queue of each device of the run executed stages.
+    /// Returns the busy time of each device of the run in milliseconds: the time that its queue spent executing stages.
     pub fn busy_ms(&self) -> Vec<f64> {
         let mut busy = vec![0.0; self.assignment.devices()];
         for task in self.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
@@ -150,7 +150,7 @@ impl FrameReport {
         busy
     }
 
-    /// Returns the tasks with times since the begin of the frame.
+    /// Returns the tasks, with times relative to the start of the frame.
     pub fn tasks_since_begin(&self) -> Vec<TaskTiming> {
         let since = |ms: f64| ms - self.begin_ms;
         let task = |t: &TaskTiming| TaskTiming { begin_ms: since(t.begin_ms), end_ms: since(t.end_ms), ..t.clone() };
@@ -188,7 +188,7 @@ impl FrameReport {
     }
 }
 
-/// Totals of one view.
+/// Counts of rays and pixels of one view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     pub rays: u64,
@@ -268,7 +268,7 @@ impl fmt::Display for RightEye {
     }
 }
 
-/// Both eyes.
+/// A value for each eye.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Stereo<T> {

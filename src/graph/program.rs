@@ -28,7 +28,8 @@ pub struct Linked {
     pub images: Vec<usize>,
     /// Number of rows above and below its own that a device also computes, for its own later passes.
     pub margin_rows: u32,
-    /// Index among those passes of its view that may receive halo rows, if it is one of them.
+    /// Index of the pass among the [`Chain::Planned`] passes of its view, which may receive halo rows; `None` for any
+    /// other pass.
     pub link: Option<usize>,
 }
 
@@ -189,7 +190,7 @@ fn check(passes: &[Pass]) -> Result<(), ProgramError> {
     Ok(())
 }
 
-/// Computes the margins around their rows that devices compute for later passes of the chain.
+/// Sets [`Linked::link`] and [`Linked::margin_rows`] of the passes in a view's filter chain.
 fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), ProgramError> {
     let in_chain = |p: &&mut Linked| p.pass.view == view && p.pass.chain != Chain::No;
     let mut chain: Vec<&mut Linked> = passes.iter_mut().filter(in_chain).collect();

@@ -9,6 +9,7 @@ pub mod error;
 pub mod flip;
 mod foveated;
 pub mod heatmap;
+pub mod kinds;
 pub mod rings;
 pub mod seams;
 pub mod ssim;

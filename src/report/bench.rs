@@ -2,6 +2,7 @@
 //! ladder.
 
 mod errors;
+mod kinds;
 mod rows;
 mod tables;
 mod charts;
@@ -10,7 +11,8 @@ mod regret;
 mod slopes;
 
 pub use charts::svg;
-pub use errors::{ERROR, Errors, SeenErrors};
+pub use errors::{ERROR, Errors, KindColumns, SeenErrors};
+pub use kinds::{KIND_NOTE, kind_table};
 pub use ladder::{ladder_svg, ladder_table};
 pub use regret::{Regret, regret_table, regrets};
 pub use rows::{Measured, Repeat, SettingRow, mark_front};

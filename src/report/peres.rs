@@ -88,8 +88,8 @@ pub struct ConfigurationResults {
     pub exposure_ev: f64,
 }
 
-/// Returns the mean of the errors and, for several instants, the standard deviation (over n − 1). An SSIM that is
-/// undefined in one instant is undefined.
+/// Returns the mean of the errors and, for several instants, the standard deviation (over n − 1). The SSIM is `None` if
+/// it is undefined at any instant.
 pub fn over_instants(of: &[ImageErrors]) -> (ImageErrors, Option<ImageErrors>) {
     let values = |value: fn(&ImageErrors) -> f64| of.iter().map(value).collect::<Vec<_>>();
     let ssims: Option<Vec<f64>> = of.iter().map(|errors| errors.ssim).collect();
@@ -129,17 +129,17 @@ impl PeresRow {
         self.found.map(|f| f.time_ms[1])
     }
 
-    /// Returns one of the errors.
+    /// Returns the error that `of` selects, as its mean over instants.
     fn quality(&self, of: fn(&ImageErrors) -> Option<f64>) -> Option<f64> {
         of(&self.found?.quality)
     }
 
-    /// Returns the standard deviation of that error over instants.
+    /// Returns the standard deviation over instants of the error that `of` selects.
     fn deviation(&self, of: fn(&ImageErrors) -> Option<f64>) -> Option<f64> {
         of(&self.found?.deviation?)
     }
 
-    /// Formats mean ± deviation.
+    /// Formats the error that `of` selects as mean ± standard deviation.
     fn quality_text(&self, of: fn(&ImageErrors) -> Option<f64>, decimals: usize) -> String {
         let deviation = self.deviation(of).map_or(String::new(), |d| format!(" ± {d:.decimals$}"));
         cell(self.quality(of), decimals) + &deviation

@@ -70,7 +70,7 @@ pub struct Rectified {
 
 /// Largest half-angle of a rectified frame in degrees: planar images grow without bound towards 90 degrees.
 const WIDEST_DEG: f64 = 80.0;
-/// Smallest cosine of the angle between the baseline and the head's right.
+/// Smallest cosine of the angle between the baseline and the head's right vector.
 const LEAST_COS_RIGHT: f64 = 0.5;
 
 impl HeadEye {
@@ -106,7 +106,7 @@ impl HeadEyes {
     /// field of view symmetric.
     ///
     /// # Errors
-    /// A sentence, if an eye is invalid or the eyes' fields of view diverge too far.
+    /// A message, if an eye is invalid or the eyes' fields of view diverge too far.
     pub fn rectified(&self) -> Result<Rectified, String> {
         if let Some((eye, fault)) = Eye::ALL.iter().find_map(|eye| Some((eye, self.of(*eye).fault()?))) {
             return Err(format!("the {eye} eye: {fault}"));
@@ -132,7 +132,7 @@ impl HeadEyes {
         let tan_x = seen.map(|c| if c.z > 0.0 { (c.x / c.z).abs() } else { f64::INFINITY }).fold(0.0, f64::max);
         if !(tan_x <= widest && half <= WIDEST_DEG.to_radians()) {
             return Err(format!(
-                "the eyes see further apart than {WIDEST_DEG} degrees from a direction that they share"
+                "the eyes see more than {WIDEST_DEG} degrees away from the forward direction that they share"
             ));
         }
         let lens = |eye| {
@@ -202,17 +202,17 @@ impl Lens {
     }
 }
 
-/// Margin of the rectified frame in pixels, for filters of the resampling.
+/// Margin of the rectified frame in pixels, for the filter of display resampling.
 const MARGIN_PX: f64 = 2.0;
-/// Largest ratio of the rectified frame's pixels to an eye's.
+/// Maximum ratio of the rectified frame's pixel count to that of one eye.
 const MOST_TIMES: f64 = 16.0;
 
 impl Optics {
-    /// Returns the size of the rectified frame for eyes of this size, with `density` times the eyes' pixel density
-    /// along each axis, measured on their axes.
+    /// Returns the size of the rectified frame for eye images of `size`. Its pixel density is `density` times that of
+    /// the eyes, both horizontally and vertically, measured at their optical axes.
     ///
     /// # Errors
-    /// A sentence, if the frame would have too many pixels.
+    /// A message, if the frame would have too many pixels.
     pub fn grid(&self, size: Extent, density: f64) -> Result<Extent, String> {
         let least_step = self.lenses.iter().map(|lens| lens.least_step(size)).fold(f64::INFINITY, f64::min);
         let pixels = self.tan_half.map(|tan| (2.0 * tan * density / least_step).ceil() + 2.0 * MARGIN_PX);
@@ -220,18 +220,18 @@ impl Optics {
         // The ratio is NaN if the step is 0.
         if times.is_nan() || times > MOST_TIMES {
             return Err(format!(
-                "what covers both eyes, with its border, takes {times:.0} times the pixels that they show (at most {MOST_TIMES})"
+                "a frame that covers both eyes needs {times:.0} times the pixels of one eye (at most {MOST_TIMES})"
             ));
         }
         Ok(Extent::new(pixels[0] as u32, pixels[1] as u32))
     }
 
-    /// Returns the size of the rectified frame for eyes of this size, at 1.25 times their density.
+    /// Returns the size of the rectified frame for eye images of `size`, with 1.25 times their pixel density.
     ///
     /// # Errors
     /// Errors of [`Self::grid`].
     pub fn rectified(&self, size: Extent) -> Result<Extent, String> {
-        /// Pixel density of the rectified frame relative to the eyes', along each axis, on the eyes' axes.
+        /// Ratio of the rectified frame's pixel density to the eyes', horizontally and vertically.
         const DENSITY: f64 = 1.25;
         self.grid(size, DENSITY)
     }

@@ -54,7 +54,7 @@ shared_structs! {
         pub first_ring: f32,
         /// Radius of the image around the gaze, pixels.
         pub radius: f32,
-        /// Columns of a ring.
+        /// Number of columns: directions around the gaze, the same for every ring.
         pub columns: f32,
         /// Distances from the gaze at which the blur begins and at which it is strongest, pixels.
         pub blur_begins: f32,
@@ -196,7 +196,7 @@ shared_structs! {
 
     /// Mapping of radiance to display values.
     pub struct Display {
-        /// Factor on radiance that maps white to 1.
+        /// Exposure factor: multiplies radiance so that white maps to 1.
         pub exposure: f32,
         pub pad0: u32,
         pub pad1: u32,

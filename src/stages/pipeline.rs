@@ -18,13 +18,13 @@ use crate::image::Extent;
 use crate::passes::{Moving, PREVIOUS};
 use crate::scene::rig::Eye;
 
-/// Name of a kernel, its bound images, and the frame's place.
+/// Key of a bind group: the kernel's name, the bound images, and the [`Place`] that selects their buffers.
 type GroupKey = (&'static str, Vec<(Bound, Eye)>, Place);
 
 /// Pipelines, images and scene of one device, with which it records tasks.
 pub struct DeviceStages {
     config: RunConfig,
-    /// Samples per pixel and place of the current frame.
+    /// Samples per pixel of the current frame, and the [`Place`] that selects its buffers.
     spp: u32,
     place: Place,
     pub images: Images,
@@ -126,7 +126,7 @@ impl DeviceStages {
         })
     }
 
-    /// Sets the program and the constants for the tasks of the next submission, and the place of the images that they
+    /// Sets the program and the constants for the tasks of the next submission. `place` selects the buffers that they
     /// write.
     pub fn set_frame(
         &mut self,

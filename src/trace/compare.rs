@@ -8,7 +8,7 @@ use super::summary::{FrameSummary, Summary, median};
 use super::work::Trace;
 use super::{Lane, TraceError};
 
-/// A measure in both traces: the median over frames.
+/// A metric in both traces: its median over the frames of each.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Change {
     pub what: String,
@@ -35,7 +35,7 @@ pub struct Comparison {
     pub b: Side,
     /// Milliseconds of each stage on each eye, and of transfers, summed over devices; largest difference first.
     pub stages: Vec<Change>,
-    /// Changes of whole frames, each with its unit in its name; largest factor first.
+    /// Metrics of frames, such as the makespan; names include the unit. Largest factor of change first.
     pub frames: Vec<Change>,
 }
 

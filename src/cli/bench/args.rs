@@ -66,6 +66,12 @@ pub struct Args {
     /// Untimed frames before the timed ones
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
     pub(super) warm_up: u32,
+    /// Also report errors by kind of pixel: silhouettes, creases, reflections, …
+    ///
+    /// bench.csv then has the columns flip_KIND, the mean FLIP of the kind's pixels, and part_KIND, their part of the
+    /// sum of FLIP over all pixels.
+    #[arg(long, conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
+    pub(super) by_kind: bool,
     /// Folder of left.exr and right.exr to compare with [default: render them]
     #[arg(
         long = "reference-images",
@@ -149,13 +155,13 @@ pub struct PresetOptions {
         group = "study",
         conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference", "foveation", "polar", "scale", "ladder", "peers"])]
     pub(super) experiment: Option<PathBuf>,
-    /// With --experiment and all presets but leria: several shots
+    /// With --experiment, or any --preset but leria: shots to measure
     ///
-    /// With peres they stand for the scenes of the thesis: Pink Room, Sponza, Forest [default: builtin:checker,
+    /// With peres they replace the scenes of the thesis: Pink Room, Sponza, Forest [default: builtin:checker,
     /// builtin:atrium and builtin:forest].
     #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "study")]
     pub shots: Vec<String>,
-    /// With --preset peres: factor on the thesis's resolutions
+    /// With --preset peres: scale factor for the resolutions of Peres 2022
     #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
     pub size_factor: f64,
     /// With --experiment, --preset peres, andersson or late: instants on the path

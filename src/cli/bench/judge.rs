@@ -6,7 +6,7 @@ use crate::loaded::LoadedScene;
 use crate::metrics::Pair;
 use crate::metrics::rings::Viewing;
 use crate::metrics::temporal::Change;
-use crate::report::bench::{Measured, Repeat, SeenErrors};
+use crate::report::bench::{KindColumns, Measured, Repeat, SeenErrors};
 use crate::report::frames::FrameLine;
 use crate::report::run::FrameRow;
 use crate::scene::shot::Shot;
@@ -41,7 +41,11 @@ impl<'a> Judge<'a> {
     /// Adds the next frame with its row and its picture.
     pub fn add(&mut self, frame: &FrameReport, row: &FrameRow, image: &Stereo<RgbImage>) -> Result<(), Failure> {
         let pairs = pairs(self.loaded, &self.reference.images, image)?;
-        let [left, right] = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &self.viewing));
+        let mut eyes = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &self.viewing));
+        for (e, map) in self.reference.kinds.iter().flatten().enumerate() {
+            eyes[e].by_kind = KindColumns(Some(pairs[e].by_kind(map)?));
+        }
+        let [left, right] = eyes;
         self.repeats.push(Repeat::new(frame, Stereo { left, right }, FrameLine::from(row)));
         for (e, before) in self.before.iter().flatten().enumerate() {
             self.changes[e] = self.changes[e] + pairs[e].change_at_rest(before)?;

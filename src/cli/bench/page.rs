@@ -8,15 +8,17 @@ use crate::device::DeviceInfo;
 use crate::exec::{FrameReport, Stereo};
 use crate::image::RgbImage;
 use crate::loaded::LoadedScene;
+use crate::metrics::kinds::Kind;
 use crate::quality::Denoiser;
 use crate::report::Table;
 use crate::report::bench::{
-    ERROR_NOTE, Regret, SettingRow, Shared, Slope, exposure_note, ladder_svg, ladder_table, regret_table, table,
+    ERROR_NOTE, KIND_NOTE, Regret, SettingRow, Shared, Slope, exposure_note, kind_table, ladder_svg, ladder_table,
+    regret_table, table,
 };
 use crate::report::html::Section;
 use crate::report::lanes::LaneFrame;
 use crate::report::peers::{self, Peer};
-use crate::report::pictures::Group;
+use crate::report::pictures::{Group, Picture, viewer};
 
 use super::args::Args;
 use super::grid::Grid;
@@ -73,6 +75,7 @@ impl Page<'_> {
         let mut sections = vec![self.pictures(&seen)?, self.ladder()?];
         sections.extend(self.beside_peers());
         sections.extend(self.regret());
+        sections.extend(self.by_kind()?);
         sections.extend([
             front,
             lanes,
@@ -118,6 +121,20 @@ impl Page<'_> {
         );
         let table = Some(ladder_table(self.ladder));
         Ok(Section { heading: "Fronts and quality ladder", notes: vec![notes], table, figure: Some(figure) })
+    }
+
+    fn by_kind(&self) -> Result<Option<Section>, Failure> {
+        let Some(maps) = &self.reference.kinds else { return Ok(None) };
+        let eyes = ["left eye", "right eye"].iter().zip(maps);
+        let pictures = eyes.map(|(name, map)| Picture { name: (*name).to_owned(), image: map.picture() }).collect();
+        let colours = Kind::ALL.map(|kind| {
+            format!("{} #{:02x}{:02x}{:02x}", kind.name(), kind.colour()[0], kind.colour()[1], kind.colour()[2])
+        });
+        let group = Group { name: "kinds of pixels".to_owned(), pictures };
+        let figure = viewer(&[group]).context("cannot make the map of kinds")?;
+        let notes = vec![KIND_NOTE.to_owned(), format!("Colours of the map: {}.", colours.join(", "))];
+        let table = Some(kind_table(self.rows, maps));
+        Ok(Some(Section { heading: "Errors by kind of pixel", notes, table, figure: Some(figure) }))
     }
 
     fn regret(&self) -> Option<Section> {

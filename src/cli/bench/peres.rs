@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         shots = SHOTS.map(str::to_owned).to_vec();
     }
     if shots.len() > SCENES.len() {
-        return Err(Failure::Input(anyhow!("--shots: the thesis has {} scenes: give at most as many", SCENES.len())));
+        return Err(Failure::Input(anyhow!("--shots: give at most {}, one per scene of Peres 2022", SCENES.len())));
     }
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;

@@ -6,6 +6,7 @@ use crate::accumulation::{Noise, hash_of};
 use crate::exec::Stereo;
 use crate::image::{Extent, RgbImage, exr};
 use crate::loaded::LoadedScene;
+use crate::metrics::kinds::KindMap;
 use crate::quality::Quality;
 
 use super::args::Args;
@@ -26,6 +27,8 @@ pub struct Reference {
     pub noise: Option<Stereo<Noise>>,
     /// Origin of the images in words, for reports.
     pub origin: String,
+    /// Kinds of each eye's pixels, if errors by kind are wanted.
+    pub kinds: Option<[KindMap; 2]>,
     /// Key that distinguishes references of the same subject.
     pub key: String,
 }
@@ -59,7 +62,7 @@ pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> 
     let images = Stereo { left: read("left.exr")?, right: read("right.exr")? };
     let key = [&images.left, &images.right].map(|image| hash_of(bytemuck::cast_slice(&image.pixels)));
     let origin = format!("{}; its noise is unknown, and errors below it mean nothing", folder.display());
-    Ok(Reference { images, noise: None, origin, key: key.join(" ") })
+    Ok(Reference { images, noise: None, origin, kinds: None, key: key.join(" ") })
 }
 
 /// Returns the plan for rendering a reference.
@@ -105,5 +108,5 @@ pub fn own(
     exr::write_tagged_rgb(&folder.join("left.exr"), &images.left, &tags.left)?;
     exr::write_tagged_rgb(&folder.join("right.exr"), &images.right, &tags.right)?;
     let (origin, key) = (format!("{how}, in {}", folder.display()), key(accumulation.samples()));
-    Ok(Reference { images, noise: accumulation.noise(), origin, key })
+    Ok(Reference { images, noise: accumulation.noise(), origin, kinds: None, key })
 }

@@ -3,6 +3,7 @@
 use crate::exec::Stereo;
 use crate::image::exr::{ColourSource, Tags};
 use crate::metrics::Errors;
+use crate::metrics::kinds::KindError;
 use crate::metrics::rings::{Ring, Viewing};
 use crate::metrics::seams::SeamError;
 use serde::Serialize;
@@ -25,6 +26,8 @@ pub struct Findings {
     pub(super) image_tags: Tags,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) rings: Option<Rings>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) by_kind: Option<[KindError; 6]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) seams: Option<SeamError>,
 }

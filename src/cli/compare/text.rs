@@ -1,6 +1,7 @@
 //! Text output of `compare`, and its help.
 
 use crate::metrics::MEASURES;
+use crate::metrics::kinds::KindError;
 use crate::metrics::rings::Ring;
 use crate::report::text_table;
 
@@ -62,6 +63,10 @@ pub fn print(compared: &[(&str, &Findings)]) {
                 line(name, [number(value, 6)], of.trim_start_matches(", "));
             }
         }
+        if let Some(kinds) = &findings.by_kind {
+            say!("\nby kind of pixel{of}; part: of the sum of FLIP over all pixels");
+            say!("{}", kind_table(kinds).trim_end());
+        }
         if let Some(rings) = &findings.rings {
             let (yfov_deg, [x, y]) = (rings.viewing.yfov_deg, rings.viewing.gaze);
             let source = match rings.yfov_source {
@@ -83,6 +88,16 @@ fn number(value: Option<f64>, decimals: usize) -> String {
 fn line(name: &str, values: impl IntoIterator<Item = String>, meaning: &str) {
     let values: String = values.into_iter().map(|value| format!(" {value:>12}")).collect();
     say!("{}", format!("{name:<22}{values}   {meaning}").trim_end());
+}
+
+fn kind_table(kinds: &[KindError]) -> String {
+    let percent = |fraction: f64| format!("{:.1} %", 100.0 * fraction);
+    let row = |found: &KindError| {
+        let flip = number(found.flip, 6);
+        vec![found.kind.name().to_owned(), percent(found.pixels), flip, found.part.map_or("-".to_owned(), percent)]
+    };
+    let rows: Vec<Vec<String>> = kinds.iter().map(row).collect();
+    text_table(&["kind", "pixels", "flip", "part"], &rows)
 }
 
 fn ring_table(rings: &[Ring]) -> String {

@@ -17,7 +17,7 @@ pub struct LoopOptions {
     /// Virtual devices on each adapter
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = DEVICES)]
     pub virtual_devices: u16,
-    /// Frame budget: least and most makespan, ms
+    /// Budget: range for the frame time (makespan), ms
     #[arg(long, default_value = "11..20", value_name = "LO..HI", help_heading = QUALITY)]
     pub budget_ms: Budget,
     /// Quality ladder measured by `bench` [default: a built-in one]
@@ -25,7 +25,7 @@ pub struct LoopOptions {
     /// For the built-in ladder some settings are timed at the start, and errors are estimated.
     #[arg(long, value_name = "FILE", help_heading = QUALITY)]
     pub ladder: Option<PathBuf>,
-    /// Denoiser of all frames [default: svgf, or that of most rungs]
+    /// Denoiser of all frames [default: svgf; with --ladder, the one with most rungs]
     #[arg(long, value_parser = denoiser_parser(), help_heading = QUALITY)]
     pub denoiser: Option<DenoiserChoice>,
     #[command(flatten)]

@@ -1,4 +1,5 @@
-//! A rank's view of all ranks: its threads send requests to other ranks through it, and learn of ranks that are lost.
+//! [`Node`]: a rank's connection to all other ranks. The rank's threads send requests through it, and learn from it if
+//! a rank is lost.
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -18,7 +19,7 @@ use crate::schedule::Network;
 
 /// Time limit for all ranks to join at the start.
 const MEETING: Duration = Duration::from_secs(60);
-/// Interval at which a wait for letters checks for lost ranks.
+/// Interval at which a wait for messages checks for lost ranks.
 const SLICE: Duration = Duration::from_millis(20);
 
 pub struct Node {
@@ -119,8 +120,8 @@ impl Node {
         self.shared.row_bytes.load(Ordering::Relaxed)
     }
 
-    /// Returns the network between `ranks`, which has an entry per device, from the mean latency and time per byte
-    /// between rank 0 and the others.
+    /// Returns a model of the network, with the mean latency and time per byte between rank 0 and the others. `ranks`
+    /// holds the rank of each device.
     pub(super) fn network(&self, ranks: Vec<usize>) -> Network {
         let links = self.shared.links.lock().unwrap_or_else(PoisonError::into_inner);
         let others = links.get(1..).unwrap_or_default();
@@ -132,7 +133,7 @@ impl Node {
         self.shared.hosts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits on rank 0 for all other ranks, and checks that they run the same program.
+    /// Waits for all other ranks, and checks that they run the same program. Only rank 0 calls it.
     ///
     /// # Errors
     /// [`RankError`] of the first rank that runs another program, or does not join in time.
@@ -143,7 +144,7 @@ impl Node {
         while let Some(&first) = missing.first() {
             self.check_lost()?;
             if begin.elapsed() > MEETING {
-                let what = format!("it did not come within {} s", MEETING.as_secs());
+                let what = format!("it did not join within {} s", MEETING.as_secs());
                 return Err(RankError::Lost { rank: first, host: String::new(), what });
             }
             let Some((rank, Letter::Hello(there))) = self.letter(SLICE) else { continue };
@@ -163,7 +164,7 @@ impl Node {
         self.lost().map_or(Ok(()), Err)
     }
 
-    /// Returns a new number for a renderer or a set.
+    /// Returns a new number for a renderer or a set of devices.
     pub(super) fn number(&self) -> u32 {
         self.numbers.fetch_add(1, Ordering::Relaxed)
     }
@@ -190,17 +191,17 @@ impl Node {
     }
 
     fn control(&self, control: Control) {
-        // The post ends only when the node ends.
+        // The thread of the link receives controls until the node ends.
         let _ = self.controls.send(control);
     }
 
-    /// Returns the next letter, if one arrives within `limit`.
+    /// Returns the next message from another rank, with the number of that rank, if one arrives within `limit`.
     pub(super) fn letter(&self, limit: Duration) -> Option<(usize, Letter)> {
         let letters = self.letters.lock().unwrap_or_else(PoisonError::into_inner);
         letters.recv_timeout(limit).ok()
     }
 
-    /// Ends all ranks with this exit status. If a rank is lost, it aborts them at once.
+    /// Ends all ranks with this exit status. If a rank is lost, aborts them all at once.
     pub fn end(&self, status: u8) {
         let Some(thread) = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take() else { return };
         if self.lost().is_some() {

@@ -1,4 +1,4 @@
-//! State of another rank, which rank 0 measures by calls: series of round trips.
+//! State of the link to another rank. Rank 0 measures its links with calls: series of pings, each with a response.
 
 use std::time::Duration;
 
@@ -13,12 +13,12 @@ const TRIPS: u32 = 8;
 /// Maximum duration of a call. During a call both ranks poll without sleeping, since the shortest round trip bounds the
 /// error of the clock offset.
 pub const TRIPS_TIME: Duration = Duration::from_micros(400);
-/// Interval of bandwidth probes: each call whose number is a multiple of this one sends a single ping with a load,
-/// instead of a series of empty pings.
+/// Interval of bandwidth probes: each call whose number is a multiple of this one sends a single ping with a payload,
+/// the load, instead of a series of empty pings.
 const LOADED: u32 = 24;
-/// Intended time of a load, in milliseconds: as much as large rows take, and short enough not to delay frames.
+/// Intended transfer time of a load, in milliseconds: as long as that of large rows, but too short to delay frames.
 const LOAD_MS: f64 = 4.0;
-/// Minimum and maximum size of a load.
+/// Minimum and maximum size of a load, in bytes.
 const LOAD_BYTES: [usize; 2] = [1 << 16, 1 << 20];
 /// Startup bandwidth probe: the call with this number, before there are frames, has loads that grow until one takes
 /// `FIRST_LOAD_MS` longer than a ping, so that scheduling noise is negligible. Only the last one counts.
@@ -27,7 +27,7 @@ const GROWTH: usize = 4;
 const GROWTHS: u32 = 3;
 const FIRST_LOAD_MS: f64 = 20.0;
 
-/// Another rank. Times are in milliseconds of the clock here.
+/// Another rank. Times are in milliseconds of the local clock.
 #[derive(Default)]
 pub struct Peer {
     pub clock: RankClock,
@@ -41,11 +41,11 @@ pub struct Peer {
     trips: u32,
     /// Load of the next round trip, in bytes.
     load: usize,
-    /// True if rows were on the link during the call.
+    /// True if rows were transferred over the link during the call.
     is_crowded: bool,
 }
 
-/// A round trip to begin.
+/// A ping to send to the other rank, which starts a round trip.
 pub struct Trip {
     pub bytes: usize,
     /// True if another one follows as soon as this one is answered.
@@ -58,7 +58,8 @@ impl Peer {
         if self.calls < FIRST_CALLS.0 { FIRST_CALLS.1 } else { CALLS }
     }
 
-    /// Begins a call, unless the previous one is not answered yet. `is_crowded` is true while rows are being sent.
+    /// Begins a call and returns its first ping, unless the previous call still waits for a response. `is_crowded` is
+    /// true while rows are being sent.
     pub fn call(&mut self, now_ms: f64, is_crowded: bool) -> Option<Trip> {
         if self.awaits {
             return None;
@@ -82,8 +83,9 @@ impl Peer {
         Trip { bytes: self.load, followed: self.trips > 0 && self.load == 0 }
     }
 
-    /// Adds a round trip with a load of this many bytes, in which the other clock showed `there_ms`. `rows_came` is
-    /// true if rows arrived meanwhile. Returns the round trip that must follow at once, if any.
+    /// Records a round trip from `sent_ms` to `now_ms` with a load of `bytes` bytes, during which the other rank's
+    /// clock read `there_ms`. `rows_came` is true if rows arrived meanwhile. Returns the next ping of the call, to be
+    /// sent at once, if there is one.
     pub fn learn(&mut self, [sent_ms, now_ms]: [f64; 2], there_ms: f64, bytes: usize, rows_came: bool) -> Option<Trip> {
         self.clock.learn(sent_ms..now_ms, there_ms);
         let is_first = std::mem::take(&mut self.awaits);

@@ -1,8 +1,10 @@
 //! Errors of images by name, and which of them tables show.
 
-use serde::{Deserialize, Serialize};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Serialize, Serializer};
 
 use crate::metrics;
+use crate::metrics::kinds::KindError;
 use crate::metrics::rings::Viewing;
 
 /// Metrics that tables show, in this order. Files have the remaining ones after them.
@@ -64,10 +66,32 @@ pub struct SeenErrors {
     pub flip_foveated: f64,
     /// The result of [`metrics::Pair::acuity_flip`].
     pub flip_acuity: f64,
+    #[serde(flatten)]
+    pub by_kind: KindColumns,
+}
+
+/// Errors by kind of pixel, as the members `flip_KIND` and `part_KIND` ([`KindError`]); no members if they are unknown.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct KindColumns(pub Option<[KindError; 6]>);
+
+impl Serialize for KindColumns {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        for KindError { kind, flip, part, .. } in self.0.iter().flatten() {
+            map.serialize_entry(&format!("flip_{}", kind.name()), flip)?;
+            map.serialize_entry(&format!("part_{}", kind.name()), part)?;
+        }
+        map.end()
+    }
 }
 
 impl SeenErrors {
     pub fn new(pair: &metrics::Pair, viewing: &Viewing) -> Self {
-        Self { all: pair.errors(), flip_foveated: pair.foveated_flip(viewing), flip_acuity: pair.acuity_flip(viewing) }
+        Self {
+            all: pair.errors(),
+            flip_foveated: pair.foveated_flip(viewing),
+            flip_acuity: pair.acuity_flip(viewing),
+            by_kind: KindColumns::default(),
+        }
     }
 }

@@ -224,8 +224,8 @@ impl Outline {
         s
     }
 
-    /// Returns the area inside a closed outline, which must be star-shaped around its middle. The front is towards the
-    /// frame's z, or away from it.
+    /// Returns the flat surface that fills a closed outline, which must be star-shaped about the mean of its points.
+    /// The front faces the frame's z axis if `towards_z`, else the opposite direction.
     pub fn cap(&self, frame: Affine3A, towards_z: bool) -> Surface {
         let middle = self.points.iter().sum::<Vec2>() / self.points.len() as f32;
         let vertex = |p: Vec2| Vertex {

@@ -24,22 +24,23 @@ use crate::scene::{Material, Scene};
 pub struct Plan<'a, 'b> {
     buffers: &'a Buffers<'b>,
     nodes: &'a [PlacedNode],
-    /// Index in `nodes` of each node of the file; `None` if the scene does not contain it. This index is called the
-    /// node's place below.
+    /// Index in `nodes` of each node of the file; `None` if the scene does not contain it. Variables named `place` hold
+    /// such an index.
     places: Vec<Option<usize>>,
-    /// Animations. Their targets are places of nodes, and materials and lights of the file.
+    /// Animations. Their node targets are indices into `nodes`; material and light targets are indices into the file's
+    /// lists.
     animations: Vec<Animation>,
     loops: bool,
-    /// Per place, true if its transform or an ancestor's is animated.
+    /// For each entry of `nodes`, true if the transform of the node or of an ancestor is animated.
     moving: Vec<bool>,
-    /// Per place, true if its weights are animated.
+    /// For each entry of `nodes`, true if the node's morph weights are animated.
     morphing: Vec<bool>,
 }
 
 /// An instance that may be dynamic or need baking.
 pub struct Candidate {
     pub instance: usize,
-    /// Place of its node: an index into the placed nodes.
+    /// Index of its node in the list of placed nodes.
     pub place: usize,
 }
 
@@ -95,7 +96,8 @@ impl<'a, 'b> Plan<'a, 'b> {
         self.json(place).skin.is_some() || self.moving[place] || self.morphs(place)
     }
 
-    /// Gives the scene its motion. Bakes skinned and morphed instances that nothing animates to meshes of their own.
+    /// Moves the motion into the scene. Bakes skinned and morphed instances that are not animated into meshes of their
+    /// own.
     pub fn put_into(
         self,
         scene: &mut Scene,
@@ -127,7 +129,7 @@ impl<'a, 'b> Plan<'a, 'b> {
         Ok(())
     }
 
-    /// Returns bodies and the skins in use, with nodes given by place.
+    /// Returns the dynamic bodies and the skins that they use. Both refer to nodes by index into `self.nodes`.
     fn bodies(
         &self,
         scene: &mut Scene,
@@ -192,7 +194,8 @@ impl<'a, 'b> Plan<'a, 'b> {
     }
 
     /// Adds the nodes that the motion's lights, cameras, skins and bodies need to [`Motion::nodes`], and changes their
-    /// references from places to indices into that list. Returns the new index of each place.
+    /// references from indices into `self.nodes` to indices into that list. Returns the new index of each entry of
+    /// `self.nodes`; `None` if it was not added.
     fn take_nodes(&self, motion: &mut Motion) -> Vec<Option<usize>> {
         let mut needed = vec![false; self.nodes.len()];
         let attached = motion.lights.iter().chain(&motion.cameras).map(|a| a.node);

@@ -18,7 +18,7 @@ pub struct PlacedLight {
     pub light: Light,
     /// Index into the file's lights.
     pub index: usize,
-    /// Place of its node: an index into the list of nodes.
+    /// Index of its node in the list of placed nodes.
     pub place: usize,
 }
 

@@ -1,0 +1,67 @@
+//! Errors by kind of pixel, from auxiliary images beside the compared ones.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+
+use crate::cli::kinds::{AOVS, guides};
+use crate::image::display::DisplayImage;
+use crate::image::exr::{ColourFile, read_channels};
+use crate::metrics::Pair;
+use crate::metrics::kinds::{KindError, KindMap};
+use crate::passes::Aov;
+
+/// The error of each kind of pixel, and their map.
+pub struct ByKind {
+    pub errors: [KindError; 6],
+    pub picture: DisplayImage,
+}
+
+impl ByKind {
+    /// Classifies the pixels of a pair by auxiliary images beside the image, or else beside the reference.
+    ///
+    /// # Errors
+    /// A message that names the missing file.
+    pub fn new(
+        [reference_path, image_path]: [&Path; 2],
+        reference: &ColourFile,
+        pair: &Pair,
+        exposure_ev: f32,
+        yfov_deg: f64,
+    ) -> Result<Self, anyhow::Error> {
+        let guides = guides(|aov| {
+            let paths = [image_path, reference_path].map(|path| beside(path, aov.name()));
+            let Some(path) = paths.iter().find(|path| path.is_file()) else {
+                bail!(
+                    "there is no {}, from which kinds of pixels follow: render with --aov {}",
+                    paths[0].display(),
+                    AOVS.map(Aov::name).join(",")
+                );
+            };
+            let channels = aov.channels();
+            Ok(read_channels(path, [0, 1, 2].map(|c| channels[c.min(channels.len() - 1)]))?)
+        })?;
+        let map = KindMap::new(&guides, &reference.image, exposure_ev, yfov_deg)
+            .with_context(|| format!("auxiliary images of {}", image_path.display()))?;
+        Ok(Self { errors: pair.by_kind(&map)?, picture: map.picture() })
+    }
+}
+
+/// Returns the path of an auxiliary image of an eye's image: `left.depth.0007.exr` of `left.0007.exr`.
+fn beside(image: &Path, aov: &str) -> PathBuf {
+    let name = image.file_name().unwrap_or_default().to_string_lossy();
+    let (eye, rest) = name.split_once('.').unwrap_or((&name, "exr"));
+    image.with_file_name(format!("{eye}.{aov}.{rest}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn auxiliary_images_lie_beside_the_image() {
+        for (image, expected) in [("a/left.exr", "a/left.depth.exr"), ("right.0007.exr", "right.depth.0007.exr")] {
+            assert_eq!(beside(Path::new(image), "depth"), Path::new(expected));
+        }
+    }
+}
