@@ -17,7 +17,7 @@ fn main() -> io::Result<()> {
         if files.iter().any(|other| other != path && other.file_name() == path.file_name()) {
             return Err(io::Error::other(format!("two shaders have the name {name}")));
         }
-        // Relative, so that a build folder still serves a checkout that has moved.
+        // The path is relative to the checkout, so that build outputs stay valid if the checkout is moved.
         let path = format!("/{}", path.strip_prefix(&root).unwrap_or(path).display());
         let _ = write!(table, "({name:?}, include_str!(concat!(env!(\"CARGO_MANIFEST_DIR\"), {path:?}))),");
     }
@@ -29,7 +29,7 @@ fn main() -> io::Result<()> {
 fn collect(folder: &Path, files: &mut Vec<PathBuf>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
-        // Shaders of windows and headsets are no kernels of a frame.
+        // Skip the shaders that present images in windows and headsets: they are not compute kernels of a frame.
         if path.ends_with("present") {
             continue;
         }

@@ -13,7 +13,8 @@ use diptych::scene::rig::Eye;
 /// Rows and columns that the filter reads on each side of a pixel.
 const REACH: u32 = 3;
 
-/// The fourth channel of `guide` is the packed normal. Only rows from `valid_begin` to `valid_end` may be read.
+/// Source of the filter's kernel. The fourth channel of `guide` is the packed normal. The kernel may only read rows
+/// from `valid_begin` up to, but not including, `valid_end`.
 const SHADER: &str = "
 //!include frame grid
 

@@ -21,7 +21,8 @@ const EXTENT: Extent = Extent::new(160, 90);
 
 const OUTLINE_STAGE: Stage = Stage("outline");
 
-/// One byte of grey in 4 bytes per pixel. As an output, it is complete on the primary at the end of the frame.
+/// Grey value of the outline, 0 or 255, in 4 bytes per pixel. As an output, the image is gathered on the primary device
+/// at the end of the frame.
 const OUTLINE: Resource = Resource::image("outline", 4).output();
 
 /// The fourth channel of `emission` is the distance along the ray, 0 for the sky.
@@ -48,7 +49,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     outline[pixel_index(pixel)] = select(0u, 255u, most > JUMP * least);
 }";
 
-/// Returns the pass. It reads one more row on each side of a stripe, and has the stripes of tonemap.
+/// Returns the outline pass of one eye. It reads one row beyond each edge of a stripe. Its rows are divided among the
+/// devices like those of tonemap.
 fn outline(view: Eye) -> Pass {
     let kernel = Kernel::from_text("outline", SHADER);
     let uses = [Use::read(EMISSION).halo(1), Use::write(OUTLINE)];

@@ -1,4 +1,5 @@
-//! The commands of `diptych` with a custom policy, beside those that distribute rows evenly and by measured cost.
+//! The commands of `diptych` with a custom load-balancing policy, next to the built-in policies, which distribute rows
+//! evenly or by measured cost.
 //!
 //! `cargo run --release --example own_policy -- scale --counts 1,2 --balance even,measured,halving --out out/own`
 
@@ -19,7 +20,7 @@ impl Policy for Halving {
         "halving"
     }
 
-    /// Assigns rows. This policy ignores the model, which predicts the time of rows on each device.
+    /// Distributes the rows. This policy ignores the cost model, which predicts how long rows take on each device.
     fn assign(&mut self, _model: &CostModel) -> Assignment {
         let edges: Vec<u32> = (1..self.devices).map(|device| self.rows - (self.rows >> device)).collect();
         Assignment::uniform(Stripes::from_edges(self.rows, &edges))

@@ -8,7 +8,7 @@ use diptych::image::display::{tonemap, write_png};
 use diptych::image::stereo::side_by_side;
 use diptych::{LoadedScene, Renderer};
 
-/// Frames before the one that is kept: with SVGF, each extends the history of the next.
+/// Number of warm-up frames before the frame that is saved. Each extends the temporal history that SVGF uses.
 const WARM_UP: u32 = 7;
 
 fn main() -> anyhow::Result<()> {

@@ -14,7 +14,7 @@ fn centre_hit(pixel: vec2<u32>, hit: vec4<u32>) -> FirstHit {
     return first_hit(Hit(0.0, hit.x, bitcast<vec2<f32>>(hit.yz)), pass_.view, direction);
 }
 
-// A property of the surface's material.
+// Value of the auxiliary image `kind` that depends on the surface's material: base colour, diffuse or specular albedo.
 fn material_value(kind: u32, s: Surface, hit: vec4<u32>, to_viewer: vec3<f32>) -> vec3<f32> {
     switch kind {
         case BASE_COLOR: {
@@ -30,12 +30,12 @@ fn material_value(kind: u32, s: Surface, hit: vec4<u32>, to_viewer: vec3<f32>) -
     }
 }
 
-// Screen point at which an eye sees `p`.
+// Screen position, in pixels, at which `eye` sees `p`.
 fn on_screen(p: vec3<f32>, eye: View) -> vec2<f32> {
     return pinhole_point(p - eye.origin, eye, vec2<f32>(f32(pass_.args[1]), f32(pass_.args[2]))).xy;
 }
 
-// Screen point at which this frame sees `p`: the pixel's own centre, unless the image is polar.
+// Screen position at which this frame sees `p`: `centre`, which is the pixel's own centre, unless the image is polar.
 fn seen_at(p: vec3<f32>, centre: vec2<f32>) -> vec2<f32> {
     if IS_POLAR {
         return on_screen(p, frame.camera.views[pass_.view]);

@@ -1,5 +1,5 @@
-// Primary visibility of one view: the surface at each pixel's centre. Means over the pixel are computed here too, if
-// later stages need them and path tracing does not write them (several samples per pixel).
+// Primary visibility of one view: the surface at each pixel's centre. With several samples per pixel, it also computes
+// the means of albedo and emission over a pixel, if later stages need them and path tracing does not write them.
 
 //!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint foveation
 

@@ -1,7 +1,7 @@
-// Mask compaction: lists the pixels of a view to path trace if others are left to the filter (Peres, section 4.2, the
-// coordinates buffer). Departure: Peres computes mask and list once on the CPU, for a fixed gaze. Here the gaze moves
-// with every frame, so each device lists the pixels of its own rows, without waiting for the host. Pixels left out have
-// radiance with alpha 0, the mask that the filter weights with.
+// Mask compaction: lists the pixels of a view that are path traced, if a sampling mask leaves the others to the filter
+// (Peres, section 4.2, the coordinates buffer). Departure: Peres computes mask and list once on the CPU, for a fixed
+// gaze. Here the gaze moves with every frame, so each device lists the pixels of its own rows, without waiting for the
+// host. Pixels that are not listed get radiance with alpha 0, by which the filter knows that they were not sampled.
 
 //!include frame grid projection rng pack foveation
 

@@ -1,6 +1,7 @@
-// Path traces the light reflected by the first surfaces of one view: for all pixels in its rows, or for those in an
-// earlier pass's compacted list. The list keeps all lanes busy, which avoids the divergence that Leria et al. name as
-// the limit of their hole filling. Both cases share one pipeline, since drivers take seconds to compile it.
+// Path traces the light reflected by the first surfaces of one view: for all pixels in the dispatch's rows, or for
+// those that an earlier pass has listed. The compacted list keeps all lanes busy, which avoids the divergence that
+// Leria et al. name as the limit of their hole filling. Both cases share one pipeline, since drivers take seconds to
+// compile it.
 
 //!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint pixel
 
@@ -11,7 +12,7 @@
 @group(1) @binding(4) var<storage, read_write> tally_image: array<u32>;
 @group(1) @binding(5) var<storage, read> guide_image: array<vec4<u32>>;
 
-// Count of holes, then the dispatch's three workgroup counts, then pixel indices.
+// Number of listed pixels, then the three workgroup counts of the indirect dispatch, then the indices of the pixels.
 @group(1) @binding(6) var<storage, read> holes: array<u32>;
 
 const LANES: u32 = 64u;
@@ -35,7 +36,7 @@ fn main(
         if listed_only {
             let at = holes[LIST_HEADER + i];
             pixel = vec2<u32>(at % pass_.width, at / pass_.width);
-            // If the work is split, each dispatch takes some rows of the list.
+            // If the work is split into several dispatches, each handles the listed pixels in its own rows.
             if pixel.y < pass_.row_begin || pixel.y >= pass_.row_end {
                 continue;
             }

@@ -19,7 +19,7 @@ struct Bytes {
 fn quantized(low: vec3<f32>, high: vec3<f32>, corner: vec3<f32>, unit: vec3<f32>) -> Bytes {
     var l = floor((low - corner) / unit);
     var h = ceil((high - corner) / unit);
-    // Both the division and the product by which traversal reverses it are rounded.
+    // Grow by one unit where rounding excluded a bound: the division is rounded, and so is the product in traversal.
     l -= select(vec3<f32>(0.0), vec3<f32>(1.0), corner + l * unit > low);
     h += select(vec3<f32>(0.0), vec3<f32>(1.0), corner + h * unit < high);
     return Bytes(vec3<u32>(clamp(l, vec3<f32>(0.0), vec3<f32>(255.0))), vec3<u32>(clamp(h, vec3<f32>(0.0), vec3<f32>(255.0))));
@@ -44,7 +44,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var slot = 0u; slot < 8u; slot += 1u) {
         let meta_ = (select(links.z, links.w, slot >= 4u) >> (8u * (slot & 3u))) & 0xffu;
         let is_inner = ((header >> (24u + slot)) & 1u) != 0u;
-        // Boxes of a child: its own, or those of its triangles.
+        // Index of the first box of a child, and number of its boxes: its own if it is a node, or one for each of its
+        // triangles.
         var at = 2u * (links.x - first_node + inner);
         var count = select(countOneBits(meta_ >> 5u), 1u, is_inner);
         if is_inner {
@@ -63,13 +64,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     boxes[2u * node] = vec4<f32>(low, 0.0);
     boxes[2u * node + 1u] = vec4<f32>(high, 0.0);
-    // The least power of two such that 254 units reach from side to side. One more is left for rounding.
+    // Unit of the grid on each axis: the smallest power of two of which 254 span the box. The 255th is left for
+    // rounding.
     let bits = bitcast<vec3<u32>>(max((high - low) / 254.0, vec3<f32>(0x1p-126)));
     let exponents = min((bits >> vec3<u32>(23u)) + select(vec3<u32>(0u), vec3<u32>(1u), (bits & vec3<u32>(0x7fffffu)) != vec3<u32>(0u)), vec3<u32>(254u));
     let unit = bitcast<vec3<f32>>(exponents << vec3<u32>(23u));
     var words: array<vec4<u32>, 3>;
     for (var slot = 0u; slot < 8u; slot += 1u) {
-        // Traversal never tests a slot without a child.
+        // A slot without a child gets an arbitrary box, since traversal never tests it.
         let q = quantized(min(lows[slot], high), max(highs[slot], low), low, unit);
         let shift = 8u * (slot & 3u);
         for (var axis = 0u; axis < 3u; axis += 1u) {

@@ -1,8 +1,8 @@
 // Spatial reprojection, right eye from left (Adelson & Hodges 1993; Leria et al.): each right pixel gathers the light
 // that the left eye saw on its surface. The eyes are rectified, so both taps lie on the pixel's own row. Polar images
-// use four taps, within as many rows as the argument gives. A pixel without any valid tap becomes a hole. If pixels are
-// left to the filter, left pixels that were not sampled give nothing, and only pixels in the right eye's own sampling
-// mask become holes. With foveation, surfaces may differ more in the outer layers.
+// use four taps, at most `args[0]` rows away. A pixel without any valid tap becomes a hole. If a sampling mask leaves
+// pixels to the filter, left pixels that were not sampled are invalid taps, and only right pixels in the right eye's
+// own mask become holes. With foveation, taps may differ more from the surface in the outer layers.
 
 //!include frame grid projection split rng pack foveation
 
@@ -15,7 +15,7 @@
 @group(1) @binding(6) var<storage, read_write> right_tally: array<u32>;
 @group(1) @binding(7) var<storage, read_write> holes: array<atomic<u32>>;
 
-// Reason that a left pixel is no valid tap; 0 if it is one.
+// Returns the reason that a left pixel is not a valid tap; 0 if it is valid.
 fn why_not(at: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32, slack: f32) -> u32 {
     let hit = left_hit[at];
     if (hit.w & FLAG_MIXED) != 0u {
@@ -157,7 +157,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     if sum < 1e-4 {
         if SPARSE && was_skipped {
-            // Together with what its neighbours gather, the filter has as many samples here as the mask intends.
+            // The left eye's mask skips the surface. Unless the right eye's mask samples all pixels here, leave the
+            // pixel to the filter: with the light that its neighbours gather, it has as many samples as intended.
             wanted = is_full;
             why = OUTSIDE;
         }

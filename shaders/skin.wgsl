@@ -1,14 +1,14 @@
 // Deforms bodies, for this frame and the previous one: linear blend skinning of morphed vertices, as in glTF 2.0,
-// sections 3.7.2.2 and 3.7.3. One invocation per vertex, then one per triangle. Everything follows from the two poses
-// that the host gives, so no frame depends on another frame's tables.
+// sections 3.7.2.2 and 3.7.3. One invocation per vertex, then one per triangle. The results depend only on the two
+// poses that the host provides, not on the tables of another frame.
 
 //!include frame changed_tables
 
 @group(1) @binding(0) var<storage, read> triangles: array<SkinTriangle>;
 @group(1) @binding(1) var<storage, read> vertices: array<SkinVertex>;
 @group(1) @binding(2) var<storage, read> morphs: array<SkinMorph>;
-// Three rows of each joint's matrix now and three of the previous one; then weights of morph targets, now in x and
-// before in y.
+// For each joint, three rows of its current matrix and three of its previous one; then a row for each weight of a morph
+// target, the current one in x and the previous one in y.
 @group(1) @binding(3) var<storage, read> pose: array<vec4<f32>>;
 // World-space vertices.
 @group(1) @binding(4) var<storage, read_write> skinned: array<Corner>;

@@ -1,4 +1,4 @@
-// Sums per-pixel counts over rows: the scheduler's work per row, and the run's totals.
+// Sums per-pixel counts over each row. The sums tell the scheduler the work per row, and add up to the run's totals.
 
 //!include frame grid projection pack
 

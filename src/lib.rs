@@ -4,20 +4,22 @@
 //!
 //! # The flow of a frame
 //!
-//! The modules stand in the order in which a frame flows through them, and a module uses only those above it.
+//! The modules are declared in the order in which a frame flows through them, and a module uses only those above it.
 //!
-//! 1. [`LoadedScene::load`] reads a shot: a [`scene::Scene`] and the [`scene::rig::Rig`] that sees it. [`accel::Accel`]
-//!    builds the tree that rays walk, and [`stages::SceneTables`] lays both out for shaders.
-//! 2. [`passes::declare`] says which passes a frame has, as plain data: a [`graph::Pass`] names its shader and the
+//! 1. [`LoadedScene::load`] reads a shot: a [`scene::Scene`] and the stereo camera, a [`scene::rig::Rig`].
+//!    [`accel::Accel`] builds the acceleration structure, and [`stages::SceneTables`] lays out the scene and the
+//!    acceleration structure for shaders.
+//! 2. [`passes::declare`] declares the passes of a frame as plain data: a [`graph::Pass`] names its shader and the
 //!    images that it reads and writes.
-//! 3. A [`schedule::Policy`] divides the rows among the devices, and [`graph::FrameGraph`] is the DAG of tasks and
-//!    transfers that follows.
-//! 4. [`exec::Renderer`] runs it on the devices that [`device::open`] opened, and reads the images.
-//! 5. [`schedule::CostModel`] learns from the times of the frame. [`control::Controller`] may pick the
-//!    [`quality::Quality`] of the next one, so that it stays within a budget.
+//! 3. A [`schedule::Policy`] divides the rows among the devices. [`graph::FrameGraph`] is the resulting DAG of tasks
+//!    and transfers.
+//! 4. [`exec::Renderer`] executes the graph on the devices that [`device::open`] opened, and reads back the images.
+//! 5. [`schedule::CostModel`] learns from the measured times of the frame. [`control::Controller`] may choose the
+//!    [`quality::Quality`] of the next frame, to keep its time within a budget.
 //!
-//! [`metrics`] compares images, [`accumulation`] makes references, and [`trace`] says where time went. The feature
-//! `cli`, on by default, adds the commands of the program as the module `cli`, and their tables and charts as `report`.
+//! [`metrics`] compares images, [`accumulation`] renders reference images, and [`trace`] records where time is spent.
+//! The feature `cli`, on by default, adds the commands of the program as the module `cli`, and their tables and charts
+//! as the module `report`.
 //!
 //! # Render a frame
 //!
@@ -35,7 +37,8 @@
 //! }
 //! ```
 //!
-//! The folder `examples/` has this as a program, a pass of your own, and a policy of your own in all commands.
+//! The folder `examples/` contains a similar program, a program with a custom pass, and programs that add a custom
+//! scheduling policy or a custom denoiser to all commands.
 
 pub mod image;
 pub mod scene;
@@ -73,7 +76,7 @@ pub use schedule::{CostModel, Policy};
 pub use session::Session;
 pub use stages::RunConfig;
 
-/// Programs in documents, which are compiled with those of the documentation.
+/// Markdown documents whose example programs are compiled as doctests.
 #[cfg(doctest)]
 mod documents {
     #[doc = include_str!("../README.md")]

@@ -27,15 +27,15 @@ pub enum LoadError {
     Tables(#[from] TableError),
 }
 
-/// A scene with its shot, and with the tables that devices need of both. Renderers share the tables.
+/// A scene, its shot, and the scene's tables for devices. Several renderers can share the tables.
 pub struct LoadedScene {
-    /// The shot. Head motion takes the place of its camera path.
+    /// The shot. [`Self::follow`] replaces its camera path by head motion.
     pub shot: Shot,
     /// The gaze of the left and the right eye: the shot's, or that of head motion.
     pub gaze: [Gaze; 2],
-    /// The space of head poses.
+    /// The reference space of head poses.
     pub space: Space,
-    /// The scene, as it moves.
+    /// The scene with its animation.
     pub scene: Scene,
     pub needs: SceneNeeds,
     pub tables: Arc<SceneTables>,
@@ -81,10 +81,10 @@ impl LoadedScene {
         Ok(Self { space: Space::of(&shot.rig), shot, gaze, scene, needs, tables: Arc::new(tables) })
     }
 
-    /// Replaces the camera path by head motion, of eyes that show images of this size.
+    /// Replaces the camera path by head motion. `size` is the size of the image that each eye displays.
     ///
     /// # Errors
-    /// A sentence that says why no frame can be rendered along this motion.
+    /// A message that says why no frame can be rendered along this motion.
     pub fn follow(&mut self, motion: &HeadMotion, size: Extent) -> Result<(), String> {
         self.space = motion.space(&self.shot.rig)?;
         self.shot.rig = motion.rig(&self.shot.rig)?.plain_at(size);
@@ -95,12 +95,13 @@ impl LoadedScene {
         Ok(())
     }
 
-    /// Returns the scene at a time in seconds, in which nothing moves.
+    /// Returns a static scene: this scene as it is at a time in seconds.
     pub fn at(&self, time_s: f64) -> Cow<'_, Scene> {
         if self.scene.motion.is_empty() { Cow::Borrowed(&self.scene) } else { Cow::Owned(self.scene.at(time_s)) }
     }
 
-    /// Returns the shot's exposure in stops as its file has it: -0.9, where the nearest `f32` is -0.8999999761581421.
+    /// Returns the shot's exposure in stops with the digits of the shot's file: for example -0.9 instead of
+    /// -0.8999999761581421, which is the exact value of the nearest `f32`.
     pub fn exposure_ev(&self) -> f64 {
         let ev = self.shot.exposure_ev;
         ev.to_string().parse().unwrap_or(f64::from(ev))

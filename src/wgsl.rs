@@ -85,7 +85,7 @@ impl Declaration {
     /// # Panics
     /// If the struct does not fill whole rows, or if a member crosses rows or has a type that tables do not support.
     pub fn reader(&self, table: &Table) -> String {
-        assert!(self.bytes.is_multiple_of(ROW_BYTES), "{} fills no rows", self.name);
+        assert!(self.bytes.is_multiple_of(ROW_BYTES), "{} does not fill whole rows", self.name);
         let rows = self.bytes / ROW_BYTES;
         let Self { name, .. } = self;
         let Table { reader, first_row, .. } = table;
@@ -108,7 +108,7 @@ impl Member {
             "vec2<u32>" | "vec2<f32>" => 2,
             "vec3<f32>" => 3,
             "vec4<f32>" => 4,
-            other => panic!("{other} in a table"),
+            other => panic!("tables do not support members of type {other}"),
         };
         let bits = format!("row{row}.{}", &"xyzw"[first..first + words]);
         if self.type_name.contains("f32") { format!("bitcast<{}>({bits})", self.type_name) } else { bits }

@@ -1,4 +1,5 @@
-// Multiplies by albedo (remodulation) and adds emission, for `resolve`.
+// Multiplies filtered illumination by albedo (remodulation) and adds emission. The result is the input of temporal
+// antialiasing, the stage `resolve`.
 
 //!include frame grid projection split pack
 
@@ -15,6 +16,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = pixel_index(pixel);
     let color = remodulated(unpack_light(radiance[at]), unpack_albedo(albedo[at])) + emission[at].rgb;
-    // Depth is passed on, since `resolve` derives a pixel's motion from it.
+    // Pass the depth on in alpha, since temporal antialiasing derives a pixel's motion from it.
     composed[at] = select(vec4<f32>(0.0, 0.0, 0.0, DROPPED), vec4<f32>(color, emission[at].a), is_finite(color));
 }

@@ -1,8 +1,10 @@
 // Temporal gradients (Schied, Peters & Dachsbacher, "Gradient Estimation for Real-Time Adaptive Temporal Filtering",
-// 2018): a path of the previous frame is traced again in the current scene, with the same random numbers from the same
-// point of the surface, wherever that has moved. Any difference is a change of light. Departures: the surface of a
-// current pixel is tracked back, instead of a previous one forwards; paths are traced in addition to those of the
-// frame, which they replace in the paper; there are none after frames of several samples.
+// 2018): for each tile, one path of the previous frame is traced again in the current scene. It starts at the same
+// point of the surface, even if the surface has moved, and uses the same random numbers. Any difference is a change of
+// light. Departures:
+// - The surface of a current pixel is tracked back to the previous frame, instead of a previous one forwards.
+// - These paths are additional. In the paper, they replace paths of the current frame.
+// - There are no gradients if the previous frame had several samples per pixel.
 
 //!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack motion
 
@@ -20,7 +22,8 @@ fn all_luminance(light: SplitLight) -> f32 {
     return both.x + both.y;
 }
 
-// Light that a surface seen by a pixel of the previous frame, whose eye was at `origin`, reflects now.
+// Demodulated illumination, in the current scene, of the surface that `pixel` of the previous frame saw from `origin`.
+// Retraces that pixel's path.
 fn light_again(hit: vec4<u32>, position: vec3<f32>, origin: vec3<f32>, pixel: vec2<u32>) -> SplitLight {
     let direction = normalize(position - origin);
     let first = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
@@ -35,7 +38,7 @@ fn light_again(hit: vec4<u32>, position: vec3<f32>, origin: vec3<f32>, pixel: ve
     if HAS_GLOSS {
         packed = pack_sampled(over(path.radiance, first.matte), over(path.gloss, first.albedo - first.matte));
     }
-    // Round like the stored light to compare with.
+    // Pack and unpack the light, so that it is rounded like the stored light that it is compared with.
     return unpack_sampled(packed);
 }
 
@@ -56,7 +59,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let eye = previous.views[0];
     let position = bitcast<vec3<f32>>(last.xyz);
-    // Convert by fractions of the image, since this pass has the grid of tiles.
+    // `pixel_of` returns a position on this pass's grid, which is that of tiles. Scale it to pixels.
     let point = pixel_of(position, eye);
     let seen = vec2<i32>(floor(point.xy / vec2<f32>(f32(pass_.width), f32(pass_.height)) * vec2<f32>(size)));
     let low = max(i32(pass_.valid_begin * TILE), i32(pixel.y) - i32(frame.history.rows));

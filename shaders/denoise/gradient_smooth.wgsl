@@ -1,4 +1,5 @@
-// Fraction of history that is outdated: the change of light over the light, both smoothed over tiles.
+// Computes the outdated fraction of each tile's history: the change of light divided by the light, both smoothed over
+// tiles.
 
 //!include frame grid projection
 
@@ -6,10 +7,10 @@
 @group(1) @binding(1) var<storage, read_write> light_change: array<f32>;
 
 const REACH_TILES: i32 = i32(REACH);
-// Fraction of light that may change without dropping any history, since the light tree picks other lights if any of
-// them moves.
+// Relative change of light up to which no history is dropped. When any light moves, the light tree may pick other
+// lights, so retraced paths may differ even where light has not changed.
 const UNNOTICED: f32 = 0.01;
-// Factor on changes beyond that.
+// Factor that multiplies the part of a change above UNNOTICED.
 const STRENGTH: f32 = 4.0;
 
 @compute @workgroup_size(8, 8)

@@ -18,29 +18,32 @@
 @group(1) @binding(8) var<storage, read> last_guide: array<vec4<u32>>;
 @group(1) @binding(9) var<storage, read> light_change: array<f32>;
 
-// Maximum history in frames, of a pixel that moved and of one that did not. Frames of several samples are already
-// antialiased, so history gains less for moving pixels, which interpolation blurs. Light far brighter than white would
-// leave a trail, so history is shorter if the neighbourhood deviates by more than white.
+// Maximum history in frames, of a pixel that moved and of one that did not. For moving pixels it is lowered for two
+// reasons. Frames of several samples are already antialiased, so a long history would only blur them by interpolation.
+// Light far brighter than white would leave a trail, so history is shorter if the neighbourhood deviates by more than
+// white.
 const LONGEST_MOVED: f32 = 10.0;
 const LONGEST_STILL: f32 = 255.0;
-// Maximum history of a dynamic surface, which turns in the light and moves against its neighbours.
+// Maximum history of a dynamic surface in frames. Its shading changes as it turns, and it moves against its neighbours.
 const LONGEST_CARRIED: f32 = 1.0;
-// Motion, pixels, over which slow pixels keep their history, whose length is between these. Cubic interpolation moves
-// the finest detail by too little, and the lag adds up.
+// Total motion, in pixels, over which the history of a slow pixel lasts: its length is LONGEST_WAY divided by the
+// motion per frame, from LONGEST_MOVED to LONGEST_STILL frames. Cubic interpolation moves the finest detail by too
+// little, and this lag adds up.
 const LONGEST_WAY: f32 = 0.1;
-// Half the width of the neighbourhood's range, in standard deviations, for static and for dynamic surfaces.
+// Half the width of the range to which history is clamped, in standard deviations of the neighbourhood, for static and
+// for dynamic surfaces.
 const ALLOWED_DEVIATIONS: f32 = 2.5;
 const ALLOWED_DEVIATIONS_CARRIED: f32 = 1.0;
 
-// Weights of the four pixels around a point at a fraction `t` after the second (Catmull & Rom 1974).
+// Catmull-Rom weights (1974) of four adjacent pixels, for a point at a fraction `t` between the second and the third.
 fn cubic(t: f32) -> vec4<f32> {
     let t2 = t * t;
     let t3 = t2 * t;
     return vec4<f32>(-0.5 * t + t2 - 0.5 * t3, 1.0 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2.0 * t2 - 1.5 * t3, 0.5 * (t3 - t2));
 }
 
-// Whether the previous frame saw the surface `last`, as it was then, in one of the pixels around the point `seen`.
-// `low` and `high` are the first and last pixel that may be read.
+// True if one of the previous frame's four pixels around image point `seen` shows the surface `last`, given by its
+// position and normal in that frame. `low` and `high` are the first and the last pixel that may be read.
 fn was_seen(last: vec4<u32>, seen: vec3<f32>, low: vec2<i32>, high: vec2<i32>, fovea_rows: f32) -> bool {
     let base = vec2<i32>(floor(clamp(seen.xy - 0.5, vec2<f32>(low) - 2.0, vec2<f32>(high) + 2.0)));
     let normal = unpack_normal(last.w);
@@ -60,7 +63,7 @@ fn was_seen(last: vec4<u32>, seen: vec3<f32>, low: vec2<i32>, high: vec2<i32>, f
     return was;
 }
 
-// Vector from one image point to another, the short way around the gaze.
+// Vector from image point `a` to `b`. Where columns wrap around the gaze, it takes the shorter way.
 fn way_between(a: vec2<f32>, b: vec2<f32>, eye: View) -> vec2<f32> {
     var way = b - a;
     if goes_around(b.y, eye.fovea_rows) {
@@ -147,7 +150,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var wx = cubic(fraction.x);
     let wy = cubic(fraction.y);
     var old = vec4<f32>(0.0);
-    // Skip taps by the loop's bound, since software drivers only skip code by loops.
+    // The loop's bound skips all taps without history, since software drivers do not skip branches.
     let taps = select(0, 4, has_history);
     for (var j = 0; j < taps; j += 1) {
         let row = clamp(i32(base.y) + j - 1, rows_low, rows_high);

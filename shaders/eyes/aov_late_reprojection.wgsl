@@ -1,5 +1,5 @@
-// Late reprojection of an auxiliary image for the display of an eye that has moved since. Each displayed pixel takes
-// the value of the nearest rectified pixel, as rendered from the earlier pose.
+// Late reprojection of an auxiliary image, for an eye that has moved since the image was rendered. Each displayed pixel
+// takes the value of the nearest rectified pixel, unchanged.
 
 //!include frame grid projection display_resampling late_reprojection
 

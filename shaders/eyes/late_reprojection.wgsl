@@ -1,4 +1,4 @@
-// Late reprojection: resamples a rectified image for the display of an eye that has moved since.
+// Late reprojection: resamples a rectified image for display by an eye that has moved since the image was rendered.
 
 //!include frame grid projection display display_resampling late_reprojection resampled
 

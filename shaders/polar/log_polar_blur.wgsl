@@ -1,13 +1,13 @@
-// Blurs a log-polar image along one of its axes by adjacent pixels, whose weight grows with the distance from the gaze
-// (Andersson & Hansson 2020, section 3.5). Departure: the image is blurred before it is mapped to the screen, while it
-// has fewer pixels.
+// Blurs a log-polar image along one of its axes: blends each pixel with the two next to it, whose weight grows with the
+// distance from the gaze (Andersson & Hansson 2020, section 3.5). Departure: the image is blurred before it is mapped
+// to the screen, while it has fewer pixels.
 
 //!include frame grid grid_polar grid_log_polar
 
 @group(1) @binding(0) var<storage, read> source: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> blurred: array<vec4<f32>>;
 
-// Blends a pixel with its two neighbours. At a fraction of 1, the weights are the three of a Gaussian.
+// Blends a pixel with its two neighbours. At full blur, the weights are 1/4, 1/2 and 1/4, a Gaussian of three taps.
 fn blurred_by_next(pixel: vec2<u32>, along_columns: bool) -> vec3<f32> {
     let map = frame.camera.log_polar;
     let own = source[pixel_index(pixel)].rgb;

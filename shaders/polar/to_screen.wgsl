@@ -1,7 +1,7 @@
 // Maps a polar image to the screen: each screen pixel is interpolated linearly between rings and columns, or copied
-// from the square around the gaze. Departure from Koskela et al. 2019 and Andersson & Hansson 2020: near the gaze,
-// where the image is finer than the screen, a pixel's whole footprint is gathered, instead of using smaller images that
-// have half the columns, or the nearest pixel.
+// from the image's square of screen pixels around the gaze. Departure from Koskela et al. 2019 and Andersson & Hansson
+// 2020: near the gaze, where the image is finer than the screen, all polar pixels in a screen pixel's footprint are
+// averaged, instead of sampling smaller images with half the columns, or the nearest pixel.
 
 //!include frame grid projection display
 

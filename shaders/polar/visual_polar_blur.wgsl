@@ -7,11 +7,11 @@
 @group(1) @binding(0) var<storage, read> source: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> blurred: array<vec4<f32>>;
 
-// Maximum standard deviation, over the tangent of half the vertical field of view: 6.8 of 1440 pixels of an eye's
-// height, which is 2 in this unit.
+// Maximum standard deviation of the blur, relative to the tangent of half the vertical field of view. It is 6.8 pixels
+// of an image 1440 pixels high, whose height is 2 in this unit.
 const MOST_DEVIATION: f32 = 2.0 * 6.8 / 1440.0;
 const BLUR_FULL_DEG: f32 = 30.0;
-// Radius of the sum, in standard deviations; and the least standard deviation, pixels, that is worth a blur.
+// Radius of the kernel, in standard deviations; and smallest standard deviation, in pixels, that is worth a blur.
 const REACH: f32 = 2.5;
 const LEAST_DEVIATION: f32 = 0.3;
 

@@ -3,7 +3,7 @@
 @group(0) @binding(0) var eyes: texture_2d_array<f32>;
 @group(0) @binding(1) var filtered: sampler;
 
-// Whether the target's format encodes sRGB again.
+// True if the render target applies sRGB encoding when it is written. Colours are then decoded first.
 override DECODES: bool = false;
 
 struct Corner {

@@ -1,21 +1,21 @@
-// Draws images whose pixels lie in buffers, row after row.
+// Draws images that are stored in buffers, row by row.
 
 struct Image {
-    // Tangents of the eye's left, right, upper and lower edges.
+    // Tangents of the angles from the eye's axis to the left, right, upper and lower edge of the image.
     edges: vec4<f32>,
     width: u32,
     height: u32,
-    // What is nearer along the eye's axis is as near, scene units.
+    // Distance of the near plane along the eye's axis, scene units. Nearer surfaces get its depth.
     near: f32,
 }
 
 @group(0) @binding(0) var<uniform> image: Image;
-// Four bytes each, red first.
+// RGBA colours of the pixels, one byte per channel, red in the lowest byte.
 @group(0) @binding(1) var<storage, read> colours: array<u32>;
-// Along the rays of pixels, scene units; 0: sky.
+// Distances of surfaces along the pixels' rays, scene units, in the first component; 0 for the sky.
 @group(0) @binding(1) var<storage, read> distances: array<vec4<f32>>;
 
-// A triangle that covers all.
+// Returns a corner of a triangle that covers the viewport.
 @vertex
 fn cover(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4<f32> {
     let at = vec2<f32>(f32(corner & 1u), f32(corner >> 1u)) * 4.0 - 1.0;
@@ -31,7 +31,7 @@ fn colour(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return unpack4x8unorm(colours[pixel(at)]);
 }
 
-// Reversed, so that the far ones keep their digits: 1 is near, and 0 infinitely far.
+// Returns reversed depth, which keeps the precision of far surfaces: 1 at the near plane, 0 at infinity.
 @fragment
 fn depth(@builtin(position) at: vec4<f32>) -> @builtin(frag_depth) f32 {
     let distance = distances[pixel(at)].x;

@@ -62,12 +62,13 @@ fn ggx(n: vec3<f32>, h: vec3<f32>, a2: f32) -> f32 {
     return select(0.0, a2 / (PI * d * d), along > 0.0 && d > 0.0);
 }
 
-// Fraction of facets visible from both `v` and `l`, over 4 nv nl.
+// Fraction of facets visible from both `v` and `l`, divided by 4 nv nl.
 fn ggx_visibility(nv: f32, nl: f32, a2: f32) -> f32 {
     return 0.5 / max(nl * sqrt(a2 + nv * nv * (1.0 - a2)) + nv * sqrt(a2 + nl * nl * (1.0 - a2)), 1e-20);
 }
 
-// Fraction of facets visible from `v`, over 4 nv: density of a reflected direction per density of its normal.
+// Fraction of facets visible from `v`, divided by 4 nv. Multiplied by the density of a facet's normal, it is the
+// density of the direction that the facet reflects to.
 fn ggx_reflection_pdf(nv: f32, a2: f32) -> f32 {
     return 0.5 / max(nv + sqrt(a2 + nv * nv * (1.0 - a2)), 1e-20);
 }
@@ -161,8 +162,8 @@ fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, a2: f32) -
     let bend = vh + s.eta * lh;
     let cosine = fresnel_cosine(vh, s.eta);
     let passed = 1.0 - layer_fresnel(s, cosine);
-    // Factor of value and density: |l.h| / bend², which is Walter et al.'s Jacobian without the eta² that radiance is
-    // divided by.
+    // Factor that value and density have in common: |l.h| / bend², which is Walter et al.'s Jacobian without the eta²
+    // that radiance is divided by.
     let shared_ = 4.0 * d * vh * -lh / max(bend * bend, 1e-20);
     return Scattering(
         vec3<f32>(passed * shared_ * ggx_visibility(nv, nl, a2) * nl),

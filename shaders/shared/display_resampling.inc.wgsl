@@ -19,11 +19,11 @@ fn rectified_index(point: vec2<f32>) -> u32 {
     return nearest.y * rectified_size().x + nearest.x;
 }
 
-// Maps a point of the displayed image.
+// Maps a point of the displayed image to the rectified image.
 fn shown_place(at: vec2<f32>) -> ShownPlace {
     let shown = frame.camera.display_maps[pass_.view];
     let seen = shown.across * at.x + shown.down * at.y + shown.corner;
-    // Displayed points are in front of the rectified view.
+    // The clamp only guards the division: all displayed points are in front of the rectified view.
     let scale = 1.0 / max(seen.z, 1e-20);
     let point = seen.xy * scale;
     return ShownPlace(

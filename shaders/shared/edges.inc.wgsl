@@ -3,7 +3,7 @@
 struct Guide {
     position: vec3<f32>,
     normal: vec3<f32>,
-    // 1 / (largest distance off the plane that still counts as the same surface).
+    // 1 / (distance from the plane at which the weight of a tap falls to 1/e).
     inverse_reach: f32,
 }
 
@@ -17,7 +17,8 @@ fn comparable(c: vec3<f32>) -> vec3<f32> {
     return c / (1.0 + luminance(c));
 }
 
-// Weight of a tap by how well its surface matches the centre's, and by any other squared difference.
+// Weight of a tap. It falls with the angle between the tap's normal and the centre's, with the tap's distance from the
+// centre's plane, and with `difference`, a squared difference in any other quantity.
 fn surface_weight(centre: Guide, tap_bits: vec4<u32>, difference: f32) -> f32 {
     let cosine = max(dot(centre.normal, unpack_normal(tap_bits.w)), 0.0);
     let c2 = cosine * cosine;
@@ -28,7 +29,7 @@ fn surface_weight(centre: Guide, tap_bits: vec4<u32>, difference: f32) -> f32 {
     return select(w, 0.0, tap_bits.w == NO_NORMAL);
 }
 
-// Weight of a tap by surface, and by colour compressed with `comparable`.
+// Weight of a tap by its surface and its colour. `colour` is the centre's colour, already compressed by `comparable`.
 fn edge_weight(centre: Guide, colour: vec3<f32>, tap_bits: vec4<u32>, tap_colour: vec3<f32>, inverse_sigma2: f32) -> f32 {
     let d = colour - comparable(tap_colour);
     return surface_weight(centre, tap_bits, dot(d, d) * inverse_sigma2);

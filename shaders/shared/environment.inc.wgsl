@@ -63,7 +63,7 @@ fn env_patch(x: u32, y: u32) -> vec4<f32> {
     return vec4<f32>(env_density(x, above), env_density(x + 1u, above), env_density(x, y), env_density(x + 1u, y));
 }
 
-// Density with which `sample_light` samples a direction to the environment.
+// Solid-angle density with which `sample_light` samples the environment in a direction.
 fn env_light_pdf(direction: vec3<f32>) -> f32 {
     if frame.environment.grid_width == 0u {
         return 0.0;

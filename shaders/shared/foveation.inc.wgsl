@@ -1,13 +1,14 @@
-// Sampling mask. A frame may leave a fraction of all pixels to the filter, whose guides are at full resolution
-// (`sampled_fraction` is the render scale squared). Foveation adds three layers around the gaze (Peres, sections 4.2 and
-// 4.4): the inner one is sampled in full, and outside the outer radius each pixel is sampled with probability 1 - p. In
-// between, the probability falls linearly. Departures: a pixel's threshold is not random but its index on the Z-order
-// curve, Owen-scrambled (Burley 2020; Ahmed & Wonka 2020), so that every aligned block of 2^k pixels holds as many
-// samples as it should. It depends on the pixel alone, so that a moving gaze only changes the mask where it changes the
-// probability. Each eye has its own gaze.
+// Sampling mask. A frame may leave some of its pixels to the filter, whose guides are at full resolution:
+// `sampled_fraction`, the square of the render scale, is the fraction that is sampled. Foveation adds three layers
+// around the gaze (Peres, sections 4.2 and 4.4): all pixels of the inner layer are sampled, and each pixel of the outer
+// layer with probability 1 - p, where p is `unsampled_fraction`. In the middle layer, the probability falls linearly.
+// Departures: a pixel's threshold is not random but its index on the Z-order curve, Owen-scrambled (Burley 2020; Ahmed
+// & Wonka 2020), so that every aligned block of 2^k pixels holds as many samples as it should. The threshold does not
+// depend on the gaze, so a moving gaze only changes the mask where it changes the probability. Each eye has its own
+// gaze.
 
 override FOVEATED: bool = false;
-// Whether pixels may be left to the filter, as foveation does.
+// True if pixels may be left to the filter, because of the render scale or of foveation.
 override SPARSE: bool = false;
 
 const INNER: u32 = 0u;
@@ -34,8 +35,8 @@ fn sampling_probability(pixel: vec2<u32>, view: u32) -> f32 {
     return frame.sampling.sampled_fraction * (1.0 - frame.foveation.unsampled_fraction * outward);
 }
 
-// Whether the mask samples this pixel. `mask_turn` is 0 for spatial filters. Adding the golden ratio to it every frame
-// samples all pixels in turn.
+// True if the mask samples this pixel. `mask_turn` is 0 for spatial filters. For temporal filters it advances by the
+// golden ratio with every frame, so that over several frames all pixels are sampled.
 fn is_sampled(pixel: vec2<u32>, view: u32) -> bool {
     let place = spread_bits(pixel.x) | (spread_bits(pixel.y) << 1u);
     let threshold = reverseBits(laine_karras(place, 0x5f3759dfu)) + frame.sampling.mask_turn;

@@ -8,13 +8,13 @@
 // is_in_square       whether a row belongs to the square of screen pixels around the gaze that precedes the rings
 // is_shown           whether a pixel is on the screen, or so close to it that filters read it; others are not traced
 // row_length         columns of a row
-// rows_around        range of rows that continue the image at a place in it: the first, and the one after the last
-// goes_around        whether columns wrap around at a place in the rows
+// rows_around        rows of the image part (square or rings) at a row position: the first, and the one after the last
+// goes_around        whether columns wrap around at a row position
 // beside             pixel at an offset from another one
 // column_held        column wrapped around its ring, or clamped
-// column_in          column of an image point in a row's own columns: image points count columns of full-length rows
+// column_in          column of an image point, converted from columns of full-length rows to those of the given row
 // point_in           image point at an offset in a pixel
-// ray_of             unit direction through a place, which is in columns of its own row, and rows
+// ray_of             unit direction through a point of the image, whose column counts in columns of its own row
 // pixel_of           image point where an eye sees a point of the scene, and the distance along its view direction (from
 //                    the eye in visual-polar images)
 // traced_point       image point of the pass's view that shows a point of the screen, which has this size
@@ -41,7 +41,8 @@ fn pinhole_ray(view: u32, at: vec2<f32>, size: vec2<f32>) -> vec3<f32> {
         + frame.camera.views[view].up * (ndc.y * frame.camera.views[view].tan_half_y));
 }
 
-// Pinhole image point at `v` from its eye, and the distance along the view direction.
+// Point of a pinhole image of this size that shows `v`, which is relative to the eye; and the distance of `v` along the
+// view direction.
 fn pinhole_point(v: vec3<f32>, eye: View, size: vec2<f32>) -> vec3<f32> {
     let z = dot(v, eye.forward);
     let front = max(z, 1e-20);

@@ -7,7 +7,7 @@ fn is_in_square(eye_fovea_rows: f32, row: i32) -> bool {
 
 fn row_length(eye_fovea_rows: f32, row: i32) -> f32 {
     let length = select(frame.camera.log_polar.columns, eye_fovea_rows, is_in_square(eye_fovea_rows, row));
-    // Changes no value. Without it, Mesa's software driver rounds image points differently.
+    // The clamp changes no value. Without it, Mesa's software driver rounds image points differently.
     return clamp(length, 1.0, f32(frame.camera.width));
 }
 
@@ -30,7 +30,7 @@ fn gaze_on_screen(view: u32) -> vec2<f32> {
     return vec2<f32>(frame.camera.views[view].gaze_x, frame.camera.views[view].gaze_y);
 }
 
-// Distance from the gaze, in screen pixels, of a place among the rings.
+// Distance from the gaze, in screen pixels, of a row position among the rings.
 fn distance_at(row: f32, fovea_rows: f32) -> f32 {
     let map = frame.camera.log_polar;
     let share = max(row - fovea_rows + map.first_ring, 0.0) / map.rings;
@@ -49,7 +49,7 @@ fn density_on_screen(at: vec2<f32>, point: vec2<f32>) -> vec2<f32> {
     return log_polar_density(max(distance(at, gaze_on_screen(pass_.view)), 1.0));
 }
 
-// Screen point that a place shows. The place is in columns of its own row, and rows.
+// Screen point that the image shows at the point `at`, whose column counts in columns of its own row.
 fn log_polar_on_screen(view: u32, at: vec2<f32>) -> vec2<f32> {
     let gaze = gaze_on_screen(view);
     let fovea_rows = frame.camera.views[view].fovea_rows;

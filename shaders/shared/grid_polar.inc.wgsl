@@ -1,5 +1,5 @@
-// Functions that all polar projections share. Besides those of `grid`, a polar projection defines `column_beside`: the
-// column of a row next to a column of another row.
+// Functions that all polar projections share. Besides the functions of `grid`, a polar projection defines
+// `column_beside`: the column of a row that is next to the given column of another row.
 
 const IS_POLAR: bool = true;
 

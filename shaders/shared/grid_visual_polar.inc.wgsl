@@ -1,11 +1,11 @@
 // Visual-polar images, in which the density of rings follows visual acuity (Koskela et al. 2019).
 
-// Eccentricity at which acuity begins to fall, degrees; area within, square degrees; and factor of the integral of
-// acuity.
+// Eccentricity at which acuity begins to fall, degrees; area of the fovea within it, square degrees; and factor of the
+// integral of acuity outside the fovea.
 const FOVEA_DEG: f32 = 5.79;
 const FOVEA_AREA: f32 = 105.31813;
 const ACUITY_SUM: f32 = 522.90064;
-// Maximum fraction of an image's rings that are shortened.
+// Maximum fraction of an image's rings that have fewer columns than the outermost.
 const MOST_SHORT: f32 = 0.5;
 
 fn is_in_square(eye_fovea_rows: f32, row: i32) -> bool {
@@ -16,8 +16,8 @@ fn is_shown(pixel: vec2<u32>) -> bool {
     return true;
 }
 
-// Within the fovea, smaller rings have fewer columns. If the fovea covers most of the image, its outer rings still have
-// all columns.
+// Within the fovea, smaller rings have fewer columns. At most MOST_SHORT of the image's rings are shortened, even if
+// the fovea has more.
 fn row_length(eye_fovea_rows: f32, row: i32) -> f32 {
     let width = f32(frame.camera.width);
     let short_rows = min(eye_fovea_rows, MOST_SHORT * f32(frame.camera.height));
@@ -57,15 +57,15 @@ fn row_of(degrees: f32, fovea_rows: f32) -> f32 {
     return select(rows_within(degrees, fovea_rows), fovea_rows * degrees / FOVEA_DEG, degrees < FOVEA_DEG);
 }
 
-// Eccentricity at a place in the rows, degrees. Outside the fovea this is the paper's fit of the inverse, with an error
-// of at most 0.03.
+// Eccentricity at a row position, degrees. Outside the fovea this is the paper's polynomial fit of the inverse. Its
+// error is at most 0.03 degrees up to 41 degrees, and grows beyond.
 fn eccentricity_near(row: f32, fovea_rows: f32) -> f32 {
     let p = FOVEA_AREA / 1091.3 * (2.0 * row / fovea_rows - 1.0);
     let fit = (((25.09 * p + 0.168) * p + 27.61) * p + 23.87) * p + 3.232;
     return select(fit, FOVEA_DEG * row / fovea_rows, row < fovea_rows);
 }
 
-// Eccentricity at a place in the rows, degrees, refined by Newton's method.
+// Eccentricity at a row position, degrees, refined by Newton's method.
 fn eccentricity_at(row: f32, fovea_rows: f32) -> f32 {
     var degrees = eccentricity_near(row, fovea_rows);
     if row < fovea_rows {
@@ -80,7 +80,8 @@ fn eccentricity_at(row: f32, fovea_rows: f32) -> f32 {
     return degrees;
 }
 
-// Pixels per radian at a ring of `degrees`: away from the gaze, and then around it.
+// Pixels per radian at an eccentricity of `degrees`: rows away from the gaze and, in the function below, columns around
+// it.
 fn rows_per_radian(degrees: f32, fovea_rows: f32) -> f32 {
     let falling = 0.3 * degrees + 1.0;
     let per_degree = 0.09 * ACUITY_SUM * degrees / (falling * falling * 2.0 * FOVEA_AREA);
@@ -111,7 +112,7 @@ fn ray_of(view: u32, at: vec2<f32>) -> vec3<f32> {
     return normalize(gaze * cos(e) + (right * cos(turn) + cross(right, gaze) * sin(turn)) * sin(e));
 }
 
-// Image point in a direction from its eye.
+// Image point that shows what `eye` sees in a direction.
 fn visual_polar_point(direction: vec3<f32>, eye: View) -> vec2<f32> {
     let away = vec2<f32>(dot(direction, eye.gaze_right), dot(direction, cross(eye.gaze_right, eye.gaze)));
     let off = length(away);

@@ -1,7 +1,7 @@
 // Finds the pixels of the previous frame that show a pixel's surface: the four around the image point where the surface
 // was, each validated by position and normal.
 
-// Least sum of weights that counts as history.
+// Minimum sum of the weights of valid pixels that counts as history.
 const LEAST_FOUND: f32 = 0.01;
 
 // Four pixels around an image point.
@@ -18,7 +18,7 @@ struct Around {
     fovea_rows: f32,
 }
 
-// The four pixels around `seen`, which is where this eye saw the surface, for a pixel of this row.
+// The four pixels around `seen`, the image point and depth at which `eye` saw the surface of a pixel in row `row`.
 fn pixels_around(seen: vec3<f32>, row: u32, eye: View) -> Around {
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
     let corner = clamp(seen.xy - frame.camera.centre, vec2<f32>(-2.0), size + 1.0);

@@ -1,5 +1,6 @@
-// Barycentrics (b1, b2) of a hit, from edge functions on vertices relative to the hit point. Relative to the ray's
-// origin, rounding errors would grow with the square of the distance, which small and distant triangles show.
+// Barycentrics (b1, b2) of a hit, from edge functions on vertices relative to the hit point. With vertices relative to
+// the ray's origin, rounding errors would grow with the square of the distance, visibly so on small and distant
+// triangles.
 fn hit_barycentrics(origin: vec3<f32>, direction: vec3<f32>, hit: Hit) -> vec2<f32> {
     let tri = triangle_at(placed(hit.prim));
     let p = origin + direction * hit.t;
@@ -12,7 +13,7 @@ fn hit_barycentrics(origin: vec3<f32>, direction: vec3<f32>, hit: Hit) -> vec2<f
     if det == 0.0 {
         return hit.bary;
     }
-    // Clamp to the triangle, since its neighbour might be in front outside it.
+    // Clamp to the triangle, since outside it, a neighbouring triangle might be in front.
     let bary = max(vec2<f32>(v, w) / det, vec2<f32>(0.0));
     return bary / max(bary.x + bary.y, 1.0);
 }

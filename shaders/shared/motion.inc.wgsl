@@ -3,13 +3,13 @@
 // Whether the scene is dynamic. Eyes may move in any scene.
 override HAS_MOTION: bool = false;
 
-// Whether any of these rows of the previous frame are lost.
+// True if the previous frame's history is lost in any row from `begin` up to, but not including, `end`.
 fn are_lost(begin: i32, end: i32) -> bool {
     return max(begin, i32(frame.history.lost_begin)) < min(end, i32(frame.history.lost_end));
 }
 
-// Maximum outdated light in a history, as a fraction of all light: light that has gone, or that is not in it yet. This
-// bounds the length of history in frames where light changes.
+// Maximum fraction of a history's light that may be outdated: light that has gone, or new light that the history lacks.
+// While lights change, it bounds the length of history in frames.
 const MOST_LATE_LIGHT: f32 = 0.05;
 
 fn longest_in_light() -> f32 {

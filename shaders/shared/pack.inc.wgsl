@@ -29,8 +29,9 @@ fn unpack_normal(bits: u32) -> vec3<f32> {
     return normalize(vec3<f32>(p + select(vec2<f32>(t), vec2<f32>(-t), p >= vec2<f32>(0.0)), z));
 }
 
-// `tally` image: rays traced (20 bits), samples and later values dropped (8 bits), hole reason (3 bits; SKIPPED is no
-// hole but a pixel left to the filter). The last bit marks light that was too bright for half floats.
+// `tally` image: number of rays traced (20 bits), number of samples and later values dropped (8 bits), hole reason (3
+// bits; SKIPPED marks a pixel left to the filter, which is not a hole). The last bit marks light that was too bright
+// for half floats.
 const CLIPPED: u32 = 0x80000000u;
 
 fn hole_reason(tally: u32) -> u32 {
@@ -43,7 +44,7 @@ fn add_tally(tally: u32, rays: u32, nonfinite: u32) -> u32 {
     return (tally & 0xf0000000u) | (n << 20u) | r;
 }
 
-// Depth of a composed pixel whose colour was not finite. `resolve` counts it.
+// Depth of a composed pixel whose colour was not finite. Temporal antialiasing counts such pixels.
 const DROPPED: f32 = -1.0;
 
 // Tests bits, since drivers may assume that all values are finite.

@@ -3,8 +3,8 @@
 
 override HAS_CONSTANT_ENV: bool = true;
 
-// Random dimensions of a path's vertex. They are fixed, so that features that a scene lacks do not shift other numbers.
-// The pair before them is the pixel's.
+// Pairs of random dimensions that each vertex of a path uses. Their numbers are fixed, so that features that a scene
+// lacks do not shift the others. The pair before them places the sample in its pixel.
 const FIRST_DIMENSION: u32 = 1u;
 const DIMENSIONS_PER_VERTEX: u32 = 5u;
 const LIGHT_CHOICE: u32 = 0u;
@@ -21,7 +21,8 @@ struct PathSample {
     rays: u32,
 }
 
-// First hit of a primary ray. `emission` is that of the surface, or of the light or environment behind everything.
+// First hit of a primary ray. `emission` is that of the surface or, without one, of the spherical light or the
+// environment.
 struct FirstHit {
     hit: Hit,
     surface: Surface,

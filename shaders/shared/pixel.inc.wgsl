@@ -34,7 +34,7 @@ fn add_sample(s: ptr<function, Spread>, light: vec2<f32>, albedo: vec2<f32>) {
     (*s).albedo_albedo += albedo * albedo;
 }
 
-// Mean squared deviation of `count` samples from their ratio.
+// Variance of demodulated illumination: the mean squared deviation of `count` samples from the ratio of the sums.
 fn variance_of(s: Spread, count: f32) -> vec2<f32> {
     let ratio = ratio_of(s.light, s.albedo);
     let off = s.light_light - 2.0 * ratio * s.light_albedo + ratio * ratio * s.albedo_albedo;
@@ -120,7 +120,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
             }
         }
     }
-    // Count samples that the driver did not let begin.
+    // Count samples as dropped that never began because the driver ended the loop.
     tally = add_tally(tally, 0u, end - i);
     if !JITTER {
         leave_radiance(at, reflected, gloss, Albedo(albedo, matte, 0.0), vec2<f32>(0.0), tally);

@@ -1,8 +1,9 @@
-// Resamples a rectified image, which the shader binds as `rectified`, of `rectified_size`. Pixels are means over their
-// area. To conserve light, each image pixel gets a parabola of its mean along each axis that does not overshoot, and
-// the parabolas are integrated over the displayed pixel (Colella & Woodward 1984, section 1: the piecewise parabolic
-// method). A pixel between two flat sides gets a sharp edge instead, placed by its mean (Harten 1989, "ENO schemes with
-// subcell resolution"): beside lamps, even a little misplaced light is visible. No light is lost.
+// Resamples a rectified image, which the shader binds as `rectified`. Its size is `rectified_size`, and its pixels are
+// means over their area. To conserve light, the light along each axis of a pixel is modelled by a parabola that has the
+// pixel's mean and does not overshoot, and the parabolas are integrated over the displayed pixel (Colella & Woodward
+// 1984, section 1: the piecewise parabolic method). A pixel between two flat sides gets a sharp edge instead, at the
+// position that keeps its mean (Harten 1989, "ENO schemes with subcell resolution"): next to lamps, even a little
+// misplaced light is visible.
 
 // Maximum and minimum number of rectified pixels that a displayed pixel covers along an axis.
 const WIDEST: f32 = 8.0;
@@ -13,8 +14,8 @@ fn between(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>, d: vec3<f32>) -> vec3<f32> 
     return clamp((7.0 * (b + c) - (a + d)) / 12.0, min(b, c), max(b, c));
 }
 
-// Integral of light from `low` to `high`, both from 0 to 1, in a pixel, given the light at its start, its mean, and at
-// its end.
+// Integral of the light in a pixel from `low` to `high`, which are fractions of its width, given the light at its
+// start, its mean, and the light at its end.
 fn part_of(begin: vec3<f32>, mean: vec3<f32>, end: vec3<f32>, low: f32, high: f32) -> vec3<f32> {
     let is_extreme = (end - mean) * (mean - begin) <= vec3<f32>(0.0);
     let rise = end - begin;
@@ -31,10 +32,10 @@ fn part_of(begin: vec3<f32>, mean: vec3<f32>, end: vec3<f32>, low: f32, high: f3
     return left * length + (right - left + curve) * squares - curve * cubes;
 }
 
-// Maximum variation of an edge's sides, relative to its rise.
+// Maximum variation of the light on each side of an edge, relative to the step at the edge.
 const EVEN: f32 = 0.25;
 
-// Integral of light from `low` to `high` in the middle one of five pixels.
+// Integral of the light from `low` to `high`, fractions of a pixel's width, in the middle one of five pixels.
 fn part_among(two_before: vec3<f32>, before: vec3<f32>, own: vec3<f32>, after: vec3<f32>, two_after: vec3<f32>, low: f32, high: f32) -> vec3<f32> {
     let smooth_part = part_of(between(two_before, before, own, after), own, between(before, own, after, two_after), low, high);
     let rise = after - before;

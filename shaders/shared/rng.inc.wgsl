@@ -29,12 +29,12 @@ fn hash_combine(a: u32, b: u32) -> u32 {
     return pcg_hash(a ^ pcg_hash(b + 0x9e3779b9u));
 }
 
-// `sample` counts from the frame's first.
+// Generator for a sample of a pixel in this frame. `sample` counts from the frame's first sample.
 fn rng_for(pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
     return rng_in(frame.sampling, pixel, view, sample);
 }
 
-// Generator in a frame with these constants.
+// Generator for a sample of a pixel in a frame with the constants `sampling`.
 fn rng_in(sampling: Sampling, pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
     let key = hash_combine(hash_combine(sampling.seed, sampling.index), view);
     let number = sampling.sample_base + sample;
@@ -45,7 +45,7 @@ fn rng_in(sampling: Sampling, pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
     return Rng(hash_combine(hash_combine(key, pixel.x), pixel.y), number, 0u);
 }
 
-// Spreads the lower 16 bits, with a gap after each.
+// Spreads the lower 16 bits to the even bit positions, which gives a coordinate's part of a Z-order index.
 fn spread_bits(value: u32) -> u32 {
     var x = value & 0xffffu;
     x = (x | (x << 8u)) & 0x00ff00ffu;

@@ -38,7 +38,8 @@ fn transform_point(m: Affine, p: vec3<f32>) -> vec3<f32> {
     return transform_vector(m, p) + vec3<f32>(m.x.w, m.y.w, m.z.w);
 }
 
-// Number of the first triangle, offset from triangle numbers to rows, root of its tree, whether it is transformed.
+// Header of an instance: number of its first triangle, offset from triangle numbers to table rows, index of its tree's
+// root, and 1 if its triangles are transformed (else 0).
 fn instance_header(instance: u32) -> vec4<u32> {
     return table_row(instance + INSTANCE_HEADER);
 }
@@ -90,7 +91,7 @@ fn shading_at(place: Placed) -> Shading {
     return shade;
 }
 
-// Tangent of a corner, 0 to 2; zero if there is none.
+// Tangent at a corner (0 to 2) of a triangle; zero if there is none.
 fn tangent_at(place: Placed, corner: u32) -> vec4<f32> {
     if frame.tables.tangents == 0u {
         return vec4<f32>(0.0);
@@ -105,8 +106,9 @@ fn tangent_at(place: Placed, corner: u32) -> vec4<f32> {
 }
 
 // Bound of the rounding error between a transformed triangle and the hits of rays that start at `position`. The
-// triangle's corners are transformed to the world (4 roundings of the terms' magnitudes). A ray's origin is transformed
-// back (4 roundings, and 2 of the matrix), and intersected there. The sum is doubled and rounded up to 16 of each.
+// triangle's corners are transformed to world space (4 roundings of the terms' magnitudes). A ray's origin is
+// transformed to local space, where it is intersected (4 roundings, and 2 of the matrix). The bound doubles the sum and
+// rounds it up to 16 roundings of each magnitude.
 fn placing_error(place: Placed, position: vec3<f32>) -> vec3<f32> {
     if !HAS_INSTANCES || !place.is_moved {
         return vec3<f32>(0.0);

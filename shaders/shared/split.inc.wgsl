@@ -13,7 +13,7 @@ struct SplitLight {
 
 // Last word of a pixel that was sampled in this frame; 0 if it was not. As a float it is the pixel's weight in filters.
 const SAMPLED: u32 = 0x3f800000u;
-// Flag of a last word that holds the variances of the samples' luminance instead.
+// Flag of a last word that holds the variances of the samples' luminance instead of SAMPLED.
 const TELLS_VARIANCE: u32 = 0x80000000u;
 
 // The largest half float.

@@ -101,7 +101,8 @@ struct Parameters {
     coat_normal: vec3<f32>,
 }
 
-// Loops over the material's textures: software drivers only skip code by loops, and the look-up is compiled once.
+// Loops over the material's textures, since software drivers do not skip branches; and the look-up is compiled only
+// once.
 fn parameters_at(row: u32, bary: vec2<f32>, m: Material) -> Parameters {
     var p: Parameters;
     p.base = base_factor_at(row, bary, m).rgb;
@@ -321,8 +322,8 @@ fn lobe_odds(s: Surface, towards: vec2<f32>) -> vec3<f32> {
     return select(vec3<f32>(0.0), odds / sum, sum > 0.0);
 }
 
-// Whether the other eye sees another radiance there: lobes that are too narrow for both eyes contribute a significant
-// fraction.
+// True if the other eye sees a different radiance at this point, because lobes too narrow to reach both eyes contribute
+// a significant fraction.
 fn is_view_dependent(s: Surface) -> bool {
     const NARROW: f32 = 0.25;
     const SHARE: f32 = 0.1;

@@ -59,8 +59,8 @@ fn hit_children4(child_meta: u32, octant: u32, near: vec4<i32>, far: vec4<i32>) 
     return mask.x | mask.y | mask.z | mask.w;
 }
 
-// Plane distances as the bits of floats, which sort like integers unless both are negative. Then both are less than 0
-// either way, and only that matters. An integer minimum is one instruction, but a float minimum is several, since it
+// Plane distances as the bits of floats. These sort like integers unless both are negative, and then their order does
+// not matter, since both stay below 0. An integer minimum is one instruction, but a float minimum is several, since it
 // must handle NaNs.
 fn planes(word: u32, scale: f32, offset: f32) -> vec4<i32> {
     return bitcast<vec4<i32>>(vec4<f32>(unpack4xU8(word)) * scale + offset);

@@ -6,7 +6,7 @@
 // triangle.
 fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
-    // Pending alpha test: a nearer hit, if it is covered.
+    // Hit whose alpha test is pending. It replaces `hit` if its triangle is covered there.
     var candidate = hit;
     var candidate_row = 0u;
     let world = traversal_for(origin, direction, frame_around(direction));
@@ -20,7 +20,7 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: 
     var row_offset = 0u;
     // Stack entries below this belong to the tree over instances.
     var base = 0u;
-    // A leaf group of the tree over instances, still to be entered.
+    // Leaf group of the tree over instances: the instances that the ray has yet to enter.
     var entries = vec2<u32>(0u);
     if HAS_INSTANCES && frame.geometry.instance_count > 1u {
         stack[0] = vec2<u32>(frame.geometry.instance_tree, 0x80000000u);

@@ -3,8 +3,8 @@
 // like the triangles of its tree.
 //
 // The device finds the triangle, and `intersect_triangle` computes the hit, since later code relies on its rounding
-// errors. By the device's arithmetic, a ray that starts on a triangle may hit it again. It is then traced once more
-// with a test of every triangle on the way. The order of equally distant hits is the device's own.
+// errors. In the device's arithmetic, a ray that starts on a triangle may hit that triangle. The ray is then traced
+// once more, with a test of every triangle on its way. The device decides the order of equally distant hits.
 
 @group(0) @binding(4) var scene_tree: acceleration_structure;
 
@@ -17,8 +17,9 @@ struct Found {
     row: u32,
 }
 
-// Recomputes a hit that the device has found; NO_PRIM if it is not between the ray's start and `t_max`. If the two
-// disagree at an edge, the device is right: it is watertight by its own arithmetic.
+// Recomputes a hit that the device has found; NO_PRIM if it is not between the ray's start and `t_max`. If
+// `intersect_triangle` misses at an edge, the device's hit counts, since the device is watertight in its own
+// arithmetic.
 fn meet(world: Traversal, found: RayIntersection, t_max: f32) -> Found {
     var ray = world;
     var prim = found.primitive_index;

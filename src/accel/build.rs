@@ -1,4 +1,5 @@
-//! Construction of the tables: BVHs over static geometry, over deforming bodies and over meshes that instances share.
+//! Construction of the scene's tables: BVHs over static geometry, over deforming bodies and over meshes that instances
+//! share.
 
 use glam::Vec3;
 use obvhs::cwbvh::CwBvh;
@@ -23,7 +24,7 @@ impl Accel {
     /// Builds with [`Layout::Auto`].
     ///
     /// # Errors
-    /// If the scene is too large for the tables or the tree too deep for rays.
+    /// The errors of [`Self::build_with`].
     pub fn build(scene: &Scene) -> Result<Self, AccelError> {
         Self::build_with(scene, Layout::Auto)
     }
@@ -31,7 +32,8 @@ impl Accel {
     /// Builds the trees deterministically: the same scene gives the same trees.
     ///
     /// # Errors
-    /// If the scene is too large for the tables or the trees too deep for rays.
+    /// [`AccelError::TooMany`], [`AccelError::TooManyInstances`] or [`AccelError::TooLarge`] if the scene is too large
+    /// for the tables, [`AccelError::TooDeep`] if a tree is too deep for the traversal stack of rays.
     pub fn build_with(scene: &Scene, layout: Layout) -> Result<Self, AccelError> {
         Self::build_within(scene, layout, &Budget::unlimited())
     }
@@ -39,7 +41,7 @@ impl Accel {
     /// Builds like [`Self::build_with`]. The budget keeps the bytes of the finished tables reserved.
     ///
     /// # Errors
-    /// Errors of [`Self::build_with`], and if the budget is too small.
+    /// The errors of [`Self::build_with`], and [`AccelError::Memory`] if the budget is too small.
     pub fn build_within(scene: &Scene, layout: Layout, budget: &Budget) -> Result<Self, AccelError> {
         let count = scene.triangle_count();
         if count >= MAX_PRIMS {
@@ -55,7 +57,7 @@ impl Accel {
             return Err(AccelError::TooMany(stored));
         }
         let present = Present::of(scene);
-        // Lists grow to at most twice their length, and are copied into tree order.
+        // Reserves memory for lists, which grow to at most twice their length, and for their copies in tree order.
         let making = stored as u64 * (4 * present.row_bytes() + BUILD_BYTES) as u64;
         let mut reserved = budget.reserve(making).map_err(refused)?;
         let bodies =

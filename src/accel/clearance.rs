@@ -31,7 +31,8 @@ impl Accel {
         *nearest = (nearest_local / scale).min(*nearest);
     }
 
-    /// Calls `leaf` with the row of each triangle in a leaf that may be nearer than `nearest`.
+    /// Traverses the tree under the node `root`, and calls `leaf` with each row in a leaf whose bounds are nearer to
+    /// `point` than `nearest`. `leaf` may lower `nearest`.
     fn visit(&self, root: u32, point: Vec3, nearest: &mut f32, leaf: impl Fn(usize, Vec3, &mut f32)) {
         let mut open = vec![(root, 0.0)];
         while let Some((index, node_distance)) = open.pop() {

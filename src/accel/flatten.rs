@@ -18,7 +18,8 @@ pub(super) struct Flat {
     pub dropped: usize,
 }
 
-/// Attributes that the scene has. An attribute's array is either full or empty.
+/// Optional vertex attributes that the scene has. The list of an attribute has an entry for every triangle or none at
+/// all.
 #[derive(Clone, Copy)]
 pub(super) struct Present {
     colors: bool,
@@ -88,7 +89,7 @@ pub(super) fn local(scene: &Scene, mesh: usize, mirrored: bool, present: &Presen
     let material = &scene.materials[mesh.material];
     push_instance(&mut flat, &Affine3A::IDENTITY, mirrored, mesh, material, present, false);
     if mirrored {
-        // The cofactor matrix has flipped these normals: it includes the determinant's sign.
+        // Restores the normals, which `push_instance` has negated as for a mirrored transform.
         flat.shadings.iter_mut().for_each(|s| [s.n0, s.n1, s.n2] = [-s.n0, -s.n1, -s.n2]);
     }
     flat

@@ -1,5 +1,5 @@
-//! Selection of the instances that keep a shared mesh in local space, where transformed rays traverse it, and of those
-//! that are flattened.
+//! Decides which instances keep a shared mesh in local space, which transformed rays traverse, and which are flattened
+//! to world space.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +24,7 @@ const LEAST_SAVING: usize = 2;
 const MAX_SCALE: f64 = 1e4;
 const MAX_STRETCH: f64 = 1e3;
 
-/// Storage of instances.
+/// Space in which the triangles of instances are stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Layout {
     /// Flat, unless the tables would be large and instancing makes them much smaller.
@@ -49,7 +49,7 @@ pub struct Instance {
     pub row_offset: u32,
     /// Index of its tree's root node.
     pub root: u32,
-    /// 0 if its triangles are stored in world space.
+    /// 0 if its triangles are stored in world space, else 1.
     pub is_moved: u32,
     /// Rows of `world_from_local` in the previous frame.
     pub last_world_from_local: [Vec4; 3],
@@ -112,9 +112,10 @@ pub(super) struct Division {
 }
 
 impl Division {
-    /// Flattens static instances that share no mesh, emit (lights are world-space triangles) or have an ill-conditioned
-    /// transform; a flat layout flattens all static ones. Emissive and ill-conditioned bodies are stored as deforming
-    /// bodies, like those that change their shape.
+    /// Divides the instances by how their triangles are stored. Static instances are flattened if they share no mesh,
+    /// emit light (lights are world-space triangles) or have an ill-conditioned transform; with a flat layout, all
+    /// static ones are. Emissive and ill-conditioned bodies are stored as deforming bodies, like those that change
+    /// their shape.
     pub fn new(scene: &Scene, layout: Layout) -> Self {
         let divided = Self::of_layout(scene, layout == Layout::Flat);
         let stored = divided.stored_triangles(scene);
@@ -122,7 +123,7 @@ impl Division {
         if layout == Layout::Auto && is_small { Self::of_layout(scene, true) } else { divided }
     }
 
-    /// Divides the instances. `flattens` flattens all static ones.
+    /// Divides the instances. If `flattens`, all static ones are flattened.
     fn of_layout(scene: &Scene, flattens: bool) -> Self {
         let mut moving = vec![None; scene.instances.len()];
         for (number, body) in scene.motion.bodies.iter().enumerate() {

@@ -5,17 +5,18 @@ use crate::scene::budget::Exceeded;
 /// Deepest tree that the shaders' traversal stack holds.
 pub const MAX_DEPTH: usize = 32;
 
-/// Largest number of stored triangles. Their tables take 112 bytes each on the host and on every device, 7 GiB in
-/// total.
+/// Maximum number of stored triangles. Each takes 112 bytes in the tables, which are then 7 GiB on the host and on
+/// every device.
 pub(super) const MAX_TRIANGLES: usize = 1 << 26;
 
 /// Flag in a hit's primitive number: the rest is the number of a sphere light, not of a triangle.
 pub const SPHERE: u32 = 1 << 31;
 
-/// Limit on triangles after instancing: larger numbers name spheres.
+/// Limit on the number of triangles after instancing, since larger primitive numbers denote sphere lights.
 pub(super) const MAX_PRIMS: usize = SPHERE as usize;
 
-/// Largest coordinate. Larger ones would overflow sums of areas in the tree's cost.
+/// Maximum distance of a coordinate from the origin of the tables, scene units. Larger ones would overflow the sums of
+/// areas in the cost of a BVH.
 pub(super) const MAX_REACH: f64 = 1e14;
 
 #[derive(Debug, thiserror::Error)]

@@ -45,7 +45,7 @@ pub struct Poses<'a> {
 pub struct Placed {
     /// [`Instance::STILL`], then the other instances in tree order.
     pub instances: Vec<Instance>,
-    /// Pairs of an instance's first triangle number and its index, sorted by number.
+    /// First triangle number of each instance, and the instance's index, in the first two elements; sorted by number.
     pub numbers: Vec<[u32; 4]>,
     /// Nodes of the tree, at most one per instance.
     pub nodes: Vec<Node>,
@@ -55,7 +55,8 @@ pub struct Placed {
 }
 
 impl Placed {
-    /// Builds the tree, with node `root` as its root. Without `poses`, only static instances are placed.
+    /// Places the instances, and builds the tree over them, whose root has index `root` in the node table. Without
+    /// `poses`, only static instances are placed.
     pub(super) fn new(
         placements: &[Placement],
         skins: &Skins,

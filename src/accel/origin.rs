@@ -20,8 +20,8 @@ pub fn check_reach(reach: DVec3) -> Result<(), AccelError> {
     if is_within { Ok(()) } else { Err(AccelError::TooLarge(reach.max_element())) }
 }
 
-/// Returns the point nearest to the scene's centre on a lattice coarser than the scene. Subtracting it is exact for
-/// positions that f32 can tell apart there. It is (0, 0, 0) for all scenes around the origin.
+/// Returns the point nearest to the scene's centre on a lattice whose cells are larger than the scene. Subtracting it
+/// from an f32 position in the scene is exact. It is (0, 0, 0) for scenes near (0, 0, 0).
 fn origin_for(bounds: Bounds) -> DVec3 {
     let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
     let size = (max - min).max_element();

@@ -13,7 +13,7 @@ use crate::scene::motion::bake::is_mirrored;
 use crate::wgsl::{shared_constants, shared_structs};
 
 shared_structs! {
-    /// Per-frame constants of a deforming body's triangle.
+    /// A deforming body's triangle: the data that does not change from frame to frame.
     pub struct SkinTriangle {
         /// Indices of its vertices, counter-clockwise from the front.
         pub corners: UVec3,
@@ -29,17 +29,17 @@ shared_structs! {
     /// A vertex in the rest pose.
     pub struct SkinVertex {
         pub position: Vec3,
-        /// Index of its first morph offset. One follows per target.
+        /// Index of its first [`SkinMorph`]. Those of the body's other morph targets follow.
         pub first_morph: u32,
         /// Normal at rest; zero if the mesh has no normals.
         pub normal: Vec3,
         pub morph_count: u32,
         /// Tangent with the bitangent's sign in w.
         pub tangent: Vec4,
-        /// Joint indices over all bodies. Joints with weights come first.
+        /// Indices of its joints, counted over all bodies. Joints with nonzero weights come first.
         pub joints: [u32; JOINTS_PER_VERTEX as usize],
         pub weights: [f32; JOINTS_PER_VERTEX as usize],
-        /// Pose row with the first target weight of its body.
+        /// Pose row that holds the weight of its body's first morph target.
         pub first_weight: u32,
         pub pad0: u32,
         pub pad1: u32,
@@ -65,7 +65,7 @@ shared_constants! {
     const ROWS_PER_JOINT: u32 = 6;
 }
 
-/// Size of a vertex that `skin` has written, with its world-space position first.
+/// Size of a vertex that the pass `skin` writes, bytes. It begins with the world-space position.
 pub const SKINNED_BYTES: usize = 64;
 
 /// Number of pose rows per joint, as `usize`.
@@ -102,7 +102,7 @@ struct Body {
     /// Rest-pose bounds of the vertices that each joint influences. Morphs widen them by up to `reach` times the
     /// weights.
     boxes: Vec<Aabb>,
-    /// Largest displacement of a vertex by each target.
+    /// Largest displacement, on each axis, of any vertex by each morph target at weight 1.
     reach: Vec<Vec3>,
 }
 
@@ -111,8 +111,8 @@ impl Skins {
         self.triangles.is_empty()
     }
 
-    /// Returns an upper bound on a body's bytes, while it is added and afterwards: lists grow to at most twice their
-    /// length.
+    /// Returns an upper bound on the bytes of a body with this mesh, both while it is added and afterwards, since lists
+    /// grow to at most twice their length.
     pub(super) fn bytes(mesh: &Mesh) -> u64 {
         let vertex = size_of::<SkinVertex>() + mesh.morphs.len() * size_of::<SkinMorph>();
         let triangle = size_of::<SkinTriangle>() + 2 * size_of::<Node>();
@@ -188,7 +188,8 @@ impl Skins {
         self.weights += mesh.morphs.len();
     }
 
-    /// Sorts nodes by level once all bodies are added, and offsets weights to the pose rows after those of joints.
+    /// Completes the tables once all bodies are added: sorts nodes by level, and places the rows of morph weights after
+    /// those of joints.
     pub(super) fn finish(&mut self) {
         for vertex in &mut self.vertices {
             vertex.first_weight += (self.joints * JOINT_ROWS) as u32;

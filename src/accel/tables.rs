@@ -30,7 +30,7 @@ pub struct Accel {
     pub tangents: Vec<[f32; 4]>,
     /// [`Instance::STILL`], then the other instances in tree order, in their pose at time 0.
     pub instances: Vec<Instance>,
-    /// Pairs of an instance's first triangle number and its index, sorted by number.
+    /// First triangle number of each instance, and the instance's index, in the first two elements; sorted by number.
     pub numbers: Vec<[u32; 4]>,
     /// Index of the root of the tree over instances, if there are several. Its leaves index [`Self::instances`].
     pub instance_tree: u32,

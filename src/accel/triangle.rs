@@ -47,7 +47,7 @@ impl Triangle {
         self.first_copy & TRIANGLE_ALPHA != 0
     }
 
-    /// Returns true if `row` is its first copy.
+    /// Returns true if `row` is the row of the triangle's first copy.
     pub fn is_first(&self, row: usize) -> bool {
         (self.first_copy & !TRIANGLE_ALPHA) as usize == row
     }

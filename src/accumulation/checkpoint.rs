@@ -51,7 +51,8 @@ impl Checkpoint {
     /// Loads the accumulation; `None` if there is no file.
     ///
     /// # Errors
-    /// [`CheckpointError`] for a file that cannot be read, is damaged or has another fingerprint.
+    /// [`CheckpointError::Read`] if the file cannot be read, [`CheckpointError::Damaged`] if it is damaged, and
+    /// [`CheckpointError::Foreign`] if it has another fingerprint.
     pub fn load(&self) -> Result<Option<Accumulation>, CheckpointError> {
         let bytes = match fs::read(&self.path) {
             Ok(bytes) => bytes,
@@ -72,7 +73,7 @@ impl Checkpoint {
             return Err(damaged("its sums are not those it was written with".into()));
         }
         let [a, b] = header.samples;
-        a.checked_add(b).ok_or_else(|| damaged("its samples are too many".into()))?;
+        a.checked_add(b).ok_or_else(|| damaged("its number of samples is too large".into()))?;
         Ok(Some(self.accumulation(&header, sums)))
     }
 
@@ -84,10 +85,10 @@ impl Checkpoint {
         Accumulation { extent: self.extent, halves, dropped: header.dropped }
     }
 
-    /// Replaces the file by `accumulation`.
+    /// Writes `accumulation` to the file, and replaces the previous contents.
     ///
     /// # Errors
-    /// [`CheckpointError::Write`].
+    /// [`CheckpointError::Write`] if the file cannot be written.
     pub fn save(&self, accumulation: &Accumulation) -> Result<(), CheckpointError> {
         let halves = &accumulation.halves;
         let values = halves.iter().flat_map(|h| &h.sums).flatten().flatten();
@@ -115,7 +116,7 @@ impl Checkpoint {
 fn split(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
     let rest = bytes.strip_prefix(FIRST_LINE).ok_or("it does not begin as a checkpoint does")?;
     let end = rest.iter().position(|&b| b == b'\n').ok_or("it ends within its header")?;
-    let header = serde_json::from_slice(&rest[..end]).map_err(|e| format!("its header: {e}"))?;
+    let header = serde_json::from_slice(&rest[..end]).map_err(|e| format!("its header is invalid: {e}"))?;
     Ok((header, &rest[end + 1..]))
 }
 

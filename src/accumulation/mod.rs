@@ -40,7 +40,7 @@ pub struct Accumulation {
     dropped: u64,
 }
 
-/// Estimated error of the mean, as [`crate::metrics`] measure it.
+/// Estimated error of the mean, by the definitions of [`crate::metrics`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Noise {

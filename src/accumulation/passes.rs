@@ -25,10 +25,10 @@ pub struct Job<'a> {
     pub time_s: f64,
     /// Frame number, which seeds the random numbers of all passes.
     pub frame: u32,
-    /// Samples per pass: above 1, at most the renderer's limit, and a power of two, so that each pass has an even
-    /// Sobol' sequence.
+    /// Samples per pixel and pass: above 1, at most the renderer's limit, and a power of two, so that each pass takes a
+    /// well-distributed part of the Sobol' sequence.
     pub pass_spp: u32,
-    /// Total number of samples.
+    /// Total number of samples per pixel.
     pub spp: u32,
     /// Time limit. No pass starts that would probably exceed it, except the first.
     pub time_limit: Option<Duration>,

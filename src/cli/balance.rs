@@ -19,9 +19,9 @@ pub enum Balance {
 
 /// Built-in policies with their names and help texts.
 pub const BUILT_IN: [(Balance, &str, &str); 4] = [
-    (Balance::Even, "even", "The same rows for every device"),
-    (Balance::Static, "static", "Fixed --ratios"),
-    (Balance::Measured, "measured", "Measured cost of past frames"),
+    (Balance::Even, "even", "The same number of rows for every device"),
+    (Balance::Static, "static", "Fixed fractions from --ratios"),
+    (Balance::Measured, "measured", "By measured cost of past frames"),
     (Balance::Heft, "heft", "List scheduling of row blocks at measured cost"),
 ];
 

@@ -125,7 +125,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             say!("by kind of pixel:\n{}\n{KIND_NOTE}", kind_table(&rows, kinds).text().trim_end());
         }
         if !regrets.is_empty() {
-            say!("the rungs of --ladder against the best that takes no longer:");
+            say!("regret of the rungs of --ladder, against the best setting that takes no longer:");
             say!("{}", regret_table(&regrets).text().trim_end());
         }
         say!("{ERROR_NOTE}");
@@ -162,7 +162,7 @@ fn say_reference(options: &RunOptions, exposure_ev: f64, reference: &Reference) 
     } else if !options.quiet {
         say!("reference: {origin}");
         if let Some(noise) = noise {
-            say!("its own noise, below which no error is real: {noise}");
+            say!("noise of the reference, below which errors are not significant: {noise}");
         }
         say!("{}", exposure_note(exposure_ev));
     }
@@ -202,7 +202,7 @@ fn write_results(
     Ok((figure, shared))
 }
 
-/// Returns the Pareto front of each denoiser as a ladder, the best first.
+/// Returns the Pareto front of each denoiser as a ladder, best denoiser first.
 fn ladders(
     options: &RunOptions,
     exposure_ev: f64,
@@ -225,7 +225,7 @@ fn ladders(
     Ok(Ladder::by_denoiser(&origin, &rungs).context("cannot build a ladder from the measured settings")?)
 }
 
-/// Names the denoiser of ladder.toml and the files of the other denoisers' ladders.
+/// Returns a line of output with the denoiser of ladder.toml and the files of the other denoisers' ladders.
 fn ladders_note(ladders: &[Ladder]) -> String {
     let of = |ladder: &Ladder| {
         let (denoiser, rungs) = (ladder.rungs()[0].quality.denoiser, ladder.rungs().len());

@@ -127,7 +127,7 @@ fn run_command() -> u8 {
     )
 }
 
-/// Serves rank 0, which runs the command; returns its exit status.
+/// Serves rank 0, which runs the command. Returns the exit status that rank 0 sends at the end.
 fn serve() -> Result<u8, Failure> {
     ranks::serve(parse().ok().as_ref().and_then(|cli| cli.command.run_options()))
 }

@@ -54,12 +54,12 @@ pub struct Args {
     yfov: Option<f64>,
     /// Also report the error near seams; R are the first rows of stripes
     ///
-    /// The RMSE within 4 rows of these seams over the RMSE elsewhere.
+    /// This error is the RMSE within 4 rows of the seams, divided by the RMSE of all other rows.
     #[arg(long = "seam-rows", alias = "seams", value_name = "R,R,…", value_delimiter = ',')]
     seams: Vec<u32>,
     /// Also report errors by kind of pixel: silhouettes, creases, reflections, …
     ///
-    /// Reads auxiliary images beside IMAGE or REFERENCE: render either with --aov
+    /// The kinds come from auxiliary images in the folder of IMAGE or REFERENCE: render either with --aov
     /// depth,normal,base_color,diffuse_albedo,specular_albedo,roughness.
     #[arg(long)]
     by_kind: bool,
@@ -109,7 +109,7 @@ fn input(what: String) -> Failure {
     Failure::Input(anyhow::anyhow!(what))
 }
 
-/// Whether to compare two folders as sequences: both have at least two numbered frames, or neither has left.exr or
+/// True if two folders are compared as sequences: both have at least two numbered frames, or neither has left.exr or
 /// right.exr.
 fn is_sequence(reference: &Path, image: &Path) -> Result<bool, anyhow::Error> {
     let eyes = |folder: &Path| ["left.exr", "right.exr"].iter().any(|name| folder.join(name).is_file());
@@ -162,7 +162,7 @@ fn write_map(path: &Option<PathBuf>, map: impl FnOnce() -> Result<DisplayImage, 
     path.as_ref().map_or(Ok(()), |path| Ok(write_png(path, &map()?)?))
 }
 
-/// An image and its reference, with the findings.
+/// An image and its reference, with the results of their comparison.
 struct Compared {
     reference: ColourFile,
     image: ColourFile,

@@ -7,7 +7,7 @@ use crate::quality::Denoiser;
 /// A denoiser or none. The alias hides the `Option` from clap, which would make the argument optional.
 pub type DenoiserChoice = Option<Denoiser>;
 
-/// Returns a value parser for denoiser names. The option's help lists those with a help text.
+/// Returns a value parser for denoiser names. The option's help hides denoisers that have no help text.
 pub fn denoiser_parser() -> impl TypedValueParser<Value = DenoiserChoice> {
     let value = |choice: DenoiserChoice| {
         let value = PossibleValue::new(Denoiser::name_of(choice));

@@ -16,7 +16,8 @@ pub struct FaultOptions {
     pub slowdown: Vec<u32>,
     /// Drop a device that is silent for MS milliseconds [default: by frame times]
     ///
-    /// The default is at least 10 s, or 0.6 s in play and view.
+    /// A device is silent while its worker shows no progress. The default follows from the times of past frames; it is
+    /// at least 10 s, or 0.6 s in play and view.
     #[arg(hide_short_help = true, long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=86_400_000))]
     pub watchdog_ms: Option<u64>,
 }

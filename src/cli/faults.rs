@@ -7,7 +7,7 @@ use super::failure::Failure;
 use super::progress::Progress;
 use super::setup::Tracing;
 
-/// Reports each fault once.
+/// Log of device faults, which reports each fault once.
 #[derive(Default)]
 pub struct FaultLog {
     said: usize,
@@ -17,7 +17,7 @@ impl FaultLog {
     pub fn say_new(&mut self, renderer: &Renderer, tracing: &Tracing, progress: &Progress) {
         for fault in &renderer.faults()[self.said..] {
             progress.warn(&format!(
-                "device {} failed in frame {}: {}; the frame was whole at attempt {}, {:.0} ms later, without it",
+                "device {} failed in frame {}: {}; the other devices completed the frame at attempt {}, {:.0} ms later",
                 fault.device, fault.frame, fault.what, fault.attempts, fault.recovery_ms
             ));
             record_fault(&tracing.recorder, fault);

@@ -19,12 +19,13 @@ pub enum FoveationMode {
     Layers,
     /// Visual-polar space: pixels as dense as visual acuity
     VisualPolar,
-    /// Log-polar space, by --polar
+    /// Log-polar space, set by --polar
     LogPolar,
 }
 
 impl FoveationMode {
-    /// Returns the radii of the foveal layers, if there are any.
+    /// Returns the default radii of the inner and the middle foveal layer, as fractions of the image width; `None`
+    /// without layers.
     pub fn radii(self) -> Option<[f64; 2]> {
         (self == Self::Layers).then_some(Foveation::RADII)
     }
@@ -66,7 +67,8 @@ pub struct FoveationOptions {
     /// Denoiser iterations, also per layer as M,N,P [default: 5; 2,3,5 with layers]
     #[arg(long, value_name = "M[,N,P]", value_parser = iterations)]
     pub iterations: Option<[u32; 3]>,
-    /// Radii of the foveal layers; `None` for [`Foveation::RADII`].
+    /// Radii of the inner and the middle foveal layer, as fractions of the image width; `None` for
+    /// [`Foveation::RADII`].
     #[arg(skip)]
     pub layer_radii: Option<[f64; 2]>,
     /// Fraction of the outer layer's pixels left unsampled; `None` for the default.
@@ -75,7 +77,8 @@ pub struct FoveationOptions {
 }
 
 impl FoveationOptions {
-    /// Returns the options of a frame of this quality. The iterations of foveal layers are capped at Peres's.
+    /// Returns the options of a frame of this quality. The iterations of foveal layers are at most those of Peres
+    /// ([`LAYER_ITERATIONS`]).
     pub fn for_quality(quality: &Quality) -> Self {
         let foveation = FoveationMode::of(quality);
         let polar = match quality.polar {
@@ -86,12 +89,13 @@ impl FoveationOptions {
         Self { iterations: Some(limits.limit(quality).iterations), ..limits }
     }
 
-    /// Whether foveal layers are on.
+    /// True if frames have foveal layers.
     pub fn is_on(&self) -> bool {
         self.foveation == FoveationMode::Layers
     }
 
-    /// Returns the radii of the foveal layers, if there are any.
+    /// Returns the radii of the inner and the middle foveal layer, as fractions of the image width; `None` without
+    /// layers.
     pub fn radii(&self) -> Option<[f64; 2]> {
         self.foveation.radii().map(|usual| self.layer_radii.unwrap_or(usual))
     }
@@ -198,7 +202,7 @@ pub enum Preset {
 }
 
 impl Preset {
-    /// Samples per pixel, where all pixels are sampled.
+    /// Samples of each sampled pixel; foveation leaves some pixels unsampled.
     pub const SPP: u32 = 4;
 
     /// Returns the foveation mode, and the iterations of the inner, middle and outer layer.

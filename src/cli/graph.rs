@@ -18,7 +18,7 @@ use super::setup;
 pub struct Args {
     #[command(flatten)]
     options: RenderOptions,
-    /// Devices that the frame is distributed over; none is opened
+    /// Number of devices to distribute the frame over; no adapter is opened
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,
     /// Write the tasks of all devices for Graphviz
@@ -26,7 +26,7 @@ pub struct Args {
     dot: Option<PathBuf>,
 }
 
-/// Rows of vertical motion since the previous frame that the printed graph assumes: the minimum of any frame with
+/// Vertical motion since the previous frame that the printed graph assumes, in rows: the minimum of any frame with
 /// history.
 const HISTORY_ROWS: u32 = 4;
 

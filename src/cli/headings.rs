@@ -1,4 +1,4 @@
-//! Sections of a command's help.
+//! Headings of the sections in a command's help.
 
 pub const SCENE: &str = "What to render";
 pub const QUALITY: &str = "Quality";

@@ -1,4 +1,4 @@
-//! `diptych view` in a program that was built without its window.
+//! Stub of `diptych view` for programs that were built without the feature `view`.
 
 use std::ffi::OsString;
 
@@ -19,6 +19,6 @@ impl Args {
 }
 
 pub fn run(_: &Args) -> Result<(), Failure> {
-    let how = "this diptych was built without its window: `cargo build --release --features view` builds it with one";
+    let how = "this build of diptych has no `view`: build it with `cargo build --release --features view`";
     Err(Failure::Input(anyhow::anyhow!(how)))
 }

@@ -33,7 +33,7 @@ pub enum SeamOption {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum HaloOption {
-    /// Choose the cheaper for each iteration
+    /// Choose the cheaper of recompute and exchange for each iteration
     Cost,
     /// Receive a wide margin once and filter it redundantly
     Recompute,
@@ -63,8 +63,8 @@ pub struct RunOptions {
     pub time: f64,
     /// Replay head motion from FILE instead of the camera path
     ///
-    /// `play` and `view` record such files with --record-motion: JSON lines of poses, and of the eyes if they are
-    /// asymmetric.
+    /// `play` and `view` record such files with --record-motion. They are JSON lines of head poses, and of the eyes'
+    /// projections if these are asymmetric.
     #[arg(hide_short_help = true, long, value_name = "FILE", help_heading = SCENE)]
     pub motion: Option<PathBuf>,
     /// Seed of all random numbers
@@ -160,7 +160,7 @@ impl RunOptions {
         }
     }
 
-    /// Whether rank 0 sends the scene's files to the other ranks.
+    /// True if rank 0 sends the scene's files to the other ranks.
     pub fn broadcasts_scene(&self) -> bool {
         #[cfg(feature = "mpi")]
         return self.broadcast_scene;
@@ -198,7 +198,7 @@ impl RunOptions {
     }
 }
 
-/// Options of commands that render every frame alike.
+/// Options of commands that render all frames at the same quality.
 #[derive(Args, Clone, Debug)]
 pub struct RenderOptions {
     #[command(flatten)]
@@ -230,10 +230,10 @@ pub struct RenderOptions {
     /// Frames in flight, 1 to 3: more throughput, more latency
     #[arg(hide_short_help = true, long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=3), help_heading = DEVICES)]
     pub frames_in_flight: u8,
-    /// Auxiliary images to write, as albedo,normal
+    /// Auxiliary images (AOVs) to write, such as albedo,normal
     #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = OUTPUT)]
     pub aov: Vec<Aov>,
-    /// Whether frames are shown from another pose than they are rendered at.
+    /// True if late reprojection shows frames from a later pose than the one they were rendered from.
     #[arg(skip)]
     pub is_late: bool,
 }
@@ -268,7 +268,7 @@ impl RenderOptions {
         Self { run, spp, bounces, scale, denoiser, foveated, frames, fps, frames_in_flight, aov, is_late: false }
     }
 
-    /// Returns the quality of every frame. Without iterations there is no denoiser.
+    /// Returns the quality of every frame. If all layers have 0 iterations, there is no denoiser.
     pub fn quality(&self) -> Quality {
         let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
         let iterations = denoiser.map_or([0; 3], |d| foveated.layer_iterations().map(|n| n.min(d.most_iterations())));

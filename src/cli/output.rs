@@ -52,10 +52,11 @@ pub fn write_text(dir: &Path, name: &str, text: &str) -> Result<(), Failure> {
     Ok(atomic_write(&dir.join(name), |file| file.write_all(text.as_bytes()))?)
 }
 
-/// Whether images have the same bytes.
+/// True if the pixels of both eyes are the same in `a` and `b`, bit for bit.
 pub fn same_bits(a: &Stereo<RgbImage>, b: &Stereo<RgbImage>) -> bool {
     let bits = |image: &RgbImage| image.pixels.as_flattened().iter().map(|c| c.to_bits()).collect::<Vec<_>>();
-    bits(&a.left) == bits(&b.left) && bits(&a.right) == bits(&b.right)
+    let is_same = |a: &RgbImage, b: &RgbImage| a.extent == b.extent && bits(a) == bits(b);
+    is_same(&a.left, &b.left) && is_same(&a.right, &b.right)
 }
 
 /// File name of the contact sheet of a sequence.
@@ -170,7 +171,7 @@ impl FrameImages {
         }
     }
 
-    /// Draws the outer borders of the inner and the middle layer.
+    /// Draws the outer borders of the inner and the middle foveal layer on the display images.
     pub fn overlay_layers(&mut self, foveation: &Foveation, time_s: f64, rectified: Rectified) {
         for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
             let (radii, gaze) = foveation.circles_rendered(foveation.radii, time_s, image.extent, rectified);
@@ -247,10 +248,10 @@ impl FrameImages {
 const HOLE_KEY: [([u8; 3], &str); 8] = [
     ([0, 0, 0], "0 reprojected, no surface, or left eye"),
     ([213, 94, 0], "1 outside the left image"),
-    ([0, 114, 178], "2 left eye saw it turned another way"),
+    ([0, 114, 178], "2 left eye saw another normal"),
     ([230, 159, 0], "3 left eye saw another depth"),
     ([240, 228, 66], "4 left eye saw another material"),
-    ([86, 180, 233], "5 several surfaces: antialiasing"),
+    ([86, 180, 233], "5 several surfaces share the pixel"),
     ([204, 121, 167], "6 mirror, glass or gloss"),
     ([0, 158, 115], "7 left to the filter"),
 ];

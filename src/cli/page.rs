@@ -39,14 +39,13 @@ pub fn against(
     Ok(frame.context("cannot compare the pictures of the page")?)
 }
 
-const VIEWER_NOTE: &str =
-    "Choose what is left and right of the line, and drag the line or move it with the arrow keys.";
+const VIEWER_NOTE: &str = "Choose the picture on each side of the line. Drag the line, or move it with the arrow keys.";
 
 /// Returns the caption of the FLIP maps.
 pub fn flip_note(loaded: &LoadedScene) -> String {
     format!(
-        "FLIP is of these pictures, tonemapped at {} EV, at 67 pixels per degree, in the colours of magma: black is 0, \
-         pale yellow is 1.",
+        "FLIP compares these pictures, tonemapped at {} EV, at 67 pixels per degree. Its maps have the colours of \
+         magma: black is 0, pale yellow is 1.",
         loaded.shot.exposure_ev
     )
 }
@@ -57,9 +56,9 @@ pub fn pictures(note: String, groups: &[Group]) -> Result<Section, Failure> {
     Ok(Section { heading: "Pictures", notes: vec![note, VIEWER_NOTE.to_owned()], figure, table: None })
 }
 
-const LANES_NOTE: &str = "A lane per device and eye, a box per pass over a stripe of rows, on the devices' own clocks; \
-    transfers are apart, on the host's. The line at the right is where the whole images are on the primary. Below are \
-    sums over devices and eyes.";
+const LANES_NOTE: &str = "Each lane is a device and an eye. Each box is a pass on a stripe of rows, timed by the \
+    device's clock. Transfers have lanes of their own, timed by the host's clock. The line at the right marks the time \
+    at which the primary has the whole images. The sums below are over devices and eyes.";
 
 /// Returns a section with swimlanes. `note` describes the frames; `shown` is the index of the frame that is visible at
 /// first.

@@ -1,5 +1,5 @@
-//! The pictures of a run. `run.json` lists them, so that a later run into the same folder can remove stale ones, which
-//! would pass for its own.
+//! The pictures of a run. `run.json` lists them, so that a later run into the same folder can remove those that it does
+//! not overwrite. Otherwise, they would look like pictures of the later run.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -20,7 +20,8 @@ pub struct Pictures {
 }
 
 impl Pictures {
-    /// Starts the list of a run into `folder`, and reads that of the previous run. Call it before the run writes there.
+    /// Starts the list of pictures of a run that writes into `folder`, and reads the list of the previous run. Call it
+    /// before the run writes any file.
     pub fn of_folder(folder: &Path) -> Self {
         /// The part of `run.json` that matters. The parser skips the frames without storing them, since a long run has
         /// many.

@@ -200,7 +200,7 @@ fn conclude(args: &Args, options: &RenderOptions, report: &RunReport<&SpooledRow
         say!("{}", play.rungs_table().text().trim_end());
         say!("{play}");
         if lacked_rung {
-            say!("at times no rung was expected to fit the budget: the cheapest was held");
+            say!("for some frames no rung was expected to fit the budget: they used the cheapest rung");
         }
     }
     if let Some(rectified) = &report.rectified {

@@ -59,7 +59,7 @@ impl Progress {
         self.say(message, Some(event));
     }
 
-    /// Whether the bar is drawn on a terminal.
+    /// True if the bar is drawn on a terminal.
     pub fn is_drawn(&self) -> bool {
         self.bar.is_some()
     }
@@ -70,7 +70,7 @@ impl Progress {
         }
     }
 
-    /// Prints a JSON line with --json. Otherwise `event` is not called.
+    /// With --json, prints the value that `event` returns as a JSON line. Otherwise, does not call `event`.
     pub fn event(&self, event: impl FnOnce() -> serde_json::Value) {
         if self.json {
             say!("{}", event());
@@ -94,12 +94,12 @@ impl Progress {
         }
     }
 
-    /// Prints a warning beside the bar.
+    /// Prints a warning, and draws the bar again below it.
     pub fn warn(&self, message: &str) {
         self.beside_bar(|| eprintln!("warning: {message}"));
     }
 
-    /// Prints a message beside the bar.
+    /// Prints a message, and draws the bar again below it.
     pub fn tell(&self, message: &str) {
         self.beside_bar(|| say!("{message}"));
     }

@@ -52,12 +52,12 @@ pub fn check_alone() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Whether this process serves rank 0.
+/// True if this process serves rank 0.
 pub fn serves() -> bool {
     NODE.get().is_some_and(|node| node.rank() > 0)
 }
 
-/// Serves rank 0 until it ends; returns its exit status.
+/// Serves rank 0 until rank 0 ends. Returns the exit status that rank 0 sends.
 pub fn serve(options: Option<&RunOptions>) -> Result<u8, Failure> {
     let Some(node) = NODE.get() else { return Ok(0) };
     interrupt::watch()?;

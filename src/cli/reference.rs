@@ -20,14 +20,14 @@ use super::progress::Progress;
 use super::settings::Given;
 use super::setup::{self, Tracing};
 
-/// Default samples per pixel of a pass: few enough that a slow device stops in time, and enough that readback costs a
-/// fast one little.
+/// Default samples per pixel of a pass: few enough that even a slow device soon ends a pass, after which it can stop,
+/// and enough that readback after each pass takes a fast device little time.
 pub const PASS_SPP: u32 = 8;
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = super::options::QUALITY)]
 pub struct PassOptions {
-    /// With --reference: seconds per frame; at least one pass is made
+    /// With --reference: time limit per frame, seconds; at least one pass is made
     #[arg(hide_short_help = true, long, value_name = "S", requires = "reference", value_parser = seconds)]
     pub time_limit: Option<Duration>,
     /// With --reference: keep the accumulation in DIR and resume from it
@@ -52,7 +52,7 @@ fn pass_spp(text: &str) -> Result<u32, String> {
 /// Default samples per pixel of a reference.
 const SPP: u32 = 256;
 
-/// Options that a reference overrides, by the names of their fields, with the reasons.
+/// Options that a reference overrides: the name of the field, and the reason, which follows the words "a reference".
 pub const OVERRULED: [(&str, &str); 7] = [
     ("denoiser", "is not filtered"),
     ("iterations", "is not filtered"),
@@ -182,8 +182,8 @@ impl Plan {
         Ok(there.unwrap_or_else(|| Accumulation::new(self.options.size)))
     }
 
-    /// Accumulates passes of a frame on top of `begun` until it has its samples, the time is up or the run is
-    /// interrupted.
+    /// Accumulates passes of a frame on top of `begun` until the requested samples are reached, the time is up or the
+    /// run is interrupted.
     pub fn accumulate(
         &self,
         renderer: &mut Renderer,
@@ -241,7 +241,8 @@ impl Plan {
 pub struct Accumulated {
     pub accumulation: Accumulation,
     pub row: ReferenceRow,
-    /// Sums of times and counts over this run's passes; stages are those of the last pass. `None` without a pass.
+    /// Report on this run's passes: times and counts are summed over the passes, stages are those of the last pass.
+    /// `None` if the run rendered no pass.
     pub report: Option<FrameReport>,
 }
 
@@ -249,8 +250,8 @@ fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
     // An interval between frames has no meaning for a sum of passes.
     pass.interval_ms = None;
     if let Some(before) = total {
-        // Subtract the time of auxiliary images from earlier passes. The report subtracts that of the last pass, whose
-        // tasks remain.
+        // The sum excludes the time of auxiliary images. Subtract it here for earlier passes; the report subtracts it
+        // for the last pass, whose tasks it keeps.
         let aov_ms = aov_ms(&before.tasks);
         pass.makespan_ms += before.makespan_ms - aov_ms;
         pass.predicted_ms = pass.predicted_ms.zip(before.predicted_ms).map(|(a, b)| a + b - aov_ms);
@@ -264,7 +265,7 @@ fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
     *total = Some(pass);
 }
 
-/// Tonemaps the mean as devices do.
+/// Returns the mean of the samples, tonemapped in the same way as on the devices.
 pub fn display(accumulation: &Accumulation, exposure_ev: f32) -> Stereo<DisplayImage> {
     let mean = accumulation.mean();
     let shown = |image| tonemap(image, exposure_ev);

@@ -255,7 +255,8 @@ impl Run<'_> {
     fn begin_frames(&mut self) -> Result<(), Failure> {
         let options = &self.args.options;
         let most = usize::from(options.frames_in_flight);
-        // Overlapping frames carry their images with them; otherwise the finished frame is read.
+        // If several frames may be in flight, each frame brings its images along; otherwise they are read from the
+        // devices when the frame is finished.
         let reads = if most > 1 { FrameImages::on_devices(&options.aovs()) } else { Vec::new() };
         while self.begun < options.frames && self.renderer.in_flight() < most && !interrupt::is_set() {
             let at_s = time_s(options, self.begun);

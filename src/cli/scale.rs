@@ -35,7 +35,7 @@ use super::setup::{self, Tracing};
 use super::simulate;
 
 #[derive(clap::Args, Debug)]
-#[command(mut_arg("frames", |frames| frames.default_value("5").help("Frames of each count that are timed")))]
+#[command(mut_arg("frames", |frames| frames.default_value("5").help("Timed frames per device count")))]
 pub struct Args {
     #[command(flatten)]
     pub options: RenderOptions,
@@ -53,7 +53,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Returns the instant of a frame in seconds; numbers count from the first warm-up frame.
+    /// Returns the instant of a frame in seconds. `number` counts frames from the first warm-up frame.
     fn time_s(&self, number: u32) -> f64 {
         self.options.time + f64::from(number.saturating_sub(self.warm_up)) / self.options.fps
     }
@@ -134,7 +134,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the options once for each of their policies.
+/// Returns a copy of the options for each requested policy, with only that policy.
 fn of_policies(options: &RenderOptions) -> Result<Vec<RenderOptions>, Failure> {
     let policies = options.balances();
     let with = |policy: &Balance| {
@@ -184,7 +184,7 @@ struct Measuring<'a> {
     tracing: &'a Tracing,
 }
 
-/// Results for a number of devices.
+/// Results of one measurement: a number of devices with a policy.
 struct Measured {
     row: ScaleRow,
     renderer: Renderer,
@@ -265,7 +265,7 @@ struct Results {
 struct Seen {
     /// The last frame on one device.
     picture: Option<Stereo<RgbImage>>,
-    /// Whether the last frame of each further count has the same bytes.
+    /// For each further measurement, true if its last frame has the same bytes as `picture`.
     same_bytes: Vec<bool>,
     /// A frame of median makespan for each row.
     frames: Vec<FrameReport>,
@@ -296,7 +296,7 @@ impl Seen {
         let name = |row: &ScaleRow| format!("{} device(s), {}", row.devices, row.policy);
         let frames = rows.iter().zip(&self.frames);
         let frames: Vec<LaneFrame> = frames.map(|(row, frame)| LaneFrame::new(name(row), frame)).collect();
-        let note = "Of each count a frame of median makespan.";
+        let note = "A frame of median makespan for each count and policy.";
         page::swimlanes(note.to_owned(), &frames, frames.len().saturating_sub(1))
     }
 }
@@ -376,9 +376,9 @@ impl Results {
     fn simulation(&self, options: &RenderOptions) -> Result<Section, Failure> {
         let title = format!("Simulated speed-up of {} at {}", options.shot, options.size);
         let figure = simulation_svg(title, &self.simulated).context("cannot draw the plot of the simulation")?;
-        let notes = "Frames on a virtual clock, with the costs measured on the most devices that fit the cores. Speed-up: \
-            over one simulated device of speed 1; the ideal is the sum of speeds. Critical path: the chain of tasks that \
-            makes the frame as long as it is.";
+        let notes = "Frames simulated on a virtual clock, with the costs measured on the largest number of devices \
+            that does not exceed the cores. Speed-up: relative to one simulated device of speed 1; the ideal is the \
+            sum of speeds. Critical path: the chain of dependent tasks that determines the frame time.";
         Ok(Section {
             heading: "Simulation",
             notes: vec![notes.to_owned()],

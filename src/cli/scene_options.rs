@@ -18,7 +18,7 @@ use crate::scene::{Scene, SceneError};
 pub struct SceneOptions {
     /// Position of the eyes, scene units [default: the camera]
     ///
-    /// Without a camera in the shot or the file, diptych looks for a place with a view.
+    /// Without a camera in the shot or the scene file, diptych chooses a viewpoint.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     pub position: Option<DVec3>,
     /// Point that the eyes look at, scene units
@@ -42,7 +42,7 @@ pub struct SceneOptions {
     /// Animations to play: all, none, or a name [default: the shot's, else all]
     #[arg(hide_short_help = true, long, value_name = "NAME", value_parser = animation)]
     pub animation: Option<Choice>,
-    /// Most host memory for the scene, as 4GiB [default: half of the memory]
+    /// Maximum host memory for the scene, such as 4GiB [default: half of it]
     #[arg(hide_short_help = true, long, value_name = "SIZE")]
     pub max_scene_memory: Option<ByteSize>,
     /// Allow shots and scenes to name files outside their folders

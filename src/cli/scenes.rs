@@ -51,7 +51,7 @@ fn describe(shot: &str, args: &Args) -> Result<(), Failure> {
     }
     say!("{}: {triangles} triangles, {instances} instances, {lights} lights", shot.name);
     match &moves {
-        None => say!("it stands still"),
+        None => say!("the scene is static"),
         Some(moves) => say!("{}", text(moves)),
     }
     Ok(())

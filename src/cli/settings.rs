@@ -1,4 +1,4 @@
-//! Options in force, as shown in `run.json` and on pages.
+//! Options in force, as shown in `run.json` and on report pages.
 
 use std::any::TypeId;
 use std::ffi::OsStr;
@@ -45,8 +45,8 @@ impl Given {
         Some(Self { command: command.find_subcommand(name)?.clone(), matches: matches.clone() })
     }
 
-    /// Returns an option with its dashes, or `SHOT`, if it was typed rather than left at its default. `id` is the name
-    /// of its field.
+    /// Returns the name of an option as the user types it, such as `--size` or `SHOT`, if the command line sets the
+    /// option; `None` if it has its default. `id` is the name of its field.
     pub fn typed(&self, id: &str) -> Option<String> {
         let arg = self.arg(id)?;
         (self.matches.value_source(id)? == ValueSource::CommandLine)
@@ -93,7 +93,7 @@ impl Given {
     }
 }
 
-/// Returns the long name in snake_case.
+/// Returns the long name of an option in snake_case.
 fn setting(arg: &Arg) -> String {
     arg.get_long().unwrap_or(arg.get_id().as_str()).replace('-', "_")
 }
@@ -104,8 +104,8 @@ fn scalar(text: &str) -> Value {
     whole.or_else(|| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Value::from)).unwrap_or_else(|| text.into())
 }
 
-/// Returns every option of this command line, as typed or by default. Values in `known`, by the options' field names,
-/// take precedence, because other options determine them.
+/// Returns every option of this command line, as typed or by default. `known` holds the values of options that other
+/// options determine, by field name; they replace what was typed.
 pub fn of_command_line(exposure_ev: f64, known: impl IntoIterator<Item = (&'static str, Value)>) -> RunSettings {
     let Some(given) = Given::here() else { return RunSettings { exposure_ev, options: Map::new() } };
     let mut settings = RunSettings { exposure_ev, options: given.values() };
@@ -121,8 +121,9 @@ pub fn balance(policies: &[Balance]) -> Value {
     }
 }
 
-/// Returns the options in force for frames that are rendered with `options` on these devices: the command line's, with
-/// the values that presets, references and other options decide. `devices` is empty if they differ between frames.
+/// Returns the options in force for frames that are rendered with `options` on `devices`: those of the command line,
+/// except where a preset, --reference or another option determines the value. `devices` is empty if not all frames were
+/// rendered on the same devices.
 pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo]) -> RunSettings {
     let Quality { denoiser, iterations, .. } = options.quality();
     let is_layered = options.foveated.foveation == FoveationMode::Layers;

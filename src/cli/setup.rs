@@ -53,7 +53,7 @@ fn load_scene(options: &RunOptions) -> Result<LoadedScene, Failure> {
     let bytes: usize = files.values().map(Vec::len).sum();
     if bytes > MOST_SENT_BYTES {
         let what =
-            format!("--broadcast-scene: its files have {bytes} bytes, of at most {MOST_SENT_BYTES} that are sent");
+            format!("--broadcast-scene: the scene files have {bytes} bytes; at most {MOST_SENT_BYTES} can be sent");
         return Err(Failure::Input(anyhow::anyhow!(what)));
     }
     Loading::begin(node, &Load { files: Some(files), ..what }).check(&loaded.tables)?;
@@ -101,7 +101,7 @@ pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Devi
     open_devices_with(options, virtual_devices, |_| Ok(None))
 }
 
-/// Opens devices like [`open_devices`]. `first` may supply the first one.
+/// Opens devices like [`open_devices`], except that `first` may open the first device of this process itself.
 pub fn open_devices_with(
     options: &RunOptions,
     virtual_devices: usize,
@@ -136,8 +136,8 @@ pub fn renderer(
     varying_renderer(options, loaded, gpus, origin, false)
 }
 
-/// Creates a renderer of frames with at most the options' samples and iterations. `mixes_spp`: some frames have one
-/// sample per pixel, others several.
+/// Creates a renderer of frames with at most the options' samples and iterations. `mixes_spp` is true if some frames
+/// have one sample per pixel and others several.
 pub fn varying_renderer(
     options: &RenderOptions,
     loaded: &LoadedScene,

@@ -17,7 +17,7 @@ pub struct Args {
     /// Scene: .gltf/.glb, builtin:NAME or a shot (.toml)
     #[arg(value_name = "SCENE")]
     scene_file: String,
-    /// Shot file to write; an existing file is kept
+    /// Shot file to write; it must not exist yet
     #[arg(long, value_name = "FILE.toml")]
     out: PathBuf,
     #[command(flatten)]
@@ -56,7 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     atomic_write(out, |file| file.write_all(shot.text().as_bytes()))?;
     say!("{}", out.display());
     if is_outside {
-        say!("it names files that are not below its own folder: render it with --allow-outside, or move it there");
+        say!("it names files outside its folder: render it with --allow-outside, or choose an --out above them");
     }
     Ok(())
 }

@@ -71,9 +71,10 @@ impl Args {
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
         for (name, value) in [("--network-us", self.network_us), ("--network-gbps", self.network_gbps)] {
-            let least = if name == "--network-us" { 0.0 } else { f64::MIN_POSITIVE };
+            let (least, range) =
+                if name == "--network-us" { (0.0, "at least 0") } else { (f64::MIN_POSITIVE, "above 0") };
             if let Some(value) = value.filter(|value| !(value.is_finite() && *value >= least)) {
-                return Err(Failure::Input(anyhow::anyhow!("{name} {value} is not usable: give a positive number")));
+                return Err(Failure::Input(anyhow::anyhow!("{name} {value} is not usable: give a number {range}")));
             }
         }
         match self.speeds.iter().find(|s| !s.is_finite() || **s <= 0.0) {
@@ -123,10 +124,11 @@ impl Args {
     }
 }
 
-/// Maximum frames to wait for stripes to settle. An edge can cross the whole frame within that time.
+/// Maximum number of frames until stripes settle. It is enough for a boundary between two stripes to cross the whole
+/// frame.
 const SETTLING_FRAMES: u32 = 32;
 
-/// Predicts a frame after its stripes have settled.
+/// Predicts the times of a frame after the stripes have settled. Returns the frame's graph, too.
 pub fn predict(options: &RenderOptions, model: &CostModel) -> Result<(FrameGraph, Prediction), Failure> {
     let mut policy = setup::policy(options, model.spec().extent, model.spec().devices)?;
     let mut assignment = policy.assign(model);

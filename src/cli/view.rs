@@ -74,7 +74,6 @@ use headset::run as into_headset;
 
 #[cfg(not(feature = "xr"))]
 fn into_headset(_: &Args) -> Result<(), Failure> {
-    let how =
-        "--xr: this diptych was built without headsets: `cargo build --release --features xr` builds it with them";
+    let how = "--xr: this build of diptych supports no headsets: build it with `cargo build --release --features xr`";
     Err(Failure::Input(anyhow!(how)))
 }

@@ -2,10 +2,11 @@
 
 use std::str::FromStr;
 
-/// Minimum ratio of the band's upper end to the expected time of a rung, scatter margin included, for a change to that
-/// rung. A rung is kept up to the upper end itself; this hysteresis prevents oscillation.
+/// Headroom for a change to a rung: the product of the rung's expected time, the scatter margin and this factor must be
+/// at most the band's upper end. The current rung is kept without this factor; this hysteresis prevents oscillation.
 const HEADROOM: f64 = 1.15;
-/// Headroom for a step to a much more expensive rung, without which a good part of the band would be wasted.
+/// Headroom for a step to a much more expensive rung. It is smaller, since otherwise frames would leave a good part of
+/// the band unused.
 const STEP_HEADROOM: f64 = 1.06;
 /// Headroom for a rung above a gap, where all cheaper rungs are below the band.
 const GAP_HEADROOM: f64 = 1.03;
@@ -29,7 +30,7 @@ impl FromStr for Budget {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let (lo, hi) = text.split_once("..").ok_or("write LO..HI, milliseconds, as 11..20")?;
+        let (lo, hi) = text.split_once("..").ok_or("write LO..HI in milliseconds, e.g. 11..20")?;
         let number = |text: &str| text.trim().parse::<f64>().map_err(|_| format!("'{text}' is not a time in ms"));
         Self::new(number(lo)?, number(hi)?).map_err(|e| e.to_string())
     }
@@ -51,9 +52,9 @@ impl Budget {
         self.hi_ms
     }
 
-    /// Returns the largest expected time at which a rung is chosen. `margin` is 1 + the relative standard deviation of
-    /// frames. The result is at least the middle of the band: a lower target would trade missed deadlines for wasted
-    /// quality.
+    /// Returns the largest expected time, in milliseconds, at which the controller changes to a rung. `margin` is 1 +
+    /// the relative standard deviation of frame times. The result is at least the middle of the band: a lower target
+    /// would trade missed deadlines for wasted quality.
     pub fn reach_ms(&self, margin: f64) -> f64 {
         self.below_end_ms(HEADROOM * margin)
     }
@@ -65,7 +66,8 @@ impl Budget {
     }
 
     /// Returns the limit of [`Self::reach_ms`] with less headroom, for a rung above a gap, where all cheaper rungs are
-    /// below the band. Half a standard deviation is enough there, since otherwise no frame would be within the band.
+    /// below the band. Half a standard deviation of margin is enough there, since frames of the cheaper rungs would all
+    /// miss the band.
     pub fn gap_reach_ms(&self, margin: f64) -> f64 {
         self.below_end_ms(GAP_HEADROOM * margin.sqrt())
     }

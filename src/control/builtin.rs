@@ -9,13 +9,15 @@ use crate::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
 use crate::quality::{Denoiser, Quality};
 use crate::schedule::RelativeCost;
 
-/// Samples per pixel and bounces of the candidates, and iterations of those with a filter.
+/// Samples per pixel of the candidates.
 pub const SPP: [u32; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
+/// Maximum bounces of the candidates.
 pub const BOUNCES: [u32; 5] = [1, 2, 3, 4, 6];
+/// Iterations of the candidates that have a denoiser.
 pub const ITERATIONS: [u32; 5] = [1, 2, 3, 4, 5];
 /// Render scales of denoised candidates that trace less than one sample per pixel.
 pub const SPARSE_SCALES: [f64; 7] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3];
-/// Radii of the foveal layers, for candidates that have them.
+/// Radii of the inner and the middle foveal layer, as fractions of the image width, for candidates with such layers.
 pub const FOVEAE: [[f64; 2]; 3] = [[0.3, 0.6], [0.15, 0.3], [0.1, 0.2]];
 
 /// Stages whose cost changes with samples and bounces. The cost of filters changes with the number of iterations, which
@@ -49,20 +51,21 @@ pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
     all
 }
 
-/// Exposure of the images behind the fit of [`guessed_error`], independent of the shot's exposure.
+/// Exposure, in stops, of the images to which [`guessed_error`] was fitted. The shot's exposure does not change it.
 pub const ESTIMATES_EV: f64 = 0.0;
 
 /// Returns the fraction of pixels that are sampled.
 fn sampled_fraction(quality: &Quality) -> f64 {
     let Some(radii) = quality.fovea else { return quality.scale * quality.scale };
-    // Assumes a 16:9 image with the gaze at its centre. Half of the pixels outside the layers are sampled.
+    // Assumes a 16:9 image with the gaze at its centre. All pixels of the inner layer are sampled, about three quarters
+    // of those of the middle layer, and half of those of the outer layer.
     let [inner, outer] = radii.map(|r| (PI * r * r * 16.0 / 9.0).min(1.0));
     quality.scale * quality.scale * (0.5 + 0.25 * (inner + outer))
 }
 
-/// Estimates the FLIP of a setting at this many rows. `missing_light` is the fraction of light that further bounces
-/// would add. The error combines noise, blur and missing light. Denoisers estimate noise and blur, for images shown at
-/// [`ESTIMATES_EV`].
+/// Estimates the FLIP of a setting for images of `rows` rows, shown at [`ESTIMATES_EV`]. The estimate combines missing
+/// light with noise and blur, for which each denoiser has its own formula. `missing_light` is the fraction of light
+/// that further bounces would add.
 pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
     let samples = f64::from(quality.spp) * sampled_fraction(quality);
     let iterations = quality.most_iterations();
@@ -85,13 +88,13 @@ pub fn guessed_relative_cost(quality: &Quality) -> RelativeCost {
     RelativeCost::new([PATH_TRACE, HOLE_FILL].map(|stage| (stage, guessed_paths(quality))))
 }
 
-/// Whether all rungs have a time of path tracing.
+/// True if all rungs have a measured time of path tracing.
 fn have_path_times(rungs: &[Rung]) -> bool {
     rungs.iter().all(|r| r.stage_ms.get(PATH_TRACE.name()).is_some_and(|ms| *ms > 0.0))
 }
 
-/// Whether rungs have times of stages, but not all have one of path tracing, so that [`relative_costs`] cannot use
-/// them.
+/// True if some rungs have measured times of stages, but not all rungs have one of path tracing, so that
+/// [`relative_costs`] cannot use them.
 pub fn lack_path_times(rungs: &[Rung]) -> bool {
     rungs.iter().any(|r| !r.stage_ms.is_empty()) && !have_path_times(rungs)
 }

@@ -20,7 +20,7 @@ const PROBATION: u32 = 16;
 const RETRY_AFTER: [u32; 2] = [32, 1024];
 /// Ratio of the times of two neighbouring rungs above which a step up needs less headroom.
 const COARSE: f64 = 1.3;
-/// Maximum margin for scatter.
+/// Maximum of the margin for the scatter of frame times, a factor (see [`Correction::margin`]).
 const MARGIN_MAX: f64 = 1.2;
 
 /// Predicts frame times.
@@ -50,7 +50,7 @@ pub struct Decision {
 /// The outcome of climbs to a rung.
 #[derive(Clone, Debug)]
 struct Trial {
-    /// The first decision that may climb to it.
+    /// Number of the first decision that may climb to the rung.
     from: u64,
     /// Number of decisions for which the next mistake locks the rung out.
     retry_after: u32,

@@ -56,14 +56,14 @@ pub struct Origin {
     pub version: String,
 }
 
-/// Rungs by strictly rising time and strictly falling error. There is at least one.
+/// Quality ladder: at least one rung, in the order of strictly rising time and strictly falling error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ladder {
     origin: Origin,
     rungs: Vec<Rung>,
 }
 
-/// The form of a ladder in a file.
+/// Contents of a ladder file.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -92,7 +92,7 @@ impl Ladder {
     /// are not finite are ignored.
     ///
     /// # Errors
-    /// Those of [`Self::new`].
+    /// The errors of [`Self::new`]: [`LadderError::Empty`] and [`LadderError::Rung`].
     pub fn of_measured(origin: Origin, measured: &[Rung]) -> Result<Self, LadderError> {
         let points: Vec<(f64, f64)> = measured.iter().map(|r| (r.time_ms, r.error)).collect();
         let mut rungs: Vec<Rung> = Vec::new();
@@ -178,7 +178,7 @@ impl Ladder {
         &self.origin
     }
 
-    /// Returns the denoisers of its rungs in the order of their first rung, with their number of rungs.
+    /// Returns the denoisers of the ladder, each with its number of rungs, in the order of their first rungs.
     pub fn denoisers(&self) -> Vec<(Option<Denoiser>, usize)> {
         let mut counts: Vec<(Option<Denoiser>, usize)> = Vec::new();
         for rung in &self.rungs {

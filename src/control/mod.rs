@@ -1,5 +1,5 @@
-//! Keeps a frame budget with a quality ladder, settings ordered by cost, and a controller that picks the rung of each
-//! frame.
+//! Keeps frames inside a time budget: a controller picks the quality of each frame from a ladder, a list of settings
+//! ordered by cost. An entry of the ladder is called a rung.
 //!
 //! The [`Ladder`] is measured in advance (`diptych bench`). For each frame the [`Controller`] asks a predictor for the
 //! current cost of rungs, and corrects it by the error of recent predictions. It then stays, climbs slowly, or jumps to

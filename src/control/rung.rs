@@ -38,7 +38,7 @@ pub struct Rung {
     pub time_ms: f64,
     /// The error by the ladder's [`Measure`], mean over both eyes, 0 ..= 2. Rungs are ordered by it.
     pub error: f64,
-    /// Means over both eyes, `None` if not measured.
+    /// FLIP, as the mean over both eyes; `None` if not measured. The same applies to `flicker` and `relmse`.
     pub flip: Option<f64>,
     pub flicker: Option<f64>,
     pub relmse: Option<f64>,

@@ -15,14 +15,15 @@ pub(crate) const MAX_DEVICES: usize = 64;
 const STORAGE_BUFFERS_PER_STAGE: u32 = 13;
 pub(super) const IMMEDIATE_BYTES: u32 = 64;
 
-/// Oldest release of Mesa known to have a faster software driver than 22.3: by 1.3 to 2.5 times for a frame.
+/// Oldest major release of Mesa whose software driver is known to be faster than that of 22.3: 1.3 to 2.5 times as fast
+/// for a frame.
 const FAST_MESA: u32 = 25;
 
 /// Description of an opened device.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DeviceInfo {
-    /// Position in the run.
+    /// Number of the device in the run, from 0.
     pub index: usize,
     /// Number of the adapter as listed by `diptych devices`.
     pub adapter: usize,
@@ -83,8 +84,8 @@ pub struct Selection {
     /// Devices per adapter.
     pub virtual_devices: usize,
     /// Worker threads of each device on a software adapter: one number for all or one per device. The default is cores
-    /// / devices. For drivers that read the number from the environment, it takes [`super::set_environment_hook`];
-    /// without a hook, these drivers choose.
+    /// / devices. For drivers that read the number from the environment, call [`super::set_environment_hook`] first:
+    /// without a hook, the driver chooses the number, and a number here is an error.
     pub threads_per_device: Option<Vec<usize>>,
     pub traversal: TraversalChoice,
 }
@@ -106,8 +107,8 @@ impl TraversalChoice {
             (Self::Hardware, Some(a)) => {
                 Err(DeviceError::NoRayQueries { index: a.index, name: a.name.clone(), driver: a.driver.clone() })
             }
-            // Software drivers traverse their own structures no faster than our shaders traverse ours; Mesa's is five
-            // times slower.
+            // Ray queries of software drivers are no faster than our shaders, which traverse our own BVH; Mesa's are
+            // five times slower.
             (Self::Auto, lacking) => {
                 let is_fast = lacking.is_none() && adapters.iter().all(|a| a.kind.ends_with("GPU"));
                 Ok(if is_fast { Traversal::Hardware } else { Traversal::Compute })
@@ -214,7 +215,8 @@ pub fn adapters() -> Vec<AdapterReport> {
 /// Returns the ray traversal that devices of this selection would use.
 ///
 /// # Errors
-/// Errors of [`super::open`] for adapters that cannot be used.
+/// [`DeviceError::NoAdapter`], [`DeviceError::UnknownAdapter`], [`DeviceError::Lacks`] or
+/// [`DeviceError::NoRayQueries`] if the selected adapters cannot be used.
 pub fn chosen_traversal(selection: &Selection) -> Result<Traversal, DeviceError> {
     let found = adapters();
     traversal_of(&found, &choose(&found, selection)?, selection)

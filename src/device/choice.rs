@@ -33,9 +33,10 @@ struct Gpu {
 }
 
 impl Gpu {
-    /// Returns true if `other` is another listing of this GPU. An API lists identical cards one by one, so if its API
-    /// has not listed this GPU yet, `other` is this GPU. Two Vulkan drivers may list the same card: then the PCI bus
-    /// decides. For DirectX 12, wgpu reports the bus of the first card of a model for all of them.
+    /// Returns true if `other` is another listing of this GPU; `chosen` is the adapter that represents the GPU. One API
+    /// lists each of several identical cards, so `other` is this GPU if the model is the same and the API of `other`
+    /// has not listed this GPU yet. Two Vulkan drivers may list the same card; then the PCI bus decides. It cannot
+    /// decide on DirectX 12, where wgpu reports the bus of the first card of a model for all of them.
     fn is_listed_as(&self, chosen: &AdapterInfo, other: &AdapterInfo) -> bool {
         let has_listed = self.backends.contains(&other.backend);
         is_same_model(chosen, other)
@@ -58,7 +59,8 @@ fn rank(backend: Backend) -> u8 {
     }
 }
 
-/// Compares names if a device number is missing: Metal and OpenGL have none, and OpenGL adds words to the name.
+/// Returns true if both adapters are the same GPU model. Compares names if an adapter has no device number: Metal and
+/// OpenGL report none, and OpenGL adds words to the name.
 fn is_same_model(a: &AdapterInfo, b: &AdapterInfo) -> bool {
     if a.device != 0 && b.device != 0 {
         return (a.vendor, a.device) == (b.vendor, b.device);

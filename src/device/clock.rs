@@ -23,7 +23,7 @@ pub struct GpuClock {
     offset: Offset,
     /// Latest timestamp so far, milliseconds since the origin.
     latest_ms: f64,
-    /// The largest error bound so far.
+    /// Largest error bound of the offset so far, in microseconds.
     pub residual_us: f64,
 }
 
@@ -49,8 +49,8 @@ impl GpuClock {
     }
 
     /// Converts timestamps to milliseconds since the calibration's origin. `bracket_ms` holds the host times at which
-    /// the work was submitted and at which it was seen to have ended. Times never go back before those of earlier work,
-    /// however the offset moves.
+    /// the work was submitted and at which it was seen to have ended. No returned time precedes a time of an earlier
+    /// call, even if the offset shrinks.
     pub fn host_ms(&mut self, ticks: &[u64], bracket_ms: &Range<f64>) -> Vec<f64> {
         let mut times: Vec<f64> = self.counter.elapsed(ticks).iter().map(|tick| tick * self.ms_per_tick).collect();
         let first = times.iter().copied().fold(f64::INFINITY, f64::min);
@@ -90,7 +90,8 @@ impl Probe {
         }
     }
 
-    /// Returns a tick, with the begin and the duration of the submission that wrote it.
+    /// Submits work that only writes a timestamp. Returns the timestamp, the host time of submission, and the time
+    /// until the host saw the completion.
     fn read(&self, gpu: &GpuDevice) -> Result<(u64, Instant, Duration), DeviceFailure> {
         let mut stamp = gpu.device.create_command_encoder(&Default::default());
         stamp.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -114,7 +115,7 @@ impl Probe {
         gpu.wait(None)?;
         let tick = {
             let bytes = self.readable.slice(..).get_mapped_range().map_err(|e| e.to_string())?;
-            u64::from_le_bytes(bytes[8..16].try_into().map_err(|_| "a timestamp has 8 bytes".to_owned())?)
+            u64::from_le_bytes(bytes[8..16].try_into().map_err(|_| "a timestamp is not 8 bytes long".to_owned())?)
         };
         self.readable.unmap();
         Ok((tick, begin, lasted))

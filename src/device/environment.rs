@@ -8,9 +8,10 @@ pub(super) const THREADS: &str = "LP_NUM_THREADS";
 
 static HOOK: OnceLock<fn(&str, &str)> = OnceLock::new();
 
-/// Installs the hook that sets an environment variable (first argument) to a value, so that each device can have its
-/// own number of threads on drivers that read it from the environment. Without a hook these drivers choose the number,
-/// and requesting one gives [`super::DeviceError::ThreadsUnsettable`]. The first hook stays.
+/// Installs a hook that sets an environment variable (first argument) to a value (second argument). It is needed to set
+/// the number of threads per device on drivers that read this number from the environment. Without a hook, these
+/// drivers choose the number, and requesting one fails with [`super::DeviceError::ThreadsUnsettable`]. Only the first
+/// call has an effect.
 ///
 /// ```no_run
 /// # use diptych::device;
@@ -19,8 +20,8 @@ static HOOK: OnceLock<fn(&str, &str)> = OnceLock::new();
 /// ```
 ///
 /// # Safety
-/// The library calls `set` whenever it opens such a device, one call at a time and never while it lists adapters.
-/// Nothing else may access the environment at that time except through `std::env`.
+/// The library may call `set` whenever it opens a device: one call at a time, and never while it lists adapters. During
+/// such a call, nothing else may access the environment except through `std::env`.
 pub unsafe fn set_environment_hook(set: fn(&str, &str)) {
     let _ = HOOK.set(set);
 }

@@ -21,7 +21,7 @@ pub enum FailureKind {
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct DeviceFailure {
     pub kind: FailureKind,
-    /// Description for people.
+    /// Human-readable description.
     pub what: String,
 }
 

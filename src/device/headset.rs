@@ -22,8 +22,8 @@ const VULKAN: u32 = vk::API_VERSION_1_3;
 
 type LoadVulkan = unsafe extern "system" fn(*const c_void, *const c_char) -> Option<unsafe extern "system" fn()>;
 
-/// Device that receives images from the rendering devices, or is the first of them. On a software adapter it has one
-/// worker thread if it only receives images.
+/// Device from which the headset's runtime takes images. It either is the first rendering device, or only receives
+/// images from the rendering devices.
 #[derive(Debug)]
 pub struct HeadsetDevice {
     pub gpu: GpuDevice,
@@ -40,26 +40,27 @@ struct Binding {
     family: u32,
 }
 
-/// Describes the call that failed.
+/// Returns a function that converts an error to [`DeviceError::Headset`]; `what` says which call failed.
 fn failed<E: std::fmt::Display>(what: &'static str) -> impl FnOnce(E) -> DeviceError {
     move |error| DeviceError::Headset(format!("{what}: {error}"))
 }
 
 impl HeadsetDevice {
-    /// Opens the device; `first` describes the first rendering device. If that is on the runtime's adapter, this device
-    /// takes its place.
+    /// Opens the device. `first` describes the first rendering device. If its adapter is the one that the runtime
+    /// requires, the opened device is also used for rendering.
     ///
     /// # Errors
-    /// [`DeviceError::Headset`] if the runtime or the driver refuses, and [`DeviceError::Open`].
+    /// [`DeviceError::Headset`] if a call of the runtime or the driver fails, [`DeviceError::Open`] if wgpu cannot
+    /// create its device.
     pub fn open(xr: &openxr::Instance, system: SystemId, first: &Wanted) -> Result<Self, DeviceError> {
         let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
         first.tell_threads();
-        // SAFETY: the library of that name is the system's Vulkan loader.
-        let entry = unsafe { ash::Entry::load() }.map_err(failed("there is no Vulkan"))?;
+        // SAFETY: the library that `load` opens is the system's Vulkan loader.
+        let entry = unsafe { ash::Entry::load() }.map_err(failed("cannot load the Vulkan loader"))?;
         let (instance, version) = Self::instance(&entry, xr, system)?;
         let flags = instance_flags();
         let extensions = hal::vulkan::Instance::desired_extensions(&entry, version, flags)
-            .map_err(failed("the instance's extensions"))?;
+            .map_err(failed("cannot list the Vulkan instance extensions"))?;
         let raw = (instance.handle().as_raw(), instance.clone());
         // SAFETY: the instance was created from this entry with this version and with these extensions, which are all
         // that wgpu requests there. wgpu destroys it when the last object created from it is dropped; the runtime does
@@ -79,10 +80,10 @@ impl HeadsetDevice {
                 None,
             )
         }
-        .map_err(failed("its instance"))?;
+        .map_err(failed("wgpu cannot use its Vulkan instance"))?;
         // SAFETY: the runtime created this instance.
         let physical = unsafe { xr.vulkan_graphics_device(system, raw.0 as *const c_void) }
-            .map_err(failed("its graphics adapter"))?;
+            .map_err(failed("cannot query its graphics adapter"))?;
         let physical = vk::PhysicalDevice::from_raw(physical as u64);
         let exposed = instance
             .expose_adapter(physical)
@@ -111,7 +112,7 @@ impl HeadsetDevice {
             let limits = &descriptor.required_limits;
             exposed.adapter.device_from_raw(device, None, &extensions, features, limits, &hints, family, 0)
         }
-        .map_err(failed("its device"))?;
+        .map_err(failed("wgpu cannot use its Vulkan device"))?;
         // SAFETY: the instance is complete, and nothing else owns it.
         let instance = unsafe { wgpu::Instance::from_hal::<hal::api::Vulkan>(instance) };
         // SAFETY: the adapter was created from this instance.
@@ -144,18 +145,18 @@ impl HeadsetDevice {
         xr: &openxr::Instance,
         system: SystemId,
     ) -> Result<(ash::Instance, u32), DeviceError> {
-        let required = xr.graphics_requirements::<Vulkan>(system).map_err(failed("what it asks of Vulkan"))?;
+        let required = xr.graphics_requirements::<Vulkan>(system).map_err(failed("cannot query its requirements"))?;
         // SAFETY: the loader has been loaded.
         let version = unsafe { entry.try_enumerate_instance_version() }
-            .map_err(failed("Vulkan's version"))?
+            .map_err(failed("cannot query the Vulkan version"))?
             .unwrap_or(vk::API_VERSION_1_0);
         let asked = required.min_api_version_supported;
         let asked_vk = vk::make_api_version(0, asked.major().into(), asked.minor().into(), 0);
         if asked_vk > version.min(VULKAN) {
-            return Err(DeviceError::Headset(format!("it asks for Vulkan {asked}, which this driver lacks")));
+            return Err(DeviceError::Headset(format!("it requires Vulkan {asked}, which the loader or wgpu lacks")));
         }
         let extensions = hal::vulkan::Instance::desired_extensions(entry, version, instance_flags())
-            .map_err(failed("the instance's extensions"))?;
+            .map_err(failed("cannot list the Vulkan instance extensions"))?;
         let names: Vec<*const c_char> = extensions.iter().map(|name| name.as_ptr()).collect();
         let about = vk::ApplicationInfo::default()
             .application_name(c"diptych")
@@ -168,8 +169,8 @@ impl HeadsetDevice {
             let info = std::ptr::from_ref(&info).cast();
             xr.create_vulkan_instance(system, load_function(entry), info)
         }
-        .map_err(failed("its instance"))?
-        .map_err(|result| failed("its instance")(vk::Result::from_raw(result)))?;
+        .map_err(failed("it cannot create a Vulkan instance"))?
+        .map_err(|result| failed("it cannot create a Vulkan instance")(vk::Result::from_raw(result)))?;
         // SAFETY: this loader created the instance with that handle.
         Ok((unsafe { ash::Instance::load(entry.static_fn(), vk::Instance::from_raw(raw as u64)) }, version))
     }
@@ -198,8 +199,8 @@ impl HeadsetDevice {
             let info = std::ptr::from_ref(&info).cast();
             xr.create_vulkan_device(system, load_function(entry), physical as *const c_void, info)
         }
-        .map_err(failed("its device"))?
-        .map_err(|result| failed("its device")(vk::Result::from_raw(result)))?;
+        .map_err(failed("it cannot create a Vulkan device"))?
+        .map_err(|result| failed("it cannot create a Vulkan device")(vk::Result::from_raw(result)))?;
         // SAFETY: this instance created the device with that handle.
         Ok(unsafe { ash::Device::load(instance.fp_v1_0(), vk::Device::from_raw(raw as u64)) })
     }
@@ -221,12 +222,12 @@ impl HeadsetDevice {
             queue_family_index: family,
             queue_index: 0,
         };
-        // The session drops the guard last, so the objects behind its handles outlive it.
+        // The session drops the guard last, so the wgpu device and queue outlive the session.
         let guard = Box::new((self.gpu.queue.clone(), self.gpu.device.clone()));
         // SAFETY: the handles are valid until the guard is dropped. One thread at a time uses the queue: the thread
         // that owns the headset makes the session's calls, since neither the headset nor its frames are given to
-        // another thread. Where a worker renders with this device, that thread waits for it from a frame's begin to its
-        // end, and a worker without a frame leaves the queue alone.
+        // another thread. If a worker renders with this device, the owning thread waits for that worker from the begin
+        // of a frame to its end. A worker without a frame does not use the queue.
         unsafe { xr.create_session_with_guard::<Vulkan>(system, &info, guard) }
     }
 
@@ -268,7 +269,7 @@ impl HeadsetDevice {
             }
         };
         let textures: Option<Vec<_>> = images.into_iter().map(texture).collect();
-        textures.ok_or_else(|| DeviceError::Headset("its device is not Vulkan's".to_owned()))
+        textures.ok_or_else(|| DeviceError::Headset("its device is not a Vulkan device".to_owned()))
     }
 }
 

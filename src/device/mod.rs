@@ -140,7 +140,7 @@ impl GpuDevice {
     /// Returns true if the device has completed everything up to `submission`.
     ///
     /// # Errors
-    /// The device's failure.
+    /// [`DeviceFailure`] if the device has failed.
     pub fn has_ended(&self, submission: &wgpu::SubmissionIndex) -> Result<bool, DeviceFailure> {
         self.poll(Some(submission), Duration::ZERO)
     }
@@ -148,7 +148,8 @@ impl GpuDevice {
     /// Waits for everything submitted so far, or up to `submission`.
     ///
     /// # Errors
-    /// The device's failure, or a hang after its patience.
+    /// [`DeviceFailure`] if the device has failed; its kind is [`FailureKind::Hang`] if the wait exceeds
+    /// [`Self::patience`].
     pub fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), DeviceFailure> {
         for _ in 0..WAIT_SLICES {
             if self.poll(submission.as_ref(), self.patience / WAIT_SLICES)? {
@@ -169,7 +170,8 @@ impl GpuDevice {
             Ok(Ok(_)) => Ok(true),
             Ok(Err(wgpu::PollError::Timeout)) => Ok(false),
             Ok(Err(error)) => {
-                // A rejected submission has no index. The reason for the rejection is reported once the queue is empty.
+                // wgpu knows no index of a submission that it rejected. It reports the reason for the rejection once
+                // the queue is empty, so wait for that.
                 let is_busy = || matches!(until(None, self.patience / WAIT_SLICES), Ok(Err(wgpu::PollError::Timeout)));
                 let _ = (0..WAIT_SLICES).any(|_| !is_busy());
                 Err(error.to_string().into())

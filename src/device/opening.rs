@@ -51,8 +51,8 @@ pub fn open_with(
     wanted.iter().map(open).collect()
 }
 
-/// Returns the number of threads to set for an adapter's driver: the requested number, else `default`. Returns none if
-/// the driver takes no number, or if none was requested and the environment cannot be set.
+/// Returns the number of threads to set for an adapter's driver: the requested number `asked`, else `default`. Returns
+/// `None` if the driver takes no number, or if no number was requested and the environment cannot be set.
 fn threads_to_tell(
     adapter: &AdapterReport,
     asked: Option<usize>,
@@ -80,8 +80,8 @@ impl Wanted<'_> {
     /// Sets the number of threads that Mesa reads when a device is created. The caller holds the lock [`OPENING`].
     pub(super) fn tell_threads(&self) {
         if let Some(threads) = self.threads {
-            // A queue has its own thread, which does the work if there are no workers. A single worker would alternate
-            // with it, and each dispatch would wake both.
+            // In lavapipe, the thread of the queue executes the work itself if there are no worker threads. With a
+            // single worker, the two would alternate, and each dispatch would wake both.
             environment::set_threads(if threads > 1 { threads } else { 0 });
         }
     }
@@ -127,7 +127,7 @@ fn open_one(wanted: &Wanted) -> Result<GpuDevice, DeviceError> {
     Ok(wanted.opened(device, queue, instance))
 }
 
-/// Registers callbacks that record the device's failure.
+/// Wraps an opened device and registers callbacks that record its failure.
 pub(super) fn watched(
     info: DeviceInfo,
     quirks: Quirks,
@@ -140,7 +140,8 @@ pub(super) fn watched(
         let failure = Arc::clone(failure);
         move |what: DeviceFailure| {
             let mut known = failure.lock().unwrap_or_else(PoisonError::into_inner);
-            // Calls on a lost device fail, too, perhaps before the loss is reported.
+            // Calls on a lost device may report other errors before the loss itself is reported, so a loss replaces an
+            // earlier error.
             if known
                 .as_ref()
                 .is_none_or(|k: &DeviceFailure| k.kind == FailureKind::Error && what.kind == FailureKind::Loss)

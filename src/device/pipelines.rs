@@ -9,7 +9,7 @@ pub struct PipelineKey {
     /// Name of the include that implements the projection; empty if the shader does not depend on it.
     pub projection: &'static str,
     pub checks: ShaderChecks,
-    /// Override constants that the shader declares.
+    /// Names and values of the override constants that the shader declares.
     pub constants: Vec<(&'static str, bool)>,
 }
 

@@ -34,7 +34,7 @@ pub struct Quirks {
     pub tables: Tables,
 }
 
-/// Default bound: a tenth of the TDR delay on Windows.
+/// Value of [`Quirks::max_dispatch_ms`] on GPUs: a tenth of the TDR delay on Windows.
 const MAX_DISPATCH_MS: f64 = 200.0;
 
 impl Quirks {

@@ -6,8 +6,8 @@ use super::adapters::{DeviceInfo, OPENING, driver_name, kind_name, new_instance}
 use super::opening::watched;
 use super::{DeviceError, GpuDevice, Quirks, Traversal, environment};
 
-/// Device that takes little from the rendering devices: it prefers an integrated GPU, and on a software adapter it has
-/// one worker thread.
+/// Device that presents images in a window. To take little performance from the rendering devices, it prefers an
+/// integrated GPU, and on a software adapter it has one worker thread.
 #[derive(Debug)]
 pub struct ScreenDevice {
     pub gpu: GpuDevice,
@@ -16,8 +16,11 @@ pub struct ScreenDevice {
 }
 
 impl ScreenDevice {
+    /// Opens a device that can present to `window`.
+    ///
     /// # Errors
-    /// [`DeviceError::Surface`], [`DeviceError::NoScreen`] and [`DeviceError::Open`].
+    /// [`DeviceError::Surface`] if the window cannot have a surface, [`DeviceError::NoScreen`] if no adapter can draw
+    /// into it, [`DeviceError::Open`] if the device cannot be opened.
     pub fn open(window: impl Into<wgpu::SurfaceTarget<'static>>) -> Result<Self, DeviceError> {
         let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
         environment::set_threads(1);

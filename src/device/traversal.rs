@@ -53,7 +53,7 @@ pub enum TraversalChoice {
     Auto,
     /// Compute shaders
     Compute,
-    /// Ray queries of the devices
+    /// Hardware ray queries
     Hardware,
 }
 

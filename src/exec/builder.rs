@@ -131,13 +131,13 @@ impl<'a> Builder<'a> {
         self
     }
 
-    /// Changes the configuration after all else is set.
+    /// Adds a change to the configuration. [`Self::build`] applies such changes last, in order.
     pub fn configure(mut self, change: impl FnOnce(&mut RunConfig) + 'a) -> Self {
         self.changes.push(Box::new(change));
         self
     }
 
-    /// Sets the zero of times in reports. The default is the call of [`Renderer::builder`].
+    /// Sets the time from which times in reports count. The default is the time of the call of [`Renderer::builder`].
     pub fn origin(mut self, origin: Instant) -> Self {
         self.origin = origin;
         self
@@ -146,7 +146,8 @@ impl<'a> Builder<'a> {
     /// Opens the devices, unless they are already open, and compiles all pipelines.
     ///
     /// # Errors
-    /// [`BuildError`]
+    /// [`BuildError`] if the rectified image would be too large, the devices cannot be opened, or the renderer cannot
+    /// be created.
     pub fn build(self) -> Result<Renderer, BuildError> {
         let Self { scene, extent, envelope, config, changes, selection, devices, policy, origin } = self;
         let config = config.map_or_else(|| RunConfig::for_envelope(scene, extent, envelope), Ok);

@@ -32,7 +32,7 @@ pub struct WorkerChannels {
     inboxes: Vec<Sender<Message>>,
     replies: Sender<Reply>,
     heartbeat: Arc<Heartbeat>,
-    /// Never sent on; see [`WorkerLine::ended`].
+    /// Carries no messages. Dropping it disconnects [`WorkerLine::ended`].
     _here: Sender<()>,
 }
 
@@ -118,7 +118,7 @@ impl WorkerTransport for WorkerChannels {
     }
 
     fn send(&self, to: usize, message: Message) {
-        // See `RendererChannels::call_off`.
+        // Ignore the error: a worker that has ended needs no messages.
         let _ = self.inboxes[to].send(message);
     }
 

@@ -1,4 +1,4 @@
-//! Configurations of scenes, and the frames that they specify.
+//! Builds run configurations from scenes, and frame specs from run configurations.
 
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
@@ -18,8 +18,8 @@ impl RunConfig {
         config
     }
 
-    /// Returns the configuration of frames within these bounds, with a reprojected right eye. `extent` is the size of
-    /// each eye's image.
+    /// Returns the configuration of frames whose quality stays within `envelope`, with a reprojected right eye.
+    /// `extent` is the size of each eye's image.
     ///
     /// # Errors
     /// A message if eyes with custom optics would need too large a rectified image.
@@ -31,8 +31,8 @@ impl RunConfig {
         Ok(Self { envelope, gaze: scene.gaze.clone(), exposure_ev: scene.shot.exposure_ev, ..config })
     }
 
-    /// Returns the spec of a frame on this many devices, with a history if frames keep one. `has_surfaces` is true if
-    /// anything in the scene reflects light.
+    /// Returns the spec of a frame on `devices` devices at the highest quality, with a history if frames keep one.
+    /// `has_surfaces` is true if anything in the scene reflects light.
     pub fn spec(&self, devices: usize, has_surfaces: bool) -> FrameSpec {
         let (buffers, most) = (&self.buffers, &self.envelope.most);
         FrameSpec {

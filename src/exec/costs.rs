@@ -6,8 +6,8 @@ use super::{FrameReport, TaskTiming, TimedTask};
 use crate::graph::{Seam, Stage};
 use crate::schedule::{FrameCosts, StageCost, TransferCost};
 
-/// Returns the costs of a frame on this many devices. `begun_ms` is the time at which devices were free to start it, or
-/// `None` if they were still busy with another frame or an earlier attempt.
+/// Returns the costs of a frame in a run of `devices` devices. `begun_ms` is the time at which the devices were free to
+/// start the frame, or `None` if they were still busy with another frame or an earlier attempt.
 pub fn frame_costs(report: &FrameReport, devices: usize, begun_ms: Option<f64>) -> FrameCosts {
     let ms = |t: &TaskTiming| t.end_ms - t.begin_ms;
     let mut costs = FrameCosts {
@@ -56,7 +56,7 @@ fn tail_ms(report: &FrameReport) -> f64 {
 /// GPU stages and uploads of one device in a frame, in order.
 struct Queue<'a> {
     stages: Vec<&'a TaskTiming>,
-    /// Times of the uploads.
+    /// Begin times of the uploads.
     uploads_ms: Vec<f64>,
 }
 
@@ -87,9 +87,9 @@ impl<'a> Queue<'a> {
         gaps_ms.get(gaps_ms.len() / 2).copied()
     }
 
-    /// Returns the mean time that the queue waited for neighbours' rows before filter passes. `filters` selects the
-    /// stages, and `receives` the passes. The first pass does not count: there the queue waits for other devices to
-    /// finish tracing.
+    /// Returns the mean time in milliseconds that the queue waited for neighbours' rows before filter passes. `filters`
+    /// returns true for stages of the filter, and `receives` for the indices of the passes before which the device
+    /// receives rows. The first pass does not count: before it, the queue waits for other devices to finish tracing.
     fn exchange_wait_ms(&self, filters: impl Fn(Stage) -> bool, receives: impl Fn(usize) -> bool) -> Option<f64> {
         let mut passes = [0; 2];
         let mut waits_ms = Vec::new();

@@ -74,8 +74,8 @@ pub struct InjectedFaults {
 }
 
 impl InjectedFaults {
-    /// Returns how often a device runs its dispatches of a frame, and another fault to inject, if any. Each injection
-    /// is returned once.
+    /// Returns how many times a device runs each of its dispatches in a frame, and the fault to inject in addition, if
+    /// any. Removes the injections that it returns, so that each happens once.
     pub fn take(&mut self, device: usize, frame: u32) -> (u32, Option<InjectedKind>) {
         let mut runs = self.slowdown.get(device).copied().unwrap_or(1);
         let mut fault = None;

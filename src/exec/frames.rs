@@ -34,7 +34,7 @@ pub struct InFlight {
     pub attempt: Attempt,
     graph: Arc<FrameGraph>,
     ticket: u64,
-    /// Time limit that its workers were given. A later limit may be shorter.
+    /// Time limit that its workers received with their orders. The current limit may be shorter.
     limit: Duration,
     /// The faults that are injected into it.
     injections: Vec<Injection>,
@@ -54,7 +54,7 @@ pub struct Whole {
 /// Outcome of the oldest frame in flight.
 pub enum Finished {
     Whole(Box<InFlight>),
-    /// These devices failed, so all frames in flight must be begun again, oldest first.
+    /// The devices in `failures` failed, so the frames in `frames` must be begun again, oldest first.
     Failed {
         failures: BTreeMap<usize, DeviceFailure>,
         frames: Vec<InFlight>,
@@ -173,7 +173,8 @@ impl Frames {
         }
     }
 
-    /// Returns the time limit for a single wait on a device, which includes frames in flight that come first.
+    /// Returns the time limit for a single wait on a device. A wait may include the work of all frames in flight, so
+    /// the limit allows for `capacity` frames.
     fn limit(&self, inputs: &Inputs) -> Duration {
         self.limits.limit(inputs.samples() * self.capacity as u64)
     }
@@ -244,7 +245,7 @@ impl Frames {
             }
         }
         let frames: Vec<InFlight> = std::iter::once(frame).chain(behind).collect();
-        // Faults to inject may not have happened before the frames were cancelled.
+        // The cancelled frames may have ended before their faults were injected, so inject these again.
         let injections = frames.iter().flat_map(|f| &f.injections).filter(|i| !failures.contains_key(&i.device));
         self.injected.injections.extend(injections);
         Finished::Failed { failures, frames }
@@ -279,7 +280,8 @@ impl Frames {
         }
     }
 
-    /// Drops the devices that failed in this frame. `remove` takes the index of each among the remaining devices.
+    /// Drops the devices that failed in this frame. Calls `remove` for each of them, with its index among the devices
+    /// that remained before it was dropped.
     ///
     /// # Errors
     /// [`ExecError::NoneLeft`]
@@ -303,7 +305,8 @@ impl Frames {
         Ok(())
     }
 
-    /// Returns the last complete frame, if the primary has this image of it and keeps it until another frame begins.
+    /// Returns the last complete frame, if the primary still has this image of the frame. The primary keeps the image
+    /// until another frame begins.
     ///
     /// # Errors
     /// [`ExecError::NoFrame`] if there is no such frame, or later frames may have overwritten its images.
@@ -316,7 +319,7 @@ impl Frames {
     /// Reads an image of the last complete frame from its primary. The inner error is the primary's failure.
     ///
     /// # Errors
-    /// Those of [`Self::whole_with`], and [`ExecError::Stuck`] if the worker gave no answer of this kind.
+    /// Those of [`Self::whole_with`], and [`ExecError::Stuck`] if the worker did not answer with an image.
     pub fn fetch(&mut self, image: Output) -> Result<Result<Pixels, DeviceFailure>, ExecError> {
         let whole = self.whole_with(&image)?;
         let Whole { primary, inputs: Inputs { place, .. }, .. } = *whole;

@@ -1,4 +1,4 @@
-//! The inputs of a frame, from which it is planned and handed out.
+//! Inputs of a frame, from which it is planned and the orders to the devices are made.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::stages::{Place, SceneUpdate, layout};
 pub struct Inputs {
     pub constants: layout::Frame,
     pub quality: Quality,
-    /// Relative cost of its stages, compared with other qualities.
+    /// Cost of the frame's stages relative to other qualities.
     pub relative_cost: RelativeCost,
     /// Constants of the previous frame.
     pub previous: layout::Previous,
@@ -27,7 +27,7 @@ pub struct Inputs {
     /// Time in the scene, in seconds.
     pub time_s: f64,
     pub place: Place,
-    /// Images that are returned with its answer.
+    /// Images that the primary returns with its answer, in addition to the row tallies.
     pub reads: Arc<[Output]>,
     /// Images to gather on the primary; `None` gathers all outputs.
     pub outputs: Option<Arc<[Output]>>,
@@ -36,7 +36,7 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Returns the number of samples of both eyes.
+    /// Returns the number of samples in the images of both eyes.
     pub(super) fn samples(&self) -> u64 {
         let layout::Frame { camera, sampling, .. } = self.constants;
         2 * u64::from(camera.width) * u64::from(camera.height) * u64::from(sampling.spp.max(1))

@@ -11,19 +11,20 @@ use crate::scene::rig::Rig;
 use crate::stages::frame_constants::late_display_maps;
 use crate::stages::layout;
 
-/// Predicts the head pose at the time when the frame of this number is displayed. Only the first key of the rig counts.
-/// `None` means that no pose is known that is newer than the frame's own. A worker calls it between two submissions, so
-/// it should return at once.
+/// Function that takes a frame number and returns a rig at the head pose predicted for the frame's display time. Only
+/// the first key of the rig is used. `None` means that no pose is newer than the one that the frame was rendered from.
+/// A worker calls the function between two submissions, so it should return at once.
 pub type PoseSource = dyn Fn(u32) -> Option<Rig> + Send + Sync;
 
-/// Late latching of a frame: the source of the pose that it is shown from, and the inputs of the resampling.
+/// Late latching of a frame: the source of the pose from which the frame is displayed, and the inputs of the display
+/// resampling.
 #[derive(Clone)]
 pub struct Late {
     source: Arc<PoseSource>,
     frame: u32,
     /// Rig that the frame is rendered from: one key, relative to `origin`.
     rendered: Rig,
-    /// Origin of the scene tables, scene units.
+    /// World position of the scene tables' origin, in scene units.
     origin: DVec3,
     /// Extents of the displayed and of the rectified images.
     sizes: [Extent; 2],
@@ -45,7 +46,8 @@ impl Late {
         Self { source: Arc::clone(source), frame, rendered: rendered.relative_to(origin), origin, sizes }
     }
 
-    /// Samples the pose; returns it with its shader constants.
+    /// Samples the pose source at the current time `at_ms`. Returns the pose and each eye's mapping for the display
+    /// resampling; `None` if there is no newer pose, or the rig has no custom optics.
     pub fn ask(&self, at_ms: f64) -> Option<(SampledPose, [layout::DisplayMap; 2])> {
         let rig = (self.source)(self.frame)?;
         let optics = self.rendered.optics.as_ref()?;

@@ -1,10 +1,10 @@
 //! Orders to workers, and the answers that have arrived.
 
-/// Orders under their tickets, oldest first. `A` is an answer.
+/// Tickets of orders whose answers have not been taken, oldest first. `A` is the type of an answer.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Ledger<A> {
     asked: Vec<Asked<A>>,
-    /// The last ticket.
+    /// The last ticket that was issued.
     ticket: u64,
 }
 
@@ -23,7 +23,7 @@ impl<A> Default for Ledger<A> {
 }
 
 impl<A> Ledger<A> {
-    /// Issues a ticket under which these devices must answer.
+    /// Issues a ticket for orders that these devices must answer.
     pub fn ask(&mut self, devices: Vec<usize>) -> u64 {
         self.ticket += 1;
         self.asked.push(Asked { ticket: self.ticket, awaited: devices, answers: Vec::new() });
@@ -35,8 +35,7 @@ impl<A> Ledger<A> {
         self.asked.iter().find(|a| a.ticket == ticket).map_or(&[], |a| &a.awaited)
     }
 
-    /// Records an answer. A device may still answer after [`Self::answer_for`] has answered for it; such answers are
-    /// ignored.
+    /// Records a device's answer. An answer is ignored if [`Self::answer_for`] has already answered for the device.
     pub fn answer(&mut self, ticket: u64, device: usize, answer: A) {
         if let Some(asked) = self.asked.iter_mut().find(|a| a.ticket == ticket && a.awaited.contains(&device)) {
             asked.awaited.retain(|d| *d != device);
@@ -44,7 +43,8 @@ impl<A> Ledger<A> {
         }
     }
 
-    /// Answers all open tickets of a device with `answer`. Returns these tickets, which must be cancelled.
+    /// Records `answer` for a device under every ticket that it has not answered. Returns these tickets, which the
+    /// caller must cancel.
     pub fn answer_for(&mut self, device: usize, answer: impl Fn() -> A) -> Vec<u64> {
         let is_awaited = |a: &&Asked<A>| a.awaited.contains(&device);
         let tickets: Vec<u64> = self.asked.iter().filter(is_awaited).map(|a| a.ticket).collect();
@@ -52,7 +52,8 @@ impl<A> Ledger<A> {
         tickets
     }
 
-    /// Removes and returns all answers under this ticket, by device. Returns `None` while any is missing.
+    /// Removes and returns all answers under this ticket, each with its device. Returns `None` while any is missing,
+    /// and an empty list for a ticket that is not in the ledger.
     pub fn take(&mut self, ticket: u64) -> Option<Vec<(usize, A)>> {
         match self.asked.iter().position(|a| a.ticket == ticket) {
             Some(place) if !self.asked[place].awaited.is_empty() => None,

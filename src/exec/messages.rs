@@ -19,8 +19,8 @@ use crate::stages::{Place, SceneUpdate, layout};
 /// Command from the renderer to a worker.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct Command {
-    /// Returned with the answer. All commands of one attempt at a frame share a ticket; no other commands of the run
-    /// do.
+    /// Number that the answer repeats. All commands of one attempt at a frame have the same ticket, which no other
+    /// command of the run has.
     pub ticket: u64,
     /// Time limit of the device for each operation that is waited for.
     pub limit: Duration,
@@ -62,7 +62,7 @@ pub struct FrameJob {
     pub late: Option<Late>,
     /// Number of runs of each dispatch; more than 1 only to simulate slow devices.
     pub runs: u32,
-    /// Fault to inject halfway through.
+    /// Fault to inject after half of the device's tasks.
     pub injected: Option<InjectedKind>,
 }
 
@@ -96,9 +96,10 @@ pub enum Stop {
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameReply {
     pub times: Vec<TaskTime>,
-    /// Maximum error of the device's times so far.
+    /// Maximum error of the device's times so far, in microseconds.
     pub clock_residual_us: f64,
-    /// Begin and end of the frame on this device, in milliseconds since the origin.
+    /// Begin and end of the frame on this device, in milliseconds. On rank 0 they count from the renderer's origin;
+    /// other ranks send times on their own clock, which rank 0 converts.
     pub begin_ms: f64,
     pub end_ms: f64,
     /// Row tallies of the whole frame, then the requested images; only from the primary.
@@ -116,16 +117,17 @@ pub struct FrameReply {
 pub struct TaskTime {
     /// Index among the tasks of its device.
     pub task: usize,
-    /// Milliseconds since the origin.
+    /// Begin and end in milliseconds, on the same clock as [`FrameReply::begin_ms`].
     pub begin_ms: f64,
     pub end_ms: f64,
-    /// Size of a transfer; `None` for other tasks.
+    /// Size of a transfer in bytes; `None` for other tasks.
     pub bytes: Option<u64>,
     /// Number of submissions that the task was split into.
     pub submissions: u32,
 }
 
-/// Message to a worker from another worker, or an abort from the renderer. `B` holds the bytes of rows.
+/// Message to a worker from another worker, or an abort from the renderer. `B` is the type that holds the bytes of
+/// image rows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message<B = Bytes> {
     Rows {
@@ -133,7 +135,7 @@ pub enum Message<B = Bytes> {
         transfer: u32,
         rows: B,
     },
-    /// A device cannot continue this attempt, so no device that waits for it can.
+    /// A device cannot continue this attempt, so workers must stop waiting for its rows.
     Abort {
         ticket: u64,
     },

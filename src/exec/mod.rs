@@ -30,7 +30,7 @@ mod wire;
 mod worker;
 mod worker_pool;
 
-#[doc(hidden)] // For the test that explores it.
+#[doc(hidden)] // Public only for the test tests/models/protocol.rs.
 pub mod protocol {
     pub use super::ledger::Ledger;
     pub use super::messages::Message;

@@ -1,4 +1,4 @@
-//! Names of a frame's output images in messages.
+//! Names by which messages refer to a frame's output images.
 
 use std::borrow::Cow;
 

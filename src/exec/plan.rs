@@ -9,20 +9,20 @@ use super::wire;
 use crate::graph::{Assignment, Program, Seam};
 use crate::scene::rig::Eye;
 
-/// State that the previous frame has left on the devices.
+/// Description of the previous frame's images, which remain on the devices as history.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct History {
     /// Assignment of the previous frame.
     #[serde(with = "wire::assignment")]
     pub before: Assignment,
-    /// Maximum number of rows that its surfaces may have moved.
+    /// Number of rows up and down in which the planned frame searches for the history of its surfaces.
     pub rows: u32,
-    /// Devices that have failed since, with their rows.
+    /// Devices that have failed since the previous frame. The history of their rows is lost.
     pub lost: Vec<usize>,
 }
 
 impl History {
-    /// Returns the smallest range that contains the rows of all failed devices, in any image with a history.
+    /// Returns the smallest range that contains the rows of all failed devices in all history images of both eyes.
     pub fn lost_rows(&self, program: &Program) -> Range<u32> {
         let kept = program.images().iter().filter(|image| image.is_before);
         let of_image = kept.flat_map(|image| Eye::ALL.map(|view| (program.writer(&image.resource, view), view)));

@@ -11,14 +11,14 @@ use crate::quality::Denoiser;
 use crate::schedule::{CostModel, Policy, choose_halo};
 use crate::stages::RunConfig;
 
-/// Cached graphs in addition to those of the frames in flight: one for each number of iterations that predictions may
-/// use.
+/// Number of cached graphs in addition to those of the frames in flight: one for each number of denoiser iterations
+/// that predictions may use.
 const OTHER_GRAPHS: usize = Denoiser::MAX_ITERATIONS as usize + 1;
 
 /// Cache of the graphs of the latest plans. The renderer and the workers of a process share it, so each graph is built
 /// once.
 pub struct Graphs {
-    /// Spec shared by all frames of the run.
+    /// Spec of the run's frames. [`Self::spec()`] replaces the fields that depend on the plan.
     spec: FrameSpec,
     declarations: Declarations,
     /// Cached graphs, the most recently used last.
@@ -27,7 +27,7 @@ pub struct Graphs {
 }
 
 impl Graphs {
-    /// Creates a cache of `capacity` graphs, at least as many as there are frames in flight.
+    /// Creates a cache of up to `capacity` graphs. `capacity` must be at least the number of frames in flight.
     ///
     /// # Errors
     /// [`ProgramError`] if the declared passes of some frame contradict one another.
@@ -36,7 +36,7 @@ impl Graphs {
         Ok(Self { spec, declarations, latest: Mutex::default(), capacity })
     }
 
-    /// Creates the graphs of a run on this many devices. `has_surfaces` is true if anything in the scene reflects
+    /// Creates the graph cache of a run on `devices` devices. `has_surfaces` is true if anything in the scene reflects
     /// light.
     ///
     /// # Errors
@@ -126,7 +126,7 @@ impl Planner {
         self.plan_halo(costs, left);
         let mut assignment = self.policy.assign(&costs.of_devices(left)).renumbered(left, self.devices);
         if inputs.late.is_some() {
-            // One device asks for the pose, so it executes all late passes.
+            // Only the primary asks for the pose, so it executes all passes of late reprojection.
             assignment.gather(LATE_PARTITION);
         }
         let outputs = inputs.outputs.as_ref().map(|outputs| outputs.to_vec());

@@ -64,7 +64,7 @@ impl Renderer {
         Ok(whole.buffers.get(&image).cloned().map(|buffers| (whole.primary, stereo(buffers))))
     }
 
-    /// Reads the last frame, scene-referred.
+    /// Reads both eyes' images of the last frame in scene-referred linear RGB.
     ///
     /// # Errors
     /// [`ExecError::NoFrame`] if no frame is complete, or frames are in flight and the image was not requested;
@@ -78,7 +78,8 @@ impl Renderer {
         Ok(Stereo { left, right })
     }
 
-    /// Reads the last frame, tonemapped and encoded on the devices.
+    /// Reads both eyes' display images of the last frame, tonemapped and encoded on the devices, with 4 bytes per
+    /// pixel.
     ///
     /// # Errors
     /// Those of [`Self::read_linear`].
@@ -89,7 +90,8 @@ impl Renderer {
         Ok(Stereo { left, right })
     }
 
-    /// Reads the i-th auxiliary image (AOV), with the channels of [`Aov::channels`].
+    /// Reads the i-th auxiliary image (AOV) of the configuration. Returns for each eye the values of all pixels per
+    /// channel, in the order of [`Aov::channels`].
     ///
     /// # Errors
     /// Those of [`Self::read_linear`].

@@ -29,7 +29,7 @@ pub struct Renderer {
     relative_cost: RelativeCost,
     pub(super) tables: Arc<SceneTables>,
     devices: Vec<DeviceInfo>,
-    /// Maximum predicted time of a submission, by device.
+    /// Maximum predicted time of a submission in milliseconds, by device; `None` if it is not bounded.
     max_dispatch_ms: Vec<Option<f64>>,
     pub(super) costs: CostModel,
     pub(super) planner: Planner,
@@ -47,7 +47,7 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Starts a worker per device and warms up every pipeline. `origin` is the zero of times.
+    /// Starts a worker per device and warms up every pipeline. Times in reports count from `origin`.
     ///
     /// # Errors
     /// [`ExecError`] if devices have different traversals, a device fails at once, has too little memory or cannot
@@ -93,8 +93,8 @@ impl Renderer {
         })
     }
 
-    /// Returns the devices that have not failed, for another renderer. Pipelines that it has in common with this one
-    /// need not be compiled again.
+    /// Returns the devices that have not failed, for use by another renderer. They keep their compiled pipelines, so
+    /// that the other renderer need not compile these again.
     pub fn into_devices(self) -> Devices {
         self.frames.into_workers().end()
     }
@@ -105,9 +105,10 @@ impl Renderer {
         self.frames.limits.fixed = Some(limit);
     }
 
-    /// Sets the frame budget from now on and makes the run interactive: if frames take at most 0.1 s, a device that
-    /// hangs delays them by at most 1 s. In batch runs, such a device is dropped after 10 s at the earliest. The limit
-    /// of [`Self::set_watchdog`] overrides both.
+    /// Sets the frame budget in milliseconds and makes the run interactive: devices that hang are dropped sooner. If
+    /// budget and frame times are at most 0.1 s, a hang delays a frame by at most 1 s. In a batch run (without a
+    /// budget), a device that hangs is dropped after 10 s at the earliest. The limit of [`Self::set_watchdog`]
+    /// overrides both.
     pub fn set_budget(&mut self, budget_ms: f64) {
         self.frames.limits.budget_ms = Some(budget_ms);
     }
@@ -117,7 +118,7 @@ impl Renderer {
         self.frames.injected = injected;
     }
 
-    /// Sets how often each device runs its dispatches from now on. Devices without an entry run them once.
+    /// Sets how many times each device runs each of its dispatches from now on. Devices without an entry run them once.
     pub fn set_slowdown(&mut self, slowdown: Vec<u32>) {
         self.frames.injected.slowdown = slowdown;
     }
@@ -128,7 +129,7 @@ impl Renderer {
         self.outputs = Some(images.iter().map(|image| Output::from(*image)).collect());
     }
 
-    /// Discards the history, so that the next frame uses none.
+    /// Discards the temporal history, so that the next frame does not use earlier frames.
     pub fn begin_anew(&mut self) {
         self.begins_anew = true;
     }
@@ -200,8 +201,9 @@ impl Renderer {
         self.finish_last()
     }
 
-    /// Renders a frame like [`Self::render`], but with this range of samples from a sequence per pixel: at most
-    /// [`spp`](crate::quality::Quality::spp) of the envelope's bounds.
+    /// Renders a frame like [`Self::render`], but each pixel has its own sample sequence, of which the frame takes the
+    /// range `samples`. Its length must not exceed [`spp`](crate::quality::Quality::spp) of the envelope's highest
+    /// quality.
     ///
     /// # Errors
     /// Those of [`Self::finish`].
@@ -210,9 +212,10 @@ impl Renderer {
         self.finish_last()
     }
 
-    /// Begins a frame like [`Self::render`], but does not wait for it; [`Self::finish`] waits for frames in the same
-    /// order. At most [`crate::stages::Execution::frames_in_flight`] may be in flight. One more finishes the oldest
-    /// first and discards its report. `reads` are the images that can be read while frames are in flight.
+    /// Begins a frame like [`Self::render`], but does not wait for it; [`Self::finish`] waits for frames in the order
+    /// in which they were begun. If [`crate::stages::Execution::frames_in_flight`] frames are in flight, first finishes
+    /// the oldest and discards its report. `reads` are the images of this frame that can be read while later frames are
+    /// in flight.
     ///
     /// # Errors
     /// Those of [`Self::check`], and of [`Self::finish`] if the oldest frame is finished first.
@@ -261,7 +264,7 @@ impl Renderer {
     ///
     /// # Errors
     /// [`ExecError::NoneLeft`] if the last device failed, [`ExecError::Stuck`] if devices waited for one another until
-    /// they gave up.
+    /// they gave up, [`ExecError::Rank`] if a rank is lost.
     pub fn finish(&mut self) -> Result<Option<FrameReport>, ExecError> {
         while let Some(index) = self.frames.oldest() {
             let _span = tracing::info_span!("finish frame", frame = index).entered();
@@ -318,7 +321,8 @@ impl Renderer {
         self.finish_last().map(drop)
     }
 
-    /// Plans a frame and sends every device its part. `again` is the attempt if the frame was begun before.
+    /// Plans a frame and sends every device its part. `again` describes the new attempt if the frame was begun before,
+    /// and is `None` for its first attempt.
     fn hand_out(&mut self, mut inputs: Inputs, again: Option<Attempt>) {
         let index = inputs.constants.sampling.index;
         let _span = tracing::info_span!("begin frame", frame = index).entered();
@@ -331,7 +335,7 @@ impl Renderer {
         let planned = self.planned.take().map(|(plan, _)| plan);
         let before = match again {
             None => planned.map(|plan| plan.assignment).filter(|_| !std::mem::take(&mut self.begins_anew)),
-            // Later frames may have begun and overwritten this frame's history.
+            // Frames begun after this one may have overwritten its history.
             Some(_) if self.config.execution.frames_in_flight > 1 => None,
             Some(_) => planned.and_then(|plan| plan.history).map(|history| history.before),
         };
@@ -383,8 +387,8 @@ impl Renderer {
         self.devices[device].rank.as_ref().is_none_or(|rank| rank.number == 0)
     }
 
-    /// Returns the number of rows up and down in which a frame searches for the history of its surfaces, or `None` if
-    /// it has no history.
+    /// Returns the number of rows up and down in which a frame searches for the history of its surfaces. Returns `None`
+    /// if the frame uses no history.
     fn history_rows(&self, inputs: &Inputs) -> Option<u32> {
         let keeps = self.config.keeps_history();
         let Inputs { constants, previous, moved, .. } = inputs;

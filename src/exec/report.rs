@@ -36,14 +36,13 @@ pub struct TaskTiming {
     /// Index among the tasks of its device, in execution order.
     #[serde(skip)]
     pub number: usize,
-    /// Dependencies of the task, by device and number.
+    /// Dependencies of the task, each given by its device and its `number`.
     #[serde(skip)]
     pub after: Vec<(usize, usize)>,
 }
 
 impl TaskTiming {
-    /// Converts the time that a device measured for one of its tasks. Returns `None` for the stitch, which takes no
-    /// time.
+    /// Describes a task whose execution time a device has measured. Returns `None` for the stitch, which takes no time.
     pub(super) fn of(graph: &FrameGraph, device: usize, time: &TaskTime) -> Option<Self> {
         let task = graph.tasks_of(device).get(time.task)?;
         let name = |image: usize| graph.program.images()[image].name();
@@ -88,14 +87,14 @@ pub struct FrameReport {
     pub slot: usize,
     /// True if other frames were in flight with it.
     pub overlapped: bool,
-    /// Makespan predicted by the cost model. `None` before the model has learned from a frame, and for frames that
-    /// overlap.
+    /// Makespan predicted by the cost model, in milliseconds. `None` before the model has learned from a frame, and for
+    /// frames that overlap.
     pub predicted_ms: Option<f64>,
     /// Host time for planning stripes and graph, in milliseconds.
     pub plan_ms: f64,
     /// Tasks of all devices, sorted by device, then by begin time.
     pub tasks: Vec<TaskTiming>,
-    /// Maximum error of each device's times, up to this frame.
+    /// Device numbers, each with the maximum error of the device's times so far, in microseconds.
     pub clock_residuals_us: Vec<(usize, f64)>,
     /// Totals per eye, over all rows.
     pub tallies: [Tally; 2],
@@ -115,7 +114,7 @@ pub struct FrameReport {
     pub spec: FrameSpec,
     /// Passes of the frame.
     pub program: Arc<Program>,
-    /// Sample position of the auxiliary images within each pixel, from its top left corner.
+    /// Position within each pixel at which the auxiliary images are sampled, in pixels from its top left corner.
     pub pixel_centre: [f32; 2],
     /// Late-latched pose, if the frame has one.
     pub shown_from: Option<SampledPose>,
@@ -157,7 +156,8 @@ impl FrameReport {
         self.tasks.iter().map(task).collect()
     }
 
-    /// Returns the origin of the right eye's pixels; `None` if the right eye was traced like the left one.
+    /// Returns which fractions of the right eye's pixels were reprojected, traced or filled in. Returns `None` if the
+    /// right eye was traced like the left one.
     pub fn right_eye(&self) -> Option<RightEye> {
         (self.spec.views == Views::Reprojected).then(|| RightEye::of(&self.tallies[1], self.pixels[1]))
     }
@@ -172,7 +172,7 @@ impl FrameReport {
         }
     }
 
-    /// Returns the bytes transferred between ranks; `None` in a run of one process.
+    /// Returns the number of bytes of rows transferred between ranks; `None` in a run of one process.
     pub fn bytes_between_ranks(&self) -> Option<u64> {
         let transfers = |kind| self.tasks.iter().filter(move |t| t.kind == kind).filter_map(|t| Some((t.transfer?, t)));
         let from: HashMap<u32, usize> = transfers(TimedTask::Download).map(|(n, t)| (n, t.device)).collect();
@@ -182,7 +182,7 @@ impl FrameReport {
         (!self.ranks.is_empty()).then(|| bytes.sum())
     }
 
-    /// Returns the bytes transferred between devices.
+    /// Returns the number of bytes of rows transferred between devices.
     pub fn uploaded_bytes(&self) -> u64 {
         self.tasks.iter().filter(|t| t.kind == TimedTask::Upload).filter_map(|t| t.bytes).sum()
     }
@@ -195,9 +195,9 @@ pub struct Tally {
     pub nonfinite: u64,
     /// Number of pixels that could not be reprojected, by [`crate::passes::HoleReason`].
     pub holes: [u64; 6],
-    /// Pixels that are not traced; the denoiser fills them in.
+    /// Number of pixels that were not traced. The denoiser fills them in.
     pub unsampled: u64,
-    /// Pixels whose radiance exceeded the range of half floats.
+    /// Number of pixels whose radiance exceeded the range of half floats.
     pub clipped: u64,
 }
 
@@ -217,7 +217,7 @@ impl Tally {
     }
 }
 
-/// Origin of the pixels of a reprojected right eye, in fractions of all pixels.
+/// Fractions of a reprojected right eye's pixels by the way in which they were computed.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RightEye {

@@ -35,8 +35,8 @@ pub struct Recorded {
     size: u64,
 }
 
-/// Bytes in a mapped buffer, which returns to its pool on drop. It is unmapped only when its device uses it again, so
-/// that no other thread accesses the device.
+/// Bytes in a mapped buffer, which returns to its pool on drop. The buffer stays mapped until the pool reuses it. So a
+/// thread that drops it makes no call to the device, which belongs to another thread.
 pub struct Mapped {
     /// `None` once dropped.
     view: Option<wgpu::BufferView>,
@@ -45,7 +45,7 @@ pub struct Mapped {
 }
 
 impl Pool {
-    /// Records a copy of part of `source`.
+    /// Records a copy of `size` bytes of `source`, from `offset` on, to a free or new readback buffer.
     pub fn record(
         &mut self,
         gpu: &GpuDevice,
@@ -75,7 +75,7 @@ impl Pool {
         Some(buffer)
     }
 
-    /// Returns the bytes of a copy, once its submission has completed.
+    /// Waits until the submission of a copy has completed; returns the copied bytes.
     ///
     /// # Errors
     /// [`DeviceFailure`] if the device or the mapping failed.
@@ -109,7 +109,7 @@ impl ReadBack {
 }
 
 impl Recorded {
-    /// Requests the mapping after the copy was submitted.
+    /// Requests the mapping of the buffer. Call this once the copy is submitted, with its submission.
     pub fn submitted(self, submission: wgpu::SubmissionIndex) -> ReadBack {
         let (sender, mapped) = mpsc::channel();
         self.buffer.slice(..self.size).map_async(wgpu::MapMode::Read, move |result| {

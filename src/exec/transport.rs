@@ -6,12 +6,12 @@ use std::time::Duration;
 use super::messages::{Command, Message, Reply};
 use super::watchdog::{Heartbeat, LifeSign};
 
-/// The renderer's end. Devices have their numbers in the run.
+/// The renderer's end. Methods identify a worker by the number of its device in the run.
 pub trait RendererTransport: Send {
     /// Sends a command to a device's worker; returns false if the worker has ended.
     fn command(&self, device: usize, command: Command) -> bool;
 
-    /// Ends the commands to this device's worker, which makes the worker end.
+    /// Closes the command channel of this device's worker, which makes the worker end.
     fn close(&mut self, device: usize);
 
     /// Returns the next answer of any worker, if one arrives within `limit`.
@@ -27,7 +27,7 @@ pub trait RendererTransport: Send {
     fn ends(&self, device: usize, limit: Duration) -> bool;
 }
 
-/// A worker's end. It counts as ended once this is dropped.
+/// A worker's end. The worker counts as ended once this is dropped.
 pub trait WorkerTransport: Send {
     /// Returns the next command. With `waits`, it blocks until there is one, and `None` means that there will be no
     /// more.

@@ -13,8 +13,8 @@ const UNKNOWN_BASE: Duration = Duration::from_secs(30);
 const TOLERANCE: f64 = 16.0;
 const FLOOR: Duration = Duration::from_secs(10);
 /// Limit of interactive runs: this many times the frame budget or the slowest recent frame, and at least this duration.
-/// A worker counts as hung after at most [`SILENT_SLICES`] + 1 slices, which are 0.83 s at the minimum. The other
-/// devices have the rest of a second to render the frame again.
+/// A worker counts as hung after at most [`SILENT_SLICES`] + 1 slices of its limit: 0.83 s with the minimum limit. The
+/// other devices have the rest of a second to render the frame again.
 const INTERACTIVE_TOLERANCE: f64 = 6.0;
 const INTERACTIVE_FLOOR: Duration = Duration::from_millis(600);
 /// Upper bound of limits that follow a budget, in seconds.
@@ -22,22 +22,22 @@ const DAY_S: f64 = 86_400.0;
 /// Factor by which the time of the slowest recent frame decays with each later frame. It halves in seven frames.
 const FADING: f64 = 0.9;
 
-/// Limit of the time that a device takes for its part of a frame.
+/// Derives the time that a device may take for its part of a frame.
 #[derive(Clone, Debug, Default)]
 pub struct Limits {
     /// Fixed limit of the user; `None` derives the limit from the times of frames.
     pub fixed: Option<Duration>,
-    /// Frame budget of an interactive run, `None` in batch runs. The control loop keeps expected frame times below it
-    /// at any quality, so the limit does not depend on the number of samples.
+    /// Frame budget of an interactive run in milliseconds; `None` in batch runs. The control loop keeps expected frame
+    /// times below the budget at any quality, so the limit does not depend on the number of samples.
     pub budget_ms: Option<f64>,
     /// Time per sample of the slowest frame.
     ms_per_sample: Option<f64>,
-    /// Time of the slowest recent frame, which decays.
+    /// Time of the slowest recent frame. It decays with each later frame, see [`FADING`].
     recent_ms: f64,
 }
 
 impl Limits {
-    /// Returns the limit for a frame of this many samples, both eyes.
+    /// Returns the limit for a frame that has `samples` samples in the images of both eyes.
     pub fn limit(&self, samples: u64) -> Duration {
         self.fixed.unwrap_or_else(|| match (self.ms_per_sample, self.budget_ms) {
             (None, _) => UNKNOWN_BASE + UNKNOWN_SAMPLE.mul_f64(samples as f64),
@@ -62,7 +62,7 @@ impl Limits {
 #[derive(Debug, Default)]
 pub struct Heartbeat {
     beats: AtomicU64,
-    /// Set while the worker waits for other workers, whose hang would explain its silence.
+    /// True while the worker waits for other workers. If one of these hangs, this worker is silent, too, but not hung.
     depends: AtomicBool,
 }
 
@@ -70,7 +70,7 @@ pub struct Heartbeat {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct LifeSign {
     pub beats: u64,
-    /// True while it waits for other workers.
+    /// True while the worker waits for other workers.
     pub depends: bool,
 }
 
@@ -85,7 +85,7 @@ impl Heartbeat {
         self.depends.store(sign.depends, Ordering::Relaxed);
     }
 
-    /// Runs a wait for other workers, and marks the worker as dependent meanwhile.
+    /// Runs `wait`, which waits for other workers. Sets `depends` meanwhile.
     pub fn depending<T>(&self, wait: impl FnOnce() -> T) -> T {
         self.depends.store(true, Ordering::Relaxed);
         let found = wait();
@@ -99,8 +99,8 @@ impl Heartbeat {
     }
 }
 
-/// Number of slices without a sign of life after which a worker counts as hung. A worker that waits for its device
-/// gives up two slices earlier, and can then report the reason.
+/// Number of slices without a sign of life after which a worker counts as hung. A worker that waits for a hung device
+/// gives up two slices earlier, so that it can still report the reason itself.
 const SILENT_SLICES: u32 = WAIT_SLICES + 2;
 
 /// Watches workers while the renderer waits for their answers. Time is counted in slices, so that a suspension of the

@@ -7,7 +7,8 @@ use crate::graph::{Assignment, Partition, Stripes};
 use crate::passes::partitions;
 use crate::scene::rig::Eye;
 
-/// Serializes types that are shared with shaders as bytes, since text has no infinities.
+/// Serializes types whose memory layout is shared with shaders. They are written as raw bytes, since JSON cannot
+/// represent infinities.
 pub mod pod {
     use bytemuck::Pod;
     use serde::de::Error as _;
@@ -23,8 +24,8 @@ pub mod pod {
     }
 }
 
-/// Serialized form of an [`Assignment`]: inner edges of the common stripes, and of the stripes of single groups by
-/// group name and eye number.
+/// Serialized form of an [`Assignment`]. `common` holds the inner edges of the stripes that most partitions share.
+/// `own` holds the inner edges for partitions with stripes of their own, each with partition name and eye number.
 #[derive(Serialize, Deserialize)]
 struct AssignmentFields {
     primary: usize,
@@ -47,8 +48,8 @@ impl From<&Assignment> for AssignmentFields {
 }
 
 impl AssignmentFields {
-    /// Converts the fields to an [`Assignment`]. Returns `None` if they contradict one another, or name a group that
-    /// the renderer's passes do not have.
+    /// Converts the fields to an [`Assignment`]. Returns `None` if they contradict one another, or name a partition
+    /// that does not exist.
     fn assignment(&self) -> Option<Assignment> {
         let known = partitions();
         let stripes = |edges: &[u32]| {
@@ -74,7 +75,7 @@ pub mod assignment {
 
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Assignment, D::Error> {
         let fields = AssignmentFields::deserialize(deserializer)?;
-        fields.assignment().ok_or_else(|| D::Error::custom("no such assignment"))
+        fields.assignment().ok_or_else(|| D::Error::custom("invalid assignment of rows to devices"))
     }
 }
 

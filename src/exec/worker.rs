@@ -51,7 +51,7 @@ impl Worker {
         &self.device.gpu.info
     }
 
-    /// Executes commands until there can be no more; returns the device if it has not failed.
+    /// Executes commands until the renderer closes the command channel; returns the device if it has not failed.
     pub fn run(mut self) -> Option<GpuDevice> {
         let mut spans = Spans::default();
         loop {
@@ -131,7 +131,7 @@ impl Worker {
                 protocol.ended(self.done.is_some());
             }
             Action::Read { .. } => {
-                let (image, place) = self.read.take().ok_or_else(|| "it has nothing to read".to_owned())?;
+                let (image, place) = self.read.take().ok_or_else(|| "its worker has no image to read".to_owned())?;
                 for back in device.request(&[image], place)? {
                     self.done = Some(Answer::Pixels(device.take(back)?));
                 }
@@ -169,7 +169,7 @@ impl Worker {
 }
 
 fn part_of(parts: &mut HashMap<u64, Part>, ticket: u64) -> Result<&mut Part, DeviceFailure> {
-    parts.get_mut(&ticket).ok_or_else(|| format!("it has no frame of ticket {ticket}").into())
+    parts.get_mut(&ticket).ok_or_else(|| format!("its worker has no frame with the ticket {ticket}").into())
 }
 
 /// Trace spans that last longer than an action.

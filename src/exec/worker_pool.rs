@@ -37,16 +37,16 @@ struct Member {
     is_hung: bool,
 }
 
-/// Results of an order, by device.
+/// Answers to the orders under one ticket: pairs of a device and its answer.
 pub type Answers = Vec<(usize, Result<Answer, Stop>)>;
 
 impl WorkerPool {
-    /// Warms up every device and starts its worker; also returns the info of the devices. `origin` is the zero of
-    /// times.
+    /// Warms up every device and starts its worker; also returns the info of the devices. All reported times count from
+    /// `origin`.
     ///
     /// # Errors
-    /// [`ExecError`] if a device fails at once, has too little memory or cannot compile a stage, a thread cannot be
-    /// started, or another rank cannot take part.
+    /// [`ExecError`] if a device fails during warm-up, has too little memory or cannot compile a stage, a thread cannot
+    /// be started, or another rank cannot take part.
     pub fn start(
         devices: Devices,
         config: &RunConfig,
@@ -91,13 +91,14 @@ impl WorkerPool {
         (0..self.members.len()).filter(|&d| self.members[d].is_left).collect()
     }
 
-    /// Drops a device. Its worker ends by itself, if it can.
+    /// Drops a device: it gets no more commands, and its worker ends unless it hangs.
     pub fn take_out(&mut self, device: usize) {
         self.members[device].is_left = false;
         self.transport.close(device);
     }
 
-    /// Sends orders under a new ticket. `limit` is a device's time limit for each operation that is waited for.
+    /// Sends each order to its device, all under a new ticket, which is returned. `limit` is the time that a device may
+    /// take for each operation that is waited for.
     pub fn ask(&mut self, orders: Vec<(usize, Order)>, limit: Duration) -> u64 {
         let ticket = self.ledger.ask(orders.iter().map(|(device, _)| *device).collect());
         for (device, order) in orders {
@@ -169,6 +170,8 @@ impl Member {
     }
 }
 
+/// Starts a thread that runs the worker and returns its device, unless that has failed.
+///
 /// # Errors
 /// An I/O error if the thread cannot be started.
 pub fn start_worker(worker: Worker) -> std::io::Result<JoinHandle<Option<GpuDevice>>> {

@@ -28,9 +28,9 @@ pub struct FrameGraph {
     order: Vec<NodeIndex>,
     /// The tasks of each device, in key order.
     orders: Vec<Vec<Task>>,
-    /// The nodes of these tasks.
+    /// The DAG nodes of the tasks in `orders`, in the same order.
     nodes: Vec<Vec<NodeIndex>>,
-    /// Device of each node, and its index among the device's tasks.
+    /// For each DAG node, the device of its task and the task's index in that device's list in `orders`.
     places: Vec<(usize, usize)>,
 }
 
@@ -74,8 +74,8 @@ impl FrameGraph {
         Self { dag, program, primary, stitch_pass, order, orders, nodes, places }
     }
 
-    /// Returns a device's tasks in execution order: first those that others may wait for, then those of the stitch,
-    /// which it may postpone.
+    /// Returns a device's tasks in execution order, in two parts: the tasks that other devices may wait for, and the
+    /// tasks of the stitch, which the device may postpone.
     pub fn parts_of(&self, device: usize) -> (&[Task], &[Task]) {
         let tasks = &self.orders[device];
         tasks.split_at(tasks.partition_point(|t| t.key.pass < self.stitch_pass))
@@ -109,7 +109,7 @@ impl FrameGraph {
         }
     }
 
-    /// Returns the bytes that a transfer moves.
+    /// Returns the number of bytes that a download or an upload transfers; 0 for other tasks.
     pub fn bytes(&self, task: &Task) -> u64 {
         match task.kind {
             TaskKind::Download { image, .. } | TaskKind::Upload { image, .. } => {
@@ -133,8 +133,8 @@ struct Holding {
 /// The newest version of one image of one view.
 #[derive(Clone, Debug, Default)]
 struct Version {
-    /// Rows and their owners. The rows of an image are covered without overlap. A table, which devices compute for
-    /// themselves, has one entry for each device that does.
+    /// Owners of the rows. For an image, the entries do not overlap, and they cover all rows except lost ones. For a
+    /// table, there is one entry for each device that computes it.
     owned: Vec<Holding>,
     /// Rows that devices hold in addition to their own.
     copies: Vec<Holding>,
@@ -149,7 +149,7 @@ struct Builder<'a> {
     works: Vec<bool>,
     transfers: u32,
     serial: u32,
-    /// The transfers of the consumer that is being added.
+    /// Transfers of rows that the task being added (the consumer) reads.
     moved: Vec<Transfer>,
     /// Transfer batches of earlier consumers, each with its transfers.
     batches: Vec<(TransferBatch, Vec<Transfer>)>,
@@ -314,7 +314,7 @@ impl<'a> Builder<'a> {
         Holding { rows, device: to, node: Some(up) }
     }
 
-    /// Gathers the outputs that are read on the primary.
+    /// Adds the stitch: its task, and the transfers to the primary of all outputs that `is_read` selects.
     fn stitch(&mut self, pass: u32, primary: usize, is_read: impl Fn(&Resource) -> bool) {
         let key = Key { pass, phase: DISPATCH, serial: u32::MAX };
         let rows = self.program.extent.rows();
@@ -332,8 +332,8 @@ impl<'a> Builder<'a> {
         self.dispatch_parcels(pass);
     }
 
-    /// Groups the transfers of the consumer just added into one batch per source device. One submission per transfer
-    /// would gain nothing.
+    /// Groups the transfers of the consumer just added into one batch per source device; separate submissions would
+    /// gain nothing. `due` is the consumer's pass.
     fn close_parcels(&mut self, due: u32) {
         let mut of_devices: BTreeMap<usize, (TransferBatch, Vec<Transfer>)> = BTreeMap::new();
         for transfer in self.moved.drain(..) {

@@ -1,17 +1,17 @@
-//! Sources of the halo rows around a stripe.
+//! Treatment of the seams between stripes, and sources of the halo rows that filters read across them.
 
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-/// Selects the passes of a chain before which devices receive halo rows from their neighbours, so that filtered rows
-/// match those of a single device. For the passes in between, a device also filters a margin around its stripe that
-/// covers their combined halos. Rows are always received before the first pass.
+/// Selects the passes of a filter chain before which devices receive halo rows from their neighbours, so that filtered
+/// rows match those of a single device. From one such pass to the next, a device also filters a margin around its
+/// stripe that covers the combined halos of the passes in between. Rows are always received before the first pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HaloPlan(u32);
 
 impl HaloPlan {
-    /// Receives a wide margin once, which the device filters itself.
+    /// Receives one wide margin before the first pass. Devices then filter the margin themselves.
     pub const RECOMPUTE: Self = Self(1);
     /// Receives narrow margins before every iteration.
     pub const EXCHANGE: Self = Self(u32::MAX);

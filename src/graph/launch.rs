@@ -1,6 +1,6 @@
 //! Kernel runs that make up a pass.
 
-/// A run of a kernel over a pass's rows, or one run per batch of samples, with the arguments.
+/// One run of a kernel over the rows of a pass, or one run per batch of samples, with the kernel's arguments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Launch {
     Once([u32; 3]),
@@ -9,7 +9,7 @@ pub enum Launch {
     Samples {
         most: u32,
         third: u32,
-        /// True if it is skipped in frames whose only sample is at the pixel's centre.
+        /// True if the kernel does not run in frames whose only sample is at the pixel's centre.
         only_jittered: bool,
     },
 }
@@ -18,7 +18,7 @@ pub enum Launch {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
     pub args: [u32; 3],
-    /// Samples per pixel that this run takes, or 1.
+    /// Samples per pixel that this run takes; 1 for [`Launch::Once`].
     pub samples: u32,
 }
 

@@ -1,9 +1,9 @@
 //! Describes a frame as plain data: passes, the program that they form, and the DAG of tasks that is derived from the
 //! program and from the stripes of each device.
 //!
-//! A node is a task: a pass on one view and one stripe, or a transfer between devices. An edge is an image that one
-//! task passes to another. This module depends neither on wgpu nor on the contents of passes: [`crate::passes`]
-//! declares the renderer's own passes, and [`crate::exec`] executes the graph.
+//! A node is a task: a pass on one view and one stripe, the download or the upload of a transfer between devices, or
+//! the stitch. An edge is an image that one task passes to another. This module depends neither on wgpu nor on the
+//! contents of passes: [`crate::passes`] declares the renderer's own passes, and [`crate::exec`] executes the graph.
 
 mod build;
 mod halo;
@@ -32,7 +32,7 @@ use crate::scene::rig::Eye;
 pub struct Assignment {
     /// The device on which the complete images are gathered.
     primary: usize,
-    /// The stripes of groups without stripes of their own.
+    /// Stripes of all groups and views without an entry in `own`.
     common: Stripes,
     own: Vec<((Partition, Eye), Stripes)>,
 }
@@ -51,17 +51,17 @@ impl Assignment {
         self.common.devices()
     }
 
-    /// The stripes of groups without stripes of their own.
+    /// Returns the stripes of all groups and views without an entry in [`Self::own()`].
     pub fn common(&self) -> &Stripes {
         &self.common
     }
 
-    /// Returns the stripes of single groups and views that differ from the common ones.
+    /// Returns the stripes that were set for individual groups and views. All others use [`Self::common()`].
     pub fn own(&self) -> &[((Partition, Eye), Stripes)] {
         &self.own
     }
 
-    /// Returns the same stripes with another primary, or `None` if there is no such device.
+    /// Returns this assignment with `primary` as the primary, or `None` if there is no such device.
     pub fn with_primary(self, primary: usize) -> Option<Self> {
         (primary < self.devices()).then_some(Self { primary, ..self })
     }

@@ -36,14 +36,15 @@ pub enum SceneUse {
 /// A compute shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Kernel {
-    /// The name of its file in `shaders/`, without the extension, or of a foreign shader.
+    /// Name of the shader's file under `shaders/`, without the extension, or the name given to a foreign shader.
     pub(crate) name: &'static str,
-    /// Private to this module, so that a foreign shader cannot pass for one of the library's.
+    /// WGSL text of a foreign shader, which is not part of the library; `None` for the library's own shaders. The field
+    /// is private, so that no other module can declare a foreign shader as the library's own.
     foreign_text: Option<&'static str>,
     /// The size of a workgroup, in invocations.
     pub(crate) workgroup: [u32; 3],
     pub(crate) scene: SceneUse,
-    /// Constants of its pass, by their names in the shader.
+    /// Constants to declare in the shader's text: names and values.
     pub(crate) constants: &'static [Constant],
 }
 
@@ -105,7 +106,7 @@ pub enum Access {
 }
 
 impl Access {
-    /// Returns true if it needs the output of earlier passes.
+    /// Returns true if this access needs the output of earlier passes.
     pub fn reads(self) -> bool {
         matches!(self, Self::Read | Self::Update | Self::Add)
     }
@@ -115,7 +116,7 @@ impl Access {
     }
 }
 
-/// The rows of an image that a pass reads for its own rows.
+/// Rows of an image that a pass reads in order to compute its own rows.
 #[derive(Clone, Copy, Debug)]
 pub enum Reach {
     Own,
@@ -127,7 +128,8 @@ pub enum Reach {
         offset: u32,
     },
     All,
-    /// Rows that a function maps its own rows to. Both are on the grid of the image that is read.
+    /// The rows that this function returns for the pass's own rows. Argument and result count rows of the image that is
+    /// read.
     Rows(fn(Range<u32>) -> Range<u32>),
 }
 
@@ -163,13 +165,13 @@ pub struct Use {
     pub image: Image,
     pub access: Access,
     pub reach: Reach,
-    /// True if it binds the image of the previous frame.
+    /// True if the pass binds the image of the previous frame.
     pub is_before: bool,
     /// The eye whose image is bound. By default it is the eye of the pass.
     pub eye: Option<Eye>,
-    /// True if it may be bound although no pass has written it. The shader then does not read it.
+    /// True if the image may be bound although no pass has written it. The shader then does not read it.
     pub is_optional: bool,
-    /// True if it is cleared to 0 before the pass. In a list, only the counts are cleared.
+    /// True if the image is cleared to 0 before the pass. In a list, only the counts are cleared.
     pub is_cleared: bool,
 }
 
@@ -228,7 +230,8 @@ impl Use {
         Self { is_cleared: true, ..self }
     }
 
-    /// Returns true if the graph must bring its rows to the device.
+    /// Returns true if the graph must bring the rows of the image to the device: the pass reads the image, and the host
+    /// does not set it.
     pub fn is_read(&self) -> bool {
         self.access.reads() && self.image.resource.life != super::Life::Input
     }
@@ -241,10 +244,10 @@ pub enum Dispatch {
     Invocations([u32; 2]),
     /// One workgroup for each tile of this many columns and rows.
     Workgroups([u32; 2]),
-    /// One workgroup for each tile of this many columns and rows that the device's rows can overlap. The shader sets
-    /// the origin of the tiles.
+    /// One workgroup for each tile of this many columns and rows that the device's rows can overlap, wherever the
+    /// shader places the origin of the tiles.
     Displaced([u32; 2]),
-    /// Indirect dispatch of the number of workgroups that a list holds.
+    /// Indirect dispatch with the workgroup counts in the header of this list.
     List(Resource),
     /// This many workgroups, once per device.
     Once([u32; 3]),
@@ -373,7 +376,7 @@ impl Pass {
         }
     }
 
-    /// Returns the number of rows above and below its own that it reads from images of this frame.
+    /// Returns the maximum number of rows above and below its own that the pass reads from an image of this frame.
     pub fn halo_rows(&self) -> u32 {
         self.uses.iter().filter(|u| u.is_read() && !u.is_before).map(|u| u.reach.halo_rows()).max().unwrap_or(0)
     }

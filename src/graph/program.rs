@@ -33,7 +33,7 @@ pub struct Linked {
     pub link: Option<usize>,
 }
 
-/// A buffer of a resource, of this frame or of the previous one.
+/// Buffer that a pass binds: one of a resource's buffers, with the contents of this frame or of the previous one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Bound {
     pub resource: Resource,
@@ -49,7 +49,7 @@ impl Bound {
     }
 }
 
-/// Declarations that contradict one another.
+/// Contradiction between the declarations of passes.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ProgramError {
     #[error("{stage} reads {image}, which no pass before it has written")]
@@ -143,7 +143,8 @@ impl Program {
     }
 }
 
-/// Checks that every pass reads only images that earlier passes have written.
+/// Checks that every pass reads only images that earlier passes have written, and all other rules of [`ProgramError`]
+/// except the one on grids.
 fn check(passes: &[Pass]) -> Result<(), ProgramError> {
     let mut held: HashMap<(Resource, u8, Eye), (u8, Partition)> = HashMap::new();
     let all_writes: Vec<Resource> =

@@ -24,7 +24,7 @@ pub enum Projection {
     None,
 }
 
-/// The positions of the texels of a resource, or of the invocations of a pass.
+/// Size and projection of a resource's texels, or of a pass's invocations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Grid {
     pub size: Size,
@@ -65,7 +65,7 @@ pub enum Format {
 /// Length of the header of a [`Format::List`], in 4-byte words.
 pub const LIST_HEADER: u32 = 4;
 
-/// Instances of a resource.
+/// Number of instances of a resource, or of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scope {
     /// One per eye, divided into stripes.
@@ -80,7 +80,7 @@ pub enum Scope {
 pub enum Life {
     /// The contents last until those of the next frame replace them.
     Frame,
-    /// The resource is an output. It is gathered on the primary, and there is one per frame in flight.
+    /// The resource is an output. It is gathered on the primary, and it has one buffer per frame in flight.
     Output,
     /// The contents last as in `Frame`, but their rows never leave the device that made them.
     Local,
@@ -130,7 +130,7 @@ impl Resource {
         Self { grid, ..self }
     }
 
-    /// Makes a list of an eye's pixels on the device that has their rows.
+    /// Makes a list of an eye's pixels. Each device lists only pixels of its own rows.
     pub const fn list(name: &'static str) -> Self {
         let grid = Grid::table(Size::Frame);
         Self { name, number: 0, format: Format::List, grid, scope: Scope::View, life: Life::Local }

@@ -6,15 +6,15 @@ pub fn widen(rows: &Range<u32>, by: u32, height: u32) -> Range<u32> {
     rows.start.saturating_sub(by)..(rows.end + by).min(height)
 }
 
-/// Rescales rows of an image with `from` rows to an image with `to` rows. Adjacent ranges stay adjacent, so a partition
-/// of the first image becomes one of the second.
+/// Rescales a range of rows from an image with `from` rows to an image with `to` rows. Adjacent ranges stay adjacent,
+/// so a partition of the first image becomes a partition of the second.
 pub fn share(rows: &Range<u32>, from: u32, to: u32) -> Range<u32> {
     let edge = |row: u32| (u64::from(row) * u64::from(to)).div_ceil(u64::from(from.max(1))) as u32;
     edge(rows.start)..edge(rows.end)
 }
 
-/// Rescales rows of an image with `from` rows to an image with `to` rows, rounded outwards to all rows that they
-/// overlap. Adjacent ranges may then overlap.
+/// Rescales a range of rows from an image with `from` rows to an image with `to` rows. Rounds outwards, to all rows
+/// that the range overlaps even in part, so adjacent ranges may become overlapping ones.
 pub fn scale(rows: &Range<u32>, from: u32, to: u32) -> Range<u32> {
     let (from, to) = (u64::from(from.max(1)), u64::from(to));
     let begin = u64::from(rows.start) * to / from;

@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use crate::scene::rig::Eye;
 
-/// Position of a task in the common order that all devices follow. Downloads come after their producer and uploads
-/// before their consumer; `batches.rs` picks the passes between the two. Every edge of the graph goes from a smaller
-/// key to a larger one, so workers that execute their tasks in key order cannot deadlock.
+/// Position of a task in the common order that all devices follow. A download comes after the task that produces its
+/// rows, and an upload before the task that consumes them; `transfer_batches.rs` picks the exact passes. Every edge of
+/// the graph goes from a smaller key to a larger one, so workers that execute their tasks in key order cannot deadlock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Key {
     /// Index of the pass.
@@ -21,10 +21,10 @@ pub enum TaskKind {
     Dispatch {
         /// Index among the program's passes.
         pass: usize,
-        /// Rows of the pass's grid that may be read.
+        /// Rows that the dispatch may read, on the pass's grid: its own, and received or recomputed ones around them.
         valid: Range<u32>,
     },
-    /// Copies rows from the device. The upload with the same `transfer` receives them.
+    /// Copies rows from the device, to be sent to device `to`. There, the upload with the same `transfer` writes them.
     Download {
         /// Index among the program's images.
         image: usize,

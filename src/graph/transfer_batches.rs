@@ -1,8 +1,9 @@
 //! Scheduling of transfer batches: when rows leave their device, and when they arrive on the device that reads them.
-//! Both split submissions: rows leave at the end of one submission, and a later one reads them. Small batches therefore
-//! share splits. Large ones leave as soon as they are ready, so that their transfer overlaps with work on the devices.
+//! Departures and arrivals both force a submission split: rows leave at the end of a submission, and arrive at the
+//! start of one. Small batches therefore share splits. Large batches leave as soon as they are ready, so that their
+//! transfer overlaps with work on the devices.
 
-/// Size in bytes below which a transfer batch takes less time than a submission of its own.
+/// Size in bytes below which a transfer batch is small: its transfer takes less time than an additional submission.
 const FEW_BYTES: u64 = 64 << 10;
 
 /// A transfer batch: the rows that one task waits for from one device.
@@ -15,7 +16,7 @@ pub struct TransferBatch {
     pub bytes: u64,
 }
 
-/// The passes between which a transfer batch travels.
+/// Schedule of a transfer batch: the passes between which its rows are transferred.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trip {
     /// Pass after which the batch leaves: `ready` or later, and before `due`.
@@ -27,7 +28,7 @@ pub struct Trip {
 /// Schedules each transfer batch. `end` is one past the last pass.
 pub fn trips(batches: &[TransferBatch], end: u32) -> Vec<Trip> {
     let is_large = |batch: &&TransferBatch| batch.bytes >= FEW_BYTES;
-    // Passes before which submissions are split, in order. All devices also stop at `end`.
+    // Passes before which all devices split submissions, in order. They also split at `end`, before the stitch.
     let mut stops = vec![end];
     let stop_at = |stops: &mut Vec<u32>, pass| {
         if let Err(place) = stops.binary_search(&pass) {
@@ -38,7 +39,8 @@ pub fn trips(batches: &[TransferBatch], end: u32) -> Vec<Trip> {
         stop_at(&mut stops, batch.ready + 1);
         stop_at(&mut stops, batch.due);
     }
-    // Keeps stops few: in order of `due`, a small batch without a stop gets one as late as possible.
+    // Adds few stops: in order of `due`, each small batch without a stop after `ready` and up to `due` gets one at
+    // `due`.
     let mut small: Vec<&TransferBatch> = batches.iter().filter(|batch| !is_large(batch)).collect();
     small.sort_by_key(|batch| batch.due);
     for batch in small {

@@ -1,4 +1,4 @@
-//! Swapchains of the runtime, with one layer for each eye or a single one.
+//! Swapchains of the runtime, with one array layer for each eye or a single layer.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -11,7 +11,7 @@ use super::error::{HeadsetError, Told};
 use crate::device::{GpuDevice, HeadsetDevice};
 use crate::image::Extent;
 
-/// Format, as its Vulkan number and as wgpu's name.
+/// Format of swapchain images: the value of its `VkFormat`, and the same format in wgpu.
 pub type Format = (u32, wgpu::TextureFormat);
 
 /// Colour formats, in order of preference.
@@ -19,12 +19,12 @@ pub const COLOURS: [Format; 2] = [(43, wgpu::TextureFormat::Rgba8UnormSrgb), (50
 /// Depth formats, in order of preference.
 pub const DEPTHS: [Format; 2] = [(126, wgpu::TextureFormat::Depth32Float), (124, wgpu::TextureFormat::Depth16Unorm)];
 
-/// Returns the first of these formats that the session offers.
+/// Returns the first of these formats that the session offers, or `None` if it offers none of them.
 ///
 /// # Errors
 /// Errors of the runtime.
 pub fn offered(session: &Session<Vulkan>, formats: &[Format]) -> Result<Option<Format>, HeadsetError> {
-    let offered = session.enumerate_swapchain_formats().to("say which images it takes")?;
+    let offered = session.enumerate_swapchain_formats().to("list its swapchain formats")?;
     Ok(formats.iter().copied().find(|(number, _)| offered.contains(number)))
 }
 
@@ -64,7 +64,7 @@ impl Chain {
             array_size: layers,
             mip_count: 1,
         };
-        let swapchain = session.create_swapchain(&info).to("make images of this size")?;
+        let swapchain = session.create_swapchain(&info).to("create a swapchain of this size")?;
         let descriptor = wgpu::TextureDescriptor {
             label: Some("headset"),
             size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
@@ -75,7 +75,7 @@ impl Chain {
             usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
             view_formats: &[format.remove_srgb_suffix()],
         };
-        let images = swapchain.enumerate_images().to("give its images")?;
+        let images = swapchain.enumerate_images().to("list the images of a swapchain")?;
         let swapchain = Arc::new(Mutex::new(swapchain));
         let textures = device.textures(&swapchain, images, &descriptor, at_rest(format))?;
         Ok(Self { textures, swapchain, extent, format })
@@ -91,8 +91,8 @@ impl Chain {
         fill: impl FnOnce(&wgpu::Texture, &mut wgpu::CommandEncoder),
     ) -> Result<(), HeadsetError> {
         let mut swapchain = self.swapchain.lock().unwrap_or_else(PoisonError::into_inner);
-        let index = swapchain.acquire_image().to("give an image")?;
-        swapchain.wait_image(Duration::INFINITE).to("be done with an image")?;
+        let index = swapchain.acquire_image().to("acquire a swapchain image")?;
+        swapchain.wait_image(Duration::INFINITE).to("wait for a swapchain image")?;
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         if let Some(texture) = self.textures.get(index as usize) {
             fill(texture, &mut encoder);
@@ -102,7 +102,7 @@ impl Chain {
             encoder.transition_resources(std::iter::empty(), std::iter::once(back));
         }
         gpu.queue.submit([encoder.finish()]);
-        swapchain.release_image().to("take an image")
+        swapchain.release_image().to("release a swapchain image")
     }
 
     /// Locks the images for use in a frame's layers.
@@ -127,8 +127,8 @@ impl Images<'_> {
     }
 }
 
-/// Returns the state in which images are acquired from and released to the runtime: attachments
-/// (`XR_KHR_vulkan_enable2`).
+/// Returns the state that `XR_KHR_vulkan_enable2` prescribes for images when they are acquired from the runtime and
+/// released to it: colour attachment or depth attachment.
 fn at_rest(format: wgpu::TextureFormat) -> wgpu::TextureUses {
     if format.is_depth_stencil_format() {
         wgpu::TextureUses::DEPTH_STENCIL_WRITE

@@ -42,13 +42,13 @@ impl Constants {
     }
 }
 
-/// Draws one kind of image over all pixels of an attachment.
+/// Pipeline that draws the pixels of a buffer, colours or depths, over a whole attachment of this format.
 struct Painter {
     pipeline: wgpu::RenderPipeline,
     format: wgpu::TextureFormat,
 }
 
-/// Swapchain of one kind of image, with a layer for each eye.
+/// Swapchain of colour or depth images with a layer for each eye, and the pipeline that fills it.
 pub struct Drawing {
     chain: Chain,
     painter: Painter,
@@ -56,10 +56,10 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// Creates a swapchain with one of these formats; returns none if the session offers none of them. The formats
-    /// decide the meaning of pixels. With [`COLOURS`] they are four bytes, already encoded for the screen. With
-    /// [`DEPTHS`] they are four floats, of which the first is the distance along the pixel's ray in scene units, 0 for
-    /// the sky; they become depth in the form of `XR_KHR_composition_layer_depth`.
+    /// Creates a swapchain with one of these formats; returns `None` if the session offers none of them. `formats` also
+    /// determines the pixels that [`Self::fill`] expects. With [`COLOURS`], a pixel is four bytes, already encoded for
+    /// the screen. With [`DEPTHS`], a pixel is four floats, of which the first is the distance along the pixel's ray in
+    /// scene units, 0 for the sky. The swapchain then holds depths as defined by `XR_KHR_composition_layer_depth`.
     ///
     /// [`COLOURS`]: super::chain::COLOURS
     /// [`DEPTHS`]: super::chain::DEPTHS
@@ -105,8 +105,8 @@ impl Drawing {
 }
 
 impl Painter {
-    /// Creates the pipeline for attachments of this format. Colours are encoded already, so they go through a view
-    /// without sRGB.
+    /// Creates the pipeline for attachments of this format. Colours are already sRGB-encoded, so they are written
+    /// through a texture view of the corresponding format without sRGB conversion.
     fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
         let format = format.remove_srgb_suffix();
         let is_depth = format.is_depth_stencil_format();
@@ -210,7 +210,7 @@ impl Painter {
     }
 }
 
-/// Returns the depth that accompanies an eye's colours (`XR_KHR_composition_layer_depth`): reversed, with 0 at
+/// Describes an eye's depth image to the runtime (`XR_KHR_composition_layer_depth`). Depth is reversed, with 0 at
 /// infinity.
 pub fn depth_info(images: &Images<'_>, eye: Eye) -> sys::CompositionLayerDepthInfoKHR {
     sys::CompositionLayerDepthInfoKHR {
@@ -234,7 +234,8 @@ mod tests {
     /// Field of view that is larger downwards than upwards and to the left than to the right.
     const FOV: Fov = Fov { left: -0.9, right: 0.6, up: 0.5, down: -0.8 };
 
-    /// Returns the bytes of each pixel drawn from these pixels, with scene units of half a metre.
+    /// Draws these pixels into a texture of this format and returns the bytes of the texture. A scene unit is half a
+    /// metre.
     fn drawn(pixels: impl Fn(&GpuDevice) -> Pixels, format: TextureFormat) -> Vec<u8> {
         let gpu = open(&Selection::default()).unwrap().remove(0);
         let size = wgpu::Extent3d { width: EXTENT.width, height: EXTENT.height, depth_or_array_layers: 1 };
@@ -281,7 +282,7 @@ mod tests {
         bytemuck::pod_collect_to_vec(&drawn(pixels, TextureFormat::Depth32Float))
     }
 
-    /// A wall 2 m ahead of the eye.
+    /// Draws a wall 2 m ahead of the eye.
     #[test]
     fn a_wall_is_as_far_everywhere() {
         let [left, right, up, down] = [FOV.left, FOV.right, FOV.up, FOV.down].map(f64::tan);

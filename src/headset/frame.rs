@@ -16,7 +16,7 @@ use crate::scene::optics::HeadEyes;
 pub enum Next {
     /// A frame to render and show.
     Frame(Box<HeadsetFrame>),
-    /// Nothing is visible now.
+    /// No frame is to be rendered now, since it would not be visible.
     Idle,
     Ended,
 }
@@ -40,8 +40,8 @@ pub struct HeadsetFrame {
 }
 
 impl HeadsetFrame {
-    /// Shows the frame from a newer pose. Returns the time between the samplings of the two poses, ms, if the runtime
-    /// has a clock.
+    /// Replaces the frame's head pose by a newer sample. Returns the time in ms between the old and the new sample, or
+    /// `None` if the runtime has no clock.
     pub fn show_from(&mut self, sample: HeadSample) -> Option<f64> {
         let before = std::mem::replace(&mut self.sampled, sample.at);
         self.head = sample.head;
@@ -53,7 +53,7 @@ impl HeadsetFrame {
         self.period_ns as f64 / 1e6
     }
 
-    /// Returns the frame's timing, if it is submitted now.
+    /// Returns the timing of the frame if it is submitted at the time `now`.
     pub(super) fn shown(&self, now: Option<Time>) -> Shown {
         let shown = |now| shown_at(self.display, self.period_ns, now);
         Shown {
@@ -63,7 +63,7 @@ impl HeadsetFrame {
     }
 }
 
-/// Contents of a frame.
+/// Images and panel to show in a frame.
 pub struct Picture<'a> {
     /// Colours of both eyes, four bytes per pixel, encoded for the screen.
     pub images: Stereo<Pixels>,

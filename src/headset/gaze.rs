@@ -10,17 +10,17 @@ const HOLD_S: f64 = 0.4;
 /// after a gap.
 const RETURN_S: f64 = 0.25;
 const CATCH_UP_S: f64 = 0.03;
-/// Distance at which the filter has caught up, as a tangent.
+/// Distance from the reported gaze below which the filter has caught up with it, as a difference of tangents.
 const NEAR: f64 = 0.01;
-/// Maximum eccentricity that trackers report, as a tangent.
+/// Maximum eccentricity of a valid gaze, as a tangent. A reported gaze beyond it counts as lost.
 const WIDEST: f64 = 4.0;
 
-/// Filter of the gaze in the head, as tangents to the right and up. The filtered gaze moves smoothly across gaps and
-/// follows jumps of the reported gaze.
+/// Filter of the gaze direction relative to the head, given by its tangents to the right and up. The filtered gaze
+/// moves smoothly across gaps in tracking, but follows jumps of the reported gaze (saccades) at once.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GazeFilter {
     gaze: DVec2,
-    /// Time since which no gaze is reported.
+    /// Time in seconds at which the tracker stopped reporting a gaze; `None` while it reports one.
     lost_s: Option<f64>,
     last_s: Option<f64>,
     /// True while the gaze still catches up with the reported one.
@@ -28,7 +28,8 @@ pub struct GazeFilter {
 }
 
 impl GazeFilter {
-    /// Advances to a time in seconds. `told` is the direction in the head that the tracker reports, if any.
+    /// Advances to the time `at_s` and returns the filtered gaze. `told` is the gaze direction that the tracker
+    /// reports, in the axes of the head, if any.
     pub fn next(&mut self, told: Option<DVec3>, at_s: f64) -> DVec2 {
         let passed_s = (at_s - self.last_s.replace(at_s).unwrap_or(at_s)).max(0.0);
         let towards = |gaze: DVec2, to: DVec2, constant_s: f64| gaze.lerp(to, 1.0 - (-passed_s / constant_s).exp());
@@ -49,7 +50,8 @@ impl GazeFilter {
     }
 }
 
-/// Returns the tangents to the right and up of a direction; none if it points backwards or exceeds [`WIDEST`].
+/// Returns a direction's tangents to the right and up; `None` if it points backwards or if its eccentricity exceeds
+/// [`WIDEST`].
 fn tangents(direction: DVec3) -> Option<DVec2> {
     let tangents = direction.truncate() / -direction.z;
     (direction.z < 0.0 && tangents.is_finite() && tangents.length() <= WIDEST).then_some(tangents)

@@ -93,8 +93,8 @@ impl Controls {
         let bind = "bind controllers";
         let set = xr.create_action_set("diptych", "diptych", 0).to(bind)?;
         let moves = set.create_action("move", "Move", &[]).to(bind)?;
-        let recentres = set.create_action("recentre", "Back to where one looked at first", &[]).to(bind)?;
-        let toggles_panel = set.create_action("panel", "Frame times, shown or hidden", &[]).to(bind)?;
+        let recentres = set.create_action("recentre", "Recentre the view", &[]).to(bind)?;
+        let toggles_panel = set.create_action("panel", "Show or hide frame times", &[]).to(bind)?;
         let looks = if tracks_eyes { Some(set.create_action::<Posef>("gaze", "Gaze", &[]).to(bind)?) } else { None };
         for (profile, bound) in PROFILES {
             let binding = |(to, path): &(To, &str)| {
@@ -117,12 +117,13 @@ impl Controls {
         Ok(Self { set, moves, recentres, toggles_panel, gaze })
     }
 
-    /// Syncs the actions and returns their state, with the gaze at `display` in the space `head` of the head itself.
+    /// Syncs the actions and returns their state. The gaze is predicted for the time `display` and relative to `head`,
+    /// the space of the head.
     ///
     /// # Errors
     /// Errors of the runtime.
     pub fn read(&self, session: &Session<Vulkan>, head: &Space, display: Time) -> Result<Input, HeadsetError> {
-        let read = "say what controllers do";
+        let read = "read the controllers' input";
         session.sync_actions(&[(&self.set).into()]).to(read)?;
         let stick = self.moves.state(session, Path::NULL).to(read)?;
         let [x, y] = if stick.is_active { [stick.current_state.x, stick.current_state.y] } else { [0.0; 2] };
@@ -131,7 +132,7 @@ impl Controls {
             Ok::<_, HeadsetError>(state.is_active && state.changed_since_last_sync && state.current_state)
         };
         let gaze = match &self.gaze {
-            Some(gaze) => head_pose(&gaze.locate(head, display).to("say where eyes look")?.pose),
+            Some(gaze) => head_pose(&gaze.locate(head, display).to("locate the gaze")?.pose),
             None => None,
         };
         Ok(Input {

@@ -26,7 +26,8 @@ pub struct Locator {
 }
 
 impl Locator {
-    /// Returns the head's pose at the time at which a frame that is ready now will be shown; none if it is unknown.
+    /// Predicts the head's pose for the time at which `frame` will be shown if it is ready now. Returns `None` if the
+    /// pose is unknown.
     pub fn head(&self, frame: &HeadsetFrame) -> Option<HeadSample> {
         let shown = self.now().map_or(frame.display, |now| shown_at(frame.display, frame.period_ns, now));
         self.at(shown)

@@ -24,7 +24,7 @@ pub enum State {
 }
 
 impl State {
-    /// Converts a state; returns none for states of later versions.
+    /// Converts a state; returns `None` for states that later versions of OpenXR add.
     pub fn of(state: SessionState) -> Option<Self> {
         Some(match state {
             SessionState::IDLE => Self::Idle,
@@ -102,7 +102,7 @@ impl Lifecycle {
         }
     }
 
-    /// Returns true if frames are to be waited for, begun and ended.
+    /// Returns true if the session is running, so that the program must wait for frames, begin and end them.
     pub fn runs(&self) -> bool {
         self.runs
     }
@@ -112,7 +112,7 @@ impl Lifecycle {
         self.states.last().copied()
     }
 
-    /// Returns true if no frame follows any more.
+    /// Returns true if the session is over, so that no more frames follow.
     pub fn has_ended(&self) -> bool {
         matches!(self.state(), Some(State::Exiting | State::LossPending))
     }

@@ -1,4 +1,4 @@
-//! Locomotion: thumbsticks and buttons move the headset's own space within the shot's.
+//! Locomotion: thumbsticks and buttons move the session's reference space within the shot's space.
 
 use glam::{DQuat, DVec2, DVec3};
 
@@ -7,7 +7,7 @@ use crate::scene::head::HeadPose;
 /// Deflection below which a thumbstick counts as released.
 const DEAD_ZONE: f64 = 0.15;
 
-/// Transform from the session's space to the shot's. Both are level, and it keeps them level.
+/// Transform from the session's space to the shot's. In both, y is up, so the transform rotates only about y.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Locomotion {
     origin: HeadPose,
@@ -19,7 +19,8 @@ impl Locomotion {
         self.origin.then(head)
     }
 
-    /// Moves on for `passed_s`, to the right and ahead as the head looks, but level. Full deflection means full speed.
+    /// Moves the viewer horizontally for `passed_s` seconds. `stick` is the deflection to the right and ahead, relative
+    /// to the head's heading. Full deflection moves at `speed_m_per_s`.
     pub fn go(&mut self, head: HeadPose, stick: [f64; 2], speed_m_per_s: f64, passed_s: f64) {
         let stick = DVec2::from(stick).clamp_length_max(1.0);
         let beyond = (stick.length() - DEAD_ZONE) / (1.0 - DEAD_ZONE);
@@ -31,15 +32,15 @@ impl Locomotion {
         self.origin.position_m += level * DVec3::new(along.x, 0.0, -along.y);
     }
 
-    /// Moves the head to the initial place and heading of the shot's eyes.
+    /// Moves the head to the origin of the shot's space and turns it to the shot's initial heading.
     pub fn recentre(&mut self, head: HeadPose) {
         let orientation = DQuat::from_rotation_y(-heading(head.orientation));
         self.origin = HeadPose { position_m: -(orientation * head.position_m), orientation };
     }
 }
 
-/// Returns the head's yaw, to the left. It follows the viewing direction, or near the vertical the direction of the top
-/// of the head.
+/// Returns the head's yaw in radians, positive to the left. It is the yaw of the viewing direction. If that is nearly
+/// vertical, it is derived from the direction of the top of the head.
 fn heading(orientation: DQuat) -> f64 {
     let (ahead, top) = (orientation * DVec3::NEG_Z, orientation * DVec3::Y);
     let level = |v: DVec3| DVec2::new(v.x, v.z);

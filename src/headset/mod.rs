@@ -1,7 +1,7 @@
 //! Headset output with OpenXR: predicts display times and poses for frames, and submits their images.
 //!
-//! [`Runtime`] is the system's OpenXR runtime with a headset, before anything is shown. [`Headset`] is a session with
-//! it. Its frames begin with [`Headset::next_frame`], which waits as long as the runtime wants, and end with
+//! [`Runtime`] is the system's OpenXR runtime with a headset, before a session begins. [`Headset`] is a session with
+//! the runtime. A frame begins with [`Headset::next_frame`], which waits as long as the runtime wants, and ends with
 //! [`Headset::show`].
 
 mod chain;

@@ -26,7 +26,7 @@ impl Pacing {
         self.last = None;
     }
 
-    /// Seconds since the first frame's time.
+    /// Returns the time from the predicted display time of the first frame to `display`, in seconds.
     pub fn since_first_s(&self, display: Time) -> f64 {
         let first = self.first.unwrap_or(display);
         display.as_nanos().saturating_sub(first.as_nanos()) as f64 / 1e9

@@ -1,4 +1,4 @@
-//! A quad in space, composited over the frames, for example for numbers.
+//! A quad in space that the runtime composites over the frames, for example to show frame times.
 
 use openxr::{CompositionLayerFlags, CompositionLayerQuad, Extent2Df, EyeVisibility, Session, Space, Vulkan};
 
@@ -14,7 +14,7 @@ use glam::DVec3;
 const AHEAD_M: f64 = 1.0;
 const BELOW_M: f64 = 0.15;
 
-/// Panel that shows its last contents, with premultiplied alpha.
+/// Quad layer that shows what was last drawn into it. Its pixels have premultiplied alpha.
 pub struct Panel {
     chain: Chain,
     size_m: [f64; 2],
@@ -23,8 +23,8 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// Creates a panel of this width ahead of the head's present pose. Returns none if the session offers no format for
-    /// it.
+    /// Creates a panel of `extent` pixels that is `width_m` metres wide, ahead of the head pose `head`. Returns `None`
+    /// if the session offers no format for it.
     pub(super) fn new(
         device: &HeadsetDevice,
         session: &Session<Vulkan>,

@@ -10,7 +10,7 @@ use crate::scene::rig::Eye;
 /// Tolerance below which eyes count as equal: metres, radians, and components of unit quaternions.
 const SLACK: f64 = 1e-4;
 
-/// Largest plausible coordinate.
+/// Largest plausible coordinate of a position.
 const FURTHEST_M: f64 = 1e5;
 
 /// Returns the pose with its orientation normalised; none if the orientation is invalid or the position implausibly
@@ -104,7 +104,7 @@ mod tests {
         }
     }
 
-    /// The head looks to the left: its right eye is ahead of its left one.
+    /// Turns the head by 90 degrees to the left, so that its right eye is at smaller z than its left eye.
     #[test]
     fn eyes_are_where_the_head_takes_them() {
         let views = [view(-0.03, 0.0, [-0.8, 0.8, 0.8, -0.8]), view(0.03, 0.0, [-0.8, 0.8, 0.8, -0.8])];

@@ -10,10 +10,10 @@ use super::error::{HeadsetError, Told};
 use crate::device::{DeviceError, HeadsetDevice, Wanted};
 use crate::image::Extent;
 
-/// One view for each eye.
+/// View configuration with one view for each eye.
 pub(super) const STEREO: ViewConfigurationType = ViewConfigurationType::PRIMARY_STEREO;
 
-/// A runtime with a headset. Nothing is shown yet.
+/// A runtime with a headset, before a session begins.
 pub struct Runtime {
     pub(super) xr: Instance,
     pub(super) system: SystemId,
@@ -48,11 +48,11 @@ impl Runtime {
         let about =
             ApplicationInfo { application_name: "diptych", api_version: Version::new(1, 0, 0), ..Default::default() };
         let xr = entry.create_instance(&about, &wanted, &[], &()).map_err(unanswered)?;
-        let properties = xr.properties().to("say its name")?;
+        let properties = xr.properties().to("return its name")?;
         let name = format!("{} {}", properties.runtime_name, properties.runtime_version);
         let lacks = |what| HeadsetError::Lacks { runtime: name.clone(), what };
         if !wanted.khr_vulkan_enable2 {
-            return Err(lacks("images from Vulkan (XR_KHR_vulkan_enable2)"));
+            return Err(lacks("support for Vulkan (XR_KHR_vulkan_enable2)"));
         }
         let system = xr.system(FormFactor::HEAD_MOUNTED_DISPLAY).map_err(|error| match error {
             sys::Result::ERROR_FORM_FACTOR_UNAVAILABLE | sys::Result::ERROR_FORM_FACTOR_UNSUPPORTED => {
@@ -60,13 +60,13 @@ impl Runtime {
             }
             source => HeadsetError::Call { what: "find its headset", source },
         })?;
-        let views = xr.enumerate_view_configuration_views(system, STEREO).to("say what eyes see")?;
+        let views = xr.enumerate_view_configuration_views(system, STEREO).to("list the headset's views")?;
         let [view, _] = views[..] else { return Err(lacks("one view for each eye")) };
-        let modes = xr.enumerate_environment_blend_modes(system, STEREO).to("say what is behind images")?;
+        let modes = xr.enumerate_environment_blend_modes(system, STEREO).to("list its environment blend modes")?;
         let opaque = modes.iter().find(|mode| **mode == EnvironmentBlendMode::OPAQUE);
-        let blend = *opaque.or(modes.first()).ok_or_else(|| lacks("a way to show images"))?;
+        let blend = *opaque.or(modes.first()).ok_or_else(|| lacks("an environment blend mode"))?;
         Ok(Self {
-            headset: xr.system_properties(system).to("say its headset's name")?.system_name,
+            headset: xr.system_properties(system).to("return the headset's name")?.system_name,
             recommended: Extent::new(
                 view.recommended_image_rect_width.max(1),
                 view.recommended_image_rect_height.max(1),
@@ -81,8 +81,8 @@ impl Runtime {
         })
     }
 
-    /// Opens the device from which the runtime takes images; `first` describes the first rendering device. If that is
-    /// on the runtime's adapter, the opened device takes its place.
+    /// Opens the device from which the runtime takes images. `first` describes the first rendering device; if it is on
+    /// the runtime's adapter, the opened device also serves as the first rendering device.
     ///
     /// # Errors
     /// Errors of the runtime or of the device.
@@ -90,7 +90,7 @@ impl Runtime {
         HeadsetDevice::open(&self.xr, self.system, first)
     }
 
-    /// Returns the instance if the runtime has a clock.
+    /// Returns the instance, to query the time from, if the runtime has a clock.
     pub(super) fn clock(&self) -> Option<&Instance> {
         self.tells_time.then_some(&self.xr)
     }
@@ -109,6 +109,6 @@ fn unanswered(error: sys::Result) -> HeadsetError {
         | sys::Result::ERROR_INITIALIZATION_FAILED
         | sys::Result::ERROR_FILE_ACCESS_ERROR
         | sys::Result::ERROR_INSTANCE_LOST => HeadsetError::NoRuntime,
-        source => HeadsetError::Call { what: "come up", source },
+        source => HeadsetError::Call { what: "start", source },
     }
 }

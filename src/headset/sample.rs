@@ -4,7 +4,7 @@ use openxr::Time;
 
 use crate::scene::head::HeadPose;
 
-/// Predicted pose of the head, with the time at which it was predicted.
+/// Predicted pose of the head, and the time at which the prediction was made.
 #[derive(Clone, Copy, Debug)]
 pub struct HeadSample {
     pub head: HeadPose,

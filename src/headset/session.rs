@@ -58,11 +58,11 @@ impl Headset {
     /// # Errors
     /// Errors of the runtime or of the device.
     pub fn start(runtime: Runtime, device: HeadsetDevice, extent: Extent) -> Result<Self, HeadsetError> {
-        let (session, waiter, stream) = device.session(&runtime.xr, runtime.system).to("begin a session")?;
-        let space = |kind| session.create_reference_space(kind, Posef::IDENTITY).to("say where the head is");
+        let (session, waiter, stream) = device.session(&runtime.xr, runtime.system).to("create a session")?;
+        let space = |kind| session.create_reference_space(kind, Posef::IDENTITY).to("create a reference space");
         let spaces = Spaces { local: space(ReferenceSpaceType::LOCAL)?, head: space(ReferenceSpaceType::VIEW)? };
         let locator = Locator { spaces: Arc::new(spaces), clock: runtime.clock().cloned() };
-        let lacks = HeadsetError::Lacks { runtime: runtime.name.clone(), what: "images of eight bits, sRGB" };
+        let lacks = HeadsetError::Lacks { runtime: runtime.name.clone(), what: "an 8-bit sRGB swapchain format" };
         let colour = Drawing::new(&device, &session, &COLOURS, extent)?.ok_or(lacks)?;
         let depth = if runtime.takes_depth { Drawing::new(&device, &session, &DEPTHS, extent)? } else { None };
         let controls = Controls::new(&runtime.xr, &session, runtime.tracks_eyes)?;
@@ -115,7 +115,7 @@ impl Headset {
         if !self.lifecycle.runs() || std::mem::replace(&mut self.is_asked, true) {
             return Ok(());
         }
-        self.session.request_exit().to("end the session")
+        self.session.request_exit().to("exit the session")
     }
 
     /// Handles pending events, then waits until the runtime wants a frame.
@@ -132,7 +132,7 @@ impl Headset {
             std::thread::sleep(PAUSE);
             return Ok(Next::Idle);
         }
-        let paced = self.waiter.wait().to("pace frames")?;
+        let paced = self.waiter.wait().to("wait for a frame")?;
         self.stream.begin().to("begin a frame")?;
         let display = paced.predicted_display_time;
         let located = if paced.should_render { self.locate(display)? } else { None };
@@ -155,7 +155,8 @@ impl Headset {
         self.locator.clone()
     }
 
-    /// Returns the gaze in the eyes' images.
+    /// Filters the reported gaze and projects it into the left and the right eye's image, as fractions from the top
+    /// left. Returns `None` before a tracker has reported a gaze.
     fn gaze(&mut self, input: &Input, eyes: &HeadEyes, at_s: f64) -> Option<[[f64; 2]; 2]> {
         if input.gaze.is_some() {
             self.gaze.get_or_insert_default();
@@ -164,8 +165,8 @@ impl Headset {
         Some([&eyes.left, &eyes.right].map(|eye| in_image(gaze, eye)))
     }
 
-    /// Creates a panel of this size in pixels and this width, ahead of the head's present pose. Returns none if the
-    /// session offers no format for it.
+    /// Creates a panel of `extent` pixels that is `width_m` metres wide, ahead of the head pose `head`. Returns `None`
+    /// if the session offers no format for it.
     ///
     /// # Errors
     /// Errors of the runtime.
@@ -173,7 +174,7 @@ impl Headset {
         Panel::new(&self.device, &self.session, extent, width_m, head)
     }
 
-    /// Returns true if its device is also the first rendering device.
+    /// Returns true if the headset's device is also the first rendering device.
     pub fn renders(&self) -> bool {
         self.device.renders()
     }
@@ -183,12 +184,12 @@ impl Headset {
         &self.device.gpu
     }
 
-    /// Locates the head and the eyes at a display time; none where either is unknown.
+    /// Locates the head and the eyes at a display time; returns `None` if either is unknown.
     fn locate(&mut self, display: Time) -> Result<Option<(HeadSample, HeadEyes)>, HeadsetError> {
         let head = &self.locator.spaces.head;
-        let (_, views) = self.session.locate_views(STEREO, display, head).to("say where the eyes are")?;
+        let (_, views) = self.session.locate_views(STEREO, display, head).to("locate the eyes")?;
         let told = if let [left, right] = &views[..] { head_eyes([left, right]) } else { None };
-        // Ignore rounding: eyes stay the same between frames.
+        // Ignore changes by rounding, so that the eyes stay the same between frames.
         if let Some(told) = told.filter(|told| self.eyes.is_none_or(|eyes| !are_alike(&eyes, told))) {
             self.eyes = Some(told);
         }
@@ -245,22 +246,22 @@ impl Headset {
         let panel = panel.as_ref().map(|(panel, images)| panel.layer(images, &self.locator.spaces.local));
         let layers: [Option<&CompositionLayerBase<Vulkan>>; 2] = [Some(&world), panel.as_deref()];
         let layers: Vec<_> = layers.into_iter().flatten().collect();
-        self.stream.end(frame.display, self.runtime.blend, &layers).to("take a frame")?;
+        self.stream.end(frame.display, self.runtime.blend, &layers).to("accept the layers of a frame")?;
         Ok(frame.shown(self.runtime.now()))
     }
 
     /// Handles all pending events.
     fn follow(&mut self) -> Result<(), HeadsetError> {
         loop {
-            let entered = match self.runtime.xr.poll_event(&mut self.events).to("tell what happens")? {
+            let entered = match self.runtime.xr.poll_event(&mut self.events).to("report an event")? {
                 None => return Ok(()),
                 Some(Event::SessionStateChanged(change)) => State::of(change.state()),
                 Some(Event::InstanceLossPending(_)) => Some(State::LossPending),
                 Some(_) => None,
             };
             match entered.map(|state| self.lifecycle.enter(state)) {
-                Some(Step::Begin) => drop(self.session.begin(STEREO).to("begin frames")?),
-                Some(Step::End) => drop(self.session.end().to("end frames")?),
+                Some(Step::Begin) => drop(self.session.begin(STEREO).to("begin the session")?),
+                Some(Step::End) => drop(self.session.end().to("end the session")?),
                 Some(Step::Nothing) | None => {}
             }
         }
@@ -268,8 +269,8 @@ impl Headset {
 }
 
 impl Drop for Headset {
-    /// Waits until the device has finished with the images, before the runtime takes them back. A hung device keeps
-    /// them.
+    /// Waits until the device has finished with the images, before the runtime destroys them. If the device hangs, the
+    /// wait ends at the device's time limit.
     fn drop(&mut self) {
         let _ = self.device.gpu.wait(None);
     }

@@ -39,7 +39,7 @@ pub fn gain(exposure_ev: f32) -> f64 {
     f64::from(exposure_ev).exp2()
 }
 
-/// Scales by [`gain`], then applies [`display_value`].
+/// Scales each channel by [`gain`], applies [`display_value`], and rounds to 8 bits.
 pub fn tonemap(image: &RgbImage, exposure_ev: f32) -> DisplayImage {
     let gain = gain(exposure_ev);
     let pixels = image.pixels.iter().map(|p| p.map(|c| level(display_value(f64::from(c) * gain)))).collect();
@@ -57,7 +57,7 @@ pub fn write_png(path: &Path, image: &DisplayImage) -> Result<(), ImageError> {
 /// Encodes an 8-bit RGB PNG.
 ///
 /// # Errors
-/// Errors of the writer.
+/// An error of the writer `to`.
 pub fn encode_png(image: &DisplayImage, to: impl Write) -> io::Result<()> {
     PngEncoder::new_with_quality(to, CompressionType::Fast, FilterType::Adaptive)
         .write_image(image.pixels.as_flattened(), image.extent.width, image.extent.height, ExtendedColorType::Rgb8)

@@ -1,4 +1,4 @@
-//! Errors of image files and of pairs of images.
+//! Errors of reading, writing and comparing images.
 
 use std::io;
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ pub enum ImageError {
     Decode { path: PathBuf, reason: String },
 
     #[error(
-        "{path} is an OpenEXR image of a kind this program does not read ({what}): save it as flat pixels with ZIP"
+        "{path} is an OpenEXR image of a kind this program does not read ({what}): save it flat, with ZIP compression"
     )]
     Unsupported { path: PathBuf, what: String },
 

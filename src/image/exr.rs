@@ -1,4 +1,4 @@
-//! OpenEXR files: writes one scanline part of f32 channels, and reads files of other programs, too.
+//! OpenEXR files: writes one scanline part of f32 channels, and also reads files that other programs have written.
 
 mod tags;
 
@@ -99,7 +99,7 @@ pub struct ColourFile {
     pub tags: Tags,
 }
 
-/// Reads the image like [`read_colour`].
+/// Reads a file like [`read_colour`], and returns only the image.
 ///
 /// # Errors
 /// Errors of [`read_colour`].
@@ -107,11 +107,14 @@ pub fn read_rgb(path: &Path) -> Result<RgbImage, ImageError> {
     read_colour(path).map(|file| file.image)
 }
 
-/// Reads the colour of an OpenEXR file: scanlines or tiles, half, float or uint. Takes the largest resolution level.
+/// Reads the colour of an OpenEXR file with scanlines or tiles of half, float or uint values, at the largest resolution
+/// level.
 ///
-/// Takes the first part with R, G and B; without one, the first layer that has them (`diffuse.R` …); without one, Y or
-/// a single channel as grey. The image is the data window, wherever it lies; alpha is ignored.
+/// Takes the first part with channels R, G and B. If there is none, takes the first layer that has them (`diffuse.R`
+/// …). If there is none either, takes Y or a single channel as grey. The image is the whole data window; alpha is
+/// ignored.
 ///
+/// # Errors
 /// [`ImageError::Read`], [`ImageError::Decode`] for a damaged file, [`ImageError::Unsupported`] for deep data,
 /// subsampled channels and the compressions DWA, HTJ2K and ZSTD, [`ImageError::NoColour`].
 pub fn read_colour(path: &Path) -> Result<ColourFile, ImageError> {
@@ -138,8 +141,8 @@ pub fn decode_rgb(path: &Path, bytes: &[u8], max_memory: u64) -> Result<RgbImage
     read_bytes(path, bytes, max_memory, Colour::find, lacks).map(|file| file.image)
 }
 
-/// Reads the channels that `find` chooses. If it finds none, `lacks` makes the error from the path and the channels'
-/// names.
+/// Reads the channels that `find` chooses. If `find` returns `None`, `lacks` makes the error from the path and the
+/// names of all channels in the file.
 fn read(
     path: &Path,
     find: impl Fn(&[Header]) -> Option<Colour> + UnwindSafe,
@@ -156,10 +159,10 @@ fn read_bytes(
     find: impl Fn(&[Header]) -> Option<Colour> + UnwindSafe,
     lacks: impl Fn(PathBuf, String) -> ImageError,
 ) -> Result<ColourFile, ImageError> {
-    // The crate's B44 decoder overflows on damaged blocks, which panics if overflow checks are on. Cargo.toml turns
-    // them off for that crate in our own builds.
+    // The B44 decoder of the exr crate overflows on damaged blocks, which panics if overflow checks are on. Cargo.toml
+    // turns them off for that crate in our own builds.
     let decoded = catch_unwind(|| decode(bytes, max_memory, find))
-        .unwrap_or_else(|_| Err(Refusal::Unreadable("its compressed data makes no sense".into())));
+        .unwrap_or_else(|_| Err(Refusal::Unreadable("its compressed data is damaged".into())));
     decoded.map_err(|e| match e {
         Refusal::Unreadable(reason) => ImageError::Decode { path: path.to_owned(), reason },
         Refusal::TooLarge(needed) => ImageError::TooLarge { path: path.to_owned(), needed },
@@ -168,7 +171,7 @@ fn read_bytes(
     })
 }
 
-/// Channels of a file that were read.
+/// Part and channels of a file from which its colour was read.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct ColourSource {
     /// Index of the part, from 0.
@@ -246,9 +249,9 @@ fn decode(bytes: &[u8], max_memory: u64, find: impl Fn(&[Header]) -> Option<Colo
     Ok(ColourFile { image, source, tags })
 }
 
-/// Rejects headers that claim far more than the file can hold, before they cause allocations: deflate, the strongest of
-/// the lossless compressions, gains at most 1032:1. Rejects DWA because the crate's decoder allocates as much as a
-/// damaged block asks for.
+/// Rejects headers that claim far more data than the file can hold, before they cause allocations: deflate, the
+/// strongest of the lossless compressions, compresses by at most 1032:1. Rejects DWA because the decoder of the exr
+/// crate allocates as much memory as a damaged block asks for.
 fn check_headers(headers: &[Header], file_bytes: usize) -> Result<(), Refusal> {
     const LARGEST_SIDE: usize = 1 << 16;
     let allowed = 2048 * file_bytes as u128;
@@ -259,14 +262,14 @@ fn check_headers(headers: &[Header], file_bytes: usize) -> Result<(), Refusal> {
         let (width, height) = (header.layer_size.0, header.layer_size.1);
         let claimed = width as u128 * height as u128 * header.channels.bytes_per_pixel as u128;
         if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) || claimed > allowed {
-            return Err(Refusal::Unreadable(format!("a size of {width}x{height} in {file_bytes} bytes")));
+            return Err(Refusal::Unreadable(format!("{width}x{height} pixels in {file_bytes} bytes")));
         }
     }
     Ok(())
 }
 
-/// Returns an upper bound on the bytes for decoding a part: the image, several copies of a block, and lists of the
-/// blocks in the offset table.
+/// Returns an upper bound on the memory for decoding a part, in bytes: the image, several copies of a block, and lists
+/// of the blocks in the offset table.
 fn decoding_bytes(header: &Header, file_bytes: usize) -> u64 {
     const STATES_OF_BLOCK: usize = 4;
     const LISTS_PER_FILE_BYTE: usize = 24;

@@ -124,8 +124,9 @@ pub fn count_lines(path: &Path) -> io::Result<Option<u64>> {
     Ok(Some(lines))
 }
 
-/// Renames a file that a run left unfinished, so that a new run does not replace it. The new name is its final name
-/// with `.unfinished` before the extension, and a number if that name is taken. Returns the new path.
+/// Renames a file that a run left unfinished, so that a new run does not replace it. The new name is the one that the
+/// file would have got at the end, `finished`, with `.unfinished` before the extension, and with a number if that name
+/// is taken. Returns the new path.
 ///
 /// # Errors
 /// [`ImageError::Write`]
@@ -150,7 +151,7 @@ pub fn keep_unfinished(file: &Path, finished: &Path) -> Result<PathBuf, ImageErr
 /// Rejects devices and pipes, which a rename would replace by a regular file.
 fn refuse_other_than_files(path: &Path) -> io::Result<()> {
     match fs::metadata(path).is_ok_and(|there| !there.is_file()) {
-        true => Err(io::Error::new(io::ErrorKind::InvalidInput, "there is something else than a file by that name")),
+        true => Err(io::Error::new(io::ErrorKind::InvalidInput, "the path exists but is not a regular file")),
         false => Ok(()),
     }
 }

@@ -1,4 +1,4 @@
-//! Colour key below an image.
+//! Draws a colour key (legend) below an image.
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 
@@ -47,7 +47,7 @@ fn entry_width((_, text): &Entry) -> u32 {
     GAP + SWATCH + GAP + text.chars().count() as u32 * glyph_width() + GAP
 }
 
-/// Draws a framed colour swatch and its label to the right, on the line with the top left corner (`x`, `y`).
+/// Draws a framed colour swatch and, to its right, its label, on a line of text whose top left corner is (`x`, `y`).
 fn draw(out: &mut Image<[u8; 3]>, x: u32, y: u32, colour: [u8; 3], text: &str) {
     let width = out.extent.width;
     let mut set = |x: u32, y: u32, value| out.pixels[(y * width + x) as usize] = value;

@@ -26,7 +26,7 @@ impl Extent {
         Self { width, height }
     }
 
-    /// Number of pixels.
+    /// Returns the number of pixels.
     pub const fn area(self) -> usize {
         self.width as usize * self.height as usize
     }

@@ -24,7 +24,7 @@ pub fn reduced(picture: &DisplayImage, width: u32) -> DisplayImage {
     Image { extent, pixels: pixels.collect() }
 }
 
-/// Arranges images of the same size in rows of `columns`, from the top left, on black.
+/// Arranges images of the same size in a grid with `columns` columns, row by row from the top left, on black.
 ///
 /// # Errors
 /// [`ImageError::SizeMismatch`].

@@ -1,4 +1,4 @@
-//! Stereo images in one: side by side, and anaglyphs.
+//! Combines both eyes' images in one image: side by side, or as an anaglyph.
 
 use super::display::DisplayImage;
 use super::{Extent, Image, ImageError, check_same_size};

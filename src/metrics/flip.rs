@@ -26,7 +26,7 @@ const FEATURE_WIDTH_DEG: f64 = 0.082;
 const ACHROMATIC: &[(f64, f64)] = &[(1.0, 0.0047)];
 const RED_GREEN: &[(f64, f64)] = &[(1.0, 0.0053)];
 const BLUE_YELLOW: &[(f64, f64)] = &[(34.1, 0.04), (13.5, 0.025)];
-/// Largest b. All filters extend to three of its standard deviations.
+/// Largest b of these Gaussians, degrees². The radius of all filters is three standard deviations of that Gaussian.
 const WIDEST: f64 = 0.04;
 
 type Plane = Vec<f64>;

@@ -1,8 +1,9 @@
 //! Foveated error: mean FLIP weighted by visual acuity around the gaze, with two models of acuity.
 //!
 //! Acuity at eccentricity e falls as e2 / (e + e2) (Geisler & Perry 1998, "A real-time foveated multiresolution system
-//! for low-bandwidth video communication": contrast threshold CT0·exp(α·f·(e + e2)/e2), e2 = 2.3 degrees). A pixel's
-//! weight is its square, since detail is per area.
+//! for low-bandwidth video communication": contrast threshold CT0·exp(α·f·(e + e2)/e2), e2 = 2.3 degrees). In this
+//! model, a pixel's weight is the square of its acuity, since acuity measures detail along a line, and a pixel covers
+//! an area. The other model is [`acuity`].
 
 use super::Pair;
 use super::rings::Viewing;

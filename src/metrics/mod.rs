@@ -39,7 +39,7 @@ pub struct Errors {
     pub mean_ratio: Option<f64>,
     /// RMSE of 16x16 block means over the mean of the reference; `None` for a black reference or without a whole block.
     pub block16: Option<f64>,
-    /// Number of pixels with a NaN or an infinity. The errors above count these as 0.
+    /// Number of pixels with a NaN or an infinity. The errors above treat such values as 0.
     pub nonfinite_px: usize,
     pub nonfinite_reference_px: usize,
 }
@@ -48,13 +48,13 @@ pub struct Errors {
 pub const MEASURES: [(&str, &str); 9] = [
     ("rmse", "root mean square error of linear radiance; 0 is best"),
     ("relmse", "mean of error² / (reference² + 0.01), linear radiance; 0 is best"),
-    ("psnr", "of tonemapped values, dB; more is better, inf is the same"),
-    ("ssim", "structural similarity of tonemapped values; 1 is the same"),
+    ("psnr", "peak signal-to-noise ratio, tonemapped, dB; higher is better, inf if equal"),
+    ("ssim", "structural similarity of tonemapped values; 1 if equal"),
     ("flip", "difference seen when flipping from one to the other; 0 is none, 1 the most"),
-    ("mean_ratio", "mean of the image over that of the reference; 1 is as bright"),
-    ("block16", "RMSE of 16x16 block means over the mean: wrong areas, not noise; 0 is best"),
+    ("mean_ratio", "mean of the image over mean of the reference; 1 if equally bright"),
+    ("block16", "RMSE of 16x16 block means over the mean: low-frequency error; 0 is best"),
     ("nonfinite_px", "pixels of the image with a NaN or an infinity, which count as 0"),
-    ("nonfinite_reference_px", "... of the reference"),
+    ("nonfinite_reference_px", "the same for pixels of the reference"),
 ];
 
 /// Returns all errors of `image` against `reference` at 0 EV; [`Pair::new`] takes another exposure.

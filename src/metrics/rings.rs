@@ -1,5 +1,5 @@
-//! Error by eccentricity: rings of equal viewing angle around the gaze (Andersson & Hansson 2020, "Performance
-//! Optimizations for Foveated Real-Time Raytracing", section 3.6).
+//! Error by eccentricity, in rings around the gaze that span equal viewing angles (Andersson & Hansson 2020,
+//! "Performance Optimizations for Foveated Real-Time Raytracing", section 3.6).
 //!
 //! The paper divides the range up to a `max_view_angle` that is chosen to cover the screen. Here that is the angle to
 //! the farthest corner, so that every pixel is in a ring.
@@ -35,7 +35,7 @@ pub struct Ring {
 }
 
 impl Pair {
-    /// Returns `count` rings, at least 1, from the gaze outwards.
+    /// Returns the errors in `count` rings, but at least one, from the gaze outwards.
     pub fn rings(&self, viewing: &Viewing, count: usize) -> Vec<Ring> {
         let count = count.max(1);
         let angles: Vec<f64> = self.eccentricities(viewing).collect();

@@ -1,4 +1,4 @@
-//! Visibility of stripe seams: the ratio of the errors near stripe edges and elsewhere.
+//! Visibility of stripe seams: the ratio of the error near stripe edges to the error elsewhere.
 
 use serde::Serialize;
 
@@ -19,7 +19,7 @@ pub struct SeamError {
 }
 
 impl Pair {
-    /// Measures the error near stripe edges. `edges` are the first rows of stripes: an edge is above its row.
+    /// Measures the error near stripe edges. `edges` holds, for each edge, the row just below it.
     pub fn seam_error(&self, edges: &[u32]) -> SeamError {
         let is_near = |y: u32| edges.iter().any(|&edge| y < edge.saturating_add(NEAR_ROWS) && edge <= y + NEAR_ROWS);
         let rmse_of_rows = |wanted: bool| {

@@ -83,8 +83,8 @@ impl Surfaces {
     /// Motion leads from the pixel's centre to a point between four pixels of `before`; the nearest of them that shows
     /// the same surface counts. Its normal must agree within 60 degrees. Its distance from the plane through the
     /// surface's previous position must be at most the pixel spacing on that surface, the least distance to the
-    /// positions of the four neighbours; this avoids a scene-dependent threshold. Surfaces that rest or move within
-    /// their plane pass.
+    /// positions of the four neighbours; this avoids a scene-dependent threshold. Surfaces that are static or move
+    /// within their own plane pass this test.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
@@ -173,10 +173,10 @@ impl Pair {
     /// [`ImageError::SizeMismatch`].
     ///
     /// # Panics
-    /// If the history is of another size.
+    /// If `history` does not have one entry per pixel.
     pub fn change_since(&self, before: &Pair, history: &[History]) -> Result<Change, ImageError> {
         check_same_size(self.extent, before.extent)?;
-        assert_eq!(history.len(), self.extent.area(), "a history is of every pixel");
+        assert_eq!(history.len(), self.extent.area(), "a history must have one entry per pixel");
         let mut sums = Change::default();
         for (i, history) in history.iter().enumerate() {
             let now = self.display_error(i);
@@ -198,8 +198,8 @@ impl Pair {
     }
 
     /// Sums changes like [`Self::change_since`] for a static camera: every pixel, including the sky, shows the same
-    /// surface as in the previous frame. If both frames have the same reference, it cancels, and the result is the
-    /// image's own change.
+    /// surface as in the previous frame. If both frames have the same reference, the reference cancels out, and the
+    /// result is the change of the image itself.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].

@@ -20,7 +20,7 @@ pub enum Aov {
     Motion,
     /// Perceptual roughness, 0 to 1
     Roughness,
-    /// Reason for tracing the pixel, 0 to 7
+    /// Hole reason, 1 to 6; 0 if none; 7 if left to the denoiser
     Holes,
     /// Samples per pixel; 0 if left to the denoiser
     Spp,
@@ -35,7 +35,7 @@ pub enum Aov {
 }
 
 impl Aov {
-    /// Whether it holds small integers, for which a picture of both eyes is useful.
+    /// Returns true if the image holds small integers, for which a false-colour picture of both eyes is useful.
     pub fn counts(self) -> bool {
         matches!(self, Self::Holes | Self::Spp | Self::Stripes)
     }

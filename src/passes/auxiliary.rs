@@ -22,7 +22,7 @@ pub const fn image(index: u8) -> Resource {
     Resource::image("aov", 16).output().numbered(index)
 }
 
-/// Kernel with constants for the kinds that the shader names.
+/// Kernel with a constant for each kind of auxiliary image that the shader names.
 const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
     ("ALBEDO", Aov::Albedo as u32),
     ("NORMAL", Aov::Normal as u32),

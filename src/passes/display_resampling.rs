@@ -9,7 +9,7 @@ use crate::image::Extent;
 use crate::scene::rig::Eye;
 
 const PARTITION: Partition = Partition("to_eye");
-/// Group of the late reprojection passes, which are the last of a frame, for both eyes.
+/// Partition of the late reprojection passes of both eyes, which are the last passes of a frame.
 pub const LATE_PARTITION: Partition = Partition("to_later_eye");
 
 const LATE: Kernel = Kernel::new("late_reprojection");

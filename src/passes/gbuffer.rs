@@ -16,20 +16,21 @@ pub const GUIDE: Resource = Resource::image("guide", 16);
 pub const ALBEDO: Resource = Resource::image("albedo", 16);
 /// Emitted radiance and depth.
 pub const EMISSION: Resource = Resource::image("emission", 16);
-/// Rays, dropped samples and hole reason, packed.
+/// Number of rays, number of dropped samples, hole reason and a flag for clipped radiance, packed.
 pub const TALLY: Resource = Resource::image("tally", 4);
 
 /// Primary rays per pixel in one launch.
 const RAYS_PER_LAUNCH: u32 = 64;
 
-/// Third kernel argument: skip pixels that path tracing samples, since it writes their means.
+/// Third kernel argument: skip the pixels that path tracing samples. For these, path tracing writes the mean albedo and
+/// emission over the samples.
 const UNSAMPLED_ONLY: u32 = 1;
 
 const KERNEL: Kernel = Kernel::with_scene("gbuffer").with(constants![UNSAMPLED_ONLY]);
 
 pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
-    // Path tracing writes the means over the pixels that it samples. This pass writes those of all other pixels, and of
-    // a reprojected view.
+    // In jittered frames, albedo and emission are averaged over the samples of a pixel. Path tracing writes these means
+    // for the pixels that it samples. This pass writes them for all other pixels, and for a whole reprojected view.
     let reprojected = spec.views == Views::Reprojected && view == Eye::Right;
     let third = if reprojected { 0 } else { UNSAMPLED_ONLY };
     let means = Launch::Samples { most: RAYS_PER_LAUNCH, third, only_jittered: true };

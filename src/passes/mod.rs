@@ -37,7 +37,7 @@ use crate::image::Extent;
 use crate::scene::rig::Eye;
 use denoise::{Denoiser, Light};
 
-/// Declares the renderer's own passes of a frame.
+/// Declares the built-in passes of a frame.
 pub fn declare(spec: &FrameSpec) -> Declared {
     let mut frame = Declared::default();
     motion::bring(spec, &mut frame);
@@ -64,7 +64,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         Seam::Halo(plan) if links > 0 => plan.runs(links),
         _ => std::iter::once(0..links).collect(),
     };
-    // The views alternate: while rows of one are in transfer, the other is filtered.
+    // The views alternate, so that devices filter one view while rows of the other are transferred.
     for run in &runs {
         for view in &mut views {
             frame.passes.extend(view.filter.drain(..run.len()));
@@ -73,12 +73,12 @@ pub fn declare(spec: &FrameSpec) -> Declared {
             }
         }
     }
-    // Late reprojection runs as late as possible, for both eyes from one pose.
+    // Late reprojection comes last, so that both eyes use the same pose, sampled as late as possible.
     let (first, last): (Vec<_>, Vec<_>) = frame.passes.into_iter().partition(|pass| pass.partition != LATE_PARTITION);
     Declared { passes: [first, last].concat(), ..frame }
 }
 
-/// Adds the passes after the filter of a view.
+/// Adds the passes of a view that follow the denoiser's filter.
 fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &mut Light, frame: &mut Declared) {
     let has_seams = spec.denoiser().is_some() && spec.seam == Seam::Filter && spec.devices > 1;
     let mut smoothed = *light;
@@ -97,22 +97,23 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
 
 type Declare = dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync;
 
-/// Function that declares the passes of a frame, and owner of the programs built from them. Clones share both.
+/// Function that declares the passes of a frame, and a cache of the programs built from such passes. Clones share the
+/// function and the cache.
 #[derive(Clone)]
 pub struct Declarations(Arc<Shared>);
 
 struct Shared {
     declare: Box<Declare>,
-    /// Programs of the latest specs, the most recently used last.
+    /// Cached programs, each with the spec that it was built for. The most recently used one is last.
     programs: Mutex<Vec<(FrameSpec, Arc<Program>)>>,
 }
 
-/// Maximum number of programs that [`Declarations`] keeps: iterations of the denoiser and search ranges of its history
-/// vary over frames.
+/// Maximum number of programs that [`Declarations`] caches. Frames of a run need different programs, because the number
+/// of denoiser iterations and the search range of history vary.
 const KEPT_PROGRAMS: usize = 32;
 
 impl Default for Declarations {
-    /// The renderer's own declarations.
+    /// Returns the declarations of the built-in passes ([`declare`]).
     fn default() -> Self {
         Self::new(|spec| declare(spec).passes)
     }
@@ -137,7 +138,7 @@ impl Declarations {
         Program::new(spec.extent, spec.seam, (self.0.declare)(spec))
     }
 
-    /// Returns the program of a frame from declarations that have been checked. It is built unless it is kept.
+    /// Returns the program of a frame: from the cache, or else newly built. The declarations must have been checked.
     ///
     /// # Panics
     /// If passes contradict one another.
@@ -155,15 +156,15 @@ impl Declarations {
         program
     }
 
-    /// Builds programs that together cover every pass and image of a run. Frames may differ in iterations, up to those
-    /// of `most`, in history and in seams.
+    /// Builds a program for each number of denoiser iterations up to that of `most`. Together, the programs contain
+    /// every pass and image of a run whose frames differ in iterations, history and seams.
     pub fn programs(&self, most: &FrameSpec) -> Result<Vec<Program>, ProgramError> {
         let with = |iterations| self.check(&FrameSpec { iterations, ..most.clone() });
         (most.iterations.min(1)..=most.iterations).map(with).collect()
     }
 }
 
-/// Returns the passes of frames that together cover every stage.
+/// Returns the passes of example frames that together contain every stage.
 fn all_passes() -> impl Iterator<Item = Pass> {
     let one = Extent::new(1, 1);
     let resampled = |is_late| Display::Resampled { projection: one, is_late };
@@ -184,7 +185,7 @@ fn all_passes() -> impl Iterator<Item = Pass> {
     })
 }
 
-/// Returns all groups of passes that share stripes, in order.
+/// Returns the partitions of all passes (groups of passes with the same stripes), each once, in order of first use.
 pub fn partitions() -> Vec<Partition> {
     let mut groups = Vec::new();
     for pass in all_passes() {

@@ -1,5 +1,5 @@
-//! Dynamic geometry: skins and morphs deforming bodies, refits the trees over them, and follows surfaces back to the
-//! previous frame.
+//! Passes for dynamic geometry: they skin and morph deforming bodies, refit the BVHs of these bodies, and track
+//! surfaces back to the previous frame.
 
 use super::denoise::Denoiser;
 use super::gbuffer::{GUIDE, HIT, PARTITION};
@@ -10,7 +10,7 @@ use crate::graph::{Kernel, Launch, Pass, Stage, Use};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
-/// Invocations of a workgroup.
+/// Number of invocations in a workgroup.
 const GROUP: u32 = 64;
 
 /// Third kernel argument: transform vertices instead of triangles.
@@ -18,17 +18,17 @@ const VERTICES: u32 = 1;
 
 const SKIN: Kernel = Kernel::changing_scene("skin").with(constants![VERTICES]);
 
-/// Returns the workgroups for this many invocations.
+/// Returns the number of workgroups along x, y and z for `count` invocations, arranged in rows of at most [`COLUMNS`].
 fn groups(count: u32) -> [u32; 3] {
     [count.min(COLUMNS).div_ceil(GROUP), count.div_ceil(COLUMNS), 1]
 }
 
-/// Adds the passes that deform bodies and refit their trees. With hardware traversal, devices instead rebuild the
-/// acceleration structures of all dynamic geometry after the pass `skin`, since no pass reads the trees.
+/// Adds the passes that deform bodies and refit their BVHs. With hardware traversal, no pass reads these BVHs, so there
+/// is no refit. Instead, devices rebuild the acceleration structures of all dynamic geometry after the pass `skin`.
 pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
     let still = Moving::default();
     let moving = spec.moving.as_ref().unwrap_or(&still);
-    let why_not = if spec.moving.is_some() { "nothing changes its shape" } else { "nothing in the scene moves" };
+    let why_not = if spec.moving.is_some() { "no geometry is deformed" } else { "nothing in the scene moves" };
     let most = groups(moving.triangles.max(moving.vertices));
     let launches = [[moving.vertices, 0, VERTICES], [moving.triangles, 2 * moving.nodes, 0]].map(Launch::Once);
     let skin = Pass::once(Stage("skin"), PARTITION, SKIN, most)
@@ -49,7 +49,7 @@ pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
         .uses([Use::read(moving.tree_nodes()), Use::read(moving.tree_order()), Use::update(moving.boxes())])
         .launches(levels.map(Launch::Once).collect());
     frame.add_if(moving.triangles > 0 || (moving.hardware && moving.bodies), why_not, skin);
-    let why_not = if moving.hardware { "devices have structures of their own" } else { why_not };
+    let why_not = if moving.hardware { "devices rebuild hardware structures" } else { why_not };
     frame.add_if(moving.triangles > 0 && !moving.hardware, why_not, refit);
 }
 
@@ -62,7 +62,7 @@ pub fn follow(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
     ]);
     let is_read = spec.denoiser().is_some_and(Denoiser::keeps_history);
     match spec.moving.is_some() {
-        true => frame.add_if(is_read, "no pass builds on the frame before", pass),
+        true => frame.add_if(is_read, "no denoiser keeps a history", pass),
         false => frame.add_if(false, "nothing in the scene moves", pass),
     }
 }

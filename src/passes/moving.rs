@@ -1,10 +1,10 @@
-//! Amount of dynamic geometry in a scene, and the tables that hold it.
+//! Sizes of the dynamic geometry in a scene, and the GPU tables that hold it.
 
 use crate::accel::{Node, SKINNED_BYTES, SkinMorph, SkinTriangle, SkinVertex, Skins};
 use crate::graph::{Life, Resource};
 use crate::image::Extent;
 
-/// Amount of dynamic geometry in a scene, as far as passes depend on it.
+/// Sizes of the dynamic geometry in a scene that the passes depend on.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Moving {
     /// Number of triangles, vertices and morph entries of deforming bodies.
@@ -13,14 +13,14 @@ pub struct Moving {
     pub morphs: u32,
     /// Number of 16-byte rows in the pose table, which holds joint matrices and morph weights.
     pub pose: u32,
-    /// Number of nodes of the trees over these bodies, and the index of the first.
+    /// Number of nodes in the BVHs of the deforming bodies, and the index of the first of them.
     pub nodes: u32,
     pub first_node: u32,
-    /// Cumulative number of nodes up to each level, starting at the deepest.
+    /// For each level of these BVHs, starting at the deepest, the number of nodes up to and including that level.
     pub levels: Vec<u32>,
     /// Whether any geometry moves, rigid bodies included.
     pub bodies: bool,
-    /// Whether rays traverse hardware acceleration structures instead of these trees.
+    /// True if rays traverse hardware acceleration structures instead of these BVHs.
     pub hardware: bool,
 }
 
@@ -63,18 +63,18 @@ impl Moving {
         input("tree_order", 4, self.nodes)
     }
 
-    /// Returns the table of joints, in this frame and the previous one, and of morph weights. The host sets it every
-    /// frame.
+    /// Returns the table of joint matrices, for this frame and the previous one, and of morph weights. The host uploads
+    /// it every frame.
     pub fn pose(&self) -> Resource {
         input("pose", 16, self.pose)
     }
 
-    /// Returns the table of world-space vertices.
+    /// Returns the table of the deforming bodies' vertices in world space, which the pass `skin` writes.
     pub(super) fn skinned(&self) -> Resource {
         Resource::table("skinned", SKINNED_BYTES as u32, Extent::new(self.vertices.max(1), 1))
     }
 
-    /// Returns the table of bounding boxes, of nodes and then of triangles.
+    /// Returns the table of bounding boxes: first those of BVH nodes, then those of triangles.
     pub(super) fn boxes(&self) -> Resource {
         Resource::table("boxes", 32, Extent::new((self.nodes + self.triangles).max(1), 1))
     }

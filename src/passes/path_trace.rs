@@ -21,7 +21,7 @@ const PATHS_PER_LAUNCH: u32 = 4;
 /// Third kernel argument: trace only the pixels that an earlier pass listed.
 const LISTED_ONLY: u32 = 1;
 
-/// Kernel of both stages, since drivers take seconds to compile it.
+/// Kernel that both stages share, since drivers take seconds to compile it.
 const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![LISTED_ONLY]);
 
 fn trace(stage: Stage, view: Eye, cut: Partition, is_listed: bool) -> Pass {

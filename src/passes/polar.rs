@@ -12,7 +12,7 @@ const PARTITION: Partition = Partition("to_screen");
 const AROUND: Resource = Resource::image("polar_around", 16);
 const BLURRED: Resource = Resource::image("polar_blurred", 16);
 
-/// Returns the maximum blur radius in images of this many rows, pixels.
+/// Returns the maximum blur radius in pixels for a polar image with `rows` rows.
 fn blur_reach(rows: u32) -> u32 {
     rows.div_ceil(24)
 }

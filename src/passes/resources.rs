@@ -4,7 +4,7 @@ use super::FrameSpec;
 use crate::graph::{Grid, Resource, Size};
 use crate::image::Extent;
 
-/// Constants of the previous frame, which the host sets.
+/// Uniform buffer with the views (cameras) and sampling constants of the previous frame. The host writes it.
 pub const PREVIOUS: Resource = Resource::constants("previous frame", 240);
 
 /// Demodulated illumination. If specular radiance is filtered separately, diffuse and specular illumination, each
@@ -14,21 +14,21 @@ pub const RADIANCE: Resource = Resource::image("radiance", 16);
 /// Compacted list of the pixels to path trace.
 pub const HOLES: Resource = Resource::list("holes");
 
-/// The finished polar image: scene-referred RGB, and encoded, which nothing reads.
+/// The finished polar image: as scene-referred RGB, and encoded for display. No pass reads the encoded image.
 pub const POLAR: Resource = Resource::image("polar", 16);
 pub const POLAR_DISPLAY: Resource = Resource::image("polar_display", 4);
 
-/// The finished rectified image: scene-referred RGB, and encoded, which nothing reads.
+/// The finished rectified image: as scene-referred RGB, and encoded for display. No pass reads the encoded image.
 pub const RECTIFIED: Resource = Resource::image("rectified", 16);
 pub const RECTIFIED_DISPLAY: Resource = Resource::image("rectified_display", 4);
 
-/// Scene-referred RGB.
+/// The displayed image as scene-referred RGB.
 pub const LINEAR: Resource = Resource::image("linear", 16).output();
-/// Encoded RGBA8.
+/// The displayed image, encoded as RGBA8.
 pub const DISPLAY: Resource = Resource::image("display", 4).output();
 
-/// Returns the image of each surface's position and packed shading normal in the previous frame. A static scene has a
-/// dummy.
+/// Returns the image that holds the position and the packed shading normal of each pixel's surface in the previous
+/// frame. In a static scene, the image is a 1×1 dummy.
 pub fn last_surface(spec: &FrameSpec) -> Resource {
     let image = Resource::image("last_surface", 16);
     let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));

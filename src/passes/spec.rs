@@ -17,14 +17,14 @@ pub enum Views {
 /// How the screen image becomes the displayed one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Display {
-    /// The screen image is displayed.
+    /// The screen image is displayed unchanged.
     #[default]
     Direct,
     /// Each eye resamples its image from a shared (rectified) projection.
     Resampled {
         /// Extent of the shared projection, which is then the screen image.
         projection: Extent,
-        /// Whether late reprojection may resample it from a later pose, by the depth of surfaces.
+        /// True if late reprojection may resample the shared projection for a newer head pose, using surface depth.
         is_late: bool,
     },
 }
@@ -38,16 +38,18 @@ impl Display {
 /// A traced image in a polar projection around the gaze.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PolarImage {
-    /// Kernel that blurs it away from the gaze, if it is blurred.
+    /// Name of the kernel that blurs the image with increasing distance from the gaze; `None` without blur.
     pub blur: Option<&'static str>,
 }
 
-/// The images of an eye from the traced one to the displayed one. If a step is left out, its two images are the same.
+/// The images of an eye: traced, mapped to the screen, displayed. If a step is left out, the images before and after it
+/// are the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImageChain {
-    /// The traced image is polar, and mapped to the screen image.
+    /// Polar projection of the traced image, which a pass maps to the screen image; `None` if the screen image is
+    /// traced.
     pub polar: Option<PolarImage>,
-    /// The step from the screen image, which is a pinhole image, to the displayed one.
+    /// The step from the screen image, which has a pinhole projection, to the displayed image.
     pub display: Display,
     /// Extent of the displayed image.
     pub displayed: Extent,
@@ -78,17 +80,17 @@ impl ImageChain {
 pub struct FrameSpec {
     /// Extent of the images that are traced and filtered.
     pub extent: Extent,
-    /// The images from the traced to the displayed one.
+    /// The steps from the traced image to the displayed one.
     pub chain: ImageChain,
     pub devices: usize,
     pub views: Views,
-    /// Whether only listed pixels are path traced.
+    /// True if only the pixels that the pass `select` lists are path traced. The filter fills in the others.
     pub sparse: bool,
     pub filter: Option<Denoiser>,
     /// Iterations of the filter. With 0 there is no denoising.
     pub iterations: u32,
-    /// Maximum vertical motion of a surface since the previous frame for which its history is found, rows. `None`
-    /// disables history.
+    /// Search range of history: the largest vertical motion in rows, since the previous frame, at which a surface's
+    /// history is still found. `None` disables history.
     pub history_rows: Option<u32>,
     pub seam: Seam,
     /// Requested auxiliary images.
@@ -128,7 +130,8 @@ impl FrameSpec {
         if matches!(self.seam, Seam::Halo(_)) { rows } else { 0 }
     }
 
-    /// Returns the part of [`Self::history_rows`] that may be read from neighbours.
+    /// Returns the number of rows of history that a device reads from neighbours: [`Self::history_rows`], or 0 if
+    /// stripes are filtered separately. `None` if history is disabled.
     pub fn history_halo(&self) -> Option<u32> {
         self.history_rows.map(|rows| self.halo(rows))
     }

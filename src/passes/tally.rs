@@ -1,4 +1,4 @@
-//! Sums per-pixel counts over rows.
+//! Sums per-pixel counts over each image row.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -12,7 +12,7 @@ use crate::wgsl::constants;
 pub const ROW_TALLY: Resource =
     Resource::image("row_tally", size_of::<RowTally>() as u32).on(Grid::table(Size::FrameRows)).output();
 
-/// Pixels that one invocation sums.
+/// Number of pixels that one invocation sums.
 const SEGMENT: u32 = 64;
 
 /// Number of counters in a [`RowTally`].
@@ -26,15 +26,15 @@ pub fn pass(view: Eye) -> Pass {
         .dispatch(Dispatch::Invocations([SEGMENT, 1]))
 }
 
-/// The sums of one row, in the order of the shader.
+/// Counts of one image row, in the order in which the shader stores them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RowTally {
     pub rays: u32,
     pub nonfinite: u32,
-    /// Holes by [`HoleReason`].
+    /// Number of holes for each [`HoleReason`].
     pub holes: [u32; 6],
-    /// Pixels left to the filter.
+    /// Number of pixels that were not sampled and are left to the filter.
     pub unsampled: u32,
     /// Pixels whose radiance was clamped to the largest half float. Only counted if specular and diffuse radiance are
     /// stored separately.
@@ -48,7 +48,8 @@ pub const SKIPPED: u32 = HoleReason::ALL.len() as u32 + 1;
 /// reason's number + 1; 0 means no hole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HoleReason {
-    /// The surface is outside the left eye's image, or was not sampled there in the right eye's fovea.
+    /// The surface is outside the left eye's image, or the pixel is in the right eye's fovea and the left eye did not
+    /// sample the surface.
     Outside,
     /// The left eye saw a surface with another normal.
     Normal,

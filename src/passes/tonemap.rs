@@ -20,7 +20,7 @@ pub fn finished(spec: &FrameSpec) -> [Resource; 2] {
     }
 }
 
-/// Returns the pass. `light` is demodulated, that is, divided by albedo.
+/// Returns the tonemapping pass of a view. `light` is demodulated illumination, that is, radiance divided by albedo.
 pub fn pass(spec: &FrameSpec, view: Eye, light: Image) -> Pass {
     let [linear, display] = finished(spec);
     Pass::new(Stage("tonemap"), view, PARTITION, Kernel::new("tonemap")).uses([

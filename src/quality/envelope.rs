@@ -16,7 +16,8 @@ pub struct Envelope {
     pub mixes_spp: bool,
 }
 
-/// A quality as ranks send it. Files leave out fields, which the format between ranks cannot express.
+/// Serialization of a [`Quality`] in messages between ranks: the binary format needs all fields, but the serialization
+/// for files omits some.
 #[derive(Serialize, Deserialize)]
 #[serde(remote = "Quality")]
 struct AllFields {

@@ -53,7 +53,7 @@ impl Quality {
     /// Valid render scales.
     pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
 
-    /// Returns the iterations of the layer that has most.
+    /// Returns the largest number of iterations of any foveal layer.
     pub fn most_iterations(&self) -> u32 {
         let [inner, middle, outer] = self.iterations;
         inner.max(middle).max(outer)
@@ -73,7 +73,7 @@ impl Quality {
         )?;
         within("scale", self.scale, Self::SCALES)?;
         if self.polar.is_some() && self.fovea.is_some() {
-            return Err("polar and fovea do not go together".to_owned());
+            return Err("polar and fovea cannot be combined".to_owned());
         }
         if let Some(PolarSpace::Log(map)) = self.polar {
             map.check()?;
@@ -96,7 +96,7 @@ impl Display for Quality {
     }
 }
 
-/// Iterations as files store them.
+/// Iterations in the format of files: one number if all foveal layers have the same, else one per layer.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged)]
 enum FileIterations {
@@ -118,7 +118,7 @@ fn deserialize_iterations<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
 }
 
 /// The part of [`Quality`] that `run.json`, `frames.csv` and journals record for each frame. It leaves out the denoiser
-/// and the projection, which all frames of a run share. Its iterations are those of the layer that has most.
+/// and the projection, which all frames of a run share. `iterations` is the maximum over the foveal layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameQuality {
@@ -133,7 +133,7 @@ pub struct FrameQuality {
 }
 
 impl FrameQuality {
-    /// Returns the mean samples per pixel, before foveation leaves out more.
+    /// Returns the mean number of samples per pixel without foveation, which reduces it further.
     pub fn samples(&self) -> f64 {
         f64::from(self.spp) * self.scale * self.scale
     }

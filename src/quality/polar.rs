@@ -18,21 +18,23 @@ pub enum PolarSpace {
     Log(LogPolar),
 }
 
-/// Log-polar images: "Performance Optimizations for Foveated Real-Time Raytracing", section 3.3.
+/// Parameters of log-polar images (Andersson & Hansson 2020, "Performance Optimizations for Foveated Real-Time
+/// Raytracing", section 3.3).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LogPolar {
-    /// Downsampling factor of columns and rows relative to the screen, before `aspect`.
+    /// Downsampling factor per axis, σ: the number of rings times the number of directions is 1/σ² of the screen's
+    /// number of pixels.
     pub sigma: f64,
-    /// Exponent of the kernel, which moves pixels away from the gaze; 1 has no effect.
+    /// Exponent of the kernel function. Values above 1 move pixels away from the gaze; 1 has no effect.
     pub alpha: f64,
     /// Angle around the gaze, radians, within which every pixel of the screen is traced; 0 disables this. The assumed
-    /// viewing distance is that at which the screen's diagonal spans 60 degrees.
+    /// viewing distance is the screen's diagonal divided by tan 60° ([`Self::DIAGONAL_DEG`]).
     pub gaze: f64,
-    /// Rings over directions.
+    /// Number of rings divided by the number of directions.
     pub aspect: f64,
-    /// Whether the image is blurred away from the gaze.
+    /// True to blur the image with increasing distance from the gaze.
     #[serde(default = "always")]
     pub blur: bool,
 }
@@ -42,7 +44,7 @@ fn always() -> bool {
 }
 
 impl LogPolar {
-    /// The modes of the paper's table 5.1.
+    /// Modes of Andersson & Hansson's table 5.1: name and parameters.
     pub const PRESETS: [(&str, Self); 4] = [
         ("fov", Self::new(0.75, 1.0, 0.0, 1.2)),
         ("kernel", Self::new(1.0, 3.0, 0.0, 0.7)),
@@ -50,7 +52,7 @@ impl LogPolar {
         ("composite-kernel", Self::new(1.3, 2.0, 0.15, 0.35)),
     ];
     pub const COMPOSITE: Self = Self::PRESETS[2].1;
-    /// Angle that the screen's diagonal spans at the assumed viewing distance, degrees.
+    /// Angle in degrees whose tangent is the screen's diagonal over the assumed viewing distance.
     pub const DIAGONAL_DEG: f64 = 60.0;
 
     const fn new(sigma: f64, alpha: f64, gaze: f64, aspect: f64) -> Self {
@@ -72,7 +74,7 @@ impl LogPolar {
 impl FromStr for LogPolar {
     type Err = String;
 
-    /// Parses the name of a mode, or SIGMA,ALPHA,GAZE,ASPECT.
+    /// Parses the name of a preset mode, or four numbers SIGMA,ALPHA,GAZE,ASPECT.
     fn from_str(text: &str) -> Result<Self, String> {
         if let Some((_, preset)) = Self::PRESETS.iter().find(|(name, _)| *name == text) {
             return Ok(*preset);
@@ -80,7 +82,7 @@ impl FromStr for LogPolar {
         let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
         let Some(&[sigma, alpha, gaze, aspect]) = numbers.as_deref() else {
             let names = Self::PRESETS.map(|(name, _)| name).join(", ");
-            return Err(format!("give {names}, or four numbers"));
+            return Err(format!("expected {names}, or four numbers"));
         };
         let read = Self::new(sigma, alpha, gaze, aspect);
         read.check().map(|()| read)
@@ -103,7 +105,7 @@ impl PolarSpace {
         }
     }
 
-    /// Returns the kernel that blurs images away from the gaze, if they are blurred.
+    /// Returns the name of the kernel that blurs images with increasing distance from the gaze; `None` without blur.
     pub(crate) fn blur(&self) -> Option<&'static str> {
         match self {
             Self::Visual => Some("visual_polar_blur"),

@@ -1,4 +1,4 @@
-//! Measures times and errors over a grid of settings: rows, CSV, Pareto fronts of time against error, and the quality
+//! Reports times and errors over a grid of settings: rows, CSV, Pareto fronts of time against error, and the quality
 //! ladder.
 
 mod errors;

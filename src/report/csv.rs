@@ -24,7 +24,7 @@ impl Csv {
         }
     }
 
-    /// Adds columns with the same number of lines to the right.
+    /// Appends the columns of `right`, which must have the same number of lines.
     pub fn beside(mut self, right: Self) -> Self {
         self.columns.extend(right.columns);
         self.lines.iter_mut().zip(right.lines).for_each(|(line, more)| line.extend(more));
@@ -45,7 +45,7 @@ impl Csv {
     }
 }
 
-/// Formats a line of a file, with its newline.
+/// Formats cells as a line of CSV, with its newline.
 pub(super) fn line(cells: impl IntoIterator<Item: AsRef<[u8]>>) -> Vec<u8> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     // Writing to memory cannot fail.
@@ -53,19 +53,19 @@ pub(super) fn line(cells: impl IntoIterator<Item: AsRef<[u8]>>) -> Vec<u8> {
     writer.into_inner().unwrap_or_default()
 }
 
-/// Formats a number with this many decimals; empty for none.
+/// Formats a number with `decimals` decimal places; `None` gives an empty cell.
 pub(super) fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or(String::new(), |v| format!("{v:.decimals$}"))
 }
 
-/// Formats a value; empty for none.
+/// Formats a value; `None` gives an empty cell.
 pub(super) fn optional<T: ToString>(value: Option<T>) -> String {
     value.map_or(String::new(), |v| v.to_string())
 }
 
 #[cfg(test)]
 impl Csv {
-    /// Returns a value of a line by its column's name.
+    /// Returns the value of a line in the column of this name.
     pub fn value(&self, line: usize, column: &str) -> &str {
         let at = self.columns.iter().position(|name| name == column);
         &self.lines[line][at.unwrap_or_else(|| panic!("no column {column} in {:?}", self.columns))]

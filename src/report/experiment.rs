@@ -1,5 +1,5 @@
-//! Experiments as data: TOML files that name arrangements of options, the columns of the results, and published numbers
-//! to print beside them.
+//! Experiments as data: TOML files that define the arrangements (sets of options) to compare, the columns of results,
+//! and published numbers to print beside them.
 
 mod definition;
 mod rows;

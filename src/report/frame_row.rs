@@ -43,7 +43,7 @@ pub struct StageSum {
     pub device: usize,
     /// Rounded to microseconds.
     pub busy_ms: f64,
-    /// Bytes of transfers.
+    /// Number of transferred bytes; absent for other stages than `download` and `upload`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
 }
@@ -72,8 +72,8 @@ impl StageSum {
     }
 }
 
-/// Returns the time of auxiliary images, milliseconds: of their passes and transfers, on the device on which they took
-/// longest.
+/// Returns the time in milliseconds that passes and transfers of auxiliary images took on the device where they took
+/// longest. Overlapping tasks count once.
 pub fn aov_ms(tasks: &[TaskTiming]) -> f64 {
     let of = |device: usize| {
         let own = tasks.iter().filter(|t| t.device == device && AOVS.iter().any(|stage| t.stage == stage.name()));
@@ -82,8 +82,8 @@ pub fn aov_ms(tasks: &[TaskTiming]) -> f64 {
     once(tasks.iter().map(|t| t.device)).into_iter().map(of).fold(0.0, f64::max)
 }
 
-/// Measurements of a frame. For a reference, the numbers are sums over this run's passes, except that stages, tasks and
-/// `aov_ms` describe the last pass.
+/// Measurements of a frame. For an accumulated reference, the numbers are sums over this run's accumulation passes,
+/// except that stages, tasks and `aov_ms` describe the last pass.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameRow {
@@ -92,14 +92,14 @@ pub struct FrameRow {
     pub time_s: f64,
     /// Camera of each eye.
     pub cameras: Stereo<Matrices>,
-    /// Number of devices that rendered it.
+    /// Number of devices that rendered the frame.
     pub devices: usize,
     /// Time from the begin of the frame to the complete images on the primary, without `aov_ms`.
     pub makespan_ms: f64,
     /// Time from the end of the previous frame to the end of this one; `null` for the first frame and for a reference.
     pub interval_ms: Option<f64>,
     /// Makespan predicted by the cost model, without `aov_ms`. It is `null` before the model has learned from a frame,
-    /// and for frames in flight together.
+    /// and for frames that overlap with others in flight.
     pub predicted_ms: Option<f64>,
     /// Time of passes and transfers of auxiliary images, on the device on which they took longest.
     pub aov_ms: f64,
@@ -108,24 +108,24 @@ pub struct FrameRow {
     #[serde(flatten)]
     pub quality: FrameQuality,
     pub rays: u64,
-    /// Origin of the right eye's pixels, if it is reprojected.
+    /// Fractions of the right eye's pixels by origin, if that eye is reprojected.
     #[serde(flatten)]
     pub right_eye: Option<RightEye>,
     pub nonfinite_samples: u64,
     /// Traced pixels of both eyes whose demodulated illumination was clipped to the range of half floats, 65504 times
     /// white. Only `svgf` with specular surfaces stores half floats.
     pub clipped_pixels: u64,
-    /// Rows of the left eye's path tracing per device.
+    /// Number of rows of the left eye that each device path traced.
     pub stripes: Vec<u32>,
-    /// Rows per device of every stage and view that ran.
+    /// Number of rows per device, for each stage and view that ran. Keys are `STAGE.VIEW`.
     pub stage_stripes: BTreeMap<String, Vec<u32>>,
     pub transferred_bytes: u64,
-    /// Transferred bytes between processes, in a run of several.
+    /// Number of bytes transferred between processes; absent in a run of a single process.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes_between_ranks: Option<u64>,
-    /// Rows up and down within which history was searched; `null` without history.
+    /// Search range of history: the number of rows above and below a pixel; `null` without history.
     pub history_rows: Option<u32>,
-    /// Filter passes that are preceded by a halo exchange.
+    /// Indices of the filter passes before which devices exchange halos.
     pub halo_exchanges: Vec<usize>,
     pub stages: Vec<StageSum>,
     /// Tasks, with times since the begin of the frame. Only with `--details`.
@@ -198,7 +198,7 @@ impl FrameRow {
 
 /// Rows of frames, in memory or in a file.
 pub trait FrameRows {
-    /// Serializes the rows as a list, each on one line: a frame has hundreds of numbers.
+    /// Serializes the rows as a list with one line per row, since a row has hundreds of numbers.
     ///
     /// # Errors
     /// Errors of the serializer and of reading the file.

@@ -7,25 +7,25 @@ use super::frame_row::{ControlRow, FrameRow};
 use crate::exec::RightEye;
 use crate::quality::FrameQuality;
 
-/// Line of a frame in `frames.csv`. Times of single stages are in `run.json`.
+/// Line of a frame in `frames.csv`. The times of each stage are only in `run.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameLine {
     pub index: u32,
     /// Scene time of the frame.
     pub time_s: f64,
-    /// Number of devices that rendered it.
+    /// Number of devices that rendered the frame.
     pub devices: usize,
     pub makespan_ms: f64,
     pub interval_ms: Option<f64>,
     pub predicted_ms: Option<f64>,
     pub plan_ms: f64,
     pub aov_ms: f64,
-    /// Total time of all devices in stages.
+    /// Time in stages, without transfers, summed over all devices.
     pub busy_ms: f64,
     #[serde(flatten)]
     pub quality: FrameQuality,
     pub rays: u64,
-    /// Origin of the right eye's pixels, if it is reprojected.
+    /// Fractions of the right eye's pixels by origin, if that eye is reprojected.
     pub right_eye: Option<RightEye>,
     pub nonfinite_samples: u64,
     pub transferred_bytes: u64,
@@ -89,23 +89,23 @@ const CONTROL: [Column<FrameLine>; 6] = [
 ];
 
 impl FrameLine {
-    /// Returns the contents of the file. It has the control loop's columns only if there was one.
+    /// Returns the contents of `frames.csv`. The control loop's columns are left out if no line has a decision.
     pub fn csv(lines: &[Self]) -> Csv {
         let all = Csv::new(&COLUMNS, lines);
         if lines.iter().any(|l| l.control.is_some()) { all.beside(Csv::new(&CONTROL, lines)) } else { all }
     }
 
-    /// Returns the header line of a growing file, for frames of the control loop.
+    /// Returns the header line, with the control loop's columns, for a file that is written line by line.
     pub fn header() -> Vec<u8> {
         csv::line(COLUMNS.iter().chain(&CONTROL).map(|(name, _)| *name))
     }
 
-    /// Returns the line of such a frame.
+    /// Returns the frame's line in a file that begins with [`Self::header`].
     pub fn text(&self) -> Vec<u8> {
         csv::line(COLUMNS.iter().chain(&CONTROL).map(|(_, cell)| cell(self)))
     }
 
-    /// Returns the contents of the file from the rows of `run.json`.
+    /// Returns the contents of `frames.csv` for the rows of `run.json`.
     pub fn csv_of(rows: &[FrameRow]) -> Csv {
         Self::csv(&rows.iter().map(Self::from).collect::<Vec<_>>())
     }
@@ -171,7 +171,7 @@ mod tests {
         let table = FrameLine::csv(std::slice::from_ref(&line));
         let found = ["rung", "expected_ms", "fits", "in_band", "late_ms"];
         assert_eq!(found.map(|name| table.value(0, name)), ["3", "12.0000", "true", "false", "0.5000"]);
-        // A growing file has the same contents.
+        // A file that is written line by line has the same contents.
         let folder = tempfile::tempdir().unwrap();
         table.write(&folder.path().join("frames.csv")).unwrap();
         let grown = [FrameLine::header(), line.text()].concat();

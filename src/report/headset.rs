@@ -14,14 +14,16 @@ pub struct HeadsetRow {
     pub display_s: f64,
     /// Refresh period of the display. A runtime may stretch it for programs that need more time.
     pub period_ms: f64,
-    /// Predicted motion-to-photon time: from the sampling of the pose with which the frame is shown to its display, or
-    /// to the next refresh if it came too late. It is `null` if the runtime has no clock.
+    /// Predicted motion-to-photon latency: time from sampling the head pose that the frame shows to the predicted
+    /// display time, or to the next refresh if the frame was submitted too late. `null` if the runtime has no clock.
     pub motion_to_photon_ms: Option<f64>,
-    /// Time by which late latching made the pose newer than that of rendering, if the frame was corrected.
+    /// Time between the sampling of the rendering pose and that of the newer pose from late latching, if late
+    /// reprojection corrected the frame.
     pub corrected_ms: Option<f64>,
-    /// Time from submission to the predicted display; negative if the frame came too late.
+    /// Time from submission to the predicted display time; negative if the frame was submitted too late.
     pub ahead_ms: Option<f64>,
-    /// Display periods without a frame since the previous frame, by the runtime's predictions.
+    /// Number of display periods without a new frame between the previous frame and this one, by the runtime's
+    /// predictions.
     pub missed: u32,
 }
 
@@ -31,24 +33,24 @@ pub struct HeadsetRow {
 pub struct HeadsetSummary {
     pub runtime: String,
     pub headset: String,
-    /// Size of each eye's image that the runtime recommends.
+    /// Image size per eye that the runtime recommends.
     pub recommended_size: String,
     /// Refresh period of the display at the start.
     pub period_ms: f64,
-    /// True if depth was submitted, too.
+    /// True if depth images were submitted together with the colour images.
     pub depth: bool,
     /// True if images were copied through host memory, because the first device is not on the runtime's adapter.
     pub host_copies: bool,
-    /// True if frames were corrected to a head pose sampled after the rest of the frame was done.
+    /// True if late reprojection corrected frames for a head pose sampled after all other passes.
     pub late_poses: bool,
     /// States that the session went through.
     pub states: Vec<String>,
     pub motion_to_photon_ms_p50: Option<f64>,
     pub motion_to_photon_ms_p95: Option<f64>,
     pub motion_to_photon_ms_max: Option<f64>,
-    /// Frames that were submitted after their predicted display time.
+    /// Number of frames that were submitted after their predicted display time.
     pub late_frames: usize,
-    /// Display periods without a frame.
+    /// Number of display periods without a new frame.
     pub missed: u64,
 }
 
@@ -89,6 +91,6 @@ impl fmt::Display for HeadsetSummary {
             write!(f, "motion to photon, predicted, ms: median {p50:.1}, 95 % {p95:.1}; ")?;
         }
         let Self { late_frames, missed, .. } = self;
-        write!(f, "{late_frames} frames came after their predicted display; {missed} of its periods were missed")
+        write!(f, "{late_frames} frames were submitted too late; {missed} display periods were missed")
     }
 }

@@ -8,7 +8,7 @@ use super::Table;
 #[derive(Clone, Debug, Default)]
 pub struct Section {
     pub heading: &'static str,
-    /// Text, by paragraph.
+    /// Paragraphs of text.
     pub notes: Vec<String>,
     pub table: Option<Table>,
     /// SVG or HTML, inserted verbatim.
@@ -19,10 +19,10 @@ pub struct Section {
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
-/// Content security policy: nothing is fetched, whatever a figure asks for.
+/// Content security policy, which forbids the page to fetch anything, even if a figure contains a link to a resource.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
-/// Makes the page. `command` is the command line of the run.
+/// Returns the HTML of a page. `command` is the command line of the run.
 pub fn page(title: &str, command: &str, sections: &[Section]) -> String {
     let title = escape(title);
     let mut page = format!(
@@ -47,7 +47,7 @@ pub fn live(kind: &str, data: &impl Serialize) -> serde_json::Result<String> {
     Ok(format!("<div class=\"live\" data-kind=\"{kind}\"><script type=\"application/json\">{json}</script></div>"))
 }
 
-/// Cells with more characters than this may break into lines, but not after each word.
+/// Cells with more characters than this get a minimum width, so that they do not wrap after each word.
 const LONG: usize = 24;
 
 fn add(page: &mut String, section: &Section) {

@@ -10,7 +10,7 @@ use super::html::live;
 use crate::exec::{FrameReport, TaskTiming, TimedTask};
 use crate::scene::rig::Eye;
 
-/// Maximum number of tasks, which take about 1.8 MB of a page.
+/// Maximum number of tasks in a page, where they take about 1.8 MB.
 const TASKS_MAX: usize = 120_000;
 
 /// A frame whose tasks the page can show.
@@ -38,9 +38,9 @@ struct Data {
     names: Vec<Cow<'static, str>>,
     shapes: Vec<Shape>,
     frames: Vec<Frame>,
-    /// Index of the frame to show first.
+    /// Index of the frame to show when the page is opened.
     shown: usize,
-    /// Distance between the frames whose tasks are kept.
+    /// Interval in frames at which the tasks of a frame are kept. The tasks of frame `shown` are kept, too.
     stride: usize,
 }
 
@@ -53,8 +53,8 @@ struct Frame {
     tasks: Vec<i64>,
 }
 
-/// Returns the figure, with frame `shown` first. If there are too many tasks, only those of frames at regular intervals
-/// are kept.
+/// Returns the figure, which initially shows the frame with index `shown`. If there are too many tasks, it keeps only
+/// those of this frame and of frames at regular intervals.
 ///
 /// # Errors
 /// Errors of [`live`].

@@ -7,7 +7,7 @@ use super::Table;
 use super::csv::{Column, Csv, number, optional};
 use super::study::{cell, table};
 
-/// Numbers of frames between the pose for rendering and the pose for display.
+/// Latencies to measure: numbers of frames between the rendering pose and the pose at display time.
 pub const LATENCIES: [u32; 3] = [1, 2, 4];
 
 /// Overscan on each side, degrees.
@@ -20,10 +20,11 @@ pub struct LateRow {
     pub latency_frames: u32,
     pub latency_ms: f64,
     pub instants: u32,
-    /// Mean rotation and translation of the head during the latency.
+    /// Mean rotation (degrees) and translation (millimetres) of the head during the latency.
     pub turned_deg: f64,
     pub moved_mm: f64,
-    /// FLIP of the uncorrected frame, of the corrected one, and of a frame at the true pose with other random numbers.
+    /// FLIP against a frame at the true pose: of the uncorrected frame, of the corrected frame, and of another frame at
+    /// the true pose with other random numbers. Fields with `most` are maxima over instants and eyes, the others means.
     pub flip: f64,
     pub flip_most: f64,
     pub flip_corrected: f64,
@@ -41,7 +42,7 @@ pub struct Instant {
 }
 
 impl LateRow {
-    /// Summarises a latency from its instants, at least one.
+    /// Summarises the measurements of a latency. `instants` must not be empty.
     pub fn of(scene: &str, latency_frames: u32, fps: f64, instants: &[Instant]) -> Self {
         let mean = |of: &dyn Fn(&Instant) -> f64| instants.iter().map(of).sum::<f64>() / instants.len().max(1) as f64;
         let flip = |which: usize| mean(&|i| (i.flips[which][0] + i.flips[which][1]) / 2.0);

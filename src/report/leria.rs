@@ -27,7 +27,7 @@ struct Part {
     column: &'static str,
     /// Stages of this part; empty for the part that takes all other stages.
     stages: &'static [&'static str],
-    /// Times that the paper reports for both arrangements.
+    /// Times per frame that the paper reports, for each of [`ARRANGEMENTS`].
     cited_ms: [f64; 2],
 }
 
@@ -60,10 +60,11 @@ fn part_of(stage: &str) -> usize {
     PARTS.iter().position(|part| part.stages.contains(&stage)).or(rest).unwrap_or_default()
 }
 
-/// Cited busy fraction of the primary, and the mean of the others, on San Miguel, for both arrangements.
+/// The paper's busy fractions on San Miguel, for each of [`ARRANGEMENTS`]: of the primary, and the mean of the other
+/// devices.
 const CITED_BUSY: [[f64; 2]; 2] = [[0.99, 0.53], [0.94, 0.97]];
 
-/// The paper's scenes, with the time in seconds of about [`FRAMES`] frames in both arrangements.
+/// The paper's scenes, each with the total time in seconds of about [`FRAMES`] frames for each of [`ARRANGEMENTS`].
 const CITED_S: [(&str, [f64; 2]); 3] =
     [("San Miguel", [1.59, 0.87]), ("Sponza", [1.93, 0.69]), ("Bistro Exterior", [3.26, 1.54])];
 
@@ -71,7 +72,7 @@ const CITED_S: [(&str, [f64; 2]); 3] =
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameTimes {
     makespan_ms: f64,
-    /// Time of each device in stages, without transfers.
+    /// Time that each device spent in stages, without transfers.
     busy_ms: Vec<f64>,
     /// Time of each of [`PARTS`], averaged over the devices that ran any of it.
     part_ms: [Option<f64>; PARTS.len()],
@@ -90,7 +91,8 @@ impl FrameTimes {
         Self::new(frame.makespan_ms, frame.assignment.devices(), times)
     }
 
-    /// Returns the times of a `prediction` for this graph and this model.
+    /// Returns the times of a simulated frame: the makespan of the `prediction`, and the times that the `model`
+    /// predicts for the tasks of the `graph`.
     pub fn simulated(graph: &FrameGraph, model: &CostModel, prediction: &Prediction) -> Self {
         let times = (0..graph.devices()).flat_map(|device| graph.tasks_of(device)).filter_map(|task| {
             let stage = match task.kind {
@@ -153,9 +155,10 @@ pub struct LeriaRow {
     pub total_s: Option<f64>,
     /// Quartiles of the makespans.
     pub makespan_ms: Option<[f64; 3]>,
-    /// Speedup of a frame over the same frame of the baseline. Cited values are for the total time.
+    /// Median over frames of the speedup over the same frame of the baseline. Cited values are speedups of the total
+    /// time.
     pub speedup: f64,
-    /// Time in stages as a fraction of the makespan: of the primary, then the mean of the other devices.
+    /// Busy fractions, that is, time in stages over the makespan: of the primary, and the mean of the other devices.
     pub primary_busy_share: Option<f64>,
     pub others_busy_share: Option<f64>,
     /// Time of each of [`PARTS`], ms.

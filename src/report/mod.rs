@@ -71,7 +71,7 @@ pub fn once<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
     once
 }
 
-/// Returns the largest value over the mean.
+/// Returns the load imbalance: the largest busy time divided by the mean.
 fn imbalance(busy_ms: &[f64]) -> f64 {
     busy_ms.iter().copied().fold(0.0, f64::max) * busy_ms.len() as f64 / busy_ms.iter().sum::<f64>().max(1e-9)
 }

@@ -33,26 +33,26 @@ pub enum PeersError {
     OtherExposure { peers_ev: f64, shot_ev: f64 },
 }
 
-/// Results of a renderer with certain settings.
+/// Measurement of another renderer with one setting.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Peer {
-    /// Name. A line joins the peers of the same name.
+    /// Name of the renderer or of a series of settings. In charts, a line joins the peers of the same name.
     pub name: String,
-    /// Time of a stereo frame.
+    /// Time of a stereo frame, that is, of both eyes.
     pub time_ms: f64,
     /// FLIP, above 0 and at most 1.
     pub flip: f64,
-    /// Its settings.
+    /// Description of the setting, for tables.
     #[serde(default)]
     pub note: String,
 }
 
-/// A file of peers.
+/// Contents of a peers file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Peers {
-    /// Exposure at which FLIP compared the pictures.
+    /// Exposure in stops at which FLIP compared the pictures.
     #[serde(default)]
     exposure_ev: f64,
     #[serde(default)]
@@ -60,7 +60,7 @@ pub struct Peers {
 }
 
 impl Peers {
-    /// Parses the text of a file.
+    /// Parses the text of a peers file.
     ///
     /// # Errors
     /// [`PeersError::Form`], [`PeersError::Exposure`], [`PeersError::Empty`], and [`PeersError::Peer`] for the first
@@ -95,17 +95,17 @@ impl Peers {
         Self::parse(&text).map_err(|source| PeersError::File { path: path.to_owned(), source: Box::new(source) })
     }
 
-    /// Returns the peers, for comparison with pictures of a shot with this exposure.
+    /// Returns the peers, for comparison with pictures of a shot with the exposure `shot_ev`.
     ///
     /// # Errors
-    /// [`PeersError::OtherExposure`], since FLIP of the same images depends on the exposure.
+    /// [`PeersError::OtherExposure`] if the peers were measured at another exposure, on which FLIP depends.
     pub fn at(self, shot_ev: f64) -> Result<Vec<Peer>, PeersError> {
         let peers_ev = self.exposure_ev;
         if peers_ev == shot_ev { Ok(self.peer) } else { Err(PeersError::OtherExposure { peers_ev, shot_ev }) }
     }
 }
 
-/// Returns time against FLIP, with a line per name, in the order of first occurrence.
+/// Returns a chart series of FLIP over time for each name, in the order of first occurrence.
 pub fn series(peers: &[Peer]) -> Vec<Series> {
     let mut lines: Vec<Series> = Vec::new();
     for Peer { name, time_ms, flip, .. } in peers {
@@ -123,7 +123,7 @@ pub const NOTE: &str = "Ours: the fastest measured setting whose FLIP (mean of b
     file. They are comparable only if its machine, size and reference match those of this page; the exposure is the \
     same.";
 
-/// Returns, for each peer, the fastest setting here whose FLIP is at most the peer's.
+/// Returns a table that lists, for each peer, the fastest of `rows` whose FLIP is at most the peer's.
 pub fn table(peers: &[Peer], rows: &[SettingRow]) -> Table {
     let headers = vec!["peer", "note", "FLIP", "ms", "ours, ms", "FLIP", "setting", "times as fast"];
     let ours = |flip: f64| {

@@ -16,13 +16,13 @@ pub const RESOLUTIONS: [Resolution; 2] = [
     Resolution { name: "Quest 2", width: 1832, height: 1920, radii_px: [265.0, 530.0] },
 ];
 
-/// A resolution with its layers.
+/// A resolution per eye, with the radii of its foveal layers.
 #[derive(Clone, Copy, Debug)]
 pub struct Resolution {
     pub name: &'static str,
     pub width: u32,
     pub height: u32,
-    /// Outer radii of the inner and the middle layer (table 2).
+    /// Outer radii of the inner and the middle layer, pixels (the thesis's table 2).
     radii_px: [f64; 2],
 }
 
@@ -50,7 +50,7 @@ const QUALITY: [[ImageErrors; 3]; 3] = [
     [errors(3.7991, 0.813191, 22.339938), errors(3.8649, 0.795324, 22.378790), errors(4.1787, 0.778536, 21.692040)],
 ];
 
-/// Errors of pictures, in display values.
+/// Image errors, computed on display values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ImageErrors {
     /// RMSE in % of the range of display values.
@@ -65,7 +65,7 @@ const fn errors(rmse_percent: f64, ssim: f64, psnr: f64) -> ImageErrors {
 }
 
 impl ImageErrors {
-    /// Derives the errors of a setting. The RMSE follows from the PSNR, whose peak is the range.
+    /// Creates errors from PSNR (dB) and SSIM. The RMSE follows from the PSNR, whose peak value is the display range.
     pub fn new(psnr: f64, ssim: Option<f64>) -> Self {
         Self { rmse_percent: 100.0 * 10f64.powf(-psnr / 20.0), ssim, psnr }
     }
@@ -82,9 +82,9 @@ pub struct ConfigurationResults {
     pub instants: usize,
     /// Means over instants.
     pub quality: ImageErrors,
-    /// Standard deviations over instants; none for a single instant.
+    /// Standard deviations over instants; `None` for a single instant.
     pub deviation: Option<ImageErrors>,
-    /// Exposure of the shot, at which pictures are compared.
+    /// Exposure of the shot in stops, at which pictures are compared.
     pub exposure_ev: f64,
 }
 
@@ -113,7 +113,7 @@ pub struct PeresRow {
     /// Scene of the thesis that the shot replaces.
     pub stands_for: &'static str,
     pub configuration: &'static str,
-    /// Results; `None` if it was not measured.
+    /// Measured results; `None` if this configuration was not measured.
     pub found: Option<ConfigurationResults>,
 }
 

@@ -29,7 +29,8 @@ impl Group {
         Self { name, pictures: vec![eye("left eye", &linear.left), eye("right eye", &linear.right)] }
     }
 
-    /// Adds to [`Self::of_frame`] the FLIP of each pixel of both tonemapped eyes, with the means in the names.
+    /// Returns the pictures of [`Self::of_frame`] and, for each eye, a FLIP heat map against `reference`, with the mean
+    /// FLIP in its name.
     ///
     /// # Errors
     /// [`ReportError::Image`] for images of different sizes or without pixels.
@@ -50,8 +51,9 @@ impl Group {
     }
 }
 
-/// Returns the viewer. Initially the first picture is on the left of the line. The first picture of the last group is
-/// on the right, or the second picture if there is a single group. All pictures must have the same size.
+/// Returns the HTML of the viewer. Initially, it shows the first picture on the left of the line. On the right, it
+/// shows the first picture of the last group or, with a single group, the second picture. All pictures must have the
+/// same size.
 ///
 /// # Errors
 /// [`ReportError::Encoding`].

@@ -13,7 +13,7 @@ use super::study::cell;
 use crate::control::{Measure, Rung};
 use crate::quality::FrameQuality;
 
-/// Number of frames before the control loop is judged.
+/// Number of frames at the start of a run that the summary leaves out, while the control loop settles.
 pub const SETTLING_FRAMES: usize = 30;
 
 /// A rung, with the fraction of frames that used it.
@@ -24,25 +24,25 @@ pub struct RungUse {
     pub denoiser: &'static str,
     #[serde(flatten)]
     pub quality: FrameQuality,
-    /// Median of the expected times of its frames.
+    /// Median over the frames of the time that the control loop expected.
     pub expected_ms: f64,
     /// Error by the ladder's measure, if it was measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<f64>,
-    /// True if the error is an estimate, as the rung's time was before it was played.
+    /// True if the error is an estimate instead of a measurement. `estimated_error` then holds it.
     pub estimated: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub estimated_error: Option<f64>,
     pub share: f64,
 }
 
-/// A report that the budget could not be kept at the requested size, with the size at which it can.
+/// Report that the budget cannot be kept at the requested size, with a smaller size at which it can be kept.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SizeFit {
-    /// Size of each eye.
+    /// Requested image size per eye.
     pub asked_size: String,
-    /// Median time of the cheapest rung at that size.
+    /// Median time of the cheapest rung at the requested size.
     pub asked_ms: f64,
     /// A smaller size at which the budget can be kept, if there is one.
     pub fitting_size: Option<String>,
@@ -50,7 +50,7 @@ pub struct SizeFit {
     pub played_size: String,
 }
 
-/// A sequence of consecutive frames outside the band.
+/// A sequence of consecutive frames outside the budget band.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Excursion {
@@ -58,7 +58,8 @@ pub struct Excursion {
     pub frames: u32,
 }
 
-/// Summary of a run's budget. It covers the frames after the first [`SETTLING_FRAMES`], or all frames of a shorter run.
+/// Summary of how well a run kept its time budget. It covers the frames after the first [`SETTLING_FRAMES`], or all
+/// frames of a shorter run.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PlaySummary {
@@ -104,10 +105,10 @@ pub struct PlayTally {
     budget_ms: [f64; 2],
     /// Number of rows so far.
     rows: usize,
-    /// The first [`SETTLING_FRAMES`], which count only if there are no others.
+    /// Sums over the first [`SETTLING_FRAMES`], which are reported only if there are no later frames.
     settling: Judged,
     judged: Judged,
-    /// True if at times no rung was expected to fit the budget.
+    /// True if there was a frame for which no rung was expected to fit the budget.
     pub lacked_rung: bool,
 }
 
@@ -127,7 +128,7 @@ impl PlayTally {
         }
     }
 
-    /// Returns the summary of the control loop's frames; none without any.
+    /// Returns the summary of the frames with a control decision; `None` if there were none.
     pub fn summary(&self, play: &Play) -> Option<PlaySummary> {
         let judged = if self.rows > SETTLING_FRAMES { &self.judged } else { &self.settling };
         let share = |frames: usize| frames as f64 / judged.frames as f64;
@@ -165,14 +166,14 @@ struct Judged {
     makespans_ms: Quantiles,
     rung_changes: usize,
     last_rung: Option<usize>,
-    /// Sequence of frames outside the band that is still going on after the last frame, if any; then the longest
-    /// sequence, the first of equally long ones.
+    /// Current sequence of frames outside the budget band, if the last frame was outside; and the longest sequence so
+    /// far, the earliest if several are equally long.
     excursion: Option<Excursion>,
     longest: Option<Excursion>,
     rungs: BTreeMap<usize, RungFrames>,
 }
 
-/// Frames of a rung.
+/// Statistics of the frames that used a rung.
 #[derive(Clone, Debug)]
 struct RungFrames {
     quality: FrameQuality,
@@ -207,7 +208,7 @@ impl Judged {
 }
 
 impl PlaySummary {
-    /// Returns a table that describes in words and rounded numbers how the budget was kept.
+    /// Returns a table of named, rounded values that show how well the budget was kept.
     pub fn table(&self) -> Table {
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);
         let ms = |ms: f64| format!("{ms:.1} ms");
@@ -229,7 +230,7 @@ impl PlaySummary {
         Table { headers: vec!["what", "value"], rows }
     }
 
-    /// Returns a table of the rungs that were used, from the cheapest.
+    /// Returns a table of the rungs that were used, cheapest first.
     pub fn rungs_table(&self) -> Table {
         let row = |u: &RungUse| {
             let FrameQuality { spp, bounces, iterations, scale, fovea } = u.quality;

@@ -1,4 +1,4 @@
-//! Draws line charts as SVG, readable on white and in print. The viewer draws the text, so no font is needed here.
+//! Draws line charts as SVG, readable on white and in print. SVG viewers render the text, so no font is needed here.
 
 use plotters::chart::ChartContext;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, ValueFormatter};
@@ -70,7 +70,7 @@ struct Drawn<'s> {
     series: &'s Series,
     colour: RGBColor,
     points: Vec<(f64, f64)>,
-    /// x, low and high.
+    /// Points of the band: x, low and high y.
     band: Vec<(f64, f64, f64)>,
 }
 

@@ -8,8 +8,8 @@ use super::Table;
 use crate::graph::{Access, FrameGraph, Linked, Program, Reach, Stage, Task, TaskKind, Use};
 use crate::scene::rig::Eye;
 
-/// Returns a table with a line per pass in order: where it runs, and its bindings. `±N` after an image means that the
-/// pass reads N rows above and below its own, its margin included.
+/// Returns a table with a line per pass, in order: its view, grid, partition and bindings. `±N` after an image means
+/// that the pass reads N rows above and below the rows of its stripe, with its margin included in N.
 pub fn passes_table(program: &Program) -> Table {
     let row = |(number, linked): (usize, &Linked)| {
         let pass = &linked.pass;
@@ -40,7 +40,8 @@ fn name_of(linked: &Linked) -> String {
     format!("{}{index}", linked.pass.stage.name())
 }
 
-/// Formats the name of an image as a pass uses it.
+/// Formats the name of an image that a pass binds: with the eye, if it is not that of the pass, and with the rows that
+/// the pass reads beyond its own.
 fn name(program: &Program, linked: &Linked, used: &Use, image: usize) -> String {
     let other = match used.eye {
         Some(eye) if eye != linked.pass.view => format!("{eye} "),
@@ -59,7 +60,7 @@ fn name(program: &Program, linked: &Linked, used: &Use, image: usize) -> String 
     format!("{other}{}{rows}", program.images()[image].name())
 }
 
-/// Returns a table with a line per stage without work.
+/// Returns a table of the stages that a frame leaves out, with eyes and reasons.
 pub fn left_out_table(left_out: &[(Stage, Eye, &'static str)]) -> Table {
     let mut rows: Vec<(Stage, &str, String)> = Vec::new();
     for &(stage, eye, why) in left_out {
@@ -89,7 +90,7 @@ pub fn transfers_table(graph: &FrameGraph) -> Table {
     Table { headers: vec!["image", "transfers", "rows", "bytes"], rows: sums.into_iter().map(row).collect() }
 }
 
-/// Returns the task graph in the language of Graphviz, with a colour per device and the image on each edge.
+/// Returns the task graph as text for Graphviz, with a colour per device and the image's name on each edge.
 pub fn dot(graph: &FrameGraph) -> String {
     let label = |task: &Task| {
         let rows = format!("{}..{}", task.rows.start, task.rows.end);

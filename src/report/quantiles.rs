@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 /// Number of values that are kept individually, with exact quantiles.
 pub const EXACT: usize = 4096;
-/// Ratio of the ends of a bin, in which further values are counted. A quantile is the middle of its bin, with an error
-/// of at most half that: 0.25 %.
+/// Ratio of a bin's upper end to its lower end. With more than [`EXACT`] values, only the number of values per bin is
+/// kept, and a quantile is the middle of its bin, with a relative error of at most 0.25 %.
 const RATIO: f64 = 1.005;
 
 /// Distribution of a stream of values.
@@ -51,7 +51,7 @@ impl Quantiles {
         }
     }
 
-    /// Returns the value below which this fraction of all values lies; none without values.
+    /// Returns the value below which this fraction of all values lies; `None` without values.
     pub fn quantile(&self, fraction: f64) -> Option<f64> {
         let place = |count: usize| (fraction * count.saturating_sub(1) as f64).round() as usize;
         match &self.values {
@@ -68,7 +68,7 @@ impl Quantiles {
         }
     }
 
-    /// Returns the median, for an even number the mean of the middle two; none without values.
+    /// Returns the median; `None` without values. For an even number of exact values, it is the mean of the middle two.
     pub fn median(&self) -> Option<f64> {
         match &self.values {
             Values::Exact(values) => super::median(values.clone()),
@@ -76,7 +76,7 @@ impl Quantiles {
         }
     }
 
-    /// Returns the largest value; none without values.
+    /// Returns the largest value; `None` without values.
     pub fn most(&self) -> Option<f64> {
         (self.most >= self.least).then_some(self.most)
     }

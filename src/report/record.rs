@@ -14,11 +14,12 @@ use super::play::PlayTally;
 use crate::image::ImageError;
 use crate::image::file::{LineFile, count_lines, keep_unfinished};
 
-/// Files in a folder: a line for each finished frame, and the rows for `run.json` until that is written.
+/// Names of files in the run's folder: one line per finished frame, and the rows for `run.json` until that file is
+/// written.
 const LINES: &str = "frames.csv";
 const ROWS: &str = "run.json.rows.part";
 
-/// Rows of frames with a time budget, as far as they are finished.
+/// Record of the finished frames of a run with a time budget: rows in files, and sums in memory.
 pub struct FrameRecord {
     lines: LineFile,
     rows: SpooledRows,
@@ -27,7 +28,7 @@ pub struct FrameRecord {
 }
 
 impl FrameRecord {
-    /// Starts a record in `folder`. The budget is per frame, milliseconds.
+    /// Starts a record in `folder`. `budget_ms` is the shortest and the longest time per frame within the budget.
     ///
     /// # Errors
     /// [`ImageError`] if a file cannot be written.
@@ -38,7 +39,7 @@ impl FrameRecord {
         Ok(Self { lines, rows, play: PlayTally::new(budget_ms), headset: HeadsetTally::default() })
     }
 
-    /// Adds the row of a frame. It is in the files when this returns.
+    /// Adds the row of a frame, and returns once the row has been written to the files.
     ///
     /// # Errors
     /// [`ImageError`] if a file cannot be written.
@@ -55,7 +56,7 @@ impl FrameRecord {
         &self.rows
     }
 
-    /// Removes the rows, once `run.json` contains them.
+    /// Removes the file of spooled rows. Call this once `run.json` contains the rows.
     ///
     /// # Errors
     /// [`ImageError`] if their file cannot be removed.
@@ -64,7 +65,7 @@ impl FrameRecord {
     }
 }
 
-/// Rows of frames in a file, with a line of JSON each.
+/// Rows of frames in a file, each as a line of JSON.
 pub struct SpooledRows(LineFile);
 
 impl SpooledRows {
@@ -107,8 +108,8 @@ pub struct Unfinished {
 }
 
 impl Unfinished {
-    /// Renames the files of an unfinished run, so that the next run into the folder does not replace them. Returns none
-    /// if the last run finished.
+    /// Renames the files of an unfinished run, so that the next run into the folder does not replace them. Returns
+    /// `None` if the last run finished.
     ///
     /// # Errors
     /// [`ImageError`] if a file cannot be read or renamed.

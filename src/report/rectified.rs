@@ -1,4 +1,4 @@
-//! Describes the shared projection from which eyes are resampled.
+//! Reports the shared (rectified) projection from which both eyes' display images are resampled.
 
 use std::fmt;
 
@@ -12,7 +12,7 @@ use crate::image::Extent;
 pub struct RectifiedFrame {
     pub width: u32,
     pub height: u32,
-    /// Number of its pixels over that of an eye's display image.
+    /// Number of pixels of the shared projection, divided by that of an eye's display image.
     pub pixels_ratio: f64,
 }
 

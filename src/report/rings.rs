@@ -14,15 +14,15 @@ use crate::quality::LogPolar;
 /// of the screen.
 const RINGS: usize = 20;
 
-/// Returns the thesis's viewing conditions for a screen of this size (its equation 5.1): the gaze is in the middle, and
-/// the diagonal over the distance is the tangent of 60 degrees.
+/// Returns the viewing conditions of Andersson & Hansson 2020 (equation 5.1) for a screen of this size: the gaze is in
+/// the middle, and the screen's diagonal divided by the viewing distance is tan 60°.
 pub fn viewing(screen: Extent) -> Viewing {
     let (width, height) = (f64::from(screen.width), f64::from(screen.height));
     let tan_half = height / width.hypot(height) * LogPolar::DIAGONAL_DEG.to_radians().tan() / 2.0;
     Viewing { gaze: [0.5; 2], yfov_deg: 2.0 * tan_half.atan().to_degrees() }
 }
 
-/// Results for a ring of a mode: means of both eyes over frames.
+/// Results of one mode (arrangement) in one ring: means over both eyes and all frames.
 #[derive(Clone, Debug, Serialize)]
 pub struct RingRow {
     pub scene: String,
@@ -30,35 +30,35 @@ pub struct RingRow {
     pub mode: &'static str,
     pub inner_deg: f64,
     pub outer_deg: f64,
-    /// Pixels in one eye.
+    /// Number of pixels of the ring in one eye.
     pub pixels: usize,
     /// Number of frames.
     pub frames: usize,
-    /// Errors against the reference. The deviation is the standard deviation over several frames (over n − 1).
+    /// Errors against the reference. The deviation is the sample standard deviation over frames, if there are several.
     pub ssim: Option<f64>,
     pub ssim_deviation: Option<f64>,
     pub flip: Option<f64>,
-    /// SSIM against the first mode's frames; none for that mode.
+    /// SSIM against the first mode's frames; `None` for the first mode itself.
     pub ssim_basic: Option<f64>,
     pub ssim_basic_deviation: Option<f64>,
 }
 
-/// Rings of a frame in both eyes: against the reference, and against the first mode's frame.
+/// Errors of a frame by ring and eye: against the reference, and against the first mode's frame.
 pub struct FrameRings {
     pub reference: [Vec<Ring>; 2],
     pub basic: Option<[Vec<Ring>; 2]>,
 }
 
 impl FrameRings {
-    /// Returns the rings of both eyes, and those against the first mode's frame if there is one.
+    /// Computes the rings of both eyes. `eyes` compares them with the reference, `basic` with the first mode's frame.
     pub fn new(seen: &Viewing, eyes: &[Pair; 2], basic: Option<&[Pair; 2]>) -> Self {
         let rings = |eyes: &[Pair; 2]| eyes.each_ref().map(|eye| eye.rings(seen, RINGS));
         Self { reference: rings(eyes), basic: basic.map(rings) }
     }
 }
 
-/// Returns SSIM of the ring at the gaze and of the outermost ring with a value, against the reference and against the
-/// first mode.
+/// Returns four values of SSIM: of the innermost ring and of the outermost ring with a defined SSIM, first against the
+/// reference, then against the first mode.
 pub fn ends(rows: &[RingRow]) -> [Option<f64>; 4] {
     let ends = |ssim: fn(&RingRow) -> Option<f64>| [rows.first().and_then(ssim), rows.iter().rev().find_map(ssim)];
     let [[near, far], [near_basic, far_basic]] = [ends(|ring| ring.ssim), ends(|ring| ring.ssim_basic)];
@@ -116,7 +116,7 @@ pub fn ring_csv(rows: &[RingRow]) -> Csv {
     Csv::new(&CSV, rows)
 }
 
-/// A measure of rings, with its deviation.
+/// Selects a measure of a ring and its standard deviation.
 type Measure = fn(&RingRow) -> (Option<f64>, Option<f64>);
 
 const MEASURES: [(&str, Measure); 2] =
@@ -208,7 +208,7 @@ mod tests {
         FrameRings { reference: ssim.map(ring), basic: basic.map(|ssim| [ring(ssim), ring(ssim)]) }
     }
 
-    /// The thesis's rings end at 0.682 of 60 degrees.
+    /// The rings of Andersson & Hansson end at 0.682 of 60 degrees.
     #[test]
     fn twenty_rings_of_the_thesiss_width_reach_the_corners() {
         for (width, height) in [(1920, 1080), (640, 360), (100, 100)] {

@@ -78,10 +78,10 @@ pub struct ReferenceRow {
     /// Samples per pixel taken by earlier runs.
     pub spp_resumed: u32,
     pub pass_spp: u32,
-    /// Number of passes of this run, and their time.
+    /// Number of passes of this run, and their total time.
     pub passes: u32,
     pub elapsed_s: f64,
-    /// True if the time limit ended it.
+    /// True if the time limit ended the accumulation.
     pub out_of_time: bool,
     /// Samples of both eyes that were not finite, including those of earlier runs.
     pub nonfinite_samples: u64,
@@ -120,10 +120,10 @@ pub struct RunReport<Rows: FrameRows = Vec<FrameRow>> {
     pub scene: SceneSummary,
     /// Peak resident memory of the process so far, MiB. Absent if the system does not report it.
     pub peak_resident_mib: Option<f64>,
-    /// Time from opening the devices until the first frame could begin. Shaders are compiled in this time, and `play`
-    /// times settings.
+    /// Time from opening the devices until the first frame could begin. In this time, shaders are compiled, and `play`
+    /// measures how long settings take.
     pub warm_up_s: f64,
-    /// Number of frames before the first one that is kept.
+    /// Number of frames that were rendered before the first reported one, to warm up.
     pub warm_up_frames: u32,
     #[serde(serialize_with = "FrameRows::serialize")]
     pub frames: Rows,
@@ -188,9 +188,9 @@ impl<Rows: FrameRows> RunReport<Rows> {
 }
 
 impl RunReport {
-    /// Returns the number of rays over the devices' working time: the makespans, without the parts that overlap with
-    /// the previous frame. Of several frames, the first does not count, because caches are cold and the distribution of
-    /// rows is not learned yet.
+    /// Returns the number of rays per second of rendering. The time of a frame is its makespan, without the part that
+    /// overlaps with the previous frame. If there are several frames, the first one does not count, because its caches
+    /// are cold and the scheduler has not yet learned how to distribute the rows.
     pub fn rays_per_s(&self) -> Option<f64> {
         let counted = &self.frames[usize::from(self.frames.len() > 1)..];
         let own_ms = |f: &FrameRow| f.interval_ms.map_or(f.makespan_ms, |i| i.min(f.makespan_ms));
@@ -198,8 +198,8 @@ impl RunReport {
         (ms > 0.0).then(|| rays as f64 / ms * 1e3)
     }
 
-    /// Returns the median time between the ends of consecutive frames, ms. The last frames in flight do not count,
-    /// because they had the devices to themselves in the end.
+    /// Returns the median time between the ends of consecutive frames, ms. The last `frames_in_flight` − 1 frames do
+    /// not count, because no further frames competed with them for the devices.
     pub fn median_interval_ms(&self, frames_in_flight: u8) -> Option<f64> {
         let alone = usize::from(frames_in_flight).saturating_sub(1);
         let frames = &self.frames[..self.frames.len().saturating_sub(alone)];
@@ -213,7 +213,7 @@ impl RunReport {
     }
 }
 
-/// Reads `VmHWM` of Linux.
+/// Returns the peak resident memory in MiB, from `VmHWM` in Linux's `/proc/self/status`.
 fn peak_resident_mib() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;

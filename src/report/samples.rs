@@ -8,7 +8,7 @@ use crate::quality::FrameQuality;
 const FRAMES_MAX: usize = 4096;
 const TASKS_MAX: usize = 240_000;
 
-/// A frame of the control loop, with its tasks since its begin.
+/// A frame of the control loop, with its tasks. Their times are relative to the begin of the frame.
 #[derive(Clone, Debug)]
 pub struct SampledFrame {
     pub index: u32,
@@ -18,8 +18,8 @@ pub struct SampledFrame {
     pub tasks: Vec<TaskTiming>,
 }
 
-/// All frames of a short run. Of a long run, the slowest frame of every `stride` consecutive ones, so that frames
-/// outside the budget remain.
+/// Samples of a run's frames: all frames of a short run. Of a long run, the slowest of every `stride` consecutive
+/// frames, so that frames outside the budget remain.
 #[derive(Clone, Debug)]
 pub struct FrameSamples {
     frames: Vec<SampledFrame>,
@@ -83,13 +83,13 @@ impl FrameSamples {
         &self.frames
     }
 
-    /// Returns the number of frames that each stands for.
+    /// Returns the number of consecutive frames that each sample stands for.
     pub fn stride(&self) -> usize {
         self.stride
     }
 }
 
-/// Returns the slower frame, the earlier one of equals, and the other.
+/// Returns the slower frame, or the first if both are equally slow, and then the other frame.
 fn slower(first: SampledFrame, second: SampledFrame) -> (SampledFrame, SampledFrame) {
     if second.makespan_ms > first.makespan_ms { (second, first) } else { (first, second) }
 }

@@ -1,4 +1,4 @@
-//! Reports how frames scale over device counts: rows, CSV, tables, the plot of speedup, and a page with all of them.
+//! Reports how frame times scale with the number of devices: rows, CSV, tables, a plot of speedup, and page sections.
 
 use serde::Serialize;
 
@@ -24,43 +24,43 @@ pub struct ScaleRow {
     pub makespan_ms: f64,
     pub makespan_ms_min: f64,
     pub makespan_ms_max: f64,
-    /// Interquartile range.
+    /// Interquartile range of the makespans.
     pub makespan_ms_iqr: f64,
     /// Time from the end of a frame to the end of the next one.
     pub interval_ms: f64,
-    /// Period that determines throughput, and its scatter: the interval for frames in flight, or the makespan for
-    /// consecutive frames.
+    /// Period that determines throughput (the interval if several frames are in flight, else the makespan), and its
+    /// interquartile range divided by its median.
     pub period_ms: f64,
     pub period_spread: f64,
     /// Number of periods.
     pub periods: usize,
-    /// Number of devices of the base for speedup.
+    /// Number of devices of the row that speedups are relative to (the base).
     pub base_devices: usize,
     /// Speedup over the base.
     pub speedup: f64,
-    /// Standard error of the speedup, from the scatter of both rows' frames.
+    /// Standard error of the speedup, from the scatter of periods in this row and in the base.
     pub speedup_error: f64,
-    /// Speedup divided by the ratio of device counts.
+    /// Speedup divided by the ratio of device counts, this row's over the base's.
     pub efficiency: f64,
     /// Busy time of the busiest device over the mean.
     pub imbalance: f64,
-    /// Host time in transfers, as a fraction of the makespan times the number of devices.
+    /// Host time in transfers, as a fraction of `period_ms` times the number of devices.
     pub transfer_share: f64,
     /// True if there are more worker threads than cores.
     pub oversubscribed: bool,
-    /// Fraction of the makespan in which a device's queue ran no stage, mean over devices.
+    /// Fraction of `period_ms` in which a device's queue ran no stage, mean over devices.
     pub idle_share: f64,
     /// Bytes sent between devices.
     pub bytes_per_frame: f64,
-    /// Difference between the predicted and the measured makespan, over the latter. None before the cost model has
-    /// learned.
+    /// Absolute difference between the predicted and the measured makespan, divided by the measured one. `None` before
+    /// the cost model has learned.
     pub prediction_error: Option<f64>,
     /// Parts of the critical path, as fractions of the frames' time.
     pub critical_path: String,
 }
 
 impl ScaleRow {
-    /// Summarises timed frames. `base` is the row that defines a speedup of 1, none for that row itself.
+    /// Summarises timed frames. `base` is the row that defines a speedup of 1, and `None` for that row itself.
     pub fn new(devices: usize, frames: &[FrameReport], oversubscribed: bool, base: Option<&ScaleRow>) -> Self {
         let values = |of: &dyn Fn(&FrameReport) -> f64| frames.iter().map(of).collect::<Vec<_>>();
         let median = |of: &dyn Fn(&FrameReport) -> f64| median_of(values(of));
@@ -144,7 +144,7 @@ struct Shares {
 }
 
 impl Shares {
-    /// Returns the name of the largest loss, unless losses are negligible.
+    /// Returns the name of the largest loss, or `work` if losses are negligible.
     fn limit(&self) -> &'static str {
         let losses = [("more work", self.more), ("uneven stripes", self.uneven), ("waits", self.waits)];
         let lost: f64 = losses.iter().map(|(_, share)| share).sum();
@@ -256,7 +256,7 @@ pub fn scale_table(rows: &[ScaleRow]) -> Table {
     with_policies(Table { headers, rows: rows.iter().map(cells).collect() }, rows)
 }
 
-/// Returns a table of the limits of each count's speedup.
+/// Returns a table that shows, for each device count, what limits the speedup.
 fn limits_table(rows: &[ScaleRow]) -> Table {
     let headers = vec![
         "devices",
@@ -297,7 +297,7 @@ pub fn scale_svg(title: String, rows: &[ScaleRow]) -> Result<String, ReportError
     let mut series = vec![Series { name: "ideal".into(), points: guide, band: None, guide: true }];
     let policies = policies(rows);
     for policy in &policies {
-        // Each policy's line starts at the base.
+        // The line of every policy starts at the base, which is the first row.
         let own = || rows.iter().enumerate().filter(|(i, r)| *i == 0 || r.policy == *policy).map(|(_, row)| row);
         let name = if policies.len() > 1 { (*policy).to_owned() } else { "measured".to_owned() };
         let points = own().map(|r| (r.devices as f64, r.speedup)).collect();
@@ -309,18 +309,20 @@ pub fn scale_svg(title: String, rows: &[ScaleRow]) -> Result<String, ReportError
 
 /// Returns the sections of a page on scaling and its limits; `figure` is the plot.
 pub fn scale_sections(rows: &[ScaleRow], figure: String) -> [Section; 2] {
-    let scaling = "Makespan: median time of a frame, from its plan to both images on the primary, its latency. A frame \
-        every: median time from end to end. A period is the makespan, or with several frames in flight the time from end \
-        to end. Spread: interquartile range of periods over their median. Speed-up: of the period over the first row's, \
-        with its standard error from the scatter of both. Imbalance: busy time of the busiest device over the mean. \
-        Transfers: host time in them, idle: time in which a queue ran no stage, both over period times devices. Predicted off by: median distance of the \
-        cost model's makespan from the measured one.";
-    let oversubscribed = "Oversubscribed: the devices have more threads together than there are cores, so they take \
-        time from one another and their speed-up says nothing about devices of their own.";
-    let limits = "Where the devices' time goes, in shares of period times devices. Work: what the first row's devices \
-        did as well, an ideal frame is all work. More work: stages that take longer in sum than there, such as margins \
-        that two devices compute, or caches and cores they share. Uneven stripes: less to do than the busiest device. \
-        Waits: not even the busiest one is busy, for transfers, hand-overs or the host.";
+    let scaling = "Makespan: median latency of a frame, from its plan until both images are on the primary. A frame \
+        every: median interval between the ends of consecutive frames. The period is the makespan or, with several \
+        frames in flight, that interval. Spread: interquartile range of the periods over their median. Speed-up: the \
+        first row's period over this row's, with its standard error from the scatter of both. Imbalance: busy time of \
+        the busiest device over the mean. Transfers: host time spent in transfers; idle: time in which a queue ran no \
+        stage; both as fractions of period times devices. Predicted off by: median error of the cost model's predicted \
+        makespan, relative to the measured one.";
+    let oversubscribed = "Oversubscribed: the devices together have more threads than there are cores, so they take \
+        time from one another. Their speed-up says nothing about separate devices.";
+    let limits = "Fractions of the devices' time (period times devices) by cause. Work: time in stages that the first \
+        row's devices needed as well; ideally, all time is work. More work: additional time in stages, for example for \
+        margins that two devices compute, or because devices share caches and cores. Uneven stripes: idle time of \
+        devices with less work than the busiest one. Waits: time in which even the busiest device is idle, because of \
+        transfers, gaps between stages or the host.";
     let mut notes = vec![scaling.to_owned()];
     notes.extend(rows.iter().any(|r| r.oversubscribed).then(|| oversubscribed.to_owned()));
     [

@@ -1,11 +1,11 @@
-//! The schema of `run.json`, generated from the types that are serialized to it.
+//! Checks the JSON schema of `run.json` in `docs/` against the types that are serialized to that file.
 
 use schemars::generate::SchemaSettings;
 use serde_json::json;
 
 use super::run::RunReport;
 
-/// Environment variable to write the file instead of comparing it.
+/// Environment variable that makes the test write the schema file before it compares.
 const WRITES: &str = "DIPTYCH_WRITE_SCHEMA";
 
 #[test]

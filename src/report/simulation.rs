@@ -1,4 +1,4 @@
-//! Predicted times of simulated device counts: rows, CSV, table and plot.
+//! Reports predicted frame times for simulated numbers of devices: rows, CSV, table and plot.
 
 use serde::Serialize;
 
@@ -24,7 +24,7 @@ pub struct SimulationRow {
     /// Speedup divided by the sum of the devices' speeds.
     pub efficiency: f64,
     pub imbalance: f64,
-    /// Host time in transfers over the makespan times the devices.
+    /// Host time in transfers, as a fraction of the makespan times the number of devices.
     pub transfer_share: f64,
     pub limit: &'static str,
     /// Stages and transfers of the critical path.
@@ -75,17 +75,17 @@ impl SimulationRow {
         shares_text(self.critical_path.iter().map(|part| (part.what, part.share)))
     }
 
-    /// Returns the measured speedup, also over the simulated device of speed 1.
+    /// Returns the speedup of the measured makespan over the simulated makespan of one device of speed 1.
     fn measured_speedup(&self) -> Option<f64> {
         Some(self.speedup * self.predicted_ms / self.measured_ms?)
     }
 }
 
-/// Minimum fraction of a frame's time that additional machines must save.
+/// Minimum fraction of a frame's time that additional machines must save to be worthwhile.
 const WORTH: f64 = 0.03;
 
-/// Describes the number of machines beyond which more, with equally many devices each, do not pay for this frame.
-/// Returns none if all pay, or if only one number of machines was simulated.
+/// Describes the number of machines beyond which additional machines with equally many devices do not pay off for this
+/// frame. Returns `None` if all machines pay off, or if only one number of machines was simulated.
 pub fn enough_nodes(rows: &[SimulationRow]) -> Option<String> {
     let mut by_nodes: Vec<&SimulationRow> = rows.iter().collect();
     let each = |row: &SimulationRow| row.devices / row.nodes.max(1);
@@ -118,8 +118,8 @@ const COLUMNS: [Column<SimulationRow>; 9] = [
     ("limit", |r| r.limit.to_owned()),
 ];
 
-/// Returns the contents of `simulate.csv`: the columns of a row, then the critical path's fractions by stage and
-/// transfer, for all that occur in any row.
+/// Returns the contents of `simulate.csv`: the values of a row, then a column for each stage on the critical path of
+/// any row (and one for transfers) with its fraction of the makespan, then the policy.
 pub fn simulation_csv(rows: &[SimulationRow]) -> Csv {
     let parts = once(rows.iter().flat_map(|r| r.critical_path.iter().map(|part| part.what)));
     let share =
@@ -169,7 +169,7 @@ pub fn simulation_table(rows: &[SimulationRow]) -> Table {
     table
 }
 
-/// Plots speedup over device counts, with the measured ones if there are any.
+/// Plots simulated speedup over device counts, and measured speedup if there are measurements.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.

@@ -10,12 +10,12 @@ use crate::metrics;
 use crate::metrics::temporal::TemporalError;
 use crate::scene::rig::Eye;
 
-/// Formats a number, or a placeholder without one.
+/// Formats a number; `None` gives the placeholder `-`.
 pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
     value.map_or("-".to_owned(), |v| format!("{v:.decimals$}"))
 }
 
-/// Makes a table from columns and rows.
+/// Returns a table with a line per row. The columns define headers and cells.
 pub(super) fn table<T>(columns: &[Column<T>], rows: &[T]) -> Table {
     let line = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
     Table { headers: columns.iter().map(|(name, _)| *name).collect(), rows: rows.iter().map(line).collect() }
@@ -25,7 +25,7 @@ pub(super) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Returns the standard deviation (over n − 1).
+/// Returns the sample standard deviation (with divisor n − 1).
 pub(super) fn deviation(values: &[f64]) -> f64 {
     let mean = mean(values);
     (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0)).sqrt()
@@ -36,7 +36,7 @@ pub(super) fn deviation(values: &[f64]) -> f64 {
 pub struct SequenceRow {
     pub eye: &'static str,
     pub frames: usize,
-    /// Exposure for display values.
+    /// Exposure in stops at which images are tonemapped for metrics of display values.
     pub exposure_ev: f32,
     /// Means over frames.
     pub mean: Errors,
@@ -69,7 +69,8 @@ pub fn sequence_table(rows: &Stereo<SequenceRow>) -> Table {
     table(SEQUENCE, &[rows.left.clone(), rows.right.clone()])
 }
 
-/// Errors of a picture made in stripes, for one eye and frame. `one` is the picture of a single device.
+/// Errors of one eye's image in one frame that several devices rendered in stripes. In comments and field names, `one`
+/// is the same image rendered by a single device.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SeamErrors {
     /// Errors against the reference.
@@ -86,7 +87,7 @@ pub struct SeamErrors {
 }
 
 impl SeamErrors {
-    /// Returns the means. A value that is undefined in one is undefined in the mean.
+    /// Returns the mean of each error. An error that is undefined in one element has no mean.
     pub fn mean_of(all: &[Self]) -> Self {
         let mean = |of: fn(&Self) -> f64| all.iter().map(of).sum::<f64>() / all.len() as f64;
         let mean_if = |of: fn(&Self) -> Option<f64>| {
@@ -122,17 +123,17 @@ pub struct SeamRow {
     /// Seam policy, `-` for one device.
     pub policy: String,
     pub eye: Eye,
-    /// Exposure for PSNR and FLIP.
+    /// Exposure in stops at which images are tonemapped for PSNR and FLIP.
     pub exposure_ev: f64,
     #[serde(flatten)]
     pub errors: SeamErrors,
-    /// True if every frame has the bytes of one device.
+    /// True if every frame is identical, byte for byte, to that of a single device.
     pub same_bytes: bool,
     /// Quartiles of the warm frames' makespans.
     pub time_ms: [f64; 3],
 }
 
-/// Name in files for the policy of one device, which has no seams.
+/// Name of the seam policy in files for rows of one device, which has no seams.
 pub const ONE_DEVICE: &str = "one_device";
 
 impl SeamRow {
@@ -206,7 +207,7 @@ pub const LERIA_NOTE: &str = "PSNR in dB; in brackets, the difference from the i
     Real-time Stereoscopic Image-parallel Path Tracing, 1280x720 per eye, 1 spp, 6 bounces, SVGF, several GPUs. \
     Scenes, references and denoiser differ, so compare only the differences within a column.";
 
-/// Returns a table of our PSNR on the most devices beside the paper's.
+/// Returns a table of our PSNR at the largest device count beside the paper's PSNR.
 pub fn leria_table(rows: &[SeamRow]) -> Table {
     let most = rows.iter().map(|r| r.devices).max().unwrap_or(0);
     let psnr = |policy: &str| {

@@ -18,7 +18,7 @@ impl Table {
         text_table(&self.headers, &self.rows)
     }
 
-    /// Lists names and values of a structure's fields. Anything else gives an empty table.
+    /// Lists the names and values of a struct's fields. A value that is no struct or map gives an empty table.
     pub fn of_fields(of: &impl Serialize) -> Table {
         let fields = serde_json::to_value(of).ok().and_then(|value| value.as_object().cloned()).unwrap_or_default();
         let row = |(name, value): (String, Value)| match value {
@@ -29,7 +29,7 @@ impl Table {
         Table { headers: vec!["setting", "value"], rows: fields.into_iter().map(row).collect() }
     }
 
-    /// Lists the devices of each run, with a line per kind of device.
+    /// Lists the devices of each run. Consecutive devices on the same adapter with equally many threads share a line.
     pub fn of_devices<'a>(runs: impl IntoIterator<Item = &'a [DeviceInfo]>) -> Table {
         let mut rows = Vec::new();
         for run in runs {
@@ -81,7 +81,7 @@ pub fn text_table(headers: &[&str], rows: &[Vec<String>]) -> String {
 }
 
 struct Column {
-    /// Width of a text, in characters.
+    /// Width in characters.
     width: usize,
     numeric: bool,
 }
@@ -102,8 +102,8 @@ impl Column {
     }
 }
 
-/// Returns true for a number, with or without a short unit (`12.5 %`, `1.9x`) or an uncertainty (`1.9 ± 0.1`), and for
-/// its placeholder.
+/// Returns true for a number, with or without a short unit (`12.5 %`, `1.9x`) or an uncertainty (`1.9 ± 0.1`), for the
+/// placeholder `-`, and for an empty cell.
 fn is_number(cell: &str) -> bool {
     let cell = cell.trim();
     let number = cell.trim_end_matches(['%', 'x', ' ']);

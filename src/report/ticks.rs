@@ -4,7 +4,7 @@
 
 use std::ops::Range;
 
-/// Bound on values. Larger ones would overflow when an axis is fitted around them.
+/// Largest absolute value that an axis can show. Larger values would overflow when the axis is fitted around them.
 const LARGEST: f64 = 1e300;
 
 /// Returns the axis coordinate of a value; `None` if the axis cannot show it.
@@ -13,7 +13,7 @@ pub(super) fn coordinate(value: f64, log: bool) -> Option<f64> {
     shown.then(|| if log { value.log10() } else { value })
 }
 
-/// A fitted axis, in its own coordinates.
+/// Range and tick positions of a fitted axis, in axis coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Ticks {
     pub log: bool,
@@ -22,7 +22,7 @@ pub(super) struct Ticks {
 }
 
 impl Ticks {
-    /// Fits an axis around coordinates; `None` without any.
+    /// Fits an axis to the coordinates of points; `None` without coordinates.
     pub fn fit(coordinates: impl Iterator<Item = f64>, log: bool) -> Option<Self> {
         let (low, high) = coordinates.map(|c| (c, c)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
         Some(if log { Self::logarithmic(low, high) } else { Self::linear(low, high) })
@@ -33,8 +33,8 @@ impl Ticks {
         number(if self.log { 10f64.powf(coordinate) } else { coordinate })
     }
 
-    /// Chooses round steps, from the step below the lowest value to the step above the highest. They begin at 0 if that
-    /// is near.
+    /// Chooses ticks at round values, from the one below `low` to the one above `high`. They begin at 0 if `low` is
+    /// positive and below half of `high`.
     fn linear(mut low: f64, mut high: f64) -> Self {
         if low == high {
             let around = if low == 0.0 { 1.0 } else { low.abs() / 2.0 };
@@ -67,7 +67,7 @@ impl Ticks {
     }
 }
 
-/// Formats a number with ten digits, which drops the rounding errors of tick arithmetic.
+/// Formats a number rounded to ten significant digits, which removes the rounding errors of tick arithmetic.
 fn number(value: f64) -> String {
     let exact: f64 = format!("{value:.9e}").parse().unwrap_or(value);
     match exact.abs() {
@@ -77,8 +77,8 @@ fn number(value: f64) -> String {
     }
 }
 
-/// Returns about six multiples of 1, 2 or 5 times a power of ten, from `low` to `high`, each rounded to a multiple by
-/// the given functions.
+/// Returns about six ticks at multiples of a step, which is 1, 2 or 5 times a power of ten. The first tick is `low` and
+/// the last is `high`, each rounded to a multiple of the step by the given function.
 fn steps(low: f64, high: f64, round_low: fn(f64) -> f64, round_high: fn(f64) -> f64) -> Vec<f64> {
     let rough = (high - low) / 6.0;
     let power = 10f64.powf(rough.log10().floor());

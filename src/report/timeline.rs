@@ -1,5 +1,5 @@
-//! Draws a play over time: makespans and budget, samples, rungs and disturbances. It follows the figures of Leria et
-//! al. that show frame times and samples per pixel over frames.
+//! Draws a run of `play` over time: makespans and budget, samples per pixel, rungs and disturbances. The figure follows
+//! those of Leria et al. that show frame times and samples per pixel over frames.
 
 use serde::Serialize;
 
@@ -7,11 +7,11 @@ use super::html::live;
 use super::lanes::round;
 use super::samples::SampledFrame;
 
-/// A disturbance of a run.
+/// A disturbance of a run, such as a slowed device or a scene cut, for the figure.
 #[derive(Clone, Debug, Serialize)]
 pub struct Disturbed {
     pub name: String,
-    /// The first frame, and the one after the last.
+    /// The first disturbed frame, and the one after the last. They are equal for a scene cut, which has no duration.
     pub from: u32,
     pub to: u32,
 }
@@ -32,7 +32,8 @@ struct Data<'a> {
     setting: Vec<String>,
 }
 
-/// Returns the figure for frames of the control loop. The page's swimlanes show the frame that is selected in it.
+/// Returns the figure for frames of the control loop. The page's swimlanes show the frame that is selected in the
+/// figure.
 ///
 /// # Errors
 /// Errors of [`live`].

@@ -1,4 +1,4 @@
-//! Describes traces in words: their sums, one frame, and two traces side by side.
+//! Formats traces as text: the summary of a trace, the details of one frame, and the comparison of two traces.
 
 use super::text_table;
 use crate::trace::Lane;
@@ -134,7 +134,7 @@ fn passages_text(summary: &Summary) -> String {
     let share = if *waited_ms > 0.0 { thread_ms / waited_ms } else { 0.0 };
     format!(
         "\nrows from rank to rank: {count}, of {bytes} bytes; workers waited for them for {waited_ms:.3} ms\n{}\
-         MPI threads made workers wait for {thread_ms:.3} ms at most, {} of it\n",
+         MPI threads caused at most {thread_ms:.3} ms of the workers' wait, {} of it\n",
         text_table(&["rows", "median µs", "most µs", "waited ms", "MPI thread's"], &rows),
         percent(share)
     )
@@ -147,7 +147,7 @@ fn path_name(what: &str, lane: Option<Lane>) -> String {
     }
 }
 
-/// Returns the device's index among those of the trace.
+/// Returns the index of the device with process id `pid` in `devices`; empty if there is no such device.
 fn device(pid: u32, devices: &[DeviceSummary]) -> String {
     devices.iter().position(|d| d.pid == pid).map_or(String::new(), |number| number.to_string())
 }

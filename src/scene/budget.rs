@@ -1,5 +1,5 @@
-//! Memory budget for reading a scene and building its tables. Memory is reserved before it is allocated; temporary
-//! reservations are returned on drop.
+//! Memory budget for reading a scene and building its tables. Memory is reserved before it is allocated. Dropping a
+//! temporary reservation returns its bytes to the budget.
 
 use std::cell::Cell;
 use std::fmt;
@@ -7,7 +7,7 @@ use std::mem;
 use std::ops::Deref;
 use std::str::FromStr;
 
-/// A number of bytes in the format of options and messages.
+/// Number of bytes, which options and messages write with a unit, such as `4GiB`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ByteSize(pub u64);
 
@@ -60,7 +60,7 @@ pub struct Exceeded {
     pub limit: ByteSize,
 }
 
-/// Host memory that one scene may still take.
+/// Host memory that one scene may still allocate.
 #[derive(Debug)]
 pub struct Budget {
     limit: ByteSize,
@@ -91,7 +91,7 @@ impl Budget {
     /// Reserves bytes until the result is dropped.
     ///
     /// # Errors
-    /// [`Exceeded`] if less than `bytes` are left; then none are taken.
+    /// [`Exceeded`] if fewer than `bytes` bytes are left. In this case, nothing is reserved.
     pub fn reserve(&self, bytes: u64) -> Result<Reserved<'_>, Exceeded> {
         let left = self.left();
         let rest = left.checked_sub(bytes).ok_or(Exceeded {
@@ -117,7 +117,7 @@ impl Reserved<'_> {
         self.bytes
     }
 
-    /// Returns all but `bytes` to the budget, if more are reserved.
+    /// Shrinks the reservation to `bytes` and returns the rest to the budget. Does nothing if it is already that small.
     pub fn shrink_to(&mut self, bytes: u64) {
         let freed = self.bytes.saturating_sub(bytes);
         self.bytes -= freed;
@@ -136,7 +136,7 @@ impl Drop for Reserved<'_> {
     }
 }
 
-/// Bytes with their reservation.
+/// Data in memory, together with the reservation of that memory.
 #[derive(Debug)]
 pub struct Held<'a> {
     pub bytes: Vec<u8>,

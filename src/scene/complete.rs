@@ -1,7 +1,7 @@
-//! Completion of a shot file's draft to a [`Shot`], with overrides and the scene.
+//! Completes the draft of a shot file to a [`Shot`], with values from overrides and from the scene.
 //!
-//! A shot without a viewpoint takes the scene's camera, or a viewpoint is searched for. If such a shot has no light
-//! either, and neither has its scene, it gets a white environment.
+//! A shot without a viewpoint uses the scene's first camera, or else a viewpoint that a search finds. If such a shot
+//! has no light either, and its scene has none, it gets a white environment.
 
 use glam::{DVec3, Vec3};
 
@@ -35,11 +35,11 @@ pub struct Overrides {
     pub time_s: f64,
 }
 
-/// Completes a draft. `scene` is in its state at the overrides' time; `motion` moves its cameras. Appends decisions to
-/// the scene's warnings.
+/// Completes a draft. `scene` must be in its state at `overrides.time_s`; `motion` animates its cameras. Appends a
+/// warning to the scene if this function had to choose a camera or a viewpoint.
 ///
 /// # Errors
-/// [`SceneError::Setting`], if the overrides do not fit the scene or give no view.
+/// [`SceneError::Setting`], if the overrides do not fit the scene or define no view direction.
 pub fn complete(
     draft: Draft,
     overrides: &Overrides,
@@ -118,12 +118,12 @@ fn camera_rig(scene: &mut Scene, motion: &Motion, number: usize, overrides: &Ove
     Ok(if keys.is_empty() { rig } else { Rig { keys, ..rig } })
 }
 
-/// Keys per second of a camera's path, and its least duration in seconds if animations loop.
+/// Number of keys per second of a camera's path, and minimum duration of the path in seconds if animations loop.
 const PATH_HZ: f64 = 60.0;
 const LOOPS_S: f64 = 60.0;
 
-/// Returns a camera's path from `time_s` to the end of the animations; if they loop, for one round but at least
-/// [`LOOPS_S`].
+/// Returns a camera's path from `time_s` to the end of the animations. If they loop, the path lasts one loop or
+/// [`LOOPS_S`], whichever is longer.
 fn camera_path(camera: Camera, motion: &Motion, number: usize, time_s: f64) -> Vec<RigKey> {
     let end_s = if motion.loops { time_s + motion.duration_s().max(LOOPS_S) } else { motion.duration_s() };
     let cameras = motion.cameras.iter().copied().filter(|c| c.index == number);
@@ -145,15 +145,15 @@ const MOST_KEYS: f64 = 3600.0 * PATH_HZ;
 fn found_rig(scene: &mut Scene, metres_per_unit: f64, yfov_rad: Option<f64>, budget: &Budget) -> Rig {
     let Viewpoint { rig, is_inside } = viewpoint::find(scene, metres_per_unit, yfov_rad, budget);
     let RigKey { position, target, .. } = rig.keys[0];
-    let place = if is_inside { "within the scene" } else { "before the scene" };
+    let place = if is_inside { "inside the scene" } else { "in front of the scene" };
     scene.warnings.push(format!(
-        "no camera in the file: placed {place} at {position:.3}, looking at {target:.3}; choose a \
+        "no camera in the file: placed the viewpoint {place} at {position:.3}, looking at {target:.3}; choose a \
          position and a target, or write a shot, to change it"
     ));
     rig
 }
 
-/// Overrides position and target of the keys. Viewers above or below their target get −z as up.
+/// Overrides position and target of the keys. A key that then looks along its up vector gets −z as up.
 fn move_to(keys: &mut [RigKey], overrides: &Overrides) -> Result<(), SceneError> {
     if overrides.position.is_none() && overrides.target.is_none() {
         return Ok(());
@@ -265,7 +265,7 @@ mod tests {
         assert_eq!(rig.keys, Rig::from_camera(camera(0.0)).keys);
     }
 
-    /// Emissive surfaces are the only light of many a shot.
+    /// Such a shot gets no white environment, since emissive surfaces may be meant as its only light.
     #[test]
     fn a_shot_with_a_camera_or_light_of_its_own_is_lit_by_what_it_names() {
         for tables in [KEY, "[[light]]\nkind = 'point'\nposition = [0, 1, 0]"] {

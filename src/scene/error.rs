@@ -12,8 +12,8 @@ pub enum SceneError {
     Read { path: String, source: std::io::Error },
     #[error("'{path}' is not valid: {what}")]
     Invalid { path: String, what: String },
-    /// Denied access that an untrusted file asks for. `place` locates the request in that file and ends in `: `, or is
-    /// empty.
+    /// Access that an untrusted file requested and that was denied. `place` is the location of the request in that
+    /// file, followed by `: `, or is empty.
     #[error("'{path}' is refused: {place}{refusal}")]
     Refused { path: String, place: String, refusal: Refusal },
     /// An override of the shot's settings that does not fit the scene.
@@ -28,7 +28,7 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    /// Returns the error of a request by the whole file.
+    /// Returns [`Self::Refused`] for a request that has no particular location in the file.
     pub(super) fn refused(path: &str, refusal: impl Into<Refusal>) -> Self {
         Self::Refused { path: path.to_owned(), place: String::new(), refusal: refusal.into() }
     }
@@ -48,7 +48,7 @@ pub enum Refusal {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Setting {
     Baseline,
-    /// Camera of this number.
+    /// Camera with this index in the scene file.
     Camera(usize),
     /// View from the position to the target.
     View,

@@ -1,4 +1,4 @@
-//! Export of a shot and its scene, of any origin, as a plain glTF file and a shot file.
+//! Exports a shot and its scene, whether built in or read from files, as a plain glTF file and a shot file.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,8 +10,8 @@ use crate::image::exr;
 use crate::image::file::atomic_write;
 
 /// Writes `NAME.glb`, `NAME.toml` and, if the environment is an image, `NAME.exr` into `folder`, named after the shot.
-/// Loading the shot gives the same scene, with all its lights in the shot. The export is static: pass [`Scene::at`] of
-/// a dynamic scene.
+/// Returns the path of the TOML file. Loading it gives the same scene; the shot then holds all lights, including those
+/// of the scene file. Motion is not exported: for a dynamic scene, pass the result of [`Scene::at`].
 ///
 /// # Errors
 /// [`SceneError`] if a file cannot be written.
@@ -96,7 +96,8 @@ mod tests {
         if attribute.is_empty() { Vec::new() } else { indices.iter().map(|&i| attribute[i as usize]).collect() }
     }
 
-    /// Compares all values, except those that reading rounds again: normals, angles and lengths in metres.
+    /// Compares all values. Those that are rounded again when they are read may differ slightly: normals, angles and
+    /// lengths in metres.
     #[track_caller]
     fn assert_same(what: &str, (shot, scene): (&Shot, &Scene), (shot_read, read): (&Shot, &Scene)) {
         assert_eq!(read.warnings, Vec::from_iter(lost_light(scene)), "{what}");

@@ -15,7 +15,7 @@ pub enum Eye {
 impl Eye {
     pub const ALL: [Eye; 2] = [Eye::Left, Eye::Right];
 
-    /// Returns the sign of its offset along the rig's right vector.
+    /// Returns the sign of the eye's offset along the rig's right vector.
     pub(super) fn side(self) -> f64 {
         match self {
             Eye::Left => -1.0,

@@ -32,7 +32,7 @@ impl<'a> Access<'a> {
     }
 }
 
-/// Files by the paths they were read from.
+/// Contents of files, by the paths from which they were read.
 pub type Files = BTreeMap<PathBuf, Vec<u8>>;
 
 /// Source of a scene's files.
@@ -53,7 +53,8 @@ pub enum AccessError {
 }
 
 impl AccessError {
-    /// Adds the path of the file that was read or that names the refused one.
+    /// Converts to a [`SceneError`]. A refusal names `path`, the file that asked for the access. A read error names the
+    /// file that could not be read.
     pub fn in_file(self, path: &str) -> SceneError {
         match self {
             Self::Read { path, source } => SceneError::Read { path: path.display().to_string(), source },
@@ -68,7 +69,7 @@ impl From<Exceeded> for AccessError {
     }
 }
 
-/// Folder of a file, to which the names in it are relative.
+/// Folder of a file. The names of other files in that file are relative to this folder.
 #[derive(Clone, Debug)]
 pub struct Folder<'a> {
     path: PathBuf,
@@ -105,8 +106,8 @@ impl<'a> Folder<'a> {
     }
 }
 
-/// Returns true if a name stays below its folder lexically. Names that lead elsewhere on any system are rejected on
-/// all: drives, network shares and backslashes.
+/// Returns true if a name stays below its folder, judged by its text alone. Drives, network shares and backslashes are
+/// rejected on every system, even where they have no special meaning.
 fn leads_down(name: &str) -> bool {
     let is_drive = name.as_bytes().get(1) == Some(&b':');
     let mut depth = 0usize;

@@ -1,4 +1,4 @@
-//! Head motion: poses of a viewer's head over time, read from a file and recorded by a run.
+//! Head motion: poses of a viewer's head over time, which a run reads from a file or records to one.
 //!
 //! A file has one JSON value per line. The first is `{"diptych_motion": 1}`, the version, which may include the head's
 //! [`eyes`](HeadEyes). Samples follow in the order of their times, such as `{"time_s": 0.5, "position_m": [0, 0, 0],
@@ -38,7 +38,7 @@ struct Header {
     eyes: Option<HeadEyes>,
 }
 
-/// Sample in a line of a file.
+/// Sample of a head motion, stored as one line of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sample {
@@ -49,8 +49,8 @@ struct Sample {
     gaze: Option<EyesGaze>,
 }
 
-/// Gaze points of the left and the right eye, as fractions of each eye's image from the top left. Files hold two
-/// numbers for both eyes, or four.
+/// Gaze points (x, y) of the left and the right eye, as fractions of each eye's image from the top left. Files hold
+/// either two numbers that apply to both eyes, or four.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<f64>", into = "Vec<f64>")]
 struct EyesGaze([[f64; 2]; 2]);
@@ -76,7 +76,7 @@ impl From<EyesGaze> for Vec<f64> {
 }
 
 impl Sample {
-    /// Returns a description of the first fault, if any.
+    /// Returns a description of the first fault, if any. `last_s` is the time of the previous sample.
     fn fault(&self, last_s: Option<f64>) -> Option<String> {
         let Self { time_s, position_m, orientation, .. } = self;
         let length = DQuat::from_array(*orientation).length();
@@ -123,7 +123,7 @@ pub struct Space {
 }
 
 impl Space {
-    /// Returns the space of a shot's own rig and eyes.
+    /// Returns the space that a shot's rig defines. The space keeps the shot's eyes.
     pub fn of(rig: &Rig) -> Self {
         let first = &rig.keys[0];
         let (up, [right, ..]) = (first.up.normalize(), first.axes());
@@ -132,10 +132,10 @@ impl Space {
         Self { origin: first.position, world_from_space, metres_per_unit: rig.metres_per_unit, eyes: None }
     }
 
-    /// Replaces the eyes. If there were others, the new ones keep the field of view of their shared frame.
+    /// Replaces the eyes. If the space had eyes before, the field of view of the shared frame does not change.
     ///
     /// # Errors
-    /// A sentence, if they are not a valid pair of eyes.
+    /// A message, if `eyes` is not a valid pair of eyes.
     pub fn with_eyes(self, eyes: HeadEyes) -> Result<Self, String> {
         let mut shared = eyes.rectified()?;
         if let Some((_, before)) = self.eyes {
@@ -144,7 +144,8 @@ impl Space {
         Ok(Self { eyes: Some((eyes, shared)), ..self })
     }
 
-    /// Returns a shot's rig for this pose of the head.
+    /// Returns a static rig at this pose of the head. `shot` provides all settings that the pose and the
+    /// eyes of the space do not determine.
     pub fn rig_at(&self, HeadPose { position_m, orientation }: HeadPose, shot: &Rig) -> Rig {
         let sample = Sample { time_s: 0.0, position_m: position_m.into(), orientation: orientation.into(), gaze: None };
         self.rig_of(vec![self.key(&sample)], shot)
@@ -156,7 +157,7 @@ impl Space {
         eyes.map_or((DVec3::ZERO, DQuat::IDENTITY), |(_, shared)| (shared.position_m, shared.orientation))
     }
 
-    /// Returns a rig with these keys and the optics of the head's eyes, or else of the shot's.
+    /// Returns a rig with these keys and the optics of the head's eyes, or else those of the rig `shot`.
     fn rig_of(&self, keys: Vec<RigKey>, shot: &Rig) -> Rig {
         let rig = Rig { keys, turning: Turning::Spherical, ..shot.clone() };
         match &self.eyes {
@@ -208,7 +209,7 @@ impl HeadMotion {
     /// Parses a header line and one sample per line.
     ///
     /// # Errors
-    /// A sentence with the number of the first line at fault.
+    /// A message with the number of the first invalid line.
     pub fn parse(text: &[u8]) -> Result<Self, String> {
         let lines = text.split(|byte| *byte == b'\n').map(<[u8]>::trim_ascii);
         let mut lines = (1..).zip(lines).filter(|(_, line)| !line.is_empty());
@@ -231,10 +232,10 @@ impl HeadMotion {
         if samples.is_empty() { Err("it has no sample".to_owned()) } else { Ok(Self { samples, eyes }) }
     }
 
-    /// Returns the space of a shot, with the file's eyes if it has any.
+    /// Returns the space of a shot, with the eyes of the file if it has any.
     ///
     /// # Errors
-    /// A sentence, if they are not a valid pair of eyes.
+    /// A message, if the file's eyes are not a valid pair.
     pub fn space(&self, shot: &Rig) -> Result<Space, String> {
         let space = Space::of(shot);
         self.eyes.map_or(Ok(space), |eyes| space.with_eyes(eyes))
@@ -244,7 +245,8 @@ impl HeadMotion {
     /// the file has eyes, the rig is that of their shared frame.
     ///
     /// # Errors
-    /// Errors of [`Self::space`], and a sentence, if a position or the view from it exceeds the range of the numbers.
+    /// Errors of [`Self::space`], and a message, if a position is too far from the scene to be stored in f32 or to have
+    /// a view direction.
     pub fn rig(&self, shot: &Rig) -> Result<Rig, String> {
         let space = self.space(shot)?;
         let keys: Vec<RigKey> = self.samples.iter().map(|sample| space.key(sample)).collect();
@@ -266,13 +268,13 @@ impl HeadMotion {
 /// Parses a line as JSON.
 fn from_line<'a, T: Deserialize<'a>>(number: usize, line: &'a [u8]) -> Result<T, String> {
     let place = |error: serde_json::Error| {
-        // Control characters may be quoted from the line.
+        // The error may quote control characters from the line.
         error.to_string().replace(" at line 1 column ", ", column ").replace(char::is_control, " ")
     };
     serde_json::from_slice(line).map_err(|error| format!("line {number}: {}", place(error)))
 }
 
-/// Recorder of head motion. The file grows as `NAME.part` beside its final name.
+/// Recorder of head motion. It writes to `NAME.part` until [`Self::finish`] gives the file its final name.
 pub struct Recording {
     space: Space,
     path: PathBuf,
@@ -282,8 +284,8 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Creates a file for [`HeadMotion::read`] in the space of a shot. Renames a file that a run left unfinished, and
-    /// returns its new path as well.
+    /// Creates a file that [`HeadMotion::read`] can read, with poses relative to `space`. If an earlier run left an
+    /// unfinished file, renames it and also returns its new path.
     ///
     /// # Errors
     /// [`ImageError::Write`].

@@ -1,4 +1,4 @@
-//! Loading of a command line's `SHOT`: returns the shot and its scene, with the shot's lights and environment.
+//! Loads the `SHOT` argument of a command line: the shot, and its scene with the shot's lights and environment.
 
 use std::io;
 use std::path::Path;
@@ -112,14 +112,14 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Sce
 fn play_builtin(scene: &mut Scene, play: &Play, arg: &str) -> Result<(), SceneError> {
     let invalid = |what| Err(SceneError::Invalid { path: arg.to_owned(), what });
     if let Some(Move { of: Moved::Node(name), .. }) = play.moves.iter().find(|m| matches!(m.of, Moved::Node(_))) {
-        return invalid(format!("the node '{name}' is to move: in a built-in scene, a shot moves its own lights only"));
+        return invalid(format!("[[move]] names node '{name}', but in a built-in scene it can only name a light"));
     }
     match &play.animation {
         Choice::All => scene.motion.loops = play.loops,
         Choice::None => *scene = scene.at(0.0),
         Choice::Named(name) if scene.motion.animations.iter().all(|a| a.name != *name) => {
             let names: Vec<_> = scene.motion.animations.iter().map(|a| a.name.as_str()).collect();
-            let hint = if names.is_empty() { "none: it stands still".to_owned() } else { names.join(", ") };
+            let hint = if names.is_empty() { "none: it is static".to_owned() } else { names.join(", ") };
             return invalid(format!("it has no animation named '{name}': it has {hint}"));
         }
         Choice::Named(name) => {

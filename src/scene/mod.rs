@@ -231,14 +231,14 @@ impl Material {
         self.volume.filter(|_| self.transmission > 0.0)
     }
 
-    /// Returns true if parts of it may transmit light through mirror-like facets, which light sampling cannot find.
-    /// Textures can only make a surface smoother.
+    /// Returns true if parts of the surface may transmit light through mirror-like facets, which light sampling cannot
+    /// find. A roughness texture counts as smooth, since it can only lower the roughness.
     pub fn may_transmit_smoothly(&self) -> bool {
         let is_smooth = self.roughness < SMOOTH_ROUGHNESS || self.metallic_roughness_texture.is_some();
         is_smooth && self.transmission > 0.0 && !self.unlit
     }
 
-    /// Returns true if one of its textures uses that coordinate set.
+    /// Returns true if one of the material's textures uses texture coordinate set `set`.
     pub fn uses_uv_set(&self, set: usize) -> bool {
         self.textures().any(|t| t.uv_set == set)
     }
@@ -303,7 +303,7 @@ pub enum Environment {
     /// Latitude-longitude radiance. Direction d maps to u = 0.5 + atan2(d.x, -d.z) / 2π + rotation / 360° and v =
     /// acos(d.y) / π. The image's centre is at −z, it runs towards +x to the right, and row 0 is up.
     Map {
-        /// Image, shared with the tables for devices.
+        /// Image. The tables that are built for devices refer to the same one.
         image: Arc<crate::image::RgbImage>,
         rotation_deg: f32,
     },
@@ -324,7 +324,7 @@ pub struct Scene {
     /// Materials, at least one.
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,
-    /// Images, shared with the tables for devices.
+    /// Images. The tables that are built for devices refer to the same ones.
     pub images: Vec<Arc<TexelImage>>,
     pub lights: Vec<Light>,
     pub environment: Environment,

@@ -2,7 +2,8 @@
 
 use super::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene};
 
-/// Features of the tracing stages, as flags. Enabling more than needed changes only the time, not the picture.
+/// Features of the tracing stages, as flags. Enabling more than needed changes only the time, not the picture, except
+/// for `gloss`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SceneNeeds {
@@ -12,8 +13,8 @@ pub struct SceneNeeds {
     pub normal_maps: bool,
     /// Microfacet reflection: metal, or a dielectric whose surface reflects.
     pub specular: bool,
-    /// A specular lobe distinct from the diffuse one, which SVGF filters separately. This flag alone changes the
-    /// picture.
+    /// A specular lobe distinct from the diffuse one, which SVGF filters separately. Unlike all other flags, this one
+    /// changes the picture.
     pub gloss: bool,
     pub transmission: bool,
     /// Thin, smooth, transmissive surfaces together with lights that only shadow rays can find behind them.
@@ -42,14 +43,15 @@ pub struct SceneNeeds {
 /// surfaces of roughness 0.2 to 0.35 and by 6 % on those of 0.6; a limit of 1 gains nothing or loses 1 %.
 const GLOSS_ROUGHNESS: f32 = 0.7;
 
-/// Returns true if the material has a distinct specular lobe. Textures can only make a surface smoother.
+/// Returns true if the material may have a distinct specular lobe. A roughness texture counts as smooth, since it can
+/// only lower the roughness.
 fn has_gloss(m: &Material) -> bool {
     let is_smooth = m.roughness < GLOSS_ROUGHNESS || m.metallic_roughness_texture.is_some();
     let reflects = m.metallic > 0.0 || m.specular > 0.0 || m.transmission > 0.0;
     !m.unlit && (m.clearcoat.factor > 0.0 || (is_smooth && reflects))
 }
 
-/// Returns true if parts of it may be thin and smooth, so that light passes straight through.
+/// Returns true if parts of the surface may be thin, smooth and transmissive, so that light passes straight through.
 fn is_pane(m: &Material) -> bool {
     m.enclosed_volume().is_none() && m.may_transmit_smoothly()
 }
@@ -113,7 +115,8 @@ impl SceneNeeds {
         }
     }
 
-    /// Returns names and values of the shaders' override constants.
+    /// Returns names and values of the shaders' override constants, except that of `gloss`, which also depends on the
+    /// denoiser.
     pub fn constants(&self) -> [(&'static str, bool); 19] {
         [
             ("HAS_TEXTURES", self.textures),

@@ -45,7 +45,7 @@ pub struct HeadEyes {
 pub struct Lens {
     /// Right, up and forward vectors of the eye as columns, in the axes of its rig.
     pub axes: DMat3,
-    /// Tangents of the field of view's sides.
+    /// Tangents of the angles of the field of view's four sides.
     pub tan: Fov,
 }
 
@@ -163,8 +163,8 @@ impl HeadEye {
 }
 
 impl Lens {
-    /// Returns the direction through a point of the eye's image of this size, in the rig's right, up and forward. Its
-    /// component along the eye's axis is 1.
+    /// Returns the direction through a point of the eye's image, given in pixels from the top left of an image of
+    /// `size`. The direction is in the rig's right, up and forward; its component along the eye's axis is 1.
     fn ray(&self, [x, y]: [f64; 2], size: Extent) -> DVec3 {
         let Fov { left, right, up, down } = self.tan;
         let across = left + (right - left) * x / f64::from(size.width);
@@ -179,8 +179,9 @@ impl Lens {
         DMat3::from_cols(at(1.0, 0.0) - corner, at(0.0, 1.0) - corner, corner)
     }
 
-    /// Returns the smallest step in the rectified frame's tangents per pixel step in the eye's image, over all
-    /// directions. Measures on the eye's axis if that is in the image, else at the image's middle.
+    /// Returns the distance in the rectified frame, as a tangent, that corresponds to a step of one pixel in the eye's
+    /// image, minimised over the directions of the step. The step begins at the eye's axis if that is in the image,
+    /// else at the middle of the image.
     fn least_step(&self, size: Extent) -> f64 {
         let Fov { left, right, up, down } = self.tan;
         let (width, height) = (f64::from(size.width), f64::from(size.height));
@@ -202,7 +203,7 @@ impl Lens {
     }
 }
 
-/// Margin of the rectified frame in pixels, for the filter of display resampling.
+/// Margin on each side of the rectified frame in pixels, for the filter of display resampling.
 const MARGIN_PX: f64 = 2.0;
 /// Maximum ratio of the rectified frame's pixel count to that of one eye.
 const MOST_TIMES: f64 = 16.0;
@@ -263,9 +264,9 @@ impl Optics {
         Self { tan_half: self.tan_half.map(wider), ..self }
     }
 
-    /// Returns the homography from points (x, y, 1) of an eye's image of `size` pixels to homogeneous pixels (x / z, y
-    /// / z) of its rectified image, from the top left. z is the depth along the rig's forward of a point at depth 1
-    /// along the eye's.
+    /// Returns the homography from points (x, y, 1) of an eye's image of `size` pixels to homogeneous pixels (x, y, z)
+    /// of its rectified image, both from the top left. The pixel is (x / z, y / z). z is the depth, along the rig's
+    /// forward vector, of the point at depth 1 along the eye's axis.
     pub fn homography(&self, eye: Eye, size: Extent, grid: Extent) -> DMat3 {
         self.rectified_points(grid) * self.lenses[eye as usize].rays(size)
     }

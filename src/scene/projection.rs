@@ -1,4 +1,4 @@
-//! Camera and projection matrices of an eye's image, for files.
+//! World-to-camera and world-to-image matrices of an eye's image, which are stored in files.
 
 use glam::{DMat3, DVec4};
 use serde::Serialize;

@@ -100,7 +100,7 @@ pub struct Rig {
     pub optics: Option<Optics>,
 }
 
-/// One eye's pinhole. `right`, `up` and `forward` are orthonormal, `up = cross(right, forward)`.
+/// Pinhole camera of one eye. `right`, `up` and `forward` are orthonormal, `up = cross(right, forward)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     pub origin: Vec3,

@@ -51,14 +51,14 @@ pub enum ShotLightKind {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShotLight {
     pub kind: ShotLightKind,
-    /// Colour × intensity: W/sr (position units) for point and spot, W/m² for directional.
+    /// Colour × intensity: for point and spot lights W/sr, with distances in scene units; for directional lights W/m².
     pub strength: Vec3,
 }
 
 /// Gaze of an eye over time, as fractions of its image from the top left.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Gaze {
-    /// Points of time in seconds, x and y; at least one, at strictly increasing times.
+    /// Points (time in seconds, x, y); at least one, at strictly increasing times.
     pub path: Vec<[f64; 3]>,
 }
 
@@ -146,7 +146,7 @@ impl Draft {
         }
     }
 
-    /// Fills in values from `other`. Environment and lights are replaced as a unit.
+    /// Fills in missing values from `other`. Environment and lights come from `other` only if both are missing.
     pub fn or(self, other: Draft) -> Draft {
         let is_lit = self.environment.is_some() || !self.lights.is_empty();
         let (environment, lights) =

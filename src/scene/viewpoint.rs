@@ -16,14 +16,14 @@ use super::budget::Budget;
 use super::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
 use super::{Instance, Scene};
 
-/// Vertical field of view inside a room, and of an object, which a wider one would distort.
+/// Default vertical field of view inside a room, and of an object seen from outside, which a wider one would distort.
 const INSIDE_YFOV_DEG: f64 = 70.0;
 const OUTSIDE_YFOV_DEG: f64 = 40.0;
 
 /// Size of the picture relative to the object.
 const MARGIN: f32 = 1.06;
 
-/// Limit on triangles after instancing: the search flattens them and builds a tree just for this.
+/// Limit on triangles after instancing: the search flattens all instances and builds a BVH only for itself.
 const MOST_TRIANGLES: usize = 1 << 20;
 
 /// Bytes per triangle during the search.
@@ -57,14 +57,14 @@ pub fn find(scene: &Scene, metres_per_unit: f64, yfov_rad: Option<f64>, budget: 
             }
         }
     };
-    // Lets a viewer fuse scenes smaller than a head, too.
+    // Limits the baseline, so that a viewer can fuse even scenes that are smaller than a head.
     let distance_m = (rig.keys[0].position - rig.keys[0].target).length() * metres_per_unit;
     let widest_m = distance_m / if is_inside { 15.0 } else { 30.0 };
     let rig = Rig { baseline_m: DEFAULT_BASELINE_M.min(widest_m), metres_per_unit, ..rig };
     Viewpoint { rig, is_inside }
 }
 
-/// The scene's triangles, scaled to [-1, 1]³, and the tree over them.
+/// The scene's triangles, scaled to [-1, 1]³, and a BVH of them.
 struct Surfaces {
     triangles: Vec<Triangle>,
     tree: CwBvh,
@@ -78,7 +78,7 @@ struct Surfaces {
     max: Vec3A,
 }
 
-/// The best view from outside, and the number of triangles that all outside views hit.
+/// The best view from outside, and the number of distinct triangles that rays from all outside views together hit.
 struct Side {
     /// Unit vector from the object to the eyes.
     from: Vec3A,
@@ -151,8 +151,8 @@ impl Surfaces {
         })
     }
 
-    /// Returns the direction from which most rays hit a front. Prefers a view slightly right of and above the front,
-    /// unless another is much better.
+    /// Returns the view from outside in which most rays hit front faces. Prefers the view from slightly right of +z and
+    /// above, unless another is much better.
     fn best_side(&self) -> Side {
         const RAYS: usize = 18;
         let mut seen = HashSet::new();
@@ -178,7 +178,7 @@ impl Surfaces {
         Side { from: best.map_or(Vec3A::Z, |(_, from)| from), seen: seen.len() }
     }
 
-    /// Returns the best view from above a floor, surrounded by surfaces.
+    /// Returns the best view from a position that is above a floor and surrounded by surfaces.
     fn best_stand(&self) -> Option<Stand> {
         const COLUMNS: usize = 9;
         /// Number of most promising positions that are examined more closely.
@@ -197,8 +197,8 @@ impl Surfaces {
         views.map(|stand| (self.worth(&stand), stand)).max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, stand)| stand)
     }
 
-    /// Returns the number of triangles that `rays` rays hit from there. Returns `None` unless front faces surround the
-    /// point and light reaches it.
+    /// Returns the number of distinct triangles that `rays` rays from `eye` hit. Returns `None` unless front faces
+    /// surround the point and light reaches it.
     fn seen_around(&self, eye: Vec3A, rays: usize) -> Option<usize> {
         let met: Vec<Met> = sphere(rays).filter_map(|d| self.meet(eye, d)).collect();
         let fronts: Vec<u32> = met.iter().filter(|m| m.is_front).map(|m| m.triangle).collect();
@@ -207,7 +207,7 @@ impl Surfaces {
         (is_within && is_bright).then(|| fronts.into_iter().collect::<HashSet<_>>().len())
     }
 
-    /// Returns positions at eye height above the floors that a vertical line hits.
+    /// Returns positions at eye height above the floors that the vertical line at (`x`, `z`) hits.
     fn eyes_above_floors(&self, x: f32, z: f32) -> Vec<Vec3A> {
         const MOST_FLOORS: usize = 8;
         let mut eyes = Vec::new();
@@ -282,7 +282,7 @@ fn axes(ahead: Vec3A) -> [Vec3A; 3] {
     [right, right.cross(ahead), ahead]
 }
 
-/// Returns +z rotated to the right and up.
+/// Returns +z, rotated by `yaw_deg` towards +x and by `pitch_deg` upwards.
 fn direction(yaw_deg: f32, pitch_deg: f32) -> Vec3A {
     let turned = Mat3::from_rotation_y(yaw_deg.to_radians()) * Mat3::from_rotation_x(-pitch_deg.to_radians());
     Vec3A::from(turned * Vec3::Z)
@@ -306,7 +306,7 @@ mod tests {
     use crate::scene::{Light, LightKind, Material, Mesh};
     use glam::{Affine3A, vec3};
 
-    /// Returns a closed box with its front outside or inside.
+    /// Returns a closed box. Its front faces point inwards if `is_seen_within`, else outwards.
     fn block(centre: Vec3, half: Vec3, is_seen_within: bool) -> Mesh {
         let corner =
             |i: u32| centre + half * Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - half;

@@ -1,4 +1,4 @@
-//! The cost of work: time per unit of counted work for each stage, view and device, learned from previous frames.
+//! Cost model: the time per unit of work for each stage, view and device, learned from previous frames.
 //!
 //! Passes that trace paths count rays, and a row of the next frame is assumed to need as many rays as it did in the
 //! last one. Other passes count rows. The time per unit of a device is learned from its own stripes, so devices of
@@ -17,7 +17,7 @@ use crate::graph::{Pass, Program, Seam, Stage, Work};
 use crate::passes::{Declarations, FrameSpec};
 use crate::scene::rig::Eye;
 
-/// The cost of one task of a stage to one device in a frame.
+/// Measured time of one task of a stage on one device in a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StageCost {
     pub stage: Stage,
@@ -28,7 +28,7 @@ pub struct StageCost {
     pub busy_ms: f64,
 }
 
-/// Host time of one end of a transfer, on the thread of its device.
+/// Measured host time of the download or the upload of a transfer, on the thread of its device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferCost {
     pub device: usize,
@@ -37,17 +37,18 @@ pub struct TransferCost {
     pub ms: f64,
 }
 
-/// The costs of a frame.
+/// Measured costs of a frame. Pairs are (device, milliseconds).
 #[derive(Clone, Debug, Default)]
 pub struct FrameCosts {
     pub stages: Vec<StageCost>,
     pub transfers: Vec<TransferCost>,
     /// Counted rays, by eye and row of the frame.
     pub rays: [Vec<u32>; 2],
-    /// Time from the start of the frame to the first stage, for each device that computed anything. Devices without a
-    /// meaningful time are left out.
+    /// Time from the start of the frame to the first stage, for each device that ran a stage. Empty if devices were
+    /// still busy with another frame or an earlier attempt.
     pub lead_ms: Vec<(usize, f64)>,
-    /// Median gap between consecutive stages that nothing else delayed, for each device that computed several stages.
+    /// Median gap between consecutive stages, for each device that ran several stages. Gaps in which a device received
+    /// rows do not count.
     pub gap_ms: Vec<(usize, f64)>,
     /// Mean time that a device waited for rows, for each device that received rows between the filter's iterations.
     pub wait_ms: Vec<(usize, f64)>,
@@ -158,7 +159,7 @@ impl CostModel {
         self.declare();
     }
 
-    /// Sets the iterations and the relative cost of the frames being planned.
+    /// Sets the number of filter iterations and the relative cost of the frames being planned.
     pub fn set_quality(&mut self, iterations: u32, relative_cost: &RelativeCost) {
         self.relative_cost.clone_from(relative_cost);
         if iterations != self.spec.iterations {
@@ -186,13 +187,14 @@ impl CostModel {
         self.stages.iter().position(|s| s.stage == stage && s.view == view)
     }
 
-    /// Returns the stage of an eye whose rays are counted in addition to those of the G-buffer.
+    /// Returns the stage that traces an eye's paths. Its rays are counted in addition to one per pixel for the
+    /// G-buffer.
     fn traces(&self, eye: Eye) -> Option<Stage> {
         let counts = |p: &&Pass| p.view == eye && p.work == Work::Rays;
         self.program.passes().iter().map(|p| &p.pass).find(counts).map(|p| p.stage)
     }
 
-    /// Whether any frame has been learned from. Before, all costs are 0.
+    /// Returns true if the model has learned from at least one frame. Before that, all costs are 0.
     pub fn has_learned(&self) -> bool {
         self.frames > 0
     }
@@ -279,7 +281,7 @@ impl CostModel {
         Self { program: self.declarations.program(&spec), spec, devices, ..self.clone() }
     }
 
-    /// Returns the mean over the devices for which it is known.
+    /// Returns the mean of a learned time over all devices for which it is known; `None` if there are none.
     fn known_mean(&self, of: impl Fn(&DeviceCost) -> Mean) -> Option<f64> {
         let known = self.devices.iter().filter_map(|d| of(d).value());
         let (sum, count) = known.fold((0.0, 0u32), |(sum, count), ms| (sum + ms, count + 1));
@@ -318,8 +320,9 @@ impl CostModel {
         number.map_or(0.0, |n| self.ms_per_unit(n, device, relative_cost) * self.units(self.stages[n].unit(), rows))
     }
 
-    /// Predicts the time of a pass on rows of `pixels` pixels cautiously, if this device has run the pass before. Each
-    /// pixel that may start a path counts as at least one ray, since this frame may need more rays than the last one.
+    /// Predicts the time of a pass on rows that have `pixels` pixels, with caution: if the cost of the pass is counted
+    /// in rays, each pixel counts as at least one ray, since this frame may need more rays than the last one. Returns
+    /// `None` if this device has not run the stage yet.
     pub fn cautious_pass_ms(&self, pass: &Pass, device: usize, rows: &Range<u32>, pixels: f64) -> Option<f64> {
         let number = self.number_of(pass.stage, pass.view)?;
         let ms_per_unit = self.devices[device].ms_per_unit[number].value()?;

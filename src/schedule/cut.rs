@@ -1,4 +1,5 @@
-//! Partitions frames into contiguous stripes of equal predicted cost, and moves edges towards them in small steps.
+//! Partitions frames into contiguous stripes of equal predicted cost, and moves the edges of the current stripes
+//! towards this partition in small steps.
 
 use super::cost::CostModel;
 use super::cost::stripes::StripeCosts;
@@ -7,16 +8,17 @@ use crate::scene::rig::Eye;
 
 /// Returns the maximum number of rows by which an edge moves from one frame to the next: a sixteenth of the frame.
 ///
-/// When an edge moves, history must be transferred to the rows' new device. With a sixteenth, these rows are fewer than
-/// the 62 that five filter iterations fetch across each edge anyway, for frames of up to 1000 rows, and an edge can
-/// still cross half of the frame within 8 frames.
+/// When an edge moves, the history of the rows that it crosses must be transferred to their new device. With a
+/// sixteenth of a frame of up to 1000 rows, these are at most 62 rows, as many as five filter iterations fetch across
+/// each edge anyway. An edge can still cross half of the frame within 8 frames.
 pub fn step_rows(height: u32) -> u32 {
     (height / 16).max(1)
 }
 
 /// Predicted gain, relative to the most expensive stripe, below which edges stay where they are.
 const HYSTERESIS: f64 = 0.02;
-/// Number of bisections of the interval of the most expensive stripe's cost, down to a millionth.
+/// Number of bisection steps in the search for the cost of the most expensive stripe. They narrow the interval to a
+/// millionth.
 const HALVINGS: u32 = 20;
 
 /// Returns the contiguous stripes that minimise the cost of the most expensive one, relative to its device's weight.
@@ -70,8 +72,8 @@ fn dearest_ms(costs: &StripeCosts<'_>, stripes: &Stripes) -> f64 {
     stripes.iter().map(|(device, rows)| costs.ms(device, &rows)).fold(0.0, f64::max)
 }
 
-/// The stripes of each set of groups that share a partition ([`crate::graph::Program::partition_sets`]), from frame to
-/// frame.
+/// Current stripes of each partition set, a set of groups of passes that use the same stripes
+/// ([`crate::graph::Program::partition_sets`]). Their edges move from frame to frame.
 ///
 /// Both eyes share a partition. The G-buffer, radiance and reprojection of a row then stay on one device, and separate
 /// stripes for the right eye would not improve the balance of both eyes' sum. Without a filter, a row has one owner in

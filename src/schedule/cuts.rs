@@ -44,8 +44,8 @@ pub fn parts(cuts: &[Cut], task: usize, rows: &Range<u32>) -> Vec<Range<Position
 const UNKNOWN_PATH_MS: f64 = 2e-3;
 const UNKNOWN_PIXEL_MS: f64 = 1e-4;
 
-/// Returns the fewest cuts of a device's tasks in a frame of `spp` samples per pixel. Work that exceeds the bound and
-/// cannot be split becomes a submission of its own.
+/// Returns the cuts that split a device's tasks into the fewest submissions of at most `bound_ms` each, in a frame of
+/// `spp` samples per pixel. Work that exceeds the bound and cannot be split becomes a submission of its own.
 pub fn cuts(
     graph: &FrameGraph,
     model: &CostModel,
@@ -108,7 +108,8 @@ fn step(pass: &Pass) -> Option<u32> {
     Some(rows.max(1))
 }
 
-/// Returns the last multiple of `step` after the first row up to which the work fits.
+/// Returns the largest row that is a multiple of `step` and up to which the work fits; `None` if that is not beyond the
+/// first row.
 fn last_fitting(rows: Range<u32>, step: u32, fits: impl Fn(u32) -> bool) -> Option<u32> {
     let (mut low, mut high) = (rows.start / step, (rows.end - 1) / step + 1);
     // The work fits up to `low`, and does not fit up to `high`.
@@ -153,7 +154,8 @@ mod tests {
         model
     }
 
-    /// Returns the rows of each submission. A run counts by its fraction of the pass's samples.
+    /// Returns the number of rows of each submission. Rows of one run count in proportion to the run's fraction of the
+    /// pass's samples.
     fn submissions(graph: &FrameGraph, device: usize, cuts: &[Cut], spp: u32) -> Vec<f64> {
         let mut all = vec![0.0];
         for (number, task) in graph.parts_of(device).0.iter().enumerate() {

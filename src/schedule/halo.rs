@@ -9,7 +9,7 @@ use crate::scene::rig::Eye;
 /// Fraction of the current plan's cost that a new plan must be predicted to save.
 const HYSTERESIS: f64 = 0.2;
 
-/// Returns the halo plan of the next frame.
+/// Returns the halo plan of the next frame: the cheapest plan if it saves enough, else the current plan `now`.
 pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
     let spec = model.spec();
     let links = model.program().links();
@@ -21,14 +21,14 @@ pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
     if best_ms < (1.0 - HYSTERESIS) * costs.ms(now) { best } else { now }
 }
 
-/// Mean costs per device of all runs of consecutive passes that a halo plan may consist of.
+/// Mean costs per device of all runs, that is, sequences of consecutive passes, of which a halo plan may consist.
 struct HaloCosts {
-    /// The runs that begin at each pass, the shortest first.
+    /// Runs that begin with each pass, shortest first.
     runs: Vec<Vec<Run>>,
     link: Link,
 }
 
-/// The passes from one exchange to the next.
+/// Consecutive filter passes from one exchange of halo rows to the next.
 struct Run {
     /// Time to compute the margins, to receive halo rows of images that the filter's passes write, and to wait for
     /// them. It excludes rows of images that the filter does not change.
@@ -43,19 +43,19 @@ struct Run {
 struct Link {
     /// Mean number of neighbours of a device. A device at the border of the frame has one.
     sides: f64,
-    /// Cost of both ends of a transfer: latency, and time per byte.
+    /// Cost of a transfer, download and upload together: latency, and time per byte.
     transfer_ms: [f64; 2],
     wait_ms: f64,
 }
 
-/// A pass of the filter when rows are received right before it.
+/// Properties of a filter pass that determine the costs of runs.
 struct FilterPass {
     reach_rows: u32,
-    /// Number of rows around its own that it computes for passes after the filter.
+    /// Number of rows above and below its own that the pass computes for passes after the filter.
     after_rows: u32,
     ms_per_row: f64,
-    /// Bytes per row of its inputs: of images that no pass of the filter writes, and of images that are new with each
-    /// pass.
+    /// Bytes per row of the pass's inputs: the sum over images that several filter passes read and none writes, and a
+    /// list with one entry for each other image.
     kept_bytes: u64,
     new_bytes: Vec<u64>,
 }
@@ -93,7 +93,7 @@ impl Link {
                 rows += pass.reach_rows;
             }
             run.ms += first.new_bytes.iter().map(|bytes| self.transfer_ms(rows, *bytes)).sum::<f64>();
-            // Every plan receives rows before the first pass, whose waits are for tracing.
+            // Every plan receives rows before the first pass. There, a device waits for others to finish tracing.
             run.ms += if range.start > 0 { self.wait_ms } else { 0.0 };
             run.halo_rows[view] = rows;
             run.kept_bytes[view] = first.kept_bytes;
@@ -142,7 +142,8 @@ impl HaloCosts {
         best
     }
 
-    /// Extends a plan that is fixed up to pass `begin` and costs `ms` so far.
+    /// Tries all completions of a plan that is fixed up to pass `begin` and costs `ms` so far. Updates `best` with each
+    /// cheaper plan.
     fn extend(&self, plan: HaloPlan, begin: usize, ms: f64, kept_rows: [u32; 2], best: &mut (HaloPlan, f64)) {
         if ms >= best.1 {
             return;

@@ -1,4 +1,4 @@
-//! `heft` stripes, by list scheduling of blocks of rows with upward rank and earliest finish time.
+//! The policy `heft`: list scheduling of blocks of rows by upward rank and earliest finish time.
 //!
 //! The method is that of Topcuoglu, Hariri & Wu 2002, "Performance-effective and low-complexity task scheduling for
 //! heterogeneous computing", with these departures:
@@ -46,7 +46,7 @@ impl Policy for Heft {
 const BLOCKS_PER_DEVICE: usize = 16;
 const LEAST_BLOCKS: usize = 64;
 
-/// Time of each block of a set, on each device.
+/// Time of each block of a set on each device in milliseconds, by block, then by device.
 type Blocks = Vec<Vec<f64>>;
 
 /// Returns, for each set, the time of the blocks that HEFT places on each device, ms.
@@ -137,7 +137,7 @@ fn largest_around(values: &[f64], reach: usize) -> Vec<f64> {
     largest
 }
 
-/// Returns the number of rows that the filter reads beyond its own.
+/// Returns the largest number of rows beyond a device's stripe that a filter pass reads, including its margin.
 fn filter_reach_rows(program: &Program) -> u32 {
     let links = program.passes().iter().filter(|p| p.link.is_some());
     links.map(|p| p.pass.halo_rows() + p.margin_rows).max().unwrap_or(0)

@@ -8,7 +8,7 @@ const LEAP: f64 = 2.0;
 /// Weight that a frame's transfers keep in the next frame.
 const MEMORY: f64 = 0.9;
 
-/// An exponential mean. The second measurement replaces the first, since the first frame runs with cold caches.
+/// Exponential moving average. The second measurement replaces the first, since the first frame runs with cold caches.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mean {
     value: f64,
@@ -23,7 +23,7 @@ impl Mean {
         }
     }
 
-    /// Adds a measurement of something that may take no time. It replaces a mean of 0.
+    /// Adds a measurement that may be 0. If the mean is 0, the measurement replaces it.
     pub fn learn_with_zero(&mut self, measured: f64) {
         if !measured.is_finite() || measured < 0.0 {
             return;
@@ -41,7 +41,7 @@ impl Mean {
         (self.measurements > 0).then_some(self.value)
     }
 
-    /// Returns the mean, once the first measurement is replaced.
+    /// Returns the mean; `None` until a second measurement has replaced the cold first one.
     pub fn warm_value(&self) -> Option<f64> {
         self.value().filter(|_| self.measurements > 1)
     }

@@ -1,6 +1,7 @@
 //! Transfer times between machines.
 
-/// Links between the ranks of devices, all alike. Without ranks there is no network.
+/// Network between the ranks that drive the devices. All links have the same latency and bandwidth. If `ranks` is
+/// empty, transfers take no time on the network.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Network {
     /// The rank of each device.
@@ -10,7 +11,8 @@ pub struct Network {
     pub ms_per_byte: f64,
 }
 
-/// Busy intervals of the ranks' links during a frame, sorted and disjoint: outgoing and incoming, for each rank.
+/// Busy intervals (begin, end) of the ranks' links during a frame in milliseconds, sorted and disjoint: outgoing and
+/// incoming, for each rank.
 #[derive(Clone, Debug, Default)]
 pub struct Traffic {
     lines: Vec<[Vec<(f64, f64)>; 2]>,

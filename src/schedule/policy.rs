@@ -7,7 +7,7 @@ use crate::graph::{Assignment, Partition, Stripes, StripesError};
 use crate::passes::{denoise, partitions};
 use crate::scene::rig::Eye;
 
-/// Cuts frames into stripes.
+/// Method that divides frames into stripes, one for each device.
 pub trait Policy: Send {
     fn name(&self) -> &'static str;
 
@@ -44,8 +44,8 @@ impl Policy for Even {
     }
 }
 
-/// Ratios such as `5,1,2`. They may be limited to a group of passes and a view, as in `denoise=1,1,2` and
-/// `path_trace.left=5,1,2`.
+/// Ratios between the rows of the devices, such as `5,1,2`. They may be limited to a group of passes and a view, as in
+/// `denoise=1,1,2` and `path_trace.left=5,1,2`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RatioRule {
     pub group: Option<Partition>,
@@ -83,7 +83,7 @@ fn parse_group(name: &str) -> Result<Partition, String> {
     let known = partitions();
     known.iter().find(|g| g.0 == name).copied().ok_or_else(|| {
         let known: Vec<_> = known.iter().map(|g| g.0).collect();
-        format!("'{name}' is no stage with ratios of its own: choose one of {}", known.join(", "))
+        format!("'{name}' is not a group of passes with its own ratios: choose one of {}", known.join(", "))
     })
 }
 
@@ -96,7 +96,7 @@ fn parse_view(name: &str) -> Result<Option<Eye>, String> {
     }
 }
 
-/// Policy of fixed ratios, by group of passes and view if rules say so. Later rules take precedence.
+/// Policy with fixed ratios. Rules may set them per group of passes and view; later rules take precedence.
 pub struct Static {
     height: u32,
     devices: usize,

@@ -2,8 +2,8 @@
 
 use crate::graph::Stage;
 
-/// Relative cost of a row by stage; for filters, that of one iteration. Only ratios within the same stage are
-/// meaningful.
+/// Relative cost of a row for each stage; for filters, of a row in one iteration. Only ratios between qualities within
+/// the same stage are meaningful.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RelativeCost {
     stages: Vec<(Stage, f64)>,

@@ -1,12 +1,12 @@
 //! Simulates a frame's graph on a virtual clock with the costs that a model predicts, following the order in which
 //! workers execute it.
 //!
-//! As `exec/README.md` says, each device takes its tasks in the order of their keys. Stages run one after another on
-//! its queue. Transfers take its host thread, which waits for the queue before it sends rows, and for the rows of
-//! others before it hands them to the queue; later stages are held up meanwhile. The network delays rows between
-//! machines, one after the other if they share a link. This delay counts as part of the upload that waits for them.
-//! exec may receive rows of others between two downloads. Here all downloads go first, so uploads may be predicted a
-//! little late.
+//! Each device takes its tasks in the order of their keys (see `exec/README.md`). Stages run one after another on the
+//! device's queue. Transfers occupy the device's host thread: a download first waits until the queue is idle, and an
+//! upload until its rows have arrived. No later stage starts before the upload has ended. The network delays rows
+//! between machines; rows that share a link are sent one after another. The delay counts as part of the upload that
+//! waits for the rows. A real worker may receive rows between two downloads. The simulation puts all downloads first,
+//! so it may predict uploads a little too late.
 
 use petgraph::Direction;
 use petgraph::graph::NodeIndex;
@@ -25,12 +25,12 @@ pub struct Prediction {
     pub busy_ms: Vec<f64>,
     /// Host time in transfers, summed over all devices.
     pub transfer_ms: f64,
-    /// Tasks that each waited for the one before, from the start of the frame to its stitch.
+    /// Critical path from the start of the frame to its stitch: tasks of which each waited for the previous one.
     pub critical_path: Vec<Step>,
     pub limit: Limit,
 }
 
-/// A task of the critical path. A stage includes the gap before it.
+/// A task of the critical path. The time of a stage includes the gap before it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     pub kind: StepKind,
@@ -56,9 +56,9 @@ pub enum Limit {
     Work,
     /// Devices that wait for slower stripes.
     Imbalance,
-    /// Margins that two devices compute.
+    /// Margin rows, which two devices compute.
     Margins,
-    /// Transfers that others wait for.
+    /// Transfers on the critical path.
     Transfers,
     /// Time of the host before the first stage and after the last task, and gaps between stages.
     Overhead,
@@ -98,7 +98,7 @@ pub fn simulate(graph: &FrameGraph, model: &CostModel) -> Result<Prediction, Stu
 /// Predicts the timing of a frame with this graph at another relative cost.
 ///
 /// # Errors
-/// Those of [`simulate`].
+/// Errors of [`simulate`].
 pub fn simulate_at(graph: &FrameGraph, model: &CostModel, relative_cost: &RelativeCost) -> Result<Prediction, Stuck> {
     let mut play = Play::new(graph, model, relative_cost);
     graph.order().iter().try_for_each(|&node| play.play(node))?;
@@ -144,7 +144,7 @@ struct Clock {
     host: Free,
     /// End of the last upload, before which no later stage is submitted.
     gate: Free,
-    /// The task that was simulated last.
+    /// The device's task that was simulated last.
     last: Option<NodeIndex>,
 }
 
@@ -173,7 +173,7 @@ impl<'a> Play<'a> {
         Self { graph, model, relative_cost, clocks, played, busy_ms, transfer_ms: 0.0, traffic }
     }
 
-    /// Returns when the rows of an upload have arrived, and when they left their device.
+    /// Returns the time at which the rows of an upload have arrived, and the time at which they left their device.
     fn come(&mut self, node: NodeIndex) -> Option<(Free, f64)> {
         let download = self.graph.dag.neighbors_directed(node, Direction::Incoming).next()?;
         let (from, task) = (self.graph.dag[download].device, &self.graph.dag[node]);

@@ -1,4 +1,4 @@
-//! Calibration of the built-in ladder: times a few qualities, and extrapolates to the others.
+//! Calibration of the built-in quality ladder: times a few of its settings, and extrapolates to the others.
 
 use std::collections::{BTreeMap, HashMap};
 use std::time::{Duration, Instant};
@@ -14,16 +14,17 @@ use crate::passes::gbuffer;
 use crate::quality::Quality;
 use crate::scene::rig::Rig;
 
-/// Time after which only the indispensable qualities are still timed.
+/// Time limit of calibration. Once it has passed, only the qualities with the fewest bounces are still timed: every
+/// extrapolation can fall back on them.
 const TIME_LIMIT: Duration = Duration::from_secs(2);
-/// Timed frames per quality. Minimum busy times count, since longer ones were disturbed.
+/// Number of timed frames per quality. The minimum busy time of each stage counts, since longer ones were disturbed.
 const FRAMES: u32 = 3;
-/// Frames before the first timed one, during which caches and clocks are cold.
+/// Number of untimed frames before the first timed one. Caches are cold and GPU clocks are low during these.
 const WARM_UP: u32 = 2;
-/// Index of the first frame, above the frame indices of any run.
+/// Index of the first calibration frame. It is above the frame indices of any run.
 pub const FIRST_FRAME: u32 = 1 << 24;
 
-/// View of the timed frames: a camera, a time in seconds, and the rows of an eye's image.
+/// View that the timed frames show: a camera, a time in seconds, and the height of an eye's image in rows.
 pub struct View<'a> {
     pub rig: &'a Rig,
     pub time_s: f64,
@@ -43,9 +44,10 @@ pub enum CalibrationError {
     Stopped,
 }
 
-/// Builds a ladder from `qualities`. It times a few of them on the renderer, extrapolates the times of the others and
-/// the light per bounce, and estimates noise. `limit` maps a quality of the ladder to the one that frames are rendered
-/// with. If `stop` returns true, calibration ends before the next frame.
+/// Builds a ladder from `qualities`. Renders and times a few of them, and extrapolates the times of the others.
+/// Estimates each error from noise, blur, and the indirect light that is missing with few bounces. `limit` maps a
+/// quality of the ladder to the one that frames are rendered with. If `stop` returns true, calibration ends before the
+/// next frame.
 ///
 /// # Errors
 /// [`CalibrationError`]
@@ -60,7 +62,7 @@ pub fn calibrate(
     let (begin, timed) = (Instant::now(), HashMap::new());
     let calibration = Calibration { renderer: &mut *renderer, view, limit, stop, begin, frames: 0, timed };
     let ladder = calibration.ladder(qualities, origin);
-    // The first frame must not use the timed frames as its history.
+    // The first frame after calibration must not use the timed frames as its history.
     renderer.begin_anew();
     ladder
 }
@@ -79,7 +81,7 @@ struct Calibration<'a> {
 /// The measurements of a quality.
 struct Timed {
     quality: Quality,
-    /// Minimum busy times by stage.
+    /// Busy time of each stage in milliseconds: the minimum over the timed frames.
     stage_ms: BTreeMap<String, f64>,
     /// Mean radiance of both eyes.
     light: f64,
@@ -98,8 +100,8 @@ impl Calibration<'_> {
         let missing = self.missing_light();
         let mut rungs: Vec<Rung> = qualities.iter().map(|q| self.rung(q, missing[&q.bounces])).collect();
         let relative_costs = relative_costs(&rungs);
-        // From here on, relative costs come from measurements. One more frame makes the cost model learn its times in
-        // these units.
+        // Relative costs now come from measurements instead of guesses. Render one more frame, so that the cost model
+        // learns times per unit of the new costs.
         if let Some((quality, relative_cost)) = qualities.first().zip(relative_costs.first()) {
             self.renderer.set_relative_cost(relative_cost.clone());
             self.render(quality)?;
@@ -141,8 +143,9 @@ impl Calibration<'_> {
         Ok(frame)
     }
 
-    /// Returns, by number of bounces, the fraction of light that further bounces add. Where it was not measured, it is
-    /// extrapolated from the fewest bounces and halves with each one.
+    /// Returns, for each number of bounces, the fraction of all light that is missing because paths end there. Where
+    /// the fraction was not measured, it is extrapolated from that of the fewest bounces and halves with each further
+    /// bounce.
     fn missing_light(&self) -> HashMap<u32, f64> {
         let light = |bounces: u32| {
             let of = self.timed.iter().filter(|((_, b), _)| *b == bounces);
@@ -164,15 +167,17 @@ impl Calibration<'_> {
         missing
     }
 
-    /// Makes a rung of a candidate with its estimated stage times. Its own time is not known yet.
+    /// Makes a rung from a quality, with estimated error and stage times. The frame time of the rung is not known yet.
     fn rung(&self, quality: &Quality, missing_light: f64) -> Rung {
         let error = guessed_error(quality, missing_light, self.view.rows);
         let (quality, stage_ms, time_ms) = (*quality, self.stage_ms(quality), f64::NAN);
         Rung { time_ms, error, flip: None, flicker: None, relmse: None, is_estimated: true, quality, stage_ms }
     }
 
-    /// Estimates stage times. Path tracing is proportional to the samples, relative to a timing with the same number of
-    /// bounces if there is one. The G-buffer takes one more ray per sample if it averages samples.
+    /// Estimates the times of the tracing stages in milliseconds. Extrapolates from a measurement with the same number
+    /// of bounces if there is one, otherwise with the fewest bounces. Path tracing times are scaled by
+    /// [`guessed_paths`]. The G-buffer takes its time with one sample, plus a time proportional to the number of
+    /// samples if it averages several.
     fn stage_ms(&self, quality: &Quality) -> BTreeMap<String, f64> {
         let spp = quality.spp.min(2);
         let near = [quality.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)));

@@ -114,7 +114,7 @@ impl Session {
         &self.ladder
     }
 
-    /// Returns the budget of a frame's makespan.
+    /// Returns the budget: the range that the makespans (frame times) should stay in.
     pub fn budget(&self) -> Budget {
         self.budget
     }

@@ -9,10 +9,11 @@ use std::sync::LazyLock;
 use super::layout::{ALBEDO_GRID, SMOOTH};
 
 const GRID: usize = ALBEDO_GRID as usize;
-/// Strata per dimension. A node takes the square of this many samples.
+/// Number of strata per dimension. Each node of the table is integrated with `STRATA`² samples.
 const STRATA: usize = 16;
 
-/// Returns (a, b) per node, one row of cosines per roughness, followed by each row's mean over directions.
+/// Returns the table of (a, b). It has one row per perceptual roughness, with one node per cosine. After all rows
+/// follows the mean of each row over directions. Both parameters go from 0 to 1.
 pub fn table() -> &'static [[f32; 2]] {
     static TABLE: LazyLock<Vec<[f32; 2]>> = LazyLock::new(made);
     &TABLE
@@ -26,7 +27,8 @@ fn made() -> Vec<[f32; 2]> {
     rows.iter().flatten().copied().chain(means).map(|ab| ab.map(|x| x as f32)).collect()
 }
 
-/// Returns 2 ∫ e(μ) μ dμ of the piecewise linear interpolant that the shader evaluates.
+/// Returns the mean of a row over directions: 2 ∫ e(μ) μ dμ, where e interpolates the nodes linearly, as the shader
+/// does.
 fn mean(row: &[[f64; 2]]) -> [f64; 2] {
     let h = 1.0 / (GRID - 1) as f64;
     let mut sum = [0.0; 2];
@@ -39,7 +41,8 @@ fn mean(row: &[[f64; 2]]) -> [f64; 2] {
     sum
 }
 
-/// Integrates over visible normals (Heitz 2018), each weighted by G2 / G1.
+/// Returns (a, b) for the viewer's cosine and the GGX parameter `alpha`. Integrates over visible normals (Heitz 2018),
+/// each weighted by G2 / G1.
 fn albedo(cosine: f64, alpha: f64) -> [f64; 2] {
     if alpha < f64::from(SMOOTH) {
         let weight = (1.0 - cosine).powi(5);
@@ -65,8 +68,8 @@ fn albedo(cosine: f64, alpha: f64) -> [f64; 2] {
     sum.map(|s| s / (STRATA * STRATA) as f64)
 }
 
-/// Samples a visible normal (Dupuy & Benyoub 2023). Returns its components towards the viewer, within the surface, and
-/// along the surface's normal.
+/// Samples a visible normal (Dupuy & Benyoub 2023). `v` and the result are vectors of two components: one in the
+/// surface plane, towards the viewer, and one along the surface normal. `u` holds two random numbers.
 fn visible_normal(v: [f64; 2], alpha: f64, u: [f64; 2]) -> [f64; 2] {
     let (x, z) = (v[0] * alpha, v[1]);
     let length = x.hypot(z);

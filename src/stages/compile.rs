@@ -22,12 +22,13 @@ pub enum StageError {
 /// A kernel's pipeline.
 pub struct Built {
     pub kernel: Kernel,
-    /// Whether it is specialised for jittered frames; `None` if it serves all frames.
+    /// True if the pipeline is specialised for jittered frames, false for unjittered ones; `None` if it serves both.
     pub jitter: Option<bool>,
     pub pipeline: Pipeline,
 }
 
-/// Returns the pipelines of a pass for every kind of frame in the run. The device caches them.
+/// Returns the pipelines of a pass: one for unjittered and one for jittered frames if the run has both and the shader
+/// depends on it, otherwise a single one. The device caches them.
 pub fn build(
     gpu: &mut GpuDevice,
     pass: &Pass,
@@ -40,7 +41,7 @@ pub fn build(
     let declared = override_names(shader.text());
     let mut one = |kind: Option<bool>, jitter| {
         let constants = config.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
-        // Foreign texts may share a name, so the text itself is the key.
+        // Foreign shaders (from outside the library) may share a name, so their text is the key.
         let name = kernel.foreign_text().unwrap_or(kernel.name);
         let checks = shader.checks(config.execution.checks);
         let key = PipelineKey { shader: name, projection: shader.projection(), checks, constants };
@@ -86,7 +87,7 @@ fn compile(
         entry_point: Some("main"),
         compilation_options: wgpu::PipelineCompilationOptions {
             constants: &constants,
-            // Foreign text might read stale workgroup memory.
+            // A foreign shader might read workgroup memory before it writes it.
             zero_initialize_workgroup_memory: pass.kernel.foreign_text().is_some(),
         },
         cache: None,

@@ -30,8 +30,8 @@ pub enum Sampler {
 pub struct Buffers {
     /// Extent of each eye's displayed image.
     pub extent: Extent,
-    /// How the screen image becomes the displayed one. Eyes with custom
-    /// [`optics`](crate::scene::rig::Rig::optics) need a shared projection.
+    /// Mapping from the screen image, which is a pinhole image, to the displayed one. Eyes with custom
+    /// [`optics`](crate::scene::rig::Rig::optics) need [`Display::Resampled`].
     pub display: Display,
     /// Whether the right eye is reprojected from the left one.
     pub reproject: bool,
@@ -126,18 +126,18 @@ impl RunConfig {
         self.envelope.most.denoiser.filter(|_| self.envelope.most.most_iterations() > 0)
     }
 
-    /// Returns the foveal layers, if pixels are not all sampled and filtered alike.
+    /// Returns the foveal layers; `None` if all pixels are sampled and filtered alike.
     pub fn foveation(&self) -> Option<Foveation> {
         let radii = self.envelope.most.fovea?;
         Some(Foveation { gaze: self.gaze.clone(), radii, unsampled_fraction: self.unsampled_fraction })
     }
 
-    /// Returns the polar projection of the traced images; `None` if these are the screen's own.
+    /// Returns the polar projection of the traced images; `None` if the screen image is traced directly.
     pub fn polar(&self) -> Option<Polar> {
         Some(Polar { gaze: self.gaze.clone(), space: self.envelope.most.polar? })
     }
 
-    /// Returns the images from the traced to the displayed one.
+    /// Returns the chain of images of an eye, from the traced to the displayed one.
     pub fn chain(&self) -> ImageChain {
         ImageChain {
             polar: self.envelope.most.polar.map(|space| PolarImage { blur: space.blur() }),
@@ -162,8 +162,8 @@ impl RunConfig {
         self.envelope.most.polar.map_or(self.grid().area() as u64, |space| space.pixels(view, self.screen()))
     }
 
-    /// Whether the samples of a frame of `spp` are jittered over the pixel. If not, its single sample goes through the
-    /// centre.
+    /// True if a frame with `spp` samples per pixel jitters them over the pixel. Otherwise its single sample goes
+    /// through [`Self::centre`].
     pub fn jitter(&self, spp: u32) -> bool {
         if self.envelope.mixes_spp { spp > 1 } else { self.envelope.most.spp > 1 }
     }
@@ -177,9 +177,10 @@ impl RunConfig {
         }
     }
 
-    /// Returns the sub-pixel position of the rays that represent the whole pixel, in a frame of `spp`. If frames keep a
-    /// history and are not jittered, it follows the R2 sequence (Roberts, "The Unreasonable Effectiveness of
-    /// Quasirandom Sequences", 2018). Frames before the first count back from 2^32.
+    /// Returns the sub-pixel position, 0 to 1, of the rays that represent the whole pixel in frame number `frame` with
+    /// `spp` samples per pixel. It is the pixel's centre, unless frames keep a history and this one is not jittered:
+    /// then it follows the R2 sequence (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).
+    /// Frames before frame 0 have numbers that count down from 2^32 - 1.
     pub fn centre(&self, frame: u32, spp: u32) -> Vec2 {
         if self.jitter(spp) || !self.keeps_history() {
             return Vec2::splat(0.5);

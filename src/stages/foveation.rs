@@ -8,7 +8,8 @@ use crate::scene::optics::Optics;
 use crate::scene::rig::Eye;
 use crate::scene::shot::Gaze;
 
-/// Sampling and filtering that follow the gaze (Peres, sections 4.2 and 4.4). The gaze may move with every frame.
+/// Sampling and filtering in layers around the gaze (Peres 2022, sections 4.2 and 4.4). The gaze may move with every
+/// frame.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Foveation {
     /// Gaze of the left and the right eye.
@@ -21,10 +22,10 @@ pub struct Foveation {
 }
 
 impl Foveation {
-    /// Default radii, from Peres, section 5.1.
+    /// Default radii, from section 5.1 of Peres 2022.
     pub const RADII: [f64; 2] = [0.15, 0.30];
 
-    /// Default fraction of unsampled pixels, from Peres, section 4.2.
+    /// Default fraction of unsampled pixels, from section 4.2 of Peres 2022.
     pub const UNSAMPLED_FRACTION: f64 = 0.5;
 
     /// Creates layers with the default radii and fraction of unsampled pixels.
@@ -37,8 +38,8 @@ impl Foveation {
         Self { gaze: eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }), ..self.clone() }
     }
 
-    /// Returns the [`Self::unsampled_fraction`], clamped to 0 to 1, at which this fraction of the left eye's pixels is
-    /// sampled at `time_s`.
+    /// Returns the [`Self::unsampled_fraction`] with which a fraction `sampled` of the left eye's pixels is sampled at
+    /// `time_s`. The result is clamped to 0 to 1.
     pub fn unsampled_fraction_for(&self, sampled: f64, time_s: f64, extent: Extent) -> f64 {
         let ([inner, outer], [x, y]) = self.circles(0, time_s, extent.width, extent.height);
         let columns = extent.width as usize;
@@ -56,7 +57,7 @@ impl Foveation {
         self.circles_of(self.radii, eye, time_s, width, height)
     }
 
-    /// Returns the same as [`Self::circles`] for the radii of a frame.
+    /// Returns the same as [`Self::circles`], but for `radii` instead of [`Self::radii`].
     pub fn circles_of(
         &self,
         radii: [f64; 2],
@@ -70,8 +71,8 @@ impl Foveation {
     }
 
     /// Returns the radii and the gaze of both eyes in the rendered images, pixels. If eyes are resampled from a shared
-    /// projection (`rectified`), the gaze is mapped to it and the radii are scaled by its density there. Radii are the
-    /// larger ones of both eyes.
+    /// projection (`rectified`), the gaze is mapped to this projection, and the radii are scaled by the ratio of its
+    /// pixel density to the eye's at the gaze. If the radii of the eyes differ, the larger ones are returned.
     pub fn circles_rendered(
         &self,
         radii: [f64; 2],
@@ -89,8 +90,8 @@ impl Foveation {
         ([0, 1].map(|i| left_radii[i].max(right_radii[i])), [left, right])
     }
 
-    /// Returns the constants of a frame displayed at this size, except for the iterations. Without radii, the inner
-    /// layer covers the whole frame.
+    /// Returns the shader constants of a frame with displayed images of this size. The caller sets `layer_iterations`.
+    /// Without radii, the inner layer covers the whole frame.
     pub(crate) fn describe(
         &self,
         extent: Extent,

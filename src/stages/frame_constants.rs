@@ -14,11 +14,12 @@ use crate::scene::rig::{Eye, Rig};
 pub enum Samples {
     /// This many samples per pixel, from sequences that pixels share (see [`layout::Sampling::curve_shift`]).
     First(u32),
-    /// This range of samples from a sequence per pixel, since an accumulation does not know its final sample count.
+    /// This range of samples. Each pixel has its own sequence, since an accumulation does not know its final sample
+    /// count.
     Own(Range<u32>),
 }
 
-/// Returns the constants of a frame, without history.
+/// Returns the constants of a frame. They declare that there is no history; a caller that has one sets `history`.
 pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables, samples: &Samples) -> layout::Frame {
     let FrameParams { time_s, index, seed, ref quality, ref gaze, .. } = *params;
     let extent = config.buffers.extent;
@@ -73,7 +74,7 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
             reflections: quality.bounces.max(1),
             indirect_clamp: config.indirect_clamp,
             sampled_fraction: (quality.scale * quality.scale) as f32,
-            // Over several frames, the sampling mask covers every pixel.
+            // If frames keep a history, the sampling mask changes, so that it covers every pixel over several frames.
             mask_turn: if config.keeps_history() { index.wrapping_mul(GOLDEN_RATIO) } else { 0 },
             is_jittered: config.jitter(spp).into(),
             ..Default::default()
@@ -117,7 +118,8 @@ fn display_map(columns: DMat3, moved: DVec3) -> layout::DisplayMap {
 /// The fractional part of the golden ratio, times 2^32.
 const GOLDEN_RATIO: u32 = 0x9e37_79b9;
 
-/// [`layout::Sampling::curve_shift`] for pixels that all take `spp` samples.
+/// Returns the [`layout::Sampling::curve_shift`] for images of this size with `spp` samples per pixel, or
+/// [`layout::NO_CURVE`] if the indices into the shared sequences would need more than 32 bits.
 fn curve_shift(extent: Extent, spp: u32) -> u32 {
     let bits_for = |count: u32| u32::BITS - count.saturating_sub(1).leading_zeros();
     let shift = bits_for(spp);

@@ -27,7 +27,7 @@ struct Copies {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     All,
-    /// Every other frame shares a buffer.
+    /// Frames alternate between two buffers.
     Turns,
     /// Frames that are never in flight together share a buffer.
     Slots,
@@ -43,7 +43,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// Returns the place of the `number`th frame, with `slots` frames in flight.
+    /// Returns the slot and the turn of frame number `number`, counted from 0, with `slots` frames in flight.
     pub fn of(number: u64, slots: usize) -> Self {
         Self { slot: (number % slots as u64) as usize, turn: (number % 2) as usize }
     }
@@ -77,12 +77,12 @@ impl Images {
         self.buffers.keys().map(|(resource, _)| *resource).find(|r| r.name == name && r.number == number)
     }
 
-    /// Whether there is such a resource.
+    /// True if any program binds this resource.
     pub fn has(&self, resource: &Resource) -> bool {
         self.buffers.contains_key(&(*resource, 0))
     }
 
-    /// Returns the buffer that holds an image of the frame in this place.
+    /// Returns the buffer that holds an image of an eye, for a frame with the slot and the turn of `place`.
     ///
     /// # Panics
     /// If no program binds the image, or if the slot does not exist.

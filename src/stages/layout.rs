@@ -26,8 +26,8 @@ shared_structs! {
         /// Tangent of half the vertical field of view.
         pub tan_half_y: f32,
         pub up: Vec3,
-        /// Rows of a polar image. `fovea_rows` of them belong to the fovea (visual-polar) or to the square of pixels
-        /// around the gaze (log-polar; 0 without one).
+        /// Number of rows of a polar image. The first `fovea_rows` of them belong to the fovea (visual-polar) or to the
+        /// square of pixels around the gaze (log-polar; 0 without a square).
         pub rows: f32,
         pub forward: Vec3,
         pub fovea_rows: f32,
@@ -40,13 +40,13 @@ shared_structs! {
         pub gaze_y: f32,
     }
 
-    /// Mapping of log-polar images. All members are 0 without them.
+    /// Mapping of log-polar images. All members are 0 if images are not log-polar.
     pub struct LogPolar {
         /// Size of an eye's screen, pixels.
         pub screen: Vec2,
         /// Logarithm of the screen's diagonal in pixels.
         pub log_diagonal: f32,
-        /// Exponent by which rings are moved away from the gaze.
+        /// Exponent of the kernel, which moves rings away from the gaze; 1 has no effect.
         pub kernel: f32,
         /// Number of rings up to a distance of the screen's diagonal. The image around the gaze replaces the innermost
         /// `first_ring` of them.
@@ -149,18 +149,19 @@ shared_structs! {
         pub grid_height: u32,
     }
 
-    /// World origin of the scene's tables, and the places of instances and deforming bodies in them.
+    /// World origin of the scene's tables, and the positions of instances and deforming bodies in the tables.
     pub struct Geometry {
         /// World position of the tables' (0, 0, 0), scene units.
         pub world_origin: Vec3,
-        /// Root, in the tables, of the tree over all instances but the first.
+        /// Index, among all nodes, of the root of the tree over all instances but the first. The first instance holds
+        /// the flattened static triangles.
         pub instance_tree: u32,
         /// First row of the instances in the tables.
         pub instances: u32,
         pub instance_count: u32,
         /// First row, in the tables, of the map from triangle numbers to instances.
         pub instance_numbers: u32,
-        /// First triangle of the deforming bodies, and the number of their triangles.
+        /// Index in the triangle table of the deforming bodies' first triangle, and the number of their triangles.
         pub first_deforming: u32,
         pub deforming_count: u32,
         pub pad0: u32,
@@ -188,7 +189,7 @@ shared_structs! {
     pub struct History {
         /// Maximum vertical motion since the previous frame, rows; [`NO_HISTORY`] if there is no history.
         pub rows: u32,
-        /// Rows whose history is lost: the first, and the one after the last.
+        /// Rows whose history was lost with a failed device: the first, and the one after the last.
         pub lost_begin: u32,
         pub lost_end: u32,
         pub pad0: u32,
@@ -284,7 +285,7 @@ pub fn all_structs() -> Vec<Declaration> {
 pub fn readers() -> String {
     let structs = all_structs();
     let reader = |table: &Table| {
-        let entry = structs.iter().find(|s| s.name == table.entry).expect("tables are of shared structs");
+        let entry = structs.iter().find(|s| s.name == table.entry).expect("entries of tables are shared structs");
         entry.reader(table)
     };
     TABLES.iter().map(reader).collect()

@@ -143,8 +143,10 @@ impl fmt::Display for LimitExceeded {
     }
 }
 
+/// Checks needs against the limits of a device.
+///
 /// # Errors
-/// The first need that exceeds the limits of this device.
+/// [`LimitExceeded`] with the first need that exceeds its limit.
 pub fn check(limits: &wgpu::Limits, device: usize, needs: impl IntoIterator<Item = Need>) -> Result<(), LimitExceeded> {
     let exceeding = needs.into_iter().find(|need| need.amount > need.limit.of(limits));
     exceeding.map_or(Ok(()), |need| Err(LimitExceeded { limit: need.limit.of(limits), need, device }))
@@ -157,7 +159,7 @@ fn storage(what: &str, bytes: u64, remedy: Remedy) -> [Need; 2] {
 
 /// Sizes of a scene's tables and images.
 pub struct SceneSizes {
-    /// Rows of the tables, and the storage that holds them.
+    /// Number of 16-byte rows of all tables. `tables` is the kind of resource that holds them.
     pub rows: u64,
     pub tables: Tables,
     pub texels: usize,
@@ -182,12 +184,12 @@ pub fn of_scene(sizes: &SceneSizes) -> Vec<Need> {
     needs
 }
 
-/// Returns the needs of a scene's acceleration structures. `triangles` are those of its largest tree.
+/// Returns the needs of a scene's acceleration structures. `triangles` is the number of triangles in its largest BLAS.
 pub fn of_structures(triangles: usize, instances: usize) -> [Need; 2] {
     let need =
         |what: &'static str, limit, amount| Need { what: what.into(), limit, amount, remedy: Remedy::ComputeTraversal };
     [
-        need("the scene's largest tree", Limit::Corners, 3 * triangles as u64),
+        need("the scene's largest BLAS", Limit::Corners, 3 * triangles as u64),
         need("the scene's instances", Limit::Instances, instances as u64),
     ]
 }
@@ -224,7 +226,7 @@ fn of_pass(pass: &Pass, frame: Extent, scene_buffers: usize) -> [Need; 5] {
     let extent = pass.grid.extent(frame);
     let [columns, rows] = match workgroups(pass.dispatch, pass.kernel.workgroup, extent.width, &extent.rows()) {
         Groups::Direct([x, y, z]) => [x, y.max(z)],
-        // The shader that fills a list never requests more workgroups than any device supports.
+        // The shader that fills a list requests at most as many workgroups as every device supports.
         Groups::Listed(_) => [1; 2],
     };
     [
@@ -241,7 +243,7 @@ pub fn table_size(rows: u64) -> [u32; 2] {
     [TABLE_WIDTH, u32::try_from(rows.div_ceil(TABLE_WIDTH.into())).unwrap_or(u32::MAX)]
 }
 
-/// Layers of an array texture that store all texels consecutively.
+/// Layers of the array texture that stores the texels of all images consecutively: edge length in texels, and number.
 pub struct Pages {
     pub edge: u32,
     pub count: u64,

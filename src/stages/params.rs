@@ -22,8 +22,8 @@ pub struct FrameParams {
     /// Gaze of the left and the right eye, in fractions of each eye's image from the top left. `None` uses the gaze of
     /// the configuration at `time_s`. Only foveated frames depend on it.
     pub gaze: Option<[[f64; 2]; 2]>,
-    /// Camera with one key that the frame is reprojected to. `None` shows the frame from its own pose. It is used only
-    /// with [`crate::passes::Display::is_late`].
+    /// Later camera, with a single key, that the displayed image is reprojected to. `None` displays the frame from its
+    /// own pose. Used only if [`crate::passes::Display::is_late`].
     pub shown_from: Option<Rig>,
     /// Exposure of displayed images, in stops.
     pub exposure_ev: f32,

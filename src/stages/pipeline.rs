@@ -31,7 +31,7 @@ pub struct DeviceStages {
     built: Vec<Built>,
     /// Bind groups of kernels, by bound images.
     groups: HashMap<GroupKey, wgpu::BindGroup>,
-    /// Bind groups by pass of the current program.
+    /// Bind groups by index of the pass in the current program. They are clones of those in `groups`.
     of_passes: HashMap<(usize, Place), wgpu::BindGroup>,
     program: Option<Arc<Program>>,
     frame_only: wgpu::BindGroup,
@@ -189,9 +189,9 @@ impl DeviceStages {
         gpu.queue.submit([encoder.finish()]);
     }
 
-    /// Records a task, or a part of it. Returns the pair of timestamps around the whole task, if one is left. The task
-    /// runs `runs` times, which takes proportionally longer but changes no byte: images that it adds to are restored
-    /// before each repetition.
+    /// Records a task, or a part of one. Returns the index of the pair of timestamps around the whole task; `None` if
+    /// all pairs are in use. To simulate a slow device, the task is repeated until it has run `runs` times. This
+    /// changes no byte of the images: those that the task adds to are restored before each repetition.
     pub fn record(
         &mut self,
         gpu: &GpuDevice,

@@ -23,7 +23,7 @@ pub struct Polar {
 }
 
 impl PolarSpace {
-    /// Returns the size of the images for a screen of this size.
+    /// Returns the size of the polar images for a screen of this size.
     pub fn grid(&self, screen: Extent) -> Extent {
         match self {
             Self::Visual => visual::grid(screen),
@@ -49,7 +49,7 @@ impl PolarSpace {
 }
 
 impl Polar {
-    /// Returns the size of the images for a screen of this size.
+    /// Returns the size of the polar images for a screen of this size.
     pub fn grid(&self, screen: Extent) -> Extent {
         self.space.grid(screen)
     }
@@ -93,7 +93,7 @@ impl Polar {
         pixels as f64 / screen.area() as f64
     }
 
-    /// Returns the place in an eye's image of each pixel of its screen, row by row.
+    /// Returns, for each pixel of an eye's screen in row-major order, its position in the eye's polar image.
     pub fn places(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> Vec<PolarPlace> {
         let seen = self.seen(eye, time_s, view, screen);
         let width = screen.width as usize;

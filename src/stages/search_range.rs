@@ -9,16 +9,16 @@ use super::SceneTables;
 use super::layout::{Camera, View};
 use crate::quality::acuity::FOVEA_DEG;
 
-/// Granularity of the search range, so that graphs can be reused while a camera moves.
+/// Granularity of the search range, rows. It lets successive frames reuse a frame graph while the camera moves.
 const STEP_ROWS: u32 = 4;
 /// Divisor of the height that limits the search range. Surfaces that moved further have no history.
 const LARGEST_SHARE: u32 = 4;
 
-/// Returns the number of rows up and down within which a frame's surfaces lay in the previous frame. In perspective
-/// images it is at most a quarter of the height, and nearby surfaces that moved further have no history. Returns `None`
-/// if the eyes turned so far that hardly any surface is seen again.
+/// Returns the search range: the maximum number of rows, up or down, by which a surface moved in the image since the
+/// previous frame. In perspective images it is at most a quarter of the height, and nearby surfaces that moved further
+/// have no history. Returns `None` if the eyes turned so far that hardly any surface is seen again.
 ///
-/// `moved` holds the bounds of moving bodies and their maximum displacement.
+/// `moved` holds the bounds of each moving body and its maximum displacement since the previous frame, scene units.
 ///
 /// The images depend on the result. It is derived only from scene and cameras, so it is the same for any set of
 /// devices.
@@ -84,8 +84,9 @@ fn rows_of_body(camera: &Camera, bounds: &Aabb, by: f64) -> f64 {
     if by > 0.0 { rows[0].max(rows[1]) } else { 0.0 }
 }
 
-/// Returns the maximum number of rows between the current and the previous position of points whose inverse distance
-/// from each eye is `nearness`. Returns `None` if some of them may have been behind the eyes.
+/// Returns the maximum number of rows between the current and the previous image position of static points.
+/// `nearness` is the inverse of their distance from each eye, per scene unit. Returns `None` if some of the points may
+/// have been behind an eye in the previous frame.
 ///
 /// The previous position is a quotient of two functions that are linear in the column and in the inverse depth. Its
 /// extremes lie at the ends of both ranges: the outermost columns, and infinity and the nearest depth.

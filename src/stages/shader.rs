@@ -32,15 +32,15 @@ pub struct ShaderVariant {
     pub projection: TracedProjection,
 }
 
-/// Perspective images.
+/// Selects the perspective projection.
 impl From<SceneAccess> for ShaderVariant {
     fn from(access: SceneAccess) -> Self {
         Self { access, projection: TracedProjection::Perspective }
     }
 }
 
-/// Complete source of a kernel's shader, and whether it is foreign. Only [`Self::new`] constructs one, so no other code
-/// can pass foreign text off as the library's own.
+/// Complete source of a kernel's shader, and whether the kernel is foreign (from outside the library). Only
+/// [`Self::new`] constructs one, so no other code can pass foreign text off as the library's own.
 pub(super) struct Shader {
     text: String,
     is_foreign: bool,
@@ -144,7 +144,7 @@ fn includes(kernel: &Kernel) -> impl Iterator<Item = &'static str> {
 
 fn file(shader: &str, name: &str) -> &'static str {
     let found = FILES.iter().find(|(n, _)| *n == name);
-    found.unwrap_or_else(|| panic!("shader '{shader}' is made of '{name}', which is no file")).1
+    found.unwrap_or_else(|| panic!("shader '{shader}' needs the file '{name}', which does not exist")).1
 }
 
 /// Returns the [`shader_text`] of one of the renderer's own kernels.

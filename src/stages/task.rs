@@ -5,7 +5,8 @@ use std::ops::Range;
 
 use crate::schedule::Position;
 
-/// A pass of a program on consecutive rows, or a part of it.
+/// A pass of a program on consecutive rows, or a part of that work. `valid` are the rows that the pass may read, and
+/// `part` is the part of the work that is recorded.
 #[derive(Clone, Debug)]
 pub struct StageTask {
     /// Index of the pass in its program.
@@ -30,7 +31,7 @@ impl StageTask {
         self.part.end == Position::END
     }
 
-    /// Returns the rows that a run of the kernel covers, by the run's number.
+    /// Returns the rows that this task covers in the kernel run with the index `run`.
     pub fn rows_of(&self, run: u32) -> Range<u32> {
         let Range { start, end } = &self.part;
         let begin = match run.cmp(&start.run) {
@@ -47,11 +48,11 @@ impl StageTask {
     }
 }
 
-/// Timestamps around a frame's tasks.
+/// Timestamp queries around a frame's tasks: a pair for each task, at its begin and its end.
 pub struct Stamps {
     pub queries: wgpu::QuerySet,
     used: u32,
-    /// The pair of the task that was begun last.
+    /// Index of the pair of the task that was begun last; `None` if no pair was left for it.
     current: Option<u32>,
 }
 
@@ -77,14 +78,14 @@ impl Stamps {
         2 * self.used
     }
 
-    /// Begins the next task and returns its pair of timestamps, if one is left.
+    /// Begins the next task and returns the index of its pair of timestamps; `None` if all pairs are in use.
     pub fn begin(&mut self) -> Option<u32> {
         self.current = (self.used < Self::CAPACITY).then_some(self.used);
         self.used += u32::from(self.current.is_some());
         self.current
     }
 
-    /// Returns the pair of the task that was begun last.
+    /// Returns the index of the pair of the task that was begun last, as [`Self::begin`] returned it.
     pub fn current(&self) -> Option<u32> {
         self.current
     }

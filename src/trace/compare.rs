@@ -1,4 +1,4 @@
-//! Compares two traces: the times of stages, devices and transfers in a frame of each.
+//! Compares two traces by medians over their frames: times of stages and transfers, and metrics of whole frames.
 
 use std::collections::BTreeSet;
 

@@ -117,8 +117,8 @@ impl<'a> Backwards<'a> {
     }
 }
 
-/// Possible dependencies between tasks. Tasks are indices into a list in order of begin; no task depends on a later
-/// one.
+/// Tasks of a frame, indexed for finding predecessors. Tasks are given by index in `tasks`, which is sorted by begin
+/// time.
 struct Order<'a> {
     tasks: &'a [&'a Task],
     /// Tasks of each device, in order of end.
@@ -171,7 +171,8 @@ impl<'a> Order<'a> {
         self.latest(own.into_iter().chain(sent))
     }
 
-    /// Returns the predecessor by the graph, in which no task depends on a later one of its device.
+    /// Returns the predecessor of a task whose position in the frame's graph is recorded. In the graph, no task depends
+    /// on a later task of its own device.
     fn by_graph(&self, task: &Task, order: &super::work::Order) -> Option<usize> {
         let before = self.by_number.range((task.pid, 0)..(task.pid, order.number)).rev().map(|(_, &i)| i);
         let last = |is: &dyn Fn(&Task) -> bool| before.clone().find(|&i| is(self.tasks[i]));

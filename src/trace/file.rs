@@ -6,8 +6,8 @@ use super::growing::GrowingDocument;
 use super::host::HostSpans;
 use super::{Recorder, TraceError};
 
-/// The trace-file of a run. [`Recorder::flush`] updates it and [`TraceFile::finish`] ends it. If the run fails or
-/// panics, dropping it ends it with the events so far.
+/// Trace file of a run. [`Recorder::flush`] updates the file, and [`TraceFile::finish`] completes it. If the run fails
+/// or panics, dropping this `TraceFile` ends the file with the events recorded so far.
 pub struct TraceFile {
     recorder: Recorder,
     is_finished: bool,

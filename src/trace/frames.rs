@@ -11,17 +11,17 @@ use crate::passes::path_trace::PARTITION;
 use crate::quality::Quality;
 use crate::scene::rig::Eye;
 
-/// Rung and budget that the control loop chose for a frame.
+/// Rung that the controller chose for a frame, and the frame budget.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameControl {
     /// Rung of the quality ladder, from 0.
     pub rung: usize,
-    /// Lower and upper end, ms.
+    /// Lower and upper end of the budget, ms.
     pub budget_ms: [f64; 2],
 }
 
-/// Adds a frame, with its times and counters, and brings the file up to date. The recorder's origin must be the
-/// renderer's.
+/// Records a frame with its tasks, arrows and counters, and flushes the file. Recorder and renderer must count times
+/// from the same origin.
 pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality, control: Option<FrameControl>) {
     if !recorder.is_on() {
         return;

@@ -27,7 +27,7 @@ impl GrowingDocument {
         let failed = |source| ImageError::Write { path: path.to_owned(), source };
         // A pipe or the like cannot be overwritten in place, so it could not be kept valid.
         if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
-            let what = "there is something else than a file by that name";
+            let what = "the path exists but is not a regular file";
             return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, what)).into());
         }
         let mut file = File::create(path).map_err(failed)?;
@@ -35,7 +35,7 @@ impl GrowingDocument {
         Ok(Self { path: path.to_owned(), file, end: HEAD.len() as u64, is_empty: true })
     }
 
-    /// Appends events, names first, then in order of time.
+    /// Appends events: metadata such as names first, then all others in order of time.
     pub fn append(&mut self, mut events: Vec<Event>, other_data: &Map<String, Value>) -> Result<(), TraceError> {
         events.sort_by(|a, b| {
             let is_timed = |event: &Event| event.kind != Kind::Metadata;

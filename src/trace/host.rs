@@ -94,7 +94,7 @@ struct Record {
 /// Joins the begins and ends of the spans of one process.
 pub(super) struct Spans {
     pid: u32,
-    /// Origin of the latest text's times.
+    /// Origin of the times in the latest text, as a time of the trace.
     zero_us: f64,
     /// Open spans by number and thread, with times as in the text.
     open: HashMap<(u64, u32), Event>,

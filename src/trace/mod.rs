@@ -53,7 +53,7 @@ pub enum TraceError {
     Event { path: String, index: usize, what: String },
     #[error("'{path}' has no frames of diptych devices: give a trace recorded by a diptych run")]
     NoFrames { path: String },
-    #[error("'{path}' has no frame {frame}: it has {count}, from {first} to {last}")]
+    #[error("'{path}' has no frame {frame}: it has {count} frames, from {first} to {last}")]
     NoSuchFrame { path: String, frame: u64, count: usize, first: u64, last: u64 },
 }
 

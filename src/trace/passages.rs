@@ -43,7 +43,7 @@ pub struct PassagePart {
     pub is_of_thread: bool,
 }
 
-/// Summary of passages.
+/// Summary of the passages in a trace: the transfers of rows between ranks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PassageSummary {
     pub count: usize,
@@ -55,7 +55,8 @@ pub struct PassageSummary {
     pub parts: Vec<PassagePart>,
 }
 
-/// Ticket and transfer that all spans of the same rows carry.
+/// Numbers that identify a transfer, and that all of its spans carry as arguments: the ticket of one attempt
+/// at a frame, and the number of the transfer in that frame.
 type Key = (u64, u64);
 
 /// Names of the spans, as recorded by `exec`.
@@ -116,7 +117,7 @@ impl Passage {
             ("until the MPI thread takes them", true, (handed, taken)),
             ("until MPI has them", true, (taken, sent)),
             ("until the other MPI thread finds them", false, (sent, found)),
-            ("of which it had not looked", true, ((found - self.rested_us).max(sent), found)),
+            ("of which that thread did not poll", true, ((found - self.rested_us).max(sent), found)),
             ("until they are passed on", true, (found, passed)),
             ("until the worker goes on", false, (waits, goes_on.max(waits))),
         ]
@@ -124,7 +125,8 @@ impl Passage {
 }
 
 impl PassageSummary {
-    /// Sums up the passages of the frames that are `shown`, and those without a frame. Returns none without passages.
+    /// Summarises the passages of the frames for which `shown` returns true, and those without a frame number. Returns
+    /// `None` if there are none.
     pub fn of(passages: &[Passage], shown: impl Fn(u64) -> bool) -> Option<Self> {
         let passages: Vec<&Passage> = passages.iter().filter(|p| p.frame.is_none_or(&shown)).collect();
         let first = passages.first()?;

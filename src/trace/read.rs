@@ -43,7 +43,7 @@ pub fn parse(bytes: &[u8], origin: &str) -> Result<Trace, TraceError> {
         device.clock_residual_us = residual_us(pid);
     }
     if raw.is_cut || raw.other_data["complete"] == Value::Bool(false) {
-        trace.warnings.push("the run ended early: what came after is missing".to_owned());
+        trace.warnings.push("the run ended early: later events are missing".to_owned());
     }
     Ok(trace)
 }
@@ -193,7 +193,8 @@ impl Reader {
         Ok(())
     }
 
-    /// Returns the device and lane of a track: a device's process whose thread is named like the lane.
+    /// Returns the process and the lane of a device's track: its process number is one of a device, and its thread is
+    /// named like a lane.
     fn device_lane(&self, track: &TrackKey) -> Option<(u32, Lane)> {
         let pid: u32 = track.0.parse().ok().filter(|&pid| pid >= FIRST_DEVICE_PID)?;
         let name = self.thread_names.get(track)?;
@@ -228,7 +229,7 @@ impl Reader {
         let mut warnings = Vec::new();
         if !foreign_pids.is_empty() {
             let pids = foreign_pids.iter().cloned().collect::<Vec<_>>().join(", ");
-            warnings.push(format!("spans that are no device lane's are left out: process {pids}"));
+            warnings.push(format!("spans outside of device lanes are left out: process {pids}"));
         }
         for (phase, count) in &self.unknown_phases {
             warnings.push(format!("{count} events of unknown phase '{phase}' are left out"));
@@ -245,8 +246,9 @@ impl Reader {
     }
 }
 
-/// Converts device spans to tasks in order of begin. Fails if two on one lane overlap by more than their clock's error:
-/// frames are converted to the host's clock one by one, each within the residual.
+/// Converts device spans to tasks, sorted by begin time. Fails if two tasks on one lane overlap by more than twice the
+/// residual of their device's clock. Smaller overlaps are possible, because the times of each frame are converted to
+/// the host's clock separately, with an error of up to the residual.
 fn tasks(mut spans: Vec<((u32, Lane), Span)>, residual_us: &dyn Fn(u32) -> Option<f64>) -> Result<Vec<Task>, Wrong> {
     spans.sort_by(|(_, a), (_, b)| a.begin_us.total_cmp(&b.begin_us).then(a.end_us.total_cmp(&b.end_us)));
     let mut last_on_lane: HashMap<(u32, Lane), (usize, f64)> = HashMap::new();
@@ -286,8 +288,8 @@ fn task(pid: u32, lane: Lane, span: Span) -> Result<Task, Wrong> {
     })
 }
 
-/// Returns a task's place in its frame's graph, if given: its number, and its dependencies as `0.3 1.7` (device and
-/// number).
+/// Returns a task's position in its frame's graph, if the arguments give it: `task` is the task's number, and `after`
+/// lists its dependencies by device and number, as in `0.3 1.7`.
 fn order(args: &Value) -> Result<Option<Order>, String> {
     let Some(number) = whole(args, "task")? else { return Ok(None) };
     let after = args["after"].as_str().unwrap_or_default();

@@ -24,7 +24,7 @@ pub struct Recorder {
 /// The file, and events that are not written yet.
 #[derive(Default)]
 pub(super) struct Log {
-    /// None before the trace begins and after it ends: then nothing is recorded.
+    /// Document that the file holds. It is `None` before the trace begins and after it ends; then nothing is recorded.
     document: Option<GrowingDocument>,
     events: Vec<Event>,
     host: Option<HostSpans>,
@@ -91,7 +91,8 @@ impl Recorder {
         });
     }
 
-    /// Records work on one lane of a device, with GPU timestamps converted to the origin.
+    /// Records work on one lane of a device. Times are microseconds since the origin; GPU timestamps must
+    /// be converted first.
     pub fn task(&self, device: u32, lane: Lane, name: &str, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
         self.task_with(device, lane, name, [begin_us, end_us], args_from(args));
     }
@@ -102,7 +103,8 @@ impl Recorder {
         self.span(lane.track(device), category, name, begin_us, end_us, args);
     }
 
-    /// Records spans of another rank's process from the text of its [`HostSpans`], with times since `zero_us` here.
+    /// Records spans of another rank's process from the text of its [`HostSpans`]. The times in the text count from
+    /// `zero_us`, which is a time of this recorder.
     pub fn rank_host(&self, rank: u32, machine: &str, zero_us: f64, text: &[u8]) {
         let Some(mut log) = self.lock() else { return };
         let pid = FIRST_RANK_PID.saturating_add(rank);

@@ -25,7 +25,7 @@ pub struct DeviceSummary {
     pub idle_ms: f64,
     /// `busy_ms` as a fraction of the time of the frames that the device took part in.
     pub busy_share: f64,
-    /// Error bound of its times against the host's.
+    /// Error bound of the device's times, converted to the host's clock.
     pub clock_residual_us: Option<f64>,
 }
 
@@ -69,14 +69,14 @@ pub struct PathShare {
     pub pid: u32,
     /// Mean over frames.
     pub ms_per_frame: f64,
-    /// Fraction of the makespans of all frames together.
+    /// Fraction of the sum of all frames' makespans.
     pub share: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     pub devices: Vec<DeviceSummary>,
-    /// Frames, if the tasks name theirs.
+    /// Frames of the trace; empty if its tasks do not say which frame they belong to.
     pub frames: Vec<FrameSummary>,
     /// Time covered by frames, without gaps and with overlaps counted once. In a trace without frames, the time from
     /// the first begin to the last end on any device.
@@ -87,7 +87,7 @@ pub struct Summary {
     pub hidden_transfer_share: Option<f64>,
     /// Largest over mean busy time of the devices; 1 is perfect balance. None if no device was busy.
     pub imbalance: Option<f64>,
-    /// Parts of the critical paths, longest first; together they add up to the frames.
+    /// Parts of the critical paths, longest first. Together they add up to the mean makespan.
     pub critical_path: Vec<PathShare>,
     /// Summary of transfers of rows between ranks; none without such transfers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -133,7 +133,7 @@ impl Summary {
         }
         let outside = trace.tasks.iter().filter(|task| task.frame.is_none()).count();
         if outside > 0 {
-            warnings.push(format!("{outside} device tasks that say no frame are left out"));
+            warnings.push(format!("{outside} device tasks without a frame number are left out"));
         }
         sum_up(trace, &frames, warnings)
     }

@@ -25,11 +25,11 @@ pub struct Task {
     pub bytes: Option<u64>,
     /// Number of submissions that the task was split over, if recorded.
     pub submissions: Option<u64>,
-    /// Place in its frame's graph; files of earlier versions lack it.
+    /// Position in the graph of its frame; files of earlier versions lack it.
     pub order: Option<Order>,
 }
 
-/// Place of a task in the graph of its frame.
+/// Position of a task in the graph of its frame: the task's number, and its dependencies.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Order {
     /// Position among the tasks of its device, in the order of execution.
@@ -61,7 +61,7 @@ impl FrameTime {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Device {
     pub name: String,
-    /// Error bound of its times against the host's.
+    /// Error bound of the device's times, converted to the host's clock.
     pub clock_residual_us: Option<f64>,
 }
 
@@ -79,7 +79,7 @@ pub struct Trace {
     pub warnings: Vec<String>,
 }
 
-/// A frame with its work, in order of begin.
+/// A frame with its tasks, sorted by begin time.
 #[derive(Clone, Debug)]
 pub struct Frame<'a> {
     pub time: FrameTime,
@@ -87,8 +87,8 @@ pub struct Frame<'a> {
 }
 
 impl Trace {
-    /// Returns the frames in order of their number. Without a recorded time, a frame lasts from its first begin to its
-    /// last end.
+    /// Returns the frames in order of their number. If the trace does not record the time of a frame, it lasts from the
+    /// begin of its first task to the end of its last task.
     pub fn frames(&self) -> Vec<Frame<'_>> {
         let mut by_number: BTreeMap<u64, Vec<&Task>> = BTreeMap::new();
         for task in &self.tasks {
@@ -106,7 +106,7 @@ impl Trace {
     }
 }
 
-/// Returns the first begin and the last end.
+/// Returns the first begin time and the last end time of tasks; `None` without tasks.
 pub fn extent<'a>(tasks: impl IntoIterator<Item = &'a Task>) -> Option<Interval> {
     tasks.into_iter().map(|task| (task.begin_us, task.end_us)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }

@@ -270,3 +270,44 @@ fn references_that_do_not_fit_are_refused() {
     }
     assert!(!folder.path().join("bench.csv").exists());
 }
+
+/// Errors by kind of pixel are the same in `bench` and in `compare` of the same frame.
+#[test]
+fn errors_by_kind_of_pixel_have_columns_and_a_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let grid = ["--size", "48x32", "--spp", "1", "--bounces", "2", "--denoiser", "svgf", "--iterations", "5"];
+    let grid = [&grid[..], &["--render-scale", "1", "--reference-spp", "64", "--by-kind", "--report"]].concat();
+    let events = bench(Path::new(&out("bench")), &grid);
+    let errors = &event(&events, "result")["rows"][0]["errors"]["left"];
+    let value = |name: &str| errors[name].as_f64().unwrap();
+    let kinds = ["silhouette", "crease", "reflection", "texture", "light_edge", "rest"];
+    let parts: f64 = kinds.iter().map(|kind| value(&format!("part_{kind}"))).sum();
+    assert!((parts - 1.0).abs() < 1e-6, "{errors}");
+    assert!(errors["flip_reflection"].is_null() && value("flip_silhouette") > value("flip_rest"), "{errors}");
+    let csv = std::fs::read_to_string(out("bench") + "/bench.csv").unwrap();
+    assert!(csv.lines().next().unwrap().contains("flip_silhouette") && csv.contains("part_rest"), "{csv}");
+    assert!(std::fs::read_to_string(out("bench") + "/report.html").unwrap().contains("Errors by kind of pixel"));
+
+    let aovs = "depth,normal,base_color,diffuse_albedo,specular_albedo,roughness";
+    let render = ["render", "builtin:cornell", "--size", "48x32", "--bounces", "2", "--out"];
+    let frame = out("frame");
+    assert!(diptych(&[&render[..], &[&frame, "--aov", aovs]].concat()).status.success());
+    let references = std::fs::read_dir(out("bench") + "/reference").unwrap();
+    let reference = references.map(|entry| entry.unwrap().path()).find(|path| path.is_dir()).unwrap();
+    let [reference, map] = [reference.to_str().unwrap().to_owned(), out("map.png")];
+    let compare = ["compare", &reference, &frame, "--by-kind", "--kind-map", &map];
+    let text = String::from_utf8(diptych(&compare).stdout).unwrap();
+    assert!(text.contains("by kind of pixel, left eye") && text.contains("light_edge"), "{text}");
+    assert_eq!(image::open(&map).unwrap().into_rgb8().dimensions(), (96, 32));
+    let json: Value = serde_json::from_slice(&diptych(&[&compare[..], &["--json"]].concat()).stdout).unwrap();
+    let found = json["left"]["by_kind"].as_array().unwrap();
+    let pixels: f64 = found.iter().map(|kind| kind["pixels"].as_f64().unwrap()).sum();
+    assert!((pixels - 1.0).abs() < 1e-9 && found[0]["kind"] == "silhouette", "{json}");
+    assert!((0.02..0.4).contains(&found[0]["pixels"].as_f64().unwrap()), "{json}");
+
+    std::fs::remove_file(frame.clone() + "/right.depth.exr").unwrap();
+    let output = diptych(&compare);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && text.contains("right.depth.exr") && text.contains(aovs), "{text}");
+}

@@ -1,11 +1,13 @@
-// Edge-avoiding à-trous wavelet filter (Dammertz et al., HPG 2010), B3-spline taps, with the step falling from
-// iteration to iteration as in Peres: 2^(i-1) ... 1. Departures: the position weight measures the distance from the
-// centre's plane, relative to the centre's distance from the eye, so that it does not depend on the scene's scale or on
-// how obliquely a surface is seen; radiance is compared after c / (1 + luminance). If pixels are left to the filter,
-// radiance's alpha is Peres's binary mask (equation 4.2), which is 1 once anything has contributed. With foveation, a
-// layer of K iterations takes part in the last K of them. Departures: pixels that were not sampled stay empty until
-// enough of their surface is within reach. Pixels that are still empty at the last iteration take the mean of any
-// surfaces there.
+// Edge-avoiding à-trous wavelet filter (Dammertz et al., HPG 2010) with B3-spline taps. As in Peres, the distance
+// between taps halves from iteration to iteration, from 2^(count - 1) to 1. Departures:
+// - The position weight measures the distance from the plane through the centre pixel's surface, relative to that
+//   surface's distance from the eye. It depends neither on the scene's scale nor on how obliquely a surface is seen.
+// - Radiance is compared after compression by c / (1 + luminance).
+// If a sampling mask leaves pixels to the filter, the alpha of `source` is Peres's binary mask (equation 4.2): 1 once
+// any sample has contributed to the pixel. With foveation, a layer with K iterations takes part in the last K.
+// Departures:
+// - Pixels that were not sampled stay empty until enough of their surface is within reach.
+// - Pixels that are still empty in the last iteration take the mean of any surfaces within reach.
 
 //!include frame grid projection rng pack edges foveation
 
@@ -13,11 +15,11 @@
 @group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
 @group(1) @binding(2) var<storage, read_write> filtered: array<vec4<f32>>;
 
-// Sum of weights, over the fraction of sampled pixels, below which an empty pixel waits for closer taps of a later
-// iteration. On a plane the sum is 0.86. A pixel that is filled by a few far taps would pass their light on as if it
-// were its own.
+// Threshold for filling an empty pixel: the sum of its taps' weights must exceed this value times the sampling
+// probability. Below it, the pixel waits for the closer taps of a later iteration, since it would pass on the light of
+// a few far taps as if it were its own. On a fully sampled plane the sum is 0.86.
 const ENOUGH: f32 = 0.5;
-// Weight of any surface in the last iteration for a pixel that is still empty.
+// Minimum weight of a tap on any surface, for a pixel that is still empty in the last iteration.
 const LAST_RESORT: f32 = 1e-6;
 
 @compute @workgroup_size(8, 8)

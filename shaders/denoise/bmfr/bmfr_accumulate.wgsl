@@ -1,13 +1,13 @@
 // Temporal accumulation before and after the fit of BMFR (Koskela et al., "Blockwise Multi-Order Feature Regression for
-// Real-Time Path-Tracing Reconstruction", ACM TOG 38(5), 2019, sections 3.1 and 3.4): the mean of all frames that have
-// seen a surface, and an exponential mean once these are many. History is reprojected as in SVGF's accumulation here.
-// Departures: the right eye falls back to the left one's history, pixels that were not sampled keep theirs, and each of
-// the two accumulations counts its own frames.
+// Real-Time Path-Tracing Reconstruction", ACM TOG 38(5), 2019, sections 3.1 and 3.4): the mean of all frames in which a
+// surface was visible, and an exponential moving average once there are many such frames. History is reprojected as in
+// `svgf/accumulate.wgsl`. Departures: the right eye falls back to the left eye's history, pixels that were not sampled
+// keep their history, and the accumulations before and after the fit count their frames separately.
 
 //!include frame grid projection motion pack history light_change
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
-// Guides of the surfaces as they were in the previous frame.
+// Position and normal of each pixel's surface in the previous frame, in the format of the `guide` image.
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
 // Demodulated illumination as floats; the last word is 0 if there is none.
 @group(1) @binding(2) var<storage, read> source: array<vec4<u32>>;
@@ -15,7 +15,8 @@
 @group(1) @binding(4) var<storage, read> last_accumulated: array<vec4<u32>>;
 @group(1) @binding(5) var<storage, read> left_guide: array<vec4<u32>>;
 @group(1) @binding(6) var<storage, read> left_accumulated: array<vec4<u32>>;
-// Demodulated illumination as floats; material and, in the upper 8 bits, frames.
+// Demodulated illumination as floats. The last word holds the material and, in its upper 8 bits, the number of
+// accumulated frames.
 @group(1) @binding(7) var<storage, read_write> accumulated: array<vec4<u32>>;
 @group(1) @binding(8) var<uniform> previous: Previous;
 @group(1) @binding(9) var<storage, read_write> tally: array<u32>;
@@ -26,7 +27,7 @@ const MOST_FRAMES: f32 = 255.0;
 struct Past {
     light: vec3<f32>,
     frames: f32,
-    // Sum of the pixels' weights.
+    // Sum of the weights of the history pixels that show the same surface.
     found: f32,
 }
 
@@ -72,7 +73,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let is_new = is_told && is_finite(now);
     var dropped = is_told && !is_new;
     var past = Past();
-    // Try the eye's own history, then the left eye's. Software drivers only skip code by loops.
+    // Try the eye's own history, then the left eye's. A loop skips the second look-up, since software drivers do not
+    // skip branches.
     let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
     for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
         let eye = previous.views[pass_.view - i];

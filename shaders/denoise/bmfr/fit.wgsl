@@ -3,46 +3,48 @@
 // normal, the position within the block, and its squares. Householder reflections (Golub & Van Loan, "Matrix
 // Computations", 5.2) solve the system, with one workgroup for each block. Sums are always added in the same order.
 // Departures:
-// - Linearly dependent features are dropped, as told by the length that a reflection leaves of them (Xu, Tong & Xu,
-//   "Real-Time Path Tracing Reconstruction in DXR"), here relative to their length before. With an amplitude as
-//   argument, noise is added to features instead, as in the paper, for comparison.
-// - Pixels without a surface or without light have no weight, and neither do those beyond the image's border. Every
+// - Linearly dependent features are dropped (Xu, Tong & Xu, "Real-Time Path Tracing Reconstruction in DXR"): a feature
+//   is dependent if the previous reflections leave too little of its column's length, here relative to the column's
+//   original length. If the kernel's argument is above 0, noise of this amplitude is added to the features instead, as
+//   in the paper, for comparison.
+// - Pixels without a surface or without light, and those beyond the image's border, do not take part in the fit. Every
 //   pixel with a surface gets the fitted light.
 // - Fitted light is clamped to the brightest light of the block.
 
 //!include frame grid projection pack rng
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
-// Demodulated illumination as floats; frames in the upper 8 bits of the last word.
+// Demodulated illumination as floats. The upper 8 bits of the last word hold the number of accumulated frames.
 @group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
 // Fitted illumination; the last word is 0 if there is none.
 @group(1) @binding(2) var<storage, read_write> fitted: array<vec4<u32>>;
 
 const INVOCATIONS: u32 = 256u;
-// Pixels of an invocation, in rows 8 apart.
+// Number of a block's pixels that each invocation handles. They are ROWS_APART rows apart.
 const PIXELS: u32 = 4u;
 const ROWS_APART: u32 = INVOCATIONS / BLOCK;
 const FEATURES: u32 = 10u;
-// Entries of a row: features and channels.
+// Number of entries in a row of the system: its features and its colour channels.
 const ENTRIES: u32 = FEATURES + 3u;
-// Sums are added in groups of this many.
+// Number of partial sums per entry. A reduction first adds the values of all invocations up to these, and then adds
+// these up.
 const GROUP: u32 = 16u;
 
-// Least length of a column's part that is independent of the columns before it, over its own length. Below it, the
-// column is dropped. Packed normals of a plane are the same up to 3e-5, positions up to 1e-5.
+// Threshold for dropping a column: length of its part that is linearly independent of the columns before it, relative
+// to its whole length. On a plane, rounding makes packed normals differ by up to 3e-5, and positions by up to 1e-5.
 const INDEPENDENT: f32 = 1e-3;
-// Least extent of a block over its coordinates. Less is rounding.
+// Minimum extent of a block's positions along an axis, relative to their largest coordinate. Less is rounding.
 const LEAST_EXTENT: f32 = 2e-6;
-// Light up to which a pixel counts as black.
+// Illumination up to which a block counts as black, and smallest divisor.
 const DARK: f32 = 1e-30;
-// Last word of a pixel that has light.
+// Last word of a pixel of `fitted` that has light.
 const IS_FITTED: u32 = 0x3f800000u;
 
 var<workgroup> parts: array<f32, ENTRIES * INVOCATIONS>;
 var<workgroup> group_sums: array<f32, ENTRIES * GROUP>;
-// Entries of the row that the next reflection keeps.
+// Entries of the pivot row of the current reflection.
 var<workgroup> pivots: array<f32, ENTRIES>;
-// Totals of `parts`, and the entries of `pivots`.
+// Sums or maxima of `parts` over all invocations in x, entries of `pivots` in y.
 var<workgroup> totals: array<vec2<f32>, ENTRIES>;
 var<workgroup> square_lengths: array<f32, ENTRIES>;
 var<workgroup> is_lit: u32;
@@ -95,8 +97,9 @@ fn find_largest(t: u32) {
     workgroupBarrier();
 }
 
-// Offset by which blocks begin above and left of the image: in each of 16 frames another point of a lattice of 8
-// pixels. The order is that of a Bayer matrix (Bayer 1973), in which successive points are far apart.
+// Offset, in pixels, by which the first blocks begin above and left of the image. Over 16 frames it visits the points
+// of a 4 x 4 lattice with a spacing of 8 pixels, in the order of a Bayer matrix (Bayer 1973), in which successive
+// points are far apart.
 fn displacement() -> vec2<u32> {
     let far = frame.sampling.index & 3u;
     let near = (frame.sampling.index >> 2u) & 3u;
@@ -105,8 +108,8 @@ fn displacement() -> vec2<u32> {
     return BLOCK / 2u * far_step + BLOCK / 4u * near_step;
 }
 
-// Column of the `i`th pixel of a block in a row; -1 if there is none. In polar images, blocks cover the same directions
-// in all rings, with fewer pixels in shorter ones, and together they go once around.
+// Image column of the `i`th pixel of a block in the given row; -1 if there is none. In polar images, a block covers the
+// same directions in each ring, with fewer pixels in shorter rings. Together, the blocks of a ring cover it once.
 fn column_in_block(origin: i32, displaced: u32, i: u32, row: i32) -> i32 {
     let width = i32(pass_.width);
     let column = origin + i32(i);
@@ -117,7 +120,8 @@ fn column_in_block(origin: i32, displaced: u32, i: u32, row: i32) -> i32 {
             return select(-1, column, column >= 0 && column < length);
         }
         let end = min(origin + i32(BLOCK), width - i32(displaced));
-        // Rounded up. A turn is added, since the dividend must not be negative.
+        // Scale the block's columns to the ring's length, rounding up. A turn (`width`) is added first, since the
+        // dividend must not be negative.
         let first = ((origin + width) * length + width - 1) / width - length;
         let last = ((end + width) * length + width - 1) / width - length;
         let is_there = first + i32(i) < last && row < i32(frame.camera.views[pass_.view].rows);
@@ -197,7 +201,7 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
     let extent = Extent(low, select(vec3<f32>(0.0), 1.0 / max(high - low, vec3<f32>(DARK)), is_wide));
     let per_light = select(0.0, 1.0 / max(brightest, DARK), brightest > DARK);
 
-    // The columns of features, then of light: four rows of each in every invocation.
+    // Columns of the system: the features, then the colour channels. Each invocation holds four rows of every column.
     var columns: array<vec4<f32>, ENTRIES>;
     let amplitude = bitcast<f32>(pass_.args[0]);
     for (var s = 0u; s < PIXELS; s += 1u) {
@@ -227,8 +231,9 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         square_lengths[t] = totals[t].x;
     }
 
-    // Reflections. The current column comes first: the others move up after each, so that each is always at a known
-    // index. The first rows, which are in the first invocations, become those of the triangular system.
+    // Householder reflections. The current column is always column 0, since all columns move up after each reflection;
+    // so array indices do not depend on the reflection. The first rows, which the first invocations hold, become the
+    // rows of the triangular system.
     var rank = 0u;
     for (var m = 0u; m < FEATURES; m += 1u) {
         var v = columns[0];

@@ -1,11 +1,12 @@
 // Temporal accumulation (Schied et al., "Spatiotemporal Variance-Guided Filtering", HPG 2017): the history of a pixel's
 // surface is reprojected along its motion and blended with this frame's light. Departures:
 // - Means and variances are weighted by samples (West 1979), so that frames of few and of many samples mix correctly.
-// - If the first frame has several samples per pixel, their variance is measured. Later frames only contribute their
-//   means, which are closer to one another than as many independent samples would be.
+// - If the first frame has several samples per pixel, their variance is measured. Later frames contribute only their
+//   means, which differ less from one another than means of independent samples would.
 // - Variance is inflated if there are few observations, which may have missed rare bright light.
-// - The length of history is bounded by the blur of resampling, and by the deviation of a short mean from the long one.
-// - Specular radiance is accumulated beside diffuse radiance if the scene has gloss, over fewer of the same frames.
+// - The length of history is bounded by the blur of resampling, and by the difference of the recent mean from the long
+//   one.
+// - If the scene has gloss, specular radiance is accumulated separately from diffuse radiance, over fewer frames.
 // - In dynamic scenes, history is dropped in proportion to the change of light (Schied et al. 2018, see
 //   `gradient.wgsl`).
 // - If the right eye finds no history, the left eye's is used.
@@ -13,7 +14,7 @@
 //!include frame grid projection split motion pack variance history light_change
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
-// Guides of the surfaces as they were in the previous frame.
+// Position and normal of each pixel's surface in the previous frame, in the format of the `guide` image.
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
 // Demodulated illumination; alpha is 0 if the pixel was not sampled.
 @group(1) @binding(2) var<storage, read> radiance: array<vec4<u32>>;
@@ -23,11 +24,12 @@
 @group(1) @binding(6) var<storage, read> left_guide: array<vec4<u32>>;
 @group(1) @binding(7) var<storage, read> left_moments: array<vec4<u32>>;
 @group(1) @binding(8) var<storage, read> left_history: array<vec4<u32>>;
-// Light, and the variance of its luminance or the reason that there is none.
+// Accumulated light with the variance of its luminance, or UNKNOWN or MISSING instead (see `variance.inc.wgsl`).
 @group(1) @binding(9) var<storage, read_write> accumulated: array<vec4<u32>>;
-// Bits of the mean luminance and its variance per sample (if the scene has gloss, of diffuse and specular light as half
-// floats); samples, and the recent mean over the power of two in the mean, as half floats; material and, in the upper 8
-// bits, frames.
+// Words x and y: mean luminance and its variance per sample, as floats. If the scene has gloss, each of these words
+// holds a diffuse and a specular value as half floats, variances as standard deviations. Word z: number of samples, and
+// recent mean divided by the power of two in the mean, as half floats. Word w: material and, in the upper 8 bits,
+// number of frames.
 @group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
 @group(1) @binding(11) var<uniform> previous: Previous;
 @group(1) @binding(12) var<storage, read_write> tally: array<u32>;
@@ -35,10 +37,10 @@
 
 // Frames before temporal variance is meaningful, as in the paper.
 const FEW_FRAMES: f32 = 4.0;
-// Number of observations for which variance counts twice.
+// Number of observations at which the variance is doubled. It is inflated more for fewer observations.
 const FEW_OBSERVATIONS: f32 = 24.0;
-// Maximum history in frames: of pixels that fall between those of the previous frame, of pixels that fall on them, and
-// of view-dependent light.
+// Maximum history in frames: of pixels that reproject between those of the previous frame, of pixels that reproject
+// onto them, and of view-dependent light.
 const LONGEST_MOVED: f32 = 32.0;
 const LONGEST_STILL: f32 = 255.0;
 const LONGEST_VIEW_DEPENDENT: f32 = 6.0;
@@ -92,13 +94,14 @@ fn pack_moments(known: Known) -> vec2<u32> {
     return vec2<u32>(pack_pair(mean.x, mean.y), pack_deviations(known.variance));
 }
 
-// The power of two in a mean of luminance. Values near the mean are near 1 relative to it, in any unit of light.
+// Largest power of two that is at most `mean`. Luminances near the mean, divided by it, are near 1 in any unit of
+// light.
 fn power_of_two_in(mean: f32) -> f32 {
     return bitcast<f32>(max(bitcast<u32>(mean) & 0x7f800000u, 0x00800000u));
 }
 
-// Maximum history of specular radiance in frames, once the eye has moved: the smoother the surface, the faster it
-// changes.
+// Maximum history of specular radiance in frames, once the eye has moved. Specular radiance changes faster on smoother
+// surfaces.
 fn gloss_longest(hit: u32) -> f32 {
     let roughness = f32((hit >> ROUGHNESS_SHIFT) & 63u) / ROUGHNESS_STEPS;
     return mix(LONGEST_VIEW_DEPENDENT, LONGEST_MOVED, min(2.0 * roughness, 1.0));
@@ -179,7 +182,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     var past = Past();
     var fraction = vec2<f32>(0.0);
-    // Try the eye's own history, then the left eye's. Software drivers only skip code by loops.
+    // Try the eye's own history, then the left eye's. A loop skips the second look-up, since software drivers do not
+    // skip branches.
     let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
     for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
         let eye = pass_.view - i;
@@ -235,8 +239,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let variance = mix(past.variance * scale, fresh, alphas);
     let recent = mix(past.recent * scale, value.x, max(alpha, select(0.0, 1.0 / RECENT_FRAMES, sampled)));
     frames += select(0.0, 1.0, sampled);
-    // Light has changed if the recent mean differs from the long one by more than both may vary. Recent frames may have
-    // fewer samples than others, so each counts as many as the one with fewest.
+    // Light has changed if the recent mean differs from the long one by more than the variance of both explains. Recent
+    // frames may have fewer samples than others, so the smallest known sample count is assumed for each.
     let fewest = min(total / frames, f32(min(frame.sampling.spp, previous.sampling.spp)));
     let spread = variance.x * (1.0 / ((2.0 * RECENT_FRAMES - 1.0) * fewest) + 1.0 / total);
     let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, unseen_square());

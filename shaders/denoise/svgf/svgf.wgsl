@@ -9,7 +9,8 @@
 //   variance (the paper separates direct and indirect light instead).
 // - Differences are relative to the variances of both pixels, so that weights are symmetric. Weights are Gaussian,
 //   which is near 1 within the noise and falls faster beyond it.
-// - The first iteration, whose result becomes the history, tolerates less, since its blur adds up over frames.
+// - The first iteration tolerates smaller differences, since its result becomes the history and its blur adds up over
+//   frames.
 
 //!include frame grid projection split rng pack edges foveation variance
 

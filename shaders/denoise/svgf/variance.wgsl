@@ -1,8 +1,8 @@
 // Variance that guides the filter (Schied et al. 2017): temporal variance is smoothed over 3x3 pixels. If history is
 // short, variance is estimated from 7x7 pixels of the same surface, whose mean then replaces the pixel's own light, as
-// in the authors' code. Specular radiance has its own variance, by the same taps. Departures: the 3x3 smoothing runs
-// once, before the first iteration instead of in each; and spatial estimates, which may have missed rare bright light,
-// count several times.
+// in the authors' code. The variance of specular radiance is computed separately, from the same pixels. Departures: the
+// 3x3 smoothing runs once, before the first iteration, instead of in each; and spatial estimates are multiplied by
+// DOUBT, since they may have missed rare bright light.
 
 //!include frame grid projection split pack edges variance
 
@@ -11,9 +11,9 @@
 @group(1) @binding(2) var<storage, read_write> filtered: array<vec4<u32>>;
 
 const REACH: i32 = i32(VARIANCE_REACH);
-// Factor on spatial estimates.
+// Factor by which spatial estimates of variance are multiplied.
 const DOUBT: f32 = 9.0;
-// Weight of any surface for a pixel that has no light of its own.
+// Minimum weight of a tap on any surface, for a pixel that has no light of its own.
 const LAST_RESORT: f32 = 1e-6;
 
 @compute @workgroup_size(8, 8)

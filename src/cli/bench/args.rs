@@ -51,7 +51,7 @@ pub struct Args {
     pub(super) scale: Vec<f64>,
     /// Also measure the rungs of this ladder and print their regret
     ///
-    /// Regret is the error above the best setting that takes no longer, within 3 %.
+    /// Regret is the excess of a rung's error over that of the best setting that takes no longer, within 3 %.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
     pub(super) ladder: Option<PathBuf>,
     /// Measure a small grid against a coarse reference
@@ -82,7 +82,7 @@ pub struct Args {
     /// Samples per pixel of the reference [default: 1024, with --quick 256]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2 * i64::from(PASS_SPP)..), help_heading = options::QUALITY)]
     pub(super) reference_spp: Option<u32>,
-    /// Seconds for the reference; a later run resumes it
+    /// Time limit of the reference, seconds; later runs resume it
     #[arg(long, default_value = "600", value_name = "S", value_parser = seconds, help_heading = options::QUALITY)]
     pub(super) reference_time_limit: Duration,
     /// Folder of references for later runs [default: reference in --out]
@@ -105,7 +105,7 @@ pub struct Args {
 pub struct SeamOptions {
     /// Measure seams instead of the grid: every seam policy at every count
     ///
-    /// Settings are the first of --spp, --bounces, --denoiser and --iterations.
+    /// It uses the first value of --spp, --bounces, --denoiser and --iterations.
     #[arg(long = "seam-study", alias = "seams", conflicts_with_all = ["virtual_devices", "seam"])]
     seams: bool,
     /// With --seam-study: virtual devices on each adapter

@@ -13,7 +13,7 @@ use crate::report::experiment::{Arrangement, Experiment, OtherMeasures};
 use crate::scene::rig::Eye;
 use crate::stages::{Foveation, Polar};
 
-/// Quality where an experiment says nothing else.
+/// Quality of arrangements, unless an experiment's options change it.
 pub const QUALITY: Quality = Quality {
     spp: 1,
     bounces: 6,
@@ -24,7 +24,7 @@ pub const QUALITY: Quality = Quality {
     scale: 1.0,
 };
 
-/// Options that an arrangement may have beside those of quality.
+/// Options that an arrangement may set in addition to the quality options.
 const OTHERS: [&str; 4] = ["balance", "ratios", "seam", "halo"];
 
 /// Degrees from the gaze at which the linear falloff begins and ends.
@@ -47,13 +47,13 @@ pub fn of(experiment: &Experiment, run: &RunOptions) -> Result<Vec<RenderOptions
         options.check()?;
         let quality = options.quality();
         let has_mode = quality.polar != Some(PolarSpace::Visual) && quality.denoiser.is_some();
-        ensure!(!arrangement.as_visual_polar || has_mode, "as_visual_polar needs a denoiser and another foveation");
+        ensure!(!arrangement.as_visual_polar || has_mode, "as_visual_polar needs a denoiser, not visual-polar space");
         Ok(options)
     };
     experiment.all.iter().map(|one| of(one).with_context(|| format!("arrangement '{}'", one.name))).collect()
 }
 
-/// Returns `options` with those of a table, by their names on the command line.
+/// Returns `options`, changed by the entries of a table, whose keys are names of command-line options.
 fn with(mut options: RenderOptions, table: &toml::Table) -> Result<RenderOptions, anyhow::Error> {
     let command = Command::new("arrangement").no_binary_name(true).disable_help_flag(true);
     // Options that the table lacks keep their values.
@@ -75,18 +75,19 @@ fn with(mut options: RenderOptions, table: &toml::Table) -> Result<RenderOptions
     Ok(options)
 }
 
-/// Returns a value as the command line has it.
+/// Formats a TOML value as an argument of the command line.
 fn text(value: &Value) -> Result<String, anyhow::Error> {
     Ok(match value {
         Value::String(text) => text.clone(),
         Value::Array(values) => values.iter().map(text).collect::<Result<Vec<_>, _>>()?.join(","),
         Value::Integer(_) | Value::Float(_) => value.to_string(),
-        _ => bail!("{value} is no text, number or list of them"),
+        _ => bail!("{value} is neither a text, a number nor a list of these"),
     })
 }
 
-/// Changes options so that they trace about as many pixels as a visual-polar image has: by the floor of a linear
-/// falloff with foveal layers, σ of log-polar images, or else the render scale. Returns floor and σ by their names.
+/// Changes options so that they trace about as many pixels as a visual-polar image has: adjusts the floor of a linear
+/// falloff if there are foveal layers, σ of log-polar images, or otherwise the render scale. Returns the floor or σ
+/// under its name.
 pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene) -> OtherMeasures {
     let gaze = || [0, 1].map(|_| loaded.shot.gaze.clone());
     let (time_s, size) = (options.time, options.size);

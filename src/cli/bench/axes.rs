@@ -1,5 +1,5 @@
-//! Axes of the grid: the values that options name or their defaults, the settings that they span, and the frames of
-//! each setting.
+//! Axes of the benchmark's grid: the values given by options or by default, the settings that they span, and the frames
+//! of each setting.
 
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -50,7 +50,7 @@ impl Args {
         chosen(&self.scale, if self.quick { &[1.0, 0.5] } else { &[1.0, 0.7, 0.5] })
     }
 
-    /// Returns the measured values, by the names of the options' fields.
+    /// Returns the measured values of each axis, under the name of its option's field.
     pub fn measured(&self) -> [(&'static str, Value); 7] {
         [
             ("spp", json!(self.spp())),
@@ -83,8 +83,8 @@ impl Args {
         self.warm_up_of(quality) + self.judged_frames()
     }
 
-    /// Returns the instant of frame `i`, seconds. The camera moves along its path during the warm-up, so that the
-    /// history comes from other views than the compared frames. Then it rests.
+    /// Returns the instant of frame `i` in seconds. During the warm-up the camera moves along its path, so that the
+    /// history comes from other views than the compared frames. Then it stands still.
     pub fn time_s(&self, quality: &Quality, i: u32) -> f64 {
         self.options.time - f64::from(self.warm_up_of(quality).saturating_sub(i)) / FPS
     }
@@ -120,7 +120,7 @@ impl Args {
         spp
     }
 
-    /// Reads the qualities of the rungs of `--ladder`; none without the option.
+    /// Reads the qualities of the rungs of `--ladder`; empty without this option.
     pub(super) fn judged(&self) -> Result<Vec<Quality>, Failure> {
         let Some(path) = &self.ladder else { return Ok(Vec::new()) };
         let ladder = Ladder::read(path).context("cannot use --ladder").map_err(Failure::Input)?;
@@ -138,7 +138,7 @@ fn chosen<T: Copy + PartialEq>(asked: &[T], default: &[T]) -> Vec<T> {
     once(if asked.is_empty() { default } else { asked }.iter().copied())
 }
 
-/// Whether command-line options can express this quality.
+/// Returns true if command-line options can express this quality.
 fn is_of_options(quality: &Quality) -> bool {
     let Quality { denoiser, iterations, fovea, scale, .. } = *quality;
     let is_whole = match denoiser {

@@ -1,5 +1,5 @@
-//! `diptych bench --experiment` and the presets that are files: arrangements of options that take turns, each compared
-//! with the reference.
+//! `diptych bench --experiment`, and the presets that are defined by such files: arrangements of options render frames
+//! in turns, and each is compared with the reference.
 
 use std::path::Path;
 
@@ -33,7 +33,7 @@ use crate::cli::progress::Progress;
 use crate::cli::settings::Given;
 use crate::cli::setup::{self, Tracing};
 
-/// Options that no experiment of a file accepts.
+/// Options that experiments defined by a file reject.
 pub const REFUSES: &[&str] = &["size_factor", "frames", "simulate", "fresh"];
 
 /// Runs the experiment in a file.
@@ -42,7 +42,7 @@ pub fn run_file(args: &Args, path: &Path) -> Result<(), Failure> {
     run_text(args, &text.map_err(Failure::Input)?, &format!("--experiment {}", path.display()))
 }
 
-/// Runs an experiment from its text. `origin` is the option that names it.
+/// Runs an experiment from its TOML text. `origin` is the option that selected it, for error messages.
 pub fn run_text(args: &Args, text: &str, origin: &str) -> Result<(), Failure> {
     let experiment = Experiment::parse(text).map_err(|reason| Failure::Input(anyhow!("{origin}: {reason}")))?;
     let all = arrangement::of(&experiment, &args.options).with_context(|| format!("{origin}: wrong options"));
@@ -52,10 +52,10 @@ pub fn run_text(args: &Args, text: &str, origin: &str) -> Result<(), Failure> {
         let what = anyhow!("{origin} cannot be combined with --instants: leave one of them out");
         return Err(Failure::Input(what));
     }
-    // Tables keep the names until the process ends.
+    // Leaked, because result tables refer to its names until the process ends.
     let experiment: &'static Experiment = Box::leak(Box::new(experiment));
     let mut args = args.clone();
-    // The reference has the bounces of the arrangement that has most.
+    // The reference uses the largest number of bounces of all arrangements.
     args.bounces = all.iter().map(|options| options.bounces).max().into_iter().collect();
     args.warm_up = experiment.frames.warm_up.filter(|_| !is_typed("warm_up")).unwrap_or(args.warm_up);
     args.repeats = experiment.frames.repeats.filter(|_| !is_typed("repeats")).unwrap_or(args.repeats);
@@ -77,7 +77,7 @@ fn run(args: &Args, experiment: &'static Experiment, all: &[RenderOptions]) -> R
     found.write(args)
 }
 
-/// Returns the quality with the most warm-up frames, of which all arrangements render as many.
+/// Returns the quality that needs the most warm-up frames. All arrangements render as many.
 fn slowest(args: &Args, all: &[RenderOptions]) -> Quality {
     let qualities = all.iter().map(RenderOptions::quality);
     qualities.max_by_key(|quality| args.warm_up_of(quality)).unwrap_or(arrangement::QUALITY)
@@ -95,7 +95,7 @@ struct Results {
     experiment: &'static Experiment,
     rows: Vec<ExperimentRow>,
     rings: Vec<RingRow>,
-    /// Timed frames, each with its shot, camera if there are several, and arrangement.
+    /// Timed frames, each with the names of its shot, of its camera if there are several, and of its arrangement.
     frames: Vec<(Vec<String>, FrameLine)>,
     devices: Vec<DeviceInfo>,
     /// A note on each reference.

@@ -12,7 +12,7 @@ use crate::cli::page::{self, and_page};
 
 pub struct Findings<'a, R> {
     pub title: String,
-    /// Rows of the JSON result.
+    /// Rows of the result that --json prints.
     pub rows: &'a [R],
     pub files: Vec<(&'a str, Csv)>,
     /// Contents of `run.json`, for an experiment with one shot.

@@ -24,7 +24,7 @@ use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Tracing};
 
-/// Estimates the relative cost of a frame: one unit per sample, and one for everything else.
+/// Estimates the relative cost of a frame: one unit for each sample per pixel, plus one for the rest of the frame.
 fn work(quality: &Quality) -> u64 {
     u64::from(quality.spp) + 1
 }
@@ -35,7 +35,7 @@ pub struct Grid<'a> {
     loaded: &'a LoadedScene,
     reference: &'a Reference,
     tracing: &'a Tracing,
-    /// Devices of all settings; empty while a setting is being measured.
+    /// Devices that all settings use, one after another; empty while the renderer of a setting owns them.
     gpus: Cell<Devices>,
     warm_up_s: Cell<f64>,
 }
@@ -56,8 +56,8 @@ impl<'a> Grid<'a> {
         self.warm_up_s.get()
     }
 
-    /// Returns a row for each setting of the grid and each one in `judged`. Each measurement is in the journal before
-    /// the next one begins.
+    /// Measures the settings that the journal lacks, and returns a row for each setting of the grid and of `judged`,
+    /// the rungs of --ladder. Each measurement is in the journal before the next one begins.
     pub fn measure(&self, mut journal: Journal, judged: &[Quality]) -> Result<Vec<SettingRow>, Failure> {
         let mut settings = self.args.settings();
         let judged: Vec<_> = judged.iter().filter(|quality| !settings.contains(quality)).copied().collect();
@@ -117,7 +117,8 @@ impl<'a> Grid<'a> {
         Ok(frame)
     }
 
-    /// Renders a setting again without tracing it; returns the last frame and its picture.
+    /// Renders the frames of a setting again without recording them in the trace. Returns the report and the linear
+    /// image of the last frame.
     pub fn show(&self, setting: &Quality) -> Result<(FrameReport, Stereo<RgbImage>), Failure> {
         let (mut renderer, _) = self.renderer(setting)?;
         let last = self.args.frames_of(setting) - 1;

@@ -12,7 +12,7 @@ use crate::report::bench::Measured;
 
 use crate::cli::failure::Failure;
 
-/// The file's name in `--out`.
+/// Name of the journal file in the folder of --out.
 pub const FILE: &str = "bench.journal.jsonl";
 
 /// A line of the file.
@@ -31,7 +31,7 @@ pub struct Journal {
     path: PathBuf,
     file: File,
     subject: String,
-    /// Entries of this subject.
+    /// Entries of the file whose hash is `subject`.
     entries: Vec<Entry>,
 }
 
@@ -47,7 +47,7 @@ impl Journal {
         Ok(Self { path, file, subject, entries })
     }
 
-    /// Whether anything was measured against this reference.
+    /// True if the journal has measurements against the reference with this key.
     pub fn knows(&self, reference: &str) -> bool {
         self.entries.iter().any(|e| e.reference == reference)
     }

@@ -1,4 +1,5 @@
-//! Judges a setting by consecutive frames of a resting camera: their errors against a reference, and flicker.
+//! Measures how well a setting renders consecutive frames of a static camera: their errors against a reference, and
+//! flicker.
 
 use crate::exec::{FrameReport, Stereo};
 use crate::image::RgbImage;
@@ -14,7 +15,8 @@ use crate::scene::shot::Shot;
 use super::reference::Reference;
 use crate::cli::failure::Failure;
 
-/// Pairs each eye's picture with its reference, `right`.
+/// Pairs the image of each eye with its reference. `right` holds the references of both eyes: the right (correct)
+/// images, not those of the right eye.
 pub fn pairs(loaded: &LoadedScene, right: &Stereo<RgbImage>, image: &Stereo<RgbImage>) -> Result<[Pair; 2], Failure> {
     let exposure_ev = loaded.shot.exposure_ev;
     Ok([Pair::new(&right.left, &image.left, exposure_ev)?, Pair::new(&right.right, &image.right, exposure_ev)?])
@@ -31,14 +33,14 @@ pub struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    /// Creates a judge of frames at `time_s`.
+    /// Creates a judge of frames at the scene time `time_s`, in seconds, which determines the gaze.
     pub fn new(loaded: &'a LoadedScene, reference: &'a Reference, time_s: f64) -> Self {
         let Shot { gaze, rig, .. } = &loaded.shot;
         let viewing = Viewing { gaze: gaze.at(time_s), yfov_deg: rig.yfov_rad.to_degrees() };
         Self { loaded, reference, viewing, repeats: Vec::new(), changes: Default::default(), before: None }
     }
 
-    /// Adds the next frame with its row and its picture.
+    /// Adds the next frame: its report, its row for frames.csv and its linear image.
     pub fn add(&mut self, frame: &FrameReport, row: &FrameRow, image: &Stereo<RgbImage>) -> Result<(), Failure> {
         let pairs = pairs(self.loaded, &self.reference.images, image)?;
         let mut eyes = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &self.viewing));
@@ -59,7 +61,8 @@ impl<'a> Judge<'a> {
         (self.reference, self.before) = (reference, None);
     }
 
-    /// Returns the eyes of the last frame, each paired with its reference.
+    /// Returns the image of each eye in the last frame, paired with its reference; `None` before the first frame of a
+    /// view.
     pub fn last(&self) -> Option<&[Pair; 2]> {
         self.before.as_ref()
     }

@@ -29,7 +29,8 @@ pub const REFUSES: &[&str] = &["size_factor", "frames", "simulate", "fresh", "re
 /// Samples per pixel, unless --reference-spp is given.
 const SPP: u32 = 64;
 
-/// Frames per instant: one from its own pose, and for each latency two from the later pose and a corrected one.
+/// Frames per instant: one rendered from the instant's own pose and, for each latency, two rendered from the later pose
+/// and one reprojected to it.
 const FRAMES: u32 = 1 + 3 * LATENCIES.len() as u32;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -50,7 +51,7 @@ struct Results {
 }
 
 impl Results {
-    /// Measures all latencies on the shot of `args`.
+    /// Measures the errors at all latencies on the shot of `args`.
     fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
         let options = &args.options;
         let mut loaded = setup::load(options)?;
@@ -98,18 +99,19 @@ impl Results {
     fn write(self, args: &Args) -> Result<(), Failure> {
         let notes = [NOTE.to_owned()].into_iter().chain(self.notes).collect();
         Findings {
-            title: format!("Late correction of head motion, at {}", args.options.size),
+            title: format!("Late reprojection of head motion, at {}", args.options.size),
             rows: &self.rows,
             files: vec![("late.csv", late_csv(&self.rows))],
             run: None,
-            tables: vec![section("Late frames, as they are and corrected", notes, late_table(&self.rows))],
+            tables: vec![section("Late frames, uncorrected and reprojected", notes, late_table(&self.rows))],
             more: vec![section("Devices", Vec::new(), Table::of_devices([&self.devices[..]]))],
         }
         .write(args)
     }
 }
 
-/// Returns evenly spaced instants of the motion, early enough that all latencies lie within it.
+/// Returns `count` evenly spaced instants of the head motion, in seconds. The highest latency after each of
+/// them is still within the motion.
 fn instants(rig: &Rig, count: u32) -> Result<Vec<f64>, anyhow::Error> {
     let longest_s = f64::from(LATENCIES[LATENCIES.len() - 1]) / FPS;
     let [first_s, last_s] = [rig.keys.first(), rig.keys.last()].map(|key| key.map_or(0.0, |key| key.time_s));
@@ -126,7 +128,7 @@ fn renderer(args: &Args, loaded: &LoadedScene, tracing: &Tracing) -> Result<Rend
     setup::renderer(&options, loaded, gpus, tracing.recorder.origin())
 }
 
-/// Returns the FLIP of both eyes.
+/// Returns the FLIP of the left and the right eye of `image`. `right` is the reference: the right (correct) image.
 fn flips(right: &Stereo<RgbImage>, image: &Stereo<RgbImage>, loaded: &LoadedScene) -> Result<[f64; 2], Failure> {
     let ev = loaded.shot.exposure_ev;
     let flip = |right, image| Ok::<_, Failure>(Pair::new(right, image, ev)?.errors().flip);

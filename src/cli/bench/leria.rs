@@ -1,5 +1,5 @@
-//! `diptych bench --preset leria`: frames along a path in two arrangements on the same devices, which take turns. One
-//! distributes every stage over the devices, the other only path tracing.
+//! `diptych bench --preset leria`: compares two ways to distribute frames over the same devices, called arrangements.
+//! One distributes every stage, the other only path tracing. They take turns to render the frames of a path.
 
 use anyhow::{Context, anyhow};
 
@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let simulated = args.preset.simulated();
     if let Some(rule) = options.ratios.first().filter(|rule| simulated.iter().any(|n| *n != rule.ratios.len())) {
         let count = rule.ratios.len();
-        return Err(Failure::Input(anyhow!("--simulate: --ratios has {count} devices: add --simulate {count}")));
+        return Err(Failure::Input(anyhow!("--simulate: --ratios is for {count} devices: give --simulate {count}")));
     }
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
@@ -189,7 +189,7 @@ impl Results<'_> {
         let mut run = RunReport::new(settings, devices, &loaded.scene, loaded.needs, skips, frames);
         (run.warm_up_s, run.warm_up_frames) = (turns.warm_up_s, args.warm_up);
         Findings {
-            title: format!("Stages shared out, after Leria et al.: {} at {}", options.shot, options.size),
+            title: format!("Distributed stages, after Leria et al.: {} at {}", options.shot, options.size),
             rows: &rows,
             files: vec![("leria.csv", leria_csv(&rows)), ("frames.csv", lines)],
             run: Some(run),
@@ -216,7 +216,7 @@ impl Results<'_> {
         let shown: Vec<_> = ARRANGEMENTS.into_iter().zip(&self.frames).map(frame).collect();
         let lanes = shown.into_iter().zip(&self.frames).map(|((name, i), frames)| LaneFrame::new(name, &frames[i]));
         let lanes: Vec<LaneFrame> = lanes.collect();
-        let lanes = page::swimlanes("Of each arrangement a frame of median makespan.".to_owned(), &lanes, 1)?;
+        let lanes = page::swimlanes("A frame of median makespan for each arrangement.".to_owned(), &lanes, 1)?;
         let settings = Table::of_fields(&settings::in_force(options, loaded.exposure_ev(), &[]));
         let devices = Table::of_devices([turns.renderers[1].devices()]);
         let [settings, devices] = [section("Settings", Vec::new(), settings), section("Devices", Vec::new(), devices)];

@@ -1,4 +1,4 @@
-//! Errors of the fovea while the gaze moves.
+//! Measures image errors near the gaze while the gaze moves.
 
 use crate::loaded::LoadedScene;
 use crate::metrics::Pair;
@@ -13,15 +13,17 @@ use super::turns::Turns;
 use crate::cli::failure::Failure;
 use crate::cli::options::RunOptions;
 
-/// Eccentricity that bounds the fovea, degrees, and the speed of the gaze, degrees per second.
+/// Eccentricity up to which pixels count as near the gaze, degrees.
 const NEAR_DEG: f64 = 5.0;
+/// Speed of the gaze, degrees per second.
 const GAZE_DEG_PER_S: f64 = 15.0;
 
 /// Angle that the gaze sweeps before it turns back, degrees.
 const SWEEP_DEG: f64 = 10.0;
 
-/// Returns the gaze after sweeping by `degrees` at constant screen height, from `[x, y]` towards the screen's middle
-/// and back again before it leaves the screen.
+/// Returns the gaze, as fractions of the screen, after a horizontal sweep of `degrees` in total. The gaze moves from
+/// `[x, y]` towards the middle of the screen, turns back after [`SWEEP_DEG`], or after half the screen's width if
+/// that is less, and repeats. `tan_x` and `tan_y` are the tangents of half the field of view.
 fn turned([x, y]: [f64; 2], [tan_x, tan_y]: [f64; 2], degrees: f64) -> [f64; 2] {
     let distance = ((1.0 - 2.0 * y) * tan_y).hypot(1.0);
     let begin = ((2.0 * x - 1.0) * tan_x / distance).atan();
@@ -31,9 +33,9 @@ fn turned([x, y]: [f64; 2], [tan_x, tan_y]: [f64; 2], degrees: f64) -> [f64; 2] 
     [(distance * angle.tan() / tan_x + 1.0) / 2.0, y]
 }
 
-/// Measures FLIP and flicker of the fovea in each renderer while the gaze moves and camera and scene rest. Returns
-/// means over both eyes. The first `warm_up` of `all` frames fill the history and are not compared. `begun`
-/// counts the frames that each renderer has begun.
+/// Renders `all` frames with each renderer while the gaze moves and the camera and the scene are static. Returns
+/// `[FLIP, flicker]` near the gaze for each renderer, as means over both eyes. The first `warm_up` frames fill the
+/// history and are not compared. `begun` counts the frames that each renderer has begun; the function advances it.
 pub fn with_moving_gaze(
     options: &RunOptions,
     loaded: &LoadedScene,

@@ -1,4 +1,4 @@
-//! Experiments on several shots.
+//! Runs an experiment on each of several shots.
 
 use super::args::Args;
 use crate::cli::failure::Failure;

@@ -69,7 +69,7 @@ impl Page<'_> {
             "The last frame of each setting that is pictured above, rendered once more for this page.".to_owned();
         let lanes = page::swimlanes(note, &frames, frames.len().saturating_sub(1))?;
         let mut notes = vec![format!("Reference: {}.", reference.origin)];
-        notes.extend(noise.map(|noise| format!("Its own noise, below which no error is real: {noise}.")));
+        notes.extend(noise.map(|noise| format!("Its noise (smaller errors mean nothing): {noise}.")));
         let settings = shared.into_iter().map(|(name, value)| vec![name.to_owned(), value]);
         let settings = Some(Table { headers: vec!["setting", "value"], rows: settings.collect() });
         let mut sections = vec![self.pictures(&seen)?, self.ladder()?];
@@ -115,8 +115,8 @@ impl Page<'_> {
         let figure = ladder_svg(title, self.rows, self.peers, self.ladder).context("cannot draw the fronts")?;
         let rungs = self.ladder.rungs().len();
         let notes = format!(
-            "{rungs} rungs, all of {}, the denoiser with the best front: without what is less than 3 % apart in time or saves \
-             little for much error, in ladder.toml.",
+            "ladder.toml has {rungs} rungs, all with {}, the denoiser with the best front. It omits settings that are \
+             less than 3 % apart in time, or that save little time for much error.",
             Denoiser::name_of(self.ladder.rungs()[0].quality.denoiser)
         );
         let table = Some(ladder_table(self.ladder));
@@ -139,9 +139,8 @@ impl Page<'_> {
 
     fn regret(&self) -> Option<Section> {
         let path = self.args.ladder.as_ref()?;
-        let note =
-            "Regret: by how much a rung's FLIP + flicker is above the least of all settings that take no longer, within 3 %."
-                .to_owned();
+        let note = "Regret: a rung's FLIP + flicker, minus the lowest of all settings that take no longer, within 3 %."
+            .to_owned();
         let notes = vec![format!("Ladder: {}.", path.display()), note];
         Some(Section { heading: "Regret", notes, table: Some(regret_table(self.regrets)), figure: None })
     }

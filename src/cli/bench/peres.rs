@@ -33,7 +33,8 @@ pub const REFUSES: &[&str] = &["shot", "size", "frames", "simulate"];
 /// Default shots, in place of the thesis's scenes.
 const SHOTS: [&str; 3] = ["builtin:checker", "builtin:atrium", "builtin:forest"];
 
-/// Returns the options of one frame of a configuration. `radii` are those of its layers, if it has any.
+/// Returns the options of a frame in the configuration `preset`. `radii` are the outer radii of its inner and middle
+/// layer as fractions of the image width, if it has layers.
 fn options(run: &RunOptions, preset: Preset, radii: [f64; 2]) -> RenderOptions {
     let (spp, denoiser, (foveation, iterations)) = (Preset::SPP, Some(Denoiser::ATROUS), preset.layers());
     let fovea = foveation.radii().map(|_| radii);
@@ -184,7 +185,7 @@ fn instants(rig: &Rig, time_s: f64, count: u32) -> Vec<f64> {
     (0..count).map(|i| first.time_s + length_s * f64::from(i) / f64::from(count - 1)).collect()
 }
 
-/// Returns the errors of frames, as means over frames and eyes.
+/// Returns the errors of `frames` against `reference`, as means over frames and eyes.
 fn judge(frames: &[Stereo<RgbImage>], reference: &Stereo<RgbImage>, exposure_ev: f32) -> Result<ImageErrors, Failure> {
     let (mut psnr, mut ssim) = (Vec::new(), Some(Vec::new()));
     for frame in frames {

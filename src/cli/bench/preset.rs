@@ -1,7 +1,7 @@
 //! `diptych bench --preset` and `--experiment`: published experiments and your own.
 //!
 //! To add a preset, write a file in `experiments` and add a variant to [`Preset`] and a line to each of its methods.
-//! One that a file cannot describe has a module with `run` and `REFUSES`.
+//! If a file cannot describe the preset, write a module with `run` and `REFUSES` instead of the file.
 
 use anyhow::anyhow;
 
@@ -11,7 +11,7 @@ use crate::cli::failure::Failure;
 use crate::cli::settings::Given;
 use crate::cli::setup;
 
-/// Texts of the experiments that are files.
+/// Experiment files of the presets, as text.
 const ANDERSSON: &str = include_str!("experiments/andersson.toml");
 const BMFR: &str = include_str!("experiments/bmfr.toml");
 const KOSKELA: &str = include_str!("experiments/koskela.toml");

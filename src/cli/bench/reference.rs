@@ -29,12 +29,12 @@ pub struct Reference {
     pub origin: String,
     /// Kinds of each eye's pixels, if errors by kind are wanted.
     pub kinds: Option<[KindMap; 2]>,
-    /// Key that distinguishes references of the same subject.
+    /// Key of the reference in the journal: its samples per pixel, or the hashes of supplied images.
     pub key: String,
 }
 
 impl Reference {
-    /// Describes the reference as that of a shot at this size.
+    /// Returns a sentence that names the shot, the size, the origin and the noise of the reference.
     pub fn note(&self, shot: &str, size: Extent) -> String {
         let noise = self.noise.as_ref().map_or(String::new(), |noise| format!("; its own noise: {noise}"));
         format!("Reference of {shot} at {size}: {}{noise}.", self.origin)

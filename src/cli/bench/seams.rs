@@ -55,7 +55,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     found.write(args)
 }
 
-/// Returns the options of the study. Stripes are even by default, so that all seams are on the same rows.
+/// Returns the options of the study. Stripes are even by default, so that the seams are on the same rows with every
+/// seam policy.
 fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     let mut run: RunOptions = args.options.clone();
     if run.balance.is_empty() && run.ratios.is_empty() {
@@ -88,9 +89,9 @@ struct Study<'a> {
 struct Results<'a> {
     study: Study<'a>,
     rows: Vec<SeamRow>,
-    /// Devices of each count, starting with a single device.
+    /// Devices of each measured count; the first entry is the run on a single device.
     devices: Vec<Vec<DeviceInfo>>,
-    /// Total time until the first frames could begin, seconds.
+    /// Total time that building the renderers took, seconds.
     warm_up_s: f64,
     /// Timed frames, each with its seam policy.
     frames: Vec<(String, FrameRow)>,
@@ -192,7 +193,7 @@ impl Results<'_> {
         let mut settings = Table::of_fields(&settings::in_force(options, self.study.loaded.exposure_ev(), &[]));
         settings.rows.retain(|row| row.first().is_none_or(|name| name != "seam"));
         let mut notes = vec![format!("Reference: {}.", reference.origin)];
-        notes.extend(reference.noise.as_ref().map(|n| format!("Its own noise, below which no error is real: {n}.")));
+        notes.extend(reference.noise.as_ref().map(|n| format!("Its noise (smaller errors mean nothing): {n}.")));
         let table = Table::of_devices(devices.iter().map(Vec::as_slice));
         let sections = [
             Section { heading: "Settings", notes, table: Some(settings), figure: None },
@@ -204,7 +205,7 @@ impl Results<'_> {
                 figure: None,
             },
             Section {
-                heading: "Beside Leria et al.",
+                heading: "Comparison with Leria et al.",
                 notes: vec![LERIA_NOTE.to_owned()],
                 table: Some(leria_table(rows)),
                 figure: None,
@@ -248,7 +249,7 @@ mod tests {
     use super::*;
     use crate::image::Extent;
 
-    /// Greys that are far above white at 0 EV but not at the shot's exposure.
+    /// The compared greys are far above white at 0 EV, but not at the shot's exposure.
     #[test]
     fn pictures_are_judged_as_they_are_shown() {
         let grey = |value: f32| RgbImage::filled(Extent::new(12, 12), [value; 3]);

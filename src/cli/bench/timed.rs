@@ -26,7 +26,7 @@ pub struct Timed<'a> {
     pub tracing: &'a Tracing,
 }
 
-/// A named setting. `number` keeps its frame numbers in the trace apart from those of others.
+/// A named setting. Its `number` makes the frame numbers in the trace unique across settings.
 pub struct Setting {
     pub number: u32,
     pub name: String,

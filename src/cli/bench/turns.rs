@@ -28,7 +28,8 @@ pub struct Turns<'a> {
     /// Renderers in the order in which they were added.
     pub renderers: Vec<Renderer>,
     settings: Vec<(String, RenderOptions)>,
-    /// Gaze of both eyes in the following frames; `None` for that of the settings.
+    /// Gaze of the left and the right eye in the following frames, as fractions of each eye's image; `None` for the
+    /// gaze of the configuration.
     pub gaze: Option<[[f64; 2]; 2]>,
     /// Total time that building the renderers took, seconds.
     pub warm_up_s: f64,
@@ -48,7 +49,7 @@ impl<'a> Turns<'a> {
         }
     }
 
-    /// Adds a named renderer on devices of its own.
+    /// Adds a renderer with a name, on devices that no other renderer uses.
     pub fn add(&mut self, name: String, options: RenderOptions, gpus: Devices) -> Result<(), Failure> {
         let begin = Instant::now();
         if self.loaded.shot.rig.optics.is_some() && options.foveated.foveation != FoveationMode::None {
@@ -83,8 +84,8 @@ impl<'a> Turns<'a> {
         Ok(frames.into_iter().map(|(_, frame)| frame).collect())
     }
 
-    /// Returns the number of path-traced pixels of each eye in a frame of renderer `which`, as a fraction of its
-    /// screen's pixels.
+    /// Returns the number of pixels of each eye that renderer `which` path traced in `frame`, divided by the number of
+    /// pixels of an eye's screen.
     pub fn paths(&self, which: usize, time_s: f64, frame: &FrameReport) -> [f64; 2] {
         let (options, shot) = (&self.settings[which].1, &self.loaded.shot);
         let mut paths = frame.traced_pixels().map(|pixels| pixels as f64 / options.size.area() as f64);

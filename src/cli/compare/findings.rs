@@ -60,7 +60,7 @@ impl Rings {
         if self.yfov_source == Source::Default {
             let assumed = self.viewing.yfov_deg;
             eprintln!(
-                "warning: no file says its field of view, {assumed} degrees are assumed for --rings: give --yfov"
+                "warning: neither file stores its field of view, so --rings assumes {assumed} degrees: give --yfov"
             );
         }
     }

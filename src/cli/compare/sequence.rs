@@ -13,11 +13,11 @@ use anyhow::{Context, bail, ensure};
 use super::viewing::{Sourced, differences, source_note};
 use crate::cli::failure::Failure;
 
-/// Measures that only sequences have.
+/// Names and meanings of the measures that only sequences have.
 pub const SEQUENCE_MEASURES: [(&str, &str); 3] = [
     ("flicker", "mean change of a surface's error from one frame to the next; 0 is best"),
     ("ghosting", "RMSE of newly seen surfaces over that of all others; above 1 may be trails"),
-    ("new_share", "share of newly seen surfaces"),
+    ("new_share", "fraction of surface pixels that are newly seen"),
 ];
 
 /// A sequence and its reference: their folders, exposure and frame numbers.
@@ -28,7 +28,7 @@ struct Sequence<'a> {
     frames: BTreeSet<u32>,
 }
 
-/// Compares two sequences and prints the measures. `exposure_ev` is the value of the option.
+/// Compares two sequences and prints the measures. `exposure_ev` is the value of --exposure, in stops.
 pub fn run(reference: &Path, image: &Path, exposure_ev: Option<f32>, json: bool) -> Result<(), Failure> {
     let sequence = Sequence::find(reference, image, exposure_ev).map_err(Failure::Input)?;
     let row = |eye| sequence.row(eye).map_err(Failure::Input);
@@ -96,8 +96,8 @@ impl<'a> Sequence<'a> {
         let read = |folder: &Path| exr::read_colour(&colour(folder, eye, frame));
         let (reference, image) = (read(self.reference)?, read(self.image)?);
         let pair = Pair::new(&reference.image, &image.image, self.exposure.value)?;
-        // Read surfaces from the image: all passes of a reference are at one instant, so its motion vectors would be
-        // zero.
+        // Read the auxiliary images beside `self.image`: all passes of a reference are at one instant, so its motion
+        // vectors would be zero.
         let aov = |name: &str, channels| -> Result<RgbImage, anyhow::Error> {
             let path = self.image.join(format!("{eye}.{name}.{frame:04}.exr"));
             ensure!(path.is_file(), "there is no {}: render with --aov motion,position,normal", path.display());
@@ -105,7 +105,7 @@ impl<'a> Sequence<'a> {
         };
         let xyz = ["X", "Y", "Z"];
         let mut surfaces = Surfaces::new(aov("motion", ["X", "Y", "Y"])?, aov("position", xyz)?, aov("normal", xyz)?)?;
-        // Only dynamic scenes need it.
+        // Only dynamic scenes need the surfaces' positions in the previous frame.
         if self.image.join(format!("{eye}.last_position.{frame:04}.exr")).is_file() {
             surfaces = surfaces.with_last_position(aov("last_position", xyz)?)?;
         }

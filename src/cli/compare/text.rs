@@ -15,13 +15,13 @@ pub fn help() -> String {
         measures.iter().map(|(name, meaning)| format!("  {name:<22} {meaning}\n")).collect()
     };
     let more = [
-        ("exposure_ev", "stops both are brightened by before they are tonemapped, c/(1+c), and sRGB"),
-        ("seam_rmse", "with --seam-rows: RMSE of the rows within 4 of where stripes meet"),
+        ("exposure_ev", "exposure of both images in stops, before tonemapping by c/(1+c) and sRGB"),
+        ("seam_rmse", "with --seam-rows: RMSE of the rows within 4 rows of a seam"),
         ("elsewhere_rmse", "RMSE of the other rows"),
-        ("seam_ratio", "the first over the second; 1 where seams are no worse than the rest"),
+        ("seam_ratio", "seam_rmse / elsewhere_rmse; 1 if seams are no worse than other rows"),
     ];
     format!(
-        "Measures, of the image against the reference; of two eyes, of each and their mean:\n{}{}\n\
+        "Measures of the image against the reference; for two eyes, one per eye and their mean:\n{}{}\n\
          Measures of sequences, means over frames:\n{}",
         lines(&MEASURES),
         lines(&more),
@@ -64,7 +64,7 @@ pub fn print(compared: &[(&str, &Findings)]) {
             }
         }
         if let Some(kinds) = &findings.by_kind {
-            say!("\nby kind of pixel{of}; part: of the sum of FLIP over all pixels");
+            say!("\nby kind of pixel{of}; part: fraction of the total FLIP of all pixels");
             say!("{}", kind_table(kinds).trim_end());
         }
         if let Some(rings) = &findings.rings {

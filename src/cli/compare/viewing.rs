@@ -6,14 +6,14 @@ use serde::Serialize;
 /// Vertical field of view in degrees if neither options nor files specify one.
 const ASSUMED_YFOV_DEG: f64 = 70.0;
 
-/// Origin of a value.
+/// Origin of an exposure or a field of view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Source {
     Option,
     Reference,
     Image,
-    /// Neither an option nor a file.
+    /// A default, since neither an option nor a file sets the value.
     Default,
 }
 
@@ -50,8 +50,8 @@ pub fn source_note(source: Source) -> &'static str {
     match source {
         Source::Option => "",
         Source::Reference => "as the reference says",
-        Source::Image => "as the image says, the reference does not",
-        Source::Default => "assumed, as no file says it: --exposure gives another",
+        Source::Image => "as the image says; the reference has none",
+        Source::Default => "assumed, since neither file has one: set it with --exposure",
     }
 }
 
@@ -77,12 +77,12 @@ pub fn differences(reference: &Tags, image: &Tags) -> Vec<String> {
         (Some(false), _) | (None, None) => {}
         (_, Some((a, b))) => found.push(format!("their cameras differ: fields of view of {a} and {b} degrees")),
         (Some(true), None) if found.is_empty() => {
-            found.push("their cameras stand or look differently (worldToNDC)".to_owned());
+            found.push("their cameras differ in position or direction (worldToNDC)".to_owned());
         }
         (Some(true), None) => {}
     }
     if let Some((a, b)) = reference.exposure_ev.zip(image.exposure_ev).filter(|(a, b)| a != b) {
-        found.push(format!("the reference is shown at {a} EV by its shot, the image at {b} EV by its own"));
+        found.push(format!("their exposures differ: {a} EV in the reference's file, {b} EV in the image's"));
     }
     found
 }
@@ -94,7 +94,7 @@ fn instant(tags: &Tags) -> String {
     frame.into_iter().chain(time).collect::<Vec<_>>().join(" ")
 }
 
-/// Whether two `worldToNDC` matrices project points to the same image positions, up to f32 rounding. Renderers differ
+/// True if two `worldToNDC` matrices project points to the same image positions, up to f32 rounding. Renderers differ
 /// in z and in a common factor of x, y and w, so these are ignored.
 fn is_same(a: &[[f32; 4]; 4], b: &[[f32; 4]; 4]) -> bool {
     let of_image = |matrix: &[[f32; 4]; 4]| {

@@ -60,7 +60,8 @@ impl Disturbances<'_> {
         Ok(())
     }
 
-    /// Returns how many times each device runs its work of a frame; `base` has the counts without disturbances.
+    /// Returns the number of times that each device runs its work in this frame; `base` has the numbers without
+    /// disturbances.
     pub fn slowdown(&self, frame: u32, base: &[u32], devices: usize) -> Vec<u32> {
         let mut runs: Vec<u32> = (0..devices).map(|d| base.get(d).copied().unwrap_or(1)).collect();
         for disturbance in self.0 {

@@ -20,7 +20,7 @@ use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Tracing};
 
-/// Maximum number of timed frames per size, after a cold one.
+/// Maximum number of timed frames per size, after a first frame that is not timed.
 const FRAMES: u32 = 5;
 /// Time after which no further frame of a size is timed; at least one is.
 const TIME_LIMIT: Duration = Duration::from_millis(500);
@@ -35,7 +35,8 @@ const GOOD_ENOUGH: f64 = 0.85;
 const FAR: f64 = 2.0;
 
 /// Creates a renderer of the requested size. If no rung fits the budget there, finds a smaller size and reports it.
-/// If `prepared` asks for it, renders at that size and stores it in `prepared`, and fails if no size fits.
+/// If [`Prepared::fits_size`] is `Some(true)`, the renderer has the smaller size instead, which is stored in
+/// `prepared`; an error if no size fits.
 pub fn start(
     prepared: &mut Prepared,
     loaded: &LoadedScene,
@@ -104,8 +105,9 @@ fn cheapest_ms(prepared: &Prepared, loaded: &LoadedScene, renderer: &mut Rendere
     Ok(median_of(makespans_ms.split_off(1)))
 }
 
-/// Returns the largest size found below `asked` whose cheapest rung leaves headroom for others, with its time. If none
-/// does, returns the fastest one that fits the budget. `time` measures a size.
+/// Searches for the largest size below `asked` at which the cheapest rung takes at most [`TARGET`] of the budget's
+/// upper end. Returns the size and its time in milliseconds. If no tried size leaves that headroom, returns the fastest
+/// tried size that fits the budget, if there is one. `time` measures the cheapest rung at a size, in milliseconds.
 fn search<E>(
     asked: Extent,
     asked_ms: f64,
@@ -254,7 +256,7 @@ mod tests {
                 assert!(probes <= PROBES);
             }
         }
-        // The band's lower end does not matter.
+        // The lower end of the budget does not matter.
         assert_eq!(found(hd, 0.0, 1e-3, "0.01..20").0, Some(Extent::new(144, 81)));
         assert_eq!(found(hd, 0.0, 1e-3, "19.9..20").0, Some(Extent::new(144, 81)));
         assert_eq!(found(hd, 30.0, 1e-3, "11..20").0, None);

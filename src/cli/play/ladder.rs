@@ -104,7 +104,7 @@ impl Choice {
     }
 }
 
-/// Returns the quality of each rung, and the relative costs of its stages.
+/// Returns the quality of each rung, with the iterations that `limits` allow, and the relative costs of its stages.
 pub fn qualities(ladder: &Ladder, limits: &FoveationOptions) -> Vec<(Quality, RelativeCost)> {
     let rungs = ladder.rungs();
     rungs.iter().map(|rung| limits.limit(&rung.quality)).zip(relative_costs(rungs)).collect()

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-/// Frames at a steady rate. A late frame delays all that follow.
+/// Timer that starts frames at a steady rate. A late frame delays all later ones.
 pub struct Pace {
     period: Duration,
     due: Instant,

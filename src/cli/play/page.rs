@@ -30,7 +30,7 @@ use crate::cli::setup::{self, Tracing};
 
 /// Time limit of a reference without --report-spp.
 const TIME_LIMIT: Duration = Duration::from_secs(10);
-/// Samples per pixel beyond which no difference is visible.
+/// Maximum samples per pixel of a reference without --report-spp; beyond it, no difference is visible.
 const SPP_MAX: u32 = 1 << 14;
 
 /// The last frame, read back from the devices.
@@ -82,13 +82,13 @@ pub fn write(
     }
     let makespans_ms: Vec<f64> = samples.frames().iter().map(|f| f.makespan_ms).collect();
     let frames: Vec<LaneFrame> = samples.frames().iter().map(lane_frame).collect();
-    let note = "The frame that is chosen above or here, at first one of median makespan.";
+    let note = "The frame that you choose above or here; initially a frame of median makespan.";
     sections.push(page::swimlanes(note.to_owned(), &frames, median_frame(&makespans_ms))?);
     let settings = Table::of_fields(&report.settings);
     sections.push(Section { heading: "Settings", table: Some(settings), ..Section::default() });
     let devices = Table::of_devices([report.devices.as_slice()]);
     let faults =
-        report.faults.iter().map(|f| format!("Device {} was taken out in frame {}: {}", f.device, f.frame, f.what));
+        report.faults.iter().map(|f| format!("Device {} was dropped in frame {}: {}", f.device, f.frame, f.what));
     sections.push(Section { heading: "Devices", notes: faults.collect(), table: Some(devices), figure: None });
     sections.push(page::scene(options, loaded));
     page::write(&options.out, &title, &sections)
@@ -123,17 +123,15 @@ fn budget(args: &Args, play: &PlaySummary, samples: &FrameSamples) -> Result<[Se
     let disturbed: Vec<Disturbed> = args.disturb.iter().map(disturbed).collect();
     let figure = timeline(play.budget_ms, play.rungs, samples.frames(), &disturbed);
     let figure = figure.context("cannot encode the frames")?;
-    let how = "Frame times in the shaded budget and samples per pixel, and below them the rung of the quality ladder, 0 \
-        the cheapest. Triangles stand for frames beyond the axis. Choose a frame by a click or the arrow keys.";
-    let judged = format!("The first {SETTLING_FRAMES} frames of a longer run settle the loop and are not judged.");
+    let how = "Frame times, with the budget shaded, and samples per pixel; below them the rung of the quality ladder, \
+        where 0 is the cheapest. Triangles mark frames beyond the axis. Click a frame to choose it, or use the arrow \
+        keys.";
+    let judged = format!("The first {SETTLING_FRAMES} frames of a longer run are not judged: the loop is settling.");
     let mut notes = vec![how.to_owned(), judged];
     if samples.stride() > 1 {
-        notes.push(format!(
-            "The figures show the slowest of every {} frames that follow one another.",
-            samples.stride()
-        ));
+        notes.push(format!("Of every {} consecutive frames, the figures show the slowest.", samples.stride()));
     }
-    let rungs = vec![format!("Of the ladder: {}. Shares are of the frames that were judged.", play.ladder)];
+    let rungs = vec![format!("Ladder: {}. Shares are fractions of the judged frames.", play.ladder)];
     Ok([
         Section { heading: "Frames in their budget", notes, table: Some(play.table()), figure: Some(figure) },
         Section { heading: "Rungs", notes: rungs, table: Some(play.rungs_table()), figure: None },

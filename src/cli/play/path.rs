@@ -15,7 +15,7 @@ impl CameraPath {
         Self { rig: rig.clone(), shift_s: 0.0 }
     }
 
-    /// Returns a static rig at the camera's position after this time.
+    /// Returns a static rig with the camera's pose after this time, which is in seconds.
     pub fn rig(&self, elapsed_s: f64) -> Rig {
         self.rig.at(self.along_s(elapsed_s))
     }

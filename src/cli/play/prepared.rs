@@ -44,7 +44,8 @@ pub struct Prepared {
     pub options: LoopOptions,
     pub choice: Choice,
     pub render: RenderOptions,
-    /// Whether to render at a smaller size if no rung fits the budget; `None` if the command has no such option.
+    /// True if the run renders at a smaller size when no rung fits the budget; `None` if the command has no such
+    /// option.
     pub fits_size: Option<bool>,
     /// Number of frames; `None` to render until the user ends the session.
     pub frames: Option<u32>,

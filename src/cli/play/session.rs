@@ -55,7 +55,8 @@ impl DerefMut for Session {
 }
 
 impl Session {
-    /// Creates the renderer on these devices, at a smaller size if wanted and needed, and determines its ladder.
+    /// Creates the renderer on these devices and determines its quality ladder. Renders at a smaller size if the
+    /// requested one does not fit the budget and [`Prepared::fits_size`] allows it.
     pub fn start(
         prepared: &mut Prepared,
         loaded: &LoadedScene,
@@ -117,7 +118,7 @@ impl Session {
         Ok((self.take_in(&frame, decided, late_ms, rig, time_s), frame))
     }
 
-    /// Creates the record of the frames in a folder.
+    /// Creates the record of the session's frames, whose files are in `folder`.
     pub fn record(&self, folder: &Path) -> Result<FrameRecord, Failure> {
         Ok(FrameRecord::create(folder, self.budget_ms())?)
     }

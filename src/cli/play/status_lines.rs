@@ -11,11 +11,11 @@ use crate::cli::progress::Progress;
 
 /// Minimum time between redraws.
 const REDRAW: Duration = Duration::from_millis(100);
-/// Frames on the sparkline.
+/// Number of frames on the sparkline.
 const SHOWN: usize = 60;
-/// Columns of a device's name.
+/// Width of a device's name in terminal columns.
 const NAME: usize = 24;
-/// Columns of a device's bar.
+/// Width of a device's bar in terminal columns.
 const BAR: usize = 24;
 
 /// The status display. Counts every frame, but formats text only for a redraw.
@@ -82,7 +82,7 @@ fn device_line(name: &str, rows_share: f64, busy_share: f64) -> String {
     format!("{name:NAME$} {} {rows:3.0} % of rows, {busy:3.0} % busy", bar(rows_share))
 }
 
-/// Formats a bar of [`BAR`] columns, to an eighth of a column.
+/// Formats a fraction from 0 to 1 as a bar of [`BAR`] columns, with a resolution of an eighth of a column.
 fn bar(share: f64) -> String {
     const PARTS: [char; 8] = [' ', '▏', '▎', '▍', '▌', '▋', '▊', '▉'];
     let eighths = (share.clamp(0.0, 1.0) * (8 * BAR) as f64).round() as usize;
@@ -90,8 +90,8 @@ fn bar(share: f64) -> String {
     filled.chain([PARTS[eighths % 8]]).chain(std::iter::repeat(' ')).take(BAR).collect()
 }
 
-/// Formats a column per frame. The two lowest levels are below the band, the next four within it, the two highest above
-/// it. The highest stands for more than twice the band's upper end.
+/// Formats each frame time as one character. The two lowest levels stand for times below the budget, the next four for
+/// times within it, and the two highest for times above it: the highest for more than twice the budget's upper end.
 fn sparkline(times_ms: &[f64], [lo_ms, hi_ms]: [f64; 2]) -> String {
     let column = |ms: f64| match ms {
         _ if ms < 0.5 * lo_ms => '▁',

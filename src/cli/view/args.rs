@@ -19,7 +19,7 @@ pub struct Args {
     /// Render into a headset through OpenXR [needs the feature `xr`]
     ///
     /// The runtime sets the time and pose of frames. --size defaults to its recommended resolution and --budget-ms to
-    /// its display period.
+    /// 0.55 to 1 times its display period.
     #[arg(long, help_heading = SCENE)]
     pub(super) xr: bool,
     /// With --xr: overscan for late reprojection, degrees; 0 turns it off

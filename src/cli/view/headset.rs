@@ -112,7 +112,7 @@ fn budget(period_ms: f64) -> Result<Budget, Failure> {
         .map_err(|_| Failure::Run(anyhow!("the headset does not report its display period: give --budget-ms LO..HI")))
 }
 
-/// Waits for the first frame, which describes the eyes, and skips it. `None` if the session ended before.
+/// Waits for the first frame, which describes the eyes, and skips it. Returns `None` if the session ended before.
 fn first_frame(headset: &mut Headset) -> Result<Option<Box<HeadsetFrame>>, Failure> {
     loop {
         if interrupt::is_set() {
@@ -146,12 +146,12 @@ fn tell(headset: &Headset, prepared: &Prepared, period_ms: f64, progress: &Progr
     let runtime = headset.runtime();
     let budget = prepared.options.budget_ms;
     progress.tell(&format!(
-        "{} ({}): {} for each eye, {} recommended, {}; a frame each {period_ms:.2} ms, of which devices may take {:.1} to {:.1}",
+        "{} ({}): {} for each eye, {} recommended, {}; display period {period_ms:.2} ms, budget {:.1} to {:.1} ms",
         runtime.headset,
         runtime.name,
         options.size,
         runtime.recommended,
-        if headset.renders() { "taken from device 0" } else { "taken by way of the host" },
+        if headset.renders() { "images stay on device 0" } else { "images are copied through the host" },
         budget.lo_ms(),
         budget.hi_ms(),
     ));
@@ -170,7 +170,7 @@ struct Show {
     news: News,
     /// The panel, while it is shown.
     board: Option<PanelQuad>,
-    /// Whether to open the panel with the first frame.
+    /// True if the panel opens with the next frame.
     opens_board: bool,
 }
 
@@ -208,7 +208,8 @@ impl Show {
         let (mut row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
         let images = pixels(session, headset, DISPLAY)?;
         let distances = headset.takes_depth().then(|| pixels(session, headset, aov_image(0))).transpose()?;
-        // Take the pose only now: a frame that is rendered again during readback latches again.
+        // Ask for the latched pose only after readback: if the frame is rendered again during readback, it latches a
+        // new pose.
         let answered = late.end();
         let mut frame = *frame;
         let shown_from = report.shown_from.as_ref().map_or(&rig, |pose| &pose.rig);

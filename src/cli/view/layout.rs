@@ -14,7 +14,7 @@ pub enum Layout {
     Right,
 }
 
-/// Contents of a part of the window; the value of an eye is its texture layer.
+/// Image in a part of the window; the value of an eye is its texture layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shows {
     Left = 0,
@@ -22,7 +22,7 @@ pub enum Shows {
     Anaglyph = 2,
 }
 
-/// A part of the window, pixels.
+/// Part of the window that shows an image; the position of its top left corner is in window pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     pub shows: Shows,
@@ -43,7 +43,8 @@ impl Layout {
         }
     }
 
-    /// Returns the parts of the window, centred and as large as it allows.
+    /// Returns the parts of a window of this size in pixels, centred and as large as possible. `eye` is the size of an
+    /// eye's image.
     pub fn placements(self, [width, height]: [u32; 2], eye: Extent) -> Vec<Placement> {
         let (shows, gap): (&[Shows], f64) = match self {
             Self::SideBySide => (&[Shows::Left, Shows::Right], GAP),
@@ -83,7 +84,7 @@ impl Placement {
         at.iter().all(|c| (0.0..=1.0).contains(c)).then_some(at)
     }
 
-    /// Returns the index of the eye whose foveal layers are drawn on it: the left one for an anaglyph.
+    /// Returns the index of the eye whose foveal layers are drawn on this part: the left one for an anaglyph.
     pub fn eye_index(&self) -> usize {
         usize::from(self.shows == Shows::Right)
     }

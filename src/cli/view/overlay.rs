@@ -1,4 +1,4 @@
-//! Overlay of the images: frame times, settings, rows per device, foveal layers and keys.
+//! Overlay on the images: frame times, settings, rows per device, foveal layers and keys.
 
 use egui::{
     Align2, Area, ClippedPrimitive, Color32, FontId, Frame, Margin, Pos2, Rect, RichText, Sense, Shape, Stroke,
@@ -144,7 +144,7 @@ fn rate(news: &News) -> f64 {
     if passed_s > 0.0 { (recent - 1) as f64 / passed_s } else { 0.0 }
 }
 
-/// Plots frame times over the budget's band.
+/// Plots the recent frame times, with the budget as a shaded band.
 fn plot(ui: &mut Ui, [lo_ms, hi_ms]: [f64; 2], news: &News) {
     let (rect, _) = ui.allocate_exact_size(vec2(WIDTH, 68.0), Sense::hover());
     let painter = ui.painter_at(rect);

@@ -23,7 +23,7 @@ const BACKGROUND: wgpu::Color = wgpu::Color { r: 0.055, g: 0.055, b: 0.06, a: 1.
 #[derive(Default)]
 pub struct Drawing {
     pub placements: Vec<Placement>,
-    /// Whether magnified pixels stay sharp squares.
+    /// True if magnified pixels stay sharp squares.
     pub is_sharp: bool,
     pub overlay: Painted,
 }

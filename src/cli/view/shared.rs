@@ -33,7 +33,7 @@ pub struct Input {
     pub is_fast: bool,
     /// Gaze as fractions of an eye's image from the top left.
     pub gaze: Option<[f64; 2]>,
-    /// Whether to join or leave the path; reset by [`Shared::take_input`].
+    /// True if the camera is to join or leave the shot's path; [`Shared::take_input`] resets it.
     pub toggles_path: bool,
 }
 

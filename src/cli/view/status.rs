@@ -1,4 +1,4 @@
-//! Session data that the window and the panel show beside frames.
+//! Session data that the window and the panel show in addition to frame times.
 
 use crate::image::Extent;
 

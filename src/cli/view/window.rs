@@ -32,7 +32,7 @@ pub enum Wake {
 
 pub struct App {
     look: ViewStatus,
-    /// Inputs of the renderer's thread, until the window opens.
+    /// Inputs of the renderer's thread; `None` once the window has opened.
     start: Option<Start>,
     shared: Arc<Shared>,
     proxy: EventLoopProxy<Wake>,
@@ -61,7 +61,7 @@ impl App {
         Self { look, start: Some(start), shared, proxy, renderer: None, open: None, failure: None }
     }
 
-    /// Waits for the renderer's thread; returns the last picture in the window if `wants_picture`.
+    /// Stops the renderer's thread and waits for it. Returns the last picture in the window if `wants_picture`.
     pub fn end(mut self, wants_picture: bool) -> Result<Option<DisplayImage>, Failure> {
         self.shared.end();
         let rendered = self.renderer.take().map(JoinHandle::join);

@@ -15,7 +15,8 @@ pub struct Counter {
 }
 
 impl Counter {
-    /// Returns the ticks since the very first one. `ticks` are in order, except that passes may overlap.
+    /// Converts counter values to ticks since the first value of the first call. `ticks` must be in order of time,
+    /// except that values of overlapping passes may be swapped.
     pub fn elapsed(&mut self, ticks: &[u64]) -> Vec<f64> {
         let Some(&first) = ticks.first() else { return Vec::new() };
         let start = *self.first.get_or_insert(first);
@@ -26,9 +27,9 @@ impl Counter {
         ticks.iter().map(|&tick| since(tick).wrapping_sub(start).cast_signed() as f64).collect()
     }
 
-    /// Returns the counter's period if it wrapped around after `before`, that is, fell by more than half a period; zero
-    /// otherwise. The period is the smallest power of two above all ticks so far: a counter that is about to wrap has
-    /// come close to it.
+    /// Returns the counter's period if the counter wrapped around between `before` and `tick`, that is, if it fell by
+    /// more than half a period; otherwise 0. The period is the smallest power of two above all ticks so far, at least
+    /// [`LEAST_PERIOD`]: just before it wraps, a counter is close to its period.
     fn lost_between(&self, before: u64, tick: u64) -> u64 {
         let period = self.most.checked_add(1).and_then(u64::checked_next_power_of_two).unwrap_or(0);
         let period = if period == 0 { 0 } else { period.max(LEAST_PERIOD) };

@@ -12,7 +12,7 @@ pub struct Offset {
     /// Bounds of `value` at the device time `at_ms`.
     bounds: Range<f64>,
     at_ms: f64,
-    /// Bounds of its growth per millisecond.
+    /// Bounds of the offset's growth, in milliseconds per millisecond of device time.
     rate: Range<f64>,
 }
 
@@ -24,9 +24,10 @@ impl Default for Offset {
 }
 
 impl Offset {
-    /// Narrows the bounds by work that ran between two device times. Its host times are those of submission and of
-    /// observed completion: the work cannot have begun before the first or ended after the second. Earlier bounds are
-    /// widened by the drift since then. The offset moves no more than necessary.
+    /// Narrows the bounds with a measurement: `device_ms` holds the device times at which work began and ended, and
+    /// `host_ms` the host times of its submission and observed completion. On the host's clock, the work cannot have
+    /// begun before submission or ended after observed completion. Earlier bounds are widened by the drift since then.
+    /// The offset changes only as far as the new bounds require.
     pub fn narrow(&mut self, device_ms: &Range<f64>, host_ms: &Range<f64>) {
         let lasted = (device_ms.end - device_ms.start).max(0.0);
         let bracket = host_ms.start - device_ms.start - MOST_DRIFT * lasted..host_ms.end - device_ms.end;
@@ -37,7 +38,7 @@ impl Offset {
         }
         let (value, before) = self.moved_to(device_ms.end);
         let both = before.start.max(bracket.start)..before.end.min(bracket.end);
-        // Otherwise one of the clocks has jumped since the last call.
+        // If the earlier and the new bounds do not overlap, one of the clocks has jumped since the last call.
         let agrees = is_known && both.start <= both.end;
         self.bounds = if agrees { both } else { bracket };
         let middle = 0.5 * (self.bounds.start + self.bounds.end);
@@ -118,8 +119,8 @@ mod tests {
             f64::from(self.random) / f64::from(u32::MAX) * most_ms
         }
 
-        /// Runs 8 ms of work submitted at this time. Its begin and its observed completion are each late by at most
-        /// this delay. Returns the error of the offset at its end.
+        /// Simulates 8 ms of work that is submitted at `host_ms`. Its begin and its observed completion are each late
+        /// by at most `delay_ms`. Returns the error of the offset, in milliseconds, at the end of the work.
         fn frame(&mut self, offset: &mut Offset, host_ms: f64, delay_ms: f64) -> f64 {
             let begin_ms = host_ms + 0.01 + self.delay_ms(delay_ms);
             let end_ms = begin_ms + 8.0;

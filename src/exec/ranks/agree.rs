@@ -9,7 +9,7 @@ use super::device_card::DeviceCard;
 use crate::device::{DeviceInfo, SceneAccess, Tables, Traversal};
 use crate::stages::all_shader_text;
 
-/// Identity of a rank, before it opens devices.
+/// Host name and program of a rank, which it sends to rank 0 before it opens devices.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     pub host: String,
@@ -29,11 +29,13 @@ impl Identity {
         Self { host, version: env!("CARGO_PKG_VERSION").to_owned(), shaders: hasher.finish() }
     }
 
+    /// Checks that another rank runs the same program.
+    ///
     /// # Errors
-    /// A message that describes how `other` differs.
+    /// A message that says how the program of `other` differs.
     pub fn check(&self, other: &Self) -> Result<(), String> {
         if other.version != self.version {
-            return Err(format!("it is diptych {}, and rank 0 is {}", other.version, self.version));
+            return Err(format!("it runs diptych {}, but rank 0 runs {}", other.version, self.version));
         }
         if other.shaders != self.shaders {
             return Err("its shaders are not those of rank 0: start the same program on all ranks".to_owned());
@@ -45,7 +47,7 @@ impl Identity {
 /// Difference between a device of another rank and rank 0's first device.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceMismatch {
-    /// Adapters, each with its driver.
+    /// Different adapters or drivers. Both fields have the form `name, driver`.
     #[error("its adapter is {its}, but rank 0 has {first}: different adapters do not give the same bytes")]
     Adapter { its: String, first: String },
     #[error(
@@ -54,8 +56,10 @@ pub enum DeviceMismatch {
     Traversal { its: Traversal, first: Traversal },
 }
 
+/// Checks that another rank's devices have the adapter, driver and ray traversal of `first`, rank 0's first device.
+///
 /// # Errors
-/// The first difference between another rank's devices and rank 0's first.
+/// [`DeviceMismatch`] of the first device that differs.
 pub fn check_devices(first: &DeviceInfo, others: &[DeviceCard]) -> Result<(), DeviceMismatch> {
     for DeviceCard { info, .. } in others {
         if (&info.name, &info.driver) != (&first.name, &first.driver) {
@@ -69,8 +73,10 @@ pub fn check_devices(first: &DeviceInfo, others: &[DeviceCard]) -> Result<(), De
     Ok(())
 }
 
+/// Compares the scene fingerprints of rank 0 (`here`) and of another rank (`there`).
+///
 /// # Errors
-/// A message if a rank has loaded another scene.
+/// A message if they differ.
 pub fn check_scene(here: u64, there: u64) -> Result<(), String> {
     let what = "its scene is not that of rank 0: the files differ";
     if here == there { Ok(()) } else { Err(what.to_owned()) }

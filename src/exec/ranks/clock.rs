@@ -1,6 +1,7 @@
-//! Conversion of other ranks' clocks to rank 0's by round trips (Cristian, "Probabilistic Clock Synchronization",
-//! 1989): the other rank reads its clock between the request and the response. The relative rate of the clocks is
-//! learned from bounds that are some time apart, so that the tight bounds of a short round trip stay useful.
+//! Conversion of times on other ranks' clocks to rank 0's clock, by round trips (Cristian, "Probabilistic Clock
+//! Synchronization", 1989): the other rank reads its clock between the request and the response. Offset bounds measured
+//! some time apart bound the relative rate of the clocks, so that the tight bounds of a short round trip remain useful
+//! for longer.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -16,19 +17,20 @@ pub struct RankClock {
     marks: VecDeque<(f64, Range<f64>)>,
     /// Running mean of round trips of small packets, milliseconds.
     pub round_trip_ms: Option<f64>,
-    /// Running mean of the time per byte of large packets, beyond the shortest round trip.
+    /// Running mean of the time per byte of large packets, in milliseconds. The shortest round trip is subtracted from
+    /// their times first.
     pub ms_per_byte: Option<f64>,
-    /// Shortest of all round trips.
+    /// Shortest round trip so far, milliseconds.
     pub shortest_ms: Option<f64>,
 }
 
-/// Weights of a new round trip in the means, if it is shorter and if it is longer. Longer ones count less, since other
-/// traffic on the link adds to them.
+/// Weights of a new value in a running mean: the first if it is at most the mean, the second if it is greater. Greater
+/// values count less, since other traffic on the link may have caused them.
 const LEARNING_RATES: [f64; 2] = [0.3, 0.05];
 
-/// Interval in milliseconds for which only the tightest bounds are kept.
+/// Length in milliseconds of the intervals for each of which only the tightest offset bounds are kept.
 const MARK_MS: f64 = 1e3;
-/// Number of intervals for which bounds are kept.
+/// Number of intervals for which offset bounds are kept.
 const MARKS: usize = 16;
 /// Maximum change in the relative rate of two clocks while bounds are kept. A crystal drifts by about 1 ppm per 1 to 2
 /// K.
@@ -39,7 +41,8 @@ fn learned(mean: Option<f64>, new: f64) -> Option<f64> {
 }
 
 impl RankClock {
-    /// Adds a round trip that began and ended at these times here, and in which the other clock showed `there_ms`.
+    /// Adds a round trip. It began and ended at the times `here_ms` on this rank's clock; in between, the other rank's
+    /// clock read `there_ms`.
     pub fn learn(&mut self, here_ms: Range<f64>, there_ms: f64) {
         let trip_ms = here_ms.end - here_ms.start;
         self.shortest_ms = Some(self.shortest_ms.map_or(trip_ms, |ms| ms.min(trip_ms)));
@@ -47,8 +50,9 @@ impl RankClock {
         self.learn_rate();
     }
 
-    /// Updates the mean latency, or the mean time per byte if `bytes` were sent, with a round trip under the same
-    /// conditions as those of frame packets.
+    /// Updates the mean round trip, or the mean time per byte if the request had a load of `bytes` bytes. Call this
+    /// only for round trips under the conditions of a frame's packets: the link is otherwise unused, and the receiver
+    /// may have slept.
     pub fn judge(&mut self, trip_ms: f64, bytes: usize) {
         if bytes == 0 {
             self.round_trip_ms = learned(self.round_trip_ms, trip_ms);
@@ -57,7 +61,7 @@ impl RankClock {
         }
     }
 
-    /// Bounds the relative rate of the clocks by the bounds of the offset now and at earlier marks.
+    /// Derives bounds of the clocks' relative rate from the offset bounds now and at the earlier times in `marks`.
     fn learn_rate(&mut self) {
         let (at_ms, now) = self.offset.bounds();
         let mut rate = -MOST_DRIFT..MOST_DRIFT;
@@ -84,9 +88,9 @@ impl RankClock {
         self.marks.drain(..self.marks.len().saturating_sub(MARKS));
     }
 
-    /// Returns the zero of the other rank's clock in milliseconds on this rank's clock, for use with times from
-    /// `from_ms` to `to_ms` on the other clock, and its maximum error over that range in µs. The error is `None` before
-    /// the first round trip.
+    /// Returns the zero of the other rank's clock, in milliseconds on this rank's clock, to convert times from
+    /// `from_ms` to `to_ms` on the other clock. Also returns the maximum error of these conversions in µs, which is
+    /// `None` before the first round trip.
     pub fn zero_between(&self, [from_ms, to_ms]: [f64; 2]) -> (f64, Option<f64>) {
         let [(then_ms, then_error_ms), (zero_ms, error_ms)] = [from_ms, to_ms].map(|ms| self.offset.at(ms));
         let most_ms = error_ms.max(then_error_ms + (then_ms - zero_ms).abs());
@@ -94,7 +98,7 @@ impl RankClock {
     }
 
     /// Converts the times of a reply from the other rank's clock to milliseconds since `origin_ms`, a time on this
-    /// rank's clock.
+    /// rank's clock. Adds the maximum error of the conversion to the reply's clock residual.
     pub fn translate(&self, reply: &mut Reply, origin_ms: f64) {
         let Ok(Answer::Frame(frame)) = &mut reply.answer else { return };
         let (offset_ms, error_ms) = self.offset.at(frame.end_ms);
@@ -132,8 +136,8 @@ mod tests {
             f64::from(self.random) / f64::from(u32::MAX)
         }
 
-        /// Simulates a round trip of `trip_ms`, of which the way there takes 10 to 90 %. Returns the error of times
-        /// after it, in µs.
+        /// Simulates a round trip of `trip_ms`, of which the request takes 10 to 90 %. Returns the error in µs of a
+        /// time that is converted after it.
         fn trip(&mut self, clock: &mut RankClock, sent_ms: f64, trip_ms: f64) -> f64 {
             let read_ms = sent_ms + trip_ms * (0.1 + 0.8 * self.random());
             let there_ms = self.there_ms(read_ms);

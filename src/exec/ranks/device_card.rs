@@ -7,10 +7,10 @@ use crate::device::DeviceInfo;
 /// Description of another rank's device, which that rank sends to rank 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeviceCard {
-    /// Sent as JSON text, the format of files, since it omits absent fields.
+    /// Encoded as JSON text, since serialisation omits absent fields, which the packets' binary format does not allow.
     #[serde(with = "as_text")]
     pub info: DeviceInfo,
-    /// [`crate::device::Quirks::max_dispatch_ms`]
+    /// Maximum predicted time of a submission, see [`crate::device::Quirks::max_dispatch_ms`].
     pub max_dispatch_ms: Option<f64>,
 }
 

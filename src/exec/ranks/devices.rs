@@ -15,7 +15,8 @@ use crate::schedule::Network;
 use crate::stages::RunConfig;
 use crate::stages::SceneTables;
 
-/// Devices that no renderer uses at the moment: this process's first, then those of the other ranks in order.
+/// Open devices that no renderer uses at the moment. Devices of this process come first, then those of the other ranks
+/// in order of rank.
 #[derive(Default)]
 pub struct Devices {
     own: Vec<GpuDevice>,
@@ -26,7 +27,7 @@ pub struct Devices {
 struct Set {
     node: Arc<Node>,
     number: u32,
-    /// The devices, with their ranks.
+    /// Rank and description of each device.
     cards: Vec<(usize, DeviceCard)>,
 }
 
@@ -51,7 +52,8 @@ impl From<Vec<GpuDevice>> for Devices {
 }
 
 impl Devices {
-    /// Asks the other ranks to open `virtual_devices` on each of their adapters, while this one opens its own.
+    /// Asks the other ranks to open `virtual_devices` virtual devices on each of their adapters. Returns at once, so
+    /// that this rank can open its own devices meanwhile.
     pub fn open(node: &Arc<Node>, virtual_devices: usize) -> Opening {
         let set = Set { node: Arc::clone(node), number: node.number(), cards: Vec::new() };
         let number = set.number;
@@ -87,7 +89,8 @@ impl Devices {
         own.chain(others).enumerate().map(|(index, info)| DeviceInfo { index, ..info }).collect()
     }
 
-    /// Returns how long a submission on each device may take before the GPU watchdog (TDR) resets the device.
+    /// Returns the maximum predicted time of a submission on each device, see
+    /// [`crate::device::Quirks::max_dispatch_ms`].
     pub(crate) fn max_dispatch_ms(&self) -> Vec<Option<f64>> {
         let own = self.own.iter().map(|gpu| gpu.quirks.max_dispatch_ms);
         own.chain(self.cards().iter().map(|(_, card)| card.max_dispatch_ms)).collect()
@@ -98,7 +101,7 @@ impl Devices {
         self.own
     }
 
-    /// Splits into the devices of this process and the handle to those of other ranks.
+    /// Splits into the devices of this process and a handle to the devices of other ranks.
     pub(crate) fn split(mut self) -> (Vec<GpuDevice>, Option<Others>) {
         let own = std::mem::take(&mut self.own);
         let others = self.others.take().map(|set| Others::new(set, own.len()));
@@ -107,8 +110,11 @@ impl Devices {
 }
 
 impl Opening {
+    /// Waits for the devices of the other ranks, and combines them with this rank's devices `own`.
+    ///
     /// # Errors
-    /// [`RankError`] if another rank could not open devices, its devices differ from this one's, or there are too many.
+    /// [`RankError`] if another rank could not open its devices, if their adapters, drivers or ray traversal differ
+    /// from this rank's, or if there are more devices than a run can drive.
     pub fn with(mut self, mut own: Vec<GpuDevice>) -> Result<Devices, RankError> {
         let node = Arc::clone(&self.set.node);
         for (rank, response) in (1..).zip(self.asked.wait()?) {
@@ -134,8 +140,10 @@ impl Loading {
         Self(Arc::clone(node), node.ask(|_| Request::Load(what.clone())))
     }
 
+    /// Waits until the other ranks have loaded the scene, and checks that it is the scene `here` of this rank.
+    ///
     /// # Errors
-    /// [`RankError`] if another rank could not load it, or has loaded another scene than this one.
+    /// [`RankError`] if another rank could not load the scene, or has loaded another one.
     pub fn check(self, here: &SceneTables) -> Result<(), RankError> {
         let here = here.fingerprint();
         for (rank, response) in (1..).zip(self.1.wait()?) {
@@ -150,7 +158,7 @@ impl Loading {
 /// Devices of other ranks that a renderer uses.
 pub(crate) struct Others {
     set: Set,
-    /// Number of the [`RendererDevices`].
+    /// Number that identifies the renderer, and its [`RendererDevices`], on all ranks.
     renderer: u32,
     own: usize,
 }
@@ -178,8 +186,8 @@ impl Others {
     }
 
     /// Waits until the other ranks have started their workers, and connects their channels with those of this process.
-    /// Returns the info of the devices and the ends of this process's workers. The renderer's times count from
-    /// `origin`.
+    /// `ends` holds the channel ends for the workers of all devices. Returns the info of the other ranks' devices, and
+    /// the channel ends for this process's workers. The renderer's times count from `origin`.
     ///
     /// # Errors
     /// [`RankError`] if a rank could not start its workers.
@@ -211,12 +219,13 @@ impl Others {
         self.set.node.lost()
     }
 
-    /// Ends the workers, whose command channels are closed, and combines the remaining devices with this process's.
+    /// Ends the workers of other ranks, whose command channels must be closed already. Combines the devices of these
+    /// ranks that have not failed with this process's devices `own`.
     pub fn end(mut self, own: Vec<GpuDevice>) -> Devices {
         let renderer = self.renderer;
         let ended = self.set.node.ask(|_| Request::End { renderer }).wait();
         self.set.node.detach(renderer);
-        // A rank that is lost ends the run at the next frame.
+        // Ignore a lost rank here: it ends the run at the next frame.
         let left: Vec<usize> = ended.into_iter().flatten().flat_map(left_of).collect();
         let mut device = self.own;
         self.set.cards.retain(|_| {

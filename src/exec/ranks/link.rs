@@ -2,8 +2,8 @@
 
 use crossbeam::channel::{Receiver, Sender, unbounded};
 
-/// Priority of a packet. Round trips overtake large packets that were sent before them, so that large packets do not
-/// delay signs of life.
+/// Priority of a packet. Packets of round trips (pings and pongs) may overtake large packets that were sent before
+/// them, so that large packets do not delay signs of life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     RoundTrip,
@@ -17,7 +17,7 @@ pub trait Link {
     /// Returns the number of ranks.
     fn ranks(&self) -> usize;
 
-    /// Returns the name of the machine.
+    /// Returns the name of this rank's machine.
     fn host(&self) -> String;
 
     /// Sends a packet to another rank without blocking. Packets of one [`Way`] from one rank to another arrive in
@@ -44,7 +44,7 @@ pub struct ChannelLink {
     outboxes: Vec<Sender<(usize, Vec<u8>)>>,
 }
 
-/// Creates the ends of this many ranks.
+/// Creates links between `ranks` ranks within this process; returns the end of each rank.
 pub fn channel_links(ranks: usize) -> Vec<ChannelLink> {
     let (outboxes, inboxes): (Vec<_>, Vec<_>) = (0..ranks).map(|_| unbounded()).unzip();
     let link = |(rank, inbox)| ChannelLink { rank, inbox, outboxes: outboxes.clone() };
@@ -65,7 +65,7 @@ impl Link for ChannelLink {
     }
 
     fn send(&mut self, to: usize, packet: Vec<u8>, _: Way) {
-        // A rank that has left needs no packets.
+        // Ignore the error: a rank that has left needs no packets.
         let _ = self.outboxes[to].send((self.rank, packet));
     }
 

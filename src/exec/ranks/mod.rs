@@ -41,8 +41,8 @@ fn told(names: &[&str]) -> Option<u32> {
     names.iter().filter_map(|name| std::env::var(name).ok()?.parse().ok()).max()
 }
 
-/// Returns the rank of this process, if several were started together, as far as it is known before MPI is initialised.
-/// Returns `None` if the process was started alone.
+/// Returns the rank of this process from the environment variables of MPI launchers, before MPI is initialised. Returns
+/// `None` if the process was started alone, and 0 if the variables contain the number of processes but not the rank.
 pub fn started_as() -> Option<u32> {
     told(&SIZES).filter(|&size| size > 1).map(|_| told(&NUMBERS).unwrap_or(0))
 }

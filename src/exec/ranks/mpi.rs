@@ -1,5 +1,5 @@
-//! The link of MPI: non-blocking point-to-point messages of the world's communicator, driven by one thread
-//! (`MPI_THREAD_FUNNELED`), the one that initialises MPI.
+//! The link over MPI: non-blocking point-to-point messages on `MPI_COMM_WORLD`. Only the thread that initialises MPI
+//! calls it (`MPI_THREAD_FUNNELED`).
 
 use std::collections::VecDeque;
 
@@ -14,7 +14,7 @@ use super::link::{Link, Way};
 pub struct MpiLink {
     /// Sends in progress.
     sent: Vec<OnItsWay>,
-    /// Receives in progress, with the ranks and tags of their sources, in the order in which they began.
+    /// Receives in progress, each with the rank of its sender and its tag, in the order in which they began.
     coming: VecDeque<((usize, Tag), OnItsWay)>,
     world: SimpleCommunicator,
     /// `None` once the rank has left.
@@ -31,7 +31,7 @@ struct OnItsWay {
 }
 
 impl OnItsWay {
-    /// Returns the packet, once MPI has completed the message.
+    /// Returns the packet if MPI has completed the message, otherwise the message itself.
     fn end(self) -> Result<Box<[u8]>, Self> {
         let Self { request, packet } = self;
         match request.test() {
@@ -44,7 +44,7 @@ impl OnItsWay {
 
 impl MpiLink {
     /// # Errors
-    /// A message if MPI is initialised already, or does not support calls from one of several threads.
+    /// A message if MPI is initialised already, or does not support `MPI_THREAD_FUNNELED`.
     pub fn new() -> Result<Self, String> {
         #[cfg(target_os = "linux")]
         super::slices::ask_for_short_ones();
@@ -102,8 +102,8 @@ impl Link for MpiLink {
             let from = (status.source_rank() as usize, status.tag());
             self.coming.push_back((from, OnItsWay { request, packet }));
         }
-        // Small messages may complete before large ones that were sent earlier, so messages of one source are returned
-        // in order.
+        // Small messages may complete before large ones that were sent earlier. Messages with the same sender and tag
+        // must be returned in order, so a message waits for the earlier ones.
         let mut awaited = Vec::new();
         for at in 0..self.coming.len() {
             let from = self.coming[at].0;

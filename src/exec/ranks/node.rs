@@ -42,8 +42,8 @@ pub struct Asked {
 }
 
 impl Node {
-    /// Creates the link on its own thread and joins the other ranks. On rank 0, `on_interrupt` is called when a signal
-    /// told another rank to end.
+    /// Starts the post thread, creates the link on it, and joins the other ranks. Rank 0 calls `on_interrupt` with the
+    /// signal number when another rank reports that a signal told it to end.
     ///
     /// # Errors
     /// A message if the link or its thread cannot be created.
@@ -66,7 +66,7 @@ impl Node {
             }
         };
         let thread = std::thread::Builder::new().name("post".to_owned()).spawn(run).map_err(|e| e.to_string())?;
-        let (rank, ranks, host) = made.recv().map_err(|_| "the thread for it has ended".to_owned())??;
+        let (rank, ranks, host) = made.recv().map_err(|_| "the connecting thread has ended".to_owned())??;
         let node = Self {
             rank,
             ranks,
@@ -115,7 +115,7 @@ impl Node {
         std::mem::take(&mut *self.shared.recorded.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Returns the bytes of rows that this rank has sent.
+    /// Returns the number of bytes of image rows that this rank has sent to other ranks.
     pub fn row_bytes(&self) -> u64 {
         self.shared.row_bytes.load(Ordering::Relaxed)
     }
@@ -191,7 +191,7 @@ impl Node {
     }
 
     fn control(&self, control: Control) {
-        // The thread of the link receives controls until the node ends.
+        // Ignore the error: the post thread receives controls until this rank leaves.
         let _ = self.controls.send(control);
     }
 
@@ -201,7 +201,8 @@ impl Node {
         letters.recv_timeout(limit).ok()
     }
 
-    /// Ends all ranks with this exit status. If a rank is lost, aborts them all at once.
+    /// On rank 0, ends all ranks with this exit status; on other ranks, leaves the others. If a rank is lost, aborts
+    /// the processes of all ranks with this status, but at least 1.
     pub fn end(&self, status: u8) {
         let Some(thread) = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take() else { return };
         if self.lost().is_some() {
@@ -212,7 +213,7 @@ impl Node {
             }
             self.control(Control::Leave);
         }
-        // The thread has already reported a panic.
+        // Ignore the result: if the thread has panicked, it has already printed the message.
         let _ = thread.join();
     }
 }

@@ -10,7 +10,8 @@ use crate::exec::watchdog::LifeSign;
 use crate::scene::folder::Files;
 use crate::stages::RunConfig;
 
-/// A packet. `renderer` identifies a renderer with its devices, and `device` is a number among these.
+/// Data that one rank sends to another. `renderer` is the number of a renderer, and `device` the number of one of this
+/// renderer's devices.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Packet {
     /// Command from rank 0 to the rank of the device.
@@ -19,16 +20,17 @@ pub enum Packet {
     Close { renderer: u32, device: usize },
     /// Message from a worker or the renderer to the worker of this device.
     Message { renderer: u32, device: usize, message: Message },
-    /// Answer to rank 0.
+    /// Answer from a worker to the renderer, which is on rank 0.
     Reply { renderer: u32, reply: Box<Reply> },
-    /// Signs of life of a rank's workers, by device; `None` if a worker has ended.
+    /// Signs of life of the sending rank's workers, each with its device number; `None` if a worker has ended.
     Signs { renderer: u32, signs: Vec<(usize, Option<LifeSign>)> },
-    /// Request with the time of the sender's clock, in milliseconds since its post began. It must be answered at once.
-    /// If `followed`, another ping follows as soon as the answer has arrived.
+    /// Request for a pong, which must be sent at once. `sent_ms` is the time on the sender's clock, in milliseconds
+    /// since its epoch. A ping with a non-empty `load` measures the bandwidth. If `followed`, another ping follows as
+    /// soon as the pong has arrived.
     Ping { sent_ms: f64, load: Bytes, followed: bool },
-    /// Answer to a ping, with the time of the answering rank's clock and the bytes of the ping's load.
+    /// Answer to a ping: the ping's `sent_ms`, the time on the answering rank's clock, and the size of the ping's load.
     Pong { sent_ms: f64, here_ms: f64, bytes: usize },
-    /// Letter for the rank's other threads, which do not carry packets.
+    /// Message that belongs to no frame.
     Letter(Letter),
 }
 
@@ -52,7 +54,7 @@ impl RowsName {
 pub enum Letter {
     /// Identity of the sender.
     Hello(Identity),
-    /// Request from rank 0. The number comes back with the response.
+    /// Request from rank 0. The response has the same number.
     Request {
         number: u64,
         request: Box<Request>,
@@ -82,26 +84,27 @@ pub enum Letter {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Load {
     pub shot: String,
-    /// Time at which its cameras are evaluated, in seconds.
+    /// Time in seconds at which the shot's cameras are evaluated.
     pub time_s: f64,
-    /// Its files; `None` if each rank reads them itself.
+    /// Contents of the shot's files; `None` if each rank reads them itself.
     pub files: Option<Files>,
 }
 
 /// Request from rank 0 to another rank.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request {
-    /// Open `virtual_devices` on each adapter that the rank's command line selects, as a set with this number.
+    /// Open `virtual_devices` virtual devices on each adapter that the rank's command line selects. They form the set
+    /// with the number `set`.
     Open {
         set: u32,
         virtual_devices: usize,
     },
-    /// Close the remaining devices of a set.
+    /// Close the devices of a set that no renderer uses.
     Close {
         set: u32,
     },
     Load(Load),
-    /// Record trace spans of its threads, and send them regularly.
+    /// Record trace spans of the rank's threads, and send them regularly.
     Record,
     /// Send the recorded spans before the response.
     Recorded,
@@ -120,7 +123,7 @@ pub struct Start {
     /// The rank of each device of the renderer.
     pub ranks: Vec<usize>,
     pub config: RunConfig,
-    /// [`crate::stages::SceneTables::fingerprint`].
+    /// Fingerprint of the scene to render, see [`crate::stages::SceneTables::fingerprint`].
     pub scene: u64,
 }
 
@@ -138,11 +141,11 @@ pub enum Response {
     Devices(Vec<DeviceCard>),
     /// The fingerprint of a scene.
     Loaded(u64),
-    /// The devices that have not failed, by their numbers in the renderer.
+    /// Numbers, in the renderer that has ended, of the rank's devices that have not failed.
     Left(Vec<usize>),
 }
 
-/// Last byte of a packet: rows of an image, followed by their header, or any other packet.
+/// Values of a packet's last byte. `ROWS`: rows of an image come first, then their header. `OTHER`: any other packet.
 const ROWS: u8 = 1;
 const OTHER: u8 = 2;
 
@@ -159,7 +162,8 @@ impl Packet {
         }
     }
 
-    /// Returns true for signs of life and round trips, which no other packet follows closely.
+    /// Returns true for signs of life, pings and pongs. Unlike other packets, they do not mean that more packets will
+    /// follow soon.
     pub fn is_sign(&self) -> bool {
         matches!(self, Self::Signs { .. } | Self::Ping { .. } | Self::Pong { .. })
     }
@@ -187,7 +191,7 @@ impl Packet {
     /// # Errors
     /// A message if the bytes are not a packet of this version.
     pub fn decode(mut bytes: Vec<u8>) -> Result<Self, String> {
-        let no_packet = || "it sends what this version does not understand".to_owned();
+        let no_packet = || "it sent a packet that this version cannot decode".to_owned();
         match bytes.pop() {
             Some(ROWS) => {
                 let at = bytes.len().checked_sub(HEADER_BYTES).ok_or_else(no_packet)?;

@@ -4,14 +4,14 @@ use std::time::Duration;
 
 use super::clock::RankClock;
 
-/// Interval between two calls of a rank.
+/// Interval between two calls to the same rank.
 const CALLS: Duration = Duration::from_millis(200);
-/// Number of calls at the start, and the shorter interval between these.
+/// Number of first calls to a rank, and the shorter interval between them.
 const FIRST_CALLS: (u32, Duration) = (50, Duration::from_millis(20));
 /// Maximum number of round trips of a call.
 const TRIPS: u32 = 8;
-/// Maximum duration of a call. During a call both ranks poll without sleeping, since the shortest round trip bounds the
-/// error of the clock offset.
+/// Time after the begin of a call until which it may send further pings. In this time both ranks poll without sleeping,
+/// since a shorter round trip gives tighter bounds of the clock offset.
 pub const TRIPS_TIME: Duration = Duration::from_micros(400);
 /// Interval of bandwidth probes: each call whose number is a multiple of this one sends a single ping with a payload,
 /// the load, instead of a series of empty pings.
@@ -20,8 +20,9 @@ const LOADED: u32 = 24;
 const LOAD_MS: f64 = 4.0;
 /// Minimum and maximum size of a load, in bytes.
 const LOAD_BYTES: [usize; 2] = [1 << 16, 1 << 20];
-/// Startup bandwidth probe: the call with this number, before there are frames, has loads that grow until one takes
-/// `FIRST_LOAD_MS` longer than a ping, so that scheduling noise is negligible. Only the last one counts.
+/// Startup bandwidth probe: the call with this number, before there are frames, sends pings with loads. The load grows
+/// by the factor `GROWTH`, at most `GROWTHS` times, until a round trip takes `FIRST_LOAD_MS` longer than the shortest
+/// one, so that scheduling noise is negligible. Only the last round trip counts.
 const FIRST_LOADED: u32 = 4;
 const GROWTH: usize = 4;
 const GROWTHS: u32 = 3;
@@ -37,11 +38,11 @@ pub struct Peer {
     called_ms: f64,
     /// True while the first round trip of the newest call is in progress.
     awaits: bool,
-    /// Round trips of the newest call that have not begun.
+    /// Number of round trips of the newest call that have not begun.
     trips: u32,
     /// Load of the next round trip, in bytes.
     load: usize,
-    /// True if rows were transferred over the link during the call.
+    /// True if rows were transferred over the link during the newest call.
     is_crowded: bool,
 }
 
@@ -58,8 +59,8 @@ impl Peer {
         if self.calls < FIRST_CALLS.0 { FIRST_CALLS.1 } else { CALLS }
     }
 
-    /// Begins a call and returns its first ping, unless the previous call still waits for a response. `is_crowded` is
-    /// true while rows are being sent.
+    /// Begins a call and returns its first ping. Returns `None` while the first ping of the previous call has no
+    /// response. `is_crowded` is true while rows are being sent.
     pub fn call(&mut self, now_ms: f64, is_crowded: bool) -> Option<Trip> {
         if self.awaits {
             return None;
@@ -97,7 +98,8 @@ impl Peer {
             now_ms - self.called_ms < TRIPS_TIME.as_secs_f64() * 1e3
         };
         let goes_on = self.trips > 0 && is_short;
-        // Later pings find both ends awake, which is not so for rows: only the first counts.
+        // Only the first of several pings counts: later ones find both ends awake, which does not hold for rows. Of
+        // pings with loads, only the last counts.
         if !self.is_crowded && if bytes > 0 { !goes_on } else { is_first } {
             self.clock.judge(trip_ms, bytes);
         }
@@ -116,7 +118,7 @@ impl Peer {
 mod tests {
     use super::*;
 
-    /// A link with this latency and bandwidth, whose ends sometimes wait for cores for up to `wait_ms`.
+    /// A simulated link with this latency and bandwidth. Each round trip waits for cores for up to `wait_ms`.
     struct Fake {
         latency_ms: f64,
         bytes_per_ms: f64,
@@ -167,7 +169,7 @@ mod tests {
         let mut peer = Peer::default();
         let trip = |peer: &mut Peer, begin_ms: f64, ms: f64, leaves: bool, came: bool| {
             assert!(peer.call(begin_ms, leaves).is_some());
-            assert!(peer.call(begin_ms, leaves).is_none(), "it is called while it is called");
+            assert!(peer.call(begin_ms, leaves).is_none(), "a call began before the previous one was answered");
             peer.learn([begin_ms, begin_ms + ms], begin_ms, 0, came);
             peer.link().0
         };

@@ -18,12 +18,13 @@ use crate::exec::messages::Bytes;
 
 /// Time without a packet after which a rank is lost. Rank 0 watches the others, and they watch rank 0.
 const SILENCE: Duration = Duration::from_secs(5);
-/// Maximum time that counts towards timeouts between two checks of them, so that a process that was suspended loses at
+/// Maximum time between two checks of the timeouts that counts towards them. A process that was suspended thus loses at
 /// most this much.
 const STEP: Duration = Duration::from_millis(500);
 /// Time that the rank's other threads have to end a run after a rank is lost.
 const GRACE: Duration = Duration::from_secs(3);
 
+/// Interval at which ranks other than 0 send the signs of life of their workers.
 const SIGNS: Duration = Duration::from_millis(10);
 
 /// Divisor that gives the sleep before the next poll for packets: the time since the last packet of a frame divided by
@@ -50,7 +51,7 @@ pub struct Post<L> {
     alert: Instant,
     /// Time of the last poll that found no further packet.
     looked: Instant,
-    /// Trace span during which it does nothing except for signs of life.
+    /// Trace span of the time in which the post handles no packets except signs of life, pings and pongs.
     idle: Option<EnteredSpan>,
     signed: Instant,
     stepped: Instant,
@@ -111,8 +112,8 @@ impl<L: Link> Post<L> {
                 any |= self.take(from, bytes);
             }
             self.looked = Instant::now();
-            // MPI makes progress only while it is called. It is not called more often for that while there are
-            // renderers, since their devices may share the cores.
+            // MPI makes progress only during calls, so unfinished messages shorten the rest between polls. They do
+            // not while there are renderers, since the devices of these may share the cores.
             let is_under_way = !self.link.is_settled() && self.renderers.is_empty();
             self.keep_in_touch();
             if any || is_under_way {
@@ -152,8 +153,8 @@ impl<L: Link> Post<L> {
         any
     }
 
-    /// Handles a packet that has arrived. It drops packets of renderers that have ended. Returns true if more packets
-    /// may follow closely.
+    /// Handles a packet that has arrived. Drops packets for renderers that have ended. Returns true if more packets may
+    /// follow soon, see [`Packet::is_sign`].
     fn take(&mut self, from: usize, bytes: Vec<u8>) -> bool {
         self.peers[from].silent = Duration::ZERO;
         let packet = match Packet::decode(bytes) {
@@ -232,7 +233,7 @@ impl<L: Link> Post<L> {
         self.ping(from, now_ms, next);
     }
 
-    /// Begins a round trip, if there is one. Pings request a sign of life; some have a load, which measures the
+    /// Sends the ping of `trip`, if there is one. Pings request a sign of life; those with a load measure the
     /// bandwidth.
     fn ping(&mut self, to: usize, sent_ms: f64, trip: Option<Trip>) {
         let Some(Trip { bytes, followed }) = trip else { return };
@@ -247,7 +248,8 @@ impl<L: Link> Post<L> {
         self.epoch.elapsed().as_secs_f64() * 1e3
     }
 
-    /// Requests signs of life, gives them, and detects silent ranks.
+    /// Calls the next rank (on rank 0) or sends the workers' signs of life (on other ranks) if it is time to, and
+    /// detects silent ranks.
     fn keep_in_touch(&mut self) {
         let now = Instant::now();
         let is_first = self.link.rank() == 0;
@@ -306,11 +308,11 @@ impl<L: Link> Post<L> {
         let mut select = Select::new();
         select.recv(&self.controls);
         self.renderers.values().for_each(|renderer| renderer.watch(&mut select));
-        // The next iteration of the loop finds it.
+        // Ignore the result: the next iteration of the loop checks all channels.
         let _ = select.ready_timeout((self.active.elapsed() / REST_PART).clamp(SHORT_REST, LONG_REST));
     }
 
-    /// Leaves the other ranks once all packets are sent.
+    /// Leaves the other ranks once no packet is being sent or received, but after `GRACE` at the latest.
     fn leave(mut self) {
         let begin = Instant::now();
         self.idle = None;
@@ -322,7 +324,7 @@ impl<L: Link> Post<L> {
     }
 }
 
-/// Sending end of the link. A packet ends the idle span, unless it is a sign of life.
+/// Sending end of the link. Sending a packet ends the idle span, except for signs of life, pings and pongs.
 struct Outlet<'a, L> {
     link: &'a mut L,
     idle: &'a mut Option<EnteredSpan>,
@@ -337,7 +339,7 @@ impl<L: Link> Outlet<'_, L> {
             let (ticket, transfer, bytes) = packet.rows().map(RowsName::fields).unwrap_or_default();
             tracing::info_span!("send to rank", to, ticket, transfer, bytes).entered()
         });
-        let bytes = packet.encode().map_err(|what| format!("a packet for it could not be made: {what}"))?;
+        let bytes = packet.encode().map_err(|what| format!("a packet for it could not be encoded: {what}"))?;
         self.link.send(to, bytes, packet.way());
         Ok(())
     }

@@ -23,7 +23,7 @@ use crate::stages::SceneTables;
 
 /// Environment of a rank: opens its devices, loads scenes and records trace spans.
 pub trait Host {
-    /// Opens `virtual_devices` on each selected adapter.
+    /// Opens `virtual_devices` virtual devices on each selected adapter.
     ///
     /// # Errors
     /// A one-line message.
@@ -42,7 +42,7 @@ pub trait Host {
     /// Takes the trace spans recorded since the last call; empty if nothing is being recorded.
     fn recorded(&mut self) -> Vec<u8>;
 
-    /// Returns the declarations of passes. They are not sent, and must be the same as those of rank 0.
+    /// Returns the declarations of passes. Rank 0 does not send its declarations, so these must be the same.
     fn passes(&self) -> Declarations {
         Declarations::default()
     }
@@ -78,13 +78,13 @@ struct Server<'a> {
     host: &'a mut dyn Host,
     sets: HashMap<u32, Vec<GpuDevice>>,
     renderers: HashMap<u32, Working>,
-    /// Scenes with their fingerprints, the latest last.
+    /// Cached scenes with their fingerprints, the latest last.
     scenes: Vec<(u64, Arc<SceneTables>)>,
     /// Time up to which recorded spans have been sent.
     recorded_ms: f64,
 }
 
-/// Serves rank 0 until it ends; returns its exit status.
+/// Serves rank 0 until rank 0 ends the run; returns the exit status that it sent.
 ///
 /// # Errors
 /// [`RankError::Lost`] if rank 0 is lost.
@@ -176,9 +176,9 @@ impl Server<'_> {
         let (commander, ends) = channels(ranks.len());
         let (renderer, own_ends) = RendererDevices::new(number, (here, &ranks), ends, Some(commander), 0.0);
         let own: Vec<usize> = (0..ranks.len()).filter(|&device| ranks[device] == here).collect();
-        let gpus = self.sets.get_mut(&set).ok_or("its devices are gone")?;
+        let gpus = self.sets.get_mut(&set).ok_or("its devices have been closed")?;
         if gpus.len() < own.len() {
-            return Err(format!("it has {} of {} devices left", gpus.len(), own.len()));
+            return Err(format!("it has only {} of {} needed devices left", gpus.len(), own.len()));
         }
         let gpus: Vec<GpuDevice> = gpus.drain(..own.len()).collect();
         let (mut cards, mut workers) = (Vec::new(), Vec::new());
@@ -206,13 +206,13 @@ impl Server<'_> {
             while !thread.is_finished() && begin.elapsed() < END_LIMIT {
                 std::thread::sleep(Duration::from_millis(1));
             }
-            // A worker that hangs is left behind.
+            // The thread of a worker that hangs is not joined, and its device is dropped from the set.
             if let Some(gpu) = thread.is_finished().then(|| thread.join().ok().flatten()).flatten() {
                 left.push(device);
                 gpus.push(gpu);
             }
         }
-        // These devices come before those that the renderer did not use.
+        // Renderers use the first devices of a set, so return these to the front.
         if let Some(rest) = self.sets.get_mut(&set) {
             gpus.append(rest);
             *rest = gpus;

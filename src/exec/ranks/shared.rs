@@ -1,4 +1,4 @@
-//! Orders and state that the post shares with the rank's other threads.
+//! Orders to the post from the rank's other threads, and state that it shares with them.
 
 use std::sync::atomic::AtomicU64;
 use std::sync::{Mutex, PoisonError};
@@ -28,13 +28,13 @@ pub enum Control {
     },
 }
 
-/// Trace spans that another rank has recorded of its threads.
+/// Trace spans that another rank has recorded on its threads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recorded {
     pub rank: usize,
-    /// Zero of its times, in milliseconds after [`Node::epoch`](super::Node::epoch) here.
+    /// Zero of the times in `text`, in milliseconds after the [`Node::epoch`](super::Node::epoch) of rank 0.
     pub zero_ms: f64,
-    /// Maximum error of `zero_ms`, in µs; `None` while the rank's clock is not known.
+    /// Maximum error of `zero_ms`, in µs; `None` before the first round trip to the rank.
     pub residual_us: Option<f64>,
     /// Spans in the format of [`Host::recorded`](super::Host::recorded).
     pub text: Vec<u8>,
@@ -43,14 +43,14 @@ pub struct Recorded {
 /// State that the post shares with the rank's other threads.
 #[derive(Default)]
 pub struct Shared {
-    /// Error of a lost rank.
+    /// Error of the first rank that was lost, if any.
     pub lost: Mutex<Option<RankError>>,
     /// Host names, by rank.
     pub hosts: Mutex<Vec<String>>,
-    /// Bytes of rows sent to other ranks.
+    /// Number of bytes of image rows sent to other ranks.
     pub row_bytes: AtomicU64,
-    /// Latency in milliseconds from rank 0 to each rank, and milliseconds per byte of large packets; known on rank 0
-    /// only.
+    /// For each rank, the one-way latency of the link from rank 0 in milliseconds, and its milliseconds per byte of
+    /// large packets. Known on rank 0 only.
     pub links: Mutex<Vec<(f64, f64)>>,
     /// Trace spans that other ranks have recorded, until they are taken.
     pub recorded: Mutex<Vec<Recorded>>,

@@ -1,4 +1,4 @@
-//! Scheduling of the thread that carries packets: its latency when it has work to do.
+//! Reduces the scheduling latency of the thread that carries packets.
 
 /// Length of the requested time slices, in nanoseconds. The default is some milliseconds.
 const SLICE_NS: u64 = 100_000;
@@ -19,7 +19,7 @@ struct Attributes {
 
 /// Requests short time slices for this thread. They do not give it a larger fraction of a core, but it runs before
 /// compute threads when it wakes up, which matters if ranks have no cores to spare. Linux 6.12 and later support this
-/// (Documentation/scheduler/sched-eevdf.rst). Other kernels ignore the request, and their answer is ignored here.
+/// (Documentation/scheduler/sched-eevdf.rst). On other kernels the request has no effect, and errors are ignored.
 pub fn ask_for_short_ones() {
     let mut attributes = Attributes::default();
     let size = size_of::<Attributes>() as u32;

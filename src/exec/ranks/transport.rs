@@ -1,6 +1,6 @@
-//! The devices of one renderer on all ranks, as one rank sees it. Each rank has the channels of all devices.
-//! The channels of its own devices lead to workers. Those of other ranks' devices lead to the renderer, which forwards
-//! their messages.
+//! One rank's view of a renderer's devices on all ranks. Each rank has the channels of all devices. The channels of its
+//! own devices lead to workers. The channels of other ranks' devices lead to [`RendererDevices`], which forwards their
+//! messages.
 
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ pub struct RendererDevices {
     commander: Option<RendererChannels>,
     own: Vec<usize>,
     others: Vec<Other>,
-    /// Zero of the renderer's times, in milliseconds since the post began.
+    /// Zero of the renderer's times, in milliseconds since the node's epoch.
     pub origin_ms: f64,
 }
 
@@ -61,7 +61,8 @@ impl RendererDevices {
         (Self { number, inboxes, replies, commander, own, others, origin_ms }, own_ends)
     }
 
-    /// Forwards messages for other ranks by `send`, rows included; returns true if there were any.
+    /// Passes all pending commands, messages and replies for other ranks to `send`, each with the number of the
+    /// receiving rank. Returns true if there were any.
     pub fn pass_on(&mut self, send: &mut impl FnMut(usize, Packet)) -> bool {
         let renderer = self.number;
         let mut any = false;
@@ -131,8 +132,8 @@ impl RendererDevices {
         let _ = self.replies.send(reply);
     }
 
-    /// Returns the signs of life of this rank's workers, if the renderer is on another rank. `None` stands for a worker
-    /// that has ended.
+    /// Returns the signs of life of this rank's workers, each with its device number and `None` if the worker has
+    /// ended. Returns `None` if the renderer is on this rank.
     pub fn signs(&self) -> Option<Vec<(usize, Option<LifeSign>)>> {
         let commander = self.commander.as_ref()?;
         let signs = commander.signs();

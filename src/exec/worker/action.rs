@@ -12,7 +12,7 @@ pub enum Command {
     Read { injected: Option<InjectedKind> },
 }
 
-/// Outcome of an attempt at a frame.
+/// Outcome of an attempt at a frame, or of reading an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Outcome {
     Done,
@@ -55,7 +55,7 @@ pub enum Action<B> {
     Submit {
         ticket: u64,
     },
-    /// Submit nothing, so that the device executes pending writes.
+    /// Make an empty submission, so that the device executes pending writes.
     SubmitUploads {
         ticket: u64,
     },
@@ -64,12 +64,13 @@ pub enum Action<B> {
     },
     /// Wait for the copy of these rows, map it and send it.
     Send(Outgoing),
-    /// Begin a wait for rows. More actions may come before they are written.
+    /// Begin to wait for rows. Other actions may follow before the rows arrive and [`Action::Write`] writes them.
     Receive {
         ticket: u64,
         transfer: u32,
     },
-    /// Wait for a message for a slice of the limit; then call `Protocol::message` or `Protocol::timed_out`.
+    /// Wait for a message for at most one slice of the time limit; then call `Protocol::message` or
+    /// `Protocol::timed_out`.
     AwaitMessage,
     /// Write rows to the device.
     Write {
@@ -77,14 +78,14 @@ pub enum Action<B> {
         task: usize,
         rows: B,
     },
-    /// Check whether the frame's last submission has completed, and wait for it if `waits`. If so, request the frame's
-    /// images. Then call `Protocol::ended`.
+    /// Check whether the frame's last submission has completed; with `waits`, wait until it has. If it has completed,
+    /// read the timestamps and request the frame's images. Then call `Protocol::ended` with the result of the check.
     End {
         ticket: u64,
         waits: bool,
     },
-    /// Check whether the frame's images have arrived, and wait for them if `waits`. If so, take them. Then call
-    /// `Protocol::ended`.
+    /// Check whether the frame's images have arrived on the host; with `waits`, wait until they have. If they have
+    /// arrived, take them. Then call `Protocol::ended` with the result of the check.
     TakeImages {
         ticket: u64,
         waits: bool,

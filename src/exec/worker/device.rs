@@ -25,7 +25,7 @@ pub struct WorkerDevice {
 }
 
 impl WorkerDevice {
-    /// Creates the images and pipelines of these programs and warms them up. `origin` is the zero of times.
+    /// Creates the images and pipelines of these programs, and warms up the pipelines. Times count from `origin`.
     ///
     /// # Errors
     /// [`ExecError`] if the device fails at once, has too little memory or cannot compile a stage.
@@ -77,7 +77,7 @@ impl WorkerDevice {
         self.stages.set_frame(&self.gpu, program, &job.constants, &job.previous, &job.update, job.place);
     }
 
-    /// Changes the display resampling of the frame, for its submissions from now on.
+    /// Sets each eye's mapping for the display resampling in later submissions of the frame.
     pub fn show(&self, maps: &[layout::DisplayMap; 2]) {
         self.stages.show(&self.gpu, maps);
     }
@@ -99,7 +99,7 @@ impl WorkerDevice {
         self.stages.record(&self.gpu, encoder, &mut self.stamps, &stage_task, runs)
     }
 
-    /// Records a copy of a task's rows of an image.
+    /// Records a copy of the task's rows of `image` to a readback buffer.
     pub fn record_copy(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
@@ -121,20 +121,21 @@ impl WorkerDevice {
         })
     }
 
-    /// Writes rows of an image. The device executes the write at the head of its next submission.
+    /// Writes the task's rows of an image; returns their size in bytes. The device executes the write at the head of
+    /// its next submission.
     ///
     /// # Errors
     /// [`DeviceFailure`] if the number of bytes is not that of the task's rows.
     pub fn write(&self, task: &Task, image: &Bound, place: Place, rows: &Bytes) -> Result<u64, DeviceFailure> {
         let (offset, size) = self.stages.images.span(&image.resource, &task.rows);
         if rows.len() as u64 != size {
-            return Err(format!("{} bytes came instead of {size}", rows.len()).into());
+            return Err(format!("{} bytes of rows arrived instead of {size}", rows.len()).into());
         }
         self.gpu.queue.write_buffer(self.stages.images.buffer(image, task.view, place), offset, rows);
         Ok(size)
     }
 
-    /// Returns the bytes of a copy, once its submission has completed.
+    /// Waits until the submission of a copy has completed; returns the copied bytes.
     ///
     /// # Errors
     /// [`DeviceFailure`] if the device or the mapping failed.
@@ -142,8 +143,9 @@ impl WorkerDevice {
         self.pool.finish(&self.gpu, back)
     }
 
-    /// Returns the begin and end of the tasks with these pairs of timestamps, in milliseconds since the origin.
-    /// `bracket_ms` lasts from the submission of the first task to the observed end of the last.
+    /// Returns the begin and end of tasks in milliseconds since the origin. `back` is the readback of all timestamps,
+    /// and `pairs` holds the index of each task's pair of timestamps. `bracket_ms` lasts from the submission of the
+    /// first task to the observed end of the last.
     ///
     /// # Errors
     /// Those of [`Self::finish`].
@@ -158,12 +160,12 @@ impl WorkerDevice {
         Ok(self.clock.host_ms(&ticks, bracket_ms).chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect())
     }
 
-    /// Returns the maximum error of the device's times so far.
+    /// Returns the maximum error of the device's times so far, in microseconds.
     pub fn clock_residual_us(&self) -> f64 {
         self.clock.residual_us
     }
 
-    /// Requests images, both eyes of each.
+    /// Submits copies of both eyes of `images` to the host; returns their readbacks.
     ///
     /// # Errors
     /// [`DeviceFailure`] if no pass writes one of them.
@@ -194,7 +196,7 @@ impl WorkerDevice {
         outputs.map(|image| (image.resource.into(), buffers(image))).collect()
     }
 
-    /// Returns a requested image.
+    /// Waits for the readbacks of an image that was requested; returns the bytes of both eyes.
     ///
     /// # Errors
     /// Those of [`Self::finish`].
@@ -202,7 +204,7 @@ impl WorkerDevice {
         Ok([self.finish(left)?.to_vec(), self.finish(right)?.to_vec()])
     }
 
-    /// Returns true if a submission has completed, and waits for it if `waits`.
+    /// Returns true if a submission has completed. With `waits`, waits until it has.
     ///
     /// # Errors
     /// [`DeviceFailure`] if the device failed or took too long.

@@ -23,15 +23,16 @@ pub struct Part {
     /// Begin of the frame on this device, and observed end of its last submission, in milliseconds since the origin.
     begin_ms: f64,
     end_ms: f64,
-    /// Time of its first submission.
+    /// Time of the frame's first submission on this device, in milliseconds since the origin.
     submitted_ms: Option<f64>,
     encoder: Option<wgpu::CommandEncoder>,
-    /// Commands of an encoder that has been finished.
+    /// Commands of the finished encoder that have not been submitted.
     commands: Option<wgpu::CommandBuffer>,
-    /// Copies in the encoder: rows for other devices, by task and transfer, and the timestamps.
+    /// Copies that are recorded but not submitted: rows for other devices, each with task and transfer number, and the
+    /// timestamps.
     copies: Vec<(usize, u32, Recorded)>,
     stamps_copy: Option<Recorded>,
-    /// Submitted copies of rows for other devices, by transfer, with their tasks.
+    /// Submitted copies of rows for other devices, by transfer number, each with its task.
     outgoing: HashMap<u32, (usize, ReadBack)>,
     stamps: Option<ReadBack>,
     last: Option<wgpu::SubmissionIndex>,
@@ -86,7 +87,7 @@ impl Part {
         device.begin(&self.job, &self.graph.program);
     }
 
-    /// Records a dispatch or a copy of rows. It submits all parts of a split dispatch except the last.
+    /// Records a dispatch or a copy of rows. Submits all parts of a split dispatch except the last.
     pub fn record(&mut self, device: &mut WorkerDevice, task: usize) {
         let graph = Arc::clone(&self.graph);
         let work = &graph.tasks_of(self.device)[task];
@@ -115,7 +116,7 @@ impl Part {
         self.stamps_copy = device.record_stamps(encoder);
     }
 
-    /// Ends the encoder, which is when wgpu encodes.
+    /// Ends the encoder. Only then does wgpu encode the recorded commands for the driver.
     pub fn close(&mut self) {
         let _span = tracing::info_span!("encode").entered();
         self.commands = self.encoder.take().map(wgpu::CommandEncoder::finish);
@@ -156,7 +157,7 @@ impl Part {
         self.last = Some(submission);
     }
 
-    /// Executes uploads that no dispatch follows, with an empty submission.
+    /// Makes an empty submission, so that the device executes uploads after which no dispatch follows.
     pub fn submit_uploads(&mut self, device: &WorkerDevice) {
         self.last = Some(device.gpu.queue.submit([]));
     }
@@ -189,7 +190,7 @@ impl Part {
     /// Writes received rows to the device.
     ///
     /// # Errors
-    /// [`DeviceFailure`] if the number of bytes is not that of the rows.
+    /// [`DeviceFailure`] if `rows` does not have the size of the task's rows.
     pub fn write(&mut self, device: &WorkerDevice, task: usize, rows: Bytes) -> Result<(), DeviceFailure> {
         let begin_ms = device.now_ms();
         let work = &self.graph.tasks_of(self.device)[task];
@@ -199,8 +200,8 @@ impl Part {
         Ok(())
     }
 
-    /// Checks whether the last submission has completed, and waits for it if `waits`. If so, reads the timestamps and,
-    /// on the primary, requests images.
+    /// Returns true if the last submission has completed; with `waits`, waits until it has. If it has completed, reads
+    /// the timestamps and, on the primary, requests images.
     ///
     /// # Errors
     /// [`DeviceFailure`] if the device failed or took too long.
@@ -226,7 +227,7 @@ impl Part {
         Ok(true)
     }
 
-    /// Returns the answer, if its images have reached the host; waits for them if `waits`.
+    /// Returns the answer if its images have reached the host, otherwise `None`. With `waits`, waits for the images.
     ///
     /// # Errors
     /// [`DeviceFailure`] if the device failed or took too long.

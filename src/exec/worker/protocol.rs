@@ -1,5 +1,6 @@
-//! The worker's protocol, described in README.md, as a state machine without I/O. A worker executes the actions that it
-//! returns and reports their outcomes. A test explores it in every order of events.
+//! The worker's protocol, described in `src/exec/README.md`, as a state machine without I/O. The worker executes the
+//! actions that the state machine returns and reports their outcomes to it. A test explores the state machine in every
+//! order of events.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -8,8 +9,8 @@ use super::action::{Action, Command, Outcome};
 use super::script::{Operation, Outgoing, Script};
 use crate::exec::messages::Message;
 
-/// Number of slices of a device's limit for which a worker waits for others. It is longer than the detection of a hung
-/// worker takes.
+/// Number of time slices without a message after which a worker stops waiting for rows of other workers and abandons
+/// the frame. A slice is an eighth of the device's time limit. The renderer detects a hung worker in fewer slices.
 const DEPENDENT_SLICES: u32 = 32;
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -22,9 +23,9 @@ struct Frame {
 /// Progress of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Progress {
-    /// Index of the next operation of its own tasks.
+    /// The operations of `Script::own` are being executed; holds the index of the next one.
     Own(usize),
-    /// Index of the next upload of the stitch.
+    /// The uploads of `Script::stitch` are being executed; holds the index of the next one.
     Stitch(usize),
     /// All tasks are submitted.
     Submitted,
@@ -35,13 +36,13 @@ enum Progress {
 /// Position in the worker's loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum At {
-    /// Pause between two steps. A new frame takes priority over the rest of older ones, so that the device stays busy
-    /// while the host waits for their rows.
+    /// Between two steps, the worker takes a new command if there is one. A new frame takes priority over the remaining
+    /// operations of older frames, so that the device stays busy while the host waits for rows of the older frames.
     Commands,
-    /// The newest frame's own tasks.
+    /// The worker executes the newest frame's own tasks.
     Newest,
-    /// The oldest frame, for one step. Without `waits`, frames older than the newest advance as far as they can without
-    /// waiting, and then the newest continues.
+    /// If `waits`, the worker advances the oldest frame by one step, for which it may wait. Otherwise it advances the
+    /// frames that are older than the newest as far as possible without waiting, and then returns to the newest.
     Oldest { waits: bool },
 }
 
@@ -53,13 +54,13 @@ pub struct Protocol<B> {
     submit_blocks: bool,
     /// Frames that are begun and not answered, oldest first. All but the newest have their own tasks submitted.
     open: VecDeque<Frame>,
-    /// Rows whose copy has been submitted, in order of submission.
+    /// Rows to send to other devices: their copies to the host have been submitted, in this order.
     outgoing: VecDeque<Outgoing>,
-    /// Attempts that have not been answered, oldest first.
+    /// Tickets of the commands that have not been answered, oldest first.
     unanswered: Vec<u64>,
     /// Rows that arrived before they were needed, by ticket and transfer.
     early: BTreeMap<(u64, u32), B>,
-    /// Attempts that were cancelled.
+    /// Tickets of cancelled attempts at a frame.
     aborted: BTreeSet<u64>,
     /// Lowest ticket that can still be open. Messages with lower tickets are dropped.
     floor: u64,
@@ -110,8 +111,8 @@ impl<B> Protocol<B> {
         }
     }
 
-    /// Accepts a command. `make` is called only if the device can still be used. Later failures are answered under this
-    /// ticket.
+    /// Accepts the command with this ticket, which `make` creates. `make` is not called if the device has failed. If
+    /// the device fails before the command is answered, the answer reports the failure.
     pub fn command(&mut self, ticket: u64, make: impl FnOnce() -> Command) {
         self.unanswered.push(ticket);
         if self.has_failed {
@@ -145,7 +146,8 @@ impl<B> Protocol<B> {
         }
     }
 
-    /// Notes that no message arrived for a slice of the limit.
+    /// Notes that no message arrived within a time slice. After `DEPENDENT_SLICES` such slices, abandons the frame that
+    /// waits for rows.
     pub fn timed_out(&mut self) {
         let slices = self.receiving.unwrap_or(0);
         self.receiving = Some(slices + 1);
@@ -188,7 +190,7 @@ impl<B> Protocol<B> {
         self.due.extend(self.unanswered.iter().map(failed));
     }
 
-    /// Abandons an attempt, since another device failed in it.
+    /// Abandons the attempt with this ticket, because another device failed in it or did not send its rows.
     fn give_up(&mut self, ticket: u64) {
         self.open.retain(|f| f.ticket != ticket);
         self.outgoing.retain(|o| o.ticket != ticket);
@@ -282,8 +284,8 @@ impl<B> Protocol<B> {
         script.ends_with_uploads().then_some(Action::SubmitUploads { ticket })
     }
 
-    /// Waits for rows, but sends all rows that others wait for first. Those precede this upload in the common order, so
-    /// there can be no circular wait.
+    /// Receives the rows of an upload. Before waiting for them, sends all outgoing rows. Outgoing rows precede this
+    /// upload in the order of tasks that all devices follow, so workers cannot wait for one another in a cycle.
     fn receive(&mut self, ticket: u64, task: usize, transfer: u32) -> Option<Action<B>> {
         if self.receiving.is_none() {
             self.receiving = Some(0);
@@ -307,7 +309,7 @@ impl<B> Protocol<B> {
         Some(Action::Write { ticket, task, rows })
     }
 
-    /// Returns the action that sends the rows copied first, if there are any.
+    /// Returns the action that sends the oldest outgoing rows, or `None` if there are none.
     fn send(&mut self) -> Option<Action<B>> {
         self.outgoing.pop_front().map(Action::Send)
     }

@@ -12,7 +12,7 @@ pub enum Step {
     LateDispatch {
         is_cut: bool,
     },
-    /// Rows for device `to`.
+    /// A copy of rows, to be sent to device `to`.
     Download {
         transfer: u32,
         to: usize,
@@ -20,7 +20,7 @@ pub enum Step {
     Upload {
         transfer: u32,
     },
-    /// The complete images; needs no operation.
+    /// Marks the point at which the images are complete; needs no operation.
     Stitch,
 }
 
@@ -57,18 +57,19 @@ pub(super) enum Operation {
 pub struct Script {
     /// Operations for its own tasks, which other workers may wait for.
     pub(super) own: Vec<Operation>,
-    /// The uploads of the stitch: task and transfer.
+    /// The uploads of the stitch: pairs of a task number and a transfer number.
     pub(super) stitch: Vec<(usize, u32)>,
 }
 
 impl Script {
-    /// Makes the script of a device from its own tasks and those of the stitch, which have consecutive numbers. A fault
-    /// is injected halfway through its own tasks.
+    /// Makes the script of a device from its own tasks and its tasks of the stitch. Task numbers count through `own`
+    /// and continue in `stitch`. If `injected` is given, the fault is injected halfway through `own`.
     ///
     /// Commands are submitted as late as possible: before a wait for rows, and at the end. Consecutive copies share a
     /// submission, right after the last of them is recorded. The worker waits for rows only when everything up to the
-    /// next submission is recorded, and writes them at its head, so that the host records while the device is busy with
-    /// earlier work. Late dispatches come last, so that all rows have arrived when the pose is sampled.
+    /// next submission is recorded; the device then writes the rows at the start of that submission. The host thus
+    /// records while the device is busy with earlier work. Late dispatches come last, so that all rows have arrived
+    /// when the pose is sampled.
     pub fn new(ticket: u64, own: &[Step], stitch: &[Step], injected: Option<InjectedKind>) -> Self {
         let mut builder = Builder::default();
         builder.operations.push(Operation::Begin);
@@ -124,7 +125,7 @@ impl Script {
         Self { own: builder.operations, stitch: stitch.iter().enumerate().filter_map(upload).collect() }
     }
 
-    /// Returns true if only an empty submission executes the frame's last uploads.
+    /// Returns true if no submission follows the frame's last uploads. An empty submission must then execute them.
     pub(super) fn ends_with_uploads(&self) -> bool {
         !self.stitch.is_empty() || !self.own.iter().any(|o| matches!(o, Operation::Submit(_)))
     }
@@ -136,7 +137,7 @@ struct Builder {
     /// True if recorded commands have not been submitted yet.
     has_recorded: bool,
     copies: Vec<Outgoing>,
-    /// Writes between the last submission and the next one.
+    /// Writes of rows that the next submission executes first.
     writes: Vec<Operation>,
     /// True if recorded commands need a pose that has not been sampled yet.
     asks: bool,

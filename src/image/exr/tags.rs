@@ -119,7 +119,7 @@ impl Tags {
         attributes
     }
 
-    /// Returns the vertical field of view in degrees: the file's attribute, else from its matrices.
+    /// Returns the vertical field of view in degrees: `yfov_deg` if there is one, else derived from the two matrices.
     pub fn field_of_view_deg(&self) -> Option<f64> {
         let said = self.yfov_deg.and_then(|deg| deg.to_string().parse().ok());
         said.or_else(|| self.field_of_view_of_matrices())
@@ -137,10 +137,10 @@ impl Tags {
     }
 }
 
-/// Sorts the attributes of a single-part file by name, so that equal images give equal bytes: the writer takes
-/// attributes of our own names from a hash map, whose order differs between runs. The header's length does not change.
+/// Sorts the attributes of a single-part file by name, so that equal images give equal bytes: the exr crate writes
+/// custom attributes in the order of a hash map, which differs between runs. The header's length does not change.
 pub(super) fn sort(file: &mut [u8]) {
-    // Length of the magic number and the version.
+    // Length of the magic number and the version, in bytes.
     const BEGIN: usize = 8;
     let mut attributes = Vec::new();
     let mut rest = file.get(BEGIN..).unwrap_or_default();
@@ -153,7 +153,7 @@ pub(super) fn sort(file: &mut [u8]) {
     file[BEGIN..BEGIN + sorted.len()].copy_from_slice(&sorted);
 }
 
-/// Splits off the first attribute: name, type, length and value. Returns `None` at the header's end.
+/// Splits the first attribute (name, type, length and value) from the rest. Returns `None` at the header's end.
 fn attribute(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let text_end = |from: usize| Some(from + bytes.get(from..)?.iter().position(|byte| *byte == 0)? + 1);
     let name_end = text_end(0).filter(|end| *end > 1)?;

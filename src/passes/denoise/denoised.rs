@@ -1,4 +1,4 @@
-//! The passes of a denoiser on one view.
+//! The passes that a denoiser declares for one view.
 
 use super::method::{Denoise, Light};
 use crate::graph::Pass;

@@ -28,18 +28,20 @@ const SMOOTH: Kernel = Kernel::new("gradient_smooth").with(constants![REACH]);
 /// the two luminances.
 const GRADIENT: Resource = Resource::image("gradient", 8).on(TILES);
 
-/// Whether gradients are computed: only in dynamic scenes, and not in polar images, whose tiles are not square.
+/// Returns true if gradients are computed: only in dynamic scenes, and not in polar images, whose tiles are not square.
 fn is_found(spec: &FrameSpec) -> bool {
     spec.moving.is_some() && spec.chain.polar.is_none()
 }
 
-/// Returns the image of the fraction of each tile's history to drop; a dummy if gradients are not computed.
+/// Returns the image that holds, for each tile, the fraction of its history to drop. Returns a dummy of one pixel if
+/// gradients are not computed.
 pub fn change(spec: &FrameSpec) -> Resource {
     let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));
     Resource::image("light_change", 4).on(if is_found(spec) { TILES } else { nothing })
 }
 
-/// Returns the passes that compute gradients, before the left eye accumulates.
+/// Returns the passes that compute gradients. They run before the left eye's accumulation; there are none for the right
+/// eye.
 pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
     if !is_found(spec) || view != Eye::Left {
         return Vec::new();

@@ -36,7 +36,7 @@ impl Light {
         self.advance_to(self.filtered)
     }
 
-    /// Does the same as [`Self::advance`], but the pass writes to `target`.
+    /// Returns the images like [`Self::advance`], but the pass writes to `target`.
     pub fn advance_to(&mut self, target: Image) -> (Image, Image) {
         (std::mem::replace(&mut self.current, target), target)
     }
@@ -47,10 +47,10 @@ pub trait Denoise: Sync {
     /// Returns the name in files and on the command line, which never changes.
     fn name(&self) -> &'static str;
 
-    /// Returns one line for `--help`, which omits denoisers without one.
+    /// Returns the denoiser's line in `--help`, or `None` to leave the denoiser out of the help.
     fn help(&self) -> Option<&'static str>;
 
-    /// Returns true if frames build on a history of previous ones.
+    /// Returns true if the denoiser reuses results of previous frames.
     fn keeps_history(&self) -> bool {
         false
     }
@@ -66,7 +66,7 @@ pub trait Denoise: Sync {
     }
 
     /// Estimates the FLIP that noise and blur leave at this number of samples per pixel, for the built-in ladder.
-    /// `rows` is the height of an eye's image. The default is for a filter on each frame alone.
+    /// `rows` is the height of an eye's image. The default is for a filter that uses only the current frame.
     fn estimated_flip(&self, samples: f64, iterations: u32, _rows: u32) -> f64 {
         (0.55 + 0.45 * 0.5f64.powi(iterations as i32 - 1)) * 0.18 * samples.powf(-0.35)
     }
@@ -76,8 +76,8 @@ pub trait Denoise: Sync {
         Vec::new()
     }
 
-    /// Returns the passes of the filter. Each reads the output of the one before, including rows around its own. The
-    /// halo plan decides before which of them rows are received.
+    /// Returns the passes of the filter. Each reads the output of the previous pass, including rows around its own. The
+    /// halo plan decides before which of these passes devices receive the rows around their own.
     fn filter(&self, _spec: &FrameSpec, _view: Eye, _light: &mut Light) -> Vec<Pass> {
         Vec::new()
     }

@@ -1,4 +1,4 @@
-//! The denoisers that frames can have, found by their names.
+//! Registry of denoisers: the built-in ones and those that the program registers, looked up by name.
 
 use std::sync::{PoisonError, RwLock};
 
@@ -21,13 +21,14 @@ fn all() -> Vec<&'static dyn Denoise> {
 }
 
 impl Denoiser {
-    /// Adds a denoiser to those that [`Self::from_name`] finds. With several ranks, each must register the same.
+    /// Registers a denoiser, so that [`Self::from_name`] finds it. In a run with several ranks, all ranks must register
+    /// the same denoisers.
     ///
     /// # Errors
     /// A message if the name is taken or is `none`.
     pub fn register(method: &'static dyn Denoise) -> Result<Self, String> {
         if Self::from_name(method.name()).is_ok() {
-            return Err(format!("there is a denoiser {} already", method.name()));
+            return Err(format!("a denoiser named {} already exists", method.name()));
         }
         REGISTERED.write().unwrap_or_else(PoisonError::into_inner).push(method);
         Ok(Self(method.name()))
@@ -38,20 +39,20 @@ impl Denoiser {
         std::iter::once(None).chain(all().into_iter().map(|method| Some(Self(method.name())))).collect()
     }
 
-    /// Returns the choice with this name.
+    /// Returns the denoiser with this name, or `None` for the name `none`.
     ///
     /// # Errors
-    /// A message that lists all names.
+    /// A message that lists all names, if the name is unknown.
     pub fn from_name(name: &str) -> Result<Option<Self>, String> {
         let choices = Self::choices();
         let choice = choices.iter().find(|choice| Self::name_of(**choice) == name).copied();
         choice.ok_or_else(|| {
             let names: Vec<&str> = choices.into_iter().map(Self::name_of).collect();
-            format!("the denoiser {name:?} is unknown: it is {}", names.join(", "))
+            format!("the denoiser {name:?} is unknown: choose one of {}", names.join(", "))
         })
     }
 
-    /// Returns true if frames build on a history of previous ones.
+    /// Returns true if the denoiser reuses the results of previous frames (history).
     pub fn keeps_history(self) -> bool {
         self.method().keeps_history()
     }
@@ -78,7 +79,7 @@ impl<'de> Deserialize<'de> for Denoiser {
     }
 }
 
-/// Deserializes a choice from its name.
+/// Deserializes a denoiser from its name; `none` gives `None`.
 ///
 /// # Errors
 /// Errors of the deserializer, and unknown names.

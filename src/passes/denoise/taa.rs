@@ -1,4 +1,4 @@
-//! Temporal antialiasing (TAA) of filtered illumination.
+//! Remodulation of filtered illumination, and temporal antialiasing (TAA) of the result.
 
 use super::{Light, gradient};
 use crate::graph::{Chain, Kernel, Pass, Resource, Stage, Use};
@@ -8,13 +8,14 @@ use crate::passes::tonemap::{PARTITION, finished};
 use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;
 
-/// The result of TAA, scene-referred RGB.
+/// Result of TAA: scene-referred RGB, and the number of accumulated frames.
 const RESOLVED: Resource = Resource::image("resolved", 16);
 
-/// Rows that TAA reads beyond its own.
+/// Number of rows above and below a device's stripe that TAA reads.
 const RESOLVE_REACH_ROWS: u32 = 1;
 
-/// Returns the passes that remodulate illumination, also in the rows around a device's own, and apply TAA.
+/// Returns two passes. `compose` multiplies illumination by albedo (remodulation) and adds emission, also in the rows
+/// around a device's stripe that TAA reads. `resolve` applies TAA.
 pub fn passes(spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
     let (filtered, composed) = light.advance();
     // Surfaces of the previous frame, which validate history in dynamic scenes.

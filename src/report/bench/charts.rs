@@ -8,7 +8,8 @@ use crate::quality::Denoiser;
 use crate::report::plot::{Axis, Chart, Series, line_chart_svg};
 use crate::report::{ReportError, once};
 
-/// Plots time against both eyes' relMSE, with the front of each denoiser and, below, the noise of the reference.
+/// Plots the mean relMSE of both eyes over time: the Pareto front of each denoiser and, as a horizontal guide line, the
+/// noise of the reference.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.

@@ -1,4 +1,4 @@
-//! Errors of images by name, and which of them tables show.
+//! Image errors by name, and the selection of them that tables show.
 
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
@@ -7,7 +7,7 @@ use crate::metrics;
 use crate::metrics::kinds::KindError;
 use crate::metrics::rings::Viewing;
 
-/// Metrics that tables show, in this order. Files have the remaining ones after them.
+/// Metrics that tables show, in this order. Files contain these first, then all other metrics.
 pub(super) const SHOWN: [&str; 10] =
     ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "flip_acuity", "mean_ratio"];
 
@@ -16,16 +16,17 @@ pub(super) const SHOWN: [&str; 10] =
 pub(super) const FLICKER: &str = "flicker";
 pub const ERROR: &str = "flip_flicker";
 
-/// A relMSE below this many times the reference's own cannot be distinguished from it.
+/// Multiple of the reference's own relMSE below which an image's relMSE cannot be distinguished from noise of the
+/// reference.
 pub(super) const NOISE_MARGIN: f64 = 4.0;
 
-/// An eye's errors by name, with the names of [`SeenErrors`].
+/// Errors of one eye by name. The names are those in the JSON of [`SeenErrors`], `flicker` and [`ERROR`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Errors(pub(super) serde_json::Map<String, serde_json::Value>);
 
 impl Errors {
-    /// Returns the means over repeats. A value that is undefined in one repeat is undefined in the mean.
+    /// Returns the mean of each error over the repeats. An error that is undefined in one repeat has no mean.
     pub fn mean_of(comparisons: &[impl Serialize]) -> Self {
         let all: Vec<serde_json::Value> = comparisons.iter().filter_map(|c| serde_json::to_value(c).ok()).collect();
         let names = all.first().and_then(|v| v.as_object()).into_iter().flat_map(|v| v.keys());
@@ -40,7 +41,7 @@ impl Errors {
         self.0.get(name)?.as_f64()
     }
 
-    /// Adds the flicker between frames, and its sum with FLIP, which is undefined if either is.
+    /// Adds the flicker between frames, and the sum of FLIP and flicker, which is undefined if one of them is.
     pub(super) fn with_flicker(mut self, flicker: Option<f64>) -> Self {
         let sum = self.get("flip").zip(flicker).map(|(flip, flicker)| flip + flicker);
         for (name, value) in [(FLICKER, flicker), (ERROR, sum)] {
@@ -70,7 +71,8 @@ pub struct SeenErrors {
     pub by_kind: KindColumns,
 }
 
-/// Errors by kind of pixel, as the members `flip_KIND` and `part_KIND` ([`KindError`]); no members if they are unknown.
+/// Errors by kind of pixel, serialized as the members `flip_KIND` and `part_KIND` ([`KindError`]); `None` adds no
+/// members.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct KindColumns(pub Option<[KindError; 6]>);
 

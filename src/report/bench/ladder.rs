@@ -1,4 +1,4 @@
-//! Quality ladders as a table, and plotted with the fronts that they come from.
+//! Reports quality ladders: as tables, and as plots beside the Pareto fronts of each denoiser.
 
 use super::charts::{fronts, time_chart};
 use super::errors::ERROR;
@@ -10,8 +10,8 @@ use crate::report::plot::Series;
 use crate::report::study::cell;
 use crate::report::{ReportError, Table};
 
-/// Plots time against both eyes' FLIP + flicker, with the front of each denoiser and the ladder. If there are other
-/// renderers, whose flicker is unknown, the plot shows FLIP alone.
+/// Plots the mean FLIP + flicker of both eyes over time: the Pareto front of each denoiser, and the ladder. With
+/// `peers` (other renderers, whose flicker is unknown), the plot shows FLIP alone, also that of the peers.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
@@ -26,7 +26,7 @@ pub fn ladder_svg(title: String, rows: &[SettingRow], peers: &[Peer], ladder: &L
     time_chart(title, &format!("{label}, mean of both eyes"), &series)
 }
 
-/// Returns a table with a line per rung, from the cheapest.
+/// Returns a table with a line per rung, cheapest first.
 pub fn ladder_table(ladder: &Ladder) -> Table {
     let mut headers = vec!["rung"];
     headers.extend(COLUMNS);
@@ -50,7 +50,7 @@ mod tests {
 
     #[test]
     fn each_denoiser_has_a_ladder_and_the_best_comes_first() {
-        // By the time of the fastest setting alone, `none` would be best.
+        // If only the fastest setting counted, `none` would be best.
         let rows = [
             row("none", 1, 1.0, &[0.4]),
             row("none", 2, 2.0, &[0.5]),

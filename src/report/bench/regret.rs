@@ -8,7 +8,7 @@ use crate::control::{MIN_STEP, Rung};
 use crate::quality::Quality;
 use crate::report::Table;
 
-/// Comparison of a rung with the best setting.
+/// Comparison of a rung with the measured setting that has the lowest error and takes no longer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Regret {
     #[serde(rename = "knobs")]
@@ -16,13 +16,13 @@ pub struct Regret {
     pub time_ms: f64,
     /// FLIP + flicker of the rung, mean of both eyes.
     pub error: f64,
-    /// Lowest FLIP + flicker among the settings that take no longer, within [`MIN_STEP`].
+    /// Lowest FLIP + flicker among the settings whose time is at most (1 + [`MIN_STEP`]) times that of the rung.
     pub best_error: f64,
     /// Excess of the rung's error over the best, as a fraction of the best.
     pub regret: f64,
 }
 
-/// Returns the regret of each measured rung, from the cheapest.
+/// Returns the regret of each rung that was measured, cheapest rung first.
 pub fn regrets(rungs: &[Quality], rows: &[SettingRow]) -> Vec<Regret> {
     let all: Vec<_> = rows.iter().map(SettingRow::rung).collect();
     let mut found: Vec<_> = all.iter().filter(|r| rungs.contains(&r.quality)).collect();

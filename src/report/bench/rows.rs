@@ -18,7 +18,7 @@ pub struct Repeat {
     /// Busy time by stage, summed over views and devices.
     pub stage_ms: BTreeMap<String, f64>,
     pub errors: Stereo<SeenErrors>,
-    /// Its line in `frames.csv`.
+    /// The line of this frame in `frames.csv`.
     pub line: FrameLine,
 }
 
@@ -35,7 +35,7 @@ pub struct Measured {
     pub time_ms: f64,
     pub time_ms_min: f64,
     pub time_ms_max: f64,
-    /// Medians of the busy times.
+    /// Busy time by stage: the median over the repeats that ran the stage.
     pub stage_ms: BTreeMap<String, f64>,
     pub errors: Stereo<Errors>,
     /// relMSE of each repeat.
@@ -45,8 +45,8 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Combines the frames of a setting. `changes` holds the difference between consecutive frames of each eye, with
-    /// the camera at rest.
+    /// Combines the frames of a setting. `changes` holds, for each eye, the change between consecutive frames while the
+    /// camera is at rest.
     pub fn of(repeats: &[Repeat], changes: Stereo<Change>) -> Self {
         let times_ms: Vec<f64> = repeats.iter().map(|r| r.line.makespan_ms).collect();
         let stages = repeats.iter().flat_map(|r| r.stage_ms.keys());
@@ -69,7 +69,7 @@ impl Measured {
         }
     }
 
-    /// Returns the mean of both eyes; infinite if it is undefined in one.
+    /// Returns the mean over both eyes of the error `name`; infinite if it is undefined in one eye.
     pub fn error(&self, name: &str) -> f64 {
         let [l, r] = [&self.errors.left, &self.errors.right].map(|e| e.get(name).unwrap_or(f64::INFINITY));
         (l + r) / 2.0
@@ -83,7 +83,7 @@ pub struct SettingRow {
     pub quality: Quality,
     #[serde(flatten)]
     pub measured: Measured,
-    /// True if no other setting is both faster and better by [`ERROR`], as a mean of both eyes.
+    /// True if no other setting is both faster and has a lower [`ERROR`] (mean of both eyes).
     pub on_front: bool,
 }
 
@@ -104,7 +104,7 @@ pub(super) fn points(rows: &[&SettingRow], error: &str) -> Vec<(f64, f64)> {
     rows.iter().map(|r| (r.measured.time_ms, r.measured.error(error))).collect()
 }
 
-/// Marks the rows of the Pareto front.
+/// Sets [`SettingRow::on_front`] of the rows on the Pareto front of time and [`ERROR`].
 pub fn mark_front(rows: &mut [SettingRow]) {
     for i in front(&points(&rows.iter().collect::<Vec<_>>(), ERROR)) {
         rows[i].on_front = true;
@@ -119,7 +119,7 @@ pub(super) mod tests {
     use crate::metrics::rings::Viewing;
     use crate::quality::{Denoiser, FrameQuality};
 
-    /// Makes a setting whose repeats have these RMSE in the left eye and twice that in the right.
+    /// Makes a row whose repeats have these values of RMSE in the left eye and twice these in the right eye.
     pub fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> SettingRow {
         let denoiser = Denoiser::from_name(denoiser).unwrap();
         let quality = Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };

@@ -8,7 +8,7 @@ use super::errors::NOISE_MARGIN;
 use super::rows::{Measured, SettingRow};
 use crate::accumulation::Noise;
 use crate::exec::Stereo;
-use crate::quality::Denoiser;
+use crate::quality::{Denoiser, Quality};
 use crate::report::once;
 
 /// Exponent of the error, √relMSE, as a function of samples per pixel. It is −0.5 for independent samples.
@@ -44,11 +44,18 @@ pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
     (spread > 0.0).then(|| logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>() / spread)
 }
 
-/// Returns the slopes by denoiser, iterations and eye, from the rows that sample all pixels uniformly with the most
-/// bounces. The noise of the reference adds to every relMSE and is subtracted. The fit omits settings whose error that
-/// noise hides, and 1 spp, whose sample goes through the pixel's centre and estimates a different image.
+/// Returns the slopes by denoiser, iterations and eye. The fit uses the rows with full render scale, without foveation
+/// and with the most bounces. It subtracts the noise of the reference, which adds to every relMSE. It omits
+/// settings whose error is within that noise, and settings of 1 spp, since their sample goes through the pixel's centre
+/// and estimates a different image.
 pub fn slopes(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
-    let rows: Vec<&SettingRow> = rows.iter().filter(|r| r.quality.scale == 1.0 && r.quality.fovea.is_none()).collect();
+    let rows: Vec<&SettingRow> = rows
+        .iter()
+        .filter(|r| {
+            let Quality { scale, fovea, polar, .. } = r.quality;
+            scale == 1.0 && fovea.is_none() && polar.is_none()
+        })
+        .collect();
     let bounces = rows.iter().map(|r| r.quality.bounces).max();
     let rows: Vec<&SettingRow> = rows.into_iter().filter(|r| Some(r.quality.bounces) == bounces).collect();
     let filters = once(rows.iter().map(|r| filter(r)));
@@ -68,7 +75,7 @@ fn filter(row: &SettingRow) -> (&'static str, u32) {
     (Denoiser::name_of(row.quality.denoiser), row.quality.most_iterations())
 }
 
-/// Fits the slope of each repeat's relMSE over samples per pixel.
+/// Fits a slope of √relMSE over samples per pixel to each repeat, and averages the slopes.
 fn slope(
     (denoiser, iterations): (&'static str, u32),
     eye: &'static str,
@@ -85,7 +92,8 @@ fn slope(
     Some(Slope { denoiser, iterations, eye, slope, standard_error, points: settings.len() })
 }
 
-/// Returns the mean and its standard error, which needs two values. Without values there is none.
+/// Returns the mean of the values and its standard error, which is `None` for a single value. Returns `None` without
+/// values.
 fn mean_and_error(values: &[f64]) -> Option<(f64, Option<f64>)> {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -108,10 +116,10 @@ mod tests {
 
     #[test]
     fn the_references_noise_is_taken_off_and_one_sample_left_out() {
-        // The relMSE of a flat image against a black one is 100 times its square.
+        // The relMSE of an image of uniform value v against a black one is 100 v².
         let noise = Stereo { left: Noise { rmse: 0.01, relmse: 0.01 }, right: Noise { rmse: 0.02, relmse: 0.04 } };
         let seen = |n: f64| (0.16 / n + 1e-4).sqrt();
-        // At 4096 samples the error is below the noise, and at 1 it is that of another estimator.
+        // At 4096 spp the error is below the noise of the reference. At 1 spp it belongs to another estimator.
         let spps = [1u32, 2, 8, 64, 4096];
         let rows: Vec<SettingRow> =
             spps.map(|n| row("none", n, 1.0, &[if n == 1 { 9.0 } else { seen(n.into()) }; 2])).into();

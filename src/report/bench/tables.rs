@@ -1,4 +1,4 @@
-//! Tables of settings with their times and errors, for people and as CSV, and the notes below them.
+//! Tables of settings with their times and errors, as text and as CSV, and the notes printed below them.
 
 use super::errors::{NOISE_MARGIN, SHOWN};
 use super::rows::{Measured, SettingRow};
@@ -22,7 +22,7 @@ pub const ERROR_NOTE: &str = "Fronts and ladders use flip_flicker: mean FLIP plu
 /// Names and values of the columns that all rows of a table share.
 pub type Shared = Vec<(&'static str, String)>;
 
-/// Returns a line per setting and eye. Undefined values are empty.
+/// Returns the rows as CSV, with a line per setting and eye. Cells of undefined values are empty.
 pub fn csv(shared: &Shared, rows: &[SettingRow]) -> Csv {
     let metrics = rows.first().map_or(Vec::new(), |r| r.measured.errors.left.names());
     let mut columns: Vec<&str> = shared.iter().map(|(name, _)| *name).collect();
@@ -44,7 +44,8 @@ pub fn csv(shared: &Shared, rows: &[SettingRow]) -> Csv {
     Csv { columns: columns.into_iter().map(str::to_owned).collect(), lines }
 }
 
-/// Returns a line per timed frame, with the settings that [`FrameLine`] lacks.
+/// Returns the contents of `frames.csv`: a line per timed frame, which begins with the settings that [`FrameLine`]
+/// lacks.
 pub fn frames(rows: &[SettingRow]) -> Csv {
     let lines = || rows.iter().flat_map(|row| row.measured.frames.iter().map(move |line| (row, line)));
     let setting = |(row, _): (&SettingRow, &FrameLine)| {
@@ -56,10 +57,10 @@ pub fn frames(rows: &[SettingRow]) -> Csv {
     settings.beside(FrameLine::csv(&lines().map(|(_, line)| line.clone()).collect::<Vec<_>>()))
 }
 
-/// Columns of a quality.
+/// Names of the columns that describe a [`Quality`].
 pub(super) const COLUMNS: [&str; 6] = ["denoiser", "iterations", "bounces", "foveation", "scale", "spp"];
 
-/// Returns the cells of a quality, with layers in the command line's notation.
+/// Returns a quality's cells for [`COLUMNS`], with the names that the command line uses.
 pub(super) fn cells_of(quality: &Quality) -> [String; 6] {
     let FrameQuality { spp, bounces, iterations, scale, fovea } = quality.into();
     let foveation = match (fovea, &quality.polar) {
@@ -71,7 +72,8 @@ pub(super) fn cells_of(quality: &Quality) -> [String; 6] {
     [Denoiser::name_of(quality.denoiser).to_owned(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
 }
 
-/// Returns a line per setting and eye.
+/// Returns a table with a line per setting and eye. The last column marks settings on the Pareto front, and errors that
+/// are within the `noise` of the reference.
 pub fn table(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Table {
     let metrics: Vec<&str> =
         SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.measured.errors.left.0.contains_key(*m))).collect();

@@ -6,33 +6,34 @@ use serde::Deserialize;
 
 use crate::report::study::cell;
 
-/// An experiment: arrangements that render the same frames in turns.
+/// An experiment: named sets of options (arrangements), which take turns at rendering the same frames.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Experiment {
-    /// Name of the CSV file, without its ending.
+    /// Name of the CSV file, without the extension.
     pub name: String,
     pub title: String,
     /// Heading of the table.
     pub heading: String,
     /// Caption of the table.
     pub caption: String,
-    /// Name of the column of arrangements.
+    /// Name of the column that holds the names of the arrangements.
     pub arrangements: String,
-    /// Motions of the camera; each has rows of its own, and all of them a column.
+    /// Camera motions to measure, each in separate rows; the column `camera` names the motion. Without this key, there
+    /// is no such column, and the motion is [`Camera::Approaching`].
     pub cameras: Option<Vec<Camera>>,
-    /// True to look at the screen's middle instead of along the shot's gaze.
+    /// True to set the gaze to the screen's centre instead of the shot's gaze.
     #[serde(default)]
     pub gazes_ahead: bool,
     #[serde(default)]
     pub frames: Frames,
-    /// Options of all arrangements.
+    /// Options that all arrangements share, by their names on the command line.
     #[serde(default)]
     pub options: toml::Table,
     #[serde(rename = "arrangement")]
     pub all: Vec<Arrangement>,
     pub columns: Vec<Column>,
-    /// Columns of the printed table and of the page.
+    /// Columns of the table in the terminal and on the page.
     pub table: Vec<Shown>,
     #[serde(default)]
     pub(super) cited: Cited,
@@ -42,15 +43,15 @@ pub struct Experiment {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Camera {
-    /// The camera moves along its path and rests.
+    /// The camera moves along its path during the warm-up, and rests in the compared frames.
     Approaching,
-    /// The camera rests.
+    /// The camera rests all the time.
     Still,
-    /// The camera moves to several instants of its path, with a frame at each.
+    /// The camera moves along its path to several instants, and the frame at each instant is compared.
     Moving,
 }
 
-/// Numbers of frames where the command line gives none.
+/// Numbers of frames to use unless the command line gives others.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Frames {
@@ -62,7 +63,7 @@ pub struct Frames {
 #[serde(deny_unknown_fields)]
 pub struct Arrangement {
     pub name: String,
-    /// Options beside those of all arrangements, by their names on the command line.
+    /// Options of this arrangement in addition to [`Experiment::options`], by their names on the command line.
     #[serde(default)]
     pub options: toml::Table,
     /// True to trace as many pixels as `--foveation visual-polar` would.
@@ -72,7 +73,7 @@ pub struct Arrangement {
     pub blur: Option<bool>,
 }
 
-/// A column of numbers, with exactly one source.
+/// A column of numbers. Exactly one of `measure`, `stages`, `fraction` and `speedup` must be given.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Column {
@@ -80,16 +81,17 @@ pub struct Column {
     pub(super) decimals: usize,
     /// One of [`MEASURES`].
     pub measure: Option<String>,
-    /// Stages whose times are added; empty if none of them ran.
+    /// Stages whose busy times are added up. Cells are empty if none of the stages ran.
     pub(super) stages: Option<Vec<String>>,
-    /// Stages whose time is divided by that of all stages.
+    /// Stages whose total busy time is divided by the busy time of all stages.
     pub(super) fraction: Option<Vec<String>>,
-    /// Column of which the first arrangement's value is divided by this one's.
+    /// Column that speedups are computed from: its value for the first arrangement is divided by its value for the
+    /// row's arrangement.
     pub(super) speedup: Option<String>,
 }
 
-/// A printed column. Its cells replace `{COLUMN:DECIMALS}` by the value, and `{COLUMN:%DECIMALS}` by the value in
-/// percent.
+/// Header and cell template of a printed column. In the template, `{COLUMN:DECIMALS}` stands for the column's value,
+/// and `{COLUMN:%DECIMALS}` for the value in percent.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shown {
@@ -97,7 +99,7 @@ pub struct Shown {
     cell: String,
 }
 
-/// Published numbers.
+/// Published numbers, which are printed below the measured ones.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Cited {
@@ -115,7 +117,7 @@ pub(super) struct CitedRow {
     pub(super) values: BTreeMap<String, f64>,
 }
 
-/// Measurements that columns can name. Errors are means of both eyes.
+/// Valid values of [`Column::measure`]. Errors are means of both eyes.
 const MEASURES: [&str; 25] = [
     "time_ms",
     "time_ms_min",
@@ -144,18 +146,18 @@ const MEASURES: [&str; 25] = [
     RINGS[3],
 ];
 
-/// Measures that need a moving gaze.
+/// Measures of the fovea under a moving gaze, for which additional frames are rendered.
 pub const FOVEA: [&str; 2] = ["fovea_flip", "fovea_flicker"];
 
-/// SSIM of the ring at the gaze and of the outermost ring with a value, against the reference and against the first
-/// arrangement.
+/// Measures of rings around the gaze: SSIM of the innermost ring and of the outermost ring with a defined SSIM, first
+/// against the reference, then against the first arrangement.
 pub const RINGS: [&str; 4] = ["ssim_gaze", "ssim_edge", "ssim_basic_gaze", "ssim_basic_edge"];
 
 impl Experiment {
     /// Parses and checks the text of an experiment.
     ///
     /// # Errors
-    /// A message that names the key.
+    /// A message that names the invalid key.
     pub fn parse(text: &str) -> Result<Self, String> {
         let experiment: Self = toml::from_str(text).map_err(|error| error.to_string().trim_end().to_owned())?;
         experiment.check()?;
@@ -168,22 +170,22 @@ impl Experiment {
         };
         let mut names = BTreeSet::from(["source", "scene", "shot", "camera"]);
         if !is_snake(&self.name) || ["frames", "rings"].contains(&&self.name[..]) {
-            return Err(format!("name: '{}' is no name in snake_case other than frames and rings", self.name));
+            return Err(format!("name: '{}' must be in snake_case, and neither frames nor rings", self.name));
         }
         if [self.frames.warm_up, self.frames.repeats].into_iter().flatten().any(|count| count > 1000) {
-            return Err("frames: there are more than 1000".to_owned());
+            return Err("frames: give at most 1000".to_owned());
         }
         if self.cameras().is_empty() {
-            return Err("cameras: there is none".to_owned());
+            return Err("cameras: give at least one, or leave out the key".to_owned());
         }
         let columns = self.columns.iter().map(|column| &column.name);
         for (key, name) in [("arrangements", &self.arrangements)].into_iter().chain(columns.map(|n| ("columns", n))) {
             if !is_snake(name) || !names.insert(name) {
-                return Err(format!("{key}: '{name}' is no name in snake_case that occurs once"));
+                return Err(format!("{key}: '{name}' must be in snake_case and differ from all other column names"));
             }
         }
         if self.all.is_empty() {
-            return Err("arrangement: there is none".to_owned());
+            return Err("arrangement: give at least one".to_owned());
         }
         let mut before = BTreeSet::new();
         if let Some(twice) = self.all.iter().find(|arrangement| !before.insert(&arrangement.name)) {
@@ -212,7 +214,7 @@ impl Experiment {
             return Err(format!("columns: {name}: give one of measure, stages, fraction and speedup"));
         }
         if *decimals > 12 {
-            return Err(format!("columns: {name}: decimals: {decimals} are more than 12"));
+            return Err(format!("columns: {name}: decimals: {decimals} is more than 12"));
         }
         if let Some(unknown) = measure.as_deref().filter(|measure| !MEASURES.contains(measure)) {
             let known = MEASURES.join(", ");
@@ -228,40 +230,46 @@ impl Experiment {
         self.columns.iter().position(|known| known.name == column)
     }
 
-    /// Returns the motions of the camera.
+    /// Returns the camera motions to measure.
     pub fn cameras(&self) -> &[Camera] {
         self.cameras.as_deref().unwrap_or(&[Camera::Approaching])
     }
 
-    /// Returns the names of a row's text columns, the last two or three of which `frames.csv` has too.
+    /// Returns the names of a row's text columns: `source`, `scene`, `camera` if the file lists cameras, and the column
+    /// of arrangements.
     pub fn labels(&self) -> Vec<&str> {
         let camera = self.cameras.is_some().then_some("camera");
         ["source", "scene"].into_iter().chain(camera).chain([&self.arrangements[..]]).collect()
     }
 
-    /// Returns true if a column is one of these measures.
+    /// Returns true if any column shows one of these measures.
     pub fn has_any(&self, measures: &[&str]) -> bool {
         self.columns.iter().filter_map(|column| column.measure.as_deref()).any(|name| measures.contains(&name))
     }
 
-    /// Returns the caption of the table.
+    /// Returns the caption of the table and, if it has cited rows, their source.
     pub fn captions(&self) -> Vec<String> {
         let cited = (!self.cited.rows.is_empty()).then(|| format!("Cited: {}", self.cited.source));
         [self.caption.clone()].into_iter().chain(cited).collect()
     }
 
-    /// Fills in a printed cell.
+    /// Fills in the template of a printed cell. `values` are a row's values in the order of the columns. The cell is
+    /// `-` if the row lacks every value that the template names.
+    ///
+    /// # Errors
+    /// A message that names the invalid part of the template.
     pub(super) fn cell(&self, shown: &Shown, values: &[Option<f64>]) -> Result<String, String> {
         let mut parts = shown.cell.split('{');
         let mut text = parts.next().unwrap_or_default().to_owned();
-        let mut is_missing = true;
+        let mut is_missing = shown.cell.contains('{');
         for part in parts {
-            let (of, literal) = part.split_once('}').ok_or_else(|| format!("'{{{part}' has no end"))?;
-            let (name, format) = of.split_once(':').ok_or_else(|| format!("'{{{of}}}' has no decimals"))?;
+            let (of, literal) =
+                part.split_once('}').ok_or_else(|| format!("'{{{part}' has no end: '}}' is missing"))?;
+            let (name, format) = of.split_once(':').ok_or_else(|| format!("'{{{of}}}' lacks ':' and decimals"))?;
             let at = self.at(name).ok_or_else(|| format!("there is no column '{name}'"))?;
             let (factor, decimals) = format.strip_prefix('%').map_or((1.0, format), |decimals| (100.0, decimals));
             let decimals = decimals.parse::<usize>().ok().filter(|decimals| *decimals <= 12);
-            let decimals = decimals.ok_or_else(|| format!("'{{{of}}}' has no number of decimals up to 12"))?;
+            let decimals = decimals.ok_or_else(|| format!("'{{{of}}}' needs a number of decimals from 0 to 12"))?;
             is_missing &= values[at].is_none();
             text += &cell(values[at].map(|value| factor * value), decimals);
             text += literal;

@@ -1,4 +1,4 @@
-//! Results of an experiment: rows of its columns, as table, CSV and JSON.
+//! Results of an experiment: one row per scene, camera motion and arrangement, as table, CSV and JSON.
 
 use std::collections::BTreeMap;
 
@@ -9,13 +9,14 @@ use crate::report::bench::Measured;
 use crate::report::csv::{Csv, number};
 use crate::report::table::Table;
 
-/// Endings of columns that are one array in JSON, under the name without them.
+/// Groups of column-name suffixes. In JSON, columns that differ only in a suffix of the same group become one array,
+/// named without the suffix.
 const ARRAYS: [&[&str]; 2] = [&["", "_min", "_max"], &["_gaze", "_edge"]];
 
 /// Measures of an arrangement other than its times and errors, by name.
 pub type OtherMeasures = BTreeMap<&'static str, f64>;
 
-/// Results of an arrangement on a scene.
+/// Results of an arrangement on a scene with a camera motion.
 #[derive(Clone, Debug)]
 pub struct ExperimentRow {
     /// `measured` or `cited`.
@@ -40,14 +41,15 @@ impl Experiment {
         ExperimentRow { source, scene: scene.to_owned(), camera, arrangement: name.to_owned(), values }
     }
 
-    /// Returns a row's values in the columns of text; `none` stands for no camera.
+    /// Returns the cells of a row's text columns. `none` is the text for a row without a camera motion.
     fn texts(&self, row: &ExperimentRow, none: &str) -> Vec<String> {
         let camera = self.cameras.is_some().then(|| row.camera.map_or(none, |camera| camera.name()));
         let texts = [row.source, &row.scene].into_iter().chain(camera).chain([&row.arrangement[..]]);
         texts.map(str::to_owned).collect()
     }
 
-    /// Returns the rows of a scene and a camera from the measurements of all arrangements.
+    /// Returns the rows of a scene and a camera motion. `found` holds the measurements of each arrangement, in the
+    /// order of [`Experiment::all`].
     pub fn measured(&self, scene: &str, camera: Camera, found: &[(Measured, OtherMeasures)]) -> Vec<ExperimentRow> {
         let row = |(arrangement, (of, beside)): (&Arrangement, &(Measured, OtherMeasures))| {
             self.row("measured", scene, Some(camera), &arrangement.name, |column| column.value(of, beside))
@@ -61,7 +63,7 @@ impl Experiment {
         rows
     }
 
-    /// Returns the published numbers.
+    /// Returns the rows of published numbers.
     pub fn cited(&self) -> Vec<ExperimentRow> {
         let row = |cited: &CitedRow| {
             let CitedRow { scene, camera, arrangement, values } = cited;
@@ -73,7 +75,7 @@ impl Experiment {
     /// Returns a table with a line per row.
     pub fn table(&'static self, rows: &[ExperimentRow]) -> Table {
         let line = |row: &ExperimentRow| {
-            // Cells have been checked.
+            // `Experiment::parse` has checked the templates, so this cannot fail.
             let cells = self.table.iter().map(|shown| self.cell(shown, &row.values).unwrap_or_else(|reason| reason));
             self.texts(row, "-").into_iter().chain(cells).collect()
         };
@@ -91,7 +93,7 @@ impl Experiment {
         Csv { columns: names.map(str::to_owned).collect(), lines: rows.iter().map(line).collect() }
     }
 
-    /// Returns a row as JSON, with the columns of [`ARRAYS`] as arrays.
+    /// Returns a row as JSON. Columns that differ only in a suffix such as `_min` or `_max` form one array.
     pub fn json(&self, row: &ExperimentRow) -> Value {
         let null_if_empty = |text: String| if text.is_empty() { Value::Null } else { text.into() };
         let texts =
@@ -105,7 +107,7 @@ impl Experiment {
                 Some((stem, all?))
             });
             match array {
-                // A minimum and a maximum follow their column.
+                // An earlier column of the group has added the array.
                 Some((stem, _)) if members.contains_key(stem) => {}
                 Some((stem, _)) if stem == name && value.is_none() => _ = members.insert(name.clone(), Value::Null),
                 Some((stem, all)) => {
@@ -120,7 +122,7 @@ impl Experiment {
 }
 
 impl Column {
-    /// Returns the value for an arrangement, except that of a speed-up.
+    /// Returns the column's value for an arrangement; `None` for a speedup, which [`Experiment::measured`] computes.
     fn value(&self, of: &Measured, beside: &OtherMeasures) -> Option<f64> {
         let sum = |stages: &Vec<String>| {
             let own: Vec<f64> = stages.iter().filter_map(|stage| of.stage_ms.get(stage).copied()).collect();

@@ -95,7 +95,7 @@ pub fn sheet(material: Material) -> Material {
     Material { double_sided: true, ..material }
 }
 
-/// Makes a sheet cut out by its texture's alpha.
+/// Makes a material double-sided and cut out by its texture's alpha channel.
 pub fn cut_out(material: Material) -> Material {
     Material { alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..sheet(material) }
 }

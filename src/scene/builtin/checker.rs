@@ -13,7 +13,7 @@ use glam::{Vec2, Vec3};
 struct Paints {
     light: usize,
     dark: usize,
-    /// Textures of 8 × 8 squares, with nearest and with linear filtering.
+    /// Materials with a texture of 8 × 8 squares: `crisp` with nearest and `soft` with linear filtering.
     crisp: usize,
     soft: usize,
     colors: [usize; 4],

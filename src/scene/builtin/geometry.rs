@@ -22,7 +22,7 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Tessellates `f` over the unit square (u, v) with `columns` × `rows` cells. The front is towards ∂f/∂u × ∂f/∂v.
+    /// Tessellates `f` over the unit square (u, v) with `columns` × `rows` cells. The front faces ∂f/∂u × ∂f/∂v.
     pub fn grid(columns: usize, rows: usize, f: impl Fn(f32, f32) -> Vertex) -> Self {
         let mut s = Self::default();
         for j in 0..=rows {
@@ -50,7 +50,7 @@ impl Surface {
         })
     }
 
-    /// Returns a flat parallelogram. The front is towards `side_u` × `side_v`.
+    /// Returns a flat parallelogram. The front faces `side_u` × `side_v`.
     pub fn quad(corner: Vec3, side_u: Vec3, side_v: Vec3) -> Self {
         let normal = side_u.cross(side_v).normalize();
         let size = Vec2::new(side_u.length(), side_v.length());
@@ -123,8 +123,8 @@ impl Surface {
     }
 }
 
-/// A polyline in the plane with its outside to the right of its direction: a closed one runs counter-clockwise, a
-/// profile to be turned about an axis runs upwards.
+/// A polyline in the plane whose outside is on the right of its direction: a closed outline runs counter-clockwise, and
+/// a profile to be turned about an axis runs upwards.
 #[derive(Clone, Debug)]
 pub struct Outline {
     points: Vec<Vec2>,
@@ -133,7 +133,7 @@ pub struct Outline {
     smooth_above: f32,
 }
 
-/// One end of an outline's edge.
+/// One end of an outline's edge, with its distance along the outline from the first point.
 #[derive(Clone, Copy)]
 struct End {
     point: Vec2,
@@ -195,8 +195,8 @@ impl Outline {
             .collect()
     }
 
-    /// Returns the surface that the outline traces as its plane moves through `frames`. Each maps the plane (x, y, 0)
-    /// into space with z pointing along the path. Ends are open.
+    /// Returns the surface that the outline traces as its plane moves through `frames`. Each frame maps the plane
+    /// (x, y, 0) into space, with z pointing along the path. The ends of the surface are open.
     pub fn sweep(&self, frames: &[Affine3A]) -> Surface {
         let mut s = Surface::default();
         let normals: Vec<Mat3A> = frames.iter().map(|f| f.matrix3.inverse().transpose()).collect();
@@ -244,7 +244,7 @@ impl Outline {
         s
     }
 
-    /// Sweeps a closed outline like [`sweep`](Self::sweep) and caps both ends to a solid.
+    /// Sweeps a closed outline like [`sweep`](Self::sweep) and closes both ends with caps, which gives a solid.
     pub fn sweep_solid(&self, frames: &[Affine3A]) -> Surface {
         let (first, last) = (frames[0], frames[frames.len() - 1]);
         self.sweep(frames).with(self.cap(first, false)).with(self.cap(last, true))

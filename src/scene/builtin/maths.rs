@@ -3,7 +3,8 @@
 use glam::{Affine3A, Mat3A, Vec3, Vec3A};
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
-/// Returns sine and cosine of `angle_rad`. The platform's own may differ in the last bit, which would change the scene.
+/// Returns sine and cosine of `angle_rad`. The platform's functions may differ in the last bit, which would change the
+/// scene.
 pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
     let x = f64::from(angle_rad);
     let quarter = (x * FRAC_2_PI).round();
@@ -48,7 +49,7 @@ pub fn turn_z(angle_rad: f32) -> Affine3A {
     linear(Vec3::new(c, s, 0.0), Vec3::new(-s, c, 0.0), Vec3::Z)
 }
 
-/// Returns a rotation by quarter turns about +y, without rounding.
+/// Returns a rotation by a number of quarter turns about +y, without rounding errors.
 pub fn quarter_turn_y(quarters: i32) -> Affine3A {
     let (s, c) = match quarters.rem_euclid(4) {
         0 => (0.0, 1.0),
@@ -80,7 +81,7 @@ pub fn hash(mut x: u32) -> u32 {
     x ^ (x >> 16)
 }
 
-/// Returns the hash as a number in 0..1.
+/// Returns the hash of `x`, mapped to 0..1.
 pub fn hash_unit(x: u32) -> f32 {
     (hash(x) >> 8) as f32 / (1 << 24) as f32
 }

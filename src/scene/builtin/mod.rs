@@ -78,7 +78,7 @@ pub const BUILTINS: &[Builtin] = &[
     },
 ];
 
-/// Returns the built-in scene of that name.
+/// Returns the built-in scene with this name.
 pub fn find(name: &str) -> Result<&'static Builtin, SceneError> {
     BUILTINS.iter().find(|b| b.name == name).ok_or_else(|| SceneError::UnknownBuiltin {
         name: name.into(),

@@ -41,7 +41,7 @@ pub fn sphere(radius: f32, around: usize, up: usize) -> Surface {
     })
 }
 
-/// Returns the frames of a turn about +y in `sides` steps. x is the radius.
+/// Returns the frames of a full turn about +y in `sides` steps. They map an outline's x to the radius and its y to +y.
 fn turn(sides: usize) -> Vec<Affine3A> {
     (0..=sides)
         .map(|i| {
@@ -51,12 +51,12 @@ fn turn(sides: usize) -> Vec<Affine3A> {
         .collect()
 }
 
-/// Maps x and y of an outline's plane to the given axes; z follows from their cross product.
+/// Returns the frame that maps x and y of an outline's plane to the given axes, and z to their cross product.
 fn frame(origin: Vec3, x: Vec3, y: Vec3) -> Affine3A {
     Affine3A { matrix3: Mat3A::from_cols(x.into(), y.into(), x.cross(y).into()), translation: origin.into() }
 }
 
-/// Turns the outline, with x ≥ 0 and running upwards, about the y axis.
+/// Turns an outline about the y axis. The outline must run upwards, with x ≥ 0.
 pub fn lathe(profile: &Outline, sides: usize) -> Surface {
     profile.sweep(&turn(sides))
 }
@@ -77,12 +77,13 @@ pub fn extrude(outline: &Outline, length: f32) -> Surface {
     outline.sweep_solid(&[Affine3A::IDENTITY, end])
 }
 
-/// Returns the frame of a horizontal cross-section at height `y`, scaled. It maps the outline's x to x and its y to −z.
+/// Returns the frame of a horizontal cross-section at height `y`, scaled by `scale`. It maps an outline's x to x and
+/// its y to −z.
 fn level(y: f32, scale: f32) -> Affine3A {
     frame(Vec3::Y * y, Vec3::X * scale, Vec3::NEG_Z * scale)
 }
 
-/// Raises a cross-section through (height, scale) levels. Ends are open.
+/// Sweeps a cross-section upwards through levels of (height, scale). The ends are open.
 pub fn rise(outline: &Outline, levels: &[[f32; 2]]) -> Surface {
     let frames: Vec<_> = levels.iter().map(|&[y, scale]| level(y, scale)).collect();
     outline.sweep(&frames)
@@ -100,8 +101,9 @@ pub fn arch(outline: &Outline, steps: usize) -> Surface {
     outline.sweep_solid(&frames)
 }
 
-/// Returns a horizontal moulding: the outline (x outward, y up) extruded from `start` along `outward` × up for
-/// `length`. `mitre` shears each end along by that multiple of x: +1 at the start and −1 at the end fit inner corners.
+/// Returns a horizontal moulding: the outline (x outward, y up), extruded from `start` along `outward` × up over
+/// `length`. `mitre` gives, for the start and the end, the shear of the cut: it is displaced along the moulding by this
+/// multiple of x. +1 at the start and −1 at the end fit inner corners.
 pub fn moulding(profile: &Outline, start: Vec3, outward: Vec3, length: f32, mitre: [f32; 2]) -> Surface {
     let along = outward.cross(Vec3::Y);
     let mut s = profile.sweep(&[Affine3A::IDENTITY, Affine3A::from_translation(Vec3::Z * length)]);

@@ -1,4 +1,4 @@
-//! Small procedural images. Colours are sRGB codes, like a file's.
+//! Small procedural textures. Colours are 8-bit sRGB values, like those of an image file.
 
 use super::super::TexelImage;
 use super::maths::{hash_unit, noise, sin_cos};
@@ -15,7 +15,7 @@ fn opaque(color: [f32; 3]) -> [u8; 4] {
     [r, g, b, 255]
 }
 
-/// Returns a board of `squares` × `squares` in two greys.
+/// Returns a checkerboard of `squares` × `squares` squares in two greys.
 pub fn checker(size: u32, squares: u32, light: u8, dark: u8) -> TexelImage {
     paint(size, |x, y| {
         let odd = (x * squares / size + y * squares / size) % 2 == 1;
@@ -54,7 +54,7 @@ fn turbulence(x: u32, y: u32, size: u32, seed: u32) -> f32 {
     sum / 0.9375
 }
 
-/// Returns litter, moss and soil.
+/// Returns the ground of a forest: litter, moss and soil.
 pub fn forest_floor(size: u32) -> TexelImage {
     paint(size, |x, y| {
         let cloud = turbulence(x, y, size, 40);
@@ -103,7 +103,8 @@ pub fn needle_spray(size: u32) -> TexelImage {
     paint(size, |x, y| spray_texel(&needles, size, x, y, [86.0, 122.0, 78.0]))
 }
 
-/// A pointed oval that grows from its foot. y points up in the unit square.
+/// A leaf: a pointed oval that extends from `foot` in the unit direction `along`. Coordinates are in the unit square,
+/// with y up.
 struct Leaf {
     foot: [f32; 2],
     along: [f32; 2],

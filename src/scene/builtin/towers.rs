@@ -13,11 +13,11 @@ const SIDE: usize = 10;
 const PITCH: f32 = 20.0;
 const WIDTH: f32 = 9.0;
 
-/// Number of lit windows on each of a tower's four faces.
+/// Columns and rows of lit windows on each of a tower's four faces.
 const COLUMNS: usize = 5;
 const ROWS: usize = 5;
 
-/// Radiance of rooms seen through curtains, blinds and bare glass.
+/// RGB radiance of each kind of window: rooms seen through curtains, blinds or bare glass.
 const ROOMS: [[f32; 3]; 4] = [[14.0, 9.0, 4.0], [9.0, 8.0, 6.0], [2.5, 3.5, 6.0], [30.0, 24.0, 16.0]];
 
 pub fn build() -> Scene {

@@ -6,7 +6,7 @@ use ::gltf::json::validation::Checked;
 use super::buffers::{Buffers, View};
 use super::fault::{Fault, Outcome, Within, label, lookup};
 
-/// Largest element: a matrix of 16 components of four bytes.
+/// Size of the largest element in bytes: a matrix of 16 components of four bytes.
 const MAX_ELEMENT: usize = 64;
 
 /// An accessor with every element validated as readable.
@@ -63,24 +63,25 @@ impl<'a> Elements<'a> {
         Ok(Self { count, component, width, normalized: accessor.normalized, base, sparse })
     }
 
-    /// Returns element `i` as floats, with absent components zero. Normalised integers map to 0..1 or -1..1. `i <
-    /// count`.
+    /// Returns element `i` as floats, with absent components zero. Normalised integers map to 0..1 or -1..1. `i` must
+    /// be below `count`.
     pub fn floats(&self, i: usize) -> [f32; 4] {
         self.convert(i, self.normalized)
     }
 
-    /// Returns element `i` like [`floats`](Self::floats), but always treats integers as normalised. `i < count`.
+    /// Returns element `i` like [`floats`](Self::floats), but always treats integers as normalised. `i` must be below
+    /// `count`.
     pub fn unit_floats(&self, i: usize) -> [f32; 4] {
         self.convert(i, true)
     }
 
-    /// Returns the first component of element `i` of an accessor with unsigned components. `i < count`.
+    /// Returns the first component of element `i` of an accessor with unsigned components. `i` must be below `count`.
     pub fn unsigned(&self, i: usize) -> u32 {
         read_unsigned(self.component, self.element(i))
     }
 
-    /// Returns the components of element `i` of an accessor with unsigned components, with absent ones zero. `i <
-    /// count`.
+    /// Returns the components of element `i` of an accessor with unsigned components, with absent ones zero. `i` must
+    /// be below `count`.
     pub fn unsigneds(&self, i: usize) -> [u32; 4] {
         let mut out = [0; 4];
         let components = self.element(i).chunks_exact(self.component.size());
@@ -88,7 +89,7 @@ impl<'a> Elements<'a> {
         out
     }
 
-    /// Returns element `i` of an accessor with 16 components, in column-major order. `i < count`.
+    /// Returns element `i` of an accessor with 16 components, in column-major order. `i` must be below `count`.
     pub fn matrix(&self, i: usize) -> [f32; 16] {
         self.convert(i, self.normalized)
     }
@@ -154,7 +155,7 @@ impl<'a> Sparse<'a> {
         let indices: Vec<u32> =
             indices.bytes.chunks_exact(component.size()).take(count).map(|b| read_unsigned(component, b)).collect();
         if !indices.is_sorted_by(|a, b| a < b) || indices.last().is_some_and(|&i| i as usize >= accessor_count) {
-            return Err(Fault::Invalid("its sparse indices do not rise, or point beyond it".into()));
+            return Err(Fault::Invalid("its sparse indices do not increase, or exceed its element count".into()));
         }
         let values = packed(json.values.buffer_view.value(), json.values.byte_offset.0, size)?;
         Ok(Self { indices, values: values.bytes })
@@ -168,7 +169,7 @@ fn width_of(type_: Checked<Type>) -> Outcome<usize> {
         Checked::Valid(Type::Vec3) => Ok(3),
         Checked::Valid(Type::Vec4) => Ok(4),
         Checked::Valid(Type::Mat4) => Ok(16),
-        Checked::Valid(other) => Err(Fault::Invalid(format!("it holds {other:?}, which nothing is made of"))),
+        Checked::Valid(other) => Err(Fault::Invalid(format!("its type {other:?} is not supported"))),
         Checked::Invalid => Err(Fault::Invalid("its type is unknown".into())),
     }
 }

@@ -1,4 +1,5 @@
-//! Animations of a file, including `KHR_animation_pointer`, which the parser of the other parts does not read.
+//! Reads a file's animations. This module parses their JSON itself, since the parser of the other parts does not
+//! support `KHR_animation_pointer`.
 
 use std::collections::HashSet;
 
@@ -72,7 +73,7 @@ const MOST_NAMES: usize = 20;
 pub struct Reader<'a, 'b> {
     pub buffers: &'a Buffers<'b>,
     pub nodes: &'a [PlacedNode],
-    /// Index in `nodes` of each node of the file.
+    /// Index in `nodes` of each node of the file; `None` if the scene does not contain it.
     pub places: &'a [Option<usize>],
     pub play: &'a Play,
 }
@@ -225,7 +226,7 @@ impl Reader<'_, '_> {
         let elements = Elements::open(self.buffers, accessor)?;
         if elements.width != width || !components.contains(&elements.component) {
             return Err(Fault::Invalid(format!(
-                "accessor {accessor} holds {:?} x {}, which it cannot be",
+                "accessor {accessor} holds {:?} x {}, which is not allowed here",
                 elements.component, elements.width
             )));
         }
@@ -236,7 +237,7 @@ impl Reader<'_, '_> {
         Ok(numbers)
     }
 
-    /// Returns a shot's moves of nodes as an animation.
+    /// Returns an animation of the nodes that the shot's moves animate; `None` if they animate none.
     fn moves(&self) -> Outcome<Option<Animation>> {
         let mut channels = Vec::new();
         for one in &self.play.moves {
@@ -244,7 +245,7 @@ impl Reader<'_, '_> {
             let named = |n: &&PlacedNode| self.buffers.root.nodes[n.node].name.as_ref() == Some(name);
             let node = self.nodes.iter().find(named).and_then(|n| self.places[n.node]);
             let node =
-                node.ok_or_else(|| Fault::Invalid(format!("it shows no node named '{name}', which is to move")))?;
+                node.ok_or_else(|| Fault::Invalid(format!("its scene has no node named '{name}' for a [[move]]")))?;
             channels.extend(one.channels(node));
         }
         Ok((!channels.is_empty()).then(|| self.play.animation_of(channels)))

@@ -12,11 +12,11 @@ use super::uri::Target;
 use crate::scene::budget::{Budget, Held};
 use crate::scene::folder::Folder;
 
-/// The extension's ratified name and that of its successor.
+/// Names of the meshopt compression extension: the ratified one and that of its successor.
 const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
-/// Limit on elements of accessors without a buffer view. They are all zeros and cost the file nothing, so a hostile
-/// file could claim any number of them. Each use counts.
+/// Limit on the total number of elements of accessors without a buffer view. These elements are all zero and take no
+/// space in the file, so a hostile file could claim any number of them. An accessor counts each time it is used.
 const MAX_ZEROS: usize = 1 << 22;
 
 pub struct Buffers<'a> {
@@ -24,7 +24,8 @@ pub struct Buffers<'a> {
     /// Folder to which URIs are relative.
     pub folder: &'a Folder<'a>,
     bin: Option<&'a [u8]>,
-    /// Data of each buffer, loaded on first use. `None` is a placeholder without bytes, behind compressed views.
+    /// Data of each buffer, loaded on first use. `None` marks a buffer without bytes, such as the fallback buffer of
+    /// compressed views.
     data: Vec<OnceCell<Option<Data<'a>>>>,
     /// Bytes by URI target, shared by buffers that name the same one.
     targets: RefCell<HashMap<Target<'a>, Rc<Held<'a>>>>,
@@ -51,7 +52,7 @@ impl Data<'_> {
 #[derive(Clone, Copy)]
 pub struct View<'a> {
     pub bytes: &'a [u8],
-    /// Distance between elements; `None` if they are packed.
+    /// Distance between elements in bytes; `None` if they are packed.
     pub stride: Option<usize>,
 }
 
@@ -67,7 +68,7 @@ impl<'a> Buffers<'a> {
         self.folder.access.budget
     }
 
-    /// Counts `count` elements without bytes against their limit.
+    /// Counts `count` elements without a buffer view against `MAX_ZEROS`. Returns an error if they exceed it.
     pub fn take_zeros(&self, count: usize) -> Outcome<()> {
         let left = self.zeros_left.get().checked_sub(count);
         let left = left.ok_or_else(|| Fault::Invalid(format!("it has no buffer view for its {count} elements")))?;

@@ -13,8 +13,8 @@ const MAGIC: &[u8] = b"glTF";
 const CHUNK_JSON: u32 = u32::from_le_bytes(*b"JSON");
 const CHUNK_BIN: u32 = u32::from_le_bytes(*b"BIN\0");
 
-/// Upper bounds on the parser's bytes per object and per element of the JSON, including growing lists. Materials take
-/// more.
+/// Upper bounds on the bytes that the parser allocates per object and per element of the JSON, including the spare
+/// capacity of growing lists, and on the bytes that it allocates in addition per material.
 const OBJECT_BYTES: u64 = 1024;
 const ELEMENT_BYTES: u64 = 96;
 const MATERIAL_BYTES: u64 = 3 * size_of::<Material>() as u64;
@@ -34,7 +34,7 @@ pub fn parse<'a, 'b>(bytes: &'a [u8], budget: &'b Budget) -> Outcome<Container<'
     let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
     let reserved = budget.reserve(parsing_bytes(json))?;
     let root: Root = Root::from_slice(json).or_else(|error| {
-        // Plain JSON values take memory besides the parsed structure.
+        // The plain JSON values take memory in addition to the parsed structure.
         let _values = budget.reserve(parsing_bytes(json))?;
         let lenient = serde_json::from_slice(json).ok().and_then(|value| serde_json::from_value(complete(value)).ok());
         lenient.ok_or_else(|| Fault::Invalid(format!("its JSON does not read as glTF 2.0: {error}")))
@@ -46,7 +46,7 @@ pub fn parse<'a, 'b>(bytes: &'a [u8], budget: &'b Budget) -> Outcome<Container<'
     Ok(Container { root, animations, bin, _reserved: reserved })
 }
 
-/// Returns an upper bound on the bytes of the parsed JSON, which may be hundreds of times its length.
+/// Returns an upper bound on the bytes of the parsed JSON, which may be hundreds of times the length of its text.
 fn parsing_bytes(json: &[u8]) -> u64 {
     #[derive(Default, Deserialize)]
     struct Lists {
@@ -68,8 +68,9 @@ fn parsing_bytes(json: &[u8]) -> u64 {
     2 * json.len() as u64 + objects * OBJECT_BYTES + elements * ELEMENT_BYTES + materials * MATERIAL_BYTES
 }
 
-/// Fills in optional parts that the parser requires: a scene's list of nodes. Replaces animations, which are read
-/// separately, by an empty one, since extensions may omit parts that the parser requires.
+/// Changes the JSON so that the parser accepts it. Fills in the list of nodes of each scene, which glTF makes optional
+/// but the parser requires. Replaces all animations by an empty one: they are read separately, and with extensions they
+/// may lack parts that the parser requires.
 fn complete(mut json: Value) -> Value {
     for scene in json.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
         if let Some(scene) = scene.as_object_mut() {

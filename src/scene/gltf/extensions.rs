@@ -23,17 +23,17 @@ const READ: &[&str] = &[
     "KHR_texture_transform",
 ];
 
-/// Extensions that do not change the picture.
+/// Unsupported extensions that cause no warning, since they do not change the picture.
 const UNREMARKABLE: &[&str] = &["KHR_xmp", "KHR_xmp_json_ld"];
 
-/// Advice for converting files to drop the extension.
+/// Unsupported extensions, each with advice on how to convert a file so that it does not need the extension.
 const CONVERTERS: &[(&str, &str)] = &[
     ("KHR_draco_mesh_compression", "`gltf-transform copy in.glb out.glb` decodes Draco meshes"),
     ("KHR_texture_basisu", "`gltf-transform ktxdecompress in.glb out.glb` turns KTX2 textures into PNG"),
     ("MSFT_texture_dds", "export again with PNG or JPEG textures instead of DDS"),
 ];
 
-/// Fails where a required extension is not supported, and warns of each optional one.
+/// Returns an error if a required extension is not supported. Warns of each unsupported optional one.
 pub fn check(root: &Root, warnings: &mut Warnings) -> Outcome<()> {
     let mut missing: Vec<String> =
         root.extensions_required.iter().filter(|e| !READ.contains(&e.as_str())).cloned().collect();
@@ -56,5 +56,5 @@ fn hint_for(missing: &[String]) -> String {
         .iter()
         .filter_map(|e| CONVERTERS.iter().find(|(name, _)| name == e).map(|(_, advice)| *advice))
         .collect();
-    if known.is_empty() { "; export it again without".into() } else { format!("; {}", known.join(", ")) }
+    if known.is_empty() { "; export the file without this".into() } else { format!("; {}", known.join(", ")) }
 }

@@ -11,7 +11,8 @@ use crate::scene::{Refusal, SceneError};
 #[derive(Debug)]
 pub enum Fault {
     Invalid(String),
-    /// Access denied, or over the budget. `place` ends in `: `, or is empty.
+    /// A request that is not allowed or exceeds the budget. `place` is its location in the file, followed by `: `, or
+    /// is empty.
     Refused {
         place: String,
         refusal: Refusal,
@@ -67,7 +68,7 @@ impl From<Refusal> for Fault {
     }
 }
 
-/// Adds the location of an error in the file.
+/// Prefixes an error with its location in the file, such as `mesh 3 'Chair'`.
 pub trait Within {
     fn within(self, place: impl FnOnce() -> String) -> Self;
 }
@@ -84,7 +85,7 @@ impl<T> Within for Outcome<T> {
     }
 }
 
-/// Returns `mesh 3 'Chair'`, or `mesh 3` if it has no name.
+/// Returns kind, index and name of an object, such as `mesh 3 'Chair'`, or `mesh 3` if `name` is absent or empty.
 pub fn label(kind: &str, index: usize, name: &Option<String>) -> String {
     match name.as_deref() {
         Some(name) if !name.is_empty() => format!("{kind} {index} '{name}'"),
@@ -98,7 +99,7 @@ pub fn lookup<'a, T>(list: &'a [T], kind: &str, index: usize) -> Outcome<&'a T> 
         .ok_or_else(|| Fault::Invalid(format!("it refers to {kind} {index}, but the file has {} of them", list.len())))
 }
 
-/// Warnings without duplicates: each has the first place it applies to and the number of further places.
+/// Warnings without duplicates. Each has the first location to which it applies and counts all locations.
 #[derive(Debug, Default)]
 pub struct Warnings {
     entries: Vec<Entry>,

@@ -22,7 +22,8 @@ const MAX_TRIANGLES: usize = 1 << 27;
 
 const INDEX: &[ComponentType] = &[U8, U16, U32];
 
-/// Bytes per triangle corner during assembly, including the growth of its list, and bytes per vertex of the file.
+/// Bytes that assembling triangles takes per corner, including spare capacity of growing lists, and per vertex of the
+/// file.
 const CORNER_BYTES: u64 = 40;
 const VERTEX_BYTES: u64 = 16;
 
@@ -45,7 +46,8 @@ impl<'a, 'b> Geometry<'a, 'b> {
         Self { buffers, materials, wanted, meshes: Vec::new(), ranges, triangles_left: MAX_TRIANGLES }
     }
 
-    /// Returns the range of glTF mesh `index` in the scene's meshes. Reads it on first use.
+    /// Returns the range of the scene's meshes that holds the primitives of glTF mesh `index`. Reads the glTF mesh on
+    /// first use.
     pub fn primitives_of(&mut self, index: usize, warnings: &mut Warnings) -> Outcome<Range<usize>> {
         let mesh = lookup(&self.buffers.root.meshes, "mesh", index)?;
         if let Some(range) = &self.ranges[index] {
@@ -123,7 +125,7 @@ impl<'a, 'b> Geometry<'a, 'b> {
             ..Mesh::default()
         };
         if let Some(map) = map {
-            // The format ignores tangents without normals.
+            // glTF ignores the tangents of a primitive without normals.
             let given = if mesh.normals.is_empty() { None } else { vertices.tangents(place, warnings)? };
             tangents::give(&mut mesh, map, given, place, warnings);
         }
@@ -154,7 +156,8 @@ impl<'a, 'b> Geometry<'a, 'b> {
 }
 
 impl Vertices<'_, '_> {
-    /// Returns an upper bound on the bytes of the mesh during its construction.
+    /// Returns an upper bound on the bytes of a mesh with `triangles` triangles during its construction. `mapped` is
+    /// true if the mesh needs tangents for a normal map.
     fn mesh_bytes(&self, triangles: usize, mapped: bool) -> u64 {
         let has = |semantic| self.primitive.attributes.contains_key(&Checked::Valid(semantic));
         let attributes = [
@@ -168,7 +171,8 @@ impl Vertices<'_, '_> {
         let still: usize = attributes.iter().filter(|(is_there, _)| *is_there).map(|(_, bytes)| bytes).sum();
         let influence = if self.wanted.influences { size_of::<Influence>() } else { 0 };
         let made = mapped && !(has(Semantic::Tangents) && has(Semantic::Normals));
-        // Tangents of each target, and temporarily positions and normals of one and derivatives of two.
+        // Tangents of each morph target, and temporarily positions and normals of one target and the derivatives of two
+        // shapes.
         let targets = self.targets().len();
         let made_of_targets = if made && targets > 0 { (targets + 4) * size_of::<Vec3>() } else { 0 };
         let moved = influence + morphs::bytes_per_vertex(self.targets()) + made_of_targets;

@@ -11,9 +11,9 @@ use crate::scene::motion::Placement;
 pub struct PlacedNode {
     /// Index into the file's nodes.
     pub node: usize,
-    /// Index of its parent in the list, which is smaller than its own.
+    /// Index of the parent in the list of placed nodes, smaller than the node's own; `None` for a root.
     pub parent: Option<usize>,
-    /// Transform to its parent at rest.
+    /// Transform from the node to its parent, unless animated.
     pub rest: Placement,
     pub world_from_node: DAffine3,
 }
@@ -47,7 +47,7 @@ pub fn walk(root: &Root) -> Outcome<Vec<PlacedNode>> {
     Ok(placed)
 }
 
-/// Returns each node's parent.
+/// Returns the index of each node's parent; `None` for roots.
 fn parents(root: &Root) -> Outcome<Vec<Option<usize>>> {
     let mut parents = vec![None; root.nodes.len()];
     for (index, node) in root.nodes.iter().enumerate() {
@@ -64,7 +64,8 @@ fn parents(root: &Root) -> Outcome<Vec<Option<usize>>> {
     Ok(parents)
 }
 
-/// Rejects cycles. As each node has at most one parent, the nodes that no root leads to are on cycles or below them.
+/// Returns an error if the nodes contain a cycle. `tops` are the roots. Each node has at most one parent, so a node
+/// that cannot be reached from a root is on a cycle or below one.
 fn reject_cycles(root: &Root, parents: &[Option<usize>], tops: &[usize]) -> Outcome<()> {
     let mut reached = vec![false; parents.len()];
     let mut pending = tops.to_vec();

@@ -10,11 +10,11 @@ use crate::image::{Extent, Image};
 use crate::scene::TexelImage;
 use crate::scene::budget::Budget;
 
-/// Limit on a side in pixels.
+/// Maximum width and height of an image in pixels.
 const MAX_SIDE: u32 = 16384;
 
-/// Maximum compression ratio of deflate, which bounds the size of a PNG's metadata, and lower and upper limit on the
-/// memory that is reserved for metadata, in bytes.
+/// Maximum compression ratio of deflate, which bounds the size of a PNG's metadata, and minimum and maximum number of
+/// bytes to reserve for metadata.
 const DEFLATE_GAIN: u64 = 1032;
 const METADATA_BYTES: RangeInclusive<u64> = 1 << 20..=64 << 20;
 

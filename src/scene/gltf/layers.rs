@@ -81,7 +81,7 @@ impl Reader<'_, '_, '_> {
         Ok(())
     }
 
-    /// Reads the volume; `None` for thin walls.
+    /// Reads the volume. Returns `None` if its thickness is 0, which means that the surface is infinitely thin.
     fn volume(&mut self, json: &JsonVolume) -> Outcome<Option<Volume>> {
         let thickness = self.color([json.thickness_factor.0; 3], f32::MAX, "thickness")?.x;
         let attenuation_color = self.color(json.attenuation_color.0, 1.0, "attenuation colour")?;
@@ -89,7 +89,7 @@ impl Reader<'_, '_, '_> {
             return Ok(None);
         }
         if json.thickness_texture.is_some() {
-            self.warnings.note("thickness textures are left out: light goes through the geometry itself", self.place);
+            self.warnings.note("thickness textures are left out: the geometry defines the thickness", self.place);
         }
         let mut attenuation_distance = json.attenuation_distance.0;
         if attenuation_distance <= 0.0 {

@@ -120,17 +120,17 @@ impl Reader<'_, '_, '_> {
         Ok(self.texture(Some(&info))?.map(|texture| NormalMap { texture, scale: json.scale }))
     }
 
-    /// Clamps a factor to 0 … 1, with a warning.
+    /// Clamps a factor to 0 … 1. Warns if that changes it.
     pub fn unit(&mut self, value: f32, what: &str) -> Outcome<f32> {
         Ok(self.clamp(Vec4::splat(value), 1.0, what)?.x)
     }
 
-    /// Clamps a colour's channels to 0 … `max`, with a warning.
+    /// Clamps a colour's channels to 0 … `max`. Warns if that changes them.
     pub fn color(&mut self, value: [f32; 3], max: f32, what: &str) -> Outcome<Vec3> {
         Ok(self.clamp(Vec3::from_array(value).extend(0.0), max, what)?.truncate())
     }
 
-    /// Clamps a factor's components to 0 … `max`, with a warning.
+    /// Clamps a factor's components to 0 … `max`. Warns if that changes them.
     pub fn clamp(&mut self, value: Vec4, max: f32, what: &str) -> Outcome<Vec4> {
         if !value.is_finite() {
             return Err(Fault::Invalid(format!("its {what} is not finite")));

@@ -14,8 +14,8 @@ use serde::Deserialize;
 use super::fault::{Fault, Outcome};
 use crate::scene::budget::{Budget, Held};
 
-/// Largest number of decoded bytes per stream byte. The densest coding, a vertex block of 256 elements without deltas,
-/// spends two bits on each byte of the element.
+/// Largest number of decoded bytes per stream byte. The densest coding is a vertex block of 256 equal elements, for
+/// which the stream holds two bits per byte of one element.
 const MAX_EXPANSION: usize = 1024;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -96,7 +96,7 @@ impl Compressed {
     }
 }
 
-/// Decompresses a view's bytes in the layout that accessors expect.
+/// Decompresses a buffer view. Returns its bytes in the layout that accessors expect.
 pub fn decode<'b>(compressed: &Compressed, source: &[u8], budget: &'b Budget) -> Outcome<Held<'b>> {
     let Compressed { mode, count, byte_stride, .. } = *compressed;
     if compressed.decoded_len() > source.len().saturating_mul(MAX_EXPANSION) {

@@ -1,8 +1,8 @@
 //! Reads glTF 2.0 (`.gltf` with its files, or `.glb`) into a [`Scene`], and [writes](write()) one.
 //!
 //! Files are untrusted: every index, offset, count and size is checked where it is used, before memory is allocated. A
-//! failure is one [`SceneError`] that names the place; [`Scene::warnings`] lists the parts that are read only
-//! partially.
+//! failure is a [`SceneError`] that names the faulty part of the file; [`Scene::warnings`] lists the parts that are
+//! read only partially.
 //!
 //! - One [`Mesh`](crate::scene::Mesh) per (mesh, primitive) in the scene, shared by its instances, with only
 //!   the vertices that its triangles use.
@@ -62,7 +62,7 @@ use super::{Environment, Instance, Material, Scene, SceneError};
 /// Limit on instances. Files with more are taken for damaged or hostile.
 const MAX_INSTANCES: usize = 1 << 22;
 
-/// Bytes per instance in a growing list.
+/// Upper bound on the bytes per instance in a growing list, including the list's spare capacity.
 const INSTANCE_BYTES: usize = 3 * size_of::<Instance>();
 
 /// Loads a file like [`load_playing`], with all its animations looping.

@@ -40,7 +40,7 @@ fn offsets(vertices: &Vertices, accessor: Option<Index<Accessor>>, components: &
     let elements = Elements::open(vertices.buffers, accessor.value())?;
     if elements.width != 3 || !components.contains(&elements.component) {
         return Err(Fault::Invalid(format!(
-            "accessor {accessor} holds {:?} x {}, which it cannot be",
+            "accessor {accessor} holds {:?} x {}, which is not allowed here",
             elements.component, elements.width
         )));
     }
@@ -52,7 +52,7 @@ fn offsets(vertices: &Vertices, accessor: Option<Index<Accessor>>, components: &
         let offset = Vec3::new(x, y, z);
         match offset.is_finite() {
             true => Ok(offset),
-            false => Err(Fault::Invalid(format!("that of vertex {i} is not finite: {offset}"))),
+            false => Err(Fault::Invalid(format!("the offset of vertex {i} is not finite: {offset}"))),
         }
     };
     vertices.used.iter().map(gather).collect()

@@ -149,7 +149,7 @@ impl<'a, 'b> Plan<'a, 'b> {
             self.buffers.budget().reserve((2 * size_of::<Body>() + size_of_val(&weights[..])) as u64)?.keep();
             let mut skin = node.skin.map(|s| s.value());
             if skin.is_some() && mesh.influences.is_empty() {
-                warnings.note("meshes with a skin but without joints and weights stand as if unskinned", &within());
+                warnings.note("meshes with a skin but without joints and weights are not skinned", &within());
                 skin = None;
             }
             if let Some(number) = skin {
@@ -288,13 +288,14 @@ fn moved_node(target: Target) -> Option<usize> {
     }
 }
 
-/// Returns a node's weights at rest, else its mesh's.
+/// Returns the morph weights of a node that is not animated: the node's own, or else those of its mesh.
 fn rest_weights<'r>(root: &'r Root, node: &'r JsonNode) -> &'r [f32] {
     let mesh = node.mesh.and_then(|m| root.meshes.get(m.value()));
     node.weights.as_deref().or_else(|| mesh?.weights.as_deref()).unwrap_or_default()
 }
 
-/// Returns weights for `targets` morph targets, 0 if the file has none.
+/// Returns a weight for each of `targets` morph targets: the `given` ones, or zeros if the file gives none. Returns no
+/// weights if `morphs` is false.
 fn weights_for(given: &[f32], targets: usize, morphs: bool) -> Outcome<Vec<f32>> {
     if !morphs || targets == 0 {
         return Ok(Vec::new());
@@ -309,7 +310,7 @@ fn weights_for(given: &[f32], targets: usize, morphs: bool) -> Outcome<Vec<f32>>
     }
 }
 
-/// Decomposes a matrix. One that cannot be decomposed keeps only its translation.
+/// Decomposes a matrix into translation, rotation and scale. If that is impossible, keeps only the translation.
 fn parts(rest: Placement) -> Placement {
     let Placement::Matrix(matrix) = rest else { return rest };
     let (scale, rotation, translation) = matrix.to_scale_rotation_translation();
@@ -319,7 +320,8 @@ fn parts(rest: Placement) -> Placement {
     }
 }
 
-/// Returns a material's emission; `None` if it is unlit, lacks its emissive texture or has values that aren't finite.
+/// Returns a material's emission; `None` if the material is unlit, its emissive texture cannot be used, or its values
+/// are not finite.
 fn emitter(root: &Root, scene: &Scene, index: usize) -> Option<Emitter> {
     let (json, material) = (root.materials.get(index)?, scene.materials.get(index)?);
     let lost = |m: &Material| m.unlit || (json.emissive_texture.is_some() && m.emissive_texture.is_none());
@@ -329,7 +331,7 @@ fn emitter(root: &Root, scene: &Scene, index: usize) -> Option<Emitter> {
     (!lost(material) && strength.is_finite() && color.is_finite()).then_some(Emitter { index, color, strength })
 }
 
-/// Returns the scene's lights that instance a light of the file.
+/// Returns an emitter for each light of the scene that is an instance of light `light` of the file.
 fn lamps(root: &Root, lights: &[PlacedLight], light: usize) -> Vec<Emitter> {
     let declared = root.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref());
     let Some(json) = declared.and_then(|l| l.lights.get(light)) else { return Vec::new() };

@@ -65,7 +65,7 @@ fn read_light(light: &JsonLight, placed: &PlacedNode, place: &str, warnings: &mu
             // Files write π/2 with few digits, which may round it up.
             if !(0.0 <= inner && inner <= outer && 0.0 < outer && outer <= FRAC_PI_2 + 1e-3) {
                 return Err(Fault::Invalid(format!(
-                    "its cone angles {inner} and {outer} do not rise from 0 to at most pi / 2"
+                    "its cone angles {inner} and {outer} violate 0 <= inner <= outer <= pi / 2 or outer > 0"
                 )));
             }
             let cosine = |angle: f32| angle.cos().max(0.0);

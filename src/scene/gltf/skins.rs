@@ -15,7 +15,7 @@ use crate::scene::motion::{Influence, Skin};
 /// Limit on joints, since an influence stores a joint in 16 bits.
 const MAX_JOINTS: usize = 1 << 16;
 
-/// Number of sets of four joints per vertex.
+/// Maximum number of joint sets per vertex (`JOINTS_n` and `WEIGHTS_n`), of four joints each.
 const SETS: u32 = 2;
 
 /// Reads a skin by its index in the file. `places` maps the file's nodes to the indices that joints use.

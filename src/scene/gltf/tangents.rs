@@ -8,7 +8,8 @@ use glam::{DVec3, Vec2, Vec3, Vec4};
 use super::fault::Warnings;
 use crate::scene::{Material, Mesh, TextureRef};
 
-/// Limit on triangles at one position. MikkTSpace's work grows with its square, the recursion depth with the number.
+/// Limit on the number of triangles that meet at one position. MikkTSpace's work grows with the square of this number,
+/// and its recursion depth with the number itself.
 const MAX_AT_POSITION: u32 = 1024;
 
 /// Upper bound on the bytes per triangle to generate tangents, reached when no corners share a vertex.
@@ -20,8 +21,8 @@ pub fn wanted_by(material: &Material) -> Option<TextureRef> {
     material.normal_map.or(material.clearcoat.normal_map).map(|map| map.texture)
 }
 
-/// Sets the mesh's tangents for `map`: those `given`, else generated ones. All are zero if its texture coordinates are
-/// absent.
+/// Sets the mesh's tangents for the normal map `map`: the `given` ones, or else generated ones. All are zero if the
+/// mesh lacks the texture coordinates of the map.
 pub fn give(mesh: &mut Mesh, map: TextureRef, given: Option<Vec<Vec4>>, place: &str, warnings: &mut Warnings) {
     if mesh.uvs[map.uv_set].is_empty() {
         warnings.note("normal maps are left out of meshes without texture coordinates for them", place);
@@ -69,7 +70,8 @@ fn morph(mesh: &mut Mesh, map: TextureRef) {
     mesh.morphs = morphs;
 }
 
-/// Returns the derivative of each vertex's position along u, in its tangent's direction; 0 without a tangent.
+/// Returns the derivative of position with respect to u at each vertex. It points along the vertex's tangent, and is 0
+/// if the vertex has none.
 fn along_u(mesh: &Mesh, map: TextureRef) -> Vec<Vec3> {
     let mut along = vec![Vec3::ZERO; mesh.positions.len()];
     for (&vertex, made) in mesh.triangles.as_flattened().iter().zip(generate(mesh, map).0.as_flattened()) {
@@ -80,7 +82,7 @@ fn along_u(mesh: &Mesh, map: TextureRef) -> Vec<Vec3> {
     along
 }
 
-/// A corner's tangent, and the derivative of position along u there.
+/// Tangent of a corner, and the length of the derivative of position with respect to u there; `None` if undefined.
 type Made = Option<(Vec4, f32)>;
 
 /// Generates a tangent for each corner by MikkTSpace, where defined. Also returns whether every triangle with an area

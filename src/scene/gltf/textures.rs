@@ -24,7 +24,8 @@ pub struct TextureTable<'a, 'b> {
     texture_of: HashMap<usize, usize>,
     /// Index in `images` by location of the encoded bytes.
     image_of: HashMap<Encoded<'b>, usize>,
-    /// Images made by [`roughness_of`](Self::roughness_of), by source and the factor's bits.
+    /// Index in `images` of each image that [`roughness_of`](Self::roughness_of) made, by the index of its source image
+    /// and the bits of the glossiness factor.
     roughness_of: HashMap<(usize, u32), usize>,
 }
 
@@ -129,7 +130,7 @@ impl<'a, 'b> TextureTable<'a, 'b> {
     }
 }
 
-/// Returns the image to use: that of `EXT_texture_webp`, if any.
+/// Returns the index of a texture's image: that of `EXT_texture_webp` if the texture has one, or else its `source`.
 fn source_of(texture: &JsonTexture) -> Option<usize> {
     let webp = texture
         .extensions
@@ -157,8 +158,9 @@ fn read_sampler(sampler: &Sampler) -> Outcome<Texture> {
     Ok(Texture { image: 0, wrap_u: wrap(sampler.wrap_s)?, wrap_v: wrap(sampler.wrap_t)?, linear })
 }
 
-/// Returns scale, then rotation, then translation. Since v points down the image, a counter-clockwise rotation maps +u
-/// towards -v. The extension's text and examples say so, although its GLSL rotates the other way.
+/// Converts a `KHR_texture_transform`, which applies scale, then rotation, then translation. Since v points down the
+/// image, a counter-clockwise rotation maps +u towards -v. The extension's text and examples say so, although its GLSL
+/// rotates the other way.
 fn affine_from(transform: &TextureTransform) -> Outcome<Affine2> {
     let (sin, cos) = transform.rotation.0.sin_cos();
     let rotation = Mat2::from_cols(Vec2::new(cos, -sin), Vec2::new(sin, cos));

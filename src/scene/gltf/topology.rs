@@ -1,4 +1,4 @@
-//! Topology: assembles a primitive's corners to triangles over the vertices in use.
+//! Topology: assembles a primitive's corners into triangles, and drops the vertices that no triangle uses.
 
 use ::gltf::json::mesh::Mode;
 
@@ -44,7 +44,7 @@ pub fn assemble(mode: Mode, corners: &[u32]) -> Outcome<Vec<[u32; 3]>> {
 
 /// Renumbers the triangles' vertices without gaps. Returns their old indices in increasing order.
 pub fn compact(triangles: &mut [[u32; 3]], vertex_count: usize) -> Vec<u32> {
-    // Stores the new index plus one, 0 if unused: pages that no triangle touches cost nothing.
+    // Stores the new index plus one, 0 if unused: memory pages that no triangle touches cost nothing.
     let mut successor = vec![0u32; vertex_count];
     let mut used = Vec::new();
     for &v in triangles.as_flattened() {

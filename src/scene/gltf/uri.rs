@@ -1,4 +1,4 @@
-//! URIs of a glTF file: bytes in a `data:` URI, or a file beside it.
+//! URIs in a glTF file. A URI contains bytes (`data:`) or is the path of a file, relative to the glTF file's folder.
 
 use std::borrow::Cow;
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ impl<'a> Target<'a> {
             return Ok(Self::Data(rest));
         }
         if has_scheme(uri) {
-            return Err(Fault::Invalid(format!("'{}' is not a file beside it: download it first", shorten(uri))));
+            return Err(Fault::Invalid(format!("the URI '{}' is not a path: download the file first", shorten(uri))));
         }
         let name = percent_decode_str(uri)
             .decode_utf8()
@@ -45,7 +45,7 @@ impl<'a> Target<'a> {
     }
 }
 
-/// Returns true if a URI is more than a path (RFC 3986, 3.1). A one-letter scheme is taken for a drive.
+/// Returns true if a URI has a scheme (RFC 3986, 3.1). A scheme of one letter is taken for a drive instead.
 fn has_scheme(uri: &str) -> bool {
     let Some((head, _)) = uri.split_once(':') else { return false };
     let within = |c: char| c.is_ascii_alphanumeric() || matches!(c, '+' | '-' | '.');

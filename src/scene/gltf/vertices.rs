@@ -1,4 +1,4 @@
-//! Attributes of a primitive.
+//! Vertex attributes of a primitive.
 
 use ::gltf::json::accessor::ComponentType::{self, F32, I8, I16, U8, U16};
 use ::gltf::json::mesh::{MorphTarget, Primitive, Semantic};
@@ -31,7 +31,7 @@ pub struct Vertices<'a, 'b> {
 }
 
 impl Vertices<'_, '_> {
-    /// Returns the morph targets, if wanted.
+    /// Returns the primitive's morph targets; none if they are not wanted.
     pub fn targets(&self) -> &[MorphTarget] {
         self.primitive.targets.as_deref().filter(|_| self.wanted.morphs).unwrap_or_default()
     }
@@ -129,7 +129,7 @@ impl Vertices<'_, '_> {
         Ok(colors)
     }
 
-    /// Opens an attribute, with one element per vertex of the file.
+    /// Opens an attribute and checks that it has one element per vertex of the file.
     pub fn open(
         &self,
         semantic: Semantic,
@@ -159,7 +159,7 @@ pub fn attribute<'a>(
     let elements = Elements::open(buffers, index.value()).within(|| name.clone())?;
     if !widths.contains(&elements.width) || !components.contains(&elements.component) {
         return Err(Fault::Invalid(format!(
-            "{name}: accessor {index} holds {:?} x {}, which it cannot be",
+            "{name}: accessor {index} holds {:?} x {}, which is not allowed here",
             elements.component, elements.width
         )));
     }

@@ -1,5 +1,5 @@
-//! Writer of a scene's geometry and materials as one plain `.glb`: floats and 32-bit indices, embedded PNG images, a
-//! node per instance. A shot holds lights, environment and cameras.
+//! Writes a scene's geometry and materials as one plain `.glb`: floats and 32-bit indices, embedded PNG images, and one
+//! node per instance. Lights, environment and cameras are left to the shot file.
 
 use std::collections::BTreeSet;
 use std::io::{self, Write};
@@ -31,7 +31,7 @@ pub fn write(path: &Path, scene: &Scene) -> Result<(), SceneError> {
     bin.resize(bin.len().next_multiple_of(4), 0);
     let (header, chunk_header) = (12, 8);
     let total = header + chunk_header + text.len() + chunk_header + bin.len();
-    let total = u32::try_from(total).map_err(|_| invalid(format!("it takes {total} bytes, a .glb holds 4 GiB")))?;
+    let total = u32::try_from(total).map_err(|_| invalid(format!("it takes {total} bytes, but a .glb holds 4 GiB")))?;
     Ok(atomic_write(path, |file| {
         file.write_all(b"glTF")?;
         file.write_all(&2u32.to_le_bytes())?;
@@ -223,8 +223,8 @@ impl Draft {
     }
 }
 
-/// Returns the file's form of a transform: scale, then rotation, then translation. A counter-clockwise rotation maps +u
-/// towards -v.
+/// Returns the JSON of `KHR_texture_transform` for a transform. It applies scale, then rotation, then translation. A
+/// counter-clockwise rotation maps +u towards -v.
 fn transform(Affine2 { matrix2, translation }: Affine2) -> Value {
     let (u, v) = (matrix2.x_axis, matrix2.y_axis);
     let rotation = if u.length() > 0.0 { (-u.y).atan2(u.x) } else { v.x.atan2(v.y) };

@@ -1,4 +1,4 @@
-//! Baking of a dynamic scene at one time to a static one.
+//! Bakes a dynamic scene at one time into a static scene.
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
@@ -21,7 +21,7 @@ impl Scene {
             let weights = pose.weights.get(index).map_or(&[][..], Vec::as_slice);
             let joints = body.skin.map(|_| motion.joints(&pose, index));
             let shape = deformed(&self.meshes[instance.mesh], weights, joints.as_deref());
-            // The last body with a mesh takes its slot.
+            // If all instances of a mesh deform, the last one replaces the mesh. All others get a mesh of their own.
             uses[instance.mesh] -= 1;
             if uses[instance.mesh] == 0 {
                 still.meshes[instance.mesh] = shape;
@@ -89,7 +89,8 @@ pub fn deformed(mesh: &Mesh, weights: &[f32], joints: Option<&[DAffine3]>) -> Me
 
 const MOST: f64 = f32::MAX as f64;
 
-/// Returns true if most joints mirror. Triangles are then wound in reverse, like those of a mirrored instance.
+/// Returns true if the transforms of most joints mirror (negative determinant). Triangles are then wound in reverse,
+/// like those of a mirrored instance.
 pub fn is_mirrored(joints: &[DAffine3]) -> bool {
     joints.iter().filter(|j| j.matrix3.determinant() < 0.0).count() * 2 > joints.len()
 }

@@ -121,7 +121,7 @@ impl Keys {
         }
     }
 
-    /// Returns true if every key's value is nonzero.
+    /// Returns true if every key's value is nonzero, so that it can be normalised to a unit quaternion.
     pub fn are_rotations(&self) -> bool {
         (0..self.times_s.len()).all(|key| self.part(key, VALUE).iter().any(|v| *v != 0.0))
     }
@@ -159,7 +159,8 @@ fn rotation(numbers: impl Iterator<Item = f64>) -> DQuat {
     DVec4::from_array(q).try_normalize().map_or(DQuat::IDENTITY, DQuat::from_vec4)
 }
 
-/// Interpolates from `a` to `b` over `interval_s` seconds, at the fraction `s` of them.
+/// Interpolates from `a` to `b` over an interval of `interval_s` seconds, at the fraction `s` of the interval. `out` is
+/// the tangent at `a`, and `into` the tangent at `b`.
 fn hermite(a: f64, b: f64, out: f64, into: f64, s: f64, interval_s: f64) -> f64 {
     let (s2, s3) = (s * s, s * s * s);
     (2.0 * s3 - 3.0 * s2 + 1.0) * a

@@ -32,7 +32,7 @@ pub struct Motion {
     pub emitters: Vec<Emitter>,
     /// Emission of animated lights at rest; `index` points into [`Scene::lights`](super::Scene::lights).
     pub lamps: Vec<Emitter>,
-    /// True if animations loop; otherwise they hold their end.
+    /// True if animations loop; otherwise each one stays at its end.
     pub loops: bool,
 }
 
@@ -40,9 +40,9 @@ pub struct Motion {
 pub struct Node {
     /// Name in the file; may be empty.
     pub name: String,
-    /// Index into [`Motion::nodes`], below the node's own.
+    /// Index of the parent in [`Motion::nodes`], smaller than the node's own; `None` for a root.
     pub parent: Option<usize>,
-    /// Transform to its parent, unless animated.
+    /// Transform from the node to its parent, unless animated.
     pub rest: Placement,
 }
 
@@ -76,7 +76,7 @@ pub struct Body {
     /// Index into [`Motion::skins`]. With a skin, the mesh has influences on the skin's joints, and its instance's
     /// transform is the identity.
     pub skin: Option<usize>,
-    /// Weights of the mesh's morphs at rest, one each; empty to ignore morphs.
+    /// Weight of each morph target of the mesh, unless animated; empty to ignore all morph targets.
     pub weights: Vec<f32>,
 }
 
@@ -92,7 +92,7 @@ impl Body {
 pub struct Skin {
     /// Indices into [`Motion::nodes`]; at least one.
     pub joints: Vec<usize>,
-    /// Matrices from the mesh to each joint, one per joint.
+    /// Inverse bind matrices: transforms from the mesh to each joint, one per joint.
     pub inverse_bind: Vec<Affine3A>,
 }
 
@@ -133,7 +133,8 @@ pub struct Channel {
 /// Property that a channel animates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Target {
-    /// Translation of a node with [`Placement::Parts`], by its index into [`Motion::nodes`], like the next two.
+    /// Translation of the node with that index in [`Motion::nodes`], which must have [`Placement::Parts`]. The next two
+    /// variants refer to a node in the same way.
     Translation(usize),
     Rotation(usize),
     Scale(usize),
@@ -141,10 +142,10 @@ pub enum Target {
     Weights(usize),
     /// Base colour of the material with that index into [`Scene::materials`](super::Scene::materials).
     BaseColor(usize),
-    /// Emissive colour, by index into [`Motion::emitters`], like the next.
+    /// Emissive colour of the emitter with that index in [`Motion::emitters`]. The next variant uses the same index.
     EmissiveColor(usize),
     EmissiveStrength(usize),
-    /// Colour of a light, by index into [`Motion::lamps`], like the next.
+    /// Colour of the light with that index in [`Motion::lamps`]. The next variant uses the same index.
     LightColor(usize),
     LightIntensity(usize),
 }
@@ -226,7 +227,8 @@ pub struct Influence {
     pub weights: [f32; 8],
 }
 
-/// Morph target: offsets that are scaled by a weight and added to a mesh. Each list has one per position, or is empty.
+/// Morph target: offsets that are scaled by a weight and added to a mesh. Each list has one offset per vertex, or is
+/// empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Morph {
     pub positions: Vec<Vec3>,

@@ -1,4 +1,4 @@
-//! Playback settings: the animations of a scene file to play, and a shot's own moves.
+//! Playback settings: the animations of a scene file to play, and the moves (`[[move]]`) of a shot.
 
 use glam::{DQuat, DVec3, Vec3};
 
@@ -40,7 +40,7 @@ impl Choice {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Play {
     pub animation: Choice,
-    /// True if animations loop; otherwise they hold their end.
+    /// True if animations loop; otherwise each one stays at its end.
     pub loops: bool,
     pub moves: Vec<Move>,
 }

@@ -8,7 +8,7 @@ use crate::scene::{Light, LightKind, Scene};
 /// State of everything dynamic at one time: transforms, morph weights, colours and emission.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pose {
-    /// Transforms, one per node. A node whose transform exceeds f32 takes its parent's.
+    /// Transforms, one per node. A node whose transform exceeds the range of f32 takes that of its parent.
     pub world_from_node: Vec<DAffine3>,
     /// Weights of each body's morphs.
     pub weights: Vec<Vec<f32>>,
@@ -100,8 +100,9 @@ impl Motion {
         node.copied().unwrap_or(DAffine3::IDENTITY)
     }
 
-    /// Returns the matrices that transform a body's vertices to the world: one for each joint of its skin, or its
-    /// node's alone. `body` is an index into [`Motion::bodies`]; none beyond them.
+    /// Returns the matrices that transform a body's vertices to the world: one for each joint of its skin, or the
+    /// transform of its node if it has no skin. `body` is an index into [`Motion::bodies`]; if it is out of range, the
+    /// result is empty.
     pub fn joints(&self, pose: &Pose, body: usize) -> Vec<DAffine3> {
         let Some(body) = self.bodies.get(body) else { return Vec::new() };
         let world = |node: usize| pose.world_from_node.get(node).copied().unwrap_or(DAffine3::IDENTITY);
@@ -144,7 +145,7 @@ impl Motion {
     }
 }
 
-/// Returns the first numbers, padded with 0.
+/// Returns the first `N` numbers, padded with 0.
 fn first<const N: usize>(numbers: Vec<f64>) -> [f64; N] {
     let mut out = [0.0; N];
     out.iter_mut().zip(numbers).for_each(|(to, from)| *to = from);

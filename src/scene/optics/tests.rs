@@ -94,8 +94,8 @@ fn eyes_that_are_none_are_told() {
         ("the left eye: orientation", faulty(|e| e.left.orientation = [0.0; 4])),
         ("the right eye must be", faulty(|e| std::mem::swap(&mut e.left, &mut e.right))),
         ("the right eye must be", faulty(|e| e.right.position_m[1] = 1.0)),
-        ("the eyes see further", faulty(|e| e.right.orientation = DQuat::from_rotation_y(-0.8).into())),
-        ("the eyes see further", faulty(|e| e.right.orientation = DQuat::from_rotation_x(2.0).into())),
+        ("the eyes see more than", faulty(|e| e.right.orientation = DQuat::from_rotation_y(-0.8).into())),
+        ("the eyes see more than", faulty(|e| e.right.orientation = DQuat::from_rotation_x(2.0).into())),
     ] {
         assert!(error.starts_with(what), "{what}: {error}");
     }

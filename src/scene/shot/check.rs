@@ -127,7 +127,7 @@ impl Check<'_> {
                 let before = rig.keys.iter().rposition(|key| key.time_s <= time_s).unwrap_or(0);
                 let what = format!(
                     "rig.key[{before}]: at {time_s} s position and target are the same point, or up is parallel \
-                     to the view: give a view vector with a length and another direction than up"
+                     to the view: give a target away from the position, in another direction than up"
                 );
                 Err(self.at(t.key[before].span(), what))
             }
@@ -258,7 +258,7 @@ impl Check<'_> {
                 _ => return Err(self.at(table.span(), format!("move[{i}]: give either a node or a light"))),
             };
             if moves.iter().any(|other| other.of == of) {
-                return Err(self.at(table.span(), format!("move[{i}] is of what another [[move]] moves: give one")));
+                return Err(self.at(table.span(), format!("move[{i}] has the target of another [[move]]: give one")));
             }
             moves.push(Move { of, keys: self.move_keys(i, table)? });
         }

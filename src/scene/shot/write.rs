@@ -14,16 +14,16 @@ pub fn text(shot: &Shot) -> String {
         SceneSource::Builtin(name) => format!("builtin:{name}"),
     };
     let mut text = format!(
-        "name = {}\n# Relative to this file; or \"builtin:NAME\".\nscene = {}\n",
+        "name = {}\n# Path relative to this file, or \"builtin:NAME\".\nscene = {}\n",
         string(&shot.name),
         string(&source)
     );
     play(&mut text, &shot.play);
     rig(&mut text, shot);
     environment(&mut text, shot.environment.as_ref());
-    text += "\n# Lights beside the scene file's own. point and spot have a position, and are spheres with a radius_m;\n\
-        # directional and spot have the direction in which light travels. intensity times color is W/sr, of directional\n\
-        # W/m2.\n";
+    text += "\n# Lights in addition to those of the scene file. point and spot have a position, and are spheres if\n\
+        # radius_m is above 0; directional and spot have the direction in which their light travels. intensity times\n\
+        # color is in W/sr, for directional in W/m2.\n";
     for each in &shot.lights {
         light(&mut text, each);
     }
@@ -35,8 +35,8 @@ pub fn text(shot: &Shot) -> String {
     let ev = shot.exposure_ev;
     let _ = write!(
         text,
-        "\n# Where the eyes look in their images, from the top left: [time_s, x, y], x and y from 0 to 1.\n[gaze]\n\
-         path = [{}]\n\n# Stops by which pictures are exposed; EXR files are not.\n[exposure]\nev = {ev:?}\n",
+        "\n# Gaze in each eye's image over time: [time_s, x, y], x and y from 0 to 1 from the top left.\n[gaze]\n\
+         path = [{}]\n\n# Exposure of pictures in stops; EXR files are not changed.\n[exposure]\nev = {ev:?}\n",
         path.join(", ")
     );
     text
@@ -45,7 +45,7 @@ pub fn text(shot: &Shot) -> String {
 fn play(text: &mut String, play: &Play) {
     let _ = write!(
         text,
-        "# Of the scene's file: \"all\", \"none\" or a name. Animations begin anew after their end, or hold it.\n\
+        "# Animations of the scene file: \"all\", \"none\" or a name. If loop is false, they stop at their end.\n\
          animation = {}\nloop = {}\n",
         string(play.animation.text()),
         play.loops
@@ -53,7 +53,7 @@ fn play(text: &mut String, play: &Play) {
 }
 
 fn moves(text: &mut String, moves: &[Move]) {
-    *text += "\n# Nodes of the scene's file or lights of this one that move: position, rotation_deg or scale in their parents.\n";
+    *text += "\n# Moves a node of the scene or a light of this file: position, rotation_deg or scale in the parent.\n";
     for one in moves {
         let _ = match &one.of {
             Moved::Node(name) => writeln!(text, "[[move]]\nnode = {}", string(name)),
@@ -81,7 +81,7 @@ fn rig(text: &mut String, shot: &Shot) {
     let _ = write!(
         text,
         "\n[rig]\n# Vertical field of view of each eye.\nyfov_deg = {yfov_deg:?}\n# Distance between the eyes; 0 gives \
-         both the same view.\nbaseline_m = {:?}\n# Of the scene's units.\nmetres_per_unit = {:?}\n\n# The point between \
+         both the same view.\nbaseline_m = {:?}\n# Scale of the scene.\nmetres_per_unit = {:?}\n\n# The point between \
          the eyes, in scene units. Several keys make a path, linear between them.\n",
         rig.baseline_m, rig.metres_per_unit
     );
@@ -93,7 +93,7 @@ fn rig(text: &mut String, shot: &Shot) {
 }
 
 fn environment(text: &mut String, environment: Option<&ShotEnvironment>) {
-    *text += "\n# Light from all around: radiance, or image = \"sky.hdr\" or \".exr\" in latitude and longitude.\n";
+    *text += "\n# Environment light: radiance, or image = \"sky.hdr\" (or .exr), a latitude-longitude image.\n";
     let Some(ShotEnvironment { sky, scale, rotation_deg }) = environment else {
         *text += "# [environment]\n# radiance = [1.0, 1.0, 1.0]\n";
         return;

@@ -13,7 +13,7 @@ impl CostModel {
         for linked in self.program.passes().iter().filter(|p| groups.contains(&p.pass.partition)) {
             let Some(number) = self.number_of(linked.pass.stage, linked.pass.view) else { continue };
             let (work, margin_rows) = (linked.pass.work, linked.margin_rows);
-            // Only rays are counted by view.
+            // Only rays differ by view; rows count the same on both.
             let unit = (work, if work == Work::Rays { linked.pass.view } else { Eye::Left });
             let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(number, d, &self.relative_cost));
             match parts.iter_mut().find(|p| p.unit == unit && p.margin_rows == margin_rows) {

@@ -13,8 +13,9 @@ pub(super) const MOST_CELLS: usize = 1 << 23;
 pub(super) struct EnvGrid {
     pub width: u32,
     pub height: u32,
-    /// `width` × (`height` + 1) patches between the centres of cells: patch (x, y) has the corners (x, y − 1) to
-    /// (x + 1, y), where columns wrap and rows are clamped. Entry (x, y) also holds the density at cell (x, y).
+    /// Alias table over `width` × (`height` + 1) patches between the centres of cells. Patch (x, y) lies between the
+    /// centres of cells (x, y − 1) and (x + 1, y), where columns wrap and rows are clamped. Its entry also holds the
+    /// density at the centre of cell (x, y).
     pub cells: Vec<EnvCell>,
 }
 
@@ -43,7 +44,7 @@ fn build_within(image: &RgbImage, most_cells: usize) -> Option<EnvGrid> {
         let sin_theta = (std::f64::consts::PI * (y as f64 + 0.5) / gh as f64).sin();
         row.iter_mut().for_each(|v| *v *= sin_theta);
     }
-    // All patches have the same size, except in the first and the last row, where half of each lies outside.
+    // All patches have the same size, except in the first and the last row, where half of each lies beyond a pole.
     let at = |x: usize, y: usize| values[y.min(gh - 1) * gw + x % gw];
     let patch = |x: usize, y: usize| {
         let size = if y == 0 || y == gh { 0.125 } else { 0.25 };

@@ -2,8 +2,8 @@
 //! of Many Lights with Adaptive Tree Splitting", HPG 2018, with the cone arithmetic of Pharr, Jakob & Humphreys, PBRT
 //! 4e, 12.6.3.
 //!
-//! Departures: clusters are bounded by spheres around their boxes' centres instead of boxes, since importance only
-//! needs the sphere. Children are stored side by side and the axis is quantised, so that a node takes 32 bytes.
+//! Departures from both: a node stores a bounding sphere instead of a bounding box, since the importance only needs
+//! the sphere. The two children of a node are adjacent and the axis is quantised, so that a node takes 32 bytes.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -13,10 +13,11 @@ use crate::stages::layout::{LIGHT_LEAF, LIGHT_LEVELS, LIGHT_TWO_SIDED};
 
 const BINS: usize = 12;
 
-/// Least power of a node relative to the total, so that products with it do not vanish in f32.
+/// Minimum power of a node relative to the total power. It keeps products with the power from underflowing in f32.
 const LEAST_POWER: f64 = 1e-25;
 
-/// Slack of every bound, in cosines. It exceeds the rounding errors of the shader's f32 comparisons.
+/// Margin subtracted from the cosine of every bounding angle. It exceeds the rounding errors of the shader's f32
+/// comparisons.
 const SLACK: f64 = 4e-5;
 
 /// A packed node. A tree over n lights has 2 n - 1 nodes.
@@ -26,7 +27,8 @@ pub(super) type Node = [u32; 8];
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Cone {
     pub axis: DVec3,
-    /// Largest angle between axis and a normal, and between a normal and an emitted direction, in radians.
+    /// Maximum angle between the axis and a normal, in radians. `emission` is the maximum angle between a normal and an
+    /// emitted direction.
     pub normals: f64,
     pub emission: f64,
     /// Whether the opposite cone emits too.
@@ -63,7 +65,8 @@ impl Cone {
         2.0 * PI * (1.0 - o.cos()) + FRAC_PI_2 * (2.0 * w * o.sin() - (o - 2.0 * w).cos() - 2.0 * o * o.sin() + o.cos())
     }
 
-    /// Returns the largest angle between `axis` and this cone's normals.
+    /// Returns the maximum angle between `axis` and this cone's normals. If `two_sided`, the normals may be closer to
+    /// the opposite of `axis`, and the smaller angle counts.
     fn widest_off(&self, axis: DVec3, two_sided: bool) -> f64 {
         let off = angle(axis, self.axis);
         (if two_sided { off.min(PI - off) } else { off }) + self.normals
@@ -77,7 +80,7 @@ fn angle(a: DVec3, b: DVec3) -> f64 {
 /// Spatial, directional and power bounds of one light, from which the tree is built.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds {
-    /// Triangle that contains the light, up to a distance of `radius`.
+    /// Corners of a triangle. Every point of the light is at most `radius` away from it.
     pub corners: [DVec3; 3],
     pub radius: f64,
     pub cone: Cone,
@@ -207,8 +210,8 @@ fn bin_of(at: f64, low: f64, extent: f64) -> usize {
     ((BINS as f64 * (at - low) / extent) as usize).min(BINS - 1)
 }
 
-/// Returns the axis and the first child's last bin of the cheapest split (surface area orientation heuristic). The
-/// box's longest side over the split side scales the cost, which penalises thin slices.
+/// Returns the cheapest split (surface area orientation heuristic): its axis, and the last bin of the first child. To
+/// penalise thin slices, the cost is multiplied by the ratio of the box's longest side to the side that is split.
 fn cheapest(lights: &[Bounds], members: &[usize], low: DVec3, extent: DVec3) -> Option<(usize, usize)> {
     let mut best: Option<(f64, usize, usize)> = None;
     for axis in (0..3).filter(|&axis| extent[axis] > 0.0) {

@@ -19,21 +19,21 @@ use crate::accel::{Accel, Node, Triangle};
 use crate::scene::{self, AlphaMode, LightKind, Material, Scene};
 use crate::wgsl::ROW_BYTES;
 
-/// Lights in this order: spheres, points, emissive triangles, directional lights. The light tree holds all but the
-/// directional ones.
+/// Light sources of a scene. `lights` holds spheres, then point and spot lights without a radius, emissive triangles,
+/// and directional lights. The light tree holds all but the directional ones.
 #[derive(Default)]
 pub struct Emitters {
     pub lights: Vec<Light>,
-    /// Cells of the environment's grid, or none.
+    /// Cells of the grid over the environment image; empty without an image.
     pub env_cells: Vec<EnvCell>,
-    /// Size of that grid; 0 without one.
+    /// Columns and rows of that grid; 0 without an image.
     pub env_size: [u32; 2],
     /// Number of lights in the light tree.
     local_count: u32,
     /// Rows of the sphere tree in the table of nodes: the first, and the one after the last.
     sphere_rows: [u32; 2],
     light_tree: u32,
-    /// Nodes of both trees, for the table of nodes.
+    /// Nodes of the sphere tree and of the light tree, to be appended to the table of nodes.
     pub trees: Vec<Node>,
 }
 
@@ -57,11 +57,11 @@ pub(super) fn making_bytes(scene: &Scene, accel: &Accel) -> u64 {
 /// Mean reflectance of a clear coat for light from below: the cosine-weighted mean of Schlick's term.
 const COAT_REFLECTANCE: f64 = 0.04 + 0.96 / 21.0;
 
-/// Least coverage assumed for sampling an emitter. Even if its image has a mean of 0, filtered texels or vertex colours
-/// may let some light through.
+/// Minimum coverage (mean alpha) assumed for sampling an emitter. Even if its texture has a mean alpha of 0, filtered
+/// texels or vertex colours may let some light through.
 const LEAST_COVERAGE: f64 = 1e-3;
 
-/// Returns the fraction of rays that hit the material, ignoring vertex colours.
+/// Returns the fraction of rays that the material's alpha stops rather than lets pass, ignoring vertex colours.
 fn mean_coverage(scene: &Scene, material: &Material) -> f64 {
     let coverage = |alpha: f32| match material.alpha_mode {
         AlphaMode::Opaque => 1.0,
@@ -93,9 +93,9 @@ fn mean_color(image: &scene::TexelImage) -> Vec3 {
 pub struct Sources {
     /// One entry per material.
     materials: Vec<Source>,
-    /// Area at rest of the triangles that may emit, per material.
+    /// Total area, per material, of the triangles that may emit, in their pose at time 0; square scene units.
     areas: Vec<f64>,
-    /// Numbers of the triangles that may emit.
+    /// Indices in the triangle table of the triangles that may emit; split triangles occur once.
     pub triangles: Vec<u32>,
     /// Whether lights that are dark now stay listed, since they may emit at other times.
     keeps_dark: bool,
@@ -352,7 +352,8 @@ fn triangle_light(prim: u32, t: &Triangle, radiance: f64, two_sided: bool) -> (L
     (light, Bounds { corners, radius: 0.0, cone, power: area * radiance })
 }
 
-/// Fills in the alias table over directional lights, weighted by irradiance. They follow `first` other lights.
+/// Fills in the alias table over directional lights, weighted by irradiance. `first` is the index of the first of them
+/// among all lights.
 fn set_picks(lights: &mut [Light], first: u32) {
     let power: Vec<f64> = lights.iter().map(|l| luminance(l.strength)).collect();
     let total: f64 = power.iter().sum();
@@ -371,7 +372,7 @@ pub(super) fn rows(nodes: &[Node]) -> u32 {
     (size_of_val(nodes) / ROW_BYTES) as u32
 }
 
-/// Appends words to the nodes of the triangles' trees, padded to whole nodes.
+/// Appends 32-bit words to a table of nodes, padded to whole nodes.
 pub(super) fn append(table: &mut Vec<Node>, words: &[u32]) {
     for words in words.chunks(size_of::<Node>() / 4) {
         let mut whole = Node::default();

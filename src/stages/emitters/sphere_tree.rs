@@ -34,7 +34,8 @@ pub(super) fn build(spheres: &[(Vec3, f32)], first_row: u32) -> Vec<Node> {
     nodes
 }
 
-/// Splits at the middle sphere along the longest side.
+/// Partitions `members` at the median sphere along the longest side of the box around their centres. Returns the size
+/// of the first part.
 fn halve(spheres: &[(Vec3, f32)], members: &mut [usize]) -> usize {
     let centres = members.iter().map(|&i| spheres[i].0);
     let (low, high) = centres.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), c| (low.min(c), high.max(c)));
@@ -54,7 +55,7 @@ fn bounds(spheres: &[(Vec3, f32)], members: &[usize]) -> ([f64; 3], [f64; 3]) {
     (low.to_array(), high.to_array())
 }
 
-/// Rounds outwards to the next f32 and returns its bits.
+/// Returns the bits of an f32 above `x` if `UP`, otherwise of one below it.
 fn outwards<const UP: bool>(x: f64) -> u32 {
     let nearest = x as f32;
     (if UP { nearest.next_up() } else { nearest.next_down() }).to_bits()

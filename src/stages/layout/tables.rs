@@ -70,7 +70,7 @@ shared_structs! {
         pub pick: f32,
         pub keep: f32,
         pub alias_index: u32,
-        /// Triangle: its number.
+        /// Triangle: its index in the triangle table.
         pub prim: u32,
         /// Path through the light tree: bit k is set if it takes the second child at level k.
         pub trail: u32,
@@ -85,7 +85,8 @@ shared_structs! {
         pub pad: Vec2,
     }
 
-    /// Alias table and density of the grid over the environment image. Densities are over the map's (u, v) square.
+    /// Entry of the grid over the environment image: `keep` and `alias_index` of the alias table over the grid's
+    /// patches, and the density at the centre of a cell, relative to the (u, v) unit square.
     pub struct EnvCell {
         pub keep: f32,
         pub alias_index: u32,
@@ -176,7 +177,7 @@ shared_constants! {
     pub const WRAP_MIRROR: u32 = 1;
     pub const WRAP_CLAMP: u32 = 2;
 
-    /// Edge of a page of texels.
+    /// Edge length of a page, texels.
     pub const PAGE: u32 = 2048;
 
     /// Values of [`Light::kind`].
@@ -186,19 +187,20 @@ shared_constants! {
     /// Placeholder for the number of a light that does not exist.
     pub const NO_LIGHT: u32 = u32::MAX;
 
-    /// Bits of the last word of a light tree node: the word holds a light's number instead of a node's; the lights also
-    /// emit in the opposite directions.
+    /// Bits of the last word of a light tree node. `LIGHT_LEAF`: the node is a leaf, and the word holds the index of a
+    /// light instead of that of the first child. `LIGHT_TWO_SIDED`: the node's lights also emit in the opposite
+    /// directions.
     pub const LIGHT_LEAF: u32 = 1 << 31;
     pub const LIGHT_TWO_SIDED: u32 = 1 << 30;
 
     /// Maximum depth of the light tree, since a trail has one bit per level.
     pub const LIGHT_LEVELS: u32 = 32;
 
-    /// Width of the texture that stores the tables, table rows.
+    /// Width of the texture that stores the tables, texels. Each texel holds one table row.
     pub const TABLE_WIDTH: u32 = 8192;
 
-    /// Table rows per node of the triangles' trees and per instance, followed by the row offsets of an instance's
-    /// inverse matrix, header and previous matrix.
+    /// Number of table rows per node of the triangles' trees and per instance. The next three are row offsets within an
+    /// instance: of its inverse matrix, its header and its previous matrix.
     const ROWS_PER_NODE: u32 = (size_of::<Node>() / ROW_BYTES) as u32;
     const ROWS_PER_INSTANCE: u32 = (size_of::<Instance>() / ROW_BYTES) as u32;
     const LOCAL_FROM_WORLD: u32 = (offset_of!(Instance, local_from_world) / ROW_BYTES) as u32;

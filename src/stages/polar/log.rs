@@ -17,7 +17,7 @@ use crate::stages::layout::{self, View};
 /// paper does not give them.
 const BLUR_BEGINS: f64 = 1.0 / 6.0;
 const BLUR_FULL: f64 = 1.0 / 2.0;
-/// Maximum fraction of the kernel's range that the image around the gaze may take.
+/// Maximum fraction of the rings that the image around the gaze may replace.
 const MOST_INNER: f64 = 0.95;
 
 /// Returns the shader constants of the images for a screen of this size.
@@ -102,13 +102,14 @@ fn columns_per_pixel(map: &layout::LogPolar, distance: f64) -> f64 {
     f64::from(map.columns) / (std::f64::consts::TAU * distance)
 }
 
-/// Returns the number of rings within a distance of the gaze, which is in pixels.
+/// Returns the number of stored rings within `distance` pixels of the gaze. The result is negative inside the image
+/// around the gaze, which replaces the innermost rings.
 fn ring_of(map: &layout::LogPolar, distance: f64) -> f64 {
     let share = distance.max(1.0).ln() / f64::from(map.log_diagonal);
     f64::from(map.rings) * share.powf(map.kernel.into()) - f64::from(map.first_ring)
 }
 
-/// Returns the place of a point of the screen in an eye's image.
+/// Returns the position in an eye's polar image of a point of the screen, which is in pixels.
 pub(super) fn place(map: &layout::LogPolar, view: &View, at: DVec2) -> PolarPlace {
     let gaze = Vec2::new(view.gaze_x, view.gaze_y).as_dvec2();
     let (distance, square) = (at.distance(gaze), f64::from(view.fovea_rows));

@@ -24,7 +24,8 @@ const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
 /// Factor of the integral of acuity over a disc, square degrees.
 const ACUITY_SUM: f64 = 2.0 * PI * (449.4 / 60.0) / (0.3 * 0.3);
 
-/// Integrates relative acuity over the disc within `degrees`, which are at least those of the fovea; square degrees.
+/// Returns the integral of relative acuity over the disc within an eccentricity of `degrees`, which is at least
+/// [`FOVEA_DEG`]; square degrees.
 fn acuity_within(degrees: f64) -> f64 {
     let part = |degrees: f64| {
         let falling = 0.3 * degrees + 1.0;
@@ -56,7 +57,7 @@ impl View {
     }
 }
 
-/// Returns the number of rings up to an eccentricity relative to the fovea's.
+/// Returns the number of rings up to an eccentricity, as a multiple of the number of rings in the fovea.
 fn rings_within(degrees: f64) -> f64 {
     if degrees < FOVEA_DEG { degrees / FOVEA_DEG } else { 0.5 * (1.0 + acuity_within(degrees) / FOVEA_AREA) }
 }
@@ -75,7 +76,7 @@ pub(super) fn grid(screen: Extent) -> Extent {
     Extent::new(of(screen.width), of(screen.height))
 }
 
-/// Returns a function from directions of an eye's screen to places in the eye's image.
+/// Returns a function that maps a direction to its position in an eye's polar image.
 pub(super) fn place_of(seen: &View, screen: Extent) -> impl Fn(DVec3) -> PolarPlace {
     let seen = *seen;
     let (gaze, forward) = (seen.gaze.as_dvec3(), seen.forward.as_dvec3());
@@ -97,7 +98,8 @@ pub(super) fn place_of(seen: &View, screen: Extent) -> impl Fn(DVec3) -> PolarPl
     }
 }
 
-/// Returns a view that looks at its gaze, with this many rows if the gaze is centred.
+/// Returns the view with `rows` and `fovea_rows` set for its gaze. A centred gaze gets the given number of rows, any
+/// other as many as keep the number of pixels.
 pub(super) fn look(view: View, rows: u32) -> View {
     let share = fovea_fraction(farthest_corner(&view, view.gaze));
     // Keep the number of pixels of a centred gaze.

@@ -3,8 +3,8 @@
 //!
 //! Primitives of a BLAS are numbered like the triangles of its tree. If a tree mixes opaque and alpha-tested triangles,
 //! its BLAS has one geometry for each kind. Both contain all triangles, so that no table is needed to map primitive
-//! numbers to triangles. In each geometry, triangles of the other kind are degenerate, so that no ray hits them. So are
-//! copies of triangles.
+//! numbers to triangles. In each geometry, triangles of the other kind are degenerate, so that no ray hits them. If a
+//! split triangle is stored several times, all copies but the first are degenerate, too.
 //!
 //! Dynamic geometry is rebuilt from scratch in each frame: the BLAS of every deforming body, from the vertices that the
 //! pass `skin` has written, and the TLAS. Bodies that are left out of a frame are not built in it.
@@ -46,7 +46,7 @@ struct Bottom {
 
 /// The structures of a scene on one device.
 pub struct Structures {
-    /// BLASes in the order of their rows.
+    /// BLASes, sorted by the rows of their triangles in the triangle table.
     bottoms: Vec<Bottom>,
     tlas: wgpu::Tlas,
     /// First row of the instances in the tables.
@@ -58,8 +58,8 @@ pub struct Structures {
 }
 
 impl Structures {
-    /// Builds the BLAS of all geometry that does not deform, and the TLAS over it. The rest follows with each frame.
-    /// `instances` is the first row of the instances in the tables.
+    /// Builds the BLASes of all geometry that does not deform, and a TLAS over them. [`Self::build`] adds deforming
+    /// bodies in each frame. `instances` is the first row of the instances in the tables.
     ///
     /// # Errors
     /// If the scene has more triangles or instances than the device takes.
@@ -107,7 +107,7 @@ impl Structures {
         }
     }
 
-    /// Fills in the TLAS. `all` includes deforming bodies.
+    /// Sets the instances of the TLAS. If `all` is false, it leaves out those of deforming bodies.
     fn put(&mut self, instances: &[Instance], all: bool) {
         self.deforming.clear();
         for i in 0..self.tlas.get().len() {
@@ -165,7 +165,7 @@ fn bottom(gpu: &GpuDevice, accel: &Accel, rows: Range<u32>) -> Bottom {
             flags: if alpha { wgpu::AccelerationStructureGeometryFlags::empty() } else { opaque },
         };
         let indices = is_indexed.then(|| {
-            // Triangles to exclude degenerate to one corner.
+            // Make excluded triangles degenerate, with the same corner three times.
             let corners = |(i, t): (usize, &Triangle)| match asks_alpha(t) == alpha && is_first(i) {
                 true => corners_of(i),
                 false => [corners_of(i)[0]; 3],

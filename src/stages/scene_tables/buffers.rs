@@ -82,8 +82,10 @@ pub fn layout_entries(SceneAccess { tables, traversal }: SceneAccess) -> Vec<wgp
 }
 
 impl SceneBuffers {
+    /// Uploads a scene's tables and builds its acceleration structures.
+    ///
     /// # Errors
-    /// A scene that exceeds the device's limits.
+    /// [`LimitExceeded`] if the scene exceeds a limit of the device.
     pub fn new(gpu: &GpuDevice, tables: &SceneTables) -> Result<Self, LimitExceeded> {
         let SceneAccess { tables: read_from, traversal } = gpu.scene_access();
         let parts = tables.in_order().1;
@@ -185,7 +187,8 @@ fn upload_rows(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], rows: u64) -> wgpu::Tex
     texture
 }
 
-/// Writes a range of texels of the texture of tables: the rest of a row, whole rows, then the start of the last row.
+/// Writes consecutive table rows, one texel each, to the texture that stores the tables. A range that begins or ends
+/// within a row of the texture is written in up to three parts: rest of the first row, whole rows, start of the last.
 fn write_texels(gpu: &GpuDevice, texture: &wgpu::Texture, first: u32, bytes: &[u8]) {
     let width = texture.width();
     let mut at = first;

@@ -1,4 +1,4 @@
-//! Motion of a scene, with its lights and materials at rest.
+//! Motion of a scene, with its lights and materials before animation.
 
 use std::collections::BTreeSet;
 
@@ -8,9 +8,9 @@ use crate::scene::motion::{Motion, Target};
 /// Motion of a scene.
 pub(super) struct Moves {
     pub(super) motion: Motion,
-    /// Lights and materials at rest. Other tables hold the rest of the scene.
+    /// Lights and materials before animation. All other parts of this scene are empty, since the tables hold them.
     pub(super) rest: Scene,
-    /// Materials that are animated.
+    /// Indices of the animated materials.
     pub(super) changing: Vec<usize>,
 }
 

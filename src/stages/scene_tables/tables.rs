@@ -50,14 +50,18 @@ pub struct SceneTables {
 }
 
 impl SceneTables {
+    /// Builds the tables of a scene without a memory limit.
+    ///
     /// # Errors
-    /// If the scene's textures cannot be addressed.
+    /// [`TableError::Texels`] if the scene's textures have too many texels.
     pub fn new(scene: &Scene, accel: Accel) -> Result<Self, TableError> {
         Self::within(scene, accel, &Budget::unlimited())
     }
 
+    /// Builds the tables of a scene within a memory budget.
+    ///
     /// # Errors
-    /// The errors of [`Self::new`], and a budget that the tables exceed.
+    /// The errors of [`Self::new`], and [`TableError::Memory`] if the light tables would exceed the budget.
     pub fn within(scene: &Scene, mut accel: Accel, budget: &Budget) -> Result<Self, TableError> {
         let _reserved = budget.reserve(emitters::making_bytes(scene, &accel)).map_err(TableError::Memory)?;
         let has_surfaces = accel.nodes.len() > 1 || accel.nodes[0] != [0; 20];
@@ -193,7 +197,7 @@ impl SceneTables {
         self.accel.clearance(point)
     }
 
-    /// Whether some triangles are instanced.
+    /// True if rays traverse other instances besides the one that holds the flattened static triangles.
     pub fn has_instances(&self) -> bool {
         self.accel.most_instances() > 1
     }

@@ -15,7 +15,7 @@ use crate::wgsl::ROW_BYTES;
 /// Changes of a frame: plain data, the same for every device.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SceneUpdate {
-    /// New contents of table rows, each with the first row.
+    /// New contents of ranges of table rows: index of the first row, and bytes.
     pub rows: Vec<(u32, Vec<u8>)>,
     /// Joint matrices and morph weights of deforming bodies.
     pub pose: Vec<[f32; 4]>,
@@ -24,9 +24,9 @@ pub struct SceneUpdate {
 }
 
 impl SceneTables {
-    /// Returns the changes of a frame at `now_s` that follows one at `last_s`, and sets its constants. Also returns,
-    /// for each body, its current bounds relative to [`Self::origin`] and its maximum displacement between the two
-    /// times, scene units.
+    /// Returns the changes to the tables for a frame at `now_s` that follows one at `last_s`, and updates the constants
+    /// `frame` accordingly. Also returns, for each body, its current bounds relative to [`Self::origin`] and its
+    /// maximum displacement between the two times, scene units.
     pub fn update(&self, frame: &mut layout::Frame, now_s: f64, last_s: f64) -> (SceneUpdate, Vec<(Aabb, f32)>) {
         let mut update = SceneUpdate::default();
         let Some(moves @ Moves { motion, rest, changing }) = &self.moving else { return (update, Vec::new()) };

@@ -38,7 +38,7 @@ impl PanelQuad {
         Ok(Some(Self { panel, overlay: Overlay::new(), renderer, freed: Vec::new(), drawn: None }))
     }
 
-    /// Returns the panel, redrawn at intervals; `None` before the first frame's news.
+    /// Returns the panel, after redrawing it if [`INTERVAL`] has passed; `None` before the first frame.
     pub fn panel(&mut self, headset: &Headset, look: &ViewStatus, news: &News) -> Result<Option<&Panel>, Failure> {
         if self.drawn.is_none_or(|drawn| drawn.elapsed() >= INTERVAL) && !news.frames.is_empty() {
             self.drawn = Some(Instant::now());

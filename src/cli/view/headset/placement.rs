@@ -17,15 +17,15 @@ use crate::cli::failure::Failure;
 /// Maximum time step of thumbstick locomotion between two frames, seconds.
 const LONGEST_STEP_S: f64 = 0.25;
 
-/// Pose of the session's space in the scene, and the headset's eyes.
+/// Pose of the OpenXR session's reference space in the scene, and the headset's eyes.
 #[derive(Clone)]
 pub struct Placement {
     shot: Rig,
     pub space: Space,
     eyes: HeadEyes,
     size: Extent,
-    /// Whether frames need no display resampling: there is no overscan and the eyes are symmetric. Fixed for the
-    /// session.
+    /// True if frames need no display resampling, because there is no overscan and the eyes are symmetric. Fixed for
+    /// the session.
     is_plain: bool,
     /// Overscan on every side, degrees; 0 turns late reprojection off.
     border_deg: f64,
@@ -35,7 +35,7 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// Sets the rig of the loaded shot to these eyes and returns the headset's world.
+    /// Sets the rig of the loaded shot to the headset's eyes and returns their placement in the scene.
     pub fn new(loaded: &mut LoadedScene, eyes: HeadEyes, size: Extent, border_deg: f64) -> Result<Self, Failure> {
         let space = loaded.space.with_eyes(eyes).map_err(HeadsetError::Eyes)?;
         let shot = loaded.shot.rig.clone();
@@ -102,7 +102,7 @@ impl Late {
         Arc::new(move |index| late.answer(index))
     }
 
-    /// Begins a frame.
+    /// Begins frame `index`: until [`Self::end`], the pose source answers requests for this frame.
     pub fn begin(&self, index: u32, frame: &HeadsetFrame, world: &Placement) {
         let asked = Asked { index, frame: *frame, world: world.clone(), answer: None };
         *self.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(asked);

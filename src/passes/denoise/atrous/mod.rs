@@ -1,4 +1,4 @@
-//! `atrous`: an edge-avoiding à-trous filter on the frame alone.
+//! `atrous`: an edge-avoiding à-trous filter that uses only the current frame.
 
 use super::{Denoise, Light, PARTITION};
 use crate::graph::{Chain, Kernel, Pass, Stage, Use};
@@ -8,10 +8,11 @@ use crate::scene::rig::Eye;
 
 const STAGE: Stage = Stage("atrous");
 
-/// Tolerance to differences in compressed radiance, once noise is averaged down.
+/// σ of the edge-stopping weight for differences in compressed radiance, c / (1 + luminance), after the blind
+/// iterations.
 const SIGMA: f32 = 1.0;
-/// Iterations that ignore differences in radiance. At one sample per pixel, a pixel's value is mostly noise, and
-/// comparing with it would keep outliers.
+/// Number of blind iterations: the first ones, which ignore differences in radiance. At one sample per pixel, a pixel's
+/// value is mostly noise, and comparing with it would preserve outliers.
 const BLIND_ITERATIONS: u32 = 3;
 
 /// Returns the distance between the taps of iteration `index` of `count`: 2^(count-1) down to 1.
@@ -40,8 +41,8 @@ impl Denoise for Atrous {
             let (source, target) = light.advance();
             let step = step(index, spec.iterations);
             let halo = spec.halo(2 * step);
-            // Pixels of a foveal layer only count the iterations that they take part in, so the shader counts blind
-            // ones.
+            // If pixels are left to the filter, a foveal layer may take part only in the last iterations. The shader
+            // then counts the blind iterations per layer.
             let args = match spec.sparse {
                 true => [step, inverse_sigma2_bits(u32::MAX), BLIND_ITERATIONS],
                 false => [step, inverse_sigma2_bits(index), 0],

@@ -1,4 +1,4 @@
-//! `svgf`: temporally accumulated illumination, filtered with guidance by its variance, followed by TAA.
+//! `svgf`: accumulates illumination over frames, filters it with a kernel guided by its variance, and applies TAA.
 //!
 //! The method is that of Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering".
 
@@ -13,7 +13,8 @@ use crate::wgsl::constants;
 const STAGE: Stage = Stage("svgf");
 const VARIANCE: Stage = Stage("variance");
 
-/// Mean and variance of accumulated illumination, the number of samples and frames in it, and the material.
+/// Mean and variance of the accumulated luminance, its recent mean, the number of samples and frames in it, and the
+/// material, packed.
 const MOMENTS: Resource = Resource::image("moments", 16);
 /// Accumulated light after the filter's first iteration.
 const HISTORY: Resource = Resource::image("history", 16);
@@ -23,13 +24,13 @@ const VARIANCE_REACH: u32 = 3;
 
 const VARIANCE_KERNEL: Kernel = Kernel::new("variance").with(constants![VARIANCE_REACH]);
 
-/// Standard deviations by which the luminance of two pixels may differ, in the first iteration and in the others. The
-/// first iteration's result becomes the history, so its blur accumulates over frames.
+/// Width of the luminance edge-stopping function, in standard deviations of luminance: in the first iteration, and in
+/// all others. The first iteration's result becomes the history, so its blur accumulates over frames.
 const FIRST_SIGMA: f32 = 0.8;
 const SIGMA: f32 = 1.2;
 
-/// Returns the distance between the taps of iteration `index`. It rises, so that the first iteration, whose result
-/// becomes the history, blurs least.
+/// Returns the distance in pixels between the taps of iteration `index`. It doubles with each iteration, so the first
+/// iteration, whose result becomes the history, blurs least.
 fn step(index: u32) -> u32 {
     1 << index
 }
@@ -53,7 +54,8 @@ impl Denoise for Svgf {
         true
     }
 
-    /// Fits measurements of three scenes after some frames, at 64 and 180 rows.
+    /// Evaluates a formula that was fitted to measurements of three scenes, with a history of some frames, at image
+    /// heights of 64 and 180 rows.
     fn estimated_flip(&self, samples: f64, iterations: u32, rows: u32) -> f64 {
         let unfiltered = 0.5f64.powi(iterations as i32 - 1);
         // Blur that grows with the filter's radius.

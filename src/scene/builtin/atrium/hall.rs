@@ -8,10 +8,10 @@ use super::orders::{self, Order, WALL_HALF};
 use super::{BAY, COURT, COURT_Y, GALLERY, Paints, ROOF_Y, UPPER_Y, is_first_of_side};
 use glam::{Affine3A, Vec2, Vec3};
 
-/// Distances of the edges of the steps into the court from the column line.
+/// Distances in metres from the column line to the upper and the lower edge of the steps down into the court.
 const STEP_REACH: [f32; 2] = [0.52, 0.88];
 
-/// Returns a flat rectangle at height `y` that faces up, with texture coordinates from positions.
+/// Returns a flat rectangle at height `y` that faces up. Its texture repeats every `tile_m` metres.
 fn paving(min: [f32; 2], max: [f32; 2], y: f32, tile_m: f32) -> Surface {
     let (dx, dz) = (max[0] - min[0], max[1] - min[1]);
     Surface::quad(Vec3::new(min[0], y, max[1]), Vec3::X * dx, Vec3::NEG_Z * dz).uv_scaled(Vec2::splat(1.0 / tile_m))
@@ -29,7 +29,7 @@ fn ring_paving(inner: f32, y: f32, tile_m: f32) -> Surface {
     ])
 }
 
-/// Returns a moulding all round the court. x is measured inwards from the column line.
+/// Returns a moulding all round the court. In `profile`, x points into the court, with 0 on the column line, and y up.
 fn court_ring(profile: &Outline, y: f32) -> Surface {
     let [x, z] = COURT;
     let side = |start: Vec3, outward: Vec3, half: f32| moulding(profile, start, outward, 2.0 * half, [1.0, -1.0]);

@@ -210,7 +210,7 @@ pub fn baluster_offsets(length: f32) -> impl Iterator<Item = f32> {
     (0..count).map(move |i| (i as f32 + 0.5) / count as f32 * length - length / 2.0)
 }
 
-/// Returns an urn with a foot and a rolled lip, about 0.9 high, or a stretched version of it.
+/// Returns an urn with a foot and a rolled lip, about 0.9 high. `stretch` scales its radius and its height.
 pub fn urn(stretch: Vec2) -> Surface {
     let points = [
         [0.0, 0.0],

@@ -25,7 +25,7 @@ struct Spot {
     foot: Vec3,
     turn: f32,
     size: f32,
-    /// Index of its variant.
+    /// Index of the plant's variant: a tree species, or the mesh of a bush or tuft.
     kind: usize,
 }
 
@@ -62,7 +62,7 @@ fn trees(a: &mut Assembly, broad: TextureRef) {
     }
 }
 
-/// Returns one jittered position per cell of a grid for trees, except on the path.
+/// Returns the placements of trees: one jittered position per cell of a grid, except on the path.
 fn tree_spots() -> Vec<Spot> {
     let mut dice = Dice::new(2024);
     let cell = 5.6;
@@ -96,7 +96,7 @@ fn undergrowth(a: &mut Assembly, broad: TextureRef) {
     }
 }
 
-/// Returns `count` placements within two distances from the path, denser near it.
+/// Returns `count` placements between `near` and `far` metres from the path's centre line in x, denser near the path.
 fn spots_near_path(count: usize, seed: u32, [near, far]: [f32; 2]) -> Vec<Spot> {
     let mut dice = Dice::new(seed);
     (0..count)

@@ -74,8 +74,8 @@ fn point_on(path: &Path, t: f32) -> Vec3 {
     path[i].0 + (path[i + 1].0 - path[i].0) * (place - i as f32)
 }
 
-/// Returns a square with a spray of leaves and its stem at `foot`, which faces about `outward` and grows upwards or
-/// down.
+/// Returns a square for a texture of a leaf spray, with the spray's stem at `foot`. The square faces `outward`, with
+/// jitter. `lift` sets the slope of the spray's direction of growth: positive upwards, negative downwards.
 fn card(foot: Vec3, outward: Vec3, size: f32, lift: f32, dice: &mut Dice) -> Surface {
     let jitter = Vec3::new(dice.range(-1.0, 1.0), dice.range(-1.0, 1.0), dice.range(-1.0, 1.0));
     let normal = (outward.normalize() + 0.85 * jitter).normalize();

@@ -178,8 +178,8 @@ fn tube(rings: &[[f32; 3]], sides: usize, z_of: impl Fn(f32) -> f32) -> Surface 
     })
 }
 
-/// Returns the skin weights of a vertex at height `y`. `chain` lists a limb's joints from below, each with the height
-/// above which it alone influences vertices.
+/// Returns the skin weights of a vertex at height `y`. `chain` lists a limb's joints from the lowest to the highest,
+/// each with the height at which its influence replaces that of the joint before it.
 fn influence(chain: &[(usize, f32)], y: f32) -> Influence {
     let at = chain.iter().rposition(|(_, from)| y >= from - BLEND).unwrap_or(0);
     let (joint, from) = chain[at];

@@ -28,7 +28,7 @@ const HEIGHT: f32 = 2.8;
 const BACK: f32 = -2.0;
 const FRONT: f32 = 2.4;
 
-/// Number of keys of the walk and of swinging motion.
+/// Number of steps between the keyframes of the walk, and of swinging motion, in one period.
 const WALK_STEPS: u32 = 160;
 const SWING_STEPS: u32 = 64;
 
@@ -158,7 +158,7 @@ fn blade() -> Surface {
     })
 }
 
-/// Adds a cloth that hangs from a rod on the back wall. The sum of two morph targets makes travelling folds.
+/// Adds a cloth that hangs from a rod on the back wall. Its folds travel as the weights of two morph targets vary.
 fn banner(s: &mut Staging) {
     const RED: [f32; 3] = [0.55, 0.05, 0.07];
     const TOP: [f32; 3] = [-0.75, 2.45, BACK + 0.25];

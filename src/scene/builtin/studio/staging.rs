@@ -24,7 +24,7 @@ impl Staging {
         Self { still: Assembly::new(name), motion, channels: Vec::new() }
     }
 
-    /// Adds a node with that transform in its parent. Returns its index.
+    /// Adds a node with this transform relative to its parent. Returns its index.
     pub fn node(&mut self, name: &str, parent: Option<usize>, translation: DVec3, rotation: DQuat) -> usize {
         let rest = Placement::Parts { translation, rotation, scale: DVec3::ONE };
         self.motion.nodes.push(Node { name: name.to_owned(), parent, rest });
@@ -36,7 +36,7 @@ impl Staging {
         self.body(mesh, node, None, Vec::new());
     }
 
-    /// Skins a mesh to joints, given with their positions in the mesh.
+    /// Skins a mesh. `joints` are indices of nodes, and `positions` are the joints' positions in the mesh.
     pub fn dress(&mut self, mesh: usize, joints: Vec<usize>, positions: &[DVec3]) {
         let inverse_bind = positions.iter().map(|p| Affine3A::from_translation(-p.as_vec3())).collect();
         let node = joints.first().copied().unwrap_or(0);
@@ -49,7 +49,8 @@ impl Staging {
         self.motion.bodies.push(Body { instance, node, skin, weights });
     }
 
-    /// Adds a linearly interpolated channel with keys at equal steps. `of` gets seconds below the period.
+    /// Adds a linearly interpolated channel, with keys at equal steps from 0 to [`PERIOD_S`]. `of` maps a time in
+    /// seconds, at least 0 and below the period, to a value.
     pub fn sampled<const N: usize>(&mut self, target: Target, steps: u32, of: impl Fn(f64) -> [f64; N]) {
         let time_s = |step: u32| PERIOD_S * f64::from(step) / f64::from(steps);
         let times = (0..=steps).map(time_s).collect();
@@ -78,7 +79,7 @@ impl Staging {
     }
 }
 
-/// Returns sine and cosine of an angle in full turns.
+/// Returns sine and cosine of an angle that is given in full turns.
 pub fn wave(turns: f64) -> (f64, f64) {
     let (sin, cos) = sin_cos((turns.fract() * std::f64::consts::TAU) as f32);
     (sin.into(), cos.into())

@@ -1,5 +1,6 @@
-//! A walk around a circle. Feet stay in place while they are on the floor. Angles of hips and knees follow from the
-//! positions of hips and ankles by the law of cosines; the upper body swings against the legs.
+//! Animation of a figure that walks around a circle. A foot does not slide while it is on the floor. The angles of hips
+//! and knees are computed from the positions of hips and ankles (inverse kinematics by the law of cosines). The upper
+//! body swings against the legs.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -11,29 +12,29 @@ use std::f64::consts::TAU;
 pub const MIDDLE: DVec3 = DVec3::new(-0.1, 0.0, 0.25);
 pub const RADIUS: f64 = 0.75;
 
-/// Pairs of steps per round.
+/// Number of gait cycles (two steps each) per round of the circle.
 const CYCLES: f64 = 5.0;
 
-/// Fraction of a cycle in which a foot is on the floor.
+/// Fraction of a gait cycle during which a foot is on the floor.
 const STANCE: f64 = 0.6;
 
 /// Distance by which hips are lower than when standing, metres.
 const STOOP: f64 = 0.05;
 
-/// Contact points of a foot with its heel up and with its toes up: distances from the ankle along the foot, metres.
+/// Points at which a foot touches the floor when its heel or its toes are lifted, in metres ahead of the ankle.
 const TOES: f64 = 0.19;
 const HEEL: f64 = -0.06;
 
-/// Distance from the line of the walk to a foot's middle, metres.
+/// Lateral distance from the circle to the centre line of a foot, metres.
 const ASIDE: f64 = 0.08;
 
-/// Keys of a foot's pitch, toes down: fractions of its cycle and radians.
+/// Keyframes of a foot's pitch: fraction of the foot's gait cycle, and angle in radians, positive with the toes down.
 const PITCHES: [[f64; 2]; 7] =
     [[0.0, -0.2], [0.1, 0.0], [0.4, 0.0], [0.6, 0.55], [0.75, 0.45], [0.92, -0.2], [1.0, -0.2]];
 
 /// Pose of the figure at one time.
 pub struct Stride {
-    /// Position on the floor, between the feet.
+    /// Position of the figure on the floor, midway between its footprints.
     pub place: DVec3,
     pub heading: DQuat,
     /// Position of the pelvis relative to `place`, in the axes of `heading`; metres.
@@ -75,7 +76,7 @@ impl Stride {
     }
 }
 
-/// Returns position and heading after `round` rounds of the circle, with its centre on the left.
+/// Returns position and heading after `round` rounds. The centre of the circle is to the left of the figure.
 fn on_circle(round: f64) -> (DVec3, DQuat) {
     let (sin, cos) = wave(round);
     (MIDDLE + RADIUS * DVec3::new(-cos, 0.0, sin), turned(DVec3::Y, TAU * round.fract()))
@@ -87,7 +88,8 @@ struct Foot {
 }
 
 impl Foot {
-    /// Returns a foot's pose. `cycle` counts from its touchdown; `side` is 1 on the left and −1 on the right.
+    /// Returns a foot's pose. `cycle` is the time in gait cycles; the foot touches down at each whole number. `side` is
+    /// 1 for the left foot and −1 for the right one.
     fn at(cycle: f64, side: f64) -> Self {
         let phase = cycle.fract();
         // The body is above the foot in the middle of its stance.
@@ -117,7 +119,8 @@ fn pitch(phase: f64) -> f64 {
     a + (b - a) * smooth(((phase - from) / (to - from)).clamp(0.0, 1.0))
 }
 
-/// Returns world rotations of thigh and shin that put the ankle in place, with the knee in front.
+/// Returns the world rotations of thigh and shin that bring the ankle to `ankle`, as far as the length of the leg
+/// allows, with the knee bent towards the heading.
 fn bent(hip: DVec3, ankle: DVec3, heading: DQuat) -> [DQuat; 2] {
     let [thigh, shin] = [JOINTS[LEGS[0]].at.y - JOINTS[LEGS[0] + 1].at.y, JOINTS[LEGS[0] + 1].at.y - ANKLE];
     let towards = ankle - hip;
