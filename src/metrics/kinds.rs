@@ -11,7 +11,7 @@ use super::error::mean;
 use crate::image::display::{DisplayImage, display_value, gain};
 use crate::image::{Extent, Image, ImageError, RgbImage, check_same_size};
 
-/// What a pixel shows.
+/// Content of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
