@@ -15,15 +15,17 @@ mod resource;
 mod rows;
 mod stripes;
 mod task;
+mod uses;
 
 pub use build::FrameGraph;
 pub use halo::{HaloPlan, Seam};
 pub use launch::{Launch, Run, runs};
-pub use pass::{Access, Chain, Dispatch, Kernel, Partition, Pass, Reach, SceneUse, Stage, Use, Work};
+pub use pass::{Chain, Dispatch, Kernel, Partition, Pass, SceneUse, Stage, Work};
 pub use program::{Bound, Linked, Program, ProgramError};
 pub use resource::{Format, Grid, Image, LIST_HEADER, Life, Projection, Resource, Scope, Size};
 pub use stripes::{Stripes, StripesError};
 pub use task::{Key, Task, TaskKind};
+pub use uses::{Access, Reach, Use};
 
 use crate::scene::rig::Eye;
 
