@@ -9,18 +9,15 @@ use diptych::graph::{Chain, Kernel, Pass, Stage, Use};
 use diptych::passes::denoise::{Denoise, Light, PARTITION};
 use diptych::passes::{FrameSpec, gbuffer::GUIDE};
 use diptych::scene::rig::Eye;
+use glam::Vec4;
 
 /// Rows and columns that the filter reads on each side of a pixel.
 const REACH: u32 = 3;
 
-/// Source of the filter's kernel. The fourth channel of `guide` is the packed normal. The kernel may only read rows
-/// from `valid_begin` up to, but not including, `valid_end`.
+/// Source of the filter's kernel. The fourth channel of `guide_image` is the packed normal. The kernel may only read
+/// rows from `valid_begin` up to, but not including, `valid_end`.
 const SHADER: &str = "
-//!include frame grid
-
-@group(1) @binding(0) var<storage, read> guide: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
-@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<f32>>;
+//!include frame grid bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -29,12 +26,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let reach = pass_.args[0];
-    let normal = guide[pixel_index(pixel)].w;
+    let normal = guide_image[pixel_index(pixel)].w;
     var sum = vec4<f32>(0.0);
     for (var y = max(pixel.y, pass_.valid_begin + reach) - reach; y <= min(pixel.y + reach, pass_.valid_end - 1u); y += 1u) {
         for (var x = max(pixel.x, reach) - reach; x <= min(pixel.x + reach, pass_.width - 1u); x += 1u) {
             let tap = pixel_index(vec2<u32>(x, y));
-            sum += select(vec4<f32>(0.0), vec4<f32>(source[tap].rgb, 1.0), guide[tap].w == normal);
+            sum += select(vec4<f32>(0.0), vec4<f32>(source[tap].rgb, 1.0), guide_image[tap].w == normal);
         }
     }
     filtered[pixel_index(pixel)] = vec4<f32>(sum.rgb / sum.w, 1.0);
@@ -57,7 +54,9 @@ impl Denoise for Mean {
             let (source, target) = light.advance();
             let halo = spec.halo(REACH);
             let pass = Pass::new(Stage("mean"), view, PARTITION, Kernel::from_text("mean", SHADER)).index(index);
-            let uses = [Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)];
+            // Light is RGB floats, since the filter needs no variance.
+            let [source, target] = [Use::read(source).halo(halo).named("source"), Use::write(target).named("filtered")];
+            let uses = [Use::read(GUIDE).halo(halo), source.viewed_as::<Vec4>(), target.viewed_as::<Vec4>()];
             pass.uses(uses).args([REACH, 0, 0]).chain(Chain::Planned)
         };
         (0..spec.iterations).map(iteration).collect()

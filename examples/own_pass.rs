@@ -23,14 +23,11 @@ const OUTLINE_STAGE: Stage = Stage("outline");
 
 /// Grey value of the outline, 0 or 255, in 4 bytes per pixel. As an output, the image is gathered on the primary device
 /// at the end of the frame.
-const OUTLINE: Resource = Resource::image("outline", 4).output();
+const OUTLINE: Resource = Resource::image::<u32>("outline").output();
 
-/// The fourth channel of `emission` is the distance along the ray, 0 for the sky.
+/// The fourth channel of `emission_image` is the distance along the ray, 0 for the sky.
 const SHADER: &str = "
-//!include frame grid
-
-@group(1) @binding(0) var<storage, read> emission: array<vec4<f32>>;
-@group(1) @binding(1) var<storage, read_write> outline: array<u32>;
+//!include frame grid bindings
 
 const JUMP: f32 = 1.1;
 
@@ -41,9 +38,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let last = vec2<u32>(pass_.width, pass_.height) - 1u;
-    let here = emission[pixel_index(pixel)].w;
-    let right = emission[pixel_index(vec2<u32>(min(pixel.x + 1u, last.x), pixel.y))].w;
-    let below = emission[pixel_index(vec2<u32>(pixel.x, min(pixel.y + 1u, last.y)))].w;
+    let here = emission_image[pixel_index(pixel)].w;
+    let right = emission_image[pixel_index(vec2<u32>(min(pixel.x + 1u, last.x), pixel.y))].w;
+    let below = emission_image[pixel_index(vec2<u32>(pixel.x, min(pixel.y + 1u, last.y)))].w;
     let least = min(here, min(right, below));
     let most = max(here, max(right, below));
     outline[pixel_index(pixel)] = select(0u, 255u, most > JUMP * least);

@@ -1,13 +1,6 @@
 // Renders one auxiliary image per dispatch, from the hit at the pixel's centre.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf path split pack motion last_surface
-
-@group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> albedo_image: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read> emission_image: array<vec4<f32>>;
-@group(1) @binding(3) var<storage, read> tally_image: array<u32>;
-@group(1) @binding(4) var<storage, read_write> aov: array<vec4<f32>>;
-@group(1) @binding(5) var<uniform> previous: Previous;
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf path split pack motion last_surface bindings
 
 fn centre_hit(pixel: vec2<u32>, hit: vec4<u32>) -> FirstHit {
     let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);

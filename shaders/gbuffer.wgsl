@@ -1,13 +1,7 @@
 // Primary visibility of one view: the surface at each pixel's centre. With several samples per pixel, it also computes
 // the means of albedo and emission over a pixel, if later stages need them and path tracing does not write them.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint foveation
-
-@group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read_write> emission_image: array<vec4<f32>>;
-@group(1) @binding(3) var<storage, read_write> tally_image: array<u32>;
-@group(1) @binding(4) var<storage, read_write> guide_image: array<vec4<u32>>;
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint foveation bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {

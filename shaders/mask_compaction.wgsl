@@ -3,13 +3,7 @@
 // gaze. Here the gaze moves with every frame, so each device lists the pixels of its own rows, without waiting for the
 // host. Pixels that are not listed get radiance with alpha 0, by which the filter knows that they were not sampled.
 
-//!include frame grid projection rng pack foveation
-
-@group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read_write> radiance_image: array<vec4<f32>>;
-@group(1) @binding(3) var<storage, read_write> tally_image: array<u32>;
-@group(1) @binding(4) var<storage, read_write> holes: array<atomic<u32>>;
+//!include frame grid projection rng pack foveation bindings
 
 var<workgroup> wanted_here: atomic<u32>;
 var<workgroup> first_slot: u32;
@@ -28,7 +22,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
         // Filters do not fill a pixel without a surface at its centre, so pixels at the rim of a surface are traced.
         let is_rim = guide_image[at].w == NO_NORMAL && (hit_image[at].w & FLAG_MIXED) != 0u;
         wanted = is_rim || is_sampled(pixel, pass_.view);
-        radiance_image[at] = vec4<f32>(0.0);
+        radiance_image[at] = vec4<u32>(0u);
         if wanted {
             slot = atomicAdd(&wanted_here, 1u);
         } else {

@@ -1,10 +1,6 @@
 // Previous position and normal of the surface at each pixel's centre, in the format of the `guide` image.
 
-//!include frame grid projection rng scene pack last_surface
-
-@group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read_write> last_surface_image: array<vec4<u32>>;
+//!include frame grid projection rng scene pack last_surface bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {

@@ -3,17 +3,10 @@
 // Leria et al. name as the limit of their hole filling. Both cases share one pipeline, since drivers take seconds to
 // compile it.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint pixel
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint pixel bindings
 
-@group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read_write> emission_image: array<vec4<f32>>;
-@group(1) @binding(3) var<storage, read_write> radiance_image: array<vec4<u32>>;
-@group(1) @binding(4) var<storage, read_write> tally_image: array<u32>;
-@group(1) @binding(5) var<storage, read> guide_image: array<vec4<u32>>;
-
-// Number of listed pixels, then the three workgroup counts of the indirect dispatch, then the indices of the pixels.
-@group(1) @binding(6) var<storage, read> holes: array<u32>;
+// `holes` holds the number of listed pixels, then the three workgroup counts of the indirect dispatch, then the indices
+// of the pixels.
 
 const LANES: u32 = 64u;
 

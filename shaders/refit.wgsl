@@ -1,14 +1,12 @@
 // Refits the trees over deforming bodies, one level at a time from the deepest to the roots. The topology stays, and
 // boxes are put around the triangles' current positions. One invocation per node.
 
-//!include frame changed_tables
+//!include frame changed_tables bindings
 
-// Nodes as they were built.
-@group(1) @binding(0) var<storage, read> nodes: array<vec4<u32>>;
-// Indices of the nodes, the deepest first.
-@group(1) @binding(1) var<storage, read> order: array<u32>;
-// Bounding boxes of nodes, then of triangles: least and largest coordinates.
-@group(1) @binding(2) var<storage, read_write> boxes: array<vec4<f32>>;
+// Variables:
+// - `tree_nodes`: nodes as they were built.
+// - `tree_order`: indices of the nodes, the deepest first.
+// - `boxes`: bounding boxes of nodes, then of triangles: least and largest coordinates.
 
 // A box in 8-bit units of its node's grid, rounded outwards so that it contains the given bounds.
 struct Bytes {
@@ -32,10 +30,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if i >= pass_.args[1] {
         return;
     }
-    let node = order[i];
-    let first_box = 2u * arrayLength(&order);
-    let header = nodes[ROWS_PER_NODE * node].w;
-    let links = nodes[ROWS_PER_NODE * node + 1u];
+    let node = tree_order[i];
+    let first_box = 2u * arrayLength(&tree_order);
+    let header = tree_nodes[ROWS_PER_NODE * node].w;
+    let links = tree_nodes[ROWS_PER_NODE * node + 1u];
     var lows: array<vec3<f32>, 8>;
     var highs: array<vec3<f32>, 8>;
     var low = vec3<f32>(MOST_FLOAT);

@@ -4,16 +4,7 @@
 // pixels to the filter, left pixels that were not sampled are invalid taps, and only right pixels in the right eye's
 // own mask become holes. With foveation, taps may differ more from the surface in the outer layers.
 
-//!include frame grid projection split rng pack foveation
-
-@group(1) @binding(0) var<storage, read> left_hit: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> left_guide: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read> left_radiance: array<vec4<u32>>;
-@group(1) @binding(3) var<storage, read> right_hit: array<vec4<u32>>;
-@group(1) @binding(4) var<storage, read> right_guide: array<vec4<u32>>;
-@group(1) @binding(5) var<storage, read_write> right_radiance: array<vec4<u32>>;
-@group(1) @binding(6) var<storage, read_write> right_tally: array<u32>;
-@group(1) @binding(7) var<storage, read_write> holes: array<atomic<u32>>;
+//!include frame grid projection split rng pack foveation bindings
 
 // Returns the reason that a left pixel is not a valid tap; 0 if it is valid.
 fn why_not(at: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32, slack: f32) -> u32 {
@@ -72,10 +63,10 @@ fn tap_around(seen: vec2<f32>, row: u32, i: i32) -> Tap {
 // Lists a hole if the right eye's sampling mask contains it (`wanted`), and otherwise leaves it to the filter.
 fn open_hole(at: u32, why: u32, wanted: bool) {
     if SPARSE && !wanted {
-        right_tally[at] |= SKIPPED << 28u;
+        tally_image[at] |= SKIPPED << 28u;
         return;
     }
-    right_tally[at] |= why << 28u;
+    tally_image[at] |= why << 28u;
     let slot = atomicAdd(&holes[0], 1u);
     atomicStore(&holes[LIST_HEADER + slot], at);
     if slot % 64u == 0u && slot / 64u < 65535u {
@@ -90,9 +81,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
-    let hit = right_hit[at];
-    let guide = right_guide[at];
-    right_radiance[at] = vec4<u32>(0u);
+    let hit = hit_image[at];
+    let guide = guide_image[at];
+    radiance_image[at] = vec4<u32>(0u);
     var wanted = true;
     var slack = 1.0;
     var is_full = true;
@@ -166,8 +157,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     if told != 0u {
-        right_radiance[at] = pack_sampled_with(matte / sum, gloss / sum, variance / sum);
+        radiance_image[at] = pack_sampled_with(matte / sum, gloss / sum, variance / sum);
         return;
     }
-    right_radiance[at] = pack_sampled(matte / sum, gloss / sum);
+    radiance_image[at] = pack_sampled(matte / sum, gloss / sum);
 }

@@ -2,18 +2,13 @@
 // sections 3.7.2.2 and 3.7.3. One invocation per vertex, then one per triangle. The results depend only on the two
 // poses that the host provides, not on the tables of another frame.
 
-//!include frame changed_tables
+//!include frame changed_tables bindings
 
-@group(1) @binding(0) var<storage, read> triangles: array<SkinTriangle>;
-@group(1) @binding(1) var<storage, read> vertices: array<SkinVertex>;
-@group(1) @binding(2) var<storage, read> morphs: array<SkinMorph>;
-// For each joint, three rows of its current matrix and three of its previous one; then a row for each weight of a morph
-// target, the current one in x and the previous one in y.
-@group(1) @binding(3) var<storage, read> pose: array<vec4<f32>>;
-// World-space vertices.
-@group(1) @binding(4) var<storage, read_write> skinned: array<Corner>;
-// Bounding boxes of nodes, then of triangles: least and largest coordinates.
-@group(1) @binding(5) var<storage, read_write> boxes: array<vec4<f32>>;
+// Variables:
+// - `pose`: for each joint, three rows of its current matrix and three of its previous one; then a row for each weight
+//   of a morph target, the current one in x and the previous one in y.
+// - `skinned`: world-space vertices.
+// - `boxes`: bounding boxes of nodes, then of triangles: least and largest coordinates.
 
 struct Affine {
     x: vec4<f32>,
@@ -21,7 +16,7 @@ struct Affine {
     z: vec4<f32>,
 }
 
-struct Corner {
+struct Skinned {
     position: vec3<f32>,
     last_position: vec3<f32>,
     normal: vec3<f32>,
@@ -37,11 +32,11 @@ struct Blended {
 fn blended(v: u32) -> Blended {
     var m = Blended();
     for (var i = 0u; i < JOINTS_PER_VERTEX; i += 1u) {
-        let weight = vertices[v].weights[i];
+        let weight = skin_vertices[v].weights[i];
         if weight == 0.0 {
             break;
         }
-        let row = vertices[v].joints[i] * ROWS_PER_JOINT;
+        let row = skin_vertices[v].joints[i] * ROWS_PER_JOINT;
         m.now.x += weight * pose[row];
         m.now.y += weight * pose[row + 1u];
         m.now.z += weight * pose[row + 2u];
@@ -72,14 +67,14 @@ fn unit_or(v: vec3<f32>, otherwise: vec3<f32>) -> vec3<f32> {
     return select(otherwise, v * inverseSqrt(max(size2, 1e-37)), size2 > 1e-37);
 }
 
-fn bring(at: u32) -> Corner {
-    var position = vertices[at].position;
+fn bring(at: u32) -> Skinned {
+    var position = skin_vertices[at].position;
     var last_position = position;
-    var normal = vertices[at].normal;
-    var tangent = vertices[at].tangent;
-    for (var i = 0u; i < vertices[at].morph_count; i += 1u) {
-        let morph = morphs[vertices[at].first_morph + i];
-        let weight = pose[vertices[at].first_weight + i];
+    var normal = skin_vertices[at].normal;
+    var tangent = skin_vertices[at].tangent;
+    for (var i = 0u; i < skin_vertices[at].morph_count; i += 1u) {
+        let morph = skin_morphs[skin_vertices[at].first_morph + i];
+        let weight = pose[skin_vertices[at].first_weight + i];
         position += weight.x * morph.position;
         last_position += weight.y * morph.position;
         normal += weight.x * morph.normal;
@@ -88,7 +83,7 @@ fn bring(at: u32) -> Corner {
     let m = blended(at);
     let now = m.now;
     let along = unit_or(vector(now, tangent.xyz), vec3<f32>(0.0));
-    return Corner(
+    return Skinned(
         point(now, position),
         point(m.last, last_position),
         normal_vector(now, normal),
@@ -111,7 +106,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let first_box = pass_.args[1];
-    let t = triangles[i];
+    let t = skin_triangles[i];
     let a = skinned[t.corners.x];
     let b = skinned[t.corners.y];
     let c = skinned[t.corners.z];

@@ -1,11 +1,9 @@
 // Sums per-pixel counts over each row. The sums tell the scheduler the work per row, and add up to the run's totals.
 
-//!include frame grid projection pack
+//!include frame grid projection pack bindings
 
-@group(1) @binding(0) var<storage, read> tally: array<u32>;
-// COUNTS counters per row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the filter, clipped
-// pixels.
-@group(1) @binding(1) var<storage, read_write> rows: array<atomic<u32>>;
+// `row_tally` has COUNTS counters per row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the
+// filter, clipped pixels.
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -17,7 +15,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let length = u32(row_length(frame.camera.views[pass_.view].fovea_rows, i32(row)));
     var counts: array<u32, COUNTS>;
     for (var x = first; x < min(first + SEGMENT, length); x += 1u) {
-        let t = tally[row * pass_.width + x];
+        let t = tally_image[row * pass_.width + x];
         counts[0] += t & 0xfffffu;
         counts[1] += (t >> 20u) & 0xffu;
         let why = hole_reason(t);
@@ -28,7 +26,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     for (var i = 0u; i < COUNTS; i += 1u) {
         if counts[i] != 0u {
-            atomicAdd(&rows[row * COUNTS + i], counts[i]);
+            atomicAdd(&row_tally[row * COUNTS + i], counts[i]);
         }
     }
 }

@@ -3,12 +3,18 @@
 
 use std::fmt;
 
-use glam::{UVec2, UVec3, Vec2, Vec3, Vec4};
+use glam::{UVec2, UVec3, UVec4, Vec2, Vec3, Vec4};
 
 /// A type that exists in Rust and in WGSL.
 pub trait Shared {
     /// Returns its name in WGSL.
     fn name() -> String;
+}
+
+/// The content of a texel of a resource.
+pub trait Texel {
+    /// The element of the resource's array in WGSL. A texel consists of one or more elements.
+    const ELEMENT: &'static str;
 }
 
 macro_rules! name_types {
@@ -18,6 +24,10 @@ macro_rules! name_types {
                 $name.to_owned()
             }
         }
+
+        impl Texel for $type {
+            const ELEMENT: &'static str = $name;
+        }
     )*};
 }
 
@@ -26,6 +36,7 @@ name_types! {
     f32 = "f32",
     UVec2 = "vec2<u32>",
     UVec3 = "vec3<u32>",
+    UVec4 = "vec4<u32>",
     Vec2 = "vec2<f32>",
     Vec3 = "vec3<f32>",
     Vec4 = "vec4<f32>",
@@ -35,6 +46,10 @@ impl<T: Shared, const N: usize> Shared for [T; N] {
     fn name() -> String {
         format!("array<{}, {N}>", T::name())
     }
+}
+
+impl<T: Texel, const N: usize> Texel for [T; N] {
+    const ELEMENT: &'static str = T::ELEMENT;
 }
 
 /// A member of a struct.
@@ -130,6 +145,10 @@ macro_rules! shared_structs {
                 fn name() -> String {
                     stringify!($name).to_owned()
                 }
+            }
+
+            impl $crate::wgsl::Texel for $name {
+                const ELEMENT: &'static str = stringify!($name);
             }
         )*
 

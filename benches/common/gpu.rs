@@ -55,7 +55,7 @@ fn source(version: &Version, access: SceneAccess) -> String {
         Version::Of(file) => std::fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display())),
     };
     let text = [before, &traverse, "//!include hits surface bsdf", include_str!("../rays.wgsl")].join("\n");
-    shader_text(&Kernel::from_text("rays", text.leak()).reading_scene(), access)
+    shader_text(&Kernel::from_text("rays", text.leak()).reading_scene(), &[], access)
 }
 
 fn entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {

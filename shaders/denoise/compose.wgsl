@@ -1,12 +1,7 @@
 // Multiplies filtered illumination by albedo (remodulation) and adds emission. The result is the input of temporal
 // antialiasing, the stage `resolve`.
 
-//!include frame grid projection split pack
-
-@group(1) @binding(0) var<storage, read> radiance: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> albedo: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read> emission: array<vec4<f32>>;
-@group(1) @binding(3) var<storage, read_write> composed: array<vec4<f32>>;
+//!include frame grid projection split pack bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -15,7 +10,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
-    let color = remodulated(unpack_light(radiance[at]), unpack_albedo(albedo[at])) + emission[at].rgb;
+    let color = remodulated(unpack_light(radiance[at]), unpack_albedo(albedo_image[at])) + emission_image[at].rgb;
     // Pass the depth on in alpha, since temporal antialiasing derives a pixel's motion from it.
-    composed[at] = select(vec4<f32>(0.0, 0.0, 0.0, DROPPED), vec4<f32>(color, emission[at].a), is_finite(color));
+    composed[at] = select(vec4<f32>(0.0, 0.0, 0.0, DROPPED), vec4<f32>(color, emission_image[at].a), is_finite(color));
 }

@@ -6,15 +6,9 @@
 // - These paths are additional. In the paper, they replace paths of the current frame.
 // - There are no gradients if the previous frame had several samples per pixel.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack motion
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack motion bindings
 
-@group(1) @binding(0) var<storage, read> last_surface: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> last_hit: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read> last_guide: array<vec4<u32>>;
-@group(1) @binding(3) var<storage, read> last_radiance: array<vec4<u32>>;
-// Luminance of demodulated illumination: now minus before, and the larger of both.
-@group(1) @binding(4) var<storage, read_write> gradient: array<vec2<f32>>;
-@group(1) @binding(5) var<uniform> previous: Previous;
+// `gradient` is the luminance of demodulated illumination: now minus before, and the larger of both.
 
 // Total luminance, clamped so that sums over tiles stay finite.
 fn all_luminance(light: SplitLight) -> f32 {

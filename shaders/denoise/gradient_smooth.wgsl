@@ -1,10 +1,7 @@
 // Computes the outdated fraction of each tile's history: the change of light divided by the light, both smoothed over
 // tiles.
 
-//!include frame grid projection
-
-@group(1) @binding(0) var<storage, read> gradient: array<vec2<f32>>;
-@group(1) @binding(1) var<storage, read_write> light_change: array<f32>;
+//!include frame grid projection bindings
 
 const REACH_TILES: i32 = i32(REACH);
 // Relative change of light up to which no history is dropped. When any light moves, the light tree may pick other

@@ -1,11 +1,7 @@
 // Bilateral filter across the seams between stripes that were filtered separately (Leria et al.). Rows near a seam are
 // smoothed, and all others are copied.
 
-//!include frame grid projection split pack edges
-
-@group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<u32>>;
+//!include frame grid projection split pack edges bindings
 
 const REACH: i32 = i32(SEAM_REACH);
 

@@ -4,19 +4,9 @@
 // so that bright edges keep their energy; history is looked up by cubic interpolation of whole pixels; the length of
 // history is counted in frames, and bounded by motion.
 
-//!include frame grid projection motion pack display light_change
+//!include frame grid projection motion pack display light_change bindings
 
-@group(1) @binding(0) var<storage, read> composed: array<vec4<f32>>;
-@group(1) @binding(1) var<storage, read> last_resolved: array<vec4<f32>>;
-// Linear light, and the number of frames in it.
-@group(1) @binding(2) var<storage, read_write> resolved: array<vec4<f32>>;
-@group(1) @binding(3) var<storage, read_write> linear: array<vec4<f32>>;
-@group(1) @binding(4) var<storage, read_write> display: array<u32>;
-@group(1) @binding(5) var<uniform> previous: Previous;
-@group(1) @binding(6) var<storage, read_write> tally: array<u32>;
-@group(1) @binding(7) var<storage, read> last_surface: array<vec4<u32>>;
-@group(1) @binding(8) var<storage, read> last_guide: array<vec4<u32>>;
-@group(1) @binding(9) var<storage, read> light_change: array<f32>;
+// `resolved` is linear light, and the number of frames in it.
 
 // Maximum history in frames, of a pixel that moved and of one that did not. For moving pixels it is lowered for two
 // reasons. Frames of several samples are already antialiased, so a long history would only blur them by interpolation.
@@ -194,6 +184,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     linear[at] = vec4<f32>(color, 1.0);
     display[at] = display_code(color);
     if was_dropped || (has_history && !is_known) || !is_sound {
-        tally[at] = add_tally(tally[at], 0u, 1u);
+        tally_image[at] = add_tally(tally_image[at], 0u, 1u);
     }
 }

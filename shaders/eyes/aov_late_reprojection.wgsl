@@ -1,11 +1,7 @@
 // Late reprojection of an auxiliary image, for an eye that has moved since the image was rendered. Each displayed pixel
 // takes the value of the nearest rectified pixel, unchanged.
 
-//!include frame grid projection display_resampling late_reprojection
-
-@group(1) @binding(0) var<storage, read> rectified: array<vec4<f32>>;
-@group(1) @binding(1) var<storage, read_write> aov: array<vec4<f32>>;
-@group(1) @binding(2) var<storage, read> emission_image: array<vec4<f32>>;
+//!include frame grid projection display_resampling late_reprojection bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {

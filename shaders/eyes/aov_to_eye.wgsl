@@ -1,9 +1,6 @@
 // Display resampling of an auxiliary image: each displayed pixel takes the value of the nearest rectified pixel.
 
-//!include frame display_resampling
-
-@group(1) @binding(0) var<storage, read> rectified: array<vec4<f32>>;
-@group(1) @binding(1) var<storage, read_write> aov: array<vec4<f32>>;
+//!include frame display_resampling bindings
 
 // Point of the displayed image that shows a point of the rectified one.
 fn shown_point(point: vec2<f32>) -> vec2<f32> {

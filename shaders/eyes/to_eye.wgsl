@@ -1,10 +1,6 @@
 // Display resampling: resamples a rectified image for the display of an eye.
 
-//!include frame display display_resampling resampled
-
-@group(1) @binding(0) var<storage, read> rectified: array<vec4<f32>>;
-@group(1) @binding(1) var<storage, read_write> linear: array<vec4<f32>>;
-@group(1) @binding(2) var<storage, read_write> display: array<u32>;
+//!include frame display display_resampling resampled bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {

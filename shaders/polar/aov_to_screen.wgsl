@@ -1,9 +1,6 @@
 // Maps a polar auxiliary image to the screen: each screen pixel takes the value of the polar pixel in its direction.
 
-//!include frame grid projection
-
-@group(1) @binding(0) var<storage, read> polar: array<vec4<f32>>;
-@group(1) @binding(1) var<storage, read_write> aov: array<vec4<f32>>;
+//!include frame grid projection bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {

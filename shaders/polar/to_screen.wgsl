@@ -3,11 +3,7 @@
 // 2020: near the gaze, where the image is finer than the screen, all polar pixels in a screen pixel's footprint are
 // averaged, instead of sampling smaller images with half the columns, or the nearest pixel.
 
-//!include frame grid projection display
-
-@group(1) @binding(0) var<storage, read> polar: array<vec4<f32>>;
-@group(1) @binding(1) var<storage, read_write> linear: array<vec4<f32>>;
-@group(1) @binding(2) var<storage, read_write> display: array<u32>;
+//!include frame grid projection display bindings
 
 // Maximum footprint: polar pixels between the centres of adjacent screen pixels.
 const MOST_FOOTPRINT: f32 = 6.0;

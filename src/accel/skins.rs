@@ -10,7 +10,7 @@ use super::triangle::Triangle;
 use crate::scene::Mesh;
 use crate::scene::motion::Influence;
 use crate::scene::motion::bake::is_mirrored;
-use crate::wgsl::{shared_constants, shared_structs};
+use crate::wgsl::{Texel, shared_constants, shared_structs};
 
 shared_structs! {
     /// A deforming body's triangle: the data that does not change from frame to frame.
@@ -65,8 +65,13 @@ shared_constants! {
     const ROWS_PER_JOINT: u32 = 6;
 }
 
-/// Size of a vertex that the pass `skin` writes, bytes. It begins with the world-space position.
-pub const SKINNED_BYTES: usize = 64;
+/// A vertex that the pass `skin` writes. It begins with the world-space position.
+pub struct Skinned(#[expect(dead_code)] [Vec4; 4]);
+
+/// The shader `skin` declares the struct.
+impl Texel for Skinned {
+    const ELEMENT: &'static str = "Skinned";
+}
 
 /// Number of pose rows per joint, as `usize`.
 const JOINT_ROWS: usize = ROWS_PER_JOINT as usize;

@@ -5,7 +5,8 @@ use super::ShaderChecks;
 /// Cache key of a pipeline on one device.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct PipelineKey {
-    pub shader: &'static str,
+    /// Name of a shader of the library, or text of a foreign one.
+    pub shader: String,
     /// Name of the include that implements the projection; empty if the shader does not depend on it.
     pub projection: &'static str,
     pub checks: ShaderChecks,

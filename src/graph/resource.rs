@@ -1,6 +1,7 @@
 //! Resources that passes write and read: images, lists and constants, as plain data.
 
 use crate::image::Extent;
+use crate::wgsl::Texel;
 
 /// The number of columns and rows of texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -53,13 +54,20 @@ impl Grid {
 /// The layout of a resource as shaders see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Format {
-    /// A row-major array in a storage buffer, with this many bytes per texel.
-    Texels(u32),
+    /// A row-major array in a storage buffer. Its elements have this type in WGSL, and each texel consists of one or
+    /// more of them.
+    Texels { bytes: u32, element: &'static str },
     /// Indices of texels, 4 bytes each. A header holds their count and the three workgroup counts of an indirect
     /// dispatch over the list.
     List,
-    /// Constants in a uniform buffer of this many bytes.
-    Uniform(u32),
+    /// Constants in a uniform buffer, which are this struct in WGSL.
+    Uniform { bytes: u32, name: &'static str },
+}
+
+impl Format {
+    const fn texels<T: Texel>() -> Self {
+        Self::Texels { bytes: size_of::<T>() as u32, element: T::ELEMENT }
+    }
 }
 
 /// Length of the header of a [`Format::List`], in 4-byte words.
@@ -97,6 +105,8 @@ pub struct Resource {
     pub name: &'static str,
     /// Tells resources of the same name apart.
     pub number: u8,
+    /// Name of its variable in shaders, if that is not its own name.
+    pub variable: Option<&'static str>,
     pub format: Format,
     pub grid: Grid,
     pub scope: Scope,
@@ -119,10 +129,13 @@ impl std::hash::Hash for Resource {
 }
 
 impl Resource {
+    const fn new(name: &'static str, format: Format, grid: Grid, scope: Scope, life: Life) -> Self {
+        Self { name, number: 0, variable: None, format, grid, scope, life }
+    }
+
     /// Makes an image of each eye at full size.
-    pub const fn image(name: &'static str, texel_bytes: u32) -> Self {
-        let (format, grid) = (Format::Texels(texel_bytes), Grid::FRAME);
-        Self { name, number: 0, format, grid, scope: Scope::View, life: Life::Frame }
+    pub const fn image<T: Texel>(name: &'static str) -> Self {
+        Self::new(name, Format::texels::<T>(), Grid::FRAME, Scope::View, Life::Frame)
     }
 
     /// Returns this resource on another grid.
@@ -132,20 +145,23 @@ impl Resource {
 
     /// Makes a list of an eye's pixels. Each device lists only pixels of its own rows.
     pub const fn list(name: &'static str) -> Self {
-        let grid = Grid::table(Size::Frame);
-        Self { name, number: 0, format: Format::List, grid, scope: Scope::View, life: Life::Local }
+        Self::new(name, Format::List, Grid::table(Size::Frame), Scope::View, Life::Local)
     }
 
-    /// Makes constants that the host sets with every frame.
-    pub const fn constants(name: &'static str, bytes: u32) -> Self {
+    /// Makes constants that the host sets with every frame: this struct of the shader, of this many bytes.
+    pub const fn constants(name: &'static str, struct_name: &'static str, bytes: u32) -> Self {
         let grid = Grid::table(Size::Fixed(Extent::new(1, 1)));
-        Self { name, number: 0, format: Format::Uniform(bytes), grid, scope: Scope::Device, life: Life::Input }
+        Self::new(name, Format::Uniform { bytes, name: struct_name }, grid, Scope::Device, Life::Input)
     }
 
     /// Makes a table that every device computes for itself.
-    pub const fn table(name: &'static str, texel_bytes: u32, texels: Extent) -> Self {
-        let (format, grid) = (Format::Texels(texel_bytes), Grid::table(Size::Fixed(texels)));
-        Self { name, number: 0, format, grid, scope: Scope::Device, life: Life::Frame }
+    pub const fn table<T: Texel>(name: &'static str, texels: Extent) -> Self {
+        Self::new(name, Format::texels::<T>(), Grid::table(Size::Fixed(texels)), Scope::Device, Life::Frame)
+    }
+
+    /// Returns this resource with this variable in shaders.
+    pub const fn bound_as(self, variable: &'static str) -> Self {
+        Self { variable: Some(variable), ..self }
     }
 
     pub const fn output(self) -> Self {
@@ -164,7 +180,7 @@ impl Resource {
     /// Returns the bytes of one row.
     pub fn row_bytes(&self, frame: Extent) -> u64 {
         let texel_bytes = match self.format {
-            Format::Texels(bytes) | Format::Uniform(bytes) => bytes,
+            Format::Texels { bytes, .. } | Format::Uniform { bytes, .. } => bytes,
             Format::List => 4,
         };
         u64::from(texel_bytes) * u64::from(self.extent(frame).width)

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::resource::{Image, Life};
 use crate::scene::rig::Eye;
+use crate::wgsl::Texel;
 
 /// Access of a pass to an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,13 +88,17 @@ pub struct Use {
     pub is_optional: bool,
     /// True if the image is cleared to 0 before the pass. In a list, only the counts are cleared.
     pub is_cleared: bool,
+    /// Name of the shader's variable, if it does not follow from the resource.
+    pub name: Option<&'static str>,
+    /// Elements that the shader sees, if they are not those of the resource.
+    pub element: Option<&'static str>,
 }
 
 impl Use {
     fn new(image: impl Into<Image>, access: Access) -> Self {
         let image = image.into();
-        let (reach, eye) = (Reach::Own, None);
-        Self { image, access, reach, is_before: false, eye, is_optional: false, is_cleared: false }
+        let (reach, eye, name, element) = (Reach::Own, None, None, None);
+        Self { image, access, reach, is_before: false, eye, is_optional: false, is_cleared: false, name, element }
     }
 
     pub fn read(image: impl Into<Image>) -> Self {
@@ -142,6 +147,18 @@ impl Use {
 
     pub fn cleared(self) -> Self {
         Self { is_cleared: true, ..self }
+    }
+
+    /// Sets the name of the shader's variable. The default is the name that `Resource::bound_as` sets, or else that of
+    /// the resource, for example `hit`. For an image of the previous frame it is `last_hit`, and for that of a given eye
+    /// in either frame it is `left_hit` or `right_hit`.
+    pub fn named(self, name: &'static str) -> Self {
+        Self { name: Some(name), ..self }
+    }
+
+    /// Sets the type of the elements that the shader sees. Each texel consists of one or more of them.
+    pub fn viewed_as<T: Texel>(self) -> Self {
+        Self { element: Some(T::ELEMENT), ..self }
     }
 
     /// Returns true if the graph must bring the rows of the image to the device: the pass reads the image, and the host

@@ -1,5 +1,7 @@
 //! Passes of auxiliary images.
 
+use glam::Vec4;
+
 use super::display_resampling::LATE_PARTITION;
 use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
 use super::polar::screen;
@@ -14,12 +16,12 @@ use crate::scene::rig::Eye;
 pub const STAGES: [Stage; 4] = [Stage("aov"), Stage("aov_to_screen"), Stage("aov_to_eye"), Stage("aov_to_later_eye")];
 
 /// Auxiliary images in polar and rectified projection, before they are resampled.
-const POLAR: Resource = Resource::image("polar_aov", 16);
-const RECTIFIED: Resource = Resource::image("rectified_aov", 16);
+const POLAR: Resource = Resource::image::<Vec4>("polar_aov").bound_as("polar");
+const RECTIFIED: Resource = Resource::image::<Vec4>("rectified_aov").bound_as("rectified");
 
 /// Returns the `index`th auxiliary image of a frame.
 pub const fn image(index: u8) -> Resource {
-    Resource::image("aov", 16).output().numbered(index)
+    Resource::image::<Vec4>("aov").output().numbered(index)
 }
 
 /// Kernel with a constant for each kind of auxiliary image that the shader names.
@@ -47,7 +49,7 @@ pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
         Pass::new(stage, view, PARTITION, Kernel::new(kernel))
             .index(index.into())
             .on(to.grid)
-            .uses([Use::read(from).reaching(Reach::All), Use::write(to)])
+            .uses([Use::read(from).reaching(Reach::All), Use::write(to).named("aov")])
     };
     let to_screen = |to: Resource| space.map(|_| map(STAGES[1], polar, to.on(screen(screen_size))));
     let Display::Resampled { is_late, .. } = display else {
@@ -76,7 +78,7 @@ fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pas
             Use::read(ALBEDO),
             Use::read(EMISSION),
             Use::read(TALLY),
-            Use::write(target),
+            Use::write(target).named("aov"),
             Use::read(PREVIOUS),
         ])
         .args([aov as u32, screen.width, screen.height])

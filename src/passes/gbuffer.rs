@@ -1,5 +1,7 @@
 //! Primary visibility of one view.
 
+use glam::{UVec4, Vec4};
+
 use super::{FrameSpec, Views};
 use crate::graph::{Kernel, Launch, Partition, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
@@ -9,15 +11,15 @@ pub const STAGE: Stage = Stage("gbuffer");
 pub const PARTITION: Partition = Partition("gbuffer");
 
 /// Triangle, barycentrics, material and flags at a pixel's centre.
-pub const HIT: Resource = Resource::image("hit", 16);
+pub const HIT: Resource = Resource::image::<UVec4>("hit").bound_as("hit_image");
 /// Position and packed shading normal.
-pub const GUIDE: Resource = Resource::image("guide", 16);
+pub const GUIDE: Resource = Resource::image::<UVec4>("guide").bound_as("guide_image");
 /// Albedo and roughness. If specular radiance is filtered separately, also the diffuse part of the albedo.
-pub const ALBEDO: Resource = Resource::image("albedo", 16);
+pub const ALBEDO: Resource = Resource::image::<UVec4>("albedo").bound_as("albedo_image");
 /// Emitted radiance and depth.
-pub const EMISSION: Resource = Resource::image("emission", 16);
+pub const EMISSION: Resource = Resource::image::<Vec4>("emission").bound_as("emission_image");
 /// Number of rays, number of dropped samples, hole reason and a flag for clipped radiance, packed.
-pub const TALLY: Resource = Resource::image("tally", 4);
+pub const TALLY: Resource = Resource::image::<u32>("tally").bound_as("tally_image");
 
 /// Primary rays per pixel in one launch.
 const RAYS_PER_LAUNCH: u32 = 64;

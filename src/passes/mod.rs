@@ -32,7 +32,7 @@ pub use resources::{HOLES, PREVIOUS};
 pub use spec::{Display, FrameSpec, ImageChain, PolarImage, Views};
 pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
 
-use crate::graph::{Kernel, Partition, Pass, Program, ProgramError, Seam};
+use crate::graph::{Partition, Pass, Program, ProgramError, Seam};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 use denoise::{Denoiser, Light};
@@ -196,15 +196,15 @@ pub fn partitions() -> Vec<Partition> {
     groups
 }
 
-/// Returns the kernels of all passes, each once.
-pub fn kernels() -> Vec<Kernel> {
-    let mut kernels = Vec::new();
+/// Returns one pass of each kernel.
+pub fn pass_of_each_kernel() -> Vec<Pass> {
+    let mut passes: Vec<Pass> = Vec::new();
     for pass in all_passes() {
-        if !kernels.contains(&pass.kernel) {
-            kernels.push(pass.kernel);
+        if passes.iter().all(|known| known.kernel != pass.kernel) {
+            passes.push(pass);
         }
     }
-    kernels
+    passes
 }
 
 #[cfg(test)]

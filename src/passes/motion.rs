@@ -1,6 +1,8 @@
 //! Passes for dynamic geometry: they skin and morph deforming bodies, refit the BVHs of these bodies, and track
 //! surfaces back to the previous frame.
 
+use glam::UVec4;
+
 use super::denoise::Denoiser;
 use super::gbuffer::{GUIDE, HIT, PARTITION};
 use super::resources::last_surface;
@@ -46,7 +48,11 @@ pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
     let levels = begins.zip(&moving.levels).map(|(begin, &end)| [begin, end, moving.first_node]);
     let widest = levels.clone().map(|[begin, end, _]| end - begin).max().unwrap_or(0);
     let refit = Pass::once(Stage("refit"), PARTITION, Kernel::changing_scene("refit"), groups(widest))
-        .uses([Use::read(moving.tree_nodes()), Use::read(moving.tree_order()), Use::update(moving.boxes())])
+        .uses([
+            Use::read(moving.tree_nodes()).viewed_as::<UVec4>(),
+            Use::read(moving.tree_order()),
+            Use::update(moving.boxes()),
+        ])
         .launches(levels.map(Launch::Once).collect());
     frame.add_if(moving.triangles > 0 || (moving.hardware && moving.bodies), why_not, skin);
     let why_not = if moving.hardware { "devices rebuild hardware structures" } else { why_not };
@@ -58,7 +64,7 @@ pub fn follow(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
     let pass = Pass::new(Stage("motion"), view, PARTITION, Kernel::with_scene("motion")).uses([
         Use::read(HIT),
         Use::read(GUIDE),
-        Use::write(last_surface(spec)),
+        Use::write(last_surface(spec)).named("last_surface_image"),
     ]);
     let is_read = spec.denoiser().is_some_and(Denoiser::keeps_history);
     match spec.moving.is_some() {

@@ -1,8 +1,11 @@
 //! Sizes of the dynamic geometry in a scene, and the GPU tables that hold it.
 
-use crate::accel::{Node, SKINNED_BYTES, SkinMorph, SkinTriangle, SkinVertex, Skins};
+use glam::Vec4;
+
+use crate::accel::{Node, SkinMorph, SkinTriangle, SkinVertex, Skinned, Skins};
 use crate::graph::{Life, Resource};
 use crate::image::Extent;
+use crate::wgsl::Texel;
 
 /// Sizes of the dynamic geometry in a scene that the passes depend on.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -44,42 +47,42 @@ impl Moving {
     }
 
     pub(super) fn skin_triangles(&self) -> Resource {
-        input("skin_triangles", size_of::<SkinTriangle>(), self.triangles)
+        input::<SkinTriangle>("skin_triangles", self.triangles)
     }
 
     pub(super) fn skin_vertices(&self) -> Resource {
-        input("skin_vertices", size_of::<SkinVertex>(), self.vertices)
+        input::<SkinVertex>("skin_vertices", self.vertices)
     }
 
     pub(super) fn skin_morphs(&self) -> Resource {
-        input("skin_morphs", size_of::<SkinMorph>(), self.morphs)
+        input::<SkinMorph>("skin_morphs", self.morphs)
     }
 
     pub(super) fn tree_nodes(&self) -> Resource {
-        input("tree_nodes", size_of::<Node>(), self.nodes)
+        input::<Node>("tree_nodes", self.nodes)
     }
 
     pub(super) fn tree_order(&self) -> Resource {
-        input("tree_order", 4, self.nodes)
+        input::<u32>("tree_order", self.nodes)
     }
 
     /// Returns the table of joint matrices, for this frame and the previous one, and of morph weights. The host uploads
     /// it every frame.
     pub fn pose(&self) -> Resource {
-        input("pose", 16, self.pose)
+        input::<Vec4>("pose", self.pose)
     }
 
     /// Returns the table of the deforming bodies' vertices in world space, which the pass `skin` writes.
     pub(super) fn skinned(&self) -> Resource {
-        Resource::table("skinned", SKINNED_BYTES as u32, Extent::new(self.vertices.max(1), 1))
+        Resource::table::<Skinned>("skinned", Extent::new(self.vertices.max(1), 1))
     }
 
     /// Returns the table of bounding boxes: first those of BVH nodes, then those of triangles.
     pub(super) fn boxes(&self) -> Resource {
-        Resource::table("boxes", 32, Extent::new((self.nodes + self.triangles).max(1), 1))
+        Resource::table::<[Vec4; 2]>("boxes", Extent::new((self.nodes + self.triangles).max(1), 1))
     }
 }
 
-fn input(name: &'static str, bytes: usize, count: u32) -> Resource {
-    Resource { life: Life::Input, ..Resource::table(name, bytes as u32, Extent::new(count.max(1), 1)) }
+fn input<T: Texel>(name: &'static str, count: u32) -> Resource {
+    Resource { life: Life::Input, ..Resource::table::<T>(name, Extent::new(count.max(1), 1)) }
 }

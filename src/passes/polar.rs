@@ -1,5 +1,7 @@
 //! Maps a polar image to the screen.
 
+use glam::Vec4;
+
 use super::resources::{DISPLAY, LINEAR, POLAR, RECTIFIED, RECTIFIED_DISPLAY};
 use super::{Declared, Display, FrameSpec, tonemap};
 use crate::graph::{Grid, Kernel, Partition, Pass, Projection, Reach, Resource, Size, Stage, Use};
@@ -9,8 +11,8 @@ use crate::scene::rig::Eye;
 const PARTITION: Partition = Partition("to_screen");
 
 /// Results of the separable blur: along the rings (`AROUND`), and then also across them (`BLURRED`).
-const AROUND: Resource = Resource::image("polar_around", 16);
-const BLURRED: Resource = Resource::image("polar_blurred", 16);
+const AROUND: Resource = Resource::image::<Vec4>("polar_around");
+const BLURRED: Resource = Resource::image::<Vec4>("polar_blurred");
 
 /// Returns the maximum blur radius in pixels for a polar image with `rows` rows.
 fn blur_reach(rows: u32) -> u32 {
@@ -29,7 +31,7 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
     let blur = |axis, read: Use, target| {
         let pass =
             Pass::new(Stage("polar_blur"), view, tonemap::PARTITION, Kernel::new(image.blur.unwrap_or_default()));
-        pass.index(axis).uses([read, Use::write(target)]).args([axis, reach, 0])
+        pass.index(axis).uses([read.named("source"), Use::write(target).named("blurred")]).args([axis, reach, 0])
     };
     for pass in [blur(0, Use::read(POLAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)] {
         frame.add_if(image.blur.is_some(), "the polar image is not blurred", pass);
@@ -40,8 +42,8 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
         Display::Resampled { .. } => [RECTIFIED, RECTIFIED_DISPLAY],
     };
     frame.add(Pass::new(Stage("to_screen"), view, PARTITION, Kernel::new("to_screen")).on(grid).uses([
-        Use::read(if image.blur.is_some() { BLURRED } else { POLAR }).reaching(Reach::All),
-        Use::write(linear.on(grid)),
-        Use::write(display.on(grid)),
+        Use::read(if image.blur.is_some() { BLURRED } else { POLAR }).reaching(Reach::All).named("polar"),
+        Use::write(linear.on(grid)).named("linear"),
+        Use::write(display.on(grid)).named("display"),
     ]));
 }

@@ -6,11 +6,10 @@ use super::gbuffer::TALLY;
 use super::tonemap::PARTITION;
 use crate::graph::{Dispatch, Grid, Kernel, Pass, Resource, Size, Stage, Use};
 use crate::scene::rig::Eye;
-use crate::wgsl::constants;
+use crate::wgsl::{Texel, constants};
 
 /// The [`RowTally`] of each row.
-pub const ROW_TALLY: Resource =
-    Resource::image("row_tally", size_of::<RowTally>() as u32).on(Grid::table(Size::FrameRows)).output();
+pub const ROW_TALLY: Resource = Resource::image::<RowTally>("row_tally").on(Grid::table(Size::FrameRows)).output();
 
 /// Number of pixels that one invocation sums.
 const SEGMENT: u32 = 64;
@@ -39,6 +38,11 @@ pub struct RowTally {
     /// Pixels whose radiance was clamped to the largest half float. Only counted if specular and diffuse radiance are
     /// stored separately.
     pub clipped: u32,
+}
+
+/// Invocations add to counters concurrently.
+impl Texel for RowTally {
+    const ELEMENT: &'static str = "atomic<u32>";
 }
 
 /// Code stored instead of a [`HoleReason`] if a pixel is left to the filter.

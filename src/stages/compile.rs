@@ -37,13 +37,13 @@ pub fn build(
 ) -> Result<Vec<Built>, StageError> {
     let kernel = pass.kernel;
     let variant = ShaderVariant { access: gpu.scene_access(), projection: config.envelope.most.polar.into() };
-    let shader = Shader::new(&kernel, variant);
+    let shader = Shader::new(&kernel, &pass.uses, variant);
     let declared = override_names(shader.text());
     let mut one = |kind: Option<bool>, jitter| {
         let constants = config.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
         // Foreign shaders (from outside the library) may share a name, so their text is the key.
-        let name = kernel.foreign_text().unwrap_or(kernel.name);
-        let checks = shader.checks(config.execution.checks);
+        let name = if kernel.foreign_text().is_some() { shader.text() } else { kernel.name };
+        let (name, checks) = (name.to_owned(), shader.checks(config.execution.checks));
         let key = PipelineKey { shader: name, projection: shader.projection(), checks, constants };
         let pipeline = match gpu.pipelines.get(&key) {
             Some(kept) => kept.clone(),
@@ -101,8 +101,10 @@ fn compile(
 
 fn layout_entry(binding: u32, used: &Use) -> wgpu::BindGroupLayoutEntry {
     let ty = match used.image.resource.format {
-        Format::Uniform(_) => wgpu::BufferBindingType::Uniform,
-        Format::Texels(_) | Format::List => wgpu::BufferBindingType::Storage { read_only: used.access == Access::Read },
+        Format::Uniform { .. } => wgpu::BufferBindingType::Uniform,
+        Format::Texels { .. } | Format::List => {
+            wgpu::BufferBindingType::Storage { read_only: used.access == Access::Read }
+        }
     };
     buffer_entry(binding, ty)
 }

@@ -112,12 +112,12 @@ impl Images {
 fn new_buffer(gpu: &GpuDevice, resource: &Resource, size: u64) -> wgpu::Buffer {
     use wgpu::BufferUsages as Usage;
     let usage = match resource.format {
-        Format::Texels(_) => Usage::STORAGE,
+        Format::Texels { .. } => Usage::STORAGE,
         Format::List => Usage::STORAGE | Usage::INDIRECT,
-        Format::Uniform(_) => Usage::UNIFORM,
+        Format::Uniform { .. } => Usage::UNIFORM,
     };
     // Passes write the vertices from which acceleration structures are built.
-    let is_input = gpu.info.traversal == Traversal::Hardware && matches!(resource.format, Format::Texels(_));
+    let is_input = gpu.info.traversal == Traversal::Hardware && matches!(resource.format, Format::Texels { .. });
     let usage = if is_input { usage | Usage::BLAS_INPUT } else { usage };
     let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(resource.name),

@@ -203,7 +203,7 @@ pub fn of_frames<'a>(programs: &'a [Program], scene_buffers: usize) -> impl Iter
         let what = format!("the image {} at {extent}", resource.name);
         let bytes = resource.bytes(extent);
         match resource.format {
-            Format::Uniform(_) => {
+            Format::Uniform { .. } => {
                 vec![Need {
                     what: what.into(),
                     limit: Limit::UniformBinding,
@@ -211,7 +211,7 @@ pub fn of_frames<'a>(programs: &'a [Program], scene_buffers: usize) -> impl Iter
                     remedy: Remedy::SmallerPass,
                 }]
             }
-            Format::Texels(_) | Format::List => Vec::from(storage(&what, bytes, Remedy::SmallerSize)),
+            Format::Texels { .. } | Format::List => Vec::from(storage(&what, bytes, Remedy::SmallerSize)),
         }
     });
     let passes = programs.iter().flat_map(|program| program.passes().iter().map(|p| (program.extent, &p.pass)));
@@ -221,7 +221,7 @@ pub fn of_frames<'a>(programs: &'a [Program], scene_buffers: usize) -> impl Iter
 fn of_pass(pass: &Pass, frame: Extent, scene_buffers: usize) -> [Need; 5] {
     let what = || Cow::from(format!("the pass {}", pass.stage.name()));
     let need = |limit, amount, remedy| Need { what: what(), limit, amount, remedy };
-    let own = pass.uses.iter().filter(|u| !matches!(u.image.resource.format, Format::Uniform(_))).count();
+    let own = pass.uses.iter().filter(|u| !matches!(u.image.resource.format, Format::Uniform { .. })).count();
     let buffers = own + if pass.kernel.scene == SceneUse::No { 0 } else { scene_buffers };
     let extent = pass.grid.extent(frame);
     let [columns, rows] = match workgroups(pass.dispatch, pass.kernel.workgroup, extent.width, &extent.rows()) {

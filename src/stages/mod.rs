@@ -4,6 +4,7 @@
 
 mod albedo_table;
 mod alias;
+mod bindings;
 mod color;
 mod compile;
 mod config;

@@ -1,10 +1,10 @@
-//! Verifies by shader reflection that a shader's bindings match the declaration of its pass.
+//! Verifies by shader reflection that a shader uses its bindings as its pass declares.
 
 use wgpu::naga::front::wgsl::parse_str;
 use wgpu::naga::valid::{Capabilities, GlobalUse, ValidationFlags, Validator};
-use wgpu::naga::{AddressSpace, GlobalVariable, Handle, Module, StorageAccess, TypeInner};
+use wgpu::naga::{GlobalVariable, Handle, Module, Type, TypeInner};
 
-use super::shader::shader_text;
+use super::shader::{pass_text, shader_text};
 use crate::device::{SceneAccess, Traversal};
 use crate::graph::{Access, Format, Pass, SceneUse, Use};
 
@@ -15,12 +15,10 @@ pub enum Mismatch {
     Invalid(String),
     #[error("the shader has no entry point named main")]
     NoMain,
-    #[error("the shader uses binding {0}, which the pass does not declare")]
-    Undeclared(u32),
+    #[error("the shader declares bindings of group 1 itself, which its include `bindings` would do")]
+    OwnBindings,
     #[error("{0} is declared, but the shader never uses it")]
     Unused(&'static str),
-    #[error("{0} is declared as read-only, but the shader writes it")]
-    Written(&'static str),
     #[error("{0} is declared as written, but the shader never writes it")]
     Unwritten(&'static str),
     #[error("{0} is declared as write-only, but the shader reads it")]
@@ -45,7 +43,10 @@ pub fn verify(pass: &Pass) -> Result<(), Mismatch> {
 }
 
 fn verify_for(pass: &Pass, access: SceneAccess) -> Result<(), Mismatch> {
-    let source = shader_text(&pass.kernel, access);
+    if shader_text(&pass.kernel, &[], access).contains("@group(1)") {
+        return Err(Mismatch::OwnBindings);
+    }
+    let source = pass_text(pass, access);
     let module = parse_str(&source).map_err(|e| Mismatch::Invalid(e.emit_to_string(&source)))?;
     let info = Validator::new(ValidationFlags::all(), Capabilities::all())
         .validate(&module)
@@ -56,15 +57,11 @@ fn verify_for(pass: &Pass, access: SceneAccess) -> Result<(), Mismatch> {
         return Err(Mismatch::Workgroup(pass.kernel.workgroup, workgroup));
     }
     let flags = |handle: Handle<GlobalVariable>| info.get_entry_point(main)[handle];
-    let bound = |group, binding| {
-        let is = |v: &GlobalVariable| v.binding.is_some_and(|b| (b.group, b.binding) == (group, binding));
-        module.global_variables.iter().find(move |(_, v)| is(v))
-    };
     let of_group = |group| {
-        let of = module.global_variables.iter().filter_map(move |(h, v)| Some((h, v.binding?)));
-        of.filter(move |(_, b)| b.group == group).map(|(h, b)| (h, b.binding))
+        let of = module.global_variables.iter().filter_map(move |(h, v)| Some((h, v, v.binding?)));
+        of.filter(move |(.., b)| b.group == group).map(|(h, v, b)| (b.binding, v.ty, flags(h)))
     };
-    let of_scene: Vec<_> = of_group(0).filter(|(_, binding)| *binding > 0).map(|(handle, _)| flags(handle)).collect();
+    let of_scene: Vec<_> = of_group(0).filter(|(binding, ..)| *binding > 0).map(|(.., flags)| flags).collect();
     let scene = match of_scene.iter().any(|flags| flags.contains(GlobalUse::WRITE)) {
         true => SceneUse::Write,
         false if of_scene.iter().any(|flags| !flags.is_empty()) => SceneUse::Read,
@@ -73,19 +70,15 @@ fn verify_for(pass: &Pass, access: SceneAccess) -> Result<(), Mismatch> {
     if scene != pass.kernel.scene {
         return Err(Mismatch::Scene(pass.kernel.scene, scene));
     }
-    if let Some((_, binding)) = of_group(1).find(|(_, binding)| *binding as usize >= pass.uses.len()) {
-        return Err(Mismatch::Undeclared(binding));
-    }
-    for (binding, used) in pass.uses.iter().enumerate() {
-        let name = used.image.resource.name;
-        let (handle, variable) = bound(1, binding as u32).ok_or(Mismatch::Unused(name))?;
-        check_access(used, variable, flags(handle))?;
-        check_format(used, &module, variable)?;
-    }
-    Ok(())
+    (0..).zip(&pass.uses).try_for_each(|(number, used)| {
+        let bound = of_group(1).find(|(binding, ..)| *binding == number);
+        let (_, ty, flags) = bound.ok_or(Mismatch::Unused(used.image.resource.name))?;
+        check_access(used, flags)?;
+        check_size(used, &module, ty)
+    })
 }
 
-fn check_access(used: &Use, variable: &GlobalVariable, flags: GlobalUse) -> Result<(), Mismatch> {
+fn check_access(used: &Use, flags: GlobalUse) -> Result<(), Mismatch> {
     let name = used.image.resource.name;
     let touched = flags - GlobalUse::QUERY;
     if touched.is_empty() {
@@ -94,12 +87,7 @@ fn check_access(used: &Use, variable: &GlobalVariable, flags: GlobalUse) -> Resu
     let is_atomic = touched.contains(GlobalUse::ATOMIC);
     let (reads, writes) =
         (is_atomic || touched.contains(GlobalUse::READ), is_atomic || touched.contains(GlobalUse::WRITE));
-    let may_write = match variable.space {
-        AddressSpace::Storage { access } => access.contains(StorageAccess::STORE),
-        _ => false,
-    };
     match used.access {
-        Access::Read if writes || may_write => Err(Mismatch::Written(name)),
         Access::Read => Ok(()),
         _ if !writes => Err(Mismatch::Unwritten(name)),
         Access::Write if reads => Err(Mismatch::Read(name)),
@@ -109,20 +97,16 @@ fn check_access(used: &Use, variable: &GlobalVariable, flags: GlobalUse) -> Resu
     }
 }
 
-fn check_format(used: &Use, module: &Module, variable: &GlobalVariable) -> Result<(), Mismatch> {
-    let declared = match used.image.resource.format {
-        Format::Texels(bytes) | Format::Uniform(bytes) => bytes,
-        Format::List => 4,
-    };
-    let found = match (&module.types[variable.ty].inner, used.image.resource.format) {
-        (TypeInner::Array { stride, .. }, Format::Texels(_) | Format::List) => *stride,
-        (TypeInner::Struct { span, .. }, Format::Uniform(_)) => *span,
-        _ => 0,
-    };
-    // A texel may span several array elements.
-    let fits = match used.image.resource.format {
-        Format::Texels(_) => found > 0 && declared.is_multiple_of(found),
-        Format::List | Format::Uniform(_) => found == declared,
+/// Checks the size of constants, which their declaration states as a number, and that of elements, which
+/// [`Use::viewed_as`] changes.
+fn check_size(used: &Use, module: &Module, ty: Handle<Type>) -> Result<(), Mismatch> {
+    let (declared, found, fits) = match (used.image.resource.format, &module.types[ty].inner) {
+        // A texel may span several array elements.
+        (Format::Texels { bytes, .. }, TypeInner::Array { stride, .. }) => {
+            (bytes, *stride, bytes.is_multiple_of(*stride))
+        }
+        (Format::Uniform { bytes, .. }, TypeInner::Struct { span, .. }) => (bytes, *span, bytes == *span),
+        _ => return Ok(()),
     };
     if fits { Ok(()) } else { Err(Mismatch::Format(used.image.resource.name, declared, found)) }
 }

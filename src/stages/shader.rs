@@ -2,14 +2,15 @@
 //! The files are compiled into the binary.
 //!
 //! `//!include a b` in a kernel's file inserts `shared/a.inc.wgsl` and `shared/b.inc.wgsl`. Includes do not nest, so a
-//! kernel's first lines list everything that it is made of. Some includes have a file for each variant: the device's
-//! [`SceneAccess`] selects those of `traverse` and `changed_tables`, and the run's [`TracedProjection`] those of
-//! `projection`.
+//! kernel's first lines list everything that it is made of. `bindings` inserts the variables of group 1, which are
+//! generated from the declaration of the pass. Some includes have a file for each variant: the device's [`SceneAccess`]
+//! selects those of `traverse` and `changed_tables`, and the run's [`TracedProjection`] those of `projection`.
 
+use super::bindings::bindings;
 use super::layout;
 use super::projection::TracedProjection;
 use crate::device::{SceneAccess, ShaderChecks, Traversal};
-use crate::graph::{Kernel, SceneUse};
+use crate::graph::{Kernel, Pass, SceneUse, Use};
 use crate::passes;
 use crate::wgsl::declare;
 
@@ -18,6 +19,8 @@ const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/shader_files.
 
 /// Start of a line that inserts files.
 const INCLUDE: &str = "//!include ";
+/// Include that declares the bindings of the pass.
+const BINDINGS: &str = "bindings";
 /// Include that traces rays: `traverse_compute` or `traverse_hardware`.
 const TRAVERSE: &str = "traverse";
 /// Include that writes rows of the scene's tables: `changed_tables_buffer` or `changed_tables_texture`.
@@ -49,15 +52,15 @@ pub(super) struct Shader {
 }
 
 impl Shader {
-    /// Assembles the source of a kernel's shader. Foreign text stays foreign whatever it includes.
+    /// Assembles the source of a kernel's shader with these bindings. Foreign text stays foreign whatever it includes.
     ///
     /// # Panics
     /// If the kernel's name or an include has no file. A test covers all of them.
-    pub fn new(kernel: &Kernel, variant: impl Into<ShaderVariant>) -> Self {
+    pub fn new(kernel: &Kernel, uses: &[Use], variant: impl Into<ShaderVariant>) -> Self {
         let variant = variant.into();
         let depends = includes(kernel).any(|include| include == PROJECTION);
         Self {
-            text: shader_text(kernel, variant),
+            text: shader_text(kernel, uses, variant),
             is_foreign: kernel.foreign_text().is_some(),
             projection: depends.then_some(variant.projection),
         }
@@ -92,12 +95,12 @@ impl Shader {
     }
 }
 
-/// Returns the complete source of a kernel's shader: the host's structs and constants, the kernel's own constants, and
-/// its file. The `scene` include also brings the functions that read the tables.
+/// Returns the complete source of a kernel's shader with these bindings: the host's structs and constants, the kernel's
+/// own constants, and its file. The `scene` include also brings the functions that read the tables.
 ///
 /// # Panics
 /// If the kernel's name or an include has no file. A test covers all of them.
-pub fn shader_text(kernel: &Kernel, variant: impl Into<ShaderVariant>) -> String {
+pub fn shader_text(kernel: &Kernel, uses: &[Use], variant: impl Into<ShaderVariant>) -> String {
     let ShaderVariant { access: SceneAccess { tables, traversal }, projection } = variant.into();
     let mut out = String::new();
     if kernel.scene == SceneUse::Read && traversal == Traversal::Hardware {
@@ -113,6 +116,10 @@ pub fn shader_text(kernel: &Kernel, variant: impl Into<ShaderVariant>) -> String
             continue;
         };
         for include in names.split_whitespace() {
+            if include == BINDINGS {
+                out += &bindings(uses);
+                continue;
+            }
             if include == "scene" {
                 out += file(kernel.name, &format!("tables_{}.inc", tables.name()));
                 out += &layout::readers();
@@ -147,19 +154,24 @@ fn file(shader: &str, name: &str) -> &'static str {
     found.unwrap_or_else(|| panic!("shader '{shader}' needs the file '{name}', which does not exist")).1
 }
 
+/// Returns the [`shader_text`] of a pass.
+pub fn pass_text(pass: &Pass, variant: impl Into<ShaderVariant>) -> String {
+    shader_text(&pass.kernel, &pass.uses, variant)
+}
+
 /// Returns the [`shader_text`] of one of the renderer's own kernels.
 ///
 /// # Panics
 /// If no kernel has this name.
 pub fn shader_text_of(name: &str, variant: impl Into<ShaderVariant>) -> String {
-    let kernels = passes::kernels();
-    let kernel = kernels.iter().find(|k| k.name == name).unwrap_or_else(|| panic!("no shader '{name}'"));
-    shader_text(kernel, variant)
+    let passes = passes::pass_of_each_kernel();
+    let pass = passes.iter().find(|pass| pass.kernel.name == name).unwrap_or_else(|| panic!("no shader '{name}'"));
+    pass_text(pass, variant)
 }
 
 /// Returns the sources of all the renderer's shaders with the includes of all projections, to tell versions apart.
 pub fn all_shader_text(access: SceneAccess) -> String {
-    let own = passes::kernels().iter().map(|kernel| shader_text(kernel, access)).collect::<String>();
+    let own = passes::pass_of_each_kernel().iter().map(|pass| pass_text(pass, access)).collect::<String>();
     let projections = TracedProjection::ALL.iter().flat_map(|projection| projection.includes());
     own + &projections.map(|name| file(PROJECTION, &format!("{name}.inc"))).collect::<String>()
 }

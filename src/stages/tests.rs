@@ -1,9 +1,10 @@
+use super::bindings::bindings;
 use super::layout;
-use super::shader::Shader;
+use super::shader::{Shader, pass_text};
 use super::*;
 use crate::accel::{Instance, Node};
 use crate::device::{SceneAccess, ShaderChecks, Traversal};
-use crate::graph::{Kernel, SceneUse, Stage};
+use crate::graph::{Kernel, Pass, SceneUse, Stage};
 use crate::passes::{self, tests::all_specs};
 use crate::scene::needs::SceneNeeds;
 use crate::wgsl::{Declaration, ROW_BYTES};
@@ -25,6 +26,19 @@ fn every_pass_does_what_it_declares() {
         }
     }
     assert_eq!(verified.len(), 24);
+}
+
+/// Checks that bindings do not depend on the frame, since pipelines are created once.
+#[test]
+fn a_kernel_has_the_same_bindings_in_every_pass() {
+    let mut known: Vec<(&str, String)> = Vec::new();
+    for pass in all_specs().iter().flat_map(|spec| passes::declare(spec).passes) {
+        let (name, found) = (pass.kernel.name, bindings(&pass.uses));
+        match known.iter().find(|(kernel, _)| *kernel == name) {
+            Some((_, text)) => assert_eq!(*text, found, "{name}"),
+            None => known.push((name, found)),
+        }
+    }
 }
 
 /// Returns a struct's size and its members with their offsets, bytes, as the shader compiler lays it out.
@@ -58,9 +72,10 @@ fn tables_are_made_of_whole_rows() {
 
 #[test]
 fn hardware_traversal_is_in_the_shaders_that_read_the_scene() {
-    for kernel in passes::kernels() {
+    for pass in passes::pass_of_each_kernel() {
+        let kernel = pass.kernel;
         let [compute, hardware] =
-            Traversal::ALL.map(|traversal| shader_text(&kernel, SceneAccess { traversal, ..Default::default() }));
+            Traversal::ALL.map(|traversal| pass_text(&pass, SceneAccess { traversal, ..Default::default() }));
         assert!(!compute.contains("ray_query"), "{}", kernel.name);
         assert_eq!(hardware.starts_with("enable wgpu_ray_query;"), kernel.scene == SceneUse::Read, "{}", kernel.name);
         assert_eq!(hardware == compute, kernel.scene != SceneUse::Read, "{}", kernel.name);
@@ -70,17 +85,18 @@ fn hardware_traversal_is_in_the_shaders_that_read_the_scene() {
 #[test]
 fn foreign_shaders_have_all_checks_and_own_ones_those_that_are_set() {
     // Foreign text stays foreign even if it copies the text or the name of one of the library's shaders.
-    let own = Shader::new(&passes::kernels()[0], SceneAccess::default()).text().to_owned();
+    let passes = passes::pass_of_each_kernel();
+    let own = pass_text(&passes[0], SceneAccess::default());
     let include: &'static str = include_str!("../../shaders/tally.wgsl");
     for (name, text) in [("outline", "fn main() {}"), ("tally", include), ("gbuffer", own.leak())] {
         let foreign = Kernel::from_text(name, text);
         for kernel in [foreign, foreign.with(&[("COUNT", 1)]), foreign.reading_scene().workgroup([1; 3])] {
-            let shader = Shader::new(&kernel, SceneAccess::default());
+            let shader = Shader::new(&kernel, &[], SceneAccess::default());
             assert_eq!([ShaderChecks::Fast, ShaderChecks::Full].map(|set| shader.checks(set)), [ShaderChecks::Full; 2]);
         }
     }
-    for kernel in passes::kernels() {
-        let shader = Shader::new(&kernel, SceneAccess::default());
+    for Pass { kernel, uses, .. } in passes {
+        let shader = Shader::new(&kernel, &uses, SceneAccess::default());
         for set in [ShaderChecks::Fast, ShaderChecks::Full] {
             assert_eq!(shader.checks(set), set, "{}", kernel.name);
         }
@@ -99,13 +115,14 @@ fn every_need_is_an_override_of_path_tracing() {
 #[test]
 fn shaders_have_the_constants_of_their_kernels() {
     const COUNT: Kernel = Kernel::from_text("count", "const_assert COUNT == 3u && LIST_HEADER == 4u;");
-    let parses = |kernel: Kernel| naga::front::wgsl::parse_str(&shader_text(&kernel, SceneAccess::default())).is_ok();
+    let parses =
+        |kernel: Kernel| naga::front::wgsl::parse_str(&shader_text(&kernel, &[], SceneAccess::default())).is_ok();
     assert!(parses(COUNT.with(&[("COUNT", 3)])));
     assert!(!parses(COUNT.with(&[("COUNT", 4)])));
-    for kernel in passes::kernels() {
-        let text = shader_text(&kernel, SceneAccess::default());
-        for (name, _) in kernel.constants {
-            assert!(text.matches(name).count() > 1, "{} does not use {name}", kernel.name);
+    for pass in passes::pass_of_each_kernel() {
+        let text = pass_text(&pass, SceneAccess::default());
+        for (name, _) in pass.kernel.constants {
+            assert!(text.matches(name).count() > 1, "{} does not use {name}", pass.kernel.name);
         }
     }
 }

@@ -6,6 +6,7 @@ use naga::front::wgsl::{Frontend, Options};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{Module, ShaderStage};
 
+use super::shader::pass_text;
 use super::*;
 use crate::device::{SceneAccess, Tables, Traversal};
 use crate::image::Extent;
@@ -67,13 +68,13 @@ fn every_variant_of_every_shader_is_valid() {
     for (tables, traversal) in
         [Tables::Buffer, Tables::Texture].into_iter().flat_map(|t| Traversal::ALL.map(|u| (t, u)))
     {
-        let kernels = passes::kernels();
-        for (kernel, projection) in kernels.iter().flat_map(|k| TracedProjection::ALL.map(|p| (k, p))) {
-            let text = shader_text(kernel, ShaderVariant { access: SceneAccess { tables, traversal }, projection });
+        let passes = passes::pass_of_each_kernel();
+        for (pass, projection) in passes.iter().flat_map(|pass| TracedProjection::ALL.map(|p| (pass, p))) {
+            let text = pass_text(pass, ShaderVariant { access: SceneAccess { tables, traversal }, projection });
             if texts.contains(&text) {
                 continue;
             }
-            let of = format!("{} with {tables:?}, {traversal:?} and {projection:?}", kernel.name);
+            let of = format!("{} with {tables:?}, {traversal:?} and {projection:?}", pass.kernel.name);
             for name in override_names(&text) {
                 assert!(settable.contains(&name), "{of}: nothing sets {name}");
             }

@@ -17,8 +17,8 @@ const WIDTH: u32 = 40;
 const HEIGHT: u32 = 52;
 const WRITES: Partition = Partition("writes");
 const READS: Partition = Partition("reads");
-const OUT: Resource = Resource::image("test out", 4).output();
-const IMAGE: Resource = Resource::image("test image", 4);
+const OUT: Resource = Resource::image::<u32>("test out").bound_as("found").output();
+const IMAGE: Resource = Resource::image::<u32>("test image").bound_as("image");
 
 /// Distributes rows differently for every group and every frame.
 struct Ragged {
@@ -107,8 +107,7 @@ fn value(eye: u32, x: u32, y: u32, frame: u32) -> u32 {
 /// Returns a pass that writes [`value`] to every texel of its grid.
 fn fill(view: Eye, image: impl Into<Image>) -> Pass {
     const TEXT: &str = "
-//!include frame
-@group(1) @binding(0) var<storage, read_write> image: array<u32>;
+//!include frame bindings
 @compute @workgroup_size(16, 4)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = vec2<u32>(id.x, pass_.row_begin + id.y);
@@ -120,15 +119,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }";
     let image = image.into();
     let kernel = kernel("test fill", TEXT, [16, 4, 1]);
-    pass("test fill", view, WRITES, kernel).uses([Use::write(image)]).on(image.resource.grid)
+    pass("test fill", view, WRITES, kernel).uses([Use::write(image).named("image")]).on(image.resource.grid)
 }
 
 #[test]
 fn images_of_other_sizes_and_workgroups_of_other_shapes() {
     const GROW: &str = "
-//!include frame
-@group(1) @binding(0) var<storage, read> small: array<u32>;
-@group(1) @binding(1) var<storage, read_write> grown: array<u32>;
+//!include frame bindings
 @compute @workgroup_size(5, 1, 3)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let y = pass_.row_begin + id.y;
@@ -137,9 +134,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let width = (pass_.width + 2u) / 3u;
     let below = min(y / 3u + 1u, (pass_.height + 2u) / 3u - 1u);
-    grown[y * pass_.width + id.x] = small[y / 3u * width + id.x / 3u] ^ small[below * width + id.x / 3u];
+    found[y * pass_.width + id.x] = small[y / 3u * width + id.x / 3u] ^ small[below * width + id.x / 3u];
 }";
-    const SMALL: Resource = Resource::image("test small", 4).on(Grid { size: Size::FrameOver(3), ..Grid::FRAME });
+    const SMALL: Resource =
+        Resource::image::<u32>("test small").bound_as("small").on(Grid { size: Size::FrameOver(3), ..Grid::FRAME });
     let grow = |view| {
         let uses = [Use::read(SMALL).halo(1), Use::write(OUT)];
         pass("test grow", view, READS, kernel("test grow", GROW, [5, 1, 3])).uses(uses)
@@ -157,9 +155,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 #[test]
 fn a_workgroup_for_each_block_that_reads_all_of_it() {
     const SUM: &str = "
-//!include frame
-@group(1) @binding(0) var<storage, read> image: array<u32>;
-@group(1) @binding(1) var<storage, read_write> sums: array<u32>;
+//!include frame bindings
 @compute @workgroup_size(8)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let first = vec2<u32>(group.x * 8u, (pass_.row_begin / 8u + group.y) * 8u);
@@ -173,7 +169,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let x = first.x + lane;
     for (var y = max(first.y, pass_.row_begin); y < min(first.y + 8u, pass_.row_end); y += 1u) {
         if x < pass_.width {
-            sums[y * pass_.width + x] = sum;
+            found[y * pass_.width + x] = sum;
         }
     }
 }";
@@ -196,16 +192,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
 #[test]
 fn whole_images_and_rows_that_a_function_names() {
     const FLIP: &str = "
-//!include frame
-@group(1) @binding(0) var<storage, read> image: array<u32>;
-@group(1) @binding(1) var<storage, read_write> flipped: array<u32>;
+//!include frame bindings
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let y = pass_.row_begin + id.y;
     if id.x >= pass_.width || y >= pass_.row_end {
         return;
     }
-    flipped[y * pass_.width + id.x] = image[(pass_.height - 1u - y) * pass_.width + id.x];
+    found[y * pass_.width + id.x] = image[(pass_.height - 1u - y) * pass_.width + id.x];
 }";
     let mirrored = Reach::Rows(|rows| HEIGHT - rows.end..HEIGHT - rows.start);
     for reach in [Reach::All, mirrored] {
@@ -220,18 +214,15 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 
 #[test]
 fn a_pass_that_each_device_runs_once() {
-    const TABLE: Resource = Resource::table("test table", 4, Extent { width: 16, height: 1 });
+    const TABLE: Resource = Resource::table::<u32>("test table", Extent { width: 16, height: 1 }).bound_as("table");
     const MAKE: &str = "
-//!include frame
-@group(1) @binding(0) var<storage, read_write> table: array<u32>;
+//!include frame bindings
 @compute @workgroup_size(4)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     table[id.x] = id.x * id.x + frame.sampling.index;
 }";
     const LOOK_UP: &str = "
-//!include frame
-@group(1) @binding(0) var<storage, read> table: array<u32>;
-@group(1) @binding(1) var<storage, read_write> found: array<u32>;
+//!include frame bindings
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let y = pass_.row_begin + id.y;
@@ -252,13 +243,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 #[test]
 fn shaders_that_are_not_the_librarys_run_with_all_checks() {
     const DIVIDE: &str = "
-//!include frame
-@group(1) @binding(0) var<storage, read_write> quotients: array<u32>;
+//!include frame bindings
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let y = pass_.row_begin + id.y;
     if id.x < pass_.width && y < pass_.row_end {
-        quotients[y * pass_.width + id.x] = (id.x + 100u * y + 1u) / frame.sampling.index;
+        found[y * pass_.width + id.x] = (id.x + 100u * y + 1u) / frame.sampling.index;
     }
 }";
     let divide = |_: &FrameSpec, view| {
@@ -270,13 +260,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 /// Tests versions of an image, and history of another image from whichever device had its rows.
 #[test]
 fn versions_and_what_is_kept_between_frames() {
-    const COUNT: Resource = Resource::image("test count", 4);
+    const COUNT: Resource = Resource::image::<u32>("test count").bound_as("count");
     const ADD: &str = "
-//!include frame
-@group(1) @binding(0) var<storage, read> before: array<u32>;
-@group(1) @binding(1) var<storage, read> source: array<u32>;
-@group(1) @binding(2) var<storage, read_write> count: array<u32>;
-@group(1) @binding(3) var<storage, read_write> next: array<u32>;
+//!include frame bindings
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let y = pass_.row_begin + id.y;
@@ -292,27 +278,25 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     next[at] = source[at] + known + 1u;
 }";
     const COPY: &str = "
-//!include frame
-@group(1) @binding(0) var<storage, read> source: array<u32>;
-@group(1) @binding(1) var<storage, read_write> copied: array<u32>;
+//!include frame bindings
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let y = pass_.row_begin + id.y;
     if id.x < pass_.width && y < pass_.row_end {
-        copied[y * pass_.width + id.x] = source[y * pass_.width + id.x];
+        found[y * pass_.width + id.x] = source[y * pass_.width + id.x];
     }
 }";
     let passes = |spec: &FrameSpec, view| {
         let first = Image::from(IMAGE);
         let uses = [
-            Use::read(COUNT).before(spec.history_halo()),
-            Use::read(first),
+            Use::read(COUNT).before(spec.history_halo()).named("before"),
+            Use::read(first).named("source"),
             Use::write(COUNT),
-            Use::write(first.next()),
+            Use::write(first.next()).named("next"),
         ];
         let add = pass("test add", view, READS, kernel("test add", ADD, [8, 8, 1])).uses(uses);
         let copy = pass("test copy", view, WRITES, kernel("test copy", COPY, [8, 8, 1]));
-        vec![fill(view, first), add, copy.uses([Use::read(first.next()), Use::write(OUT)])]
+        vec![fill(view, first), add, copy.uses([Use::read(first.next()).named("source"), Use::write(OUT)])]
     };
     check(4, passes, |eye, x, y, frame| value(eye, x, y, frame) + frame + 1);
 }

@@ -103,7 +103,7 @@ fn frames_of_fewer_samples_keep_their_history() {
             stage.set(move |params| params.quality = quality);
             stage.frame(i);
         }
-        let moments = stage.renderer().read_output(Resource::image("moments", 16)).unwrap().left;
+        let moments = stage.renderer().read_output(Resource::image::<[u32; 4]>("moments")).unwrap().left;
         let moments: Vec<[u32; 4]> = bytemuck::pod_collect_to_vec(&moments);
         moments.iter().map(|m| f64::from(m[3] >> 24)).sum::<f64>() / moments.len() as f64
     };

@@ -9,11 +9,7 @@
 // - Pixels that were not sampled stay empty until enough of their surface is within reach.
 // - Pixels that are still empty in the last iteration take the mean of any surfaces within reach.
 
-//!include frame grid projection rng pack edges foveation
-
-@group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
-@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<f32>>;
+//!include frame grid projection rng pack edges foveation bindings
 
 // Threshold for filling an empty pixel: the sum of its taps' weights must exceed this value times the sampling
 // probability. Below it, the pixel waits for the closer taps of a later iteration, since it would pass on the light of

@@ -4,23 +4,14 @@
 // `svgf/accumulate.wgsl`. Departures: the right eye falls back to the left eye's history, pixels that were not sampled
 // keep their history, and the accumulations before and after the fit count their frames separately.
 
-//!include frame grid projection motion pack history light_change
+//!include frame grid projection motion pack history light_change bindings
 
-@group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
-// Position and normal of each pixel's surface in the previous frame, in the format of the `guide` image.
-@group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
-// Demodulated illumination as floats; the last word is 0 if there is none.
-@group(1) @binding(2) var<storage, read> source: array<vec4<u32>>;
-@group(1) @binding(3) var<storage, read> last_guide: array<vec4<u32>>;
-@group(1) @binding(4) var<storage, read> last_accumulated: array<vec4<u32>>;
-@group(1) @binding(5) var<storage, read> left_guide: array<vec4<u32>>;
-@group(1) @binding(6) var<storage, read> left_accumulated: array<vec4<u32>>;
-// Demodulated illumination as floats. The last word holds the material and, in its upper 8 bits, the number of
-// accumulated frames.
-@group(1) @binding(7) var<storage, read_write> accumulated: array<vec4<u32>>;
-@group(1) @binding(8) var<uniform> previous: Previous;
-@group(1) @binding(9) var<storage, read_write> tally: array<u32>;
-@group(1) @binding(10) var<storage, read> light_change: array<f32>;
+// Variables:
+// - `guide_image`: position and normal of each pixel's surface in the previous frame, in the format of the `guide`
+//   image.
+// - `source`: demodulated illumination as floats; the last word is 0 if there is none.
+// - `accumulated`: demodulated illumination as floats. The last word holds the material and, in its upper 8 bits, the
+//   number of accumulated frames.
 
 const MOST_FRAMES: f32 = 255.0;
 
@@ -101,6 +92,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         material | (u32(count) << 24u),
     );
     if dropped || !is_sound {
-        tally[at] = add_tally(tally[at], 0u, 1u);
+        tally_image[at] = add_tally(tally_image[at], 0u, 1u);
     }
 }

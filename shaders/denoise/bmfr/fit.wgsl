@@ -11,13 +11,12 @@
 //   pixel with a surface gets the fitted light.
 // - Fitted light is clamped to the brightest light of the block.
 
-//!include frame grid projection pack rng
+//!include frame grid projection pack rng bindings
 
-@group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
-// Demodulated illumination as floats. The upper 8 bits of the last word hold the number of accumulated frames.
-@group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
-// Fitted illumination; the last word is 0 if there is none.
-@group(1) @binding(2) var<storage, read_write> fitted: array<vec4<u32>>;
+// Variables:
+// - `source`: demodulated illumination as floats. The upper 8 bits of the last word hold the number of accumulated
+//   frames.
+// - `fitted`: fitted illumination; the last word is 0 if there is none.
 
 const INVOCATIONS: u32 = 256u;
 // Number of a block's pixels that each invocation handles. They are ROWS_APART rows apart.

@@ -11,29 +11,18 @@
 //   `gradient.wgsl`).
 // - If the right eye finds no history, the left eye's is used.
 
-//!include frame grid projection split motion pack variance history light_change
+//!include frame grid projection split motion pack variance history light_change bindings
 
-@group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
-// Position and normal of each pixel's surface in the previous frame, in the format of the `guide` image.
-@group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
-// Demodulated illumination; alpha is 0 if the pixel was not sampled.
-@group(1) @binding(2) var<storage, read> radiance: array<vec4<u32>>;
-@group(1) @binding(3) var<storage, read> last_guide: array<vec4<u32>>;
-@group(1) @binding(4) var<storage, read> last_moments: array<vec4<u32>>;
-@group(1) @binding(5) var<storage, read> last_history: array<vec4<u32>>;
-@group(1) @binding(6) var<storage, read> left_guide: array<vec4<u32>>;
-@group(1) @binding(7) var<storage, read> left_moments: array<vec4<u32>>;
-@group(1) @binding(8) var<storage, read> left_history: array<vec4<u32>>;
-// Accumulated light with the variance of its luminance, or UNKNOWN or MISSING instead (see `variance.inc.wgsl`).
-@group(1) @binding(9) var<storage, read_write> accumulated: array<vec4<u32>>;
-// Words x and y: mean luminance and its variance per sample, as floats. If the scene has gloss, each of these words
-// holds a diffuse and a specular value as half floats, variances as standard deviations. Word z: number of samples, and
-// recent mean divided by the power of two in the mean, as half floats. Word w: material and, in the upper 8 bits,
-// number of frames.
-@group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
-@group(1) @binding(11) var<uniform> previous: Previous;
-@group(1) @binding(12) var<storage, read_write> tally: array<u32>;
-@group(1) @binding(13) var<storage, read> light_change: array<f32>;
+// Variables:
+// - `guide_image`: position and normal of each pixel's surface in the previous frame, in the format of the `guide`
+//   image.
+// - `radiance`: demodulated illumination; alpha is 0 if the pixel was not sampled.
+// - `accumulated`: accumulated light with the variance of its luminance, or UNKNOWN or MISSING instead (see
+//   `variance.inc.wgsl`).
+// - `moments`: words x and y hold the mean luminance and its variance per sample, as floats. If the scene has gloss,
+//   each of these words holds a diffuse and a specular value as half floats, variances as standard deviations. Word z:
+//   number of samples, and recent mean divided by the power of two in the mean, as half floats. Word w: material and,
+//   in the upper 8 bits, number of frames.
 
 // Frames before temporal variance is meaningful, as in the paper.
 const FEW_FRAMES: f32 = 4.0;
@@ -143,7 +132,7 @@ fn is_finite_past(past: Past) -> bool {
 
 fn count_dropped(at: u32, dropped: bool) {
     if dropped {
-        tally[at] = add_tally(tally[at], 0u, 1u);
+        tally_image[at] = add_tally(tally_image[at], 0u, 1u);
     }
 }
 

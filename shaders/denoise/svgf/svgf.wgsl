@@ -12,11 +12,7 @@
 // - The first iteration tolerates smaller differences, since its result becomes the history and its blur adds up over
 //   frames.
 
-//!include frame grid projection split rng pack edges foveation variance
-
-@group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<u32>>;
+//!include frame grid projection split rng pack edges foveation variance bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {

@@ -4,11 +4,7 @@
 // 3x3 smoothing runs once, before the first iteration, instead of in each; and spatial estimates are multiplied by
 // DOUBT, since they may have missed rare bright light.
 
-//!include frame grid projection split pack edges variance
-
-@group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<u32>>;
+//!include frame grid projection split pack edges variance bindings
 
 const REACH: i32 = i32(VARIANCE_REACH);
 // Factor by which spatial estimates of variance are multiplied.

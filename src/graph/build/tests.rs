@@ -9,8 +9,8 @@ use crate::image::Extent;
 const EXTENT: Extent = Extent { width: 16, height: 60 };
 const WRITER: Partition = Partition("writer");
 const READER: Partition = Partition("reader");
-const IMAGE: Resource = Resource::image("image", 4);
-const OUT: Resource = Resource::image("out", 4);
+const IMAGE: Resource = Resource::image::<u32>("image");
+const OUT: Resource = Resource::image::<u32>("out");
 
 fn pass(name: &'static str, group: Partition, uses: impl IntoIterator<Item = Use>) -> Pass {
     Pass::new(Stage(name), Eye::Left, group, Kernel::new("test")).uses(uses)
@@ -70,13 +70,13 @@ fn a_grid_of_its_own_has_its_own_share_of_rows() {
     ];
     // Row 20 of the frame is row 10 of the small image, and row 30 is row 15.
     assert_eq!(transfers(passes, &moved()), HashMap::from([(("image", 0), vec![10..16])]));
-    let sums = Resource::image("sums", 8).on(Grid::table(Size::FrameRows)).output();
+    let sums = Resource::image::<[u32; 2]>("sums").on(Grid::table(Size::FrameRows)).output();
     assert_eq!((sums.row_bytes(EXTENT), sums.bytes(EXTENT)), (8, 480));
 }
 
 #[test]
 fn every_device_makes_what_it_has_for_itself() {
-    let table = Resource::table("table", 4, Extent::new(8, 1));
+    let table = Resource::table::<u32>("table", Extent::new(8, 1));
     let passes = vec![
         Pass::once(Stage("make"), WRITER, Kernel::new("test"), [1, 1, 1]).uses([Use::write(table)]),
         pass("read", READER, [Use::read(table), Use::write(OUT)]),

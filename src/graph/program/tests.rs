@@ -4,10 +4,10 @@ use crate::graph::{Dispatch, Grid, HaloPlan, Kernel, Size, Use};
 const EXTENT: Extent = Extent { width: 16, height: 64 };
 const PARTITION: Partition = Partition("a");
 const OTHER: Partition = Partition("b");
-const A: Resource = Resource::image("a", 4);
-const B: Resource = Resource::image("b", 4);
+const A: Resource = Resource::image::<u32>("a");
+const B: Resource = Resource::image::<u32>("b");
 const LIST: Resource = Resource::list("list");
-const TABLE: Resource = Resource::table("table", 4, Extent { width: 8, height: 1 });
+const TABLE: Resource = Resource::table::<u32>("table", Extent { width: 8, height: 1 });
 const HALO: Seam = Seam::Halo(HaloPlan::RECOMPUTE);
 
 fn pass(group: Partition, uses: impl IntoIterator<Item = Use>) -> Pass {
@@ -45,7 +45,7 @@ fn passes_that_contradict_one_another_are_refused() {
     assert_eq!(error(vec![once.clone().uses([Use::write(A)])]), ProgramError::Scope { stage, image: a });
     assert!(Program::new(EXTENT, HALO, vec![once.uses([Use::write(TABLE)])]).is_ok());
 
-    let constants = Resource::constants("constants", 16);
+    let constants = Resource::constants("constants", "Constants", 16);
     let input = ProgramError::Input { stage, image: "constants" };
     assert_eq!(error(vec![pass(PARTITION, [Use::write(constants)])]), input);
 
@@ -83,7 +83,7 @@ fn margins_are_what_later_passes_read() {
 
 #[test]
 fn outputs_and_what_is_kept_follow_from_the_uses() {
-    let out = Resource::image("out", 4).output();
+    let out = Resource::image::<u32>("out").output();
     let passes = vec![
         pass(PARTITION, [Use::write(A)]),
         pass(OTHER, [Use::read(A), Use::read(A).before(Some(2)), Use::write(out)]),

@@ -2,6 +2,8 @@
 //! paths traced again with the same random numbers (Schied, Peters & Dachsbacher, "Gradient Estimation for Real-Time
 //! Adaptive Temporal Filtering", 2018).
 
+use glam::Vec2;
+
 use super::PARTITION;
 use crate::graph::{Grid, Kernel, Pass, Resource, Size, Stage, Use};
 use crate::image::Extent;
@@ -18,7 +20,7 @@ const TILES: Grid = Grid { size: Size::FrameOver(TILE), ..Grid::FRAME };
 /// Radius of the smoothing of gradients, tiles.
 const REACH: u32 = 2;
 
-/// Constants of shaders that read [`change`].
+/// Constants of shaders that bind [`read_change`].
 pub const CONSTANTS: &[Constant] = constants![TILE];
 
 const TRACE: Kernel = Kernel::with_scene("gradient").with(CONSTANTS);
@@ -26,7 +28,7 @@ const SMOOTH: Kernel = Kernel::new("gradient_smooth").with(constants![REACH]);
 
 /// Two values for the retraced pixel of each tile: its luminance minus that in the previous frame, and the larger of
 /// the two luminances.
-const GRADIENT: Resource = Resource::image("gradient", 8).on(TILES);
+const GRADIENT: Resource = Resource::image::<Vec2>("gradient").on(TILES);
 
 /// Returns true if gradients are computed: only in dynamic scenes, and not in polar images, whose tiles are not square.
 fn is_found(spec: &FrameSpec) -> bool {
@@ -35,9 +37,14 @@ fn is_found(spec: &FrameSpec) -> bool {
 
 /// Returns the image that holds, for each tile, the fraction of its history to drop. Returns a dummy of one pixel if
 /// gradients are not computed.
-pub fn change(spec: &FrameSpec) -> Resource {
+fn change(spec: &FrameSpec) -> Resource {
     let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));
-    Resource::image("light_change", 4).on(if is_found(spec) { TILES } else { nothing })
+    Resource::image::<f32>("light_change").on(if is_found(spec) { TILES } else { nothing })
+}
+
+/// Returns the binding of the image `light_change`, which holds the fraction of each tile's history to drop.
+pub fn read_change(spec: &FrameSpec) -> Use {
+    Use::read(change(spec)).of(Eye::Left).if_written().named("light_change")
 }
 
 /// Returns the passes that compute gradients. They run before the left eye's accumulation; there are none for the right

@@ -1,5 +1,7 @@
 //! The interface of a denoiser, and the image that carries light through its passes.
 
+use glam::UVec4;
+
 use super::denoiser::Denoiser;
 use crate::graph::{Image, Partition, Pass, Resource};
 use crate::passes::resources::RADIANCE;
@@ -9,7 +11,7 @@ use crate::scene::rig::Eye;
 /// Partition of all denoiser passes, which therefore have the same stripes.
 pub const PARTITION: Partition = Partition("denoise");
 
-const FILTERED: Resource = Resource::image("filtered", 16);
+const FILTERED: Resource = Resource::image::<UVec4>("filtered");
 
 /// The image that carries demodulated illumination (reflected light over albedo) through passes that each read one
 /// image and write the next.

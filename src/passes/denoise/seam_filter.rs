@@ -14,7 +14,11 @@ const KERNEL: Kernel = Kernel::new("seam_filter").with(constants![SEAM_REACH]);
 
 pub fn pass(view: Eye, light: &mut Light) -> Pass {
     let (source, target) = light.advance();
-    let uses = [Use::read(GUIDE).halo(SEAM_REACH), Use::read(source).halo(SEAM_REACH), Use::write(target)];
+    let uses = [
+        Use::read(GUIDE).halo(SEAM_REACH),
+        Use::read(source).halo(SEAM_REACH).named("source"),
+        Use::write(target).named("filtered"),
+    ];
     let pass = Pass::new(Stage("seam_filter"), view, PARTITION, KERNEL);
     pass.uses(uses).args([0, inverse_sigma2_bits(u32::MAX), 0])
 }

@@ -14,7 +14,7 @@ use std::ops::Range;
 use wgpu::util::DeviceExt;
 
 use super::SceneUpdate;
-use crate::accel::{Accel, Instance, SKINNED_BYTES, SkinTriangle, Triangle};
+use crate::accel::{Accel, Instance, SkinTriangle, Skinned, Triangle};
 use crate::device::GpuDevice;
 use crate::stages::limits::{self, LimitExceeded};
 
@@ -197,7 +197,7 @@ impl Bottom {
             size: &g.size,
             vertex_buffer: vertices,
             first_vertex: self.first_vertex,
-            vertex_stride: if self.deforms { SKINNED_BYTES as u64 } else { CORNER_BYTES },
+            vertex_stride: if self.deforms { size_of::<Skinned>() as u64 } else { CORNER_BYTES },
             index_buffer: g.indices.as_ref(),
             first_index: g.indices.as_ref().map(|_| 0),
             transform_buffer: None,

@@ -151,11 +151,11 @@ fn compare(case: Case, cases: &mut Cases) {
                 ("left_accumulated", valid(&before[0].light)),
                 ("accumulated", Buffer::image(&words)),
                 ("previous", Buffer::whole(&previous)),
-                ("tally", Buffer::image(&tally)),
+                ("tally_image", Buffer::image(&tally)),
                 ("light_change", Buffer::whole(&[0.0f32])),
             ],
         );
-        let (got, counted) = (outputs.get::<[u32; 4]>("accumulated"), outputs.get::<u32>("tally"));
+        let (got, counted) = (outputs.get::<[u32; 4]>("accumulated"), outputs.get::<u32>("tally_image"));
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let at = constants.index(x, y);
             let (material, place) = (hit[at][3] & MATERIAL_MASK, format!("({x}, {y}) of {stripe:?}"));

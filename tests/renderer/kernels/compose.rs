@@ -59,8 +59,8 @@ fn compare(gloss: bool, seed: u64) {
             WIDTH,
             &[
                 ("radiance", Buffer::image(&only_in(&stripe.rows, WIDTH, &radiance))),
-                ("albedo", Buffer::image(&only_in(&stripe.rows, WIDTH, &albedo))),
-                ("emission", Buffer::image(&only_in(&stripe.rows, WIDTH, &emission))),
+                ("albedo_image", Buffer::image(&only_in(&stripe.rows, WIDTH, &albedo))),
+                ("emission_image", Buffer::image(&only_in(&stripe.rows, WIDTH, &emission))),
                 ("composed", Buffer::image(&before)),
             ],
         );

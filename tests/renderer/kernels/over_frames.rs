@@ -55,7 +55,7 @@ fn accumulate(gloss: bool, seed: u64) {
                 ("accumulated", Buffer::image(&accumulated)),
                 ("moments", Buffer::image(&moments)),
                 ("previous", Buffer::whole(&constants.as_previous())),
-                ("tally", Buffer::image(&vec![0u32; area])),
+                ("tally_image", Buffer::image(&vec![0u32; area])),
                 ("light_change", Buffer::whole(&[0.0f32])),
             ],
         );
@@ -112,7 +112,7 @@ fn resolved_frames_are_averaged() {
                 ("linear", Buffer::image(&resolved)),
                 ("display", Buffer::image(&vec![0u32; area])),
                 ("previous", Buffer::whole(&constants.as_previous())),
-                ("tally", Buffer::image(&vec![0u32; area])),
+                ("tally_image", Buffer::image(&vec![0u32; area])),
                 ("light_change", Buffer::whole(&[0.0f32])),
                 ("last_surface", Buffer::whole(&[[0u32; 4]])),
                 ("last_guide", Buffer::whole(&[[0u32; 4]])),

@@ -52,9 +52,12 @@ fn compare(width: u32, seed: u64) {
             &constants,
             stripe.pass(0, [0; 3]),
             width.div_ceil(SEGMENT),
-            &[("tally", Buffer::image(&only_in(&stripe.rows, width, &tally))), ("rows", Buffer::image(&before))],
+            &[
+                ("tally_image", Buffer::image(&only_in(&stripe.rows, width, &tally))),
+                ("row_tally", Buffer::image(&before)),
+            ],
         );
-        let after = outputs.get::<Row>("rows");
+        let after = outputs.get::<Row>("row_tally");
         for y in stripe.rows {
             let pixels = &tally[constants.index(0, y)..constants.index(0, y + 1)];
             let sums = sum(pixels, &mut cases);

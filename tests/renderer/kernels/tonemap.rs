@@ -51,15 +51,15 @@ fn light_is_remodulated_and_encoded() {
             WIDTH,
             &[
                 ("radiance", Buffer::image(&only_in(&stripe.rows, WIDTH, &radiance))),
-                ("albedo", Buffer::image(&only_in(&stripe.rows, WIDTH, &albedo))),
-                ("emission", Buffer::image(&only_in(&stripe.rows, WIDTH, &emission))),
+                ("albedo_image", Buffer::image(&only_in(&stripe.rows, WIDTH, &albedo))),
+                ("emission_image", Buffer::image(&only_in(&stripe.rows, WIDTH, &emission))),
                 ("linear", Buffer::image(&linear_before)),
                 ("display", Buffer::image(&display_before)),
-                ("tally", Buffer::image(&tally)),
+                ("tally_image", Buffer::image(&tally)),
             ],
         );
         let (linear, display) = (outputs.get::<[f32; 4]>("linear"), outputs.get::<u32>("display"));
-        let counted = outputs.get::<u32>("tally");
+        let counted = outputs.get::<u32>("tally_image");
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let at = constants.index(x, y);
             let light = rgb(radiance[at]) * rgb(albedo[at]) + rgb(emission[at]);

@@ -38,7 +38,7 @@ fn play(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], stride: 
         stage.set(move |params| params.quality = quality);
         stage.frame_at(0.3 + f64::from(i) / FPS, stride * i);
     }
-    let mut read = |name| stage.renderer().read_output(Resource::image(name, 4)).unwrap().left;
+    let mut read = |name| stage.renderer().read_output(Resource::image::<u32>(name)).unwrap().left;
     let dropped: Vec<f32> = bytemuck::pod_collect_to_vec(&read("light_change"));
     Last {
         gradients: bytemuck::pod_collect_to_vec(&read("gradient")),

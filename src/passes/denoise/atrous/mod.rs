@@ -1,5 +1,7 @@
 //! `atrous`: an edge-avoiding à-trous filter that uses only the current frame.
 
+use glam::Vec4;
+
 use super::{Denoise, Light, PARTITION};
 use crate::graph::{Chain, Kernel, Pass, Stage, Use};
 use crate::passes::FrameSpec;
@@ -47,7 +49,11 @@ impl Denoise for Atrous {
                 true => [step, inverse_sigma2_bits(u32::MAX), BLIND_ITERATIONS],
                 false => [step, inverse_sigma2_bits(index), 0],
             };
-            let uses = [Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)];
+            let uses = [
+                Use::read(GUIDE).halo(halo),
+                Use::read(source).halo(halo).named("source").viewed_as::<Vec4>(),
+                Use::write(target).named("filtered").viewed_as::<Vec4>(),
+            ];
             let pass = Pass::new(STAGE, view, PARTITION, Kernel::new("atrous")).index(index);
             pass.uses(uses).args(args).chain(Chain::Planned)
         };

@@ -5,6 +5,8 @@
 //! Reconstruction", with linearly dependent features dropped as in Xu, Tong & Xu, "Real-Time Path Tracing
 //! Reconstruction in DXR".
 
+use glam::UVec4;
+
 use super::{Denoise, Light, PARTITION, gradient, taa};
 use crate::graph::{Chain, Dispatch, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
@@ -14,9 +16,9 @@ use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
 /// Accumulated illumination before the fit, with the material and the number of frames.
-const ACCUMULATED: Resource = Resource::image("accumulated", 16);
+const ACCUMULATED: Resource = Resource::image::<UVec4>("accumulated");
 /// Accumulated illumination after the fit, in the same layout.
-const FITTED: Resource = Resource::image("fitted", 16);
+const FITTED: Resource = Resource::image::<UVec4>("fitted");
 
 /// Edge of a block, pixels.
 const BLOCK: u32 = 32;
@@ -47,16 +49,16 @@ fn accumulate(spec: &FrameSpec, pass: Pass, light: &mut Light, kept: Resource, l
     let (source, target) = light.advance_to(Image::from(kept));
     let uses = [
         Use::read(HIT),
-        Use::read(if spec.moving.is_some() { last_surface(spec) } else { GUIDE }),
-        Use::read(source),
+        Use::read(if spec.moving.is_some() { last_surface(spec) } else { GUIDE }).named("guide_image"),
+        Use::read(source).named("source"),
         last(GUIDE),
-        last(kept),
+        last(kept).named("last_accumulated"),
         last(GUIDE).of(Eye::Left),
-        last(kept).of(Eye::Left),
-        Use::write(target),
+        last(kept).of(Eye::Left).named("left_accumulated"),
+        Use::write(target).named("accumulated"),
         Use::read(PREVIOUS),
         Use::add(TALLY),
-        Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
+        gradient::read_change(spec),
     ];
     pass.uses(uses).args([least_fraction.to_bits(), 0, 0])
 }
@@ -96,7 +98,11 @@ impl Denoise for Bmfr {
         let (source, target) = light.advance();
         let halo = spec.halo(BLOCK - 1);
         let pass = Pass::new(Stage("fit"), view, PARTITION, FIT)
-            .uses([Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)])
+            .uses([
+                Use::read(GUIDE).halo(halo),
+                Use::read(source).halo(halo).named("source"),
+                Use::write(target).named("fitted"),
+            ])
             .dispatch(Dispatch::Displaced([BLOCK; 2]))
             .args([self.noise.to_bits(), 0, 0])
             .chain(Chain::Planned);

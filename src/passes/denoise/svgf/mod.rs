@@ -2,6 +2,8 @@
 //!
 //! The method is that of Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering".
 
+use glam::UVec4;
+
 use super::{Denoise, Light, PARTITION, gradient, taa};
 use crate::graph::{Chain, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
@@ -15,9 +17,9 @@ const VARIANCE: Stage = Stage("variance");
 
 /// Mean and variance of the accumulated luminance, its recent mean, the number of samples and frames in it, and the
 /// material, packed.
-const MOMENTS: Resource = Resource::image("moments", 16);
+const MOMENTS: Resource = Resource::image::<UVec4>("moments");
 /// Accumulated light after the filter's first iteration.
-const HISTORY: Resource = Resource::image("history", 16);
+const HISTORY: Resource = Resource::image::<UVec4>("history");
 
 /// Radius of the spatial estimate of variance, pixels.
 const VARIANCE_REACH: u32 = 3;
@@ -71,19 +73,19 @@ impl Denoise for Svgf {
         let pass = Pass::new(Stage("accumulate"), view, PARTITION, Kernel::new("accumulate").with(gradient::CONSTANTS))
             .uses([
                 Use::read(HIT),
-                Use::read(if spec.moving.is_some() { last_surface(spec) } else { GUIDE }),
-                Use::read(traced),
+                Use::read(if spec.moving.is_some() { last_surface(spec) } else { GUIDE }).named("guide_image"),
+                Use::read(traced).named("radiance"),
                 last(GUIDE),
                 last(MOMENTS),
                 last(HISTORY),
                 last(GUIDE).of(Eye::Left),
                 last(MOMENTS).of(Eye::Left),
                 last(HISTORY).of(Eye::Left),
-                Use::write(accumulated),
+                Use::write(accumulated).named("accumulated"),
                 Use::write(MOMENTS),
                 Use::read(PREVIOUS),
                 Use::add(TALLY),
-                Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
+                gradient::read_change(spec),
             ]);
         gradient::passes(spec, view).into_iter().chain([pass]).collect()
     }
@@ -91,7 +93,11 @@ impl Denoise for Svgf {
     fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let link = |stage, kernel, reach_rows: u32, (source, target): (Image, Image)| {
             let halo = spec.halo(reach_rows);
-            let uses = [Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)];
+            let uses = [
+                Use::read(GUIDE).halo(halo),
+                Use::read(source).halo(halo).named("source"),
+                Use::write(target).named("filtered"),
+            ];
             Pass::new(stage, view, PARTITION, kernel).uses(uses).chain(Chain::Planned)
         };
         let mut passes = vec![link(VARIANCE, VARIANCE_KERNEL, VARIANCE_REACH, light.advance())];

@@ -204,12 +204,12 @@ fn compare(case: Case, cases: &mut Cases) {
                 ("accumulated", Buffer::image(&words[0])),
                 ("moments", Buffer::image(&words[1])),
                 ("previous", Buffer::whole(&previous)),
-                ("tally", Buffer::image(&tally)),
+                ("tally_image", Buffer::image(&tally)),
                 ("light_change", Buffer::whole(&[0.0f32])),
             ],
         );
         let (light, moments) = (outputs.get::<[u32; 4]>("accumulated"), outputs.get::<[u32; 4]>("moments"));
-        let counted = outputs.get::<u32>("tally");
+        let counted = outputs.get::<u32>("tally_image");
         let own = || before(format, eyes_before[case.view], &histories[1]);
         let left = || before(format, eyes_before[0], &histories[0]);
         let before = match (case.motion, case.view) {

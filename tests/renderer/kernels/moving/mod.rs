@@ -95,9 +95,9 @@ impl Device {
         let buffers = |skinned: &[[f32; 16]]| {
             [
                 ("tables", Buffer::whole(tables)),
-                ("triangles", Buffer::whole(&skins.triangles)),
-                ("vertices", Buffer::whole(&skins.vertices)),
-                ("morphs", Buffer::whole(&skins.morphs)),
+                ("skin_triangles", Buffer::whole(&skins.triangles)),
+                ("skin_vertices", Buffer::whole(&skins.vertices)),
+                ("skin_morphs", Buffer::whole(&skins.morphs)),
                 ("pose", Buffer::whole(&rows)),
                 ("skinned", Buffer::whole(skinned)),
                 ("boxes", Buffer::whole(&boxes)),

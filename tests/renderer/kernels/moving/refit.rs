@@ -26,8 +26,8 @@ fn refitted(device: &Device, scene: &diptych::scene::Scene, poses: [&Pose; 2]) -
     for &end in &skins.levels {
         let buffers = [
             ("tables", Buffer::whole(&tables)),
-            ("nodes", Buffer::whole(&skins.nodes)),
-            ("order", Buffer::whole(&skins.order)),
+            ("tree_nodes", Buffer::whole(&skins.nodes)),
+            ("tree_order", Buffer::whole(&skins.order)),
             ("boxes", Buffer::whole(&boxes)),
         ];
         let groups = [(end - begin).div_ceil(64), 1];

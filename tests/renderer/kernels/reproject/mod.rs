@@ -65,10 +65,10 @@ fn run(
         ("left_hit", image(&eyes.hit[0])),
         ("left_guide", image(&eyes.guide[0])),
         ("left_radiance", image(&eyes.left_radiance)),
-        ("right_hit", image(&eyes.hit[1])),
-        ("right_guide", image(&eyes.guide[1])),
-        ("right_radiance", Buffer::image(before)),
-        ("right_tally", Buffer::image(tally)),
+        ("hit_image", image(&eyes.hit[1])),
+        ("guide_image", image(&eyes.guide[1])),
+        ("radiance_image", Buffer::image(before)),
+        ("tally_image", Buffer::image(tally)),
         ("holes", Buffer::whole(&empty_list(constants.area()))),
     ];
     Kernel::new("reproject", &overrides).run(constants, stripe.pass(1, [0; 3]), constants.width, &buffers)
@@ -99,7 +99,7 @@ fn compare(gloss: bool, sparse: bool, adjust: impl Fn(&mut Constants), seed: u64
         let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits() & 0x0fff_ffff).collect();
         let before = random.rubbish::<4>(constants.area());
         let outputs = run(&constants, stripe, overrides, &eyes, &before, &tally);
-        let (radiance, counted) = (outputs.get::<[u32; 4]>("right_radiance"), outputs.get::<u32>("right_tally"));
+        let (radiance, counted) = (outputs.get::<[u32; 4]>("radiance_image"), outputs.get::<u32>("tally_image"));
         let mut holes = Vec::new();
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let at = constants.index(x, y);
@@ -193,7 +193,7 @@ fn whole_pixels_are_gathered_from_one_pixel() {
     let eyes = Eyes { hit, guide: guides, left_radiance: radiance };
     let stripe = Stripe { rows: 0..1, valid: 0..1 };
     let outputs = run(&constants, &stripe, overrides, &eyes, &[[9; 4]; 16], &[0; 16]);
-    let (gathered, counted) = (outputs.get::<[u32; 4]>("right_radiance"), outputs.get::<u32>("right_tally"));
+    let (gathered, counted) = (outputs.get::<[u32; 4]>("radiance_image"), outputs.get::<u32>("tally_image"));
     for x in 0..16 {
         let expected = match x {
             5 => Some(Why::Mixed),

@@ -72,14 +72,14 @@ fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u
                 ("linear", Buffer::image(&words[1])),
                 ("display", Buffer::image(&tally)),
                 ("previous", Buffer::whole(&Constants { eyes, ..constants.clone() }.as_previous())),
-                ("tally", Buffer::image(&tally)),
+                ("tally_image", Buffer::image(&tally)),
                 ("last_surface", Buffer::whole(&[[0u32; 4]])),
                 ("last_guide", Buffer::whole(&[[0u32; 4]])),
                 ("light_change", Buffer::whole(&[0.0f32])),
             ],
         );
         let (kept, linear) = (outputs.get::<[f32; 4]>("resolved"), outputs.get::<[f32; 4]>("linear"));
-        let (display, counted) = (outputs.get::<u32>("display"), outputs.get::<u32>("tally"));
+        let (display, counted) = (outputs.get::<u32>("display"), outputs.get::<u32>("tally_image"));
         let twin = Twin { constants: &constants, stripe, view, eye: eyes[view], composed: &now, last: &last };
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let at = constants.index(x, y);
