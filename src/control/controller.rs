@@ -120,10 +120,10 @@ impl Controller {
             gap_reach_ms: self.budget.gap_reach_ms(margin),
         };
         let rungs = self.times_ms.len();
-        let Some(rung) = self.rung else { return limits.dearest(0..rungs, expected_ms).unwrap_or(0) };
+        let Some(rung) = self.rung else { return limits.most_expensive(0..rungs, expected_ms).unwrap_or(0) };
         let now_ms = expected_ms(rung);
         if now_ms > self.budget.hi_ms() / margin {
-            let lower = limits.dearest(0..rung, &expected_ms).unwrap_or(0);
+            let lower = limits.most_expensive(0..rung, &expected_ms).unwrap_or(0);
             // A rung that sometimes exceeds the budget is better than one that is never within the band.
             let is_held = now_ms <= self.budget.hi_ms() && expected_ms(lower) < limits.lo_ms;
             return if is_held { rung } else { lower };
@@ -137,7 +137,7 @@ impl Controller {
         let higher = if now_ms < limits.lo_ms {
             // Predictions for more expensive rungs are no better than for the rung that turned out to be a mistake.
             let end = above.find(|r| !may_climb_to(r) || expected_ms(*r) > limits.gap_reach_ms).unwrap_or(rungs);
-            limits.dearest(rung + 1..end, &expected_ms)
+            limits.most_expensive(rung + 1..end, &expected_ms)
         } else {
             let is_step = rung + 1 < rungs && expected_ms(rung + 1) > COARSE * now_ms;
             let reach_ms = if is_step { self.budget.step_reach_ms(margin) } else { limits.reach_ms };
@@ -182,7 +182,7 @@ struct Limits {
 impl Limits {
     /// Returns the most expensive of these rungs, which are in ascending order, within `reach_ms`. If that rung is
     /// below the band, or no rung is within reach, returns the next more expensive one if it is within `gap_reach_ms`.
-    fn dearest(
+    fn most_expensive(
         &self,
         rungs: impl DoubleEndedIterator<Item = usize>,
         expected_ms: impl Fn(usize) -> f64,

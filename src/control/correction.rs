@@ -26,7 +26,7 @@ pub struct Correction {
     has_mean: bool,
     deviation: f64,
     /// True if a frame was added since the mean was last updated.
-    is_news: bool,
+    has_new_frame: bool,
 }
 
 impl Correction {
@@ -36,13 +36,13 @@ impl Correction {
             self.frames.pop_front();
         }
         self.frames.push_back((rung, ms));
-        self.is_news = true;
+        self.has_new_frame = true;
     }
 
     /// Updates the factor from the ratios of recent measured times to current predictions. `predicted_ms` predicts the
     /// time of a rung.
     pub fn update(&mut self, predicted_ms: impl Fn(usize) -> f64) {
-        if !std::mem::take(&mut self.is_news) || self.frames.len() < 2 {
+        if !std::mem::take(&mut self.has_new_frame) || self.frames.len() < 2 {
             return;
         }
         let ratio = |&(rung, ms): &(usize, f64)| (ms / predicted_ms(rung)).clamp(1.0 / RATIO_MAX, RATIO_MAX).ln();

@@ -54,7 +54,7 @@ impl HeadsetDevice {
     /// create its device.
     pub fn open(xr: &openxr::Instance, system: SystemId, first: &Wanted) -> Result<Self, DeviceError> {
         let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
-        first.tell_threads();
+        first.request_threads();
         // SAFETY: the library that `load` opens is the system's Vulkan loader.
         let entry = unsafe { ash::Entry::load() }.map_err(failed("cannot load the Vulkan loader"))?;
         let (instance, version) = Self::instance(&entry, xr, system)?;

@@ -78,7 +78,7 @@ pub struct Wanted<'a> {
 
 impl Wanted<'_> {
     /// Sets the number of threads that Mesa reads when a device is created. The caller holds the lock [`OPENING`].
-    pub(super) fn tell_threads(&self) {
+    pub(super) fn request_threads(&self) {
         if let Some(threads) = self.threads {
             // In lavapipe, the thread of the queue executes the work itself if there are no worker threads. With a
             // single worker, the two would alternate, and each dispatch would wake both.
@@ -118,7 +118,7 @@ impl Wanted<'_> {
 /// Opens a device on its adapter.
 fn open_one(wanted: &Wanted) -> Result<GpuDevice, DeviceError> {
     let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
-    wanted.tell_threads();
+    wanted.request_threads();
     let AdapterReport { index, ref name, .. } = *wanted.adapter;
     let instance = new_instance();
     let adapter = enumerate(&instance).into_iter().nth(index).ok_or(DeviceError::NoAdapter)?;

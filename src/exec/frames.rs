@@ -41,7 +41,7 @@ pub struct InFlight {
 }
 
 /// The last complete frame, and the location of its images.
-pub struct Whole {
+pub struct CompleteFrame {
     pub inputs: Inputs,
     pub primary: usize,
     pub end_ms: f64,
@@ -53,7 +53,7 @@ pub struct Whole {
 
 /// Outcome of the oldest frame in flight.
 pub enum Finished {
-    Whole(Box<InFlight>),
+    CompleteFrame(Box<InFlight>),
     /// The devices in `failures` failed, so the frames in `frames` must be begun again, oldest first.
     Failed {
         failures: BTreeMap<usize, DeviceFailure>,
@@ -83,7 +83,7 @@ pub struct Frames {
     /// Maximum number of frames in flight.
     capacity: usize,
     /// The last complete frame.
-    pub whole: Option<Whole>,
+    pub whole: Option<CompleteFrame>,
     origin: Instant,
 }
 
@@ -138,7 +138,7 @@ impl Frames {
     }
 
     /// Sends every device its part of a frame, with the submission splits of its work.
-    pub fn hand_out(
+    pub fn dispatch_frame(
         &mut self,
         inputs: Inputs,
         (plan, graph): (&Plan, Arc<FrameGraph>),
@@ -197,7 +197,7 @@ impl Frames {
             return Err(ExecError::Stuck);
         }
         self.complete(&mut frame, collected);
-        Ok(Some(Finished::Whole(Box::new(frame))))
+        Ok(Some(Finished::CompleteFrame(Box::new(frame))))
     }
 
     fn collect(&mut self, frame: &mut InFlight) -> Collected {
@@ -269,7 +269,7 @@ impl Frames {
         }
         let primary = report.assignment.primary();
         self.recovered(frame.attempt);
-        self.whole = Some(Whole { inputs: frame.inputs.clone(), primary, end_ms, images, buffers });
+        self.whole = Some(CompleteFrame { inputs: frame.inputs.clone(), primary, end_ms, images, buffers });
     }
 
     /// Marks the faults of a frame as recovered, once this attempt is complete.
@@ -285,7 +285,7 @@ impl Frames {
     ///
     /// # Errors
     /// [`ExecError::NoneLeft`]
-    pub fn take_out(
+    pub fn drop_device(
         &mut self,
         frame: u32,
         failures: BTreeMap<usize, DeviceFailure>,
@@ -295,7 +295,7 @@ impl Frames {
         let noticed_ms = self.now_ms();
         for (device, DeviceFailure { kind, what }) in failures {
             let left = self.workers.left();
-            self.workers.take_out(device);
+            self.workers.drop_device(device);
             if left.len() == 1 {
                 return Err(ExecError::NoneLeft { device, what });
             }
@@ -310,8 +310,9 @@ impl Frames {
     ///
     /// # Errors
     /// [`ExecError::NoFrame`] if there is no such frame, or later frames may have overwritten its images.
-    pub fn whole_with(&self, image: &Output) -> Result<&Whole, ExecError> {
-        let is_there = |whole: &&Whole| whole.inputs.outputs.as_ref().is_none_or(|outputs| outputs.contains(image));
+    pub fn complete_with(&self, image: &Output) -> Result<&CompleteFrame, ExecError> {
+        let is_there =
+            |whole: &&CompleteFrame| whole.inputs.outputs.as_ref().is_none_or(|outputs| outputs.contains(image));
         let whole = self.whole.as_ref().filter(|_| self.in_flight.is_empty()).filter(is_there);
         whole.ok_or(ExecError::NoFrame)
     }
@@ -319,10 +320,10 @@ impl Frames {
     /// Reads an image of the last complete frame from its primary. The inner error is the primary's failure.
     ///
     /// # Errors
-    /// Those of [`Self::whole_with`], and [`ExecError::Stuck`] if the worker did not answer with an image.
+    /// Those of [`Self::complete_with`], and [`ExecError::Stuck`] if the worker did not answer with an image.
     pub fn fetch(&mut self, image: Output) -> Result<Result<Pixels, DeviceFailure>, ExecError> {
-        let whole = self.whole_with(&image)?;
-        let Whole { primary, inputs: Inputs { place, .. }, .. } = *whole;
+        let whole = self.complete_with(&image)?;
+        let CompleteFrame { primary, inputs: Inputs { place, .. }, .. } = *whole;
         let limit = self.limit(&whole.inputs);
         let (_, injected) = self.injected.take(primary, whole.inputs.constants.sampling.index);
         let ticket = self.workers.ask(vec![(primary, Order::Read { image, place, injected })], limit);

@@ -25,7 +25,7 @@ impl Renderer {
             }
             match self.frames.fetch(output.clone())? {
                 Ok(pixels) => return Ok(Cow::Owned(pixels)),
-                Err(failure) => self.make_again(failure)?,
+                Err(failure) => self.render_again(failure)?,
             }
         }
     }
@@ -59,7 +59,7 @@ impl Renderer {
     /// output.
     pub fn output_buffers(&self, image: Resource) -> Result<Option<(usize, Stereo<wgpu::Buffer>)>, ExecError> {
         let image = Output::from(image);
-        let whole = self.frames.whole_with(&image)?;
+        let whole = self.frames.complete_with(&image)?;
         let stereo = |[left, right]: [wgpu::Buffer; 2]| Stereo { left, right };
         Ok(whole.buffers.get(&image).cloned().map(|buffers| (whole.primary, stereo(buffers))))
     }

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::frames::{Attempt, Finished, Frames, InFlight, Whole};
+use super::frames::{Attempt, CompleteFrame, Finished, Frames, InFlight};
 use super::inputs::Inputs;
 use super::late_latching::PoseSource;
 use super::output::Output;
@@ -242,7 +242,7 @@ impl Renderer {
         let inputs =
             Inputs { constants, quality, relative_cost, previous, update, moved, time_s, place, reads, outputs, late };
         self.last = Some(inputs.clone());
-        self.hand_out(inputs, None);
+        self.dispatch_frame(inputs, None);
         Ok(())
     }
 
@@ -269,13 +269,13 @@ impl Renderer {
         while let Some(index) = self.frames.oldest() {
             let _span = tracing::info_span!("finish frame", frame = index).entered();
             match self.frames.finish()? {
-                Some(Finished::Whole(frame)) => {
+                Some(Finished::CompleteFrame(frame)) => {
                     self.learn(&frame);
                     return Ok(Some(frame.report));
                 }
                 Some(Finished::Failed { failures, frames }) => {
-                    self.take_out(index, failures)?;
-                    self.begin_again(frames);
+                    self.drop_device(index, failures)?;
+                    self.restart(frames);
                 }
                 None => {}
             }
@@ -295,35 +295,37 @@ impl Renderer {
         self.costs.learn(&FrameCosts { relative_cost, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
     }
 
-    fn take_out(
+    fn drop_device(
         &mut self,
         frame: u32,
         failures: impl IntoIterator<Item = (usize, DeviceFailure)>,
     ) -> Result<(), ExecError> {
         let planner = &mut self.planner;
-        self.frames.take_out(frame, failures.into_iter().collect(), |place| planner.remove_device(place))
+        self.frames.drop_device(frame, failures.into_iter().collect(), |place| planner.remove_device(place))
     }
 
     /// Begins all frames again that were in flight when devices failed, oldest first. The oldest continues its series
     /// of attempts, so that the faults are attributed to it. The others start with a first attempt.
-    fn begin_again(&mut self, frames: Vec<InFlight>) {
+    fn restart(&mut self, frames: Vec<InFlight>) {
         for (i, InFlight { inputs, attempt, .. }) in frames.into_iter().enumerate() {
-            self.hand_out(inputs, (i == 0).then_some(Attempt { number: attempt.number + 1, ..attempt }));
+            self.dispatch_frame(inputs, (i == 0).then_some(Attempt { number: attempt.number + 1, ..attempt }));
         }
     }
 
     /// Renders the last complete frame again on the other devices, since the device with its images has failed.
-    pub(super) fn make_again(&mut self, failure: DeviceFailure) -> Result<(), ExecError> {
-        let Some(Whole { inputs, primary, .. }) = self.frames.whole.take() else { return Err(ExecError::NoFrame) };
+    pub(super) fn render_again(&mut self, failure: DeviceFailure) -> Result<(), ExecError> {
+        let Some(CompleteFrame { inputs, primary, .. }) = self.frames.whole.take() else {
+            return Err(ExecError::NoFrame);
+        };
         let attempt = Attempt { number: 2, ..self.frames.first_attempt(self.frames.now_ms()) };
-        self.take_out(inputs.constants.sampling.index, [(primary, failure)])?;
-        self.hand_out(inputs, Some(attempt));
+        self.drop_device(inputs.constants.sampling.index, [(primary, failure)])?;
+        self.dispatch_frame(inputs, Some(attempt));
         self.finish_last().map(drop)
     }
 
     /// Plans a frame and sends every device its part. `again` describes the new attempt if the frame was begun before,
     /// and is `None` for its first attempt.
-    fn hand_out(&mut self, mut inputs: Inputs, again: Option<Attempt>) {
+    fn dispatch_frame(&mut self, mut inputs: Inputs, again: Option<Attempt>) {
         let index = inputs.constants.sampling.index;
         let _span = tracing::info_span!("begin frame", frame = index).entered();
         let now_ms = self.frames.now_ms();
@@ -374,7 +376,7 @@ impl Renderer {
             let bound_ms = self.max_dispatch_ms[device];
             bound_ms.map_or_else(Vec::new, |ms| cuts(&graph, &self.costs, device, ms, (spp, self.config.jitter(spp))))
         };
-        self.frames.hand_out(inputs, (&plan, Arc::clone(&graph)), cuts, report, attempt);
+        self.frames.dispatch_frame(inputs, (&plan, Arc::clone(&graph)), cuts, report, attempt);
         // The prediction runs while the devices are busy.
         let known = self.costs.has_learned() && !overlapped;
         let predicted = known.then(|| simulate(&graph, &self.costs).ok()).flatten();

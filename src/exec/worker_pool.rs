@@ -92,7 +92,7 @@ impl WorkerPool {
     }
 
     /// Drops a device: it gets no more commands, and its worker ends unless it hangs.
-    pub fn take_out(&mut self, device: usize) {
+    pub fn drop_device(&mut self, device: usize) {
         self.members[device].is_left = false;
         self.transport.close(device);
     }

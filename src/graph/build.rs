@@ -11,7 +11,7 @@ use super::program::{Linked, Program};
 use super::resource::{Resource, Scope};
 use super::rows::{overlap, scale, share, subtract, widen};
 use super::task::{Key, Task, TaskKind};
-use super::transfer_batches::{TransferBatch, trips};
+use super::transfer_batches::{TransferBatch, schedule_batches};
 use super::{Assignment, Dispatch};
 use crate::scene::rig::Eye;
 
@@ -229,7 +229,7 @@ impl<'a> Builder<'a> {
                     Scope::Device => self.need_own(image, node),
                 }
             }
-            self.close_parcels(number);
+            self.close_batches(number);
             if let TaskKind::Dispatch { valid: rows, .. } = &mut self.dag[node].kind {
                 *rows = valid;
             }
@@ -327,14 +327,14 @@ impl<'a> Builder<'a> {
                 let rows = self.program.images()[image].resource.extent(self.program.extent).rows();
                 self.need(image, view, rows, node, pass);
             }
-            self.close_parcels(pass);
+            self.close_batches(pass);
         }
-        self.dispatch_parcels(pass);
+        self.dispatch_batches(pass);
     }
 
     /// Groups the transfers of the consumer just added into one batch per source device; separate submissions would
     /// gain nothing. `due` is the consumer's pass.
-    fn close_parcels(&mut self, due: u32) {
+    fn close_batches(&mut self, due: u32) {
         let mut of_devices: BTreeMap<usize, (TransferBatch, Vec<Transfer>)> = BTreeMap::new();
         for transfer in self.moved.drain(..) {
             let task = &self.dag[transfer.down];
@@ -350,9 +350,9 @@ impl<'a> Builder<'a> {
     }
 
     /// Schedules the transfer batches. `end` is one past the last pass.
-    fn dispatch_parcels(&mut self, end: u32) {
+    fn dispatch_batches(&mut self, end: u32) {
         let (batches, transfers): (Vec<_>, Vec<_>) = self.batches.drain(..).unzip();
-        for (trip, transfers) in trips(&batches, end).into_iter().zip(transfers) {
+        for (trip, transfers) in schedule_batches(&batches, end).into_iter().zip(transfers) {
             for Transfer { down, up } in transfers {
                 self.dag[down].key.pass = trip.leaves_behind;
                 self.dag[up].key.pass = trip.arrives_before;

@@ -18,7 +18,7 @@ pub struct TransferBatch {
 
 /// Schedule of a transfer batch: the passes between which its rows are transferred.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Trip {
+pub struct BatchSchedule {
     /// Pass after which the batch leaves: `ready` or later, and before `due`.
     pub leaves_behind: u32,
     /// Pass before which the batch arrives: after `leaves_behind`, and at most `due`.
@@ -26,7 +26,7 @@ pub struct Trip {
 }
 
 /// Schedules each transfer batch. `end` is one past the last pass.
-pub fn trips(batches: &[TransferBatch], end: u32) -> Vec<Trip> {
+pub fn schedule_batches(batches: &[TransferBatch], end: u32) -> Vec<BatchSchedule> {
     let is_large = |batch: &&TransferBatch| batch.bytes >= FEW_BYTES;
     // Passes before which all devices split submissions, in order. They also split at `end`, before the stitch.
     let mut stops = vec![end];
@@ -53,7 +53,7 @@ pub fn trips(batches: &[TransferBatch], end: u32) -> Vec<Trip> {
         let stops = &stops[stops.partition_point(|&stop| stop <= batch.ready)..];
         let first = stops.first().copied().unwrap_or(end);
         let last = stops[..stops.partition_point(|&stop| stop <= batch.due)].last().copied().unwrap_or(first);
-        Trip { leaves_behind: first - 1, arrives_before: last }
+        BatchSchedule { leaves_behind: first - 1, arrives_before: last }
     };
     batches.iter().map(trip).collect()
 }
@@ -67,7 +67,7 @@ mod tests {
     fn trips_of(batches: &[(u32, u32, u64)]) -> Vec<(u32, u32)> {
         let batches: Vec<TransferBatch> =
             batches.iter().map(|&(ready, due, bytes)| TransferBatch { ready, due, bytes }).collect();
-        trips(&batches, END).iter().map(|trip| (trip.leaves_behind, trip.arrives_before)).collect()
+        schedule_batches(&batches, END).iter().map(|trip| (trip.leaves_behind, trip.arrives_before)).collect()
     }
 
     #[test]
@@ -99,8 +99,8 @@ mod tests {
                 TransferBatch { ready, due, bytes: u64::from(below(2)) * FEW_BYTES }
             };
             let batches: Vec<TransferBatch> = (0..count % 20).map(batch).collect();
-            for (TransferBatch { ready, due, bytes }, trip) in batches.iter().zip(trips(&batches, END)) {
-                let Trip { leaves_behind, arrives_before } = trip;
+            for (TransferBatch { ready, due, bytes }, trip) in batches.iter().zip(schedule_batches(&batches, END)) {
+                let BatchSchedule { leaves_behind, arrives_before } = trip;
                 assert!(
                     *ready <= leaves_behind && leaves_behind < arrives_before && arrives_before <= *due,
                     "{trip:?}"

@@ -7,7 +7,7 @@ use openxr::{
     SwapchainSubImage, SwapchainUsageFlags, Vulkan,
 };
 
-use super::error::{HeadsetError, Told};
+use super::error::{HeadsetError, OpenXrResult};
 use crate::device::{GpuDevice, HeadsetDevice};
 use crate::image::Extent;
 

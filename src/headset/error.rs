@@ -29,11 +29,11 @@ pub enum HeadsetError {
 }
 
 /// Converts the error of an OpenXR call to a [`HeadsetError`] that names the attempted action.
-pub(super) trait Told<T> {
+pub(super) trait OpenXrResult<T> {
     fn to(self, what: &'static str) -> Result<T, HeadsetError>;
 }
 
-impl<T> Told<T> for Result<T, sys::Result> {
+impl<T> OpenXrResult<T> for Result<T, sys::Result> {
     fn to(self, what: &'static str) -> Result<T, HeadsetError> {
         self.map_err(|source| match source {
             sys::Result::ERROR_SESSION_LOST | sys::Result::ERROR_INSTANCE_LOST => HeadsetError::Lost,

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use openxr::{Action, ActionSet, Binding, Instance, Path, Posef, Session, Space, Time, Vector2f, Vulkan};
 
-use super::error::{HeadsetError, Told};
+use super::error::{HeadsetError, OpenXrResult};
 use super::pose::head_pose;
 use crate::scene::head::HeadPose;
 

@@ -6,7 +6,7 @@ use openxr::{
     ViewConfigurationType,
 };
 
-use super::error::{HeadsetError, Told};
+use super::error::{HeadsetError, OpenXrResult};
 use crate::device::{DeviceError, HeadsetDevice, Wanted};
 use crate::image::Extent;
 

@@ -10,7 +10,7 @@ use openxr::{
 
 use super::chain::{COLOURS, DEPTHS};
 use super::drawing::{Drawing, depth_info};
-use super::error::{HeadsetError, Told};
+use super::error::{HeadsetError, OpenXrResult};
 use super::frame::{HeadsetFrame, Next, Picture, Shown};
 use super::gaze::{GazeFilter, in_image};
 use super::input::{Controls, Input};

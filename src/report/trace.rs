@@ -3,7 +3,7 @@
 use super::text_table;
 use crate::trace::Lane;
 use crate::trace::compare::{Change, Comparison};
-use crate::trace::passages::PassageSummary;
+use crate::trace::rank_transfers::RankTransferSummary;
 use crate::trace::summary::{DeviceSummary, FrameDetail, PathShare, Summary, median};
 
 /// Parts of the critical path below this fraction are combined into one.
@@ -15,7 +15,7 @@ pub fn summary_text(summary: &Summary) -> String {
         text += "\ncritical path, mean of frames\n";
         text += &path_table(summary);
     }
-    text + &passages_text(summary) + &notes(&summary.warnings)
+    text + &rank_transfers_text(summary) + &notes(&summary.warnings)
 }
 
 pub fn frame_text(detail: &FrameDetail) -> String {
@@ -38,7 +38,7 @@ pub fn frame_text(detail: &FrameDetail) -> String {
     text += &text_table(&["at ms", "ms", "device", "what", "rows"], &rows);
     text += "\ncritical path, summed\n";
     text += &path_table(summary);
-    text + &passages_text(summary) + &notes(&summary.warnings)
+    text + &rank_transfers_text(summary) + &notes(&summary.warnings)
 }
 
 pub fn comparison_text(comparison: &Comparison) -> String {
@@ -119,9 +119,9 @@ fn path_table(summary: &Summary) -> String {
 }
 
 /// Describes the transfers of rows between ranks, if there were any.
-fn passages_text(summary: &Summary) -> String {
+fn rank_transfers_text(summary: &Summary) -> String {
     let Some(passages) = &summary.passages else { return String::new() };
-    let PassageSummary { count, bytes, waited_ms, parts } = passages;
+    let RankTransferSummary { count, bytes, waited_ms, parts } = passages;
     let rows: Vec<_> = parts
         .iter()
         .map(|part| {

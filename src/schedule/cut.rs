@@ -68,7 +68,7 @@ fn probe(costs: &StripeCosts<'_>, weights: &[f64], limit: f64) -> Option<Vec<u32
 }
 
 /// Returns the cost of the most expensive stripe.
-fn dearest_ms(costs: &StripeCosts<'_>, stripes: &Stripes) -> f64 {
+fn most_expensive_ms(costs: &StripeCosts<'_>, stripes: &Stripes) -> f64 {
     stripes.iter().map(|(device, rows)| costs.ms(device, &rows)).fold(0.0, f64::max)
 }
 
@@ -105,7 +105,7 @@ impl MovingStripes {
             if self.devices > 1 && model.has_learned() {
                 let costs = model.stripes_of(set);
                 let target = target(index, &costs);
-                if dearest_ms(&costs, &target) < dearest_ms(&costs, stripes) * (1.0 - HYSTERESIS) {
+                if most_expensive_ms(&costs, &target) < most_expensive_ms(&costs, stripes) * (1.0 - HYSTERESIS) {
                     *stripes = step(stripes, &target);
                 }
             }

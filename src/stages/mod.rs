@@ -32,7 +32,7 @@ pub use images::{Images, Place};
 pub use limits::{LimitExceeded, Remedy};
 pub use params::FrameParams;
 pub use pipeline::DeviceStages;
-pub use polar::{Polar, PolarPlace};
+pub use polar::{Polar, PolarPoint};
 pub use projection::TracedProjection;
 pub use reflect::{Mismatch, verify};
 #[doc(hidden)] // For benchmarks.

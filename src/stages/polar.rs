@@ -12,7 +12,7 @@ use crate::quality::PolarSpace;
 use crate::scene::rig::{self, Eye};
 use crate::scene::shot::Gaze;
 
-pub use place::PolarPlace;
+pub use place::PolarPoint;
 
 /// Polar projection around a gaze that may move with every frame.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -94,7 +94,7 @@ impl Polar {
     }
 
     /// Returns, for each pixel of an eye's screen in row-major order, its position in the eye's polar image.
-    pub fn places(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> Vec<PolarPlace> {
+    pub fn places(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> Vec<PolarPoint> {
         let seen = self.seen(eye, time_s, view, screen);
         let width = screen.width as usize;
         let centre = |i: usize| [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5];

@@ -13,7 +13,7 @@ mod growing;
 mod host;
 pub(crate) mod intervals;
 mod median;
-pub mod passages;
+pub mod rank_transfers;
 pub mod read;
 mod recorder;
 pub mod summary;

@@ -8,7 +8,7 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::document::raw_trace_from_bytes;
-use super::passages::{HostSpan, passages};
+use super::rank_transfers::{HostSpan, rank_transfers};
 use super::recorder::RANK_HOST;
 use super::work::{Device, FrameTime, Order, Task, Trace};
 use super::{FIRST_DEVICE_PID, FRAMES_NAME, HOST_PID, Lane, TraceError};
@@ -108,7 +108,7 @@ impl Reader {
             }
         }
         let warnings = self.warnings(&foreign_pids);
-        let passages = passages(host_spans);
+        let passages = rank_transfers(host_spans);
         Ok(Trace { devices: self.devices(), tasks: tasks(device_spans, residual_us)?, frame_times, passages, warnings })
     }
 

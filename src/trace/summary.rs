@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::critical::{What, critical_path};
 use super::intervals::{Interval, length, length_in_two_or_more, shared_length, union};
 pub use super::median::median;
-use super::passages::PassageSummary;
+use super::rank_transfers::RankTransferSummary;
 use super::work::{Device, Frame, FrameTime, Trace, extent};
 use super::{Lane, TraceError};
 
@@ -91,7 +91,7 @@ pub struct Summary {
     pub critical_path: Vec<PathShare>,
     /// Summary of transfers of rows between ranks; none without such transfers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub passages: Option<PassageSummary>,
+    pub passages: Option<RankTransferSummary>,
     pub warnings: Vec<String>,
 }
 
@@ -184,7 +184,7 @@ fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
         hidden_transfer_share: (transfer_ms > 0.0).then(|| hidden_ms / transfer_ms),
         imbalance: imbalance(&devices),
         critical_path: path_shares(frames),
-        passages: PassageSummary::of(&trace.passages, |frame| numbers.contains(&frame)),
+        passages: RankTransferSummary::of(&trace.passages, |frame| numbers.contains(&frame)),
         devices,
         warnings,
     }

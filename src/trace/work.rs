@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use super::intervals::Interval;
-use super::passages::Passage;
+use super::rank_transfers::RankTransfer;
 use super::{FIRST_DEVICE_PID, Lane};
 
 /// A task of a device.
@@ -74,7 +74,7 @@ pub struct Trace {
     /// Frames with known begin and end.
     pub frame_times: Vec<FrameTime>,
     /// Transfers of rows from rank to rank.
-    pub passages: Vec<Passage>,
+    pub passages: Vec<RankTransfer>,
     /// Anomalies of the trace that are not errors, each reported once.
     pub warnings: Vec<String>,
 }

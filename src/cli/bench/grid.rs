@@ -64,7 +64,7 @@ impl<'a> Grid<'a> {
         settings.extend(judged);
         let key = &self.reference.key;
         let missing: Vec<_> = settings.iter().filter(|s| journal.find(key, s).is_none()).copied().collect();
-        let mut ahead = Ahead::new(self.args, &missing, settings.len());
+        let mut ahead = GridProgress::new(self.args, &missing, settings.len());
         for (number, setting) in missing.iter().enumerate() {
             let measured = self.measure_one(number as u32, setting, &mut ahead)?;
             journal.add(key, setting, &measured)?;
@@ -76,7 +76,7 @@ impl<'a> Grid<'a> {
     }
 
     /// Measures the times and errors of a setting. `number` is its index among the settings to measure.
-    fn measure_one(&self, number: u32, setting: &Quality, ahead: &mut Ahead) -> Result<Measured, Failure> {
+    fn measure_one(&self, number: u32, setting: &Quality, ahead: &mut GridProgress) -> Result<Measured, Failure> {
         let Self { args, loaded, reference, tracing, .. } = self;
         let (mut renderer, options) = self.renderer(setting)?;
         record_devices(&tracing.recorder, renderer.devices());
@@ -133,7 +133,7 @@ impl<'a> Grid<'a> {
 }
 
 /// Progress over all settings, with an estimate of the remaining time.
-struct Ahead {
+struct GridProgress {
     progress: Progress,
     begin: Instant,
     settings: usize,
@@ -143,7 +143,7 @@ struct Ahead {
     done: u64,
 }
 
-impl Ahead {
+impl GridProgress {
     fn new(args: &Args, missing: &[Quality], settings: usize) -> Self {
         let work = missing.iter().map(|s| work(s) * u64::from(args.frames_of(s))).sum();
         let progress = Progress::work(work, args.options.quiet, args.options.json);

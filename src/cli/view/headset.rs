@@ -22,8 +22,8 @@ use crate::report::rectified::RectifiedFrame;
 use crate::scene::head::Recording;
 
 use super::args::Args;
-use super::renderer::frame_news;
-use super::shared::News;
+use super::renderer::frame_status;
+use super::shared::Status;
 use super::status::ViewStatus;
 use crate::cli::failure::Failure;
 use crate::cli::play::{Prepared, Session};
@@ -98,8 +98,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         devices: session.renderer.devices().iter().map(|info| format!("dev{} {}", info.index, info.name)).collect(),
         is_foveated: prepared.render.foveated.is_on(),
     };
-    let (news, board) = (News::default(), None);
-    let mut show = Show { session, headset, world, late, motion, record, look, news, board, opens_board: args.panel };
+    let (status, board) = (Status::default(), None);
+    let mut show = Show { session, headset, world, late, motion, record, look, status, board, opens_board: args.panel };
     // Write the results so far, even after an error.
     let shown = show.frames(&prepared);
     let finished = show.finish(args, &prepared, &loaded, first.period_ms());
@@ -167,7 +167,7 @@ struct Show {
     /// Record of the frames; `None` without --out.
     record: Option<FrameRecord>,
     look: ViewStatus,
-    news: News,
+    status: Status,
     /// The panel, while it is shown.
     board: Option<PanelQuad>,
     /// True if the panel opens with the next frame.
@@ -197,7 +197,7 @@ impl Show {
     }
 
     fn frame(&mut self, frame: &HeadsetFrame, index: u32, begin_s: f64) -> Result<(), Failure> {
-        let Self { session, headset, world, late, motion, record, look, news, board, opens_board } = self;
+        let Self { session, headset, world, late, motion, record, look, status, board, opens_board } = self;
         let (rig, time_s) = (world.rig_of(frame)?, begin_s + frame.display_s);
         let decided = session.decide();
         if let Some(gaze) = frame.gaze {
@@ -218,9 +218,9 @@ impl Show {
         if opens != frame.input.toggles_panel {
             *board = if board.is_none() { PanelQuad::open(headset, &frame)? } else { None };
         }
-        news.add(frame_news(row.clone()));
-        news.rungs = session.ladder().rungs().len();
-        let panel = board.as_mut().map(|board| board.panel(headset, look, news)).transpose()?.flatten();
+        status.add(frame_status(row.clone()));
+        status.rungs = session.ladder().rungs().len();
+        let panel = board.as_mut().map(|board| board.panel(headset, look, status)).transpose()?.flatten();
         let picture = Picture { images, distances, metres_per_unit: rig.metres_per_unit, panel };
         let shown = headset.show(&frame, &picture)?;
         let Shown { ahead_ms, motion_to_photon_ms } = shown;

@@ -6,7 +6,7 @@ use egui::{
 use egui::{TexturesDelta, Ui, Vec2, pos2, vec2};
 
 use super::layout::Placement;
-use super::shared::{FrameNews, News};
+use super::shared::{FrameStatus, Status};
 use super::status::ViewStatus;
 
 /// egui's output, ready to be drawn.
@@ -77,7 +77,7 @@ impl Overlay {
         size: [u32; 2],
         pixels_per_point: f32,
         look: &ViewStatus,
-        news: &News,
+        status: &Status,
         placements: &[Placement],
         parts: Parts,
     ) -> (Painted, TexturesDelta) {
@@ -90,12 +90,12 @@ impl Overlay {
         let output = self.context.run_ui(input, |ui| {
             if look.is_foveated {
                 let painter = ui.painter();
-                placements.iter().for_each(|p| layers(painter, p, news, pixels_per_point, parts.panel));
+                placements.iter().for_each(|p| layers(painter, p, status, pixels_per_point, parts.panel));
             }
             if parts.panel {
-                area(ui, "panel", Align2::LEFT_TOP, |ui| panel(ui, look, news));
+                area(ui, "panel", Align2::LEFT_TOP, |ui| panel(ui, look, status));
             }
-            if news.frames.is_empty() {
+            if status.frames.is_empty() {
                 area(ui, "wait", Align2::CENTER_CENTER, |ui| {
                     ui.label("warming up the devices and timing settings …");
                 });
@@ -121,44 +121,44 @@ fn area(ui: &Ui, name: &str, corner: Align2, contents: impl FnOnce(&mut Ui)) {
     });
 }
 
-fn panel(ui: &mut Ui, look: &ViewStatus, news: &News) {
-    let place = if news.follows_path { "on its path" } else { "free" };
+fn panel(ui: &mut Ui, look: &ViewStatus, status: &Status) {
+    let place = if status.follows_path { "on its path" } else { "free" };
     ui.label(RichText::new(format!("{}, {}, {place}", look.scene, look.eye)).strong());
-    let Some(last) = news.frames.back() else { return };
+    let Some(last) = status.frames.back() else { return };
     let [lo_ms, hi_ms] = look.band_ms;
     let colour = if last.in_band { IN_BAND } else { OUT_OF_BAND };
-    ui.label(RichText::new(format!("{:.1} ms, {:.1} frames per second", last.makespan_ms, rate(news))).color(colour));
-    plot(ui, look.band_ms, news);
-    let share = 100.0 * news.in_band as f64 / news.count as f64;
-    ui.label(format!("{share:.1} % of {} frames within {lo_ms} to {hi_ms} ms", news.count));
-    ui.label(format!("rung {} of 0 to {}: {}", last.rung, news.rungs.saturating_sub(1), last.quality,));
+    ui.label(RichText::new(format!("{:.1} ms, {:.1} frames per second", last.makespan_ms, rate(status))).color(colour));
+    plot(ui, look.band_ms, status);
+    let share = 100.0 * status.in_band as f64 / status.count as f64;
+    ui.label(format!("{share:.1} % of {} frames within {lo_ms} to {hi_ms} ms", status.count));
+    ui.label(format!("rung {} of 0 to {}: {}", last.rung, status.rungs.saturating_sub(1), last.quality,));
     ui.add_space(3.0);
     shares(ui, &look.devices, last);
 }
 
 /// Returns the frame rate over the last thirty frames, Hz.
-fn rate(news: &News) -> f64 {
-    let recent = news.frames.len().min(30);
-    let first = &news.frames[news.frames.len() - recent];
-    let passed_s = news.frames.back().map_or(0.0, |last| (last.at - first.at).as_secs_f64());
+fn rate(status: &Status) -> f64 {
+    let recent = status.frames.len().min(30);
+    let first = &status.frames[status.frames.len() - recent];
+    let passed_s = status.frames.back().map_or(0.0, |last| (last.at - first.at).as_secs_f64());
     if passed_s > 0.0 { (recent - 1) as f64 / passed_s } else { 0.0 }
 }
 
 /// Plots the recent frame times, with the budget as a shaded band.
-fn plot(ui: &mut Ui, [lo_ms, hi_ms]: [f64; 2], news: &News) {
+fn plot(ui: &mut Ui, [lo_ms, hi_ms]: [f64; 2], status: &Status) {
     let (rect, _) = ui.allocate_exact_size(vec2(WIDTH, 68.0), Sense::hover());
     let painter = ui.painter_at(rect);
-    let longest_ms = news.frames.iter().fold(0.0, |most: f64, frame| most.max(frame.makespan_ms));
+    let longest_ms = status.frames.iter().fold(0.0, |most: f64, frame| most.max(frame.makespan_ms));
     let most_ms = (1.05 * longest_ms).clamp(1.5 * hi_ms, 4.0 * hi_ms);
     let y = |ms: f64| rect.bottom() - 1.0 - (rect.height() - 2.0) * (ms / most_ms).min(1.0) as f32;
     painter.rect_filled(rect, 2.0, Color32::from_black_alpha(120));
     let band = Rect::from_x_y_ranges(rect.x_range(), y(hi_ms)..=y(lo_ms));
     painter.rect_filled(band, 0.0, IN_BAND.gamma_multiply(0.22));
     let column = rect.width() / 120.0;
-    let x = |i: usize| rect.right() - column * (news.frames.len() - i) as f32 + 0.5 * column;
-    let line: Vec<Pos2> = news.frames.iter().enumerate().map(|(i, f)| pos2(x(i), y(f.makespan_ms))).collect();
+    let x = |i: usize| rect.right() - column * (status.frames.len() - i) as f32 + 0.5 * column;
+    let line: Vec<Pos2> = status.frames.iter().enumerate().map(|(i, f)| pos2(x(i), y(f.makespan_ms))).collect();
     painter.add(Shape::line(line, Stroke::new(1.3, TEXT)));
-    for (i, frame) in news.frames.iter().enumerate().filter(|(_, frame)| !frame.in_band) {
+    for (i, frame) in status.frames.iter().enumerate().filter(|(_, frame)| !frame.in_band) {
         painter.circle_filled(pos2(x(i), y(frame.makespan_ms)), 1.7, OUT_OF_BAND);
     }
     for (ms, align) in [(hi_ms, Align2::LEFT_BOTTOM), (lo_ms, Align2::LEFT_TOP)] {
@@ -167,7 +167,7 @@ fn plot(ui: &mut Ui, [lo_ms, hi_ms]: [f64; 2], news: &News) {
 }
 
 /// Draws a bar of the rows that each device had, and the devices' names.
-fn shares(ui: &mut Ui, devices: &[String], last: &FrameNews) {
+fn shares(ui: &mut Ui, devices: &[String], last: &FrameStatus) {
     let rows: u32 = last.stripes.iter().sum();
     let share = |rows_of: u32| f64::from(rows_of) / f64::from(rows.max(1));
     let (rect, _) = ui.allocate_exact_size(vec2(WIDTH, 11.0), Sense::hover());
@@ -189,8 +189,8 @@ fn shares(ui: &mut Ui, devices: &[String], last: &FrameNews) {
 }
 
 /// Draws the borders of foveal layers, if `with_circles`, and a cross at the gaze.
-fn layers(painter: &egui::Painter, placement: &Placement, news: &News, pixels_per_point: f32, with_circles: bool) {
-    let Some(eyes) = news.circles else { return };
+fn layers(painter: &egui::Painter, placement: &Placement, status: &Status, pixels_per_point: f32, with_circles: bool) {
+    let Some(eyes) = status.circles else { return };
     let (radii, gaze) = eyes[placement.eye_index()];
     let points = |pixels: f64| pixels as f32 / pixels_per_point;
     let [x, y] = [placement.x + gaze[0] * placement.scale, placement.y + gaze[1] * placement.scale].map(points);

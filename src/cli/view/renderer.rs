@@ -10,7 +10,7 @@ use crate::scene::Scene;
 use crate::scene::head::Recording;
 
 use super::camera::Camera;
-use super::shared::{FrameNews, Shared};
+use super::shared::{FrameStatus, Shared};
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::play::{Pace, Prepared, Session};
@@ -64,8 +64,8 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
             let foveation = session.inner.gaze.map_or(foveation.clone(), |eyes| foveation.looking(eyes));
             [0, 1].map(|eye| foveation.circles_of(radii, eye, time_s, options.size.width, options.size.height))
         });
-        shared.show(picture, frame_news(row), |news| {
-            (news.rungs, news.follows_path, news.circles) =
+        shared.show(picture, frame_status(row), |status| {
+            (status.rungs, status.follows_path, status.circles) =
                 (session.ladder().rungs().len(), camera.follows_path(), circles);
         });
         wake();
@@ -82,8 +82,8 @@ pub fn speed_per_s(scene: &Scene) -> f64 {
     if diagonal.is_finite() && diagonal > 0.0 { diagonal / 10.0 } else { 1.0 }
 }
 
-pub fn frame_news(row: FrameRow) -> FrameNews {
-    FrameNews {
+pub fn frame_status(row: FrameRow) -> FrameStatus {
+    FrameStatus {
         at: Instant::now(),
         makespan_ms: row.makespan_ms,
         in_band: row.control.is_some_and(|c| c.in_band),

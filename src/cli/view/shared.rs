@@ -41,14 +41,14 @@ pub struct Input {
 #[derive(Default)]
 struct Output {
     picture: Option<EyeImages>,
-    news: News,
+    status: Status,
 }
 
 /// Data that the overlay shows.
 #[derive(Clone, Debug, Default)]
-pub struct News {
+pub struct Status {
     /// Recent frames, the oldest first.
-    pub frames: VecDeque<FrameNews>,
+    pub frames: VecDeque<FrameStatus>,
     pub count: u64,
     pub in_band: u64,
     pub rungs: usize,
@@ -58,7 +58,7 @@ pub struct News {
 }
 
 #[derive(Clone, Debug)]
-pub struct FrameNews {
+pub struct FrameStatus {
     pub at: Instant,
     pub makespan_ms: f64,
     pub in_band: bool,
@@ -68,8 +68,8 @@ pub struct FrameNews {
     pub stripes: Vec<u32>,
 }
 
-impl News {
-    pub fn add(&mut self, frame: FrameNews) {
+impl Status {
+    pub fn add(&mut self, frame: FrameStatus) {
         self.count += 1;
         self.in_band += u64::from(frame.in_band);
         if self.frames.len() == REMEMBERED {
@@ -97,17 +97,17 @@ impl Shared {
     }
 
     /// Hands a frame to the window; `change` updates the rest of the overlay's data.
-    pub fn show(&self, picture: EyeImages, frame: FrameNews, change: impl FnOnce(&mut News)) {
+    pub fn show(&self, picture: EyeImages, frame: FrameStatus, change: impl FnOnce(&mut Status)) {
         let mut output = locked(&self.output);
         output.picture = Some(picture);
-        output.news.add(frame);
-        change(&mut output.news);
+        output.status.add(frame);
+        change(&mut output.status);
     }
 
     /// Returns the newest picture, if it was not taken before, and the data for the overlay.
-    pub fn take_output(&self) -> (Option<EyeImages>, News) {
+    pub fn take_output(&self) -> (Option<EyeImages>, Status) {
         let mut output = locked(&self.output);
-        (output.picture.take(), output.news.clone())
+        (output.picture.take(), output.status.clone())
     }
 
     /// Asks the renderer's thread to stop.

@@ -19,7 +19,7 @@ use super::layout::Layout;
 use super::overlay::{Overlay, Parts};
 use super::present::{Drawing, Presenter};
 use super::renderer::{self, Start};
-use super::shared::{News, Shared};
+use super::shared::{Shared, Status};
 use super::status::ViewStatus;
 use crate::cli::failure::Failure;
 
@@ -46,7 +46,7 @@ struct Open {
     window: Arc<Window>,
     presenter: Presenter,
     overlay: Overlay,
-    news: News,
+    status: Status,
     drawing: Drawing,
     layout: Layout,
     parts: Parts,
@@ -90,7 +90,7 @@ impl App {
             window,
             presenter,
             overlay: Overlay::new(),
-            news: News::default(),
+            status: Status::default(),
             drawing: Drawing::default(),
             layout: Layout::default(),
             parts: Parts { panel: true, help: false, hint: true },
@@ -163,7 +163,7 @@ impl ApplicationHandler<Wake> for App {
             }
             WindowEvent::Focused(false) => {
                 open.held.clear();
-                open.tell_keys(&self.shared);
+                open.update_moves(&self.shared);
             }
             WindowEvent::CursorMoved { position, .. } => open.point(&self.look, &self.shared, [position.x, position.y]),
             WindowEvent::MouseInput { state, button: MouseButton::Right, .. } => {
@@ -180,20 +180,20 @@ impl ApplicationHandler<Wake> for App {
 impl Open {
     fn redraw(&mut self, look: &ViewStatus, shared: &Shared) -> Result<(), anyhow::Error> {
         self.drawn = Some(Instant::now());
-        let (picture, news) = shared.take_output();
-        self.news = news;
+        let (picture, status) = shared.take_output();
+        self.status = status;
         if let Some(picture) = picture {
             self.presenter.upload(&picture);
         }
         let size = self.presenter.size();
         // There are no images before the first frame.
         self.drawing.placements =
-            if self.news.frames.is_empty() { Vec::new() } else { self.layout.placements(size, look.eye) };
+            if self.status.frames.is_empty() { Vec::new() } else { self.layout.placements(size, look.eye) };
         let (painted, textures) = self.overlay.paint(
             size,
             self.window.scale_factor() as f32,
             look,
-            &self.news,
+            &self.status,
             &self.drawing.placements,
             self.parts,
         );
@@ -224,7 +224,7 @@ impl Open {
         let PhysicalKey::Code(code) = event.physical_key else { return };
         if event.state == ElementState::Released {
             self.held.remove(&code);
-            return self.tell_keys(shared);
+            return self.update_moves(shared);
         }
         if event.repeat {
             return;
@@ -238,13 +238,13 @@ impl Open {
             KeyCode::KeyP => shared.change_input(|input| input.toggles_path ^= true),
             _ => {
                 self.held.insert(code);
-                self.tell_keys(shared);
+                self.update_moves(shared);
             }
         }
         self.window.request_redraw();
     }
 
-    fn tell_keys(&self, shared: &Shared) {
+    fn update_moves(&self, shared: &Shared) {
         let axis = |more: KeyCode, less: KeyCode| {
             let held = |code| f64::from(u8::from(self.held.contains(&code)));
             held(more) - held(less)

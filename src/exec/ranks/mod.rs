@@ -37,12 +37,12 @@ pub use shared::Recorded;
 const SIZES: [&str; 4] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS"];
 const NUMBERS: [&str; 3] = ["OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID"];
 
-fn told(names: &[&str]) -> Option<u32> {
+fn number_in_environment(names: &[&str]) -> Option<u32> {
     names.iter().filter_map(|name| std::env::var(name).ok()?.parse().ok()).max()
 }
 
 /// Returns the rank of this process from the environment variables of MPI launchers, before MPI is initialised. Returns
 /// `None` if the process was started alone, and 0 if the variables contain the number of processes but not the rank.
 pub fn started_as() -> Option<u32> {
-    told(&SIZES).filter(|&size| size > 1).map(|_| told(&NUMBERS).unwrap_or(0))
+    number_in_environment(&SIZES).filter(|&size| size > 1).map(|_| number_in_environment(&NUMBERS).unwrap_or(0))
 }

@@ -10,7 +10,7 @@ use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
 
 use super::agree::Identity;
 use super::link::Link;
-use super::packet::{Letter, Request, Response};
+use super::packet::{RankMessage, Request, Response};
 use super::post::Post;
 use super::shared::{Control, Shared};
 use super::transport::RendererDevices;
@@ -26,7 +26,7 @@ pub struct Node {
     rank: usize,
     ranks: usize,
     controls: Sender<Control>,
-    letters: Mutex<Receiver<(usize, Letter)>>,
+    messages: Mutex<Receiver<(usize, RankMessage)>>,
     shared: Arc<Shared>,
     pub(super) epoch: Instant,
     /// Next number of a request (`requests`), and next number of a renderer or of a set of devices (`numbers`).
@@ -52,14 +52,14 @@ impl Node {
         on_interrupt: impl Fn(i32) + Send + 'static,
     ) -> Result<Arc<Self>, String> {
         let (controls, orders) = unbounded();
-        let (letter, letters) = unbounded();
+        let (message, messages) = unbounded();
         let (told, made) = bounded(1);
         let shared = Arc::<Shared>::default();
         let (epoch, of_post) = (Instant::now(), Arc::clone(&shared));
         let run = move || match link() {
             Ok(link) => {
                 let _ = told.send(Ok((link.rank(), link.ranks(), link.host())));
-                Post::new(link, orders, letter, of_post, epoch, Box::new(on_interrupt)).run();
+                Post::new(link, orders, message, of_post, epoch, Box::new(on_interrupt)).run();
             }
             Err(what) => {
                 let _ = told.send(Err(what));
@@ -71,7 +71,7 @@ impl Node {
             rank,
             ranks,
             controls,
-            letters: Mutex::new(letters),
+            messages: Mutex::new(messages),
             shared,
             epoch,
             requests: AtomicU64::new(0),
@@ -81,7 +81,7 @@ impl Node {
         *node.hosts() = vec![String::new(); ranks];
         node.hosts()[rank].clone_from(&host);
         if rank > 0 {
-            node.tell(0, Letter::Hello(Identity::here(host)));
+            node.tell(0, RankMessage::Hello(Identity::here(host)));
         }
         Ok(Arc::new(node))
     }
@@ -147,7 +147,7 @@ impl Node {
                 let what = format!("it did not join within {} s", MEETING.as_secs());
                 return Err(RankError::Lost { rank: first, host: String::new(), what });
             }
-            let Some((rank, Letter::Hello(there))) = self.letter(SLICE) else { continue };
+            let Some((rank, RankMessage::Hello(there))) = self.message(SLICE) else { continue };
             self.hosts()[rank].clone_from(&there.host);
             missing.retain(|other| *other != rank);
             refused.extend(here.check(&there).err().map(|what| (rank, what)));
@@ -173,13 +173,13 @@ impl Node {
     pub fn ask(self: &Arc<Self>, request: impl Fn(usize) -> Request) -> Asked {
         let number = self.requests.fetch_add(1, Ordering::Relaxed);
         for rank in 1..self.ranks {
-            self.tell(rank, Letter::Request { number, request: Box::new(request(rank)) });
+            self.tell(rank, RankMessage::Request { number, request: Box::new(request(rank)) });
         }
         Asked { node: Arc::clone(self), number }
     }
 
-    pub(super) fn tell(&self, to: usize, letter: Letter) {
-        self.control(Control::Send { to, letter });
+    pub(super) fn tell(&self, to: usize, message: RankMessage) {
+        self.control(Control::Send { to, message });
     }
 
     pub(super) fn attach(&self, number: u32, renderer: RendererDevices) {
@@ -196,9 +196,9 @@ impl Node {
     }
 
     /// Returns the next message from another rank, with the number of that rank, if one arrives within `limit`.
-    pub(super) fn letter(&self, limit: Duration) -> Option<(usize, Letter)> {
-        let letters = self.letters.lock().unwrap_or_else(PoisonError::into_inner);
-        letters.recv_timeout(limit).ok()
+    pub(super) fn message(&self, limit: Duration) -> Option<(usize, RankMessage)> {
+        let messages = self.messages.lock().unwrap_or_else(PoisonError::into_inner);
+        messages.recv_timeout(limit).ok()
     }
 
     /// On rank 0, ends all ranks with this exit status; on other ranks, leaves the others. If a rank is lost, aborts
@@ -209,7 +209,7 @@ impl Node {
             self.control(Control::Abort { status: status.max(1) });
         } else {
             if self.rank == 0 {
-                (1..self.ranks).for_each(|rank| self.tell(rank, Letter::End { status }));
+                (1..self.ranks).for_each(|rank| self.tell(rank, RankMessage::End { status }));
             }
             self.control(Control::Leave);
         }
@@ -228,7 +228,7 @@ impl Asked {
         let mut answers: Vec<Option<Result<Response, String>>> = (1..node.ranks).map(|_| None).collect();
         while answers.iter().any(Option::is_none) {
             node.check_lost()?;
-            if let Some((rank, Letter::Response { number, response })) = node.letter(SLICE)
+            if let Some((rank, RankMessage::Response { number, response })) = node.message(SLICE)
                 && number == self.number
             {
                 answers[rank - 1] = Some(response);

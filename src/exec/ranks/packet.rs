@@ -31,7 +31,7 @@ pub enum Packet {
     /// Answer to a ping: the ping's `sent_ms`, the time on the answering rank's clock, and the size of the ping's load.
     Pong { sent_ms: f64, here_ms: f64, bytes: usize },
     /// Message that belongs to no frame.
-    Letter(Letter),
+    RankMessage(RankMessage),
 }
 
 /// Identification of a packet's rows in traces.
@@ -51,7 +51,7 @@ impl RowsName {
 
 /// Message between ranks that belongs to no frame.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
-pub enum Letter {
+pub enum RankMessage {
     /// Identity of the sender.
     Hello(Identity),
     /// Request from rank 0. The response has the same number.
@@ -232,7 +232,7 @@ mod tests {
         }
         assert_comes_back(Packet::Message { renderer: 1, device: 2, message: Message::Abort { ticket: 7 } });
         assert_comes_back(Packet::Signs { renderer: 1, signs: vec![(4, Some(LifeSign::default())), (5, None)] });
-        assert_comes_back(Packet::Letter(Letter::Response { number: 1, response: Err("no".to_owned()) }));
+        assert_comes_back(Packet::RankMessage(RankMessage::Response { number: 1, response: Err("no".to_owned()) }));
     }
 
     #[test]

@@ -47,7 +47,7 @@ pub struct Peer {
 }
 
 /// A ping to send to the other rank, which starts a round trip.
-pub struct Trip {
+pub struct Ping {
     pub bytes: usize,
     /// True if another one follows as soon as this one is answered.
     pub followed: bool,
@@ -61,7 +61,7 @@ impl Peer {
 
     /// Begins a call and returns its first ping. Returns `None` while the first ping of the previous call has no
     /// response. `is_crowded` is true while rows are being sent.
-    pub fn call(&mut self, now_ms: f64, is_crowded: bool) -> Option<Trip> {
+    pub fn call(&mut self, now_ms: f64, is_crowded: bool) -> Option<Ping> {
         if self.awaits {
             return None;
         }
@@ -79,15 +79,15 @@ impl Peer {
         Some(self.trip())
     }
 
-    fn trip(&mut self) -> Trip {
+    fn trip(&mut self) -> Ping {
         self.trips -= 1;
-        Trip { bytes: self.load, followed: self.trips > 0 && self.load == 0 }
+        Ping { bytes: self.load, followed: self.trips > 0 && self.load == 0 }
     }
 
     /// Records a round trip from `sent_ms` to `now_ms` with a load of `bytes` bytes, during which the other rank's
     /// clock read `there_ms`. `rows_came` is true if rows arrived meanwhile. Returns the next ping of the call, to be
     /// sent at once, if there is one.
-    pub fn learn(&mut self, [sent_ms, now_ms]: [f64; 2], there_ms: f64, bytes: usize, rows_came: bool) -> Option<Trip> {
+    pub fn learn(&mut self, [sent_ms, now_ms]: [f64; 2], there_ms: f64, bytes: usize, rows_came: bool) -> Option<Ping> {
         self.clock.learn(sent_ms..now_ms, there_ms);
         let is_first = std::mem::take(&mut self.awaits);
         self.is_crowded |= rows_came;
@@ -138,7 +138,7 @@ mod tests {
             while now_ms < until_ms {
                 let begin_ms = now_ms;
                 let mut next = peer.call(now_ms, false);
-                while let Some(Trip { bytes, .. }) = next {
+                while let Some(Ping { bytes, .. }) = next {
                     let sent_ms = now_ms;
                     now_ms += 2.0 * self.latency_ms + bytes as f64 / self.bytes_per_ms + self.wait_ms();
                     next = peer.learn([sent_ms, now_ms], sent_ms, bytes, false);

@@ -9,8 +9,8 @@ use crossbeam::channel::{Receiver, Select, Sender, TryRecvError};
 use tracing::span::EnteredSpan;
 
 use super::link::Link;
-use super::packet::{Letter, Packet, RowsName};
-use super::peer::{Peer, TRIPS_TIME, Trip};
+use super::packet::{Packet, RankMessage, RowsName};
+use super::peer::{Peer, Ping, TRIPS_TIME};
 use super::shared::{Control, Shared};
 use super::transport::RendererDevices;
 use super::{RankError, Recorded};
@@ -36,7 +36,7 @@ const LONG_REST: Duration = Duration::from_millis(1);
 pub struct Post<L> {
     link: L,
     controls: Receiver<Control>,
-    letters: Sender<(usize, Letter)>,
+    messages: Sender<(usize, RankMessage)>,
     shared: Arc<Shared>,
     renderers: HashMap<u32, RendererDevices>,
     peers: Vec<Peer>,
@@ -64,7 +64,7 @@ impl<L: Link> Post<L> {
     pub fn new(
         link: L,
         controls: Receiver<Control>,
-        letters: Sender<(usize, Letter)>,
+        messages: Sender<(usize, RankMessage)>,
         shared: Arc<Shared>,
         epoch: Instant,
         on_interrupt: Box<dyn Fn(i32)>,
@@ -74,7 +74,7 @@ impl<L: Link> Post<L> {
         Self {
             link,
             controls,
-            letters,
+            messages,
             shared,
             renderers: HashMap::new(),
             peers,
@@ -98,7 +98,7 @@ impl<L: Link> Post<L> {
             let mut any = false;
             loop {
                 match self.controls.try_recv() {
-                    Ok(Control::Send { to, letter }) => self.send(to, &Packet::Letter(letter)),
+                    Ok(Control::Send { to, message }) => self.send(to, &Packet::RankMessage(message)),
                     Ok(Control::Attach { number, renderer }) => drop(self.renderers.insert(number, *renderer)),
                     Ok(Control::Detach { number }) => drop(self.renderers.remove(&number)),
                     Ok(Control::Abort { status }) => return self.link.abort(status),
@@ -115,7 +115,7 @@ impl<L: Link> Post<L> {
             // MPI makes progress only during calls, so unfinished messages shorten the rest between polls. They do
             // not while there are renderers, since the devices of these may share the cores.
             let is_under_way = !self.link.is_settled() && self.renderers.is_empty();
-            self.keep_in_touch();
+            self.send_heartbeats();
             if any || is_under_way {
                 self.active = self.looked;
             }
@@ -205,11 +205,13 @@ impl<L: Link> Post<L> {
                 self.send(from, &Packet::Pong { sent_ms, here_ms, bytes });
             }
             Packet::Pong { sent_ms, here_ms, bytes } => self.learn(from, sent_ms, here_ms, bytes),
-            Packet::Letter(Letter::Interrupted { signal }) => (self.on_interrupt)(signal),
-            Packet::Letter(Letter::Spans { text, from_ms, to_ms }) => self.keep(from, text.to_vec(), [from_ms, to_ms]),
-            Packet::Letter(letter) => {
+            Packet::RankMessage(RankMessage::Interrupted { signal }) => (self.on_interrupt)(signal),
+            Packet::RankMessage(RankMessage::Spans { text, from_ms, to_ms }) => {
+                self.keep(from, text.to_vec(), [from_ms, to_ms])
+            }
+            Packet::RankMessage(message) => {
                 // The receiver is gone if the run has ended.
-                let _ = self.letters.send((from, letter));
+                let _ = self.messages.send((from, message));
             }
         }
         !is_sign
@@ -235,8 +237,8 @@ impl<L: Link> Post<L> {
 
     /// Sends the ping of `trip`, if there is one. Pings request a sign of life; those with a load measure the
     /// bandwidth.
-    fn ping(&mut self, to: usize, sent_ms: f64, trip: Option<Trip>) {
-        let Some(Trip { bytes, followed }) = trip else { return };
+    fn ping(&mut self, to: usize, sent_ms: f64, trip: Option<Ping>) {
+        let Some(Ping { bytes, followed }) = trip else { return };
         if bytes == 0 {
             self.alert = Instant::now() + TRIPS_TIME;
         }
@@ -250,7 +252,7 @@ impl<L: Link> Post<L> {
 
     /// Calls the next rank (on rank 0) or sends the workers' signs of life (on other ranks) if it is time to, and
     /// detects silent ranks.
-    fn keep_in_touch(&mut self) {
+    fn send_heartbeats(&mut self) {
         let now = Instant::now();
         let is_first = self.link.rank() == 0;
         // Ranks are called one after the other, so that calls do not delay each other.

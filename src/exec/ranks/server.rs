@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use super::RankError;
 use super::device_card::DeviceCard;
 use super::node::Node;
-use super::packet::{Letter, Load, Request, Response, Start};
+use super::packet::{Load, RankMessage, Request, Response, Start};
 use super::transport::RendererDevices;
 use crate::device::{GpuDevice, RankName};
 use crate::exec::channels::channels;
@@ -56,7 +56,7 @@ pub trait Host {
     fn interrupted(&self) -> Option<i32>;
 }
 
-/// Interval at which a wait for letters checks for signals.
+/// Interval at which a wait for messages checks for signals.
 const SLICE: Duration = Duration::from_millis(20);
 
 /// Interval at which recorded spans are sent.
@@ -93,12 +93,12 @@ pub fn serve(node: &Arc<Node>, host: &mut dyn Host) -> Result<u8, RankError> {
     let mut server = Server { node, host, sets, renderers, scenes: Vec::new(), recorded_ms: 0.0 };
     let (mut is_told, mut recorded) = (false, Instant::now());
     loop {
-        match node.letter(SLICE) {
-            Some((0, Letter::Request { number, request })) => {
+        match node.message(SLICE) {
+            Some((0, RankMessage::Request { number, request })) => {
                 let response = server.answer(*request);
-                node.tell(0, Letter::Response { number, response });
+                node.tell(0, RankMessage::Response { number, response });
             }
-            Some((0, Letter::End { status })) => return Ok(status),
+            Some((0, RankMessage::End { status })) => return Ok(status),
             _ => {}
         }
         if recorded.elapsed() > RECORDS {
@@ -107,7 +107,7 @@ pub fn serve(node: &Arc<Node>, host: &mut dyn Host) -> Result<u8, RankError> {
         }
         if let Some(signal) = server.host.interrupted().filter(|_| !is_told) {
             is_told = true;
-            node.tell(0, Letter::Interrupted { signal });
+            node.tell(0, RankMessage::Interrupted { signal });
         }
         if let Some(lost) = node.lost() {
             return Err(lost);
@@ -153,7 +153,7 @@ impl Server<'_> {
         let from_ms = std::mem::replace(&mut self.recorded_ms, to_ms);
         let text = self.host.recorded();
         if !text.is_empty() {
-            self.node.tell(0, Letter::Spans { text: Bytes::Owned(text), from_ms, to_ms });
+            self.node.tell(0, RankMessage::Spans { text: Bytes::Owned(text), from_ms, to_ms });
         }
     }
 

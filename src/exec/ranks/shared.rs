@@ -4,14 +4,14 @@ use std::sync::atomic::AtomicU64;
 use std::sync::{Mutex, PoisonError};
 
 use super::RankError;
-use super::packet::Letter;
+use super::packet::RankMessage;
 use super::transport::RendererDevices;
 
 /// Order to the post from the rank's other threads.
 pub enum Control {
     Send {
         to: usize,
-        letter: Letter,
+        message: RankMessage,
     },
     Attach {
         number: u32,

@@ -8,7 +8,7 @@
 
 use glam::{DVec2, Vec2};
 
-use super::place::PolarPlace;
+use super::place::PolarPoint;
 use crate::image::Extent;
 use crate::quality::LogPolar;
 use crate::stages::layout::{self, View};
@@ -110,15 +110,15 @@ fn ring_of(map: &layout::LogPolar, distance: f64) -> f64 {
 }
 
 /// Returns the position in an eye's polar image of a point of the screen, which is in pixels.
-pub(super) fn place(map: &layout::LogPolar, view: &View, at: DVec2) -> PolarPlace {
+pub(super) fn place(map: &layout::LogPolar, view: &View, at: DVec2) -> PolarPoint {
     let gaze = Vec2::new(view.gaze_x, view.gaze_y).as_dvec2();
     let (distance, square) = (at.distance(gaze), f64::from(view.fovea_rows));
     if distance < f64::from(map.radius) {
-        return PolarPlace { row: at.y - gaze.y.floor() + 0.5 * square, density: 1.0 };
+        return PolarPoint { row: at.y - gaze.y.floor() + 0.5 * square, density: 1.0 };
     }
     let distance = distance.max(1.0);
     let density = rings_per_pixel(map, distance) * columns_per_pixel(map, distance);
-    PolarPlace { row: square + ring_of(map, distance).max(0.0), density }
+    PolarPoint { row: square + ring_of(map, distance).max(0.0), density }
 }
 
 #[cfg(test)]

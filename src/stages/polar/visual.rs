@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-use super::place::PolarPlace;
+use super::place::PolarPoint;
 use crate::image::Extent;
 use crate::quality::acuity::{FOVEA_DEG, acuity};
 use crate::stages::layout::View;
@@ -77,7 +77,7 @@ pub(super) fn grid(screen: Extent) -> Extent {
 }
 
 /// Returns a function that maps a direction to its position in an eye's polar image.
-pub(super) fn place_of(seen: &View, screen: Extent) -> impl Fn(DVec3) -> PolarPlace {
+pub(super) fn place_of(seen: &View, screen: Extent) -> impl Fn(DVec3) -> PolarPoint {
     let seen = *seen;
     let (gaze, forward) = (seen.gaze.as_dvec3(), seen.forward.as_dvec3());
     // Solid angle of a pixel in the centre of the screen, steradians.
@@ -94,7 +94,7 @@ pub(super) fn place_of(seen: &View, screen: Extent) -> impl Fn(DVec3) -> PolarPl
         // Columns lie on the sphere, but acuity is integrated in a plane.
         let angle = degrees.max(1e-9).to_radians();
         let density = most / thinned * acuity(degrees) * angle / angle.sin() * middle * ray.dot(forward).powi(3);
-        PolarPlace { row, density }
+        PolarPoint { row, density }
     }
 }
 

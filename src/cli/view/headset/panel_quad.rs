@@ -7,7 +7,7 @@ use crate::image::Extent;
 use egui_wgpu::{RendererOptions, ScreenDescriptor};
 
 use super::super::overlay::{Overlay, Painted, Parts};
-use super::super::shared::News;
+use super::super::shared::Status;
 use super::super::status::ViewStatus;
 use crate::cli::failure::Failure;
 
@@ -39,19 +39,19 @@ impl PanelQuad {
     }
 
     /// Returns the panel, after redrawing it if [`INTERVAL`] has passed; `None` before the first frame.
-    pub fn panel(&mut self, headset: &Headset, look: &ViewStatus, news: &News) -> Result<Option<&Panel>, Failure> {
-        if self.drawn.is_none_or(|drawn| drawn.elapsed() >= INTERVAL) && !news.frames.is_empty() {
+    pub fn panel(&mut self, headset: &Headset, look: &ViewStatus, status: &Status) -> Result<Option<&Panel>, Failure> {
+        if self.drawn.is_none_or(|drawn| drawn.elapsed() >= INTERVAL) && !status.frames.is_empty() {
             self.drawn = Some(Instant::now());
-            self.draw(headset, look, news)?;
+            self.draw(headset, look, status)?;
         }
         Ok(self.drawn.is_some().then_some(&self.panel))
     }
 
-    fn draw(&mut self, headset: &Headset, look: &ViewStatus, news: &News) -> Result<(), Failure> {
+    fn draw(&mut self, headset: &Headset, look: &ViewStatus, status: &Status) -> Result<(), Failure> {
         let Self { panel, overlay, renderer, freed, .. } = self;
         let size = [SIZE.width, SIZE.height];
         let parts = Parts { panel: true, help: false, hint: false };
-        let (painted, mut textures) = overlay.paint(size, PIXELS_PER_POINT, look, news, &[], parts);
+        let (painted, mut textures) = overlay.paint(size, PIXELS_PER_POINT, look, status, &[], parts);
         let Painted { primitives, pixels_per_point } = painted;
         let gpu = headset.gpu();
         freed.drain(..).for_each(|id| renderer.free_texture(&id));

@@ -19,7 +19,7 @@ pub struct HostSpan {
 
 /// Transfer of rows from a worker of one rank to a worker of another. Times are microseconds.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Passage {
+pub struct RankTransfer {
     pub frame: Option<u64>,
     pub bytes: u64,
     /// Times of the steps: the worker queued the rows, its rank's MPI thread took them, MPI accepted them, the other
@@ -31,9 +31,9 @@ pub struct Passage {
     pub waited_us: Option<Interval>,
 }
 
-/// Statistics of one step over all passages.
+/// Statistics of one step over all transfers between ranks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PassagePart {
+pub struct TransferStep {
     pub what: String,
     pub median_us: f64,
     pub most_us: f64,
@@ -43,16 +43,16 @@ pub struct PassagePart {
     pub is_of_thread: bool,
 }
 
-/// Summary of the passages in a trace: the transfers of rows between ranks.
+/// Summary of the transfers of rows between ranks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PassageSummary {
+pub struct RankTransferSummary {
     pub count: usize,
     pub bytes: u64,
     /// Time that workers waited for the rows.
     pub waited_ms: f64,
     /// Steps in order. They are consecutive, except that the receiving thread's time without a poll is also part of the
     /// step before it.
-    pub parts: Vec<PassagePart>,
+    pub parts: Vec<TransferStep>,
 }
 
 /// Numbers that identify a transfer, and that all of its spans carry as arguments: the ticket of one attempt
@@ -69,9 +69,9 @@ fn whole(span: &HostSpan, name: &str) -> Option<u64> {
     span.args[name].as_f64().filter(|number| *number >= 0.0).map(|number| number as u64)
 }
 
-/// Returns the passages for which both ends were recorded. A run may have several renderers that each count tickets
+/// Returns the transfers for which both ends were recorded. A run may have several renderers that each count tickets
 /// from 0, so spans of one ticket and transfer are matched by the nearest time.
-pub fn passages(mut spans: Vec<HostSpan>) -> Vec<Passage> {
+pub fn rank_transfers(mut spans: Vec<HostSpan>) -> Vec<RankTransfer> {
     spans.retain(|span| [HANDED, SENT, FOUND, WAITED].contains(&&*span.name));
     spans.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us));
     let mut by_key: HashMap<Key, Vec<&HostSpan>> = HashMap::new();
@@ -80,13 +80,13 @@ pub fn passages(mut spans: Vec<HostSpan>) -> Vec<Passage> {
             by_key.entry(key).or_default().push(span);
         }
     }
-    let mut passages: Vec<Passage> = by_key.values().flat_map(|spans| passages_of(spans)).collect();
-    passages.sort_by(|a, b| a.at_us[0].total_cmp(&b.at_us[0]));
-    passages
+    let mut transfers: Vec<RankTransfer> = by_key.values().flat_map(|spans| rank_transfers_of(spans)).collect();
+    transfers.sort_by(|a, b| a.at_us[0].total_cmp(&b.at_us[0]));
+    transfers
 }
 
-/// Returns the passages among the spans of one ticket and transfer. `spans` are in order of begin.
-fn passages_of<'a>(spans: &'a [&HostSpan]) -> impl Iterator<Item = Passage> + 'a {
+/// Returns the transfers among the spans of one ticket and transfer. `spans` are in order of begin.
+fn rank_transfers_of<'a>(spans: &'a [&HostSpan]) -> impl Iterator<Item = RankTransfer> + 'a {
     let of = |name: &'static str| spans.iter().copied().filter(move |span| span.name == name);
     let nearest = move |name, at_us: f64, end: fn(&HostSpan) -> f64| {
         of(name).min_by(|a, b| (end(a) - at_us).abs().total_cmp(&(end(b) - at_us).abs()))
@@ -95,7 +95,7 @@ fn passages_of<'a>(spans: &'a [&HostSpan]) -> impl Iterator<Item = Passage> + 'a
         let handed = nearest(HANDED, sent.begin_us, |span| span.end_us)?;
         let found = nearest(FOUND, sent.end_us, |span| span.begin_us)?;
         let waited = nearest(WAITED, found.end_us, |span| span.end_us);
-        Some(Passage {
+        Some(RankTransfer {
             frame: whole(handed, "frame"),
             bytes: whole(sent, "bytes").unwrap_or(0),
             at_us: [handed.end_us, sent.begin_us, sent.end_us, found.begin_us, found.end_us],
@@ -105,8 +105,8 @@ fn passages_of<'a>(spans: &'a [&HostSpan]) -> impl Iterator<Item = Passage> + 'a
     })
 }
 
-impl Passage {
-    /// Splits the passage into its steps, each with its name, [`PassagePart::is_of_thread`] and its interval. Steps are
+impl RankTransfer {
+    /// Splits the transfer into its steps, each with its name, [`TransferStep::is_of_thread`] and its interval. Steps are
     /// consecutive, except that the receiving thread's time without a poll is also part of the step before it. If the
     /// worker starts to wait only after the rows were passed on, the last step begins with that wait. A step may have
     /// a negative length if clocks are not aligned well enough.
@@ -124,19 +124,19 @@ impl Passage {
     }
 }
 
-impl PassageSummary {
-    /// Summarises the passages of the frames for which `shown` returns true, and those without a frame number. Returns
+impl RankTransferSummary {
+    /// Summarises the transfers of the frames for which `shown` returns true, and those without a frame number. Returns
     /// `None` if there are none.
-    pub fn of(passages: &[Passage], shown: impl Fn(u64) -> bool) -> Option<Self> {
-        let passages: Vec<&Passage> = passages.iter().filter(|p| p.frame.is_none_or(&shown)).collect();
-        let first = passages.first()?;
-        let waited_us = |passage: &Passage, (begin, end): Interval| {
+    pub fn of(transfers: &[RankTransfer], shown: impl Fn(u64) -> bool) -> Option<Self> {
+        let transfers: Vec<&RankTransfer> = transfers.iter().filter(|p| p.frame.is_none_or(&shown)).collect();
+        let first = transfers.first()?;
+        let waited_us = |passage: &RankTransfer, (begin, end): Interval| {
             passage.waited_us.map_or(0.0, |(from, to)| (end.min(to) - begin.max(from)).max(0.0))
         };
         let part = |(number, (what, is_of_thread, _)): (usize, (&'static str, bool, Interval))| {
-            let all: Vec<(&Passage, Interval)> = passages.iter().map(|p| (*p, p.parts()[number].2)).collect();
+            let all: Vec<(&RankTransfer, Interval)> = transfers.iter().map(|p| (*p, p.parts()[number].2)).collect();
             let lengths_us: Vec<f64> = all.iter().map(|(_, (begin, end))| end - begin).collect();
-            PassagePart {
+            TransferStep {
                 what: what.to_owned(),
                 most_us: lengths_us.iter().copied().fold(f64::NEG_INFINITY, f64::max),
                 median_us: median(lengths_us).unwrap_or(0.0),
@@ -145,9 +145,9 @@ impl PassageSummary {
             }
         };
         Some(Self {
-            count: passages.len(),
-            bytes: passages.iter().map(|p| p.bytes).sum(),
-            waited_ms: passages.iter().filter_map(|p| p.waited_us).map(|(begin, end)| end - begin).sum::<f64>() / 1e3,
+            count: transfers.len(),
+            bytes: transfers.iter().map(|p| p.bytes).sum(),
+            waited_ms: transfers.iter().filter_map(|p| p.waited_us).map(|(begin, end)| end - begin).sum::<f64>() / 1e3,
             parts: first.parts().into_iter().enumerate().map(part).collect(),
         })
     }
@@ -193,8 +193,8 @@ mod tests {
 
     #[test]
     fn rows_are_followed_from_hand_to_hand() {
-        let found = passages(spans());
-        let first = Passage {
+        let found = rank_transfers(spans());
+        let first = RankTransfer {
             frame: Some(4),
             bytes: 300,
             at_us: [100.0, 110.0, 130.0, 160.0, 170.0],
@@ -203,11 +203,11 @@ mod tests {
         };
         assert_eq!((found.len(), &found[0]), (3, &first));
         assert_eq!(found[2].at_us, [5001.0, 5001.0, 5002.0, 5004.0, 5005.0]);
-        let summary = PassageSummary::of(&found, |frame| frame == 4).unwrap();
+        let summary = RankTransferSummary::of(&found, |frame| frame == 4).unwrap();
         let waited_us: Vec<f64> = summary.parts.iter().map(|part| (part.waited_ms * 1e3).round()).collect();
         assert_eq!(waited_us, [10.0, 20.0, 30.0, 16.0, 10.0, 10.0]);
         assert_eq!((summary.count, summary.bytes, summary.waited_ms), (1, 300, 0.09));
         assert!((summary.thread_ms() - 0.0555).abs() < 1e-9, "{}", summary.thread_ms());
-        assert_eq!(PassageSummary::of(&found, |frame| frame == 6), None);
+        assert_eq!(RankTransferSummary::of(&found, |frame| frame == 6), None);
     }
 }
