@@ -28,7 +28,7 @@ use viewing::{Sourced, differences};
 pub struct Args {
     /// Reference: an image, or a folder with left.exr and right.exr or a sequence
     reference: PathBuf,
-    /// Image or folder to compare; sequences need --aov motion,position,normal
+    /// Image or folder to compare; render sequences with --aov motion,position,normal
     image: PathBuf,
     /// Exposure of displayed values, stops [default: the reference's]
     ///

@@ -112,9 +112,9 @@ pub struct RunOptions {
     /// `scale` compares several.
     #[arg(long, value_delimiter = ',', value_name = "NAME", value_parser = Balance::value_parser(), help_heading = DEVICES)]
     pub balance: Vec<Balance>,
-    /// Rows per device, as 5,1,2 or, for one group, GROUP[.EYE]=5,1,2
+    /// Ratios of rows per device: 5,1,2, or GROUP[.EYE]=5,1,2 for a group of passes
     ///
-    /// GROUP is path_trace, denoise or another group of stages, and EYE is left or right: path_trace.left=1,2. Repeat
+    /// GROUP is path_trace, denoise or another group of passes, and EYE is left or right: path_trace.left=1,2. Repeat
     /// the option for several groups.
     #[arg(long, value_name = "A,B,…", help_heading = DEVICES)]
     pub ratios: Vec<RatioRule>,

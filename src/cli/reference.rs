@@ -79,7 +79,10 @@ pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
             _ => false,
         };
         if let Some(option) = given.typed(id).filter(|_| !agrees) {
-            return Err(Failure::Input(anyhow::anyhow!("{option}: a reference {why}: leave it or --reference out")));
+            let what = anyhow::anyhow!(
+                "{option} conflicts with --reference, since a reference {why}: leave it or --reference out"
+            );
+            return Err(Failure::Input(what));
         }
     }
     let spp = if given.typed("spp").is_some() { options.spp } else { SPP };

@@ -15,7 +15,8 @@ pub struct History {
     /// Assignment of the previous frame.
     #[serde(with = "wire::assignment")]
     pub before: Assignment,
-    /// Number of rows up and down in which the planned frame searches for the history of its surfaces.
+    /// Search range of the planned frame's temporal reprojection, in rows above and below. Surfaces that moved further
+    /// have no history.
     pub rows: u32,
     /// Devices that have failed since the previous frame. The history of their rows is lost.
     pub lost: Vec<usize>,

@@ -29,7 +29,7 @@ pub struct HeadsetFrame {
     pub(super) sampled: Option<Time>,
     /// Predicted display time, seconds since that of the first frame.
     pub display_s: f64,
-    /// Predicted pose of the head at that time, in the session's space.
+    /// Predicted pose of the head at the display time, in the session's LOCAL reference space.
     pub head: HeadPose,
     pub eyes: HeadEyes,
     /// Display periods without a frame since the previous frame.

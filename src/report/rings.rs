@@ -57,8 +57,8 @@ impl FrameRings {
     }
 }
 
-/// Returns four values of SSIM: of the innermost ring and of the outermost ring with a defined SSIM, first against the
-/// reference, then against the first mode.
+/// Returns the SSIM against the reference in the innermost and in the outermost ring, then the SSIM against the first
+/// mode ([`RingRow::ssim_basic`]) in the same order. The outermost ring is the last one whose SSIM is defined.
 pub fn ends(rows: &[RingRow]) -> [Option<f64>; 4] {
     let ends = |ssim: fn(&RingRow) -> Option<f64>| [rows.first().and_then(ssim), rows.iter().rev().find_map(ssim)];
     let [[near, far], [near_basic, far_basic]] = [ends(|ring| ring.ssim), ends(|ring| ring.ssim_basic)];

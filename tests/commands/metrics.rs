@@ -256,7 +256,7 @@ fn compare_splits_errors_by_ring_and_by_seam() {
     assert!(text.contains("seam_ratio") && text.contains("from_deg"), "{text}");
     // These files lack an exposure.
     let warned = String::from_utf8(output.stderr).unwrap();
-    assert!(warned.contains("70 degrees are assumed") && text.contains("70 degrees, assumed"), "{warned}{text}");
+    assert!(warned.contains("--rings assumes 70 degrees") && text.contains("70 degrees, assumed"), "{warned}{text}");
     assert_eq!((&json["rings"]["yfov_source"], &json["exposure_source"]), (&"option".into(), &"default".into()));
 }
 

@@ -35,7 +35,10 @@ pub struct Args {
     /// Foveation modes to measure [default: none]
     #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
     pub(super) foveation: Vec<FoveationMode>,
-    /// Log-polar mode or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
+    /// Log-polar mode, such as fov, or SIGMA,ALPHA,GAZE,ASPECT [default: composite]
+    ///
+    /// Modes are fov, kernel, composite and composite-kernel. SIGMA: downsampling factor; ALPHA: kernel exponent; GAZE:
+    /// full-resolution radius, radians; ASPECT: rings / directions.
     #[arg(long, value_name = "MODE", conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
     pub(super) polar: Option<LogPolar>,
     /// Render scales to measure [default: 1,0.7,0.5]
@@ -49,7 +52,7 @@ pub struct Args {
         value_parser = render_scale,
         conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
     pub(super) scale: Vec<f64>,
-    /// Also measure the rungs of this ladder and print their regret
+    /// Also measure this ladder's rungs and their excess error (regret)
     ///
     /// Regret is the excess of a rung's error over that of the best setting that takes no longer, within 3 %.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
@@ -60,7 +63,7 @@ pub struct Args {
     /// Measure everything again instead of resuming
     #[arg(long, help_heading = options::OUTPUT)]
     pub(super) fresh: bool,
-    /// Timed and compared frames per setting [grid: at least 2]
+    /// Timed and compared frames per setting; the grid compares at least 2
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
     pub(super) repeats: u32,
     /// Untimed frames before the timed ones

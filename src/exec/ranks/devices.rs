@@ -140,10 +140,11 @@ impl Loading {
         Self(Arc::clone(node), node.ask(|_| Request::Load(what.clone())))
     }
 
-    /// Waits until the other ranks have loaded the scene, and checks that it is the scene `here` of this rank.
+    /// Waits until the other ranks have loaded the scene, and checks that their tables match `here`, the tables of this
+    /// rank.
     ///
     /// # Errors
-    /// [`RankError`] if another rank could not load the scene, or has loaded another one.
+    /// [`RankError`] if another rank could not load the scene, or has loaded a different one.
     pub fn check(self, here: &SceneTables) -> Result<(), RankError> {
         let here = here.fingerprint();
         for (rank, response) in (1..).zip(self.1.wait()?) {
@@ -219,8 +220,8 @@ impl Others {
         self.set.node.lost()
     }
 
-    /// Ends the workers of other ranks, whose command channels must be closed already. Combines the devices of these
-    /// ranks that have not failed with this process's devices `own`.
+    /// Ends the workers of the other ranks, whose command channels must be closed already. Returns this process's
+    /// devices `own`, followed by the devices of other ranks, without those that have failed.
     pub fn end(mut self, own: Vec<GpuDevice>) -> Devices {
         let renderer = self.renderer;
         let ended = self.set.node.ask(|_| Request::End { renderer }).wait();

@@ -1,4 +1,4 @@
-//! The interface of a denoiser, and the image that carries light through its passes.
+//! The interface of a denoiser, and the illumination images that its passes read and write.
 
 use glam::UVec4;
 

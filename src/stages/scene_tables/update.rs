@@ -19,7 +19,8 @@ pub struct SceneUpdate {
     pub rows: Vec<(u32, Vec<u8>)>,
     /// Joint matrices and morph weights of deforming bodies.
     pub pose: Vec<[f32; 4]>,
-    /// Number of bodies left out of the frame because rays cannot traverse them accurately.
+    /// Number of bodies left out of the frame because their scale, stretch or distance is too extreme for accurate ray
+    /// intersections.
     pub left_out: u32,
 }
 
