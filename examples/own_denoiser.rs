@@ -54,7 +54,7 @@ impl Denoise for Mean {
             let (source, target) = light.advance();
             let halo = spec.halo(REACH);
             let pass = Pass::new(Stage("mean"), view, PARTITION, Kernel::from_text("mean", SHADER)).index(index);
-            // Light is RGB floats, since the filter needs no variance.
+            // Access the images of light as floats: the filter needs no variance.
             let [source, target] = [Use::read(source).halo(halo).named("source"), Use::write(target).named("filtered")];
             let uses = [Use::read(GUIDE).halo(halo), source.viewed_as::<Vec4>(), target.viewed_as::<Vec4>()];
             pass.uses(uses).args([REACH, 0, 0]).chain(Chain::Planned)

@@ -28,7 +28,8 @@ fn on_screen(p: vec3<f32>, eye: View) -> vec2<f32> {
     return pinhole_point(p - eye.origin, eye, vec2<f32>(f32(pass_.args[1]), f32(pass_.args[2]))).xy;
 }
 
-// Screen position at which this frame sees `p`: `centre`, which is the pixel's own centre, unless the image is polar.
+// Screen position, in pixels, at which this frame sees `p`. If the image is not polar, this is the centre of the pixel
+// itself, `centre`.
 fn seen_at(p: vec3<f32>, centre: vec2<f32>) -> vec2<f32> {
     if IS_POLAR {
         return on_screen(p, frame.camera.views[pass_.view]);

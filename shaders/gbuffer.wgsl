@@ -54,7 +54,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     tally_image[at] = add_tally(0u, 1u, select(1u, 0u, ok));
 }
 
-// Adds samples [begin, end) to the running means.
+// Adds samples [begin, end) to the running means of albedo and emission.
 fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
     let centre = unpack_albedo(albedo_image[at]);
     var albedo = select(vec3<f32>(0.0), centre.all, begin > 0u);

@@ -38,7 +38,7 @@ struct Tap {
     is_there: bool,
 }
 
-// The `i`th tap around an image point, for a pixel of this row.
+// The `i`th tap around image point `seen` of the left eye, for a pixel in row `row` of the right eye.
 fn tap_around(seen: vec2<f32>, row: u32, i: i32) -> Tap {
     if IS_POLAR {
         let eye = frame.camera.views[0];
@@ -149,7 +149,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if sum < 1e-4 {
         if SPARSE && was_skipped {
             // The left eye's mask skips the surface. Unless the right eye's mask samples all pixels here, leave the
-            // pixel to the filter: with the light that its neighbours gather, it has as many samples as intended.
+            // pixel to the filter: neighbouring pixels gather samples of the left eye, so the area around this pixel
+            // has as many samples as intended.
             wanted = is_full;
             why = OUTSIDE;
         }

@@ -42,8 +42,8 @@ pub struct LoadedScene {
 }
 
 impl LoadedScene {
-    /// Loads `builtin:NAME`, a shot (`.toml`) or a scene (`.gltf`, `.glb`), within the default [`Budget`] of memory and
-    /// the folders of the files.
+    /// Loads `builtin:NAME`, a shot (`.toml`) or a scene (`.gltf`, `.glb`). Memory is limited by the default
+    /// [`Budget`]. A file may only name files in its own folder or below.
     ///
     /// ```
     /// let scene = diptych::LoadedScene::load("builtin:cornell")?;
@@ -57,7 +57,8 @@ impl LoadedScene {
         Self::load_within(shot, &Overrides::default(), Access::of(&Budget::default()))
     }
 
-    /// Loads a shot with overrides and within limits of your own.
+    /// Loads like [`Self::load`], with overrides of the shot's values, and with a memory budget and file permissions of
+    /// your own.
     ///
     /// # Errors
     /// [`LoadError`], which names the file or the override.
@@ -95,7 +96,7 @@ impl LoadedScene {
         Ok(())
     }
 
-    /// Returns a static scene: this scene as it is at a time in seconds.
+    /// Returns the scene at the time `time_s`, in seconds, as a static scene.
     pub fn at(&self, time_s: f64) -> Cow<'_, Scene> {
         if self.scene.motion.is_empty() { Cow::Borrowed(&self.scene) } else { Cow::Owned(self.scene.at(time_s)) }
     }

@@ -13,7 +13,7 @@ pub trait Shared {
 
 /// The content of a texel of a resource.
 pub trait Texel {
-    /// The element of the resource's array in WGSL. A texel consists of one or more elements.
+    /// WGSL type of the elements of the resource's array. A texel consists of one or more elements.
     const ELEMENT: &'static str;
 }
 

@@ -2,15 +2,17 @@
 // 2018): for each tile, one path of the previous frame is traced again in the current scene. It starts at the same
 // point of the surface, even if the surface has moved, and uses the same random numbers. Any difference is a change of
 // light. Departures:
-// - The surface of a current pixel is tracked back to the previous frame, instead of a previous one forwards.
-// - These paths are additional. In the paper, they replace paths of the current frame.
+// - The surface of a pixel of the current frame is tracked back to the previous frame. The paper projects surfaces of
+//   the previous frame forwards.
+// - The retraced paths are additional. In the paper, they replace paths of the current frame.
 // - There are no gradients if the previous frame had several samples per pixel.
 
 //!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack motion bindings
 
-// `gradient` is the luminance of demodulated illumination: now minus before, and the larger of both.
+// `gradient` compares the luminance of demodulated illumination between the two frames. Component x: current minus
+// previous luminance. Component y: the larger of both.
 
-// Total luminance, clamped so that sums over tiles stay finite.
+// Luminance of diffuse and specular light together, clamped so that sums over tiles stay finite.
 fn all_luminance(light: SplitLight) -> f32 {
     let both = luminances(light);
     return both.x + both.y;

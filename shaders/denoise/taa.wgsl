@@ -6,7 +6,7 @@
 
 //!include frame grid projection motion pack display light_change bindings
 
-// `resolved` is linear light, and the number of frames in it.
+// `resolved` holds linear light in RGB, and in alpha the number of frames that are averaged in it.
 
 // Maximum history in frames, of a pixel that moved and of one that did not. For moving pixels it is lowered for two
 // reasons. Frames of several samples are already antialiased, so a long history would only blur them by interpolation.
@@ -14,7 +14,8 @@
 // white.
 const LONGEST_MOVED: f32 = 10.0;
 const LONGEST_STILL: f32 = 255.0;
-// Maximum history of a dynamic surface in frames. Its shading changes as it turns, and it moves against its neighbours.
+// Maximum history of a dynamic surface in frames. Its shading changes as it turns, and it moves relative to the
+// surfaces of neighbouring pixels.
 const LONGEST_CARRIED: f32 = 1.0;
 // Total motion, in pixels, over which the history of a slow pixel lasts: its length is LONGEST_WAY divided by the
 // motion per frame, from LONGEST_MOVED to LONGEST_STILL frames. Cubic interpolation moves the finest detail by too
@@ -101,7 +102,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     mean *= 1.0 / 9.0;
     let deviation = sqrt(max(square * (1.0 / 9.0) - mean * mean, vec3<f32>(0.0)));
 
-    // Previous image point. The sky is at infinity.
+    // Image point at which the previous frame saw the surface at `front`. The sky is at infinity.
     let at_front = point_in(vec2<f32>(front), frame.camera.centre);
     let direction = ray_of(pass_.view, vec2<f32>(front) + frame.camera.centre);
     let surface = frame.camera.views[pass_.view].origin + direction * depth;

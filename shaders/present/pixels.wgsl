@@ -1,4 +1,4 @@
-// Draws images that are stored in buffers, row by row.
+// Draws an eye's colours and depths from buffers, which store the pixels row by row.
 
 struct Image {
     // Tangents of the angles from the eye's axis to the left, right, upper and lower edge of the image.

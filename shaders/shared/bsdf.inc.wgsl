@@ -137,7 +137,8 @@ fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
     return out;
 }
 
-// Transmission lobe of unit colour, and its density given that the facets' lobe is picked. Cosines are positive.
+// Transmission lobe for a colour of 1, and its density given that the facets' lobe is picked. `nv` and `nl` are
+// absolute cosines.
 fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, a2: f32) -> Scattering {
     if s.is_thin {
         // Thin sheet: facets reflect, and the light leaves on the other side.
@@ -162,8 +163,8 @@ fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, a2: f32) -
     let bend = vh + s.eta * lh;
     let cosine = fresnel_cosine(vh, s.eta);
     let passed = 1.0 - layer_fresnel(s, cosine);
-    // Factor that value and density have in common: |l.h| / bend², which is Walter et al.'s Jacobian without the eta²
-    // that radiance is divided by.
+    // Factor that value and density have in common. It contains |l.h| / bend², which is Walter et al.'s Jacobian
+    // without its factor eta². In the value, that factor cancels, since refraction divides radiance by eta².
     let shared_ = 4.0 * d * vh * -lh / max(bend * bend, 1e-20);
     return Scattering(
         vec3<f32>(passed * shared_ * ggx_visibility(nv, nl, a2) * nl),
@@ -171,7 +172,8 @@ fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, a2: f32) -
     );
 }
 
-// Transmission without refraction is a delta, however rough the surface.
+// True if `eta` is so close to 1 that transmitted light is not refracted. Transmission is then a delta lobe, however
+// rough the surface.
 fn is_straight(eta: f32) -> bool {
     return abs(eta - 1.0) < 1e-3;
 }
@@ -228,7 +230,8 @@ fn sample_bsdf(s: Surface, v: vec3<f32>, pick: f32, u: vec2<f32>) -> BsdfSample 
     return out;
 }
 
-// Samples a direction from the facets' lobe or the coat's. The density is below 0 if the facet sends no light.
+// Samples a direction from the facets' lobe or the coat's. For delta lobes, the density is 1, or 0 if the facet sends
+// no light in that direction. For other lobes it is below 0 in that case, and otherwise the caller computes it.
 fn sample_facet(s: Surface, v: vec3<f32>, coat: bool, pick: f32, u: vec2<f32>, out: ptr<function, BsdfSample>) {
     let is_coat = HAS_CLEARCOAT && coat;
     let n = select(s.normal, s.coat_normal, is_coat);

@@ -11,7 +11,7 @@ fn env_texel(x: i32, y: i32) -> vec3<f32> {
 }
 
 // Angle of (x, y), -pi to pi, exact to f32 rounding. The built-in atan2 and acos may be off by 4096 ulp, and on
-// software drivers they are. That is enough to assign a direction to a neighbouring cell and its density.
+// software drivers they are. With such an error, a direction may get the density of a neighbouring cell.
 fn angle_of(y: f32, x: f32) -> f32 {
     let ax = abs(x);
     let ay = abs(y);
@@ -85,8 +85,8 @@ fn sample_linear(u: f32, a: f32, b: f32) -> f32 {
 }
 
 fn sample_env_map(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
-    // One number for rows and one for columns, since a single one has too few digits for all patches. The rest of both
-    // decides on the alias.
+    // One random number picks the column and one the row, since a single number has too few digits for all patches. The
+    // remainders of both decide between the patch and its alias.
     let width = max(frame.environment.grid_width, 1u);
     let height = frame.environment.grid_height;
     let scaled = choice * vec2<f32>(f32(width), f32(height + 1u));

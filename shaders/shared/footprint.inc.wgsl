@@ -1,4 +1,5 @@
-// Samples over a pixel's footprint, and the surface at its centre from the G-buffer. The shader binds the images.
+// Samples over a pixel's footprint, and the surface at its centre from the G-buffer. The including shader binds the
+// images.
 
 override JITTER: bool = true;
 
@@ -16,8 +17,8 @@ fn stored_hit(pixel: u32) -> Hit {
     return Hit(0.0, h.x, bitcast<vec2<f32>>(h.yz));
 }
 
-// Whether a sample of a pixel hit another surface than the ray through its centre. The pixel's radiance and albedo then
-// mix several surfaces, so reprojection rejects it.
+// Whether a sample of a pixel hit another surface than the ray through the pixel's centre. The pixel's radiance and
+// albedo then mix several surfaces, so reprojection rejects the pixel.
 fn is_elsewhere(at: u32, f: FirstHit) -> bool {
     let centre = hit_image[at];
     if f.hit.prim == NO_PRIM || (f.hit.prim & SPHERE) != 0u {

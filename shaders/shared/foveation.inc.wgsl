@@ -1,14 +1,14 @@
-// Sampling mask. A frame may leave some of its pixels to the filter, whose guides are at full resolution:
-// `sampled_fraction`, the square of the render scale, is the fraction that is sampled. Foveation adds three layers
-// around the gaze (Peres, sections 4.2 and 4.4): all pixels of the inner layer are sampled, and each pixel of the outer
-// layer with probability 1 - p, where p is `unsampled_fraction`. In the middle layer, the probability falls linearly.
+// Sampling mask. A frame samples each pixel with probability `sampled_fraction`, the square of the render scale, and
+// leaves the others to the filter, whose guides are at full resolution. Foveation adds three layers around the gaze
+// (Peres, sections 4.2 and 4.4), which multiply the probability: by 1 in the inner layer and by 1 - p in the outer one,
+// where p is `unsampled_fraction`. In the middle layer, the factor falls linearly.
 // Departures: a pixel's threshold is not random but its index on the Z-order curve, Owen-scrambled (Burley 2020; Ahmed
 // & Wonka 2020), so that every aligned block of 2^k pixels holds as many samples as it should. The threshold does not
 // depend on the gaze, so a moving gaze only changes the mask where it changes the probability. Each eye has its own
 // gaze.
 
 override FOVEATED: bool = false;
-// True if pixels may be left to the filter, because of the render scale or of foveation.
+// True if pixels may be left to the denoiser, because of the render scale or of foveation.
 override SPARSE: bool = false;
 
 const INNER: u32 = 0u;

@@ -17,7 +17,7 @@
 // ray_of             unit direction through a point of the image, whose column counts in columns of its own row
 // pixel_of           image point where an eye sees a point of the scene, and the distance along its view direction (from
 //                    the eye in visual-polar images)
-// traced_point       image point of the pass's view that shows a point of the screen, which has this size
+// traced_point       image point of the pass's view that shows a point of the screen; `size` is the size of the screen
 // traced_index       index of the pixel that shows a point of the screen, or of the nearest one
 // density_on_screen  columns and rows per screen pixel at a point of the screen, which the image shows at `point`
 

@@ -11,7 +11,7 @@ fn row_length(eye_fovea_rows: f32, row: i32) -> f32 {
     return clamp(length, 1.0, f32(frame.camera.width));
 }
 
-// The square and the rings are separate images.
+// The square and the rings are separate parts of the image: filters and look-ups in one do not read the other.
 fn rows_around(place: f32, eye_fovea_rows: f32, eye_rows: f32) -> vec2<i32> {
     let rim = i32(eye_fovea_rows);
     return select(vec2<i32>(rim, i32(eye_rows)), vec2<i32>(0, rim), place < eye_fovea_rows);

@@ -11,9 +11,10 @@ struct Around {
     // Rows that may be read: the first, and the one after the last.
     low: i32,
     high: i32,
-    // Largest distance from the surface's plane; below 0 if the point is behind the eye.
+    // Maximum distance from the surface's plane at which a pixel counts as the same surface; below 0 if the image point
+    // is behind the eye.
     reach: f32,
-    // For polar images: the point's column, and rows of the fovea.
+    // For polar images: the image point's column, and the view's `fovea_rows`.
     column: f32,
     fovea_rows: f32,
 }

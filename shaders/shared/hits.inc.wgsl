@@ -80,8 +80,8 @@ override HAS_TRANSPARENT_SHADOWS: bool = true;
 // Maximum number of panes that a shadow ray passes. A ray that hits more counts as cut short.
 const MOST_PANES: u32 = 64u;
 
-// Fraction of the light sampled at `p` that reaches a ray's origin near `p`: 0 or 1, except through panes in front of
-// delta lights.
+// Fraction of the light sampled for point `p` that reaches `origin`, where the shadow ray starts next to `p`: 0 or 1,
+// except through panes in front of delta lights.
 fn light_visibility(origin: vec3<f32>, p: vec3<f32>, light: LightSample, key: u32, rays: ptr<function, u32>) -> vec3<f32> {
     var direction = light.direction;
     var t_max = light.distance;
@@ -101,8 +101,8 @@ fn light_visibility(origin: vec3<f32>, p: vec3<f32>, light: LightSample, key: u3
             return vec3<f32>(0.0);
         }
     }
-    // Step from surface to surface. Delta lights shine through panes. Other lights are hit by rays that panes scatter,
-    // and would be counted twice.
+    // Step from surface to surface. Panes let light pass only if it comes from delta lights. Other lights are
+    // also hit by scattered rays that pass through the panes, so their light would be counted twice.
     var visibility = vec3<f32>(1.0);
     var from_ = origin;
     var panes = 0u;

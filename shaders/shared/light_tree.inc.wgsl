@@ -4,7 +4,7 @@
 // A node of the light tree has two rows: (centre, radius) and (power, axis, cosines, next). This mask selects the index
 // in `next`.
 const LIGHT_INDEX: u32 = ~(LIGHT_LEAF | LIGHT_TWO_SIDED);
-// Least probability of a child that may contribute, so that random numbers resolve it.
+// Minimum probability of a child that may contribute. A smaller one would be lost in the precision of random numbers.
 const LEAST_SHARE: f32 = 0x1p-12;
 // Rounding error of a cosine.
 const COS_SLACK: f32 = 1e-5;
@@ -108,7 +108,8 @@ fn pick_from_tree(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>) -> Pick {
     return Pick(next & LIGHT_INDEX, probability);
 }
 
-// Probability with which `pick_from_tree` reaches the light of this trail.
+// Probability with which `pick_from_tree` picks a light. Bit k of `trail` is 0 if the path from the root to the light
+// goes to the first child at level k, and 1 if it goes to the second.
 fn tree_probability(p: vec3<f32>, n: vec3<f32>, trail: u32) -> f32 {
     var probability = 1.0;
     var next = light_root();

@@ -31,7 +31,7 @@ fn no_light() -> LightSample {
     return LightSample(vec3<f32>(0.0, 1.0, 0.0), 0.0, vec3<f32>(0.0), 0.0, false, NO_LIGHT, 1.0);
 }
 
-// Probability of picking a group.
+// Probability of picking one of the nonempty groups.
 fn group_probability() -> f32 {
     return 1.0 / f32(frame.lights.group_count);
 }
@@ -44,9 +44,9 @@ fn spot_factor(light: Light, away: vec3<f32>) -> f32 {
     return f * f;
 }
 
-// Distance at which the ray enters spherical light `index`; negative if it misses. Spheres emit outwards only, so that
-// it is negative from inside too. The centre's distance from the ray is computed from the vector between them, which
-// stays exact for small and distant spheres.
+// Distance at which the ray enters spherical light `index`; negative if it misses. From inside the sphere it is
+// negative too, which is right since spheres emit outwards only. The centre's distance from the ray is computed from
+// the vector between them, which stays exact for small and distant spheres.
 fn intersect_sphere(origin: vec3<f32>, direction: vec3<f32>, index: u32) -> f32 {
     let light = stored_light(index);
     let to_centre = light.position - origin;
@@ -119,8 +119,8 @@ fn sample_triangle_light(p: vec3<f32>, light: Light, probability: f32, u: vec2<f
     if HAS_COATED_EMITTERS {
         s.radiance = surface_at(light.prim, bary, p, s.direction).emission;
     }
-    // A scattered ray hits the triangle there with this probability. Both techniques then have the same mean, and MIS
-    // weights only need the densities of directions.
+    // The coverage is the probability with which a scattered ray hits the triangle at this point. Scaled by it, light
+    // sampling has the same mean as scattered rays, so MIS weights only need the densities of directions.
     if HAS_ALPHA_EMITTERS {
         s.radiance *= coverage_at(light.prim, bary, m);
     }

@@ -1,6 +1,7 @@
 // Packing of pixels for later stages.
 
-// `hit` image: triangle or NO_PRIM or SPHERE | light, barycentrics as bits, material and flags.
+// `hit` image. Word x: triangle, NO_PRIM, or SPHERE | light. Words y and z: barycentrics, as floats. Word w: material
+// and flags.
 const FLAG_MIXED: u32 = 0x80000000u;
 const FLAG_VIEW_DEPENDENT: u32 = 0x40000000u;
 const MATERIAL_MASK: u32 = 0x00ffffffu;
@@ -29,9 +30,9 @@ fn unpack_normal(bits: u32) -> vec3<f32> {
     return normalize(vec3<f32>(p + select(vec2<f32>(t), vec2<f32>(-t), p >= vec2<f32>(0.0)), z));
 }
 
-// `tally` image: number of rays traced (20 bits), number of samples and later values dropped (8 bits), hole reason (3
-// bits; SKIPPED marks a pixel left to the filter, which is not a hole). The last bit marks light that was too bright
-// for half floats.
+// `tally` image: number of rays traced (20 bits); number of samples, and of values of later stages, that were dropped
+// (8 bits); hole reason (3 bits; SKIPPED marks a pixel that is left to the denoiser, which is not a hole). The last bit,
+// CLIPPED, marks light that was too bright for half floats.
 const CLIPPED: u32 = 0x80000000u;
 
 fn hole_reason(tally: u32) -> u32 {

@@ -1,4 +1,4 @@
-// Samples of a pixel in one launch. The shader binds its images.
+// Traces the samples of a pixel that one dispatch covers. The including shader binds the images.
 
 // Whether the variance of samples is stored along with their mean.
 override MEASURES_VARIANCE: bool = false;
@@ -65,7 +65,7 @@ fn pack_mean(matte: vec3<f32>, gloss: vec3<f32>, variance: vec2<f32>) -> vec4<u3
 }
 
 // Traces the samples from pass_.args[0] up to, but not including, pass_.args[1] of `pixel` of view `view`. Albedo,
-// emission and radiance hold running means until the launch that ends at the last sample, which divides radiance by
+// emission and radiance hold running means until the dispatch that ends at the last sample, which divides radiance by
 // albedo.
 fn sample_pixel(pixel: vec2<u32>, view: u32) {
     let at = pixel_index(pixel);

@@ -53,7 +53,7 @@ fn light_at(column: i32, row: i32) -> vec3<f32> {
     return rectified[at.y * (last.x + 1) + at.x].rgb;
 }
 
-// Mean light of a row from `low` to `high`.
+// Mean light of a row between the horizontal positions `low` and `high`, pixels.
 fn mean_of_row(row: i32, low: f32, high: f32) -> vec3<f32> {
     let first = i32(floor(low));
     var two_before = light_at(first - 2, row);

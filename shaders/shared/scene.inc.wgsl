@@ -11,7 +11,8 @@ override HAS_INSTANCES: bool = true;
 
 // An instanced triangle. Each has its own number in hits, but several may share a row of the tables.
 struct Placed {
-    // Entry in `triangles` and `shadings`; times three in tables with three entries per triangle.
+    // Index of its entry in `triangles` and `shadings`. In tables with three entries per triangle, its first entry has
+    // three times this index.
     row: u32,
     // First row of its instance.
     instance: u32,
@@ -19,7 +20,7 @@ struct Placed {
     is_moved: bool,
 }
 
-// Three rows of a matrix.
+// The three rows of an affine transform.
 struct Affine {
     x: vec4<f32>,
     y: vec4<f32>,
@@ -107,8 +108,8 @@ fn tangent_at(place: Placed, corner: u32) -> vec4<f32> {
 
 // Bound of the rounding error between a transformed triangle and the hits of rays that start at `position`. The
 // triangle's corners are transformed to world space (4 roundings of the terms' magnitudes). A ray's origin is
-// transformed to local space, where it is intersected (4 roundings, and 2 of the matrix). The bound doubles the sum and
-// rounds it up to 16 roundings of each magnitude.
+// transformed to local space, where it is intersected (4 roundings, and 2 of the matrix). The bound counts 16 roundings
+// for each of the two transforms, which is more than twice as many.
 fn placing_error(place: Placed, position: vec3<f32>) -> vec3<f32> {
     if !HAS_INSTANCES || !place.is_moved {
         return vec3<f32>(0.0);
@@ -214,7 +215,7 @@ fn alpha_at(row: u32, bary: vec2<f32>, m: Material) -> f32 {
     return factor;
 }
 
-// Fraction of rays that hit the surface there, given its alpha.
+// Fraction of rays that hit the surface at barycentrics `bary`, given its alpha there.
 fn coverage_at(row: u32, bary: vec2<f32>, m: Material) -> f32 {
     let alpha = alpha_at(row, bary, m);
     if (m.flags & ALPHA_MASK) != 0u {
@@ -223,8 +224,8 @@ fn coverage_at(row: u32, bary: vec2<f32>, m: Material) -> f32 {
     return select(1.0, clamp(alpha, 0.0, 1.0), (m.flags & ALPHA_BLEND) != 0u);
 }
 
-// Whether a ray hits the surface there. `key` identifies the ray: the same ray and triangle always decide alike, in any
-// order of traversal.
+// Whether a ray hits the surface at barycentrics `bary`. `key` identifies the ray: for the same ray and triangle, the
+// result is always the same, in any order of traversal.
 fn is_covered(row: u32, prim: u32, bary: vec2<f32>, key: u32) -> bool {
     let m = stored_material(stored_triangle(row).material);
     return unit_float(hash_combine(key, prim)) < coverage_at(row, bary, m);

@@ -20,7 +20,7 @@ struct Surface {
 
     // Fraction of uniform light that is reflected towards the viewer. Radiance is demodulated by it.
     albedo: vec3<f32>,
-    // The Lambertian lobe's part of it.
+    // The Lambertian lobe's part of `albedo`.
     matte: vec3<f32>,
     // Perceptual roughness; 1 if no lobe could be smooth.
     roughness: f32,
@@ -32,7 +32,8 @@ struct Surface {
     // Schlick's reflectance of metal and dielectric, mixed: at normal and at grazing incidence.
     f0: vec3<f32>,
     f90: vec3<f32>,
-    // Largest channel of the dielectric's reflectance, which is lost to the lobes beneath it.
+    // Largest channel of the dielectric's reflectance, at normal and at grazing incidence. The lobes beneath the
+    // dielectric lose this fraction of the light.
     layer_f0: f32,
     layer_f90: f32,
     // Directional albedo of the dielectric layer towards the viewer, and its mean over directions.
@@ -96,13 +97,13 @@ struct Parameters {
     transmission: f32,
     coat: f32,
     coat_roughness: f32,
-    // Normals as stored in textures.
+    // Texels of the normal maps, each component from 0 to 1.
     normal: vec3<f32>,
     coat_normal: vec3<f32>,
 }
 
-// Loops over the material's textures, since software drivers do not skip branches; and the look-up is compiled only
-// once.
+// Loops over the material's textures instead of branching for each kind of texture: software drivers do not skip
+// branches, and the look-up is compiled only once.
 fn parameters_at(row: u32, bary: vec2<f32>, m: Material) -> Parameters {
     var p: Parameters;
     p.base = base_factor_at(row, bary, m).rgb;
@@ -308,7 +309,7 @@ fn fresnel_cosine(cosine: f32, eta: f32) -> f32 {
     return select(cosine, select(-1.0, sqrt(max(cos2, 0.0)), cos2 > 0.0), eta < 1.0);
 }
 
-// Fraction that the dielectric layer takes from the lobes beneath it.
+// Fraction of light that the dielectric layer reflects, so that the lobes beneath it lose it.
 fn layer_fresnel(s: Surface, cosine: f32) -> f32 {
     return select(mix(s.layer_f0, s.layer_f90, schlick_weight(cosine)), s.layer_f90, cosine < 0.0);
 }
@@ -334,8 +335,8 @@ fn is_view_dependent(s: Surface) -> bool {
     return narrow > SHARE;
 }
 
-// Origin of a ray that leaves the surface towards `direction`: offset from the surface by the error bound, then rounded
-// away.
+// Origin of a ray that leaves the surface towards `direction`: the position, offset along the normal by the error
+// bound, then rounded away from the surface.
 fn leave(s: Surface, direction: vec3<f32>) -> vec3<f32> {
     let n = select(-s.geometric_normal, s.geometric_normal, dot(direction, s.geometric_normal) >= 0.0);
     let moved = s.position + n * s.error;

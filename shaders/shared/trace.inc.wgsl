@@ -7,7 +7,8 @@
 
 struct Hit {
     t: f32,
-    // Number of the triangle, in tree order within its instance, SPHERE | light, or NO_PRIM.
+    // Number of the triangle, or SPHERE | number of the sphere light, or NO_PRIM. Triangle numbers follow the tree
+    // order within an instance and continue from instance to instance.
     prim: u32,
     bary: vec2<f32>,
 }
@@ -32,8 +33,8 @@ struct Traversal {
     frame: mat3x3<f32>,
 }
 
-// Transforms a ray to the instance's space. The direction is not renormalised, so that distances stay those in the
-// world.
+// Transforms a ray to the instance's space. The direction is not renormalised, so that hit distances equal those in
+// world space.
 fn local_traversal(instance: u32, origin: vec3<f32>, direction: vec3<f32>) -> Traversal {
     let m = affine_at(instance + LOCAL_FROM_WORLD);
     let along = transform_vector(m, direction);
@@ -59,9 +60,9 @@ fn hit_children4(child_meta: u32, octant: u32, near: vec4<i32>, far: vec4<i32>) 
     return mask.x | mask.y | mask.z | mask.w;
 }
 
-// Plane distances as the bits of floats. These sort like integers unless both are negative, and then their order does
-// not matter, since both stay below 0. An integer minimum is one instruction, but a float minimum is several, since it
-// must handle NaNs.
+// Returns the ray's distances to a plane of four children's boxes, as the bits of floats. Float bits sort like integers
+// unless both are negative, and then their order does not matter, since both stay below 0. An integer minimum is one
+// instruction, but a float minimum is several, since it must handle NaNs.
 fn planes(word: u32, scale: f32, offset: f32) -> vec4<i32> {
     return bitcast<vec4<i32>>(vec4<f32>(unpack4xU8(word)) * scale + offset);
 }

@@ -1,12 +1,13 @@
-// Returns the first covered triangle up to `t_max` in the order of (distance, index), or any if `any`. `any` is always
-// a literal, so that each kind of call is specialised. `key` identifies the ray for `is_covered`.
+// Returns the nearest hit up to `t_max` that passes its alpha test (the lowest triangle number among equal distances),
+// or any such hit if `any`. `any` is always a literal, so that each kind of call is specialised. `key` identifies the
+// ray for `is_covered`.
 //
 // Traversal pauses at triangles that need an alpha test, and the rays of a subgroup then test together. Software
 // drivers mask branches instead of skipping them, so that a test inside the traversal loop would be paid for at every
 // triangle.
 fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
-    // Hit whose alpha test is pending. It replaces `hit` if its triangle is covered there.
+    // Hit whose alpha test is pending. It replaces `hit` if it passes the test.
     var candidate = hit;
     var candidate_row = 0u;
     let world = traversal_for(origin, direction, frame_around(direction));
@@ -82,7 +83,7 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: 
                 // Whether the ray leaves an instance, or leaves the tree over instances to enter one.
                 let is_through = select(entries.y != 0u, top == base, is_inside);
                 var is_over = group.y <= 0x00ffffffu && leaf.y == 0u && is_through && !is_done;
-                // A loop that runs once, since software drivers do not skip branches.
+                // A loop in place of a branch: it runs at most once, and software drivers skip loops but not branches.
                 while is_over {
                     is_over = false;
                     is_inside = entries.y != 0u;

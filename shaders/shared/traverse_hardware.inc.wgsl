@@ -60,7 +60,8 @@ fn is_ray(origin: vec3<f32>, direction: vec3<f32>, t_max: f32) -> bool {
     return all(abs(origin) <= FARTHEST) && all(abs(direction) <= FARTHEST) && dot(direction, direction) > 0.0 && t_max > 0.0;
 }
 
-// Returns the nearest covered triangle up to `t_max`, or any if `any`. `key` identifies the ray for `is_covered`.
+// Returns the nearest hit up to `t_max` that passes its alpha test, or any such hit if `any`. `key` identifies the ray
+// for `is_covered`.
 //
 // The query is declared outside the loop that uses it: Mesa refuses shaders that declare one within a loop.
 fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: bool) -> Hit {

@@ -1,5 +1,5 @@
-// The alpha of accumulated light is the variance of its luminance, or a negative flag if the variance is unknown. Flag
-// of light from too few frames:
+// The alpha of accumulated light is the variance of its luminance, or a negative flag if the variance is unknown. This
+// flag marks light from too few frames to estimate a variance:
 const UNKNOWN: f32 = -1.0;
 // Flag of a pixel without any light:
 const MISSING: f32 = -2.0;

@@ -31,8 +31,8 @@ impl Accel {
         *nearest = (nearest_local / scale).min(*nearest);
     }
 
-    /// Traverses the tree under the node `root`, and calls `leaf` with each row in a leaf whose bounds are nearer to
-    /// `point` than `nearest`. `leaf` may lower `nearest`.
+    /// Traverses the tree under the node `root`. Calls `leaf` with the table row of each triangle or instance in a leaf
+    /// whose bounds are nearer to `point` than `nearest`. `leaf` may lower `nearest`.
     fn visit(&self, root: u32, point: Vec3, nearest: &mut f32, leaf: impl Fn(usize, Vec3, &mut f32)) {
         let mut open = vec![(root, 0.0)];
         while let Some((index, node_distance)) = open.pop() {

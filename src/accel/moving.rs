@@ -50,7 +50,8 @@ pub struct Placed {
     /// Nodes of the tree, at most one per instance.
     pub nodes: Vec<Node>,
     pub levels: usize,
-    /// Number of bodies left out because they are too small, too stretched or too far away to be traversed accurately.
+    /// Number of bodies left out because their scale, stretch or distance is too extreme for accurate ray
+    /// intersections.
     pub left_out: u32,
 }
 
@@ -124,7 +125,7 @@ impl Placement {
             By::Body { number, low, high } => {
                 let place = |pose| Mat4::from(near(&poses.motion.world_from_body(pose, number), origin));
                 let (now, last) = (place(poses.now), place(poses.last));
-                // The difference of affine maps has its maximum at a corner.
+                // The difference of two affine maps is affine, so it is largest at a corner of the box.
                 Some((box_in(&now, low, high), farthest(&box_in(&(now - last), low, high))))
             }
             By::Skin(index) => Some((skins.bounds(index, poses.rows, 0), skins.moved(index, poses.rows))),

@@ -12,7 +12,8 @@ use super::limits::AccelError;
 use super::triangle::Triangle;
 use crate::scene::budget::Budget;
 
-/// Upper bounds on the bytes per triangle besides the tables: during the build, and for the finished tree.
+/// Upper bound on the bytes per triangle that a build takes in addition to the tables. `NODE_BYTES` is the bound for
+/// the finished tree.
 pub const BUILD_BYTES: usize = 400;
 const NODE_BYTES: usize = 80;
 

@@ -40,7 +40,7 @@ pub struct Checkpoint {
 #[derive(Serialize, Deserialize)]
 struct Header {
     fingerprint: Fingerprint,
-    /// Number of samples in each half.
+    /// Number of samples per pixel, over the even and over the odd passes.
     samples: [u32; 2],
     dropped: u64,
     /// Hash of the bytes after the header.

@@ -22,7 +22,7 @@ use crate::exec::Stereo;
 use crate::image::{Extent, Image, RgbImage};
 use crate::metrics::error;
 
-/// Sums over the samples of even or of odd passes.
+/// Sum over all samples of the even passes, or of the odd passes.
 #[derive(Clone, Debug, PartialEq)]
 struct Half {
     samples: u32,

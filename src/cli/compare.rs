@@ -98,7 +98,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         (true, true) => both_eyes(args),
         (reference_is_dir, _) => {
             let (folder, other) = if reference_is_dir { (reference, image) } else { (image, reference) };
-            let what = if other.exists() { "is none" } else { "is not there" };
+            let what = if other.exists() { "is not" } else { "is not there" };
             let (folder, other) = (folder.display(), other.display());
             Err(input(format!("{folder} is a folder and {other} {what}: name two images or two folders")))
         }
@@ -168,7 +168,7 @@ struct Compared {
     image: ColourFile,
     pair: Pair,
     findings: Findings,
-    /// Map of the kinds of pixels, if it is needed.
+    /// Map of each pixel's kind, if --by-kind or --kind-map is given.
     kinds: Option<DisplayImage>,
 }
 

@@ -17,7 +17,7 @@ pub enum FoveationMode {
     None,
     /// Three layers: fewer samples and more filtering away from the gaze
     Layers,
-    /// Visual-polar space: pixels as dense as visual acuity
+    /// Visual-polar space: pixel density follows visual acuity
     VisualPolar,
     /// Log-polar space, set by --polar
     LogPolar,
@@ -30,7 +30,7 @@ impl FoveationMode {
         (self == Self::Layers).then_some(Foveation::RADII)
     }
 
-    /// Returns the polar space that replaces the screen's pixel grid, if any; `map` is for log-polar space.
+    /// Returns the polar space that replaces the screen's pixel grid, if any. `map` is the mapping of log-polar space.
     pub fn space(self, map: Option<LogPolar>) -> Option<PolarSpace> {
         match self {
             Self::None | Self::Layers => None,

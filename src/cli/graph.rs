@@ -26,8 +26,8 @@ pub struct Args {
     dot: Option<PathBuf>,
 }
 
-/// Vertical motion since the previous frame that the printed graph assumes, in rows: the minimum of any frame with
-/// history.
+/// Vertical search range of temporal reprojection that the printed graph assumes, in rows above and below. It is the
+/// range of a static scene with a static camera.
 const HISTORY_ROWS: u32 = 4;
 
 pub fn run(args: &Args) -> Result<(), Failure> {

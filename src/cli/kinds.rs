@@ -1,4 +1,4 @@
-//! Auxiliary images from which the kinds of pixels follow.
+//! Auxiliary images that determine the kinds of pixels.
 
 use crate::exec::ranks::Devices;
 use crate::image::{Image, RgbImage};
@@ -16,7 +16,7 @@ use crate::exec::Stereo;
 pub const AOVS: [Aov; 6] =
     [Aov::Depth, Aov::Normal, Aov::BaseColor, Aov::DiffuseAlbedo, Aov::SpecularAlbedo, Aov::Roughness];
 
-/// The cheapest frame: auxiliary images do not depend on light.
+/// Quality at which auxiliary images are rendered: the cheapest, since they do not depend on light.
 const QUALITY: Quality =
     Quality { spp: 1, bounces: 0, denoiser: None, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
 

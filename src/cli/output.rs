@@ -253,7 +253,7 @@ const HOLE_KEY: [([u8; 3], &str); 8] = [
     ([240, 228, 66], "4 left eye saw another material"),
     ([86, 180, 233], "5 several surfaces share the pixel"),
     ([204, 121, 167], "6 mirror, glass or gloss"),
-    ([0, 158, 115], "7 left to the filter"),
+    ([0, 158, 115], "7 left to the denoiser"),
 ];
 
 /// Returns the colour map for an auxiliary image of small integers, and its key.

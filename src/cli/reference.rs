@@ -12,7 +12,7 @@ use crate::loaded::LoadedScene;
 use crate::report::run::{ReferenceRow, aov_ms};
 
 use super::failure::Failure;
-use super::foveation::FoveationOptions;
+use super::foveation::{FoveationMode, FoveationOptions};
 use super::interrupt::INTERRUPTED;
 use super::options::{RenderOptions, RunOptions, Switch};
 use super::output;
@@ -53,11 +53,12 @@ fn pass_spp(text: &str) -> Result<u32, String> {
 const SPP: u32 = 256;
 
 /// Options that a reference overrides: the name of the field, and the reason, which follows the words "a reference".
-pub const OVERRULED: [(&str, &str); 7] = [
+pub const OVERRULED: [(&str, &str); 8] = [
     ("denoiser", "is not filtered"),
     ("iterations", "is not filtered"),
     ("foveation", "samples every pixel alike"),
     ("gaze", "samples every pixel alike"),
+    ("polar", "samples every pixel alike"),
     ("scale", "samples every pixel"),
     ("reproject", "traces both eyes"),
     ("frames_in_flight", "is made in passes, one after another"),
@@ -72,7 +73,7 @@ pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
     for (id, why) in OVERRULED {
         let agrees = match id {
             "denoiser" => options.denoiser.is_none(),
-            "foveation" => !options.foveated.is_on(),
+            "foveation" => options.foveated.foveation == FoveationMode::None,
             "scale" => options.scale == 1.0,
             "reproject" => !options.reprojects(),
             "frames_in_flight" => options.frames_in_flight == 1,

@@ -195,8 +195,8 @@ impl Run<'_> {
             if self.rows.frames.is_empty() {
                 self.warn_of_nothing_seen(&images.linear);
             }
-            // With several frames in flight, submit the next ones before writing files. With one, submit it afterwards,
-            // so that file output does not disturb its timing.
+            // With several frames in flight, submit the next ones before writing files. With only one, submit the next
+            // frame after writing files, so that file output does not disturb its timing.
             if options.frames_in_flight > 1 {
                 self.begin_frames()?;
             }
@@ -255,8 +255,8 @@ impl Run<'_> {
     fn begin_frames(&mut self) -> Result<(), Failure> {
         let options = &self.args.options;
         let most = usize::from(options.frames_in_flight);
-        // If several frames may be in flight, each frame brings its images along; otherwise they are read from the
-        // devices when the frame is finished.
+        // If several frames may be in flight, each frame downloads its own images. Otherwise, the images are read from
+        // the devices when the frame is finished.
         let reads = if most > 1 { FrameImages::on_devices(&options.aovs()) } else { Vec::new() };
         while self.begun < options.frames && self.renderer.in_flight() < most && !interrupt::is_set() {
             let at_s = time_s(options, self.begun);

@@ -149,8 +149,8 @@ fn of_policies(options: &RenderOptions) -> Result<Vec<RenderOptions>, Failure> {
     policies.iter().map(with).collect()
 }
 
-/// Returns the requested counts, ascending and without duplicates. Omits the count that gives a single device in total,
-/// which is measured first.
+/// Returns the requested counts, ascending and without duplicates. Omits the count that gives a single device in total:
+/// one device is always measured, before all counts.
 fn counts(asked: &[u16], adapters: usize) -> Vec<usize> {
     let counts: BTreeSet<usize> = asked.iter().copied().map(usize::from).collect();
     counts.into_iter().filter(|count| count * adapters > 1).collect()

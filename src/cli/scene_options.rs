@@ -42,7 +42,7 @@ pub struct SceneOptions {
     /// Animations to play: all, none, or a name [default: the shot's, else all]
     #[arg(hide_short_help = true, long, value_name = "NAME", value_parser = animation)]
     pub animation: Option<Choice>,
-    /// Maximum host memory for the scene, such as 4GiB [default: half of it]
+    /// Maximum host memory for the scene, such as 4GiB [default: half the RAM]
     #[arg(hide_short_help = true, long, value_name = "SIZE")]
     pub max_scene_memory: Option<ByteSize>,
     /// Allow shots and scenes to name files outside their folders

@@ -56,7 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     atomic_write(out, |file| file.write_all(shot.text().as_bytes()))?;
     say!("{}", out.display());
     if is_outside {
-        say!("it names files outside its folder: render it with --allow-outside, or choose an --out above them");
+        say!("it names files outside its folder: render it with --allow-outside, or move --out above these files");
     }
     Ok(())
 }

@@ -5,8 +5,8 @@ use std::str::FromStr;
 /// Headroom for a change to a rung: the product of the rung's expected time, the scatter margin and this factor must be
 /// at most the band's upper end. The current rung is kept without this factor; this hysteresis prevents oscillation.
 const HEADROOM: f64 = 1.15;
-/// Headroom for a step to a much more expensive rung. It is smaller, since otherwise frames would leave a good part of
-/// the band unused.
+/// Headroom for a step to a much more expensive rung. It is smaller than [`HEADROOM`], with which frames would leave a
+/// good part of the band unused.
 const STEP_HEADROOM: f64 = 1.06;
 /// Headroom for a rung above a gap, where all cheaper rungs are below the band.
 const GAP_HEADROOM: f64 = 1.03;

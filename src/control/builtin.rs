@@ -93,15 +93,15 @@ fn have_path_times(rungs: &[Rung]) -> bool {
     rungs.iter().all(|r| r.stage_ms.get(PATH_TRACE.name()).is_some_and(|ms| *ms > 0.0))
 }
 
-/// True if some rungs have measured times of stages, but not all rungs have one of path tracing, so that
-/// [`relative_costs`] cannot use them.
+/// True if some rungs have measured stage times, but at least one rung has no time of path tracing. In this case
+/// [`relative_costs`] ignores the measured times.
 pub fn lack_path_times(rungs: &[Rung]) -> bool {
     rungs.iter().any(|r| !r.stage_ms.is_empty()) && !have_path_times(rungs)
 }
 
-/// Returns the relative cost of tracing on each rung, from the rungs' measured times if all have them, otherwise
-/// estimated. A rung's cost of paths does not depend on the other rungs, so costs learned with one set of rungs hold
-/// for another.
+/// Returns the relative cost of tracing on each rung: measured if all rungs have a time of path tracing, otherwise
+/// estimated. A rung's relative cost of path tracing does not depend on the other rungs, so costs learned with one set
+/// of rungs hold for another.
 pub fn relative_costs(rungs: &[Rung]) -> Vec<RelativeCost> {
     let are_timed = have_path_times(rungs);
     let Some(first) = rungs.first() else { return Vec::new() };

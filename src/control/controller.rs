@@ -15,8 +15,8 @@ pub const CLIMB_EVERY: u32 = 8;
 pub const CLIMB_BACK_AFTER: u32 = 4;
 /// Number of frames after a climb within which a drop marks the climb as a mistake.
 const PROBATION: u32 = 16;
-/// Number of frames for which a rung is locked out after the first such mistake. Each further mistake doubles it, up to
-/// the second number.
+/// Number of frames for which a rung is locked out after the first such mistake, and the maximum of this number. Each
+/// further mistake doubles the number.
 const RETRY_AFTER: [u32; 2] = [32, 1024];
 /// Ratio of the times of two neighbouring rungs above which a step up needs less headroom.
 const COARSE: f64 = 1.3;
@@ -47,7 +47,7 @@ pub struct Decision {
     pub fits: bool,
 }
 
-/// The outcome of climbs to a rung.
+/// Lock-out state of a rung, from the outcome of earlier climbs to it.
 #[derive(Clone, Debug)]
 struct Trial {
     /// Number of the first decision that may climb to the rung.

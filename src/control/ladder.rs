@@ -17,7 +17,7 @@ pub const MIN_STEP: f64 = 0.03;
 /// to this power times as large. With a larger error, the rung is worse than one with fewer samples.
 pub const STEEPEST: f64 = 3.0;
 
-/// Suffix of the version in older ladders written by `play`, which store estimated errors as `flip`.
+/// Suffix of [`Origin::version`] in ladders that older versions of `play` wrote. They store estimated errors as `flip`.
 const ESTIMATED_FLIP: &str = "; flip is estimated";
 
 #[derive(Debug, thiserror::Error)]

@@ -42,7 +42,7 @@ pub struct Rung {
     pub flip: Option<f64>,
     pub flicker: Option<f64>,
     pub relmse: Option<f64>,
-    /// True if time and error were estimated from those of other settings.
+    /// True if time and error were estimated, not measured.
     pub is_estimated: bool,
     pub quality: Quality,
     /// Busy time by stage, summed over views and devices, which a cost model can scale.

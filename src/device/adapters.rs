@@ -8,15 +8,15 @@ use super::{DeviceError, Quirks, Traversal, TraversalChoice};
 pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu: `apt-get install mesa-vulkan-drivers`, \
      which brings a software one too), or update the graphics driver";
 
-/// Maximum number of devices that one run drives: masks have one bit for each.
+/// Maximum number of devices that one run drives: sets of devices are 64-bit masks.
 pub(crate) const MAX_DEVICES: usize = 64;
 
 /// Storage buffers per shader stage that a device must support: SVGF's accumulation binds the most.
 const STORAGE_BUFFERS_PER_STAGE: u32 = 13;
 pub(super) const IMMEDIATE_BYTES: u32 = 64;
 
-/// Oldest major release of Mesa whose software driver is known to be faster than that of 22.3: 1.3 to 2.5 times as fast
-/// for a frame.
+/// Oldest major release of Mesa whose software driver is known to be fast: it renders frames 1.3 to 2.5 times as fast
+/// as the driver of Mesa 22.3.
 const FAST_MESA: u32 = 25;
 
 /// Description of an opened device.
@@ -32,11 +32,11 @@ pub struct DeviceInfo {
     pub kind: String,
     /// Worker threads of a software adapter, if the driver lets us set them.
     pub threads: Option<usize>,
-    /// Ray traversal that it uses.
+    /// Ray traversal that the device uses.
     pub traversal: Traversal,
     /// Largest storage buffer that a shader can bind, bytes.
     pub max_storage_bytes: u64,
-    /// Maximum error of device timestamps against the host's clock.
+    /// Maximum error, in microseconds, of the device's timestamps after conversion to the host's clock.
     pub clock_residual_us: f64,
     /// Process that owns the device, in a run of several processes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -98,7 +98,7 @@ impl TraversalChoice {
     /// Resolves the choice for these adapters.
     ///
     /// # Errors
-    /// [`DeviceError::NoRayQueries`] if hardware is asked for and an adapter has none.
+    /// [`DeviceError::NoRayQueries`] if hardware traversal is chosen and an adapter lacks ray queries.
     pub(super) fn on(self, adapters: &[&AdapterReport]) -> Result<Traversal, DeviceError> {
         let lacking = adapters.iter().find(|a| !a.ray_queries);
         match (self, lacking) {

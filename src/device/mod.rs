@@ -94,7 +94,7 @@ pub struct GpuDevice {
 /// Number of slices that a wait is divided into. If the whole process is suspended, at most one slice is lost.
 pub const WAIT_SLICES: u32 = 8;
 
-/// Means by which a device's shaders access the scene.
+/// Resource from which a device's shaders read the scene's tables, and their method of ray traversal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneAccess {
     pub tables: Tables,

@@ -17,7 +17,7 @@ pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
 /// Opens devices like [`open`], except that `first` may provide the first one.
 ///
 /// # Errors
-/// Errors of [`open`] and of `first`.
+/// [`DeviceError`] if the selection is invalid or a device cannot be opened, and errors of `first`.
 pub fn open_with(
     selection: &Selection,
     first: impl FnOnce(&Wanted<'_>) -> Result<Option<GpuDevice>, DeviceError>,
@@ -80,8 +80,9 @@ impl Wanted<'_> {
     /// Sets the number of threads that Mesa reads when a device is created. The caller holds the lock [`OPENING`].
     pub(super) fn request_threads(&self) {
         if let Some(threads) = self.threads {
-            // In lavapipe, the thread of the queue executes the work itself if there are no worker threads. With a
-            // single worker, the two would alternate, and each dispatch would wake both.
+            // In lavapipe, the queue's thread executes the work itself if there are no worker threads. Request none
+            // instead of one: a single worker and the queue's thread would alternate, and each dispatch would wake
+            // both.
             environment::set_threads(if threads > 1 { threads } else { 0 });
         }
     }

@@ -5,7 +5,7 @@ use super::ShaderChecks;
 /// Cache key of a pipeline on one device.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct PipelineKey {
-    /// Name of a shader of the library, or text of a foreign one.
+    /// Name of one of the library's shaders, or the source text of a shader that the caller supplies.
     pub shader: String,
     /// Name of the include that implements the projection; empty if the shader does not depend on it.
     pub projection: &'static str,

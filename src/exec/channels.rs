@@ -14,7 +14,7 @@ pub struct RendererChannels {
     replies: Receiver<Reply>,
 }
 
-/// The renderer's channels to one worker, and its heartbeat.
+/// The renderer's channels to one worker, and the heartbeat of that worker.
 struct WorkerLine {
     /// `None` once closed.
     commands: Option<Sender<Command>>,

@@ -79,7 +79,8 @@ impl<'a> Queue<'a> {
         self.uploads_ms.iter().any(|at_ms| gap.contains(at_ms))
     }
 
-    /// Returns the median gap between stages that did not wait for rows.
+    /// Returns the median idle gap between successive stages, in milliseconds. Gaps in which the device received rows
+    /// do not count.
     fn median_gap_ms(&self) -> Option<f64> {
         let mut gaps_ms: Vec<f64> =
             self.gaps().filter(|(gap, _)| !self.receives_in(gap)).map(|(gap, _)| gap.end - gap.start).collect();

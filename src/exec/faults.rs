@@ -17,7 +17,7 @@ pub struct Fault {
     pub attempts: u32,
     /// Time from the detection of the fault until the frame was complete, in milliseconds.
     pub recovery_ms: f64,
-    /// Time of its detection, in milliseconds since the renderer's origin.
+    /// Time at which the fault was detected, in milliseconds since the renderer's origin.
     #[serde(skip)]
     pub noticed_ms: f64,
 }
@@ -67,7 +67,7 @@ impl FromStr for Injection {
 /// The faults to inject into devices.
 #[derive(Clone, Debug, Default)]
 pub struct InjectedFaults {
-    /// Each happens once.
+    /// Faults that are still to be injected, each once.
     pub injections: Vec<Injection>,
     /// Number of times that each device runs its dispatches, in every frame. Devices without an entry run them once.
     pub slowdown: Vec<u32>,

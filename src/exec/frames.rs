@@ -36,7 +36,7 @@ pub struct InFlight {
     ticket: u64,
     /// Time limit that its workers received with their orders. The current limit may be shorter.
     limit: Duration,
-    /// The faults that are injected into it.
+    /// Faults that the workers inject during this attempt.
     injections: Vec<Injection>,
 }
 
@@ -101,7 +101,7 @@ impl Frames {
         }
     }
 
-    /// Returns the network between devices of different ranks.
+    /// Returns the model of the network between ranks: its latency and its time per byte.
     pub fn network(&self) -> Network {
         self.workers.network()
     }
@@ -166,7 +166,7 @@ impl Frames {
         self.in_flight.push_back(InFlight { inputs, report, attempt, graph, ticket, limit, injections });
     }
 
-    /// Records the predicted makespan of the frame that was sent out last.
+    /// Records the predicted makespan of the frame that was dispatched last; `None` if it is unknown.
     pub fn predict_last(&mut self, makespan_ms: Option<f64>) {
         if let Some(frame) = self.in_flight.back_mut() {
             frame.report.predicted_ms = makespan_ms;

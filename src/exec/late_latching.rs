@@ -35,7 +35,7 @@ pub struct Late {
 pub struct SampledPose {
     /// Rig that the source returned.
     pub rig: Rig,
-    /// Time at which it was sampled, in milliseconds since the renderer's origin.
+    /// Time at which the pose was sampled, in milliseconds since the renderer's origin.
     pub at_ms: f64,
 }
 

@@ -22,7 +22,7 @@ pub struct Command {
     /// Number that the answer repeats. All commands of one attempt at a frame have the same ticket, which no other
     /// command of the run has.
     pub ticket: u64,
-    /// Time limit of the device for each operation that is waited for.
+    /// Timeout of each wait on the device.
     pub limit: Duration,
     pub order: Order,
 }

@@ -174,8 +174,8 @@ impl Renderer {
         self.planner.policy_name()
     }
 
-    /// Returns the parameters of the frame that a camera sees at a time in seconds, with the default quality, seed and
-    /// exposure of the configuration. `index` keys its random numbers.
+    /// Returns the parameters of a frame from the camera `rig` at the scene time `time_s`, in seconds. Quality, seed
+    /// and exposure are those of the configuration. `index` is the frame number, which keys the random numbers.
     pub fn frame(&self, rig: &Rig, time_s: f64, index: u32) -> FrameParams {
         let (rig, quality) = (rig.clone(), self.config.quality());
         let RunConfig { seed, exposure_ev, .. } = self.config;
@@ -185,9 +185,10 @@ impl Renderer {
     /// Checks whether a frame can have these parameters.
     ///
     /// # Errors
-    /// [`ExecError::Quality`] if its quality is outside the [`RunConfig::envelope`]: more samples or iterations,
-    /// another denoiser, no iteration of it, one sample without [`crate::quality::Envelope::mixes_spp`], a render scale
-    /// below 1 if all others have 1, or foveal layers without foveation.
+    /// [`ExecError::Quality`] if the frame's quality is outside the [`RunConfig::envelope`]: more samples or denoiser
+    /// iterations, another denoiser or polar mapping, a denoiser with no iteration, one sample per pixel without
+    /// [`crate::quality::Envelope::mixes_spp`], a render scale below 1 if the envelope has neither such a scale nor
+    /// foveal layers, or foveal layers if the envelope has none.
     pub fn check(&self, params: &FrameParams) -> Result<(), ExecError> {
         quality::check(&params.quality, &self.config).map_err(ExecError::Quality)
     }
@@ -389,8 +390,8 @@ impl Renderer {
         self.devices[device].rank.as_ref().is_none_or(|rank| rank.number == 0)
     }
 
-    /// Returns the number of rows up and down in which a frame searches for the history of its surfaces. Returns `None`
-    /// if the frame uses no history.
+    /// Returns the search range of the frame's temporal reprojection, in rows above and below. Returns `None` if the
+    /// frame uses no history.
     fn history_rows(&self, inputs: &Inputs) -> Option<u32> {
         let keeps = self.config.keeps_history();
         let Inputs { constants, previous, moved, .. } = inputs;

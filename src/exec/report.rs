@@ -256,12 +256,12 @@ impl fmt::Display for RightEye {
         write!(f, "{} reprojected, ", percent(self.reprojected_fraction))?;
         write!(f, "{} traced again for antialiasing, ", percent(self.antialiasing_fraction))?;
         if self.unsampled_fraction > 0.0 {
-            write!(f, "{} left to the filter, ", percent(self.unsampled_fraction))?;
+            write!(f, "{} filled in by the denoiser, ", percent(self.unsampled_fraction))?;
         }
         write!(f, "{} holes", percent(self.hole_fraction))?;
         if self.hole_fraction > 0.0 {
             let hidden = of(&[HoleReason::Normal, HoleReason::Distance, HoleReason::Material]);
-            write!(f, " ({} outside the left image, {hidden} hidden from the left eye, ", of(&[HoleReason::Outside]))?;
+            write!(f, " ({} outside the left image, {hidden} disoccluded, ", of(&[HoleReason::Outside]))?;
             write!(f, "{} mirrors, glass or gloss)", of(&[HoleReason::View]))?;
         }
         Ok(())

@@ -61,7 +61,7 @@ impl Worker {
             }
             let action = self.protocol.next_action();
             self.follow(&action, &mut spans);
-            // A panic is a bug, but workers that wait for this device must still be told.
+            // A panic is a bug, but report it as a device failure, so that other workers stop waiting for this device.
             let done = catch_unwind(AssertUnwindSafe(|| self.perform(action)))
                 .unwrap_or_else(|panic| Err(format!("its worker panicked: {}", panic_text(&*panic)).into()));
             match done {

@@ -18,10 +18,10 @@ use crate::device::{DeviceFailure, DeviceInfo, FailureKind, GpuDevice};
 use crate::schedule::Network;
 use crate::stages::{RunConfig, SceneTables};
 
-/// Time limit for a worker to end.
+/// Time that a worker may take to end once its command channel is closed.
 pub const END_LIMIT: Duration = Duration::from_secs(5);
 
-/// One worker per device, including those of dropped devices.
+/// The workers: one per device, including devices that were dropped.
 pub struct WorkerPool {
     transport: Box<dyn RendererTransport>,
     members: Vec<Member>,
@@ -97,8 +97,8 @@ impl WorkerPool {
         self.transport.close(device);
     }
 
-    /// Sends each order to its device, all under a new ticket, which is returned. `limit` is the time that a device may
-    /// take for each operation that is waited for.
+    /// Sends each order to its device. All orders get one new ticket, which is returned. `limit` is the
+    /// device's time limit for each operation that its worker waits for.
     pub fn ask(&mut self, orders: Vec<(usize, Order)>, limit: Duration) -> u64 {
         let ticket = self.ledger.ask(orders.iter().map(|(device, _)| *device).collect());
         for (device, order) in orders {
@@ -114,8 +114,8 @@ impl WorkerPool {
         self.transport.call_off(ticket);
     }
 
-    /// Waits for the answers to the orders under this ticket. If a device shows no sign of life for longer than
-    /// `limit`, the pool answers in its place and tells the others not to wait for it.
+    /// Waits for the answers to the orders under this ticket. If a worker shows no sign of life for longer than
+    /// `limit`, the pool records a failure as its answer and tells the other workers to stop waiting for its rows.
     pub fn answers(&mut self, ticket: u64, limit: Duration) -> Answers {
         let mut watchdog = Watchdog::new(limit, &self.transport.signs());
         loop {
@@ -170,7 +170,8 @@ impl Member {
     }
 }
 
-/// Starts a thread that runs the worker and returns its device, unless that has failed.
+/// Starts a thread that runs the worker. When the worker ends, the thread returns the worker's device, or `None` if the
+/// device has failed.
 ///
 /// # Errors
 /// An I/O error if the thread cannot be started.

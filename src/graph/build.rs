@@ -35,8 +35,8 @@ pub struct FrameGraph {
 }
 
 impl FrameGraph {
-    /// Builds the graph of a frame. `before` is the assignment of the previous frame, if this one has a history. All
-    /// outputs are gathered on the primary.
+    /// Builds the graph of a frame. `before` is the assignment of the previous frame, or `None` if the frame reuses no
+    /// history. All outputs are gathered on the primary.
     pub fn build(program: &Arc<Program>, assignment: &Assignment, before: Option<&Assignment>) -> Self {
         Self::build_for(program, assignment, before.map(|before| (before, &[][..])), |_| true)
     }
@@ -121,8 +121,8 @@ impl FrameGraph {
     }
 }
 
-/// Rows of which a device holds the newest version, and the task that produced them there. `node` is `None` for rows of
-/// the previous frame.
+/// Rows whose newest version is on a device. `node` is the task that computed them there or uploaded them. It is `None`
+/// for rows of the previous frame.
 #[derive(Clone, Debug)]
 struct Holding {
     rows: Range<u32>,
@@ -136,7 +136,7 @@ struct Version {
     /// Owners of the rows. For an image, the entries do not overlap, and they cover all rows except lost ones. For a
     /// table, there is one entry for each device that computes it.
     owned: Vec<Holding>,
-    /// Rows that devices hold in addition to their own.
+    /// Rows of other owners that devices have received or computed as margins.
     copies: Vec<Holding>,
 }
 
@@ -288,7 +288,7 @@ impl<'a> Builder<'a> {
         let to = self.dag[consumer].device;
         let transfer = self.transfers;
         self.transfers += 1;
-        // Rows of the previous frame can be sent at once.
+        // Rows of the previous frame have no task in this graph, and are available from its first pass on.
         let produced = owner.node.map_or(0, |node| self.dag[node].key.pass);
         let down = Task {
             kind: TaskKind::Download { image, transfer, to },
@@ -332,8 +332,8 @@ impl<'a> Builder<'a> {
         self.dispatch_batches(pass);
     }
 
-    /// Groups the transfers of the consumer just added into one batch per source device; separate submissions would
-    /// gain nothing. `due` is the consumer's pass.
+    /// Groups the transfers that the newest consumer waits for into one batch per source device. The consumer waits for
+    /// all of them, so separate submissions would gain nothing. `due` is the consumer's pass.
     fn close_batches(&mut self, due: u32) {
         let mut of_devices: BTreeMap<usize, (TransferBatch, Vec<Transfer>)> = BTreeMap::new();
         for transfer in self.moved.drain(..) {

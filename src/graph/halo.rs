@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 pub struct HaloPlan(u32);
 
 impl HaloPlan {
-    /// Receives one wide margin before the first pass. Devices then filter the margin themselves.
+    /// Receives one wide halo before the first pass. Devices then filter a margin redundantly.
     pub const RECOMPUTE: Self = Self(1);
-    /// Receives narrow margins before every iteration.
+    /// Receives a narrow halo before every pass. Devices filter no margin.
     pub const EXCHANGE: Self = Self(u32::MAX);
 
     /// Returns all distinct plans for a chain of this many passes.
@@ -25,12 +25,12 @@ impl HaloPlan {
         self.0 >> pass & 1 == 1
     }
 
-    /// Returns this plan with rows received before one more pass.
+    /// Returns this plan with halo rows also received before `pass`.
     pub fn receiving_before(self, pass: usize) -> Self {
         Self(self.0 | 1 << pass)
     }
 
-    /// Splits the passes into runs. Rows are received before each run.
+    /// Splits a chain of `passes` passes into ranges of consecutive passes. Halo rows are received before each range.
     pub fn runs(self, passes: usize) -> Vec<Range<usize>> {
         let begins = (0..passes).filter(|i| *i == 0 || self.receives_before(*i));
         let end = |begin: usize| (begin + 1..passes).find(|i| self.receives_before(*i)).unwrap_or(passes);

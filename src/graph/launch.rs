@@ -1,11 +1,11 @@
 //! Kernel runs that make up a pass.
 
-/// One run of a kernel over the rows of a pass, or one run per batch of samples, with the kernel's arguments.
+/// Runs of a kernel over the rows of a pass, with the kernel's three arguments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Launch {
     Once([u32; 3]),
-    /// One run per batch of at most `most` samples per pixel. The arguments are the first sample, the last one + 1, and
-    /// `third`.
+    /// One run per batch of at most `most` samples per pixel. The arguments are the index of the first sample, the
+    /// index after the last sample, and `third`.
     Samples {
         most: u32,
         third: u32,

@@ -79,8 +79,9 @@ impl Assignment {
         (0..self.devices()).map(|d| all().any(|s| !s.rows(d).is_empty())).collect()
     }
 
-    /// Returns the same rows with other device numbers. Device i becomes `devices[i]` of `count`, all other devices
-    /// have no rows, and `devices[0]` is the primary. `devices` must be in ascending order.
+    /// Returns this assignment for `count` devices, with other device numbers. The rows of device i go to device
+    /// `devices[i]`, all other devices have no rows, and `devices[0]` is the primary. `devices` must be in ascending
+    /// order.
     pub fn renumbered(&self, devices: &[usize], count: usize) -> Self {
         let own = self.own.iter().map(|(key, s)| (*key, s.renumbered(devices, count))).collect();
         let common = self.common.renumbered(devices, count);

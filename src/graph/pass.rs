@@ -54,7 +54,8 @@ impl Kernel {
     }
 
     /// Makes a kernel from a shader outside the library. It has workgroups of 8 x 8 and does not read the scene.
-    /// `//!include` lines in its text include shared parts of the library's shaders. It runs with all run-time checks.
+    /// `//!include` lines in its text include shared parts of the library's shaders. The shader is compiled with all
+    /// run-time checks, such as bounds checks.
     pub const fn from_text(name: &'static str, text: &'static str) -> Self {
         Self { foreign_text: Some(text), ..Self::new(name) }
     }
@@ -79,7 +80,7 @@ impl Kernel {
         Self { workgroup, ..self }
     }
 
-    /// Makes a kernel with workgroups of 64 x 1 that changes the scene.
+    /// Makes a kernel with workgroups of 64 x 1 that writes rows of the scene tables.
     pub(crate) const fn changing_scene(name: &'static str) -> Self {
         Self { scene: SceneUse::Write, workgroup: [64, 1, 1], ..Self::new(name) }
     }
@@ -97,12 +98,12 @@ pub enum Dispatch {
     Invocations([u32; 2]),
     /// One workgroup for each tile of this many columns and rows.
     Workgroups([u32; 2]),
-    /// One workgroup for each tile of this many columns and rows that the device's rows can overlap, wherever the
-    /// shader places the origin of the tiles.
+    /// One workgroup for each tile that the device's rows can overlap, for any origin that the shader gives the grid of
+    /// tiles. A tile has this many columns and rows.
     Displaced([u32; 2]),
     /// Indirect dispatch with the workgroup counts in the header of this list.
     List(Resource),
-    /// This many workgroups, once per device.
+    /// This many workgroups along x, y and z, once per device.
     Once([u32; 3]),
 }
 
@@ -113,27 +114,27 @@ impl Dispatch {
 /// The quantity to which the time of a pass is proportional.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
-    /// The rays of its view, as counted in the previous frame.
+    /// The number of rays of the pass's view, as counted in the previous frame.
     Rays,
-    /// The rows that it computes.
+    /// The number of rows that the pass computes.
     Rows,
     /// Nothing. The time is the same on each device that has any rows.
     Once,
 }
 
-/// Role of a pass in a filter chain. There, each pass reads a halo: rows above and below its own that the previous pass
-/// wrote.
+/// Role of a pass in a filter chain. Each pass of a chain reads the rows of the previous pass's output that lie in its
+/// own stripe, and a halo of rows above and below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Chain {
     No,
-    /// The pass reads such a halo. The halo plan decides whether a device receives the halo from its neighbours or
-    /// computes it as a margin.
+    /// The pass is in a chain. The halo plan decides whether a device receives the halo from its neighbours or computes
+    /// it as a margin.
     Planned,
-    /// The pass reads such a halo, which each device computes as a margin.
+    /// The pass is in a chain, and each device always computes the halo as a margin.
     Margin,
 }
 
-/// A pass on one view, or one that each device runs for itself.
+/// A pass on one view, divided into stripes, or a pass that every device runs in full.
 #[derive(Clone, Debug)]
 pub struct Pass {
     pub stage: Stage,
@@ -176,7 +177,7 @@ impl Pass {
         }
     }
 
-    /// Makes a pass that every device runs for itself.
+    /// Makes a pass that every device runs in full, with this number of workgroups along x, y and z.
     pub fn once(stage: Stage, partition: Partition, kernel: Kernel, workgroups: [u32; 3]) -> Self {
         let (dispatch, scope) = (Dispatch::Once(workgroups), Scope::Device);
         Self { scope, dispatch, work: Work::Once, ..Self::new(stage, Eye::Left, partition, kernel) }

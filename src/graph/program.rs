@@ -26,7 +26,7 @@ pub struct Linked {
     pub pass: Pass,
     /// Index of each use's image in [`Program::images`].
     pub images: Vec<usize>,
-    /// Number of rows above and below its own that a device also computes, for its own later passes.
+    /// Number of rows above and below its stripe that a device also computes, because its later passes read them.
     pub margin_rows: u32,
     /// Index of the pass among the [`Chain::Planned`] passes of its view, which may receive halo rows; `None` for any
     /// other pass.
@@ -117,8 +117,8 @@ impl Program {
         stages
     }
 
-    /// Returns the sets of groups that are partitioned together. Devices wait for one another between two sets, so each
-    /// set should end on all devices at the same time.
+    /// Returns sets of partitions (groups of passes with the same stripes), in order of execution. Devices wait for one
+    /// another between two sets, so the stripes of each set should make all devices end it at the same time.
     pub fn partition_sets(&self) -> &[Vec<Partition>] {
         &self.partition_sets
     }
@@ -143,8 +143,8 @@ impl Program {
     }
 }
 
-/// Checks that every pass reads only images that earlier passes have written, and all other rules of [`ProgramError`]
-/// except the one on grids.
+/// Checks all rules of [`ProgramError`] except the one on grids: for example, that every pass reads only images that
+/// earlier passes have written.
 fn check(passes: &[Pass]) -> Result<(), ProgramError> {
     let mut held: HashMap<(Resource, u8, Eye), (u8, Partition)> = HashMap::new();
     let all_writes: Vec<Resource> =
@@ -219,8 +219,8 @@ fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), Progr
     Ok(())
 }
 
-/// Splits the groups at the first pass that reads halo rows. Such a pass makes devices wait for one another, so the
-/// groups before it are partitioned separately from the rest.
+/// Splits the partitions into those whose passes all come before the first pass that reads halo rows, and the rest. At
+/// that pass devices wait for one another, so the load of each set is balanced separately.
 fn partition_sets(passes: &[Linked]) -> Vec<Vec<Partition>> {
     let first = passes.iter().position(|p| p.pass.halo_rows() > 0).unwrap_or(passes.len());
     let mut late: Vec<Partition> = Vec::new();

@@ -92,7 +92,7 @@ pub enum Life {
     Output,
     /// The contents last as in `Frame`, but their rows never leave the device that made them.
     Local,
-    /// The host sets it.
+    /// The host sets the contents.
     Input,
 }
 
@@ -101,11 +101,11 @@ pub enum Life {
 /// Two resources with the same name and number are the same.
 #[derive(Clone, Copy, Debug)]
 pub struct Resource {
-    /// Name in reports and traces, also of its buffer.
+    /// Name of the resource in reports and traces, and label of its buffers.
     pub name: &'static str,
     /// Tells resources of the same name apart.
     pub number: u8,
-    /// Name of its variable in shaders, if that is not its own name.
+    /// Name of the resource's variable in shaders, if it differs from `name`.
     pub variable: Option<&'static str>,
     pub format: Format,
     pub grid: Grid,
@@ -148,7 +148,8 @@ impl Resource {
         Self::new(name, Format::List, Grid::table(Size::Frame), Scope::View, Life::Local)
     }
 
-    /// Makes constants that the host sets with every frame: this struct of the shader, of this many bytes.
+    /// Makes a uniform buffer of `bytes` bytes that the host sets every frame. Its type in shaders is the struct
+    /// `struct_name`.
     pub const fn constants(name: &'static str, struct_name: &'static str, bytes: u32) -> Self {
         let grid = Grid::table(Size::Fixed(Extent::new(1, 1)));
         Self::new(name, Format::Uniform { bytes, name: struct_name }, grid, Scope::Device, Life::Input)
@@ -159,7 +160,7 @@ impl Resource {
         Self::new(name, Format::texels::<T>(), Grid::table(Size::Fixed(texels)), Scope::Device, Life::Frame)
     }
 
-    /// Returns this resource with this variable in shaders.
+    /// Returns this resource with `variable` as the name of its variable in shaders.
     pub const fn bound_as(self, variable: &'static str) -> Self {
         Self { variable: Some(variable), ..self }
     }
@@ -177,7 +178,7 @@ impl Resource {
         self.grid.extent(frame)
     }
 
-    /// Returns the bytes of one row.
+    /// Returns the size of one row in bytes.
     pub fn row_bytes(&self, frame: Extent) -> u64 {
         let texel_bytes = match self.format {
             Format::Texels { bytes, .. } | Format::Uniform { bytes, .. } => bytes,
@@ -186,12 +187,12 @@ impl Resource {
         u64::from(texel_bytes) * u64::from(self.extent(frame).width)
     }
 
-    /// Returns the bytes before the first row.
+    /// Returns the size in bytes of the header before the first row: 0 unless the resource is a list.
     pub fn header_bytes(&self) -> u64 {
         if self.format == Format::List { u64::from(4 * LIST_HEADER) } else { 0 }
     }
 
-    /// Returns the bytes of the whole resource.
+    /// Returns the size in bytes of one instance of the resource, including the header.
     pub fn bytes(&self, frame: Extent) -> u64 {
         self.header_bytes() + self.row_bytes(frame) * u64::from(self.extent(frame).height)
     }

@@ -39,8 +39,8 @@ pub fn schedule_batches(batches: &[TransferBatch], end: u32) -> Vec<BatchSchedul
         stop_at(&mut stops, batch.ready + 1);
         stop_at(&mut stops, batch.due);
     }
-    // Adds few stops: in order of `due`, each small batch without a stop after `ready` and up to `due` gets one at
-    // `due`.
+    // Small batches share stops. In order of `due`, a batch gets a stop of its own, at `due`, only if there is no stop
+    // after `ready` and up to `due` yet.
     let mut small: Vec<&TransferBatch> = batches.iter().filter(|batch| !is_large(batch)).collect();
     small.sort_by_key(|batch| batch.due);
     for batch in small {

@@ -43,8 +43,8 @@ pub enum Reach {
         offset: u32,
     },
     All,
-    /// The rows that this function returns for the pass's own rows. Argument and result count rows of the image that is
-    /// read.
+    /// The rows that this function returns. Its argument is the range of the pass's own rows, scaled to the image that
+    /// is read; the result is also in rows of that image.
     Rows(fn(Range<u32>) -> Range<u32>),
 }
 
@@ -90,7 +90,7 @@ pub struct Use {
     pub is_cleared: bool,
     /// Name of the shader's variable, if it does not follow from the resource.
     pub name: Option<&'static str>,
-    /// Elements that the shader sees, if they are not those of the resource.
+    /// WGSL type of the elements in the shader, if it differs from the resource's element type.
     pub element: Option<&'static str>,
 }
 
@@ -150,8 +150,8 @@ impl Use {
     }
 
     /// Sets the name of the shader's variable. The default is the name that `Resource::bound_as` sets, or else that of
-    /// the resource, for example `hit`. For an image of the previous frame it is `last_hit`, and for that of a given eye
-    /// in either frame it is `left_hit` or `right_hit`.
+    /// the resource, for example `hit`. For an image of the previous frame it is `last_hit`, and for that of a given
+    /// eye in either frame it is `left_hit` or `right_hit`.
     pub fn named(self, name: &'static str) -> Self {
         Self { name: Some(name), ..self }
     }

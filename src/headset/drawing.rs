@@ -186,7 +186,7 @@ impl Painter {
             ],
         });
         let is_depth = self.format.is_depth_stencil_format();
-        // The draw covers every pixel.
+        // The clear values do not matter, since the draw covers every pixel.
         let colours = [Some(wgpu::RenderPassColorAttachment {
             view,
             depth_slice: None,

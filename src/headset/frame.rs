@@ -32,10 +32,11 @@ pub struct HeadsetFrame {
     /// Predicted pose of the head at the display time, in the session's LOCAL reference space.
     pub head: HeadPose,
     pub eyes: HeadEyes,
-    /// Display periods without a frame since the previous frame.
+    /// Number of display periods without a frame since the previous frame.
     pub missed: u32,
     pub input: Input,
-    /// Gaze in each eye's image, as fractions from the top left; none before a tracker has reported one.
+    /// Gaze point (x, y) in the left and the right eye's image, as fractions of width and height from the top left.
+    /// `None` before a tracker has reported a gaze.
     pub gaze: Option<[[f64; 2]; 2]>,
 }
 
@@ -67,7 +68,7 @@ impl HeadsetFrame {
 pub struct Picture<'a> {
     /// Colours of both eyes, four bytes per pixel, encoded for the screen.
     pub images: Stereo<Pixels>,
-    /// Distances along the pixels' rays in scene units, in the first of four floats; 0 is the sky.
+    /// Four floats per pixel, the first of which is the distance along the pixel's ray in scene units; 0 is the sky.
     pub distances: Option<Stereo<Pixels>>,
     pub metres_per_unit: f64,
     pub panel: Option<&'a Panel>,

@@ -14,7 +14,7 @@ pub struct Input {
     pub stick: [f64; 2],
     pub recentres: bool,
     pub toggles_panel: bool,
-    /// Gaze direction in the head, if a tracker reports one.
+    /// Gaze direction in the axes of the head, if a tracker reports one.
     pub gaze: Option<DVec3>,
 }
 

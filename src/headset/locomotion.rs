@@ -7,14 +7,15 @@ use crate::scene::head::HeadPose;
 /// Deflection below which a thumbstick counts as released.
 const DEAD_ZONE: f64 = 0.15;
 
-/// Transform from the session's space to the shot's. In both, y is up, so the transform rotates only about y.
+/// Transform from the session's LOCAL reference space to the shot's space. In both, y is up, so the transform rotates
+/// only about y.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Locomotion {
     origin: HeadPose,
 }
 
 impl Locomotion {
-    /// Converts a head pose from the session's space to the shot's.
+    /// Converts a head pose from the session's LOCAL reference space to the shot's space.
     pub fn placed(&self, head: HeadPose) -> HeadPose {
         self.origin.then(head)
     }

@@ -10,8 +10,8 @@ pub struct Pacing {
 }
 
 impl Pacing {
-    /// Takes the predicted display time of the next frame and the display period, ns. Returns the number of periods
-    /// without a frame since the previous one.
+    /// Records the predicted display time of the next frame. Returns the number of display periods without a frame
+    /// since the previous frame.
     pub fn missed(&mut self, display: Time, period_ns: i64) -> u32 {
         self.first.get_or_insert(display);
         let before = self.last.replace(display);

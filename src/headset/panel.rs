@@ -14,11 +14,11 @@ use glam::DVec3;
 const AHEAD_M: f64 = 1.0;
 const BELOW_M: f64 = 0.15;
 
-/// Quad layer that shows what was last drawn into it. Its pixels have premultiplied alpha.
+/// Quad layer that shows the image last drawn into its swapchain. Pixels have premultiplied alpha.
 pub struct Panel {
     chain: Chain,
     size_m: [f64; 2],
-    /// Pose of its centre, in the session's space.
+    /// Pose of the panel's centre, in the session's LOCAL reference space.
     pose: HeadPose,
 }
 

@@ -13,8 +13,8 @@ const SLACK: f64 = 1e-4;
 /// Largest plausible coordinate of a position.
 const FURTHEST_M: f64 = 1e5;
 
-/// Returns the pose with its orientation normalised; none if the orientation is invalid or the position implausibly
-/// far.
+/// Converts a pose and normalises its orientation. Returns `None` if the orientation is invalid or a coordinate of the
+/// position exceeds [`FURTHEST_M`].
 pub fn head_pose(pose: &Posef) -> Option<HeadPose> {
     let Posef { orientation: Quaternionf { x, y, z, w }, position } = *pose;
     let orientation = DQuat::from_array([x, y, z, w].map(f64::from));
@@ -38,7 +38,8 @@ pub fn fovf(Fov { left, right, up, down }: Fov) -> Fovf {
     Fovf { angle_left, angle_right, angle_up, angle_down }
 }
 
-/// Returns the eyes in the head from two views located in the head's space; none if their orientation is invalid.
+/// Converts two views, located in the head's space, to the poses and fields of view of the eyes. Returns `None` if a
+/// pose is invalid.
 pub fn head_eyes([left, right]: [&View; 2]) -> Option<HeadEyes> {
     let eye = |view: &View| {
         let HeadPose { position_m, orientation } = head_pose(&view.pose)?;

@@ -101,7 +101,8 @@ impl Runtime {
     }
 }
 
-/// Describes the error of a loader that finds no runtime, or whose runtime does not start.
+/// Converts an error of starting the runtime: to [`HeadsetError::NoRuntime`] if the loader finds no runtime or the
+/// runtime does not start, otherwise to [`HeadsetError::Call`].
 fn unanswered(error: sys::Result) -> HeadsetError {
     match error {
         sys::Result::ERROR_RUNTIME_UNAVAILABLE

@@ -90,7 +90,7 @@ impl Headset {
         &self.runtime
     }
 
-    /// Returns true if [`Self::show`] uses distances.
+    /// Returns true if [`Self::show`] uses [`Picture::distances`].
     pub fn takes_depth(&self) -> bool {
         self.depth.is_some()
     }
@@ -189,7 +189,7 @@ impl Headset {
         let head = &self.locator.spaces.head;
         let (_, views) = self.session.locate_views(STEREO, display, head).to("locate the eyes")?;
         let told = if let [left, right] = &views[..] { head_eyes([left, right]) } else { None };
-        // Ignore changes by rounding, so that the eyes stay the same between frames.
+        // Keep the previous eyes if only rounding errors differ, so that they are identical between frames.
         if let Some(told) = told.filter(|told| self.eyes.is_none_or(|eyes| !are_alike(&eyes, told))) {
             self.eyes = Some(told);
         }

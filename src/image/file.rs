@@ -124,9 +124,9 @@ pub fn count_lines(path: &Path) -> io::Result<Option<u64>> {
     Ok(Some(lines))
 }
 
-/// Renames a file that a run left unfinished, so that a new run does not replace it. The new name is the one that the
-/// file would have got at the end, `finished`, with `.unfinished` before the extension, and with a number if that name
-/// is taken. Returns the new path.
+/// Renames the file of an interrupted run, so that a new run does not replace it. `finished` is the path that the
+/// complete file would have got. The new name is that of `finished` with `.unfinished` before the extension, and with a
+/// number if that name is taken. Returns the new path.
 ///
 /// # Errors
 /// [`ImageError::Write`]

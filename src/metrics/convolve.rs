@@ -1,7 +1,7 @@
 //! Convolution along rows and columns with a kernel of odd length, which is not flipped. Values outside the image equal
 //! the nearest value at the border.
 
-/// Convolves each row of an image with rows of `width` values.
+/// Convolves each row of `values`, a row-major image with `width` columns, with `kernel`.
 pub fn across(width: usize, values: &[f64], kernel: &[f64]) -> Vec<f64> {
     let radius = kernel.len() / 2;
     let mut sums = vec![0.0; values.len()];
@@ -17,7 +17,7 @@ pub fn across(width: usize, values: &[f64], kernel: &[f64]) -> Vec<f64> {
     sums
 }
 
-/// Convolves each column of an image with rows of `width` values.
+/// Convolves each column of `values`, a row-major image with `width` columns, with `kernel`.
 pub fn down(width: usize, values: &[f64], kernel: &[f64]) -> Vec<f64> {
     let radius = kernel.len() / 2;
     let last = values.len() / width - 1;

@@ -2,7 +2,7 @@
 //! Alternating Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 15): the difference that a viewer notices when
 //! flipping between two images on a screen, 0 (none) … 1 per pixel. All constants are from that paper.
 //!
-//! Values are sRGB-encoded display values, 0 … 1. Border pixels are clamped.
+//! Values are sRGB-encoded display values, 0 … 1. Filters repeat the border pixels outside the image.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 

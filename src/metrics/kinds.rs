@@ -58,21 +58,22 @@ impl Kind {
     }
 }
 
-/// Depth step of a silhouette, in widths of a pixel at that depth.
+/// Minimum depth step at a silhouette, in widths of a pixel at that depth.
 const STEP_PX: f64 = 0.5;
-/// Largest dot product of normals at a crease: 26 degrees.
+/// Maximum dot product of the two normals at a crease: the angle between them is at least 26 degrees.
 const CREASE_COS: f32 = 0.9;
-/// Step of a channel of the base colour at a texture edge, of its square root.
+/// Minimum difference at a texture edge between the square roots of a base colour channel.
 const TEXTURE_STEP: f32 = 0.1;
-/// Step of the display value of demodulated light at a light edge.
+/// Minimum difference at a light edge between the display values of demodulated illumination.
 const LIGHT_STEP: f64 = 0.1;
-/// Perceptual roughness below which a surface that reflects or transmits more than it scatters is a reflection.
+/// Perceptual roughness below which a surface counts as [`Kind::Reflection`] if its specular albedo exceeds its
+/// diffuse albedo.
 const SMOOTH: f32 = 0.3;
-/// Smallest albedo by which light is divided.
+/// Minimum albedo in the demodulation of light: smaller albedos are raised to it.
 const ALBEDO_MIN: f32 = 0.05;
 
-/// Auxiliary images of an eye, by their names. Depth and roughness are in the first channel; depth is the distance along
-/// the ray in any unit, and 0 for the sky.
+/// Auxiliary images (AOVs) of an eye; the fields have the names of the images. Depth and roughness are in the first
+/// channel. Depth is the distance along the ray in any unit, and 0 for the sky.
 #[derive(Clone, Debug)]
 pub struct Guides {
     pub depth: RgbImage,
@@ -205,8 +206,8 @@ fn luminance([r, g, b]: [f64; 3]) -> f64 {
 /// Indices of four pixels in a row or column; the first and the last may be outside the image.
 type Line = [Option<usize>; 4];
 
-/// Returns for each pixel whether there is an edge between it and one of its four neighbours. `is_edge` tells whether
-/// there is one between the two middle pixels of a line.
+/// Returns true for each pixel with an edge between it and one of its four neighbours. `is_edge` returns true if there
+/// is an edge between the two middle pixels of a line.
 fn edges(extent: Extent, is_edge: impl Fn(&Line) -> bool) -> Vec<bool> {
     let (width, height) = (extent.width as usize, extent.height as usize);
     let mut found = vec![false; extent.area()];
@@ -226,7 +227,8 @@ fn edges(extent: Extent, is_edge: impl Fn(&Line) -> bool) -> Vec<bool> {
     found
 }
 
-/// Returns the depth step between the middle two of four pixels in a line, relative to the depth, from inverse depths.
+/// Returns the depth step between the middle two of four pixels in a line, as a fraction of the depth. The argument
+/// holds inverse depths.
 ///
 /// Inverse depth is linear across the image of a plane, at any angle. The planes of both sides are extended to one
 /// another; if they meet between the pixels, there is no step.
@@ -279,7 +281,7 @@ mod tests {
         RgbImage::filled(EXTENT, [0.3; 3])
     }
 
-    /// The distance to a floor one unit below the eye, at any angle, and to the wall beyond it.
+    /// Distances from the eye to a floor one unit below it, and to the wall beyond the floor.
     fn floor_and_wall(wall_z: f64) -> RgbImage {
         image(|x, y| {
             let pixel = 2.0 * (YFOV_DEG.to_radians() / 2.0).tan() / f64::from(EXTENT.height);

@@ -35,7 +35,7 @@ pub struct Ring {
 }
 
 impl Pair {
-    /// Returns the errors in `count` rings, but at least one, from the gaze outwards.
+    /// Returns the errors in `count` rings, from the gaze outwards. A `count` of 0 gives one ring.
     pub fn rings(&self, viewing: &Viewing, count: usize) -> Vec<Ring> {
         let count = count.max(1);
         let angles: Vec<f64> = self.eccentricities(viewing).collect();
@@ -63,7 +63,8 @@ impl Pair {
         corners.into_iter().map(|(x, y)| angle(x, y)).fold(0.0, f64::max)
     }
 
-    /// Returns a function for the angle in radians between the gaze and a point, in pixels from the top left corner.
+    /// Returns a function that maps a point (x, y), in pixels from the top left corner, to its angle from the gaze in
+    /// radians.
     fn angle_from_gaze(&self, viewing: &Viewing) -> impl Fn(f64, f64) -> f64 + use<> {
         let (width, height) = (f64::from(self.extent.width), f64::from(self.extent.height));
         let tan_half_yfov = (viewing.yfov_deg.to_radians() / 2.0).tan();
@@ -73,7 +74,7 @@ impl Pair {
         move |x, y| angle(gaze, ray(x, y))
     }
 
-    /// Returns the SSIM of each pixel, row-major; `None` in the margin.
+    /// Returns the SSIM of each pixel, row-major; `None` where the SSIM window extends beyond the image.
     fn ssim(&self) -> Vec<Option<f64>> {
         let map = ssim::ssim_map(self.extent, &self.reference.shown, &self.image.shown);
         let width = self.extent.width as usize;
@@ -126,8 +127,8 @@ mod tests {
         Pair::new(&reference, &changed, 0.0).unwrap()
     }
 
-    /// Closed form: seen at 90 degrees from its centre, a square's edges are 45 degrees away and its corners atan √2.
-    /// From a corner, the opposite one is acos(-1/3) away.
+    /// Compares with closed forms for a square image with a field of view of 90 degrees. From the centre, the edges are
+    /// 45 degrees away and the corners atan √2. From a corner, the opposite corner is acos(-1/3) away.
     #[test]
     fn rings_reach_the_farthest_corner_in_equal_steps() {
         let pair = pair_of(Extent::new(40, 40), |_, _| 1.5);

@@ -45,11 +45,11 @@ pub struct Surfaces {
 /// Location of a pixel's surface in the previous frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum History {
-    /// No surface, so that its motion is unknown.
+    /// The pixel shows no surface but the sky, whose motion is unknown.
     Sky,
     /// Disoccluded: the surface was hidden or outside the image.
     New,
-    /// Visible in this pixel, row-major.
+    /// Visible in the pixel with this row-major index.
     Seen(usize),
 }
 
@@ -80,11 +80,11 @@ impl Surfaces {
 
     /// Returns the location of each pixel's surface in the previous frame, row-major.
     ///
-    /// Motion leads from the pixel's centre to a point between four pixels of `before`; the nearest of them that shows
-    /// the same surface counts. Its normal must agree within 60 degrees. Its distance from the plane through the
-    /// surface's previous position must be at most the pixel spacing on that surface, the least distance to the
-    /// positions of the four neighbours; this avoids a scene-dependent threshold. Surfaces that are static or move
-    /// within their own plane pass this test.
+    /// Motion leads from the pixel's centre to a point between four pixels of `before`. The result is the nearest of
+    /// the four that shows the same surface: its normal must agree within 60 degrees, and its position must lie near
+    /// the plane through the surface's previous position. The allowed distance from that plane is the pixel spacing on
+    /// the surface, that is, the distance to the closest position among the pixel's four neighbours. No threshold thus
+    /// depends on the scene's scale. Surfaces that are static or move within their own plane pass this test.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
@@ -111,7 +111,7 @@ impl Surfaces {
     fn pixels_before(&self, i: usize) -> Vec<usize> {
         let (width, height) = (self.extent.width as usize, self.extent.height as usize);
         let [dx, dy, _] = self.motion_px[i].map(f64::from);
-        // Pixel centres are whole numbers here. Non-finite points are near no pixel.
+        // In these coordinates, pixel centres are at integers. Non-finite points are near no pixel.
         let (x, y) = ((i % width) as f64 + dx, (i / width) as f64 + dy);
         let mut found = Vec::new();
         for (column, row) in
@@ -154,7 +154,7 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Sums over the pixels of frames that have a previous frame.
+/// Sums from which [`TemporalError`] is computed, over the pixels of all frames that have a previous frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Change {
     seen_px: usize,

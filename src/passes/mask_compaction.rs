@@ -1,4 +1,4 @@
-//! Mask compaction: lists the pixels to path trace if others are left to the filter.
+//! Mask compaction: lists the pixels to path trace, in frames whose other pixels the denoiser fills in.
 
 use super::gbuffer::{GUIDE, HIT, TALLY};
 use super::path_trace::PARTITION;

@@ -1,7 +1,7 @@
-//! The passes of the renderer. Each is declared once, beside the name of its shader, as plain data without wgpu.
+//! The passes of the renderer, declared as plain data without wgpu.
 //!
-//! [`declare`] selects the passes of a frame. A new pass needs a module here, a shader, and one line where it is
-//! selected.
+//! [`declare`] selects the passes of a frame. A new pass needs a module here that names its shader, the shader itself,
+//! and one line in [`declare`].
 
 mod aov;
 mod auxiliary;
@@ -49,7 +49,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
             true => frame.add_if(is_needed, why_not, pass),
             false => frame.add_if(false, "the scene has no surfaces", pass),
         };
-        surfaces(&mut frame, is_traced && spec.sparse, "no pixel is left to the filter", mask_compaction::pass(view));
+        surfaces(&mut frame, is_traced && spec.sparse, "no pixel is left to the denoiser", mask_compaction::pass(view));
         surfaces(&mut frame, is_traced, "the right eye is reprojected", path_trace::pass(spec, view));
         if view == Eye::Right {
             surfaces(&mut frame, !is_traced, "both eyes are path traced", reproject::pass(spec));

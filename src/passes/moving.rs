@@ -19,9 +19,9 @@ pub struct Moving {
     /// Number of nodes in the BVHs of the deforming bodies, and the index of the first of them.
     pub nodes: u32,
     pub first_node: u32,
-    /// For each level of these BVHs, starting at the deepest, the number of nodes up to and including that level.
+    /// For each level of these BVHs, starting at the deepest: the number of nodes in that level and all deeper ones.
     pub levels: Vec<u32>,
-    /// Whether any geometry moves, rigid bodies included.
+    /// True if any geometry is dynamic, rigid bodies included.
     pub bodies: bool,
     /// True if rays traverse hardware acceleration structures instead of these BVHs.
     pub hardware: bool,

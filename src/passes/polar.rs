@@ -19,7 +19,7 @@ fn blur_reach(rows: u32) -> u32 {
     rows.div_ceil(24)
 }
 
-/// Returns the grid of a screen of this size.
+/// Returns the grid of a screen image with this extent and a perspective projection.
 pub fn screen(extent: Extent) -> Grid {
     Grid { size: Size::Fixed(extent), projection: Projection::Perspective }
 }

@@ -13,8 +13,8 @@ const fn code(reason: HoleReason) -> u32 {
     reason as u32 + 1
 }
 
-/// Divisor of a polar image's height that gives the search range of reprojection in rows: the largest vertical distance
-/// between a surface's positions in both eyes.
+/// Divisor that gives the search range of reprojection in polar images, where a surface may lie on different rows in
+/// the two eyes: the search covers image height / `POLAR_REACH` rows above and below.
 const POLAR_REACH: u32 = 8;
 
 const KERNEL: Kernel = Kernel::new("reproject").with(&[

@@ -95,7 +95,7 @@ pub struct FrameSpec {
     pub seam: Seam,
     /// Requested auxiliary images.
     pub aovs: Vec<Aov>,
-    /// Whether anything can reflect light. Otherwise only emission is visible.
+    /// True if any surface of the scene can reflect light. Otherwise only emission is visible.
     pub has_surfaces: bool,
     /// Dynamic geometry of the scene; `None` if it is static.
     pub moving: Option<Moving>,
@@ -125,13 +125,14 @@ impl FrameSpec {
         self.filter.filter(|_| self.has_surfaces && self.iterations > 0)
     }
 
-    /// Returns the number of rows that a filter reads from neighbours: `rows`, or 0 if stripes are filtered separately.
+    /// Returns the number of rows that a filter with a reach of `rows` rows reads from each neighbouring stripe:
+    /// `rows`, or 0 if stripes are filtered separately.
     pub fn halo(&self, rows: u32) -> u32 {
         if matches!(self.seam, Seam::Halo(_)) { rows } else { 0 }
     }
 
-    /// Returns the number of rows of history that a device reads from neighbours: [`Self::history_rows`], or 0 if
-    /// stripes are filtered separately. `None` if history is disabled.
+    /// Returns the number of rows of history that a device reads from each neighbouring stripe: [`Self::history_rows`],
+    /// or 0 if stripes are filtered separately. Returns `None` if history is disabled.
     pub fn history_halo(&self) -> Option<u32> {
         self.history_rows.map(|rows| self.halo(rows))
     }

@@ -33,7 +33,7 @@ pub struct RowTally {
     pub nonfinite: u32,
     /// Number of holes for each [`HoleReason`].
     pub holes: [u32; 6],
-    /// Number of pixels that were not sampled and are left to the filter.
+    /// Number of pixels that were not sampled and are left to the denoiser.
     pub unsampled: u32,
     /// Pixels whose radiance was clamped to the largest half float. Only counted if specular and diffuse radiance are
     /// stored separately.
@@ -45,7 +45,7 @@ impl Texel for RowTally {
     const ELEMENT: &'static str = "atomic<u32>";
 }
 
-/// Code stored instead of a [`HoleReason`] if a pixel is left to the filter.
+/// Code stored instead of a [`HoleReason`] if a pixel is left to the denoiser.
 pub const SKIPPED: u32 = HoleReason::ALL.len() as u32 + 1;
 
 /// Reason that a pixel of the right eye could not be reprojected, in the order of [`RowTally::holes`]. Pixels store the

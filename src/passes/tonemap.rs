@@ -12,8 +12,8 @@ pub use super::resources::{DISPLAY, LINEAR};
 
 pub const PARTITION: Partition = Partition("tonemap");
 
-/// Returns the images that the passes after the filter write: scene-referred and encoded. Later passes map polar images
-/// to the screen, and resample rectified images for display.
+/// Returns the images that tonemapping or TAA writes: as scene-referred RGB, and encoded for display. Later passes map
+/// polar images to the screen, and resample rectified images for display.
 pub fn finished(spec: &FrameSpec) -> [Resource; 2] {
     match (spec.chain.polar, spec.chain.display) {
         (Some(_), _) => [POLAR, POLAR_DISPLAY],

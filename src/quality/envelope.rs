@@ -8,16 +8,16 @@ use crate::passes::denoise;
 /// The bounds of the qualities that the frames of a run may have.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope {
-    /// Maximum samples, bounces and iterations, and minimum render scale. All frames share its denoiser and its polar
-    /// projection.
+    /// Maximum samples, bounces and iterations, and minimum render scale. All frames have the denoiser and the polar
+    /// projection that are set here.
     #[serde(with = "AllFields")]
     pub most: Quality,
-    /// Whether 1-spp (pixel centre) and jittered multi-spp frames mix in one run.
+    /// True if 1-spp (pixel centre) and jittered multi-spp frames mix in one run.
     pub mixes_spp: bool,
 }
 
-/// Serialization of a [`Quality`] in messages between ranks: the binary format needs all fields, but the serialization
-/// for files omits some.
+/// Serialization of a [`Quality`] in messages between ranks. Their binary format needs all fields, whereas files omit
+/// optional ones.
 #[derive(Serialize, Deserialize)]
 #[serde(remote = "Quality")]
 struct AllFields {

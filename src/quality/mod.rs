@@ -1,4 +1,4 @@
-//! The quality of a frame, shared by ladders, reports, traces, the grid of `bench` and the renderer.
+//! Quality settings of a frame: the types that ladders, reports, traces, `bench` and the renderer share.
 
 pub mod acuity;
 mod envelope;
@@ -133,7 +133,8 @@ pub struct FrameQuality {
 }
 
 impl FrameQuality {
-    /// Returns the mean number of samples per pixel without foveation, which reduces it further.
+    /// Returns the mean number of samples per pixel at this render scale. Foveation, which would reduce it further, is
+    /// not taken into account.
     pub fn samples(&self) -> f64 {
         f64::from(self.spp) * self.scale * self.scale
     }

@@ -28,20 +28,20 @@ pub struct ControlRow {
     /// True if any rung was expected to fit the budget.
     pub fits: bool,
     pub in_band: bool,
-    /// Delay from the frame's due time to its begin.
+    /// Delay of the frame's start after the time at which it was due.
     pub late_ms: f64,
     /// Host time for choosing the rung.
     pub decide_ms: f64,
 }
 
-/// Work of a device on one stage and view of a frame. Transfers of rows are the stages `download` and `upload`.
+/// Work of one device on one stage and view of a frame. Transfers of rows count as the stages `download` and `upload`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StageSum {
     pub stage: &'static str,
     pub view: Eye,
     pub device: usize,
-    /// Rounded to microseconds.
+    /// Total duration of the tasks, rounded to microseconds.
     pub busy_ms: f64,
     /// Number of transferred bytes; absent for other stages than `download` and `upload`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -49,7 +49,7 @@ pub struct StageSum {
 }
 
 impl StageSum {
-    /// Returns the sums in the order of their first tasks.
+    /// Sums up `tasks` by stage, view and device. The sums are in the order of their first tasks.
     fn of(tasks: &[TaskTiming]) -> Vec<Self> {
         let mut sums: Vec<Self> = Vec::new();
         for &TaskTiming { kind, view, device, begin_ms, end_ms, bytes, .. } in tasks {
@@ -94,7 +94,7 @@ pub struct FrameRow {
     pub cameras: Stereo<Matrices>,
     /// Number of devices that rendered the frame.
     pub devices: usize,
-    /// Time from the begin of the frame to the complete images on the primary, without `aov_ms`.
+    /// Time from the start of the frame until the images on the primary are complete, without `aov_ms`.
     pub makespan_ms: f64,
     /// Time from the end of the previous frame to the end of this one; `null` for the first frame and for a reference.
     pub interval_ms: Option<f64>,
@@ -128,7 +128,7 @@ pub struct FrameRow {
     /// Indices of the filter passes before which devices exchange halos.
     pub halo_exchanges: Vec<usize>,
     pub stages: Vec<StageSum>,
-    /// Tasks, with times since the begin of the frame. Only with `--details`.
+    /// Tasks, with times since the start of the frame. Only present with `--details`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tasks: Vec<TaskTiming>,
     /// Decision of the control loop, for frames with a time budget.
@@ -142,7 +142,7 @@ pub struct FrameRow {
 }
 
 impl FrameRow {
-    /// Creates the row of a frame that `rig` sees at `time_s`.
+    /// Creates the row of a frame at scene time `time_s`, seen through the cameras of `rig`.
     pub fn new(frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> Self {
         let matrices = |eye| rig.matrices(time_s, eye, frame.spec.chain.displayed);
         let rows_of = |group, view| {

@@ -17,8 +17,8 @@ pub struct HeadsetRow {
     /// Predicted motion-to-photon latency: time from sampling the head pose that the frame shows to the predicted
     /// display time, or to the next refresh if the frame was submitted too late. `null` if the runtime has no clock.
     pub motion_to_photon_ms: Option<f64>,
-    /// Time between the sampling of the rendering pose and that of the newer pose from late latching, if late
-    /// reprojection corrected the frame.
+    /// Time from sampling the head pose that the frame was rendered with to sampling the newer pose that late
+    /// reprojection corrected it to, if it was corrected.
     pub corrected_ms: Option<f64>,
     /// Time from submission to the predicted display time; negative if the frame was submitted too late.
     pub ahead_ms: Option<f64>,
@@ -27,7 +27,7 @@ pub struct HeadsetRow {
     pub missed: u32,
 }
 
-/// A session with a headset.
+/// Summary of a session with a headset.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct HeadsetSummary {
@@ -43,7 +43,7 @@ pub struct HeadsetSummary {
     pub host_copies: bool,
     /// True if late reprojection corrected frames for a head pose sampled after all other passes.
     pub late_poses: bool,
-    /// States that the session went through.
+    /// OpenXR states that the session went through, in order.
     pub states: Vec<String>,
     pub motion_to_photon_ms_p50: Option<f64>,
     pub motion_to_photon_ms_p95: Option<f64>,
@@ -72,7 +72,7 @@ impl HeadsetTally {
 }
 
 impl HeadsetSummary {
-    /// Fills in the sums over frames.
+    /// Fills in the latency quantiles and the counts of late frames and missed display periods from `frames`.
     pub fn with(self, frames: &HeadsetTally) -> Self {
         Self {
             motion_to_photon_ms_p50: frames.motion_to_photon_ms.median(),

@@ -40,7 +40,7 @@ pub fn page(title: &str, command: &str, sections: &[Section]) -> String {
 /// Returns a figure that the page's script draws from data. `kind` names the function in `page.js`.
 ///
 /// # Errors
-/// Errors for data that JSON cannot hold.
+/// [`serde_json::Error`] if `data` cannot be serialized to JSON.
 pub fn live(kind: &str, data: &impl Serialize) -> serde_json::Result<String> {
     // Escape `<`, so that no string can close the script element.
     let json = serde_json::to_string(data)?.replace('<', "\\u003c");

@@ -17,7 +17,7 @@ const TASKS_MAX: usize = 120_000;
 pub struct LaneFrame<'a> {
     pub name: String,
     pub makespan_ms: f64,
-    /// Time that is subtracted from the tasks' times, milliseconds.
+    /// Start of the frame in milliseconds, on the clock of the tasks. The page shows times relative to it.
     pub begin_ms: f64,
     pub tasks: &'a [TaskTiming],
 }
@@ -40,7 +40,7 @@ struct Data {
     frames: Vec<Frame>,
     /// Index of the frame to show when the page is opened.
     shown: usize,
-    /// Interval in frames at which the tasks of a frame are kept. The tasks of frame `shown` are kept, too.
+    /// Interval in frames: the page keeps the tasks of every `stride`-th frame and of the frame `shown`.
     stride: usize,
 }
 

@@ -1,5 +1,5 @@
-//! Measures late reprojection (timewarp) against no correction. Frames are shown some frames after their pose was
-//! sampled, and compared with frames rendered at the true pose.
+//! Compares late reprojection (timewarp) with no correction. Frames are displayed with a latency of some frames after
+//! their pose was sampled, and compared with frames rendered at the pose of the display time (the true pose).
 
 use serde::Serialize;
 
@@ -23,8 +23,9 @@ pub struct LateRow {
     /// Mean rotation (degrees) and translation (millimetres) of the head during the latency.
     pub turned_deg: f64,
     pub moved_mm: f64,
-    /// FLIP against a frame at the true pose: of the uncorrected frame, of the corrected frame, and of another frame at
-    /// the true pose with other random numbers. Fields with `most` are maxima over instants and eyes, the others means.
+    /// FLIP against a frame rendered at the true pose. `flip`: the uncorrected frame; `flip_corrected`: the reprojected
+    /// frame; `flip_noise`: another frame at the true pose with different random numbers. Fields ending in `most` are
+    /// maxima over instants and eyes, the others means.
     pub flip: f64,
     pub flip_most: f64,
     pub flip_corrected: f64,

@@ -213,7 +213,7 @@ impl Run {
     }
 }
 
-/// Returns the paper's rows. Only those of the first scene have times of stages.
+/// Returns the rows with the paper's numbers. The paper lists times per stage only for its first scene.
 fn cited() -> Vec<LeriaRow> {
     let row = |scene: usize, i: usize| {
         let ((name, total_s), is_detailed) = (CITED_S[scene], scene == 0);

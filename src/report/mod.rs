@@ -76,7 +76,7 @@ fn imbalance(busy_ms: &[f64]) -> f64 {
     busy_ms.iter().copied().fold(0.0, f64::max) * busy_ms.len() as f64 / busy_ms.iter().sum::<f64>().max(1e-9)
 }
 
-/// Fractions below this are not listed.
+/// Minimum fraction that [`shares_text`] lists.
 const SHARE_MIN: f64 = 0.005;
 
 /// Sums up fractions by name and formats them, largest first, as in `path_trace 61 % atrous 30 %`.

@@ -1,5 +1,5 @@
-//! Reproduces tables 4 and 5 of Peres 2022, "Non-homogeneous denoising for virtual reality in real-time path tracing
-//! rendering", with our numbers beside the thesis's.
+//! Reproduces tables 4 and 5 of the thesis by Peres 2022, "Non-homogeneous denoising for virtual reality in real-time
+//! path tracing rendering". The tables show our numbers next to those of the thesis.
 
 use serde::Serialize;
 

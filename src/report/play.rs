@@ -24,7 +24,7 @@ pub struct RungUse {
     pub denoiser: &'static str,
     #[serde(flatten)]
     pub quality: FrameQuality,
-    /// Median over the frames of the time that the control loop expected.
+    /// Median, over the frames that used the rung, of the makespan that the control loop expected.
     pub expected_ms: f64,
     /// Error by the ladder's measure, if it was measured.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -103,7 +103,7 @@ const LATE_MS: f64 = 1.0;
 #[derive(Clone, Debug)]
 pub struct PlayTally {
     budget_ms: [f64; 2],
-    /// Number of rows so far.
+    /// Number of frames added so far.
     rows: usize,
     /// Sums over the first [`SETTLING_FRAMES`], which are reported only if there are no later frames.
     settling: Judged,
@@ -155,7 +155,7 @@ impl PlayTally {
     }
 }
 
-/// Sums over consecutive frames.
+/// Counts and distributions over consecutive frames, from which the summary is computed.
 #[derive(Clone, Debug, Default)]
 struct Judged {
     frames: usize,
@@ -282,7 +282,7 @@ impl fmt::Display for PlaySummary {
         let [lo_ms, hi_ms] = self.budget_ms;
         writeln!(
             f,
-            "{} of {} frames took {lo_ms} to {hi_ms} ms; {} took longer, {} less; {} were begun late",
+            "{} of {} frames took {lo_ms} to {hi_ms} ms; {} took longer, {} less; {} began late",
             percent(self.in_band_share),
             self.judged_frames,
             percent(self.above_share),

@@ -40,8 +40,8 @@ fn name_of(linked: &Linked) -> String {
     format!("{}{index}", linked.pass.stage.name())
 }
 
-/// Formats the name of an image that a pass binds: with the eye, if it is not that of the pass, and with the rows that
-/// the pass reads beyond its own.
+/// Formats the name of an image that a pass binds. Adds the image's eye if the pass renders the other one, and the rows
+/// that the pass reads outside its stripe.
 fn name(program: &Program, linked: &Linked, used: &Use, image: usize) -> String {
     let other = match used.eye {
         Some(eye) if eye != linked.pass.view => format!("{eye} "),

@@ -59,7 +59,7 @@ impl FrameRecord {
     /// Removes the file of spooled rows. Call this once `run.json` contains the rows.
     ///
     /// # Errors
-    /// [`ImageError`] if their file cannot be removed.
+    /// [`ImageError`] if the file cannot be removed.
     pub fn finish(&self) -> Result<(), ImageError> {
         self.rows.0.remove()
     }
@@ -100,7 +100,7 @@ impl FrameRows for &SpooledRows {
     }
 }
 
-/// Rows left behind by a run that was killed.
+/// Files with the rows of a run that ended before it wrote `run.json`, for example because it was killed.
 pub struct Unfinished {
     pub frames: u64,
     /// New paths of the files.

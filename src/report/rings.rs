@@ -10,8 +10,8 @@ use crate::metrics::Pair;
 use crate::metrics::rings::{Ring, Viewing};
 use crate::quality::LogPolar;
 
-/// Number of rings of equal angle from the gaze to the farthest corner: 2.05 degrees each with the gaze in the middle
-/// of the screen.
+/// Number of rings between the gaze and the farthest corner of the screen. All rings have the same width: 2.05 degrees
+/// if the gaze is in the middle of the screen.
 const RINGS: usize = 20;
 
 /// Returns the viewing conditions of Andersson & Hansson 2020 (equation 5.1) for a screen of this size: the gaze is in
@@ -43,7 +43,7 @@ pub struct RingRow {
     pub ssim_basic_deviation: Option<f64>,
 }
 
-/// Errors of a frame by ring and eye: against the reference, and against the first mode's frame.
+/// Errors of a frame by eye and ring, once against the reference and once against the first mode's frame.
 pub struct FrameRings {
     pub reference: [Vec<Ring>; 2],
     pub basic: Option<[Vec<Ring>; 2]>,
@@ -65,7 +65,7 @@ pub fn ends(rows: &[RingRow]) -> [Option<f64>; 4] {
     [near, far, near_basic, far_basic]
 }
 
-/// Summarises the rings of a mode over its frames, which have equally many rings.
+/// Summarises each ring of a mode over the mode's `frames`, all of which must have the same number of rings.
 pub fn over_frames(scene: &str, camera: &'static str, mode: &'static str, frames: &[FrameRings]) -> Vec<RingRow> {
     let Some(first) = frames.first() else { return Vec::new() };
     let row = |(i, ring): (usize, &Ring)| {
@@ -129,7 +129,8 @@ pub const NOTE: &str = "SSIM by angle from the gaze: mean over frames and both e
     same instant and number of samples. The viewing distance is the thesis's: half of the screen's diagonal spans 40.9 \
     degrees.";
 
-/// Returns a table with a line per scene, camera, ring and point of comparison, and a column per mode.
+/// Returns a table with a column per mode, and a line per scene, camera, target of comparison (the reference or the
+/// first mode) and ring.
 pub fn ring_table(rows: &[RingRow], modes: &[&'static str]) -> Table {
     let mut headers = vec!["scene", "camera", "against", "degrees"];
     headers.extend(modes);
@@ -153,7 +154,7 @@ pub fn ring_table(rows: &[RingRow], modes: &[&'static str]) -> Table {
     Table { headers, rows: lines }
 }
 
-/// Draws a chart for each scene, camera and point of comparison for which there is data.
+/// Draws a chart for each scene, camera and target of comparison (the reference or the first mode) that has data.
 ///
 /// # Errors
 /// [`ReportError::Drawing`].
@@ -172,8 +173,8 @@ pub fn ring_charts(rows: &[RingRow], modes: &[&str]) -> Result<String, ReportErr
                 }
                 Series { name: (*mode).to_owned(), points, band: Some(band), guide: false }
             };
-            // The first mode is in half of the charts. It comes last, so that the other modes have the same colour in
-            // all charts.
+            // The first mode appears only in charts against the reference. It comes last, so that the other modes have
+            // the same colours in all charts.
             let order = modes.iter().skip(1).chain(modes.first());
             let series: Vec<Series> = order.map(series).filter(|series| !series.points.is_empty()).collect();
             if series.is_empty() {

@@ -25,7 +25,7 @@ use super::{median, median_of};
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RunSettings {
-    /// Exposure for showing pictures, stops.
+    /// Exposure at which pictures are tonemapped, stops.
     pub exposure_ev: f64,
     /// Effective value of each option of the command, by its long name in snake_case.
     #[serde(flatten)]
@@ -85,7 +85,8 @@ pub struct ReferenceRow {
     pub out_of_time: bool,
     /// Samples of both eyes that were not finite, including those of earlier runs.
     pub nonfinite_samples: u64,
-    /// Standard error of the mean; `null` for fewer than two passes.
+    /// Noise of the accumulated image, estimated from the difference between even and odd passes; `null` for fewer than
+    /// two passes.
     pub noise: Option<Stereo<Noise>>,
 }
 
@@ -135,7 +136,7 @@ pub struct RunReport<Rows: FrameRows = Vec<FrameRow>> {
     /// Progress of accumulated frames.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<ReferenceRow>,
-    /// Summary of the time budget.
+    /// Summary of how well the run kept its time budget.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub play: Option<PlaySummary>,
     /// Shared projection that eyes are resampled from; absent without display resampling.

@@ -8,7 +8,7 @@ use crate::quality::FrameQuality;
 const FRAMES_MAX: usize = 4096;
 const TASKS_MAX: usize = 240_000;
 
-/// A frame of the control loop, with its tasks. Their times are relative to the begin of the frame.
+/// A frame with a control decision, and its tasks. Times of tasks are relative to the start of the frame.
 #[derive(Clone, Debug)]
 pub struct SampledFrame {
     pub index: u32,
@@ -18,8 +18,8 @@ pub struct SampledFrame {
     pub tasks: Vec<TaskTiming>,
 }
 
-/// Samples of a run's frames: all frames of a short run. Of a long run, the slowest of every `stride` consecutive
-/// frames, so that frames outside the budget remain.
+/// Sampled frames of a run. A short run keeps all frames. A long run keeps the slowest of every `stride` consecutive
+/// frames, so that the slow frames remain visible.
 #[derive(Clone, Debug)]
 pub struct FrameSamples {
     frames: Vec<SampledFrame>,
@@ -37,7 +37,7 @@ impl Default for FrameSamples {
 }
 
 impl FrameSamples {
-    /// Adds a frame of the control loop.
+    /// Adds a frame. Ignores it if it has no control decision.
     pub fn add(&mut self, row: &FrameRow, tasks: Vec<TaskTiming>) {
         let Some(control) = row.control else { return };
         let &FrameRow { index, makespan_ms, quality, .. } = row;

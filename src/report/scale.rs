@@ -28,11 +28,11 @@ pub struct ScaleRow {
     pub makespan_ms_iqr: f64,
     /// Time from the end of a frame to the end of the next one.
     pub interval_ms: f64,
-    /// Period that determines throughput (the interval if several frames are in flight, else the makespan), and its
-    /// interquartile range divided by its median.
+    /// Median period, that is, the time per frame that determines throughput: the interval if several frames are in
+    /// flight, else the makespan. `period_spread` is the interquartile range of the periods divided by their median.
     pub period_ms: f64,
     pub period_spread: f64,
-    /// Number of periods.
+    /// Number of periods over which `period_ms` is the median.
     pub periods: usize,
     /// Number of devices of the row that speedups are relative to (the base).
     pub base_devices: usize,
@@ -42,7 +42,7 @@ pub struct ScaleRow {
     pub speedup_error: f64,
     /// Speedup divided by the ratio of device counts, this row's over the base's.
     pub efficiency: f64,
-    /// Busy time of the busiest device over the mean.
+    /// Busy time of the busiest device divided by the mean busy time of all devices.
     pub imbalance: f64,
     /// Host time in transfers, as a fraction of `period_ms` times the number of devices.
     pub transfer_share: f64,
@@ -135,7 +135,8 @@ impl ScaleRow {
 struct Shares {
     /// Fraction of the devices' time spent on work that the first row's devices had as well.
     work: f64,
-    /// Additional time of stages compared with the first row: margins, slower devices, shared caches and cores.
+    /// Fraction of the devices' time spent in stages in addition to `work`, because of margins, slower devices, or
+    /// shared caches and cores.
     more: f64,
     /// Load imbalance: idle time of devices that have less work than the busiest one.
     uneven: f64,

@@ -17,7 +17,8 @@ pub struct SimulationRow {
     /// Number of devices of all machines together.
     pub devices: usize,
     pub predicted_ms: f64,
-    /// Makespan measured on this machine's devices, if every simulated device has speed 1.
+    /// Makespan measured with this number of devices; `None` if there is no such measurement, if the row's nodes differ
+    /// from those of the measured run, or if a simulated device has another speed than 1.
     pub measured_ms: Option<f64>,
     /// Speedup over one device of speed 1.
     pub speedup: f64,
@@ -96,7 +97,7 @@ pub fn enough_nodes(rows: &[SimulationRow]) -> Option<String> {
         .find(|pair| each(pair[0]) == each(pair[1]) && pair[0].nodes < pair[1].nodes && !pays(pair))?;
     let [less, more] = [stop[0], stop[1]];
     Some(format!(
-        "more than {} node(s) of {} device(s) do not pay for this frame: {} take {:.1} ms instead of {:.1}, limited by {}",
+        "more than {} node(s) of {} device(s) do not pay off: {} take {:.1} ms instead of {:.1} a frame, limited by {}",
         less.nodes,
         each(less),
         more.nodes,

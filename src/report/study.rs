@@ -1,4 +1,4 @@
-//! Tables of studies: errors of sequences, and errors at seams beside those of Leria et al.
+//! Tables of studies: errors of sequences, and errors at seams compared with those of Leria et al.
 
 use serde::Serialize;
 
@@ -76,9 +76,9 @@ pub struct SeamErrors {
     /// Errors against the reference.
     pub psnr: f64,
     pub flip: f64,
-    /// RMSE near seams over RMSE elsewhere; `None` for one device.
+    /// RMSE of the rows near seams divided by the RMSE of the other rows; `None` for one device.
     pub seam: Option<f64>,
-    /// RMSE near seams over that of the same rows of `one`; 1 without a seam.
+    /// RMSE of the rows near seams divided by the RMSE of the same rows of `one`. 1 means that seams add no error.
     pub seam_over_one: Option<f64>,
     /// Errors against `one`. For identical pictures, PSNR is infinite, and FLIP and the RMSE near seams are 0.
     pub psnr_one: f64,

@@ -18,7 +18,7 @@ impl Table {
         text_table(&self.headers, &self.rows)
     }
 
-    /// Lists the names and values of a struct's fields. A value that is no struct or map gives an empty table.
+    /// Lists the names and values of a struct's fields. Anything other than a struct or a map gives an empty table.
     pub fn of_fields(of: &impl Serialize) -> Table {
         let fields = serde_json::to_value(of).ok().and_then(|value| value.as_object().cloned()).unwrap_or_default();
         let row = |(name, value): (String, Value)| match value {

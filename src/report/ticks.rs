@@ -77,8 +77,8 @@ fn number(value: f64) -> String {
     }
 }
 
-/// Returns about six ticks at multiples of a step, which is 1, 2 or 5 times a power of ten. The first tick is `low` and
-/// the last is `high`, each rounded to a multiple of the step by the given function.
+/// Returns about six ticks at multiples of a step, which is 1, 2 or 5 times a power of ten. `round_low` rounds `low` to
+/// the multiple at the first tick, and `round_high` rounds `high` to the multiple at the last tick.
 fn steps(low: f64, high: f64, round_low: fn(f64) -> f64, round_high: fn(f64) -> f64) -> Vec<f64> {
     let rough = (high - low) / 6.0;
     let power = 10f64.powf(rough.log10().floor());

@@ -32,8 +32,7 @@ struct Data<'a> {
     setting: Vec<String>,
 }
 
-/// Returns the figure for frames of the control loop. The page's swimlanes show the frame that is selected in the
-/// figure.
+/// Returns the figure. Selecting a frame in it also selects the frame in the page's swimlanes.
 ///
 /// # Errors
 /// Errors of [`live`].

@@ -169,7 +169,7 @@ mod tests {
     use super::*;
     use crate::trace::work::{Device, FrameTime, Task, Trace};
 
-    /// Makes a trace with a frame of 10 ms: 2 ms until it starts, 6 ms of work on the left eye, then an upload.
+    /// Makes a trace with one frame of 10 ms: 2 ms before the first task, 6 ms of work on the left eye, then an upload.
     fn trace() -> Trace {
         let task = |lane, name: &str, begin_us, end_us| Task {
             pid: 10,

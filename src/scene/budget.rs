@@ -7,7 +7,7 @@ use std::mem;
 use std::ops::Deref;
 use std::str::FromStr;
 
-/// Number of bytes, which options and messages write with a unit, such as `4GiB`.
+/// Number of bytes. Command-line options and messages write it with a unit, such as `4GiB`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ByteSize(pub u64);
 
@@ -42,9 +42,7 @@ impl FromStr for ByteSize {
         };
         let bytes = scale.and_then(|scale| Some(number.parse::<f64>().ok()? * scale as f64));
         bytes.filter(|bytes| (1.0..u64::MAX as f64).contains(bytes)).map(|bytes| Self(bytes as u64)).ok_or_else(|| {
-            format!(
-                "'{text}' is not a size: give a number above 0 with B, kB, MB, GB, TB, KiB, MiB, GiB or TiB, as 4GiB"
-            )
+            format!("'{text}' is not a size: give a number and B, kB, MB, GB, TB, KiB, MiB, GiB or TiB, such as 4GiB")
         })
     }
 }
@@ -88,7 +86,7 @@ impl Budget {
         self.left.get()
     }
 
-    /// Reserves bytes until the result is dropped.
+    /// Reserves `bytes` bytes. Dropping the result returns them to the budget.
     ///
     /// # Errors
     /// [`Exceeded`] if fewer than `bytes` bytes are left. In this case, nothing is reserved.
@@ -117,7 +115,8 @@ impl Reserved<'_> {
         self.bytes
     }
 
-    /// Shrinks the reservation to `bytes` and returns the rest to the budget. Does nothing if it is already that small.
+    /// Shrinks the reservation to `bytes` bytes and returns the rest to the budget. Does nothing if the reservation is
+    /// not larger than that.
     pub fn shrink_to(&mut self, bytes: u64) {
         let freed = self.bytes.saturating_sub(bytes);
         self.bytes -= freed;

@@ -27,7 +27,7 @@ pub struct Overrides {
     pub position: Option<DVec3>,
     /// Fixed point that the eyes look at, scene units.
     pub target: Option<DVec3>,
-    /// Environment. The path of its image is relative to the working folder.
+    /// Environment that replaces the shot's. The path of its image is relative to the working folder.
     pub environment: Option<ShotEnvironment>,
     /// Animations of the scene file to play.
     pub animation: Option<Choice>,
@@ -138,7 +138,7 @@ fn camera_path(camera: Camera, motion: &Motion, number: usize, time_s: f64) -> V
     keys.collect()
 }
 
-/// Largest number of keys of a camera's path: one hour.
+/// Maximum number of keys of a camera's path, which is enough for one hour.
 const MOST_KEYS: f64 = 3600.0 * PATH_HZ;
 
 /// Returns the rig that [`viewpoint::find`] chooses, and warns that the file has no camera.
@@ -153,7 +153,8 @@ fn found_rig(scene: &mut Scene, metres_per_unit: f64, yfov_rad: Option<f64>, bud
     rig
 }
 
-/// Overrides position and target of the keys. A key that then looks along its up vector gets −z as up.
+/// Overrides the position and the target of each key. If a key then looks along its up vector, −z becomes its up
+/// vector.
 fn move_to(keys: &mut [RigKey], overrides: &Overrides) -> Result<(), SceneError> {
     if overrides.position.is_none() && overrides.target.is_none() {
         return Ok(());

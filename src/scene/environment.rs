@@ -15,9 +15,9 @@ const LARGEST_SIDE: u32 = 1 << 15;
 const LONGEST_HEADER: usize = 1 << 16;
 const LARGEST_AREA: usize = 1 << 28;
 
-/// Reads the latitude-longitude image at `path` and multiplies it by `scale`. Invalid radiance (negative, NaN,
-/// infinite) becomes 0; the second result is the number of pixels with such values. The image's bytes stay reserved in
-/// the budget.
+/// Reads the latitude-longitude image at `path` and multiplies it by `scale`. Returns the image, and the number of
+/// pixels with invalid radiance (negative, NaN, infinite), which becomes 0. The image's bytes stay reserved in the
+/// budget of `access`.
 ///
 /// # Errors
 /// [`SceneError::Read`], [`SceneError::Image`] or [`SceneError::Invalid`] for a file that can't be decoded,
@@ -72,7 +72,7 @@ fn read_hdr(name: &str, bytes: &[u8], budget: &Budget) -> Result<RgbImage, Scene
     let (sides, extent) = (1..=LARGEST_SIDE, Extent::new(width, height));
     if !sides.contains(&width) || !sides.contains(&height) || extent.area() > LARGEST_AREA {
         return Err(invalid(format!(
-            "its size is {extent}: give an image of 1 to {LARGEST_SIDE} pixels a side and at most {LARGEST_AREA} in all"
+            "its size is {extent}: give sides of 1 to {LARGEST_SIDE} pixels and at most {LARGEST_AREA} pixels in total"
         )));
     }
     let reserved =

@@ -39,13 +39,14 @@ pub type Files = BTreeMap<PathBuf, Vec<u8>>;
 #[derive(Clone, Copy, Debug)]
 pub enum Source<'a> {
     Disk,
-    /// Files on disk, collected so that they can be sent to another machine.
+    /// Files on disk. Their contents are also collected in this map, so that they can be sent to another machine.
     Kept(&'a Mutex<Files>),
     /// Files sent from another machine, which has checked access.
     Sent(&'a Files),
 }
 
-/// A failed access. It becomes a [`SceneError`] once the file that asked for it is known.
+/// A failed access to a file. [`Self::in_file`] converts it to a [`SceneError`] once the file that asked for the access
+/// is known.
 #[derive(Debug)]
 pub enum AccessError {
     Read { path: PathBuf, source: io::Error },
@@ -132,7 +133,7 @@ fn leads_down(name: &str) -> bool {
 /// Reads a whole regular file. Rejects pipes and devices, which may never end.
 ///
 /// # Errors
-/// [`AccessError`] if it cannot be read or exceeds the budget.
+/// [`AccessError`] if the file cannot be read or exceeds the budget.
 pub fn read<'a>(path: &Path, access: Access<'a>) -> Result<Held<'a>, AccessError> {
     let failed = |source| AccessError::Read { path: path.to_owned(), source };
     if let Source::Sent(files) = access.source {

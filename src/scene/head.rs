@@ -22,7 +22,7 @@ use crate::image::file::{LineFile, keep_unfinished};
 
 /// Version of written files, and the only one that is read.
 const VERSION: u32 = 1;
-/// Limit on samples. Longer files are no recordings of a head.
+/// Maximum number of samples in a file: hours of head motion at the frame rate of a headset.
 const MOST_SAMPLES: usize = 1_000_000;
 /// Tolerance on the length of an orientation, since files hold few digits.
 const LENGTH_SLACK: f64 = 1e-2;
@@ -88,11 +88,11 @@ impl Sample {
             return Some(format!("orientation {orientation:?} has the length {length:.3} and must have 1"));
         }
         let last_s = last_s.filter(|last_s| time_s <= last_s)?;
-        Some(format!("time_s {time_s} is not after the {last_s} of the sample before"))
+        Some(format!("time_s {time_s} is not after the {last_s} of the previous sample"))
     }
 }
 
-/// Pose of a head: its position in metres and its rotation to the axes of its space.
+/// Pose of a head relative to a [`Space`]: its position in metres, and its rotation to the axes of the space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HeadPose {
     pub position_m: DVec3,

@@ -119,7 +119,7 @@ fn play_builtin(scene: &mut Scene, play: &Play, arg: &str) -> Result<(), SceneEr
         Choice::None => *scene = scene.at(0.0),
         Choice::Named(name) if scene.motion.animations.iter().all(|a| a.name != *name) => {
             let names: Vec<_> = scene.motion.animations.iter().map(|a| a.name.as_str()).collect();
-            let hint = if names.is_empty() { "none: it is static".to_owned() } else { names.join(", ") };
+            let hint = if names.is_empty() { "none, since it is static".to_owned() } else { names.join(", ") };
             return invalid(format!("it has no animation named '{name}': it has {hint}"));
         }
         Choice::Named(name) => {

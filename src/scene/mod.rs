@@ -207,7 +207,7 @@ impl Default for Material {
 }
 
 impl Material {
-    /// Returns all textures that it refers to.
+    /// Returns the references to all textures of the material.
     pub fn textures(&self) -> impl Iterator<Item = TextureRef> {
         let normal = |map: Option<NormalMap>| map.map(|m| m.texture);
         [
@@ -285,8 +285,8 @@ pub struct Light {
 }
 
 impl Light {
-    /// Returns true if only light sampling finds it: it has no surface that a ray could hit, or is a sun, whose disc is
-    /// not part of the sky.
+    /// Returns true if only light sampling finds the light, because no ray can hit it: a point or spot light without a
+    /// radius, or a sun, whose disc is not part of the sky.
     pub fn is_delta(&self) -> bool {
         match self.kind {
             LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius <= 0.0,
@@ -303,7 +303,7 @@ pub enum Environment {
     /// Latitude-longitude radiance. Direction d maps to u = 0.5 + atan2(d.x, -d.z) / 2π + rotation / 360° and v =
     /// acos(d.y) / π. The image's centre is at −z, it runs towards +x to the right, and row 0 is up.
     Map {
-        /// Image. The tables that are built for devices refer to the same one.
+        /// Image, shared with the tables that are built for devices.
         image: Arc<crate::image::RgbImage>,
         rotation_deg: f32,
     },
@@ -324,7 +324,7 @@ pub struct Scene {
     /// Materials, at least one.
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,
-    /// Images. The tables that are built for devices refer to the same ones.
+    /// Images, shared with the tables that are built for devices.
     pub images: Vec<Arc<TexelImage>>,
     pub lights: Vec<Light>,
     pub environment: Environment,

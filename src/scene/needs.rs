@@ -35,7 +35,8 @@ pub struct SceneNeeds {
     pub directional: bool,
     pub constant_environment: bool,
     pub environment_map: bool,
-    /// Meshes that rays traverse in local space. The scene's tables set this flag, not the scene.
+    /// Instances that rays traverse in local space. [`Self::of`] leaves this flag false; it is set according to the
+    /// scene's tables.
     pub instances: bool,
 }
 

@@ -49,7 +49,7 @@ pub struct Lens {
     pub tan: Fov,
 }
 
-/// Projections of a rig's eyes if they differ from the rendered frame.
+/// Projections of a rig's eyes, for eyes that do not have the projection of the rendered frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Optics {
     pub lenses: [Lens; 2],
@@ -70,7 +70,7 @@ pub struct Rectified {
 
 /// Largest half-angle of a rectified frame in degrees: planar images grow without bound towards 90 degrees.
 const WIDEST_DEG: f64 = 80.0;
-/// Smallest cosine of the angle between the baseline and the head's right vector.
+/// Smallest allowed cosine of the angle between the baseline and the head's right vector.
 const LEAST_COS_RIGHT: f64 = 0.5;
 
 impl HeadEye {
@@ -106,7 +106,8 @@ impl HeadEyes {
     /// field of view symmetric.
     ///
     /// # Errors
-    /// A message, if an eye is invalid or the eyes' fields of view diverge too far.
+    /// A message, if an eye is invalid, the right eye is not to the right of the left one, or the eyes' fields of view
+    /// diverge too far.
     pub fn rectified(&self) -> Result<Rectified, String> {
         if let Some((eye, fault)) = Eye::ALL.iter().find_map(|eye| Some((eye, self.of(*eye).fault()?))) {
             return Err(format!("the {eye} eye: {fault}"));
@@ -153,7 +154,7 @@ impl HeadEyes {
 }
 
 impl HeadEye {
-    /// Returns the directions through the corners of its field of view, in the head's axes.
+    /// Returns the directions through the corners of the eye's field of view, in the head's axes.
     fn corners(&self) -> [DVec3; 4] {
         let Fov { left, right, up, down } = self.fov;
         let turned = self.orientation();

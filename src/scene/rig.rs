@@ -37,7 +37,7 @@ impl RigKey {
         view.try_normalize().zip(self.up.try_normalize()).map_or(0.0, |(view, up)| view.cross(up).length())
     }
 
-    /// Returns true if it defines no orientation: position and target coincide, or up is parallel to the view.
+    /// Returns true if the key defines no orientation: position and target coincide, or up is parallel to the view.
     pub fn is_degenerate(&self) -> bool {
         let sin = self.sin_view_up();
         sin.is_nan() || sin < MIN_SIN_VIEW_UP
@@ -95,8 +95,8 @@ pub struct Rig {
     /// Keys, at least one, at strictly increasing times.
     pub keys: Vec<RigKey>,
     pub turning: Turning,
-    /// Projections of the eyes if they differ from the rendered frame. `yfov_rad` and the keys then describe the frame
-    /// that the eyes share.
+    /// Projections of the eyes if they differ from that of the rendered frame. `yfov_rad` and the keys then describe
+    /// the rendered frame, which both eyes share.
     pub optics: Option<Optics>,
 }
 
@@ -181,8 +181,8 @@ impl Rig {
         }
     }
 
-    /// Returns a rig at +z that sees all of `bounds`, at metre scale. The baseline is at most a thirtieth of the
-    /// distance, so that a viewer can fuse scenes smaller than a metre.
+    /// Returns a rig that looks along −z and sees all of `bounds`, with one metre per scene unit. The baseline is at
+    /// most a thirtieth of the distance, so that a viewer can fuse scenes smaller than a metre.
     pub fn framing(bounds: Bounds, yfov_rad: f64) -> Rig {
         const MARGIN: f64 = 1.1;
         let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
@@ -200,13 +200,14 @@ impl Rig {
         Rig { yfov_rad, baseline_m: DEFAULT_BASELINE_M.min(distance / 30.0), ..Rig::of_keys(vec![key]) }
     }
 
-    /// Returns the rig relative to `origin`.
+    /// Returns the rig in coordinates relative to `origin`, in scene units.
     pub fn relative_to(&self, origin: DVec3) -> Rig {
         let near = |key: &RigKey| RigKey { position: key.position - origin, target: key.target - origin, ..*key };
         Rig { keys: self.keys.iter().map(near).collect(), ..*self }
     }
 
-    /// Returns the rig with its midpoint at `camera`, at metre scale. A camera scaled to zero looks along −z.
+    /// Returns a rig with the midpoint of its eyes at `camera` and one metre per scene unit. A camera whose transform
+    /// has zero scale looks along −z.
     pub fn from_camera(camera: Camera) -> Rig {
         let world_from_view = camera.world_from_view;
         let position = world_from_view.translation.as_dvec3();

@@ -8,8 +8,8 @@ use super::rig::Rig;
 use crate::image::Extent;
 
 impl Optics {
-    /// Returns optics for a rig without any, for images of this size. They add `border_deg` degrees of overscan on all
-    /// sides of the rendered frame, which late reprojection needs when the head turns.
+    /// Returns optics for a rig that has none, for images of this size. Compared with the rig's own field of view, the
+    /// rendered frame has `border_deg` degrees of overscan on all sides, for late reprojection when the head turns.
     pub fn with_border(rig: &Rig, size: Extent, border_deg: f64) -> Self {
         let tan_y = (rig.yfov_rad / 2.0).tan();
         let tan = [tan_y * f64::from(size.width) / f64::from(size.height), tan_y];

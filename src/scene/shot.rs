@@ -178,7 +178,7 @@ impl Draft {
         }
     }
 
-    /// Returns true if it has neither a viewpoint nor light.
+    /// Returns true if the draft has neither rig keys nor lights nor an environment.
     pub fn is_bare(&self) -> bool {
         self.rig.keys.is_empty() && self.environment.is_none() && self.lights.is_empty()
     }

@@ -16,17 +16,18 @@ use super::budget::Budget;
 use super::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
 use super::{Instance, Scene};
 
-/// Default vertical field of view inside a room, and of an object seen from outside, which a wider one would distort.
+/// Default vertical fields of view in degrees: inside a room, and of an object seen from outside, which would look
+/// distorted in a wider field of view.
 const INSIDE_YFOV_DEG: f64 = 70.0;
 const OUTSIDE_YFOV_DEG: f64 = 40.0;
 
-/// Size of the picture relative to the object.
+/// Ratio of the image's size to the object's size in it, if the object is seen from outside.
 const MARGIN: f32 = 1.06;
 
 /// Limit on triangles after instancing: the search flattens all instances and builds a BVH only for itself.
 const MOST_TRIANGLES: usize = 1 << 20;
 
-/// Bytes per triangle during the search.
+/// Memory that the search reserves per triangle, bytes.
 const TRIANGLE_BYTES: usize = 640;
 
 /// Heights in metres: of the eyes above a floor, of rooms in which people stand, and of the lowest usable room.
@@ -78,14 +79,15 @@ struct Surfaces {
     max: Vec3A,
 }
 
-/// The best view from outside, and the number of distinct triangles that rays from all outside views together hit.
+/// The best view from outside, and the number of distinct triangles whose front faces are hit by rays from any of the
+/// tested outside views.
 struct Side {
     /// Unit vector from the object to the eyes.
     from: Vec3A,
     seen: usize,
 }
 
-/// A view from inside, and the number of triangles that are visible from its position.
+/// A view from inside, and the number of distinct triangles whose front faces are hit by rays from its position.
 #[derive(Clone, Copy)]
 struct Stand {
     eye: Vec3A,
@@ -151,8 +153,8 @@ impl Surfaces {
         })
     }
 
-    /// Returns the view from outside in which most rays hit front faces. Prefers the view from slightly right of +z and
-    /// above, unless another is much better.
+    /// Returns the view from outside in which the number of rays that hit front faces, minus that of rays that hit back
+    /// faces, is largest. Prefers the view from above and right of +z, unless another one is much better.
     fn best_side(&self) -> Side {
         const RAYS: usize = 18;
         let mut seen = HashSet::new();
@@ -197,8 +199,8 @@ impl Surfaces {
         views.map(|stand| (self.worth(&stand), stand)).max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, stand)| stand)
     }
 
-    /// Returns the number of distinct triangles that `rays` rays from `eye` hit. Returns `None` unless front faces
-    /// surround the point and light reaches it.
+    /// Returns the number of distinct triangles whose front faces are hit by `rays` rays from `eye`. Returns `None`
+    /// unless front faces surround `eye`, and light sources or openings to the outside can light its surroundings.
     fn seen_around(&self, eye: Vec3A, rays: usize) -> Option<usize> {
         let met: Vec<Met> = sphere(rays).filter_map(|d| self.meet(eye, d)).collect();
         let fronts: Vec<u32> = met.iter().filter(|m| m.is_front).map(|m| m.triangle).collect();

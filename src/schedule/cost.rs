@@ -58,7 +58,8 @@ pub struct FrameCosts {
     pub relative_cost: RelativeCost,
 }
 
-/// Cost of a pixel that starts no path, in rays: path tracing and hole filling still visit it.
+/// Cost of visiting a pixel, in rays. It is added for every pixel, since path tracing and hole filling visit even those
+/// that start no path.
 const RAYS_PER_IDLE_PIXEL: f64 = 1.0 / 32.0;
 
 #[derive(Clone, Debug)]
@@ -66,8 +67,7 @@ pub struct CostModel {
     spec: FrameSpec,
     declarations: Declarations,
     program: Arc<Program>,
-    /// All stages that were ever planned, for each view. Their indices are the stage numbers by which learned times are
-    /// stored.
+    /// All pairs of stage and view that were ever planned. Learned times are stored by the index of the pair.
     stages: Vec<StageOfView>,
     /// The relative cost of the frames being planned.
     relative_cost: RelativeCost,
@@ -97,7 +97,7 @@ impl StageOfView {
 /// Learned times of one device.
 #[derive(Clone, Debug, Default)]
 struct DeviceCost {
-    /// Time per unit of work, by the number of the stage.
+    /// Time per unit of work, by index in [`CostModel::stages`].
     ms_per_unit: Vec<Mean>,
     download: Transfer,
     upload: Transfer,
@@ -153,7 +153,7 @@ impl CostModel {
         &self.program
     }
 
-    /// Sets how the seams between stripes are handled, on which margins depend.
+    /// Sets the seam policy, on which the margins depend.
     pub fn set_seam(&mut self, seam: Seam) {
         self.spec.seam = seam;
         self.declare();
@@ -187,8 +187,7 @@ impl CostModel {
         self.stages.iter().position(|s| s.stage == stage && s.view == view)
     }
 
-    /// Returns the stage that traces an eye's paths. Its rays are counted in addition to one per pixel for the
-    /// G-buffer.
+    /// Returns the stage that traces an eye's paths, whose work is counted in rays.
     fn traces(&self, eye: Eye) -> Option<Stage> {
         let counts = |p: &&Pass| p.view == eye && p.work == Work::Rays;
         self.program.passes().iter().map(|p| &p.pass).find(counts).map(|p| p.stage)
@@ -267,7 +266,8 @@ impl CostModel {
         Self { network: Network::default(), ..self.with_devices(speeds.iter().map(on).collect()) }
     }
 
-    /// Returns the model of these devices only, renumbered in this order. Their numbers must increase.
+    /// Returns the model of a subset of the devices, given by their numbers in increasing order. The devices are
+    /// renumbered from 0 in this order.
     pub fn of_devices(&self, devices: &[usize]) -> Cow<'_, Self> {
         if devices.len() == self.devices.len() {
             return Cow::Borrowed(self);
@@ -356,7 +356,7 @@ impl CostModel {
     }
 
     /// Returns the time that a device waits for rows that it receives between the filter's iterations. It is 0 until
-    /// that has happened in two frames, since the first time is cold.
+    /// two frames have measured it, since the first measurement is distorted by cold caches.
     pub fn wait_ms(&self, device: usize) -> f64 {
         self.devices[device].wait.warm_value().unwrap_or(0.0)
     }
@@ -367,8 +367,8 @@ impl CostModel {
     }
 }
 
-/// Computes prefix sums of a frame's rays divided by their relative cost, without the one ray per pixel of the
-/// G-buffer.
+/// Writes prefix sums over rows to `above`. A row counts its `rays` except the one per pixel that the G-buffer casts,
+/// divided by `relative_cost`, plus [`RAYS_PER_IDLE_PIXEL`] for each of its `width` pixels.
 fn sum_rows(above: &mut [f64], rays: &[u32], width: u32, relative_cost: f64) {
     let mut sum = 0.0;
     for (entry, &rays) in above[1..].iter_mut().zip(rays) {

@@ -17,19 +17,20 @@ pub fn step_rows(height: u32) -> u32 {
 
 /// Predicted gain, relative to the most expensive stripe, below which edges stay where they are.
 const HYSTERESIS: f64 = 0.02;
-/// Number of bisection steps in the search for the cost of the most expensive stripe. They narrow the interval to a
-/// millionth.
+/// Number of bisection steps in the search for the smallest possible cost of the most expensive stripe. They narrow the
+/// interval to a millionth.
 const HALVINGS: u32 = 20;
 
-/// Returns the contiguous stripes that minimise the cost of the most expensive one, relative to its device's weight.
+/// Returns contiguous stripes, one per device, that minimise the largest ratio of a stripe's cost to its device's
+/// weight.
 ///
 /// The method is bisection with a greedy probe (Pınar & Aykanat 2004, "Fast optimal load balancing algorithms for 1D
-/// partitioning", section 2.2), with costs that differ by device in a given order of devices.
+/// partitioning", section 2.2), extended to costs that differ by device. Stripes follow the order of the devices.
 pub fn cut(costs: &StripeCosts<'_>, weights: &[f64]) -> Stripes {
     let whole = 0..costs.height();
     let devices = 0..costs.devices();
     let dearest = |d: usize| if weights[d] > 0.0 { costs.ms(d, &whole) / weights[d] } else { 0.0 };
-    // The upper bound exceeds the time of any device for all rows, rounding included.
+    // Despite rounding, the upper bound is at least the ratio that any device would reach with all rows.
     let (mut low, mut high) = (0.0, devices.map(dearest).fold(0.0, f64::max) * (1.0 + 1e-9));
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
@@ -72,8 +73,8 @@ fn most_expensive_ms(costs: &StripeCosts<'_>, stripes: &Stripes) -> f64 {
     stripes.iter().map(|(device, rows)| costs.ms(device, &rows)).fold(0.0, f64::max)
 }
 
-/// Current stripes of each partition set, a set of groups of passes that use the same stripes
-/// ([`crate::graph::Program::partition_sets`]). Their edges move from frame to frame.
+/// Current stripes of each partition set; their edges move from frame to frame. A partition set consists of groups of
+/// passes that use the same stripes ([`crate::graph::Program::partition_sets`]).
 ///
 /// Both eyes share a partition. The G-buffer, radiance and reprojection of a row then stay on one device, and separate
 /// stripes for the right eye would not improve the balance of both eyes' sum. Without a filter, a row has one owner in

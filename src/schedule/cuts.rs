@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::cost::CostModel;
 use crate::graph::{Dispatch, FrameGraph, Pass, SceneUse, TaskKind, runs};
 
-/// Position in a task: right before row `row` of the kernel run with the index `run`.
+/// Position in a task, which runs its kernel one or more times: right before row `row` of the run with the index `run`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Position {
     pub run: u32,
@@ -24,14 +24,15 @@ impl Position {
     }
 }
 
-/// End of a submission. `task` is the task's index among those of the device.
+/// End of a submission: position `at` in the task with the index `task` among the device's tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cut {
     pub task: usize,
     pub at: Position,
 }
 
-/// Returns the parts of a task between cuts. The first one may be empty.
+/// Splits the task with the index `task`, which computes `rows`, at its cuts. The first part is empty if a cut is at
+/// the task's start.
 pub fn parts(cuts: &[Cut], task: usize, rows: &Range<u32>) -> Vec<Range<Position>> {
     let inner = cuts.iter().filter(|cut| cut.task == task).map(|cut| cut.at);
     let mut ends: Vec<Position> = std::iter::once(Position::start(rows)).chain(inner).collect();
@@ -39,13 +40,14 @@ pub fn parts(cuts: &[Cut], task: usize, rows: &Range<u32>) -> Vec<Range<Position
     ends.windows(2).map(|pair| pair[0]..pair[1]).collect()
 }
 
-/// Assumed times on a device that has not run the pass yet: of a path, and of a pixel in passes that trace no paths.
-/// They are those of a slow GPU of 2015, with headroom for one that is ten times slower.
+/// Assumed times on a device that has not run the pass yet: per path, and per pixel in passes that trace no paths. They
+/// hold even for a GPU that is ten times slower than a slow one of 2015.
 const UNKNOWN_PATH_MS: f64 = 2e-3;
 const UNKNOWN_PIXEL_MS: f64 = 1e-4;
 
 /// Returns the cuts that split a device's tasks into the fewest submissions of at most `bound_ms` each, in a frame of
-/// `spp` samples per pixel. Work that exceeds the bound and cannot be split becomes a submission of its own.
+/// `spp` samples per pixel, which are jittered if `jitter`. Work that exceeds the bound and cannot be split becomes a
+/// submission of its own.
 pub fn cuts(
     graph: &FrameGraph,
     model: &CostModel,

@@ -21,21 +21,23 @@ pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
     if best_ms < (1.0 - HYSTERESIS) * costs.ms(now) { best } else { now }
 }
 
-/// Mean costs per device of all runs, that is, sequences of consecutive passes, of which a halo plan may consist.
+/// Mean cost per device of every run, that is, every sequence of consecutive filter passes. A halo plan divides the
+/// filter's passes into runs.
 struct HaloCosts {
-    /// Runs that begin with each pass, shortest first.
+    /// Runs by the index of their first pass, then by length, shortest first.
     runs: Vec<Vec<Run>>,
     link: Link,
 }
 
 /// Consecutive filter passes from one exchange of halo rows to the next.
 struct Run {
-    /// Time to compute the margins, to receive halo rows of images that the filter's passes write, and to wait for
-    /// them. It excludes rows of images that the filter does not change.
+    /// Time to compute the margins, to transfer the halo rows of the images in [`FilterPass::new_bytes`], and to wait
+    /// for them. It excludes the transfer of the images in `kept_bytes`.
     ms: f64,
     /// Number of rows received on each side of a stripe, for each view.
     halo_rows: [u32; 2],
-    /// Bytes per row of the images that no pass of the filter changes, for each view.
+    /// Bytes per row of the images whose halo rows stay valid for later runs, since several passes of the filter read
+    /// them and none writes them; for each view.
     kept_bytes: [u64; 2],
 }
 
@@ -54,8 +56,8 @@ struct FilterPass {
     /// Number of rows above and below its own that the pass computes for passes after the filter.
     after_rows: u32,
     ms_per_row: f64,
-    /// Bytes per row of the pass's inputs: the sum over images that several filter passes read and none writes, and a
-    /// list with one entry for each other image.
+    /// Bytes per row of the pass's inputs. `kept_bytes` is the sum over images that several filter passes read and none
+    /// writes; `new_bytes` has one entry for each other image.
     kept_bytes: u64,
     new_bytes: Vec<u64>,
 }
@@ -93,7 +95,8 @@ impl Link {
                 rows += pass.reach_rows;
             }
             run.ms += first.new_bytes.iter().map(|bytes| self.transfer_ms(rows, *bytes)).sum::<f64>();
-            // Every plan receives rows before the first pass. There, a device waits for others to finish tracing.
+            // The wait before the first pass does not count: in every plan, devices wait there for each other to finish
+            // tracing.
             run.ms += if range.start > 0 { self.wait_ms } else { 0.0 };
             run.halo_rows[view] = rows;
             run.kept_bytes[view] = first.kept_bytes;
@@ -114,8 +117,8 @@ impl HaloCosts {
         Self { runs: (0..passes).map(runs_at).collect(), link }
     }
 
-    /// Returns the cost of a run, and the number of rows of unchanged images that the device holds on each side after
-    /// it. Earlier runs have received `kept_rows` of these, which are not transferred again.
+    /// Returns the cost of a run, and, for each view, the number of halo rows of unchanged images that a device holds
+    /// after the run. `kept_rows` is this number before the run; these rows are not transferred again.
     fn after(&self, kept_rows: [u32; 2], run: &Run) -> (f64, [u32; 2]) {
         let (mut ms, mut rows) = (run.ms, kept_rows);
         for ((rows, halo), bytes) in rows.iter_mut().zip(run.halo_rows).zip(run.kept_bytes) {

@@ -2,7 +2,8 @@
 //!
 //! The method is that of Topcuoglu, Hariri & Wu 2002, "Performance-effective and low-complexity task scheduling for
 //! heterogeneous computing", with these departures:
-//! - The tasks are blocks of rows, finer than stripes, of each set of groups that share a partition (tracing, filter).
+//! - The tasks are blocks of rows, which are finer than stripes. Groups of passes that share a partition form a set
+//!   (such as tracing, or the filter), and each set has its own blocks.
 //! - A device owns contiguous rows, but HEFT places blocks anywhere. It therefore only decides the fraction of a set
 //!   that each device gets. Stripes are then sized to the time that the device's blocks take.
 //! - Blocks are appended, not inserted into gaps, since a device has no gaps before its last tracing block.
@@ -42,14 +43,15 @@ impl Policy for Heft {
     }
 }
 
-/// Blocks per device and set: fine enough for the required balance, and few enough to be placed quickly.
+/// Number of blocks of a set per device, and minimum number of blocks of a set. They are enough for a good balance, and
+/// few enough to be placed quickly.
 const BLOCKS_PER_DEVICE: usize = 16;
 const LEAST_BLOCKS: usize = 64;
 
 /// Time of each block of a set on each device in milliseconds, by block, then by device.
 type Blocks = Vec<Vec<f64>>;
 
-/// Returns, for each set, the time of the blocks that HEFT places on each device, ms.
+/// Returns the total time in milliseconds of the blocks that HEFT places on each device, by set, then by device.
 fn place(model: &CostModel) -> Vec<Vec<f64>> {
     let spec = model.spec();
     let count = (spec.devices * BLOCKS_PER_DEVICE).max(LEAST_BLOCKS).min(spec.extent.height as usize);
@@ -84,8 +86,9 @@ fn place(model: &CostModel) -> Vec<Vec<f64>> {
     shares
 }
 
-/// Returns upward ranks: the mean time of a block plus the largest rank of its successors. This is the mean length of
-/// the longest path from its start to the end of the frame.
+/// Returns upward ranks, by set, then by block: a block's mean time over the devices, plus the transfer time and the
+/// largest rank of its successors, which are at most `reach` blocks away. This is the mean length of the longest path
+/// from the block's start to the end of the frame.
 fn ranked(sets: &[Blocks], reach: usize, transfer_ms: f64) -> Vec<Vec<f64>> {
     let mut ranks: Vec<Vec<f64>> = Vec::with_capacity(sets.len());
     for blocks in sets.iter().rev() {
@@ -100,8 +103,8 @@ fn ranked(sets: &[Blocks], reach: usize, transfer_ms: f64) -> Vec<Vec<f64>> {
     ranks
 }
 
-/// Returns the time at which a block of the next set has all its inputs, for each device and block, given the times at
-/// which the blocks of this set end on their devices.
+/// Returns the time at which a block of the next set would have all its inputs on a device, by device, then by block.
+/// `ends_ms` holds, in the same layout, the times at which the blocks of this set end; −∞ on all other devices.
 fn arrivals(ends_ms: &[Vec<f64>], reach: usize, transfer_ms: f64) -> Vec<Vec<f64>> {
     let latest: Vec<Vec<f64>> = ends_ms.iter().map(|ends| largest_around(ends, reach)).collect();
     let on_device = |device: usize| {
@@ -143,7 +146,7 @@ fn filter_reach_rows(program: &Program) -> u32 {
     links.map(|p| p.pass.halo_rows() + p.margin_rows).max().unwrap_or(0)
 }
 
-/// Returns the mean time to transfer this many rows of the inputs of the filter's first pass between devices.
+/// Returns the mean time to transfer this many rows of all inputs of the filter's first pass between two devices.
 fn crossing_ms(model: &CostModel, rows: u32) -> f64 {
     let spec = model.spec();
     let first = model.program().passes().iter().find(|p| p.link == Some(0));

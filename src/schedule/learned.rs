@@ -1,11 +1,12 @@
-//! Estimators for noisy measurements that are cold at first: a mean and a straight line.
+//! Estimators for noisy measurements whose first samples are distorted by cold caches: a running mean, and a straight
+//! line fitted by least squares.
 
 /// Weight of a new measurement in a running mean.
 const LEARNING_RATE: f64 = 0.5;
-/// Maximum factor by which a measurement counts above or below the mean. A single hiccup must not move stripes, but a
-/// device that has become slower must do so within a few frames.
+/// Factor above and below the running mean to which measurements are clamped. A single outlier must not move stripes,
+/// but a lasting slowdown of a device must move them within a few frames.
 const LEAP: f64 = 2.0;
-/// Weight that a frame's transfers keep in the next frame.
+/// Factor by which the weight of past transfers decreases with each frame.
 const MEMORY: f64 = 0.9;
 
 /// Exponential moving average. The second measurement replaces the first, since the first frame runs with cold caches.

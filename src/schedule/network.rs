@@ -31,7 +31,7 @@ impl Network {
         traffic.pass(from, to, sent_ms, ms) + ms + self.latency_ms
     }
 
-    /// Returns the network of these devices alone, renumbered in this order.
+    /// Returns the network of a subset of the devices, which are renumbered from 0 in this order.
     pub fn of_devices(&self, devices: &[usize]) -> Self {
         let ranks = devices.iter().filter_map(|&device| self.ranks.get(device).copied()).collect();
         Self { ranks, ..self.clone() }

@@ -14,7 +14,8 @@ pub trait Policy: Send {
     /// Returns the stripes of the next frame, given a `model` that has learned from previous ones.
     fn assign(&mut self, model: &CostModel) -> Assignment;
 
-    /// Removes a device that has failed. The numbers above it decrease by one. At least one device is left.
+    /// Removes a device that has failed. The numbers of the devices after it decrease by one. At least one device is
+    /// left.
     fn remove_device(&mut self, device: usize);
 }
 

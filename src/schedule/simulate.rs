@@ -48,15 +48,15 @@ pub enum StepKind {
     Stitch,
 }
 
-/// Bottleneck of a frame: the largest loss of time compared with an even distribution of the work that a single device
-/// would have to do as well.
+/// Bottleneck of a frame: the cause of the largest loss of time, compared with a frame in which all devices share the
+/// work of a single device evenly and lose no other time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
     /// No bottleneck: all losses together are at most [`LOSS_SHARE`] of the makespan.
     Work,
     /// Devices that wait for slower stripes.
     Imbalance,
-    /// Margin rows, which two devices compute.
+    /// Margin rows, which devices compute redundantly.
     Margins,
     /// Transfers on the critical path.
     Transfers,
@@ -126,7 +126,7 @@ struct Played {
     cause: Option<NodeIndex>,
 }
 
-/// Time at which a resource is free again, and the task that occupies it until then.
+/// Time at which a device's queue or host thread is free again, and the task that occupies it until then.
 #[derive(Clone, Copy)]
 struct Free {
     at_ms: f64,
@@ -252,8 +252,8 @@ impl<'a> Play<'a> {
         path
     }
 
-    /// Returns the cause of the largest loss. The steps of the critical path and overhead add up to the makespan, so
-    /// the losses add up to its excess over an even distribution of the work without margins.
+    /// Returns the cause of the largest loss. Since the steps of the critical path and the overhead add up to the
+    /// makespan, the losses add up to the makespan minus each device's even part of the work without margins.
     fn limit(&self, makespan_ms: f64, path: &[Step]) -> Limit {
         let mean_busy_ms = self.busy_ms.iter().sum::<f64>() / self.busy_ms.len() as f64;
         let (mut stages_ms, mut transfers_ms) = (0.0, 0.0);
@@ -274,7 +274,7 @@ impl<'a> Play<'a> {
         largest.filter(|_| lost_ms > LOSS_SHARE * makespan_ms).map_or(Limit::Work, |(limit, _)| limit)
     }
 
-    /// Returns the time that all devices spend on rows that another device computes as well.
+    /// Returns the time spent on redundant rows, summed over all devices.
     fn margins_ms(&self) -> f64 {
         let program = &self.graph.program;
         let mut passes = vec![(0.0, 0.0); program.passes().len()];

@@ -17,7 +17,8 @@ use crate::scene::rig::Rig;
 /// Time limit of calibration. Once it has passed, only the qualities with the fewest bounces are still timed: every
 /// extrapolation can fall back on them.
 const TIME_LIMIT: Duration = Duration::from_secs(2);
-/// Number of timed frames per quality. The minimum busy time of each stage counts, since longer ones were disturbed.
+/// Number of timed frames per quality. The minimum busy time of each stage counts, since longer times include delays by
+/// other work on the machine.
 const FRAMES: u32 = 3;
 /// Number of untimed frames before the first timed one. Caches are cold and GPU clocks are low during these.
 const WARM_UP: u32 = 2;
@@ -50,7 +51,8 @@ pub enum CalibrationError {
 /// next frame.
 ///
 /// # Errors
-/// [`CalibrationError`]
+/// [`CalibrationError::Exec`] if a frame fails, [`CalibrationError::Ladder`] if no quality could be timed,
+/// [`CalibrationError::Stopped`] if `stop` returned true.
 pub fn calibrate(
     renderer: &mut Renderer,
     view: &View,
@@ -175,9 +177,9 @@ impl Calibration<'_> {
     }
 
     /// Estimates the times of the tracing stages in milliseconds. Extrapolates from a measurement with the same number
-    /// of bounces if there is one, otherwise with the fewest bounces. Path tracing times are scaled by
-    /// [`guessed_paths`]. The G-buffer takes its time with one sample, plus a time proportional to the number of
-    /// samples if it averages several.
+    /// of bounces if there is one, otherwise from one with the fewest bounces. Path tracing times are scaled by
+    /// [`guessed_paths`]. If the G-buffer averages several samples per pixel, its time is that of one sample plus a
+    /// time proportional to the number of samples.
     fn stage_ms(&self, quality: &Quality) -> BTreeMap<String, f64> {
         let spp = quality.spp.min(2);
         let near = [quality.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)));

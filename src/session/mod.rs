@@ -71,7 +71,7 @@ impl Session {
     /// estimates errors.
     ///
     /// # Errors
-    /// [`StartError`]
+    /// [`StartError::Build`] if the renderer cannot be built, [`StartError::Calibration`] if the calibration fails.
     pub fn start(builder: Builder, budget: Budget) -> Result<Self, StartError> {
         let qualities = candidates(Some(Denoiser::SVGF), false);
         let (rig, size) = (builder.rig().clone(), builder.extent());
@@ -96,7 +96,7 @@ impl Session {
         Self::with_qualities(renderer, ladder, qualities, budget)
     }
 
-    /// Begins a session with one quality per rung that replaces the quality in the ladder.
+    /// Begins a session in which frames on rung i are rendered with `qualities[i]` instead of the ladder's own quality.
     pub fn with_qualities(mut renderer: Renderer, ladder: Ladder, qualities: Vec<Quality>, budget: Budget) -> Self {
         renderer.set_budget(budget.hi_ms());
         Self {
@@ -141,7 +141,7 @@ impl Session {
     /// Renders a frame on the chosen rung, like [`Renderer::render`], and reports its makespan to the controller.
     ///
     /// # Errors
-    /// Those of [`Renderer::render`].
+    /// Errors of [`Renderer::render`].
     pub fn render(&mut self, decided: Decided, rig: &Rig, time_s: f64, index: u32) -> Result<FrameReport, ExecError> {
         let rung = decided.decision.rung;
         let (quality, relative_cost) = self.qualities[rung].clone();
@@ -159,7 +159,7 @@ impl Session {
     /// Chooses a rung and renders a frame on it.
     ///
     /// # Errors
-    /// Those of [`Renderer::render`].
+    /// Errors of [`Renderer::render`].
     pub fn render_next(&mut self, rig: &Rig, time_s: f64, index: u32) -> Result<SessionFrame, ExecError> {
         let decided = self.decide();
         let report = self.render(decided, rig, time_s, index)?;

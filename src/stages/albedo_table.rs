@@ -12,8 +12,8 @@ const GRID: usize = ALBEDO_GRID as usize;
 /// Number of strata per dimension. Each node of the table is integrated with `STRATA`² samples.
 const STRATA: usize = 16;
 
-/// Returns the table of (a, b). It has one row per perceptual roughness, with one node per cosine. After all rows
-/// follows the mean of each row over directions. Both parameters go from 0 to 1.
+/// Returns the table of (a, b). It has one row per perceptual roughness, with one node per cosine; both go from 0 to 1.
+/// After these rows follow their means over directions, one per roughness.
 pub fn table() -> &'static [[f32; 2]] {
     static TABLE: LazyLock<Vec<[f32; 2]>> = LazyLock::new(made);
     &TABLE

@@ -42,7 +42,8 @@ fn type_name(used: &Use) -> String {
     match used.image.resource.format {
         Format::Uniform { name, .. } => name.to_owned(),
         Format::Texels { element, .. } => format!("array<{}>", used.element.unwrap_or(element)),
-        // Invocations append to a list concurrently. WGSL has no atomics that can only be read.
+        // Passes that write a list need atomics, since invocations append concurrently. Passes that only read it see
+        // plain integers, since WGSL forbids atomics in read-only bindings.
         Format::List if used.access == Access::Read => "array<u32>".to_owned(),
         Format::List => "array<atomic<u32>>".to_owned(),
     }

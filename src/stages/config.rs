@@ -39,7 +39,7 @@ pub struct Buffers {
     pub aovs: Vec<Aov>,
     /// Shader features that the scene needs.
     pub needs: SceneNeeds,
-    /// Dynamic geometry of the scene as its tables describe it; `None` for a static scene.
+    /// Sizes of the dynamic geometry in the scene's tables; `None` for a static scene.
     pub moving: Option<Moving>,
     /// Declarations of the frames' passes. They are not sent to other ranks, which get them from their
     /// [`Host`](crate::exec::ranks::Host).
@@ -77,7 +77,7 @@ impl Default for Execution {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RunConfig {
     pub buffers: Buffers,
-    /// Bounds of the qualities that frames may have. A frame has the highest by default.
+    /// Bounds of the qualities that frames may have. By default, a frame has the upper bound.
     pub envelope: Envelope,
     pub execution: Execution,
     pub sampler: Sampler,
@@ -199,7 +199,7 @@ impl RunConfig {
         self.denoiser().is_some_and(Denoiser::keeps_history)
     }
 
-    /// Whether the filter is given variances, and specular radiance separate from diffuse radiance.
+    /// Returns true if the denoiser needs variances. It then filters specular and diffuse radiance separately.
     fn is_guided_by_variance(&self) -> bool {
         self.denoiser().is_some_and(|denoiser| denoiser.method().needs_variance())
     }

@@ -17,7 +17,8 @@ pub struct Foveation {
     /// Radii at which the inner and the middle layer end, in increasing order, as fractions of the image's width. A
     /// frame may override them.
     pub radii: [f64; 2],
-    /// Fraction of the outer layer's pixels that is not sampled, 0 to 1; it falls to 0 towards the inner layer.
+    /// Fraction of the outer layer's pixels that is not sampled, 0 to 1. Across the middle layer, the fraction falls
+    /// linearly to 0.
     pub unsampled_fraction: f64,
 }
 

@@ -46,7 +46,7 @@ shared_structs! {
         pub screen: Vec2,
         /// Logarithm of the screen's diagonal in pixels.
         pub log_diagonal: f32,
-        /// Exponent of the kernel, which moves rings away from the gaze; 1 has no effect.
+        /// Exponent of the kernel. Values above 1 move rings away from the gaze; 1 has no effect.
         pub kernel: f32,
         /// Number of rings up to a distance of the screen's diagonal. The image around the gaze replaces the innermost
         /// `first_ring` of them.
@@ -63,10 +63,10 @@ shared_structs! {
         pub pad1: u32,
     }
 
-    /// Projective map from an eye's displayed image to its rectified image, both in pixels: the point (x, y) maps to
-    /// (a, b) / c for (a, b, c) = x · `across` + y · `down` + `corner`, if the eye has not moved since the image was
-    /// rendered. Late reprojection from a later pose projects a point at distance t along the eye's axis from t · (a,
-    /// b, c) + `moved` instead. All members are 0 if images are displayed as rendered.
+    /// Projective map from an eye's displayed image to its rectified image, both in pixels. The point (x, y) maps to
+    /// (a, b) / c, where (a, b, c) = x · `across` + y · `down` + `corner`, if the eye has not moved since the image was
+    /// rendered. Late reprojection to a later pose replaces (a, b, c) by t · (a, b, c) + `moved`, where t is the depth
+    /// of the displayed surface along the later eye's axis. All members are 0 if images are displayed as rendered.
     pub struct DisplayMap {
         pub across: Vec3,
         pub pad0: u32,
@@ -125,7 +125,7 @@ shared_structs! {
         pub sphere_tree_end: u32,
         /// Row of the light tree's root in the tables.
         pub tree: u32,
-        /// Number of nonempty groups among local, directional and environment lights.
+        /// Number of nonempty groups among local lights, directional lights and the environment image.
         pub group_count: u32,
         /// Number of lights in the light tree. Directional lights follow them in `lights`.
         pub local_count: u32,
@@ -263,7 +263,8 @@ impl From<&Frame> for Previous {
 }
 
 impl History {
-    /// Creates a history that reaches this many rows up and down, except for the lost rows. `None` means no history.
+    /// Describes a history for surfaces that moved by at most `rows` rows since the previous frame. `None` means no
+    /// history. The rows `lost` of the history are missing.
     pub fn new(rows: Option<u32>, lost: Range<u32>) -> Self {
         Self { rows: rows.unwrap_or(NO_HISTORY), lost_begin: lost.start, lost_end: lost.end, ..Self::default() }
     }

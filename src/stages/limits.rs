@@ -46,7 +46,7 @@ impl Limit {
         }
     }
 
-    /// Returns its name in wgpu.
+    /// Returns the limit's name in wgpu.
     fn name(self) -> &'static str {
         match self {
             Self::StorageBinding => "max_storage_buffer_binding_size",
@@ -108,7 +108,7 @@ impl Remedy {
             Self::SmallerEnvironment => "make it smaller",
             Self::SmallerSize => "choose a smaller size",
             Self::ComputeTraversal => "choose compute traversal",
-            Self::SmallerPass => "declare it with less",
+            Self::SmallerPass => "use fewer buffers, smaller constants or smaller workgroups",
         }
     }
 }
@@ -194,8 +194,8 @@ pub fn of_structures(triangles: usize, instances: usize) -> [Need; 2] {
     ]
 }
 
-/// Returns the needs of the frames that these programs make. `scene_buffers` is the number of storage buffers that a
-/// pass binds to read the scene.
+/// Returns the needs of the images and passes of these programs. `scene_buffers` is the number of storage buffers that
+/// a pass binds to read the scene.
 pub fn of_frames<'a>(programs: &'a [Program], scene_buffers: usize) -> impl Iterator<Item = Need> + 'a {
     let images = programs.iter().flat_map(|program| program.images().iter().map(|image| (program.extent, image)));
     let images = images.flat_map(|(extent, image)| {

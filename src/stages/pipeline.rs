@@ -36,7 +36,7 @@ pub struct DeviceStages {
     program: Option<Arc<Program>>,
     frame_only: wgpu::BindGroup,
     with_scene: wgpu::BindGroup,
-    /// Group 0 of kernels that change the scene: the frame's constants and the tables.
+    /// Bind group 0 of kernels that write the scene's tables: the frame's constants and these tables.
     changing_scene: wgpu::BindGroup,
     scene: SceneBuffers,
     frame: wgpu::Buffer,

@@ -39,7 +39,7 @@ impl PolarSpace {
         }
     }
 
-    /// Returns the number of pixels that an eye's image uses.
+    /// Returns the number of pixels that an eye's polar image uses. The other pixels of [`Self::grid`] are unused.
     pub(super) fn pixels(&self, view: &View, screen: Extent) -> u64 {
         match self {
             Self::Visual => visual::pixels(view, visual::grid(screen)),
@@ -78,12 +78,12 @@ impl Polar {
         self.look(eye as usize, time_s, View::new(view, aspect), screen)
     }
 
-    /// Returns the number of pixels of an eye's image, relative to its screen.
+    /// Returns the number of pixels that an eye's polar image uses, divided by the number of pixels of its screen.
     pub fn share(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
         self.space.pixels(&self.seen(eye, time_s, view, screen), screen) as f64 / screen.area() as f64
     }
 
-    /// Returns the number of traced pixels of an eye's image, relative to its screen.
+    /// Returns the number of traced pixels of an eye's polar image, divided by the number of pixels of its screen.
     pub fn traced_fraction(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
         let seen = self.seen(eye, time_s, view, screen);
         let pixels = match &self.space {

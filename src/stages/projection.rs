@@ -14,8 +14,8 @@ pub enum TracedProjection {
 impl TracedProjection {
     pub const ALL: [Self; 3] = [Self::Perspective, Self::VisualPolar, Self::LogPolar];
 
-    /// Returns the files that replace the include `projection`, without `.inc.wgsl`. The last one is different for each
-    /// projection.
+    /// Returns the names, without `.inc.wgsl`, of the files that replace the include `projection`. The last name is
+    /// different for each projection.
     pub(super) fn includes(self) -> &'static [&'static str] {
         match self {
             Self::Perspective => &["grid_perspective"],

@@ -15,7 +15,7 @@ pub enum Mismatch {
     Invalid(String),
     #[error("the shader has no entry point named main")]
     NoMain,
-    #[error("the shader declares bindings of group 1 itself, which its include `bindings` would do")]
+    #[error("the shader declares bindings of group 1 itself, but the include `bindings` generates them")]
     OwnBindings,
     #[error("{0} is declared, but the shader never uses it")]
     Unused(&'static str),
@@ -36,7 +36,7 @@ pub enum Mismatch {
 /// Checks a pass against its shader, for every kind of ray traversal.
 ///
 /// # Errors
-/// The first [`Mismatch`].
+/// [`Mismatch`]: the first difference that is found.
 pub fn verify(pass: &Pass) -> Result<(), Mismatch> {
     let access = |traversal| SceneAccess { traversal, ..Default::default() };
     Traversal::ALL.into_iter().try_for_each(|traversal| verify_for(pass, access(traversal)))
@@ -97,8 +97,8 @@ fn check_access(used: &Use, flags: GlobalUse) -> Result<(), Mismatch> {
     }
 }
 
-/// Checks the size of constants, which their declaration states as a number, and that of elements, which
-/// [`Use::viewed_as`] changes.
+/// Checks the size in bytes of a uniform's struct or of an image's elements. The declared size can differ from the
+/// shader's: a uniform states its size as a number, and [`Use::viewed_as`] changes the type of an image's elements.
 fn check_size(used: &Use, module: &Module, ty: Handle<Type>) -> Result<(), Mismatch> {
     let (declared, found, fits) = match (used.image.resource.format, &module.types[ty].inner) {
         // A texel may span several array elements.

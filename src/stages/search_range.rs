@@ -11,7 +11,8 @@ use crate::quality::acuity::FOVEA_DEG;
 
 /// Granularity of the search range, rows. It lets successive frames reuse a frame graph while the camera moves.
 const STEP_ROWS: u32 = 4;
-/// Divisor of the height that limits the search range. Surfaces that moved further have no history.
+/// The search range in perspective images is at most the height of the image divided by this number. Surfaces that
+/// moved further have no history.
 const LARGEST_SHARE: u32 = 4;
 
 /// Returns the search range: the maximum number of rows, up or down, by which a surface moved in the image since the
@@ -20,8 +21,8 @@ const LARGEST_SHARE: u32 = 4;
 ///
 /// `moved` holds the bounds of each moving body and its maximum displacement since the previous frame, scene units.
 ///
-/// The images depend on the result. It is derived only from scene and cameras, so it is the same for any set of
-/// devices.
+/// The search range affects the rendered images. It depends only on scene and cameras, so any set of devices renders
+/// the same images.
 pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved: &[(Aabb, f32)]) -> Option<u32> {
     if camera.log_polar.rings > 0.0 {
         let is_still = camera.views == *previous && moved.iter().all(|(_, by)| *by == 0.0);
@@ -60,7 +61,7 @@ fn polar_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved
         });
         let [gaze, last_gaze] = [now, last].map(|view| view.gaze.as_dvec3());
         let turned = gaze.angle_between(last_gaze) + stepped + own.fold(0.0, f64::max);
-        // A change of the outermost ring rescales all rings.
+        // If the eccentricity of the outermost ring changes, all rings are rescaled.
         let stretched = f64::from((now.fovea_rows / last.fovea_rows - 1.0).abs() * now.rows.max(last.rows));
         turned * per_radian + stretched
     });
@@ -85,11 +86,11 @@ fn rows_of_body(camera: &Camera, bounds: &Aabb, by: f64) -> f64 {
 }
 
 /// Returns the maximum number of rows between the current and the previous image position of static points.
-/// `nearness` is the inverse of their distance from each eye, per scene unit. Returns `None` if some of the points may
-/// have been behind an eye in the previous frame.
+/// `nearness` holds, for each eye, the inverse of the points' distance from it, 1 / scene units; 0 for points at
+/// infinity. Returns `None` if some of the points may have been behind an eye in the previous frame.
 ///
-/// The previous position is a quotient of two functions that are linear in the column and in the inverse depth. Its
-/// extremes lie at the ends of both ranges: the outermost columns, and infinity and the nearest depth.
+/// The previous position is a quotient of two functions that are linear in the column and in the inverse depth. So its
+/// extremes lie at the outermost columns, and at infinity or the smallest depth.
 fn most_rows(camera: &Camera, previous: &[View; 2], nearness: [f64; 2]) -> Option<f64> {
     let mut most: f64 = 0.0;
     let centre = camera.centre.as_dvec2();
@@ -105,7 +106,7 @@ fn most_rows(camera: &Camera, previous: &[View; 2], nearness: [f64; 2]) -> Optio
             }
         }
     }
-    // A margin for rounding on the device.
+    // Add a margin for rounding errors of shaders.
     Some((most + 0.02).ceil())
 }
 

@@ -6,12 +6,12 @@ use crate::graph::{Dispatch, Resource};
 
 pub enum Groups {
     Direct([u32; 3]),
-    /// Workgroups counted by this list (indirect dispatch).
+    /// Indirect dispatch, with the workgroup counts in the header of this list.
     Listed(Resource),
 }
 
-/// Returns the workgroups of a dispatch over rows of a grid `width` wide. Tiles of several rows begin at multiples of
-/// their height.
+/// Returns the workgroups of a dispatch over `rows` of a grid that has `width` columns. Tiles that are several rows
+/// high begin at multiples of their height.
 pub fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Range<u32>) -> Groups {
     let tiles = |[columns, height]: [u32; 2]| {
         let (columns, height) = (columns.max(1), height.max(1));
@@ -32,7 +32,7 @@ pub fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Ra
             Groups::Direct([most(width, tile[0]).max(1), most(rows.end - rows.start, tile[1]).max(1), 1])
         }
         Dispatch::Once(groups) => Groups::Direct(groups),
-        // For no rows (warm-up) nothing has been listed, so dispatch one workgroup directly.
+        // Without rows (during warm-up), no pass has filled the list, so dispatch one workgroup directly.
         Dispatch::List(_) if rows.is_empty() => Groups::Direct([1, 1, 1]),
         Dispatch::List(list) => Groups::Listed(list),
     }

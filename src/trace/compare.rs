@@ -8,7 +8,7 @@ use super::summary::{FrameSummary, Summary, median};
 use super::work::Trace;
 use super::{Lane, TraceError};
 
-/// A metric in both traces: its median over the frames of each.
+/// A metric, compared between the traces: its median over the frames of trace `a`, and over those of trace `b`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Change {
     pub what: String,
@@ -33,7 +33,8 @@ pub struct Side {
 pub struct Comparison {
     pub a: Side,
     pub b: Side,
-    /// Milliseconds of each stage on each eye, and of transfers, summed over devices; largest difference first.
+    /// Times of each stage on each eye, and of transfers, in milliseconds per frame, summed over devices; largest
+    /// difference first.
     pub stages: Vec<Change>,
     /// Metrics of frames, such as the makespan; names include the unit. Largest factor of change first.
     pub frames: Vec<Change>,
@@ -112,8 +113,8 @@ mod tests {
     use super::super::work::{Device, Task};
     use super::*;
 
-    /// Creates frames with path tracing of this many milliseconds on one device, followed by an upload of this many
-    /// bytes.
+    /// Creates a trace of one device. In each frame, given as (ms, bytes), the device traces paths for `ms`
+    /// milliseconds, and two uploads of `bytes` bytes follow.
     fn trace(frames: &[(f64, u64)]) -> Trace {
         let device = Device { name: "gpu".to_owned(), clock_residual_us: None };
         let mut trace = Trace { devices: [(10, device)].into(), ..Trace::default() };

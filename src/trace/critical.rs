@@ -16,19 +16,19 @@ use serde::{Deserialize, Serialize};
 
 use super::work::{Frame, Task};
 
-/// Tolerance for comparing device work with transfers. Different clocks time them and agree to some tens of
-/// microseconds, so one may seem to begin before the other has ended by as much as this.
+/// Tolerance for comparing times of device work with times of transfers, microseconds. The two come from different
+/// clocks, which agree to some tens of microseconds, so a task may seem to begin before its predecessor has ended.
 const CLOCK_TOLERANCE_US: f64 = 100.0;
 
 /// Reason for the wait between two tasks of the critical path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Wait {
-    /// Planning of the frame, until its first work is submitted.
+    /// Time from the begin of the frame, with its planning, until the first task of the path begins.
     Start,
     /// Time until the next task of the same device begins.
     Queue,
-    /// Submission of work after a transfer.
+    /// Time after a transfer until the device's next work is submitted and begins.
     Submission,
     /// Time until finished rows reach the host.
     ReadBack,

@@ -6,11 +6,14 @@ use serde_json::Value;
 pub struct RawTrace {
     pub events: Vec<Value>,
     pub other_data: Value,
-    /// True if the end is missing.
+    /// True if the end of the document is missing.
     pub is_cut: bool,
 }
 
-/// Parses a trace. If the document is cut off, its complete events are kept, as the format allows. Errors are messages.
+/// Parses a trace. If the document is cut off, its complete events are kept, as the trace format allows.
+///
+/// # Errors
+/// A message that says what is wrong with the document.
 pub fn raw_trace_from_bytes(bytes: &[u8]) -> Result<RawTrace, String> {
     let document = match serde_json::from_slice(bytes) {
         Ok(document) => document,
@@ -28,7 +31,7 @@ pub fn raw_trace_from_bytes(bytes: &[u8]) -> Result<RawTrace, String> {
             Some(Value::Array(events)) => (events, object.remove("otherData").unwrap_or(Value::Null)),
             _ => return Err("it has no list \"traceEvents\"".to_owned()),
         },
-        _ => return Err("it is no list of events".to_owned()),
+        _ => return Err("it is neither a list of events nor an object that holds one".to_owned()),
     };
     Ok(RawTrace { events, other_data, is_cut: false })
 }

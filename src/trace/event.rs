@@ -1,4 +1,4 @@
-//! Chrome trace events as plain data that serializes to the JSON viewers read. Times are microseconds.
+//! Chrome trace events as plain data, which is serialized to the JSON that trace viewers read. Times are microseconds.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ pub struct Track {
     pub tid: u32,
 }
 
-/// Value of an argument. JSON has no NaN and no infinity: such a number becomes the text that Rust prints for it.
+/// Value of an event's argument. JSON has neither NaN nor infinity, so these become text: `NaN`, `inf` or `-inf`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Arg {
@@ -50,11 +50,11 @@ pub enum FlowStep {
 pub enum Kind {
     /// `X`: a span with its duration.
     Complete { duration_us: f64 },
-    /// `i`, shown on its thread.
+    /// `i`: an instant, shown on its thread.
     Instant,
-    /// `C`: each numeric argument is one series.
+    /// `C`: values of a counter; each numeric argument belongs to one series.
     Counter,
-    /// `M`: names and sort indices; has no time.
+    /// `M`: name or sort index of a process or thread; has no time.
     Metadata,
     /// `s`, `t`, `f`: the arrow `id` leaves, passes or reaches the span around this time.
     Flow { step: FlowStep, id: u64 },

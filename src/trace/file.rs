@@ -17,7 +17,8 @@ impl TraceFile {
     /// Creates or replaces the file and starts recording device lanes and this process's `tracing` spans.
     ///
     /// # Errors
-    /// [`TraceError::Write`]; [`TraceError::SubscriberTaken`]: host spans can be recorded once in a process's life.
+    /// [`TraceError::Write`]; [`TraceError::SubscriberTaken`] if this process already has a `tracing` subscriber, for
+    /// example from an earlier call.
     pub fn start(path: &Path) -> Result<TraceFile, TraceError> {
         let recorder = Recorder::new();
         let host = HostSpans::install(recorder.origin())?;
@@ -44,7 +45,7 @@ impl TraceFile {
     /// Writes the remaining events and ends the trace.
     ///
     /// # Errors
-    /// [`TraceError::Write`], also of an earlier write.
+    /// [`TraceError::Write`] if this write or an earlier one failed.
     pub fn finish(mut self) -> Result<(), TraceError> {
         self.is_finished = true;
         self.recorder.close(true)

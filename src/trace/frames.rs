@@ -69,7 +69,7 @@ fn time_from(report: &FrameReport) -> FrameTime {
     FrameTime { frame: report.index.into(), begin_us, end_us, devices: Some(devices) }
 }
 
-/// Formats numbers as in `0,2`.
+/// Formats numbers as a comma-separated list, such as `0,2`.
 fn numbers_text(numbers: &[usize]) -> String {
     numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(",")
 }
@@ -121,12 +121,12 @@ fn record_task(recorder: &Recorder, task: &Task, spp: (&str, f64)) {
     recorder.task_with(task.pid - FIRST_DEVICE_PID, task.lane, &task.name, times_us, args);
 }
 
-/// Returns the point at which arrows touch a task: the middle of its time on its track.
+/// Returns the point at which arrows begin or end at a task: the task's track, and the middle of its time span, µs.
 fn middle(task: &Task) -> (Track, f64) {
     (task.lane.track(task.pid - FIRST_DEVICE_PID), 0.5 * (task.begin_us + task.end_us))
 }
 
-/// Returns an arrow's id. Ids of transfers are smaller than that of the critical path.
+/// Returns the id of an arrow of a frame. `number` is the number of the transfer, or `u32::MAX` for the critical path.
 fn arrow(frame: &Frame, number: u32) -> u64 {
     frame.time.frame << 32 | u64::from(number)
 }
@@ -194,7 +194,7 @@ fn record_shares(recorder: &Recorder, name: &str, at_us: f64, amounts: Vec<f64>)
     }
 }
 
-/// Marks the time at which a device was dropped.
+/// Marks the time at which the fault of a device was detected, after which the device was dropped.
 pub fn record_fault(recorder: &Recorder, fault: &Fault) {
     let frame = fault.frame.to_string();
     let args = [("frame", frame.as_str()), ("what", &fault.what)];

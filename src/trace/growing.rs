@@ -13,7 +13,8 @@ use crate::image::ImageError;
 const HEAD: &str = "{\"traceEvents\":[";
 const TAIL: &str = "\n],\"displayTimeUnit\":\"ms\",\"otherData\":";
 
-/// A list of events that can be appended to: each write overwrites the document's tail and appends a new one.
+/// Document to whose list of events more events can be appended. Each write replaces the end of the document (`TAIL`
+/// and `otherData`) by the new events and a new end.
 pub struct GrowingDocument {
     path: PathBuf,
     file: File,

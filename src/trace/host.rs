@@ -29,8 +29,8 @@ pub struct HostSpans {
 type Piece = Option<Vec<u8>>;
 
 impl HostSpans {
-    /// Installs this as the process's `tracing` subscriber, which is possible once per process. Times count from
-    /// `origin`.
+    /// Installs a `tracing` subscriber that records the process's spans, which is possible once per process. Times
+    /// count from `origin`.
     ///
     /// # Errors
     /// [`TraceError::SubscriberTaken`]
@@ -83,7 +83,8 @@ struct Record {
     ph: String,
     name: String,
     tid: u32,
-    /// Nanoseconds since our origin, a space, and the span's number; empty for a thread's name.
+    /// Nanoseconds since the `origin` of [`HostSpans::install`], a space, and the span's number. It is empty in records
+    /// that name a thread.
     #[serde(default)]
     cat: String,
     /// Arguments, formatted by `Debug`.
@@ -110,7 +111,7 @@ impl Spans {
     pub fn events_from(&mut self, text: &[u8], zero_us: f64) -> Vec<Event> {
         self.zero_us = zero_us;
         let lines = text.split(|&byte| byte == b'\n').map(|line| line.strip_suffix(b",").unwrap_or(line));
-        // Lines that are not records are the list's brackets or lie between two flushes.
+        // Skip lines that are not records: the brackets of the list, and separators between two flushes.
         let records = lines.filter_map(|line| serde_json::from_slice(line).ok());
         let events = records.filter_map(|record| self.event(record));
         events.map(|event| Event { time_us: event.time_us + zero_us, ..event }).collect()
@@ -134,7 +135,7 @@ impl Spans {
         }
         let (time_ns, span) = record.cat.split_once(' ')?;
         let (time_us, span) = (time_ns.parse::<u64>().ok()? as f64 / 1e3, (span.parse().ok()?, track.tid));
-        // By default `tracing` names an event after its place in the source; its message is more useful.
+        // By default, `tracing` names an event after its file and line; its message is more useful.
         let message = record.args.get("message").filter(|_| record.ph == "i" && record.name.starts_with("event "));
         let name = message.cloned().unwrap_or(std::mem::take(&mut record.name));
         let args = record.args.into_iter().map(|(name, text)| (name, arg(text))).collect();

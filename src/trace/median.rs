@@ -1,6 +1,6 @@
 //! The median.
 
-/// Returns the median. For an even number of values it is the mean of the middle two; without values there is none.
+/// Returns the median; `None` without values. The median of an even number of values is the mean of the middle two.
 pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let upper = *values.get(values.len() / 2)?;

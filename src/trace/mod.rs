@@ -27,7 +27,7 @@ pub use file::TraceFile;
 pub use host::HostSpans;
 pub use recorder::Recorder;
 
-/// Process of host spans and of counters.
+/// Number of the process under which host spans and counters are shown.
 pub const HOST_PID: u32 = 1;
 /// Device `i` is process `FIRST_DEVICE_PID + i`.
 pub const FIRST_DEVICE_PID: u32 = 10;
@@ -36,7 +36,8 @@ pub const FIRST_RANK_PID: u32 = 100;
 /// Track of frames, from planning to the complete images on the primary.
 pub const FRAMES_TRACK: Track = Track { pid: HOST_PID, tid: 1 };
 const FRAMES_NAME: &str = "frames";
-/// Number of tracks for frames in flight, which overlap and cannot share one. Tracks of threads follow.
+/// Number of tracks for frames. Frames in flight overlap, so they cannot share a track. The tracks of threads have the
+/// numbers that follow.
 const FRAMES_TRACKS: u32 = 4;
 
 #[derive(Debug, thiserror::Error)]

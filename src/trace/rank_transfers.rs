@@ -27,7 +27,7 @@ pub struct RankTransfer {
     pub at_us: [f64; 5],
     /// Time between the receiving MPI thread's previous poll and the poll that found the rows.
     pub rested_us: f64,
-    /// Wait of the receiving worker for these rows.
+    /// Begin and end of the receiving worker's wait for these rows; `None` if it is not recorded.
     pub waited_us: Option<Interval>,
 }
 
@@ -106,10 +106,10 @@ fn rank_transfers_of<'a>(spans: &'a [&HostSpan]) -> impl Iterator<Item = RankTra
 }
 
 impl RankTransfer {
-    /// Splits the transfer into its steps, each with its name, [`TransferStep::is_of_thread`] and its interval. Steps are
-    /// consecutive, except that the receiving thread's time without a poll is also part of the step before it. If the
-    /// worker starts to wait only after the rows were passed on, the last step begins with that wait. A step may have
-    /// a negative length if clocks are not aligned well enough.
+    /// Splits the transfer into its steps, each with its name, [`TransferStep::is_of_thread`] and its interval. Steps
+    /// are consecutive, except that the receiving thread's time without a poll is also part of the step before it. If
+    /// the worker starts to wait only after the rows were passed on, the last step begins with that wait. A step may
+    /// have a negative length if clocks are not aligned well enough.
     fn parts(&self) -> [(&'static str, bool, Interval); 6] {
         let [handed, taken, sent, found, passed] = self.at_us;
         let (waits, goes_on) = self.waited_us.map_or((passed, passed), |(begin, end)| (begin.max(passed), end));
@@ -125,8 +125,8 @@ impl RankTransfer {
 }
 
 impl RankTransferSummary {
-    /// Summarises the transfers of the frames for which `shown` returns true, and those without a frame number. Returns
-    /// `None` if there are none.
+    /// Summarises the transfers of the frames for which `shown` returns true, and transfers without a frame number.
+    /// Returns `None` if there are no such transfers.
     pub fn of(transfers: &[RankTransfer], shown: impl Fn(u64) -> bool) -> Option<Self> {
         let transfers: Vec<&RankTransfer> = transfers.iter().filter(|p| p.frame.is_none_or(&shown)).collect();
         let first = transfers.first()?;

@@ -1,6 +1,7 @@
-//! Reads a trace-file back, checks it, and extracts the work of diptych's devices.
+//! Reads a trace file back, checks it, and extracts the work of diptych's devices, frame times, and transfers between
+//! ranks.
 //!
-//! Any Chrome trace is accepted. Events other than device work are only checked for form and counted.
+//! Any Chrome trace is accepted. All other events are only checked for their form.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::Path;
@@ -13,7 +14,7 @@ use super::recorder::RANK_HOST;
 use super::work::{Device, FrameTime, Order, Task, Trace};
 use super::{FIRST_DEVICE_PID, FRAMES_NAME, HOST_PID, Lane, TraceError};
 
-/// Tolerance for neighbouring spans, because begin and duration are rounded to f64 microseconds.
+/// Overlap of consecutive spans that is tolerated, because begin and duration are rounded to f64 microseconds.
 const OVERLAP_TOLERANCE_US: f64 = 1e-3;
 
 /// Reads and checks the trace at `path`.
@@ -51,7 +52,7 @@ pub fn parse(bytes: &[u8], origin: &str) -> Result<Trace, TraceError> {
 /// Index of a faulty event, with a description of the fault.
 type Wrong = (usize, String);
 
-/// Process and thread, as text, because other tools use numbers or text.
+/// Process and thread of an event. Both are kept as text, because other tools write numbers or text.
 type TrackKey = (String, String);
 
 struct Span {
@@ -193,8 +194,8 @@ impl Reader {
         Ok(())
     }
 
-    /// Returns the process and the lane of a device's track: its process number is one of a device, and its thread is
-    /// named like a lane.
+    /// Returns the process and the lane of a device's track; `None` for other tracks. On a device's track, the process
+    /// number is at least [`FIRST_DEVICE_PID`], and the thread is named like a lane.
     fn device_lane(&self, track: &TrackKey) -> Option<(u32, Lane)> {
         let pid: u32 = track.0.parse().ok().filter(|&pid| pid >= FIRST_DEVICE_PID)?;
         let name = self.thread_names.get(track)?;
@@ -236,11 +237,11 @@ impl Reader {
         }
         let orphans = self.flow_ends.difference(&self.flow_starts).count();
         if orphans > 0 {
-            warnings.push(format!("{orphans} arrows end that never started"));
+            warnings.push(format!("{orphans} arrows end but never start"));
         }
         let loose = self.flow_starts.difference(&self.flow_ends).count();
         if loose > 0 {
-            warnings.push(format!("{loose} arrows start that never end"));
+            warnings.push(format!("{loose} arrows start but never end"));
         }
         warnings
     }
@@ -298,11 +299,11 @@ fn order(args: &Value) -> Result<Option<Order>, String> {
         Some((FIRST_DEVICE_PID.checked_add(device.parse().ok()?)?, number.parse().ok()?))
     };
     let after = after.split_whitespace().map(place).collect::<Option<Vec<_>>>();
-    let after = after.ok_or_else(|| "its argument 'after' is no list of tasks".to_owned())?;
+    let after = after.ok_or_else(|| "its argument 'after' is not a list of tasks".to_owned())?;
     Ok(Some(Order { number, after }))
 }
 
-/// Returns the frame's time, if it has a number.
+/// Returns the time of the frame that `span` records; `None` if the span has no frame number.
 fn frame_time(span: &Span) -> Result<Option<FrameTime>, String> {
     let devices = devices(&span.args)?;
     let frame = whole(&span.args, "frame")?;
@@ -318,13 +319,13 @@ fn devices(args: &Value) -> Result<Option<u64>, String> {
     };
     let bits = numbers.split(',').map(|n| n.parse().ok().and_then(|device| 1u64.checked_shl(device)));
     let devices = bits.collect::<Option<Vec<_>>>().map(|bits| bits.into_iter().fold(0, |all, bit| all | bit));
-    devices.map(Some).ok_or_else(|| format!("its argument 'devices' is '{numbers}', no list of devices"))
+    devices.map(Some).ok_or_else(|| format!("its argument 'devices' is '{numbers}', not a list of devices"))
 }
 
 fn check_finite(args: &Value) -> Result<(), String> {
     for (name, value) in args.as_object().into_iter().flatten() {
         if !is_finite(value) {
-            return Err(format!("its argument '{name}' is {value}, no finite number"));
+            return Err(format!("its argument '{name}' is {value}, not a finite number"));
         }
     }
     Ok(())
@@ -335,11 +336,11 @@ fn whole(args: &Value, name: &str) -> Result<Option<u64>, String> {
     match args[name].as_f64() {
         None => Ok(None),
         Some(number) if number >= 0.0 && number.fract() == 0.0 => Ok(Some(number as u64)),
-        Some(number) => Err(format!("its argument '{name}' is {number}, no whole number")),
+        Some(number) => Err(format!("its argument '{name}' is {number}, not a whole number of at least 0")),
     }
 }
 
-/// Returns false for null and text, which JSON writers put in place of numbers that are not finite.
+/// Returns false for null and for text such as "NaN", which JSON writers put in place of numbers that are not finite.
 fn is_finite(value: &Value) -> bool {
     match value {
         Value::Null => false,
@@ -354,7 +355,7 @@ fn check_counter(args: &Value) -> Result<(), String> {
     };
     match series.iter().find(|(_, value)| !value.is_number()) {
         None => Ok(()),
-        Some((name, value)) => Err(format!("its value '{name}' is {value}, no finite number")),
+        Some((name, value)) => Err(format!("its value '{name}' is {value}, not a finite number")),
     }
 }
 

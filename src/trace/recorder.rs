@@ -11,10 +11,10 @@ use super::growing::GrowingDocument;
 use super::host::{HostSpans, Spans};
 use super::{FIRST_DEVICE_PID, FIRST_RANK_PID, FRAMES_NAME, FRAMES_TRACK, FRAMES_TRACKS, HOST_PID, Lane, TraceError};
 
-/// Prefix of the names of other ranks' processes, followed by their number.
+/// Prefix of the names of other ranks' processes. The number of the rank follows.
 pub(super) const RANK_HOST: &str = "host of rank ";
 
-/// Writes to the trace of a run; clones write to the same one, from any thread.
+/// Handle for writing to the trace of a run from any thread. Clones write to the same trace.
 #[derive(Clone)]
 pub struct Recorder {
     origin: Instant,
@@ -43,7 +43,7 @@ impl Recorder {
         Recorder { origin: Instant::now(), log: None }
     }
 
-    /// Creates a recorder that records nothing until it has a document.
+    /// Creates a recorder that records nothing until [`Self::open`] gives it a document.
     pub(super) fn new() -> Recorder {
         Recorder { origin: Instant::now(), log: Some(Arc::default()) }
     }
@@ -174,7 +174,8 @@ impl Recorder {
         }
     }
 
-    /// Records the error of a clock, named like `device_0` or `rank_1`. The maximum per clock goes to `otherData`.
+    /// Records the error bound of a clock, microseconds. `clock` is its name, such as `device_0` or `rank_1`. The
+    /// maximum for each clock is written to `otherData`.
     pub fn note_residual(&self, clock: &str, residual_us: f64) {
         if let Some(mut log) = self.lock() {
             let key = format!("clock_residual_us.{clock}");
@@ -190,7 +191,10 @@ impl Recorder {
         }
     }
 
-    /// Ends the trace.
+    /// Ends the trace. `is_complete` is false if the run ended early.
+    ///
+    /// # Errors
+    /// [`TraceError::Write`] if this write or an earlier one failed.
     pub(super) fn close(&self, is_complete: bool) -> Result<(), TraceError> {
         let now_us = self.time_us(Instant::now());
         let Some(mut log) = self.lock() else { return Ok(()) };

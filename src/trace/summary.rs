@@ -54,7 +54,7 @@ pub struct FrameSummary {
     pub imbalance: Option<f64>,
     /// Total wait on the critical path.
     pub wait_ms: f64,
-    /// Bytes of uploads.
+    /// Number of bytes that were uploaded to devices.
     pub bytes: u64,
     pub stages: Vec<StageTime>,
 }
@@ -112,7 +112,7 @@ pub struct Step {
     /// Time since the frame's begin.
     pub begin_ms: f64,
     pub time_ms: f64,
-    /// First row and the one after the last.
+    /// Rows of the task: the first, and the one after the last; none for a wait.
     pub rows: Option<[u64; 2]>,
 }
 
@@ -190,7 +190,7 @@ fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
     }
 }
 
-/// Returns the time covered by the frames: gaps between them do not count, and overlaps count once.
+/// Returns the time covered by the frames, microseconds. Gaps between them do not count, and overlaps count once.
 fn time_of<'a>(frames: impl Iterator<Item = &'a Frame<'a>>) -> f64 {
     length(&union(frames.map(|f| (f.time.begin_us, f.time.end_us)).collect()))
 }
@@ -263,7 +263,7 @@ struct Lanes<'a> {
     device: &'a Device,
     busy: Vec<Interval>,
     transfer: Vec<Interval>,
-    /// Time of the frames in which it took part.
+    /// Time covered by the frames that the device took part in, microseconds.
     total_us: f64,
 }
 

@@ -71,7 +71,7 @@ pub struct Trace {
     pub devices: BTreeMap<u32, Device>,
     /// Tasks in order of begin.
     pub tasks: Vec<Task>,
-    /// Frames with known begin and end.
+    /// Times of the frames; frames whose times are not recorded are missing.
     pub frame_times: Vec<FrameTime>,
     /// Transfers of rows from rank to rank.
     pub passages: Vec<RankTransfer>,

@@ -23,7 +23,7 @@ fn it_prints_passes_transfers_and_what_is_left_out() {
     let left_out = |text: &str, stage: &str, why: &str| {
         text.lines().any(|line| line.starts_with(stage) && line.trim_end().ends_with(why))
     };
-    assert!(left_out(&text, "select", "no pixel is left to the filter"), "{text}");
+    assert!(left_out(&text, "select", "no pixel is left to the denoiser"), "{text}");
     assert!(left_out(&text, "path_trace", "the right eye is reprojected"), "{text}");
     assert!(text.contains("last_guide") && text.contains("2 device(s)"), "{text}");
 

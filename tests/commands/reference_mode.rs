@@ -137,6 +137,8 @@ fn options_that_a_reference_overrules_are_refused_where_they_are_given() {
         ["--denoiser", "svgf"],
         ["--iterations", "3"],
         ["--foveation", "layers"],
+        ["--foveation", "visual-polar"],
+        ["--polar", "kernel"],
         ["--gaze", "0.5,0.5"],
         ["--render-scale", "0.5"],
         ["--reproject", "on"],

@@ -1,7 +1,8 @@
 // Blockwise regression (Koskela et al. 2019, section 3.2): in each block of 32x32 pixels, demodulated illumination is
 // fitted by a weighted sum of features in the least squares sense, with weights per channel. Features are 1, the
-// normal, the position within the block, and its squares. Householder reflections (Golub & Van Loan, "Matrix
-// Computations", 5.2) solve the system, with one workgroup for each block. Sums are always added in the same order.
+// normal, the coordinates of the position within the block's bounds, and their squares. Householder reflections (Golub
+// & Van Loan, "Matrix Computations", 5.2) solve the system, with one workgroup for each block. Sums are always added in
+// the same order.
 // Departures:
 // - Linearly dependent features are dropped (Xu, Tong & Xu, "Real-Time Path Tracing Reconstruction in DXR"): a feature
 //   is dependent if the previous reflections leave too little of its column's length, here relative to the column's
@@ -25,14 +26,15 @@ const ROWS_APART: u32 = INVOCATIONS / BLOCK;
 const FEATURES: u32 = 10u;
 // Number of entries in a row of the system: its features and its colour channels.
 const ENTRIES: u32 = FEATURES + 3u;
-// Number of partial sums per entry. A reduction first adds the values of all invocations up to these, and then adds
-// these up.
+// Number of partial results per entry. A reduction first combines the values of all invocations into this many sums or
+// maxima, and then combines these into one.
 const GROUP: u32 = 16u;
 
 // Threshold for dropping a column: length of its part that is linearly independent of the columns before it, relative
 // to its whole length. On a plane, rounding makes packed normals differ by up to 3e-5, and positions by up to 1e-5.
 const INDEPENDENT: f32 = 1e-3;
-// Minimum extent of a block's positions along an axis, relative to their largest coordinate. Less is rounding.
+// Minimum extent of a block's positions along an axis, relative to their largest coordinate on it. A smaller extent is
+// treated as a rounding error.
 const LEAST_EXTENT: f32 = 2e-6;
 // Illumination up to which a block counts as black, and smallest divisor.
 const DARK: f32 = 1e-30;
@@ -43,7 +45,7 @@ var<workgroup> parts: array<f32, ENTRIES * INVOCATIONS>;
 var<workgroup> group_sums: array<f32, ENTRIES * GROUP>;
 // Entries of the pivot row of the current reflection.
 var<workgroup> pivots: array<f32, ENTRIES>;
-// Sums or maxima of `parts` over all invocations in x, entries of `pivots` in y.
+// Component x: sum or maximum of `parts` over all invocations. Component y: entry of `pivots`.
 var<workgroup> totals: array<vec2<f32>, ENTRIES>;
 var<workgroup> square_lengths: array<f32, ENTRIES>;
 var<workgroup> is_lit: u32;
@@ -132,7 +134,7 @@ fn column_in_block(origin: i32, displaced: u32, i: u32, row: i32) -> i32 {
 // Bounds of a block's surfaces.
 struct Extent {
     low: vec3<f32>,
-    // 1 / size of the bounds; 0 if there is no extent.
+    // 1 / size of the bounds on each axis; 0 on an axis on which the block has no extent.
     scale: vec3<f32>,
 }
 

@@ -21,19 +21,20 @@
 //   `variance.inc.wgsl`).
 // - `moments`: words x and y hold the mean luminance and its variance per sample, as floats. If the scene has gloss,
 //   each of these words holds a diffuse and a specular value as half floats, variances as standard deviations. Word z:
-//   number of samples, and recent mean divided by the power of two in the mean, as half floats. Word w: material and,
-//   in the upper 8 bits, number of frames.
+//   number of samples, and recent mean divided by `power_of_two_in(mean)`, as half floats. Word w: material and, in
+//   the upper 8 bits, number of frames.
 
-// Frames before temporal variance is meaningful, as in the paper.
+// Minimum number of observations for temporal variance: frames, as in the paper, or samples if their variance is known.
 const FEW_FRAMES: f32 = 4.0;
 // Number of observations at which the variance is doubled. It is inflated more for fewer observations.
 const FEW_OBSERVATIONS: f32 = 24.0;
-// Maximum history in frames: of pixels that reproject between those of the previous frame, of pixels that reproject
-// onto them, and of view-dependent light.
+// Maximum history in frames: LONGEST_MOVED if the reprojected point lies between the centres of the previous frame's
+// pixels, LONGEST_STILL if it lies on a centre, and LONGEST_VIEW_DEPENDENT for view-dependent light.
 const LONGEST_MOVED: f32 = 32.0;
 const LONGEST_STILL: f32 = 255.0;
 const LONGEST_VIEW_DEPENDENT: f32 = 6.0;
-// Frames in the recent mean, and the number of standard deviations by which it may differ from the long one.
+// Number of frames in the recent mean, and number of standard deviations by which the recent mean may differ from the
+// mean of the whole history.
 const RECENT_FRAMES: f32 = 4.0;
 const TRUSTED_DEVIATIONS: f32 = 3.0;
 

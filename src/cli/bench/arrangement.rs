@@ -1,4 +1,4 @@
-//! Options of an experiment's arrangements.
+//! Options of an experiment's arrangements, which are the variants that the experiment compares.
 
 use anyhow::{Context, anyhow, bail, ensure};
 use clap::{Args as _, Command, FromArgMatches};

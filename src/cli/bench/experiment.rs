@@ -1,5 +1,5 @@
-//! `diptych bench --experiment`, and the presets that are defined by such files: arrangements of options render frames
-//! in turns, and each is compared with the reference.
+//! `diptych bench --experiment`, and the presets that such files define: several arrangements of options render the
+//! same frames alternately, and each is compared with the reference.
 
 use std::path::Path;
 
@@ -77,7 +77,7 @@ fn run(args: &Args, experiment: &'static Experiment, all: &[RenderOptions]) -> R
     found.write(args)
 }
 
-/// Returns the quality that needs the most warm-up frames. All arrangements render as many.
+/// Returns the quality that needs the most warm-up frames. All arrangements render that many.
 fn slowest(args: &Args, all: &[RenderOptions]) -> Quality {
     let qualities = all.iter().map(RenderOptions::quality);
     qualities.max_by_key(|quality| args.warm_up_of(quality)).unwrap_or(arrangement::QUALITY)
@@ -111,7 +111,7 @@ struct View {
     frames: u32,
 }
 
-/// A motion of the camera, with the views of its frames and their number of warm-up frames.
+/// A camera motion, with its measured views and the number of warm-up frames before each view.
 struct Shown {
     camera: Camera,
     warm_up: u32,
@@ -169,8 +169,8 @@ impl Results {
         Ok(())
     }
 
-    /// Measures all arrangements in all views of a camera. `begun` counts the frames that each renderer has begun;
-    /// `beside` has the measures that do not depend on frames.
+    /// Measures all arrangements in all views of a camera. `begun` counts the frames that each renderer has begun.
+    /// `beside` has each arrangement's measures that do not depend on frames.
     fn measure_views(
         &mut self,
         args: &Args,

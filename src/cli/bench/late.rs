@@ -110,8 +110,8 @@ impl Results {
     }
 }
 
-/// Returns `count` evenly spaced instants of the head motion, in seconds. The highest latency after each of
-/// them is still within the motion.
+/// Returns `count` evenly spaced instants of the head motion, in seconds. Each instant plus the highest latency is
+/// still within the motion.
 fn instants(rig: &Rig, count: u32) -> Result<Vec<f64>, anyhow::Error> {
     let longest_s = f64::from(LATENCIES[LATENCIES.len() - 1]) / FPS;
     let [first_s, last_s] = [rig.keys.first(), rig.keys.last()].map(|key| key.map_or(0.0, |key| key.time_s));

@@ -26,7 +26,7 @@ use super::reference::Reference;
 use crate::cli::failure::Failure;
 use crate::cli::page;
 
-/// A setting of the front, rendered again for its picture and its tasks.
+/// A setting on the Pareto front, rendered again for its picture and for the timeline of its tasks.
 struct Seen {
     name: String,
     linear: Stereo<RgbImage>,

@@ -39,7 +39,7 @@ pub struct Setting {
 pub struct Warm {
     pub frames: Vec<TimedFrame>,
     pub devices: Vec<DeviceInfo>,
-    /// Time until the first frame could begin, seconds.
+    /// Time that building the renderer took, seconds.
     pub warm_up_s: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Errors by kind of pixel, from auxiliary images beside the compared ones.
+//! Errors by kind of pixel. Auxiliary images in the folders of the compared images tell the kinds apart.
 
 use std::path::{Path, PathBuf};
 
@@ -11,14 +11,14 @@ use crate::metrics::Pair;
 use crate::metrics::kinds::{KindError, KindMap};
 use crate::passes::Aov;
 
-/// The error of each kind of pixel, and their map.
+/// Errors by kind of pixel, and a map of each pixel's kind.
 pub struct ByKind {
     pub errors: [KindError; 6],
     pub picture: DisplayImage,
 }
 
 impl ByKind {
-    /// Classifies the pixels of a pair by auxiliary images beside the image, or else beside the reference.
+    /// Classifies the pixels of a pair by auxiliary images in the image's folder, or else in the reference's folder.
     ///
     /// # Errors
     /// A message that names the missing file.
@@ -33,7 +33,7 @@ impl ByKind {
             let paths = [image_path, reference_path].map(|path| beside(path, aov.name()));
             let Some(path) = paths.iter().find(|path| path.is_file()) else {
                 bail!(
-                    "there is no {}, from which kinds of pixels follow: render with --aov {}",
+                    "there is no {}, which is needed to classify pixels: render with --aov {}",
                     paths[0].display(),
                     AOVS.map(Aov::name).join(",")
                 );
@@ -47,7 +47,7 @@ impl ByKind {
     }
 }
 
-/// Returns the path of an auxiliary image of an eye's image: `left.depth.0007.exr` of `left.0007.exr`.
+/// Returns the path of the auxiliary image that belongs to an eye's image: `left.depth.0007.exr` for `left.0007.exr`.
 fn beside(image: &Path, aov: &str) -> PathBuf {
     let name = image.file_name().unwrap_or_default().to_string_lossy();
     let (eye, rest) = name.split_once('.').unwrap_or((&name, "exr"));

@@ -96,8 +96,8 @@ impl<'a> Sequence<'a> {
         let read = |folder: &Path| exr::read_colour(&colour(folder, eye, frame));
         let (reference, image) = (read(self.reference)?, read(self.image)?);
         let pair = Pair::new(&reference.image, &image.image, self.exposure.value)?;
-        // Read the auxiliary images beside `self.image`: all passes of a reference are at one instant, so its motion
-        // vectors would be zero.
+        // Read the auxiliary images from the image's folder, not the reference's: all passes of a reference are at one
+        // instant, so its motion vectors would be zero.
         let aov = |name: &str, channels| -> Result<RgbImage, anyhow::Error> {
             let path = self.image.join(format!("{eye}.{name}.{frame:04}.exr"));
             ensure!(path.is_file(), "there is no {}: render with --aov motion,position,normal", path.display());

@@ -31,7 +31,7 @@ const PROBES: usize = 6;
 const TARGET: f64 = 0.7;
 /// Fraction of the target time from which a size is accepted without trying larger ones.
 const GOOD_ENOUGH: f64 = 0.85;
-/// Multiple of the budget beyond which the run's estimated duration is reported.
+/// Multiple of the budget's upper end. If a frame takes longer than this, the run's estimated duration is reported.
 const FAR: f64 = 2.0;
 
 /// Creates a renderer of the requested size. If no rung fits the budget there, finds a smaller size and reports it.

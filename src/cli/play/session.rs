@@ -34,7 +34,7 @@ pub struct Session {
     pub progress: Progress,
     /// Result of the search for a smaller size; `None` if the requested size fits.
     pub fit: Option<SizeFit>,
-    /// Time until the first frame could begin, seconds.
+    /// Time that creating the renderer and determining the quality ladder took, seconds.
     pub warm_up_s: f64,
     live: StatusLines,
     faults: FaultLog,

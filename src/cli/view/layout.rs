@@ -14,7 +14,7 @@ pub enum Layout {
     Right,
 }
 
-/// Image in a part of the window; the value of an eye is its texture layer.
+/// Image that a part of the window shows. The discriminant of an eye is its layer in the texture array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shows {
     Left = 0,
@@ -43,8 +43,8 @@ impl Layout {
         }
     }
 
-    /// Returns the parts of a window of this size in pixels, centred and as large as possible. `eye` is the size of an
-    /// eye's image.
+    /// Returns where each image of this layout is drawn in a window of this size in pixels. The images are centred and
+    /// as large as possible. `eye` is the size of an eye's image.
     pub fn placements(self, [width, height]: [u32; 2], eye: Extent) -> Vec<Placement> {
         let (shows, gap): (&[Shows], f64) = match self {
             Self::SideBySide => (&[Shows::Left, Shows::Right], GAP),

@@ -21,7 +21,7 @@ pub struct Painted {
 pub struct Parts {
     pub panel: bool,
     pub help: bool,
-    /// Hint at the key that lists all keys; false where there is no keyboard.
+    /// Shows the hint "H: keys" while the list of keys is hidden; false if there is no keyboard.
     pub hint: bool,
 }
 
@@ -49,7 +49,7 @@ const WIDTH: f32 = 264.0;
 const KEYS: [(&str, &str); 9] = [
     ("W A S D, Q E", "move; Shift: faster"),
     ("arrows, right drag", "turn"),
-    ("P", "along the shot's path, or off it"),
+    ("P", "follow or leave the shot's path"),
     ("mouse", "the gaze, with --foveation"),
     ("Tab", "side by side, anaglyph, left, right"),
     ("N", "smooth or sharp pixels"),
@@ -166,7 +166,7 @@ fn plot(ui: &mut Ui, [lo_ms, hi_ms]: [f64; 2], status: &Status) {
     }
 }
 
-/// Draws a bar of the rows that each device had, and the devices' names.
+/// Draws a bar of each device's fraction of the rows in the last frame, and lists the devices' names and percentages.
 fn shares(ui: &mut Ui, devices: &[String], last: &FrameStatus) {
     let rows: u32 = last.stripes.iter().sum();
     let share = |rows_of: u32| f64::from(rows_of) / f64::from(rows.max(1));

@@ -32,7 +32,8 @@ pub struct Presenter {
     window: Arc<Window>,
     screen: ScreenDevice,
     config: wgpu::SurfaceConfiguration,
-    /// Pipelines for one eye and for an anaglyph: on software adapters, even a branch not taken costs time.
+    /// Two pipelines, for one eye and for an anaglyph. A branch in one shader would cost time on software adapters,
+    /// even if not taken.
     pipelines: [wgpu::RenderPipeline; 2],
     /// Texture array with a layer per eye.
     eyes: wgpu::Texture,

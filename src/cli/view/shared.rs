@@ -53,7 +53,7 @@ pub struct Status {
     pub in_band: u64,
     pub rungs: usize,
     pub follows_path: bool,
-    /// Radii of the foveal layers and gaze of each eye, in pixels of its image.
+    /// For each eye, the radii of the inner and middle foveal layers, and the gaze point, in pixels of the eye's image.
     pub circles: Option<[([f64; 2], [f64; 2]); 2]>,
 }
 

@@ -115,8 +115,8 @@ impl App {
     }
 }
 
-/// Returns the window's first size: the eyes side by side, magnified by the largest integer at which they fit common
-/// screens.
+/// Returns the window's initial size: both eyes side by side, magnified by the largest integer factor at which they fit
+/// into 1280×720 pixels. The window has at least 800×450 pixels.
 fn first_size(Extent { width, height }: Extent) -> PhysicalSize<u32> {
     let scale = (1280 / (2 * width)).min(720 / height).max(1);
     PhysicalSize::new((2 * width * scale + 4).max(800), (height * scale).max(450))

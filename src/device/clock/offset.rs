@@ -32,7 +32,8 @@ impl Offset {
         let lasted = (device_ms.end - device_ms.start).max(0.0);
         let bracket = host_ms.start - device_ms.start - MOST_DRIFT * lasted..host_ms.end - device_ms.end;
         let is_known = self.bounds.start.is_finite();
-        // The work took longer on the device's clock than on the host's: one of the clocks jumped during it.
+        // If the work took longer on the device's clock than on the host's, one of the clocks jumped meanwhile: ignore
+        // the measurement, unless it is the first.
         if !(bracket.start <= bracket.end || !is_known && bracket.start.is_finite() && bracket.end.is_finite()) {
             return;
         }
@@ -46,8 +47,8 @@ impl Offset {
         self.at_ms = device_ms.end;
     }
 
-    /// Returns the offset and its bounds at another device time. The offset is assumed to have grown as little as
-    /// possible.
+    /// Returns the offset and its bounds at another device time. Assumes that the offset has changed as little as the
+    /// bounds of its growth permit.
     fn moved_to(&self, device_ms: f64) -> (f64, Range<f64>) {
         let elapsed = device_ms - self.at_ms;
         let (a, b) = (self.rate.start * elapsed, self.rate.end * elapsed);

@@ -51,8 +51,8 @@ impl RankClock {
     }
 
     /// Updates the mean round trip, or the mean time per byte if the request had a load of `bytes` bytes. Call this
-    /// only for round trips under the conditions of a frame's packets: the link is otherwise unused, and the receiver
-    /// may have slept.
+    /// only for round trips that resemble a frame's packets: nothing else uses the link, and the receiver may have to
+    /// wake up first.
     pub fn judge(&mut self, trip_ms: f64, bytes: usize) {
         if bytes == 0 {
             self.round_trip_ms = learned(self.round_trip_ms, trip_ms);
@@ -88,8 +88,8 @@ impl RankClock {
         self.marks.drain(..self.marks.len().saturating_sub(MARKS));
     }
 
-    /// Returns the zero of the other rank's clock, in milliseconds on this rank's clock, to convert times from
-    /// `from_ms` to `to_ms` on the other clock. Also returns the maximum error of these conversions in µs, which is
+    /// Returns the time in milliseconds on this rank's clock at which the other rank's clock read 0, and the maximum
+    /// error, in µs, of times between `from_ms` and `to_ms` on the other clock that are converted with it. The error is
     /// `None` before the first round trip.
     pub fn zero_between(&self, [from_ms, to_ms]: [f64; 2]) -> (f64, Option<f64>) {
         let [(then_ms, then_error_ms), (zero_ms, error_ms)] = [from_ms, to_ms].map(|ms| self.offset.at(ms));

@@ -210,7 +210,7 @@ impl Others {
         Ok((infos, own))
     }
 
-    /// Returns the network between devices of different ranks.
+    /// Returns the model of the network between ranks: its latency and its time per byte.
     pub fn network(&self) -> Network {
         self.set.node.network(self.ranks())
     }

@@ -30,7 +30,7 @@ pub trait Link {
     /// Frees completed sends; returns true if no send or receive is in progress.
     fn is_settled(&mut self) -> bool;
 
-    /// Leaves the other ranks, and waits for them if necessary. All ranks must call it.
+    /// Disconnects this rank from the others, and waits for them if necessary. Every rank must call it.
     fn leave(&mut self);
 
     /// Ends the processes of all ranks.

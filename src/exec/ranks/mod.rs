@@ -32,7 +32,7 @@ pub use packet::{Load, Request, Response};
 pub use server::{Host, serve};
 pub use shared::Recorded;
 
-/// Environment variables by which MPI launchers tell each process how many they start (`SIZES`) and its own rank
+/// Environment variables in which MPI launchers pass to each process the number of processes (`SIZES`) and its own rank
 /// (`NUMBERS`).
 const SIZES: [&str; 4] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS"];
 const NUMBERS: [&str; 3] = ["OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID"];

@@ -105,7 +105,7 @@ impl Node {
         self.shared.lost()
     }
 
-    /// Returns the zero of this rank's clock.
+    /// Returns the instant at which this rank's clock reads 0.
     pub fn epoch(&self) -> Instant {
         self.epoch
     }
@@ -201,8 +201,8 @@ impl Node {
         messages.recv_timeout(limit).ok()
     }
 
-    /// On rank 0, ends all ranks with this exit status; on other ranks, leaves the others. If a rank is lost, aborts
-    /// the processes of all ranks with this status, but at least 1.
+    /// On rank 0, ends the run on all ranks with this exit status; on other ranks, only disconnects this rank. If a
+    /// rank is lost, aborts the processes of all ranks with this status, but at least 1.
     pub fn end(&self, status: u8) {
         let Some(thread) = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take() else { return };
         if self.lost().is_some() {

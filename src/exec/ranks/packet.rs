@@ -99,7 +99,7 @@ pub enum Request {
         set: u32,
         virtual_devices: usize,
     },
-    /// Close the devices of a set that no renderer uses.
+    /// Close those devices of a set that no renderer uses.
     Close {
         set: u32,
     },
@@ -141,7 +141,7 @@ pub enum Response {
     Devices(Vec<DeviceCard>),
     /// The fingerprint of a scene.
     Loaded(u64),
-    /// Numbers, in the renderer that has ended, of the rank's devices that have not failed.
+    /// The rank's devices that have not failed, by their numbers in the renderer that has ended.
     Left(Vec<usize>),
 }
 

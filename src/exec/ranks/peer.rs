@@ -16,7 +16,8 @@ pub const TRIPS_TIME: Duration = Duration::from_micros(400);
 /// Interval of bandwidth probes: each call whose number is a multiple of this one sends a single ping with a payload,
 /// the load, instead of a series of empty pings.
 const LOADED: u32 = 24;
-/// Intended transfer time of a load, in milliseconds: as long as that of large rows, but too short to delay frames.
+/// Intended transfer time of a load, in milliseconds: as long as a large transfer of rows, but too short to delay
+/// frames.
 const LOAD_MS: f64 = 4.0;
 /// Minimum and maximum size of a load, in bytes.
 const LOAD_BYTES: [usize; 2] = [1 << 16, 1 << 20];
@@ -98,8 +99,8 @@ impl Peer {
             now_ms - self.called_ms < TRIPS_TIME.as_secs_f64() * 1e3
         };
         let goes_on = self.trips > 0 && is_short;
-        // Only the first of several pings counts: later ones find both ends awake, which does not hold for rows. Of
-        // pings with loads, only the last counts.
+        // Only the first of several empty pings counts: during later ones, both ranks poll without sleeping, but
+        // packets of rows may have to wake the receiver. Of pings with loads, only the last counts.
         if !self.is_crowded && if bytes > 0 { !goes_on } else { is_first } {
             self.clock.judge(trip_ms, bytes);
         }

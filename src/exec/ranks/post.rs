@@ -18,10 +18,10 @@ use crate::exec::messages::Bytes;
 
 /// Time without a packet after which a rank is lost. Rank 0 watches the others, and they watch rank 0.
 const SILENCE: Duration = Duration::from_secs(5);
-/// Maximum time between two checks of the timeouts that counts towards them. A process that was suspended thus loses at
-/// most this much.
+/// Maximum time that the timeouts advance between two checks. A suspension of this process thus uses up no more than
+/// this much of them.
 const STEP: Duration = Duration::from_millis(500);
-/// Time that the rank's other threads have to end a run after a rank is lost.
+/// Time that the rank's other threads have to end the run after a rank is lost, before the post aborts all processes.
 const GRACE: Duration = Duration::from_secs(3);
 
 /// Interval at which ranks other than 0 send the signs of life of their workers.
@@ -112,8 +112,8 @@ impl<L: Link> Post<L> {
                 any |= self.take(from, bytes);
             }
             self.looked = Instant::now();
-            // MPI makes progress only during calls, so unfinished messages shorten the rest between polls. They do
-            // not while there are renderers, since the devices of these may share the cores.
+            // MPI makes progress only during calls, so poll more often while messages are unfinished. Do not do so
+            // while there are renderers, since their devices may use the same cores.
             let is_under_way = !self.link.is_settled() && self.renderers.is_empty();
             self.send_heartbeats();
             if any || is_under_way {
@@ -250,8 +250,8 @@ impl<L: Link> Post<L> {
         self.epoch.elapsed().as_secs_f64() * 1e3
     }
 
-    /// Calls the next rank (on rank 0) or sends the workers' signs of life (on other ranks) if it is time to, and
-    /// detects silent ranks.
+    /// If due, pings the next rank (on rank 0) or sends the workers' signs of life (on other ranks). Also detects ranks
+    /// that have been silent for too long.
     fn send_heartbeats(&mut self) {
         let now = Instant::now();
         let is_first = self.link.rank() == 0;

@@ -52,7 +52,7 @@ pub trait Host {
         error.to_string()
     }
 
-    /// Returns the signal that told this rank to end.
+    /// Returns the number of the signal that told this rank to end, if one has arrived.
     fn interrupted(&self) -> Option<i32>;
 }
 

@@ -22,7 +22,7 @@ pub struct RendererDevices {
     commander: Option<RendererChannels>,
     own: Vec<usize>,
     others: Vec<Other>,
-    /// Zero of the renderer's times, in milliseconds since the node's epoch.
+    /// Renderer's time origin, in milliseconds since the node's epoch.
     pub origin_ms: f64,
 }
 

@@ -98,7 +98,7 @@ pub enum Action<B> {
     CallOff {
         ticket: u64,
     },
-    /// Answer, and forget the attempt.
+    /// Send the answer to the renderer, and discard the state of the attempt or readback.
     Answer {
         ticket: u64,
         outcome: Outcome,

@@ -66,12 +66,12 @@ impl WorkerDevice {
                 std::thread::park();
             },
             InjectedKind::Oom => self.gpu.report_out_of_memory(),
-            // `FrameJob::runs` has this effect.
+            // Nothing to do here: the renderer has doubled `FrameJob::runs` for this device.
             InjectedKind::Slow => {}
         }
     }
 
-    /// Begins a frame.
+    /// Prepares a frame: resets the timestamps and sets the program, the constants and the scene's update.
     pub fn begin(&mut self, job: &FrameJob, program: &Arc<Program>) {
         self.stamps.reset();
         self.stages.set_frame(&self.gpu, program, &job.constants, &job.previous, &job.update, job.place);
@@ -112,7 +112,8 @@ impl WorkerDevice {
         self.pool.record(&self.gpu, encoder, source, offset, size)
     }
 
-    /// Records a copy of the timestamps, which the next frame overwrites; returns `None` if there are none.
+    /// Records a copy of this frame's timestamps to a readback buffer, since the next frame overwrites them. Returns
+    /// `None` if the frame has no timestamps.
     pub fn record_stamps(&mut self, encoder: &mut wgpu::CommandEncoder) -> Option<Recorded> {
         let written = self.stamps.written();
         (written > 0).then(|| {
@@ -148,7 +149,7 @@ impl WorkerDevice {
     /// first task to the observed end of the last.
     ///
     /// # Errors
-    /// Those of [`Self::finish`].
+    /// [`DeviceFailure`] if the readback failed.
     pub fn times(
         &mut self,
         back: ReadBack,
@@ -168,7 +169,7 @@ impl WorkerDevice {
     /// Submits copies of both eyes of `images` to the host; returns their readbacks.
     ///
     /// # Errors
-    /// [`DeviceFailure`] if no pass writes one of them.
+    /// [`DeviceFailure`] if `images` contains an image that no pass writes.
     pub fn request(&mut self, images: &[Output], place: Place) -> Result<Vec<[ReadBack; 2]>, DeviceFailure> {
         let mut encoder = self.encoder();
         let mut copies = Vec::new();
@@ -196,10 +197,10 @@ impl WorkerDevice {
         outputs.map(|image| (image.resource.into(), buffers(image))).collect()
     }
 
-    /// Waits for the readbacks of an image that was requested; returns the bytes of both eyes.
+    /// Waits for the readbacks of a requested image; returns its bytes, left eye first.
     ///
     /// # Errors
-    /// Those of [`Self::finish`].
+    /// [`DeviceFailure`] if the device or the mapping failed.
     pub fn take(&mut self, [left, right]: [ReadBack; 2]) -> Result<Pixels, DeviceFailure> {
         Ok([self.finish(left)?.to_vec(), self.finish(right)?.to_vec()])
     }

@@ -20,7 +20,8 @@ pub struct Part {
     job: FrameJob,
     graph: Arc<FrameGraph>,
     device: usize,
-    /// Begin of the frame on this device, and observed end of its last submission, in milliseconds since the origin.
+    /// Time at which the worker began the frame, and time at which it saw that the frame's last submission had ended,
+    /// in milliseconds since the origin.
     begin_ms: f64,
     end_ms: f64,
     /// Time of the frame's first submission on this device, in milliseconds since the origin.
@@ -157,7 +158,7 @@ impl Part {
         self.last = Some(submission);
     }
 
-    /// Makes an empty submission, so that the device executes uploads after which no dispatch follows.
+    /// Makes an empty submission, so that the device executes uploads that no further commands follow.
     pub fn submit_uploads(&mut self, device: &WorkerDevice) {
         self.last = Some(device.gpu.queue.submit([]));
     }
@@ -227,7 +228,8 @@ impl Part {
         Ok(true)
     }
 
-    /// Returns the answer if its images have reached the host, otherwise `None`. With `waits`, waits for the images.
+    /// Returns the reply to the renderer if the frame's images have reached the host, otherwise `None`. With `waits`,
+    /// waits for the images.
     ///
     /// # Errors
     /// [`DeviceFailure`] if the device failed or took too long.
@@ -247,7 +249,7 @@ impl Part {
     }
 }
 
-/// Reduces a task to the parts that determine the order of actions.
+/// Returns the properties of a task that determine the order of the worker's operations.
 fn step(task: &Task, is_cut: bool, is_late: bool) -> Step {
     match task.kind {
         TaskKind::Dispatch { .. } if is_late => Step::LateDispatch { is_cut },

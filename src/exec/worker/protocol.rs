@@ -68,7 +68,7 @@ pub struct Protocol<B> {
     at: At,
     /// Number of time slices without a message in the current wait for rows; `None` if the worker waits for none.
     receiving: Option<u32>,
-    /// Actions that come before all others.
+    /// Actions that [`Self::next_action`] returns before any other.
     due: VecDeque<Action<B>>,
 }
 
@@ -223,7 +223,7 @@ impl<B> Protocol<B> {
         let action = match script.own.get(at) {
             Some(Operation::Write { task, transfer }) => return self.receive(ticket, *task, *transfer),
             Some(Operation::Submit(_)) if self.submit_blocks && !self.outgoing.is_empty() => return self.send(),
-            // Rows are sent first, so that other workers need not wait meanwhile.
+            // Send outgoing rows before waiting for the pose, so that other workers need not wait meanwhile.
             Some(Operation::Ask) if !self.outgoing.is_empty() => return self.send(),
             Some(Operation::Ask) => Some(Action::Ask { ticket }),
             Some(Operation::Submit(copies)) => {

@@ -2,7 +2,7 @@
 
 use crate::exec::InjectedKind;
 
-/// A task, reduced to the parts that determine the order of a worker's actions.
+/// The properties of a task that determine the order of a worker's operations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Step {
     Dispatch,
@@ -55,7 +55,7 @@ pub(super) enum Operation {
 /// Operations that a worker runs for a frame.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Script {
-    /// Operations for its own tasks, which other workers may wait for.
+    /// Operations of all tasks except the uploads for the stitch. Other workers may wait for their results.
     pub(super) own: Vec<Operation>,
     /// The uploads of the stitch: pairs of a task number and a transfer number.
     pub(super) stitch: Vec<(usize, u32)>,

@@ -13,11 +13,11 @@ use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;
 use crate::wgsl::{Constant, constants};
 
-/// Edge of a tile, pixels. One pixel per tile is traced again.
+/// Edge length of a tile in pixels. One pixel per tile is traced again.
 const TILE: u32 = 3;
 const TILES: Grid = Grid { size: Size::FrameOver(TILE), ..Grid::FRAME };
 
-/// Radius of the smoothing of gradients, tiles.
+/// Radius in tiles of the filter that smooths gradients.
 const REACH: u32 = 2;
 
 /// Constants of shaders that bind [`read_change`].
@@ -35,8 +35,8 @@ fn is_found(spec: &FrameSpec) -> bool {
     spec.moving.is_some() && spec.chain.polar.is_none()
 }
 
-/// Returns the image that holds, for each tile, the fraction of its history to drop. Returns a dummy of one pixel if
-/// gradients are not computed.
+/// Returns the image `light_change`, which holds, for each tile, the fraction of its history to drop. If gradients are
+/// not computed, the image is a dummy of one pixel.
 fn change(spec: &FrameSpec) -> Resource {
     let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));
     Resource::image::<f32>("light_change").on(if is_found(spec) { TILES } else { nothing })

@@ -13,8 +13,8 @@ pub const PARTITION: Partition = Partition("denoise");
 
 const FILTERED: Resource = Resource::image::<UVec4>("filtered");
 
-/// The image that carries demodulated illumination (reflected light over albedo) through passes that each read one
-/// image and write the next.
+/// Tracks which image holds the demodulated illumination (reflected light over albedo) while passes are declared: each
+/// pass reads the current image and writes the next one.
 #[derive(Clone, Copy, Debug)]
 pub struct Light {
     current: Image,
@@ -27,12 +27,12 @@ impl Light {
         Self { current: RADIANCE.into(), filtered: FILTERED.into() }
     }
 
-    /// Returns the image that currently holds light.
+    /// Returns the image that the latest of these passes writes. At first, it is the path tracer's output.
     pub fn image(self) -> Image {
         self.current
     }
 
-    /// Returns the image that a pass reads light from, and the one that it writes light to.
+    /// Returns the image that the next pass reads and the image that it writes, in this order.
     pub fn advance(&mut self) -> (Image, Image) {
         self.filtered = self.filtered.next();
         self.advance_to(self.filtered)
@@ -73,7 +73,7 @@ pub trait Denoise: Sync {
         (0.55 + 0.45 * 0.5f64.powi(iterations as i32 - 1)) * 0.18 * samples.powf(-0.35)
     }
 
-    /// Returns the passes before the filter.
+    /// Returns the passes before the filter, such as temporal accumulation.
     fn before(&self, _spec: &FrameSpec, _view: Eye, _light: &mut Light) -> Vec<Pass> {
         Vec::new()
     }
@@ -84,7 +84,7 @@ pub trait Denoise: Sync {
         Vec::new()
     }
 
-    /// Returns the passes from filtered light to the frame's outputs.
+    /// Returns the passes that turn filtered illumination into the frame's outputs.
     fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         vec![tonemap::pass(spec, view, light.image())]
     }

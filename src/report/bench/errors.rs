@@ -16,8 +16,8 @@ pub(super) const SHOWN: [&str; 10] =
 pub(super) const FLICKER: &str = "flicker";
 pub const ERROR: &str = "flip_flicker";
 
-/// Multiple of the reference's own relMSE below which an image's relMSE cannot be distinguished from noise of the
-/// reference.
+/// Factor of the reference's own relMSE (its noise). A smaller relMSE of an image cannot be distinguished from this
+/// noise.
 pub(super) const NOISE_MARGIN: f64 = 4.0;
 
 /// Errors of one eye by name. The names are those in the JSON of [`SeenErrors`], `flicker` and [`ERROR`].

@@ -1,4 +1,4 @@
-//! Reports quality ladders: as tables, and as plots beside the Pareto fronts of each denoiser.
+//! Reports quality ladders: as tables, and as plots together with the Pareto front of each denoiser.
 
 use super::charts::{fronts, time_chart};
 use super::errors::ERROR;

@@ -8,7 +8,8 @@ use crate::control::{MIN_STEP, Rung};
 use crate::quality::Quality;
 use crate::report::Table;
 
-/// Comparison of a rung with the measured setting that has the lowest error and takes no longer.
+/// Comparison of a rung with the best measured setting, that is, the one with the lowest error among those that take no
+/// longer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Regret {
     #[serde(rename = "knobs")]

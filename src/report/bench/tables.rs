@@ -14,12 +14,12 @@ pub fn exposure_note(exposure_ev: f64) -> String {
     format!("PSNR, SSIM, FLIP and flicker are of pictures tonemapped at {exposure_ev} EV, the shot's exposure.")
 }
 
-/// Caption that names the error of fronts and ladders.
+/// Caption that explains `flip_flicker`, the error measure of Pareto fronts and ladders.
 pub const ERROR_NOTE: &str = "Fronts and ladders use flip_flicker: mean FLIP plus flicker, over the frame on which the \
     moving camera stops and the frames after it, each with the history of the frames before. Flicker is the mean \
     change of pixels from one of these frames to the next.";
 
-/// Names and values of the columns that all rows of a table share.
+/// Columns whose value is the same in all rows of a table: name and value.
 pub type Shared = Vec<(&'static str, String)>;
 
 /// Returns the rows as CSV, with a line per setting and eye. Cells of undefined values are empty.

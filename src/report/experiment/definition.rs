@@ -33,7 +33,7 @@ pub struct Experiment {
     #[serde(rename = "arrangement")]
     pub all: Vec<Arrangement>,
     pub columns: Vec<Column>,
-    /// Columns of the table in the terminal and on the page.
+    /// Columns of the table that is printed in the terminal and shown on the HTML page.
     pub table: Vec<Shown>,
     #[serde(default)]
     pub(super) cited: Cited,
@@ -83,7 +83,7 @@ pub struct Column {
     pub measure: Option<String>,
     /// Stages whose busy times are added up. Cells are empty if none of the stages ran.
     pub(super) stages: Option<Vec<String>>,
-    /// Stages whose total busy time is divided by the busy time of all stages.
+    /// Stages whose fraction of the busy time is shown: their total busy time divided by that of all stages.
     pub(super) fraction: Option<Vec<String>>,
     /// Column that speedups are computed from: its value for the first arrangement is divided by its value for the
     /// row's arrangement.
@@ -149,8 +149,8 @@ const MEASURES: [&str; 25] = [
 /// Measures of the fovea under a moving gaze, for which additional frames are rendered.
 pub const FOVEA: [&str; 2] = ["fovea_flip", "fovea_flicker"];
 
-/// Measures of rings around the gaze: SSIM of the innermost ring and of the outermost ring with a defined SSIM, first
-/// against the reference, then against the first arrangement.
+/// Measures of rings around the gaze: SSIM against the reference in the innermost ring, and in the outermost ring whose
+/// SSIM is defined; then SSIM against the first arrangement in the same two rings.
 pub const RINGS: [&str; 4] = ["ssim_gaze", "ssim_edge", "ssim_basic_gaze", "ssim_basic_edge"];
 
 impl Experiment {

@@ -48,8 +48,8 @@ impl Experiment {
         texts.map(str::to_owned).collect()
     }
 
-    /// Returns the rows of a scene and a camera motion. `found` holds the measurements of each arrangement, in the
-    /// order of [`Experiment::all`].
+    /// Returns the rows of `scene` with the motion `camera`, one per arrangement. `found` holds the measurements of
+    /// each arrangement, in the order of [`Experiment::all`].
     pub fn measured(&self, scene: &str, camera: Camera, found: &[(Measured, OtherMeasures)]) -> Vec<ExperimentRow> {
         let row = |(arrangement, (of, beside)): (&Arrangement, &(Measured, OtherMeasures))| {
             self.row("measured", scene, Some(camera), &arrangement.name, |column| column.value(of, beside))

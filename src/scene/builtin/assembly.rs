@@ -21,7 +21,7 @@ impl Assembly {
         self.scene.materials.len() - 1
     }
 
-    /// Adds a repeating texture for coordinate set 0.
+    /// Adds a repeating texture that uses texture coordinate set 0.
     pub fn texture(&mut self, image: TexelImage, linear: bool) -> TextureRef {
         self.scene.images.push(Arc::new(image));
         let (image, wrap) = (self.scene.images.len() - 1, Wrap::Repeat);

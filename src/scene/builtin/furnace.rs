@@ -1,6 +1,6 @@
 //! White furnace: spheres in an environment of radiance 1. Apart from mutual occlusion, the white sphere must be
 //! invisible and the grey ones must show their albedo. Occlusion takes 0.3 % of the white sphere's light on average:
-//! nothing at its middle, and 1.4 % at its rim where that faces a grey sphere.
+//! nothing at its middle, and 1.4 % where its rim faces a grey sphere.
 
 use super::super::Scene;
 use super::assembly::{Assembly, matte};

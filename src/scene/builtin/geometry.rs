@@ -39,8 +39,8 @@ impl Surface {
         s
     }
 
-    /// Builds a [`grid`](Self::grid) with normals from the slope of `f` and (u, v) as texture coordinates. `f` must be
-    /// defined slightly beyond the unit square.
+    /// Builds a [`grid`](Self::grid) of the positions `f(u, v)`. Normals follow from finite differences of `f`, which
+    /// must be defined slightly beyond the unit square. Texture coordinates are (u, v).
     pub fn smooth_grid(columns: usize, rows: usize, f: impl Fn(f32, f32) -> Vec3) -> Self {
         const STEP: f32 = 1e-3;
         Self::grid(columns, rows, |u, v| {

@@ -26,7 +26,8 @@ pub fn block(foot: [f32; 3], size: [f32; 3]) -> Surface {
     cuboid([foot[0] - half[0], foot[1], foot[2] - half[1]], [foot[0] + half[0], foot[1] + size[1], foot[2] + half[1]])
 }
 
-/// Returns a sphere about the origin of `around` × `up` cells. Texture coordinates cover the unit square.
+/// Returns a sphere about the origin, tessellated into `around` cells of longitude and `up` cells of latitude. Texture
+/// coordinates cover the unit square.
 pub fn sphere(radius: f32, around: usize, up: usize) -> Surface {
     Surface::grid(up, around, |u, v| {
         // Exact coordinates at the poles and the seam close the surface.
@@ -61,7 +62,7 @@ pub fn lathe(profile: &Outline, sides: usize) -> Surface {
     profile.sweep(&turn(sides))
 }
 
-/// Returns a cylinder that stands on the origin.
+/// Returns a cylinder along +y with the centre of its bottom at the origin.
 pub fn cylinder(radius: f32, height: f32, sides: usize) -> Surface {
     lathe(&Outline::open([[0.0, 0.0], [radius, 0.0], [radius, height], [0.0, height]]), sides)
 }
@@ -101,9 +102,9 @@ pub fn arch(outline: &Outline, steps: usize) -> Surface {
     outline.sweep_solid(&frames)
 }
 
-/// Returns a horizontal moulding: the outline (x outward, y up), extruded from `start` along `outward` × up over
-/// `length`. `mitre` gives, for the start and the end, the shear of the cut: it is displaced along the moulding by this
-/// multiple of x. +1 at the start and −1 at the end fit inner corners.
+/// Returns a horizontal moulding: the outline (x outward, y up), extruded from `start` in the direction `outward` × up
+/// by `length`. `mitre` holds the slopes of the cuts at the start and at the end: a point of the cut at outline
+/// coordinate x moves along the moulding by slope · x. +1 at the start and −1 at the end fit inner corners.
 pub fn moulding(profile: &Outline, start: Vec3, outward: Vec3, length: f32, mitre: [f32; 2]) -> Surface {
     let along = outward.cross(Vec3::Y);
     let mut s = profile.sweep(&[Affine3A::IDENTITY, Affine3A::from_translation(Vec3::Z * length)]);

@@ -42,7 +42,7 @@ pub fn marble_tiles(size: u32) -> TexelImage {
     })
 }
 
-/// Returns four octaves of periodic noise in 0..1.
+/// Returns the weighted sum of four octaves of periodic noise, in 0..1.
 fn turbulence(x: u32, y: u32, size: u32, seed: u32) -> f32 {
     let (mut sum, mut weight) = (0.0, 0.5);
     for octave in 0..4 {

@@ -9,7 +9,7 @@ use super::fault::{Fault, Outcome, Within, label, lookup};
 /// Size of the largest element in bytes: a matrix of 16 components of four bytes.
 const MAX_ELEMENT: usize = 64;
 
-/// An accessor with every element validated as readable.
+/// An accessor whose elements have all been checked to be readable.
 pub struct Elements<'a> {
     pub count: usize,
     pub component: ComponentType,
@@ -20,7 +20,8 @@ pub struct Elements<'a> {
     sparse: Option<Sparse<'a>>,
 }
 
-/// Invariant: `(count - 1) * stride + element size <= bytes.len()` for the accessor's count.
+/// Elements at a constant stride. Invariant: `(count - 1) * stride + element size <= bytes.len()`, where `count` is the
+/// number of the accessor's elements.
 #[derive(Clone, Copy)]
 struct Strided<'a> {
     bytes: &'a [u8],
@@ -49,7 +50,7 @@ impl<'a> Elements<'a> {
         let size = component.size() * width;
         let count = usize::try_from(accessor.count.0).unwrap_or(usize::MAX);
         if u32::try_from(count).is_err() {
-            return Err(Fault::Invalid(format!("its count of {count} is beyond 32 bits")));
+            return Err(Fault::Invalid(format!("its count of {count} does not fit in 32 bits")));
         }
         let offset = accessor.byte_offset.unwrap_or_default().0;
         let base = match accessor.buffer_view {
@@ -122,14 +123,14 @@ impl<'a> Strided<'a> {
     fn new(view: View<'a>, offset: u64, count: usize, size: usize) -> Outcome<Self> {
         let stride = view.stride.unwrap_or(size);
         if stride < size {
-            return Err(Fault::Invalid(format!("a stride of {stride} bytes is less than its elements' {size}")));
+            return Err(Fault::Invalid(format!("a stride of {stride} bytes is less than the element size, {size}")));
         }
         let bytes = usize::try_from(offset).ok().and_then(|start| view.bytes.get(start..));
         let needed = count.checked_sub(1).map_or(Some(0), |last| last.checked_mul(stride)?.checked_add(size));
         match (bytes, needed) {
             (Some(bytes), Some(needed)) if needed <= bytes.len() => Ok(Self { bytes, stride }),
             _ => Err(Fault::Invalid(format!(
-                "{count} elements of {size} bytes, {stride} apart from byte {offset}, are beyond its view of {} bytes",
+                "{count} elements of {size} bytes at stride {stride} and offset {offset} exceed its view of {} bytes",
                 view.bytes.len()
             ))),
         }
@@ -140,7 +141,7 @@ impl<'a> Sparse<'a> {
     fn new(buffers: &'a Buffers, json: &sparse::Sparse, accessor_count: usize, size: usize) -> Outcome<Self> {
         let count = usize::try_from(json.count.0).unwrap_or(usize::MAX);
         if count > accessor_count {
-            return Err(Fault::Invalid(format!("{count} sparse elements are more than its {accessor_count}")));
+            return Err(Fault::Invalid(format!("{count} sparse elements exceed its count of {accessor_count}")));
         }
         let Checked::Valid(component) = json.indices.component_type else {
             return Err(Fault::Invalid("its sparse indices have an unknown componentType".into()));

@@ -65,7 +65,7 @@ struct SamplerJson {
 const FLOAT: &[ComponentType] = &[F32];
 const UNIT: &[ComponentType] = &[F32, I8, U8, I16, U16];
 
-/// Largest number of names in a message.
+/// Maximum number of names that a message lists.
 const MOST_NAMES: usize = 20;
 
 /// Reads the animations to play. Targets refer to nodes by their index in `nodes`, and to materials and lights by their
@@ -237,7 +237,8 @@ impl Reader<'_, '_> {
         Ok(numbers)
     }
 
-    /// Returns an animation of the nodes that the shot's moves animate; `None` if they animate none.
+    /// Returns an animation with the motion that the shot's `[[move]]` entries define for nodes; `None` if no entry
+    /// moves a node.
     fn moves(&self) -> Outcome<Option<Animation>> {
         let mut channels = Vec::new();
         for one in &self.play.moves {

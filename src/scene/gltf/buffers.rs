@@ -12,7 +12,7 @@ use super::uri::Target;
 use crate::scene::budget::{Budget, Held};
 use crate::scene::folder::Folder;
 
-/// Names of the meshopt compression extension: the ratified one and that of its successor.
+/// Names of the meshopt compression extension and of its Khronos successor.
 const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
 /// Limit on the total number of elements of accessors without a buffer view. These elements are all zero and take no
@@ -27,7 +27,7 @@ pub struct Buffers<'a> {
     /// Data of each buffer, loaded on first use. `None` marks a buffer without bytes, such as the fallback buffer of
     /// compressed views.
     data: Vec<OnceCell<Option<Data<'a>>>>,
-    /// Bytes by URI target, shared by buffers that name the same one.
+    /// Bytes by the target of a buffer's URI. Buffers whose URIs have the same target share them.
     targets: RefCell<HashMap<Target<'a>, Rc<Held<'a>>>>,
     decoded: Vec<OnceCell<Held<'a>>>,
     zeros_left: Cell<usize>,
@@ -116,10 +116,7 @@ impl<'a> Buffers<'a> {
             data.get(start..end)
         };
         range().ok_or_else(|| {
-            Fault::Invalid(format!(
-                "{length} bytes from byte {offset} are beyond buffer {index} of {} bytes",
-                data.len()
-            ))
+            Fault::Invalid(format!("{length} bytes at offset {offset} exceed buffer {index} of {} bytes", data.len()))
         })
     }
 

@@ -37,12 +37,11 @@ pub fn parse<'a, 'b>(bytes: &'a [u8], budget: &'b Budget) -> Outcome<Container<'
         // The plain JSON values take memory in addition to the parsed structure.
         let _values = budget.reserve(parsing_bytes(json))?;
         let lenient = serde_json::from_slice(json).ok().and_then(|value| serde_json::from_value(complete(value)).ok());
-        lenient.ok_or_else(|| Fault::Invalid(format!("its JSON does not read as glTF 2.0: {error}")))
+        lenient.ok_or_else(|| Fault::Invalid(format!("its JSON is not valid glTF 2.0: {error}")))
     })?;
     check_version(&root)?;
     let animations = serde_json::from_slice(json);
-    let animations =
-        animations.map_err(|error| Fault::Invalid(format!("its JSON does not read as glTF 2.0: {error}")))?;
+    let animations = animations.map_err(|error| Fault::Invalid(format!("its JSON is not valid glTF 2.0: {error}")))?;
     Ok(Container { root, animations, bin, _reserved: reserved })
 }
 
@@ -68,9 +67,9 @@ fn parsing_bytes(json: &[u8]) -> u64 {
     2 * json.len() as u64 + objects * OBJECT_BYTES + elements * ELEMENT_BYTES + materials * MATERIAL_BYTES
 }
 
-/// Changes the JSON so that the parser accepts it. Fills in the list of nodes of each scene, which glTF makes optional
-/// but the parser requires. Replaces all animations by an empty one: they are read separately, and with extensions they
-/// may lack parts that the parser requires.
+/// Changes the JSON so that the parser accepts it. Adds an empty list of nodes to scenes without one, which glTF allows
+/// but the parser does not. Replaces all animations by a single empty one: animations are read separately, and those
+/// with extensions may lack parts that the parser requires.
 fn complete(mut json: Value) -> Value {
     for scene in json.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
         if let Some(scene) = scene.as_object_mut() {

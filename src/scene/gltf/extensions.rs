@@ -45,7 +45,7 @@ pub fn check(root: &Root, warnings: &mut Warnings) -> Outcome<()> {
     }
     for extension in root.extensions_used.iter().map(String::as_str) {
         if !READ.contains(&extension) && !UNREMARKABLE.contains(&extension) {
-            warnings.note(&format!("extension {extension} is not supported: what it adds is left out"), "");
+            warnings.note(&format!("extension {extension} is not supported and is ignored"), "");
         }
     }
     Ok(())

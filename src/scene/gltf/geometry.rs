@@ -22,8 +22,8 @@ const MAX_TRIANGLES: usize = 1 << 27;
 
 const INDEX: &[ComponentType] = &[U8, U16, U32];
 
-/// Bytes that assembling triangles takes per corner, including spare capacity of growing lists, and per vertex of the
-/// file.
+/// Bytes that assembling triangles takes: per triangle corner, including the spare capacity of growing lists, and per
+/// vertex of the file.
 const CORNER_BYTES: u64 = 40;
 const VERTEX_BYTES: u64 = 16;
 
@@ -171,8 +171,8 @@ impl Vertices<'_, '_> {
         let still: usize = attributes.iter().filter(|(is_there, _)| *is_there).map(|(_, bytes)| bytes).sum();
         let influence = if self.wanted.influences { size_of::<Influence>() } else { 0 };
         let made = mapped && !(has(Semantic::Tangents) && has(Semantic::Normals));
-        // Tangents of each morph target, and temporarily positions and normals of one target and the derivatives of two
-        // shapes.
+        // Tangents of each morph target; temporarily also the positions and normals of one target, and the derivatives
+        // of two shapes.
         let targets = self.targets().len();
         let made_of_targets = if made && targets > 0 { (targets + 4) * size_of::<Vec3>() } else { 0 };
         let moved = influence + morphs::bytes_per_vertex(self.targets()) + made_of_targets;

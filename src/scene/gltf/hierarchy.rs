@@ -18,7 +18,8 @@ pub struct PlacedNode {
     pub world_from_node: DAffine3,
 }
 
-/// Returns the nodes of the default scene, else of scene 0, else all. Parents precede their children.
+/// Returns the nodes of the default scene. Without a default scene, returns those of scene 0, and without scenes, all
+/// nodes of the file. Parents precede their children.
 pub fn walk(root: &Root) -> Outcome<Vec<PlacedNode>> {
     let parents = parents(root)?;
     let tops: Vec<usize> = (0..parents.len()).filter(|&i| parents[i].is_none()).collect();
@@ -35,7 +36,7 @@ pub fn walk(root: &Root) -> Outcome<Vec<PlacedNode>> {
     while let Some((index, parent)) = pending.pop() {
         let node = lookup(&root.nodes, "node", index).within(|| "its scene".into())?;
         if std::mem::replace(&mut seen[index], true) {
-            return Err(Fault::Invalid(format!("its scene shows {} twice", label("node", index, &node.name))));
+            return Err(Fault::Invalid(format!("its scene contains {} twice", label("node", index, &node.name))));
         }
         let world_from_parent = parent.map_or(DAffine3::IDENTITY, |p| placed[p].world_from_node);
         let within = || label("node", index, &node.name);
@@ -89,7 +90,7 @@ fn placement(node: &Node) -> Outcome<Placement> {
     let rotation = node.rotation.map_or(DQuat::IDENTITY, |q| DQuat::from_array(q.0.map(f64::from)));
     let length = rotation.length();
     if !length.is_finite() || length == 0.0 {
-        return Err(Fault::Invalid("its rotation is no quaternion".into()));
+        return Err(Fault::Invalid("its rotation is a quaternion of length 0 or not finite".into()));
     }
     Ok(Placement::Parts {
         translation: DVec3::from_array(translation.map(f64::from)),

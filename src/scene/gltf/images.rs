@@ -13,8 +13,8 @@ use crate::scene::budget::Budget;
 /// Maximum width and height of an image in pixels.
 const MAX_SIDE: u32 = 16384;
 
-/// Maximum compression ratio of deflate, which bounds the size of a PNG's metadata, and minimum and maximum number of
-/// bytes to reserve for metadata.
+/// Maximum compression ratio of deflate, which bounds the decompressed size of a PNG's metadata; then the minimum and
+/// the maximum number of bytes to reserve for metadata.
 const DEFLATE_GAIN: u64 = 1032;
 const METADATA_BYTES: RangeInclusive<u64> = 1 << 20..=64 << 20;
 
@@ -24,10 +24,10 @@ const DECODING_BYTES: u64 = 24;
 
 /// Decodes an image. The texels' bytes stay reserved in the budget.
 pub fn decode(bytes: &[u8], budget: &Budget) -> Outcome<TexelImage> {
-    let fault = |what: String| Fault::Invalid(format!("it does not decode: {what}"));
+    let fault = |what: String| Fault::Invalid(format!("it cannot be decoded: {what}"));
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| fault(e.to_string()))?;
     if !matches!(reader.format(), Some(ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) {
-        return Err(fault(format!("its {} bytes are no PNG, JPEG or WebP", bytes.len())));
+        return Err(fault(format!("its {} bytes are not a PNG, JPEG or WebP image", bytes.len())));
     }
     let metadata_bytes = DEFLATE_GAIN.saturating_mul(bytes.len() as u64);
     let metadata = budget.reserve(metadata_bytes.clamp(*METADATA_BYTES.start(), *METADATA_BYTES.end()))?;

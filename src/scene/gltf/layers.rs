@@ -115,9 +115,9 @@ impl Reader<'_, '_, '_> {
         })
     }
 
-    /// Converts `KHR_materials_pbrSpecularGlossiness` to `KHR_materials_ior` and `KHR_materials_specular`, which
-    /// support it by design: with an index of refraction of 0, the specular colour is the reflectance at normal
-    /// incidence. Overrides the metallic-roughness values, as the archived extension requires.
+    /// Converts `KHR_materials_pbrSpecularGlossiness` to `KHR_materials_ior` and `KHR_materials_specular`. These were
+    /// designed to allow this conversion: with an index of refraction of 0, the specular colour is the reflectance at
+    /// normal incidence. Overrides the metallic-roughness values, as the archived extension requires.
     fn specular_glossiness(&mut self, json: &PbrSpecularGlossiness, material: &mut Material) -> Outcome<()> {
         material.base_color = self.clamp(Vec4::from_array(json.diffuse_factor.0), 1.0, "diffuse colour")?;
         material.base_color_texture = self.texture(json.diffuse_texture.as_ref())?;

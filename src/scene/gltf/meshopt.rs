@@ -37,7 +37,7 @@ enum Filter {
     Color,
 }
 
-/// The extension's validated JSON object in a buffer view.
+/// Validated contents of the extension's JSON object in a buffer view.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Compressed {
@@ -55,7 +55,7 @@ pub struct Compressed {
 impl Compressed {
     pub fn parse(extension: &Value, view: &buffer::View) -> Outcome<Self> {
         let this = Self::deserialize(extension)
-            .map_err(|e| Fault::Invalid(format!("its meshopt compression does not read: {e}")))?;
+            .map_err(|e| Fault::Invalid(format!("its meshopt compression cannot be parsed: {e}")))?;
         this.check(view).map_err(|what| Fault::Invalid(format!("its meshopt compression: {what}")))?;
         Ok(this)
     }
@@ -77,18 +77,18 @@ impl Compressed {
             _ => return Err(format!("mode {:?} takes no filter, but has {:?}", self.mode, self.filter)),
         };
         if !stride_fits {
-            return Err(format!("stride {stride} does not go with mode {:?}, filter {:?}", self.mode, self.filter));
+            return Err(format!("stride {stride} is not valid for mode {:?}, filter {:?}", self.mode, self.filter));
         }
         if view.byte_stride.is_some_and(|s| s.0 != stride) {
             return Err(format!("its stride {stride} differs from the buffer view's"));
         }
         if self.mode == Mode::Triangles && !self.count.is_multiple_of(3) {
-            return Err(format!("{} indices do not make whole triangles", self.count));
+            return Err(format!("the number of indices, {}, is not a multiple of 3", self.count));
         }
         let length = self.count.checked_mul(stride).map(|n| n as u64);
         if length != Some(view.byte_length.0) {
             return Err(format!(
-                "{} elements of {stride} bytes do not make the view's {} bytes",
+                "{} elements of {stride} bytes do not fill the view of {} bytes exactly",
                 self.count, view.byte_length.0
             ));
         }
@@ -128,8 +128,8 @@ fn decode_attributes(compressed: &Compressed, source: &[u8]) -> ::meshopt::Resul
     let Compressed { count, byte_stride, filter, .. } = *compressed;
     // The filters need the alignment of words; `check` has made the stride a multiple of four.
     let mut words = vec![0u32; count * byte_stride / 4];
-    // SAFETY: `words` holds `count` elements of `byte_stride` bytes, a stride the decoder takes; it reads no further
-    // than the length of `source`.
+    // SAFETY: `words` holds `count` elements of `byte_stride` bytes, and `check` admits only strides that the decoder
+    // accepts. The decoder reads no further than the length of `source`.
     let code = unsafe {
         meshopt_decodeVertexBuffer(words.as_mut_ptr().cast(), count, byte_stride, source.as_ptr(), source.len())
     };

@@ -91,13 +91,13 @@ impl<'a, 'b> Plan<'a, 'b> {
         self.morphing[place] || rest_weights(self.buffers.root, self.json(place)).iter().any(|w| *w != 0.0)
     }
 
-    /// Returns true if instances of that node may be skinned, morphed or dynamic.
+    /// Returns true if the instances of the node at index `place` may be skinned, morphed or dynamic.
     pub fn is_candidate(&self, place: usize) -> bool {
         self.json(place).skin.is_some() || self.moving[place] || self.morphs(place)
     }
 
-    /// Moves the motion into the scene. Bakes skinned and morphed instances that are not animated into meshes of their
-    /// own.
+    /// Moves the motion into the scene. Bakes each skinned or morphed instance that is not animated into a separate
+    /// mesh.
     pub fn put_into(
         self,
         scene: &mut Scene,
@@ -160,7 +160,7 @@ impl<'a, 'b> Plan<'a, 'b> {
                 let most = *most_joint.entry(index).or_insert(named);
                 let count = known[&number].joints.len();
                 if most >= count {
-                    let what = format!("a vertex follows joint {most}, but skin {number} has {count} of them");
+                    let what = format!("a vertex refers to joint {most}, but skin {number} has {count} joints");
                     return Err(Fault::Invalid(what)).within(within);
                 }
             }
@@ -331,7 +331,8 @@ fn emitter(root: &Root, scene: &Scene, index: usize) -> Option<Emitter> {
     (!lost(material) && strength.is_finite() && color.is_finite()).then_some(Emitter { index, color, strength })
 }
 
-/// Returns an emitter for each light of the scene that is an instance of light `light` of the file.
+/// Returns an emitter for each entry of `lights` that places light `light` of the file. Several nodes may place one
+/// light.
 fn lamps(root: &Root, lights: &[PlacedLight], light: usize) -> Vec<Emitter> {
     let declared = root.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref());
     let Some(json) = declared.and_then(|l| l.lights.get(light)) else { return Vec::new() };

@@ -13,7 +13,7 @@ use super::hierarchy::PlacedNode;
 use crate::scene::motion::pose::without_scale;
 use crate::scene::{Camera, Light, LightKind};
 
-/// A light of the scene.
+/// A light of the scene: a light of the file, placed by a node.
 pub struct PlacedLight {
     pub light: Light,
     /// Index into the file's lights.
@@ -38,14 +38,14 @@ pub fn lights(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Out
     Ok(lights)
 }
 
-/// Reads a light; `None`, with a warning, if its node gives it no direction.
+/// Reads a light. Returns `None`, with a warning, if the light needs a direction but its node has scale 0.
 fn read_light(light: &JsonLight, placed: &PlacedNode, place: &str, warnings: &mut Warnings) -> Outcome<Option<Light>> {
     let strength = Vec3::from_array(light.color) * light.intensity;
     if !strength.is_finite() || strength.min_element() < 0.0 {
         return Err(Fault::Invalid(format!("its colour times intensity, {strength}, is negative or not finite")));
     }
     if light.range.is_some() {
-        warnings.note("the range of lights is ignored: they fall off with the square of the distance only", place);
+        warnings.note("the range of lights is ignored: their falloff is the inverse square of the distance", place);
     }
     let Checked::Valid(kind) = light.type_ else {
         return Err(Fault::Invalid("its type is none of directional, point and spot".into()));

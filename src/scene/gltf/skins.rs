@@ -12,13 +12,14 @@ use super::vertices::Vertices;
 use crate::scene::motion::pose::narrow;
 use crate::scene::motion::{Influence, Skin};
 
-/// Limit on joints, since an influence stores a joint in 16 bits.
+/// Maximum number of joints of a skin, since an influence stores the index of a joint in 16 bits.
 const MAX_JOINTS: usize = 1 << 16;
 
 /// Maximum number of joint sets per vertex (`JOINTS_n` and `WEIGHTS_n`), of four joints each.
 const SETS: u32 = 2;
 
-/// Reads a skin by its index in the file. `places` maps the file's nodes to the indices that joints use.
+/// Reads a skin by its index in the file. `places` maps each node of the file to its index in
+/// [`Motion::nodes`](crate::scene::motion::Motion::nodes), or `None` if the loaded scene does not contain the node.
 pub fn read(buffers: &Buffers, index: usize, places: &[Option<usize>]) -> Outcome<Skin> {
     let json = lookup(&buffers.root.skins, "skin", index)?;
     read_skin(buffers, json, places).within(|| label("skin", index, &json.name))
@@ -32,7 +33,7 @@ fn read_skin(buffers: &Buffers, json: &::gltf::json::Skin, places: &[Option<usiz
     buffers.budget().reserve((count * (size_of::<usize>() + size_of::<Affine3A>())) as u64)?.keep();
     let place = |node: usize| {
         let place = *lookup(places, "node", node)?;
-        place.ok_or_else(|| Fault::Invalid(format!("its joint, node {node}, is not in the scene that is shown")))
+        place.ok_or_else(|| Fault::Invalid(format!("its joint, node {node}, is not part of the loaded scene")))
     };
     let joints = json.joints.iter().map(|j| place(j.value())).collect::<Outcome<_>>()?;
     let Some(accessor) = json.inverse_bind_matrices else {
@@ -40,7 +41,7 @@ fn read_skin(buffers: &Buffers, json: &::gltf::json::Skin, places: &[Option<usiz
     };
     let elements = Elements::open(buffers, accessor.value()).within(|| "inverseBindMatrices".into())?;
     if elements.width != 16 || elements.component != F32 {
-        return Err(Fault::Invalid(format!("inverseBindMatrices: accessor {accessor} holds no matrices of floats")));
+        return Err(Fault::Invalid(format!("inverseBindMatrices: accessor {accessor} is not of type MAT4 and float")));
     }
     if elements.count < count {
         let what = format!("inverseBindMatrices: {} matrices for {count} joints", elements.count);

@@ -33,7 +33,7 @@ pub fn give(mesh: &mut Mesh, map: TextureRef, given: Option<Vec<Vec4>>, place: &
     if mesh.tangents.is_empty() {
         let (tangents, complete) = generate(mesh, map);
         if !complete {
-            warnings.note("normal maps are left out where very many triangles meet", place);
+            warnings.note("normal maps are left out where too many triangles meet at one point", place);
         }
         split(mesh, &tangents);
         morph(mesh, map);
@@ -151,8 +151,8 @@ impl bevy_mikktspace::Geometry for Corners<'_> {
         self.uvs[self.vertex(face, corner)].to_array()
     }
 
-    /// Stores a tangent. MikkTSpace's bitangent points along v, which in glTF is down the image; a normal map's green
-    /// points up.
+    /// Stores a tangent, with the opposite sign of MikkTSpace's: its bitangent points along v, which in glTF is down
+    /// the image, while the green channel of a normal map points up.
     fn set_tangent(&mut self, made: Option<TangentSpace>, face: usize, corner: usize) {
         let encode = |made: TangentSpace| {
             let direction = Vec3::from_array(made.tangent()).try_normalize()?;

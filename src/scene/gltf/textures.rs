@@ -20,7 +20,7 @@ pub struct TextureTable<'a, 'b> {
     buffers: &'a Buffers<'b>,
     pub textures: Vec<Texture>,
     pub images: Vec<Arc<TexelImage>>,
-    /// Index in `textures` of each texture of the file.
+    /// Index in `textures` by the texture's index in the file.
     texture_of: HashMap<usize, usize>,
     /// Index in `images` by location of the encoded bytes.
     image_of: HashMap<Encoded<'b>, usize>,
@@ -142,7 +142,7 @@ fn source_of(texture: &JsonTexture) -> Option<usize> {
     webp.or(Some(texture.source.value()).filter(|&source| source != absent))
 }
 
-/// Reads a sampler. Leaves `image` 0.
+/// Converts a sampler. The caller sets the [`Texture::image`] of the result, which is 0.
 fn read_sampler(sampler: &Sampler) -> Outcome<Texture> {
     let wrap = |mode: Checked<WrappingMode>| match mode {
         Checked::Valid(WrappingMode::Repeat) => Ok(Wrap::Repeat),

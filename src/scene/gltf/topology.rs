@@ -44,7 +44,8 @@ pub fn assemble(mode: Mode, corners: &[u32]) -> Outcome<Vec<[u32; 3]>> {
 
 /// Renumbers the triangles' vertices without gaps. Returns their old indices in increasing order.
 pub fn compact(triangles: &mut [[u32; 3]], vertex_count: usize) -> Vec<u32> {
-    // Stores the new index plus one, 0 if unused: memory pages that no triangle touches cost nothing.
+    // The new index of each vertex plus one, or 0 if it is unused. Since the array is allocated zeroed, pages that no
+    // triangle touches take no physical memory.
     let mut successor = vec![0u32; vertex_count];
     let mut used = Vec::new();
     for &v in triangles.as_flattened() {

@@ -45,7 +45,8 @@ impl<'a> Target<'a> {
     }
 }
 
-/// Returns true if a URI has a scheme (RFC 3986, 3.1). A scheme of one letter is taken for a drive instead.
+/// Returns true if a URI has a scheme (RFC 3986, 3.1). A single letter before the colon counts as a Windows drive, not
+/// as a scheme.
 fn has_scheme(uri: &str) -> bool {
     let Some((head, _)) = uri.split_once(':') else { return false };
     let within = |c: char| c.is_ascii_alphanumeric() || matches!(c, '+' | '-' | '.');

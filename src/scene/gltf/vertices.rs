@@ -12,7 +12,7 @@ use super::fault::{Fault, Outcome, Warnings, Within};
 pub const QUANTIZED: &[ComponentType] = &[F32, I8, U8, I16, U16];
 const COLOR: &[ComponentType] = &[F32, U8, U16];
 
-/// Motion data that a mesh needs besides its shape.
+/// Motion data to read besides a mesh's shape: skinning influences and morph targets.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Wanted {
     pub influences: bool,
@@ -23,9 +23,9 @@ pub struct Wanted {
 pub struct Vertices<'a, 'b> {
     pub buffers: &'a Buffers<'b>,
     pub primitive: &'a Primitive,
-    /// Indices of the used vertices in the file, increasing.
+    /// Indices, in the file, of the vertices that triangles use, in increasing order.
     pub used: &'a [u32],
-    /// Number of vertices in the file.
+    /// Number of the primitive's vertices in the file, used or not.
     pub count: usize,
     pub wanted: Wanted,
 }

@@ -26,7 +26,7 @@ const UNSIGNED_INT: u32 = 5125;
 /// can hold.
 pub fn write(path: &Path, scene: &Scene) -> Result<(), SceneError> {
     let invalid = |what: String| SceneError::Invalid { path: path.display().to_string(), what };
-    let (mut text, mut bin) = chunks(scene).map_err(|e| invalid(format!("one of its images: {e}")))?;
+    let (mut text, mut bin) = chunks(scene).map_err(|e| invalid(format!("cannot encode an image as PNG: {e}")))?;
     text.resize(text.len().next_multiple_of(4), b' ');
     bin.resize(bin.len().next_multiple_of(4), 0);
     let (header, chunk_header) = (12, 8);
@@ -81,7 +81,7 @@ fn chunks(scene: &Scene) -> io::Result<(Vec<u8>, Vec<u8>)> {
     Ok((serde_json::to_vec(&root)?, draft.bin))
 }
 
-/// A file under construction.
+/// Binary chunk and JSON lists of a file under construction.
 #[derive(Default)]
 struct Draft {
     bin: Vec<u8>,

@@ -81,7 +81,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// Returns true if it is skinned or morphed; otherwise it is a rigid body.
+    /// Returns true if the instance is skinned or morphed; otherwise it is a rigid body.
     pub fn deforms(&self) -> bool {
         self.skin.is_some() || !self.weights.is_empty()
     }

@@ -10,18 +10,19 @@ use crate::scene::{Light, LightKind, Scene};
 pub struct Pose {
     /// Transforms, one per node. A node whose transform exceeds the range of f32 takes that of its parent.
     pub world_from_node: Vec<DAffine3>,
-    /// Weights of each body's morphs.
+    /// Morph weights, by body (see [`Motion::bodies`]), then by morph target.
     pub weights: Vec<Vec<f32>>,
-    /// Animated base colours by material, within 0 to 1.
+    /// Animated base colours, as pairs of a material's index and its colour with components from 0 to 1.
     pub base_colors: Vec<(usize, Vec4)>,
-    /// Animated emission by material, W/(m² sr), nonnegative.
+    /// Animated emission, as pairs of a material's index and its radiance in W/(m² sr), nonnegative.
     pub emissive: Vec<(usize, Vec3)>,
-    /// Animated strengths by light, like [`Light::strength`], nonnegative.
+    /// Animated strengths, as pairs of a light's index and its new [`Light::strength`], nonnegative.
     pub light_strengths: Vec<(usize, Vec3)>,
 }
 
 impl Animation {
-    /// Returns the animation's local time at `time_s`.
+    /// Returns the time within the animation, in seconds, at the scene's time `time_s`: wrapped around at the
+    /// animation's duration if it `loops`, otherwise clamped to the duration.
     fn local_s(&self, time_s: f64, loops: bool) -> f64 {
         match self.duration_s > 0.0 && time_s.is_finite() {
             true if loops => time_s.rem_euclid(self.duration_s),

@@ -58,8 +58,8 @@ impl Check<'_> {
         SceneError::Invalid { path: self.origin.to_owned(), what: format!("line {line}: {what}") }
     }
 
-    /// Makes the error of invalid TOML. The toml crate names the key only in its printed text, and only without a
-    /// source to quote.
+    /// Converts an error of the toml crate to a [`SceneError`] that names the key. The crate names the key only in the
+    /// text that it prints if it has no source to quote, so the key is extracted from that text.
     fn syntax(&self, mut error: toml::de::Error) -> SceneError {
         let message = error.message().trim().replace('\n', ", ");
         let span = error.span().unwrap_or(0..0);
@@ -123,7 +123,7 @@ impl Check<'_> {
         match rig::degenerate_time(&rig.keys) {
             None => Ok(rig),
             Some(time_s) => {
-                // Names the last key up to that time; the first key is never later.
+                // The message names the last key at or before that time. The first key is never later than that time.
                 let before = rig.keys.iter().rposition(|key| key.time_s <= time_s).unwrap_or(0);
                 let what = format!(
                     "rig.key[{before}]: at {time_s} s position and target are the same point, or up is parallel \

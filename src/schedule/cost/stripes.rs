@@ -7,7 +7,7 @@ use crate::graph::{Partition, Work};
 use crate::scene::rig::Eye;
 
 impl CostModel {
-    /// Returns the costs of stripes for all passes of these groups, on both views.
+    /// Returns a model of the cost of stripes, summed over all passes of these groups on both views.
     pub fn stripes_of(&self, groups: &[Partition]) -> StripeCosts<'_> {
         let mut parts: Vec<Part> = Vec::new();
         for linked in self.program.passes().iter().filter(|p| groups.contains(&p.pass.partition)) {
@@ -61,7 +61,7 @@ impl StripeCosts<'_> {
         self.parts.iter().map(part_ms).sum()
     }
 
-    /// Returns the time that rows add to a stripe on each device, without margins.
+    /// Returns the time that each device would take for these rows, without margins.
     pub fn own_ms(&self, rows: &Range<u32>) -> Vec<f64> {
         let mut sums = vec![0.0; self.devices()];
         for part in &self.parts {

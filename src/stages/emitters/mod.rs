@@ -172,12 +172,13 @@ impl Source {
     }
 }
 
-/// Least power of a light if dark lights stay listed.
+/// Minimum power that the light tree assigns to a light if dark lights stay listed ([`Sources::keeps_dark`]), since the
+/// tree needs powers above 0.
 const DARK: f64 = 1e-30;
 
 impl Emitters {
-    /// Builds the emitters, appends their trees to the nodes of `accel`, and stores its light's number in each emissive
-    /// triangle.
+    /// Builds the emitters and appends their trees to the nodes of `accel`. Stores in each emissive triangle of `accel`
+    /// the index of its light.
     pub fn new(scene: &Scene, sources: &Sources, accel: &mut Accel) -> Self {
         let triangles = sources.triangles.iter().map(|&prim| (prim, accel.triangles[prim as usize]));
         let mut out = Self::placed(scene, sources, accel.origin, triangles, rows(&accel.nodes));

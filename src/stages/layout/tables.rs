@@ -28,7 +28,8 @@ shared_structs! {
         pub absorption: Vec3,
         pub normal_scale: f32,
         pub clearcoat_normal_scale: f32,
-        /// First of its consecutive entries in `textures`. Base colour and emission come first, in this order.
+        /// Index of the material's first entry in `textures`. The material has `texture_count` consecutive entries,
+        /// those of base colour and emission first, in this order.
         pub first_texture: u32,
         pub texture_count: u32,
         pub pad1: u32,

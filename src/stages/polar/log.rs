@@ -1,10 +1,11 @@
 //! Log-polar images (Andersson & Hansson 2020, "Performance Optimizations for Foveated Real-Time Raytracing", section
 //! 3.3).
 //!
-//! Rings are circles on the screen. The kernel maps the row to the logarithm of the ring's radius in pixels, linearly
-//! or by a root. The rows of a square may precede the rings: there, every screen pixel close to the gaze has its own
-//! pixel, and the rings begin at the rim of the disc inside the square. Departures from the paper: rings are rows; a
-//! single image holds both parts; pixels beyond the screen's edge are traced as far as filters read them.
+//! Rings are circles on the screen, one per row. The kernel maps the row to the logarithm of the ring's radius in
+//! pixels: linearly, or as the row to the power of 1 / [`LogPolar::alpha`]. Optionally, the first rows hold a square
+//! image around the gaze, in which every screen pixel has its own pixel; the rings then begin at the rim of the disc
+//! inside the square. Departures from the paper: rings are rows, not columns; a single image holds both parts; pixels
+//! beyond the screen's edge are traced as far as filters read them.
 
 use glam::{DVec2, Vec2};
 
@@ -47,14 +48,14 @@ fn square(map: &layout::LogPolar) -> f64 {
     if map.radius > 0.0 { 2.0 * (f64::from(map.radius) + 1.0).ceil() } else { 0.0 }
 }
 
-/// Returns the size of the images.
+/// Returns the size of the polar images, which have enough rows for any gaze.
 pub(super) fn grid(map: &layout::LogPolar) -> Extent {
     let (square, own) = (square(map), f64::from(map.rings - map.first_ring).round());
     Extent::new(f64::from(map.columns).max(square) as u32, (square + own) as u32)
 }
 
-/// Returns a view whose gaze is at a point of the screen, in fractions of its size. Its rings reach the farthest
-/// corner.
+/// Returns `view` with its gaze at the screen point `gaze`, in fractions of the screen's size, and with enough rows for
+/// its rings to reach the farthest corner of the screen.
 pub(super) fn look(map: &layout::LogPolar, view: View, gaze: [f64; 2]) -> View {
     let screen = map.screen.as_dvec2();
     let at = DVec2::from(gaze) * screen;
@@ -63,7 +64,7 @@ pub(super) fn look(map: &layout::LogPolar, view: View, gaze: [f64; 2]) -> View {
     View { gaze_x: at.x as f32, gaze_y: at.y as f32, rows: rows as f32, fovea_rows: square(map) as f32, ..view }
 }
 
-/// Returns the number of pixels that an eye's image uses.
+/// Returns the number of pixels that an eye's polar image uses: those of the square and of the view's rings.
 pub(super) fn pixels(map: &layout::LogPolar, view: &View) -> u64 {
     let (rows, square) = (f64::from(view.rows), f64::from(view.fovea_rows));
     (square * square + (rows - square) * f64::from(map.columns)) as u64
@@ -109,7 +110,7 @@ fn ring_of(map: &layout::LogPolar, distance: f64) -> f64 {
     f64::from(map.rings) * share.powf(map.kernel.into()) - f64::from(map.first_ring)
 }
 
-/// Returns the position in an eye's polar image of a point of the screen, which is in pixels.
+/// Returns the position of a screen point `at`, in pixels, in an eye's polar image.
 pub(super) fn place(map: &layout::LogPolar, view: &View, at: DVec2) -> PolarPoint {
     let gaze = Vec2::new(view.gaze_x, view.gaze_y).as_dvec2();
     let (distance, square) = (at.distance(gaze), f64::from(view.fovea_rows));

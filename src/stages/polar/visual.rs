@@ -2,9 +2,10 @@
 //! follows visual acuity (Koskela et al. 2019, "Foveated Real-Time Path Tracing in Visual-Polar Space").
 //!
 //! An eye's image has `rows` rings. The innermost `fovea_rows` cover the fovea: they are equally wide, and smaller
-//! rings have fewer columns. Outside the fovea, the number of rings up to an eccentricity follows the acuity integrated
-//! up to there. Departures from the paper: rings are rows rather than columns, so that stripes have the same neighbours
-//! as in any image. If the gaze leaves the centre, rings get wider but the number of pixels stays the same.
+//! rings have fewer columns. Outside the fovea, the number of rings up to an eccentricity is linear in the integral of
+//! acuity over the disc within that eccentricity. Departures from the paper: rings are rows rather than columns, so
+//! that stripes have the same neighbours as in any image. If the gaze leaves the centre of the screen, rings get wider,
+//! but the number of pixels stays the same.
 
 use std::f64::consts::PI;
 
@@ -21,7 +22,7 @@ const MOST_SHORT: f64 = 0.5;
 const LEAST_DEG: f64 = 1e-6;
 /// Area of the fovea, square degrees.
 const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
-/// Factor of the integral of acuity over a disc, square degrees.
+/// Constant factor in the integral of acuity outside the fovea, square degrees; see [`acuity_within`].
 const ACUITY_SUM: f64 = 2.0 * PI * (449.4 / 60.0) / (0.3 * 0.3);
 
 /// Returns the integral of relative acuity over the disc within an eccentricity of `degrees`, which is at least
@@ -34,13 +35,15 @@ fn acuity_within(degrees: f64) -> f64 {
     FOVEA_AREA + ACUITY_SUM * (part(degrees) - part(FOVEA_DEG))
 }
 
-/// Returns the fraction of an image's rings that belong to the fovea, if the outermost ring is at `degrees`. The
-/// density is continuous at the fovea's rim. The result exceeds 1 if the fovea covers the whole image.
+/// Returns the fraction of an image's rings that belong to the fovea. `degrees` is the eccentricity of the outermost
+/// ring. The fraction makes the density of rings continuous at the fovea's rim. It exceeds 1 if the fovea extends
+/// beyond the image.
 fn fovea_fraction(degrees: f64) -> f64 {
     1.0 / rings_within(degrees.max(LEAST_DEG))
 }
 
-/// Returns the number of an image's pixels relative to one without shortened rings; `share` is [`fovea_fraction`].
+/// Returns the number of an image's pixels, as a fraction of the number if all rings had full length. `share` is the
+/// result of [`fovea_fraction`].
 fn pixel_share(share: f64) -> f64 {
     1.0 - 0.5 * share.min(MOST_SHORT)
 }
@@ -62,7 +65,7 @@ fn rings_within(degrees: f64) -> f64 {
     if degrees < FOVEA_DEG { degrees / FOVEA_DEG } else { 0.5 * (1.0 + acuity_within(degrees) / FOVEA_AREA) }
 }
 
-/// Returns the eccentricity of the corner farthest from the gaze, degrees.
+/// Returns the eccentricity of the view's corner that is farthest from `gaze`, degrees.
 fn farthest_corner(view: &View, gaze: Vec3) -> f64 {
     let [forward, right, up] = [view.forward, view.right, view.up].map(Vec3::as_dvec3);
     let (right, up) = (right * f64::from(view.tan_half_x), up * f64::from(view.tan_half_y));
@@ -70,7 +73,7 @@ fn farthest_corner(view: &View, gaze: Vec3) -> f64 {
     corners.map(|c| degrees_between(gaze.as_dvec3(), c)).into_iter().fold(0.0, f64::max)
 }
 
-/// Returns the size of the images for a screen of this size.
+/// Returns the size of a visual-polar image for a screen of this size: two thirds of its width and height, rounded up.
 pub(super) fn grid(screen: Extent) -> Extent {
     let of = |pixels: u32| (2 * pixels).div_ceil(3).max(1);
     Extent::new(of(screen.width), of(screen.height))
@@ -91,15 +94,16 @@ pub(super) fn place_of(seen: &View, screen: Extent) -> impl Fn(DVec3) -> PolarPo
         let row = seen.ring_of(ray);
         // Within the fovea, shortened rings have a constant density, and full-length rings thin out as they get larger.
         let thinned = if degrees < FOVEA_DEG { row.max(short_rows) / f64::from(seen.fovea_rows) } else { 1.0 };
-        // Columns lie on the sphere, but acuity is integrated in a plane.
+        // The integral of acuity treats rings as circles in a plane, but on the sphere a ring's circumference is
+        // proportional to the sine of its eccentricity.
         let angle = degrees.max(1e-9).to_radians();
         let density = most / thinned * acuity(degrees) * angle / angle.sin() * middle * ray.dot(forward).powi(3);
         PolarPoint { row, density }
     }
 }
 
-/// Returns the view with `rows` and `fovea_rows` set for its gaze. A centred gaze gets the given number of rows, any
-/// other as many as keep the number of pixels.
+/// Returns the view with `rows` and `fovea_rows` set for its gaze. An image with a centred gaze has `rows` rows. For
+/// any other gaze, the number of rows is set such that the number of pixels is the same as for a centred gaze.
 pub(super) fn look(view: View, rows: u32) -> View {
     let share = fovea_fraction(farthest_corner(&view, view.gaze));
     // Keep the number of pixels of a centred gaze.

@@ -36,9 +36,10 @@ struct Geometry {
 /// A BLAS and the inputs of its build.
 struct Bottom {
     rows: Range<u32>,
-    /// Whether it holds a deforming body, built from skinned vertices.
+    /// True if the BLAS holds a deforming body, which is built from skinned vertices.
     deforms: bool,
-    /// Offset of its first vertex in its vertex buffer: the corners of all triangles, or the skinned vertices.
+    /// Index of the BLAS's first vertex in its vertex buffer, which holds the skinned vertices for a deforming body and
+    /// the corners of all triangles otherwise.
     first_vertex: u32,
     blas: wgpu::Blas,
     geometries: Vec<Geometry>,
@@ -62,7 +63,7 @@ impl Structures {
     /// bodies in each frame. `instances` is the first row of the instances in the tables.
     ///
     /// # Errors
-    /// If the scene has more triangles or instances than the device takes.
+    /// [`LimitExceeded`] if the largest BLAS has more triangles, or the scene more instances, than the device supports.
     pub fn new(gpu: &GpuDevice, accel: &Accel, instances: u32) -> Result<Self, LimitExceeded> {
         let largest = accel.trees.iter().map(Range::len).max().unwrap_or(0);
         let most = accel.instances.len().max(accel.most_instances());
@@ -83,7 +84,8 @@ impl Structures {
             flags: if accel.moves() { MOVING_FLAGS } else { FLAGS },
             update_mode: UPDATE,
         });
-        // Without flattened triangles, the first mesh begins at the row where they would.
+        // If there are no flattened triangles, the first mesh begins at the row where they would begin. Then `put` must
+        // skip the first instance, since it would find that mesh by the row.
         let has_still = is_bare || !accel.trees[0].is_empty();
         let mut structures = Self { bottoms, tlas, instances, has_still, deforming: Vec::new() };
         structures.put(&accel.instances, false);
@@ -133,7 +135,7 @@ impl Structures {
     }
 }
 
-/// Returns the instance's transform, row by row.
+/// Returns the instance's world-from-local transform: a matrix of 3 rows and 4 columns, row by row.
 fn place(instance: &Instance) -> [f32; 12] {
     bytemuck::cast(instance.world_from_local)
 }

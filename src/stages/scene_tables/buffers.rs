@@ -122,7 +122,7 @@ impl SceneBuffers {
         self.tables_entry().into_iter().chain(others).collect()
     }
 
-    /// Returns the entry of the tables alone.
+    /// Returns the bind group entry of the tables without those of textures and of the TLAS.
     pub fn tables_entry(&self) -> [wgpu::BindGroupEntry<'_>; 1] {
         let resource = match &self.tables {
             TableStore::Buffer(buffer) => buffer.as_entire_binding(),
@@ -159,7 +159,8 @@ impl SceneBuffers {
     }
 }
 
-/// Creates a buffer with these contents, which are missing if the device has failed.
+/// Creates a buffer that holds `parts`, whose total size is `bytes`. If the device has failed, the buffer is not
+/// filled.
 fn upload(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], bytes: usize) -> wgpu::Buffer {
     let (size, usage) = (bytes as u64, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST);
     let descriptor = wgpu::BufferDescriptor { label: Some("tables"), size, usage, mapped_at_creation: true };
@@ -218,7 +219,8 @@ fn write_texels(gpu: &GpuDevice, texture: &wgpu::Texture, first: u32, bytes: &[u
     }
 }
 
-/// Uploads the texels of all images consecutively.
+/// Uploads the texels of all images, one image after another, to the layers of a texture array. Each layer is a square
+/// of `edge` x `edge` texels.
 fn upload_pages(gpu: &GpuDevice, images: &[Arc<TexelImage>], &Pages { edge, count }: &Pages) -> wgpu::TextureView {
     let per_page = (edge * edge) as usize;
     let pages = count as u32;

@@ -36,7 +36,7 @@ pub enum TableError {
 pub struct SceneTables {
     pub(super) accel: Accel,
     pub(super) sources: Sources,
-    /// First row of the instances, and of the map from triangle numbers to instances.
+    /// First row of the instances (`instances`), and of the map from triangle numbers to instances (`numbers`).
     pub(super) instances: u32,
     pub(super) numbers: u32,
     pub(super) moving: Option<Moves>,
@@ -187,7 +187,7 @@ impl SceneTables {
         }
     }
 
-    /// Returns the world position of the tables' (0, 0, 0).
+    /// Returns the world-space position of the point to which positions in the tables are relative.
     pub fn origin(&self) -> DVec3 {
         self.accel.origin
     }

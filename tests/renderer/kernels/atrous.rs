@@ -18,11 +18,11 @@ struct Twin<'a> {
     constants: &'a Constants,
     stripe: &'a Stripe,
     view: usize,
-    /// True if pixels may be left to the filter.
+    /// True if pixels may be left to the denoiser.
     sparse: bool,
     step: u32,
     inverse_sigma2: f64,
-    /// Number of a layer's iterations that do not compare light. If no pixel is left to the filter, `inverse_sigma2`
+    /// Number of a layer's iterations that do not compare light. If no pixel is left to the denoiser, `inverse_sigma2`
     /// decides instead.
     blind_iterations: u32,
     guide: &'a [Option<Surface>],

@@ -1,4 +1,4 @@
-//! Mask compaction: the list of pixels to path trace, if others are left to the filter.
+//! Mask compaction: the list of pixels to path trace, if others are left to the denoiser.
 
 use super::camera::Constants;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
@@ -76,7 +76,7 @@ fn compare(layers: bool, view: usize, width: u32, seed: u64) {
             let is_rim = guide[at][3] == NO_NORMAL && hit[at][3] & MIXED != 0;
             let why = match (constants.is_sampled((x, y), view), is_rim) {
                 (false, false) => {
-                    cases.meet("left to the filter");
+                    cases.meet("left to the denoiser");
                     Counts::SKIPPED
                 }
                 (sampled, _) => {
@@ -90,7 +90,7 @@ fn compare(layers: bool, view: usize, width: u32, seed: u64) {
         }
         assert_lists(&selected.list, wanted);
     }
-    cases.assert_met(&["left to the filter", "sampled", "rim"]);
+    cases.assert_met(&["left to the denoiser", "sampled", "rim"]);
 }
 
 #[test]

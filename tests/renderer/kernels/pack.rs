@@ -96,7 +96,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Value of [`Self::why`] for a pixel that is no hole, but left to the filter.
+    /// Value of [`Self::why`] for a pixel that is no hole, but left to the denoiser.
     pub const SKIPPED: u32 = 7;
 
     pub fn unpack(bits: u32) -> Self {

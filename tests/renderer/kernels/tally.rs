@@ -9,7 +9,7 @@ const HEIGHT: u32 = 11;
 /// Number of pixels that one invocation sums.
 const SEGMENT: u32 = 64;
 
-/// Rays, dropped samples, holes by reason 1 to 6, pixels left to the filter, clipped pixels.
+/// Rays, dropped samples, holes by reason 1 to 6, pixels left to the denoiser, clipped pixels.
 type Row = [u32; 10];
 
 fn sum(pixels: &[u32], cases: &mut Cases) -> Row {
@@ -25,7 +25,7 @@ fn sum(pixels: &[u32], cases: &mut Cases) -> Row {
                 row[1 + counts.why as usize] += 1;
             }
             _ => {
-                cases.meet("left to the filter");
+                cases.meet("left to the denoiser");
                 row[8] += 1;
             }
         }
@@ -65,7 +65,7 @@ fn compare(width: u32, seed: u64) {
             assert_eq!(after[y as usize], expected, "row {y}");
         }
     }
-    cases.assert_met(&["no hole", "hole", "left to the filter"]);
+    cases.assert_met(&["no hole", "hole", "left to the denoiser"]);
 }
 
 #[test]

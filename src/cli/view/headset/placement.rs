@@ -35,7 +35,8 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// Sets the rig of the loaded shot to the headset's eyes and returns their placement in the scene.
+    /// Sets the rig of the loaded shot to the headset's eyes. Returns the placement of the headset's reference space in
+    /// the scene.
     pub fn new(loaded: &mut LoadedScene, eyes: HeadEyes, size: Extent, border_deg: f64) -> Result<Self, Failure> {
         let space = loaded.space.with_eyes(eyes).map_err(HeadsetError::Eyes)?;
         let shot = loaded.shot.rig.clone();

@@ -43,8 +43,8 @@ impl Denoise for Atrous {
             let (source, target) = light.advance();
             let step = step(index, spec.iterations);
             let halo = spec.halo(2 * step);
-            // If pixels are left to the filter, a foveal layer may take part only in the last iterations. The shader
-            // then counts the blind iterations per layer.
+            // If the filter fills in pixels that are not path traced, a foveal layer may take part only in the last
+            // iterations. The shader then counts the blind iterations of each layer.
             let args = match spec.sparse {
                 true => [step, inverse_sigma2_bits(u32::MAX), BLIND_ITERATIONS],
                 false => [step, inverse_sigma2_bits(index), 0],

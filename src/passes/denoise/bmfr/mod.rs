@@ -1,5 +1,5 @@
-//! `bmfr`: temporally accumulated illumination, fitted to features of surfaces in blocks of pixels and accumulated
-//! again, followed by TAA.
+//! `bmfr`: accumulates illumination over frames, fits it to surface features in blocks of pixels, accumulates the
+//! result over frames again, and applies TAA.
 //!
 //! The method is that of Koskela et al. 2019, "Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing
 //! Reconstruction", with linearly dependent features dropped as in Xu, Tong & Xu, "Real-Time Path Tracing
@@ -20,7 +20,7 @@ const ACCUMULATED: Resource = Resource::image::<UVec4>("accumulated");
 /// Accumulated illumination after the fit, in the same layout.
 const FITTED: Resource = Resource::image::<UVec4>("fitted");
 
-/// Edge of a block, pixels.
+/// Edge length of a block of the fit, in pixels.
 const BLOCK: u32 = 32;
 
 const ACCUMULATE: Kernel = Kernel::new("bmfr_accumulate").with(gradient::CONSTANTS);
@@ -93,7 +93,8 @@ impl Denoise for Bmfr {
         gradient::passes(spec, view).into_iter().chain([pass]).collect()
     }
 
-    /// Returns the pass that fits. It processes whole blocks, even those that stripe edges cross.
+    /// Returns the pass that fits illumination to surface features. A device processes whole blocks, even those that
+    /// cross the edges of its stripe.
     fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let (source, target) = light.advance();
         let halo = spec.halo(BLOCK - 1);

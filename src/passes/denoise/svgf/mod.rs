@@ -15,8 +15,8 @@ use crate::wgsl::constants;
 const STAGE: Stage = Stage("svgf");
 const VARIANCE: Stage = Stage("variance");
 
-/// Mean and variance of the accumulated luminance, its recent mean, the number of samples and frames in it, and the
-/// material, packed.
+/// Statistics of a pixel's accumulated luminance (mean, variance, recent mean, number of samples and number of frames)
+/// and the pixel's material, packed.
 const MOMENTS: Resource = Resource::image::<UVec4>("moments");
 /// Accumulated light after the filter's first iteration.
 const HISTORY: Resource = Resource::image::<UVec4>("history");
@@ -56,8 +56,8 @@ impl Denoise for Svgf {
         true
     }
 
-    /// Evaluates a formula that was fitted to measurements of three scenes, with a history of some frames, at image
-    /// heights of 64 and 180 rows.
+    /// Evaluates a formula that was fitted to FLIP measured in three scenes at image heights of 64 and 180 rows, after
+    /// some frames of history had accumulated.
     fn estimated_flip(&self, samples: f64, iterations: u32, rows: u32) -> f64 {
         let unfiltered = 0.5f64.powi(iterations as i32 - 1);
         // Blur that grows with the filter's radius.

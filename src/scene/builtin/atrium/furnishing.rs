@@ -24,7 +24,8 @@ pub fn banner(seed: u32) -> Surface {
     })
 }
 
-/// Returns a banner's rod with knobs, and two brackets that extend from it by `reach` towards −z, to the wall.
+/// Returns a banner's rod with knobs, and two brackets that extend from the rod by `reach` metres towards −z, to the
+/// wall.
 pub fn banner_rod(reach: f32) -> Surface {
     let rod = cylinder(0.022, 1.6, 10).transformed(turn_z(FRAC_PI_2)).moved(0.8, 0.03, 0.0);
     let knob = |x: f32| sphere(0.05, 12, 8).moved(x, 0.03, 0.0);
@@ -52,7 +53,8 @@ pub fn plant() -> Surface {
     }))
 }
 
-/// Returns the cage of a hanging lantern around the origin, where its light belongs, and a chain up to y = `chain`.
+/// Returns the cage of a hanging lantern, and a chain up to y = `chain`. The lantern's light belongs at the origin, in
+/// the middle of the cage.
 pub fn lantern(chain: f32) -> Surface {
     let ring = |y: f32, r: f32| torus(r, 0.014, 20, 8).moved(0.0, y, 0.0);
     let mut s = ring(-0.24, 0.1).with(ring(0.2, 0.17)).with(ring(0.0, 0.17));

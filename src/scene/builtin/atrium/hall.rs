@@ -17,7 +17,7 @@ fn paving(min: [f32; 2], max: [f32; 2], y: f32, tile_m: f32) -> Surface {
     Surface::quad(Vec3::new(min[0], y, max[1]), Vec3::X * dx, Vec3::NEG_Z * dz).uv_scaled(Vec2::splat(1.0 / tile_m))
 }
 
-/// Returns paving of a ring round the court, from `inner` metres inside the column line to the back walls.
+/// Returns paving at height `y` that surrounds the court, from `inner` metres inside the column line to the back walls.
 fn ring_paving(inner: f32, y: f32, tile_m: f32) -> Surface {
     let [x, z] = COURT.map(|half| half - inner);
     let [far_x, far_z] = COURT.map(|half| half + GALLERY + 0.1);
@@ -71,7 +71,7 @@ pub fn walls_and_roof(a: &mut Assembly, paints: &Paints) {
     a.add(ceiling_ring(ROOF_Y, ROOF_Y + 0.25), paints.wood);
 }
 
-/// Returns a slab over the galleries.
+/// Returns a slab over the galleries, from height `low` to height `high`.
 fn ceiling_ring(low: f32, high: f32) -> Surface {
     let [x, z] = COURT.map(|half| half - 0.1);
     let [far_x, far_z] = COURT.map(|half| half + GALLERY + 0.3);

@@ -16,7 +16,7 @@ use orders::{BAY, Order};
 
 /// Number of bays across and along the court.
 const BAYS: [usize; 2] = [3, 9];
-/// Half the distance between column lines, across and along.
+/// Half the distance between opposite column lines, across and along the court, metres.
 const COURT: [f32; 2] = [BAY * 1.5, BAY * 4.5];
 /// Distance from the column line to the back wall's face.
 const GALLERY: f32 = 3.4;

@@ -115,7 +115,7 @@ fn abacus(r: f32, top: f32) -> Surface {
     lower.with(block([0.0, top - r * 0.18, 0.0], [r * 2.66, r * 0.18 + 0.012, r * 2.66]))
 }
 
-/// Returns two rings of curling leaves round the bell.
+/// Returns two rings of curling leaves round the bell of a capital.
 fn leaves(r: f32, foot: f32) -> Surface {
     let leaf = |height: f32, turn: f32| {
         let (s, c) = sin_cos(turn);
@@ -194,7 +194,8 @@ pub fn baluster() -> Surface {
     lathe(&Outline::open(points), 8)
 }
 
-/// Returns plinth and handrail of a balustrade along x that stands at y = 0. Balusters start at y = 0.1.
+/// Returns the plinth and the handrail of a balustrade that runs along x and stands at y = 0. Its balusters start at
+/// y = 0.1.
 pub fn rails(length: f32) -> Surface {
     let half = length / 2.0;
     let top = 0.1 + BALUSTER;

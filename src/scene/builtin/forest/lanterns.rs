@@ -15,7 +15,8 @@ struct Lantern {
     intensity: f32,
 }
 
-/// Returns fireflies low over the ground and, for every fourth light, a brighter lamp among the trees.
+/// Returns the lights: three of four are fireflies low over the ground, and every fourth is a brighter lamp nearer to
+/// the path.
 fn lanterns() -> Vec<Lantern> {
     let trunks: Vec<_> = tree_spots().iter().map(|s| s.foot).collect();
     let mut dice = Dice::new(8080);

@@ -9,7 +9,7 @@ use glam::{Vec2, Vec3};
 /// Angle from one branch to the next, so that no branch is right above another.
 const GOLDEN_ANGLE: f32 = 2.399_963;
 
-/// Returns wood and leaves of a tree.
+/// Returns the two surfaces of a tree: its wood and its leaves.
 pub fn tree(species: &Species) -> (Surface, Surface) {
     let mut dice = Dice::new(species.seed);
     let trunk = trunk_path(species, &mut dice);
@@ -32,7 +32,7 @@ pub fn tree(species: &Species) -> (Surface, Surface) {
 
 type Path = Vec<(Vec3, f32)>;
 
-/// Returns a trunk's path, which widens into the ground and sways slightly on its way up.
+/// Returns the centres and radii of a trunk, which is wider at the ground and sways slightly on its way up.
 fn trunk_path(species: &Species, dice: &mut Dice) -> Path {
     let (lean_x, lean_z) = (dice.range(-0.3, 0.3), dice.range(-0.3, 0.3));
     (0..=7)
@@ -67,7 +67,8 @@ fn branch_path(species: &Species, trunk: &Path, index: usize, dice: &mut Dice) -
         .collect()
 }
 
-/// Returns the centre at fraction `t` of the path's points, extrapolated beyond 1.
+/// Returns the centre at parameter `t` of the path, interpolated between its points: 0 is the first point, 1 the last.
+/// Values above 1 extrapolate.
 fn point_on(path: &Path, t: f32) -> Vec3 {
     let place = t.max(0.0) * (path.len() - 1) as f32;
     let i = (place as usize).min(path.len() - 2);

@@ -11,7 +11,7 @@ pub struct Species {
     pub crown_foot: f32,
     /// Length of branches at the crown's foot, middle and top.
     pub reach: [f32; 3],
-    /// Slope of branches; negative if they hang.
+    /// Slope of the branches where they leave the trunk; negative if they hang down.
     pub lift: f32,
     pub branches: usize,
     pub cards: usize,

@@ -23,7 +23,7 @@ pub fn height(x: f32, z: f32) -> f32 {
     rolling + lumps * (0.3 + 0.7 * bank) + 1.5 * bank
 }
 
-/// Bounds of the ground in x and z.
+/// Bounds of the ground in x and z, metres.
 const MIN: Vec2 = Vec2::new(-36.0, -54.0);
 const MAX: Vec2 = Vec2::new(36.0, 26.0);
 

@@ -49,7 +49,7 @@ pub const JOINTS: [Joint; 14] = [
 /// Height of the ankles above the soles.
 pub const ANKLE: f64 = 0.08;
 
-/// Half the height over which weights blend between two joints.
+/// Half the height in metres of the region in which skin weights blend between two joints.
 const BLEND: f32 = 0.05;
 
 const SHIRT: [f32; 3] = [0.75, 0.3, 0.12];

@@ -36,7 +36,7 @@ impl Staging {
         self.body(mesh, node, None, Vec::new());
     }
 
-    /// Skins a mesh. `joints` are indices of nodes, and `positions` are the joints' positions in the mesh.
+    /// Skins a mesh. `joints` are indices of nodes, and `positions` are the joints' positions in the space of the mesh.
     pub fn dress(&mut self, mesh: usize, joints: Vec<usize>, positions: &[DVec3]) {
         let inverse_bind = positions.iter().map(|p| Affine3A::from_translation(-p.as_vec3())).collect();
         let node = joints.first().copied().unwrap_or(0);

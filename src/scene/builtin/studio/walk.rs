@@ -92,7 +92,7 @@ impl Foot {
     /// 1 for the left foot and −1 for the right one.
     fn at(cycle: f64, side: f64) -> Self {
         let phase = cycle.fract();
-        // The body is above the foot in the middle of its stance.
+        // In the middle of the stance, the body is directly above the foot.
         let swing = smooth(((phase - STANCE) / (1.0 - STANCE)).clamp(0.0, 1.0));
         let behind = if side > 0.0 { 0.0 } else { 0.5 };
         let (place, heading) = on_circle((cycle - phase + 0.5 * STANCE + swing - behind + CYCLES) / CYCLES);

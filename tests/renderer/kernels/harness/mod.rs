@@ -1,5 +1,5 @@
-//! Runs one kernel on given buffers. It finds bindings, overrides and entry point by name in the shader's source, so the
-//! order of bindings does not matter.
+//! Runs one kernel on given buffers. It finds bindings, overrides and entry point by name in the shader's source, so
+//! the order of bindings does not matter.
 
 mod buffers;
 mod reflect;

@@ -115,7 +115,7 @@ fn compare(gloss: bool, sparse: bool, adjust: impl Fn(&mut Constants), seed: u64
                 }
                 Fate::Sky => cases.meet("sky"),
                 Fate::LeftToFilter => {
-                    cases.meet("left to the filter");
+                    cases.meet("left to the denoiser");
                     why = Counts::SKIPPED;
                 }
                 Fate::Hole(reason) => {
@@ -159,15 +159,15 @@ fn light_is_gathered_where_rays_go_through_pixels() {
 #[test]
 fn pixels_that_the_mask_does_not_ask_for_are_left_to_the_filter() {
     let share = |c: &mut Constants| c.foveation.sampled_fraction = 0.6;
-    compare(false, true, share, 64, &["left to the filter", "not sampled"]);
-    compare(true, true, share, 65, &["left to the filter", "not sampled"]);
+    compare(false, true, share, 64, &["left to the denoiser", "not sampled"]);
+    compare(true, true, share, 65, &["left to the denoiser", "not sampled"]);
     compare(false, true, |_| {}, 68, &["not sampled, but traced"]);
 }
 
 #[test]
 fn outer_layers_allow_surfaces_to_differ_more() {
     let layers = |c: &mut Constants| c.foveation.layers = true;
-    let expected = ["left to the filter", "not sampled", "not sampled, but traced"];
+    let expected = ["left to the denoiser", "not sampled", "not sampled, but traced"];
     compare(false, true, layers, 66, &expected);
     compare(true, true, layers, 67, &expected);
 }

@@ -77,7 +77,7 @@ fn refusal(left: Option<&Pixel>, material: u32, right: &Surface, reach: f64, sla
 
 pub struct Twin<'a> {
     pub constants: &'a Constants,
-    /// True if pixels may be left to the filter.
+    /// True if pixels may be left to the denoiser.
     pub sparse: bool,
     pub left: &'a [Pixel],
 }
