@@ -96,7 +96,7 @@ fn edges_that_are_antialiased_are_no_holes() {
     for (name, what) in [
         ("reprojected_fraction", "reprojected"),
         ("antialiasing_fraction", "traced again for antialiasing"),
-        ("unsampled_fraction", "left to the denoiser"),
+        ("unsampled_fraction", "filled in by the denoiser"),
         ("hole_fraction", "holes ("),
     ] {
         assert!(line.contains(&format!("{} {what}", percent(name))), "{line}");

@@ -94,10 +94,6 @@ pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene)
     let view = loaded.shot.rig.view(time_s, Eye::Left);
     let share = Polar { gaze: gaze(), space: PolarSpace::Visual }.share(Eye::Left, time_s, &view, size).min(1.0);
     match options.foveated.foveation {
-        FoveationMode::None | FoveationMode::VisualPolar => {
-            options.scale = share.sqrt();
-            OtherMeasures::new()
-        }
         FoveationMode::Layers => {
             let [tan, _] = tan_half(loaded, size);
             let radii = FALLOFF_DEG.map(|degrees| degrees.to_radians().tan() / (2.0 * tan));
@@ -117,6 +113,10 @@ pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene)
             }
             options.foveated.polar = Some(map);
             OtherMeasures::from([("sigma", map.sigma)])
+        }
+        _ => {
+            options.scale = share.sqrt();
+            OtherMeasures::new()
         }
     }
 }

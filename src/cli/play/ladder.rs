@@ -53,8 +53,8 @@ impl Choice {
         let (path, name) = (path.display(), Denoiser::name_of(denoiser));
         let space = match polar {
             None => String::new(),
-            Some(PolarSpace::Visual) => " and --foveation visual-polar".to_owned(),
             Some(PolarSpace::Log(map)) => format!(" and --foveation log-polar --polar {map}"),
+            Some(space) => format!(" and --foveation {}", space.name()),
         };
         if args.denoiser.is_none() && all.denoisers().len() > 1 {
             let counts: Vec<String> =

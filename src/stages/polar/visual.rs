@@ -19,7 +19,7 @@ use crate::stages::layout::View;
 /// Maximum fraction of an image's rings that are shortened; shaders use the same value.
 const MOST_SHORT: f64 = 0.5;
 /// Least eccentricity assumed for the outermost ring, degrees.
-const LEAST_DEG: f64 = 1e-6;
+pub(super) const LEAST_DEG: f64 = 1e-6;
 /// Area of the fovea, square degrees.
 const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
 /// Constant factor in the integral of acuity outside the fovea, square degrees; see [`acuity_within`].
@@ -49,7 +49,7 @@ fn pixel_share(share: f64) -> f64 {
 }
 
 /// Returns the angle between two directions, degrees. It stays exact for small angles.
-fn degrees_between(a: DVec3, b: DVec3) -> f64 {
+pub(super) fn degrees_between(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b)).to_degrees()
 }
 
@@ -66,7 +66,7 @@ fn rings_within(degrees: f64) -> f64 {
 }
 
 /// Returns the eccentricity of the view's corner that is farthest from `gaze`, degrees.
-fn farthest_corner(view: &View, gaze: Vec3) -> f64 {
+pub(super) fn farthest_corner(view: &View, gaze: Vec3) -> f64 {
     let [forward, right, up] = [view.forward, view.right, view.up].map(Vec3::as_dvec3);
     let (right, up) = (right * f64::from(view.tan_half_x), up * f64::from(view.tan_half_y));
     let corners = [-right - up, up - right, right - up, right + up].map(|c| forward + c);

@@ -161,7 +161,10 @@ fn broken_skins_are_named() {
     assert_mentions(&with(|d| d.json["skins"][0]["joints"] = json!([])), &["skin 0", "0 joints"]);
     assert_mentions(&with(|d| d.json["skins"][0]["joints"] = json!([1, 9])), &["skin 0", "node 9"]);
     assert_mentions(&with(|d| d.json["nodes"][0]["skin"] = json!(4)), &["node 0", "skin 4"]);
-    assert_mentions(&with(|d| d.json["scenes"][0]["nodes"] = json!([0])), &["skin 0", "node 1", "not part of the loaded scene"]);
+    assert_mentions(
+        &with(|d| d.json["scenes"][0]["nodes"] = json!([0])),
+        &["skin 0", "node 1", "not part of the loaded scene"],
+    );
     assert_mentions(&with(|d| d.json["skins"][0]["joints"] = json!([1, 2, 1])), &["2 matrices for 3 joints"]);
     assert_mentions(&with(|d| d.json["skins"][0]["inverseBindMatrices"] = json!(0)), &["MAT4"]);
     let poke = |draft: &mut Draft, value: f32| {
