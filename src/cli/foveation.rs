@@ -58,7 +58,7 @@ pub struct FoveationOptions {
     /// Gaze as fractions of the image, X,Y or LX,LY,RX,RY [default: the shot's]
     #[arg(long, value_name = "X,Y")]
     pub gaze: Option<GazeOption>,
-    /// Log-polar mode, such as fov, or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
+    /// Log-polar mode, e.g. fov, or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
     ///
     /// Modes are fov, kernel, composite and composite-kernel. SIGMA: downsampling factor; ALPHA: kernel exponent; GAZE:
     /// full-resolution radius, radians; ASPECT: rings / directions.

@@ -35,7 +35,7 @@ pub struct Args {
     /// Foveation modes to measure [default: none]
     #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
     pub(super) foveation: Vec<FoveationMode>,
-    /// Log-polar mode, such as fov, or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
+    /// Log-polar mode, e.g. fov, or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
     ///
     /// Modes are fov, kernel, composite and composite-kernel. SIGMA: downsampling factor; ALPHA: kernel exponent; GAZE:
     /// full-resolution radius, radians; ASPECT: rings / directions.
