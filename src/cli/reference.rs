@@ -99,7 +99,7 @@ pub struct Plan {
     time_limit: Option<Duration>,
     /// Folder of the checkpoints, if they are kept.
     folder: Option<PathBuf>,
-    /// Ray traversal of the devices that the options ask for.
+    /// Ray traversal that the selected devices use.
     traversal: Traversal,
 }
 

@@ -74,7 +74,7 @@ impl<'a> Queue<'a> {
         self.stages.windows(2).map(|pair| (pair[0].end_ms..pair[1].begin_ms, pair[1]))
     }
 
-    /// Returns true if the device received rows in a gap.
+    /// Returns true if an upload of received rows began within `gap`, an idle gap between two stages, in milliseconds.
     fn receives_in(&self, gap: &Range<f64>) -> bool {
         self.uploads_ms.iter().any(|at_ms| gap.contains(at_ms))
     }

@@ -118,7 +118,7 @@ pub enum Work {
     Rays,
     /// The number of rows that the pass computes.
     Rows,
-    /// Nothing. The time is the same on each device that has any rows.
+    /// No quantity: the pass takes a constant time on a device, however many rows the device computes.
     Once,
 }
 

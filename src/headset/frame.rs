@@ -54,7 +54,8 @@ impl HeadsetFrame {
         self.period_ns as f64 / 1e6
     }
 
-    /// Returns the timing of the frame if it is submitted at the time `now`.
+    /// Computes the timing of the frame for a submission at the time `now`. `now` is `None` if the runtime has no
+    /// clock.
     pub(super) fn shown(&self, now: Option<Time>) -> Shown {
         let shown = |now| shown_at(self.display, self.period_ns, now);
         Shown {

@@ -157,7 +157,8 @@ impl Space {
         eyes.map_or((DVec3::ZERO, DQuat::IDENTITY), |(_, shared)| (shared.position_m, shared.orientation))
     }
 
-    /// Returns a rig with these keys and the optics of the head's eyes, or else those of the rig `shot`.
+    /// Returns a copy of the rig `shot` with these keys. If the head has eyes of its own, their optics and baseline
+    /// replace those of `shot`.
     fn rig_of(&self, keys: Vec<RigKey>, shot: &Rig) -> Rig {
         let rig = Rig { keys, turning: Turning::Spherical, ..shot.clone() };
         match &self.eyes {

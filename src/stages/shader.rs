@@ -75,7 +75,8 @@ impl Shader {
         &self.text
     }
 
-    /// Returns the run-time checks to compile with: all of them for foreign text, `own` for the library's shaders.
+    /// Returns the run-time checks to compile with: all checks for a shader from outside the library, and `own` for the
+    /// library's shaders.
     pub fn checks(&self, own: ShaderChecks) -> ShaderChecks {
         if self.is_foreign { ShaderChecks::Full } else { own }
     }

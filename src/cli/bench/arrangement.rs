@@ -47,7 +47,10 @@ pub fn of(experiment: &Experiment, run: &RunOptions) -> Result<Vec<RenderOptions
         options.check()?;
         let quality = options.quality();
         let has_mode = quality.polar != Some(PolarSpace::Visual) && quality.denoiser.is_some();
-        ensure!(!arrangement.as_visual_polar || has_mode, "as_visual_polar needs a denoiser, not visual-polar space");
+        ensure!(
+            !arrangement.as_visual_polar || has_mode,
+            "as_visual_polar needs a denoiser, and a foveation other than visual-polar"
+        );
         Ok(options)
     };
     experiment.all.iter().map(|one| of(one).with_context(|| format!("arrangement '{}'", one.name))).collect()

@@ -17,7 +17,7 @@ pub struct Findings<'a, R> {
     pub files: Vec<(&'a str, Csv)>,
     /// Contents of `run.json`, for an experiment with one shot.
     pub run: Option<RunReport>,
-    /// Tables with their notes, for the page and the terminal.
+    /// Tables with their notes, shown in `report.html` and on the terminal.
     pub tables: Vec<Section>,
     /// Sections that appear on the page only.
     pub more: Vec<Section>,

@@ -131,7 +131,7 @@ impl<B> Protocol<B> {
         }
     }
 
-    /// Notes that there is no command yet.
+    /// Continues with the frames in progress. Call this after [`Action::TakeCommand`] if no command has arrived yet.
     pub fn no_command(&mut self) {
         self.at = At::Oldest { waits: true };
     }

@@ -25,7 +25,7 @@ pub struct Keys {
 /// Fault in a list of keys.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum KeysError {
-    #[error("it has no keys")]
+    #[error("there must be at least one key")]
     Empty,
     #[error("the time of key {0} is negative or not finite")]
     Time(usize),
