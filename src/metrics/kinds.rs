@@ -193,7 +193,7 @@ impl Pair {
                 kind,
                 pixels: count as f64 / self.flip.len() as f64,
                 flip: (count > 0).then(|| mean(of_kind())),
-                part: (total > 0.0).then(|| of_kind().sum::<f64>() / total),
+                part: (total > 0.0).then(|| of_kind().fold(0.0, |sum, flip| sum + flip) / total),
             }
         }))
     }
@@ -354,6 +354,7 @@ mod tests {
         let pixels: f64 = found.iter().map(|kind| kind.pixels).sum();
         assert!((parts - 1.0).abs() < 1e-12 && (pixels - 1.0).abs() < 1e-12);
         assert!(found[0].flip > found[5].flip && found[1].flip.is_none() && found[1].part == Some(0.0), "{found:?}");
+        assert!(found.iter().all(|kind| kind.part.is_some_and(f64::is_sign_positive)), "{found:?}");
         let same = Pair::new(&grey(), &grey(), 0.0).unwrap().by_kind(&map).unwrap();
         assert_eq!((same[0].flip, same[0].part), (Some(0.0), None));
     }
