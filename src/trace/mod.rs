@@ -6,6 +6,7 @@
 pub mod compare;
 pub mod critical;
 mod document;
+mod event_fields;
 pub mod event;
 mod file;
 pub mod frames;
