@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use crate::exec::{FrameReport, Renderer, Stereo};
 use crate::image::RgbImage;
+use crate::image::display::mid_grey_ev;
 use crate::loaded::LoadedScene;
 use crate::passes::Aov;
 use crate::quality::{Denoiser, Quality};
@@ -284,15 +285,6 @@ impl Run<'_> {
 
 /// Deviation from mid-grey, in stops, at which a picture gets a warning.
 const EVS_OFF: f64 = 4.0;
-
-/// Returns the exposure in stops that makes the geometric mean of the picture's radiances mid-grey; black pixels are
-/// ignored.
-fn mid_grey_ev(image: &RgbImage) -> f64 {
-    const MID_GREY: f64 = 0.18;
-    let radiances = image.pixels.iter().map(|p| p.iter().map(|c| f64::from(*c)).sum::<f64>() / 3.0);
-    let logs: Vec<f64> = radiances.filter(|r| *r > 0.0 && r.is_finite()).map(f64::log2).collect();
-    if logs.is_empty() { 0.0 } else { MID_GREY.log2() - logs.iter().sum::<f64>() / logs.len() as f64 }
-}
 
 /// Returns the time of a frame on the camera path, seconds.
 fn time_s(options: &RenderOptions, frame: u32) -> f64 {

@@ -19,6 +19,20 @@ pub fn display_value(radiance: f64) -> f64 {
     srgb_from_linear(if c.is_infinite() { 1.0 } else { c / (1.0 + c) })
 }
 
+/// Returns the Rec. 709 luminance of a linear colour.
+pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
+    r * 0.2126 + g * 0.7152 + b * 0.0722
+}
+
+/// Returns the exposure in stops that makes the geometric mean of the picture's radiances mid-grey; black pixels are
+/// ignored.
+pub fn mid_grey_ev(image: &RgbImage) -> f64 {
+    const MID_GREY: f64 = 0.18;
+    let radiances = image.pixels.iter().map(|p| p.iter().map(|c| f64::from(*c)).sum::<f64>() / 3.0);
+    let logs: Vec<f64> = radiances.filter(|r| *r > 0.0 && r.is_finite()).map(f64::log2).collect();
+    if logs.is_empty() { 0.0 } else { MID_GREY.log2() - logs.iter().sum::<f64>() / logs.len() as f64 }
+}
+
 /// Applies the sRGB curve to 0 … 1.
 pub fn srgb_from_linear(linear: f64) -> f64 {
     if linear <= 0.0031308 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }

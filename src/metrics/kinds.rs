@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::Pair;
 use super::error::mean;
-use crate::image::display::{DisplayImage, display_value, gain};
+use crate::image::display::{DisplayImage, display_value, gain, luminance};
 use crate::image::{Extent, Image, ImageError, RgbImage, check_same_size};
 
 /// Content of a pixel.
@@ -197,10 +197,6 @@ impl Pair {
             }
         }))
     }
-}
-
-fn luminance([r, g, b]: [f64; 3]) -> f64 {
-    0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
 /// Indices of four pixels in a row or column; the first and the last may be outside the image.

@@ -2,6 +2,8 @@
 
 use glam::Vec3;
 
+use crate::image::display;
+
 /// Decodes an 8-bit sRGB code (IEC 61966-2-1).
 pub fn linear_from_srgb(code: u8) -> f32 {
     let c = f64::from(code) / 255.0;
@@ -10,5 +12,5 @@ pub fn linear_from_srgb(code: u8) -> f32 {
 
 /// Returns the Rec. 709 luminance.
 pub fn luminance(c: Vec3) -> f64 {
-    f64::from(c.x) * 0.2126 + f64::from(c.y) * 0.7152 + f64::from(c.z) * 0.0722
+    display::luminance(c.to_array().map(f64::from))
 }
