@@ -70,7 +70,7 @@ impl Progress {
         }
     }
 
-    /// With --json, prints the value that `event` returns as a JSON line. Otherwise, does not call `event`.
+    /// Prints the value that `event` returns as a JSON line if --json was given. Otherwise, does not call `event`.
     pub fn event(&self, event: impl FnOnce() -> serde_json::Value) {
         if self.json {
             say!("{}", event());

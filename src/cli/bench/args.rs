@@ -158,22 +158,22 @@ pub struct PresetOptions {
         group = "study",
         conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference", "foveation", "polar", "scale", "ladder", "peers"])]
     pub(super) experiment: Option<PathBuf>,
-    /// With --experiment, or any --preset but leria: shots to measure
+    /// Shots to measure, for --experiment or any --preset but leria
     ///
-    /// With peres they replace the scenes of the thesis: Pink Room, Sponza, Forest [default: builtin:checker,
+    /// For peres they replace the scenes of the thesis: Pink Room, Sponza, Forest [default: builtin:checker,
     /// builtin:atrium and builtin:forest].
     #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "study")]
     pub shots: Vec<String>,
-    /// With --preset peres: scale factor for the resolutions of Peres 2022
+    /// Scale factor for the resolutions of Peres 2022, for --preset peres
     #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
     pub size_factor: f64,
-    /// With --experiment, --preset peres, andersson or late: instants on the path
+    /// Instants on the path, for --experiment, --preset peres, andersson or late
     #[arg(long, value_name = "N", requires = "study", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub instants: u32,
-    /// With --preset leria: frames along the path
+    /// Frames along the path, for --preset leria
     #[arg(long, value_name = "N", requires = "preset", default_value_t = FRAMES, value_parser = clap::value_parser!(u32).range(1..=5000))]
     pub frames: u32,
-    /// With --preset leria: also predict these device counts
+    /// Device counts to predict as well, for --preset leria
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", requires = "preset", default_value = "4", value_parser = clap::value_parser!(u16).range(2..=64))]
     simulate: Vec<u16>,
 }

@@ -26,7 +26,7 @@ pub struct Args {
     /// Also write each task to run.json
     #[arg(long, help_heading = OUTPUT)]
     pub(super) details: bool,
-    /// With --report: reference samples per pixel [default: as many as 10 s allow]
+    /// Reference samples per pixel, for --report [default: as many as 10 s allow]
     #[arg(long, value_name = "N", requires = "report", value_parser = clap::value_parser!(u32).range(1..=1 << 24), help_heading = OUTPUT)]
     pub(super) report_spp: Option<u32>,
 }
