@@ -1,5 +1,6 @@
 // Primary visibility of one view: the surface at each pixel's centre. With several samples per pixel, it also computes
-// the means of albedo and emission over a pixel, if later stages need them and path tracing does not write them.
+// the means of albedo and emission over a pixel, if later stages need them and path tracing does not write them. Direct
+// light with hard shadows counts as emission if the denoiser leaves it out.
 
 //!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint foveation bindings
 
@@ -32,6 +33,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var rng = rng_for(pixel, pass_.view, 0u);
     let hit = trace_closest(origin, direction, alpha_key(rng));
     var first = first_hit(hit, pass_.view, direction);
+    var rays = 1u;
+    if HAS_HARD_LIGHTS && !JITTER {
+        first.emission += hard_light(first, direction, rng, &rays);
+    }
     let ok = is_sound(&first) && !was_cut_short;
     let is_surface = (hit.prim & SPHERE) == 0u;
     var tag = MATERIAL_NONE;
@@ -51,7 +56,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let roughness = select(1.0, first.surface.roughness, is_surface);
     albedo_image[at] = pack_albedo(Albedo(first.albedo, first.matte, roughness));
     emission_image[at] = vec4<f32>(first.emission, depth);
-    tally_image[at] = add_tally(0u, 1u, select(1u, 0u, ok));
+    tally_image[at] = add_tally(0u, rays, select(1u, 0u, ok));
 }
 
 // Adds samples [begin, end) to the running means of albedo and emission.
@@ -61,12 +66,17 @@ fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
     var matte = select(vec3<f32>(0.0), centre.matte, begin > 0u);
     var emission = select(vec3<f32>(0.0), emission_image[at].rgb, begin > 0u);
     var mixed = false;
+    var rays = 0u;
     var dropped = 0u;
     for (var i = begin; i < end; i += 1u) {
         var rng = rng_for(pixel, pass_.view, i);
         let direction = ray_of(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
         let hit = trace_closest(frame.camera.views[pass_.view].origin, direction, alpha_key(rng));
         var first = first_hit(hit, pass_.view, direction);
+        rays += 1u;
+        if HAS_HARD_LIGHTS {
+            first.emission += hard_light(first, direction, rng, &rays);
+        }
         dropped += select(1u, 0u, is_sound(&first));
         mixed = mixed || is_elsewhere(at, first);
         let step = 1.0 / f32(i + 1u);
@@ -76,7 +86,7 @@ fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
     }
     albedo_image[at] = pack_albedo(Albedo(albedo, matte, centre.roughness));
     emission_image[at] = vec4<f32>(emission, emission_image[at].a);
-    tally_image[at] = add_tally(tally_image[at], end - begin, dropped + select(0u, 1u, was_cut_short));
+    tally_image[at] = add_tally(tally_image[at], rays, dropped + select(0u, 1u, was_cut_short));
     if mixed {
         hit_image[at].w |= FLAG_MIXED;
     }

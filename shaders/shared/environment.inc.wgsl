@@ -64,7 +64,7 @@ fn env_patch(x: u32, y: u32) -> vec4<f32> {
 }
 
 // Solid-angle density with which `sample_light` samples the environment in a direction.
-fn env_light_pdf(direction: vec3<f32>) -> f32 {
+fn env_light_pdf(direction: vec3<f32>, is_first: bool) -> f32 {
     if frame.environment.grid_width == 0u {
         return 0.0;
     }
@@ -76,7 +76,7 @@ fn env_light_pdf(direction: vec3<f32>) -> f32 {
     let corners = env_patch(column, min(u32(base.y), frame.environment.grid_height));
     let density = mix(mix(corners.x, corners.y, f.x), mix(corners.z, corners.w, f.x), f.y);
     let sin_theta = length(direction.xz);
-    return group_probability() * density / max(2.0 * PI * PI * sin_theta, 1e-12);
+    return group_probability(is_first) * density / max(2.0 * PI * PI * sin_theta, 1e-12);
 }
 
 // Maps a number in [0, 1) to a sample of a density that is linear from `a` to `b`.
@@ -84,7 +84,7 @@ fn sample_linear(u: f32, a: f32, b: f32) -> f32 {
     return min(u * (a + b) / max(a + sqrt(mix(a * a, b * b, u)), 1e-37), 0x1.fffffep-1);
 }
 
-fn sample_env_map(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
+fn sample_env_map(choice: vec2<f32>, u: vec2<f32>, is_first: bool) -> LightSample {
     // One random number picks the column and one the row, since a single number has too few digits for all patches. The
     // remainders of both decide between the patch and its alias.
     let width = max(frame.environment.grid_width, 1u);
@@ -112,6 +112,6 @@ fn sample_env_map(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     s.direction = vec3<f32>(sin(theta) * sin(phi), cos(theta), -sin(theta) * cos(phi));
     s.distance = 3.0e38;
     s.radiance = environment(s.direction);
-    s.pdf = env_light_pdf(s.direction);
+    s.pdf = env_light_pdf(s.direction, is_first);
     return s;
 }

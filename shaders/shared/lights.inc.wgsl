@@ -2,7 +2,8 @@
 // lights, and an environment image. Nonempty groups are equally likely. The light tree picks a local light by its
 // importance to the point (Conty Estevez & Kulla 2018, see `emitters/light_tree.rs`). An alias table (Walker 1977)
 // picks a directional light in proportion to its irradiance. A constant environment is not sampled as a light:
-// cosine-weighted bounces find it with less noise.
+// cosine-weighted bounces find it with less noise. At the first vertex of a path (`is_first`), lights with hard shadows
+// are left out if `hard_light` (see `path`) computes their light.
 
 override HAS_EMISSIVE: bool = true;
 override HAS_LOCAL_LIGHTS: bool = true;
@@ -10,6 +11,8 @@ override HAS_DIRECTIONAL: bool = true;
 // Whether emissive triangles are masked or blended, and whether some are under a clear coat.
 override HAS_ALPHA_EMITTERS: bool = true;
 override HAS_COATED_EMITTERS: bool = true;
+// Whether `hard_light` computes the light of lights with hard shadows at the first vertices of paths.
+override HAS_HARD_LIGHTS: bool = false;
 
 const PI: f32 = 3.14159265358979;
 
@@ -31,9 +34,30 @@ fn no_light() -> LightSample {
     return LightSample(vec3<f32>(0.0, 1.0, 0.0), 0.0, vec3<f32>(0.0), 0.0, false, NO_LIGHT, 1.0);
 }
 
-// Probability of picking one of the nonempty groups.
-fn group_probability() -> f32 {
-    return 1.0 / f32(frame.lights.group_count);
+// Whether local lights are sampled.
+fn samples_local(is_first: bool) -> bool {
+    return frame.lights.local_count > select(0u, frame.lights.hard_count, HAS_HARD_LIGHTS && is_first);
+}
+
+// Whether directional lights are sampled.
+fn samples_directional(is_first: bool) -> bool {
+    let are_left_out = HAS_HARD_LIGHTS && is_first && frame.lights.has_hard_suns != 0u;
+    return frame.lights.directional_count > 0u && !are_left_out;
+}
+
+// Number of groups that are sampled.
+fn group_count(is_first: bool) -> u32 {
+    var count = frame.lights.group_count;
+    if HAS_HARD_LIGHTS && is_first {
+        count -= select(0u, 1u, frame.lights.local_count > 0u && !samples_local(true));
+        count -= select(0u, 1u, frame.lights.directional_count > 0u && !samples_directional(true));
+    }
+    return count;
+}
+
+// Probability of picking one of the groups that are sampled.
+fn group_probability(is_first: bool) -> f32 {
+    return 1.0 / f32(group_count(is_first));
 }
 
 fn spot_factor(light: Light, away: vec3<f32>) -> f32 {
@@ -162,10 +186,15 @@ fn sample_local_light(p: vec3<f32>, index: u32, probability: f32, u: vec2<f32>) 
     return s;
 }
 
-fn sample_directional_light(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
+fn sample_directional_light(choice: vec2<f32>, probability: f32, u: vec2<f32>) -> LightSample {
     let count = frame.lights.directional_count;
     var index = frame.lights.local_count + min(u32(choice.y * f32(count)), count - 1u);
     index = select(stored_light(index).alias_index, index, choice.x < stored_light(index).keep);
+    return sample_sun(index, probability * stored_light(index).pick, u);
+}
+
+// Samples directional light `index`, which was picked with this probability.
+fn sample_sun(index: u32, probability: f32, u: vec2<f32>) -> LightSample {
     let light = stored_light(index);
     var s = no_light();
     // A disc yields the given irradiance, whatever its size. It is not part of the sky: neither camera nor bounces see
@@ -176,29 +205,34 @@ fn sample_directional_light(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     }
     s.distance = 3.0e38;
     s.radiance = light.strength;
-    s.pdf = group_probability() * light.pick;
+    s.pdf = probability;
     s.is_delta = true;
     return s;
 }
 
 // Whether there is any light to sample.
-fn has_lights() -> bool {
-    return (HAS_EMISSIVE || HAS_LOCAL_LIGHTS || HAS_DIRECTIONAL || HAS_ENV_MAP) && frame.lights.group_count > 0u;
+fn has_lights(is_first: bool) -> bool {
+    return (HAS_EMISSIVE || HAS_LOCAL_LIGHTS || HAS_DIRECTIONAL || HAS_ENV_MAP) && group_count(is_first) > 0u;
+}
+
+// Whether local light `index` has hard shadows.
+fn is_hard(index: u32) -> bool {
+    return index - frame.lights.first_hard < frame.lights.hard_count;
 }
 
 // Samples light that may reach point `p` on the side of the unit vector `n`, or on either side if `n` is zero.
-fn sample_light(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>, u: vec2<f32>) -> LightSample {
-    // Pick the k-th nonempty group.
-    let scaled = choice.x * f32(frame.lights.group_count);
-    var k = min(u32(scaled), frame.lights.group_count - 1u);
+fn sample_light(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>, u: vec2<f32>, is_first: bool) -> LightSample {
+    // Pick the k-th group.
+    let scaled = choice.x * f32(group_count(is_first));
+    var k = min(u32(scaled), group_count(is_first) - 1u);
     let rest = vec2<f32>(scaled - f32(k), choice.y);
-    if (HAS_EMISSIVE || HAS_LOCAL_LIGHTS) && frame.lights.local_count > 0u {
+    if (HAS_EMISSIVE || HAS_LOCAL_LIGHTS) && samples_local(is_first) {
         if k == 0u {
             let pick = pick_from_tree(p, n, rest);
-            if pick.probability <= 0.0 {
+            if pick.probability <= 0.0 || (HAS_HARD_LIGHTS && is_first && is_hard(pick.light)) {
                 return no_light();
             }
-            let probability = pick.probability * group_probability();
+            let probability = pick.probability * group_probability(is_first);
             if HAS_EMISSIVE && (!HAS_LOCAL_LIGHTS || stored_light(pick.light).kind == LIGHT_TRIANGLE) {
                 return sample_triangle_light(p, stored_light(pick.light), probability, u);
             }
@@ -208,13 +242,13 @@ fn sample_light(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>, u: vec2<f32>) -> 
         }
         k -= 1u;
     }
-    if HAS_DIRECTIONAL && frame.lights.directional_count > 0u {
+    if HAS_DIRECTIONAL && samples_directional(is_first) {
         if k == 0u {
-            return sample_directional_light(rest, u);
+            return sample_directional_light(rest, group_probability(is_first), u);
         }
     }
     if HAS_ENV_MAP {
-        return sample_env_map(rest, u);
+        return sample_env_map(rest, u, is_first);
     }
     return no_light();
 }
@@ -222,17 +256,17 @@ fn sample_light(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>, u: vec2<f32>) -> 
 // Densities with which `sample_light` at `p`, `n` samples the direction of a ray that has hit a light: triangle `prim`
 // at distance `t` along `direction`, or spherical light `index`.
 
-fn triangle_light_pdf(p: vec3<f32>, n: vec3<f32>, prim: u32, t: f32, direction: vec3<f32>) -> f32 {
+fn triangle_light_pdf(p: vec3<f32>, n: vec3<f32>, prim: u32, t: f32, direction: vec3<f32>, is_first: bool) -> f32 {
     let light = stored_light(stored_triangle(prim).light);
     let cosine = max(abs(dot(light.axis, direction)), 1e-37);
-    return group_probability() * tree_probability(p, n, light.trail) * t * t / (light.radius * cosine);
+    return group_probability(is_first) * tree_probability(p, n, light.trail) * t * t / (light.radius * cosine);
 }
 
-fn sphere_pdf(p: vec3<f32>, n: vec3<f32>, index: u32) -> f32 {
+fn sphere_pdf(p: vec3<f32>, n: vec3<f32>, index: u32, is_first: bool) -> f32 {
     let light = stored_light(index);
     let cap = sphere_cap(light, p);
     if cap <= 0.0 {
         return 0.0;
     }
-    return group_probability() * tree_probability(p, n, light.trail) / (2.0 * PI * cap);
+    return group_probability(is_first) * tree_probability(p, n, light.trail) / (2.0 * PI * cap);
 }

@@ -86,6 +86,14 @@ fn medium_towards(s: Surface, direction: vec3<f32>, before: Medium) -> Medium {
     return Medium(stored_material(s.material).absorption, s.is_front);
 }
 
+// Medium between the eye and a first surface.
+fn medium_before(s: Surface) -> Medium {
+    if !HAS_TRANSMISSION {
+        return Medium(vec3<f32>(0.0), false);
+    }
+    return Medium(stored_material(s.material).absorption, !(s.is_front || s.is_thin));
+}
+
 // Normal of the side from which light can be scattered to the viewer; 0 for both sides.
 fn lit_normal(s: Surface) -> vec3<f32> {
     return select(s.normal, vec3<f32>(0.0), HAS_TRANSMISSION && max3(s.transmitted) > 0.0);
@@ -96,7 +104,7 @@ fn lit_normal(s: Surface) -> vec3<f32> {
 fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<function, Rng>, rays: ptr<function, u32>, share: ptr<function, vec3<f32>>) -> vec3<f32> {
     let choice = random_at(rng, depth, LIGHT_CHOICE);
     let u = random_at(rng, depth, LIGHT_POINT);
-    let light = sample_light(s.position, lit_normal(s), choice, u);
+    let light = sample_light(s.position, lit_normal(s), choice, u, depth == 1u);
     if !is_within(light.pdf, MOST_FLOAT) {
         return vec3<f32>(0.0);
     }
@@ -107,7 +115,12 @@ fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<f
     if HAS_GLOSS && depth == 1u {
         *share = matte_fraction(s, v, light.direction, scattered.value);
     }
-    let visibility = light_visibility(leave(s, light.direction), s.position, light, alpha_key(*rng), rays);
+    return unoccluded(s, medium, light, scattered, alpha_key(*rng), rays);
+}
+
+// The part of a sampled light that reaches the surface unoccluded, scattered towards the viewer as `scattered` says.
+fn unoccluded(s: Surface, medium: Medium, light: LightSample, scattered: Scattering, key: u32, rays: ptr<function, u32>) -> vec3<f32> {
+    let visibility = light_visibility(leave(s, light.direction), s.position, light, key, rays);
     if max3(visibility) <= 0.0 {
         return vec3<f32>(0.0);
     }
@@ -120,25 +133,52 @@ fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<f
     return radiance;
 }
 
+// Light from the lights with hard shadows that a first surface scatters to the eye. A point on each light is sampled;
+// since these lights are points or nearly so, the light has no noise but in narrow penumbrae.
+fn hard_light(f: FirstHit, direction: vec3<f32>, rng_in_pixel: Rng, rays: ptr<function, u32>) -> vec3<f32> {
+    var sum = vec3<f32>(0.0);
+    if (f.hit.prim & SPHERE) != 0u {
+        return sum;
+    }
+    let s = f.surface;
+    let medium = medium_before(s);
+    var rng = rng_in_pixel;
+    let u = random_at(&rng, 1u, LIGHT_POINT);
+    let suns = select(0u, frame.lights.directional_count, frame.lights.has_hard_suns != 0u);
+    for (var i = 0u; i < frame.lights.hard_count + suns; i += 1u) {
+        var light: LightSample;
+        if i < frame.lights.hard_count {
+            light = sample_local_light(s.position, frame.lights.first_hard + i, 1.0, u);
+        } else {
+            light = sample_sun(frame.lights.local_count + i - frame.lights.hard_count, 1.0, u);
+        }
+        let scattered = evaluate(s, -direction, light.direction);
+        if max3(scattered.value) * max3(light.radiance) > 0.0 {
+            sum += unoccluded(s, medium, light, scattered, alpha_key(rng), rays);
+        }
+    }
+    return sum * f.transmittance;
+}
+
 fn clamp_indirect(c: vec3<f32>, most: f32) -> vec3<f32> {
     let peak = max3(c);
     return select(c, c * (most / peak), most > 0.0 && peak > most);
 }
 
 // Density with which light sampling at `p` samples the direction to the light that a scattered ray has hit.
-fn found_light_pdf(p: vec3<f32>, n: vec3<f32>, direction: vec3<f32>, hit: Hit) -> f32 {
+fn found_light_pdf(p: vec3<f32>, n: vec3<f32>, direction: vec3<f32>, hit: Hit, is_first: bool) -> f32 {
     if (hit.prim & SPHERE) != 0u {
-        return sphere_pdf(p, n, hit.prim & ~SPHERE);
+        return sphere_pdf(p, n, hit.prim & ~SPHERE, is_first);
     }
     if HAS_UNLIT && (stored_material(stored_triangle(hit.prim).material).flags & UNLIT) != 0u {
         return 0.0;
     }
-    return triangle_light_pdf(p, n, hit.prim, hit.t, direction);
+    return triangle_light_pdf(p, n, hit.prim, hit.t, direction, is_first);
 }
 
-fn escaped_light(direction: vec3<f32>, b: BsdfSample) -> vec3<f32> {
+fn escaped_light(direction: vec3<f32>, b: BsdfSample, is_first: bool) -> vec3<f32> {
     if HAS_ENV_MAP && frame.environment.width > 0u {
-        return environment(direction) * select(b.pdf / (b.pdf + env_light_pdf(direction)), 1.0, b.is_delta);
+        return environment(direction) * select(b.pdf / (b.pdf + env_light_pdf(direction, is_first)), 1.0, b.is_delta);
     }
     return frame.environment.radiance;
 }
@@ -156,16 +196,13 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, rng: 
     var result = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
     var s = first;
     var v = -direction_in;
-    var medium = Medium(vec3<f32>(0.0), false);
-    if HAS_TRANSMISSION {
-        medium = Medium(stored_material(s.material).absorption, !(s.is_front || s.is_thin));
-    }
+    var medium = medium_before(s);
     var throughput = vec3<f32>(1.0);
     var rays = 0u;
     var share = vec3<f32>(1.0);
     for (var depth = 1u; depth <= sampling.reflections; depth += 1u) {
         let is_last = depth == sampling.reflections;
-        if has_lights() {
+        if has_lights(depth == 1u) {
             let direct = throughput * direct_light(s, v, medium, depth, rng, &rays, &share);
             gather(&result, select(clamp_indirect(direct, sampling.indirect_clamp), direct, depth == 1u), share);
         }
@@ -204,7 +241,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, rng: 
             }
         } else if hit.prim == NO_PRIM {
             if HAS_CONSTANT_ENV || HAS_ENV_MAP {
-                found = escaped_light(direction, b);
+                found = escaped_light(direction, b, depth == 1u);
             }
         } else if HAS_SPHERES {
             found = sphere_radiance(hit.prim & ~SPHERE, from_);
@@ -214,7 +251,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, rng: 
         }
         if hit.prim != NO_PRIM && !b.is_delta {
             if any(found > vec3<f32>(0.0)) {
-                found *= b.pdf / (b.pdf + found_light_pdf(from_, from_normal, direction, hit));
+                found *= b.pdf / (b.pdf + found_light_pdf(from_, from_normal, direction, hit, depth == 1u));
             }
         }
         found *= throughput;

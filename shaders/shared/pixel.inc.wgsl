@@ -96,6 +96,9 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         var first = first_hit(hit, view, direction);
         if JITTER {
             mixed = mixed || is_elsewhere(at, first);
+            if HAS_HARD_LIGHTS {
+                first.emission += hard_light(first, direction, rng, &rays);
+            }
         }
         var path = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
         if (hit.prim & SPHERE) == 0u {

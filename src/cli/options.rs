@@ -76,6 +76,11 @@ pub struct RunOptions {
     /// Reproject the right eye from the left one; off traces both eyes in full
     #[arg(long, default_value = "on", help_heading = QUALITY)]
     pub reproject: Switch,
+    /// Keep direct light with hard shadows out of the denoiser, for up to 4 lights
+    ///
+    /// Points and spots without a radius and suns of at most 1 degree have hard shadows.
+    #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
+    pub hard_shadows: Switch,
     /// Upper bound of indirect radiance (biased)
     #[arg(hide_short_help = true, long, value_name = "V", help_heading = QUALITY)]
     pub clamp: Option<f32>,

@@ -13,7 +13,6 @@ use crate::quality::{Envelope, Quality};
 use crate::scene::SceneError;
 use crate::scene::folder::Source;
 use crate::scene::head::HeadMotion;
-use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::Rig;
 use crate::schedule::Policy;
 use crate::stages::{Execution, RunConfig};
@@ -23,7 +22,7 @@ use anyhow::anyhow;
 
 use super::failure::Failure;
 use super::node;
-use super::options::{HaloOption, RenderOptions, RunOptions};
+use super::options::{HaloOption, RenderOptions, RunOptions, Switch};
 use super::registry::registered;
 
 /// Loads the scene on all ranks, and head motion on this one.
@@ -165,7 +164,7 @@ pub fn config(options: &RenderOptions, loaded: &LoadedScene, mixes_spp: bool) ->
     let mut config = config.map_err(|what| Failure::Input(anyhow!("{what}")))?;
     let buffers = &mut config.buffers;
     if options.no_skip {
-        buffers.needs = SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL };
+        buffers.needs = loaded.needs.widened();
     }
     buffers.reproject = options.reprojects();
     if let Display::Resampled { is_late, .. } = &mut buffers.display {
@@ -189,6 +188,7 @@ pub fn config(options: &RenderOptions, loaded: &LoadedScene, mixes_spp: bool) ->
         },
         sampler: options.sampler,
         indirect_clamp: options.clamp.unwrap_or(0.0),
+        hard_shadows: options.hard_shadows == Switch::On,
         unsampled_fraction: foveated.unsampled_fraction.unwrap_or(config.unsampled_fraction),
         gaze: foveated.gaze(&loaded.gaze),
         seed: options.seed,

@@ -16,7 +16,8 @@ pub const HIT: Resource = Resource::image::<UVec4>("hit").bound_as("hit_image");
 pub const GUIDE: Resource = Resource::image::<UVec4>("guide").bound_as("guide_image");
 /// Albedo and roughness. If specular radiance is filtered separately, also the diffuse part of the albedo.
 pub const ALBEDO: Resource = Resource::image::<UVec4>("albedo").bound_as("albedo_image");
-/// Emitted radiance and depth.
+/// Radiance that no pass filters, and depth. The radiance is emission and, if the denoiser leaves it out, direct light
+/// with hard shadows.
 pub const EMISSION: Resource = Resource::image::<Vec4>("emission").bound_as("emission_image");
 /// Number of rays, number of dropped samples, hole reason and a flag for clipped radiance, packed.
 pub const TALLY: Resource = Resource::image::<u32>("tally").bound_as("tally_image");

@@ -293,7 +293,19 @@ impl Light {
             LightKind::Directional { .. } => true,
         }
     }
+
+    /// Returns true if shadows of the light have hardly any penumbra: of a point or spot light without a radius, or of
+    /// a sun of at most [`HARD_ANGLE_RAD`].
+    pub fn has_hard_shadows(&self) -> bool {
+        match self.kind {
+            LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius <= 0.0,
+            LightKind::Directional { angle_rad, .. } => angle_rad <= HARD_ANGLE_RAD,
+        }
+    }
 }
+
+/// Largest angular diameter of a sun whose shadows count as hard. The Sun's is 0.0093.
+const HARD_ANGLE_RAD: f32 = 0.0175;
 
 /// Light from infinitely far away in all directions.
 #[derive(Clone, Debug, PartialEq)]

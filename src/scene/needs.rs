@@ -3,7 +3,7 @@
 use super::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene};
 
 /// Features of the tracing stages, as flags. Enabling more than needed changes only the time, not the picture, except
-/// for `gloss`.
+/// for `gloss` and `hard_lights`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SceneNeeds {
@@ -35,6 +35,9 @@ pub struct SceneNeeds {
     pub directional: bool,
     pub constant_environment: bool,
     pub environment_map: bool,
+    /// One to four lights with hard shadows. Each can then be traced at the first surface. Like
+    /// `gloss`, this flag changes the picture.
+    pub hard_lights: bool,
     /// Instances that rays traverse in local space. [`Self::of`] leaves this flag false; it is set according to the
     /// scene's tables.
     pub instances: bool,
@@ -55,6 +58,18 @@ fn has_gloss(m: &Material) -> bool {
 /// Returns true if parts of the surface may be thin, smooth and transmissive, so that light passes straight through.
 fn is_pane(m: &Material) -> bool {
     m.enclosed_volume().is_none() && m.may_transmit_smoothly()
+}
+
+/// Largest number of lights with hard shadows that are traced at the first surface. Each costs a shadow ray per pixel.
+const MOST_HARD_LIGHTS: usize = 4;
+
+/// Returns true if the scene has lights with hard shadows, but at most [`MOST_HARD_LIGHTS`]. Suns count only if all of
+/// them have hard shadows.
+fn has_hard_lights(scene: &Scene) -> bool {
+    let is_sun = |l: &&Light| matches!(l.kind, LightKind::Directional { .. });
+    let are_suns_hard = scene.lights.iter().filter(is_sun).all(Light::has_hard_shadows);
+    let is_hard = |l: &&Light| l.has_hard_shadows() && (are_suns_hard || !is_sun(l));
+    (1..=MOST_HARD_LIGHTS).contains(&scene.lights.iter().filter(is_hard).count())
 }
 
 impl SceneNeeds {
@@ -79,8 +94,14 @@ impl SceneNeeds {
         directional: true,
         constant_environment: true,
         environment_map: true,
+        hard_lights: true,
         instances: true,
     };
+
+    /// Returns these needs with all features added that do not change the picture, for comparison.
+    pub fn widened(self) -> Self {
+        Self { gloss: self.gloss, hard_lights: self.hard_lights, ..Self::ALL }
+    }
 
     pub fn of(scene: &Scene) -> Self {
         let used = || scene.instances.iter().map(|i| &scene.meshes[i.mesh]);
@@ -112,12 +133,13 @@ impl SceneNeeds {
             directional: scene.lights.iter().any(|l| radius(&l.kind).is_none()),
             constant_environment: matches!(scene.environment, Environment::Constant(c) if c != glam::Vec3::ZERO),
             environment_map: matches!(scene.environment, Environment::Map { .. }),
+            hard_lights: has_hard_lights(scene) && !materials().any(|m| m.alpha_mode == AlphaMode::Blend),
             instances: false,
         }
     }
 
-    /// Returns names and values of the shaders' override constants, except that of `gloss`, which also depends on the
-    /// denoiser.
+    /// Returns names and values of the shaders' override constants, except those of `gloss` and `hard_lights`, which
+    /// also depend on the denoiser.
     pub fn constants(&self) -> [(&'static str, bool); 19] {
         [
             ("HAS_TEXTURES", self.textures),

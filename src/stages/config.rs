@@ -83,6 +83,9 @@ pub struct RunConfig {
     pub sampler: Sampler,
     /// Upper bound of indirect radiance; 0 disables it.
     pub indirect_clamp: f32,
+    /// Whether direct light with hard shadows bypasses the denoiser: it is traced at the first surfaces without noise,
+    /// if the scene has few such lights ([`SceneNeeds::hard_lights`]).
+    pub hard_shadows: bool,
     /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_fraction`].
     pub unsampled_fraction: f64,
     /// Gaze of the left and the right eye.
@@ -109,6 +112,7 @@ impl RunConfig {
             execution: Execution::default(),
             sampler: Sampler::default(),
             indirect_clamp: 0.0,
+            hard_shadows: true,
             unsampled_fraction: Foveation::UNSAMPLED_FRACTION,
             gaze: Default::default(),
             seed: 0,
@@ -208,6 +212,8 @@ impl RunConfig {
         let mut constants = Vec::from(self.buffers.needs.constants());
         constants.push(("SOBOL", self.sampler == Sampler::Sobol));
         constants.push(("HAS_GLOSS", self.buffers.needs.gloss && self.is_guided_by_variance()));
+        let has_hard_lights = self.hard_shadows && self.buffers.needs.hard_lights && self.denoiser().is_some();
+        constants.push(("HAS_HARD_LIGHTS", has_hard_lights));
         constants.push(("JITTER", jitter));
         constants.push(("MEASURES_VARIANCE", jitter && self.is_guided_by_variance()));
         constants.push(("HAS_MOTION", self.buffers.moving.is_some()));

@@ -132,7 +132,13 @@ shared_structs! {
         pub directional_count: u32,
         /// Fraction of all light that changed since the previous frame.
         pub change: f32,
+        /// Index of the first of the local lights with hard shadows, which follow one another, and their number.
+        pub first_hard: u32,
+        pub hard_count: u32,
+        /// 1 if there are directional lights and all have hard shadows, otherwise 0.
+        pub has_hard_suns: u32,
         pub pad0: u32,
+        pub pad1: u32,
     }
 
     /// Environment lighting.

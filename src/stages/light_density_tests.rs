@@ -35,17 +35,17 @@ fn densities(p: vec3<f32>, n: vec3<f32>, direction: vec3<f32>) -> vec2<f32> {
     var lamp = 0.0;
     if hit.prim != NO_PRIM {
         if (hit.prim & SPHERE) != 0u {
-            lamp = sphere_pdf(p, n, hit.prim & ~SPHERE);
+            lamp = sphere_pdf(p, n, hit.prim & ~SPHERE, false);
         } else {
             let tri = stored_triangle(hit.prim);
             let m = stored_material(tri.material);
             let faces = dot(cross(tri.v1 - tri.v0, tri.v2 - tri.v0), direction) < 0.0;
             if faces || (m.flags & DOUBLE_SIDED) != 0u {
-                lamp = triangle_light_pdf(p, n, hit.prim, hit.t, direction);
+                lamp = triangle_light_pdf(p, n, hit.prim, hit.t, direction, false);
             }
         }
     }
-    return vec2<f32>(lamp, env_light_pdf(direction));
+    return vec2<f32>(lamp, env_light_pdf(direction, false));
 }
 
 @compute @workgroup_size(64)
@@ -54,7 +54,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let n = frame.camera.views[0].forward;
     var rng = rng_for(vec2<u32>(id.x, 0u), 0u, 0u);
     let choice = random2(&rng);
-    let s = sample_light(p, n, choice, random2(&rng));
+    let s = sample_light(p, n, choice, random2(&rng), false);
     let u = random2(&rng);
     let z = 1.0 - 2.0 * u.x;
     let around = vec2<f32>(cos(2.0 * PI * u.y), sin(2.0 * PI * u.y)) * sqrt(max(1.0 - z * z, 0.0));

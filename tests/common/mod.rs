@@ -106,7 +106,7 @@ pub fn project(config: &mut RunConfig, Polar { gaze, space }: Polar) {
 /// Returns one of two feature sets that covers `needs`: drivers take longer to compile shaders for each scene than to
 /// render small frames. Gloss is kept as needed, because it changes the image; the tables add instances.
 fn shared_shaders(needs: SceneNeeds) -> SceneNeeds {
-    let all = SceneNeeds { gloss: needs.gloss, instances: false, ..SceneNeeds::ALL };
+    let all = SceneNeeds { instances: false, ..needs.widened() };
     let common = SceneNeeds {
         second_uvs: false,
         transmission: false,

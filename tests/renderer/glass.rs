@@ -132,10 +132,10 @@ fn an_opaque_surface_with_a_volume_is_opaque() {
         // Seen from behind, a ray would have passed through the volume.
         scene.instances[0].world_from_local = glam::Affine3A::from_rotation_x(std::f32::consts::PI);
         scene.lights.push(sun(vec3(0.3, -1.0, 0.1), 0.0));
-        let gloss = SceneNeeds::of(&scene).gloss;
         rendered(&scene, |settings| {
             settings.envelope.most.bounces = 4;
-            settings.buffers.needs = if all { SceneNeeds { gloss, ..SceneNeeds::ALL } } else { SceneNeeds::of(&scene) };
+            let needs = SceneNeeds::of(&scene);
+            settings.buffers.needs = if all { needs.widened() } else { needs };
         })
     };
     let expected = render(None, false);

@@ -9,6 +9,8 @@ use crate::reference::ztest::{Estimate, assert_agrees, compare, verdict};
 use crate::reference::{Pinhole, Reference};
 use diptych::RunConfig;
 use diptych::image::{Extent, RgbImage};
+use diptych::passes::denoise::Denoise;
+use diptych::quality::Denoiser;
 use diptych::scene::Scene;
 use diptych::scene::gltf;
 use diptych::scene::load::load_shot;
@@ -280,6 +282,42 @@ fn seeds_name_random_numbers_of_their_own() {
         of_seeds.abs_diff(of_frames) < of_frames / 10,
         "{of_seeds} with another seed, {of_frames} in another frame"
     );
+}
+
+/// A denoiser that leaves light as it was traced.
+struct Identity;
+
+impl Denoise for Identity {
+    fn name(&self) -> &'static str {
+        "identity"
+    }
+
+    fn help(&self) -> Option<&'static str> {
+        None
+    }
+}
+
+/// Add rows in [`lit::HARD`].
+#[test]
+fn hard_shadows_outside_the_denoiser_change_the_noise_and_not_the_mean() {
+    let denoiser = Denoiser::register(&Identity).unwrap();
+    for (name, light) in lit::HARD {
+        let subject = subject(lit::things(name, light));
+        assert!(subject.needs.hard_lights, "{name}");
+        // One sample goes through the pixel's centre; several are spread over the pixel.
+        for spp in [1, 4] {
+            let side = |hard_shadows: bool| {
+                let mut settings = subject.settings(EXTENT.width, EXTENT.height);
+                (settings.hard_shadows, settings.seed) = (hard_shadows, 1 + u32::from(hard_shadows));
+                let most = &mut settings.envelope.most;
+                (most.denoiser, most.iterations, most.spp, most.bounces) = (Some(denoiser), [1; 3], spp, 2);
+                let subject = &subject;
+                move |numbers: Range<u64>, _| renders(subject, 0.0, &settings, numbers)
+            };
+            let [filtered, apart] = estimates(QUICK.resolution, [&mut side(false), &mut side(true)]);
+            assert_agrees(&format!("{name}, {spp} spp"), &filtered, &apart, QUICK.resolution);
+        }
+    }
 }
 
 /// Batches, running means and jitter: many samples in one frame have the same mean as many frames of few samples.

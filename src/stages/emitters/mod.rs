@@ -30,6 +30,10 @@ pub struct Emitters {
     pub env_size: [u32; 2],
     /// Number of lights in the light tree.
     local_count: u32,
+    /// Index of the first local light with hard shadows, and the number of these lights.
+    hard: [u32; 2],
+    /// True if there are directional lights and all have hard shadows.
+    has_hard_suns: bool,
     /// Rows of the sphere tree in the table of nodes: the first, and the one after the last.
     sphere_rows: [u32; 2],
     light_tree: u32,
@@ -215,6 +219,10 @@ impl Emitters {
                 _ => local.push((gpu_light(&light), local_bounds(&light))),
             }
         }
+        out.hard = [spheres.len(), local.len()].map(|count| count as u32);
+        let is_sun = |l: &&scene::Light| matches!(l.kind, LightKind::Directional { .. });
+        out.has_hard_suns =
+            !directional.is_empty() && scene.lights.iter().filter(is_sun).all(scene::Light::has_hard_shadows);
         let balls: Vec<_> = spheres.iter().map(|(l, _)| (l.position, l.radius)).collect();
         spheres.extend(local);
         for (prim, t) in triangles {
@@ -257,6 +265,9 @@ impl Emitters {
             group_count: groups.iter().map(|&n| u32::from(n > 0)).sum(),
             local_count,
             directional_count,
+            first_hard: self.hard[0],
+            hard_count: self.hard[1],
+            has_hard_suns: self.has_hard_suns.into(),
             ..Lights::default()
         }
     }

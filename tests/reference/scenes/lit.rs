@@ -37,6 +37,19 @@ pub const CARDS: [Row; 5] = [
     ("seen_from_behind", |scene| add_card(scene, Card::FromBehind)),
 ];
 
+/// Lights with hard shadows, alone and among others.
+pub const HARD: [Row; 3] = [
+    ("hard_point", |scene| scene.lights.push(point(0.0))),
+    ("narrow_sun_under_a_sky", |scene| {
+        scene.lights.push(sun(0.9));
+        add_sunny_sky(scene);
+    }),
+    ("hard_among_soft", |scene| {
+        add_lamps(scene);
+        scene.lights.extend([point(0.0), spot(0.0), spot(0.2), sun(0.0), sun(0.9)]);
+    }),
+];
+
 /// Returns a floor with a matte, a glossy and a rough metal ball in that light.
 pub fn things(name: &str, add_light: fn(&mut Scene)) -> (Scene, Pinhole) {
     let mut scene = ground(name);
