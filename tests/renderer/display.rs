@@ -87,7 +87,7 @@ fn light_and_exposure_may_be_in_any_unit() {
 fn light_too_bright_for_half_floats_is_cut_and_counted() {
     let subject = under_a_sun(1.0, 1e9);
     let clipped = |exposure_ev, gloss| {
-        let mut settings = RunConfig { exposure_ev, ..subject.accumulated(64, 36) };
+        let mut settings = RunConfig { exposure_ev, hard_shadows: false, ..subject.accumulated(64, 36) };
         settings.buffers.needs.gloss = gloss;
         let frame = Stage::alone(&subject, &settings).frame(0);
         let brightest = frame.linear.left.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));

@@ -125,8 +125,8 @@ fn gradients(
     outputs.get("gradient")
 }
 
-fn overrides(format: Format) -> [(&'static str, bool); 3] {
-    [("SOBOL", true), ("HAS_GLOSS", format.gloss), ("HAS_MOTION", true)]
+fn overrides(format: Format) -> [(&'static str, bool); 4] {
+    [("SOBOL", true), ("HAS_GLOSS", format.gloss), ("HAS_MOTION", true), ("HAS_HARD_LIGHTS", false)]
 }
 
 /// Damages a pixel of the previous frame: its surface may be gone, may not be sampled, or may be a lamp.
@@ -286,7 +286,13 @@ fn traced(
     let whole = Stripe { rows: 0..HEIGHT, valid: 0..HEIGHT };
     let pass = PassConstants { width: WIDTH, height: HEIGHT, ..whole.pass(0, [0, 1, 0]) };
     let nothing = vec![[0u32; 4]; constants.area()];
-    let overrides = [("SOBOL", true), ("HAS_GLOSS", format.gloss), ("JITTER", false), ("MEASURES_VARIANCE", false)];
+    let overrides = [
+        ("SOBOL", true),
+        ("HAS_GLOSS", format.gloss),
+        ("HAS_HARD_LIGHTS", false),
+        ("JITTER", false),
+        ("MEASURES_VARIANCE", false),
+    ];
     let outputs = Kernel::with_scene("path_trace", &overrides, subject).run_frame(
         &frame,
         pass,
