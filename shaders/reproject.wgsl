@@ -6,10 +6,14 @@
 
 //!include frame grid projection split rng pack foveation bindings
 
+// Whether pixels that show several surfaces take over light, for a filter that blends light at edges anyway. Their mean
+// albedo is that of all surfaces.
+override ACCEPTS_MIXED: bool = false;
+
 // Returns the reason that a left pixel is not a valid tap; 0 if it is valid.
 fn why_not(at: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32, slack: f32) -> u32 {
     let hit = left_hit[at];
-    if (hit.w & FLAG_MIXED) != 0u {
+    if !ACCEPTS_MIXED && (hit.w & FLAG_MIXED) != 0u {
         return MIXED;
     }
     if (hit.w & FLAG_VIEW_DEPENDENT) != 0u {
@@ -97,7 +101,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         // Filters do not fill a pixel without a surface at its centre.
         wanted = guide.w == NO_NORMAL || is_sampled(pixel, 1u);
     }
-    if (hit.w & FLAG_MIXED) != 0u {
+    if (hit.w & FLAG_MIXED) != 0u && (!ACCEPTS_MIXED || guide.w == NO_NORMAL) {
         open_hole(at, MIXED, wanted);
         return;
     }

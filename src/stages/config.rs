@@ -214,6 +214,7 @@ impl RunConfig {
         constants.push(("HAS_GLOSS", self.buffers.needs.gloss && self.is_guided_by_variance()));
         let has_hard_lights = self.hard_shadows && self.buffers.needs.hard_lights && self.denoiser().is_some();
         constants.push(("HAS_HARD_LIGHTS", has_hard_lights));
+        constants.push(("ACCEPTS_MIXED", self.denoiser().is_some()));
         constants.push(("JITTER", jitter));
         constants.push(("MEASURES_VARIANCE", jitter && self.is_guided_by_variance()));
         constants.push(("HAS_MOTION", self.buffers.moving.is_some()));

@@ -55,7 +55,7 @@ fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bo
 fn run(
     constants: &Constants,
     stripe: &Stripe,
-    overrides: [Override; 4],
+    overrides: [Override; 5],
     eyes: &Eyes,
     before: &[[u32; 4]],
     tally: &[u32],
@@ -74,13 +74,23 @@ fn run(
     Kernel::new("reproject", &overrides).run(constants, stripe.pass(1, [0; 3]), constants.width, &buffers)
 }
 
-fn compare(gloss: bool, sparse: bool, adjust: impl Fn(&mut Constants), seed: u64, expected: &[&'static str]) {
+fn compare(
+    [gloss, sparse, accepts_mixed]: [bool; 3],
+    adjust: impl Fn(&mut Constants),
+    seed: u64,
+    expected: &[&'static str],
+) {
     let mut random = Random::new(seed);
     let mut constants = Constants { exposure: 1.7, ..Constants::new(WIDTH, HEIGHT) };
     adjust(&mut constants);
     let format = Format { gloss, exposure: constants.exposure.into() };
-    let overrides =
-        [("HAS_GLOSS", gloss), ("SOBOL", true), ("FOVEATED", constants.foveation.layers), ("SPARSE", sparse)];
+    let overrides = [
+        ("HAS_GLOSS", gloss),
+        ("SOBOL", true),
+        ("FOVEATED", constants.foveation.layers),
+        ("SPARSE", sparse),
+        ("ACCEPTS_MIXED", accepts_mixed),
+    ];
     let mut cases = Cases::default();
     for (round, stripe) in stripes().iter().enumerate() {
         let eyes = inputs(&mut random, &constants, format, sparse);
@@ -95,7 +105,7 @@ fn compare(gloss: bool, sparse: bool, adjust: impl Fn(&mut Constants), seed: u64
             }
         };
         let left: Vec<_> = (0..constants.area()).map(|at| pixel(0, at)).collect();
-        let twin = Twin { constants: &constants, sparse, left: &left };
+        let twin = Twin { constants: &constants, sparse, accepts_mixed, left: &left };
         let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits() & 0x0fff_ffff).collect();
         let before = random.rubbish::<4>(constants.area());
         let outputs = run(&constants, stripe, overrides, &eyes, &before, &tally);
@@ -137,12 +147,19 @@ fn compare(gloss: bool, sparse: bool, adjust: impl Fn(&mut Constants), seed: u64
 
 #[test]
 fn light_is_gathered_and_holes_are_told_apart() {
-    compare(false, false, |_| {}, 61, &[]);
+    compare([false; 3], |_| {}, 61, &[]);
 }
 
 #[test]
 fn gloss_is_gathered_beside_matte_light() {
-    compare(true, false, |_| {}, 62, &[]);
+    compare([true, false, false], |_| {}, 62, &[]);
+}
+
+/// Filtered frames need no better light at edges, since the filter blends light there anyway.
+#[test]
+fn pixels_of_several_surfaces_take_over_light_for_a_filter() {
+    compare([false, false, true], |_| {}, 69, &[]);
+    compare([true, true, true], |_| {}, 70, &["not sampled, but traced"]);
 }
 
 /// With temporal accumulation, rays go through different points of the pixel. The eyes are swapped, so that surfaces
@@ -153,23 +170,23 @@ fn light_is_gathered_where_rays_go_through_pixels() {
         c.centre = Vec2::new(0.2, 0.9);
         c.eyes.swap(0, 1);
     };
-    compare(false, false, adjust, 63, &[]);
+    compare([false; 3], adjust, 63, &[]);
 }
 
 #[test]
 fn pixels_that_the_mask_does_not_ask_for_are_left_to_the_filter() {
     let share = |c: &mut Constants| c.foveation.sampled_fraction = 0.6;
-    compare(false, true, share, 64, &["left to the denoiser", "not sampled"]);
-    compare(true, true, share, 65, &["left to the denoiser", "not sampled"]);
-    compare(false, true, |_| {}, 68, &["not sampled, but traced"]);
+    compare([false, true, false], share, 64, &["left to the denoiser", "not sampled"]);
+    compare([true, true, false], share, 65, &["left to the denoiser", "not sampled"]);
+    compare([false, true, false], |_| {}, 68, &["not sampled, but traced"]);
 }
 
 #[test]
 fn outer_layers_allow_surfaces_to_differ_more() {
     let layers = |c: &mut Constants| c.foveation.layers = true;
     let expected = ["left to the denoiser", "not sampled", "not sampled, but traced"];
-    compare(false, true, layers, 66, &expected);
-    compare(true, true, layers, 67, &expected);
+    compare([false, true, false], layers, 66, &expected);
+    compare([true, true, false], layers, 67, &expected);
 }
 
 /// If surfaces fall on whole pixels of the left eye, light of neighbours is no substitute.
@@ -179,7 +196,8 @@ fn whole_pixels_are_gathered_from_one_pixel() {
     let eye = Eye::at_origin(Vec2::splat(0.5));
     let constants = Constants { eyes: [eye, eye.moved(0.5 * DVec3::X, 0.0, 0.0)], ..Constants::new(16, 1) };
     let format = Format { gloss: false, exposure: 1.0 };
-    let overrides = [("HAS_GLOSS", false), ("SOBOL", true), ("FOVEATED", false), ("SPARSE", false)];
+    let overrides =
+        [("HAS_GLOSS", false), ("SOBOL", true), ("FOVEATED", false), ("SPARSE", false), ("ACCEPTS_MIXED", false)];
     let guides = constants.eyes.map(|eye| {
         let behind = |x: u32| f64::from(eye.origin.x) + (f64::from(x) + 0.5) / 4.0 - 2.0;
         (0..16).map(|x| pack_guide(DVec3::new(behind(x), 0.0, -4.0), DVec3::Z)).collect::<Vec<_>>()
@@ -212,7 +230,8 @@ fn whole_pixels_are_gathered_from_one_pixel() {
 
 #[test]
 fn holes_are_dispatched_in_whole_groups() {
-    let overrides = [("HAS_GLOSS", false), ("SOBOL", true), ("FOVEATED", false), ("SPARSE", false)];
+    let overrides =
+        [("HAS_GLOSS", false), ("SOBOL", true), ("FOVEATED", false), ("SPARSE", false), ("ACCEPTS_MIXED", false)];
     for count in [1, 64, 65, 128, 129] {
         let constants = Constants::new(count, 1);
         let zero = vec![[0; 4]; count as usize];

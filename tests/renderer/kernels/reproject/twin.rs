@@ -56,10 +56,17 @@ pub enum Fate {
 }
 
 /// Returns the reason why `left` has no light for the surface `right` of `material`, at a distance `reach` from the
-/// left eye.
-fn refusal(left: Option<&Pixel>, material: u32, right: &Surface, reach: f64, slack: f64) -> Option<Why> {
+/// left eye. `accepts_mixed` is true if light of pixels that show several surfaces is accepted.
+fn refusal(
+    left: Option<&Pixel>,
+    accepts_mixed: bool,
+    material: u32,
+    right: &Surface,
+    reach: f64,
+    slack: f64,
+) -> Option<Why> {
     let Some(left) = left else { return Some(Why::Outside) };
-    if left.is_mixed {
+    if left.is_mixed && !accepts_mixed {
         return Some(Why::Mixed);
     }
     if left.is_view_dependent {
@@ -79,6 +86,8 @@ pub struct Twin<'a> {
     pub constants: &'a Constants,
     /// True if pixels may be left to the denoiser.
     pub sparse: bool,
+    /// True if pixels that show several surfaces take over light.
+    pub accepts_mixed: bool,
     pub left: &'a [Pixel],
 }
 
@@ -86,7 +95,7 @@ impl Twin<'_> {
     pub fn fate(&self, (x, y): (u32, u32), right: &Pixel, cases: &mut Cases) -> Fate {
         let asked = !self.sparse || right.surface.is_none() || self.constants.is_sampled((x, y), 1);
         let hole = |why, is_wanted| if is_wanted { Fate::Hole(why) } else { Fate::LeftToFilter };
-        if right.is_mixed {
+        if right.is_mixed && (!self.accepts_mixed || right.surface.is_none()) {
             return hole(Why::Mixed, asked);
         }
         let Some(surface) = right.surface else { return Fate::Sky };
@@ -105,7 +114,7 @@ impl Twin<'_> {
             let within = (0..i64::from(self.constants.width)).contains(&tap);
             within.then(|| &self.left[self.constants.index(tap as u32, y)])
         });
-        let refusals = taps.map(|tap| refusal(tap, right.material, &surface, reach, slack));
+        let refusals = taps.map(|tap| refusal(tap, self.accepts_mixed, right.material, &surface, reach, slack));
         let light = |i: usize| taps[i].and_then(|tap| tap.light).filter(|_| refusals[i].is_none());
         let weighted = [(light(0), 1.0 - fraction), (light(1), fraction)];
         let weight: f64 = weighted.iter().filter_map(|(light, w)| light.map(|_| w)).sum();
