@@ -60,6 +60,12 @@ fn is_pane(m: &Material) -> bool {
     m.enclosed_volume().is_none() && m.may_transmit_smoothly()
 }
 
+/// Returns true if the mesh is evenly translucent. Shadow rays pass it at random, so shadows would be noisy everywhere.
+/// Textures, whose alpha is 0 or 1 nearly everywhere, do not count.
+fn is_veil(mesh: &Mesh, m: &Material) -> bool {
+    m.alpha_mode == AlphaMode::Blend && (m.base_color.w < 1.0 || mesh.colors.iter().any(|color| color.w < 1.0))
+}
+
 /// Largest number of lights with hard shadows that are traced at the first surface. Each costs a shadow ray per pixel.
 const MOST_HARD_LIGHTS: usize = 4;
 
@@ -133,7 +139,7 @@ impl SceneNeeds {
             directional: scene.lights.iter().any(|l| radius(&l.kind).is_none()),
             constant_environment: matches!(scene.environment, Environment::Constant(c) if c != glam::Vec3::ZERO),
             environment_map: matches!(scene.environment, Environment::Map { .. }),
-            hard_lights: has_hard_lights(scene) && !materials().any(|m| m.alpha_mode == AlphaMode::Blend),
+            hard_lights: has_hard_lights(scene) && !used().any(|mesh| is_veil(mesh, &scene.materials[mesh.material])),
             instances: false,
         }
     }
