@@ -36,7 +36,7 @@ pub fn build(
     config: &RunConfig,
 ) -> Result<Vec<Built>, StageError> {
     let kernel = pass.kernel;
-    let variant = ShaderVariant { access: gpu.scene_access(), projection: config.envelope.most.polar.into() };
+    let variant = ShaderVariant { access: gpu.scene_access(), polar: config.envelope.most.polar };
     let shader = Shader::new(&kernel, &pass.uses, variant);
     let declared = override_names(shader.text());
     let mut one = |kind: Option<bool>, jitter| {
@@ -44,7 +44,7 @@ pub fn build(
         // Foreign shaders (from outside the library) may share a name, so their text is the key.
         let name = if kernel.foreign_text().is_some() { shader.text() } else { kernel.name };
         let (name, checks) = (name.to_owned(), shader.checks(config.execution.checks));
-        let key = PipelineKey { shader: name, projection: shader.projection(), checks, constants };
+        let key = PipelineKey { shader: name, projection: shader.projection, checks, constants };
         let pipeline = match gpu.pipelines.get(&key) {
             Some(kept) => kept.clone(),
             None => {

@@ -7,6 +7,7 @@ use glam::{DMat3, DVec3};
 use super::{FrameParams, RunConfig, SceneTables, layout};
 use crate::image::Extent;
 use crate::passes::Display;
+use crate::projection::PolarSpace;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
 
@@ -63,7 +64,10 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
                     display_maps(optics, sizes)
                 }
             }),
-            log_polar: polar.as_ref().map(|polar| polar.space.constants(screen)).unwrap_or_default(),
+            log_polar: match quality.polar {
+                Some(PolarSpace::Log(map)) => map.constants(screen),
+                _ => Default::default(),
+            },
         },
         sampling: layout::Sampling {
             index,

@@ -3,9 +3,8 @@
 
 use std::f64::consts::TAU;
 
-use diptych::quality::LogPolar;
-use diptych::stages::TracedProjection;
-use diptych::stages::layout::{self, Camera, Frame, PassConstants, View};
+use diptych::projection::{LogPolar, LogPolarMap, PolarSpace};
+use diptych::stages::layout::{Camera, Frame, PassConstants, View};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
 use super::camera::Eye;
@@ -92,7 +91,7 @@ impl Image {
 
     fn frame(&self) -> Frame {
         let [rings, first_ring] = self.rings();
-        let log_polar = layout::LogPolar {
+        let log_polar = LogPolarMap {
             screen: self.screen.as_vec2(),
             log_diagonal: self.log_diagonal() as f32,
             kernel: self.mode.alpha as f32,
@@ -256,7 +255,7 @@ fn auxiliary_images_have_the_pixel_that_shows_a_point() {
             let pass = PassConstants { width, height, ..stripe.pass(1, [0; 3]) };
             let groups = [width.div_ceil(8), (stripe.rows.end - stripe.rows.start).div_ceil(8)];
             let buffers = [("polar", Buffer::whole(&polar)), ("aov", Buffer::image(&before))];
-            let outputs = Kernel::projected(TracedProjection::LogPolar, "aov_to_screen", &[]).run_frame(
+            let outputs = Kernel::projected(Some(PolarSpace::Log(*mode)), "aov_to_screen", &[]).run_frame(
                 &image.frame(),
                 pass,
                 groups,

@@ -10,10 +10,9 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use diptych::device::GpuDevice;
 use diptych::device::SceneAccess;
+use diptych::projection::PolarSpace;
 use diptych::stages::layout::{Frame, PassConstants};
-use diptych::stages::{
-    SceneBuffers, SceneTables, ShaderVariant, TracedProjection, override_names, scene_layout_entries, shader_text_of,
-};
+use diptych::stages::{SceneBuffers, SceneTables, ShaderVariant, override_names, scene_layout_entries, shader_text_of};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 pub use self::buffers::{Buffer, Outputs, Stripe, only_in};
@@ -59,13 +58,13 @@ pub struct Kernel {
 
 impl Kernel {
     pub fn new(shader: &'static str, overrides: &[Override]) -> Self {
-        Self::projected(TracedProjection::default(), shader, overrides)
+        Self::projected(None, shader, overrides)
     }
 
-    /// Creates a kernel for images in this projection.
-    pub fn projected(projection: TracedProjection, shader: &'static str, overrides: &[Override]) -> Self {
+    /// Creates a kernel for images in this polar projection, or in the perspective one.
+    pub fn projected(polar: Option<PolarSpace>, shader: &'static str, overrides: &[Override]) -> Self {
         let access = SceneAccess::default();
-        Self::of(shader, shader_text_of(shader, ShaderVariant { access, projection }), overrides)
+        Self::of(shader, shader_text_of(shader, ShaderVariant { access, polar }), overrides)
     }
 
     /// Creates a kernel that reads this scene, with the scene's override constants and `overrides`.
