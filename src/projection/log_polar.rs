@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::method::{PolarPoint, Project, within};
 use super::view::View;
 use crate::image::Extent;
-use crate::wgsl::shared_structs;
+use crate::wgsl::{Declaration, shared_structs};
 
 /// Distances from the gaze at which the blur begins and at which it is strongest, as fractions of the diagonal. The
 /// paper does not give them.
@@ -67,7 +67,7 @@ impl LogPolar {
     }
 
     /// Returns the shader constants for a screen of this size.
-    pub(crate) fn constants(&self, screen: Extent) -> LogPolarMap {
+    fn map(&self, screen: Extent) -> LogPolarMap {
         let (width, height) = (f64::from(screen.width), f64::from(screen.height));
         let diagonal = width.hypot(height);
         let columns = ((width * height / self.aspect).sqrt() / self.sigma).round().max(1.0);
@@ -116,7 +116,7 @@ impl Display for LogPolar {
 }
 
 shared_structs! {
-    /// Mapping of log-polar images. All members are 0 if images are not log-polar.
+    /// Constants of the include.
     pub struct LogPolarMap {
         /// Size of an eye's screen, pixels.
         pub screen: Vec2,
@@ -157,6 +157,14 @@ impl Project for LogPolar {
         self.blur.then_some("log_polar_blur")
     }
 
+    fn declaration(&self) -> Option<Declaration> {
+        structs().pop()
+    }
+
+    fn constants(&self, screen: Extent) -> Vec<u8> {
+        bytemuck::bytes_of(&self.map(screen)).to_vec()
+    }
+
     fn label(&self) -> String {
         format!("{} {self}", self.name())
     }
@@ -170,14 +178,14 @@ impl Project for LogPolar {
 
     /// Returns the size of images that have enough rows for any gaze.
     fn grid(&self, screen: Extent) -> Extent {
-        let map = self.constants(screen);
+        let map = self.map(screen);
         let (square, own) = (square(&map), f64::from(map.rings - map.first_ring).round());
         Extent::new(f64::from(map.columns).max(square) as u32, (square + own) as u32)
     }
 
     /// Returns `view` with enough rows for its rings to reach the farthest corner of the screen.
     fn look(&self, view: View, gaze: [f64; 2], screen: Extent) -> View {
-        let map = self.constants(screen);
+        let map = self.map(screen);
         let screen = map.screen.as_dvec2();
         let at = DVec2::from(gaze) * screen;
         let rings = ring_of(&map, at.max(screen - at).length()).ceil().max(1.0);
@@ -188,15 +196,15 @@ impl Project for LogPolar {
     /// Returns the number of pixels of the square and of the view's rings.
     fn pixels(&self, view: &View, screen: Extent) -> u64 {
         let (rows, square) = (f64::from(view.rows), f64::from(view.fovea_rows));
-        (square * square + (rows - square) * f64::from(self.constants(screen).columns)) as u64
+        (square * square + (rows - square) * f64::from(self.map(screen).columns)) as u64
     }
 
     fn traced(&self, view: &View, screen: Extent) -> u64 {
-        traced(&self.constants(screen), view)
+        traced(&self.map(screen), view)
     }
 
     fn places(&self, view: View, screen: Extent) -> Box<dyn Fn(DVec2, DVec3) -> PolarPoint> {
-        let map = self.constants(screen);
+        let map = self.map(screen);
         Box::new(move |at, _| place(&map, &view, at))
     }
 }
@@ -296,7 +304,7 @@ mod tests {
     fn densities_add_up_to_the_pixels_of_a_ring_on_the_screen() {
         let (screen, middle) = (Extent::new(400, 300), DVec2::new(200.0, 150.0));
         for (name, mode) in LogPolar::PRESETS {
-            let map = mode.constants(screen);
+            let map = mode.map(screen);
             let view = mode.look(View::default(), [0.5, 0.5], screen);
             let at = |i: usize| DVec2::new((i % 400) as f64 + 0.5, (i / 400) as f64 + 0.5);
             // Closer to the gaze, the density changes within a pixel.
@@ -314,7 +322,7 @@ mod tests {
         for (width, height) in [(1, 1), (2, 1), (64, 1), (3, 200), (8192, 8192)] {
             for (name, mode) in LogPolar::PRESETS {
                 let screen = Extent::new(width, height);
-                let map = mode.constants(screen);
+                let map = mode.map(screen);
                 let (grid, view) = (mode.grid(screen), mode.look(View::default(), [0.3, 0.6], screen));
                 assert!(
                     grid.width >= 1 && grid.height as f32 >= view.rows && view.rows >= 1.0,

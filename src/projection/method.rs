@@ -7,6 +7,7 @@ use glam::{DVec2, DVec3};
 
 use super::view::View;
 use crate::image::Extent;
+use crate::wgsl::Declaration;
 
 /// Position of a screen pixel in a polar image, and the density of the image there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,6 +33,17 @@ pub trait Project {
     /// Returns the name of the kernel that blurs images with increasing distance from the gaze; `None` without blur.
     fn blur(&self) -> Option<&'static str> {
         None
+    }
+
+    /// Returns the declaration of the struct of constants that the include reads as `projection`; `None` if it reads
+    /// none.
+    fn declaration(&self) -> Option<Declaration> {
+        None
+    }
+
+    /// Returns the bytes of this struct, which all frames of a run share.
+    fn constants(&self, _screen: Extent) -> Vec<u8> {
+        Vec::new()
     }
 
     /// Returns the name with the parameters, if there are any.

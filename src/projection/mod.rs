@@ -15,14 +15,13 @@ use std::fmt::{self, Display};
 
 use serde::{Deserialize, Serialize};
 
-use crate::wgsl::Declaration;
 use visual_polar::VisualPolar;
 
 pub use log_polar::{LogPolar, LogPolarMap};
 pub(crate) use method::within;
 pub use method::{PolarPoint, Project};
 pub use polar::Polar;
-pub use view::View;
+pub use view::{View, structs};
 
 /// Projections whose pixels are arranged around the gaze. Files contain the names of the variants.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,11 +45,6 @@ impl PolarSpace {
             Self::Log(map) => map,
         }
     }
-}
-
-/// Returns the WGSL declarations of the structs that projections share with shaders.
-pub fn structs() -> Vec<Declaration> {
-    [view::structs(), log_polar::structs()].concat()
 }
 
 impl Display for PolarSpace {

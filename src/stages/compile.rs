@@ -74,9 +74,11 @@ fn compile(
     let entries: Vec<_> = pass.uses.iter().enumerate().map(|(i, used)| layout_entry(i as u32, used)).collect();
     let layout =
         gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(name), entries: &entries });
+    let projection = projection_layout(gpu);
+    let groups = [Some(group0), Some(&layout), Some(&projection)];
     let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(name),
-        bind_group_layouts: &[Some(group0), Some(&layout)],
+        bind_group_layouts: &groups[..if shader.reads_projection() { 3 } else { 2 }],
         immediate_size: PASS_BYTES,
     });
     let constants: Vec<_> = key.constants.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
@@ -97,6 +99,12 @@ fn compile(
         return Err(StageError::Pipeline { device, shader: name, what });
     }
     Ok(Pipeline { compute, layout })
+}
+
+/// Returns the layout of the bind group of the projection's constants.
+pub fn projection_layout(gpu: &GpuDevice) -> wgpu::BindGroupLayout {
+    let entries = &[buffer_entry(0, wgpu::BufferBindingType::Uniform)];
+    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("projection"), entries })
 }
 
 fn layout_entry(binding: u32, used: &Use) -> wgpu::BindGroupLayoutEntry {

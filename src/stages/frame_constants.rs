@@ -7,7 +7,6 @@ use glam::{DMat3, DVec3};
 use super::{FrameParams, RunConfig, SceneTables, layout};
 use crate::image::Extent;
 use crate::passes::Display;
-use crate::projection::PolarSpace;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
 
@@ -64,10 +63,6 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
                     display_maps(optics, sizes)
                 }
             }),
-            log_polar: match quality.polar {
-                Some(PolarSpace::Log(map)) => map.constants(screen),
-                _ => Default::default(),
-            },
         },
         sampling: layout::Sampling {
             index,

@@ -12,8 +12,8 @@ use self::tables::{ROLES, TABLES};
 use crate::accel::{self, SPHERE, TRIANGLE_ALPHA};
 use crate::graph::LIST_HEADER;
 use crate::passes::SKIPPED;
+use crate::projection;
 pub use crate::projection::View;
-use crate::projection::{self, LogPolarMap};
 use crate::wgsl::{Declaration, Table, constants, declare, shared_constants, shared_structs};
 
 shared_structs! {
@@ -41,7 +41,6 @@ shared_structs! {
         /// Size of the traced images, pixels.
         pub width: u32,
         pub height: u32,
-        pub log_polar: LogPolarMap,
         /// Display resampling of the left and the right eye.
         pub display_maps: [DisplayMap; 2],
     }

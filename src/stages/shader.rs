@@ -28,6 +28,9 @@ const CHANGED_TABLES: &str = "changed_tables";
 /// Include that maps pixels to rays: `grid_perspective`, or `grid_polar` and the include of the polar projection.
 const PROJECTION: &str = "projection";
 
+/// Start of the declaration of the projection's constants.
+const CONSTANTS: &str = "@group(2) @binding(0) var<uniform> projection: ";
+
 /// Selects one file of each include that has several.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ShaderVariant {
@@ -69,6 +72,11 @@ impl Shader {
 
     pub fn text(&self) -> &str {
         &self.text
+    }
+
+    /// Returns true if the shader reads constants of the projection, which are in group 2.
+    pub fn reads_projection(&self) -> bool {
+        self.text.contains(CONSTANTS)
     }
 
     /// Returns the run-time checks to compile with: all checks for a shader from outside the library, and `own` for the
@@ -131,12 +139,20 @@ pub fn shader_text(kernel: &Kernel, uses: &[Use], variant: impl Into<ShaderVaria
                 _ => vec![include.to_owned()],
             };
             for name in files {
+                out += &constants(&name);
                 out += file(kernel.name, &format!("{name}.inc"));
                 out.push('\n');
             }
         }
     }
     out
+}
+
+/// Returns the declarations of the constants that a projection's include reads; empty for other includes.
+fn constants(include: &str) -> String {
+    let space = PolarSpace::ALL.iter().find(|space| space.method().include() == include);
+    let declaration = space.and_then(|space| space.method().declaration());
+    declaration.map_or_else(String::new, |of| format!("{of}{CONSTANTS}{};\n", of.name))
 }
 
 /// Returns the name of a projection's include.
@@ -178,7 +194,8 @@ pub fn shader_text_of(name: &str, variant: impl Into<ShaderVariant>) -> String {
 pub fn all_shader_text(access: SceneAccess) -> String {
     let own = passes::pass_of_each_kernel().iter().map(|pass| pass_text(pass, access)).collect::<String>();
     let polar = PolarSpace::ALL.iter().map(|space| space.method().include());
-    own + &polar.chain(["grid_polar"]).map(|name| file(PROJECTION, &format!("{name}.inc"))).collect::<String>()
+    let text = |name: &str| constants(name) + file(PROJECTION, &format!("{name}.inc"));
+    own + &polar.chain(["grid_polar"]).map(text).collect::<String>()
 }
 
 /// Returns the names of a shader's override constants.

@@ -156,9 +156,11 @@ impl Kernel {
         let frame = std::iter::once(layout_entry(0, Kind::Uniform)).chain(scene);
         let constants = group(&frame.chain(entries(0)).collect::<Vec<_>>());
         let buffers = group(&entries(1).collect::<Vec<_>>());
+        let projection = group(&entries(2).collect::<Vec<_>>());
+        let groups = [Some(&constants), Some(&buffers), Some(&projection)];
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label,
-            bind_group_layouts: &[Some(&constants), Some(&buffers)],
+            bind_group_layouts: &groups[..if entries(2).next().is_some() { 3 } else { 2 }],
             immediate_size: size_of::<PassConstants>() as u32,
         });
         let values: Vec<_> = self.overrides.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
@@ -211,12 +213,16 @@ impl Kernel {
         let frame_group =
             group(0, &std::iter::once(entry(0, &uniform)).chain(of_scene).chain(of(0)).collect::<Vec<_>>());
         let buffer_group = group(1, &of(1).collect::<Vec<_>>());
+        let projection_group = of(2).next().map(|bound| group(2, &[bound]));
         let mut encoder = device.create_command_encoder(&Default::default());
         {
             let mut compute = encoder.begin_compute_pass(&Default::default());
             compute.set_pipeline(&compiled.pipeline);
             compute.set_bind_group(0, &frame_group, &[]);
             compute.set_bind_group(1, &buffer_group, &[]);
+            if let Some(group) = &projection_group {
+                compute.set_bind_group(2, group, &[]);
+            }
             compute.set_immediates(0, bytemuck::bytes_of(&pass));
             compute.dispatch_workgroups(across, down, 1);
         }
