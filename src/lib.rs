@@ -43,6 +43,7 @@
 pub mod image;
 pub mod scene;
 pub mod wgsl;
+pub mod projection;
 pub mod accel;
 pub mod graph;
 pub mod passes;

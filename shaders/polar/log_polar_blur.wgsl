@@ -6,7 +6,7 @@
 
 // Blends a pixel with its two neighbours. At full blur, the weights are 1/4, 1/2 and 1/4, a Gaussian of three taps.
 fn blurred_by_next(pixel: vec2<u32>, along_columns: bool) -> vec3<f32> {
-    let map = frame.camera.log_polar;
+    let map = projection;
     let own = source[pixel_index(pixel)].rgb;
     let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
     let distance = distance_at(f32(pixel.y) + 0.5, fovea_rows);

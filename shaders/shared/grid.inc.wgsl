@@ -1,6 +1,6 @@
 // Parts of the grid that all projections share. The include of the frame's projection adds the functions that map pixels
 // of the pass's grid to rays, and points in the scene to pixels: `grid_perspective`, or `grid_polar` with
-// `grid_visual_polar` or `grid_log_polar` (see `stages/polar.rs`). Rows of polar images are rings around the gaze, and
+// `grid_visual_polar` or `grid_log_polar` (see `src/projection`). Rows of polar images are rings around the gaze, and
 // columns are directions from it. Every projection defines:
 //
 // IS_POLAR           whether rows are rings: columns wrap around, and rows may have lengths of their own

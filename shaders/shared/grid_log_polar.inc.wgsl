@@ -6,7 +6,7 @@ fn is_in_square(eye_fovea_rows: f32, row: i32) -> bool {
 }
 
 fn row_length(eye_fovea_rows: f32, row: i32) -> f32 {
-    let length = select(frame.camera.log_polar.columns, eye_fovea_rows, is_in_square(eye_fovea_rows, row));
+    let length = select(projection.columns, eye_fovea_rows, is_in_square(eye_fovea_rows, row));
     // The clamp changes no value. Without it, Mesa's software driver rounds image points differently.
     return clamp(length, 1.0, f32(frame.camera.width));
 }
@@ -32,14 +32,14 @@ fn gaze_on_screen(view: u32) -> vec2<f32> {
 
 // Distance from the gaze, in screen pixels, of a row position among the rings.
 fn distance_at(row: f32, fovea_rows: f32) -> f32 {
-    let map = frame.camera.log_polar;
+    let map = projection;
     let share = max(row - fovea_rows + map.first_ring, 0.0) / map.rings;
     return exp(map.log_diagonal * pow(share, 1.0 / map.kernel));
 }
 
 // Columns and rows per screen pixel, at this distance from the gaze (at least 1 pixel).
 fn log_polar_density(distance: f32) -> vec2<f32> {
-    let map = frame.camera.log_polar;
+    let map = projection;
     let share = max(log(distance) / map.log_diagonal, 1e-6);
     let rows = map.rings * map.kernel * pow(share, map.kernel - 1.0) / (map.log_diagonal * distance);
     return vec2<f32>(map.columns / (TAU * distance), rows);
@@ -56,13 +56,13 @@ fn log_polar_on_screen(view: u32, at: vec2<f32>) -> vec2<f32> {
     if at.y < fovea_rows {
         return floor(gaze) - 0.5 * fovea_rows + at;
     }
-    let turn = TAU * at.x / frame.camera.log_polar.columns;
+    let turn = TAU * at.x / projection.columns;
     return gaze + distance_at(at.y, fovea_rows) * vec2<f32>(cos(turn), sin(turn));
 }
 
 // Image point that shows a screen point.
 fn log_polar_point(at: vec2<f32>, eye: View) -> vec2<f32> {
-    let map = frame.camera.log_polar;
+    let map = projection;
     let gaze = vec2<f32>(eye.gaze_x, eye.gaze_y);
     let away = at - gaze;
     let distance = length(away);
@@ -76,7 +76,7 @@ fn log_polar_point(at: vec2<f32>, eye: View) -> vec2<f32> {
 }
 
 fn is_shown(pixel: vec2<u32>) -> bool {
-    let map = frame.camera.log_polar;
+    let map = projection;
     let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
     let at = log_polar_on_screen(pass_.view, vec2<f32>(pixel) + 0.5);
     var margin = 1.0;
@@ -91,7 +91,7 @@ fn is_shown(pixel: vec2<u32>) -> bool {
 }
 
 fn ray_of(view: u32, at: vec2<f32>) -> vec3<f32> {
-    return pinhole_ray(view, log_polar_on_screen(view, at), frame.camera.log_polar.screen);
+    return pinhole_ray(view, log_polar_on_screen(view, at), projection.screen);
 }
 
 fn traced_point(at: vec2<f32>, size: vec2<f32>) -> vec2<f32> {
@@ -99,6 +99,6 @@ fn traced_point(at: vec2<f32>, size: vec2<f32>) -> vec2<f32> {
 }
 
 fn pixel_of(p: vec3<f32>, eye: View) -> vec3<f32> {
-    let seen = pinhole_point(p - eye.origin, eye, frame.camera.log_polar.screen);
+    let seen = pinhole_point(p - eye.origin, eye, projection.screen);
     return vec3<f32>(log_polar_point(seen.xy, eye), seen.z);
 }

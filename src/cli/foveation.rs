@@ -1,7 +1,9 @@
 //! Options of foveation.
 
 use std::str::FromStr;
+use std::sync::LazyLock;
 
+use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
 
 use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
@@ -10,17 +12,32 @@ use crate::stages::Foveation;
 
 use super::denoisers::DenoiserChoice;
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum FoveationMode {
-    /// The same quality everywhere
     #[default]
     None,
-    /// Three layers: fewer samples and more filtering away from the gaze
     Layers,
-    /// Visual-polar space: pixel density follows visual acuity
-    VisualPolar,
-    /// Log-polar space, set by --polar
-    LogPolar,
+    /// A polar projection; other options may change its parameters.
+    Polar(PolarSpace),
+}
+
+impl ValueEnum for FoveationMode {
+    fn value_variants<'a>() -> &'a [Self] {
+        static ALL: LazyLock<Vec<FoveationMode>> = LazyLock::new(|| {
+            let polar = PolarSpace::ALL.iter().map(|space| FoveationMode::Polar(*space));
+            [FoveationMode::None, FoveationMode::Layers].into_iter().chain(polar).collect()
+        });
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let (name, help) = match self {
+            Self::None => ("none", "The same quality everywhere"),
+            Self::Layers => ("layers", "Three layers: fewer samples and more filtering away from the gaze"),
+            Self::Polar(space) => (space.method().name(), space.method().help()),
+        };
+        Some(PossibleValue::new(name).help(help))
+    }
 }
 
 impl FoveationMode {
@@ -32,17 +49,20 @@ impl FoveationMode {
 
     /// Returns the polar space that replaces the screen's pixel grid, if any. `map` is the mapping of log-polar space.
     pub fn space(self, map: Option<LogPolar>) -> Option<PolarSpace> {
-        match self {
-            Self::None | Self::Layers => None,
-            Self::VisualPolar => Some(PolarSpace::Visual),
-            Self::LogPolar => Some(PolarSpace::Log(map.unwrap_or(LogPolar::COMPOSITE))),
+        match (self, map) {
+            (Self::None | Self::Layers, _) => None,
+            (Self::Polar(PolarSpace::Log(_)), Some(map)) => Some(PolarSpace::Log(map)),
+            (Self::Polar(space), _) => Some(space),
         }
+    }
+
+    pub fn is_log_polar(self) -> bool {
+        matches!(self, Self::Polar(PolarSpace::Log(_)))
     }
 
     fn of(quality: &Quality) -> Self {
         match (quality.polar, quality.fovea) {
-            (Some(PolarSpace::Visual), _) => Self::VisualPolar,
-            (Some(PolarSpace::Log(_)), _) => Self::LogPolar,
+            (Some(space), _) => Self::Polar(space),
             (None, Some(_)) => Self::Layers,
             (None, None) => Self::None,
         }
@@ -83,7 +103,7 @@ impl FoveationOptions {
         let foveation = FoveationMode::of(quality);
         let polar = match quality.polar {
             Some(PolarSpace::Log(map)) => Some(map),
-            Some(PolarSpace::Visual) | None => None,
+            _ => None,
         };
         let limits = Self { foveation, polar, layer_radii: quality.fovea, ..Self::default() };
         Self { iterations: Some(limits.limit(quality).iterations), ..limits }
@@ -145,12 +165,9 @@ impl FoveationOptions {
         }
         anyhow::ensure!(
             self.foveation != FoveationMode::None || self.gaze.is_none(),
-            "--gaze needs --foveation layers, visual-polar or log-polar"
+            "--gaze needs foveation: choose another --foveation than none"
         );
-        anyhow::ensure!(
-            self.foveation == FoveationMode::LogPolar || self.polar.is_none(),
-            "--polar needs --foveation log-polar"
-        );
+        anyhow::ensure!(self.foveation.is_log_polar() || self.polar.is_none(), "--polar needs --foveation log-polar");
         anyhow::ensure!(
             is_on || self.iterations.is_none_or(|[inner, middle, outer]| inner == middle && middle == outer),
             "--iterations M,N,P needs --foveation layers: give one number without it"

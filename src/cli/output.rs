@@ -17,10 +17,11 @@ use crate::metrics::heatmap::number_colour;
 use crate::passes::Aov;
 use crate::passes::aov_image;
 use crate::passes::tonemap::{DISPLAY, LINEAR};
+use crate::projection::Polar;
 use crate::report::record::Unfinished;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
-use crate::stages::{Foveation, Polar};
+use crate::stages::Foveation;
 
 use super::failure::Failure;
 

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::quality::{Quality, within};
+use crate::projection::within;
+use crate::quality::Quality;
 
 /// The measure of the errors of a ladder's rungs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -16,11 +16,12 @@ use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, costs, q
 use crate::device::{DeviceFailure, DeviceInfo, Traversal};
 use crate::graph::{FrameGraph, Resource};
 use crate::image::Extent;
+use crate::projection::Polar;
 use crate::scene::rig::Rig;
 use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, cuts, simulate};
 use crate::stages::frame_constants::{Samples, constants};
 use crate::stages::search_range::history_rows;
-use crate::stages::{Foveation, Place, Polar, RunConfig, SceneTables, StageError, layout};
+use crate::stages::{Foveation, Place, RunConfig, SceneTables, StageError, layout};
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
@@ -395,6 +396,7 @@ impl Renderer {
     fn history_rows(&self, inputs: &Inputs) -> Option<u32> {
         let keeps = self.config.keeps_history();
         let Inputs { constants, previous, moved, .. } = inputs;
-        keeps.then(|| history_rows(&constants.camera, &previous.views, &self.tables, moved)).flatten()
+        let polar = self.config.envelope.most.polar;
+        keeps.then(|| history_rows(polar, &constants.camera, &previous.views, &self.tables, moved)).flatten()
     }
 }

@@ -7,7 +7,7 @@
 
 use super::Pair;
 use super::rings::Viewing;
-use crate::quality::acuity::acuity;
+use crate::projection::acuity::acuity;
 
 /// Eccentricity at which acuity has fallen to one half.
 const HALF_ACUITY_DEG: f64 = 2.3;

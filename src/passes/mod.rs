@@ -29,11 +29,12 @@ pub use declared::Declared;
 pub use display_resampling::LATE_PARTITION;
 pub use moving::Moving;
 pub use resources::{HOLES, PREVIOUS};
-pub use spec::{Display, FrameSpec, ImageChain, PolarImage, Views};
+pub use spec::{Display, FrameSpec, ImageChain, Views};
 pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
 
 use crate::graph::{Partition, Pass, Program, ProgramError, Seam};
 use crate::image::Extent;
+use crate::projection::PolarSpace;
 use crate::scene::rig::Eye;
 use denoise::{Denoiser, Light};
 
@@ -169,14 +170,11 @@ fn all_passes() -> impl Iterator<Item = Pass> {
     let one = Extent::new(1, 1);
     let resampled = |is_late| Display::Resampled { projection: one, is_late };
     let direct = ImageChain::direct(one);
-    let chains = [
-        direct,
-        ImageChain { polar: Some(PolarImage { blur: Some("visual_polar_blur") }), ..direct },
-        ImageChain { polar: Some(PolarImage { blur: Some("log_polar_blur") }), ..direct },
-        ImageChain { display: resampled(false), ..direct },
-        ImageChain { display: resampled(true), ..direct },
-    ];
-    let kinds = Denoiser::choices().into_iter().flat_map(move |filter| chains.map(|chain| (filter, chain)));
+    let of_spaces = PolarSpace::ALL.iter().map(|space| ImageChain { polar: Some(*space), ..direct });
+    let of_displays = [false, true].map(|is_late| ImageChain { display: resampled(is_late), ..direct });
+    let chains: Vec<_> = [direct].into_iter().chain(of_spaces).chain(of_displays).collect();
+    let with = move |filter| chains.clone().into_iter().map(move |chain| (filter, chain));
+    let kinds = Denoiser::choices().into_iter().flat_map(with);
     kinds.flat_map(move |(filter, chain)| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });

@@ -26,15 +26,15 @@ pub fn screen(extent: Extent) -> Grid {
 
 /// Adds the passes that blur a view's finished polar image and map it to the screen.
 pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
-    let Some(image) = spec.chain.polar else { return };
+    let Some(space) = spec.chain.polar else { return };
+    let kernel = space.method().blur();
     let reach = blur_reach(spec.extent.height);
     let blur = |axis, read: Use, target| {
-        let pass =
-            Pass::new(Stage("polar_blur"), view, tonemap::PARTITION, Kernel::new(image.blur.unwrap_or_default()));
+        let pass = Pass::new(Stage("polar_blur"), view, tonemap::PARTITION, Kernel::new(kernel.unwrap_or_default()));
         pass.index(axis).uses([read.named("source"), Use::write(target).named("blurred")]).args([axis, reach, 0])
     };
     for pass in [blur(0, Use::read(POLAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)] {
-        frame.add_if(image.blur.is_some(), "the polar image is not blurred", pass);
+        frame.add_if(kernel.is_some(), "the polar image is not blurred", pass);
     }
     let grid = screen(spec.chain.screen());
     let [linear, display] = match spec.chain.display {
@@ -42,7 +42,7 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
         Display::Resampled { .. } => [RECTIFIED, RECTIFIED_DISPLAY],
     };
     frame.add(Pass::new(Stage("to_screen"), view, PARTITION, Kernel::new("to_screen")).on(grid).uses([
-        Use::read(if image.blur.is_some() { BLURRED } else { POLAR }).reaching(Reach::All).named("polar"),
+        Use::read(if kernel.is_some() { BLURRED } else { POLAR }).reaching(Reach::All).named("polar"),
         Use::write(linear.on(grid)).named("linear"),
         Use::write(display.on(grid)).named("display"),
     ]));

@@ -4,6 +4,7 @@ use super::denoise::Denoiser;
 use super::{Aov, Moving};
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
+use crate::projection::PolarSpace;
 
 /// How the two eyes are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,20 +36,13 @@ impl Display {
     }
 }
 
-/// A traced image in a polar projection around the gaze.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PolarImage {
-    /// Name of the kernel that blurs the image with increasing distance from the gaze; `None` without blur.
-    pub blur: Option<&'static str>,
-}
-
 /// The images of an eye: traced, mapped to the screen, displayed. If a step is left out, the images before and after it
 /// are the same.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageChain {
     /// Polar projection of the traced image, which a pass maps to the screen image; `None` if the screen image is
     /// traced.
-    pub polar: Option<PolarImage>,
+    pub polar: Option<PolarSpace>,
     /// The step from the screen image, which has a pinhole projection, to the displayed image.
     pub display: Display,
     /// Extent of the displayed image.

@@ -1,5 +1,6 @@
 use super::*;
 use crate::graph::{Assignment, FrameGraph, HaloPlan, Scope, Stage, Stripes, Task};
+use crate::projection::LogPolar;
 
 /// A frame of 64x180 with à-trous, reprojection and an auxiliary image.
 pub fn spec(devices: usize, seam: Seam) -> FrameSpec {
@@ -9,7 +10,7 @@ pub fn spec(devices: usize, seam: Seam) -> FrameSpec {
 
 /// Returns the chain of polar images for a screen of this size.
 fn polar(screen: Extent) -> ImageChain {
-    ImageChain { polar: Some(PolarImage { blur: Some("visual_polar_blur") }), ..ImageChain::direct(screen) }
+    ImageChain { polar: Some(PolarSpace::Visual), ..ImageChain::direct(screen) }
 }
 
 /// Returns the chain of images that are resampled from a shared projection.
@@ -31,14 +32,8 @@ pub fn all_specs() -> Vec<FrameSpec> {
                         polar(screen),
                         resampled(frame.extent, displayed, false),
                         resampled(frame.extent, displayed, true),
-                        ImageChain {
-                            polar: Some(PolarImage { blur: Some("visual_polar_blur") }),
-                            ..resampled(screen, displayed, false)
-                        },
-                        ImageChain {
-                            polar: Some(PolarImage { blur: Some("visual_polar_blur") }),
-                            ..resampled(screen, displayed, true)
-                        },
+                        ImageChain { polar: Some(PolarSpace::Visual), ..resampled(screen, displayed, false) },
+                        ImageChain { polar: Some(PolarSpace::Visual), ..resampled(screen, displayed, true) },
                     ];
                     specs.extend(chains.map(|chain| FrameSpec { chain, ..frame.clone() }));
                 }
@@ -189,7 +184,7 @@ fn polar_images_are_mapped_to_the_screen() {
     let chain = polar(screen);
     let polar = FrameSpec { chain, iterations: 0, aovs: Vec::new(), ..spec(2, Seam::Filter) };
     assert!(stages(&polar).ends_with(&["tonemap", "polar_blur", "to_screen", "tally"]), "{:?}", stages(&polar));
-    let unblurred = Some(PolarImage { blur: None });
+    let unblurred = Some(PolarSpace::Log(LogPolar { blur: false, ..LogPolar::COMPOSITE }));
     let sharp = FrameSpec { chain: ImageChain { polar: unblurred, ..chain }, ..polar.clone() };
     assert!(stages(&sharp).ends_with(&["tonemap", "to_screen", "tally"]), "{:?}", stages(&sharp));
     let program = Declarations::default().program(&polar);

@@ -1,8 +1,6 @@
 //! Quality settings of a frame: the types that ladders, reports, traces, `bench` and the renderer share.
 
-pub mod acuity;
 mod envelope;
-mod polar;
 
 use std::fmt::{self, Display};
 use std::ops::RangeInclusive;
@@ -10,10 +8,11 @@ use std::ops::RangeInclusive;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::passes::denoise;
+use crate::projection::within;
 
 pub use crate::passes::denoise::Denoiser;
+pub use crate::projection::{LogPolar, PolarSpace};
 pub use envelope::Envelope;
-pub use polar::{LogPolar, PolarSpace};
 
 /// Settings that determine the quality of a frame. Ladder files call them `knobs`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,8 +74,8 @@ impl Quality {
         if self.polar.is_some() && self.fovea.is_some() {
             return Err("polar and fovea cannot be combined".to_owned());
         }
-        if let Some(PolarSpace::Log(map)) = self.polar {
-            map.check()?;
+        if let Some(space) = self.polar {
+            space.method().check()?;
         }
         if let Some([inner, outer]) = self.fovea {
             within("fovea's inner radius", inner, f64::MIN_POSITIVE..=1.0)?;
@@ -157,11 +156,6 @@ impl Display for FrameQuality {
 
 fn layers_name(fovea: Option<[f64; 2]>) -> String {
     fovea.map_or(String::new(), |[inner, outer]| format!(", layers to {inner} and {outer}"))
-}
-
-/// Checks that a value is in its range. The error names the value.
-pub(crate) fn within<T: PartialOrd + Display>(name: &str, value: T, range: RangeInclusive<T>) -> Result<(), String> {
-    if range.contains(&value) { Ok(()) } else { Err(format!("{name} {value} is out of range")) }
 }
 
 #[cfg(test)]

@@ -36,7 +36,7 @@ pub fn build(
     config: &RunConfig,
 ) -> Result<Vec<Built>, StageError> {
     let kernel = pass.kernel;
-    let variant = ShaderVariant { access: gpu.scene_access(), projection: config.envelope.most.polar.into() };
+    let variant = ShaderVariant { access: gpu.scene_access(), polar: config.envelope.most.polar };
     let shader = Shader::new(&kernel, &pass.uses, variant);
     let declared = override_names(shader.text());
     let mut one = |kind: Option<bool>, jitter| {
@@ -44,7 +44,7 @@ pub fn build(
         // Foreign shaders (from outside the library) may share a name, so their text is the key.
         let name = if kernel.foreign_text().is_some() { shader.text() } else { kernel.name };
         let (name, checks) = (name.to_owned(), shader.checks(config.execution.checks));
-        let key = PipelineKey { shader: name, projection: shader.projection(), checks, constants };
+        let key = PipelineKey { shader: name, projection: shader.projection, checks, constants };
         let pipeline = match gpu.pipelines.get(&key) {
             Some(kept) => kept.clone(),
             None => {
@@ -74,9 +74,11 @@ fn compile(
     let entries: Vec<_> = pass.uses.iter().enumerate().map(|(i, used)| layout_entry(i as u32, used)).collect();
     let layout =
         gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(name), entries: &entries });
+    let projection = projection_layout(gpu);
+    let groups = [Some(group0), Some(&layout), Some(&projection)];
     let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(name),
-        bind_group_layouts: &[Some(group0), Some(&layout)],
+        bind_group_layouts: &groups[..if shader.reads_projection() { 3 } else { 2 }],
         immediate_size: PASS_BYTES,
     });
     let constants: Vec<_> = key.constants.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
@@ -97,6 +99,12 @@ fn compile(
         return Err(StageError::Pipeline { device, shader: name, what });
     }
     Ok(Pipeline { compute, layout })
+}
+
+/// Returns the layout of the bind group of the projection's constants.
+pub fn projection_layout(gpu: &GpuDevice) -> wgpu::BindGroupLayout {
+    let entries = &[buffer_entry(0, wgpu::BufferBindingType::Uniform)];
+    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("projection"), entries })
 }
 
 fn layout_entry(binding: u32, used: &Use) -> wgpu::BindGroupLayoutEntry {

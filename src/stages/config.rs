@@ -3,12 +3,13 @@
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
+use super::Foveation;
 use super::layout;
-use super::{Foveation, Polar};
 use crate::device::ShaderChecks;
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
-use crate::passes::{Aov, Declarations, Display, ImageChain, Moving, PolarImage};
+use crate::passes::{Aov, Declarations, Display, ImageChain, Moving};
+use crate::projection::{Polar, PolarSpace};
 use crate::quality::{Denoiser, Envelope, Quality};
 use crate::scene::needs::SceneNeeds;
 use crate::scene::shot::Gaze;
@@ -143,11 +144,7 @@ impl RunConfig {
 
     /// Returns the chain of images of an eye, from the traced to the displayed one.
     pub fn chain(&self) -> ImageChain {
-        ImageChain {
-            polar: self.envelope.most.polar.map(|space| PolarImage { blur: space.blur() }),
-            display: self.buffers.display,
-            displayed: self.buffers.extent,
-        }
+        ImageChain { polar: self.envelope.most.polar, display: self.buffers.display, displayed: self.buffers.extent }
     }
 
     /// Returns the size of the pinhole images: of the shared projection if there is one, otherwise of the displayed
@@ -158,12 +155,13 @@ impl RunConfig {
 
     /// Returns the size of the traced images.
     pub fn grid(&self) -> Extent {
-        self.envelope.most.polar.map_or(self.screen(), |space| space.grid(self.screen()))
+        self.envelope.most.polar.map_or(self.screen(), |space| space.method().grid(self.screen()))
     }
 
     /// Returns the number of pixels in the traced image of an eye.
     pub(crate) fn pixels(&self, view: &layout::View) -> u64 {
-        self.envelope.most.polar.map_or(self.grid().area() as u64, |space| space.pixels(view, self.screen()))
+        let pixels = |space: PolarSpace| space.method().pixels(view, self.screen());
+        self.envelope.most.polar.map_or(self.grid().area() as u64, pixels)
     }
 
     /// True if a frame with `spp` samples per pixel jitters them over the pixel. Otherwise its single sample goes

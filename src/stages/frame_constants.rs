@@ -63,7 +63,6 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
                     display_maps(optics, sizes)
                 }
             }),
-            log_polar: polar.as_ref().map(|polar| polar.space.constants(screen)).unwrap_or_default(),
         },
         sampling: layout::Sampling {
             index,

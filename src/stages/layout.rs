@@ -12,57 +12,11 @@ use self::tables::{ROLES, TABLES};
 use crate::accel::{self, SPHERE, TRIANGLE_ALPHA};
 use crate::graph::LIST_HEADER;
 use crate::passes::SKIPPED;
-use crate::scene::rig;
+use crate::projection;
+pub use crate::projection::View;
 use crate::wgsl::{Declaration, Table, constants, declare, shared_constants, shared_structs};
 
 shared_structs! {
-    /// An eye: a pinhole camera, and its gaze if its image is polar. Axes have unit length.
-    pub struct View {
-        /// Position relative to the origin of the scene's tables, scene units.
-        pub origin: Vec3,
-        /// Tangent of half the horizontal field of view.
-        pub tan_half_x: f32,
-        pub right: Vec3,
-        /// Tangent of half the vertical field of view.
-        pub tan_half_y: f32,
-        pub up: Vec3,
-        /// Number of rows of a polar image. The first `fovea_rows` of them belong to the fovea (visual-polar) or to the
-        /// square of pixels around the gaze (log-polar; 0 without a square).
-        pub rows: f32,
-        pub forward: Vec3,
-        pub fovea_rows: f32,
-        /// Direction of the gaze. `gaze_right` is perpendicular to it, and points from the gaze towards column 0 of a
-        /// polar image.
-        pub gaze: Vec3,
-        /// Position of the gaze on the screen, pixels; only set for log-polar images.
-        pub gaze_x: f32,
-        pub gaze_right: Vec3,
-        pub gaze_y: f32,
-    }
-
-    /// Mapping of log-polar images. All members are 0 if images are not log-polar.
-    pub struct LogPolar {
-        /// Size of an eye's screen, pixels.
-        pub screen: Vec2,
-        /// Logarithm of the screen's diagonal in pixels.
-        pub log_diagonal: f32,
-        /// Exponent of the kernel. Values above 1 move rings away from the gaze; 1 has no effect.
-        pub kernel: f32,
-        /// Number of rings up to a distance of the screen's diagonal. The image around the gaze replaces the innermost
-        /// `first_ring` of them.
-        pub rings: f32,
-        pub first_ring: f32,
-        /// Radius of the image around the gaze, pixels.
-        pub radius: f32,
-        /// Number of columns: directions around the gaze, the same for every ring.
-        pub columns: f32,
-        /// Distances from the gaze at which the blur begins and at which it is strongest, pixels.
-        pub blur_begins: f32,
-        pub blur_full: f32,
-        pub pad0: u32,
-        pub pad1: u32,
-    }
-
     /// Projective map from an eye's displayed image to its rectified image, both in pixels. The point (x, y) maps to
     /// (a, b) / c, where (a, b, c) = x · `across` + y · `down` + `corner`, if the eye has not moved since the image was
     /// rendered. Late reprojection to a later pose replaces (a, b, c) by t · (a, b, c) + `moved`, where t is the depth
@@ -87,7 +41,6 @@ shared_structs! {
         /// Size of the traced images, pixels.
         pub width: u32,
         pub height: u32,
-        pub log_polar: LogPolar,
         /// Display resampling of the left and the right eye.
         pub display_maps: [DisplayMap; 2],
     }
@@ -248,20 +201,6 @@ shared_structs! {
     }
 }
 
-impl View {
-    pub fn new(view: &rig::View, aspect: f64) -> Self {
-        Self {
-            origin: view.origin,
-            tan_half_x: (f64::from(view.tan_half_yfov) * aspect) as f32,
-            right: view.right,
-            tan_half_y: view.tan_half_yfov,
-            up: view.up,
-            forward: view.forward,
-            ..Self::default()
-        }
-    }
-}
-
 impl From<&Frame> for Previous {
     fn from(frame: &Frame) -> Self {
         Self { views: frame.camera.views, sampling: frame.sampling }
@@ -285,7 +224,7 @@ shared_constants! {
 
 /// Returns all structs shared with shaders.
 pub fn all_structs() -> Vec<Declaration> {
-    [accel::structs(), accel::skin_structs(), tables::structs(), structs()].concat()
+    [accel::structs(), accel::skin_structs(), projection::structs(), tables::structs(), structs()].concat()
 }
 
 /// Returns the WGSL functions that read entries of the scene's tables.

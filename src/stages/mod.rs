@@ -16,8 +16,6 @@ pub mod layout;
 mod limits;
 mod params;
 mod pipeline;
-mod polar;
-mod projection;
 mod reflect;
 mod scene_tables;
 pub(crate) mod search_range;
@@ -32,8 +30,6 @@ pub use images::{Images, Place};
 pub use limits::{LimitExceeded, Remedy};
 pub use params::FrameParams;
 pub use pipeline::DeviceStages;
-pub use polar::{Polar, PolarPoint};
-pub use projection::TracedProjection;
 pub use reflect::{Mismatch, verify};
 #[doc(hidden)] // For benchmarks.
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};

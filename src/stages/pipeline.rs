@@ -5,7 +5,7 @@ use std::mem::offset_of;
 use std::sync::Arc;
 
 use super::RunConfig;
-use super::compile::{Built, StageError, buffer_entry, build};
+use super::compile::{Built, StageError, buffer_entry, build, projection_layout};
 use super::images::{Images, Place};
 use super::layout::{Camera, DisplayMap, Frame, PassConstants, Previous};
 use super::limits;
@@ -38,6 +38,8 @@ pub struct DeviceStages {
     with_scene: wgpu::BindGroup,
     /// Bind group 0 of kernels that write the scene's tables: the frame's constants and these tables.
     changing_scene: wgpu::BindGroup,
+    /// Bind group 2 of kernels that read constants of the projection.
+    projection: Option<wgpu::BindGroup>,
     scene: SceneBuffers,
     frame: wgpu::Buffer,
     /// Snapshots of the images that repeated tasks add to, taken before the task, by binding and size in bytes.
@@ -55,6 +57,21 @@ fn uniform(gpu: &GpuDevice, label: &str, size: usize) -> wgpu::Buffer {
         usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     })
+}
+
+/// Creates the bind group of the projection's constants; `None` if it has none.
+fn bind_projection(gpu: &GpuDevice, config: &RunConfig) -> Option<wgpu::BindGroup> {
+    let bytes = config.envelope.most.polar?.method().constants(config.screen());
+    if bytes.is_empty() {
+        return None;
+    }
+    let buffer = uniform(gpu, "projection", bytes.len());
+    gpu.queue.write_buffer(&buffer, 0, &bytes);
+    Some(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("projection"),
+        layout: &projection_layout(gpu),
+        entries: &[wgpu::BindGroupEntry { binding: 0, resource: buffer.as_entire_binding() }],
+    }))
 }
 
 impl DeviceStages {
@@ -110,7 +127,6 @@ impl DeviceStages {
         }
         Ok(Self {
             spp: config.envelope.most.spp,
-            config,
             place: Place::default(),
             images,
             built,
@@ -120,6 +136,8 @@ impl DeviceStages {
             frame_only,
             with_scene,
             changing_scene,
+            projection: bind_projection(gpu, &config),
+            config,
             scene,
             frame,
             found: HashMap::new(),
@@ -293,6 +311,7 @@ impl DeviceStages {
         };
         pass.set_bind_group(0, group0, &[]);
         pass.set_bind_group(1, &*group, &[]);
+        pass.set_bind_group(2, self.projection.as_ref(), &[]);
         let extent = declared.grid.extent(program.extent);
         for (number, run) in (0..).zip(runs(&declared.launches, self.spp, jitter)) {
             let rows = task.rows_of(number);

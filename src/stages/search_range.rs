@@ -7,7 +7,7 @@ use obvhs::aabb::Aabb;
 
 use super::SceneTables;
 use super::layout::{Camera, View};
-use crate::quality::acuity::FOVEA_DEG;
+use crate::projection::{PolarSpace, Project};
 
 /// Granularity of the search range, rows. It lets successive frames reuse a frame graph while the camera moves.
 const STEP_ROWS: u32 = 4;
@@ -19,18 +19,22 @@ const LARGEST_SHARE: u32 = 4;
 /// previous frame. In perspective images it is at most a quarter of the height, and nearby surfaces that moved further
 /// have no history. Returns `None` if the eyes turned so far that hardly any surface is seen again.
 ///
+/// `polar` is the projection of the image, if it is polar. For the right eye, the left eye's history of nearby surfaces
+/// may then lie outside the search range.
+///
 /// `moved` holds the bounds of each moving body and its maximum displacement since the previous frame, scene units.
 ///
 /// The search range affects the rendered images. It depends only on scene and cameras, so any set of devices renders
 /// the same images.
-pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved: &[(Aabb, f32)]) -> Option<u32> {
-    if camera.log_polar.rings > 0.0 {
-        let is_still = camera.views == *previous && moved.iter().all(|(_, by)| *by == 0.0);
-        // Near the gaze and near the border of the image, even small motion spans many rows.
-        return Some(if is_still { STEP_ROWS.min(camera.height) } else { camera.height });
-    }
-    if camera.views[0].rows > 0.0 {
-        return Some(polar_rows(camera, previous, tables, moved));
+pub fn history_rows(
+    polar: Option<PolarSpace>,
+    camera: &Camera,
+    previous: &[View; 2],
+    tables: &SceneTables,
+    moved: &[(Aabb, f32)],
+) -> Option<u32> {
+    if let Some(space) = polar {
+        return Some(polar_rows(space.method(), camera, previous, tables, moved));
     }
     let far = most_rows(camera, previous, [0.0; 2])?;
     let largest = (camera.height / LARGEST_SHARE).max(STEP_ROWS);
@@ -44,14 +48,17 @@ pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables,
     Some(rows.next_multiple_of(STEP_ROWS).min(largest))
 }
 
-/// Returns the search range in visual-polar images, where a saccade moves surfaces by many rows. For the right eye, the
-/// left eye's history of nearby surfaces may lie outside this range.
-fn polar_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved: &[(Aabb, f32)]) -> u32 {
+/// Returns the search range in polar images, where a saccade moves surfaces by many rows.
+fn polar_rows(
+    projection: &dyn Project,
+    camera: &Camera,
+    previous: &[View; 2],
+    tables: &SceneTables,
+    moved: &[(Aabb, f32)],
+) -> u32 {
     let sine_of = |sine: f64| if sine < 1.0 { sine.asin() } else { PI };
     let rows = [0, 1].map(|eye| {
         let (now, last) = (&camera.views[eye], &previous[eye]);
-        // Rings are densest in the fovea.
-        let per_radian = f64::from(now.fovea_rows) / FOVEA_DEG.to_radians();
         let step = f64::from(now.origin.distance(last.origin));
         let stepped = sine_of(step / f64::from(tables.clearance(now.origin)));
         let own = moved.iter().map(|(bounds, by)| {
@@ -59,11 +66,7 @@ fn polar_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved
             let distance = now.origin.distance(now.origin.clamp(low, high));
             if *by > 0.0 { sine_of(f64::from(by / (distance - by).max(0.0))) } else { 0.0 }
         });
-        let [gaze, last_gaze] = [now, last].map(|view| view.gaze.as_dvec3());
-        let turned = gaze.angle_between(last_gaze) + stepped + own.fold(0.0, f64::max);
-        // If the eccentricity of the outermost ring changes, all rings are rescaled.
-        let stretched = f64::from((now.fovea_rows / last.fovea_rows - 1.0).abs() * now.rows.max(last.rows));
-        turned * per_radian + stretched
+        projection.rows_moved(now, last, stepped + own.fold(0.0, f64::max))
     });
     let rows = (rows[0].max(rows[1]) + 0.02).ceil().min(f64::from(camera.height)) as u32;
     rows.next_multiple_of(STEP_ROWS).min(camera.height)
@@ -129,13 +132,12 @@ mod tests {
     use super::*;
     use crate::accel::Accel;
     use crate::image::Extent;
-    use crate::quality::PolarSpace;
+    use crate::projection::{Polar, PolarSpace};
     use crate::scene::motion::keys::{Interpolation, Keys};
     use crate::scene::motion::{Animation, Body, Channel, Influence, Node, Placement, Skin, Target};
     use crate::scene::rig::{Eye, Rig, RigKey};
     use crate::scene::shot::Gaze;
     use crate::scene::{Instance, Scene, builtin};
-    use crate::stages::Polar;
 
     fn eyes(rig: &Rig, time_s: f64) -> [View; 2] {
         Eye::ALL.map(|eye| View::new(&rig.view(time_s, eye), 16.0 / 9.0))
@@ -231,9 +233,9 @@ mod tests {
             let camera =
                 Camera { views: now, width: 320, height: 180, centre: glam::Vec2::splat(0.5), ..Default::default() };
             let bound =
-                history_rows(&camera, &before, &tables, &tables.update(&mut Default::default(), now_s, last_s).1)
+                history_rows(None, &camera, &before, &tables, &tables.update(&mut Default::default(), now_s, last_s).1)
                     .unwrap();
-            let still = history_rows(&camera, &before, &tables, &[]).unwrap();
+            let still = history_rows(None, &camera, &before, &tables, &[]).unwrap();
             let [is, was] = [now_s, last_s].map(|time_s| scene.at(time_s));
             let mut most: f64 = 0.0;
             for body in &scene.motion.bodies {
@@ -280,7 +282,10 @@ mod tests {
             Polar { gaze, space: PolarSpace::Visual }
         };
         let grid = at([0.5; 2]).grid(screen);
-        let row = |view: &View, p: DVec3| view.ring_of(p - view.origin.as_dvec3());
+        let row = |view: &View, p: DVec3| {
+            let place = PolarSpace::Visual.method().places(*view, screen);
+            place(DVec2::ZERO, p - view.origin.as_dvec3()).row
+        };
         for (to, gazes) in [
             (DVec3::ZERO, [[0.5, 0.5], [0.5, 0.5]]),
             (DVec3::ZERO, [[0.5, 0.5], [0.52, 0.49]]),
@@ -290,7 +295,7 @@ mod tests {
             let rig = rig(to, DVec3::new(0.05, 0.0, 0.0));
             let [last, now] = [0.0, 1.0].map(|t| at(gazes[t as usize]).look(0, 0.0, eyes(&rig, t)[0], screen));
             let camera = Camera { views: [now; 2], width: grid.width, height: grid.height, ..Default::default() };
-            let bound = history_rows(&camera, &[last; 2], &tables, &[]).unwrap();
+            let bound = history_rows(Some(PolarSpace::Visual), &camera, &[last; 2], &tables, &[]).unwrap();
             let clearance = f64::from(tables.clearance(now.origin));
             let mut most: f64 = 0.0;
             for i in 0..20_000 {
@@ -310,10 +315,10 @@ mod tests {
         let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
         let camera = |rig: &Rig| Camera { views: eyes(rig, 1.0), width: 160, height: 90, ..Default::default() };
         let still = rig(DVec3::ZERO, DVec3::ZERO);
-        assert_eq!(history_rows(&camera(&still), &eyes(&still, 0.0), &tables, &[]), Some(4));
+        assert_eq!(history_rows(None, &camera(&still), &eyes(&still, 0.0), &tables, &[]), Some(4));
         let away = rig(DVec3::ZERO, DVec3::new(0.0, 6.0, 0.0));
-        assert_eq!(history_rows(&camera(&away), &eyes(&away, 0.0), &tables, &[]), None);
+        assert_eq!(history_rows(None, &camera(&away), &eyes(&away, 0.0), &tables, &[]), None);
         let back = rig(DVec3::ZERO, DVec3::Z * 9.0);
-        assert_eq!(history_rows(&camera(&back), &eyes(&back, 0.0), &tables, &[]), None);
+        assert_eq!(history_rows(None, &camera(&back), &eyes(&back, 0.0), &tables, &[]), None);
     }
 }

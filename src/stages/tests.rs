@@ -5,7 +5,9 @@ use super::*;
 use crate::accel::{Instance, Node};
 use crate::device::{SceneAccess, ShaderChecks, Traversal};
 use crate::graph::{Kernel, Pass, SceneUse, Stage};
+use crate::image::Extent;
 use crate::passes::{self, tests::all_specs};
+use crate::projection::PolarSpace;
 use crate::scene::needs::SceneNeeds;
 use crate::wgsl::{Declaration, ROW_BYTES};
 
@@ -51,10 +53,18 @@ fn reflect(module: &naga::Module, name: &str) -> Option<(usize, Vec<(String, usi
 
 #[test]
 fn host_structs_lie_as_shaders_read_them() {
-    let module = module("path_trace");
-    for Declaration { name, members, bytes } in layout::all_structs() {
+    let check = |module: &naga::Module, Declaration { name, members, bytes }| {
         let declared = members.into_iter().map(|m| (m.name.to_owned(), m.offset)).collect();
-        assert_eq!(reflect(&module, name), Some((bytes, declared)), "{name}");
+        assert_eq!(reflect(module, name), Some((bytes, declared)), "{name}");
+    };
+    let path_trace = module("path_trace");
+    layout::all_structs().into_iter().for_each(|declaration| check(&path_trace, declaration));
+    for space in PolarSpace::ALL {
+        let variant = ShaderVariant { polar: Some(*space), ..Default::default() };
+        let module = naga::front::wgsl::parse_str(&shader_text_of("path_trace", variant)).unwrap();
+        let declaration = space.method().declaration();
+        assert_eq!(declaration.as_ref().map_or(0, |of| of.bytes), space.method().constants(Extent::new(64, 48)).len());
+        declaration.into_iter().for_each(|declaration| check(&module, declaration));
     }
 }
 

@@ -11,6 +11,7 @@ use super::*;
 use crate::device::{SceneAccess, Tables, Traversal};
 use crate::image::Extent;
 use crate::passes;
+use crate::projection::PolarSpace;
 use crate::scene::needs::SceneNeeds;
 
 /// Returns the capabilities of shaders on devices opened for a traversal. All wgpu backends used here convert half
@@ -69,12 +70,13 @@ fn every_variant_of_every_shader_is_valid() {
         [Tables::Buffer, Tables::Texture].into_iter().flat_map(|t| Traversal::ALL.map(|u| (t, u)))
     {
         let passes = passes::pass_of_each_kernel();
-        for (pass, projection) in passes.iter().flat_map(|pass| TracedProjection::ALL.map(|p| (pass, p))) {
-            let text = pass_text(pass, ShaderVariant { access: SceneAccess { tables, traversal }, projection });
+        let projections = || std::iter::once(None).chain(PolarSpace::ALL.iter().copied().map(Some));
+        for (pass, polar) in passes.iter().flat_map(|pass| projections().map(move |polar| (pass, polar))) {
+            let text = pass_text(pass, ShaderVariant { access: SceneAccess { tables, traversal }, polar });
             if texts.contains(&text) {
                 continue;
             }
-            let of = format!("{} with {tables:?}, {traversal:?} and {projection:?}", pass.kernel.name);
+            let of = format!("{} with {tables:?}, {traversal:?} and {polar:?}", pass.kernel.name);
             for name in override_names(&text) {
                 assert!(settable.contains(&name), "{of}: nothing sets {name}");
             }

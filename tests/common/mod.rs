@@ -18,13 +18,14 @@ use diptych::graph::{Life, Pass};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::tonemap::LINEAR;
 use diptych::passes::{Declarations, declare};
+use diptych::projection::Polar;
 use diptych::quality::Denoiser;
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::schedule::{Even, Policy};
-use diptych::stages::{Foveation, Polar, SceneTables};
+use diptych::stages::{Foveation, SceneTables};
 pub use effort::is_thorough;
 
 /// A scene ready for upload, and its camera.

@@ -9,11 +9,12 @@ use std::str::FromStr;
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 
 /// Modules with decision logic, which are tested without a device.
-const WITHOUT_WGPU: [&str; 13] = [
+const WITHOUT_WGPU: [&str; 14] = [
     "image",
     "scene",
     "quality",
     "wgsl",
+    "projection",
     "accel",
     "graph",
     "passes",

@@ -6,12 +6,13 @@ use diptych::RunConfig;
 use diptych::image::display::display_value;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::{Aov, Display};
-use diptych::quality::{Denoiser, LogPolar, PolarSpace};
+use diptych::projection::{LogPolar, Polar, PolarSpace};
+use diptych::quality::Denoiser;
 use diptych::scene::head::HeadMotion;
 use diptych::scene::optics::Fov;
 use diptych::scene::rig::Eye;
 use diptych::scene::shot::Gaze;
-use diptych::stages::{Foveation, Polar};
+use diptych::stages::Foveation;
 use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot};
 use serde_json::json;
 

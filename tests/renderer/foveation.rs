@@ -5,9 +5,10 @@ use diptych::RunConfig;
 use diptych::exec::Stereo;
 use diptych::image::RgbImage;
 use diptych::passes::Aov;
-use diptych::quality::{Denoiser, LogPolar, PolarSpace};
+use diptych::projection::{LogPolar, Polar, PolarSpace};
+use diptych::quality::Denoiser;
 use diptych::scene::shot::Gaze;
-use diptych::stages::{Foveation, Polar};
+use diptych::stages::Foveation;
 
 const WIDTH: u32 = 128;
 const HEIGHT: u32 = 96;

@@ -10,11 +10,10 @@ use diptych::exec::{InjectedFaults, PoseSource, Stereo, TimedTask};
 use diptych::image::{Extent, RgbImage};
 use diptych::metrics::Pair;
 use diptych::passes::Display;
-use diptych::quality::{LogPolar, PolarSpace};
+use diptych::projection::{LogPolar, Polar, PolarSpace};
 use diptych::scene::optics::Optics;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::scene::shot::Gaze;
-use diptych::stages::Polar;
 use glam::DVec3;
 
 const SIZE: Extent = Extent { width: 64, height: 48 };

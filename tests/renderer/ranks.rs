@@ -13,10 +13,11 @@ use diptych::RunConfig;
 use diptych::device::GpuDevice;
 use diptych::exec::InjectedFaults;
 use diptych::exec::ranks::{ChannelLink, Devices, Host, Link, Load, Loading, Node, Request, Way, channel_links, serve};
-use diptych::quality::{Denoiser, LogPolar, PolarSpace};
+use diptych::projection::{LogPolar, Polar, PolarSpace};
+use diptych::quality::Denoiser;
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured, Policy};
-use diptych::stages::{Foveation, Polar, SceneTables};
+use diptych::stages::{Foveation, SceneTables};
 
 /// Instant before all ranks start.
 static BEGIN: LazyLock<Instant> = LazyLock::new(Instant::now);

@@ -10,10 +10,11 @@ use diptych::device::{ShaderChecks, Tables};
 use diptych::exec::Stereo;
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
-use diptych::quality::{Denoiser, LogPolar, PolarSpace, Quality};
+use diptych::projection::{LogPolar, Polar, PolarSpace};
+use diptych::quality::{Denoiser, Quality};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{CostModel, Even, Heft, Measured, Policy, Static};
-use diptych::stages::{Foveation, Polar, Sampler};
+use diptych::stages::{Foveation, Sampler};
 
 pub const WIDTH: u32 = 64;
 pub const HEIGHT: u32 = 72;

@@ -8,10 +8,11 @@ use crate::cli::foveation::FoveationMode;
 use crate::cli::options::{self, RenderOptions, RunOptions};
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
+use crate::projection::Polar;
 use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
 use crate::report::experiment::{Arrangement, Experiment, OtherMeasures};
 use crate::scene::rig::Eye;
-use crate::stages::{Foveation, Polar};
+use crate::stages::Foveation;
 
 /// Quality of arrangements, unless an experiment's options change it.
 pub const QUALITY: Quality = Quality {
@@ -41,7 +42,7 @@ pub fn of(experiment: &Experiment, run: &RunOptions) -> Result<Vec<RenderOptions
     let of = |arrangement: &Arrangement| {
         let mut options = with(common.clone(), &arrangement.options)?;
         if let Some(blur) = arrangement.blur {
-            ensure!(options.foveated.foveation == FoveationMode::LogPolar, "blur needs log-polar images");
+            ensure!(options.foveated.foveation.is_log_polar(), "blur needs log-polar images");
             options.foveated.polar.get_or_insert(LogPolar::COMPOSITE).blur = blur;
         }
         options.check()?;
@@ -105,7 +106,7 @@ pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene)
             (options.foveated.layer_radii, options.foveated.unsampled_fraction) = (Some(radii), Some(unsampled));
             OtherMeasures::from([("floor", 1.0 - unsampled)])
         }
-        FoveationMode::LogPolar => {
+        FoveationMode::Polar(PolarSpace::Log(_)) => {
             let aspect = f64::from(size.width) / f64::from(size.height);
             let mut map = LogPolar { sigma: 1.0, alpha: LOG_POLAR_ALPHA, gaze: 0.0, aspect, blur: true };
             // The number of pixels is proportional to 1 / σ², except for a margin around the screen, so a few

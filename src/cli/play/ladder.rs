@@ -54,7 +54,7 @@ impl Choice {
         let space = match polar {
             None => String::new(),
             Some(PolarSpace::Log(map)) => format!(" and --foveation log-polar --polar {map}"),
-            Some(space) => format!(" and --foveation {}", space.name()),
+            Some(space) => format!(" and --foveation {}", space.method().name()),
         };
         if args.denoiser.is_none() && all.denoisers().len() > 1 {
             let counts: Vec<String> =

@@ -65,7 +65,7 @@ pub(super) fn cells_of(quality: &Quality) -> [String; 6] {
     let FrameQuality { spp, bounces, iterations, scale, fovea } = quality.into();
     let foveation = match (fovea, &quality.polar) {
         (Some(_), _) => "layers",
-        (None, Some(space)) => space.name(),
+        (None, Some(space)) => space.method().name(),
         (None, None) => "none",
     };
     let [iterations, bounces, spp] = [iterations, bounces, spp].map(|n| n.to_string());

@@ -3,9 +3,8 @@
 
 use std::f64::consts::TAU;
 
-use diptych::quality::LogPolar;
-use diptych::stages::TracedProjection;
-use diptych::stages::layout::{self, Camera, Frame, PassConstants, View};
+use diptych::projection::{LogPolar, LogPolarMap, PolarSpace};
+use diptych::stages::layout::{Camera, Frame, PassConstants, View};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
 use super::camera::Eye;
@@ -90,9 +89,9 @@ impl Image {
         self.gaze + self.distance(row - self.square()) * DVec2::from_angle(TAU * column / self.columns())
     }
 
-    fn frame(&self) -> Frame {
+    fn map(&self) -> LogPolarMap {
         let [rings, first_ring] = self.rings();
-        let log_polar = layout::LogPolar {
+        LogPolarMap {
             screen: self.screen.as_vec2(),
             log_diagonal: self.log_diagonal() as f32,
             kernel: self.mode.alpha as f32,
@@ -101,7 +100,14 @@ impl Image {
             radius: self.radius() as f32,
             columns: self.columns() as f32,
             ..Default::default()
-        };
+        }
+    }
+
+    fn projection(&self) -> (&'static str, Buffer) {
+        ("projection", Buffer::whole(&[self.map()]))
+    }
+
+    fn frame(&self) -> Frame {
         let view = View {
             rows: self.rows() as f32,
             fovea_rows: self.square() as f32,
@@ -110,8 +116,8 @@ impl Image {
             ..self.eye.view()
         };
         let (width, height) = (self.width(), self.rows());
-        let display_maps = Default::default();
-        let camera = Camera { views: [view; 2], centre: Vec2::splat(0.5), width, height, log_polar, display_maps };
+        let camera =
+            Camera { views: [view; 2], centre: Vec2::splat(0.5), width, height, display_maps: Default::default() };
         Frame { camera, ..Default::default() }
     }
 
@@ -155,7 +161,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             &image.frame(),
             image.pass(),
             image.groups(),
-            &[("rays", Buffer::whole(&nothing)), ("points", Buffer::whole(&nothing))],
+            &[("rays", Buffer::whole(&nothing)), ("points", Buffer::whole(&nothing)), image.projection()],
         );
         let (rays, points) = (outputs.get::<[f32; 4]>("rays"), outputs.get::<[f32; 4]>("points"));
         let (mut off_ray, mut off_point): (f64, f64) = (0.0, 0.0);
@@ -197,8 +203,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for ((name, mode), percent) in LogPolar::PRESETS.iter().zip([154.0, 65.7, 37.5, 37.7]) {
         let image = Image::new(*mode, [1920.0, 1080.0], GAZES[0]);
         let nothing = vec![0u32; (image.width() * image.rows()) as usize];
-        let shown =
-            kernel.run_frame(&image.frame(), image.pass(), image.groups(), &[("shown", Buffer::whole(&nothing))]);
+        let shown = kernel.run_frame(
+            &image.frame(),
+            image.pass(),
+            image.groups(),
+            &[("shown", Buffer::whole(&nothing)), image.projection()],
+        );
         let count: u32 = shown.get::<u32>("shown").into_iter().sum();
         let share = 100.0 * f64::from(count) / (1920.0 * 1080.0);
         assert!((share - percent).abs() < 3.0, "{name}: {share} %");
@@ -225,7 +235,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (3, -2), (-16, 16), (16, -1)] {
         let pass = PassConstants { args: [dx as u32, dy as u32, 0], valid_begin: 3, ..image.pass() };
         let nothing = vec![[0i32; 4]; (image.width() * image.rows()) as usize];
-        let found = kernel.run_frame(&image.frame(), pass, image.groups(), &[("found", Buffer::whole(&nothing))]);
+        let found = kernel.run_frame(
+            &image.frame(),
+            pass,
+            image.groups(),
+            &[("found", Buffer::whole(&nothing)), image.projection()],
+        );
         let found = found.get::<[i32; 4]>("found");
         for (column, row) in image.pixels() {
             let (x, y) = (column as i32 + dx, row as i32 + dy);
@@ -255,8 +270,8 @@ fn auxiliary_images_have_the_pixel_that_shows_a_point() {
             let stripe = Stripe { valid: 0..height, rows };
             let pass = PassConstants { width, height, ..stripe.pass(1, [0; 3]) };
             let groups = [width.div_ceil(8), (stripe.rows.end - stripe.rows.start).div_ceil(8)];
-            let buffers = [("polar", Buffer::whole(&polar)), ("aov", Buffer::image(&before))];
-            let outputs = Kernel::projected(TracedProjection::LogPolar, "aov_to_screen", &[]).run_frame(
+            let buffers = [("polar", Buffer::whole(&polar)), ("aov", Buffer::image(&before)), image.projection()];
+            let outputs = Kernel::projected(Some(PolarSpace::Log(*mode)), "aov_to_screen", &[]).run_frame(
                 &image.frame(),
                 pass,
                 groups,
@@ -314,15 +329,15 @@ fn rings_are_blurred_by_the_next_pixels_where_the_gaze_is_far() {
         .flat_map(|(stripe, blur)| [0, 1].map(|axis| (stripe.clone(), blur, axis)))
     {
         let stripe = Stripe { rows: stripe.0, valid: stripe.1 };
-        let mut frame = image.frame();
-        (frame.camera.log_polar.blur_begins, frame.camera.log_polar.blur_full) = (begins as f32, full as f32);
+        let map = LogPolarMap { blur_begins: begins as f32, blur_full: full as f32, ..image.map() };
         let pass = PassConstants { width: image.width(), height: rows, ..stripe.pass(1, [axis, 1, 0]) };
         let readable = if axis == 0 { &stripe.rows } else { &stripe.valid };
         let buffers = [
             ("source", Buffer::image(&only_in(readable, image.width(), &source))),
             ("blurred", Buffer::image(&before)),
+            ("projection", Buffer::whole(&[map])),
         ];
-        let outputs = Kernel::new("log_polar_blur", &[]).run_frame(&frame, pass, image.groups(), &buffers);
+        let outputs = Kernel::new("log_polar_blur", &[]).run_frame(&image.frame(), pass, image.groups(), &buffers);
         let found = outputs.get::<[u32; 4]>("blurred");
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..image.width()).map(move |x| (x, y))) {
             let at = (y * image.width() + x) as usize;

@@ -2,7 +2,7 @@
 
 mod twin;
 
-use diptych::stages::TracedProjection;
+use diptych::projection::PolarSpace;
 use diptych::stages::layout::{Camera, Frame, PassConstants};
 use glam::{DMat3, DVec2, DVec3, Vec2};
 
@@ -65,7 +65,7 @@ fn run(
     let pass = PassConstants { width, height, ..stripe.pass(view, [WIDTH, HEIGHT, is_motion.into()]) };
     let groups = [width.div_ceil(8), (pass.row_end - pass.row_begin).div_ceil(8)];
     let is_polar = frame.camera.views[0].rows > 0.0;
-    let projection = if is_polar { TracedProjection::VisualPolar } else { TracedProjection::Perspective };
+    let projection = is_polar.then_some(PolarSpace::Visual);
     Kernel::projected(projection, kernel, &[]).run_frame(frame, pass, groups, buffers)
 }
 

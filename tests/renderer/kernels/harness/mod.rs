@@ -10,10 +10,9 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use diptych::device::GpuDevice;
 use diptych::device::SceneAccess;
+use diptych::projection::PolarSpace;
 use diptych::stages::layout::{Frame, PassConstants};
-use diptych::stages::{
-    SceneBuffers, SceneTables, ShaderVariant, TracedProjection, override_names, scene_layout_entries, shader_text_of,
-};
+use diptych::stages::{SceneBuffers, SceneTables, ShaderVariant, override_names, scene_layout_entries, shader_text_of};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 pub use self::buffers::{Buffer, Outputs, Stripe, only_in};
@@ -59,13 +58,13 @@ pub struct Kernel {
 
 impl Kernel {
     pub fn new(shader: &'static str, overrides: &[Override]) -> Self {
-        Self::projected(TracedProjection::default(), shader, overrides)
+        Self::projected(None, shader, overrides)
     }
 
-    /// Creates a kernel for images in this projection.
-    pub fn projected(projection: TracedProjection, shader: &'static str, overrides: &[Override]) -> Self {
+    /// Creates a kernel for images in this polar projection, or in the perspective one.
+    pub fn projected(polar: Option<PolarSpace>, shader: &'static str, overrides: &[Override]) -> Self {
         let access = SceneAccess::default();
-        Self::of(shader, shader_text_of(shader, ShaderVariant { access, projection }), overrides)
+        Self::of(shader, shader_text_of(shader, ShaderVariant { access, polar }), overrides)
     }
 
     /// Creates a kernel that reads this scene, with the scene's override constants and `overrides`.
@@ -157,9 +156,11 @@ impl Kernel {
         let frame = std::iter::once(layout_entry(0, Kind::Uniform)).chain(scene);
         let constants = group(&frame.chain(entries(0)).collect::<Vec<_>>());
         let buffers = group(&entries(1).collect::<Vec<_>>());
+        let projection = group(&entries(2).collect::<Vec<_>>());
+        let groups = [Some(&constants), Some(&buffers), Some(&projection)];
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label,
-            bind_group_layouts: &[Some(&constants), Some(&buffers)],
+            bind_group_layouts: &groups[..if entries(2).next().is_some() { 3 } else { 2 }],
             immediate_size: size_of::<PassConstants>() as u32,
         });
         let values: Vec<_> = self.overrides.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
@@ -212,12 +213,16 @@ impl Kernel {
         let frame_group =
             group(0, &std::iter::once(entry(0, &uniform)).chain(of_scene).chain(of(0)).collect::<Vec<_>>());
         let buffer_group = group(1, &of(1).collect::<Vec<_>>());
+        let projection_group = of(2).next().map(|bound| group(2, &[bound]));
         let mut encoder = device.create_command_encoder(&Default::default());
         {
             let mut compute = encoder.begin_compute_pass(&Default::default());
             compute.set_pipeline(&compiled.pipeline);
             compute.set_bind_group(0, &frame_group, &[]);
             compute.set_bind_group(1, &buffer_group, &[]);
+            if let Some(group) = &projection_group {
+                compute.set_bind_group(2, group, &[]);
+            }
             compute.set_immediates(0, bytemuck::bytes_of(&pass));
             compute.dispatch_workgroups(across, down, 1);
         }

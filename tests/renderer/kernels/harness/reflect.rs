@@ -9,7 +9,7 @@ pub enum Kind {
     Write,
 }
 
-/// A binding of group 1, or of the scene's tables if a shader writes them.
+/// A binding of group 1, of the projection, or of the scene's tables if a shader writes them.
 #[derive(Clone)]
 pub struct Binding {
     pub name: String,
@@ -28,10 +28,10 @@ pub fn assert_same_names(what: &str, declared: &[&str], given: &[&str]) {
     );
 }
 
-/// Returns the binding; none unless it belongs to group 1 or the shader writes it.
+/// Returns the binding; none if it belongs to group 0, unless the shader writes it.
 pub fn binding(variable: &naga::GlobalVariable) -> Option<Binding> {
     let stores = |space| matches!(space, AddressSpace::Storage { access } if access.contains(StorageAccess::STORE));
-    let place = variable.binding.filter(|b| b.group == 1 || stores(variable.space))?;
+    let place = variable.binding.filter(|b| b.group >= 1 || stores(variable.space))?;
     let name = variable.name.clone()?;
     let kind = match variable.space {
         AddressSpace::Uniform => Kind::Uniform,

@@ -5,7 +5,7 @@ mod blur;
 
 use std::f64::consts::{PI, TAU};
 
-use diptych::stages::TracedProjection;
+use diptych::projection::PolarSpace;
 use diptych::stages::layout::{Camera, Display, Frame, PassConstants, View};
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec3Swizzles};
 
@@ -251,7 +251,7 @@ fn what_is_seen_in_a_direction_is_on_the_screen_where_it_is() {
             image[(row * polar.columns + column) as usize] = light_from(ray).as_vec3().extend(1.0).to_array();
         }
         let pass = PassConstants { row_end: height, width, height, ..Default::default() };
-        let outputs = Kernel::projected(TracedProjection::VisualPolar, "to_screen", &[]).run_frame(
+        let outputs = Kernel::projected(Some(PolarSpace::Visual), "to_screen", &[]).run_frame(
             &polar.frame(),
             pass,
             [width.div_ceil(8), height.div_ceil(8)],
@@ -297,7 +297,7 @@ fn auxiliary_images_have_the_pixel_in_the_direction_of_the_screens() {
             let pass = PassConstants { width, height, ..stripe.pass(1, [0; 3]) };
             let groups = [width.div_ceil(8), (stripe.rows.end - stripe.rows.start).div_ceil(8)];
             let buffers = [("polar", Buffer::whole(&numbered(&polar))), ("aov", Buffer::image(&before))];
-            let outputs = Kernel::projected(TracedProjection::VisualPolar, "aov_to_screen", &[]).run_frame(
+            let outputs = Kernel::projected(Some(PolarSpace::Visual), "aov_to_screen", &[]).run_frame(
                 &polar.frame(),
                 pass,
                 groups,

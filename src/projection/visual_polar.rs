@@ -9,21 +9,94 @@
 
 use std::f64::consts::PI;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
-use super::place::PolarPoint;
+use super::acuity::{FOVEA_DEG, acuity};
+use super::method::{PolarPoint, Project};
+use super::view::View;
 use crate::image::Extent;
-use crate::quality::acuity::{FOVEA_DEG, acuity};
-use crate::stages::layout::View;
 
 /// Maximum fraction of an image's rings that are shortened; shaders use the same value.
 const MOST_SHORT: f64 = 0.5;
 /// Least eccentricity assumed for the outermost ring, degrees.
-pub(super) const LEAST_DEG: f64 = 1e-6;
+const LEAST_DEG: f64 = 1e-6;
 /// Area of the fovea, square degrees.
 const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
 /// Constant factor in the integral of acuity outside the fovea, square degrees; see [`acuity_within`].
 const ACUITY_SUM: f64 = 2.0 * PI * (449.4 / 60.0) / (0.3 * 0.3);
+
+/// The visual-polar projection.
+pub struct VisualPolar;
+
+impl Project for VisualPolar {
+    fn name(&self) -> &'static str {
+        "visual-polar"
+    }
+
+    fn help(&self) -> &'static str {
+        "Visual-polar space: pixel density follows visual acuity"
+    }
+
+    fn include(&self) -> &'static str {
+        "grid_visual_polar"
+    }
+
+    fn blur(&self) -> Option<&'static str> {
+        Some("visual_polar_blur")
+    }
+
+    /// Returns two thirds of the screen's width and height, rounded up.
+    fn grid(&self, screen: Extent) -> Extent {
+        let of = |pixels: u32| (2 * pixels).div_ceil(3).max(1);
+        Extent::new(of(screen.width), of(screen.height))
+    }
+
+    /// Returns the view with `rows` and `fovea_rows` set for its gaze. If the gaze is centred, all rows of the image
+    /// are used. For any other gaze, the number of rows is set such that the number of pixels is the same.
+    fn look(&self, view: View, _gaze: [f64; 2], screen: Extent) -> View {
+        let share = fovea_fraction(farthest_corner(&view, view.gaze));
+        let centred = fovea_fraction(farthest_corner(&view, view.forward));
+        let rows = f64::from(self.grid(screen).height);
+        let rows = (rows * pixel_share(centred) / pixel_share(share)).round().max(1.0);
+        View { rows: rows as f32, fovea_rows: (rows * share) as f32, ..view }
+    }
+
+    fn pixels(&self, view: &View, screen: Extent) -> u64 {
+        let grid = self.grid(screen);
+        (0..view.rows as u32).map(|row| u64::from(row_length(view, grid, row))).sum()
+    }
+
+    fn places(&self, seen: View, screen: Extent) -> Box<dyn Fn(DVec2, DVec3) -> PolarPoint> {
+        let (gaze, forward) = (seen.gaze.as_dvec3(), seen.forward.as_dvec3());
+        // Solid angle of a pixel in the centre of the screen, steradians.
+        let middle = (2.0 * f64::from(seen.tan_half_y) / f64::from(screen.height)).powi(2);
+        let grid = self.grid(screen);
+        // Density in the fovea, pixels per steradian. Outside it falls with acuity.
+        let most = f64::from(seen.fovea_rows) * f64::from(grid.width) / (2.0 * PI * FOVEA_DEG.to_radians().powi(2));
+        let short_rows = f64::from(short_rows(&seen, grid.height));
+        Box::new(move |_, ray| {
+            let degrees = degrees_between(ray, gaze);
+            let row = ring_of(&seen, ray);
+            // Within the fovea, shortened rings have a constant density, and full-length rings thin out as they get larger.
+            let thinned = if degrees < FOVEA_DEG { row.max(short_rows) / f64::from(seen.fovea_rows) } else { 1.0 };
+            // The integral of acuity treats rings as circles in a plane, but on the sphere a ring's circumference is
+            // proportional to the sine of its eccentricity.
+            let angle = degrees.max(1e-9).to_radians();
+            let density = most / thinned * acuity(degrees) * angle / angle.sin() * middle * ray.dot(forward).powi(3);
+            PolarPoint { row, density }
+        })
+    }
+
+    fn rows_moved(&self, now: &View, last: &View, shift: f64) -> f64 {
+        // Rings are densest in the fovea.
+        let per_radian = f64::from(now.fovea_rows) / FOVEA_DEG.to_radians();
+        let [gaze, last_gaze] = [now, last].map(|view| view.gaze.as_dvec3());
+        let turned = gaze.angle_between(last_gaze) + shift;
+        // If the eccentricity of the outermost ring changes, all rings are rescaled.
+        let stretched = f64::from((now.fovea_rows / last.fovea_rows - 1.0).abs() * now.rows.max(last.rows));
+        turned * per_radian + stretched
+    }
+}
 
 /// Returns the integral of relative acuity over the disc within an eccentricity of `degrees`, which is at least
 /// [`FOVEA_DEG`]; square degrees.
@@ -49,15 +122,13 @@ fn pixel_share(share: f64) -> f64 {
 }
 
 /// Returns the angle between two directions, degrees. It stays exact for small angles.
-pub(super) fn degrees_between(a: DVec3, b: DVec3) -> f64 {
+fn degrees_between(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b)).to_degrees()
 }
 
-impl View {
-    /// Returns the row, counted from the gaze, at which this eye's visual-polar image shows a direction.
-    pub(crate) fn ring_of(&self, direction: DVec3) -> f64 {
-        f64::from(self.fovea_rows) * rings_within(degrees_between(direction, self.gaze.as_dvec3()))
-    }
+/// Returns the row, counted from the gaze, at which an eye's image shows a direction.
+fn ring_of(view: &View, direction: DVec3) -> f64 {
+    f64::from(view.fovea_rows) * rings_within(degrees_between(direction, view.gaze.as_dvec3()))
 }
 
 /// Returns the number of rings up to an eccentricity, as a multiple of the number of rings in the fovea.
@@ -66,55 +137,11 @@ fn rings_within(degrees: f64) -> f64 {
 }
 
 /// Returns the eccentricity of the view's corner that is farthest from `gaze`, degrees.
-pub(super) fn farthest_corner(view: &View, gaze: Vec3) -> f64 {
+fn farthest_corner(view: &View, gaze: Vec3) -> f64 {
     let [forward, right, up] = [view.forward, view.right, view.up].map(Vec3::as_dvec3);
     let (right, up) = (right * f64::from(view.tan_half_x), up * f64::from(view.tan_half_y));
     let corners = [-right - up, up - right, right - up, right + up].map(|c| forward + c);
     corners.map(|c| degrees_between(gaze.as_dvec3(), c)).into_iter().fold(0.0, f64::max)
-}
-
-/// Returns the size of a visual-polar image for a screen of this size: two thirds of its width and height, rounded up.
-pub(super) fn grid(screen: Extent) -> Extent {
-    let of = |pixels: u32| (2 * pixels).div_ceil(3).max(1);
-    Extent::new(of(screen.width), of(screen.height))
-}
-
-/// Returns a function that maps a direction to its position in an eye's polar image.
-pub(super) fn place_of(seen: &View, screen: Extent) -> impl Fn(DVec3) -> PolarPoint {
-    let seen = *seen;
-    let (gaze, forward) = (seen.gaze.as_dvec3(), seen.forward.as_dvec3());
-    // Solid angle of a pixel in the centre of the screen, steradians.
-    let middle = (2.0 * f64::from(seen.tan_half_y) / f64::from(screen.height)).powi(2);
-    let grid = grid(screen);
-    // Density in the fovea, pixels per steradian. Outside it falls with acuity.
-    let most = f64::from(seen.fovea_rows) * f64::from(grid.width) / (2.0 * PI * FOVEA_DEG.to_radians().powi(2));
-    let short_rows = f64::from(short_rows(&seen, grid.height));
-    move |ray| {
-        let degrees = degrees_between(ray, gaze);
-        let row = seen.ring_of(ray);
-        // Within the fovea, shortened rings have a constant density, and full-length rings thin out as they get larger.
-        let thinned = if degrees < FOVEA_DEG { row.max(short_rows) / f64::from(seen.fovea_rows) } else { 1.0 };
-        // The integral of acuity treats rings as circles in a plane, but on the sphere a ring's circumference is
-        // proportional to the sine of its eccentricity.
-        let angle = degrees.max(1e-9).to_radians();
-        let density = most / thinned * acuity(degrees) * angle / angle.sin() * middle * ray.dot(forward).powi(3);
-        PolarPoint { row, density }
-    }
-}
-
-/// Returns the view with `rows` and `fovea_rows` set for its gaze. An image with a centred gaze has `rows` rows. For
-/// any other gaze, the number of rows is set such that the number of pixels is the same as for a centred gaze.
-pub(super) fn look(view: View, rows: u32) -> View {
-    let share = fovea_fraction(farthest_corner(&view, view.gaze));
-    // Keep the number of pixels of a centred gaze.
-    let centred = fovea_fraction(farthest_corner(&view, view.forward));
-    let rows = (f64::from(rows) * pixel_share(centred) / pixel_share(share)).round().max(1.0);
-    View { rows: rows as f32, fovea_rows: (rows * share) as f32, ..view }
-}
-
-/// Returns the number of pixels that an eye's image uses.
-pub(super) fn pixels(view: &View, grid: Extent) -> u64 {
-    (0..view.rows as u32).map(|row| u64::from(row_length(view, grid, row))).sum()
 }
 
 /// Returns the number of shortened rings: those of the fovea, up to a fraction of [`MOST_SHORT`] of all rows.
@@ -132,10 +159,9 @@ fn row_length(view: &View, grid: Extent, row: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quality::PolarSpace;
+    use crate::projection::{Polar, PolarSpace};
     use crate::scene::rig::{self, Eye};
     use crate::scene::shot::Gaze;
-    use crate::stages::Polar;
 
     fn view(yfov_deg: f32, aspect: f32) -> View {
         let tan_half_y = (yfov_deg.to_radians() / 2.0).tan();
@@ -178,12 +204,12 @@ mod tests {
     #[test]
     fn narrow_views_have_rings_and_pixels() {
         let screen = Extent::new(640, 360);
-        let grid = grid(screen);
+        let grid = VisualPolar.grid(screen);
         for yfov_deg in [1e-6, 0.01, 1.0, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 20.0] {
             let eye = view(yfov_deg, 16.0 / 9.0);
             for gaze in [[0.5, 0.5], [0.3, 0.6], [0.0, 0.0], [1.0, 0.5], [0.62, 0.97]] {
                 let seen = towards(gaze).look(0, 0.0, eye, screen);
-                let share = pixels(&seen, grid) as f64 / screen.area() as f64;
+                let share = VisualPolar.pixels(&seen, screen) as f64 / screen.area() as f64;
                 let told = format!("{yfov_deg} degrees, {gaze:?}: {} rows, {share} of the pixels", seen.rows);
                 assert!(seen.rows >= 0.8 * grid.height as f32 && seen.rows <= grid.height as f32, "{told}");
                 assert!((0.3..0.4).contains(&share), "{told}");
@@ -213,12 +239,12 @@ mod tests {
     fn as_many_pixels_are_traced_wherever_the_gaze_is() {
         for (screen, yfov_deg) in [((640, 360), 58.7), ((1280, 1440), 100.0), ((320, 180), 75.0)] {
             let screen = Extent::new(screen.0, screen.1);
-            let grid = grid(screen);
+            let grid = VisualPolar.grid(screen);
             let eye = view(yfov_deg, screen.width as f32 / screen.height as f32);
             let share = |gaze| {
                 let seen = towards(gaze).look(0, 0.0, eye, screen);
                 assert!(seen.rows <= grid.height as f32 && seen.fovea_rows > 0.0 && seen.fovea_rows < seen.rows);
-                pixels(&seen, grid) as f64 / screen.area() as f64
+                VisualPolar.pixels(&seen, screen) as f64 / screen.area() as f64
             };
             let centred = share([0.5, 0.5]);
             assert!((centred - 0.391).abs() < 0.03, "{screen}: {centred}");
