@@ -77,7 +77,8 @@ impl Project for VisualPolar {
         Box::new(move |_, ray| {
             let degrees = degrees_between(ray, gaze);
             let row = ring_of(&seen, ray);
-            // Within the fovea, shortened rings have a constant density, and full-length rings thin out as they get larger.
+            // Within the fovea, shortened rings have a constant density, and full-length rings thin out as they get
+            // larger.
             let thinned = if degrees < FOVEA_DEG { row.max(short_rows) / f64::from(seen.fovea_rows) } else { 1.0 };
             // The integral of acuity treats rings as circles in a plane, but on the sphere a ring's circumference is
             // proportional to the sine of its eccentricity.

@@ -132,7 +132,7 @@ mod tests {
     use super::*;
     use crate::accel::Accel;
     use crate::image::Extent;
-    use crate::projection::{Polar, PolarSpace};
+    use crate::projection::{LogPolar, Polar, PolarSpace};
     use crate::scene::motion::keys::{Interpolation, Keys};
     use crate::scene::motion::{Animation, Body, Channel, Influence, Node, Placement, Skin, Target};
     use crate::scene::rig::{Eye, Rig, RigKey};
@@ -306,6 +306,9 @@ mod tests {
                 most = most.max((row(&now, p) - row(&last, p)).abs());
             }
             assert!(most <= f64::from(bound), "{to} {gazes:?}: {most} rings, bound {bound}");
+            // Log-polar images have no bound of their own.
+            let any = history_rows(Some(PolarSpace::Log(LogPolar::COMPOSITE)), &camera, &[last; 2], &tables, &[]);
+            assert_eq!(any, Some(if now == last { STEP_ROWS } else { grid.height }), "{to} {gazes:?}");
         }
     }
 
