@@ -11,12 +11,11 @@ mod judge;
 mod late;
 mod leria;
 mod moving_gaze;
-mod over_shots;
 mod page;
-mod peres;
 mod preset;
 mod reference;
 mod seams;
+mod subject;
 mod timed;
 mod turns;
 

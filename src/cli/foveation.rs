@@ -207,7 +207,7 @@ fn numbers<T: FromStr>(text: &str, is_allowed: fn(&T) -> bool) -> Option<Vec<T>>
     text.split(',').map(|n| n.trim().parse().ok().filter(is_allowed)).collect()
 }
 
-/// The configurations of Peres, section 6, in the order of [`crate::report::peres::CONFIGURATIONS`].
+/// The configurations of Peres, section 6.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Preset {
     /// No foveation: 4 samples, 5 iterations

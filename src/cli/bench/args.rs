@@ -164,8 +164,8 @@ pub struct PresetOptions {
     /// builtin:atrium and builtin:forest].
     #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "study")]
     pub shots: Vec<String>,
-    /// Scale factor for the resolutions of Peres 2022, for --preset peres
-    #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
+    /// Scale factor of the resolutions of --preset peres or of an --experiment
+    #[arg(long, value_name = "F", requires = "study", default_value_t = 0.25, value_parser = size_factor)]
     pub size_factor: f64,
     /// Instants on the path, for --experiment, --preset peres, andersson or late
     #[arg(long, value_name = "N", requires = "study", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]

@@ -8,11 +8,13 @@ use anyhow::{Context, anyhow};
 use crate::device::DeviceInfo;
 use crate::loaded::LoadedScene;
 use crate::quality::Quality;
-use crate::report::experiment::{Camera, Experiment, ExperimentRow, FOVEA, OtherMeasures, RINGS};
+use crate::report::experiment::{Camera, Experiment, ExperimentRow, FOVEA, Found, OtherMeasures, RINGS, text_of};
 use crate::report::frames::FrameLine;
 use crate::report::pictures::Group;
+use crate::report::rectified::RectifiedFrame;
 use crate::report::rings::{self, FrameRings, RingRow, ring_charts, ring_csv, ring_table};
 use crate::report::{Csv, Table};
+use crate::scene::optics::Optics;
 use crate::scene::rig::RigKey;
 use crate::scene::shot::Gaze;
 
@@ -21,20 +23,39 @@ use super::arrangement;
 use super::axes::FPS;
 use super::findings::{Findings, section};
 use super::judge::{Judge, pairs};
+use super::late;
 use super::moving_gaze::with_moving_gaze;
-use super::over_shots::over_shots;
+use super::preset::refuse;
 use super::reference::{Reference, own};
+use super::subject::{Subject, subjects};
 use super::turns::Turns;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::options::{RenderOptions, RunOptions};
+use crate::cli::output;
 use crate::cli::page;
 use crate::cli::progress::Progress;
 use crate::cli::settings::Given;
 use crate::cli::setup::{self, Tracing};
 
-/// Options that experiments defined by a file reject.
-pub const REFUSES: &[&str] = &["size_factor", "frames", "simulate", "fresh"];
+/// Returns the options that an experiment does not accept, by the names of their fields.
+fn refused(experiment: &Experiment) -> impl Iterator<Item = &'static str> {
+    let (has_sizes, has_shots) = (!experiment.resolutions.is_empty(), !experiment.shots.is_empty());
+    let (cameras, is_late) = (experiment.cameras(), experiment.cameras() == [Camera::Late]);
+    [
+        ("frames", true),
+        ("simulate", true),
+        ("fresh", true),
+        ("size", has_sizes),
+        ("size_factor", !has_sizes),
+        ("shot", has_shots),
+        ("instants", !cameras.iter().any(|camera| camera.visits_instants())),
+        ("repeats", is_late),
+        ("warm_up", is_late),
+    ]
+    .into_iter()
+    .filter_map(|(id, is_refused)| is_refused.then_some(id))
+}
 
 /// Runs the experiment in a file.
 pub fn run_file(args: &Args, path: &Path) -> Result<(), Failure> {
@@ -45,15 +66,15 @@ pub fn run_file(args: &Args, path: &Path) -> Result<(), Failure> {
 /// Runs an experiment from its TOML text. `origin` is the option that selected it, for error messages.
 pub fn run_text(args: &Args, text: &str, origin: &str) -> Result<(), Failure> {
     let experiment = Experiment::parse(text).map_err(|reason| Failure::Input(anyhow!("{origin}: {reason}")))?;
+    refuse(origin, refused(&experiment))?;
     let all = arrangement::of(&experiment, &args.options).with_context(|| format!("{origin}: wrong options"));
     let all = all.map_err(Failure::Input)?;
-    let is_typed = |id| Given::here().and_then(|given| given.typed(id)).is_some();
-    if is_typed("instants") && !experiment.cameras().contains(&Camera::Moving) {
-        let what = anyhow!("{origin} cannot be combined with --instants: leave one of them out");
-        return Err(Failure::Input(what));
+    if experiment.cameras().contains(&Camera::Late) && args.options.motion.is_none() {
+        return Err(Failure::Input(anyhow!("{origin} needs a head motion: give it with --motion")));
     }
     // Leaked, because result tables refer to its names until the process ends.
     let experiment: &'static Experiment = Box::leak(Box::new(experiment));
+    let is_typed = |id| Given::here().and_then(|given| given.typed(id)).is_some();
     let mut args = args.clone();
     // The reference uses the largest number of bounces of all arrangements.
     args.bounces = all.iter().map(|options| options.bounces).max().into_iter().collect();
@@ -66,14 +87,27 @@ fn run(args: &Args, experiment: &'static Experiment, all: &[RenderOptions]) -> R
     let quality = slowest(args, all);
     let frames_of = |camera: &Camera| match camera {
         Camera::Moving => args.preset.instants * (args.warm_up_of(&quality) + 1),
+        Camera::Stepping => args.preset.instants * (args.warm_up_of(&quality) + args.repeats),
+        Camera::Late => args.preset.instants * late::FRAMES,
         _ if experiment.has_any(&FOVEA) => 2 * args.frames_of(&quality),
         _ => args.frames_of(&quality),
     };
     let frames = experiment.cameras().iter().map(frames_of).sum::<u32>();
+    let options = &args.options;
+    options.check().map_err(Failure::Input)?;
+    let subjects = subjects(args, experiment).map_err(Failure::Input)?;
+    output::prepare(&options.out, "--out")?;
+    interrupt::watch()?;
+    let tracing = Tracing::start(options)?;
+    let frames = (subjects.len() * all.len()) as u64 * u64::from(frames);
+    let progress = Progress::new(frames, options.quiet, options.json);
     let mut found = Results::new(experiment);
-    over_shots(args, u64::from(frames) * all.len() as u64, |args, progress, tracing| {
-        found.measure(args, progress, tracing)
-    })?;
+    for subject in &subjects {
+        let args = Args { options: subject.options.clone(), ..args.clone() };
+        found.measure(&args, subject, &progress, &tracing)?;
+    }
+    progress.finish();
+    tracing.finish()?;
     found.write(args)
 }
 
@@ -91,14 +125,25 @@ fn on_path(keys: &[RigKey], count: u32) -> Vec<f64> {
     (1..=count).map(|i| first.time_s + length_s * f64::from(i) / f64::from(count)).collect()
 }
 
+/// Returns `count` evenly spaced instants along the path, both ends included; only `time_s` for a count of 1 or a
+/// static camera.
+fn from_end_to_end(keys: &[RigKey], time_s: f64, count: u32) -> Vec<f64> {
+    let [first, .., last] = keys else { return vec![time_s] };
+    if count == 1 {
+        return vec![time_s];
+    }
+    let length_s = last.time_s - first.time_s;
+    (0..count).map(|i| first.time_s + length_s * f64::from(i) / f64::from(count - 1)).collect()
+}
+
 struct Results {
     experiment: &'static Experiment,
     rows: Vec<ExperimentRow>,
     rings: Vec<RingRow>,
-    /// Timed frames, each with the names of its shot, of its camera if there are several, and of its arrangement.
+    /// Timed frames, each with its cells in the columns of [`Experiment::frame_labels`].
     frames: Vec<(Vec<String>, FrameLine)>,
     devices: Vec<DeviceInfo>,
-    /// A note on each reference.
+    /// Notes on the references.
     notes: Vec<String>,
     /// Pictures of the last frame of each row, for the page.
     pictures: Vec<Group>,
@@ -124,12 +169,23 @@ impl Results {
         Self { experiment, rows, rings, frames, devices, notes, pictures }
     }
 
-    /// Measures all arrangements on the shot of `args`.
-    fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
+    /// Measures all arrangements on a subject, whose options are those of `args`.
+    fn measure(
+        &mut self,
+        args: &Args,
+        subject: &Subject,
+        progress: &Progress,
+        tracing: &Tracing,
+    ) -> Result<(), Failure> {
         let (options, experiment) = (&args.options, self.experiment);
         let mut loaded = setup::load(options)?;
         if experiment.gazes_ahead {
             loaded.shot.gaze = Gaze::default();
+        }
+        if experiment.overscan_deg > 0.0 {
+            let (rig, border_deg) = (&mut loaded.shot.rig, experiment.overscan_deg);
+            let optics = rig.optics.map(|optics| optics.widened(border_deg));
+            rig.optics = Some(optics.unwrap_or_else(|| Optics::with_border(rig, options.size, border_deg)));
         }
         let arranged = arrangement::of(experiment, options).map_err(Failure::Input)?;
         let quality = slowest(args, &arranged);
@@ -137,22 +193,38 @@ impl Results {
         let mut turns = Turns::new(&loaded, progress, tracing, self.rows.len());
         let mut beside = Vec::new();
         for (arrangement, mut own) in experiment.all.iter().zip(arranged) {
-            let mut measures = OtherMeasures::new();
+            let mut measures = OtherMeasures::from([("exposure_ev", loaded.exposure_ev())]);
+            if own.foveated.is_on() {
+                own.foveated.layer_radii = subject.layer_radii;
+            }
             if arrangement.as_visual_polar {
-                measures = arrangement::sample_as_visual_polar(&mut own, &loaded);
+                measures.extend(arrangement::sample_as_visual_polar(&mut own, &loaded));
+            }
+            if arrangement.late_frames.is_some() {
+                (own.is_late, own.spp) = (true, args.reference_spp.unwrap_or(own.spp));
             }
             measures.insert("dispatched", arrangement::dispatched(&own, &loaded));
             beside.push(measures);
             let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
-            turns.add(format!("{} of {}", arrangement.name, options.shot), own, gpus)?;
+            turns.add(format!("{} of {}", arrangement.name, subject.name), own, gpus)?;
         }
+        let frame = turns.renderers[0].rectified().map(|frame| RectifiedFrame::new(frame, options.size));
+        self.notes.extend(frame.map(|frame| format!("{}: {frame}.", subject.name)));
         let mut begun = 0;
         for &camera in experiment.cameras() {
-            let is_moving = camera == Camera::Moving;
-            let frames = if is_moving { 1 } else { args.frames_of(&quality) - warm_up };
+            if camera == Camera::Late {
+                let found = late::measure(args, experiment, &loaded, &mut turns, beside.clone())?;
+                self.keep(subject, camera, &found);
+                continue;
+            }
             let keys = &loaded.shot.rig.keys;
+            let (instants, frames) = match camera {
+                Camera::Moving => (on_path(keys, args.preset.instants), 1),
+                Camera::Stepping => (from_end_to_end(keys, options.time, args.preset.instants), args.repeats),
+                _ => (vec![options.time], args.frames_of(&quality) - warm_up),
+            };
             let mut views = Vec::new();
-            for time_s in if is_moving { on_path(keys, args.preset.instants) } else { vec![options.time] } {
+            for time_s in instants {
                 let args = Args { options: RunOptions { time: time_s, ..options.clone() }, ..args.clone() };
                 let reference = own(&args, &loaded, tracing, None)?;
                 interrupt::check()?;
@@ -162,11 +234,28 @@ impl Results {
             }
             if !views.is_empty() {
                 let shown = Shown { camera, warm_up, views };
-                self.measure_views(args, &loaded, &mut turns, &mut begun, &shown, beside.clone())?;
+                let found =
+                    self.measure_views(args, subject, &loaded, &mut turns, &mut begun, &shown, beside.clone())?;
+                self.keep(subject, camera, &found);
             }
         }
         self.devices = turns.renderers[0].devices().to_vec();
         Ok(())
+    }
+
+    /// Adds the results of all arrangements to the rows and the frames.
+    fn keep(&mut self, subject: &Subject, camera: Camera, found: &[Found]) {
+        let experiment = self.experiment;
+        let mut texts = subject.texts.clone();
+        texts.insert("camera".to_owned(), camera.name().into());
+        for (arrangement, found) in experiment.all.iter().zip(found) {
+            let texts = experiment.texts_of(&texts, &arrangement.name);
+            let labels = experiment.frame_labels().into_iter();
+            let cells: Vec<String> = labels.map(|label| text_of(&texts, label).unwrap_or_default()).collect();
+            let lines = found.instants.iter().flat_map(|at| &at.frames);
+            self.frames.extend(lines.map(|line| (cells.clone(), line.clone())));
+        }
+        self.rows.extend(experiment.measured(&texts, found));
     }
 
     /// Measures all arrangements in all views of a camera. `begun` counts the frames that each renderer has begun.
@@ -174,23 +263,24 @@ impl Results {
     fn measure_views(
         &mut self,
         args: &Args,
+        subject: &Subject,
         loaded: &LoadedScene,
         turns: &mut Turns,
         begun: &mut u32,
         Shown { camera, warm_up, views }: &Shown,
         mut beside: Vec<OtherMeasures>,
-    ) -> Result<(), Failure> {
+    ) -> Result<Vec<Found>, Failure> {
         let (options, experiment) = (&args.options, self.experiment);
         let total: u32 = views.iter().map(|view| view.frames).sum();
         let seen = experiment.has_any(&RINGS).then(|| rings::viewing(options.size));
-        let judge = |_: &OtherMeasures| Judge::new(loaded, &views[0].reference, options.time);
-        let mut judges: Vec<Judge> = beside.iter().map(judge).collect();
+        let mut found: Vec<Found> = beside.iter().map(|_| Found::default()).collect();
         let mut rings: Vec<Vec<FrameRings>> = beside.iter().map(|_| Vec::new()).collect();
         let mut number = 0;
         for View { time_s, reference, frames } in views {
-            judges.iter_mut().for_each(|judge| judge.turn_to(reference));
+            let mut judges: Vec<Judge> = beside.iter().map(|_| Judge::new(loaded, reference, *time_s)).collect();
             for i in 0..warm_up + frames {
-                let before = if *camera == Camera::Still { 0 } else { warm_up.saturating_sub(i) };
+                let rests = matches!(camera, Camera::Still | Camera::Stepping);
+                let before = if rests { 0 } else { warm_up.saturating_sub(i) };
                 let time_s = time_s - f64::from(before) / FPS;
                 let reports = turns.render(time_s, *begun)?;
                 *begun += 1;
@@ -212,7 +302,7 @@ impl Results {
                         rings[which].push(FrameRings::new(seen, eyes, to_first.as_ref()));
                     }
                     if args.report && number + 1 == total {
-                        let name = format!("{} of {}", experiment.all[which].name, options.shot);
+                        let name = format!("{} of {}", experiment.all[which].name, subject.name);
                         let of_camera = experiment.cameras.as_ref().map(|_| format!(", {}", camera.name()));
                         let name = name + &of_camera.unwrap_or_default();
                         self.pictures.push(page::against(name, &image, &reference.images, loaded)?);
@@ -221,43 +311,37 @@ impl Results {
                 }
                 number += 1;
             }
+            found.iter_mut().zip(judges).for_each(|(found, judge)| found.instants.push(judge.conclude()));
         }
-        if experiment.has_any(&FOVEA) && *camera != Camera::Moving {
+        if experiment.has_any(&FOVEA) && !camera.visits_instants() {
             let count = [*warm_up, warm_up + total];
             let foveae = with_moving_gaze(options, loaded, &views[0].reference, turns, begun, count)?;
             for (beside, fovea) in beside.iter_mut().zip(foveae) {
                 beside.extend(FOVEA.into_iter().zip(fovea).filter_map(|(name, value)| Some((name, value?))));
             }
         }
-        let mut measured = Vec::new();
-        for (((arrangement, judge), mut beside), rings) in experiment.all.iter().zip(judges).zip(beside).zip(&rings) {
+        for (((arrangement, found), mut beside), rings) in experiment.all.iter().zip(&mut found).zip(beside).zip(&rings)
+        {
             let rows = rings::over_frames(&options.shot, camera.name(), &arrangement.name, rings);
             beside.extend(RINGS.into_iter().zip(rings::ends(&rows)).filter_map(|(name, ssim)| Some((name, ssim?))));
             self.rings.extend(rows);
-            let of = judge.conclude();
-            let camera = experiment.cameras.as_ref().map(|_| camera.name().to_owned());
-            let names = [options.shot.clone()].into_iter().chain(camera).chain([arrangement.name.clone()]);
-            let names: Vec<String> = names.collect();
-            self.frames.extend(of.frames.iter().map(|line| (names.clone(), line.clone())));
-            measured.push((of, beside));
+            found.others = beside;
         }
-        self.rows.extend(experiment.measured(&options.shot, *camera, &measured));
-        Ok(())
+        Ok(found)
     }
 
     fn write(mut self, args: &Args) -> Result<(), Failure> {
         let experiment = self.experiment;
         self.rows.extend(experiment.cited());
         let (lines, frames): (Vec<_>, Vec<_>) = self.frames.into_iter().unzip();
-        let columns = ["shot"].into_iter().chain(experiment.labels().into_iter().skip(2));
-        let columns = columns.map(str::to_owned).collect();
+        let columns = experiment.frame_labels().into_iter().map(str::to_owned).collect();
         let file = format!("{}.csv", experiment.name);
         let mut files = vec![
             (&file[..], experiment.csv(&self.rows)),
             ("frames.csv", Csv { columns, lines }.beside(FrameLine::csv(&frames))),
         ];
         let mut more = vec![section("Devices", Vec::new(), Table::of_devices([&self.devices[..]]))];
-        if args.report {
+        if args.report && !self.pictures.is_empty() {
             let note = "The last frame of each arrangement and its FLIP against the reference.";
             more.insert(0, page::pictures(note.to_owned(), &self.pictures)?);
         }
@@ -270,13 +354,17 @@ impl Results {
             by_ring.figure = Some(ring_charts(&self.rings, &names).context("cannot draw the rings")?);
             more.insert(0, by_ring);
         }
-        let notes = experiment.captions().into_iter().chain(self.notes).collect();
+        let sizes = match &experiment.resolutions[..] {
+            [] => args.options.size.to_string(),
+            of => of.iter().map(|of| of.size(args.preset.size_factor).to_string()).collect::<Vec<_>>().join(" and "),
+        };
+        let tables = experiment.tables(&self.rows, self.notes).into_iter();
         Findings {
-            title: format!("{}, at {}", experiment.title, args.options.size),
+            title: format!("{}, at {sizes}", experiment.title),
             rows: &self.rows.iter().map(|row| experiment.json(row)).collect::<Vec<_>>(),
             files,
             run: None,
-            tables: vec![section(&experiment.heading, notes, experiment.table(&self.rows))],
+            tables: tables.map(|(heading, notes, table)| section(heading, notes, table)).collect(),
             more,
         }
         .write(args)
@@ -294,5 +382,13 @@ mod tests {
         let key = |time_s| RigKey { time_s, position: DVec3::ZERO, target: DVec3::X, up: DVec3::Y };
         assert_eq!(on_path(&[1.0, 1.5, 4.0].map(key), 3), [2.0, 3.0, 4.0]);
         assert!(on_path(&[key(1.0)], 3).is_empty());
+    }
+
+    #[test]
+    fn instants_are_even_from_end_to_end() {
+        let key = |time_s| RigKey { time_s, position: DVec3::ZERO, target: DVec3::X, up: DVec3::Y };
+        let moving = [1.0, 1.5, 4.0].map(key);
+        assert_eq!(from_end_to_end(&moving, 0.5, 4), [1.0, 2.0, 3.0, 4.0]);
+        assert_eq!((from_end_to_end(&moving, 0.5, 1), from_end_to_end(&[key(1.0)], 0.5, 4)), (vec![0.5], vec![0.5]));
     }
 }

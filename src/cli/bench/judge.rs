@@ -56,13 +56,7 @@ impl<'a> Judge<'a> {
         Ok(())
     }
 
-    /// Switches to another view with its own reference. Flicker does not compare frames across the switch.
-    pub fn turn_to(&mut self, reference: &'a Reference) {
-        (self.reference, self.before) = (reference, None);
-    }
-
-    /// Returns the image of each eye in the last frame, paired with its reference; `None` before the first frame of a
-    /// view.
+    /// Returns the image of each eye in the last frame, paired with its reference; `None` before the first frame.
     pub fn last(&self) -> Option<&[Pair; 2]> {
         self.before.as_ref()
     }

@@ -22,6 +22,7 @@ use crate::schedule::{CostModel, RatioRule};
 
 use super::args::Args;
 use super::findings::{Findings, section};
+use super::preset::refuse;
 use super::turns::Turns;
 use crate::cli::balance::Balance;
 use crate::cli::failure::Failure;
@@ -34,7 +35,7 @@ use crate::cli::settings;
 use crate::cli::setup::{self, Tracing};
 use crate::cli::simulate::predict;
 
-pub const REFUSES: &[&str] = &[
+const REFUSES: &[&str] = &[
     "shots",
     "size_factor",
     "instants",
@@ -81,6 +82,7 @@ fn baseline(proposed: &RenderOptions, devices: usize) -> RenderOptions {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    refuse("--preset leria", REFUSES.iter().copied())?;
     let options = proposed(args);
     options.check().map_err(Failure::Input)?;
     let simulated = args.preset.simulated();

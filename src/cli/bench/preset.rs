@@ -1,20 +1,21 @@
 //! `diptych bench --preset` and `--experiment`: published experiments and your own.
 //!
-//! To add a preset, write a file in `experiments` and add a variant to [`Preset`] and a line to each of its methods.
-//! If a file cannot describe the preset, write a module with `run` and `REFUSES` instead of the file.
+//! To add a preset, write a file in `experiments` and add a variant to [`Preset`] and a line to its method.
+//! If a file cannot describe the preset, write a module with `run` instead of the file.
 
 use anyhow::anyhow;
 
 use super::args::{Args, Preset};
-use super::{experiment, late, leria, peres};
+use super::{experiment, leria};
 use crate::cli::failure::Failure;
 use crate::cli::settings::Given;
-use crate::cli::setup;
 
 /// Experiment files of the presets, as text.
 const ANDERSSON: &str = include_str!("experiments/andersson.toml");
 const BMFR: &str = include_str!("experiments/bmfr.toml");
 const KOSKELA: &str = include_str!("experiments/koskela.toml");
+const LATE: &str = include_str!("experiments/late.toml");
+const PERES: &str = include_str!("experiments/peres.toml");
 
 impl Preset {
     fn run(self, args: &Args) -> Result<(), Failure> {
@@ -23,37 +24,29 @@ impl Preset {
             Self::Bmfr => experiment::run_text(args, BMFR, "--preset bmfr"),
             Self::Koskela => experiment::run_text(args, KOSKELA, "--preset koskela"),
             Self::Andersson => experiment::run_text(args, ANDERSSON, "--preset andersson"),
-            Self::Peres => peres::run(args),
-            Self::Late => late::run(args),
+            Self::Peres => experiment::run_text(args, PERES, "--preset peres"),
+            Self::Late => experiment::run_text(args, LATE, "--preset late"),
         }
     }
+}
 
-    /// Returns the options that the experiment does not accept, by the names of their fields.
-    fn refuses(self) -> &'static [&'static str] {
-        match self {
-            Self::Leria => leria::REFUSES,
-            Self::Bmfr | Self::Koskela | Self::Andersson => experiment::REFUSES,
-            Self::Peres => peres::REFUSES,
-            Self::Late => late::REFUSES,
-        }
+/// Refuses the options with these field names if the command line has them. `name` is the option that selected the
+/// experiment.
+pub fn refuse(name: &str, options: impl IntoIterator<Item = &'static str>) -> Result<(), Failure> {
+    let given = Given::here();
+    match options.into_iter().find_map(|id| given?.typed(id)) {
+        None => Ok(()),
+        Some(option) => Err(Failure::Input(anyhow!("{name} cannot be combined with {option}: leave one of them out"))),
     }
 }
 
 /// Runs the experiment that the options name; `None` if they name none.
 pub fn run(args: &Args) -> Option<Result<(), Failure>> {
-    let (name, refuses) = match (args.preset.preset, &args.preset.experiment) {
-        (Some(preset), _) => (format!("--preset {}", setup::name(&preset)), preset.refuses()),
-        (None, Some(_)) => ("--experiment".to_owned(), experiment::REFUSES),
-        (None, None) => return None,
-    };
-    let typed = |id: &str| Given::here().and_then(|given| given.typed(id));
-    let refusal = match refuses.iter().find_map(|id| typed(id)) {
-        Some(option) => anyhow!("{name} cannot be combined with {option}: leave one of them out"),
-        None if typed("shot").is_some() && typed("shots").is_some() => anyhow!("give either SHOT or --shots, not both"),
-        None => {
-            let file = args.preset.experiment.as_deref().map(|path| experiment::run_file(args, path));
-            return args.preset.preset.map(|preset| preset.run(args)).or(file);
-        }
-    };
-    Some(Err(Failure::Input(refusal)))
+    let is_named = args.preset.preset.is_some() || args.preset.experiment.is_some();
+    let is_typed = |id: &str| Given::here().is_some_and(|given| given.typed(id).is_some());
+    if is_named && is_typed("shot") && is_typed("shots") {
+        return Some(Err(Failure::Input(anyhow!("give either SHOT or --shots, not both"))));
+    }
+    let file = args.preset.experiment.as_deref().map(|path| experiment::run_file(args, path));
+    args.preset.preset.map(|preset| preset.run(args)).or(file)
 }

@@ -34,6 +34,11 @@ pub struct Reference {
 }
 
 impl Reference {
+    /// Returns a frame as the reference of other frames.
+    pub fn of_frame(images: Stereo<RgbImage>) -> Self {
+        Self { images, noise: None, origin: String::new(), kinds: None, key: String::new() }
+    }
+
     /// Returns a sentence that names the shot, the size, the origin and the noise of the reference.
     pub fn note(&self, shot: &str, size: Extent) -> String {
         let noise = self.noise.as_ref().map_or(String::new(), |noise| format!("; its own noise: {noise}"));

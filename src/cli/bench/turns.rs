@@ -70,18 +70,39 @@ impl<'a> Turns<'a> {
         let count = self.renderers.len();
         let mut frames = Vec::new();
         for which in (0..count).map(|i| (index as usize + i) % count) {
-            let renderer = &mut self.renderers[which];
-            let params = renderer.frame(&self.loaded.shot.rig, time_s, index);
-            let frame = renderer.render(&FrameParams { gaze: self.gaze, ..params })?;
-            refuse_faults(renderer)?;
-            interrupt::check()?;
-            let ((name, _), makespan_ms) = (&self.settings[which], frame.makespan_ms);
-            let event = serde_json::json!({ "event": "frame", "setting": name, "makespan_ms": makespan_ms });
-            self.progress.step(format!("{name}, {makespan_ms:.1} ms"), &event);
+            let params = self.renderers[which].frame(&self.loaded.shot.rig, time_s, index);
+            let frame = self.frame(which, &FrameParams { gaze: self.gaze, ..params })?;
             frames.push((which, frame));
         }
         frames.sort_by_key(|(which, _)| *which);
         Ok(frames.into_iter().map(|(_, frame)| frame).collect())
+    }
+
+    /// Renders frame `index` on one renderer, without history. Late reprojection displays it from the pose at
+    /// `later_s`, if given.
+    pub fn alone(
+        &mut self,
+        which: usize,
+        time_s: f64,
+        index: u32,
+        later_s: Option<f64>,
+    ) -> Result<FrameReport, Failure> {
+        let (rig, renderer) = (&self.loaded.shot.rig, &mut self.renderers[which]);
+        renderer.begin_anew();
+        let shown_from = later_s.map(|later_s| rig.at(later_s));
+        let params = FrameParams { shown_from, ..renderer.frame(rig, time_s, index) };
+        self.frame(which, &params)
+    }
+
+    fn frame(&mut self, which: usize, params: &FrameParams) -> Result<FrameReport, Failure> {
+        let renderer = &mut self.renderers[which];
+        let frame = renderer.render(params)?;
+        refuse_faults(renderer)?;
+        interrupt::check()?;
+        let ((name, _), makespan_ms) = (&self.settings[which], frame.makespan_ms);
+        let event = serde_json::json!({ "event": "frame", "setting": name, "makespan_ms": makespan_ms });
+        self.progress.step(format!("{name}, {makespan_ms:.1} ms"), &event);
+        Ok(frame)
     }
 
     /// Returns the number of pixels of each eye that renderer `which` path traced in `frame`, divided by the number of

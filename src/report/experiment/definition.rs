@@ -4,6 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 
+use super::column::Column;
+use crate::image::Extent;
 use crate::report::study::cell;
 
 /// An experiment: named sets of options (arrangements), which take turns at rendering the same frames.
@@ -13,12 +15,24 @@ pub struct Experiment {
     /// Name of the CSV file, without the extension.
     pub name: String,
     pub title: String,
-    /// Heading of the table.
+    /// Heading of the first table.
     pub heading: String,
-    /// Caption of the table.
+    /// Caption of the first table.
     pub caption: String,
     /// Name of the column that holds the names of the arrangements.
     pub arrangements: String,
+    /// Text columns at the start of each row: names of [`LABELS`] or the value of `arrangements`. Without this key they
+    /// are `source`, `scene`, `camera` if the file lists cameras, and the column of arrangements.
+    labels: Option<Vec<String>>,
+    /// Shots to measure unless the command line names others.
+    #[serde(default)]
+    pub shots: Vec<Shot>,
+    /// Sizes to measure, each in separate rows, instead of that of the command line.
+    #[serde(default)]
+    pub resolutions: Vec<Resolution>,
+    /// Overscan on each side, degrees.
+    #[serde(default)]
+    pub overscan_deg: f64,
     /// Camera motions to measure, each in separate rows; the column `camera` names the motion. Without this key, there
     /// is no such column, and the motion is [`Camera::Approaching`].
     pub cameras: Option<Vec<Camera>>,
@@ -33,8 +47,10 @@ pub struct Experiment {
     #[serde(rename = "arrangement")]
     pub all: Vec<Arrangement>,
     pub columns: Vec<Column>,
-    /// Columns of the table that is printed in the terminal and shown on the HTML page.
-    pub table: Vec<Shown>,
+    /// Columns of the first table that is printed in the terminal and shown on the HTML page.
+    table: Vec<Shown>,
+    #[serde(default)]
+    further_tables: Vec<Printed>,
     #[serde(default)]
     pub(super) cited: Cited,
 }
@@ -49,6 +65,38 @@ pub enum Camera {
     Still,
     /// The camera moves along its path to several instants, and the frame at each instant is compared.
     Moving,
+    /// The camera rests at several instants of its path in turn.
+    Stepping,
+    /// The camera moves along its path, and frames are displayed later than their pose was sampled.
+    Late,
+}
+
+/// A shot, and the scene of the publication that it replaces.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shot {
+    pub name: String,
+    pub stands_for: Option<String>,
+}
+
+/// A named size of each eye's image.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Resolution {
+    pub name: String,
+    pub width: u32,
+    pub height: u32,
+    /// Outer radii of the inner and the middle foveal layer, in pixels of this size.
+    layer_radii_px: Option<[f64; 2]>,
+}
+
+/// A further table, with the same rows as the first.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Printed {
+    heading: String,
+    caption: String,
+    table: Vec<Shown>,
 }
 
 /// Numbers of frames to use unless the command line gives others.
@@ -71,23 +119,9 @@ pub struct Arrangement {
     pub as_visual_polar: bool,
     /// False to leave out the blur of log-polar images.
     pub blur: Option<bool>,
-}
-
-/// A column of numbers. Exactly one of `measure`, `stages`, `fraction` and `speedup` must be given.
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Column {
-    pub(super) name: String,
-    pub(super) decimals: usize,
-    /// One of [`MEASURES`].
-    pub measure: Option<String>,
-    /// Stages whose busy times are added up. Cells are empty if none of the stages ran.
-    pub(super) stages: Option<Vec<String>>,
-    /// Stages whose fraction of the busy time is shown: their total busy time divided by that of all stages.
-    pub(super) fraction: Option<Vec<String>>,
-    /// Column that speedups are computed from: its value for the first arrangement is divided by its value for the
-    /// row's arrangement.
-    pub(super) speedup: Option<String>,
+    /// Number of frames between the pose that a frame is rendered from and the pose at its display, for
+    /// [`Camera::Late`].
+    pub late_frames: Option<u32>,
 }
 
 /// Header and cell template of a printed column. In the template, `{COLUMN:DECIMALS}` stands for the column's value,
@@ -112,46 +146,14 @@ pub(super) struct Cited {
 #[serde(deny_unknown_fields)]
 pub(super) struct CitedRow {
     pub(super) scene: String,
+    pub(super) resolution: Option<String>,
     pub(super) camera: Option<Camera>,
     pub(super) arrangement: String,
     pub(super) values: BTreeMap<String, f64>,
 }
 
-/// Valid values of [`Column::measure`]. Errors are means of both eyes.
-const MEASURES: [&str; 25] = [
-    "time_ms",
-    "time_ms_min",
-    "time_ms_max",
-    "frames_per_s",
-    "rays",
-    "rmse",
-    "relmse",
-    "psnr",
-    "ssim",
-    "flip",
-    "flip_acuity",
-    "flip_foveated",
-    "flicker",
-    "mean_ratio",
-    "paths_left",
-    "paths_right",
-    "floor",
-    "sigma",
-    "dispatched",
-    FOVEA[0],
-    FOVEA[1],
-    RINGS[0],
-    RINGS[1],
-    RINGS[2],
-    RINGS[3],
-];
-
-/// Measures of the fovea under a moving gaze, for which additional frames are rendered.
-pub const FOVEA: [&str; 2] = ["fovea_flip", "fovea_flicker"];
-
-/// Measures of rings around the gaze: SSIM against the reference in the innermost ring, and in the outermost ring whose
-/// SSIM is defined; then SSIM against the first arrangement in the same two rings.
-pub const RINGS: [&str; 4] = ["ssim_gaze", "ssim_edge", "ssim_basic_gaze", "ssim_basic_edge"];
+/// Names of text columns, besides the column of arrangements.
+const LABELS: [&str; 7] = ["source", "scene", "shot", "stands_for", "camera", "resolution", "size"];
 
 impl Experiment {
     /// Parses and checks the text of an experiment.
@@ -168,7 +170,7 @@ impl Experiment {
         let is_snake = |name: &str| {
             !name.is_empty() && name.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_')
         };
-        let mut names = BTreeSet::from(["source", "scene", "shot", "camera"]);
+        let mut names = BTreeSet::from(LABELS);
         if !is_snake(&self.name) || ["frames", "rings"].contains(&&self.name[..]) {
             return Err(format!("name: '{}' must be in snake_case, and neither frames nor rings", self.name));
         }
@@ -177,6 +179,26 @@ impl Experiment {
         }
         if self.cameras().is_empty() {
             return Err("cameras: give at least one, or leave out the key".to_owned());
+        }
+        let labels = self.labels();
+        if let Some(unknown) = labels.iter().find(|name| !LABELS.contains(name) && **name != self.arrangements) {
+            return Err(format!("labels: there is no '{unknown}': choose of {}", LABELS.join(", ")));
+        }
+        if labels.iter().collect::<BTreeSet<_>>().len() < labels.len() {
+            return Err("labels: name each column once".to_owned());
+        }
+        if self.resolutions.iter().any(|resolution| resolution.width == 0 || resolution.height == 0) {
+            return Err("resolutions: width and height must be above 0".to_owned());
+        }
+        if !(0.0..=45.0).contains(&self.overscan_deg) {
+            return Err("overscan_deg: give a number from 0 to 45".to_owned());
+        }
+        let is_late = self.cameras().contains(&Camera::Late);
+        if is_late && self.cameras().len() > 1 {
+            return Err("cameras: late cannot be combined with other cameras".to_owned());
+        }
+        if let Some(other) = self.all.iter().find(|one| one.late_frames.is_some_and(|n| n > 0) != is_late) {
+            return Err(format!("arrangement: {}: late_frames above 0 goes with the camera late", other.name));
         }
         let columns = self.columns.iter().map(|column| &column.name);
         for (key, name) in [("arrangements", &self.arrangements)].into_iter().chain(columns.map(|n| ("columns", n))) {
@@ -191,12 +213,16 @@ impl Experiment {
         if let Some(twice) = self.all.iter().find(|arrangement| !before.insert(&arrangement.name)) {
             return Err(format!("arrangement: there are two named '{}'", twice.name));
         }
-        self.columns.iter().try_for_each(|column| self.check_column(column))?;
+        self.columns.iter().try_for_each(|column| column.check(self))?;
         let blank = vec![None; self.columns.len()];
-        for shown in &self.table {
+        for shown in self.printed().flat_map(|(_, _, table)| table) {
             self.cell(shown, &blank).map_err(|reason| format!("table: {}: cell: {reason}", shown.head))?;
         }
-        for CitedRow { scene, arrangement, values, .. } in &self.cited.rows {
+        for CitedRow { scene, resolution, arrangement, values, .. } in &self.cited.rows {
+            let is_known = |name: &String| self.resolutions.iter().any(|known| known.name == *name);
+            if let Some(unknown) = resolution.as_ref().filter(|name| !is_known(name)) {
+                return Err(format!("cited: {scene}: there is no resolution '{unknown}'"));
+            }
             if !before.contains(arrangement) {
                 return Err(format!("cited: {scene}: there is no arrangement '{arrangement}'"));
             }
@@ -205,25 +231,6 @@ impl Experiment {
             }
         }
         Ok(())
-    }
-
-    fn check_column(&self, column: &Column) -> Result<(), String> {
-        let Column { name, decimals, measure, stages, fraction, speedup } = column;
-        let sources = [measure.is_some(), stages.is_some(), fraction.is_some(), speedup.is_some()];
-        if sources.into_iter().filter(|is_given| *is_given).count() != 1 {
-            return Err(format!("columns: {name}: give one of measure, stages, fraction and speedup"));
-        }
-        if *decimals > 12 {
-            return Err(format!("columns: {name}: decimals: {decimals} is more than 12"));
-        }
-        if let Some(unknown) = measure.as_deref().filter(|measure| !MEASURES.contains(measure)) {
-            let known = MEASURES.join(", ");
-            return Err(format!("columns: {name}: measure: there is no '{unknown}': choose one of {known}"));
-        }
-        match speedup.as_deref().filter(|of| self.at(of).is_none_or(|at| self.columns[at].speedup.is_some())) {
-            Some(unknown) => Err(format!("columns: {name}: speedup: there is no measured column '{unknown}'")),
-            None => Ok(()),
-        }
     }
 
     pub(super) fn at(&self, column: &str) -> Option<usize> {
@@ -235,11 +242,35 @@ impl Experiment {
         self.cameras.as_deref().unwrap_or(&[Camera::Approaching])
     }
 
-    /// Returns the names of a row's text columns: `source`, `scene`, `camera` if the file lists cameras, and the column
-    /// of arrangements.
+    /// Returns the names of a row's text columns.
     pub fn labels(&self) -> Vec<&str> {
-        let camera = self.cameras.is_some().then_some("camera");
-        ["source", "scene"].into_iter().chain(camera).chain([&self.arrangements[..]]).collect()
+        match &self.labels {
+            Some(labels) => labels.iter().map(String::as_str).collect(),
+            None => {
+                let camera = self.cameras.is_some().then_some("camera");
+                ["source", "scene"].into_iter().chain(camera).chain([&self.arrangements[..]]).collect()
+            }
+        }
+    }
+
+    /// Returns the names of the columns that tell arrangements apart in `frames.csv`.
+    pub fn frame_labels(&self) -> Vec<&str> {
+        let of_row = ["source", "scene", "stands_for", "size"];
+        let labels: Vec<&str> = self.labels().into_iter().filter(|label| !of_row.contains(label)).collect();
+        let without = |label| Some(label).filter(|label| !labels.contains(label));
+        let (shot, arrangement) = (without("shot"), without(&self.arrangements[..]));
+        shot.into_iter().chain(labels.iter().copied()).chain(arrangement).collect()
+    }
+
+    /// Returns heading, caption and columns of all tables.
+    pub(super) fn printed(&self) -> impl Iterator<Item = (&str, &str, &[Shown])> {
+        let further = self.further_tables.iter().map(|of| (&of.heading[..], &of.caption[..], &of.table[..]));
+        [(&self.heading[..], &self.caption[..], &self.table[..])].into_iter().chain(further)
+    }
+
+    /// True if published numbers stand in columns beside the measured ones instead of in rows.
+    pub(super) fn cites_beside(&self) -> bool {
+        self.columns.iter().any(|column| column.cited.is_some())
     }
 
     /// Returns true if any column shows one of these measures.
@@ -247,10 +278,9 @@ impl Experiment {
         self.columns.iter().filter_map(|column| column.measure.as_deref()).any(|name| measures.contains(&name))
     }
 
-    /// Returns the caption of the table and, if it has cited rows, their source.
-    pub fn captions(&self) -> Vec<String> {
-        let cited = (!self.cited.rows.is_empty()).then(|| format!("Cited: {}", self.cited.source));
-        [self.caption.clone()].into_iter().chain(cited).collect()
+    /// Returns a sentence with the source of the published numbers, if there are any.
+    pub(super) fn cited_note(&self) -> Option<String> {
+        (!self.cited.rows.is_empty()).then(|| format!("Cited: {}", self.cited.source))
     }
 
     /// Fills in the template of a printed cell. `values` are a row's values in the order of the columns. The cell is
@@ -284,6 +314,26 @@ impl Camera {
             Self::Approaching => "approaching",
             Self::Still => "still",
             Self::Moving => "moving",
+            Self::Stepping => "stepping",
+            Self::Late => "late",
         }
+    }
+
+    /// True if the camera is measured at several instants of its path.
+    pub fn visits_instants(self) -> bool {
+        matches!(self, Self::Moving | Self::Stepping | Self::Late)
+    }
+}
+
+impl Resolution {
+    /// Returns the size in pixels, scaled by `factor`.
+    pub fn size(&self, factor: f64) -> Extent {
+        let scaled = |length: u32| ((f64::from(length) * factor).round() as u32).max(1);
+        Extent::new(scaled(self.width), scaled(self.height))
+    }
+
+    /// Returns the outer radii of the inner and the middle foveal layer, as fractions of the image width.
+    pub fn layer_radii(&self) -> Option<[f64; 2]> {
+        self.layer_radii_px.map(|radii| radii.map(|px| px / f64::from(self.width)))
     }
 }

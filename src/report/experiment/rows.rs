@@ -1,11 +1,11 @@
-//! Results of an experiment: one row per scene, camera motion and arrangement, as table, CSV and JSON.
+//! Results of an experiment as tables, CSV and JSON: one row per shot, resolution, camera motion and arrangement.
 
 use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 
-use super::definition::{Arrangement, Camera, CitedRow, Column, Experiment};
-use crate::report::bench::Measured;
+use super::column::{Column, Found};
+use super::definition::{Arrangement, CitedRow, Experiment, Shown};
 use crate::report::csv::{Csv, number};
 use crate::report::table::Table;
 
@@ -13,46 +13,39 @@ use crate::report::table::Table;
 /// named without the suffix.
 const ARRAYS: [&[&str]; 2] = [&["", "_min", "_max"], &["_gaze", "_edge"]];
 
-/// Measures of an arrangement other than its times and errors, by name.
-pub type OtherMeasures = BTreeMap<&'static str, f64>;
+/// Cells of a row's text columns, by label.
+pub type Texts = BTreeMap<String, Value>;
 
-/// Results of an arrangement on a scene with a camera motion.
+/// Results of an arrangement on a shot, or published ones.
 #[derive(Clone, Debug)]
 pub struct ExperimentRow {
-    /// `measured` or `cited`.
-    source: &'static str,
-    scene: String,
-    camera: Option<Camera>,
-    arrangement: String,
+    texts: Texts,
     /// Values in the order of the columns.
     pub(super) values: Vec<Option<f64>>,
 }
 
 impl Experiment {
-    fn row(
-        &self,
-        source: &'static str,
-        scene: &str,
-        camera: Option<Camera>,
-        name: &str,
-        value: impl Fn(&Column) -> Option<f64>,
-    ) -> ExperimentRow {
-        let values = self.columns.iter().map(value).collect();
-        ExperimentRow { source, scene: scene.to_owned(), camera, arrangement: name.to_owned(), values }
-    }
-
-    /// Returns the cells of a row's text columns. `none` is the text for a row without a camera motion.
+    /// Returns the cells of a row's text columns. `none` is the text of empty cells.
     fn texts(&self, row: &ExperimentRow, none: &str) -> Vec<String> {
-        let camera = self.cameras.is_some().then(|| row.camera.map_or(none, |camera| camera.name()));
-        let texts = [row.source, &row.scene].into_iter().chain(camera).chain([&row.arrangement[..]]);
-        texts.map(str::to_owned).collect()
+        self.labels().into_iter().map(|label| text_of(&row.texts, label).unwrap_or(none.to_owned())).collect()
     }
 
-    /// Returns the rows of `scene` with the motion `camera`, one per arrangement. `found` holds the measurements of
-    /// each arrangement, in the order of [`Experiment::all`].
-    pub fn measured(&self, scene: &str, camera: Camera, found: &[(Measured, OtherMeasures)]) -> Vec<ExperimentRow> {
-        let row = |(arrangement, (of, beside)): (&Arrangement, &(Measured, OtherMeasures))| {
-            self.row("measured", scene, Some(camera), &arrangement.name, |column| column.value(of, beside))
+    /// Returns the texts of `subject` for an arrangement.
+    pub fn texts_of(&self, subject: &Texts, arrangement: &str) -> Texts {
+        let named = (self.arrangements.clone(), arrangement.into());
+        subject.clone().into_iter().chain([named]).collect()
+    }
+
+    /// Returns the rows of a shot, one per arrangement. `subject` holds the texts that its rows share, and `found` the
+    /// measurements of each arrangement, in the order of [`Experiment::all`].
+    pub fn measured(&self, subject: &Texts, found: &[Found]) -> Vec<ExperimentRow> {
+        let row = |(arrangement, found): (&Arrangement, &Found)| {
+            let texts = self.texts_of(subject, &arrangement.name);
+            let value = |column: &Column| match &column.cited {
+                Some(cited) => self.cited_value(&texts, cited),
+                None => column.value(found),
+            };
+            ExperimentRow { values: self.columns.iter().map(value).collect(), texts }
         };
         let mut rows: Vec<ExperimentRow> = self.all.iter().zip(found).map(row).collect();
         for (i, column) in self.columns.iter().enumerate() {
@@ -63,24 +56,56 @@ impl Experiment {
         rows
     }
 
-    /// Returns the rows of published numbers.
-    pub fn cited(&self) -> Vec<ExperimentRow> {
-        let row = |cited: &CitedRow| {
-            let CitedRow { scene, camera, arrangement, values } = cited;
-            self.row("cited", scene, *camera, arrangement, |column| values.get(&column.name).copied())
+    /// Returns the published number in a column for the row with these texts.
+    fn cited_value(&self, texts: &Texts, column: &str) -> Option<f64> {
+        let text = |label| text_of(texts, label);
+        let scene = text("stands_for").or_else(|| text("scene"));
+        let is_of = |cited: &&CitedRow| {
+            let CitedRow { scene: published, resolution, camera, arrangement, .. } = cited;
+            scene.as_ref() == Some(published)
+                && text(&self.arrangements).as_ref() == Some(arrangement)
+                && resolution.as_ref().is_none_or(|own| Some(own) == text("resolution").as_ref())
+                && camera.is_none_or(|own| Some(own.name()) == text("camera").as_deref())
         };
-        self.cited.rows.iter().map(row).collect()
+        self.cited.rows.iter().filter(is_of).find_map(|cited| cited.values.get(column).copied())
     }
 
-    /// Returns a table with a line per row.
-    pub fn table(&'static self, rows: &[ExperimentRow]) -> Table {
-        let line = |row: &ExperimentRow| {
-            // `Experiment::parse` has checked the templates, so this cannot fail.
-            let cells = self.table.iter().map(|shown| self.cell(shown, &row.values).unwrap_or_else(|reason| reason));
-            self.texts(row, "-").into_iter().chain(cells).collect()
+    /// Returns the rows of published numbers. There are none if columns beside the measured ones show them.
+    pub fn cited(&self) -> Vec<ExperimentRow> {
+        let row = |cited: &CitedRow| {
+            let CitedRow { scene, resolution, camera, arrangement, values } = cited;
+            let camera = camera.map(|camera| camera.name().to_owned());
+            let texts = [("source", Some("cited".to_owned())), ("scene", Some(scene.clone())), ("camera", camera)];
+            let texts = texts.into_iter().chain([("resolution", resolution.clone())]);
+            let subject = texts.filter_map(|(label, text)| Some((label.to_owned(), text?.into()))).collect();
+            let values = self.columns.iter().map(|column| values.get(&column.name).copied()).collect();
+            ExperimentRow { texts: self.texts_of(&subject, arrangement), values }
         };
-        let headers = self.labels().into_iter().chain(self.table.iter().map(|shown| &shown.head[..])).collect();
-        Table { headers, rows: rows.iter().map(line).collect() }
+        self.cited.rows.iter().filter(|_| !self.cites_beside()).map(row).collect()
+    }
+
+    /// Returns each table with its heading and its notes. The first one states the source of published numbers, and the
+    /// last one ends with `notes`.
+    pub fn tables(
+        &'static self,
+        rows: &[ExperimentRow],
+        notes: Vec<String>,
+    ) -> Vec<(&'static str, Vec<String>, Table)> {
+        let table = |shown: &'static [Shown]| {
+            let line = |row: &ExperimentRow| {
+                // `Experiment::parse` has checked the templates, so this cannot fail.
+                let cells = shown.iter().map(|shown| self.cell(shown, &row.values).unwrap_or_else(|reason| reason));
+                self.texts(row, "-").into_iter().chain(cells).collect()
+            };
+            let headers = self.labels().into_iter().chain(shown.iter().map(|shown| &shown.head[..])).collect();
+            Table { headers, rows: rows.iter().map(line).collect() }
+        };
+        let of = |(heading, caption, shown): (_, &str, _)| (heading, vec![caption.to_owned()], table(shown));
+        let mut tables: Vec<_> = self.printed().map(of).collect();
+        tables[0].1.extend(self.cited_note());
+        let last = tables.len() - 1;
+        tables[last].1.extend(notes);
+        tables
     }
 
     /// Returns the contents of the CSV file.
@@ -95,11 +120,9 @@ impl Experiment {
 
     /// Returns a row as JSON. Columns that differ only in a suffix such as `_min` or `_max` form one array.
     pub fn json(&self, row: &ExperimentRow) -> Value {
-        let null_if_empty = |text: String| if text.is_empty() { Value::Null } else { text.into() };
-        let texts =
-            self.labels().into_iter().map(str::to_owned).zip(self.texts(row, "").into_iter().map(null_if_empty));
-        let mut members: Map<String, Value> = texts.collect();
-        for (Column { name, .. }, value) in self.columns.iter().zip(&row.values) {
+        let text = |label: &str| (label.to_owned(), row.texts.get(label).cloned().unwrap_or_default());
+        let mut members: Map<String, Value> = self.labels().into_iter().map(text).collect();
+        for (Column { name, decimals, .. }, value) in self.columns.iter().zip(&row.values) {
             let mut parts = ARRAYS.iter().flat_map(|ends| ends.iter().map(move |end| (ends, end)));
             let array = parts.find_map(|(ends, end)| {
                 let stem = name.strip_suffix(end)?;
@@ -114,33 +137,17 @@ impl Experiment {
                     let values: Vec<Option<f64>> = all.into_iter().map(|at| row.values[at]).collect();
                     members.insert(stem.to_owned(), json!(values));
                 }
-                None => _ = members.insert(name.clone(), (*value).into()),
+                None => {
+                    let whole = value.filter(|value| *decimals == 0 && value.fract() == 0.0).map(|value| value as i64);
+                    members.insert(name.clone(), whole.map_or((*value).into(), Value::from));
+                }
             }
         }
         members.into()
     }
 }
 
-impl Column {
-    /// Returns the column's value for an arrangement; `None` for a speedup, which [`Experiment::measured`] computes.
-    fn value(&self, of: &Measured, beside: &OtherMeasures) -> Option<f64> {
-        let sum = |stages: &Vec<String>| {
-            let own: Vec<f64> = stages.iter().filter_map(|stage| of.stage_ms.get(stage).copied()).collect();
-            (!own.is_empty()).then(|| own.iter().sum::<f64>())
-        };
-        if let Some(stages) = &self.fraction {
-            return sum(stages).map(|ms| ms / of.stage_ms.values().sum::<f64>());
-        }
-        self.stages.as_ref().and_then(sum).or_else(|| match self.measure.as_deref()? {
-            "time_ms" => Some(of.time_ms),
-            "time_ms_min" => Some(of.time_ms_min),
-            "time_ms_max" => Some(of.time_ms_max),
-            "frames_per_s" => Some(1e3 / of.time_ms),
-            "rays" => Some(of.frames.iter().map(|line| line.rays as f64).sum::<f64>() / of.frames.len() as f64),
-            name => beside.get(name).copied().or_else(|| {
-                let [left, right] = [&of.errors.left, &of.errors.right].map(|errors| errors.get(name));
-                Some((left? + right?) / 2.0)
-            }),
-        })
-    }
+/// Returns the text of a label, if the row has one.
+pub fn text_of(texts: &Texts, label: &str) -> Option<String> {
+    texts.get(label).map(|value| value.as_str().map_or_else(|| value.to_string(), str::to_owned))
 }
