@@ -235,7 +235,7 @@ impl Results {
             if !views.is_empty() {
                 let shown = Shown { camera, warm_up, views };
                 let found =
-                    self.measure_views(args, subject, &loaded, &mut turns, &mut begun, &shown, beside.clone())?;
+                    self.measure_views(args, (subject, &loaded), &mut turns, &mut begun, &shown, beside.clone())?;
                 self.keep(subject, camera, &found);
             }
         }
@@ -263,8 +263,7 @@ impl Results {
     fn measure_views(
         &mut self,
         args: &Args,
-        subject: &Subject,
-        loaded: &LoadedScene,
+        (subject, loaded): (&Subject, &LoadedScene),
         turns: &mut Turns,
         begun: &mut u32,
         Shown { camera, warm_up, views }: &Shown,
