@@ -1,10 +1,11 @@
-// Renders one auxiliary image per dispatch, from the hit at the pixel's centre.
+// Renders one auxiliary image per dispatch, from the hit at the pixel's centre. If the G-buffer follows mirrors, the
+// centre's ray is traced again, since auxiliary images show the mirrors themselves.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf path split pack motion last_surface bindings
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf path mirror split pack mirrored motion last_surface bindings
 
 fn centre_hit(pixel: vec2<u32>, hit: vec4<u32>) -> FirstHit {
     let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
-    return first_hit(Hit(0.0, hit.x, bitcast<vec2<f32>>(hit.yz)), pass_.view, direction);
+    return first_hit(Hit(0.0, hit.x, bitcast<vec2<f32>>(hit.yz)), frame.camera.views[pass_.view].origin, direction);
 }
 
 // Value of the auxiliary image `kind` that depends on the surface's material: base colour, diffuse or specular albedo.
@@ -44,22 +45,31 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
-    let hit = hit_image[at];
+    var hit = hit_image[at];
+    var depth = emission_image[at].a;
+    if HAS_MIRRORS {
+        let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
+        let key = alpha_key(rng_for(pixel, pass_.view, 0u));
+        let first = trace_closest(frame.camera.views[pass_.view].origin, direction, key);
+        hit = vec4<u32>(first.prim, bitcast<vec2<u32>>(first.bary), hit.w);
+        depth = select(first.t, 0.0, first.prim == NO_PRIM);
+    }
     var value = vec3<f32>(0.0);
     switch pass_.args[0] {
         case ALBEDO: {
             value = unpack_albedo(albedo_image[at]).all;
             // If the scene has gloss, the packed albedo is rounded, so recompute it from the surface.
-            if HAS_GLOSS && frame.sampling.spp == 1u {
-                value = centre_hit(pixel, hit).albedo;
+            if HAS_MIRRORS || (HAS_GLOSS && frame.sampling.spp == 1u) {
+                let first = centre_hit(pixel, hit);
+                value = select(value, first.albedo, frame.sampling.spp == 1u || is_mirror(first));
             }
         }
         case DEPTH: {
-            value = vec3<f32>(emission_image[at].a);
+            value = vec3<f32>(depth);
         }
         case ROUGHNESS: {
             value = vec3<f32>(unpack_albedo(albedo_image[at]).roughness);
-            if HAS_GLOSS && (hit.x & SPHERE) == 0u {
+            if (HAS_GLOSS || HAS_MIRRORS) && (hit.x & SPHERE) == 0u {
                 value = vec3<f32>(centre_hit(pixel, hit).surface.roughness);
             }
         }
@@ -93,7 +103,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                     value = select(motion, was_at + frame.geometry.world_origin, pass_.args[0] == LAST_POSITION);
                 }
             } else if hit.x != NO_PRIM {
-                let p = origin + direction * emission_image[at].a;
+                let p = origin + direction * depth;
                 let light = stored_light(hit.x & ~SPHERE);
                 if pass_.args[0] >= BASE_COLOR {
                     value = vec3<f32>(0.0);

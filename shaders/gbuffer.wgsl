@@ -1,8 +1,9 @@
 // Primary visibility of one view: the surface at each pixel's centre. With several samples per pixel, it also computes
 // the means of albedo and emission over a pixel, if later stages need them and path tracing does not write them. Direct
-// light with hard shadows counts as emission if the denoiser leaves it out.
+// light with hard shadows counts as emission if the denoiser leaves it out. Perfect mirrors may be replaced by the
+// surfaces that they show.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint foveation bindings
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path mirror pack mirrored footprint foveation bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -29,24 +30,30 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         }
     }
     let origin = frame.camera.views[pass_.view].origin;
-    let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
+    var direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
     var rng = rng_for(pixel, pass_.view, 0u);
-    let hit = trace_closest(origin, direction, alpha_key(rng));
-    var first = first_hit(hit, pass_.view, direction);
+    var first = first_hit(trace_closest(origin, direction, alpha_key(rng)), origin, direction);
     var rays = 1u;
+    var links = 0u;
+    if HAS_MIRRORS {
+        links = follow_mirrors(&first, &direction, rng, &rays);
+    }
     if HAS_HARD_LIGHTS && !JITTER {
-        first.emission += hard_light(first, direction, rng, &rays);
+        first.emission += hard_light(first, direction, links, rng, &rays);
     }
     let ok = is_sound(&first) && !was_cut_short;
+    let hit = first.hit;
     let is_surface = (hit.prim & SPHERE) == 0u;
     var tag = MATERIAL_NONE;
     if is_surface {
-        tag = first.surface.material | select(0u, FLAG_VIEW_DEPENDENT, is_view_dependent(first.surface));
+        tag = seen_material(first, links);
+        tag |= select(0u, FLAG_VIEW_DEPENDENT, links > 0u || is_view_dependent(first.surface));
         if HAS_GLOSS {
             tag |= u32(round(first.surface.roughness * ROUGHNESS_STEPS)) << ROUGHNESS_SHIFT;
         }
     }
-    hit_image[at] = vec4<u32>(hit.prim, bitcast<vec2<u32>>(hit.bary), tag);
+    let place = select(hit.bary, vec2<f32>(hit.t, 0.0), links > 0u);
+    hit_image[at] = vec4<u32>(hit.prim, bitcast<vec2<u32>>(place), tag);
     guide_image[at] = select(
         vec4<u32>(0u, 0u, 0u, NO_NORMAL),
         vec4<u32>(bitcast<vec3<u32>>(first.surface.position), pack_normal(first.surface.normal)),
@@ -70,15 +77,19 @@ fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
     var dropped = 0u;
     for (var i = begin; i < end; i += 1u) {
         var rng = rng_for(pixel, pass_.view, i);
-        let direction = ray_of(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
-        let hit = trace_closest(frame.camera.views[pass_.view].origin, direction, alpha_key(rng));
-        var first = first_hit(hit, pass_.view, direction);
+        var direction = ray_of(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
+        let origin = frame.camera.views[pass_.view].origin;
+        var first = first_hit(trace_closest(origin, direction, alpha_key(rng)), origin, direction);
         rays += 1u;
+        var links = 0u;
+        if HAS_MIRRORS {
+            links = follow_mirrors(&first, &direction, rng, &rays);
+        }
         if HAS_HARD_LIGHTS {
-            first.emission += hard_light(first, direction, rng, &rays);
+            first.emission += hard_light(first, direction, links, rng, &rays);
         }
         dropped += select(1u, 0u, is_sound(&first));
-        mixed = mixed || is_elsewhere(at, first);
+        mixed = mixed || is_elsewhere(at, first, links);
         let step = 1.0 / f32(i + 1u);
         albedo += (first.albedo - albedo) * step;
         matte += (first.matte - matte) * step;

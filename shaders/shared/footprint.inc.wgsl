@@ -17,15 +17,20 @@ fn stored_hit(pixel: u32) -> Hit {
     return Hit(0.0, h.x, bitcast<vec2<f32>>(h.yz));
 }
 
+// Material of a first surface that is seen over `links` mirrors, as the `hit` image holds it.
+fn seen_material(f: FirstHit, links: u32) -> u32 {
+    return f.surface.material | select(0u, FLAG_MIRRORED, links > 0u);
+}
+
 // Whether a sample of a pixel hit another surface than the ray through the pixel's centre. The pixel's radiance and
 // albedo then mix several surfaces, so reprojection rejects the pixel.
-fn is_elsewhere(at: u32, f: FirstHit) -> bool {
+fn is_elsewhere(at: u32, f: FirstHit, links: u32) -> bool {
     let centre = hit_image[at];
     if f.hit.prim == NO_PRIM || (f.hit.prim & SPHERE) != 0u {
         return f.hit.prim != centre.x;
     }
     let guide = guide_image[at];
-    if guide.w == NO_NORMAL || (centre.w & MATERIAL_MASK) != f.surface.material {
+    if guide.w == NO_NORMAL || (centre.w & MATERIAL_MASK) != seen_material(f, links) {
         return true;
     }
     let n = unpack_normal(guide.w);

@@ -29,7 +29,7 @@ struct FirstHit {
     emission: vec3<f32>,
     albedo: vec3<f32>,
     matte: vec3<f32>,
-    // Transmittance of the volume between the surface and the eye.
+    // Fraction of the surface's light that reaches the eye, through a volume and over mirrors.
     transmittance: vec3<f32>,
 }
 
@@ -47,7 +47,7 @@ fn transmittance(medium: Medium, distance: f32, s: Surface) -> vec3<f32> {
     return select(vec3<f32>(1.0), exp(-absorption * distance), is_inside);
 }
 
-fn first_hit(hit: Hit, view: u32, direction: vec3<f32>) -> FirstHit {
+fn first_hit(hit: Hit, origin: vec3<f32>, direction: vec3<f32>) -> FirstHit {
     var f: FirstHit;
     f.hit = hit;
     f.albedo = vec3<f32>(0.0);
@@ -58,12 +58,12 @@ fn first_hit(hit: Hit, view: u32, direction: vec3<f32>) -> FirstHit {
     } else if (hit.prim & SPHERE) != 0u {
         f.emission = vec3<f32>(0.0);
         if HAS_SPHERES {
-            f.emission = sphere_radiance(hit.prim & ~SPHERE, frame.camera.views[view].origin);
+            f.emission = sphere_radiance(hit.prim & ~SPHERE, origin);
         }
     } else {
-        f.surface = surface_at(hit.prim, hit.bary, frame.camera.views[view].origin, direction);
+        f.surface = surface_at(hit.prim, hit.bary, origin, direction);
         if HAS_TRANSMISSION {
-            let distance = dot(f.surface.position - frame.camera.views[view].origin, direction);
+            let distance = dot(f.surface.position - origin, direction);
             f.transmittance = transmittance(Medium(vec3<f32>(0.0), false), distance, f.surface);
         }
         f.emission = f.surface.emission * f.transmittance;
@@ -101,10 +101,10 @@ fn lit_normal(s: Surface) -> vec3<f32> {
 
 // Direct light from a sampled light, scattered towards the viewer. If the scene has gloss, `share` is the Lambertian
 // lobe's fraction of the light that the first surface scatters.
-fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<function, Rng>, rays: ptr<function, u32>, share: ptr<function, vec3<f32>>) -> vec3<f32> {
+fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, is_first: bool, rng: ptr<function, Rng>, rays: ptr<function, u32>, share: ptr<function, vec3<f32>>) -> vec3<f32> {
     let choice = random_at(rng, depth, LIGHT_CHOICE);
     let u = random_at(rng, depth, LIGHT_POINT);
-    let light = sample_light(s.position, lit_normal(s), choice, u, depth == 1u);
+    let light = sample_light(s.position, lit_normal(s), choice, u, is_first);
     if !is_within(light.pdf, MOST_FLOAT) {
         return vec3<f32>(0.0);
     }
@@ -112,7 +112,7 @@ fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<f
     if max3(scattered.value) <= 0.0 {
         return vec3<f32>(0.0);
     }
-    if HAS_GLOSS && depth == 1u {
+    if HAS_GLOSS && is_first {
         *share = matte_fraction(s, v, light.direction, scattered.value);
     }
     return unoccluded(s, medium, light, scattered, alpha_key(*rng), rays);
@@ -133,17 +133,17 @@ fn unoccluded(s: Surface, medium: Medium, light: LightSample, scattered: Scatter
     return radiance;
 }
 
-// Light from the lights with hard shadows that a first surface scatters to the eye. A point on each light is sampled;
-// since these lights are points or nearly so, the light has no noise but in narrow penumbrae.
-fn hard_light(f: FirstHit, direction: vec3<f32>, rng_in_pixel: Rng, rays: ptr<function, u32>) -> vec3<f32> {
+// Light from the lights with hard shadows that a first surface scatters to the eye, over `links` mirrors. A point on
+// each light is sampled; since these lights are points or nearly so, the light has no noise but in narrow penumbrae.
+fn hard_light(f: FirstHit, direction: vec3<f32>, links: u32, rng_in_pixel: Rng, rays: ptr<function, u32>) -> vec3<f32> {
     var sum = vec3<f32>(0.0);
-    if (f.hit.prim & SPHERE) != 0u {
+    if (f.hit.prim & SPHERE) != 0u || links >= frame.sampling.reflections {
         return sum;
     }
     let s = f.surface;
     let medium = medium_before(s);
     var rng = rng_in_pixel;
-    let u = random_at(&rng, 1u, LIGHT_POINT);
+    let u = random_at(&rng, links + 1u, LIGHT_POINT);
     let suns = select(0u, frame.lights.directional_count, frame.lights.has_hard_suns != 0u);
     for (var i = 0u; i < frame.lights.hard_count + suns; i += 1u) {
         var light: LightSample;
@@ -192,7 +192,9 @@ fn gather(into: ptr<function, PathSample>, light: vec3<f32>, share: vec3<f32>) {
     }
 }
 
-fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, rng: ptr<function, Rng>) -> PathSample {
+// Traces a path from the first surface of a pixel. The ray along `direction_in` arrived there over `links` mirrors, which
+// count as reflections.
+fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, links: u32, rng: ptr<function, Rng>) -> PathSample {
     var result = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
     var s = first;
     var v = -direction_in;
@@ -200,11 +202,12 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, rng: 
     var throughput = vec3<f32>(1.0);
     var rays = 0u;
     var share = vec3<f32>(1.0);
-    for (var depth = 1u; depth <= sampling.reflections; depth += 1u) {
+    for (var depth = links + 1u; depth <= sampling.reflections; depth += 1u) {
+        let is_first = depth == links + 1u;
         let is_last = depth == sampling.reflections;
-        if has_lights(depth == 1u) {
-            let direct = throughput * direct_light(s, v, medium, depth, rng, &rays, &share);
-            gather(&result, select(clamp_indirect(direct, sampling.indirect_clamp), direct, depth == 1u), share);
+        if has_lights(is_first) {
+            let direct = throughput * direct_light(s, v, medium, depth, is_first, rng, &rays, &share);
+            gather(&result, select(clamp_indirect(direct, sampling.indirect_clamp), direct, is_first), share);
         }
         let b = sample_bsdf(s, v, random_at(rng, depth, LOBE_CHOICE).x, random_at(rng, depth, LOBE_DIRECTION));
         if !is_within(b.pdf, MOST_FLOAT) {
@@ -212,7 +215,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, rng: 
         }
         let direction = b.direction;
         throughput *= b.weight;
-        if HAS_GLOSS && depth == 1u {
+        if HAS_GLOSS && is_first {
             share = select(matte_fraction(s, v, b.direction, b.weight * b.pdf), vec3<f32>(0.0), b.is_delta);
         }
         if max3(throughput) <= 0.0 {
@@ -241,7 +244,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, rng: 
             }
         } else if hit.prim == NO_PRIM {
             if HAS_CONSTANT_ENV || HAS_ENV_MAP {
-                found = escaped_light(direction, b, depth == 1u);
+                found = escaped_light(direction, b, is_first);
             }
         } else if HAS_SPHERES {
             found = sphere_radiance(hit.prim & ~SPHERE, from_);
@@ -251,11 +254,11 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, rng: 
         }
         if hit.prim != NO_PRIM && !b.is_delta {
             if any(found > vec3<f32>(0.0)) {
-                found *= b.pdf / (b.pdf + found_light_pdf(from_, from_normal, direction, hit, depth == 1u));
+                found *= b.pdf / (b.pdf + found_light_pdf(from_, from_normal, direction, hit, is_first));
             }
         }
         found *= throughput;
-        gather(&result, select(clamp_indirect(found, sampling.indirect_clamp), found, depth == 1u), share);
+        gather(&result, select(clamp_indirect(found, sampling.indirect_clamp), found, is_first), share);
         if !is_surface || is_last {
             break;
         }

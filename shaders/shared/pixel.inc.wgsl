@@ -84,25 +84,30 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     for (; i < end; i += 1u) {
         was_cut_short = false;
         var rng = rng_for(pixel, view, i);
-        let direction = ray_of(view, vec2<f32>(pixel) + sample_offset(&rng));
+        var direction = ray_of(view, vec2<f32>(pixel) + sample_offset(&rng));
+        let origin = frame.camera.views[view].origin;
         var rays = 0u;
         var hit: Hit;
-        if JITTER {
-            hit = trace_closest(frame.camera.views[view].origin, direction, alpha_key(rng));
+        if JITTER || is_mirrored(hit_image[at]) {
+            hit = trace_closest(origin, direction, alpha_key(rng));
             rays = 1u;
         } else {
             hit = stored_hit(at);
         }
-        var first = first_hit(hit, view, direction);
+        var first = first_hit(hit, origin, direction);
+        var links = 0u;
+        if HAS_MIRRORS {
+            links = follow_mirrors(&first, &direction, rng, &rays);
+        }
         if JITTER {
-            mixed = mixed || is_elsewhere(at, first);
+            mixed = mixed || is_elsewhere(at, first, links);
             if HAS_HARD_LIGHTS {
-                first.emission += hard_light(first, direction, rng, &rays);
+                first.emission += hard_light(first, direction, links, rng, &rays);
             }
         }
         var path = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
-        if (hit.prim & SPHERE) == 0u {
-            path = trace_path(first.surface, direction, frame.sampling, &rng);
+        if (first.hit.prim & SPHERE) == 0u {
+            path = trace_path(first.surface, direction, frame.sampling, links, &rng);
         }
         // Sums of finite samples may be infinite.
         let with_radiance = reflected + path.radiance * first.transmittance;

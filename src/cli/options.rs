@@ -81,6 +81,9 @@ pub struct RunOptions {
     /// Points and spots without a radius and suns of at most 1 degree have hard shadows.
     #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
     pub hard_shadows: Switch,
+    /// Denoise what perfect mirrors show instead of the mirrors, in static scenes
+    #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
+    pub follow_mirrors: Switch,
     /// Upper bound of indirect radiance (biased)
     #[arg(hide_short_help = true, long, value_name = "V", help_heading = QUALITY)]
     pub clamp: Option<f32>,

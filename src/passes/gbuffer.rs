@@ -10,7 +10,8 @@ use crate::wgsl::constants;
 pub const STAGE: Stage = Stage("gbuffer");
 pub const PARTITION: Partition = Partition("gbuffer");
 
-/// Triangle, barycentrics, material and flags at a pixel's centre.
+/// Triangle, barycentrics, material and flags at a pixel's centre. If mirrors are followed, this and all images below
+/// describe the surface that the mirror shows.
 pub const HIT: Resource = Resource::image::<UVec4>("hit").bound_as("hit_image");
 /// Position and packed shading normal.
 pub const GUIDE: Resource = Resource::image::<UVec4>("guide").bound_as("guide_image");

@@ -133,6 +133,8 @@ pub struct Clearcoat {
 /// Roughness below which facets reflect like a mirror: slightly above the square root of the shaders' lower bound on
 /// GGX alpha.
 const SMOOTH_ROUGHNESS: f32 = 0.0101;
+/// Roughness below which facets certainly are mirror-like.
+const MIRROR_ROUGHNESS: f32 = 0.0099;
 
 /// glTF 2.0 metallic-roughness material with the extensions that change scattering.
 ///
@@ -236,6 +238,15 @@ impl Material {
     pub fn may_transmit_smoothly(&self) -> bool {
         let is_smooth = self.roughness < SMOOTH_ROUGHNESS || self.metallic_roughness_texture.is_some();
         is_smooth && self.transmission > 0.0 && !self.unlit
+    }
+
+    /// Returns true if the material is a perfect mirror: its only lobe is a delta function, and its normals have no
+    /// detail.
+    pub fn is_mirror(&self) -> bool {
+        let is_smooth = self.roughness < MIRROR_ROUGHNESS && self.metallic_roughness_texture.is_none();
+        let is_bare = self.normal_map.is_none() && self.clearcoat.factor <= 0.0 && !self.unlit;
+        let is_opaque = self.alpha_mode == AlphaMode::Opaque && self.transmission <= 0.0;
+        is_smooth && self.metallic >= 1.0 && is_bare && is_opaque
     }
 
     /// Returns true if one of the material's textures uses texture coordinate set `set`.

@@ -3,7 +3,7 @@
 use super::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene};
 
 /// Features of the tracing stages, as flags. Enabling more than needed changes only the time, not the picture, except
-/// for `gloss` and `hard_lights`.
+/// for `gloss`, `hard_lights` and `mirrors`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SceneNeeds {
@@ -38,6 +38,9 @@ pub struct SceneNeeds {
     /// One to four lights with hard shadows. Each can then be traced at the first surface. Like
     /// `gloss`, this flag changes the picture.
     pub hard_lights: bool,
+    /// Perfect mirrors. In static scenes, they can be replaced by the surfaces that they show. Like `gloss`, this flag
+    /// changes the picture.
+    pub mirrors: bool,
     /// Instances that rays traverse in local space. [`Self::of`] leaves this flag false; it is set according to the
     /// scene's tables.
     pub instances: bool,
@@ -101,12 +104,13 @@ impl SceneNeeds {
         constant_environment: true,
         environment_map: true,
         hard_lights: true,
+        mirrors: true,
         instances: true,
     };
 
     /// Returns these needs with all features added that do not change the picture, for comparison.
     pub fn widened(self) -> Self {
-        Self { gloss: self.gloss, hard_lights: self.hard_lights, ..Self::ALL }
+        Self { gloss: self.gloss, hard_lights: self.hard_lights, mirrors: self.mirrors, ..Self::ALL }
     }
 
     pub fn of(scene: &Scene) -> Self {
@@ -140,12 +144,13 @@ impl SceneNeeds {
             constant_environment: matches!(scene.environment, Environment::Constant(c) if c != glam::Vec3::ZERO),
             environment_map: matches!(scene.environment, Environment::Map { .. }),
             hard_lights: has_hard_lights(scene) && !used().any(|mesh| is_veil(mesh, &scene.materials[mesh.material])),
+            mirrors: materials().any(Material::is_mirror),
             instances: false,
         }
     }
 
-    /// Returns names and values of the shaders' override constants, except those of `gloss` and `hard_lights`, which
-    /// also depend on the denoiser.
+    /// Returns names and values of the shaders' override constants, except those of `gloss`, `hard_lights` and `mirrors`,
+    /// which also depend on the denoiser.
     pub fn constants(&self) -> [(&'static str, bool); 19] {
         [
             ("HAS_TEXTURES", self.textures),

@@ -87,6 +87,9 @@ pub struct RunConfig {
     /// Whether direct light with hard shadows bypasses the denoiser: it is traced at the first surfaces without noise,
     /// if the scene has few such lights ([`SceneNeeds::hard_lights`]).
     pub hard_shadows: bool,
+    /// Whether the denoiser sees the surfaces in perfect mirrors instead of the mirrors, if the scene is static
+    /// ([`SceneNeeds::mirrors`]).
+    pub follow_mirrors: bool,
     /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_fraction`].
     pub unsampled_fraction: f64,
     /// Gaze of the left and the right eye.
@@ -114,6 +117,7 @@ impl RunConfig {
             sampler: Sampler::default(),
             indirect_clamp: 0.0,
             hard_shadows: true,
+            follow_mirrors: true,
             unsampled_fraction: Foveation::UNSAMPLED_FRACTION,
             gaze: Default::default(),
             seed: 0,
@@ -210,9 +214,11 @@ impl RunConfig {
         let mut constants = Vec::from(self.buffers.needs.constants());
         constants.push(("SOBOL", self.sampler == Sampler::Sobol));
         constants.push(("HAS_GLOSS", self.buffers.needs.gloss && self.is_guided_by_variance()));
-        let has_hard_lights = self.hard_shadows && self.buffers.needs.hard_lights && self.denoiser().is_some();
-        constants.push(("HAS_HARD_LIGHTS", has_hard_lights));
-        constants.push(("ACCEPTS_MIXED", self.denoiser().is_some()));
+        let is_denoised = self.denoiser().is_some();
+        constants.push(("HAS_HARD_LIGHTS", self.hard_shadows && self.buffers.needs.hard_lights && is_denoised));
+        let has_mirrors = self.follow_mirrors && self.buffers.needs.mirrors && self.buffers.moving.is_none();
+        constants.push(("HAS_MIRRORS", has_mirrors && is_denoised));
+        constants.push(("ACCEPTS_MIXED", is_denoised));
         constants.push(("JITTER", jitter));
         constants.push(("MEASURES_VARIANCE", jitter && self.is_guided_by_variance()));
         constants.push(("HAS_MOTION", self.buffers.moving.is_some()));

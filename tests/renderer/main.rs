@@ -15,6 +15,7 @@ mod kernels;
 mod late;
 mod lights;
 mod loss;
+mod mirrors;
 mod moving;
 mod passes;
 mod predictions;

@@ -1,6 +1,7 @@
 //! The renderer's mean equals that of an independent path tracer, and more samples only reduce noise.
 
 use std::ops::Range;
+use std::sync::LazyLock;
 
 use crate::common::{Stage, Subject, is_thorough, still_rig, with};
 use crate::reference::scenes::{lit, materials, matte, moving};
@@ -297,26 +298,41 @@ impl Denoise for Identity {
     }
 }
 
+/// Asserts that frames which the identity denoises have the same mean without and with a change.
+fn assert_mean_stays(name: &str, subject: &Subject, bounces: u32, change: fn(&mut RunConfig, bool)) {
+    static IDENTITY: LazyLock<Denoiser> = LazyLock::new(|| Denoiser::register(&Identity).unwrap());
+    // One sample goes through the pixel's centre; several are spread over the pixel.
+    for spp in [1, 4] {
+        let side = |is_on: bool| {
+            let mut settings = subject.settings(EXTENT.width, EXTENT.height);
+            settings.seed = 1 + u32::from(is_on);
+            let most = &mut settings.envelope.most;
+            (most.denoiser, most.iterations, most.spp, most.bounces) = (Some(*IDENTITY), [1; 3], spp, bounces);
+            change(&mut settings, is_on);
+            move |numbers: Range<u64>, _| renders(subject, 0.0, &settings, numbers)
+        };
+        let [without, with] = estimates(QUICK.resolution, [&mut side(false), &mut side(true)]);
+        assert_agrees(&format!("{name}, {spp} spp"), &without, &with, QUICK.resolution);
+    }
+}
+
 /// Add rows in [`lit::HARD`].
 #[test]
 fn hard_shadows_outside_the_denoiser_change_the_noise_and_not_the_mean() {
-    let denoiser = Denoiser::register(&Identity).unwrap();
     for (name, light) in lit::HARD {
         let subject = subject(lit::things(name, light));
         assert!(subject.needs.hard_lights, "{name}");
-        // One sample goes through the pixel's centre; several are spread over the pixel.
-        for spp in [1, 4] {
-            let side = |hard_shadows: bool| {
-                let mut settings = subject.settings(EXTENT.width, EXTENT.height);
-                (settings.hard_shadows, settings.seed) = (hard_shadows, 1 + u32::from(hard_shadows));
-                let most = &mut settings.envelope.most;
-                (most.denoiser, most.iterations, most.spp, most.bounces) = (Some(denoiser), [1; 3], spp, 2);
-                let subject = &subject;
-                move |numbers: Range<u64>, _| renders(subject, 0.0, &settings, numbers)
-            };
-            let [filtered, apart] = estimates(QUICK.resolution, [&mut side(false), &mut side(true)]);
-            assert_agrees(&format!("{name}, {spp} spp"), &filtered, &apart, QUICK.resolution);
-        }
+        assert_mean_stays(name, &subject, 2, |settings, is_on| settings.hard_shadows = is_on);
+    }
+}
+
+/// Add rows in [`lit::MIRRORS`]. Few reflections end in the middle of a chain of mirrors.
+#[test]
+fn following_mirrors_changes_the_noise_and_not_the_mean() {
+    for (row, (name, mirrors)) in lit::MIRRORS.into_iter().enumerate() {
+        let subject = subject(lit::things(name, mirrors));
+        assert!(subject.needs.mirrors, "{name}");
+        assert_mean_stays(name, &subject, [4, 2, 3][row], |settings, is_on| settings.follow_mirrors = is_on);
     }
 }
 

@@ -4,7 +4,7 @@
 // `svgf/accumulate.wgsl`. Departures: the right eye falls back to the left eye's history, pixels that were not sampled
 // keep their history, and the accumulations before and after the fit count their frames separately.
 
-//!include frame grid projection motion pack history light_change bindings
+//!include frame grid projection motion pack mirrored history light_change bindings
 
 // Variables:
 // - `guide_image`: position and normal of each pixel's surface in the previous frame, in the format of the `guide`
@@ -59,6 +59,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let position = bitcast<vec3<f32>>(bits.xyz);
     let normal = unpack_normal(bits.w);
+    let image = image_point(pixel, hit_image[at], position);
     let now = bitcast<vec3<f32>>(source[at].xyz);
     let is_told = source[at].w != 0u;
     let is_new = is_told && is_finite(now);
@@ -69,7 +70,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
     for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
         let eye = previous.views[pass_.view - i];
-        past = past_at(pixel_of(position, eye), pixel.y, eye, i == 1u, position, normal, material);
+        past = past_at(pixel_of(image, eye), pixel.y, eye, i == 1u, position, normal, material);
         if !is_finite(past.light) {
             past = Past();
             dropped = true;

@@ -11,7 +11,7 @@
 //   `gradient.wgsl`).
 // - If the right eye finds no history, the left eye's is used.
 
-//!include frame grid projection split motion pack variance history light_change bindings
+//!include frame grid projection split motion pack mirrored variance history light_change bindings
 
 // Variables:
 // - `guide_image`: position and normal of each pixel's surface in the previous frame, in the format of the `guide`
@@ -161,6 +161,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let position = bitcast<vec3<f32>>(bits.xyz);
     let normal = unpack_normal(bits.w);
+    let image = image_point(pixel, hit_image[at], position);
     var now = unpack_sampled(radiance[at]);
     let tells_variance = (radiance[at].w & TELLS_VARIANCE) != 0u;
     var sampled = radiance[at].w != 0u;
@@ -177,7 +178,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
     for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
         let eye = pass_.view - i;
-        let seen = pixel_of(position, previous.views[eye]);
+        let seen = pixel_of(image, previous.views[eye]);
         past = past_at(seen, pixel.y, previous.views[eye], i == 1u, position, normal, material);
         if !is_finite_past(past) {
             past = Past();

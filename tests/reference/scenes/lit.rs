@@ -9,7 +9,7 @@ use glam::{Vec2, Vec3, vec2, vec3, vec4};
 
 use super::pictures::sky;
 use super::studio::{Pictures, add_balls, dielectric, ground, metal, second, turned};
-use super::{add_material, matte, place, quad};
+use super::{add_material, add_mesh, icosphere, instance, matte, place, quad, scaled_at};
 use crate::reference::Pinhole;
 
 pub type Row = (&'static str, fn(&mut Scene));
@@ -49,6 +49,36 @@ pub const HARD: [Row; 3] = [
         scene.lights.extend([point(0.0), spot(0.0), spot(0.2), sun(0.0), sun(0.9)]);
     }),
 ];
+
+/// Perfect mirrors in several kinds of light: a wall, two that face each other, and a golden ball. Mirrors show dim lights
+/// only, because light that they throw on other surfaces is found by chance and would cause most of the noise.
+pub const MIRRORS: [Row; 3] = [
+    ("a_mirror", |scene| {
+        add_mirror(scene, vec3(-1.8, 0.0, -0.9), vec3(3.6, 0.0, 0.3), vec3(0.0, 2.0, 0.2));
+        let ball = Light { strength: Vec3::splat(0.05), ..point(0.3) };
+        scene.lights.extend([ball, spot(0.0)]);
+        let glow = add_material(scene, Material { emissive: Vec3::splat(0.4), double_sided: true, ..matte() });
+        place(scene, quad(vec3(0.9, 0.2, 1.2), 0.8 * Vec3::X, 0.5 * Vec3::Y, glow));
+        scene.environment = Environment::Constant(vec3(0.3, 0.4, 0.5));
+    }),
+    ("mirrors_that_face_each_other", |scene| {
+        add_mirror(scene, vec3(-1.6, 0.0, 1.2), vec3(0.0, 0.0, -2.4), vec3(0.3, 1.5, 0.0));
+        add_mirror(scene, vec3(1.6, 0.0, -1.2), vec3(0.0, 0.0, 2.4), vec3(-0.3, 1.5, 0.0));
+        scene.lights.push(point(0.0));
+        scene.environment = Environment::Constant(vec3(0.6, 0.7, 0.9));
+    }),
+    ("a_mirror_ball", |scene| {
+        let gold = add_material(scene, metal(vec3(0.9, 0.7, 0.4), 0.0));
+        let ball = add_mesh(scene, icosphere(3, true, gold));
+        instance(scene, ball, scaled_at(0.6, vec3(0.2, 0.6, 0.8)));
+        scene.environment = Environment::Map { image: sky(Extent::new(32, 16)).into(), rotation_deg: -40.0 };
+    }),
+];
+
+fn add_mirror(scene: &mut Scene, corner: Vec3, u: Vec3, v: Vec3) {
+    let mirror = add_material(scene, Material { emissive: vec3(0.02, 0.0, 0.0), ..metal(vec3(0.9, 0.95, 0.85), 0.0) });
+    place(scene, quad(corner, u, v, mirror));
+}
 
 /// Returns a floor with a matte, a glossy and a rough metal ball in that light.
 pub fn things(name: &str, add_light: fn(&mut Scene)) -> (Scene, Pinhole) {

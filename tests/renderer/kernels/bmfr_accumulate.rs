@@ -6,10 +6,13 @@ use super::camera::{Constants, Eye};
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{Counts, MATERIAL_MASK, SAMPLED, VIEW_DEPENDENT, floats, is_finite, is_near, rgb};
+use super::pack::{Counts, MATERIAL_MASK, MIRRORED, SAMPLED, VIEW_DEPENDENT, floats, is_finite, is_near, rgb};
 
 /// Minimum weights of a new frame.
 const SHARES: [f32; 2] = [0.2, 0.1];
+
+/// Materials of surfaces, some of which are seen in mirrors.
+const MATERIALS: [u32; 6] = [7, 7, 7, 8, 7 | MIRRORED, 7 | MIRRORED];
 
 /// Guides and accumulated light of the previous frame.
 struct Before {
@@ -30,16 +33,23 @@ impl Before {
                 false => floats(random.color(1.0), 0.0),
             };
             let frames = if random.chance(lost) { 0 } else { random.pick(&[1, 2, 3, 4, 9, 30, 255]) };
-            [r.to_bits(), g.to_bits(), b.to_bits(), random.pick(&[7, 7, 7, 8]) | frames << 24]
+            [r.to_bits(), g.to_bits(), b.to_bits(), random.pick(&MATERIALS) | frames << 24]
         };
         let guide = Wall::new(0.003, 0.3, 0.05).guides(random, &seen_by, view);
         Self { eye, guide, light: (0..constants.area()).map(|_| light(random)).collect() }
     }
 
-    /// Returns light, frames and sum of weights of the pixels around a surface's previous image point.
-    fn past(&self, constants: &Constants, stripe: &Stripe, row: u32, surface: &Surface, material: u32) -> [DVec3; 2] {
+    /// Returns light, frames and sum of weights of the pixels around the previous image point of `image`, where a surface
+    /// or its mirror image is.
+    fn past(
+        &self,
+        (constants, stripe): (&Constants, &Stripe),
+        row: u32,
+        (surface, image): (&Surface, DVec3),
+        material: u32,
+    ) -> [DVec3; 2] {
         let (mut light, mut frames, mut found) = (DVec3::ZERO, 0.0, 0.0);
-        if let Some((seen, z)) = self.eye.seen_at(surface.position, constants.size()) {
+        if let Some((seen, z)) = self.eye.seen_at(image, constants.size()) {
             let corner = seen - constants.centre.as_dvec2();
             let (base, fraction) = (corner.floor(), corner - corner.floor());
             let reach = constants.history_rows.expect("there is history");
@@ -124,8 +134,12 @@ fn compare(case: Case, cases: &mut Cases) {
     for stripe in stripes() {
         let guide = Wall::new(0.002, 0.2, 0.05).guides(&mut random, &constants, case.view);
         let before = [0, case.view].map(|view| Before::new(&mut random, &constants, view, eyes[view]));
-        let hit: Vec<_> =
-            (0..constants.area()).map(|_| [1, 2, 3, random.pick(&[7, 7, 7, 8]) | VIEW_DEPENDENT]).collect();
+        let hit: Vec<_> = (0..constants.area())
+            .map(|_| {
+                let length = random.within(4.0..5.0) as f32;
+                [1, length.to_bits(), 3, random.pick(&MATERIALS) | VIEW_DEPENDENT]
+            })
+            .collect();
         let source: Vec<[u32; 4]> = (0..constants.area())
             .map(|_| match random.bits() % 20 {
                 0 => [0x7f80_0000, 0, 0, SAMPLED],
@@ -137,7 +151,7 @@ fn compare(case: Case, cases: &mut Cases) {
         let words = random.rubbish::<4>(constants.area());
         let valid = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.valid, WIDTH, pixels));
         let own = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, WIDTH, pixels));
-        let outputs = Kernel::new("bmfr_accumulate", &[("HAS_MOTION", false)]).run(
+        let outputs = Kernel::new("bmfr_accumulate", &[("HAS_MOTION", false), ("HAS_MIRRORS", true)]).run(
             &constants,
             stripe.pass(case.view, [case.least_fraction.to_bits(), 0, 0]),
             WIDTH,
@@ -169,7 +183,15 @@ fn compare(case: Case, cases: &mut Cases) {
                 (true, 0) => &[&before[1]],
                 (true, _) => &[&before[1], &before[0]],
             };
-            let pasts: Vec<_> = known.iter().map(|b| b.past(&constants, &stripe, y, &surface, material)).collect();
+            let eye = &constants.eyes[case.view];
+            let ray = eye.ray(constants.through(x, y), constants.size());
+            let mirrored = eye.origin.as_dvec3() + ray * f64::from(f32::from_bits(hit[at][1]));
+            let image = if material & MIRRORED != 0 { mirrored } else { surface.position };
+            let past = |b: &&Before| b.past((&constants, &stripe), y, (&surface, image), material);
+            let pasts: Vec<_> = known.iter().map(past).collect();
+            if known.iter().zip(&pasts).any(|(_, past)| past[1].y >= 0.01) {
+                cases.meet(if material & MIRRORED != 0 { "history in a mirror" } else { "history outside" });
+            }
             let now = (source[at][3] != 0).then(|| rgb(source[at].map(f32::from_bits)));
             let want = twin(case, &pasts, now, cases);
             let light = rgb(got[at].map(f32::from_bits));
@@ -197,6 +219,7 @@ fn frames_count_alike_until_they_are_many() {
         let mut cases = Cases::default();
         compare(Case { view: 0, has_history: true, least_fraction, seed }, &mut cases);
         cases.assert_met(&["mean", "exponential mean", "own history", "history alone", "history that is not finite"]);
+        cases.assert_met(&["history in a mirror", "history outside"]);
     }
 }
 

@@ -7,6 +7,8 @@ use glam::{DVec2, DVec3};
 pub const MIXED: u32 = 0x8000_0000;
 pub const VIEW_DEPENDENT: u32 = 0x4000_0000;
 pub const MATERIAL_MASK: u32 = 0x00ff_ffff;
+/// Bit of the material of surfaces seen in mirrors.
+pub const MIRRORED: u32 = 0x0080_0000;
 
 /// Value in place of a packed normal: there is no surface to light.
 pub const NO_NORMAL: u32 = 0x8000_8000;

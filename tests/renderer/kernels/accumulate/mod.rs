@@ -12,7 +12,7 @@ use super::edges::Surface;
 use super::harness::{Buffer, Kernel, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{
-    Counts, Format, HALF, HALF_STEP, Light, MATERIAL_MASK, MISSING, SAMPLED, UNKNOWN, VIEW_DEPENDENT, is_near,
+    Counts, Format, HALF, HALF_STEP, Light, MATERIAL_MASK, MIRRORED, MISSING, SAMPLED, UNKNOWN, VIEW_DEPENDENT, is_near,
 };
 
 /// Motion of the eyes since the previous frame.
@@ -73,7 +73,7 @@ fn history(
             recent: mean.x * random.within(0.6..1.6),
             samples: if random.chance(lost) { 0.0 } else { random.within(0.3..150.0) },
             frames: random.pick(&[1.0, 2.0, 3.0, 5.0, 7.0, 20.0, 100.0, 255.0]),
-            material: random.pick(&[7, 7, 7, 8]),
+            material: random.pick(&MATERIALS),
         };
         let mut bits = moments.pack(format);
         if random.chance(damaged) {
@@ -93,7 +93,10 @@ fn history(
     }
 }
 
-/// Returns material and flags, and radiance.
+/// Materials of surfaces, some of which are seen in mirrors.
+const MATERIALS: [u32; 6] = [7, 7, 7, 8, 7 | MIRRORED, 7 | MIRRORED];
+
+/// Returns the length of the path to a mirrored surface, material and flags; and radiance.
 fn present(random: &mut Random, format: Format) -> ([u32; 4], [u32; 4]) {
     let flags = random.pick(&[0, 0, 0, VIEW_DEPENDENT]) | (random.bits() & 0x3f) << 24;
     let radiance = match random.bits() % 40 {
@@ -106,12 +109,18 @@ fn present(random: &mut Random, format: Format) -> ([u32; 4], [u32; 4]) {
             format.pack_sampled_with(&Light { variance, ..random.light(1.5) })
         }
     };
-    ([1, 2, 3, random.pick(&[7, 7, 7, 8]) | flags], radiance)
+    let length = random.within(4.0..5.0) as f32;
+    ([1, length.to_bits(), 3, random.pick(&MATERIALS) | flags], radiance)
 }
 
-fn now(format: Format, hit: u32, guide: [u32; 4], radiance: [u32; 4]) -> Now {
+/// Returns a pixel whose ray has the unit direction `ray`.
+fn now(format: Format, (eye, ray): (&Eye, DVec3), hit: [u32; 4], guide: [u32; 4], radiance: [u32; 4]) -> Now {
+    let [_, length, _, hit] = hit;
+    let surface = Surface::unpack(guide);
+    let mirrored = eye.origin.as_dvec3() + ray * f64::from(f32::from_bits(length));
     Now {
-        surface: Surface::unpack(guide),
+        image: if hit & MIRRORED != 0 { mirrored } else { surface.as_ref().map_or(DVec3::ZERO, |s| s.position) },
+        surface,
         material: hit & MATERIAL_MASK,
         roughness: f64::from((hit >> 24) & 63) / 63.0,
         is_view_dependent: hit & VIEW_DEPENDENT != 0,
@@ -187,27 +196,28 @@ fn compare(case: Case, cases: &mut Cases) {
         let words = [0, 1].map(|_| random.rubbish::<4>(constants.area()));
         let valid = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.valid, WIDTH, pixels));
         let own = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, WIDTH, pixels));
-        let outputs = Kernel::new("accumulate", &[("HAS_GLOSS", case.gloss), ("HAS_MOTION", false)]).run(
-            &constants,
-            stripe.pass(case.view, [0; 3]),
-            WIDTH,
-            &[
-                ("hit_image", own(&hit)),
-                ("guide_image", own(&guide)),
-                ("radiance", own(&radiance)),
-                ("last_guide", valid(&histories[1].guide)),
-                ("last_moments", valid(&histories[1].moments)),
-                ("last_history", valid(&histories[1].light)),
-                ("left_guide", valid(&histories[0].guide)),
-                ("left_moments", valid(&histories[0].moments)),
-                ("left_history", valid(&histories[0].light)),
-                ("accumulated", Buffer::image(&words[0])),
-                ("moments", Buffer::image(&words[1])),
-                ("previous", Buffer::whole(&previous)),
-                ("tally_image", Buffer::image(&tally)),
-                ("light_change", Buffer::whole(&[0.0f32])),
-            ],
-        );
+        let outputs =
+            Kernel::new("accumulate", &[("HAS_GLOSS", case.gloss), ("HAS_MOTION", false), ("HAS_MIRRORS", true)]).run(
+                &constants,
+                stripe.pass(case.view, [0; 3]),
+                WIDTH,
+                &[
+                    ("hit_image", own(&hit)),
+                    ("guide_image", own(&guide)),
+                    ("radiance", own(&radiance)),
+                    ("last_guide", valid(&histories[1].guide)),
+                    ("last_moments", valid(&histories[1].moments)),
+                    ("last_history", valid(&histories[1].light)),
+                    ("left_guide", valid(&histories[0].guide)),
+                    ("left_moments", valid(&histories[0].moments)),
+                    ("left_history", valid(&histories[0].light)),
+                    ("accumulated", Buffer::image(&words[0])),
+                    ("moments", Buffer::image(&words[1])),
+                    ("previous", Buffer::whole(&previous)),
+                    ("tally_image", Buffer::image(&tally)),
+                    ("light_change", Buffer::whole(&[0.0f32])),
+                ],
+            );
         let (light, moments) = (outputs.get::<[u32; 4]>("accumulated"), outputs.get::<[u32; 4]>("moments"));
         let counted = outputs.get::<u32>("tally_image");
         let own = || before(format, eyes_before[case.view], &histories[1]);
@@ -221,7 +231,9 @@ fn compare(case: Case, cases: &mut Cases) {
         let twin = Twin { constants: &constants, last_spp, stripe: &stripe, gloss, view, before: &before };
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let at = constants.index(x, y);
-            let now = now(format, hit[at][3], guide[at], radiance[at]);
+            let eye = &constants.eyes[case.view];
+            let ray = eye.ray(constants.through(x, y), constants.size());
+            let now = now(format, (eye, ray), hit[at], guide[at], radiance[at]);
             let place = format!("({x}, {y}) of {stripe:?}");
             let after = twin.pixel(y, &now, cases);
             let dropped = after.as_ref().is_some_and(|after| after.dropped);
@@ -236,7 +248,9 @@ fn compare(case: Case, cases: &mut Cases) {
 }
 
 /// Cases that occur in every frame with a previous one.
-const WITH_HISTORY: [&str; 12] = [
+const WITH_HISTORY: [&str; 14] = [
+    "history in a mirror",
+    "history outside",
     "no surface",
     "sampled",
     "not sampled",

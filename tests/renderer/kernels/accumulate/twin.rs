@@ -8,7 +8,7 @@ use crate::kernels::camera::{Constants, Eye};
 use crate::kernels::edges::Surface;
 use crate::kernels::harness::Stripe;
 use crate::kernels::inputs::Cases;
-use crate::kernels::pack::{Light, MISSING, UNKNOWN, is_finite};
+use crate::kernels::pack::{Light, MIRRORED, MISSING, UNKNOWN, is_finite};
 
 /// Minimum sum of weights for history.
 const LEAST_FOUND: f64 = 0.01;
@@ -42,6 +42,8 @@ impl Past {
 /// Inputs of a pixel in this frame.
 pub struct Now {
     pub surface: Option<Surface>,
+    /// Where the surface is seen: its position, or that of its mirror image.
+    pub image: DVec3,
     pub material: u32,
     /// Roughness from 0 to 1. Specular radiance of smoother surfaces changes faster.
     pub roughness: f64,
@@ -71,12 +73,12 @@ pub struct Twin<'a> {
 impl Twin<'_> {
     /// Returns the weighted sum over the four pixels around an image point that show the same surface, with the sum of
     /// weights.
-    fn past(&self, before: &Before, row: u32, surface: &Surface, material: u32) -> (f64, Past) {
+    fn past(&self, before: &Before, row: u32, surface: &Surface, now: &Now) -> (f64, Past) {
         let mut past = Past {
             light: Light { matte: DVec3::ZERO, gloss: DVec3::ZERO, variance: DVec2::ZERO },
             moments: Moments::default(),
         };
-        let Some((seen, z)) = before.eye.seen_at(surface.position, self.constants.size()) else { return (0.0, past) };
+        let Some((seen, z)) = before.eye.seen_at(now.image, self.constants.size()) else { return (0.0, past) };
         let corner = seen - self.constants.centre.as_dvec2();
         let (base, fraction) = (corner.floor(), corner - corner.floor());
         let reach = self.constants.history_rows.expect("there is history");
@@ -88,7 +90,7 @@ impl Twin<'_> {
             let Some(tap) = self.constants.tap((0, 0), offset, &rows) else { continue };
             let (Some(then), moments) = (&before.guide[tap], &before.moments[tap]) else { continue };
             let off = surface.normal.dot(then.position - surface.position).abs();
-            let is_same = moments.material == material
+            let is_same = moments.material == now.material
                 && off < 0.005 * z
                 && surface.normal.dot(then.normal) > 0.9
                 && moments.samples != 0.0;
@@ -111,11 +113,11 @@ impl Twin<'_> {
 
     /// Returns the normalised history of the same eye, or else of the left one; whether any was not finite; and how far
     /// between pixels the last image point lies, from 0 to 1.
-    fn history(&self, row: u32, surface: &Surface, material: u32, cases: &mut Cases) -> (Option<Past>, bool, f64) {
+    fn history(&self, row: u32, surface: &Surface, now: &Now, cases: &mut Cases) -> (Option<Past>, bool, f64) {
         let (mut dropped, mut between) = (false, 0.0);
         for (i, before) in self.before.iter().enumerate() {
-            let (found, mut past) = self.past(before, row, surface, material);
-            if let Some((seen, _)) = before.eye.seen_at(surface.position, self.constants.size()) {
+            let (found, mut past) = self.past(before, row, surface, now);
+            if let Some((seen, _)) = before.eye.seen_at(now.image, self.constants.size()) {
                 let fraction = (seen - self.constants.centre.as_dvec2()).map(|v| v - v.floor());
                 between = 4.0 * (fraction * (1.0 - fraction)).max_element();
             }
@@ -126,6 +128,7 @@ impl Twin<'_> {
             }
             if found >= LEAST_FOUND {
                 cases.meet(if i == 0 { "own history" } else { "the left eye's history" });
+                cases.meet(if now.material & MIRRORED != 0 { "history in a mirror" } else { "history outside" });
                 past.light.matte /= found;
                 past.light.gloss /= found;
                 let m = &mut past.moments;
@@ -151,7 +154,7 @@ impl Twin<'_> {
             cases.meet("light that is not finite");
             (light, is_sampled, dropped) = (black, false, true);
         }
-        let (past, past_dropped, between) = self.history(row, surface, now.material, cases);
+        let (past, past_dropped, between) = self.history(row, surface, now, cases);
         dropped |= past_dropped;
         let new_samples = if is_sampled { f64::from(self.constants.spp) } else { 0.0 };
         let past = past.unwrap_or(Past { light: black, moments: Moments::default() });

@@ -290,6 +290,7 @@ fn traced(
         ("SOBOL", true),
         ("HAS_GLOSS", format.gloss),
         ("HAS_HARD_LIGHTS", false),
+        ("HAS_MIRRORS", false),
         ("JITTER", false),
         ("MEASURES_VARIANCE", false),
     ];

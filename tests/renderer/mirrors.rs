@@ -1,0 +1,206 @@
+//! Frames that follow perfect mirrors: what a mirror shows is as good as the room behind an opening.
+
+use crate::common::{Stage, Subject};
+use crate::reference::scenes::{
+    add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, place, quad,
+};
+use crate::reference::scenes::{scaled_at, studio};
+use crate::same_bytes::assert_same;
+use diptych::RunConfig;
+use diptych::exec::Stereo;
+use diptych::image::{Extent, Image, RgbImage};
+use diptych::metrics::{self, Errors};
+use diptych::passes::Aov;
+use diptych::quality::Denoiser;
+use diptych::scene::rig::{Rig, RigKey};
+use diptych::scene::{Material, Mesh, Scene};
+use glam::{Affine3A, DVec3, Vec3, vec3};
+
+const WIDTH: u32 = 64;
+const HEIGHT: u32 = 48;
+const BOUNCES: u32 = 3;
+const FPS: f64 = 72.0;
+
+/// Place of the wall with the mirror, which faces +z.
+const MIRROR_Z: f32 = -2.0;
+
+/// Returns the mesh as the mirror shows it.
+fn reflected(mesh: &Mesh) -> Mesh {
+    let over = |p: &Vec3| vec3(p.x, p.y, 2.0 * MIRROR_Z - p.z);
+    let turned = |n: &Vec3| vec3(n.x, n.y, -n.z);
+    Mesh {
+        positions: mesh.positions.iter().map(over).collect(),
+        normals: mesh.normals.iter().map(turned).collect(),
+        triangles: mesh.triangles.iter().map(|[a, b, c]| [*a, *c, *b]).collect(),
+        ..mesh.clone()
+    }
+}
+
+/// Returns a room with its camera, which moves sideways. One wall is a mirror or, in its twin, an opening to a mirrored
+/// copy of the room.
+fn room(name: &str, is_mirror: bool) -> Subject {
+    let mut scene = empty(name);
+    let [white, red, blue, yellow] =
+        [[0.7, 0.7, 0.7], [0.8, 0.2, 0.2], [0.2, 0.3, 0.8], [0.8, 0.7, 0.2]].map(|c| add_matte(&mut scene, c.into()));
+    let lamp = add_material(&mut scene, Material { emissive: vec3(6.0, 5.5, 5.0), ..matte() });
+    let mut meshes = vec![
+        quad(vec3(-2.0, 0.0, 2.0), 4.0 * Vec3::X, -4.0 * Vec3::Z, white),
+        quad(vec3(-2.0, 2.5, -2.0), 4.0 * Vec3::X, 4.0 * Vec3::Z, white),
+        quad(vec3(-2.0, 0.0, 2.0), -4.0 * Vec3::Z, 2.5 * Vec3::Y, red),
+        quad(vec3(2.0, 0.0, -2.0), 4.0 * Vec3::Z, 2.5 * Vec3::Y, blue),
+        quad(vec3(2.0, 0.0, 2.0), -4.0 * Vec3::X, 2.5 * Vec3::Y, white),
+        // The lamp shines away from the mirror, since light samples find a copied lamp but no image of one.
+        quad(vec3(-1.5, 2.1, -1.9), 3.0 * Vec3::X, 0.4 * Vec3::Y, lamp),
+    ];
+    for (material, size, at) in
+        [(yellow, 0.6, vec3(-0.9, 0.3, -0.4)), (blue, 0.5, vec3(0.8, 0.25, 0.3)), (white, 0.9, vec3(1.3, 0.45, -1.2))]
+    {
+        let mut block = block(material);
+        block.positions.iter_mut().for_each(|p| *p = *p * size + at);
+        meshes.push(block);
+    }
+    // Stripes on the far wall, which only the mirror shows.
+    for i in 0..6u8 {
+        let x = 1.8 - 0.6 * f32::from(i);
+        meshes.push(quad(vec3(x, 0.2, 1.99), -0.3 * Vec3::X, 2.0 * Vec3::Y, [red, blue, yellow][usize::from(i % 3)]));
+    }
+    if is_mirror {
+        let mirror = add_material(&mut scene, studio::metal(Vec3::ONE, 0.0));
+        meshes.push(quad(vec3(-2.0, 0.0, MIRROR_Z), 4.0 * Vec3::X, 2.5 * Vec3::Y, mirror));
+    } else {
+        meshes.extend(meshes.iter().map(reflected).collect::<Vec<_>>());
+    }
+    meshes.into_iter().for_each(|mesh| place(&mut scene, mesh));
+    subject(name, scene)
+}
+
+fn subject(name: &str, scene: Scene) -> Subject {
+    let key = |time_s, x: f64| RigKey {
+        time_s,
+        position: DVec3::new(x, 1.3, 1.2),
+        target: DVec3::new(0.3 * x, 1.1, -2.0),
+        up: DVec3::Y,
+    };
+    Subject::new(name, scene, Rig::of_keys(vec![key(0.0, -0.3), key(1.0, 0.9)]))
+}
+
+fn settings(subject: &Subject, denoiser: Denoiser) -> RunConfig {
+    let mut settings = subject.accumulated(WIDTH, HEIGHT);
+    (settings.envelope.most.denoiser, settings.envelope.most.bounces) = (Some(denoiser), BOUNCES);
+    settings.envelope.most.iterations = [denoiser.most_iterations().min(5); 3];
+    settings
+}
+
+/// Returns the part of an image that the mirror fills.
+fn within(image: &RgbImage) -> RgbImage {
+    let (columns, rows) = (WIDTH / 4..3 * WIDTH / 4, HEIGHT / 4..5 * HEIGHT / 8);
+    let pixels = rows.clone().flat_map(|y| columns.clone().map(move |x| *image.get(x, y))).collect();
+    Image { extent: Extent::new(columns.len() as u32, rows.len() as u32), pixels }
+}
+
+const FRAMES: u32 = 16;
+
+/// Returns the time of a frame at which the eyes move or stand still.
+fn time_s(index: u32, is_moving: bool) -> f64 {
+    if is_moving { f64::from(index) / FPS } else { 0.0 }
+}
+
+/// Returns the mirror's part of an unfiltered last frame, of many samples.
+fn reference(subject: &Subject, is_moving: bool) -> [RgbImage; 2] {
+    const PARTS: u32 = 8;
+    let mut settings = subject.settings(WIDTH, HEIGHT);
+    (settings.seed, settings.envelope.most.spp, settings.envelope.most.bounces) = (99, 16, BOUNCES);
+    let mut stage = Stage::alone(subject, &settings);
+    let parts = (0..PARTS).map(|index| stage.frame_at(time_s(FRAMES - 1, is_moving), index).linear);
+    let sum = parts.map(|eyes| [within(&eyes.left), within(&eyes.right)]).reduce(|mut sum, part| {
+        for (sum, part) in sum.iter_mut().zip(part) {
+            let pairs = sum.pixels.as_flattened_mut().iter_mut().zip(part.pixels.as_flattened());
+            pairs.for_each(|(sum, part)| *sum += part);
+        }
+        sum
+    });
+    let mut mean = sum.expect("there are parts");
+    mean.iter_mut().for_each(|eye| eye.pixels.as_flattened_mut().iter_mut().for_each(|v| *v /= PARTS as f32));
+    mean
+}
+
+/// Compares the mirror of the last frame with a reference, in both eyes.
+fn errors(subject: &Subject, reference: &[RgbImage; 2], follow_mirrors: bool, is_moving: bool) -> [Errors; 2] {
+    let mut settings = settings(subject, Denoiser::SVGF);
+    settings.follow_mirrors = follow_mirrors;
+    let mut stage = Stage::alone(subject, &settings);
+    let frames = (0..FRAMES).map(|index| stage.frame_at(time_s(index, is_moving), index).linear);
+    let found = frames.last().expect("there are frames");
+    let compare = |expected: &RgbImage, found: &RgbImage| metrics::compare(expected, &within(found)).unwrap();
+    [compare(&reference[0], &found.left), compare(&reference[1], &found.right)]
+}
+
+#[test]
+fn a_mirror_shows_its_room_as_well_as_an_opening_would() {
+    let [mirror, opening] = [("mirror", true), ("opening", false)].map(|(name, is_mirror)| room(name, is_mirror));
+    assert!(mirror.needs.mirrors && !opening.needs.mirrors);
+    let mut fails = Vec::new();
+    for is_moving in [false, true] {
+        let [of_mirror, of_opening] = [&mirror, &opening].map(|subject| reference(subject, is_moving));
+        let [followed, blurred] = [true, false].map(|follow| errors(&mirror, &of_mirror, follow, is_moving));
+        let twin = errors(&opening, &of_opening, true, is_moving);
+        for eye in [0, 1] {
+            let [a, b, c] = [&twin, &followed, &blurred].map(|e| (e[eye].psnr, e[eye].flip));
+            let what =
+                format!("moving {is_moving}, eye {eye}: PSNR and FLIP {b:.3?}, blurred {c:.3?}, opening {a:.3?}");
+            println!("{what}");
+            if b.0 < a.0 - 1.0 || b.1 > 0.85 * c.1 {
+                fails.push(what);
+            }
+        }
+    }
+    assert!(fails.is_empty(), "{fails:#?}");
+}
+
+/// Returns the room with a second mirror on the far wall and a mirror ball.
+fn hall_of_mirrors() -> Subject {
+    let mut scene = room("hall of mirrors", true).scene;
+    let gold = add_material(&mut scene, studio::metal(vec3(0.9, 0.7, 0.4), 0.0));
+    place(&mut scene, quad(vec3(1.5, 0.0, 1.98), -1.5 * Vec3::X, 2.0 * Vec3::Y, gold));
+    let ball = add_mesh(&mut scene, icosphere(3, true, gold));
+    instance(&mut scene, ball, scaled_at(0.35, vec3(0.1, 0.35, -0.9)));
+    instance(&mut scene, ball, Affine3A::from_translation(vec3(0.0, 5.0, 0.0)));
+    subject("hall of mirrors", scene)
+}
+
+#[test]
+fn frames_that_follow_mirrors_have_the_bytes_of_one_device() {
+    let subject = hall_of_mirrors();
+    for (denoiser, spp) in [(Denoiser::SVGF, 1), (Denoiser::BMFR, 1), (Denoiser::SVGF, 2)] {
+        let mut settings = settings(&subject, denoiser);
+        settings.envelope.most.spp = spp;
+        let [one, three] = [1, 3].map(|devices| {
+            let mut stage = Stage::even(&subject, &settings, devices);
+            (0..3).map(|index| stage.frame_at(f64::from(index) / FPS, index)).collect::<Vec<_>>()
+        });
+        for (index, (one, three)) in one.iter().zip(&three).enumerate() {
+            let what = format!("{denoiser:?}, {spp} spp, frame {index}");
+            assert_same(&what, &one.linear, &three.linear);
+            assert_eq!(one.report.tallies, three.report.tallies, "{what}");
+        }
+    }
+}
+
+/// Filtered frames change if mirrors are followed; auxiliary images do not.
+#[test]
+fn auxiliary_images_show_the_mirrors_themselves() {
+    let subject = hall_of_mirrors();
+    let aovs = [Aov::Albedo, Aov::Normal, Aov::Position, Aov::Depth, Aov::Roughness, Aov::Motion, Aov::SpecularAlbedo];
+    let render = |follow_mirrors: bool| {
+        let mut settings = settings(&subject, Denoiser::SVGF);
+        (settings.follow_mirrors, settings.buffers.aovs) = (follow_mirrors, aovs.to_vec());
+        let mut stage = Stage::alone(&subject, &settings);
+        let frame = stage.frame(0).linear;
+        (frame, aovs.iter().enumerate().map(|(i, _)| stage.aov(i)).collect::<Vec<Stereo<_>>>())
+    };
+    let [(followed, of_followed), (blurred, of_blurred)] = [true, false].map(render);
+    assert!(followed.left.pixels != blurred.left.pixels, "no mirror is followed");
+    for ((aov, a), b) in aovs.iter().zip(of_followed).zip(of_blurred) {
+        assert!(a.left == b.left && a.right == b.right, "{}", aov.name());
+    }
+}
