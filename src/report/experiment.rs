@@ -4,9 +4,11 @@
 mod column;
 mod definition;
 mod rows;
+mod times;
 #[cfg(test)]
 mod tests;
 
 pub use column::{FOVEA, Found, LATENCY, OtherMeasures, RINGS};
 pub use definition::{Arrangement, Camera, Experiment, Resolution, Shot};
 pub use rows::{ExperimentRow, Texts, text_of};
+pub use times::FrameTimes;

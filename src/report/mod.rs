@@ -8,7 +8,6 @@ pub mod frames;
 pub mod headset;
 pub mod html;
 pub mod lanes;
-pub mod leria;
 pub mod peers;
 pub mod pictures;
 pub mod play;

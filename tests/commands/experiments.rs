@@ -29,8 +29,8 @@ fn the_baseline_shares_out_path_tracing_alone() {
     for row in of("measured").iter().chain(&of("simulated")) {
         let [primary, others] = ["primary_busy_share", "others_busy_share"].map(|name| number(&row[name]));
         let is_baseline = row["arrangement"] == "baseline";
-        let [paths, filter] = ["path_tracing_ms", "denoising_ms"].map(|name| number(&row["stages"][name]));
-        assert!(paths > 0.0 && filter > 0.0 && row["stages"]["skinning_ms"].is_null(), "{row}");
+        let [paths, filter] = ["path_tracing_ms", "denoising_ms"].map(|name| number(&row[name]));
+        assert!(paths > 0.0 && filter > 0.0 && row["skinning_ms"].is_null(), "{row}");
         assert!(primary > 0.0 && primary < 1.1 && others > 0.0, "{row}");
         assert!(number(&row["speedup"]) == 1.0 || !is_baseline, "{row}");
         assert!(primary > others || !is_baseline, "the primary does what the others do and more: {row}");

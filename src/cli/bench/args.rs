@@ -9,7 +9,7 @@ use crate::cli::foveation::FoveationMode;
 use crate::cli::options::{self, DenoiserChoice, RunOptions, render_scale};
 use crate::cli::reference::{PASS_SPP, seconds};
 use crate::quality::{Denoiser, LogPolar};
-use crate::report::{leria::FRAMES, once};
+use crate::report::once;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -170,11 +170,11 @@ pub struct PresetOptions {
     /// Instants on the path, for --experiment, --preset peres, andersson or late
     #[arg(long, value_name = "N", requires = "study", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub instants: u32,
-    /// Frames along the path, for --preset leria
-    #[arg(long, value_name = "N", requires = "preset", default_value_t = FRAMES, value_parser = clap::value_parser!(u32).range(1..=5000))]
+    /// Frames along the path, for --preset leria or an --experiment
+    #[arg(long, value_name = "N", requires = "study", default_value_t = 104, value_parser = clap::value_parser!(u32).range(1..=5000))]
     pub frames: u32,
-    /// Device counts to predict as well, for --preset leria
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", requires = "preset", default_value = "4", value_parser = clap::value_parser!(u16).range(2..=64))]
+    /// Device counts to predict, for --preset leria or an --experiment
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", requires = "study", default_value = "4", value_parser = clap::value_parser!(u16).range(2..=64))]
     simulate: Vec<u16>,
 }
 

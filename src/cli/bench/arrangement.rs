@@ -4,14 +4,18 @@ use anyhow::{Context, anyhow, bail, ensure};
 use clap::{Args as _, Command, FromArgMatches};
 use toml::Value;
 
+use super::axes::FPS;
+use crate::cli::balance::Balance;
 use crate::cli::foveation::FoveationMode;
 use crate::cli::options::{self, RenderOptions, RunOptions};
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
+use crate::passes::partitions;
 use crate::projection::Polar;
 use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
 use crate::report::experiment::{Arrangement, Experiment, OtherMeasures};
 use crate::scene::rig::Eye;
+use crate::schedule::RatioRule;
 use crate::stages::Foveation;
 
 /// Quality of arrangements, unless an experiment's options change it.
@@ -34,11 +38,15 @@ const FALLOFF_DEG: [f64; 2] = [10.0, 20.0];
 /// Exponent of the kernel of log-polar images.
 const LOG_POLAR_ALPHA: f64 = 4.0;
 
-/// Returns the options of all arrangements.
-pub fn of(experiment: &Experiment, run: &RunOptions) -> Result<Vec<RenderOptions>, anyhow::Error> {
-    let mut common = RenderOptions::single(run.clone(), &QUALITY);
+/// Returns the options of all arrangements for a number of frames.
+pub fn of(experiment: &Experiment, run: &RunOptions, frames: u32) -> Result<Vec<RenderOptions>, anyhow::Error> {
+    let mut common = RenderOptions { frames, fps: FPS, ..RenderOptions::single(run.clone(), &QUALITY) };
     common.foveated.iterations = None;
-    let common = with(common, &experiment.options).context("options")?;
+    let mut shared = experiment.options.clone();
+    if !run.balance.is_empty() || !run.ratios.is_empty() {
+        shared.retain(|name, _| !["balance", "ratios"].contains(&name));
+    }
+    let common = with(common, &shared).context("options")?;
     let of = |arrangement: &Arrangement| {
         let mut options = with(common.clone(), &arrangement.options)?;
         if let Some(blur) = arrangement.blur {
@@ -46,6 +54,11 @@ pub fn of(experiment: &Experiment, run: &RunOptions) -> Result<Vec<RenderOptions
             options.foveated.polar.get_or_insert(LogPolar::COMPOSITE).blur = blur;
         }
         options.check()?;
+        let known: Vec<&str> = partitions().into_iter().map(|group| group.0).collect();
+        let unknown = arrangement.distribute.iter().flatten().find(|name| !known.contains(&name.as_str()));
+        if let Some(unknown) = unknown {
+            bail!("distribute: there is no group '{unknown}': choose of {}", known.join(", "));
+        }
         let quality = options.quality();
         let has_mode = quality.polar != Some(PolarSpace::Visual) && quality.denoiser.is_some();
         ensure!(
@@ -55,6 +68,25 @@ pub fn of(experiment: &Experiment, run: &RunOptions) -> Result<Vec<RenderOptions
         Ok(options)
     };
     experiment.all.iter().map(|one| of(one).with_context(|| format!("arrangement '{}'", one.name))).collect()
+}
+
+/// Returns the options of an arrangement on a number of devices. If it distributes only some groups of passes, all other
+/// passes run on the primary, also those of the right eye if it is not path traced in full.
+pub fn distributed(arrangement: &Arrangement, mut options: RenderOptions, devices: usize) -> RenderOptions {
+    let Some(distribute) = &arrangement.distribute else { return options };
+    let run = &mut options.run;
+    run.balance = vec![Balance::Static];
+    let on_primary: Vec<f64> = (0..devices).map(|device| if device == 0 { 1.0 } else { 0.0 }).collect();
+    for group in partitions() {
+        for view in Eye::ALL {
+            let is_traced = view == Eye::Left || !run.reprojects();
+            if !(is_traced && distribute.iter().any(|name| name == group.0)) {
+                let ratios = on_primary.clone();
+                run.ratios.push(RatioRule { group: Some(group), view: Some(view), ratios });
+            }
+        }
+    }
+    options
 }
 
 /// Returns `options`, changed by the entries of a table, whose keys are names of command-line options.
@@ -152,7 +184,7 @@ mod tests {
 
     fn options_of(text: &str) -> Result<Vec<RenderOptions>, String> {
         let run = Line::parse_from(["diptych", "builtin:cornell", "--seed", "7", "--out", "unused"]).run;
-        of(&Experiment::parse(text)?, &run).map_err(|error| format!("{error:#}"))
+        of(&Experiment::parse(text)?, &run, 1).map_err(|error| format!("{error:#}"))
     }
 
     #[test]
@@ -187,6 +219,11 @@ mod tests {
             ("spp = 1", "spp = 0", &["options", "--spp", "0"][..]),
             ("spp = 1", "spp = { a = 1 }", &["options", "spp"]),
             ("spp = 1", "frames = 3", &["options", "'frames'"]),
+            (
+                "options.foveation = \"layers\"",
+                "distribute = ['shade']",
+                &["'linear'", "distribute", "shade", "gbuffer"],
+            ),
             ("options.foveation = \"layers\"", "options.foveation = \"rings\"", &["'linear'", "--foveation", "rings"]),
             ("options.foveation = \"layers\"", "blur = false", &["'linear'", "blur"]),
             ("options.foveation = \"layers\"", "options.polar = \"fov\"", &["'linear'", "--polar"]),

@@ -8,20 +8,24 @@ use anyhow::{Context, anyhow};
 use crate::device::DeviceInfo;
 use crate::loaded::LoadedScene;
 use crate::quality::Quality;
-use crate::report::experiment::{Camera, Experiment, ExperimentRow, FOVEA, Found, OtherMeasures, RINGS, text_of};
+use crate::report::experiment::{
+    Camera, Experiment, ExperimentRow, FOVEA, Found, FrameTimes, OtherMeasures, RINGS, Texts, text_of,
+};
 use crate::report::frames::FrameLine;
+use crate::report::html::Section;
 use crate::report::pictures::Group;
 use crate::report::rectified::RectifiedFrame;
 use crate::report::rings::{self, FrameRings, RingRow, ring_charts, ring_csv, ring_table};
 use crate::report::{Csv, Table};
 use crate::scene::optics::Optics;
-use crate::scene::rig::RigKey;
 use crate::scene::shot::Gaze;
 
 use super::args::Args;
 use super::arrangement;
 use super::axes::FPS;
 use super::findings::{Findings, section};
+use super::following::{self, Followed};
+use super::instants::{from_end_to_end, on_path};
 use super::judge::{Judge, pairs};
 use super::late;
 use super::moving_gaze::with_moving_gaze;
@@ -42,15 +46,21 @@ use crate::cli::setup::{self, Tracing};
 fn refused(experiment: &Experiment) -> impl Iterator<Item = &'static str> {
     let (has_sizes, has_shots) = (!experiment.resolutions.is_empty(), !experiment.shots.is_empty());
     let (cameras, is_late) = (experiment.cameras(), experiment.cameras() == [Camera::Late]);
+    let follows = experiment.cameras() == [Camera::Following];
     [
-        ("frames", true),
-        ("simulate", true),
+        ("frames", !follows),
+        ("simulate", !follows),
+        ("shots", follows),
+        ("quick", follows),
+        ("reference_spp", follows),
+        ("reference_time_limit", follows),
+        ("reference_dir", follows),
         ("fresh", true),
         ("size", has_sizes),
         ("size_factor", !has_sizes),
         ("shot", has_shots),
         ("instants", !cameras.iter().any(|camera| camera.visits_instants())),
-        ("repeats", is_late),
+        ("repeats", is_late || follows),
         ("warm_up", is_late),
     ]
     .into_iter()
@@ -67,8 +77,6 @@ pub fn run_file(args: &Args, path: &Path) -> Result<(), Failure> {
 pub fn run_text(args: &Args, text: &str, origin: &str) -> Result<(), Failure> {
     let experiment = Experiment::parse(text).map_err(|reason| Failure::Input(anyhow!("{origin}: {reason}")))?;
     refuse(origin, refused(&experiment))?;
-    let all = arrangement::of(&experiment, &args.options).with_context(|| format!("{origin}: wrong options"));
-    let all = all.map_err(Failure::Input)?;
     if experiment.cameras().contains(&Camera::Late) && args.options.motion.is_none() {
         return Err(Failure::Input(anyhow!("{origin} needs a head motion: give it with --motion")));
     }
@@ -76,10 +84,12 @@ pub fn run_text(args: &Args, text: &str, origin: &str) -> Result<(), Failure> {
     let experiment: &'static Experiment = Box::leak(Box::new(experiment));
     let is_typed = |id| Given::here().and_then(|given| given.typed(id)).is_some();
     let mut args = args.clone();
-    // The reference uses the largest number of bounces of all arrangements.
-    args.bounces = all.iter().map(|options| options.bounces).max().into_iter().collect();
     args.warm_up = experiment.frames.warm_up.filter(|_| !is_typed("warm_up")).unwrap_or(args.warm_up);
     args.repeats = experiment.frames.repeats.filter(|_| !is_typed("repeats")).unwrap_or(args.repeats);
+    let all = arrangements(&args, experiment).with_context(|| format!("{origin}: wrong options"));
+    let all = all.map_err(Failure::Input)?;
+    // The reference uses the largest number of bounces of all arrangements.
+    args.bounces = all.iter().map(|options| options.bounces).max().into_iter().collect();
     run(&args, experiment, &all)
 }
 
@@ -89,6 +99,7 @@ fn run(args: &Args, experiment: &'static Experiment, all: &[RenderOptions]) -> R
         Camera::Moving => args.preset.instants * (args.warm_up_of(&quality) + 1),
         Camera::Stepping => args.preset.instants * (args.warm_up_of(&quality) + args.repeats),
         Camera::Late => args.preset.instants * late::FRAMES,
+        Camera::Following => args.warm_up + args.preset.frames,
         _ if experiment.has_any(&FOVEA) => 2 * args.frames_of(&quality),
         _ => args.frames_of(&quality),
     };
@@ -111,29 +122,16 @@ fn run(args: &Args, experiment: &'static Experiment, all: &[RenderOptions]) -> R
     found.write(args)
 }
 
+/// Returns the options of all arrangements.
+fn arrangements(args: &Args, experiment: &Experiment) -> Result<Vec<RenderOptions>, anyhow::Error> {
+    let follows = experiment.cameras() == [Camera::Following];
+    arrangement::of(experiment, &args.options, if follows { args.warm_up + args.preset.frames } else { 1 })
+}
+
 /// Returns the quality that needs the most warm-up frames. All arrangements render that many.
 fn slowest(args: &Args, all: &[RenderOptions]) -> Quality {
     let qualities = all.iter().map(RenderOptions::quality);
     qualities.max_by_key(|quality| args.warm_up_of(quality)).unwrap_or(arrangement::QUALITY)
-}
-
-/// Returns `count` evenly spaced instants along the path, from after its start to its end, so that the camera has moved
-/// before each. Empty if the camera is static.
-fn on_path(keys: &[RigKey], count: u32) -> Vec<f64> {
-    let [first, .., last] = keys else { return Vec::new() };
-    let length_s = last.time_s - first.time_s;
-    (1..=count).map(|i| first.time_s + length_s * f64::from(i) / f64::from(count)).collect()
-}
-
-/// Returns `count` evenly spaced instants along the path, both ends included; only `time_s` for a count of 1 or a
-/// static camera.
-fn from_end_to_end(keys: &[RigKey], time_s: f64, count: u32) -> Vec<f64> {
-    let [first, .., last] = keys else { return vec![time_s] };
-    if count == 1 {
-        return vec![time_s];
-    }
-    let length_s = last.time_s - first.time_s;
-    (0..count).map(|i| first.time_s + length_s * f64::from(i) / f64::from(count - 1)).collect()
 }
 
 struct Results {
@@ -147,6 +145,8 @@ struct Results {
     notes: Vec<String>,
     /// Pictures of the last frame of each row, for the page.
     pictures: Vec<Group>,
+    /// Further results of [`Camera::Following`].
+    followed: Option<Followed>,
 }
 
 /// A camera view at an instant, with its reference; `frames` excludes the warm-up.
@@ -157,7 +157,8 @@ struct View {
 }
 
 /// A camera motion, with its measured views and the number of warm-up frames before each view.
-struct Shown {
+struct Shown<'a> {
+    subject: &'a Subject,
     camera: Camera,
     warm_up: u32,
     views: Vec<View>,
@@ -165,8 +166,8 @@ struct Shown {
 
 impl Results {
     fn new(experiment: &'static Experiment) -> Self {
-        let (rows, rings, frames, devices, notes, pictures) = Default::default();
-        Self { experiment, rows, rings, frames, devices, notes, pictures }
+        let (rows, rings, frames, devices, notes, pictures, followed) = Default::default();
+        Self { experiment, rows, rings, frames, devices, notes, pictures, followed }
     }
 
     /// Measures all arrangements on a subject, whose options are those of `args`.
@@ -187,11 +188,11 @@ impl Results {
             let optics = rig.optics.map(|optics| optics.widened(border_deg));
             rig.optics = Some(optics.unwrap_or_else(|| Optics::with_border(rig, options.size, border_deg)));
         }
-        let arranged = arrangement::of(experiment, options).map_err(Failure::Input)?;
+        let arranged = arrangements(args, experiment).map_err(Failure::Input)?;
         let quality = slowest(args, &arranged);
         let warm_up = args.warm_up_of(&quality);
         let mut turns = Turns::new(&loaded, progress, tracing, self.rows.len());
-        let mut beside = Vec::new();
+        let (mut beside, mut prepared) = (Vec::new(), Vec::new());
         for (arrangement, mut own) in experiment.all.iter().zip(arranged) {
             let mut measures = OtherMeasures::from([("exposure_ev", loaded.exposure_ev())]);
             if own.foveated.is_on() {
@@ -205,16 +206,34 @@ impl Results {
             }
             measures.insert("dispatched", arrangement::dispatched(&own, &loaded));
             beside.push(measures);
+            prepared.push(own.clone());
             let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
+            following::check(args, experiment, gpus.len()).map_err(Failure::Input)?;
+            let own = arrangement::distributed(arrangement, own, gpus.len());
             turns.add(format!("{} of {}", arrangement.name, subject.name), own, gpus)?;
         }
         let frame = turns.renderers[0].rectified().map(|frame| RectifiedFrame::new(frame, options.size));
         self.notes.extend(frame.map(|frame| format!("{}: {frame}.", subject.name)));
+        self.devices = turns.renderers[0].devices().to_vec();
+        let mut texts = subject.texts.clone();
+        texts.insert("devices".to_owned(), self.devices.len().into());
         let mut begun = 0;
         for &camera in experiment.cameras() {
+            texts.insert("camera".to_owned(), camera.name().into());
             if camera == Camera::Late {
                 let found = late::measure(args, experiment, &loaded, &mut turns, beside.clone())?;
-                self.keep(subject, camera, &found);
+                self.keep(&texts, &found);
+                continue;
+            }
+            if camera == Camera::Following {
+                let followed = following::measure(args, experiment, &loaded, &mut turns, &prepared, beside.clone())?;
+                self.keep(&texts, &followed.found);
+                texts.insert("source".to_owned(), "simulated".into());
+                for (devices, found) in &followed.simulated {
+                    texts.insert("devices".to_owned(), (*devices).into());
+                    self.keep(&texts, found);
+                }
+                self.followed = Some(followed);
                 continue;
             }
             let keys = &loaded.shot.rig.keys;
@@ -233,29 +252,24 @@ impl Results {
                 views.push(View { time_s, reference, frames });
             }
             if !views.is_empty() {
-                let shown = Shown { camera, warm_up, views };
-                let found =
-                    self.measure_views(args, (subject, &loaded), &mut turns, &mut begun, &shown, beside.clone())?;
-                self.keep(subject, camera, &found);
+                let shown = Shown { subject, camera, warm_up, views };
+                let found = self.measure_views(args, &loaded, &mut turns, &mut begun, &shown, beside.clone())?;
+                self.keep(&texts, &found);
             }
         }
-        self.devices = turns.renderers[0].devices().to_vec();
         Ok(())
     }
 
     /// Adds the results of all arrangements to the rows and the frames.
-    fn keep(&mut self, subject: &Subject, camera: Camera, found: &[Found]) {
+    fn keep(&mut self, texts: &Texts, found: &[Found]) {
         let experiment = self.experiment;
-        let mut texts = subject.texts.clone();
-        texts.insert("camera".to_owned(), camera.name().into());
         for (arrangement, found) in experiment.all.iter().zip(found) {
-            let texts = experiment.texts_of(&texts, &arrangement.name);
+            let texts = experiment.texts_of(texts, &arrangement.name);
             let labels = experiment.frame_labels().into_iter();
             let cells: Vec<String> = labels.map(|label| text_of(&texts, label).unwrap_or_default()).collect();
-            let lines = found.instants.iter().flat_map(|at| &at.frames);
-            self.frames.extend(lines.map(|line| (cells.clone(), line.clone())));
+            self.frames.extend(found.lines.iter().map(|line| (cells.clone(), line.clone())));
         }
-        self.rows.extend(experiment.measured(&texts, found));
+        self.rows.extend(experiment.measured(texts, found));
     }
 
     /// Measures all arrangements in all views of a camera. `begun` counts the frames that each renderer has begun.
@@ -263,10 +277,10 @@ impl Results {
     fn measure_views(
         &mut self,
         args: &Args,
-        (subject, loaded): (&Subject, &LoadedScene),
+        loaded: &LoadedScene,
         turns: &mut Turns,
         begun: &mut u32,
-        Shown { camera, warm_up, views }: &Shown,
+        Shown { subject, camera, warm_up, views }: &Shown,
         mut beside: Vec<OtherMeasures>,
     ) -> Result<Vec<Found>, Failure> {
         let (options, experiment) = (&args.options, self.experiment);
@@ -291,6 +305,8 @@ impl Results {
                     let row = turns.keep(which, time_s, report, number);
                     let image = turns.renderers[which].read_linear()?;
                     judges[which].add(report, &row, &image)?;
+                    found[which].times.push(FrameTimes::measured(report));
+                    found[which].lines.push(FrameLine::from(&row));
                     for (name, paths) in
                         ["paths_left", "paths_right"].into_iter().zip(turns.paths(which, time_s, report))
                     {
@@ -358,36 +374,20 @@ impl Results {
             of => of.iter().map(|of| of.size(args.preset.size_factor).to_string()).collect::<Vec<_>>().join(" and "),
         };
         let tables = experiment.tables(&self.rows, self.notes).into_iter();
+        let mut tables: Vec<Section> = tables.map(|(heading, notes, table)| section(heading, notes, table)).collect();
+        let run = self.followed.map(|Followed { run, figure, more: sections, .. }| {
+            tables[0].figure = Some(figure);
+            more.splice(..0, sections);
+            run
+        });
         Findings {
             title: format!("{}, at {sizes}", experiment.title),
             rows: &self.rows.iter().map(|row| experiment.json(row)).collect::<Vec<_>>(),
             files,
-            run: None,
-            tables: tables.map(|(heading, notes, table)| section(heading, notes, table)).collect(),
+            run,
+            tables,
             more,
         }
         .write(args)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use glam::DVec3;
-
-    use super::*;
-
-    #[test]
-    fn the_camera_has_come_some_way_at_every_instant() {
-        let key = |time_s| RigKey { time_s, position: DVec3::ZERO, target: DVec3::X, up: DVec3::Y };
-        assert_eq!(on_path(&[1.0, 1.5, 4.0].map(key), 3), [2.0, 3.0, 4.0]);
-        assert!(on_path(&[key(1.0)], 3).is_empty());
-    }
-
-    #[test]
-    fn instants_are_even_from_end_to_end() {
-        let key = |time_s| RigKey { time_s, position: DVec3::ZERO, target: DVec3::X, up: DVec3::Y };
-        let moving = [1.0, 1.5, 4.0].map(key);
-        assert_eq!(from_end_to_end(&moving, 0.5, 4), [1.0, 2.0, 3.0, 4.0]);
-        assert_eq!((from_end_to_end(&moving, 0.5, 1), from_end_to_end(&[key(1.0)], 0.5, 4)), (vec![0.5], vec![0.5]));
     }
 }

@@ -1,17 +1,17 @@
 //! Measures frames that are displayed later than their pose was sampled, with and without late reprojection, against
 //! frames rendered from the pose of display (the true pose).
 
-use anyhow::ensure;
-
 use super::args::Args;
 use super::axes::FPS;
+use super::instants::before_latency;
 use super::judge::Judge;
 use super::reference::Reference;
 use super::turns::Turns;
 use crate::cli::failure::Failure;
 use crate::loaded::LoadedScene;
 use crate::report::bench::Measured;
-use crate::report::experiment::{Experiment, Found, LATENCY, OtherMeasures};
+use crate::report::experiment::{Experiment, Found, FrameTimes, LATENCY, OtherMeasures};
+use crate::report::frames::FrameLine;
 use crate::scene::rig::{Eye, Rig};
 
 /// Frames per arrangement and instant: one rendered from the instant's own pose, two rendered from the true pose, and
@@ -30,7 +30,7 @@ pub fn measure(
     let rig = &loaded.shot.rig;
     let latencies = experiment.all.iter().map(|arrangement| arrangement.late_frames.unwrap_or(0));
     let longest_s = f64::from(latencies.clone().max().unwrap_or(0)) / FPS;
-    let times_s = instants(rig, longest_s, args.preset.instants).map_err(Failure::Input)?;
+    let times_s = before_latency(rig, longest_s, args.preset.instants).map_err(Failure::Input)?;
     let mut all = Vec::new();
     for (which, (latency, others)) in (0..).zip(latencies.clone().zip(others)) {
         let latency_s = f64::from(latency) / FPS;
@@ -47,6 +47,8 @@ pub fn measure(
                 Ok::<_, Failure>((report, row, turns.renderers[which as usize].read_linear()?))
             };
             let late = image(own, time_s, None)?;
+            found.times.push(FrameTimes::measured(&late.0));
+            found.lines.push(FrameLine::from(&late.1));
             let (_, _, right) = image(first, later_s, None)?;
             let reference = Reference::of_frame(right);
             let judge = |(report, row, image)| -> Result<Measured, Failure> {
@@ -65,15 +67,6 @@ pub fn measure(
         all.push(found);
     }
     Ok(all)
-}
-
-/// Returns `count` evenly spaced instants of the camera's path, in seconds. Each instant plus the highest latency is
-/// still within the path.
-fn instants(rig: &Rig, longest_s: f64, count: u32) -> Result<Vec<f64>, anyhow::Error> {
-    let [first_s, last_s] = [rig.keys.first(), rig.keys.last()].map(|key| key.map_or(0.0, |key| key.time_s));
-    let length_s = last_s - first_s - longest_s;
-    ensure!(length_s > 0.0, "--motion: the motion is shorter than the highest latency, {:.0} ms", 1e3 * longest_s);
-    Ok((0..count).map(|i| first_s + length_s * (f64::from(i) + 0.5) / f64::from(count)).collect())
 }
 
 /// Returns the rotation (degrees) and the translation (millimetres) of the left eye between two instants.

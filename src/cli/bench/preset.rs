@@ -1,12 +1,11 @@
 //! `diptych bench --preset` and `--experiment`: published experiments and your own.
 //!
 //! To add a preset, write a file in `experiments` and add a variant to [`Preset`] and a line to its method.
-//! If a file cannot describe the preset, write a module with `run` instead of the file.
 
 use anyhow::anyhow;
 
 use super::args::{Args, Preset};
-use super::{experiment, leria};
+use super::experiment;
 use crate::cli::failure::Failure;
 use crate::cli::settings::Given;
 
@@ -15,12 +14,13 @@ const ANDERSSON: &str = include_str!("experiments/andersson.toml");
 const BMFR: &str = include_str!("experiments/bmfr.toml");
 const KOSKELA: &str = include_str!("experiments/koskela.toml");
 const LATE: &str = include_str!("experiments/late.toml");
+const LERIA: &str = include_str!("experiments/leria.toml");
 const PERES: &str = include_str!("experiments/peres.toml");
 
 impl Preset {
     fn run(self, args: &Args) -> Result<(), Failure> {
         match self {
-            Self::Leria => leria::run(args),
+            Self::Leria => experiment::run_text(args, LERIA, "--preset leria"),
             Self::Bmfr => experiment::run_text(args, BMFR, "--preset bmfr"),
             Self::Koskela => experiment::run_text(args, KOSKELA, "--preset koskela"),
             Self::Andersson => experiment::run_text(args, ANDERSSON, "--preset andersson"),

@@ -27,7 +27,8 @@ pub struct Turns<'a> {
     first: usize,
     /// Renderers in the order in which they were added.
     pub renderers: Vec<Renderer>,
-    settings: Vec<(String, RenderOptions)>,
+    /// Name and options of each renderer.
+    pub settings: Vec<(String, RenderOptions)>,
     /// Gaze of the left and the right eye in the following frames, as fractions of each eye's image; `None` for the
     /// gaze of the configuration.
     pub gaze: Option<[[f64; 2]; 2]>,

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 
 use super::definition::{Camera, Experiment};
+use super::times::{FrameTimes, TRANSFERS, median_over, speedup_by_frame, stage_ms};
 use crate::report::bench::Measured;
+use crate::report::frames::FrameLine;
 use crate::report::median_of;
 use crate::report::study::{deviation, mean, quartiles};
 
@@ -15,7 +17,7 @@ use crate::report::study::{deviation, mean, quartiles};
 pub struct Column {
     pub(super) name: String,
     pub(super) decimals: usize,
-    /// One of [`MEASURES`].
+    /// One of [`measures`].
     pub measure: Option<String>,
     /// How an error is summarised over instants and eyes.
     #[serde(default)]
@@ -25,6 +27,9 @@ pub struct Column {
     pub(super) of: LateImage,
     /// Stages whose busy times are added up. Cells are empty if none of the stages ran.
     pub(super) stages: Option<Vec<String>>,
+    /// True to average the time of `stages` over the devices that ran any of them, instead of adding it up.
+    #[serde(default)]
+    pub(super) mean_of_devices: bool,
     /// Stages whose fraction of the busy time is shown: their total busy time divided by that of all stages.
     pub(super) fraction: Option<Vec<String>>,
     /// Column that speedups are computed from: its value for the first arrangement is divided by its value for the
@@ -63,7 +68,12 @@ const ERRORS: [&str; 10] =
     ["rmse", "rmse_percent", "relmse", "psnr", "ssim", "flip", "flip_acuity", "flip_foveated", "flicker", "mean_ratio"];
 
 /// Other measures.
-const OTHERS: [&str; 13] = [
+const OTHERS: [&str; 18] = [
+    "frames",
+    "total_s",
+    "frame_speedup",
+    "primary_busy",
+    "others_busy",
     "time_ms",
     "time_ms_min",
     "time_ms_max",
@@ -101,20 +111,16 @@ pub type OtherMeasures = BTreeMap<&'static str, f64>;
 /// Measurements of an arrangement.
 #[derive(Clone, Debug, Default)]
 pub struct Found {
-    /// Frames at each instant.
+    /// Times of each frame, and its line in `frames.csv`. Simulated frames have no line.
+    pub times: Vec<FrameTimes>,
+    pub lines: Vec<FrameLine>,
+    /// Errors at each instant.
     pub instants: Vec<Measured>,
-    /// With [`Camera::Late`], the frames of [`LateImage::Corrected`] and [`LateImage::Repeated`] at each instant.
+    /// With [`Camera::Late`], the errors of the reprojected frame at each instant, and those of another frame that was
+    /// rendered at the pose of display.
     pub corrected: Vec<Measured>,
     pub repeated: Vec<Measured>,
     pub others: OtherMeasures,
-}
-
-impl Found {
-    /// Returns the time of each stage: the median over the instants at which it ran.
-    fn stage_ms(&self) -> BTreeMap<&String, f64> {
-        let ms = |stage| self.instants.iter().filter_map(|at| at.stage_ms.get(stage).copied()).collect();
-        self.instants.iter().flat_map(|at| at.stage_ms.keys()).map(|stage| (stage, median_of(ms(stage)))).collect()
-    }
 }
 
 impl Column {
@@ -123,7 +129,7 @@ impl Column {
     /// # Errors
     /// A message that names the invalid key.
     pub(super) fn check(&self, experiment: &Experiment) -> Result<(), String> {
-        let Self { name, decimals, measure, stages, fraction, speedup, cited, statistic, of } = self;
+        let Self { name, decimals, measure, stages, mean_of_devices, fraction, speedup, cited, statistic, of } = self;
         let sources = [measure.is_some(), stages.is_some(), fraction.is_some(), speedup.is_some(), cited.is_some()];
         if sources.into_iter().filter(|is_given| *is_given).count() != 1 {
             return Err(format!("columns: {name}: give one of measure, stages, fraction, speedup and cited"));
@@ -143,6 +149,12 @@ impl Column {
         if *of != LateImage::Uncorrected && !(is_error && experiment.cameras().contains(&Camera::Late)) {
             return Err(format!("columns: {name}: of needs an error as measure, and the camera late"));
         }
+        if *mean_of_devices && stages.is_none() {
+            return Err(format!("columns: {name}: mean_of_devices needs stages"));
+        }
+        if is_error && experiment.cameras().contains(&Camera::Following) {
+            return Err(format!("columns: {name}: measure: the camera following has no reference"));
+        }
         if let Some(unknown) = cited.as_deref().filter(|of| experiment.at(of).is_none()) {
             return Err(format!("columns: {name}: cited: there is no column '{unknown}'"));
         }
@@ -153,37 +165,40 @@ impl Column {
         }
     }
 
-    /// Returns the column's value for an arrangement; `None` for speedups and published numbers, which
-    /// [`Experiment::measured`] adds.
-    pub(super) fn value(&self, found: &Found) -> Option<f64> {
-        let stage_ms = found.stage_ms();
-        let sum = |stages: &Vec<String>| {
-            let own: Vec<f64> = stages.iter().filter_map(|stage| stage_ms.get(stage).copied()).collect();
-            (!own.is_empty()).then(|| own.iter().sum::<f64>())
-        };
-        if let Some(stages) = &self.fraction {
-            return sum(stages).map(|ms| ms / stage_ms.values().sum::<f64>());
+    /// Returns the column's value for an arrangement, where `first` is what was found for the first one; `None` for
+    /// speedups and published numbers, which [`Experiment::measured`] adds.
+    pub(super) fn value(&self, found: &Found, first: &Found) -> Option<f64> {
+        if let Some(stages) = self.stages.as_ref().filter(|_| self.mean_of_devices) {
+            return median_over(&found.times, |frame| frame.mean_ms(stages));
         }
-        if let Some(stages) = &self.stages {
-            return sum(stages);
+        if let Some(stages) = self.stages.as_ref().or(self.fraction.as_ref()) {
+            let all = stage_ms(&found.times);
+            let own: Vec<f64> = stages.iter().filter_map(|stage| all.get(stage).copied()).collect();
+            let of = |(stage, ms): (&String, &f64)| (!TRANSFERS.contains(&stage.as_str())).then_some(*ms);
+            let whole = if self.fraction.is_some() { all.iter().filter_map(of).sum() } else { 1.0 };
+            return (!own.is_empty()).then(|| own.iter().sum::<f64>() / whole);
         }
         let measure = self.measure.as_deref()?;
         if ERRORS.contains(&measure) {
             return self.error(measure, found);
         }
         let others = found.others.get(measure).copied();
-        let lines: Vec<_> = found.instants.iter().flat_map(|at| &at.frames).collect();
-        if others.is_some() || lines.is_empty() {
+        if others.is_some() || found.times.is_empty() {
             return others;
         }
-        let times_ms: Vec<f64> = lines.iter().map(|line| line.makespan_ms).collect();
+        let times_ms: Vec<f64> = found.times.iter().map(|frame| frame.makespan_ms).collect();
         match measure {
+            "frames" => Some(times_ms.len() as f64),
+            "total_s" => Some(times_ms.iter().sum::<f64>() / 1e3),
+            "frame_speedup" => speedup_by_frame(&first.times, &found.times),
+            "primary_busy" => median_over(&found.times, |frame| frame.busy()[0]),
+            "others_busy" => median_over(&found.times, |frame| frame.busy()[1]),
             "time_ms" => Some(median_of(times_ms)),
             "time_ms_min" => times_ms.into_iter().reduce(f64::min),
             "time_ms_max" => times_ms.into_iter().reduce(f64::max),
             "time_ms_iqr" => Some(quartiles(times_ms)).map(|[lower, _, upper]| upper - lower),
             "frames_per_s" => Some(1e3 / median_of(times_ms)),
-            "rays" => Some(mean(&lines.iter().map(|line| line.rays as f64).collect::<Vec<_>>())),
+            "rays" => Some(mean(&found.lines.iter().map(|line| line.rays as f64).collect::<Vec<_>>())),
             "instants" => Some(found.instants.len() as f64),
             _ => None,
         }

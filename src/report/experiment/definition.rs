@@ -69,6 +69,8 @@ pub enum Camera {
     Stepping,
     /// The camera moves along its path, and frames are displayed later than their pose was sampled.
     Late,
+    /// The camera follows its path, and every frame is timed. There is no reference.
+    Following,
 }
 
 /// A shot, and the scene of the publication that it replaces.
@@ -122,6 +124,9 @@ pub struct Arrangement {
     /// Number of frames between the pose that a frame is rendered from and the pose at its display, for
     /// [`Camera::Late`].
     pub late_frames: Option<u32>,
+    /// Groups of passes, as in `--ratios`, that run on all devices; all others run on the primary. Without this key,
+    /// all groups run on all devices.
+    pub distribute: Option<Vec<String>>,
 }
 
 /// Header and cell template of a printed column. In the template, `{COLUMN:DECIMALS}` stands for the column's value,
@@ -153,7 +158,7 @@ pub(super) struct CitedRow {
 }
 
 /// Names of text columns, besides the column of arrangements.
-const LABELS: [&str; 7] = ["source", "scene", "shot", "stands_for", "camera", "resolution", "size"];
+const LABELS: [&str; 8] = ["source", "scene", "shot", "stands_for", "camera", "resolution", "size", "devices"];
 
 impl Experiment {
     /// Parses and checks the text of an experiment.
@@ -193,10 +198,11 @@ impl Experiment {
         if !(0.0..=45.0).contains(&self.overscan_deg) {
             return Err("overscan_deg: give a number from 0 to 45".to_owned());
         }
-        let is_late = self.cameras().contains(&Camera::Late);
-        if is_late && self.cameras().len() > 1 {
-            return Err("cameras: late cannot be combined with other cameras".to_owned());
+        let is_alone = |camera: &&Camera| matches!(camera, Camera::Late | Camera::Following);
+        if let Some(camera) = self.cameras().iter().find(is_alone).filter(|_| self.cameras().len() > 1) {
+            return Err(format!("cameras: {} cannot be combined with other cameras", camera.name()));
         }
+        let is_late = self.cameras().contains(&Camera::Late);
         if let Some(other) = self.all.iter().find(|one| one.late_frames.is_some_and(|n| n > 0) != is_late) {
             return Err(format!("arrangement: {}: late_frames above 0 goes with the camera late", other.name));
         }
@@ -255,10 +261,12 @@ impl Experiment {
 
     /// Returns the names of the columns that tell arrangements apart in `frames.csv`.
     pub fn frame_labels(&self) -> Vec<&str> {
-        let of_row = ["source", "scene", "stands_for", "size"];
+        let of_row = ["source", "scene", "stands_for", "size", "devices"];
         let labels: Vec<&str> = self.labels().into_iter().filter(|label| !of_row.contains(label)).collect();
         let without = |label| Some(label).filter(|label| !labels.contains(label));
-        let (shot, arrangement) = (without("shot"), without(&self.arrangements[..]));
+        // A run along a path has a single shot.
+        let shot = without("shot").filter(|_| !self.cameras().contains(&Camera::Following));
+        let arrangement = without(&self.arrangements[..]);
         shot.into_iter().chain(labels.iter().copied()).chain(arrangement).collect()
     }
 
@@ -316,6 +324,7 @@ impl Camera {
             Self::Moving => "moving",
             Self::Stepping => "stepping",
             Self::Late => "late",
+            Self::Following => "following",
         }
     }
 

@@ -36,18 +36,18 @@ impl Experiment {
         subject.clone().into_iter().chain([named]).collect()
     }
 
-    /// Returns the rows of a shot, one per arrangement. `subject` holds the texts that its rows share, and `found` the
+    /// Returns the rows of a shot, one per arrangement. `subject` holds the texts that its rows share, and `all` the
     /// measurements of each arrangement, in the order of [`Experiment::all`].
-    pub fn measured(&self, subject: &Texts, found: &[Found]) -> Vec<ExperimentRow> {
+    pub fn measured(&self, subject: &Texts, all: &[Found]) -> Vec<ExperimentRow> {
         let row = |(arrangement, found): (&Arrangement, &Found)| {
             let texts = self.texts_of(subject, &arrangement.name);
             let value = |column: &Column| match &column.cited {
                 Some(cited) => self.cited_value(&texts, cited),
-                None => column.value(found),
+                None => column.value(found, &all[0]),
             };
             ExperimentRow { values: self.columns.iter().map(value).collect(), texts }
         };
-        let mut rows: Vec<ExperimentRow> = self.all.iter().zip(found).map(row).collect();
+        let mut rows: Vec<ExperimentRow> = self.all.iter().zip(all).map(row).collect();
         for (i, column) in self.columns.iter().enumerate() {
             let Some(of) = column.speedup.as_ref().and_then(|of| self.at(of)) else { continue };
             let first = rows.first().and_then(|row| row.values[of]);

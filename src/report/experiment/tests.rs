@@ -1,11 +1,11 @@
 use super::*;
 use crate::exec::Stereo;
 use crate::report::bench::{Errors, Measured};
-use crate::report::frames::FrameLine;
 
 const BMFR: &str = include_str!("../../cli/bench/experiments/bmfr.toml");
 const ANDERSSON: &str = include_str!("../../cli/bench/experiments/andersson.toml");
 const KOSKELA: &str = include_str!("../../cli/bench/experiments/koskela.toml");
+const LERIA: &str = include_str!("../../cli/bench/experiments/leria.toml");
 const LATE: &str = include_str!("../../cli/bench/experiments/late.toml");
 const PERES: &str = include_str!("../../cli/bench/experiments/peres.toml");
 
@@ -20,10 +20,9 @@ fn of_shot(scene: &str, more: &[(&str, &str)]) -> Texts {
     texts.iter().chain(more).map(|(label, text)| ((*label).to_owned(), (*text).into())).collect()
 }
 
-/// Returns frames that took `times_ms`. `errors` are those of each eye.
-fn at_instant(times_ms: &[f64], errors: [serde_json::Value; 2]) -> Measured {
+/// Returns what was measured at an instant. `errors` are those of each eye.
+fn at_instant(errors: [serde_json::Value; 2]) -> Measured {
     let [left, right] = errors.map(|errors| Errors::mean_of(&[errors]));
-    let line = |ms: &f64| FrameLine { makespan_ms: *ms, ..FrameLine::default() };
     Measured {
         time_ms: 0.0,
         time_ms_min: 0.0,
@@ -31,18 +30,20 @@ fn at_instant(times_ms: &[f64], errors: [serde_json::Value; 2]) -> Measured {
         stage_ms: std::collections::BTreeMap::new(),
         errors: Stereo { left, right },
         relmse_repeats: Stereo { left: Vec::new(), right: Vec::new() },
-        frames: times_ms.iter().map(line).collect(),
+        frames: Vec::new(),
     }
 }
 
-fn measured(times_ms: [f64; 3], stages: &[&[(&str, f64)]]) -> Measured {
-    let eye = |flip: f64| serde_json::json!({ "flip": flip, "flicker": flip / 10.0 });
-    let stage_ms = stages.concat().into_iter().map(|(name, ms)| (name.to_owned(), ms)).collect();
-    Measured { stage_ms, ..at_instant(&times_ms, [eye(0.1), eye(0.2)]) }
+fn frame(makespan_ms: f64, stages: &[(usize, &str, f64)]) -> FrameTimes {
+    FrameTimes::new(makespan_ms, 3, stages.iter().copied())
 }
 
-fn found(instants: Vec<Measured>, others: OtherMeasures) -> Found {
-    Found { instants, others, ..Found::default() }
+/// Returns frames that took `times_ms` and ran these stages.
+fn measured(times_ms: [f64; 3], stages: &[&[(&str, f64)]], others: OtherMeasures) -> Found {
+    let eye = |flip: f64| serde_json::json!({ "flip": flip, "flicker": flip / 10.0 });
+    let stages: Vec<_> = stages.concat().into_iter().map(|(stage, ms)| (0, stage, ms)).collect();
+    let times = times_ms.map(|ms| frame(ms, &stages)).to_vec();
+    Found { times, instants: vec![at_instant([eye(0.1), eye(0.2)])], others, ..Found::default() }
 }
 
 fn first_table(of: &'static Experiment, rows: &[ExperimentRow]) -> Vec<Vec<String>> {
@@ -53,8 +54,7 @@ fn first_table(of: &'static Experiment, rows: &[ExperimentRow]) -> Vec<Vec<Strin
 fn a_filter_is_the_fit_or_what_stands_in_its_place() {
     let bmfr = experiment(BMFR);
     let paths = [("path_trace", 6.0), ("hole_fill", 2.0), ("accumulate", 4.0)];
-    let of =
-        |filter: &[(&str, f64)]| found(vec![measured([20.0, 19.0, 22.0], &[&paths, filter])], OtherMeasures::new());
+    let of = |filter: &[(&str, f64)]| measured([20.0, 19.0, 22.0], &[&paths, filter], OtherMeasures::new());
     let rows = bmfr
         .measured(&of_shot("builtin:cornell", &[]), &[of(&[("variance", 1.0), ("svgf", 3.0)]), of(&[("fit", 4.0)])]);
     let csv = bmfr.csv(&rows);
@@ -76,7 +76,7 @@ fn path_tracing_is_held_against_that_of_every_pixel() {
         let stages = [("path_trace", path_ms - 1.0), ("hole_fill", 1.0), ("accumulate", 2.0), ("svgf", 3.0)];
         let measures = [("paths_left", left), ("paths_right", 0.1), ("fovea_flip", 0.02), ("fovea_flicker", 0.01)];
         let beside = measures.into_iter().chain(floor.map(|floor| ("floor", floor))).collect();
-        found(vec![measured([2.0 * path_ms, path_ms, 3.0 * path_ms], &[&stages, more])], beside)
+        measured([2.0 * path_ms, path_ms, 3.0 * path_ms], &[&stages, more], beside)
     };
     let rows = koskela.measured(
         &of_shot("builtin:cornell", &[]),
@@ -159,10 +159,8 @@ fn cited_times_give_the_cited_speed_ups() {
 fn an_error_of_a_tenth_of_the_range_is_20_db() {
     let peres = experiment(PERES);
     let of = |psnr: f64| {
-        found(
-            vec![at_instant(&[1.0], [psnr, psnr].map(|psnr| serde_json::json!({ "psnr": psnr })))],
-            OtherMeasures::new(),
-        )
+        let instants = vec![at_instant([0, 1].map(|_| serde_json::json!({ "psnr": psnr })))];
+        Found { times: vec![frame(1.0, &[])], instants, ..Found::default() }
     };
     let csv = peres.csv(&peres.measured(&peres_row("FHD", "Forest"), &[of(20.0), of(40.0)]));
     assert_eq!([0, 1].map(|line| csv.value(line, "rmse_percent").to_owned()), ["10.0000", "1.0000"]);
@@ -174,8 +172,9 @@ fn an_error_of_a_tenth_of_the_range_is_20_db() {
 fn what_was_not_measured_leaves_the_cited_numbers_alone() {
     let peres = experiment(PERES);
     let eyes = |psnr: f64| [psnr - 1.0, psnr + 1.0].map(|psnr| serde_json::json!({ "psnr": psnr, "ssim": 0.5 }));
-    let instants = vec![at_instant(&[8.0, 10.0], eyes(20.0)), at_instant(&[12.0, 14.0], eyes(22.0))];
-    let base = found(instants, OtherMeasures::from([("exposure_ev", 2.0)]));
+    let instants = vec![at_instant(eyes(20.0)), at_instant(eyes(22.0))];
+    let times = [8.0, 10.0, 12.0, 14.0].map(|ms| frame(ms, &[])).to_vec();
+    let base = Found { times, instants, others: OtherMeasures::from([("exposure_ev", 2.0)]), ..Found::default() };
     let rows = peres.measured(&peres_row("FHD", "Forest"), &[base, Found::default(), Found::default()]);
     let [time, quality] = [0, 1].map(|i| peres.tables(&rows, Vec::new()).swap_remove(i).2.rows);
     assert_eq!(
@@ -183,7 +182,7 @@ fn what_was_not_measured_leaves_the_cited_numbers_alone() {
         ["FHD", "240x270", "builtin:forest", "Forest", "Base", "11.00", "3.00", "1.00", "22.84", "1.00"]
     );
     assert_eq!(time[2][5..], ["-", "-", "-", "17.54", "1.30"]);
-    assert_eq!(quality[0][5..9], ["2.00", "8.9716 ± 1.4544", "0.500000 ± 0.000000", "21.000 ± 1.414"]);
+    assert_eq!(quality[0][5..9], ["2.00", "8.9716 ± 1.4543", "0.500000 ± 0.000000", "21.000 ± 1.414"]);
     assert_eq!(quality[2][5..], ["-", "-", "-", "-", "4.1787", "0.778536", "21.692"]);
     let csv = peres.csv(&rows);
     let names = ["time_ms", "speedup", "psnr", "psnr_deviation", "instants", "thesis_time_ms"];
@@ -205,13 +204,15 @@ fn layers_are_those_of_table_2() {
 #[test]
 fn late_rows_are_means_over_instants_and_eyes() {
     let late = experiment(LATE);
-    let at = |left: f64, right: f64| at_instant(&[1.0], [left, right].map(|flip| serde_json::json!({ "flip": flip })));
+    let at = |left: f64, right: f64| at_instant([left, right].map(|flip| serde_json::json!({ "flip": flip })));
     let others = OtherMeasures::from([("latency_ms", 40.0), ("turned_deg", 1.5)]);
     let found = Found {
+        times: vec![frame(1.0, &[]); 2],
         instants: vec![at(0.1, 0.3), at(0.2, 0.6)],
         corrected: vec![at(0.02, 0.02), at(0.04, 0.04)],
         repeated: vec![at(0.01, 0.01); 2],
         others,
+        ..Found::default()
     };
     let csv = late.csv(&late.measured(&of_shot("builtin:cornell", &[]), &[found]));
     let names = [
@@ -227,6 +228,52 @@ fn late_rows_are_means_over_instants_and_eyes() {
     let values = names.map(|name| csv.value(0, name).parse::<f64>().unwrap());
     assert_eq!(values, [40.0, 1.5, 2.0, 0.3, 0.6, 0.03, 0.04, 0.01]);
     assert_eq!(late.frame_labels(), ["shot", "latency"]);
+}
+
+/// The mean of the paper's three speedups is 2.25.
+#[test]
+fn cited_times_give_the_cited_speed_ups_of_frames_and_stages() {
+    let leria = experiment(LERIA);
+    let csv = leria.csv(&leria.cited());
+    let value = |line, name| csv.value(line, name).parse::<f64>().unwrap();
+    for (line, printed) in [(1, 1.83), (3, 2.80), (5, 2.11)] {
+        let speedup = value(line, "speedup");
+        assert!((speedup - printed).abs() < 0.01, "{speedup} and {printed}");
+        assert!((value(line - 1, "total_s") / value(line, "total_s") - speedup).abs() < 1e-4, "{speedup}");
+    }
+    for (name, printed) in [("reprojection_ms", 2.75), ("hole_filling_ms", 2.89), ("denoising_ms", 4.2)] {
+        assert!((value(0, name) / value(1, name) - printed).abs() < 0.01, "{name}");
+    }
+    assert_eq!(
+        first_table(leria, &leria.cited())[0],
+        ["cited", "San Miguel", "-", "baseline", "104", "1.590", "-", "-", "1.00", "99 | 53"]
+    );
+}
+
+#[test]
+fn stages_are_means_over_the_devices_that_ran_them() {
+    let leria = experiment(LERIA);
+    let paths = [(0, "path_trace", 4.0), (1, "path_trace", 4.0), (0, "svgf", 2.0), (0, "resolve", 1.0)];
+    let sent = [(1, "download", 1.0), (2, "download", 3.0), (0, "upload", 0.5)];
+    let baseline = vec![frame(10.0, &[&paths[..], &sent].concat()); 3];
+    let filter = [(0, "svgf", 0.5), (1, "svgf", 1.0), (2, "svgf", 1.5)];
+    let proposed = [5.0, 4.0, 1.0].map(|ms| frame(ms, &filter)).to_vec();
+    let found = [baseline, proposed].map(|times| Found { times, ..Found::default() });
+    let mut texts = of_shot("builtin:cornell", &[]);
+    texts.insert("devices".to_owned(), 3.into());
+    let rows = leria.measured(&texts, &found);
+    let csv = leria.csv(&rows);
+    let names = ["path_tracing_ms", "denoising_ms", "sending_ms", "receiving_ms", "hole_filling_ms"];
+    assert_eq!(names.map(|name| csv.value(0, name)), ["4.0000", "3.0000", "2.0000", "0.5000", ""]);
+    // Transfers do not count as work of the device; the third device did nothing.
+    let busy = ["primary_busy_share", "others_busy_share"].map(|name| csv.value(0, name));
+    assert_eq!(busy, ["0.70000", "0.20000"]);
+    // The speedup is the median over frames.
+    let names = ["source", "devices", "arrangement", "frames", "total_s", "makespan_ms", "speedup", "denoising_ms"];
+    let expected = ["measured", "3", "proposed", "3", "0.010000", "4.0000", "2.5000", "1.0000"];
+    assert_eq!(names.map(|name| csv.value(1, name)), expected);
+    assert_eq!((csv.value(0, "speedup"), &leria.json(&rows[1])["devices"]), ("1.0000", &3.into()));
+    assert_eq!(leria.frame_labels(), ["arrangement"]);
 }
 
 #[test]
@@ -255,6 +302,8 @@ fn what_is_wrong_is_named_with_its_key() {
         ("title =", "overscan_deg = 90\ntitle =", &["overscan_deg"]),
         ("title =", "cameras = ['late', 'still']\ntitle =", &["cameras", "late"]),
         ("title =", "cameras = ['late']\ntitle =", &["arrangement", "svgf", "late_frames"]),
+        ("title =", "cameras = ['following']\ntitle =", &["flip", "following"]),
+        ("measure = \"flip\"", "measure = \"rays\", mean_of_devices = true", &["flip: mean_of_devices"]),
         ("title =", "resolutions = [{ name = 'A', width = 0, height = 1 }]\ntitle =", &["resolutions", "width"]),
         ("measure = \"flip\"", "cited = \"flop\"", &["flip: cited", "'flop'"]),
         ("measure = \"flip\"", "measure = \"flip\", statistic = \"sum\"", &["statistic", "sum", "maximum"]),
