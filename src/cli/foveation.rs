@@ -165,7 +165,7 @@ impl FoveationOptions {
         }
         anyhow::ensure!(
             self.foveation != FoveationMode::None || self.gaze.is_none(),
-            "--gaze needs foveation: choose another --foveation than none"
+            "--gaze needs foveation: add, for example, --foveation layers"
         );
         anyhow::ensure!(self.foveation.is_log_polar() || self.polar.is_none(), "--polar needs --foveation log-polar");
         anyhow::ensure!(
