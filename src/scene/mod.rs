@@ -306,7 +306,7 @@ impl Light {
     }
 
     /// Returns true if shadows of the light have hardly any penumbra: of a point or spot light without a radius, or of
-    /// a sun of at most [`HARD_ANGLE_RAD`].
+    /// a sun of at most 1 degree.
     pub fn has_hard_shadows(&self) -> bool {
         match self.kind {
             LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius <= 0.0,
