@@ -3,11 +3,14 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use anyhow::anyhow;
 use clap::ValueEnum;
 
+use crate::cli::failure::Failure;
 use crate::cli::foveation::FoveationMode;
 use crate::cli::options::{self, DenoiserChoice, RunOptions, render_scale};
 use crate::cli::reference::{PASS_SPP, seconds};
+use crate::cli::settings::Given;
 use crate::quality::{Denoiser, LogPolar};
 use crate::report::once;
 
@@ -187,5 +190,15 @@ impl PresetOptions {
     /// Returns the device counts of --simulate without duplicates.
     pub fn simulated(&self) -> Vec<usize> {
         once(self.simulate.iter().copied().map(usize::from))
+    }
+}
+
+/// Refuses the options with these field names if the command line has them. `name` is the option that selected the
+/// experiment.
+pub fn refuse(name: &str, options: impl IntoIterator<Item = &'static str>) -> Result<(), Failure> {
+    let given = Given::here();
+    match options.into_iter().find_map(|id| given?.typed(id)) {
+        None => Ok(()),
+        Some(option) => Err(Failure::Input(anyhow!("{name} cannot be combined with {option}: leave one of them out"))),
     }
 }

@@ -20,7 +20,7 @@ use crate::report::{Csv, Table};
 use crate::scene::optics::Optics;
 use crate::scene::shot::Gaze;
 
-use super::args::Args;
+use super::args::{Args, refuse};
 use super::arrangement;
 use super::axes::FPS;
 use super::findings::{Findings, section};
@@ -29,7 +29,6 @@ use super::instants::{from_end_to_end, on_path};
 use super::judge::{Judge, pairs};
 use super::late;
 use super::moving_gaze::with_moving_gaze;
-use super::preset::refuse;
 use super::reference::{Reference, own};
 use super::subject::{Subject, subjects};
 use super::turns::Turns;

@@ -27,7 +27,7 @@ use crate::report::{Axis, Chart, Series, Table, line_chart_svg};
 
 /// Results along a path.
 pub struct Followed {
-    /// What each arrangement measured, in the order of [`Experiment::all`].
+    /// Results of each arrangement, in the order of [`Experiment::all`].
     pub found: Vec<Found>,
     /// Number of devices and predictions of each arrangement for them.
     pub simulated: Vec<(usize, Vec<Found>)>,

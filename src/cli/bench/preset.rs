@@ -30,16 +30,6 @@ impl Preset {
     }
 }
 
-/// Refuses the options with these field names if the command line has them. `name` is the option that selected the
-/// experiment.
-pub fn refuse(name: &str, options: impl IntoIterator<Item = &'static str>) -> Result<(), Failure> {
-    let given = Given::here();
-    match options.into_iter().find_map(|id| given?.typed(id)) {
-        None => Ok(()),
-        Some(option) => Err(Failure::Input(anyhow!("{name} cannot be combined with {option}: leave one of them out"))),
-    }
-}
-
 /// Runs the experiment that the options name; `None` if they name none.
 pub fn run(args: &Args) -> Option<Result<(), Failure>> {
     let is_named = args.preset.preset.is_some() || args.preset.experiment.is_some();

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::definition::{Camera, Experiment};
+use super::camera::Camera;
 use super::times::{FrameTimes, TRANSFERS, median_over, speedup_by_frame, stage_ms};
 use crate::report::bench::Measured;
 use crate::report::frames::FrameLine;
@@ -124,11 +124,12 @@ pub struct Found {
 }
 
 impl Column {
-    /// Checks the column of an experiment.
+    /// Checks the column of an experiment with these columns and cameras.
     ///
     /// # Errors
     /// A message that names the invalid key.
-    pub(super) fn check(&self, experiment: &Experiment) -> Result<(), String> {
+    pub(super) fn check(&self, columns: &[Self], cameras: &[Camera]) -> Result<(), String> {
+        let find = |of: &str| columns.iter().find(|column| column.name == of);
         let Self { name, decimals, measure, stages, mean_of_devices, fraction, speedup, cited, statistic, of } = self;
         let sources = [measure.is_some(), stages.is_some(), fraction.is_some(), speedup.is_some(), cited.is_some()];
         if sources.into_iter().filter(|is_given| *is_given).count() != 1 {
@@ -146,27 +147,26 @@ impl Column {
         if *statistic != Statistic::Mean && !is_error {
             return Err(format!("columns: {name}: statistic needs an error as measure"));
         }
-        if *of != LateImage::Uncorrected && !(is_error && experiment.cameras().contains(&Camera::Late)) {
+        if *of != LateImage::Uncorrected && !(is_error && cameras.contains(&Camera::Late)) {
             return Err(format!("columns: {name}: of needs an error as measure, and the camera late"));
         }
         if *mean_of_devices && stages.is_none() {
             return Err(format!("columns: {name}: mean_of_devices needs stages"));
         }
-        if is_error && experiment.cameras().contains(&Camera::Following) {
+        if is_error && cameras.contains(&Camera::Following) {
             return Err(format!("columns: {name}: measure: the camera following has no reference"));
         }
-        if let Some(unknown) = cited.as_deref().filter(|of| experiment.at(of).is_none()) {
+        if let Some(unknown) = cited.as_deref().filter(|of| find(of).is_none()) {
             return Err(format!("columns: {name}: cited: there is no column '{unknown}'"));
         }
-        let is_speedup = |at: usize| experiment.columns[at].speedup.is_some();
-        match speedup.as_deref().filter(|of| experiment.at(of).is_none_or(is_speedup)) {
+        match speedup.as_deref().filter(|of| find(of).is_none_or(|column| column.speedup.is_some())) {
             Some(unknown) => Err(format!("columns: {name}: speedup: there is no measured column '{unknown}'")),
             None => Ok(()),
         }
     }
 
     /// Returns the column's value for an arrangement, where `first` is what was found for the first one; `None` for
-    /// speedups and published numbers, which [`Experiment::measured`] adds.
+    /// speedups and published numbers, which [`Experiment::measured`](super::Experiment::measured) adds.
     pub(super) fn value(&self, found: &Found, first: &Found) -> Option<f64> {
         if let Some(stages) = self.stages.as_ref().filter(|_| self.mean_of_devices) {
             return median_over(&found.times, |frame| frame.mean_ms(stages));

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 
+use super::camera::Camera;
 use super::column::Column;
 use crate::image::Extent;
 use crate::report::study::cell;
@@ -53,24 +54,6 @@ pub struct Experiment {
     further_tables: Vec<Printed>,
     #[serde(default)]
     pub(super) cited: Cited,
-}
-
-/// Motion of the camera before the compared frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Camera {
-    /// The camera moves along its path during the warm-up, and rests in the compared frames.
-    Approaching,
-    /// The camera rests all the time.
-    Still,
-    /// The camera moves along its path to several instants, and the frame at each instant is compared.
-    Moving,
-    /// The camera rests at several instants of its path in turn.
-    Stepping,
-    /// The camera moves along its path, and frames are displayed later than their pose was sampled.
-    Late,
-    /// The camera follows its path, and every frame is timed. There is no reference.
-    Following,
 }
 
 /// A shot, and the scene of the publication that it replaces.
@@ -219,7 +202,7 @@ impl Experiment {
         if let Some(twice) = self.all.iter().find(|arrangement| !before.insert(&arrangement.name)) {
             return Err(format!("arrangement: there are two named '{}'", twice.name));
         }
-        self.columns.iter().try_for_each(|column| column.check(self))?;
+        self.columns.iter().try_for_each(|column| column.check(&self.columns, self.cameras()))?;
         let blank = vec![None; self.columns.len()];
         for shown in self.printed().flat_map(|(_, _, table)| table) {
             self.cell(shown, &blank).map_err(|reason| format!("table: {}: cell: {reason}", shown.head))?;
@@ -313,24 +296,6 @@ impl Experiment {
             text += literal;
         }
         Ok(if is_missing { "-".to_owned() } else { text })
-    }
-}
-
-impl Camera {
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Approaching => "approaching",
-            Self::Still => "still",
-            Self::Moving => "moving",
-            Self::Stepping => "stepping",
-            Self::Late => "late",
-            Self::Following => "following",
-        }
-    }
-
-    /// True if the camera is measured at several instants of its path.
-    pub fn visits_instants(self) -> bool {
-        matches!(self, Self::Moving | Self::Stepping | Self::Late)
     }
 }
 
