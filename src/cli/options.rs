@@ -78,7 +78,7 @@ pub struct RunOptions {
     pub reproject: Switch,
     /// Keep direct light with hard shadows out of the denoiser, for up to 4 lights
     ///
-    /// Points and spots without a radius and suns of at most 1 degree have hard shadows.
+    /// Points and spots without a radius and suns with a radius of at most 1 degree have hard shadows.
     #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
     pub hard_shadows: Switch,
     /// Denoise what perfect mirrors show instead of the mirrors, in static scenes

@@ -43,6 +43,13 @@ pub struct DeviceInfo {
     pub rank: Option<RankName>,
 }
 
+impl DeviceInfo {
+    /// Returns true if the device is on the first rank, which renders and gathers frames.
+    pub fn is_on_first_rank(&self) -> bool {
+        self.rank.as_ref().is_none_or(|rank| rank.number == 0)
+    }
+}
+
 /// Rank of a process in a run of several, and its machine.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]

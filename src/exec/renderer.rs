@@ -335,7 +335,8 @@ impl Renderer {
         let overlapped = self.frames.in_flight() > 0;
         let left = self.frames.devices_left();
         // Only devices of this rank have the pose source.
-        inputs.late = inputs.late.filter(|_| left.first().is_some_and(|&primary| self.is_here(primary)));
+        inputs.late =
+            inputs.late.filter(|_| left.first().is_some_and(|&primary| self.devices[primary].is_on_first_rank()));
         let planned = self.planned.take().map(|(plan, _)| plan);
         let before = match again {
             None => planned.map(|plan| plan.assignment).filter(|_| !std::mem::take(&mut self.begins_anew)),
@@ -384,11 +385,6 @@ impl Renderer {
         let predicted = known.then(|| simulate(&graph, &self.costs).ok()).flatten();
         self.frames.predict_last(predicted.map(|p| p.makespan_ms));
         self.planned = Some((plan, graph));
-    }
-
-    /// Returns true if a device is on the renderer's rank.
-    fn is_here(&self, device: usize) -> bool {
-        self.devices[device].rank.as_ref().is_none_or(|rank| rank.number == 0)
     }
 
     /// Returns the search range of the frame's temporal reprojection, in rows above and below. Returns `None` if the

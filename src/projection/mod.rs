@@ -66,6 +66,7 @@ mod tests {
         assert_eq!(serde_json::from_str::<PolarSpace>(&text.replace(r#","blur":true"#, "")).unwrap(), space);
         assert_eq!(serde_json::to_string(&PolarSpace::Visual).unwrap(), "\"visual\"");
     }
+
     #[test]
     fn projections_have_names_and_includes_of_their_own() {
         let all = || PolarSpace::ALL.iter().map(PolarSpace::method);

@@ -18,6 +18,7 @@ pub mod gltf;
 pub mod builtin;
 pub mod environment;
 mod eye;
+mod light;
 pub mod load;
 pub mod export;
 pub mod needs;
@@ -29,6 +30,7 @@ use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
 
 use self::motion::{Influence, Morph, Motion};
 pub use error::{Refusal, SceneError, Setting};
+pub use light::{Light, LightKind, are_suns_hard};
 
 /// Geometry of one glTF primitive: triangles with one material, in local space.
 #[derive(Clone, Debug, Default)]
@@ -275,48 +277,6 @@ pub struct Texture {
 
 /// An image of 8-bit RGBA texels as stored in the file, without colour conversion, row-major from the top.
 pub type TexelImage = crate::image::Image<[u8; 4]>;
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum LightKind {
-    /// Point or sphere light of the given radius.
-    Point { position: Vec3, radius: f32 },
-    /// Light along the unit vector `direction`, in which it travels; `angle_rad` is the half-angle of the sun's disc.
-    Directional { direction: Vec3, angle_rad: f32 },
-    /// A point light limited to a cone around `direction`, with glTF's falloff between the two cosines.
-    Spot { position: Vec3, radius: f32, direction: Vec3, cos_inner: f32, cos_outer: f32 },
-}
-
-/// A light that is not a mesh, in world space and scene units.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Light {
-    pub kind: LightKind,
-    /// Colour × intensity, linear: W/sr for point and spot, W/m² for directional. A sphere (radius > 0) emits the
-    /// radiance `strength / (π radius²)` and is visible to the camera and to bounced rays.
-    pub strength: Vec3,
-}
-
-impl Light {
-    /// Returns true if only light sampling finds the light, because no ray can hit it: a point or spot light without a
-    /// radius, or a sun, whose disc is not part of the sky.
-    pub fn is_delta(&self) -> bool {
-        match self.kind {
-            LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius <= 0.0,
-            LightKind::Directional { .. } => true,
-        }
-    }
-
-    /// Returns true if shadows of the light have hardly any penumbra: of a point or spot light without a radius, or of
-    /// a sun of at most 1 degree.
-    pub fn has_hard_shadows(&self) -> bool {
-        match self.kind {
-            LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius <= 0.0,
-            LightKind::Directional { angle_rad, .. } => angle_rad <= HARD_ANGLE_RAD,
-        }
-    }
-}
-
-/// Largest angular diameter of a sun whose shadows count as hard. The Sun's is 0.0093.
-const HARD_ANGLE_RAD: f32 = 0.0175;
 
 /// Light from infinitely far away in all directions.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,6 +1,6 @@
 //! Shader features that a scene needs. All others are compiled out.
 
-use super::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene};
+use super::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene, are_suns_hard};
 
 /// Features of the tracing stages, as flags. Enabling more than needed changes only the time, not the picture, except
 /// for `gloss`, `hard_lights` and `mirrors`.
@@ -75,10 +75,9 @@ const MOST_HARD_LIGHTS: usize = 4;
 /// Returns true if the scene has lights with hard shadows, but at most [`MOST_HARD_LIGHTS`]. Suns count only if all of
 /// them have hard shadows.
 fn has_hard_lights(scene: &Scene) -> bool {
-    let is_sun = |l: &&Light| matches!(l.kind, LightKind::Directional { .. });
-    let are_suns_hard = scene.lights.iter().filter(is_sun).all(Light::has_hard_shadows);
-    let is_hard = |l: &&Light| l.has_hard_shadows() && (are_suns_hard || !is_sun(l));
-    (1..=MOST_HARD_LIGHTS).contains(&scene.lights.iter().filter(is_hard).count())
+    let are_suns_hard = are_suns_hard(&scene.lights);
+    let hard = scene.lights.iter().filter(|light| light.has_hard_shadows() && (are_suns_hard || !light.is_sun()));
+    (1..=MOST_HARD_LIGHTS).contains(&hard.count())
 }
 
 impl SceneNeeds {

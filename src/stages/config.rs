@@ -84,10 +84,10 @@ pub struct RunConfig {
     pub sampler: Sampler,
     /// Upper bound of indirect radiance; 0 disables it.
     pub indirect_clamp: f32,
-    /// Whether direct light with hard shadows bypasses the denoiser: it is traced at the first surfaces without noise,
+    /// True if direct light with hard shadows bypasses the denoiser: it is traced at the first surfaces without noise,
     /// if the scene has few such lights ([`SceneNeeds::hard_lights`]).
     pub hard_shadows: bool,
-    /// Whether the denoiser sees the surfaces in perfect mirrors instead of the mirrors, if the scene is static
+    /// True if the denoiser sees the surfaces in perfect mirrors instead of the mirrors, if the scene is static
     /// ([`SceneNeeds::mirrors`]).
     pub follow_mirrors: bool,
     /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_fraction`].

@@ -116,8 +116,8 @@ pub struct Found {
     pub lines: Vec<FrameLine>,
     /// Errors at each instant.
     pub instants: Vec<Measured>,
-    /// With [`Camera::Late`], the errors of the reprojected frame at each instant, and those of another frame that was
-    /// rendered at the pose of display.
+    /// Errors at each instant of the reprojected frame, and of another frame that was rendered at the pose of display;
+    /// both are empty unless the camera is [`Camera::Late`].
     pub corrected: Vec<Measured>,
     pub repeated: Vec<Measured>,
     pub others: OtherMeasures,

@@ -220,9 +220,7 @@ impl Emitters {
             }
         }
         out.hard = [spheres.len(), local.len()].map(|count| count as u32);
-        let is_sun = |l: &&scene::Light| matches!(l.kind, LightKind::Directional { .. });
-        out.has_hard_suns =
-            !directional.is_empty() && scene.lights.iter().filter(is_sun).all(scene::Light::has_hard_shadows);
+        out.has_hard_suns = !directional.is_empty() && scene::are_suns_hard(&scene.lights);
         let balls: Vec<_> = spheres.iter().map(|(l, _)| (l.position, l.radius)).collect();
         spheres.extend(local);
         for (prim, t) in triangles {
