@@ -47,7 +47,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var tag = MATERIAL_NONE;
     if is_surface {
         tag = seen_material(first, links);
-        tag |= select(0u, FLAG_VIEW_DEPENDENT, links > 0u || is_view_dependent(first.surface));
+        tag |= select(0u, FLAG_VIEW_DEPENDENT, is_view_dependent(first.surface));
         if HAS_GLOSS {
             tag |= u32(round(first.surface.roughness * ROUGHNESS_STEPS)) << ROUGHNESS_SHIFT;
         }

@@ -2,16 +2,43 @@
 // that the left eye saw on its surface. The eyes are rectified, so both taps lie on the pixel's own row. Polar images
 // use four taps, at most `args[0]` rows away. A pixel without any valid tap becomes a hole. If a sampling mask leaves
 // pixels to the filter, left pixels that were not sampled are invalid taps, and only right pixels in the right eye's
-// own mask become holes. With foveation, taps may differ more from the surface in the outer layers.
+// own mask become holes. With foveation, taps may differ more from the surface in the outer layers. Surfaces in plane
+// mirrors are looked up at their image, which lies on the same row in both eyes; other mirrors give holes.
 
-//!include frame grid projection split rng pack foveation bindings
+//!include frame grid projection split rng pack mirrored foveation bindings
 
 // Whether pixels that show several surfaces take over light, for a filter that blends light at edges anyway. Their mean
 // albedo is that of all surfaces.
 override ACCEPTS_MIXED: bool = false;
 
+// Surface of a right pixel, as the left eye is searched for it.
+struct Wanted {
+    position: vec3<f32>,
+    normal: vec3<f32>,
+    // Position or, in mirrors, the image point.
+    image: vec3<f32>,
+    // Distance of the image from the left eye.
+    reach: f32,
+    material: u32,
+    // Factor by which taps may differ more than in the innermost layer.
+    slack: f32,
+}
+
+// Relative difference, and difference over `reach`, of two distances that count as equal.
+const SAME_RATIO: f32 = 0.05;
+const SAME_DISTANCE: f32 = 0.0005;
+
+// Whether a mirrored surface of the left eye is as far from the wanted one as their images are from one another. This
+// holds for plane mirrors, which keep distances. Curved mirrors scale them, and show the surface elsewhere.
+fn keeps_distance(at: u32, hit: vec4<u32>, position: vec3<f32>, wanted: Wanted) -> bool {
+    let pixel = vec2<u32>(at % pass_.width, at / pass_.width);
+    let apart = length(image_point(0u, pixel, hit, position) - wanted.image);
+    let off = abs(length(position - wanted.position) - apart);
+    return off <= wanted.slack * (SAME_RATIO * apart + SAME_DISTANCE * wanted.reach);
+}
+
 // Returns the reason that a left pixel is not a valid tap; 0 if it is valid.
-fn why_not(at: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32, slack: f32) -> u32 {
+fn why_not(at: u32, wanted: Wanted) -> u32 {
     let hit = left_hit[at];
     if !ACCEPTS_MIXED && (hit.w & FLAG_MIXED) != 0u {
         return MIXED;
@@ -20,14 +47,18 @@ fn why_not(at: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach
         return VIEW;
     }
     let guide = left_guide[at];
-    if (hit.w & MATERIAL_MASK) != material || guide.w == NO_NORMAL {
+    if (hit.w & MATERIAL_MASK) != wanted.material || guide.w == NO_NORMAL {
         return MATERIAL;
     }
-    if abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position)) >= 0.005 * slack * reach {
+    let position = bitcast<vec3<f32>>(guide.xyz);
+    if abs(dot(wanted.normal, position - wanted.position)) >= 0.005 * wanted.slack * wanted.reach {
         return DISTANCE;
     }
-    if dot(normal, unpack_normal(guide.w)) <= 1.0 - 0.01 * slack {
+    if dot(wanted.normal, unpack_normal(guide.w)) <= 1.0 - 0.01 * wanted.slack {
         return NORMAL;
+    }
+    if is_mirrored(hit) && !keeps_distance(at, hit, position, wanted) {
+        return VIEW;
     }
     if SPARSE && left_radiance[at].w == 0u {
         return SKIPPED;
@@ -88,7 +119,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let hit = hit_image[at];
     let guide = guide_image[at];
     radiance_image[at] = vec4<u32>(0u);
-    var wanted = true;
+    var is_wanted = true;
     var slack = 1.0;
     var is_full = true;
     if FOVEATED {
@@ -99,28 +130,28 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if SPARSE {
         is_full = is_full && frame.sampling.sampled_fraction >= 1.0;
         // Filters do not fill a pixel without a surface at its centre.
-        wanted = guide.w == NO_NORMAL || is_sampled(pixel, 1u);
+        is_wanted = guide.w == NO_NORMAL || is_sampled(pixel, 1u);
     }
     if (hit.w & FLAG_MIXED) != 0u && (!ACCEPTS_MIXED || guide.w == NO_NORMAL) {
-        open_hole(at, MIXED, wanted);
+        open_hole(at, MIXED, is_wanted);
         return;
     }
     if guide.w == NO_NORMAL {
         return;
     }
     if (hit.w & FLAG_VIEW_DEPENDENT) != 0u {
-        open_hole(at, VIEW, wanted);
+        open_hole(at, VIEW, is_wanted);
         return;
     }
     let position = bitcast<vec3<f32>>(guide.xyz);
-    let normal = unpack_normal(guide.w);
-    let seen = pixel_of(position, frame.camera.views[0]);
+    let image = image_point(1u, pixel, hit, position);
+    let seen = pixel_of(image, frame.camera.views[0]);
     if seen.z <= 0.0 {
-        open_hole(at, OUTSIDE, wanted);
+        open_hole(at, OUTSIDE, is_wanted);
         return;
     }
-    let reach = length(position - frame.camera.views[0].origin);
-    let material = hit.w & MATERIAL_MASK;
+    let reach = length(image - frame.camera.views[0].origin);
+    let wanted = Wanted(position, unpack_normal(guide.w), image, reach, hit.w & MATERIAL_MASK, slack);
     var sum = 0.0;
     var matte = vec3<f32>(0.0);
     var gloss = vec3<f32>(0.0);
@@ -133,7 +164,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         let tap = tap_around(seen.xy, pixel.y, i);
         var why_tap = OUTSIDE;
         if tap.is_there {
-            why_tap = why_not(tap.at, position, normal, material, reach, slack);
+            why_tap = why_not(tap.at, wanted);
         }
         was_skipped = was_skipped || why_tap == SKIPPED;
         if why_tap != 0u {
@@ -155,10 +186,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             // The left eye's mask skips the surface. Unless the right eye's mask samples all pixels here, leave the
             // pixel to the filter: neighbouring pixels gather samples of the left eye, so the area around this pixel
             // has as many samples as intended.
-            wanted = is_full;
+            is_wanted = is_full;
             why = OUTSIDE;
         }
-        open_hole(at, why, wanted);
+        open_hole(at, why, is_wanted);
         return;
     }
     if told != 0u {

@@ -4,16 +4,6 @@
 // Minimum sum of the weights of valid pixels that counts as history.
 const LEAST_FOUND: f32 = 0.01;
 
-// World-space point by which the previous frame is searched for a pixel's surface: its position or, in plane mirrors, the
-// image of it, which lies on the pixel's ray at the length of the path.
-fn image_point(pixel: vec2<u32>, hit: vec4<u32>, position: vec3<f32>) -> vec3<f32> {
-    if !is_mirrored(hit) {
-        return position;
-    }
-    let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
-    return frame.camera.views[pass_.view].origin + direction * bitcast<f32>(hit.y);
-}
-
 // Four pixels around an image point.
 struct Around {
     base: vec2<i32>,

@@ -157,6 +157,27 @@ fn a_mirror_shows_its_room_as_well_as_an_opening_would() {
     assert!(fails.is_empty(), "{fails:#?}");
 }
 
+/// Pixels of the mirror are holes where those of the opening are: where the left eye does not see the point.
+#[test]
+fn the_right_eye_takes_over_light_in_plane_mirrors() {
+    let holes = |name, is_mirror: bool, follow_mirrors: bool| {
+        let subject = room(name, is_mirror);
+        let mut settings = settings(&subject, Denoiser::SVGF);
+        (settings.follow_mirrors, settings.buffers.aovs) = (follow_mirrors, vec![Aov::Holes]);
+        let mut stage = Stage::alone(&subject, &settings);
+        stage.frame(0);
+        let is_hole = stage.aov(0).right[0].iter().map(|reason| *reason != 0.0).collect::<Vec<_>>();
+        is_hole
+    };
+    let count = |holes: &[bool]| holes.iter().filter(|is_hole| **is_hole).count();
+    let [mirror, opening] = [holes("mirror", true, true), holes("opening", false, true)];
+    let differing = mirror.iter().zip(&opening).filter(|(a, b)| a != b).count();
+    let [followed, true_holes, blurred] = [&mirror[..], &opening, &holes("mirror", true, false)].map(count);
+    println!("{followed} holes, {true_holes} with the opening, {differing} differ, {blurred} without following");
+    assert!(followed as f64 <= 1.1 * true_holes as f64 && differing <= 3, "{followed}, {true_holes}, {differing}");
+    assert!(blurred > 5 * true_holes, "{blurred}");
+}
+
 /// Returns the room with a second mirror on the far wall and a mirror ball.
 fn hall_of_mirrors() -> Subject {
     let mut scene = room("hall of mirrors", true).scene;

@@ -59,7 +59,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let position = bitcast<vec3<f32>>(bits.xyz);
     let normal = unpack_normal(bits.w);
-    let image = image_point(pixel, hit_image[at], position);
+    let image = image_point(pass_.view, pixel, hit_image[at], position);
     let now = bitcast<vec3<f32>>(source[at].xyz);
     let is_told = source[at].w != 0u;
     let is_new = is_told && is_finite(now);

@@ -161,7 +161,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let position = bitcast<vec3<f32>>(bits.xyz);
     let normal = unpack_normal(bits.w);
-    let image = image_point(pixel, hit_image[at], position);
+    let image = image_point(pass_.view, pixel, hit_image[at], position);
     var now = unpack_sampled(radiance[at]);
     let tells_variance = (radiance[at].w & TELLS_VARIANCE) != 0u;
     var sampled = radiance[at].w != 0u;

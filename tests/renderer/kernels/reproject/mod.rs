@@ -10,7 +10,9 @@ use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Outputs, Override, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::mask_compaction::{assert_lists, empty_list};
-use super::pack::{Counts, Format, Light, MATERIAL_MASK, MIXED, UNKNOWN, VIEW_DEPENDENT, pack_guide};
+use super::pack::{
+    Counts, Format, Light, MATERIAL_MASK, MIRRORED, MIXED, UNKNOWN, VIEW_DEPENDENT, pack_guide, position,
+};
 
 struct Eyes {
     hit: [Vec<[u32; 4]>; 2],
@@ -30,15 +32,23 @@ fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bo
             2..6 => 0x3f00_0000,
             _ => 0,
         };
-        (0..area).map(|_| [1, 2, 3, random.pick(&[7, 7, 7, 8]) | flags(random)]).collect()
+        let materials = [7, 7, 7, 8, 7 | MIRRORED, 7 | MIRRORED];
+        (0..area).map(|_| [1, 2, 3, random.pick(&materials) | flags(random)]).collect()
     };
-    let hit = [hit(), hit()];
+    let mut hit = [hit(), hit()];
     let mut guide = [0, 1].map(|view| wall.guides(random, constants, view));
     let left = constants.eyes[0];
     for bits in &mut guide[1] {
         if random.chance(0.03) {
             let behind = left.origin.as_dvec3() - left.forward.as_dvec3() * random.within(0.1..2.0);
             *bits = pack_guide(behind + DVec3::Y, random.tilted(wall.normal, 0.1));
+        }
+    }
+    for view in [0, 1] {
+        let eye = constants.eyes[view].origin.as_dvec3();
+        for (hit, guide) in hit[view].iter_mut().zip(&guide[view]) {
+            let bent = if random.chance(0.3) { random.within(0.98..1.02) } else { 1.0 };
+            hit[1] = ((position(*guide).distance(eye) * bent) as f32).to_bits();
         }
     }
     let mut radiance = || match sparse && random.chance(0.4) {
@@ -55,7 +65,7 @@ fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bo
 fn run(
     constants: &Constants,
     stripe: &Stripe,
-    overrides: [Override; 5],
+    overrides: [Override; 6],
     eyes: &Eyes,
     before: &[[u32; 4]],
     tally: &[u32],
@@ -90,14 +100,21 @@ fn compare(
         ("FOVEATED", constants.foveation.layers),
         ("SPARSE", sparse),
         ("ACCEPTS_MIXED", accepts_mixed),
+        ("HAS_MIRRORS", true),
     ];
     let mut cases = Cases::default();
     for (round, stripe) in stripes().iter().enumerate() {
         let eyes = inputs(&mut random, &constants, format, sparse);
         let pixel = |view: usize, at: usize| {
             let (hit, radiance) = (eyes.hit[view][at][3], eyes.left_radiance[at]);
+            let (eye, (x, y)) = (&constants.eyes[view], (at as u32 % constants.width, at as u32 / constants.width));
+            let surface = Surface::unpack(eyes.guide[view][at]);
+            let length = f64::from(f32::from_bits(eyes.hit[view][at][1]));
+            let mirrored = eye.origin.as_dvec3() + eye.ray(constants.through(x, y), constants.size()) * length;
+            let own = surface.map_or(DVec3::ZERO, |surface| surface.position);
             Pixel {
-                surface: Surface::unpack(eyes.guide[view][at]),
+                surface,
+                image: if hit & MIRRORED != 0 { mirrored } else { own },
                 is_mixed: hit & MIXED != 0,
                 is_view_dependent: hit & VIEW_DEPENDENT != 0,
                 material: hit & MATERIAL_MASK,
@@ -142,6 +159,7 @@ fn compare(
         assert_lists(&outputs.get::<u32>("holes"), holes);
     }
     cases.assert_met(&["gathered", "sky", "outside", "normal", "distance", "material", "mixed", "view"]);
+    cases.assert_met(&["gathered in a mirror", "gathered outside", "view in a mirror"]);
     cases.assert_met(expected);
 }
 
@@ -196,8 +214,14 @@ fn whole_pixels_are_gathered_from_one_pixel() {
     let eye = Eye::at_origin(Vec2::splat(0.5));
     let constants = Constants { eyes: [eye, eye.moved(0.5 * DVec3::X, 0.0, 0.0)], ..Constants::new(16, 1) };
     let format = Format { gloss: false, exposure: 1.0 };
-    let overrides =
-        [("HAS_GLOSS", false), ("SOBOL", true), ("FOVEATED", false), ("SPARSE", false), ("ACCEPTS_MIXED", false)];
+    let overrides = [
+        ("HAS_GLOSS", false),
+        ("SOBOL", true),
+        ("FOVEATED", false),
+        ("SPARSE", false),
+        ("ACCEPTS_MIXED", false),
+        ("HAS_MIRRORS", true),
+    ];
     let guides = constants.eyes.map(|eye| {
         let behind = |x: u32| f64::from(eye.origin.x) + (f64::from(x) + 0.5) / 4.0 - 2.0;
         (0..16).map(|x| pack_guide(DVec3::new(behind(x), 0.0, -4.0), DVec3::Z)).collect::<Vec<_>>()
@@ -230,8 +254,14 @@ fn whole_pixels_are_gathered_from_one_pixel() {
 
 #[test]
 fn holes_are_dispatched_in_whole_groups() {
-    let overrides =
-        [("HAS_GLOSS", false), ("SOBOL", true), ("FOVEATED", false), ("SPARSE", false), ("ACCEPTS_MIXED", false)];
+    let overrides = [
+        ("HAS_GLOSS", false),
+        ("SOBOL", true),
+        ("FOVEATED", false),
+        ("SPARSE", false),
+        ("ACCEPTS_MIXED", false),
+        ("HAS_MIRRORS", true),
+    ];
     for count in [1, 64, 65, 128, 129] {
         let constants = Constants::new(count, 1);
         let zero = vec![[0; 4]; count as usize];

@@ -1,12 +1,13 @@
 //! Reprojection by the published method (Adelson & Hodges 1993). A pixel of the right eye interpolates the two pixels
-//! of its row where the left eye sees its surface, if they show the same surface.
+//! of its row where the left eye sees its surface, if they show the same surface. In mirrors, the left eye is searched for the
+//! image of the surface, and points must be as far apart as their images.
 
 use glam::{DVec2, DVec3};
 
 use crate::kernels::camera::Constants;
 use crate::kernels::edges::Surface;
 use crate::kernels::inputs::Cases;
-use crate::kernels::pack::{Light, UNKNOWN};
+use crate::kernels::pack::{Light, MIRRORED, UNKNOWN};
 
 /// Reason for a hole, as numbered by the shader.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +40,8 @@ impl Why {
 #[derive(Clone, Copy)]
 pub struct Pixel {
     pub surface: Option<Surface>,
+    /// Position of the surface or, in mirrors, the point of the pixel's ray at the length of the path.
+    pub image: DVec3,
     pub is_mixed: bool,
     pub is_view_dependent: bool,
     pub material: u32,
@@ -55,13 +58,13 @@ pub enum Fate {
     LeftToFilter,
 }
 
-/// Returns the reason why `left` has no light for the surface `right` of `material`, at a distance `reach` from the
-/// left eye. `accepts_mixed` is true if light of pixels that show several surfaces is accepted.
+/// Returns the reason why `left` has no light for the pixel `right`, whose surface is `wanted` and whose image is at a
+/// distance `reach` from the left eye. `accepts_mixed` is true if light of pixels that show several surfaces is accepted.
 fn refusal(
     left: Option<&Pixel>,
     accepts_mixed: bool,
-    material: u32,
-    right: &Surface,
+    right: &Pixel,
+    wanted: &Surface,
     reach: f64,
     slack: f64,
 ) -> Option<Why> {
@@ -72,12 +75,18 @@ fn refusal(
     if left.is_view_dependent {
         return Some(Why::View);
     }
-    let Some(seen) = left.surface.filter(|_| left.material == material) else { return Some(Why::Material) };
-    if right.normal.dot(seen.position - right.position).abs() >= 0.005 * slack * reach {
+    let Some(seen) = left.surface.filter(|_| left.material == right.material) else { return Some(Why::Material) };
+    if wanted.normal.dot(seen.position - wanted.position).abs() >= 0.005 * slack * reach {
         return Some(Why::Distance);
     }
-    if right.normal.dot(seen.normal) <= 1.0 - 0.01 * slack {
+    if wanted.normal.dot(seen.normal) <= 1.0 - 0.01 * slack {
         return Some(Why::Normal);
+    }
+    let apart = left.image.distance(right.image);
+    let keeps_distance =
+        (seen.position.distance(wanted.position) - apart).abs() <= slack * (0.05 * apart + 0.0005 * reach);
+    if left.material & MIRRORED != 0 && !keeps_distance {
+        return Some(Why::View);
     }
     left.light.is_none().then_some(Why::Skipped)
 }
@@ -103,18 +112,18 @@ impl Twin<'_> {
             return hole(Why::View, asked);
         }
         let (left_eye, size) = (&self.constants.eyes[0], self.constants.size());
-        let Some((seen, _)) = left_eye.seen_at(surface.position, size) else { return hole(Why::Outside, asked) };
+        let Some((seen, _)) = left_eye.seen_at(right.image, size) else { return hole(Why::Outside, asked) };
         let column = seen.x - f64::from(self.constants.centre.x);
         let fraction = column - column.floor();
         let layer = self.constants.layer((x, y), 1);
-        let reach = surface.position.distance(left_eye.origin.as_dvec3());
+        let reach = right.image.distance(left_eye.origin.as_dvec3());
         let slack = f64::from(1 << layer);
         let taps = [0, 1].map(|i| {
             let tap = (column.floor() + f64::from(i)) as i64;
             let within = (0..i64::from(self.constants.width)).contains(&tap);
             within.then(|| &self.left[self.constants.index(tap as u32, y)])
         });
-        let refusals = taps.map(|tap| refusal(tap, self.accepts_mixed, right.material, &surface, reach, slack));
+        let refusals = taps.map(|tap| refusal(tap, self.accepts_mixed, right, &surface, reach, slack));
         let light = |i: usize| taps[i].and_then(|tap| tap.light).filter(|_| refusals[i].is_none());
         let weighted = [(light(0), 1.0 - fraction), (light(1), fraction)];
         let weight: f64 = weighted.iter().filter_map(|(light, w)| light.map(|_| w)).sum();
@@ -126,6 +135,7 @@ impl Twin<'_> {
             };
             let told = weighted.iter().all(|(light, w)| light.is_none_or(|l| *w == 0.0 || l.variance.x >= 0.0));
             let variance = if told { variance } else { DVec2::splat(UNKNOWN) };
+            cases.meet(if right.material & MIRRORED != 0 { "gathered in a mirror" } else { "gathered outside" });
             return Fate::Gathered(Light { matte: of(|l| l.matte), gloss: of(|l| l.gloss), variance });
         }
         if refusals.contains(&Some(Why::Skipped)) {
@@ -135,6 +145,10 @@ impl Twin<'_> {
             return hole(Why::Outside, is_full);
         }
         let nearer = usize::from(fraction > 0.5);
-        hole(refusals[nearer].or(refusals[1 - nearer]).expect("both taps are refused"), asked)
+        let why = refusals[nearer].or(refusals[1 - nearer]).expect("both taps are refused");
+        if why == Why::View && right.material & MIRRORED != 0 {
+            cases.meet("view in a mirror");
+        }
+        hole(why, asked)
     }
 }
