@@ -61,7 +61,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             // If the scene has gloss, the packed albedo is rounded, so recompute it from the surface.
             if HAS_MIRRORS || (HAS_GLOSS && frame.sampling.spp == 1u) {
                 let first = centre_hit(pixel, hit);
-                value = select(value, first.albedo, frame.sampling.spp == 1u || is_mirror(first));
+                value = select(value, first.albedo, frame.sampling.spp == 1u || is_link(first));
             }
         }
         case DEPTH: {

@@ -1,7 +1,7 @@
 // Primary visibility of one view: the surface at each pixel's centre. With several samples per pixel, it also computes
 // the means of albedo and emission over a pixel, if later stages need them and path tracing does not write them. Direct
-// light with hard shadows counts as emission if the denoiser leaves it out. Perfect mirrors may be replaced by the
-// surfaces that they show.
+// light with hard shadows counts as emission if the denoiser leaves it out. Perfect mirrors and clear glass may be
+// replaced by the surfaces that they show.
 
 //!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path mirror pack mirrored footprint foveation bindings
 
@@ -34,33 +34,35 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var rng = rng_for(pixel, pass_.view, 0u);
     var first = first_hit(trace_closest(origin, direction, alpha_key(rng)), origin, direction);
     var rays = 1u;
-    var links = 0u;
+    var links = Links();
     if HAS_MIRRORS {
         links = follow_mirrors(&first, &direction, rng, &rays);
     }
     if HAS_HARD_LIGHTS && !JITTER {
-        first.emission += hard_light(first, direction, links, rng, &rays);
+        first.emission += hard_light(first, direction, links.count, rng, &rays);
     }
     let ok = is_sound(&first) && !was_cut_short;
     let hit = first.hit;
     let is_surface = (hit.prim & SPHERE) == 0u;
+    // Reflections in clear glass are specular light, as narrow as possible.
+    let reflects = HAS_MIRRORS && HAS_TRANSMISSION && max3(links.albedo) > 0.0;
+    let roughness = select(1.0, select(first.surface.roughness, 0.0, reflects), is_surface);
     var tag = MATERIAL_NONE;
     if is_surface {
-        tag = seen_material(first, links);
-        tag |= select(0u, FLAG_VIEW_DEPENDENT, is_view_dependent(first.surface));
+        tag = seen_material(first, links.count);
+        tag |= select(0u, FLAG_VIEW_DEPENDENT, is_view_dependent_over(first, links));
         if HAS_GLOSS {
-            tag |= u32(round(first.surface.roughness * ROUGHNESS_STEPS)) << ROUGHNESS_SHIFT;
+            tag |= u32(round(roughness * ROUGHNESS_STEPS)) << ROUGHNESS_SHIFT;
         }
     }
-    let place = select(hit.bary, vec2<f32>(hit.t, 0.0), links > 0u);
+    let place = select(hit.bary, vec2<f32>(hit.t, 0.0), links.count > 0u);
     hit_image[at] = vec4<u32>(hit.prim, bitcast<vec2<u32>>(place), tag);
     guide_image[at] = select(
         vec4<u32>(0u, 0u, 0u, NO_NORMAL),
         vec4<u32>(bitcast<vec3<u32>>(first.surface.position), pack_normal(first.surface.normal)),
         is_surface,
     );
-    let depth = select(hit.t, 0.0, hit.prim == NO_PRIM);
-    let roughness = select(1.0, first.surface.roughness, is_surface);
+    let depth = select(select(hit.t, 0.0, hit.prim == NO_PRIM), links.distance, HAS_MIRRORS);
     albedo_image[at] = pack_albedo(Albedo(first.albedo, first.matte, roughness));
     emission_image[at] = vec4<f32>(first.emission, depth);
     tally_image[at] = add_tally(0u, rays, select(1u, 0u, ok));
@@ -81,15 +83,15 @@ fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
         let origin = frame.camera.views[pass_.view].origin;
         var first = first_hit(trace_closest(origin, direction, alpha_key(rng)), origin, direction);
         rays += 1u;
-        var links = 0u;
+        var links = Links();
         if HAS_MIRRORS {
             links = follow_mirrors(&first, &direction, rng, &rays);
         }
         if HAS_HARD_LIGHTS {
-            first.emission += hard_light(first, direction, links, rng, &rays);
+            first.emission += hard_light(first, direction, links.count, rng, &rays);
         }
         dropped += select(1u, 0u, is_sound(&first));
-        mixed = mixed || is_elsewhere(at, first, links);
+        mixed = mixed || is_elsewhere(at, first, links.count);
         let step = 1.0 / f32(i + 1u);
         albedo += (first.albedo - albedo) * step;
         matte += (first.matte - matte) * step;

@@ -25,7 +25,7 @@ fn light_again(hit: vec4<u32>, position: vec3<f32>, origin: vec3<f32>, pixel: ve
     let first = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
     // Use the previous frame's settings, since its quality may differ.
     var rng = rng_in(previous.sampling, pixel, 0u, 0u);
-    let path = trace_path(first, direction, previous.sampling, 0u, &rng);
+    let path = trace_path(first, direction, medium_before(first, OUTSIDE_OF_VOLUMES), previous.sampling, 0u, &rng);
     // Samples that are dropped are black.
     if was_cut_short || !is_finite(path.radiance) || !is_finite(path.gloss) {
         return SplitLight();

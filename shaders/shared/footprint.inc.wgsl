@@ -17,7 +17,7 @@ fn stored_hit(pixel: u32) -> Hit {
     return Hit(0.0, h.x, bitcast<vec2<f32>>(h.yz));
 }
 
-// Material of a first surface that is seen over `links` mirrors, as the `hit` image holds it.
+// Material of a first surface that is seen over `links` mirrors and glass surfaces, as the `hit` image holds it.
 fn seen_material(f: FirstHit, links: u32) -> u32 {
     return f.surface.material | select(0u, FLAG_MIRRORED, links > 0u);
 }

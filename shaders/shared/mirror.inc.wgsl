@@ -1,44 +1,159 @@
-// Replaces perfect mirrors by the surfaces that they show, so that filters follow those (primary surface replacement, as
-// in NVIDIA's RTX Remix; Zimmer et al., "Path-space Motion Estimation and Decomposition for Robust Animation Filtering",
-// 2015, filter light by the chain of mirrors it takes). A perfect mirror has a single lobe, a delta function, so the
-// reflected ray is not random. Departure from Zimmer et al.: the image of a surface is assumed at the length of the path,
-// which is exact in plane mirrors, instead of searched for.
+// Replaces perfect mirrors and clear glass by the surfaces that they show, so that filters follow those (primary surface
+// replacement, as in NVIDIA's RTX Remix; Zimmer et al., "Path-space Motion Estimation and Decomposition for Robust
+// Animation Filtering", 2015, filter light by the chain of mirrors it takes). All lobes of these surfaces are delta
+// functions, so the followed ray is not random: mirrors reflect it and glass transmits it, except in total internal
+// reflection. Paths choose between the followed surface and one of the reflections in glass on the way. Departure from
+// Zimmer et al.: the image of a surface is assumed at the length of the path, which is exact in plane mirrors and behind
+// thin panes, instead of searched for.
 
-// Maximum number of mirrors between the eye and the surface. A chain of more ends at a mirror.
+// Maximum number of mirrors and glass surfaces between the eye and the surface. A chain of more ends at one of them.
 const MOST_LINKS: u32 = 8u;
 
-fn is_mirror(f: FirstHit) -> bool {
-    return (f.hit.prim & SPHERE) == 0u && (stored_material(f.surface.material).flags & MIRROR) != 0u;
+// Mirrors and glass between the eye and a first surface, and what the glass reflects.
+struct Links {
+    count: u32,
+    // Length of the whole path, to the surface or the light at its end; 0 if it ends in the sky.
+    distance: f32,
+    // Fraction of uniform light that the glass reflects to the eye.
+    albedo: vec3<f32>,
+    // One of its reflections, chosen at random: the ray, the medium around it, the number of reflections before it and
+    // including it, and the factor by which its light counts for all of them.
+    origin: vec3<f32>,
+    direction: vec3<f32>,
+    medium: Medium,
+    depth: u32,
+    weight: vec3<f32>,
 }
 
-// Moves a first hit along mirror reflections to the first surface that is not a mirror, to a light or to the sky, and
-// returns the number of mirrors on the way. `direction` becomes the direction of the last ray, and `hit.t` the length
-// of the whole path. Uses the random dimensions of `trace_path`, where each mirror is a vertex.
-fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>>, rng_in_pixel: Rng, rays: ptr<function, u32>) -> u32 {
+fn flags_of(f: FirstHit) -> u32 {
+    return select(0u, stored_material(f.surface.material).flags, (f.hit.prim & SPHERE) == 0u);
+}
+
+// Whether a first surface is a perfect mirror or clear glass.
+fn is_link(f: FirstHit) -> bool {
+    return (flags_of(f) & (MIRROR | CLEAR_GLASS)) != 0u;
+}
+
+// Direction in which a smooth surface transmits a ray.
+fn transmitted_direction(s: Surface, direction: vec3<f32>, cosine: f32) -> vec3<f32> {
+    if s.is_thin || is_straight(s.eta) {
+        return direction;
+    }
+    let cos2 = 1.0 - (1.0 - cosine * cosine) / (s.eta * s.eta);
+    return normalize((cosine * s.normal + direction) / s.eta - sqrt(max(cos2, 0.0)) * s.normal);
+}
+
+// Moves a first hit along a chain of mirrors and glass to the first surface that is neither, to a light or to the sky.
+// `direction` becomes the direction of the last ray, and `hit.t` the length of the whole path. The albedo includes what
+// glass reflects. If the ray meets no surface behind glass, the hit is the first one again, with the light behind it
+// as emission and the reflections as albedo. Uses the random dimensions of `trace_path`, where each link is a vertex.
+fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>>, rng_in_pixel: Rng, rays: ptr<function, u32>) -> Links {
     var rng = rng_in_pixel;
     let most = min(MOST_LINKS, frame.sampling.reflections);
-    var links = 0u;
-    while links < most && is_mirror(*f) {
+    var links = Links();
+    let before = *f;
+    var pick = 0.0;
+    var sum = 0.0;
+    if HAS_TRANSMISSION {
+        pick = random_at(&rng, 1u, LOBE_CHOICE).x;
+    }
+    while links.count < most && is_link(*f) {
         let s = (*f).surface;
         let cosine = -dot(*direction, s.normal);
+        let in_fresnel = fresnel_cosine(cosine, s.eta);
         let reflected = normalize(*direction + 2.0 * cosine * s.normal);
-        // Interpolated normals may reflect rays into the surface, where their light ends.
-        if dot(reflected, s.geometric_normal) <= 0.0 {
+        // Interpolated normals may send rays to the wrong side of the surface, where their light ends.
+        let is_reflected = dot(reflected, s.geometric_normal) > 0.0;
+        var reflectance = (*f).transmittance * fresnel(s.f0, s.f90, in_fresnel);
+        var onward = reflected;
+        var passed = reflectance;
+        var is_sent = is_reflected;
+        if HAS_TRANSMISSION && (flags_of(*f) & CLEAR_GLASS) != 0u && in_fresnel >= 0.0 {
+            onward = transmitted_direction(s, *direction, cosine);
+            let eta2 = select(s.eta * s.eta, 1.0, s.is_thin || is_straight(s.eta));
+            passed = (*f).transmittance * s.transmitted * ((1.0 - layer_fresnel(s, in_fresnel)) / eta2);
+            is_sent = max(dot(onward, s.normal), dot(onward, s.geometric_normal)) < 0.0;
+            let odds = select(0.0, luminance(reflectance), is_reflected && is_sent);
+            if odds > 0.0 {
+                sum += odds;
+                links.albedo += reflectance;
+                let threshold = odds / sum;
+                let is_chosen = pick < threshold;
+                pick = select((pick - threshold) / max(1.0 - threshold, 1e-7), pick / threshold, is_chosen);
+                if is_chosen {
+                    links.origin = leave(s, reflected);
+                    links.direction = reflected;
+                    links.medium = (*f).medium;
+                    links.depth = links.count + 1u;
+                    links.weight = reflectance / odds;
+                }
+            }
+        }
+        if !is_sent {
             break;
         }
-        rng.dimension = FIRST_DIMENSION + links * DIMENSIONS_PER_VERTEX + SURVIVAL;
-        let origin = leave(s, reflected);
-        var next = first_hit(trace_closest(origin, reflected, alpha_key(rng)), origin, reflected);
-        let passed = (*f).transmittance * fresnel(s.f0, s.f90, cosine);
+        rng.dimension = FIRST_DIMENSION + links.count * DIMENSIONS_PER_VERTEX + SURVIVAL;
+        let origin = leave(s, onward);
+        let medium = medium_towards(s, onward, (*f).medium);
+        var next = first_hit_in(medium, trace_closest(origin, onward, alpha_key(rng)), origin, onward);
         next.emission = (*f).emission + next.emission * passed;
         next.albedo *= passed;
         next.matte *= passed;
         next.transmittance *= passed;
         next.hit.t += (*f).hit.t;
         *f = next;
-        *direction = reflected;
+        *direction = onward;
         *rays += 1u;
-        links += 1u;
+        links.count += 1u;
+    }
+    links.distance = select((*f).hit.t, 0.0, (*f).hit.prim == NO_PRIM);
+    if HAS_TRANSMISSION && sum > 0.0 {
+        if ((*f).hit.prim & SPHERE) != 0u {
+            (*f).hit = before.hit;
+            (*f).surface = before.surface;
+        }
+        links.weight *= sum;
+        (*f).albedo += links.albedo;
     }
     return links;
+}
+
+// Whether the other eye sees a different radiance, on the first surface or reflected by glass on the way to it.
+fn is_view_dependent_over(f: FirstHit, links: Links) -> bool {
+    let reflected = HAS_MIRRORS && HAS_TRANSMISSION
+        && luminance(links.albedo) > VIEW_DEPENDENT_FRACTION * luminance(f.albedo);
+    return reflected || is_view_dependent(f.surface);
+}
+
+// Start of a pixel's path: its first surface, or what a reflection in glass on the way hits.
+struct PathStart {
+    hit: FirstHit,
+    direction: vec3<f32>,
+    links: u32,
+    // Factor of the path's light.
+    weight: vec3<f32>,
+    // Light that the reflection finds at once, weighted.
+    found: vec3<f32>,
+    is_reflection: bool,
+}
+
+// Chooses between the first surface and a reflection, by their parts of the albedo, and traces the reflection.
+fn start_of_path(first: FirstHit, direction: vec3<f32>, links: Links, rng: ptr<function, Rng>, rays: ptr<function, u32>) -> PathStart {
+    var start = PathStart(first, direction, links.count, first.transmittance, vec3<f32>(0.0), false);
+    let reflected = luminance(links.albedo);
+    if reflected <= 0.0 {
+        return start;
+    }
+    let odds = min(reflected / max(luminance(first.albedo), 1e-20), 1.0);
+    if random_at(rng, 1u, LOBE_CHOICE).y >= odds {
+        start.weight /= max(1.0 - odds, 1e-7);
+        return start;
+    }
+    var hit = first_hit_in(links.medium, trace_closest(links.origin, links.direction, alpha_key(*rng)), links.origin, links.direction);
+    *rays += 1u;
+    if HAS_HARD_LIGHTS {
+        hit.emission += hard_light(hit, links.direction, links.depth, *rng, rays);
+    }
+    let weight = links.weight / odds;
+    return PathStart(hit, links.direction, links.depth, hit.transmittance * weight, hit.emission * weight, true);
 }

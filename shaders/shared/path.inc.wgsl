@@ -29,8 +29,10 @@ struct FirstHit {
     emission: vec3<f32>,
     albedo: vec3<f32>,
     matte: vec3<f32>,
-    // Fraction of the surface's light that reaches the eye, through a volume and over mirrors.
+    // Fraction of the surface's light that reaches the eye, through volumes, mirrors and glass.
     transmittance: vec3<f32>,
+    // Medium between the surface and the eye or the last mirror or glass before it.
+    medium: Medium,
 }
 
 // Medium that a ray travels through.
@@ -39,16 +41,32 @@ struct Medium {
     is_inside: bool,
 }
 
-// Transmittance over `distance` through the medium, up to a surface's hit. A ray that hits a volume's surface from
-// behind was in that volume, even if it never entered it: then the camera is inside.
-fn transmittance(medium: Medium, distance: f32, s: Surface) -> vec3<f32> {
-    let absorption = select(stored_material(s.material).absorption, medium.absorption, medium.is_inside);
-    let is_inside = medium.is_inside || !(s.is_front || s.is_thin);
-    return select(vec3<f32>(1.0), exp(-absorption * distance), is_inside);
+const OUTSIDE_OF_VOLUMES: Medium = Medium(vec3<f32>(0.0), false);
+
+// Transmittance over `distance` through a medium.
+fn transmittance(medium: Medium, distance: f32) -> vec3<f32> {
+    return select(vec3<f32>(1.0), exp(-medium.absorption * distance), medium.is_inside);
 }
 
+// Medium in front of a surface that a ray hits in what was known as `medium`. If the ray hits a volume's surface from
+// behind, it was in that volume.
+fn medium_before(s: Surface, medium: Medium) -> Medium {
+    if !HAS_TRANSMISSION {
+        return medium;
+    }
+    let absorption = select(stored_material(s.material).absorption, medium.absorption, medium.is_inside);
+    return Medium(absorption, medium.is_inside || !(s.is_front || s.is_thin));
+}
+
+// First hit of a ray from the eye.
 fn first_hit(hit: Hit, origin: vec3<f32>, direction: vec3<f32>) -> FirstHit {
+    return first_hit_in(OUTSIDE_OF_VOLUMES, hit, origin, direction);
+}
+
+// First hit of a ray in `medium`.
+fn first_hit_in(medium: Medium, hit: Hit, origin: vec3<f32>, direction: vec3<f32>) -> FirstHit {
     var f: FirstHit;
+    f.medium = medium;
     f.hit = hit;
     f.albedo = vec3<f32>(0.0);
     f.matte = vec3<f32>(0.0);
@@ -63,12 +81,15 @@ fn first_hit(hit: Hit, origin: vec3<f32>, direction: vec3<f32>) -> FirstHit {
     } else {
         f.surface = surface_at(hit.prim, hit.bary, origin, direction);
         if HAS_TRANSMISSION {
-            let distance = dot(f.surface.position - origin, direction);
-            f.transmittance = transmittance(Medium(vec3<f32>(0.0), false), distance, f.surface);
+            f.medium = medium_before(f.surface, medium);
+            f.transmittance = transmittance(f.medium, dot(f.surface.position - origin, direction));
         }
         f.emission = f.surface.emission * f.transmittance;
         f.albedo = f.surface.albedo * f.transmittance;
         f.matte = f.surface.matte * f.transmittance;
+    }
+    if HAS_TRANSMISSION && (hit.prim & SPHERE) != 0u {
+        f.emission *= transmittance(medium, hit.t);
     }
     return f;
 }
@@ -84,14 +105,6 @@ fn medium_towards(s: Surface, direction: vec3<f32>, before: Medium) -> Medium {
         return before;
     }
     return Medium(stored_material(s.material).absorption, s.is_front);
-}
-
-// Medium between the eye and a first surface.
-fn medium_before(s: Surface) -> Medium {
-    if !HAS_TRANSMISSION {
-        return Medium(vec3<f32>(0.0), false);
-    }
-    return Medium(stored_material(s.material).absorption, !(s.is_front || s.is_thin));
 }
 
 // Normal of the side from which light can be scattered to the viewer; 0 for both sides.
@@ -127,13 +140,12 @@ fn unoccluded(s: Surface, medium: Medium, light: LightSample, scattered: Scatter
     let weight = select(light.pdf / (light.pdf + scattered.pdf), 1.0, light.is_delta);
     var radiance = light.radiance * visibility * scattered.value * (weight / light.pdf);
     if HAS_TRANSMISSION {
-        let between = medium_towards(s, light.direction, medium);
-        radiance *= select(vec3<f32>(1.0), exp(-between.absorption * light.distance), between.is_inside);
+        radiance *= transmittance(medium_towards(s, light.direction, medium), light.distance);
     }
     return radiance;
 }
 
-// Light from the lights with hard shadows that a first surface scatters to the eye, over `links` mirrors. A point on
+// Light from the lights with hard shadows that a first surface scatters to the eye, over `links` mirrors and glass surfaces. A point on
 // each light is sampled; since these lights are points or nearly so, the light has no noise but in narrow penumbrae.
 fn hard_light(f: FirstHit, direction: vec3<f32>, links: u32, rng_in_pixel: Rng, rays: ptr<function, u32>) -> vec3<f32> {
     var sum = vec3<f32>(0.0);
@@ -141,7 +153,7 @@ fn hard_light(f: FirstHit, direction: vec3<f32>, links: u32, rng_in_pixel: Rng, 
         return sum;
     }
     let s = f.surface;
-    let medium = medium_before(s);
+    let medium = f.medium;
     var rng = rng_in_pixel;
     let u = random_at(&rng, links + 1u, LIGHT_POINT);
     let suns = select(0u, frame.lights.directional_count, frame.lights.has_hard_suns != 0u);
@@ -192,13 +204,13 @@ fn gather(into: ptr<function, PathSample>, light: vec3<f32>, share: vec3<f32>) {
     }
 }
 
-// Traces a path from the first surface of a pixel. The ray along `direction_in` arrived there over `links` mirrors, which
-// count as reflections.
-fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, links: u32, rng: ptr<function, Rng>) -> PathSample {
+// Traces a path from the first surface of a pixel. The ray along `direction_in` arrived there through `medium_in`, over
+// `links` mirrors and glass surfaces, which count as reflections.
+fn trace_path(first: Surface, direction_in: vec3<f32>, medium_in: Medium, sampling: Sampling, links: u32, rng: ptr<function, Rng>) -> PathSample {
     var result = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
     var s = first;
     var v = -direction_in;
-    var medium = medium_before(s);
+    var medium = medium_in;
     var throughput = vec3<f32>(1.0);
     var rays = 0u;
     var share = vec3<f32>(1.0);
@@ -236,8 +248,8 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, links
         if is_surface {
             s = surface_at(hit.prim, hit.bary, origin, direction);
             if HAS_TRANSMISSION {
-                throughput *= transmittance(medium, hit.t, s);
-                medium = Medium(select(stored_material(s.material).absorption, medium.absorption, medium.is_inside), medium.is_inside || !(s.is_front || s.is_thin));
+                medium = medium_before(s, medium);
+                throughput *= transmittance(medium, hit.t);
             }
             if HAS_EMISSIVE || HAS_UNLIT {
                 found = s.emission;
@@ -250,7 +262,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, links
             found = sphere_radiance(hit.prim & ~SPHERE, from_);
         }
         if HAS_TRANSMISSION && !is_surface {
-            found *= select(vec3<f32>(1.0), exp(-medium.absorption * hit.t), medium.is_inside);
+            found *= transmittance(medium, hit.t);
         }
         if hit.prim != NO_PRIM && !b.is_delta {
             if any(found > vec3<f32>(0.0)) {

@@ -95,23 +95,34 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
             hit = stored_hit(at);
         }
         var first = first_hit(hit, origin, direction);
-        var links = 0u;
+        var links = Links();
         if HAS_MIRRORS {
             links = follow_mirrors(&first, &direction, rng, &rays);
         }
         if JITTER {
-            mixed = mixed || is_elsewhere(at, first, links);
+            mixed = mixed || is_elsewhere(at, first, links.count);
             if HAS_HARD_LIGHTS {
-                first.emission += hard_light(first, direction, links, rng, &rays);
+                first.emission += hard_light(first, direction, links.count, rng, &rays);
             }
         }
+        var start = PathStart(first, direction, links.count, first.transmittance, vec3<f32>(0.0), false);
+        if HAS_MIRRORS && HAS_TRANSMISSION {
+            start = start_of_path(first, direction, links, &rng, &rays);
+        }
         var path = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
-        if (first.hit.prim & SPHERE) == 0u {
-            path = trace_path(first.surface, direction, frame.sampling, links, &rng);
+        if (start.hit.hit.prim & SPHERE) == 0u {
+            path = trace_path(start.hit.surface, start.direction, start.hit.medium, frame.sampling, start.links, &rng);
+        }
+        var light = path.radiance * start.weight;
+        var specular = path.gloss * start.weight;
+        if HAS_MIRRORS && HAS_TRANSMISSION && start.is_reflection {
+            light = (path.radiance + path.gloss) * start.weight + start.found;
+            specular = select(vec3<f32>(0.0), light, HAS_GLOSS);
+            light -= specular;
         }
         // Sums of finite samples may be infinite.
-        let with_radiance = reflected + path.radiance * first.transmittance;
-        let with_gloss = gloss + path.gloss * first.transmittance;
+        let with_radiance = reflected + light;
+        let with_gloss = gloss + specular;
         let with_emission = emission + first.emission;
         let ok = is_sound(&first) && is_finite(with_radiance) && is_finite(with_gloss) && is_finite(with_emission) && !was_cut_short;
         tally = add_tally(tally, rays + path.rays, select(1u, 0u, ok));
@@ -122,9 +133,8 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
             reflected = with_radiance;
             gloss = with_gloss;
             if MEASURES_VARIANCE {
-                let light = two_luminances(path.radiance * first.transmittance, path.gloss * first.transmittance);
                 let reflects = select(first.albedo, first.matte, HAS_GLOSS);
-                add_sample(&spread, light, two_luminances(reflects, first.albedo - first.matte));
+                add_sample(&spread, two_luminances(light, specular), two_luminances(reflects, first.albedo - first.matte));
             }
         }
     }

@@ -323,16 +323,18 @@ fn lobe_odds(s: Surface, towards: vec2<f32>) -> vec3<f32> {
     return select(vec3<f32>(0.0), odds / sum, sum > 0.0);
 }
 
+// Fraction of light from narrow lobes above which it counts as view-dependent.
+const VIEW_DEPENDENT_FRACTION: f32 = 0.1;
+
 // True if the other eye sees a different radiance at this point, because lobes too narrow to reach both eyes contribute
 // a significant fraction.
 fn is_view_dependent(s: Surface) -> bool {
     const NARROW: f32 = 0.25;
-    const SHARE: f32 = 0.1;
     if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
         return false;
     }
     let narrow = select(0.0, s.odds.y, s.roughness < NARROW) + select(0.0, s.odds.z, s.coat_alpha < NARROW * NARROW);
-    return narrow > SHARE;
+    return narrow > VIEW_DEPENDENT_FRACTION;
 }
 
 // Origin of a ray that leaves the surface towards `direction`: the position, offset along the normal by the error

@@ -242,13 +242,24 @@ impl Material {
         is_smooth && self.transmission > 0.0 && !self.unlit
     }
 
-    /// Returns true if the material is a perfect mirror: its only lobe is a delta function, and its normals have no
-    /// detail.
-    pub fn is_mirror(&self) -> bool {
+    /// Returns true if all lobes of the surface are delta functions wherever they reflect or transmit light, and if its
+    /// normals have no detail.
+    fn is_delta(&self) -> bool {
         let is_smooth = self.roughness < MIRROR_ROUGHNESS && self.metallic_roughness_texture.is_none();
         let is_bare = self.normal_map.is_none() && self.clearcoat.factor <= 0.0 && !self.unlit;
-        let is_opaque = self.alpha_mode == AlphaMode::Opaque && self.transmission <= 0.0;
-        is_smooth && self.metallic >= 1.0 && is_bare && is_opaque
+        is_smooth && is_bare && self.alpha_mode == AlphaMode::Opaque
+    }
+
+    /// Returns true if the material is a perfect mirror: its only lobe reflects, and is a delta function.
+    pub fn is_mirror(&self) -> bool {
+        self.is_delta() && self.metallic >= 1.0 && self.transmission <= 0.0
+    }
+
+    /// Returns true if the material is clear glass: it has no lobes but reflection and transmission, which are delta
+    /// functions.
+    pub fn is_clear_glass(&self) -> bool {
+        let is_transparent = self.transmission >= 1.0 && self.transmission_texture.is_none();
+        self.is_delta() && self.metallic <= 0.0 && is_transparent
     }
 
     /// Returns true if one of the material's textures uses texture coordinate set `set`.

@@ -38,8 +38,8 @@ pub struct SceneNeeds {
     /// One to four lights with hard shadows. Each can then be traced at the first surface. Like
     /// `gloss`, this flag changes the picture.
     pub hard_lights: bool,
-    /// Perfect mirrors. In static scenes, they can be replaced by the surfaces that they show. Like `gloss`, this flag
-    /// changes the picture.
+    /// Perfect mirrors or clear glass. In static scenes, they can be replaced by the surfaces that they show. Like
+    /// `gloss`, this flag changes the picture.
     pub mirrors: bool,
     /// Instances that rays traverse in local space. [`Self::of`] leaves this flag false; it is set according to the
     /// scene's tables.
@@ -143,7 +143,7 @@ impl SceneNeeds {
             constant_environment: matches!(scene.environment, Environment::Constant(c) if c != glam::Vec3::ZERO),
             environment_map: matches!(scene.environment, Environment::Map { .. }),
             hard_lights: has_hard_lights(scene) && !used().any(|mesh| is_veil(mesh, &scene.materials[mesh.material])),
-            mirrors: materials().any(Material::is_mirror),
+            mirrors: materials().any(|m| m.is_mirror() || m.is_clear_glass()),
             instances: false,
         }
     }

@@ -1,4 +1,5 @@
-//! Frames that follow perfect mirrors: what a mirror shows is as good as the room behind an opening.
+//! Frames that follow perfect mirrors and clear glass: what a mirror or a pane shows is as good as the room behind an
+//! opening.
 
 use crate::common::{Stage, Subject};
 use crate::reference::scenes::{
@@ -13,7 +14,7 @@ use diptych::metrics::{self, Errors};
 use diptych::passes::Aov;
 use diptych::quality::Denoiser;
 use diptych::scene::rig::{Rig, RigKey};
-use diptych::scene::{Material, Mesh, Scene};
+use diptych::scene::{Material, Mesh, Scene, Volume};
 use glam::{Affine3A, DVec3, Vec3, vec3};
 
 const WIDTH: u32 = 64;
@@ -36,10 +37,17 @@ fn reflected(mesh: &Mesh) -> Mesh {
     }
 }
 
-/// Returns a room with its camera, which moves sideways. One wall is a mirror or, in its twin, an opening to a mirrored
-/// copy of the room.
-fn room(name: &str, is_mirror: bool) -> Subject {
-    let mut scene = empty(name);
+/// A wall of the room: a mirror, an opening to a mirrored copy of the room, or a pane before that copy.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Wall {
+    Mirror,
+    Opening,
+    Pane,
+}
+
+/// Returns a room with such a wall, and its camera, which moves sideways.
+fn room(wall: Wall) -> Subject {
+    let mut scene = empty("room");
     let [white, red, blue, yellow] =
         [[0.7, 0.7, 0.7], [0.8, 0.2, 0.2], [0.2, 0.3, 0.8], [0.8, 0.7, 0.2]].map(|c| add_matte(&mut scene, c.into()));
     let lamp = add_material(&mut scene, Material { emissive: vec3(6.0, 5.5, 5.0), ..matte() });
@@ -64,14 +72,20 @@ fn room(name: &str, is_mirror: bool) -> Subject {
         let x = 1.8 - 0.6 * f32::from(i);
         meshes.push(quad(vec3(x, 0.2, 1.99), -0.3 * Vec3::X, 2.0 * Vec3::Y, [red, blue, yellow][usize::from(i % 3)]));
     }
-    if is_mirror {
-        let mirror = add_material(&mut scene, studio::metal(Vec3::ONE, 0.0));
-        meshes.push(quad(vec3(-2.0, 0.0, MIRROR_Z), 4.0 * Vec3::X, 2.5 * Vec3::Y, mirror));
-    } else {
+    if wall != Wall::Mirror {
         meshes.extend(meshes.iter().map(reflected).collect::<Vec<_>>());
     }
+    let material = match wall {
+        Wall::Mirror => Some(studio::metal(Vec3::ONE, 0.0)),
+        Wall::Opening => None,
+        Wall::Pane => Some(studio::glass(Vec3::ONE, 0.0)),
+    };
+    if let Some(material) = material {
+        let material = add_material(&mut scene, material);
+        meshes.push(quad(vec3(-2.0, 0.0, MIRROR_Z), 4.0 * Vec3::X, 2.5 * Vec3::Y, material));
+    }
     meshes.into_iter().for_each(|mesh| place(&mut scene, mesh));
-    subject(name, scene)
+    subject(&format!("{wall:?}"), scene)
 }
 
 fn subject(name: &str, scene: Scene) -> Subject {
@@ -136,21 +150,23 @@ fn errors(subject: &Subject, reference: &[RgbImage; 2], follow_mirrors: bool, is
 }
 
 #[test]
-fn a_mirror_shows_its_room_as_well_as_an_opening_would() {
-    let [mirror, opening] = [("mirror", true), ("opening", false)].map(|(name, is_mirror)| room(name, is_mirror));
-    assert!(mirror.needs.mirrors && !opening.needs.mirrors);
+fn mirrors_and_panes_show_a_room_as_well_as_an_opening_would() {
+    let [mirror, pane, opening] = [Wall::Mirror, Wall::Pane, Wall::Opening].map(room);
+    assert!(mirror.needs.mirrors && pane.needs.mirrors && !opening.needs.mirrors);
     let mut fails = Vec::new();
     for is_moving in [false, true] {
-        let [of_mirror, of_opening] = [&mirror, &opening].map(|subject| reference(subject, is_moving));
-        let [followed, blurred] = [true, false].map(|follow| errors(&mirror, &of_mirror, follow, is_moving));
-        let twin = errors(&opening, &of_opening, true, is_moving);
-        for eye in [0, 1] {
-            let [a, b, c] = [&twin, &followed, &blurred].map(|e| (e[eye].psnr, e[eye].flip));
-            let what =
-                format!("moving {is_moving}, eye {eye}: PSNR and FLIP {b:.3?}, blurred {c:.3?}, opening {a:.3?}");
-            println!("{what}");
-            if b.0 < a.0 - 1.0 || b.1 > 0.85 * c.1 {
-                fails.push(what);
+        let twin = errors(&opening, &reference(&opening, is_moving), true, is_moving);
+        for subject in [&mirror, &pane] {
+            let expected = reference(subject, is_moving);
+            let [followed, blurred] = [true, false].map(|follow| errors(subject, &expected, follow, is_moving));
+            for eye in [0, 1] {
+                let [a, b, c] = [&twin, &followed, &blurred].map(|e| (e[eye].psnr, e[eye].flip));
+                let errors = format!("PSNR and FLIP {b:.3?}, blurred {c:.3?}, opening {a:.3?}");
+                let what = format!("{}, moving {is_moving}, eye {eye}: {errors}", subject.name);
+                println!("{what}");
+                if b.0 < a.0 - 1.0 || b.1 > 0.85 * c.1 {
+                    fails.push(what);
+                }
             }
         }
     }
@@ -160,32 +176,37 @@ fn a_mirror_shows_its_room_as_well_as_an_opening_would() {
 /// Pixels of the mirror are holes where those of the opening are: where the left eye does not see the point.
 #[test]
 fn the_right_eye_takes_over_light_in_plane_mirrors() {
-    let holes = |name, is_mirror: bool, follow_mirrors: bool| {
-        let subject = room(name, is_mirror);
+    let holes = |wall, follow_mirrors| {
+        let subject = room(wall);
         let mut settings = settings(&subject, Denoiser::SVGF);
         (settings.follow_mirrors, settings.buffers.aovs) = (follow_mirrors, vec![Aov::Holes]);
         let mut stage = Stage::alone(&subject, &settings);
         stage.frame(0);
-        let is_hole = stage.aov(0).right[0].iter().map(|reason| *reason != 0.0).collect::<Vec<_>>();
-        is_hole
+        stage.aov(0).right[0].iter().map(|reason| *reason != 0.0).collect::<Vec<_>>()
     };
     let count = |holes: &[bool]| holes.iter().filter(|is_hole| **is_hole).count();
-    let [mirror, opening] = [holes("mirror", true, true), holes("opening", false, true)];
+    let [mirror, opening] = [Wall::Mirror, Wall::Opening].map(|wall| holes(wall, true));
     let differing = mirror.iter().zip(&opening).filter(|(a, b)| a != b).count();
-    let [followed, true_holes, blurred] = [&mirror[..], &opening, &holes("mirror", true, false)].map(count);
+    let [followed, true_holes, blurred] = [&mirror, &opening, &holes(Wall::Mirror, false)].map(|holes| count(holes));
     println!("{followed} holes, {true_holes} with the opening, {differing} differ, {blurred} without following");
     assert!(followed as f64 <= 1.1 * true_holes as f64 && differing <= 3, "{followed}, {true_holes}, {differing}");
     assert!(blurred > 5 * true_holes, "{blurred}");
 }
 
-/// Returns the room with a second mirror on the far wall and a mirror ball.
+/// Returns the room with a second mirror on the far wall, a mirror ball, a pane and a glass ball.
 fn hall_of_mirrors() -> Subject {
-    let mut scene = room("hall of mirrors", true).scene;
+    let mut scene = room(Wall::Mirror).scene;
     let gold = add_material(&mut scene, studio::metal(vec3(0.9, 0.7, 0.4), 0.0));
     place(&mut scene, quad(vec3(1.5, 0.0, 1.98), -1.5 * Vec3::X, 2.0 * Vec3::Y, gold));
     let ball = add_mesh(&mut scene, icosphere(3, true, gold));
     instance(&mut scene, ball, scaled_at(0.35, vec3(0.1, 0.35, -0.9)));
     instance(&mut scene, ball, Affine3A::from_translation(vec3(0.0, 5.0, 0.0)));
+    let pane = add_material(&mut scene, studio::glass(vec3(0.9, 1.0, 0.9), 0.0));
+    place(&mut scene, quad(vec3(-1.6, 0.1, 0.0), vec3(1.2, 0.0, -0.2), 1.2 * Vec3::Y, pane));
+    let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
+    let clear = add_material(&mut scene, Material { volume: Some(clear), ..studio::glass(Vec3::ONE, 0.0) });
+    let ball = add_mesh(&mut scene, icosphere(3, true, clear));
+    instance(&mut scene, ball, scaled_at(0.3, vec3(0.6, 0.9, -0.5)));
     subject("hall of mirrors", scene)
 }
 

@@ -165,6 +165,7 @@ shared_constants! {
     pub const NORMAL_MAP: u32 = 128;
     pub const CLEARCOAT_NORMAL_MAP: u32 = 256;
     pub const MIRROR: u32 = 512;
+    pub const CLEAR_GLASS: u32 = 1024;
 
     /// Bits of [`TextureInfo::flags`]: linear filtering, second set of texture coordinates, sRGB encoding.
     pub const TEXTURE_LINEAR: u32 = 1;

@@ -18,9 +18,9 @@ use crate::stages::albedo_table;
 use crate::stages::color::linear_from_srgb;
 use crate::stages::emitters::{self, Emitters, Sources};
 use crate::stages::layout::{
-    self, ALPHA_BLEND, ALPHA_MASK, BASE_COLOR_TEXTURE, CLEARCOAT_NORMAL_MAP, DOUBLE_SIDED, EMISSIVE_TEXTURE, MIRROR,
-    NORMAL_MAP, ROLE_SHIFT, TEXTURE_LINEAR, TEXTURE_SECOND_UVS, TEXTURE_SRGB, THICK, TextureInfo, TextureRole, UNLIT,
-    WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, WRAP_U_SHIFT, WRAP_V_SHIFT,
+    self, ALPHA_BLEND, ALPHA_MASK, BASE_COLOR_TEXTURE, CLEAR_GLASS, CLEARCOAT_NORMAL_MAP, DOUBLE_SIDED,
+    EMISSIVE_TEXTURE, MIRROR, NORMAL_MAP, ROLE_SHIFT, TEXTURE_LINEAR, TEXTURE_SECOND_UVS, TEXTURE_SRGB, THICK,
+    TextureInfo, TextureRole, UNLIT, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, WRAP_U_SHIFT, WRAP_V_SHIFT,
 };
 use crate::wgsl::ROW_BYTES;
 
@@ -288,6 +288,7 @@ impl TextureTable<'_> {
             (m.normal_map.is_some(), NORMAL_MAP),
             (m.clearcoat.normal_map.is_some(), CLEARCOAT_NORMAL_MAP),
             (m.is_mirror(), MIRROR),
+            (m.is_clear_glass(), CLEAR_GLASS),
         ];
         let first_texture = self.infos.len() as u32;
         for (texture, role) in textures_in_order(m) {

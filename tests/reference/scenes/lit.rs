@@ -4,12 +4,12 @@
 //! To add a row, write a function that adds the light to [`things`], and its line in [`ALL`].
 
 use diptych::image::Extent;
-use diptych::scene::{AlphaMode, Clearcoat, Environment, Light, LightKind, Material, Scene};
+use diptych::scene::{AlphaMode, Clearcoat, Environment, Light, LightKind, Material, Scene, Volume};
 use glam::{Vec2, Vec3, vec2, vec3, vec4};
 
 use super::pictures::sky;
-use super::studio::{Pictures, add_balls, dielectric, ground, metal, second, turned};
-use super::{add_material, add_mesh, icosphere, instance, matte, place, quad, scaled_at};
+use super::studio::{Pictures, add_balls, dielectric, glass, ground, metal, second, turned};
+use super::{add_material, add_mesh, block, icosphere, instance, matte, place, quad, scaled_at};
 use crate::reference::Pinhole;
 
 pub type Row = (&'static str, fn(&mut Scene));
@@ -50,9 +50,10 @@ pub const HARD: [Row; 3] = [
     }),
 ];
 
-/// Perfect mirrors in several kinds of light: a wall, two that face each other, and a golden ball. Mirrors show dim lights
-/// only, because light that they throw on other surfaces is found by chance and would cause most of the noise.
-pub const MIRRORS: [Row; 3] = [
+/// Perfect mirrors and clear glass in several kinds of light: a wall, two mirrors that face each other, a golden ball, a
+/// pane, and a glass ball around a block. They show dim lights only, because light that they throw on other surfaces is
+/// found by chance and would cause most of the noise.
+pub const MIRRORS: [Row; 6] = [
     ("a_mirror", |scene| {
         add_mirror(scene, vec3(-1.8, 0.0, -0.9), vec3(3.6, 0.0, 0.3), vec3(0.0, 2.0, 0.2));
         let ball = Light { strength: Vec3::splat(0.05), ..point(0.3) };
@@ -67,6 +68,27 @@ pub const MIRRORS: [Row; 3] = [
         scene.lights.push(point(0.0));
         scene.environment = Environment::Constant(vec3(0.6, 0.7, 0.9));
     }),
+    ("a_pane", |scene| {
+        let pane = Material { emissive: vec3(0.02, 0.0, 0.0), ..glass(vec3(0.9, 0.95, 0.8), 0.0) };
+        add_pane(scene, pane);
+        scene.lights.extend([Light { strength: Vec3::splat(0.05), ..point(0.3) }, spot(0.0)]);
+        scene.environment = Environment::Constant(vec3(0.3, 0.4, 0.5));
+    }),
+    ("a_pane_before_a_mirror", |scene| {
+        add_mirror(scene, vec3(-1.8, 0.0, -0.9), vec3(3.6, 0.0, 0.3), vec3(0.0, 2.0, 0.2));
+        add_pane(scene, glass(Vec3::ONE, 0.0));
+        scene.environment = Environment::Constant(vec3(0.6, 0.7, 0.9));
+    }),
+    ("a_glass_ball_around_a_block", |scene| {
+        let volume = Some(Volume { attenuation_color: vec3(0.9, 0.6, 0.3), attenuation_distance: 0.8 });
+        let amber = add_material(scene, Material { volume, ..glass(Vec3::ONE, 0.0) });
+        let ball = add_mesh(scene, icosphere(3, true, amber));
+        instance(scene, ball, scaled_at(0.6, vec3(0.2, 0.6, 0.8)));
+        let core = add_material(scene, Material { base_color: vec4(0.3, 0.6, 0.4, 1.0), ..matte() });
+        let core = add_mesh(scene, block(core));
+        instance(scene, core, scaled_at(0.3, vec3(0.2, 0.55, 0.75)));
+        scene.environment = Environment::Constant(vec3(0.6, 0.7, 0.9));
+    }),
     ("a_mirror_ball", |scene| {
         let gold = add_material(scene, metal(vec3(0.9, 0.7, 0.4), 0.0));
         let ball = add_mesh(scene, icosphere(3, true, gold));
@@ -78,6 +100,11 @@ pub const MIRRORS: [Row; 3] = [
 fn add_mirror(scene: &mut Scene, corner: Vec3, u: Vec3, v: Vec3) {
     let mirror = add_material(scene, Material { emissive: vec3(0.02, 0.0, 0.0), ..metal(vec3(0.9, 0.95, 0.85), 0.0) });
     place(scene, quad(corner, u, v, mirror));
+}
+
+fn add_pane(scene: &mut Scene, material: Material) {
+    let pane = add_material(scene, material);
+    place(scene, quad(vec3(-1.8, 0.0, 1.3), 3.6 * Vec3::X, vec3(0.0, 1.3, 0.3), pane));
 }
 
 /// Returns a floor with a matte, a glossy and a rough metal ball in that light.
