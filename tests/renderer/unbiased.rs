@@ -285,22 +285,16 @@ fn seeds_name_random_numbers_of_their_own() {
     );
 }
 
-/// A denoiser that leaves light as it was traced, with specular light apart from diffuse light or not.
-struct Identity {
-    splits: bool,
-}
+/// A denoiser that leaves light as it was traced.
+struct Identity;
 
 impl Denoise for Identity {
     fn name(&self) -> &'static str {
-        if self.splits { "split identity" } else { "identity" }
+        "identity"
     }
 
     fn help(&self) -> Option<&'static str> {
         None
-    }
-
-    fn needs_variance(&self) -> bool {
-        self.splits
     }
 }
 
@@ -314,26 +308,18 @@ fn variance_of_pixels(renders: &Renders) -> f64 {
     (0..EXTENT.area()).map(of_pixel).sum::<f64>() / EXTENT.area() as f64
 }
 
-static IDENTITY: LazyLock<Denoiser> = LazyLock::new(|| Denoiser::register(&Identity { splits: false }).unwrap());
-static SPLIT: LazyLock<Denoiser> = LazyLock::new(|| Denoiser::register(&Identity { splits: true }).unwrap());
-
-/// Asserts that frames which an identity denoises have the same mean without and with a change. Returns the variance of
+/// Asserts that frames which the identity denoises have the same mean without and with a change. Returns the variance of
 /// a frame of one sample per pixel with the change, divided by that without.
-fn assert_mean_stays(
-    name: &str,
-    subject: &Subject,
-    identity: Denoiser,
-    bounces: u32,
-    change: fn(&mut RunConfig, bool),
-) -> f64 {
+fn assert_mean_stays(name: &str, subject: &Subject, bounces: u32, change: fn(&mut RunConfig, bool)) -> f64 {
     let mut noise = f64::NAN;
+    static IDENTITY: LazyLock<Denoiser> = LazyLock::new(|| Denoiser::register(&Identity).unwrap());
     // One sample goes through the pixel's centre; several are spread over the pixel.
     for spp in [1, 4] {
         let side = |is_on: bool, seed: u32| {
             let mut settings = subject.settings(EXTENT.width, EXTENT.height);
             settings.seed = seed;
             let most = &mut settings.envelope.most;
-            (most.denoiser, most.iterations, most.spp, most.bounces) = (Some(identity), [1; 3], spp, bounces);
+            (most.denoiser, most.iterations, most.spp, most.bounces) = (Some(*IDENTITY), [1; 3], spp, bounces);
             change(&mut settings, is_on);
             move |numbers: Range<u64>, _| renders(subject, 0.0, &settings, numbers)
         };
@@ -354,24 +340,20 @@ fn hard_shadows_outside_the_denoiser_change_the_noise_and_not_the_mean() {
     for (name, light) in lit::HARD {
         let subject = subject(lit::things(name, light));
         assert!(subject.needs.hard_lights, "{name}");
-        let noise = assert_mean_stays(name, &subject, *IDENTITY, 2, |settings, is_on| settings.hard_shadows = is_on);
+        let noise = assert_mean_stays(name, &subject, 2, |settings, is_on| settings.hard_shadows = is_on);
         // Every path samples the only light. One of several adds noise if paths choose among them.
         let most = if name == "hard_point" { 1.001 } else { 0.8 };
         assert!(noise < most, "{name}: the variance is {noise} of that without");
     }
 }
 
-/// Add rows in [`lit::MIRRORS`]. Few reflections end in the middle of a chain of mirrors. Glass reflects specular light,
-/// which denoisers may get apart.
+/// Add rows in [`lit::MIRRORS`]. Few reflections end in the middle of a chain of mirrors.
 #[test]
 fn following_mirrors_changes_the_noise_and_not_the_mean() {
-    let bounces = [4, 2, 3, 3, 5, 3];
-    for ((name, mirrors), bounces) in lit::MIRRORS.into_iter().zip(bounces) {
+    for ((name, mirrors), bounces) in lit::MIRRORS.into_iter().zip([4, 2, 3, 3, 5, 3]) {
         let subject = subject(lit::things(name, mirrors));
         assert!(subject.needs.mirrors, "{name}");
-        let identity = if name.contains("a_glass") || name == "a_pane" { *SPLIT } else { *IDENTITY };
-        let noise =
-            assert_mean_stays(name, &subject, identity, bounces, |settings, is_on| settings.follow_mirrors = is_on);
+        let noise = assert_mean_stays(name, &subject, bounces, |settings, is_on| settings.follow_mirrors = is_on);
         println!("{name}: {noise:.3} of the variance");
     }
 }
