@@ -3,7 +3,7 @@
 // light with hard shadows counts as emission if the denoiser leaves it out. Perfect mirrors and clear glass may be
 // replaced by the surfaces that they show.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path mirror pack mirrored footprint foveation bindings
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path motion last_surface mirror pack mirrored footprint foveation bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -55,8 +55,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             tag |= u32(round(roughness * ROUGHNESS_STEPS)) << ROUGHNESS_SHIFT;
         }
     }
-    let place = select(hit.bary, vec2<f32>(hit.t, 0.0), links.count > 0u);
-    hit_image[at] = vec4<u32>(hit.prim, bitcast<vec2<u32>>(place), tag);
+    var place = bitcast<vec2<u32>>(hit.bary);
+    if HAS_MIRRORS {
+        let mirrored = vec2<u32>(bitcast<u32>(hit.t), pack_mirrored(hit.bary, links.has_moved));
+        place = select(place, mirrored, links.count > 0u);
+    }
+    hit_image[at] = vec4<u32>(hit.prim, place, tag);
     guide_image[at] = select(
         vec4<u32>(0u, 0u, 0u, NO_NORMAL),
         vec4<u32>(bitcast<vec3<u32>>(first.surface.position), pack_normal(first.surface.normal)),

@@ -5,9 +5,9 @@
 // - The surface of a pixel of the current frame is tracked back to the previous frame. The paper projects surfaces of
 //   the previous frame forwards.
 // - The retraced paths are additional. In the paper, they replace paths of the current frame.
-// - There are no gradients if the previous frame had several samples per pixel.
+// - There are no gradients if the previous frame had several samples per pixel, and none in mirrors and behind glass.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack motion bindings
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack mirrored motion bindings
 
 // `gradient` compares the luminance of demodulated illumination between the two frames. Component x: current minus
 // previous luminance. Component y: the larger of both.
@@ -50,7 +50,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pick = hash_combine(hash_combine(frame.sampling.index, tile.x), tile.y) % (TILE * TILE);
     let pixel = min(tile * TILE + vec2<u32>(pick % TILE, pick / TILE), size - 1u);
     let last = last_surface[pixel.y * size.x + pixel.x];
-    if last.w == NO_NORMAL || frame.history.rows == NO_HISTORY || previous.sampling.is_jittered != 0u {
+    if last.w == NO_NORMAL || was_mirrored(last) || frame.history.rows == NO_HISTORY || previous.sampling.is_jittered != 0u {
         return;
     }
     let eye = previous.views[0];
@@ -70,7 +70,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let normal = unpack_normal(last.w);
     let off = abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position));
     let is_same = guide.w != NO_NORMAL && off < 0.01 * point.z && dot(unpack_normal(guide.w), normal) > 0.9;
-    if !is_same || before.w == 0u || (hit.x & SPHERE) != 0u {
+    if !is_same || is_mirrored(hit) || before.w == 0u || (hit.x & SPHERE) != 0u {
         return;
     }
     let then = all_luminance(unpack_sampled(before));

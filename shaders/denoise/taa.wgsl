@@ -4,7 +4,7 @@
 // so that bright edges keep their energy; history is looked up by cubic interpolation of whole pixels; the length of
 // history is counted in frames, and bounded by motion.
 
-//!include frame grid projection motion pack display light_change bindings
+//!include frame grid projection motion pack mirrored display light_change bindings
 
 // `resolved` holds linear light in RGB, and in alpha the number of frames that are averaged in it.
 
@@ -113,7 +113,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var carried = 0.0;
     if HAS_MOTION {
         last = last_surface[pixel_index(vec2<u32>(front))];
-        let is_surface = last.w != NO_NORMAL && depth > 0.0;
+        let is_surface = last.w != NO_NORMAL && depth > 0.0 && !was_mirrored(last);
         let followed = pixel_of(bitcast<vec3<f32>>(last.xyz), eye);
         carried = select(0.0, min(length(way_between(seen.xy, followed.xy, eye)), 1.0), is_surface);
         seen = select(seen, followed, is_surface);

@@ -14,6 +14,8 @@ struct Links {
     count: u32,
     // Length of the whole path, to the surface or the light at its end; 0 if it ends in the sky.
     distance: f32,
+    // Whether one of them has moved since the previous frame.
+    has_moved: bool,
     // Fraction of uniform light that the glass reflects to the eye.
     albedo: vec3<f32>,
     // One of its reflections, chosen at random: the ray, the medium around it, the number of reflections before it and
@@ -59,6 +61,9 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
     }
     while links.count < most && is_link(*f) {
         let s = (*f).surface;
+        if HAS_MOTION {
+            links.has_moved = links.has_moved || last_surface((*f).hit.prim, (*f).hit.bary, s.position, s.normal).has_moved;
+        }
         let cosine = -dot(*direction, s.normal);
         let in_fresnel = fresnel_cosine(cosine, s.eta);
         let reflected = normalize(*direction + 2.0 * cosine * s.normal);

@@ -1,11 +1,12 @@
 // Packing of pixels for later stages.
 
 // `hit` image. Word x: triangle, NO_PRIM, or SPHERE | light. Words y and z: barycentrics, as floats; if FLAG_MIRRORED is
-// set, word y is the length of the path from the eye over mirrors and glass to the surface. Word w: material and flags.
+// set, word y is the length of the path from the eye over mirrors and glass to the surface, and word z holds both
+// barycentrics and whether the mirrors have moved. Word w: material and flags.
 const FLAG_MIXED: u32 = 0x80000000u;
 const FLAG_VIEW_DEPENDENT: u32 = 0x40000000u;
-// Set for a surface seen in perfect mirrors or through clear glass. It is part of the material, so that history never mixes a surface with its
-// mirror image.
+// Set for a surface seen in perfect mirrors or through clear glass. It is part of the material, so that history never
+// mixes a surface with its mirror image.
 const FLAG_MIRRORED: u32 = 0x00800000u;
 const MATERIAL_MASK: u32 = 0x00ffffffu;
 // Roughness, if the scene has gloss.

@@ -81,7 +81,7 @@ pub struct RunOptions {
     /// Points and spots without a radius and suns with a radius of at most 1 degree have hard shadows.
     #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
     pub hard_shadows: Switch,
-    /// Denoise what perfect mirrors show instead of the mirrors, in static scenes
+    /// Denoise what mirrors and clear glass show, not their own surfaces
     #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
     pub follow_mirrors: Switch,
     /// Upper bound of indirect radiance (biased)

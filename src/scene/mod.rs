@@ -242,8 +242,7 @@ impl Material {
         is_smooth && self.transmission > 0.0 && !self.unlit
     }
 
-    /// Returns true if all lobes of the surface are delta functions wherever they reflect or transmit light, and if its
-    /// normals have no detail.
+    /// Returns true if specular reflection and transmission are delta functions and the normals have no detail.
     fn is_delta(&self) -> bool {
         let is_smooth = self.roughness < MIRROR_ROUGHNESS && self.metallic_roughness_texture.is_none();
         let is_bare = self.normal_map.is_none() && self.clearcoat.factor <= 0.0 && !self.unlit;

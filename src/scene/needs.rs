@@ -38,8 +38,8 @@ pub struct SceneNeeds {
     /// One to four lights with hard shadows. Each can then be traced at the first surface. Like
     /// `gloss`, this flag changes the picture.
     pub hard_lights: bool,
-    /// Perfect mirrors or clear glass. In static scenes, they can be replaced by the surfaces that they show. Like
-    /// `gloss`, this flag changes the picture.
+    /// Perfect mirrors or clear glass. They can be replaced by the surfaces that they show. Like `gloss`, this flag
+    /// changes the picture.
     pub mirrors: bool,
     /// Instances that rays traverse in local space. [`Self::of`] leaves this flag false; it is set according to the
     /// scene's tables.

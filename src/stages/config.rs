@@ -87,7 +87,7 @@ pub struct RunConfig {
     /// True if direct light with hard shadows bypasses the denoiser: it is traced at the first surfaces without noise,
     /// if the scene has few such lights ([`SceneNeeds::hard_lights`]).
     pub hard_shadows: bool,
-    /// True if the denoiser sees the surfaces in perfect mirrors instead of the mirrors, if the scene is static
+    /// True if the denoiser sees the surfaces in perfect mirrors and behind clear glass instead of these
     /// ([`SceneNeeds::mirrors`]).
     pub follow_mirrors: bool,
     /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_fraction`].
@@ -216,8 +216,7 @@ impl RunConfig {
         constants.push(("HAS_GLOSS", self.buffers.needs.gloss && self.is_guided_by_variance()));
         let is_denoised = self.denoiser().is_some();
         constants.push(("HAS_HARD_LIGHTS", self.hard_shadows && self.buffers.needs.hard_lights && is_denoised));
-        let has_mirrors = self.follow_mirrors && self.buffers.needs.mirrors && self.buffers.moving.is_none();
-        constants.push(("HAS_MIRRORS", has_mirrors && is_denoised));
+        constants.push(("HAS_MIRRORS", self.follow_mirrors && self.buffers.needs.mirrors && is_denoised));
         constants.push(("ACCEPTS_MIXED", is_denoised));
         constants.push(("JITTER", jitter));
         constants.push(("MEASURES_VARIANCE", jitter && self.is_guided_by_variance()));

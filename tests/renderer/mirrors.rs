@@ -2,6 +2,7 @@
 //! opening.
 
 use crate::common::{Stage, Subject};
+use crate::reference::scenes::moving::Draft;
 use crate::reference::scenes::{
     add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, place, quad,
 };
@@ -98,6 +99,22 @@ fn subject(name: &str, scene: Scene) -> Subject {
     Subject::new(name, scene, Rig::of_keys(vec![key(0.0, -0.3), key(1.0, 0.9)]))
 }
 
+/// Returns the room with a block that moves, also behind an opening or a pane.
+fn moving_room(wall: Wall) -> Subject {
+    let mut draft = Draft::new("moving");
+    draft.scene = room(wall).scene;
+    let red = add_matte(&mut draft.scene, vec3(0.8, 0.2, 0.2));
+    let mesh = add_mesh(&mut draft.scene, block(red));
+    let way = [vec3(-0.4, 0.4, 0.5), vec3(0.8, 0.7, 0.4)];
+    let over = |p: Vec3| vec3(p.x, p.y, 2.0 * MIRROR_Z - p.z);
+    for [from, to] in [way, way.map(over)].into_iter().take(if wall == Wall::Mirror { 1 } else { 2 }) {
+        let node = draft.node(None, from.as_dvec3(), DVec3::splat(0.3));
+        draft.shift(node, from, to);
+        draft.body(mesh, node, None, Vec::new());
+    }
+    subject(&format!("moving {wall:?}"), draft.done())
+}
+
 fn settings(subject: &Subject, denoiser: Denoiser) -> RunConfig {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     (settings.envelope.most.denoiser, settings.envelope.most.bounces) = (Some(denoiser), BOUNCES);
@@ -173,6 +190,27 @@ fn mirrors_and_panes_show_a_room_as_well_as_an_opening_would() {
     assert!(fails.is_empty(), "{fails:#?}");
 }
 
+/// Surfaces that move have no history in mirrors and behind panes.
+#[test]
+fn mirrors_and_panes_show_a_moving_room_as_well_as_an_opening_would() {
+    let [mirror, pane, opening] = [Wall::Mirror, Wall::Pane, Wall::Opening].map(moving_room);
+    let twin = errors(&opening, &reference(&opening, true), true, true);
+    let mut fails = Vec::new();
+    for subject in [&mirror, &pane] {
+        let expected = reference(subject, true);
+        let [followed, blurred] = [true, false].map(|follow| errors(subject, &expected, follow, true));
+        for eye in [0, 1] {
+            let [a, b, c] = [&twin, &followed, &blurred].map(|e| (e[eye].psnr, e[eye].flip));
+            let what = format!("{}, eye {eye}: {b:.3?}, blurred {c:.3?}, opening {a:.3?}", subject.name);
+            println!("{what}");
+            if b.0 < a.0 - 1.5 || b.1 > 0.85 * c.1 {
+                fails.push(what);
+            }
+        }
+    }
+    assert!(fails.is_empty(), "{fails:#?}");
+}
+
 /// Pixels of the mirror are holes where those of the opening are: where the left eye does not see the point.
 #[test]
 fn the_right_eye_takes_over_light_in_plane_mirrors() {
@@ -212,16 +250,18 @@ fn hall_of_mirrors() -> Subject {
 
 #[test]
 fn frames_that_follow_mirrors_have_the_bytes_of_one_device() {
-    let subject = hall_of_mirrors();
-    for (denoiser, spp) in [(Denoiser::SVGF, 1), (Denoiser::BMFR, 1), (Denoiser::SVGF, 2)] {
-        let mut settings = settings(&subject, denoiser);
+    let [still, moving] = [hall_of_mirrors(), moving_room(Wall::Mirror)];
+    let of_still = [(&still, Denoiser::SVGF, 1), (&still, Denoiser::BMFR, 1), (&still, Denoiser::SVGF, 2)];
+    let of_moving = [(&moving, Denoiser::SVGF, 1), (&moving, Denoiser::BMFR, 1)];
+    for (subject, denoiser, spp) in of_still.into_iter().chain(of_moving) {
+        let mut settings = settings(subject, denoiser);
         settings.envelope.most.spp = spp;
         let [one, three] = [1, 3].map(|devices| {
-            let mut stage = Stage::even(&subject, &settings, devices);
+            let mut stage = Stage::even(subject, &settings, devices);
             (0..3).map(|index| stage.frame_at(f64::from(index) / FPS, index)).collect::<Vec<_>>()
         });
         for (index, (one, three)) in one.iter().zip(&three).enumerate() {
-            let what = format!("{denoiser:?}, {spp} spp, frame {index}");
+            let what = format!("{}, {denoiser:?}, {spp} spp, frame {index}", subject.name);
             assert_same(&what, &one.linear, &three.linear);
             assert_eq!(one.report.tallies, three.report.tallies, "{what}");
         }

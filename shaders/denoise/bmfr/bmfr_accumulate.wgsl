@@ -80,7 +80,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let scale = select(0.0, 1.0 / max(past.found, LEAST_FOUND), found);
     var frames = min(past.frames * scale, longest_in_light());
     if HAS_MOTION && !IS_POLAR {
-        frames *= kept_in_light(tile_of(pixel, position), frames, 1.0);
+        frames *= kept_in_light(tile_of(pixel, image), frames, 1.0);
     }
     // Minimum blend weight of this frame.
     let least = bitcast<f32>(pass_.args[0]);

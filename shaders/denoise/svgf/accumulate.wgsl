@@ -33,6 +33,8 @@ const FEW_OBSERVATIONS: f32 = 24.0;
 const LONGEST_MOVED: f32 = 32.0;
 const LONGEST_STILL: f32 = 255.0;
 const LONGEST_VIEW_DEPENDENT: f32 = 6.0;
+// Maximum history in mirrors and behind glass in dynamic scenes, in frames.
+const LONGEST_MIRRORED: f32 = 12.0;
 // Number of frames in the recent mean, and number of standard deviations by which the recent mean may differ from the
 // mean of the whole history.
 const RECENT_FRAMES: f32 = 4.0;
@@ -200,10 +202,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if !HAS_GLOSS && (hit & FLAG_VIEW_DEPENDENT) != 0u && eye_moved {
         longest = LONGEST_VIEW_DEPENDENT;
     }
+    // There are no temporal gradients in mirrors.
+    if HAS_MIRRORS && HAS_MOTION && is_mirrored(hit_image[at]) {
+        longest = min(longest, LONGEST_MIRRORED);
+    }
     longest = min(longest, longest_in_light());
     var keep = min(longest / max(frames, 1.0), 1.0);
     if HAS_MOTION && !IS_POLAR {
-        keep *= kept_in_light(tile_of(pixel, position), samples * keep, max(new_samples, 1.0));
+        keep *= kept_in_light(tile_of(pixel, image), samples * keep, max(new_samples, 1.0));
     }
     samples *= keep;
     frames *= keep;

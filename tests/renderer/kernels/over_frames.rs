@@ -102,7 +102,7 @@ fn resolved_frames_are_averaged() {
     for (number, frame) in frames.iter().enumerate() {
         let constants = Constants { history_rows: (number > 0).then_some(0), ..constants.clone() };
         let composed: Vec<_> = frame.iter().map(|light| floats(light.matte, 3.0)).collect();
-        let outputs = Kernel::new("taa", &[("HAS_MOTION", false)]).run(
+        let outputs = Kernel::new("taa", &[("HAS_MOTION", false), ("HAS_MIRRORS", false)]).run(
             &constants,
             stripe.pass(1, [0; 3]),
             WIDTH,

@@ -125,8 +125,14 @@ fn gradients(
     outputs.get("gradient")
 }
 
-fn overrides(format: Format) -> [(&'static str, bool); 4] {
-    [("SOBOL", true), ("HAS_GLOSS", format.gloss), ("HAS_MOTION", true), ("HAS_HARD_LIGHTS", false)]
+fn overrides(format: Format) -> [(&'static str, bool); 5] {
+    [
+        ("SOBOL", true),
+        ("HAS_GLOSS", format.gloss),
+        ("HAS_MOTION", true),
+        ("HAS_HARD_LIGHTS", false),
+        ("HAS_MIRRORS", false),
+    ]
 }
 
 /// Damages a pixel of the previous frame: its surface may be gone, may not be sampled, or may be a lamp.
@@ -291,6 +297,7 @@ fn traced(
         ("HAS_GLOSS", format.gloss),
         ("HAS_HARD_LIGHTS", false),
         ("HAS_MIRRORS", false),
+        ("HAS_MOTION", false),
         ("JITTER", false),
         ("MEASURES_VARIANCE", false),
     ];
