@@ -145,8 +145,9 @@ fn unoccluded(s: Surface, medium: Medium, light: LightSample, scattered: Scatter
     return radiance;
 }
 
-// Light from the lights with hard shadows that a first surface scatters to the eye, over `links` mirrors and glass surfaces. A point on
-// each light is sampled; since these lights are points or nearly so, the light has no noise but in narrow penumbrae.
+// Light from the lights with hard shadows that a first surface scatters to the eye, over `links` mirrors and glass
+// surfaces. A point on each light is sampled; since these lights are points or nearly so, the light has no noise but in
+// narrow penumbrae.
 fn hard_light(f: FirstHit, direction: vec3<f32>, links: u32, rng_in_pixel: Rng, rays: ptr<function, u32>) -> vec3<f32> {
     var sum = vec3<f32>(0.0);
     if (f.hit.prim & SPHERE) != 0u || links >= frame.sampling.reflections {

@@ -62,6 +62,16 @@ fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bo
     Eyes { hit, guide, left_radiance: (0..area).map(|_| radiance()).collect() }
 }
 
+/// Overrides of a frame with one sample in every pixel, without layers and gloss.
+const PLAIN: [Override; 6] = [
+    ("HAS_GLOSS", false),
+    ("SOBOL", true),
+    ("FOVEATED", false),
+    ("SPARSE", false),
+    ("ACCEPTS_MIXED", false),
+    ("HAS_MIRRORS", true),
+];
+
 fn run(
     constants: &Constants,
     stripe: &Stripe,
@@ -214,14 +224,6 @@ fn whole_pixels_are_gathered_from_one_pixel() {
     let eye = Eye::at_origin(Vec2::splat(0.5));
     let constants = Constants { eyes: [eye, eye.moved(0.5 * DVec3::X, 0.0, 0.0)], ..Constants::new(16, 1) };
     let format = Format { gloss: false, exposure: 1.0 };
-    let overrides = [
-        ("HAS_GLOSS", false),
-        ("SOBOL", true),
-        ("FOVEATED", false),
-        ("SPARSE", false),
-        ("ACCEPTS_MIXED", false),
-        ("HAS_MIRRORS", true),
-    ];
     let guides = constants.eyes.map(|eye| {
         let behind = |x: u32| f64::from(eye.origin.x) + (f64::from(x) + 0.5) / 4.0 - 2.0;
         (0..16).map(|x| pack_guide(DVec3::new(behind(x), 0.0, -4.0), DVec3::Z)).collect::<Vec<_>>()
@@ -234,7 +236,7 @@ fn whole_pixels_are_gathered_from_one_pixel() {
     let radiance = (0..16).map(|x| format.pack_sampled(&light(x))).collect();
     let eyes = Eyes { hit, guide: guides, left_radiance: radiance };
     let stripe = Stripe { rows: 0..1, valid: 0..1 };
-    let outputs = run(&constants, &stripe, overrides, &eyes, &[[9; 4]; 16], &[0; 16]);
+    let outputs = run(&constants, &stripe, PLAIN, &eyes, &[[9; 4]; 16], &[0; 16]);
     let (gathered, counted) = (outputs.get::<[u32; 4]>("radiance_image"), outputs.get::<u32>("tally_image"));
     for x in 0..16 {
         let expected = match x {
@@ -254,21 +256,13 @@ fn whole_pixels_are_gathered_from_one_pixel() {
 
 #[test]
 fn holes_are_dispatched_in_whole_groups() {
-    let overrides = [
-        ("HAS_GLOSS", false),
-        ("SOBOL", true),
-        ("FOVEATED", false),
-        ("SPARSE", false),
-        ("ACCEPTS_MIXED", false),
-        ("HAS_MIRRORS", true),
-    ];
     for count in [1, 64, 65, 128, 129] {
         let constants = Constants::new(count, 1);
         let zero = vec![[0; 4]; count as usize];
         let hit = [zero.clone(), vec![[1, 2, 3, 7 | MIXED]; count as usize]];
         let eyes = Eyes { hit, guide: [zero.clone(), zero.clone()], left_radiance: zero.clone() };
         let stripe = Stripe { rows: 0..1, valid: 0..1 };
-        let outputs = run(&constants, &stripe, overrides, &eyes, &zero, &vec![0; count as usize]);
+        let outputs = run(&constants, &stripe, PLAIN, &eyes, &zero, &vec![0; count as usize]);
         assert_lists(&outputs.get::<u32>("holes"), (0..count).collect());
     }
 }

@@ -1,6 +1,6 @@
 //! Reprojection by the published method (Adelson & Hodges 1993). A pixel of the right eye interpolates the two pixels
-//! of its row where the left eye sees its surface, if they show the same surface. In mirrors, the left eye is searched for the
-//! image of the surface, and points must be as far apart as their images.
+//! of its row where the left eye sees its surface, if they show the same surface. In mirrors, the left eye is searched
+//! for the image of the surface, and points must be as far apart as their images.
 
 use glam::{DVec2, DVec3};
 
