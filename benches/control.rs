@@ -42,6 +42,7 @@ fn ladder(rungs: usize) -> Ladder {
             scale: 1.0,
         },
         stage_ms: Default::default(),
+        rays: Default::default(),
     };
     let (shot, size, devices, version, measure) = Default::default();
     let origin = Origin { shot, size, exposure_ev: 0.0, measure, devices, version };

@@ -99,9 +99,13 @@ pub fn lack_path_times(rungs: &[Rung]) -> bool {
     rungs.iter().any(|r| !r.stage_ms.is_empty()) && !have_path_times(rungs)
 }
 
-/// Returns the relative cost of tracing on each rung: measured if all rungs have a time of path tracing, otherwise
-/// estimated. A rung's relative cost of path tracing does not depend on the other rungs, so costs learned with one set
-/// of rungs hold for another.
+/// Least number of rays per pixel from which a stage's relative cost is taken. With fewer, as in hole filling where
+/// nothing is disoccluded, the ratio of two rungs is noise.
+const MIN_RAYS: f64 = 1e-3;
+
+/// Returns the relative cost of tracing on each rung. It is the number of rays of stages that trace paths if all rungs
+/// have it. Otherwise it is their measured time if all rungs have one of path tracing, or an estimate. A rung's relative
+/// cost of path tracing does not depend on the other rungs, so costs learned with one set of rungs hold for another.
 pub fn relative_costs(rungs: &[Rung]) -> Vec<RelativeCost> {
     let are_timed = have_path_times(rungs);
     let Some(first) = rungs.first() else { return Vec::new() };
@@ -110,7 +114,18 @@ pub fn relative_costs(rungs: &[Rung]) -> Vec<RelativeCost> {
         let unit = if stage == GBUFFER { ms(first)? } else { 1.0 };
         Some((stage, ms(rung)? / unit))
     };
+    let traces = [PATH_TRACE, HOLE_FILL];
+    let rays = |rung: &Rung, stage: Stage| rung.rays.get(stage.name()).copied().filter(|rays| *rays > MIN_RAYS);
+    let are_counted = |stage: Stage| rungs.iter().all(|rung| rays(rung, stage).is_some());
+    let (counts_paths, counts_holes) = (are_counted(PATH_TRACE), are_counted(HOLE_FILL));
     let of = |rung: &Rung| match are_timed {
+        true if counts_paths => {
+            // Without enough rays in holes, their number is assumed to rise like that of all paths.
+            let holes = if counts_holes { HOLE_FILL } else { PATH_TRACE };
+            let counted = traces.into_iter().zip([PATH_TRACE, holes]);
+            let counted = counted.filter_map(|(stage, like)| Some((stage, rays(rung, like)?)));
+            RelativeCost::new(counted.chain(measured(rung, GBUFFER)))
+        }
         true => RelativeCost::new(TRACING.into_iter().filter_map(|stage| measured(rung, stage))),
         false => guessed_relative_cost(&rung.quality),
     };
@@ -125,8 +140,9 @@ mod tests {
         let denoiser = Some(Denoiser::SVGF);
         let quality = Quality { spp, bounces, denoiser, iterations: [3; 3], fovea: None, polar: None, scale: 1.0 };
         let stage_ms = path_ms.map(|ms| ("path_trace".to_owned(), ms)).into_iter().collect();
+        let rays = Default::default();
         let (flip, flicker, relmse, is_estimated) = (None, None, None, true);
-        Rung { time_ms: 1.0, error: 0.1, flip, flicker, relmse, is_estimated, quality, stage_ms }
+        Rung { time_ms: 1.0, error: 0.1, flip, flicker, relmse, is_estimated, quality, stage_ms, rays }
     }
 
     #[test]
@@ -156,6 +172,14 @@ mod tests {
     fn relative_costs_are_measured_where_all_rungs_are() {
         let of = |rungs: &[Rung]| relative_costs(rungs).iter().map(|e| e.of(PATH_TRACE)).collect::<Vec<_>>();
         assert_eq!(of(&[rung(1, 1, Some(2.0)), rung(4, 1, Some(9.0))]), [2.0, 9.0]);
+        let counted = |spp: u32, rays: f64| Rung {
+            rays: [("path_trace".to_owned(), rays), ("hole_fill".to_owned(), 0.0)].into(),
+            ..rung(spp, 1, Some(f64::from(spp)))
+        };
+        assert_eq!(of(&[counted(1, 3.0), counted(4, 12.0)]), [3.0, 12.0]);
+        assert_eq!(of(&[counted(1, 3.0), rung(4, 1, Some(9.0))]), [1.0, 9.0]);
+        let holes = relative_costs(&[counted(1, 3.0), counted(4, 12.0)]);
+        assert_eq!(holes[1].of(HOLE_FILL), 12.0);
         let mixed = [rung(1, 1, Some(2.0)), rung(4, 2, None)];
         assert_eq!(of(&mixed), [2.0, 12.0]);
         assert!(lack_path_times(&mixed) && !lack_path_times(&mixed[..1]) && !lack_path_times(&mixed[1..]));

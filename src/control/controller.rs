@@ -1,27 +1,39 @@
 //! Picks the rung of the next frame.
 //!
-//! The target is the most expensive rung that is predicted to stay inside the band, with headroom for the scatter of
-//! frames. Above the band the controller drops straight to the target, below the band it jumps straight up to it, and
-//! within the band it climbs one rung at a time. If no rung fits with headroom, a rung just inside the band is better
-//! than one below it. The expected time is the prediction times the learned correction factor ([`super::correction`]).
+//! The target is the rung of least error that is predicted to fit the budget with headroom for the scatter of frames.
+//! The headroom is a quantile of the ratio of measured to predicted times of the last frames, such that a fraction
+//! [`LATE`] of them would exceed it. The predictor alone learns costs.
+//!
+//! The controller drops at once if the current rung is predicted not to fit, or if two of its last three frames were
+//! late. It climbs after [`QUIET`] frames in time.
 
-use super::correction::Correction;
+use std::collections::VecDeque;
+
 use super::{Budget, Ladder};
 
-/// Minimum number of frames after a change of rung or devices before the controller climbs to a more expensive rung.
-pub const CLIMB_EVERY: u32 = 8;
-/// Minimum number of frames after such a change before the controller climbs from a rung that is below the band. It is
-/// smaller, since a drop after a burst of load may have gone too far.
-pub const CLIMB_BACK_AFTER: u32 = 4;
-/// Number of frames after a climb within which a drop marks the climb as a mistake.
-const PROBATION: u32 = 16;
-/// Number of frames for which a rung is locked out after the first such mistake, and the maximum of this number. Each
-/// further mistake doubles the number.
-const RETRY_AFTER: [u32; 2] = [32, 1024];
-/// Ratio of the times of two neighbouring rungs above which a step up needs less headroom.
-const COARSE: f64 = 1.3;
-/// Maximum of the margin for the scatter of frame times, a factor (see [`Correction::margin`]).
-const MARGIN_MAX: f64 = 1.2;
+/// Number of frames in time on the current rung after which the controller may climb.
+pub const QUIET: usize = 3;
+/// Fraction of frames that may be late.
+pub const LATE: f64 = 0.02;
+/// Number of frames whose scatter determines the headroom.
+const WINDOW: usize = 500;
+/// Assumed scatter before the first frame: values and their numbers.
+const FIRST_SCATTER: [(f64, usize); 2] = [(0.0, 48), (0.25, 2)];
+/// Maximum of the headroom, a logarithm.
+const MOST_HEADROOM: f64 = std::f64::consts::LN_2;
+/// Factor of the predicted time by which a rung must fit to be climbed to, and by which the current rung may exceed the
+/// budget before the controller drops. The gap prevents oscillation.
+const HYSTERESIS: f64 = 1.02;
+/// Number of late frames on a rung, since the climb to it, that lock it out.
+const STRIKES: u32 = 3;
+/// Number of decisions for which a rung is locked out, and after a climb for which late frames count as strikes.
+const LOCKED: u64 = 32;
+/// Number of frames after the start and after a known disturbance that do not change the headroom.
+const SETTLING: u64 = 8;
+/// Number of decisions whose frames may be in flight.
+const IN_FLIGHT: usize = 16;
+/// Maximum ratio of a measured to a predicted time. Clocks and predictors that are off by more are broken.
+const RATIO_MAX: f64 = 1e3;
 
 /// Predicts frame times.
 pub trait Predict {
@@ -41,19 +53,20 @@ impl<F: Fn(usize) -> f64> Predict for F {
 pub struct Decision {
     /// Index into the ladder's rungs.
     pub rung: usize,
-    /// The corrected prediction of the frame's makespan.
+    /// The prediction of the frame's makespan.
     pub expected_ms: f64,
     /// False if no rung is expected to stay within the budget. The rung is then the cheapest.
     pub fits: bool,
 }
 
-/// Lock-out state of a rung, from the outcome of earlier climbs to it.
-#[derive(Clone, Debug)]
+/// Late frames of a rung since the last climb to it.
+#[derive(Clone, Copy, Debug, Default)]
 struct Trial {
+    /// Number of the decision to climb.
+    climbed_at: u64,
+    strikes: u32,
     /// Number of the first decision that may climb to the rung.
-    from: u64,
-    /// Number of decisions for which the next mistake locks the rung out.
-    retry_after: u32,
+    open_from: u64,
 }
 
 #[derive(Clone, Debug)]
@@ -61,38 +74,97 @@ pub struct Controller {
     budget: Budget,
     /// Times of the ladder's rungs.
     times_ms: Vec<f64>,
-    correction: Correction,
+    /// Logarithms of measured over predicted time of the last frames.
+    scatter: VecDeque<f64>,
+    /// Logarithm of the factor by which a predicted time must stay below the budget.
+    headroom: f64,
+    /// Rungs and predicted times of the last decisions.
+    predicted: VecDeque<(usize, f64)>,
     /// The rung of the last frame, `None` before the first.
     rung: Option<usize>,
-    decisions: u64,
-    changed_at: u64,
-    /// Rung of the last climb and the number of that decision, while the climb is on probation.
-    climbed: Option<(usize, u64)>,
+    /// Measured times of the last frames on this rung since the last change, the newest last.
+    recent_ms: Vec<f64>,
     trials: Vec<Trial>,
+    decisions: u64,
+    /// Number of the first decision whose frames change the headroom again.
+    settled_from: u64,
 }
 
 impl Controller {
     pub fn new(ladder: &Ladder, budget: Budget) -> Self {
         let times_ms: Vec<f64> = ladder.rungs().iter().map(|r| r.time_ms).collect();
-        let trials = vec![Trial { from: 0, retry_after: RETRY_AFTER[0] }; times_ms.len()];
-        let correction = Correction::default();
-        Self { budget, times_ms, correction, rung: None, decisions: 0, changed_at: 0, climbed: None, trials }
+        Self {
+            budget,
+            scatter: FIRST_SCATTER.into_iter().flat_map(|(value, count)| std::iter::repeat_n(value, count)).collect(),
+            headroom: FIRST_SCATTER[1].0,
+            predicted: VecDeque::with_capacity(IN_FLIGHT),
+            rung: None,
+            recent_ms: Vec::with_capacity(QUIET),
+            trials: vec![Trial::default(); times_ms.len()],
+            decisions: 0,
+            settled_from: SETTLING,
+            times_ms,
+        }
+    }
+
+    /// Returns the factor by which a predicted time must stay below the budget.
+    pub fn headroom(&self) -> f64 {
+        self.headroom.exp()
     }
 
     /// Adds the makespan of a finished frame. Frames may finish in any order, and any number of frames after their
     /// decision. Times that are not positive and finite are ignored.
     pub fn observe(&mut self, rung: usize, makespan_ms: f64) {
-        if makespan_ms.is_finite() && makespan_ms > 0.0 {
-            self.correction.learn(rung.min(self.times_ms.len() - 1), makespan_ms);
+        if !(makespan_ms.is_finite() && makespan_ms > 0.0) || rung >= self.times_ms.len() {
+            return;
+        }
+        let is_late = makespan_ms > self.budget.hi_ms();
+        let decided = self.predicted.iter().position(|(of, _)| *of == rung);
+        if let Some((_, predicted_ms)) = decided.and_then(|at| self.predicted.remove(at))
+            && self.decisions > self.settled_from
+        {
+            self.learn_scatter((makespan_ms / predicted_ms).ln());
+        }
+        let trial = &mut self.trials[rung];
+        if is_late && self.decisions <= trial.climbed_at + LOCKED && trial.climbed_at > 0 {
+            trial.strikes += 1;
+            if trial.strikes >= STRIKES {
+                *trial = Trial { open_from: self.decisions + LOCKED, ..Trial::default() };
+            }
+        }
+        if self.rung == Some(rung) {
+            if self.recent_ms.len() == QUIET {
+                self.recent_ms.remove(0);
+            }
+            self.recent_ms.push(makespan_ms);
         }
     }
 
+    fn learn_scatter(&mut self, deviation: f64) {
+        if self.scatter.len() == WINDOW {
+            self.scatter.pop_front();
+        }
+        self.scatter.push_back(deviation);
+        let mut sorted: Vec<f64> = self.scatter.iter().copied().collect();
+        let above = (LATE * sorted.len() as f64).ceil() as usize - 1;
+        let (_, quantile, _) = sorted.select_nth_unstable_by(above, |a, b| b.total_cmp(a));
+        self.headroom = quantile.clamp(0.0, MOST_HEADROOM);
+    }
+
     /// Adapts to devices that were added, removed or changed in speed. The last frames then do not predict the next
-    /// ones, but the correction factor still holds.
+    /// ones.
     pub fn devices_changed(&mut self) {
-        self.correction.forget_frames();
-        self.changed_at = self.decisions;
-        self.climbed = None;
+        self.recent_ms.clear();
+        self.trials.fill(Trial::default());
+        self.settled_from = self.decisions + SETTLING;
+    }
+
+    /// Replaces the budget.
+    pub fn set_budget(&mut self, budget: Budget) {
+        if budget != self.budget {
+            self.budget = budget;
+            self.devices_changed();
+        }
     }
 
     /// Picks the rung of the next frame. It calls `predictor` at most a few times per rung, and not at all for most
@@ -103,98 +175,56 @@ impl Controller {
             let ms = predictor.makespan_ms(rung);
             if ms.is_finite() && ms > 0.0 { ms } else { times_ms[rung] }
         };
-        self.correction.update(predicted_ms);
-        let factor = self.correction.factor();
-        let expected_ms = |rung: usize| predicted_ms(rung) * factor;
+        let excess = self.excess(predicted_ms);
+        let expected_ms = |rung: usize| predicted_ms(rung) * excess;
         let chosen = self.choose(expected_ms);
         let expected_ms = expected_ms(chosen);
+        if self.predicted.len() == IN_FLIGHT {
+            self.predicted.pop_front();
+        }
+        self.predicted.push_back((chosen, expected_ms));
         self.take(chosen);
         Decision { rung: chosen, expected_ms, fits: chosen > 0 || expected_ms <= self.budget.hi_ms() }
     }
 
+    /// Returns true if two of the last three frames on the current rung were late.
+    fn is_overloaded(&self) -> bool {
+        self.recent_ms.iter().filter(|ms| **ms > self.budget.hi_ms()).count() >= 2
+    }
+
+    /// Returns the factor by which the load has risen above predictions: 1 unless the controller is overloaded.
+    fn excess(&self, predicted_ms: impl Fn(usize) -> f64) -> f64 {
+        let Some(rung) = self.rung.filter(|_| self.is_overloaded()) else { return 1.0 };
+        let mut recent_ms = self.recent_ms.clone();
+        recent_ms.sort_by(f64::total_cmp);
+        (recent_ms[recent_ms.len() / 2] / predicted_ms(rung)).clamp(1.0, RATIO_MAX)
+    }
+
     fn choose(&self, expected_ms: impl Fn(usize) -> f64) -> usize {
-        let margin = self.correction.margin().min(MARGIN_MAX);
-        let limits = Limits {
-            lo_ms: self.budget.lo_ms(),
-            reach_ms: self.budget.reach_ms(margin),
-            gap_reach_ms: self.budget.gap_reach_ms(margin),
-        };
-        let rungs = self.times_ms.len();
-        let Some(rung) = self.rung else { return limits.most_expensive(0..rungs, expected_ms).unwrap_or(0) };
-        let now_ms = expected_ms(rung);
-        if now_ms > self.budget.hi_ms() / margin {
-            let lower = limits.most_expensive(0..rung, &expected_ms).unwrap_or(0);
-            // A rung that sometimes exceeds the budget is better than one that is never within the band.
-            let is_held = now_ms <= self.budget.hi_ms() && expected_ms(lower) < limits.lo_ms;
-            return if is_held { rung } else { lower };
+        let limit_ms = self.budget.hi_ms() / self.headroom();
+        let best = |rungs: std::ops::Range<usize>, limit_ms: f64| rungs.rev().find(|&r| expected_ms(r) <= limit_ms);
+        let Some(rung) = self.rung else { return best(0..self.times_ms.len(), limit_ms).unwrap_or(0) };
+        if expected_ms(rung) > (limit_ms * HYSTERESIS).min(self.budget.hi_ms()) {
+            return best(0..rung, limit_ms).unwrap_or(0);
         }
-        let wait = if now_ms < limits.lo_ms { CLIMB_BACK_AFTER } else { CLIMB_EVERY };
-        if self.decisions - self.changed_at < u64::from(wait) {
+        let is_quiet = self.recent_ms.len() == QUIET && self.recent_ms.iter().all(|ms| *ms <= self.budget.hi_ms());
+        if !is_quiet {
             return rung;
         }
-        let may_climb_to = |r: &usize| self.decisions >= self.trials[*r].from;
-        let mut above = rung + 1..rungs;
-        let higher = if now_ms < limits.lo_ms {
-            // Predictions for more expensive rungs are no better than for the rung that turned out to be a mistake.
-            let end = above.find(|r| !may_climb_to(r) || expected_ms(*r) > limits.gap_reach_ms).unwrap_or(rungs);
-            limits.most_expensive(rung + 1..end, &expected_ms)
-        } else {
-            let is_step = rung + 1 < rungs && expected_ms(rung + 1) > COARSE * now_ms;
-            let reach_ms = if is_step { self.budget.step_reach_ms(margin) } else { limits.reach_ms };
-            above.find(|&r| expected_ms(r) <= reach_ms).filter(may_climb_to)
-        };
-        higher.unwrap_or(rung)
+        // Predictions for more expensive rungs are no better than for a rung that is locked out.
+        let is_locked = |r: &usize| self.trials[*r].open_from > self.decisions;
+        let end = (rung + 1..self.times_ms.len()).find(is_locked).unwrap_or(self.times_ms.len());
+        best(rung + 1..end, limit_ms / HYSTERESIS).unwrap_or(rung)
     }
 
-    /// Records the chosen rung. If it is a drop within the probation of a climb, locks out the rung of that climb.
     fn take(&mut self, chosen: usize) {
-        let now = self.decisions;
         self.decisions += 1;
-        if let Some((rung, at)) = self.climbed {
-            let trial = &mut self.trials[rung];
-            if now - at > u64::from(PROBATION) {
-                trial.retry_after = RETRY_AFTER[0];
-                self.climbed = None;
-            } else if chosen < rung {
-                trial.from = now + u64::from(trial.retry_after);
-                trial.retry_after = (2 * trial.retry_after).min(RETRY_AFTER[1]);
-                self.climbed = None;
-            }
+        let before = self.rung.replace(chosen);
+        if before != Some(chosen) {
+            self.recent_ms.clear();
         }
-        let Some(before) = self.rung.replace(chosen) else { return };
-        if chosen != before {
-            self.changed_at = now;
+        if before.is_some_and(|before| chosen > before) {
+            self.trials[chosen] = Trial { climbed_at: self.decisions, ..Trial::default() };
         }
-        if chosen > before {
-            self.climbed = Some((chosen, now));
-        }
-    }
-}
-
-/// Bounds on the expected time of rungs that may be chosen.
-struct Limits {
-    lo_ms: f64,
-    /// Results of [`Budget::reach_ms`] and [`Budget::gap_reach_ms`] for the current scatter.
-    reach_ms: f64,
-    gap_reach_ms: f64,
-}
-
-impl Limits {
-    /// Returns the most expensive of these rungs, which are in ascending order, within `reach_ms`. If that rung is
-    /// below the band, or no rung is within reach, returns the next more expensive one if it is within `gap_reach_ms`.
-    fn most_expensive(
-        &self,
-        rungs: impl DoubleEndedIterator<Item = usize>,
-        expected_ms: impl Fn(usize) -> f64,
-    ) -> Option<usize> {
-        let mut next = None;
-        for rung in rungs.rev() {
-            let ms = expected_ms(rung);
-            if ms <= self.reach_ms {
-                return if ms < self.lo_ms { next.or(Some(rung)) } else { Some(rung) };
-            }
-            next = (ms <= self.gap_reach_ms).then_some(rung);
-        }
-        next
     }
 }

@@ -48,6 +48,8 @@ pub struct Rung {
     pub quality: Quality,
     /// Busy time by stage, summed over views and devices, which a cost model can scale.
     pub stage_ms: BTreeMap<String, f64>,
+    /// Rays per pixel by stage, for stages that trace paths. Empty in older ladders.
+    pub rays: BTreeMap<String, f64>,
 }
 
 /// Serialized form of a rung. The names of estimated values start with `estimated_`.
@@ -76,12 +78,14 @@ pub(super) struct FileRung {
     stage_ms: BTreeMap<String, f64>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     estimated_stage_ms: BTreeMap<String, f64>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    rays: BTreeMap<String, f64>,
 }
 
 impl FileRung {
     pub fn of(rung: &Rung) -> Self {
-        let Rung { time_ms, error, flip, flicker, relmse, is_estimated, quality, stage_ms } = rung.clone();
-        let shared = Self { quality: Some(quality), flip, flicker, relmse, ..Self::default() };
+        let Rung { time_ms, error, flip, flicker, relmse, is_estimated, quality, stage_ms, rays } = rung.clone();
+        let shared = Self { quality: Some(quality), flip, flicker, relmse, rays, ..Self::default() };
         let (time_ms, error) = (Some(time_ms), Some(error));
         match is_estimated {
             true => Self {
@@ -98,7 +102,7 @@ impl FileRung {
     /// Returns the rung, as part of a ladder with this measure. Ladders that do not name their measure store the error
     /// only as `flip`.
     pub fn rung(self, measure: Measure) -> Result<Rung, String> {
-        let Self { estimated, flip, flicker, relmse, .. } = self;
+        let Self { estimated, flip, flicker, relmse, rays, .. } = self;
         let missing = |name: &str| format!("it has no {name}");
         let (time_ms, error, stage_ms) = match estimated {
             true => (
@@ -116,7 +120,7 @@ impl FileRung {
             ),
         };
         let quality = self.quality.ok_or_else(|| missing("knobs"))?;
-        Ok(Rung { time_ms, error, flip, flicker, relmse, is_estimated: estimated, quality, stage_ms })
+        Ok(Rung { time_ms, error, flip, flicker, relmse, is_estimated: estimated, quality, stage_ms, rays })
     }
 }
 
@@ -134,7 +138,8 @@ impl Rung {
         {
             value.map_or(Ok(()), |value| within(name, value, 0.0..=most))?;
         }
-        self.stage_ms.iter().try_for_each(|(stage, &ms)| within(stage, ms, 0.0..=f64::MAX))
+        let mut by_stage = self.stage_ms.iter().chain(&self.rays);
+        by_stage.try_for_each(|(stage, &value)| within(stage, value, 0.0..=f64::MAX))
     }
 
     pub(super) fn check_above(&self, below: &Self) -> Result<(), String> {

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::inputs::Inputs;
 use super::output::Output;
 use super::plan::{History, Plan};
-use crate::graph::{FrameGraph, Program, ProgramError, Resource, Seam};
+use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Resource, Seam};
 use crate::passes::{Declarations, FrameSpec, LATE_PARTITION, ROW_TALLY};
 use crate::quality::Denoiser;
 use crate::schedule::{CostModel, Policy, choose_halo};
@@ -87,11 +87,20 @@ pub struct Planner {
     /// Number of devices at the start.
     devices: usize,
     graphs: Arc<Graphs>,
+    /// Assignment of the next frame, if it was already needed for a prediction.
+    ahead: Option<Assignment>,
 }
 
 impl Planner {
     pub fn new(policy: Box<dyn Policy>, config: &RunConfig, devices: usize, graphs: Arc<Graphs>) -> Self {
-        Self { policy, seam: config.execution.seam, adapts_halo: config.execution.adapts_halo, devices, graphs }
+        Self {
+            policy,
+            seam: config.execution.seam,
+            adapts_halo: config.execution.adapts_halo,
+            devices,
+            graphs,
+            ahead: None,
+        }
     }
 
     pub fn policy_name(&self) -> &'static str {
@@ -101,6 +110,7 @@ impl Planner {
     /// Removes the device with this index among the remaining ones.
     pub fn remove_device(&mut self, place: usize) {
         self.policy.remove_device(place);
+        self.ahead = None;
     }
 
     /// Returns the spec of a frame of this plan.
@@ -111,6 +121,22 @@ impl Planner {
     /// Returns the graph of a plan.
     pub fn graph(&self, plan: &Plan) -> Arc<FrameGraph> {
         self.graphs.of(plan)
+    }
+
+    /// Returns the rows of each device in the next frame on the devices in `left`. The policy decides once per frame, at
+    /// the quality of the frame before if a prediction comes first.
+    fn take_assignment(&mut self, costs: &CostModel, left: &[usize]) -> Assignment {
+        let assign = || self.policy.assign(&costs.of_devices(left)).renumbered(left, self.devices);
+        self.ahead.take().unwrap_or_else(assign)
+    }
+
+    /// Returns the graph of the next frame if it runs this many filter iterations. `last` is the plan of the last frame.
+    pub fn next_graph(&mut self, costs: &CostModel, left: &[usize], iterations: u32, last: &Plan) -> Arc<FrameGraph> {
+        let before = last.assignment.clone();
+        let history = last.history.as_ref().map(|history| History { before, ..history.clone() });
+        let assignment = self.take_assignment(costs, left);
+        self.ahead = Some(assignment.clone());
+        self.graph(&Plan { seam: self.seam, iterations, assignment, history, outputs: last.outputs.clone() })
     }
 
     /// Plans the next frame on the devices in `left`.
@@ -124,7 +150,7 @@ impl Planner {
         let iterations = inputs.quality.most_iterations();
         costs.set_quality(iterations, &inputs.relative_cost);
         self.plan_halo(costs, left);
-        let mut assignment = self.policy.assign(&costs.of_devices(left)).renumbered(left, self.devices);
+        let mut assignment = self.take_assignment(costs, left);
         if inputs.late.is_some() {
             // Only the primary asks for the pose, so it executes all passes of late reprojection.
             assignment.gather(LATE_PARTITION);

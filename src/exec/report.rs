@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use super::late_latching::SampledPose;
 use super::messages::TaskTime;
-use crate::graph::{Assignment, FrameGraph, Program, Stage, TaskKind};
+use crate::graph::{Assignment, FrameGraph, Program, Stage, TaskKind, Work};
 use crate::passes::path_trace::PARTITION;
 use crate::passes::{FrameSpec, HoleReason, RowTally, Views};
 use crate::scene::rig::Eye;
@@ -138,6 +138,18 @@ impl FrameReport {
             *sums.entry(task.stage.to_string()).or_default() += task.end_ms - task.begin_ms;
         }
         sums
+    }
+
+    /// Returns the rays per pixel of each stage that traces paths, without those of the G-buffer.
+    pub fn stage_rays(&self) -> BTreeMap<String, f64> {
+        let counts = self.program.passes().iter().map(|linked| &linked.pass).filter(|pass| pass.work == Work::Rays);
+        let mut rays = BTreeMap::new();
+        for pass in counts {
+            let (tally, pixels) = (&self.tallies[pass.view as usize], self.pixels[pass.view as usize]);
+            *rays.entry(pass.stage.name().to_owned()).or_default() +=
+                tally.rays.saturating_sub(pixels) as f64 / pixels.max(1) as f64;
+        }
+        rays
     }
 
     /// Returns the busy time of each device of the run in milliseconds: the time that its queue spent executing stages.

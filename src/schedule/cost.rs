@@ -1,15 +1,17 @@
 //! Cost model: the time per unit of work for each stage, view and device, learned from previous frames.
 //!
-//! Passes that trace paths count rays, and a row of the next frame is assumed to need as many rays as it did in the
-//! last one. Other passes count rows. The time per unit of a device is learned from its own stripes, so devices of
+//! Passes that trace paths count rays and pixels, and a row of the next frame is assumed to need as many rays as it did
+//! in the last one. Other passes count rows. The time per unit of a device is learned from its own stripes, so devices of
 //! different speed need no description.
 
+mod idle;
 pub mod stripes;
 
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
+use self::idle::IdleRays;
 use super::learned::{Line, Mean};
 use super::network::Network;
 use super::relative_cost::RelativeCost;
@@ -58,10 +60,6 @@ pub struct FrameCosts {
     pub relative_cost: RelativeCost,
 }
 
-/// Cost of visiting a pixel, in rays. It is added for every pixel, since path tracing and hole filling visit even those
-/// that start no path.
-const RAYS_PER_IDLE_PIXEL: f64 = 1.0 / 32.0;
-
 #[derive(Clone, Debug)]
 pub struct CostModel {
     spec: FrameSpec,
@@ -69,6 +67,9 @@ pub struct CostModel {
     program: Arc<Program>,
     /// All pairs of stage and view that were ever planned. Learned times are stored by the index of the pair.
     stages: Vec<StageOfView>,
+    /// Fixed cost per pixel of passes that count rays, by index in `stages`. It is added for every pixel, since path
+    /// tracing and hole filling visit even those that start no path.
+    idle_rays: Vec<IdleRays>,
     /// The relative cost of the frames being planned.
     relative_cost: RelativeCost,
     devices: Vec<DeviceCost>,
@@ -94,11 +95,24 @@ impl StageOfView {
     }
 }
 
+/// Time and work of a pass on one device in a frame.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    ms: f64,
+    units: f64,
+    /// Pixels that have a fixed cost.
+    pixels: f64,
+    /// First and last row.
+    rows: Option<(u32, u32)>,
+}
+
 /// Learned times of one device.
 #[derive(Clone, Debug, Default)]
 struct DeviceCost {
     /// Time per unit of work, by index in [`CostModel::stages`].
     ms_per_unit: Vec<Mean>,
+    /// First and last row of the last frame, by the same index.
+    rows: Vec<Option<(u32, u32)>>,
     download: Transfer,
     upload: Transfer,
     lead: Mean,
@@ -133,6 +147,7 @@ impl CostModel {
             declarations: declarations.clone(),
             program: declarations.program(spec),
             stages: Vec::new(),
+            idle_rays: Vec::new(),
             relative_cost: RelativeCost::default(),
             devices: vec![DeviceCost::default(); spec.devices],
             rays_above: [vec![0.0; height + 1], vec![0.0; height + 1]],
@@ -180,6 +195,7 @@ impl CostModel {
                 self.stages.push(stage);
             }
         }
+        self.idle_rays.resize_with(self.stages.len(), IdleRays::default);
         self.devices.iter_mut().for_each(|d| d.ms_per_unit.resize_with(self.stages.len(), Mean::default));
     }
 
@@ -203,16 +219,7 @@ impl CostModel {
             let relative_cost = self.traces(eye).map_or(1.0, |stage| costs.relative_cost.of(stage));
             sum_rows(&mut self.rays_above[eye as usize], rays, self.spec.extent.width, relative_cost);
         }
-        let mut sums = vec![(0.0, 0.0); self.devices.len() * self.stages.len()];
-        for cost in &costs.stages {
-            let Some(number) = self.number_of(cost.stage, cost.view) else { continue };
-            let (ms, units) = &mut sums[cost.device * self.stages.len() + number];
-            *ms += cost.busy_ms;
-            *units += self.units(self.stages[number].unit(), &cost.rows) * costs.relative_cost.of(cost.stage);
-        }
-        for (device, sums) in self.devices.iter_mut().zip(sums.chunks(self.stages.len().max(1))) {
-            device.ms_per_unit.iter_mut().zip(sums).for_each(|(mean, (ms, units))| mean.learn(ms / units));
-        }
+        self.learn_stages(costs);
         self.learn_transfers(&costs.transfers);
         for &(device, ms) in &costs.lead_ms {
             self.devices[device].lead.learn(ms);
@@ -225,6 +232,51 @@ impl CostModel {
         }
         self.tail.learn(costs.tail_ms);
         self.frames = self.frames.saturating_add(1);
+    }
+
+    fn learn_stages(&mut self, costs: &FrameCosts) {
+        let stages = self.stages.len();
+        let mut sums = vec![Sums::default(); self.devices.len() * stages];
+        for cost in &costs.stages {
+            let Some(number) = self.number_of(cost.stage, cost.view) else { continue };
+            let sum = &mut sums[cost.device * stages + number];
+            sum.ms += cost.busy_ms;
+            sum.units += self.units(number, &cost.rows) * costs.relative_cost.of(cost.stage);
+            sum.pixels += self.pixels(number, &cost.rows);
+            let (first, last) = sum.rows.unwrap_or((cost.rows.start, cost.rows.end));
+            sum.rows = Some((first.min(cost.rows.start), last.max(cost.rows.end)));
+        }
+        for number in 0..stages {
+            if self.stages[number].work == Work::Rays {
+                self.learn_idle_rays(number, sums.iter().skip(number).step_by(stages));
+            }
+        }
+        for (device, sums) in self.devices.iter_mut().zip(sums.chunks(stages.max(1))) {
+            device.rows.resize(stages, None);
+            let learned = device.ms_per_unit.iter_mut().zip(&mut device.rows).zip(&self.idle_rays);
+            for (((mean, rows), idle), sum) in learned.zip(sums) {
+                let ms_per_unit = sum.ms / (sum.units + idle.per_pixel() * sum.pixels);
+                if std::mem::replace(rows, sum.rows) == sum.rows {
+                    mean.learn(ms_per_unit);
+                } else {
+                    mean.learn_changed(ms_per_unit);
+                }
+            }
+        }
+    }
+
+    /// Learns the fixed cost per pixel of a pass that counts rays, from the work of each device.
+    fn learn_idle_rays<'a>(&mut self, number: usize, of_devices: impl Iterator<Item = &'a Sums>) {
+        let (mut all, mut predicted_ms) = (Sums::default(), 0.0);
+        for (device, sum) in self.devices.iter().zip(of_devices) {
+            if let Some(ms_per_unit) = device.ms_per_unit[number].warm_value() {
+                predicted_ms += ms_per_unit * (sum.units + self.idle_rays[number].per_pixel() * sum.pixels);
+                (all.ms, all.units, all.pixels) = (all.ms + sum.ms, all.units + sum.units, all.pixels + sum.pixels);
+            }
+        }
+        let ratio = (predicted_ms > 0.0).then(|| all.ms / predicted_ms);
+        let factor = self.idle_rays[number].learn(all.units / all.pixels, ratio);
+        self.devices.iter_mut().for_each(|device| device.ms_per_unit[number].scale(factor));
     }
 
     /// Learns from transfers. Those of the first frame, which create their buffers, are forgotten once the second frame
@@ -257,6 +309,7 @@ impl CostModel {
         let [lead, gap, wait] = of.map(|of| Mean::known(self.mean_ms(of)));
         let on = |speed: &f64| DeviceCost {
             ms_per_unit: means.iter().map(|m| m.map_or(Mean::default(), |ms| Mean::known(ms / speed))).collect(),
+            rows: Vec::new(),
             download: Transfer::of(down),
             upload: Transfer::of(up),
             lead,
@@ -292,7 +345,13 @@ impl CostModel {
         self.known_mean(of).unwrap_or(0.0)
     }
 
-    fn units(&self, (work, view): (Work, Eye), rows: &Range<u32>) -> f64 {
+    /// Returns the work of a pass on these rows at a relative cost of 1: rays, rows or 1. Rays do not include the fixed
+    /// cost of pixels.
+    fn units(&self, number: usize, rows: &Range<u32>) -> f64 {
+        self.units_of(self.stages[number].unit(), rows)
+    }
+
+    fn units_of(&self, (work, view): (Work, Eye), rows: &Range<u32>) -> f64 {
         match work {
             Work::Once => 1.0,
             Work::Rows => f64::from(rows.end - rows.start),
@@ -303,10 +362,18 @@ impl CostModel {
         }
     }
 
+    /// Returns the number of pixels that have a fixed cost in a pass on these rows.
+    fn pixels(&self, number: usize, rows: &Range<u32>) -> f64 {
+        match self.stages[number].work {
+            Work::Rays => f64::from(rows.end - rows.start) * f64::from(self.spec.extent.width),
+            _ => 0.0,
+        }
+    }
+
     /// Returns the time per unit of a stage. A device that never ran it is assumed to match the mean of those that did.
-    fn ms_per_unit(&self, number: usize, device: usize, relative_cost: &RelativeCost) -> f64 {
+    fn ms_per_unit(&self, number: usize, device: usize) -> f64 {
         let ms = self.devices[device].ms_per_unit[number].value();
-        ms.unwrap_or_else(|| self.mean_ms(|d| d.ms_per_unit[number])) * relative_cost.of(self.stages[number].stage)
+        ms.unwrap_or_else(|| self.mean_ms(|d| d.ms_per_unit[number]))
     }
 
     /// Predicts the time of a pass on these rows in the frames being planned.
@@ -316,8 +383,10 @@ impl CostModel {
 
     /// Predicts the time of a pass on these rows in a frame of another relative cost.
     pub fn pass_ms_at(&self, relative_cost: &RelativeCost, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
-        let number = self.number_of(pass.stage, pass.view);
-        number.map_or(0.0, |n| self.ms_per_unit(n, device, relative_cost) * self.units(self.stages[n].unit(), rows))
+        let Some(number) = self.number_of(pass.stage, pass.view) else { return 0.0 };
+        let units = self.units(number, rows) * relative_cost.of(pass.stage);
+        let idle = self.idle_rays[number].per_pixel() * self.pixels(number, rows);
+        self.ms_per_unit(number, device) * (units + idle)
     }
 
     /// Predicts the time of a pass on rows that have `pixels` pixels, with caution: if the cost of the pass is counted
@@ -326,8 +395,9 @@ impl CostModel {
     pub fn cautious_pass_ms(&self, pass: &Pass, device: usize, rows: &Range<u32>, pixels: f64) -> Option<f64> {
         let number = self.number_of(pass.stage, pass.view)?;
         let ms_per_unit = self.devices[device].ms_per_unit[number].value()?;
-        let units = self.units(self.stages[number].unit(), rows) * self.relative_cost.of(pass.stage);
-        Some(ms_per_unit * if pass.work == Work::Rays { units.max(pixels) } else { units })
+        let units = self.units(number, rows) * self.relative_cost.of(pass.stage);
+        let idle = self.idle_rays[number].per_pixel() * self.pixels(number, rows);
+        Some(ms_per_unit * if pass.work == Work::Rays { units.max(pixels) + idle } else { units })
     }
 
     /// The relative cost of the frames being planned.
@@ -368,11 +438,11 @@ impl CostModel {
 }
 
 /// Writes prefix sums over rows to `above`. A row counts its `rays` except the one per pixel that the G-buffer casts,
-/// divided by `relative_cost`, plus [`RAYS_PER_IDLE_PIXEL`] for each of its `width` pixels.
+/// divided by `relative_cost`.
 fn sum_rows(above: &mut [f64], rays: &[u32], width: u32, relative_cost: f64) {
     let mut sum = 0.0;
     for (entry, &rays) in above[1..].iter_mut().zip(rays) {
-        sum += f64::from(rays.saturating_sub(width)) / relative_cost + f64::from(width) * RAYS_PER_IDLE_PIXEL;
+        sum += f64::from(rays.saturating_sub(width)) / relative_cost;
         *entry = sum;
     }
 }

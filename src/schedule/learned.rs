@@ -1,39 +1,68 @@
 //! Estimators for noisy measurements whose first samples are distorted by cold caches: a running mean, and a straight
 //! line fitted by least squares.
 
-/// Weight of a new measurement in a running mean.
-const LEARNING_RATE: f64 = 0.5;
-/// Factor above and below the running mean to which measurements are clamped. A single outlier must not move stripes,
-/// but a lasting slowdown of a device must move them within a few frames.
-const LEAP: f64 = 2.0;
+/// Weight of a new measurement in a running mean of many, so that the scatter of single frames hardly moves stripes and
+/// quality.
+const LEARNING_RATE: f64 = 0.2;
+/// The same where other work is measured than before, such as other rows.
+const CHANGED_RATE: f64 = 0.5;
+/// Factor above and below the running mean beyond which the median of the last measurements replaces the mean, so that a
+/// lasting change of a device's load shows within [`WINDOW`] frames. Single measurements are clamped to these factors.
+const LEAP: f64 = 1.4;
+/// Number of measurements in that median.
+const WINDOW: usize = 3;
 /// Factor by which the weight of past transfers decreases with each frame.
 const MEMORY: f64 = 0.9;
 
-/// Exponential moving average. The second measurement replaces the first, since the first frame runs with cold caches.
+/// Running mean, at first of all measurements, later with exponentially falling weights. The second measurement replaces
+/// the first, since the first frame runs with cold caches.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mean {
     value: f64,
     measurements: u32,
+    /// The last measurements, the newest last.
+    last: [f64; WINDOW],
 }
 
 impl Mean {
     /// Adds a measurement. Values that are not positive are ignored.
     pub fn learn(&mut self, measured: f64) {
         if measured > 0.0 {
-            self.learn_with_zero(measured);
+            self.learn_at(LEARNING_RATE, measured);
+        }
+    }
+
+    /// Adds a measurement of other work than before. Values that are not positive are ignored.
+    pub fn learn_changed(&mut self, measured: f64) {
+        if measured > 0.0 {
+            self.learn_at(CHANGED_RATE, measured);
         }
     }
 
     /// Adds a measurement that may be 0. If the mean is 0, the measurement replaces it.
     pub fn learn_with_zero(&mut self, measured: f64) {
+        self.learn_at(LEARNING_RATE, measured);
+    }
+
+    fn learn_at(&mut self, rate: f64, measured: f64) {
         if !measured.is_finite() || measured < 0.0 {
             return;
         }
+        self.last.rotate_left(1);
+        self.last[WINDOW - 1] = measured;
         self.value = if self.measurements < 2 || self.value == 0.0 {
             measured
         } else {
-            let bounded = measured.clamp(self.value / LEAP, self.value * LEAP);
-            self.value + (bounded - self.value) * LEARNING_RATE
+            let mut last = self.last;
+            last.sort_by(f64::total_cmp);
+            let (median, usual) = (last[WINDOW / 2], self.value / LEAP..=self.value * LEAP);
+            // Before there are enough measurements, the array still holds zeros.
+            if self.measurements as usize >= WINDOW && !usual.contains(&median) {
+                median
+            } else {
+                let bounded = measured.clamp(*usual.start(), *usual.end());
+                self.value + (bounded - self.value) * rate.max(1.0 / f64::from(self.measurements))
+            }
         };
         self.measurements = self.measurements.saturating_add(1);
     }
@@ -49,7 +78,13 @@ impl Mean {
 
     /// Creates the mean of a quantity that is known in advance.
     pub fn known(value: f64) -> Self {
-        Self { value, measurements: 2 }
+        Self { value, measurements: 2, last: [value; WINDOW] }
+    }
+
+    /// Multiplies everything that was learned by `factor`, after a change of the unit.
+    pub fn scale(&mut self, factor: f64) {
+        self.value *= factor;
+        self.last.iter_mut().for_each(|last| *last *= factor);
     }
 }
 
@@ -121,10 +156,22 @@ mod tests {
     fn a_cold_first_frame_and_one_hiccup_leave_little_trace() {
         let mut mean = Mean::default();
         [50.0, 2.0, 2.0, 100.0].iter().for_each(|&ms| mean.learn(ms));
-        assert!(mean.value().unwrap() <= 2.0 + LEARNING_RATE * 2.0);
+        // The fourth measurement has a third of the weight.
+        let bound = 2.0 * (1.0 + (LEAP - 1.0) / 3.0) * (1.0 + 1e-9);
+        assert!(mean.value().unwrap() <= bound);
         mean.learn(f64::NAN);
         mean.learn(0.0);
-        assert!(mean.value().unwrap() <= 2.0 + LEARNING_RATE * 2.0);
+        assert!(mean.value().unwrap() <= bound);
+    }
+
+    #[test]
+    fn a_lasting_change_shows_after_two_measurements_and_a_hiccup_never() {
+        let mut mean = Mean::default();
+        (0..20).for_each(|_| mean.learn(2.0));
+        mean.learn(6.0);
+        assert!(mean.value().unwrap() < 2.3);
+        mean.learn(6.0);
+        assert_eq!(mean.value(), Some(6.0));
     }
 
     #[test]

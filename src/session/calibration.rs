@@ -85,6 +85,8 @@ struct Timed {
     quality: Quality,
     /// Busy time of each stage in milliseconds: the minimum over the timed frames.
     stage_ms: BTreeMap<String, f64>,
+    /// Rays per pixel by stage, for stages that trace paths.
+    rays: BTreeMap<String, f64>,
     /// Mean radiance of both eyes.
     light: f64,
 }
@@ -122,8 +124,10 @@ impl Calibration<'_> {
         self.renderer.set_relative_cost(guessed_relative_cost(quality));
         self.renderer.begin_anew();
         let mut least: BTreeMap<String, f64> = BTreeMap::new();
+        let mut rays = BTreeMap::new();
         for i in 0..warm_up + FRAMES {
             let frame = self.render(quality)?;
+            rays = frame.stage_rays();
             if i >= warm_up {
                 for (stage, ms) in frame.stage_ms() {
                     least.entry(stage).and_modify(|least| *least = least.min(ms)).or_insert(ms);
@@ -131,7 +135,7 @@ impl Calibration<'_> {
             }
         }
         let light = mean_light(&self.renderer.read_linear()?);
-        self.timed.insert((quality.spp, quality.bounces), Timed { quality: *quality, stage_ms: least, light });
+        self.timed.insert((quality.spp, quality.bounces), Timed { quality: *quality, stage_ms: least, rays, light });
         Ok(())
     }
 
@@ -172,8 +176,22 @@ impl Calibration<'_> {
     /// Makes a rung from a quality, with estimated error and stage times. The frame time of the rung is not known yet.
     fn rung(&self, quality: &Quality, missing_light: f64) -> Rung {
         let error = guessed_error(quality, missing_light, self.view.rows);
-        let (quality, stage_ms, time_ms) = (*quality, self.stage_ms(quality), f64::NAN);
-        Rung { time_ms, error, flip: None, flicker: None, relmse: None, is_estimated: true, quality, stage_ms }
+        let (quality, stage_ms, rays) = (*quality, self.stage_ms(quality), self.rays(quality));
+        let (time_ms, is_estimated) = (f64::NAN, true);
+        Rung { time_ms, error, flip: None, flicker: None, relmse: None, is_estimated, quality, stage_ms, rays }
+    }
+
+    /// Returns the measurement with as many bounces as `quality`, or else with the fewest.
+    fn near(&self, quality: &Quality) -> Option<&Timed> {
+        let spp = quality.spp.min(2);
+        [quality.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)))
+    }
+
+    /// Estimates the rays per pixel of stages that trace paths, in proportion to [`guessed_paths`].
+    fn rays(&self, quality: &Quality) -> BTreeMap<String, f64> {
+        let Some(near) = self.near(quality) else { return BTreeMap::new() };
+        let paths = guessed_paths(quality) / guessed_paths(&near.quality);
+        near.rays.iter().map(|(stage, rays)| (stage.clone(), rays * paths)).collect()
     }
 
     /// Estimates the times of the tracing stages in milliseconds. Extrapolates from a measurement with the same number
@@ -182,8 +200,7 @@ impl Calibration<'_> {
     /// time proportional to the number of samples.
     fn stage_ms(&self, quality: &Quality) -> BTreeMap<String, f64> {
         let spp = quality.spp.min(2);
-        let near = [quality.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)));
-        let Some(Timed { quality: near, stage_ms: timed, .. }) = near else { return BTreeMap::new() };
+        let Some(Timed { quality: near, stage_ms: timed, .. }) = self.near(quality) else { return BTreeMap::new() };
         let paths = guessed_paths(quality) / guessed_paths(near);
         let centre_ms = self.timed.get(&(1, near.bounces)).and_then(|t| t.stage_ms.get(gbuffer::STAGE.name())).copied();
         let ms = |stage: Stage| {

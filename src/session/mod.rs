@@ -128,10 +128,10 @@ impl Session {
     pub fn decide(&mut self) -> Decided {
         let begin = Instant::now();
         let Self { renderer, qualities, controller, .. } = self;
-        let known = RefCell::new(HashMap::new());
+        let (renderer, known) = (RefCell::new(renderer), RefCell::new(HashMap::new()));
         let predict = |rung: usize| -> f64 {
             let (quality, relative_cost) = &qualities[rung];
-            let predicted = || renderer.predicted_ms(quality, relative_cost).unwrap_or(f64::NAN);
+            let predicted = || renderer.borrow_mut().predicted_ms(quality, relative_cost).unwrap_or(f64::NAN);
             *known.borrow_mut().entry(rung).or_insert_with(predicted)
         };
         let decision = controller.next(&predict);

@@ -17,6 +17,8 @@ use crate::report::median_of;
 pub struct Repeat {
     /// Busy time by stage, summed over views and devices.
     pub stage_ms: BTreeMap<String, f64>,
+    /// Rays per pixel by stage, for stages that trace paths.
+    pub rays: BTreeMap<String, f64>,
     pub errors: Stereo<SeenErrors>,
     /// The line of this frame in `frames.csv`.
     pub line: FrameLine,
@@ -24,7 +26,7 @@ pub struct Repeat {
 
 impl Repeat {
     pub fn new(frame: &FrameReport, errors: Stereo<SeenErrors>, line: FrameLine) -> Self {
-        Self { stage_ms: frame.stage_ms(), errors, line }
+        Self { stage_ms: frame.stage_ms(), rays: frame.stage_rays(), errors, line }
     }
 }
 
@@ -37,6 +39,9 @@ pub struct Measured {
     pub time_ms_max: f64,
     /// Busy time by stage: the median over the repeats that ran the stage.
     pub stage_ms: BTreeMap<String, f64>,
+    /// Rays per pixel of stages that trace paths: the median over these repeats.
+    #[serde(default)]
+    pub rays: BTreeMap<String, f64>,
     pub errors: Stereo<Errors>,
     /// relMSE of each repeat.
     pub relmse_repeats: Stereo<Vec<f64>>,
@@ -49,9 +54,6 @@ impl Measured {
     /// camera is at rest.
     pub fn of(repeats: &[Repeat], changes: Stereo<Change>) -> Self {
         let times_ms: Vec<f64> = repeats.iter().map(|r| r.line.makespan_ms).collect();
-        let stages = repeats.iter().flat_map(|r| r.stage_ms.keys());
-        let stage_ms =
-            |stage: &String| median_of(repeats.iter().filter_map(|r| r.stage_ms.get(stage).copied()).collect());
         let eye = |of: fn(&Repeat) -> &SeenErrors| repeats.iter().map(|r| *of(r)).collect::<Vec<_>>();
         let found = Stereo { left: eye(|r| &r.errors.left), right: eye(|r| &r.errors.right) };
         let relmse = |c: &[SeenErrors]| c.iter().map(|c| c.all.relmse).collect();
@@ -59,7 +61,8 @@ impl Measured {
             time_ms_min: times_ms.iter().copied().fold(f64::INFINITY, f64::min),
             time_ms_max: times_ms.iter().copied().fold(0.0, f64::max),
             time_ms: median_of(times_ms),
-            stage_ms: stages.map(|stage| (stage.clone(), stage_ms(stage))).collect(),
+            stage_ms: medians(repeats, |r| &r.stage_ms),
+            rays: medians(repeats, |r| &r.rays),
             errors: Stereo {
                 left: Errors::mean_of(&found.left).with_flicker(TemporalError::from(changes.left).flicker),
                 right: Errors::mean_of(&found.right).with_flicker(TemporalError::from(changes.right).flicker),
@@ -74,6 +77,12 @@ impl Measured {
         let [l, r] = [&self.errors.left, &self.errors.right].map(|e| e.get(name).unwrap_or(f64::INFINITY));
         (l + r) / 2.0
     }
+}
+
+/// Returns the median of each stage's value over the repeats that ran the stage.
+fn medians(repeats: &[Repeat], of: fn(&Repeat) -> &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
+    let median = |stage: &String| median_of(repeats.iter().filter_map(|r| of(r).get(stage).copied()).collect());
+    repeats.iter().flat_map(|r| of(r).keys()).map(|stage| (stage.clone(), median(stage))).collect()
 }
 
 /// A setting with its results.
@@ -93,10 +102,11 @@ impl SettingRow {
     }
 
     pub fn rung(&self) -> Rung {
-        let Measured { time_ms, stage_ms, .. } = &self.measured;
+        let Measured { time_ms, stage_ms, rays, .. } = &self.measured;
         let [flip, flicker, relmse] = ["flip", FLICKER, "relmse"].map(|name| Some(self.measured.error(name)));
-        let (quality, error, stage_ms) = (self.quality, self.measured.error(ERROR), stage_ms.clone());
-        Rung { time_ms: *time_ms, error, flip, flicker, relmse, is_estimated: false, quality, stage_ms }
+        let (quality, error) = (self.quality, self.measured.error(ERROR));
+        let (stage_ms, rays) = (stage_ms.clone(), rays.clone());
+        Rung { time_ms: *time_ms, error, flip, flicker, relmse, is_estimated: false, quality, stage_ms, rays }
     }
 }
 
@@ -131,6 +141,7 @@ pub(super) mod tests {
         };
         let repeat = |v: &f64| Repeat {
             stage_ms: [("atrous".to_owned(), time_ms / 4.0)].into(),
+            rays: BTreeMap::new(),
             errors: Stereo { left: flat(*v), right: flat(2.0 * v) },
             line: FrameLine { makespan_ms: time_ms, quality: FrameQuality::from(&quality), ..FrameLine::default() },
         };

@@ -28,6 +28,7 @@ fn at_instant(errors: [serde_json::Value; 2]) -> Measured {
         time_ms_min: 0.0,
         time_ms_max: 0.0,
         stage_ms: std::collections::BTreeMap::new(),
+        rays: std::collections::BTreeMap::new(),
         errors: Stereo { left, right },
         relmse_repeats: Stereo { left: Vec::new(), right: Vec::new() },
         frames: Vec::new(),

@@ -12,13 +12,20 @@ impl CostModel {
         let mut parts: Vec<Part> = Vec::new();
         for linked in self.program.passes().iter().filter(|p| groups.contains(&p.pass.partition)) {
             let Some(number) = self.number_of(linked.pass.stage, linked.pass.view) else { continue };
-            let (work, margin_rows) = (linked.pass.work, linked.margin_rows);
+            let (stage, margin_rows) = (self.stages[number], linked.margin_rows);
+            let mut add = |unit: (Work, Eye), units: f64| {
+                let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(number, d) * units);
+                match parts.iter_mut().find(|p| p.unit == unit && p.margin_rows == margin_rows) {
+                    Some(part) => part.ms_per_unit.iter_mut().zip(ms).for_each(|(sum, ms)| *sum += ms),
+                    None => parts.push(Part { unit, margin_rows, ms_per_unit: ms.collect() }),
+                }
+            };
             // Only rays differ by view; rows count the same on both.
-            let unit = (work, if work == Work::Rays { linked.pass.view } else { Eye::Left });
-            let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(number, d, &self.relative_cost));
-            match parts.iter_mut().find(|p| p.unit == unit && p.margin_rows == margin_rows) {
-                Some(part) => part.ms_per_unit.iter_mut().zip(ms).for_each(|(sum, ms)| *sum += ms),
-                None => parts.push(Part { unit, margin_rows, ms_per_unit: ms.collect() }),
+            let view = if stage.work == Work::Rays { stage.view } else { Eye::Left };
+            add((stage.work, view), self.relative_cost.of(stage.stage));
+            if stage.work == Work::Rays {
+                let pixels_per_row = f64::from(self.spec.extent.width);
+                add((Work::Rows, Eye::Left), self.idle_rays[number].per_pixel() * pixels_per_row);
             }
         }
         StripeCosts { model: self, parts }
@@ -56,7 +63,7 @@ impl StripeCosts<'_> {
         let part_ms = |part: &Part| {
             let margin = part.margin_rows;
             let rows = rows.start.saturating_sub(margin)..(rows.end + margin).min(self.height());
-            part.ms_per_unit[device] * self.model.units(part.unit, &rows)
+            part.ms_per_unit[device] * self.model.units_of(part.unit, &rows)
         };
         self.parts.iter().map(part_ms).sum()
     }
@@ -65,7 +72,7 @@ impl StripeCosts<'_> {
     pub fn own_ms(&self, rows: &Range<u32>) -> Vec<f64> {
         let mut sums = vec![0.0; self.devices()];
         for part in &self.parts {
-            let units = self.model.units(part.unit, rows);
+            let units = self.model.units_of(part.unit, rows);
             sums.iter_mut().zip(&part.ms_per_unit).for_each(|(sum, ms)| *sum += ms * units);
         }
         sums

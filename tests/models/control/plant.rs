@@ -1,5 +1,5 @@
 //! Simulates a renderer for tests of the controller: a frame's time is the cost of its rung, times the load, times
-//! noise.
+//! noise. Its predictions learn the load from measured frames, as a cost model does.
 
 use std::collections::VecDeque;
 
@@ -28,6 +28,7 @@ pub fn ladder(times_ms: &[f64]) -> Ladder {
             scale: 1.0,
         },
         stage_ms: Default::default(),
+        rays: Default::default(),
     };
     let (shot, size, devices, version) = ("s".into(), "8x8".into(), vec!["d".into()], "0".into());
     let measure = Measure::FlipFlicker;
@@ -49,8 +50,8 @@ pub struct Plant<'a> {
     pub times_ms: &'a [f64],
     /// Load by frame.
     pub load: &'a dyn Fn(usize) -> f64,
-    /// Prediction by frame and rung; by default the ladder's times.
-    pub predicted_ms: Option<&'a dyn Fn(usize, usize) -> f64>,
+    /// Cost of the rungs as the predictor believes, under a load of 1; by default the true one.
+    pub believed_ms: Option<&'a [f64]>,
     /// Standard deviation of the logarithm.
     pub noise: f64,
     pub seed: u64,
@@ -61,7 +62,7 @@ pub struct Plant<'a> {
 impl<'a> Plant<'a> {
     /// Creates a plant without noise, in which each frame's time is known when the next one is decided.
     pub fn new(times_ms: &'a [f64], load: &'a dyn Fn(usize) -> f64) -> Self {
-        Self { times_ms, load, predicted_ms: None, noise: 0.0, seed: 0, delay: 0 }
+        Self { times_ms, load, believed_ms: None, noise: 0.0, seed: 0, delay: 0 }
     }
 
     pub fn run(&self, frames: usize) -> Run {
@@ -72,19 +73,49 @@ impl<'a> Plant<'a> {
     pub fn run_with(&self, mut controller: Controller, frames: usize) -> Run {
         let mut random = Random(self.seed);
         let (mut steps, mut in_flight) = (Vec::new(), VecDeque::new());
+        let believed_ms = self.believed_ms.unwrap_or(self.times_ms);
+        let mut load = Load::default();
         for frame in 0..frames {
             if in_flight.len() > self.delay {
                 let (rung, ms) = in_flight.pop_front().unwrap();
+                load.learn(ms / believed_ms[rung]);
                 controller.observe(rung, ms);
             }
-            let decision =
-                controller.next(&|rung: usize| self.predicted_ms.map_or(self.times_ms[rung], |ms| ms(frame, rung)));
+            let decision = controller.next(&|rung: usize| load.value * believed_ms[rung]);
             let mean_ms = self.times_ms[decision.rung] * (self.load)(frame);
             let ms = mean_ms * (self.noise * random.normal()).exp();
             in_flight.push_back((decision.rung, ms));
             steps.push(Step { decision, mean_ms, ms });
         }
         Run(steps)
+    }
+}
+
+/// A load that is learned like a time per unit of work: a running mean, which leaps where the median of the last three
+/// measurements is far from it.
+struct Load {
+    value: f64,
+    last: Vec<f64>,
+}
+
+impl Default for Load {
+    fn default() -> Self {
+        Self { value: 1.0, last: Vec::new() }
+    }
+}
+
+impl Load {
+    fn learn(&mut self, measured: f64) {
+        self.last.push(measured);
+        let mut last: Vec<f64> = self.last.iter().rev().take(3).copied().collect();
+        last.sort_by(f64::total_cmp);
+        let median = last[last.len() / 2];
+        let usual = self.value / 1.4..=self.value * 1.4;
+        self.value = match self.last.len() {
+            1 => measured,
+            2.. if last.len() == 3 && !usual.contains(&median) => median,
+            _ => self.value + 0.1 * (measured.clamp(*usual.start(), *usual.end()) - self.value),
+        };
     }
 }
 
@@ -103,12 +134,6 @@ impl Run {
         self.0[begin..].windows(2).filter(|pair| pair[0].decision.rung != pair[1].decision.rung).count()
     }
 
-    /// Returns the first frame from `begin` on that lies outside the band, noise aside.
-    pub fn outside_from(&self, begin: usize) -> Option<(usize, f64)> {
-        let frames = self.0.iter().map(|s| s.mean_ms).enumerate().skip(begin);
-        frames.into_iter().find(|(_, ms)| !(LO_MS..=HI_MS).contains(ms))
-    }
-
     /// Returns the fraction of frames from `begin` on with this property.
     pub fn share_from(&self, begin: usize, is_so: impl Fn(&Step) -> bool) -> f64 {
         let frames = &self.0[begin..];
@@ -117,11 +142,11 @@ impl Run {
 }
 
 /// SplitMix64 (Steele, Lea & Flood 2014).
-struct Random(u64);
+pub struct Random(pub u64);
 
 impl Random {
     /// Returns a number with 0 < value < 1.
-    fn uniform(&mut self) -> f64 {
+    pub fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);

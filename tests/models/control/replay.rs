@@ -1,0 +1,179 @@
+//! Replays recorded costs: controllers choose rungs, the cost model learns from the frames that follow, and disturbances
+//! change the costs.
+
+use std::sync::Arc;
+
+use diptych::control::{Budget, Controller, Predict};
+use diptych::graph::{Assignment, FrameGraph, Stripes};
+use diptych::passes::Declarations;
+use diptych::schedule::{CostModel, simulate_at};
+
+use super::plant::Random;
+use super::recorded::{Recording, Sample};
+
+/// Number of consecutive frames that are taken from the same repeat, so that scatter stays correlated.
+const BLOCK: usize = 20;
+
+/// A change from one frame on. It holds until the next one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Disturbance {
+    None,
+    /// Path tracing costs so many times as much, as in another view.
+    View(f64),
+    /// All stages take so many times as long, and the controller is told, as after the loss of a device.
+    Lost(f64),
+    /// The budget is multiplied, and the controller is told.
+    Budget(f64),
+}
+
+/// Disturbances by the frame at which they begin.
+pub type Schedule<'a> = &'a [(usize, Disturbance)];
+
+/// A controller under test.
+pub trait Choose {
+    fn next(&mut self, predictor: &dyn Fn(usize) -> f64) -> usize;
+    fn observe(&mut self, rung: usize, ms: f64);
+    fn set_budget(&mut self, _hi_ms: f64) {}
+    fn devices_changed(&mut self) {}
+}
+
+/// The controller of the library.
+pub struct Ours(Controller);
+
+impl Ours {
+    pub fn new(recording: &Recording, hi_ms: f64) -> Self {
+        Self(Controller::new(&recording.ladder, budget(hi_ms)))
+    }
+}
+
+fn budget(hi_ms: f64) -> Budget {
+    Budget::new(0.5 * hi_ms, hi_ms).unwrap()
+}
+
+struct By<'a>(&'a dyn Fn(usize) -> f64);
+
+impl Predict for By<'_> {
+    fn makespan_ms(&self, rung: usize) -> f64 {
+        self.0(rung)
+    }
+}
+
+impl Choose for Ours {
+    fn next(&mut self, predictor: &dyn Fn(usize) -> f64) -> usize {
+        self.0.next(&By(predictor)).rung
+    }
+
+    fn observe(&mut self, rung: usize, ms: f64) {
+        self.0.observe(rung, ms);
+    }
+
+    fn set_budget(&mut self, hi_ms: f64) {
+        self.0.set_budget(budget(hi_ms));
+    }
+
+    fn devices_changed(&mut self) {
+        self.0.devices_changed();
+    }
+}
+
+/// A frame of a replay.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    pub rung: usize,
+    pub ms: f64,
+    pub predicted_ms: f64,
+    pub budget_ms: f64,
+    pub error: f64,
+}
+
+impl Step {
+    /// Returns the number of display periods by which the frame is late.
+    pub fn missed(&self) -> usize {
+        ((self.ms / self.budget_ms).ceil() - 1.0).max(0.0) as usize
+    }
+}
+
+pub struct Replay<'a> {
+    pub recording: &'a Recording,
+    pub schedule: Schedule<'a>,
+    pub budget_ms: f64,
+    pub seed: u64,
+}
+
+impl Replay<'_> {
+    pub fn run(&self, controller: &mut dyn Choose, frames: usize) -> Vec<Step> {
+        let Self { recording, schedule, .. } = *self;
+        let rungs = recording.ladder.rungs();
+        let mut model = CostModel::new(&recording.spec(0), &Declarations::default());
+        let graphs: Vec<Arc<FrameGraph>> = (0..rungs.len()).map(|rung| graph(recording, rung)).collect();
+        let mut random = Random(self.seed);
+        let mut places = Places::new(recording);
+        let mut steps = Vec::with_capacity(frames);
+        let mut disturbance = Disturbance::None;
+        let mut budget_ms = self.budget_ms;
+        for frame in 0..frames {
+            if let Some(&(_, next)) = schedule.iter().find(|(at, _)| *at == frame) {
+                let is_known = |d: &Disturbance| matches!(d, Disturbance::Lost(_));
+                if is_known(&next) || is_known(&disturbance) {
+                    controller.devices_changed();
+                }
+                disturbance = next;
+                let factor = if let Disturbance::Budget(factor) = next { factor } else { 1.0 };
+                budget_ms = self.budget_ms * factor;
+                controller.set_budget(budget_ms);
+            }
+            let predict = |rung: usize| {
+                let known = model.has_learned();
+                let predicted = known.then(|| simulate_at(&graphs[rung], &model, &recording.relative_costs[rung]));
+                predicted.map_or(f64::NAN, |p| p.unwrap().makespan_ms)
+            };
+            let rung = controller.next(&predict);
+            let predicted_ms = predict(rung);
+            let (repeat, place) = places.next(&mut random);
+            let sample = disturbed(recording.sample(repeat, place, rung), disturbance);
+            let ms = sample.ms();
+            steps.push(Step { rung, ms, predicted_ms, budget_ms, error: rungs[rung].error });
+            model.set_quality(rungs[rung].quality.most_iterations(), &recording.relative_costs[rung]);
+            model.learn(&recording.costs(rung, &sample));
+            controller.observe(rung, ms);
+        }
+        steps
+    }
+}
+
+pub fn disturbed(sample: &Sample, disturbance: Disturbance) -> Sample {
+    match disturbance {
+        Disturbance::View(factor) => sample.with_rays(factor),
+        Disturbance::Lost(factor) => sample.slowed(factor),
+        Disturbance::None | Disturbance::Budget(_) => sample.clone(),
+    }
+}
+
+fn graph(recording: &Recording, rung: usize) -> Arc<FrameGraph> {
+    let program = Declarations::default().program(&recording.spec(rung));
+    let assignment = Assignment::uniform(Stripes::even(recording.extent.height, 1));
+    Arc::new(FrameGraph::build(&program, &assignment, None))
+}
+
+/// Order in which frames are replayed: forwards, from a random repeat for each block, and again from the start.
+struct Places {
+    repeats: usize,
+    frames: usize,
+    repeat: usize,
+    frame: usize,
+}
+
+impl Places {
+    fn new(recording: &Recording) -> Self {
+        Self { repeats: recording.repeats(), frames: recording.frames(), repeat: 0, frame: 0 }
+    }
+
+    fn next(&mut self, random: &mut Random) -> (usize, usize) {
+        if self.frame.is_multiple_of(BLOCK) {
+            self.repeat = (random.uniform() * self.repeats as f64) as usize % self.repeats;
+        }
+        let place = (self.repeat, self.frame % self.frames);
+        self.frame += 1;
+        place
+    }
+}
