@@ -298,9 +298,7 @@ impl RenderOptions {
             "--spp {} exceeds the limit of {MAX_FRAME_SPP} per frame: use --reference to accumulate more",
             self.spp
         );
-        if let Some(late) = self.faults.injections.iter().find(|i| i.frame >= self.frames) {
-            anyhow::bail!("--inject: there is no frame {}: the last is frame {}", late.frame, self.frames - 1);
-        }
+        self.faults.check(self.frames)?;
         anyhow::ensure!(
             self.scale == 1.0 || self.quality().denoiser.is_some(),
             "--render-scale below 1 needs a denoiser to fill in the pixels that are not traced"

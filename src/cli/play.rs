@@ -1,7 +1,6 @@
 //! `diptych play`: a sequence inside a frame budget. The control loop sets the quality.
 
 mod args;
-mod disturb;
 mod fitting_size;
 mod ladder;
 mod status_lines;
@@ -21,6 +20,7 @@ use crate::report::samples::FrameSamples;
 use crate::scene::head::Recording;
 use crate::scene::rig::Rig;
 
+use super::disturb::Disturbance;
 use super::failure::Failure;
 use super::interrupt;
 use super::options::RenderOptions;
@@ -30,7 +30,6 @@ use super::pictures::Pictures;
 use super::progress::Progress;
 use super::setup::{self, Tracing};
 pub use args::Args;
-use disturb::Disturbances;
 pub use pace::Pace;
 use page::Last;
 pub use path::CameraPath;
@@ -38,7 +37,7 @@ pub use prepared::Prepared;
 pub use session::Session;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let mut prepared = Prepared::new(&args.options, Some(args.frames))?;
+    let mut prepared = Prepared::new(&args.loop_options(), Some(args.frames))?;
     prepared.fits_size = Some(args.fit);
     let options = &prepared.render;
     output::prepare(&options.out, "--out")?;
@@ -51,7 +50,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         eprintln!("warning: {warning}");
     }
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
-    Disturbances(&args.disturb).check(args.frames, gpus.len())?;
     let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     let options = &prepared.render;
     if !options.quiet && !options.json {
@@ -119,7 +117,10 @@ impl Run<'_> {
             // Only saved frames need linear output; the others are only displayed.
             self.session.renderer.set_outputs(if is_saved { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
             let decided = self.session.decide();
-            self.disturb(index);
+            let cut = Disturbance::SceneCut { frame: index };
+            if self.options.faults.disturbances.contains(&cut) {
+                self.path.cut(self.time_s(index));
+            }
             let late_ms = pace.wait();
             let (rig, time_s) = (self.rig(index), self.time_s(index));
             let (row, frame) = self.session.render(decided, late_ms, &rig, time_s, index)?;
@@ -152,21 +153,6 @@ impl Run<'_> {
     /// Returns the camera of a frame.
     fn rig(&self, index: u32) -> Rig {
         self.path.rig(self.time_s(index))
-    }
-
-    /// Applies the disturbances of a frame.
-    fn disturb(&mut self, index: u32) {
-        let disturbances = Disturbances(&self.args.disturb);
-        if disturbances.cuts_before(index) {
-            self.path.cut(self.time_s(index));
-        }
-        if !self.args.disturb.is_empty() {
-            let base = &self.options.faults.slowdown;
-            let renderer = &mut self.session.renderer;
-            let devices = renderer.devices().len();
-            let base = if let [all] = base[..] { vec![all; devices] } else { base.clone() };
-            renderer.set_slowdown(disturbances.slowdown(index, &base, devices));
-        }
     }
 
     /// Reads the newest frame back; `None` before the first one.

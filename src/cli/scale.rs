@@ -162,7 +162,7 @@ fn of_one(options: &RenderOptions) -> RenderOptions {
     let run = &mut one.run;
     run.threads_per_device.iter_mut().for_each(|threads| threads.truncate(1));
     run.faults.slowdown.truncate(1);
-    run.faults.injections.retain(|injection| injection.device == 0);
+    run.faults.disturbances.retain(|d| d.injection().is_some_and(|i| i.device == 0));
     if run.balance() == Balance::Static {
         run.balance = vec![Balance::Even];
         run.ratios.clear();

@@ -150,7 +150,7 @@ impl Frames {
         let (mut orders, mut injections) = (Vec::new(), Vec::new());
         for device in self.workers.left() {
             let (runs, injected) = self.injected.take(device, index);
-            injections.extend(injected.map(|kind| Injection { kind, device, frame: index }));
+            injections.extend(injected.map(|kind| Injection { kind, device, frames: index..index + 1 }));
             let Inputs { constants, previous, place, ref reads, .. } = inputs;
             let (reads, update) = (reads.to_vec(), inputs.update.clone());
             let (cuts, plan) = (cuts(device), plan.clone());
@@ -246,7 +246,8 @@ impl Frames {
         }
         let frames: Vec<InFlight> = std::iter::once(frame).chain(behind).collect();
         // The cancelled frames may have ended before their faults were injected, so inject these again.
-        let injections = frames.iter().flat_map(|f| &f.injections).filter(|i| !failures.contains_key(&i.device));
+        let injections =
+            frames.iter().flat_map(|f| &f.injections).filter(|i| !failures.contains_key(&i.device)).cloned();
         self.injected.injections.extend(injections);
         Finished::Failed { failures, frames }
     }

@@ -119,11 +119,6 @@ impl Renderer {
         self.frames.injected = injected;
     }
 
-    /// Sets how many times each device runs each of its dispatches from now on. Devices without an entry run them once.
-    pub fn set_slowdown(&mut self, slowdown: Vec<u32>) {
-        self.frames.injected.slowdown = slowdown;
-    }
-
     /// Sets the images that frames begun from now on gather on the primary, in addition to the `reads` of
     /// [`Self::begin`]. Other images need not be transferred between devices.
     pub fn set_outputs(&mut self, images: &[Resource]) {

@@ -346,7 +346,7 @@ fn options_that_are_wrong_are_refused_with_a_reason() {
         (&["--ladder", &none], "is not a quality ladder"),
         (&["--ladder", &falling], "rung 2"),
         (&["--ladder", &two, "--denoiser", "svgf"], "none of its 2 rungs uses --denoiser svgf"),
-        (&["--disturb", "earthquake"], "write slow:devI@FROM..TO"),
+        (&["--disturb", "earthquake"], "slow:devI@FROM..TO, or scene-cut@FRAME"),
         (&["--disturb", "slow:dev1@7..3"], "the frame range 7..3 is empty"),
         (&["--disturb", "slow:dev5@1..3", "--frames", "9"], "there is no device 5"),
         (&["--disturb", "scene-cut@9", "--frames", "9"], "there is no frame 9"),

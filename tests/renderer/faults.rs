@@ -240,7 +240,7 @@ fn the_command_goes_on_without_its_first_device() {
     };
     let trace = folder.path().join("trace.json");
     let (one, _) = render("one", &[]);
-    let lost = ["--virtual", "2", "--inject", "loss:dev0@frame1", "--trace", trace.to_str().unwrap()];
+    let lost = ["--virtual", "2", "--disturb", "loss:dev0@1", "--trace", trace.to_str().unwrap()];
     let (two, said) = render("two", &lost);
     assert!(said.contains("warning: device 0 failed in frame 1"), "{said}");
     assert_eq!(names(&one), names(&two));
@@ -289,10 +289,11 @@ fn faults_that_cannot_be_made_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let to = folder.path().to_str().unwrap();
     for (more, expected) in [
-        (["--inject", "loss"], "KIND:devI@frameF"),
-        (["--inject", "melt:dev0@frame0"], "melt"),
-        (["--inject", "loss:dev0@frame7"], "no frame 7"),
-        (["--inject", "loss:dev3@frame0"], "no device 3"),
+        (["--disturb", "loss"], "write KIND:devI@FRAME"),
+        (["--inject", "melt:dev0@frame0"], "choose loss, hang, oom or slow"),
+        (["--inject", "loss:dev0@frame7"], "--disturb loss:dev0@7: there is no frame 7: the last is frame 0"),
+        (["--disturb", "slow:dev3@0..2"], "--disturb slow:dev3@0..2: there is no device 3: there are 1"),
+        (["--disturb", "scene-cut@0"], "only `diptych play` makes scene cuts"),
         (["--slowdown", "1,2"], "2 numbers"),
         (["--slowdown", "0"], "--slowdown"),
         (["--threads-per-device", "1,2"], "2 thread counts"),
