@@ -17,7 +17,9 @@ pub struct Fault {
     pub what: String,
     /// Number of attempts until the frame was complete.
     pub attempts: u32,
-    /// Time from the detection of the fault until the frame was complete, in milliseconds.
+    /// Time that a viewer waited for the frame, in milliseconds: from the start of its first attempt until the other
+    /// devices completed it. It includes the time until the fault was detected. If the device failed while images of a
+    /// complete frame were read, from the start of this read.
     pub recovery_ms: f64,
     /// Time at which the fault was detected, in milliseconds since the renderer's origin.
     #[serde(skip)]

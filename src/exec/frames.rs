@@ -269,15 +269,14 @@ impl Frames {
             self.limits.learn(frame.inputs.samples(), report.makespan_ms);
         }
         let primary = report.assignment.primary();
-        self.recovered(frame.attempt);
+        self.recovered(frame.attempt, end_ms);
         self.whole = Some(CompleteFrame { inputs: frame.inputs.clone(), primary, end_ms, images, buffers });
     }
 
-    /// Marks the faults of a frame as recovered, once this attempt is complete.
-    fn recovered(&mut self, attempt: Attempt) {
-        let now_ms = self.now_ms();
+    /// Marks the faults of a frame as recovered by this attempt, which was complete at `end_ms`.
+    fn recovered(&mut self, attempt: Attempt, end_ms: f64) {
         for fault in self.faults[attempt.first_fault..].iter_mut().filter(|f| f.attempts == 0) {
-            (fault.attempts, fault.recovery_ms) = (attempt.number, now_ms - fault.noticed_ms);
+            (fault.attempts, fault.recovery_ms) = (attempt.number, end_ms - attempt.begin_ms);
         }
     }
 

@@ -161,6 +161,7 @@ fn a_hung_device_costs_a_second_and_a_slow_one_stays() {
         (&faults[0]["frame"], &faults[0]["device"], &faults[0]["kind"]),
         (&12.into(), &1.into(), &"hang".into())
     );
+    assert_eq!(faults[0]["recovery_ms"], rows[12]["makespan_ms"]);
     // On a busy machine frames are slower, and the limits scale with them.
     let slowest_ms = rows[..12].iter().map(ms).fold(0.0, f64::max);
     let (allowed_ms, scheduling_ms) = ((10.0 * slowest_ms).max(1000.0), 300.0);
