@@ -123,7 +123,8 @@ impl Run<'_> {
             }
             let late_ms = pace.wait();
             let (rig, time_s) = (self.rig(index), self.time_s(index));
-            let (row, frame) = self.session.render(decided, late_ms, &rig, time_s, index)?;
+            let (mut row, frame) = self.session.render(decided, late_ms, &rig, time_s, index)?;
+            row.miss(pace.complete());
             if let Some(motion) = &mut self.motion {
                 motion.add(time_s, &rig, time_s, self.session.gaze(time_s))?;
             }

@@ -79,13 +79,14 @@ const COLUMNS: [Column<FrameLine>; 21] = [
     ("transferred_bytes", |l| l.transferred_bytes.to_string()),
 ];
 
-const CONTROL: [Column<FrameLine>; 6] = [
+const CONTROL: [Column<FrameLine>; 7] = [
     ("rung", |l| optional(l.control.as_ref().map(|c| c.rung))),
     ("expected_ms", |l| number(l.control.as_ref().map(|c| c.expected_ms), 4)),
     ("fits", |l| optional(l.control.as_ref().map(|c| c.fits))),
     ("in_band", |l| optional(l.control.as_ref().map(|c| c.in_band))),
     ("late_ms", |l| number(l.control.as_ref().map(|c| c.late_ms), 4)),
     ("decide_ms", |l| number(l.control.as_ref().map(|c| c.decide_ms), 4)),
+    ("missed_periods", |l| optional(l.control.as_ref().map(|c| c.missed_periods))),
 ];
 
 impl FrameLine {
@@ -146,21 +147,23 @@ mod tests {
                 in_band: false,
                 late_ms: 22.0,
                 decide_ms: 23.0,
+                missed_periods: 24,
             }),
         };
         let header = "frame,time_s,devices,makespan_ms,interval_ms,predicted_ms,plan_ms,aov_ms,busy_ms,spp,bounces,\
             iterations,scale,fovea_inner,fovea_outer,rays,reprojected_fraction,antialiasing_fraction,hole_fraction,\
-            nonfinite_samples,transferred_bytes,rung,expected_ms,fits,in_band,late_ms,decide_ms\n";
+            nonfinite_samples,transferred_bytes,rung,expected_ms,fits,in_band,late_ms,decide_ms,missed_periods\n";
         let numbers = "1,0.25,2,3.0000,4.0000,5.0000,6.0000,7.0000,8.0000,9,10,11,0.5,0.12,0.13,14,0.150000,0.160000,\
-            0.170000,18,19,20,21.0000,true,false,22.0000,23.0000\n";
+            0.170000,18,19,20,21.0000,true,false,22.0000,23.0000,24\n";
         assert_eq!(String::from_utf8(FrameLine::header()).unwrap(), header);
         assert_eq!(String::from_utf8(line.text()).unwrap(), numbers);
     }
 
     #[test]
     fn columns_of_the_control_loop_are_there_where_it_was() {
+        let (expected_ms, late_ms, decide_ms) = (12.0, 0.5, 0.1);
         let control =
-            ControlRow { rung: 3, expected_ms: 12.0, fits: true, in_band: false, late_ms: 0.5, decide_ms: 0.1 };
+            ControlRow { rung: 3, expected_ms, fits: true, in_band: false, late_ms, decide_ms, missed_periods: 0 };
         let quality = FrameQuality { fovea: Some([0.15, 0.3]), ..FrameQuality::default() };
         let free = FrameLine { index: 7, makespan_ms: 20.5, quality, ..FrameLine::default() };
         let table = FrameLine::csv(std::slice::from_ref(&free));

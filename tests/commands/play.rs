@@ -83,6 +83,9 @@ fn a_run_tells_all_of_every_frame() {
         assert!((least..=most).contains(&rung["expected_ms"].as_f64().unwrap()), "{rung}: {expected:?}");
     }
     assert_eq!((&sum["in_band_share"], &sum["judged_frames"]), (&1.0.into(), &10.into()), "{sum}");
+    let missed: u64 = rows[SETTLING_FRAMES..].iter().map(|row| row["missed_periods"].as_u64().unwrap()).sum();
+    // Frames of 1 ms are not rendered at a thousand frames per second.
+    assert!(missed > 0 && sum["missed_fraction"] == missed as f64 / (missed + 10) as f64, "{missed}: {sum}");
     assert!(sum["makespan_ms_p50"].as_f64() <= sum["makespan_ms_p99"].as_f64() && sum["longest_excursion"].is_null());
     for name in ["left.exr", "right.exr", "stereo.png", "left.0000.exr", "left.0025.exr"] {
         assert!(out.join(name).is_file(), "there is no {name}");
@@ -201,11 +204,13 @@ fn a_killed_run_leaves_every_finished_frame_and_the_next_one_says_so() {
     };
     let (lines, rows) = (whole("frames.csv"), whole("run.json.rows.part"));
     assert!(lines.len() > 12 && rows.len() >= lines.len() - 1 && whole("head.jsonl.part").len() > 12, "{lines:?}");
-    assert!(lines[0].starts_with("frame,time_s,devices,makespan_ms,") && lines[0].ends_with(",late_ms,decide_ms"));
+    assert!(
+        lines[0].starts_with("frame,time_s,devices,makespan_ms,") && lines[0].ends_with(",decide_ms,missed_periods")
+    );
     for (i, (line, row)) in lines[1..].iter().zip(&rows).enumerate() {
         let row: Value = serde_json::from_str(row).unwrap();
         let cells: Vec<&str> = line.split(',').collect();
-        assert_eq!((cells.len(), cells[0], &row["index"]), (27, i.to_string().as_str(), &i.into()), "{line}");
+        assert_eq!((cells.len(), cells[0], &row["index"]), (28, i.to_string().as_str(), &i.into()), "{line}");
         assert_eq!(cells[3], format!("{:.4}", row["makespan_ms"].as_f64().unwrap()));
     }
 

@@ -67,6 +67,7 @@ fn row(index: u32) -> FrameRow {
             in_band,
             late_ms: if index.is_multiple_of(10) { 2.0 } else { 0.0 },
             decide_ms: 0.01,
+            missed_periods: index % 7 / 5,
         }),
         headset: Some(HeadsetRow {
             display_s: f64::from(index) / 50.0,
@@ -172,6 +173,8 @@ fn sums_are_those_of_all_frames_but_the_first() {
         assert_eq!(found.above_share, share(&|r, _| r.makespan_ms > BUDGET_MS[1]));
         assert_eq!(found.below_share, share(&|r, _| r.makespan_ms < BUDGET_MS[0]));
         assert_eq!(found.late_share, share(&|_, c| c.late_ms > 1.0));
+        let missed: u32 = judged.iter().map(|(_, c)| c.missed_periods).sum();
+        assert_eq!(found.missed_fraction, f64::from(missed) / (f64::from(missed) + judged.len() as f64));
         let changes = judged.windows(2).filter(|pair| pair[0].1.rung != pair[1].1.rung).count();
         assert_eq!(found.rung_changes, changes);
         let rungs: Vec<(usize, f64, f64)> = found.rung_uses.iter().map(|u| (u.rung, u.expected_ms, u.share)).collect();

@@ -105,7 +105,8 @@ impl Session {
         self.quality(decided.decision.rung).fovea
     }
 
-    /// Renders a frame as decided, `late_ms` after it was due; returns its row and its report.
+    /// Renders a frame as decided, `late_ms` after it was due; returns its row, without missed display periods, and its
+    /// report.
     pub fn render(
         &mut self,
         decided: Decided,
@@ -166,7 +167,8 @@ impl Session {
         let quality = self.quality(rung);
         self.tracing.record(quality, Some(FrameControl { rung, budget_ms }), frame);
         let mut row = FrameRow::new(frame, quality, rig, time_s);
-        row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms });
+        let missed_periods = 0; // The caller knows the display.
+        row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms, missed_periods });
         row
     }
 
