@@ -205,12 +205,13 @@ fn a_killed_run_leaves_every_finished_frame_and_the_next_one_says_so() {
     let (lines, rows) = (whole("frames.csv"), whole("run.json.rows.part"));
     assert!(lines.len() > 12 && rows.len() >= lines.len() - 1 && whole("head.jsonl.part").len() > 12, "{lines:?}");
     assert!(
-        lines[0].starts_with("frame,time_s,devices,makespan_ms,") && lines[0].ends_with(",decide_ms,missed_periods")
+        lines[0].starts_with("frame,time_s,devices,makespan_ms,") && lines[0].ends_with(",missed_periods,rows_dev0")
     );
     for (i, (line, row)) in lines[1..].iter().zip(&rows).enumerate() {
         let row: Value = serde_json::from_str(row).unwrap();
         let cells: Vec<&str> = line.split(',').collect();
-        assert_eq!((cells.len(), cells[0], &row["index"]), (28, i.to_string().as_str(), &i.into()), "{line}");
+        assert_eq!((cells.len(), cells[0], &row["index"]), (29, i.to_string().as_str(), &i.into()), "{line}");
+        assert_eq!(cells[28], "32");
         assert_eq!(cells[3], format!("{:.4}", row["makespan_ms"].as_f64().unwrap()));
     }
 

@@ -106,7 +106,7 @@ fn play() -> Play {
 #[test]
 fn an_hour_of_frames_takes_the_memory_of_its_first_minutes() {
     let folder = tempfile::tempdir().unwrap();
-    let mut record = FrameRecord::create(folder.path(), BUDGET_MS).unwrap();
+    let mut record = FrameRecord::create(folder.path(), 2, BUDGET_MS).unwrap();
     let mut samples = FrameSamples::default();
     let (mut early, mut most) = (0, 0);
     for index in 0..HOUR {
@@ -224,7 +224,7 @@ fn a_page_shows_the_slowest_frames_of_a_long_run_and_all_of_a_short_one() {
 #[test]
 fn rows_in_a_file_are_the_rows() {
     let folder = tempfile::tempdir().unwrap();
-    let mut record = FrameRecord::create(folder.path(), BUDGET_MS).unwrap();
+    let mut record = FrameRecord::create(folder.path(), 2, BUDGET_MS).unwrap();
     let rig = Rig::of_keys(vec![diptych::scene::rig::RigKey {
         time_s: 0.0,
         position: glam::DVec3::new(0.1, 1e-9, 12_345.678),
@@ -246,7 +246,7 @@ fn rows_in_a_file_are_the_rows() {
     assert_eq!((frames, kept.len()), (5, 2));
     assert!(Unfinished::keep(folder.path()).unwrap().is_none());
     // A run that finishes leaves only its frames.csv.
-    let record = FrameRecord::create(folder.path(), BUDGET_MS).unwrap();
+    let record = FrameRecord::create(folder.path(), 2, BUDGET_MS).unwrap();
     record.finish().unwrap();
     assert!(Unfinished::keep(folder.path()).unwrap().is_none());
     let mut names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();

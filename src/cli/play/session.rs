@@ -121,7 +121,7 @@ impl Session {
 
     /// Creates the record of the session's frames, whose files are in `folder`.
     pub fn record(&self, folder: &Path) -> Result<FrameRecord, Failure> {
-        Ok(FrameRecord::create(folder, self.budget_ms())?)
+        Ok(FrameRecord::create(folder, self.renderer.devices().len(), self.budget_ms())?)
     }
 
     fn budget_ms(&self) -> [f64; 2] {
