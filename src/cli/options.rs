@@ -101,6 +101,9 @@ pub struct RunOptions {
         help_heading = DEVICES
     )]
     pub threads_per_device: Option<Vec<u16>>,
+    /// Value of [`crate::device::Selection::most_virtual_devices`].
+    #[arg(skip)]
+    pub most_virtual_devices: u16,
     /// Longest predicted submission, ms [default: 200 on GPUs, none on CPUs]
     ///
     /// Longer work is split, because GPU watchdogs (TDR on Windows) reset devices that are busy for seconds.
