@@ -3,6 +3,7 @@
 mod args;
 mod fitting_size;
 mod ladder;
+mod misfit;
 mod status_lines;
 pub mod options;
 mod pace;
@@ -30,6 +31,7 @@ use super::pictures::Pictures;
 use super::progress::Progress;
 use super::setup::{self, Tracing};
 pub use args::Args;
+use misfit::Misfit;
 pub use pace::Pace;
 use page::Last;
 pub use path::CameraPath;
@@ -70,7 +72,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let record = session.record(&options.out)?;
     let mut run =
         Run { args, options, loaded: &loaded, session, path, motion, record, samples, newest: None, pictures };
-    run.frames()?;
+    let stopped = run.frames()?;
     let last = if args.report { run.last()? } else { None };
     let Run { session, motion, record, samples, pictures, .. } = run;
     motion.map_or(Ok(()), Recording::finish)?;
@@ -89,7 +91,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         page::write(args, options, &loaded, &report, samples, last)?;
     }
     conclude(args, options, &report, record.play.lacked_rung);
-    interrupt::check()
+    interrupt::check()?;
+    stopped.map_or(Ok(()), |reason| Err(Failure::Run(anyhow::anyhow!(reason))))
 }
 
 /// State of a run.
@@ -109,11 +112,14 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    fn frames(&mut self) -> Result<(), Failure> {
+    /// Renders the frames. Returns the reason if the run stopped because nothing fits the budget.
+    fn frames(&mut self) -> Result<Option<String>, Failure> {
         let mut pace = Pace::new(self.options.fps);
+        let (mut misfit, mut stopped) = (Misfit::of_run(self.args, self.options), None);
         for index in 0..self.options.frames {
             let is_last = index + 1 == self.options.frames || interrupt::is_set();
-            let is_saved = is_last || self.args.save_every.is_some_and(|k| index % k == 0);
+            let is_saved =
+                is_last || misfit.may_stop_after(index) || self.args.save_every.is_some_and(|k| index % k == 0);
             // Only saved frames need linear output; the others are only displayed.
             self.session.renderer.set_outputs(if is_saved { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
             let decided = self.session.decide();
@@ -139,11 +145,16 @@ impl Run<'_> {
                 self.save(Some(index))?;
                 pace.restart();
             }
-            if is_last {
+            if let Some(median_ms) = misfit.add(&row, self.session.budget()) {
+                let Session { inner, fit, .. } = &self.session;
+                stopped = Some(misfit::reason(self.options, inner.budget(), fit.as_ref(), median_ms));
+            }
+            if is_last || stopped.is_some() {
                 break;
             }
         }
-        self.save(None)
+        self.save(None)?;
+        Ok(stopped)
     }
 
     /// Returns the instant of a frame, seconds.

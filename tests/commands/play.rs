@@ -23,7 +23,7 @@ fn play(out: &Path, options: &[&str]) -> (Vec<Value>, Value) {
 }
 
 /// Ladder of two very different rungs, for `--ladder`.
-const LADDER: &str = r#"
+pub const LADDER: &str = r#"
 [origin]
 shot = "builtin:cornell"
 size = "48x32"
@@ -233,7 +233,7 @@ fn a_killed_run_leaves_every_finished_frame_and_the_next_one_says_so() {
 }
 
 /// Plays into `out`; returns standard output, standard error and `run.json`.
-fn says(out: &Path, options: &[&str]) -> (String, String, Value) {
+pub fn says(out: &Path, options: &[&str]) -> (String, String, Value) {
     let args = ["play", "builtin:cornell", "--fps", "1000", "--out", out.to_str().unwrap()];
     let output = diptych(&[&args, options].concat());
     let [stdout, stderr] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
@@ -287,49 +287,6 @@ fn the_rungs_of_a_run_have_all_their_settings_and_one_denoiser_which_is_said() {
         (&rung["estimated"], &rung["estimated_error"], &rung["iterations"]),
         (&true.into(), &0.1.into(), &1.into())
     );
-}
-
-#[test]
-fn a_size_that_fits_is_named_at_once_and_taken_on_demand() {
-    let folder = tempfile::tempdir().unwrap();
-    let ladder = folder.path().join("one.toml");
-    std::fs::write(&ladder, LADDER.split_inclusive("\n\n").take(2).collect::<String>()).unwrap();
-    let size = ["--size", "480x320", "--ladder", ladder.to_str().unwrap()];
-    let run = |name: &str, options: &[&str]| says(&folder.path().join(name), &[&size, options].concat());
-    let (_, stderr, free) = run("free", &["--budget-ms", "0.01..30000", "--frames", "5", "--fit"]);
-    assert!(!stderr.contains("fit") && free["play"]["fit"].is_null(), "{stderr}");
-    // The budget is a sixth of the time, which leaves room for other load on the machine.
-    let median_ms = free["play"]["makespan_ms_p50"].as_f64().unwrap();
-    let budget = format!("{}..{}", median_ms / 10.0, median_ms / 6.0);
-
-    let (_, stderr, asked) = run("asked", &["--budget-ms", &budget, "--frames", "3"]);
-    let fit = &asked["play"]["fit"];
-    let [fitting, played] = ["fitting_size", "played_size"].map(|name| fit[name].as_str().unwrap().to_owned());
-    assert_eq!(
-        (&fit["asked_size"], played.as_str(), &asked["settings"]["size"]),
-        (&"480x320".into(), "480x320", &"480x320".into())
-    );
-    let (width, height) = fitting.split_once('x').unwrap();
-    let [width, height] = [width, height].map(|n| n.parse::<u32>().unwrap());
-    assert!(width < 480 && width * 2 == height * 3, "{fitting}");
-    assert!(fit["fitting_ms"].as_f64().unwrap() < median_ms / 6.0, "{fit}");
-    for part in [
-        "at 480x320 the cheapest rung takes",
-        &format!("--size {fitting} should fit; --fit takes it"),
-        "3 frames will take",
-    ] {
-        assert!(stderr.contains(part), "{part}: {stderr}");
-    }
-
-    let (stdout, stderr, taken) = run("taken", &["--budget-ms", &budget, "--frames", "3", "--fit"]);
-    let fit = &taken["play"]["fit"];
-    let played = fit["played_size"].as_str().unwrap();
-    assert_eq!((&fit["asked_size"], &fit["fitting_size"]), (&"480x320".into(), &played.into()));
-    assert!(played != "480x320" && taken["settings"]["size"] == played, "{fit}");
-    assert!(stdout.contains(&format!("playing at {played} instead")) && !stderr.contains("will take"), "{stdout}");
-    assert!(stdout.contains(&format!("{played}, denoiser atrous, 1 rung; ladder: ")), "{stdout}");
-    let image = ::diptych::image::exr::read_rgb(&folder.path().join("taken/left.exr")).unwrap();
-    assert_eq!(image.extent.to_string(), played);
 }
 
 #[test]

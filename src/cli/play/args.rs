@@ -14,6 +14,9 @@ pub struct Args {
     /// If nothing fits the budget at --size, play at a smaller size
     #[arg(long, help_heading = SCENE)]
     pub(super) fit: bool,
+    /// Play on if the first 30 frames show that nothing fits the budget
+    #[arg(long, help_heading = SCENE)]
+    pub(super) keep_going: bool,
     /// Also write every Kth frame; the clock stops meanwhile
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..), help_heading = OUTPUT)]
     pub(super) save_every: Option<u32>,
