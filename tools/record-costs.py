@@ -97,7 +97,7 @@ def main():
                 with open(one, "w") as file:
                     file.write(head + texts[rung])
                 run([options.diptych, "play", options.shot, "--size", options.size, "--virtual", "1", "--ladder", one,
-                     "--frames", str(FRAMES + SKIPPED), "--budget-ms", "11..20", "--quiet", "--out", folder + "/play", *more])
+                     "--frames", str(FRAMES + SKIPPED), "--budget-ms", "1..10000", "--fps", "60", "--quiet", "--out", folder + "/play", *more])
                 recorded[repeat][rung] = list(frames(folder + "/play"))
         speeds = [[speed(rows) for rows in runs] for runs in recorded]
         usual = median(s for row in speeds for s in row)

@@ -104,7 +104,11 @@ fn parse() -> Result<Cli, clap::Error> {
     let command = command();
     let matches = command.clone().try_get_matches()?;
     settings::keep(&command, &matches);
-    Cli::from_arg_matches(&matches)
+    let mut cli = Cli::from_arg_matches(&matches)?;
+    if let Command::Scale(args) = &mut cli.command {
+        args.share_cores();
+    }
+    Ok(cli)
 }
 
 /// Runs the command and returns its exit status.

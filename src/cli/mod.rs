@@ -18,6 +18,7 @@ mod commands;
 mod compare;
 mod denoisers;
 mod devices;
+mod disturb;
 mod environment;
 mod export;
 mod failure;

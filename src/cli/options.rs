@@ -101,6 +101,9 @@ pub struct RunOptions {
         help_heading = DEVICES
     )]
     pub threads_per_device: Option<Vec<u16>>,
+    /// Value of [`crate::device::Selection::most_virtual_devices`].
+    #[arg(skip)]
+    pub most_virtual_devices: u16,
     /// Longest predicted submission, ms [default: 200 on GPUs, none on CPUs]
     ///
     /// Longer work is split, because GPU watchdogs (TDR on Windows) reset devices that are busy for seconds.
@@ -298,9 +301,7 @@ impl RenderOptions {
             "--spp {} exceeds the limit of {MAX_FRAME_SPP} per frame: use --reference to accumulate more",
             self.spp
         );
-        if let Some(late) = self.faults.injections.iter().find(|i| i.frame >= self.frames) {
-            anyhow::bail!("--inject: there is no frame {}: the last is frame {}", late.frame, self.frames - 1);
-        }
+        self.faults.check(self.frames)?;
         anyhow::ensure!(
             self.scale == 1.0 || self.quality().denoiser.is_some(),
             "--render-scale below 1 needs a denoiser to fill in the pixels that are not traced"

@@ -1,9 +1,9 @@
 //! `diptych play`: a sequence inside a frame budget. The control loop sets the quality.
 
 mod args;
-mod disturb;
 mod fitting_size;
 mod ladder;
+mod misfit;
 mod status_lines;
 pub mod options;
 mod pace;
@@ -21,6 +21,7 @@ use crate::report::samples::FrameSamples;
 use crate::scene::head::Recording;
 use crate::scene::rig::Rig;
 
+use super::disturb::Disturbance;
 use super::failure::Failure;
 use super::interrupt;
 use super::options::RenderOptions;
@@ -30,7 +31,7 @@ use super::pictures::Pictures;
 use super::progress::Progress;
 use super::setup::{self, Tracing};
 pub use args::Args;
-use disturb::Disturbances;
+use misfit::Misfit;
 pub use pace::Pace;
 use page::Last;
 pub use path::CameraPath;
@@ -38,7 +39,7 @@ pub use prepared::Prepared;
 pub use session::Session;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let mut prepared = Prepared::new(&args.options, Some(args.frames))?;
+    let mut prepared = Prepared::new(&args.loop_options(), Some(args.frames))?;
     prepared.fits_size = Some(args.fit);
     let options = &prepared.render;
     output::prepare(&options.out, "--out")?;
@@ -51,7 +52,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         eprintln!("warning: {warning}");
     }
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
-    Disturbances(&args.disturb).check(args.frames, gpus.len())?;
     let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     let options = &prepared.render;
     if !options.quiet && !options.json {
@@ -72,7 +72,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let record = session.record(&options.out)?;
     let mut run =
         Run { args, options, loaded: &loaded, session, path, motion, record, samples, newest: None, pictures };
-    run.frames()?;
+    let stopped = run.frames()?;
     let last = if args.report { run.last()? } else { None };
     let Run { session, motion, record, samples, pictures, .. } = run;
     motion.map_or(Ok(()), Recording::finish)?;
@@ -91,7 +91,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         page::write(args, options, &loaded, &report, samples, last)?;
     }
     conclude(args, options, &report, record.play.lacked_rung);
-    interrupt::check()
+    interrupt::check()?;
+    stopped.map_or(Ok(()), |reason| Err(Failure::Run(anyhow::anyhow!(reason))))
 }
 
 /// State of a run.
@@ -111,18 +112,25 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    fn frames(&mut self) -> Result<(), Failure> {
+    /// Renders the frames. Returns the reason if the run stopped because nothing fits the budget.
+    fn frames(&mut self) -> Result<Option<String>, Failure> {
         let mut pace = Pace::new(self.options.fps);
+        let (mut misfit, mut stopped) = (Misfit::of_run(self.args, self.options), None);
         for index in 0..self.options.frames {
             let is_last = index + 1 == self.options.frames || interrupt::is_set();
-            let is_saved = is_last || self.args.save_every.is_some_and(|k| index % k == 0);
+            let is_saved =
+                is_last || misfit.may_stop_after(index) || self.args.save_every.is_some_and(|k| index % k == 0);
             // Only saved frames need linear output; the others are only displayed.
             self.session.renderer.set_outputs(if is_saved { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
             let decided = self.session.decide();
-            self.disturb(index);
+            let cut = Disturbance::SceneCut { frame: index };
+            if self.options.faults.disturbances.contains(&cut) {
+                self.path.cut(self.time_s(index));
+            }
             let late_ms = pace.wait();
             let (rig, time_s) = (self.rig(index), self.time_s(index));
-            let (row, frame) = self.session.render(decided, late_ms, &rig, time_s, index)?;
+            let (mut row, frame) = self.session.render(decided, late_ms, &rig, time_s, index)?;
+            row.miss(pace.complete());
             if let Some(motion) = &mut self.motion {
                 motion.add(time_s, &rig, time_s, self.session.gaze(time_s))?;
             }
@@ -137,11 +145,16 @@ impl Run<'_> {
                 self.save(Some(index))?;
                 pace.restart();
             }
-            if is_last {
+            if let Some(median_ms) = misfit.add(&row, self.session.budget()) {
+                let Session { inner, fit, .. } = &self.session;
+                stopped = Some(misfit::reason(self.options, inner.budget(), fit.as_ref(), median_ms));
+            }
+            if is_last || stopped.is_some() {
                 break;
             }
         }
-        self.save(None)
+        self.save(None)?;
+        Ok(stopped)
     }
 
     /// Returns the instant of a frame, seconds.
@@ -152,21 +165,6 @@ impl Run<'_> {
     /// Returns the camera of a frame.
     fn rig(&self, index: u32) -> Rig {
         self.path.rig(self.time_s(index))
-    }
-
-    /// Applies the disturbances of a frame.
-    fn disturb(&mut self, index: u32) {
-        let disturbances = Disturbances(&self.args.disturb);
-        if disturbances.cuts_before(index) {
-            self.path.cut(self.time_s(index));
-        }
-        if !self.args.disturb.is_empty() {
-            let base = &self.options.faults.slowdown;
-            let renderer = &mut self.session.renderer;
-            let devices = renderer.devices().len();
-            let base = if let [all] = base[..] { vec![all; devices] } else { base.clone() };
-            renderer.set_slowdown(disturbances.slowdown(index, &base, devices));
-        }
     }
 
     /// Reads the newest frame back; `None` before the first one.

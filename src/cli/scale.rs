@@ -1,5 +1,7 @@
 //! `diptych scale`: the same frames at several device counts.
 
+mod seen;
+
 use std::collections::BTreeSet;
 use std::time::Instant;
 
@@ -7,15 +9,13 @@ use anyhow::Context;
 
 use crate::device::DeviceInfo;
 use crate::exec::ranks::Devices;
-use crate::exec::{FrameReport, Renderer, Stereo};
-use crate::image::RgbImage;
+use crate::exec::{FrameReport, Renderer};
 use crate::loaded::LoadedScene;
 use crate::passes::tonemap::LINEAR;
 use crate::report::frames::FrameLine;
 use crate::report::html::Section;
-use crate::report::lanes::{LaneFrame, median_frame};
-use crate::report::pictures::Group;
-use crate::report::run::{FrameRow, RunReport, aov_ms};
+use crate::report::lanes::median_frame;
+use crate::report::run::{FrameRow, RunReport, RunSettings, aov_ms};
 use crate::report::scale::{ScaleRow, scale_csv, scale_sections, scale_svg, scale_table};
 use crate::report::simulation::{self, enough_nodes, simulation_csv, simulation_svg, simulation_table};
 use crate::report::{Csv, Table};
@@ -27,15 +27,20 @@ use super::failure::Failure;
 use super::faults::refuse_faults;
 use super::interrupt;
 use super::options::{self, RenderOptions};
-use super::output::{self, same_bits};
+use super::output;
 use super::page::{self, and_page};
 use super::progress::Progress;
 use super::settings;
 use super::setup::{self, Tracing};
 use super::simulate;
+use seen::Seen;
+
+/// Help of --threads-per-device, whose default depends on the counts.
+const THREADS: &str = "Threads per software device [default: cores / devices of the largest count]";
 
 #[derive(clap::Args, Debug)]
 #[command(mut_arg("frames", |frames| frames.default_value("5").help("Timed frames per device count")))]
+#[command(mut_arg("threads_per_device", |threads| threads.help(THREADS)))]
 pub struct Args {
     #[command(flatten)]
     pub options: RenderOptions,
@@ -53,6 +58,11 @@ pub struct Args {
 }
 
 impl Args {
+    /// Makes all counts have the same default of threads per device, on all ranks.
+    pub fn share_cores(&mut self) {
+        self.options.run.most_virtual_devices = self.counts.iter().copied().max().unwrap_or(1);
+    }
+
     /// Returns the instant of a frame in seconds. `number` counts frames from the first warm-up frame.
     fn time_s(&self, number: u32) -> f64 {
         self.options.time + f64::from(number.saturating_sub(self.warm_up)) / self.options.fps
@@ -99,6 +109,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.simulation.is_wanted() {
         files = "scale.csv, scale.svg, simulate.csv, frames.csv and run.json";
         for options in &policies {
+            // The base comes first.
             let own = |r: &&ScaleRow| r.devices == r.base_devices || r.policy == options.balance().name();
             let measured: Vec<_> = found.rows.iter().filter(own).map(|r| (r.devices, r.makespan_ms)).collect();
             found.simulated.extend(args.simulation.run(options, &model, &measured)?);
@@ -162,12 +173,18 @@ fn of_one(options: &RenderOptions) -> RenderOptions {
     let run = &mut one.run;
     run.threads_per_device.iter_mut().for_each(|threads| threads.truncate(1));
     run.faults.slowdown.truncate(1);
-    run.faults.injections.retain(|injection| injection.device == 0);
+    run.faults.disturbances.retain(|d| d.injection().is_some_and(|i| i.device == 0));
     if run.balance() == Balance::Static {
         run.balance = vec![Balance::Even];
         run.ratios.clear();
     }
     one
+}
+
+/// Returns the number of threads of each device, if it is known and the same for all.
+fn common_threads(devices: &[DeviceInfo]) -> Option<usize> {
+    let (first, others) = devices.split_first()?;
+    first.threads.filter(|_| others.iter().all(|other| other.threads == first.threads))
 }
 
 /// Returns the number of untimed frames after the timed ones. They keep the devices loaded, since the last timed frames
@@ -240,6 +257,7 @@ impl Measuring<'_> {
         let oversubscribed = threads > std::thread::available_parallelism().map_or(1, usize::from);
         let row = ScaleRow {
             policy: renderer.policy_name().to_owned(),
+            threads_per_device: common_threads(&infos),
             ..ScaleRow::new(devices, &frames, oversubscribed, base)
         };
         Ok(Measured { row, renderer, warm_up_s, frames })
@@ -258,47 +276,6 @@ struct Results {
     policies: Vec<String>,
     simulated: Vec<simulation::SimulationRow>,
     seen: Seen,
-}
-
-/// Pictures and frames for the page.
-#[derive(Default)]
-struct Seen {
-    /// The last frame on one device.
-    picture: Option<Stereo<RgbImage>>,
-    /// For each further measurement, true if its last frame has the same bytes as `picture`.
-    same_bytes: Vec<bool>,
-    /// A frame of median makespan for each row.
-    frames: Vec<FrameReport>,
-}
-
-impl Seen {
-    fn add(&mut self, picture: Stereo<RgbImage>, frame: Option<FrameReport>) {
-        self.frames.extend(frame);
-        match &self.picture {
-            None => self.picture = Some(picture),
-            Some(first) => self.same_bytes.push(same_bits(first, &picture)),
-        }
-    }
-
-    fn pictures(&self, loaded: &LoadedScene) -> Result<Option<Section>, Failure> {
-        let Some(picture) = &self.picture else { return Ok(None) };
-        let bytes = match &self.same_bytes[..] {
-            [] => "Only one count was measured.",
-            same if same.iter().all(|same| *same) => "All counts gave the same bytes.",
-            _ => "Not all counts gave the same bytes.",
-        };
-        let note = format!("The last frame of one device. {bytes}");
-        let frame = Group::of_frame("last frame".into(), picture, loaded.shot.exposure_ev);
-        page::pictures(note, &[frame]).map(Some)
-    }
-
-    fn swimlanes(&self, rows: &[ScaleRow]) -> Result<Section, Failure> {
-        let name = |row: &ScaleRow| format!("{} device(s), {}", row.devices, row.policy);
-        let frames = rows.iter().zip(&self.frames);
-        let frames: Vec<LaneFrame> = frames.map(|(row, frame)| LaneFrame::new(name(row), frame)).collect();
-        let note = "A frame of median makespan for each count and policy.";
-        page::swimlanes(note.to_owned(), &frames, frames.len().saturating_sub(1))
-    }
 }
 
 impl Results {
@@ -327,7 +304,7 @@ impl Results {
     /// Writes frames.csv and run.json with all timed frames and the devices of the largest count, which include those
     /// of smaller counts.
     fn write_run(&mut self, options: &RenderOptions, loaded: &LoadedScene) -> Result<(), Failure> {
-        let settings = settings::in_force(options, loaded.exposure_ev(), &[]);
+        let settings = self.settings(options, loaded.exposure_ev());
         let devices = self.devices.last().map_or(&[][..], Vec::as_slice);
         let frames = std::mem::take(&mut self.frames);
         let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, frames);
@@ -358,14 +335,23 @@ impl Results {
             sections.push(self.simulation(options)?);
         }
         sections.push(self.seen.swimlanes(&self.rows)?);
-        sections.extend(self.settings(args, loaded.exposure_ev()));
+        sections.extend(self.settings_and_devices(options, loaded.exposure_ev()));
         sections.push(page::scene(options, loaded));
         page::write(&options.out, &title, &sections)
     }
 
-    fn settings(&self, args: &Args, exposure_ev: f64) -> [Section; 2] {
-        let options = &args.options;
-        let mut table = Table::of_fields(&settings::in_force(options, exposure_ev, &[]));
+    /// Returns the options in force, with the threads of the devices if all have the same number.
+    fn settings(&self, options: &RenderOptions, exposure_ev: f64) -> RunSettings {
+        let mut settings = settings::in_force(options, exposure_ev, &[]);
+        let devices: Vec<DeviceInfo> = self.devices.iter().flatten().cloned().collect();
+        if let Some(threads) = common_threads(&devices) {
+            settings.options.insert("threads_per_device".to_owned(), threads.into());
+        }
+        settings
+    }
+
+    fn settings_and_devices(&self, options: &RenderOptions, exposure_ev: f64) -> [Section; 2] {
+        let mut table = Table::of_fields(&self.settings(options, exposure_ev));
         let frames = self.rows.first().map_or(0, |r| r.frames);
         table.rows.push(vec!["timed_frames".to_owned(), frames.to_string()]);
         let devices = Table::of_devices(self.devices.iter().map(Vec::as_slice));
@@ -377,8 +363,8 @@ impl Results {
         let title = format!("Simulated speed-up of {} at {}", options.shot, options.size);
         let figure = simulation_svg(title, &self.simulated).context("cannot draw the plot of the simulation")?;
         let notes = "Frames simulated on a virtual clock, with the costs measured on the largest number of devices \
-            that does not exceed the cores. Speed-up: relative to one simulated device of speed 1; the ideal is the \
-            sum of speeds. Critical path: the chain of dependent tasks that determines the frame time.";
+            that does not exceed the cores. Speed-up: relative to the measured frames of one device, as in the table \
+            of measured counts; the ideal is the sum of speeds. Critical path: the chain of dependent tasks that determines the frame time.";
         Ok(Section {
             heading: "Simulation",
             notes: vec![notes.to_owned()],

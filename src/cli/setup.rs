@@ -85,6 +85,7 @@ fn selection(options: &RunOptions, virtual_devices: usize) -> Selection {
     Selection {
         adapters: options.devices.clone(),
         virtual_devices,
+        most_virtual_devices: usize::from(options.most_virtual_devices),
         threads_per_device: options.threads_per_device.as_ref().map(|t| t.iter().copied().map(usize::from).collect()),
         traversal: options.traversal,
     }

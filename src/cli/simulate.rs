@@ -83,14 +83,15 @@ impl Args {
         }
     }
 
-    /// Predicts all requested counts. `measured` lists device counts with their makespans in milliseconds.
+    /// Predicts all requested counts. `measured` lists device counts with their makespans in milliseconds; speedups are
+    /// relative to the first.
     pub fn run(
         &self,
         options: &RenderOptions,
         model: &CostModel,
         measured: &[(usize, f64)],
     ) -> Result<Vec<SimulationRow>, Failure> {
-        let one_ms = predict(options, &model.on_devices(&[1.0]))?.1.makespan_ms;
+        let Some(&(_, base_ms)) = measured.first() else { return Ok(Vec::new()) };
         let mut rows = Vec::new();
         for &Nodes { nodes, each } in &self.simulate {
             let devices = nodes * each;
@@ -107,7 +108,7 @@ impl Args {
             rows.push(SimulationRow {
                 policy: options.balance().name(),
                 nodes,
-                ..SimulationRow::new(&prediction, &speeds, one_ms, here.map(|(_, ms)| *ms))
+                ..SimulationRow::new(&prediction, &speeds, base_ms, here.map(|(_, ms)| *ms))
             });
         }
         Ok(rows)

@@ -18,6 +18,18 @@ pub enum FailureKind {
     Error,
 }
 
+impl FailureKind {
+    /// Returns the kind as `run.json` spells it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Loss => "loss",
+            Self::Hang => "hang",
+            Self::Oom => "oom",
+            Self::Error => "error",
+        }
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct DeviceFailure {
     pub kind: FailureKind,

@@ -31,6 +31,7 @@ pub fn open_with(
         return Err(DeviceError::TooMany(count));
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let most = chosen.len() * each.max(selection.most_virtual_devices);
     let threads = match selection.threads_per_device.as_deref() {
         None => vec![None; count],
         Some(&[all]) => vec![Some(all); count],
@@ -39,7 +40,7 @@ pub fn open_with(
     };
     let adapters = chosen.iter().flat_map(|&a| std::iter::repeat_n(&found[a], each)).zip(threads);
     let wanted = |(index, (adapter, asked)): (usize, (_, Option<usize>))| {
-        let threads = threads_to_tell(adapter, asked, cores / count, environment::is_settable())?;
+        let threads = threads_to_tell(adapter, asked, cores / most, environment::is_settable())?;
         Ok(Wanted { index, adapter, threads, traversal })
     };
     let wanted = adapters.enumerate().map(wanted).collect::<Result<Vec<_>, DeviceError>>()?;

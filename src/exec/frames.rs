@@ -150,7 +150,7 @@ impl Frames {
         let (mut orders, mut injections) = (Vec::new(), Vec::new());
         for device in self.workers.left() {
             let (runs, injected) = self.injected.take(device, index);
-            injections.extend(injected.map(|kind| Injection { kind, device, frame: index }));
+            injections.extend(injected.map(|kind| Injection { kind, device, frames: index..index + 1 }));
             let Inputs { constants, previous, place, ref reads, .. } = inputs;
             let (reads, update) = (reads.to_vec(), inputs.update.clone());
             let (cuts, plan) = (cuts(device), plan.clone());
@@ -246,7 +246,8 @@ impl Frames {
         }
         let frames: Vec<InFlight> = std::iter::once(frame).chain(behind).collect();
         // The cancelled frames may have ended before their faults were injected, so inject these again.
-        let injections = frames.iter().flat_map(|f| &f.injections).filter(|i| !failures.contains_key(&i.device));
+        let injections =
+            frames.iter().flat_map(|f| &f.injections).filter(|i| !failures.contains_key(&i.device)).cloned();
         self.injected.injections.extend(injections);
         Finished::Failed { failures, frames }
     }
@@ -268,15 +269,14 @@ impl Frames {
             self.limits.learn(frame.inputs.samples(), report.makespan_ms);
         }
         let primary = report.assignment.primary();
-        self.recovered(frame.attempt);
+        self.recovered(frame.attempt, end_ms);
         self.whole = Some(CompleteFrame { inputs: frame.inputs.clone(), primary, end_ms, images, buffers });
     }
 
-    /// Marks the faults of a frame as recovered, once this attempt is complete.
-    fn recovered(&mut self, attempt: Attempt) {
-        let now_ms = self.now_ms();
+    /// Marks the faults of a frame as recovered by this attempt, which was complete at `end_ms`.
+    fn recovered(&mut self, attempt: Attempt, end_ms: f64) {
         for fault in self.faults[attempt.first_fault..].iter_mut().filter(|f| f.attempts == 0) {
-            (fault.attempts, fault.recovery_ms) = (attempt.number, now_ms - fault.noticed_ms);
+            (fault.attempts, fault.recovery_ms) = (attempt.number, end_ms - attempt.begin_ms);
         }
     }
 

@@ -23,9 +23,10 @@ impl Renderer {
                 let found = self.frames.whole.as_ref().and_then(|w| w.images.get(&output));
                 return found.map(Cow::Borrowed).ok_or(ExecError::NoFrame);
             }
+            let begin_ms = self.frames.now_ms();
             match self.frames.fetch(output.clone())? {
                 Ok(pixels) => return Ok(Cow::Owned(pixels)),
-                Err(failure) => self.render_again(failure)?,
+                Err(failure) => self.render_again(failure, begin_ms)?,
             }
         }
     }

@@ -119,11 +119,6 @@ impl Renderer {
         self.frames.injected = injected;
     }
 
-    /// Sets how many times each device runs each of its dispatches from now on. Devices without an entry run them once.
-    pub fn set_slowdown(&mut self, slowdown: Vec<u32>) {
-        self.frames.injected.slowdown = slowdown;
-    }
-
     /// Sets the images that frames begun from now on gather on the primary, in addition to the `reads` of
     /// [`Self::begin`]. Other images need not be transferred between devices.
     pub fn set_outputs(&mut self, images: &[Resource]) {
@@ -314,12 +309,13 @@ impl Renderer {
         }
     }
 
-    /// Renders the last complete frame again on the other devices, since the device with its images has failed.
-    pub(super) fn render_again(&mut self, failure: DeviceFailure) -> Result<(), ExecError> {
+    /// Renders the last complete frame again on the other devices, since the device with its images failed in a read
+    /// that began at `begin_ms`.
+    pub(super) fn render_again(&mut self, failure: DeviceFailure, begin_ms: f64) -> Result<(), ExecError> {
         let Some(CompleteFrame { inputs, primary, .. }) = self.frames.whole.take() else {
             return Err(ExecError::NoFrame);
         };
-        let attempt = Attempt { number: 2, ..self.frames.first_attempt(self.frames.now_ms()) };
+        let attempt = Attempt { number: 2, ..self.frames.first_attempt(begin_ms) };
         self.drop_device(inputs.constants.sampling.index, [(primary, failure)])?;
         self.dispatch_frame(inputs, Some(attempt));
         self.finish_last().map(drop)

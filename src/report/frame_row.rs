@@ -32,6 +32,9 @@ pub struct ControlRow {
     pub late_ms: f64,
     /// Host time for choosing the rung.
     pub decide_ms: f64,
+    /// Number of refreshes of the display, at the session's frame rate, at which the frame was due but not complete. In
+    /// a headset: number of periods without a new frame before this one, by the runtime's predictions.
+    pub missed_periods: u32,
 }
 
 /// Work of one device on one stage and view of a frame. Transfers of rows count as the stages `download` and `upload`.
@@ -188,6 +191,11 @@ impl FrameRow {
             headset: None,
             bodies_left_out: frame.bodies_left_out,
         }
+    }
+
+    /// Sets the number of display periods that the frame missed, if it has a control decision.
+    pub fn miss(&mut self, periods: u32) {
+        self.control.iter_mut().for_each(|control| control.missed_periods = periods);
     }
 
     /// Adds the frame's tasks.

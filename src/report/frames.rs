@@ -1,4 +1,5 @@
-//! Writes `frames.csv`, with a line per frame and the same columns for every command.
+//! Writes `frames.csv`, with a line per frame and the same columns for every command. Frames of a control loop have
+//! further columns.
 
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +32,9 @@ pub struct FrameLine {
     pub transferred_bytes: u64,
     /// Decision of the control loop, for frames with a time budget.
     pub control: Option<ControlRow>,
+    /// Number of rows of the left eye that each device path traced.
+    #[serde(default)]
+    pub stripes: Vec<u32>,
 }
 
 impl From<&FrameRow> for FrameLine {
@@ -51,6 +55,7 @@ impl From<&FrameRow> for FrameLine {
             nonfinite_samples: row.nonfinite_samples,
             transferred_bytes: row.transferred_bytes,
             control: row.control,
+            stripes: row.stripes.clone(),
         }
     }
 }
@@ -79,36 +84,56 @@ const COLUMNS: [Column<FrameLine>; 21] = [
     ("transferred_bytes", |l| l.transferred_bytes.to_string()),
 ];
 
-const CONTROL: [Column<FrameLine>; 6] = [
+const CONTROL: [Column<FrameLine>; 7] = [
     ("rung", |l| optional(l.control.as_ref().map(|c| c.rung))),
     ("expected_ms", |l| number(l.control.as_ref().map(|c| c.expected_ms), 4)),
     ("fits", |l| optional(l.control.as_ref().map(|c| c.fits))),
     ("in_band", |l| optional(l.control.as_ref().map(|c| c.in_band))),
     ("late_ms", |l| number(l.control.as_ref().map(|c| c.late_ms), 4)),
     ("decide_ms", |l| number(l.control.as_ref().map(|c| c.decide_ms), 4)),
+    ("missed_periods", |l| optional(l.control.as_ref().map(|c| c.missed_periods))),
 ];
 
 impl FrameLine {
-    /// Returns the contents of `frames.csv`. The control loop's columns are left out if no line has a decision.
+    /// Returns the contents of `frames.csv`. The control loop's columns, with the rows of each device, are left out if
+    /// no line has a decision.
     pub fn csv(lines: &[Self]) -> Csv {
         let all = Csv::new(&COLUMNS, lines);
-        if lines.iter().any(|l| l.control.is_some()) { all.beside(Csv::new(&CONTROL, lines)) } else { all }
+        if lines.iter().all(|l| l.control.is_none()) {
+            return all;
+        }
+        let devices = lines.iter().map(|l| l.stripes.len()).max().unwrap_or(0);
+        let lines_of_rows = lines.iter().map(|l| l.cells_of_rows(devices).collect()).collect();
+        let rows = Csv { columns: columns_of_rows(devices).collect(), lines: lines_of_rows };
+        all.beside(Csv::new(&CONTROL, lines)).beside(rows)
     }
 
-    /// Returns the header line, with the control loop's columns, for a file that is written line by line.
-    pub fn header() -> Vec<u8> {
-        csv::line(COLUMNS.iter().chain(&CONTROL).map(|(name, _)| *name))
+    /// Returns the header line, with the control loop's columns, for a file that is written line by line. `devices` is
+    /// the number of devices at the start of the run.
+    pub fn header(devices: usize) -> Vec<u8> {
+        let names = COLUMNS.iter().chain(&CONTROL).map(|(name, _)| (*name).to_owned());
+        csv::line(names.chain(columns_of_rows(devices)))
     }
 
-    /// Returns the frame's line in a file that begins with [`Self::header`].
-    pub fn text(&self) -> Vec<u8> {
-        csv::line(COLUMNS.iter().chain(&CONTROL).map(|(_, cell)| cell(self)))
+    /// Returns the frame's line in a file that begins with [`Self::header`] of as many devices.
+    pub fn text(&self, devices: usize) -> Vec<u8> {
+        let cells = COLUMNS.iter().chain(&CONTROL).map(|(_, cell)| cell(self));
+        csv::line(cells.chain(self.cells_of_rows(devices)))
+    }
+
+    fn cells_of_rows(&self, devices: usize) -> impl Iterator<Item = String> {
+        (0..devices).map(|device| optional(self.stripes.get(device)))
     }
 
     /// Returns the contents of `frames.csv` for the rows of `run.json`.
     pub fn csv_of(rows: &[FrameRow]) -> Csv {
         Self::csv(&rows.iter().map(Self::from).collect::<Vec<_>>())
     }
+}
+
+/// Returns the names of the columns with the rows of each device.
+fn columns_of_rows(devices: usize) -> impl Iterator<Item = String> {
+    (0..devices).map(|device| format!("rows_dev{device}"))
 }
 
 #[cfg(test)]
@@ -146,35 +171,39 @@ mod tests {
                 in_band: false,
                 late_ms: 22.0,
                 decide_ms: 23.0,
+                missed_periods: 24,
             }),
+            stripes: vec![25, 0, 27],
         };
         let header = "frame,time_s,devices,makespan_ms,interval_ms,predicted_ms,plan_ms,aov_ms,busy_ms,spp,bounces,\
             iterations,scale,fovea_inner,fovea_outer,rays,reprojected_fraction,antialiasing_fraction,hole_fraction,\
-            nonfinite_samples,transferred_bytes,rung,expected_ms,fits,in_band,late_ms,decide_ms\n";
+            nonfinite_samples,transferred_bytes,rung,expected_ms,fits,in_band,late_ms,decide_ms,missed_periods,rows_dev0,rows_dev1,rows_dev2\n";
         let numbers = "1,0.25,2,3.0000,4.0000,5.0000,6.0000,7.0000,8.0000,9,10,11,0.5,0.12,0.13,14,0.150000,0.160000,\
-            0.170000,18,19,20,21.0000,true,false,22.0000,23.0000\n";
-        assert_eq!(String::from_utf8(FrameLine::header()).unwrap(), header);
-        assert_eq!(String::from_utf8(line.text()).unwrap(), numbers);
+            0.170000,18,19,20,21.0000,true,false,22.0000,23.0000,24,25,0,27\n";
+        assert_eq!(String::from_utf8(FrameLine::header(3)).unwrap(), header);
+        assert_eq!(String::from_utf8(line.text(3)).unwrap(), numbers);
     }
 
     #[test]
     fn columns_of_the_control_loop_are_there_where_it_was() {
+        let (expected_ms, late_ms, decide_ms) = (12.0, 0.5, 0.1);
         let control =
-            ControlRow { rung: 3, expected_ms: 12.0, fits: true, in_band: false, late_ms: 0.5, decide_ms: 0.1 };
+            ControlRow { rung: 3, expected_ms, fits: true, in_band: false, late_ms, decide_ms, missed_periods: 0 };
         let quality = FrameQuality { fovea: Some([0.15, 0.3]), ..FrameQuality::default() };
         let free = FrameLine { index: 7, makespan_ms: 20.5, quality, ..FrameLine::default() };
         let table = FrameLine::csv(std::slice::from_ref(&free));
         assert_eq!((table.columns.len(), table.lines[0].len()), (21, 21));
         let found = ["frame", "makespan_ms", "interval_ms", "fovea_inner", "fovea_outer"];
         assert_eq!(found.map(|name| table.value(0, name)), ["7", "20.5000", "", "0.15", "0.3"]);
-        let line = FrameLine { control: Some(control), ..free };
+        let line = FrameLine { control: Some(control), stripes: vec![9, 7], ..free };
         let table = FrameLine::csv(std::slice::from_ref(&line));
         let found = ["rung", "expected_ms", "fits", "in_band", "late_ms"];
         assert_eq!(found.map(|name| table.value(0, name)), ["3", "12.0000", "true", "false", "0.5000"]);
+        assert_eq!(["rows_dev0", "rows_dev1"].map(|name| table.value(0, name)), ["9", "7"]);
         // A file that is written line by line has the same contents.
         let folder = tempfile::tempdir().unwrap();
         table.write(&folder.path().join("frames.csv")).unwrap();
-        let grown = [FrameLine::header(), line.text()].concat();
+        let grown = [FrameLine::header(2), line.text(2)].concat();
         assert_eq!(std::fs::read(folder.path().join("frames.csv")).unwrap(), grown);
     }
 }

@@ -211,10 +211,14 @@
 
   const INK = { time: "#0072b2", spp: "#e6e6e6", budget: "#009e73", rung: "#d55e00", disturbed: "#cc79a7" };
 
+  // Tol's light scheme. The colours of many devices repeat.
+  const DEVICES = ["#77aadd", "#ee8866", "#eedd88", "#44bb99", "#ffaabb", "#99ddff", "#bbcc33", "#dddddd"];
+
   function timeline(root, data) {
+    const devices = Math.max(...data.rows.map((rows) => rows.length));
     const keys = [
       ["time", "frame time"], ["budget", "budget"], ["spp", "samples per pixel (right axis)"], ["rung", "rung"],
-      ["disturbed", "disturbance"],
+      ["disturbed", "disturbance or fault"],
     ];
     const legend = add(root, "ul", { className: "legend" });
     for (const [key, name] of keys.filter(([key]) => key !== "disturbed" || data.disturbed.length)) {
@@ -222,6 +226,11 @@
       add(item, "span").style.background = INK[key];
       item.append(name);
     }
+    if (devices > 1) DEVICES.slice(0, devices).forEach((colour, i) => {
+      const item = add(legend, "li");
+      add(item, "span").style.background = colour;
+      item.append(`rows of device ${i}${i + DEVICES.length < devices ? ` and ${i + DEVICES.length}` : ""}`);
+    });
     const box = add(root, "div", { tabIndex: 0, role: "slider", ariaLabel: "Frame" });
     box.setAttribute("aria-valuemin", data.index[0]);
     box.setAttribute("aria-valuemax", data.index.at(-1));
@@ -237,7 +246,9 @@
 
     function paint(width) {
       const [left, right, high, gap, low] = [44, 36, 240, 20, 74];
-      const svg = canvas(box, width, 14 + high + gap + low + 40, "Frame times, samples and rungs over frames");
+      const [rowsTop, rowsHigh] = devices > 1 ? [14 + high + gap + low + gap, 90] : [14 + high + gap + low, 0];
+      const bottom = rowsTop + rowsHigh;
+      const svg = canvas(box, width, bottom + 40, "Frame times, samples, rungs and rows per device over frames");
       x = (at) => +(left + ((width - left - right) * at) / count).toFixed(2);
       const y = (time) => +(14 + high * (1 - Math.min(time, top) / top)).toFixed(2);
       const mostSpp = Math.max(...data.spp);
@@ -246,8 +257,9 @@
       draw(svg, "path", { d: `${steps(data.spp, ySpp)}V${14 + high}H${left}Z`, fill: INK.spp });
       const [lo, hi] = data.budget.map(y);
       draw(svg, "rect", { x: left, y: hi, width: x(count) - left, height: lo - hi, fill: INK.budget, opacity: 0.2 });
-      shades(svg, 14 + high + gap + low);
-      axes(svg, { width, left, high, y, ySpp, yRung, mostSpp });
+      if (rowsHigh) bands(svg, left, rowsTop, rowsHigh);
+      shades(svg, bottom);
+      axes(svg, { width, left, high, y, ySpp, yRung, mostSpp, bottom });
       const at = (i) => x(i + 0.5);
       const path = data.ms.map((time, i) => `${i ? "L" : "M"}${at(i)} ${y(time)}`).join("");
       draw(svg, "path", { d: path, fill: "none", stroke: INK.time, "stroke-width": 1.5 });
@@ -256,12 +268,25 @@
       });
       draw(svg, "path", { d: steps(data.rung, yRung), fill: "none", stroke: INK.rung, "stroke-width": 2 });
       captions(svg, width);
-      marker = draw(svg, "line", { class: "axis", y1: 8, y2: 14 + high + gap + low, "stroke-dasharray": "3 2" });
+      marker = draw(svg, "line", { class: "axis", y1: 8, y2: bottom, "stroke-dasharray": "3 2" });
       mark();
     }
 
-    function axes(svg, { width, left, high, y, ySpp, yRung, mostSpp }) {
-      const bottom = yRung(0);
+    /** The rows of each device, as bands from the top of the image to its bottom. */
+    function bands(svg, left, top, high) {
+      const most = Math.max(...data.rows.map((rows) => rows.reduce((a, b) => a + b, 0)), 1);
+      for (let device = devices - 1; device >= 0; device--) {
+        const upTo = data.rows.map((rows) => rows.slice(0, device + 1).reduce((a, b) => a + b, 0));
+        const d = `${steps(upTo, (rows) => +(top + (high * rows) / most).toFixed(2))}V${top}H${left}Z`;
+        draw(svg, "path", { d, fill: DEVICES[device % DEVICES.length] });
+      }
+      draw(svg, "line", { class: "axis", x1: left, x2: left, y1: top, y2: top + high });
+      for (const [row, y] of [[0, top + 9], [most, top + high]])
+        draw(svg, "text", { x: left - 7, y, "text-anchor": "end" }, row);
+      draw(svg, "text", { x: 0, y: top + high / 2 + 4, class: "muted" }, "rows");
+    }
+
+    function axes(svg, { width, left, high, y, ySpp, yRung, mostSpp, bottom }) {
       for (const time of ticks(top, 6)) {
         draw(svg, "line", { class: "axis", x1: left - 4, x2: left, y1: y(time), y2: y(time) });
         draw(svg, "text", { x: left - 7, y: y(time) + 4, "text-anchor": "end" }, time);
@@ -270,7 +295,7 @@
         draw(svg, "text", { x: x(count) + 6, y: ySpp(spp) + 4 }, spp);
       for (const rung of new Set([0, data.rungs - 1]))
         draw(svg, "text", { x: left - 7, y: yRung(rung) + 4, "text-anchor": "end" }, rung);
-      for (const [y1, y2] of [[14, 14 + high], [yRung(data.rungs - 1), bottom]])
+      for (const [y1, y2] of [[14, 14 + high], [yRung(data.rungs - 1), yRung(0)]])
         draw(svg, "line", { class: "axis", x1: left, x2: left, y1, y2 });
       draw(svg, "line", { class: "axis", x1: left, x2: x(count), y1: 14 + high, y2: 14 + high });
       draw(svg, "line", { class: "axis", x1: left, x2: x(count), y1: bottom + 4, y2: bottom + 4 });
@@ -279,13 +304,18 @@
       draw(svg, "text", { x: (left + x(count)) / 2, y: bottom + 34, "text-anchor": "middle" }, "frame");
       draw(svg, "text", { x: 0, y: 8, class: "muted" }, "ms");
       draw(svg, "text", { x: width, y: 8, "text-anchor": "end", class: "muted" }, "spp");
-      draw(svg, "text", { x: 0, y: (bottom + yRung(data.rungs - 1)) / 2 + 4, class: "muted" }, "rung");
+      draw(svg, "text", { x: 0, y: (yRung(0) + yRung(data.rungs - 1)) / 2 + 4, class: "muted" }, "rung");
     }
 
-    /** Where a disturbance begins and ends, px; a moment is 2 px wide. Of long runs, not every frame is there. */
-    function extent({ from, to }) {
+    /** The first disturbed place and the one after the last, equal for a moment. Long runs lack some frames. */
+    function places({ from, to }) {
       const place = (frame) => data.index.findIndex((index) => index >= frame);
-      const [begin, end] = [from, to].map(place).map((at) => x(at < 0 ? count : at));
+      return [from, to].map(place).map((at) => (at < 0 ? count : at));
+    }
+
+    /** Where a disturbance begins and ends, px; a moment is 2 px wide. */
+    function extent(what) {
+      const [begin, end] = places(what).map(x);
       return [begin, Math.max(end, begin + 2)];
     }
 
@@ -307,13 +337,20 @@
     function mark() {
       marker.setAttribute("x1", x(chosen + 0.5));
       marker.setAttribute("x2", x(chosen + 0.5));
-      const [late, expected] = [data.late[chosen], data.expected[chosen]];
+      const [late, expected, missed] = [data.late, data.expected, data.missed].map((values) => values[chosen]);
+      const covers = (what) => {
+        const [begin, end] = places(what);
+        return begin <= chosen && chosen < Math.max(end, begin + 1);
+      };
       const parts = [
         `frame ${data.index[chosen]}: ${ms(data.ms[chosen])}`,
         expected === null ? "" : `${ms(expected)} expected`,
         `rung ${data.rung[chosen]}`,
         data.setting[chosen],
+        devices > 1 ? `rows ${data.rows[chosen].join(" + ")}` : "",
         late > 1 ? `begun ${ms(late)} late` : "",
+        missed ? `${missed} display period${missed > 1 ? "s" : ""} missed` : "",
+        ...data.disturbed.filter(covers).map((what) => what.name),
       ];
       readout.textContent = parts.filter(Boolean).join("; ");
       box.setAttribute("aria-valuenow", data.index[chosen]);

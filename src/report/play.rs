@@ -81,6 +81,9 @@ pub struct PlaySummary {
     pub makespan_ms_p99: f64,
     /// Fraction of frames that began more than a millisecond after they were due.
     pub late_share: f64,
+    /// Fraction of display periods that showed no new frame because none was complete: the sum of `missed_periods` over
+    /// that sum plus the number of frames.
+    pub missed_fraction: f64,
     pub rung_changes: usize,
     pub longest_excursion: Option<Excursion>,
     pub rung_uses: Vec<RungUse>,
@@ -148,6 +151,7 @@ impl PlayTally {
             makespan_ms_p95: judged.makespans_ms.quantile(0.95)?,
             makespan_ms_p99: judged.makespans_ms.quantile(0.99)?,
             late_share: share(judged.late),
+            missed_fraction: judged.missed as f64 / (judged.missed + judged.frames as u64) as f64,
             rung_changes: judged.rung_changes,
             longest_excursion: judged.longest.clone(),
             rung_uses: judged.rungs.iter().map(|(rung, frames)| rung_use(play, *rung, frames, judged.frames)).collect(),
@@ -163,6 +167,8 @@ struct Judged {
     above: usize,
     below: usize,
     late: usize,
+    /// Sum of the missed display periods.
+    missed: u64,
     makespans_ms: Quantiles,
     rung_changes: usize,
     last_rung: Option<usize>,
@@ -188,6 +194,7 @@ impl Judged {
         self.below += usize::from(row.makespan_ms < lo_ms);
         self.in_band += usize::from(control.in_band);
         self.late += usize::from(control.late_ms > LATE_MS);
+        self.missed += u64::from(control.missed_periods);
         self.makespans_ms.add(row.makespan_ms);
         let changes = self.last_rung.replace(control.rung).is_some_and(|last| last != control.rung);
         self.rung_changes += usize::from(changes);
@@ -220,6 +227,7 @@ impl PlaySummary {
             ("longer", percent(self.above_share)),
             ("shorter", percent(self.below_share)),
             ("begun late", percent(self.late_share)),
+            ("display periods missed", percent(self.missed_fraction)),
             ("median makespan", ms(self.makespan_ms_p50)),
             ("95th percentile", ms(self.makespan_ms_p95)),
             ("99th percentile", ms(self.makespan_ms_p99)),
@@ -282,12 +290,13 @@ impl fmt::Display for PlaySummary {
         let [lo_ms, hi_ms] = self.budget_ms;
         writeln!(
             f,
-            "{} of {} frames took {lo_ms} to {hi_ms} ms; {} took longer, {} less; {} began late",
+            "{} of {} frames took {lo_ms} to {hi_ms} ms; {} took longer, {} less; {} began late; {} of display periods were missed",
             percent(self.in_band_share),
             self.judged_frames,
             percent(self.above_share),
             percent(self.below_share),
             percent(self.late_share),
+            percent(self.missed_fraction),
         )?;
         let [p50, p95, p99] = [self.makespan_ms_p50, self.makespan_ms_p95, self.makespan_ms_p99];
         write!(f, "makespan ms: median {p50:.1}, 95 % {p95:.1}, 99 % {p99:.1}; {} rung changes; ", self.rung_changes)?;

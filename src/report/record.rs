@@ -22,21 +22,24 @@ const ROWS: &str = "run.json.rows.part";
 /// Record of the finished frames of a run with a time budget: rows in files, and sums in memory.
 pub struct FrameRecord {
     lines: LineFile,
+    /// Number of devices at the start of the run.
+    devices: usize,
     rows: SpooledRows,
     pub play: PlayTally,
     pub headset: HeadsetTally,
 }
 
 impl FrameRecord {
-    /// Starts a record in `folder`. `budget_ms` is the shortest and the longest time per frame within the budget.
+    /// Starts a record of frames on this number of devices in `folder`. `budget_ms` is the shortest and the longest time
+    /// per frame within the budget.
     ///
     /// # Errors
     /// [`ImageError`] if a file cannot be written.
-    pub fn create(folder: &Path, budget_ms: [f64; 2]) -> Result<Self, ImageError> {
+    pub fn create(folder: &Path, devices: usize, budget_ms: [f64; 2]) -> Result<Self, ImageError> {
         let rows = SpooledRows(LineFile::create(&folder.join(ROWS))?);
         let mut lines = LineFile::create(&folder.join(LINES))?;
-        lines.add(&FrameLine::header())?;
-        Ok(Self { lines, rows, play: PlayTally::new(budget_ms), headset: HeadsetTally::default() })
+        lines.add(&FrameLine::header(devices))?;
+        Ok(Self { lines, devices, rows, play: PlayTally::new(budget_ms), headset: HeadsetTally::default() })
     }
 
     /// Adds the row of a frame, and returns once the row has been written to the files.
@@ -45,7 +48,7 @@ impl FrameRecord {
     /// [`ImageError`] if a file cannot be written.
     pub fn add(&mut self, row: &FrameRow) -> Result<(), ImageError> {
         self.rows.add(row)?;
-        self.lines.add(&FrameLine::from(row).text())?;
+        self.lines.add(&FrameLine::from(row).text(self.devices))?;
         self.play.add(row);
         row.headset.iter().for_each(|row| self.headset.add(row));
         Ok(())

@@ -15,6 +15,8 @@ pub struct SampledFrame {
     pub makespan_ms: f64,
     pub quality: FrameQuality,
     pub control: ControlRow,
+    /// Number of rows of the left eye that each device path traced.
+    pub stripes: Vec<u32>,
     pub tasks: Vec<TaskTiming>,
 }
 
@@ -40,9 +42,10 @@ impl FrameSamples {
     /// Adds a frame. Ignores it if it has no control decision.
     pub fn add(&mut self, row: &FrameRow, tasks: Vec<TaskTiming>) {
         let Some(control) = row.control else { return };
-        let &FrameRow { index, makespan_ms, quality, .. } = row;
+        let &FrameRow { index, makespan_ms, quality, ref stripes, .. } = row;
         self.tasks += tasks.len();
-        let frame = SampledFrame { index, makespan_ms, quality, control, tasks };
+        let stripes = stripes.clone();
+        let frame = SampledFrame { index, makespan_ms, quality, control, stripes, tasks };
         match self.frames.last_mut().filter(|_| self.in_last < self.stride) {
             Some(last) => {
                 self.in_last += 1;

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::csv::{Column, Csv, number};
+use super::csv::{Column, Csv, number, optional};
 use super::frame_row::aov_ms;
 use super::html::Section;
 use super::plot::{Axis, Chart, Series, line_chart_svg};
@@ -19,6 +19,8 @@ pub struct ScaleRow {
     pub devices: usize,
     /// Name of the policy that distributed the rows.
     pub policy: String,
+    /// Threads of each software device, if all have the same number.
+    pub threads_per_device: Option<usize>,
     /// Number of timed frames.
     pub frames: usize,
     pub makespan_ms: f64,
@@ -180,7 +182,7 @@ fn interquartile_range(mut values: Vec<f64>) -> f64 {
     quantile(0.75).zip(quantile(0.25)).map_or(0.0, |(upper, lower)| upper - lower)
 }
 
-const COLUMNS: [Column<ScaleRow>; 19] = [
+const COLUMNS: [Column<ScaleRow>; 20] = [
     ("devices", |r| r.devices.to_string()),
     ("makespan_ms", |r| format!("{:.4}", r.makespan_ms)),
     ("makespan_ms_min", |r| format!("{:.4}", r.makespan_ms_min)),
@@ -200,6 +202,7 @@ const COLUMNS: [Column<ScaleRow>; 19] = [
     ("bytes_per_frame", |r| format!("{:.0}", r.bytes_per_frame)),
     ("prediction_error", |r| number(r.prediction_error, 5)),
     ("policy", |r| r.policy.clone()),
+    ("threads_per_device", |r| optional(r.threads_per_device)),
 ];
 
 /// Returns the names of the rows' policies, each once.

@@ -20,7 +20,9 @@ pub struct SimulationRow {
     /// Makespan measured with this number of devices; `None` if there is no such measurement, if the row's nodes differ
     /// from those of the measured run, or if a simulated device has another speed than 1.
     pub measured_ms: Option<f64>,
-    /// Speedup over one device of speed 1.
+    /// Makespan measured on one device, the base of speedups.
+    pub base_ms: f64,
+    /// Speedup over the base.
     pub speedup: f64,
     /// Speedup divided by the sum of the devices' speeds.
     pub efficiency: f64,
@@ -40,10 +42,10 @@ pub struct PathShare {
 }
 
 impl SimulationRow {
-    /// Summarises a prediction for devices of these speeds. `one_ms` is the makespan on one device of speed 1.
-    pub fn new(prediction: &Prediction, speeds: &[f64], one_ms: f64, measured_ms: Option<f64>) -> Self {
+    /// Summarises a prediction for devices of these speeds. `base_ms` is the measured makespan of one device of speed 1.
+    pub fn new(prediction: &Prediction, speeds: &[f64], base_ms: f64, measured_ms: Option<f64>) -> Self {
         let devices = speeds.len();
-        let speedup = one_ms / prediction.makespan_ms;
+        let speedup = base_ms / prediction.makespan_ms;
         let mut critical_path: Vec<PathShare> = Vec::new();
         for step in &prediction.critical_path {
             let what = match step.kind {
@@ -63,6 +65,7 @@ impl SimulationRow {
             devices,
             predicted_ms: prediction.makespan_ms,
             measured_ms,
+            base_ms,
             speedup,
             efficiency: speedup / speeds.iter().sum::<f64>(),
             imbalance: imbalance(&prediction.busy_ms),
@@ -76,9 +79,9 @@ impl SimulationRow {
         shares_text(self.critical_path.iter().map(|part| (part.what, part.share)))
     }
 
-    /// Returns the speedup of the measured makespan over the simulated makespan of one device of speed 1.
+    /// Returns the speedup of the measured makespan over the base.
     fn measured_speedup(&self) -> Option<f64> {
-        Some(self.speedup * self.predicted_ms / self.measured_ms?)
+        Some(self.base_ms / self.measured_ms?)
     }
 }
 
@@ -120,7 +123,8 @@ const COLUMNS: [Column<SimulationRow>; 9] = [
 ];
 
 /// Returns the contents of `simulate.csv`: the values of a row, then a column for each stage on the critical path of
-/// any row (and one for transfers) with its fraction of the makespan, then the policy.
+/// any row (and one for transfers) with its fraction of the makespan, then the policy and the base of
+/// speedups.
 pub fn simulation_csv(rows: &[SimulationRow]) -> Csv {
     let parts = once(rows.iter().flat_map(|r| r.critical_path.iter().map(|part| part.what)));
     let share =
@@ -129,9 +133,9 @@ pub fn simulation_csv(rows: &[SimulationRow]) -> Csv {
         columns: parts.iter().map(|what| format!("critical_{what}_share")).collect(),
         lines: rows.iter().map(|r| parts.iter().map(|what| format!("{:.5}", share(r, what))).collect()).collect(),
     };
-    Csv::new(&COLUMNS, rows)
-        .beside(shares)
-        .beside(Csv::new(&[("policy", |r: &SimulationRow| r.policy.to_owned())], rows))
+    let last: [Column<SimulationRow>; 2] =
+        [("policy", |r| r.policy.to_owned()), ("base_ms", |r| format!("{:.4}", r.base_ms))];
+    Csv::new(&COLUMNS, rows).beside(shares).beside(Csv::new(&last, rows))
 }
 
 /// Returns the names of the rows' policies, each once.
@@ -178,7 +182,7 @@ pub fn simulation_svg(title: String, rows: &[SimulationRow]) -> Result<String, R
     let chart = Chart {
         title,
         x: Axis { label: "devices".into(), log: false },
-        y: Axis { label: "speed-up over one simulated device".into(), log: false },
+        y: Axis { label: "speed-up over one measured device".into(), log: false },
     };
     let line = |name: String, policy: Option<&str>, of: fn(&SimulationRow) -> Option<f64>, guide| {
         let own = rows.iter().filter(|r| policy.is_none_or(|policy| r.policy == policy));
@@ -248,6 +252,8 @@ mod tests {
         let table = simulation_csv(&rows);
         let known = ["devices", "predicted_ms", "measured_ms", "limit", "critical_atrous_share"];
         assert_eq!(known.map(|name| table.value(0, name)), ["2", "50.0000", "60.0000", "imbalance", "0.14000"]);
+        assert_eq!(table.columns.last().map(String::as_str), Some("base_ms"));
+        assert_eq!(table.value(0, "base_ms"), "90.0000");
         assert_eq!((table.value(1, "devices"), table.value(1, "measured_ms")), ("4", ""));
         let dots = |rows: &[SimulationRow]| simulation_svg("t".into(), rows).unwrap().matches("<circle").count();
         assert_eq!((dots(&rows), dots(&rows[1..])), (3, 1));

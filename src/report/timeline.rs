@@ -1,5 +1,5 @@
-//! Draws a run of `play` over time: makespans and budget, samples per pixel, rungs and disturbances. The figure follows
-//! those of Leria et al. that show frame times and samples per pixel over frames.
+//! Draws a run of `play` over time: makespans and budget, samples per pixel, rungs, rows of each device, disturbances
+//! and faults. The figure follows those of Leria et al. that show frame times and samples per pixel over frames.
 
 use serde::Serialize;
 
@@ -7,11 +7,11 @@ use super::html::live;
 use super::lanes::round;
 use super::samples::SampledFrame;
 
-/// A disturbance of a run, such as a slowed device or a scene cut, for the figure.
+/// A disturbance of a run, such as a slowed device, a scene cut or a fault, for the figure.
 #[derive(Clone, Debug, Serialize)]
 pub struct Disturbed {
     pub name: String,
-    /// The first disturbed frame, and the one after the last. They are equal for a scene cut, which has no duration.
+    /// The first disturbed frame, and the one after the last. They are equal for a moment, such as a scene cut.
     pub from: u32,
     pub to: u32,
 }
@@ -30,6 +30,9 @@ struct Data<'a> {
     /// Mean samples per pixel.
     spp: Vec<f64>,
     setting: Vec<String>,
+    /// Rows of each device.
+    rows: Vec<&'a [u32]>,
+    missed: Vec<u32>,
 }
 
 /// Returns the figure. Selecting a frame in it also selects the frame in the page's swimlanes.
@@ -54,6 +57,8 @@ pub fn timeline(
         rung: frames.iter().map(|f| f.control.rung).collect(),
         spp: frames.iter().map(|f| round(f.quality.samples())).collect(),
         setting: frames.iter().map(|f| f.quality.to_string()).collect(),
+        rows: frames.iter().map(|f| f.stripes.as_slice()).collect(),
+        missed: frames.iter().map(|f| f.control.missed_periods).collect(),
     };
     live("timeline", &data)
 }

@@ -17,6 +17,7 @@ mod interface;
 mod metrics;
 mod pictures;
 mod play;
+mod play_fit;
 mod reference_mode;
 mod report;
 mod runs;

@@ -76,7 +76,7 @@ fn a_play_shows_its_frames_and_its_picture_beside_a_reference() {
     let folder = tempfile::tempdir().unwrap();
     let shape =
         ["--budget-ms", "0.01..30000", "--frames", "12", "--fps", "1000", "--virtual", "2", "--report-spp", "64"];
-    let disturbed = ["--disturb", "slow:dev1@4..6", "--disturb", "scene-cut@8"];
+    let disturbed = ["--disturb", "slow:dev1@4..6", "--disturb", "scene-cut@8", "--inject", "loss:dev1@frame10"];
     let page = report(folder.path(), &[&["play", "builtin:cornell"], &shape[..], &disturbed].concat());
     stands_alone(&page);
     lanes_are_sound(&data(&page, "lanes"), 12);
@@ -90,7 +90,12 @@ fn a_play_shows_its_frames_and_its_picture_beside_a_reference() {
         let [spp, scale] = ["spp", "scale"].map(|name| frame[name].as_f64().unwrap());
         assert!((spp * scale * scale - samples.as_f64().unwrap()).abs() < 0.01, "{frame}");
     }
-    assert_eq!(timeline["disturbed"][0]["from"], 4);
+    let names: Vec<_> = timeline["disturbed"].as_array().unwrap().iter().map(|d| (&d["name"], &d["from"])).collect();
+    let expected = [("slow: device 1", 4), ("scene cut", 8), ("loss: device 1", 10)].map(|(n, f)| (n.into(), f.into()));
+    assert_eq!(names, expected.each_ref().map(|(name, from): &(Value, Value)| (name, from)));
+    assert!(frames.iter().map(|f| &f["stripes"]).eq(timeline["rows"].as_array().unwrap()), "{timeline}");
+    let rows = |frame: usize| timeline["rows"][frame].as_array().unwrap().iter().filter(|rows| **rows != 0).count();
+    assert_eq!([9, 10, 11].map(rows), [2, 1, 1]);
     assert_eq!(page.matches("<img").count(), 6);
     for part in ["reference, 64 spp", "FLIP, left eye (mean 0.", "builtin:cornell", "triangles", "<h2>Rungs</h2>"] {
         assert!(page.contains(part), "no {part}");
@@ -105,7 +110,7 @@ fn a_play_shows_its_frames_and_its_picture_beside_a_reference() {
     assert!(flip < 0.8 * other["flip"].as_f64().unwrap(), "{flip} against {other}");
     if let Some(document) = browse(folder.path()) {
         let lanes = ["0 left", "0 right", "0 transfers", "1 left", "1 right", "1 transfers"];
-        for part in lanes.into_iter().chain(["scene cut", "slow: device 1"]) {
+        for part in lanes.into_iter().chain(["scene cut", "slow: device 1", "loss: device 1"]) {
             assert!(document.contains(&format!(">{part}</text>")), "no {part}");
         }
     }

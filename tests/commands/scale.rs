@@ -36,6 +36,33 @@ fn rows_say_how_sure_they_are_and_what_was_moved() {
     assert_eq!(lines[1][bytes].parse::<f64>().unwrap(), number(&rows[1], "bytes_per_frame"));
 }
 
+/// Each device has the same threads whatever the count, so that speed-ups compare devices of equal power. Measured and
+/// simulated ones have the same base.
+#[test]
+fn all_counts_have_the_same_threads_per_device_and_one_base() {
+    let folder = tempfile::tempdir().unwrap();
+    let args = ["scale", "builtin:checker", "--size", "48x32", "--counts", "2", "--simulate", "2,4", "--json"];
+    let output = diptych(&[&args[..], &["--out", folder.path().to_str().unwrap()]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let (rows, simulated) = (result["rows"].as_array().unwrap(), result["simulated"].as_array().unwrap());
+    let run = std::fs::read_to_string(folder.path().join("run.json")).unwrap();
+    let run: Value = serde_json::from_str(&run).unwrap();
+    let is_software = run["devices"][0]["threads"].is_number();
+    let cores = std::thread::available_parallelism().unwrap().get();
+    let expected = if is_software { Value::from((cores / 2).max(1)) } else { Value::Null };
+    assert!(rows.iter().all(|row| row["threads_per_device"] == expected), "{rows:?}");
+    assert_eq!(run["settings"]["threads_per_device"], expected);
+    let number = |row: &Value, key: &str| row[key].as_f64().unwrap();
+    let base_ms = number(&rows[0], "makespan_ms");
+    for row in simulated {
+        assert_eq!(number(row, "base_ms"), base_ms);
+        assert!((number(row, "speedup") - base_ms / number(row, "predicted_ms")).abs() < 1e-9, "{row}");
+    }
+    assert_eq!(simulated[0]["measured_ms"], rows[1]["makespan_ms"]);
+}
+
 /// Counts may be given in any order.
 #[test]
 fn speed_up_is_over_one_device() {

@@ -172,6 +172,7 @@ fn devices_by<K: Ord>(count: usize, key: impl FnMut(&GpuDevice) -> K) -> Vec<Gpu
             virtual_devices: count - devices.len(),
             threads_per_device: Some(vec![1]),
             traversal,
+            ..Selection::default()
         };
         devices.extend(open(&selection));
     }

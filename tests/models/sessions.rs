@@ -67,6 +67,7 @@ fn row(index: u32) -> FrameRow {
             in_band,
             late_ms: if index.is_multiple_of(10) { 2.0 } else { 0.0 },
             decide_ms: 0.01,
+            missed_periods: index % 7 / 5,
         }),
         headset: Some(HeadsetRow {
             display_s: f64::from(index) / 50.0,
@@ -105,7 +106,7 @@ fn play() -> Play {
 #[test]
 fn an_hour_of_frames_takes_the_memory_of_its_first_minutes() {
     let folder = tempfile::tempdir().unwrap();
-    let mut record = FrameRecord::create(folder.path(), BUDGET_MS).unwrap();
+    let mut record = FrameRecord::create(folder.path(), 2, BUDGET_MS).unwrap();
     let mut samples = FrameSamples::default();
     let (mut early, mut most) = (0, 0);
     for index in 0..HOUR {
@@ -172,6 +173,8 @@ fn sums_are_those_of_all_frames_but_the_first() {
         assert_eq!(found.above_share, share(&|r, _| r.makespan_ms > BUDGET_MS[1]));
         assert_eq!(found.below_share, share(&|r, _| r.makespan_ms < BUDGET_MS[0]));
         assert_eq!(found.late_share, share(&|_, c| c.late_ms > 1.0));
+        let missed: u32 = judged.iter().map(|(_, c)| c.missed_periods).sum();
+        assert_eq!(found.missed_fraction, f64::from(missed) / (f64::from(missed) + judged.len() as f64));
         let changes = judged.windows(2).filter(|pair| pair[0].1.rung != pair[1].1.rung).count();
         assert_eq!(found.rung_changes, changes);
         let rungs: Vec<(usize, f64, f64)> = found.rung_uses.iter().map(|u| (u.rung, u.expected_ms, u.share)).collect();
@@ -221,7 +224,7 @@ fn a_page_shows_the_slowest_frames_of_a_long_run_and_all_of_a_short_one() {
 #[test]
 fn rows_in_a_file_are_the_rows() {
     let folder = tempfile::tempdir().unwrap();
-    let mut record = FrameRecord::create(folder.path(), BUDGET_MS).unwrap();
+    let mut record = FrameRecord::create(folder.path(), 2, BUDGET_MS).unwrap();
     let rig = Rig::of_keys(vec![diptych::scene::rig::RigKey {
         time_s: 0.0,
         position: glam::DVec3::new(0.1, 1e-9, 12_345.678),
@@ -243,7 +246,7 @@ fn rows_in_a_file_are_the_rows() {
     assert_eq!((frames, kept.len()), (5, 2));
     assert!(Unfinished::keep(folder.path()).unwrap().is_none());
     // A run that finishes leaves only its frames.csv.
-    let record = FrameRecord::create(folder.path(), BUDGET_MS).unwrap();
+    let record = FrameRecord::create(folder.path(), 2, BUDGET_MS).unwrap();
     record.finish().unwrap();
     assert!(Unfinished::keep(folder.path()).unwrap().is_none());
     let mut names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();

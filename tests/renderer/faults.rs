@@ -33,9 +33,10 @@ fn frames_keep_their_bytes_until_no_device_is_left() {
     four.renderer().set_watchdog(Duration::from_secs(3));
     let fates = ["loss:dev0@frame1", "oom:dev2@frame2", "hang:dev1@frame3", "loss:dev3@frame5"];
     four.renderer().set_injected_faults(injected(&fates, &[]));
-    let mut rows = Vec::new();
+    let (mut rows, mut makespans_ms) = (Vec::new(), Vec::new());
     for (i, expected) in (0..5).zip(&one) {
         let frame = four.frame_at(time_s(i), i);
+        makespans_ms.push(frame.report.makespan_ms);
         assert!(frame.linear == *expected, "frame {i} differs");
         let stripes =
             frame.report.assignment.stripes(diptych::passes::path_trace::PARTITION, diptych::scene::rig::Eye::Left);
@@ -51,7 +52,10 @@ fn frames_keep_their_bytes_until_no_device_is_left() {
     let seen: Vec<_> = faults.iter().map(|f| (f.frame, f.device, f.kind, f.attempts)).collect();
     let expected = [(1, 0, FailureKind::Loss, 2), (2, 2, FailureKind::Oom, 2), (3, 1, FailureKind::Hang, 2)];
     assert_eq!(seen, expected, "{faults:?}");
-    assert!(faults.iter().all(|f| f.recovery_ms > 0.0), "{faults:?}");
+    // A viewer waits for a frame until it is complete, however late the fault was noticed.
+    assert!(faults.iter().all(|f| f.recovery_ms == makespans_ms[f.frame as usize]), "{makespans_ms:?}: {faults:?}");
+    let hang_ms = faults[2].recovery_ms;
+    assert!(hang_ms > 1000.0, "the watchdog waits for seconds, but {hang_ms} ms are reported");
     let params = four.params(0.0, 5);
     match four.renderer().render(&params) {
         Err(ExecError::NoneLeft { device: 3, what }) => assert!(what.contains("lost"), "{what}"),
@@ -183,9 +187,13 @@ fn a_frame_whose_primary_is_lost_before_it_was_read_is_made_again() {
     let mut two = Stage::on(devices_to_lose(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
     let expected = two.frame(0).linear;
     two.renderer().set_injected_faults(injected(&["loss:dev0@frame0"], &[]));
+    let begin = Instant::now();
     assert!(two.renderer().read_linear().unwrap() == expected);
+    let elapsed_ms = begin.elapsed().as_secs_f64() * 1e3;
     let seen: Vec<_> = two.renderer().faults().iter().map(|f| (f.device, f.kind, f.attempts)).collect();
     assert_eq!(seen, [(0, FailureKind::Loss, 2)]);
+    let recovery_ms = two.renderer().faults()[0].recovery_ms;
+    assert!(recovery_ms > 0.0 && recovery_ms <= elapsed_ms, "{recovery_ms} of {elapsed_ms} ms");
     assert!(two.frame(0).linear == expected, "the frame after");
 }
 
@@ -240,7 +248,7 @@ fn the_command_goes_on_without_its_first_device() {
     };
     let trace = folder.path().join("trace.json");
     let (one, _) = render("one", &[]);
-    let lost = ["--virtual", "2", "--inject", "loss:dev0@frame1", "--trace", trace.to_str().unwrap()];
+    let lost = ["--virtual", "2", "--disturb", "loss:dev0@1", "--trace", trace.to_str().unwrap()];
     let (two, said) = render("two", &lost);
     assert!(said.contains("warning: device 0 failed in frame 1"), "{said}");
     assert_eq!(names(&one), names(&two));
@@ -289,10 +297,11 @@ fn faults_that_cannot_be_made_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let to = folder.path().to_str().unwrap();
     for (more, expected) in [
-        (["--inject", "loss"], "KIND:devI@frameF"),
-        (["--inject", "melt:dev0@frame0"], "melt"),
-        (["--inject", "loss:dev0@frame7"], "no frame 7"),
-        (["--inject", "loss:dev3@frame0"], "no device 3"),
+        (["--disturb", "loss"], "write KIND:devI@FRAME"),
+        (["--inject", "melt:dev0@frame0"], "choose loss, hang, oom or slow"),
+        (["--inject", "loss:dev0@frame7"], "--disturb loss:dev0@7: there is no frame 7: the last is frame 0"),
+        (["--disturb", "slow:dev3@0..2"], "--disturb slow:dev3@0..2: there is no device 3: there are 1"),
+        (["--disturb", "scene-cut@0"], "only `diptych play` makes scene cuts"),
         (["--slowdown", "1,2"], "2 numbers"),
         (["--slowdown", "0"], "--slowdown"),
         (["--threads-per-device", "1,2"], "2 thread counts"),

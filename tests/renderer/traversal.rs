@@ -26,6 +26,7 @@ fn open(traversal: TraversalChoice) -> Option<GpuDevice> {
         virtual_devices: 1,
         threads_per_device: Some(vec![1]),
         traversal,
+        ..Selection::default()
     };
     Some(crate::common::open(&selection).remove(0))
 }

@@ -1,10 +1,10 @@
 //! Options of `diptych play`.
 
-use super::disturb::Disturbance;
 use super::options::LoopOptions;
-use crate::cli::options::{OUTPUT, SCENE, TESTS};
+use crate::cli::options::{OUTPUT, SCENE};
 
 #[derive(clap::Args, Clone, Debug)]
+#[command(mut_arg("disturbances", |option| option.hide_short_help(false)))]
 pub struct Args {
     #[command(flatten)]
     pub options: LoopOptions,
@@ -14,12 +14,12 @@ pub struct Args {
     /// If nothing fits the budget at --size, play at a smaller size
     #[arg(long, help_heading = SCENE)]
     pub(super) fit: bool,
+    /// Play on if the first 30 frames show that nothing fits the budget
+    #[arg(long, help_heading = SCENE)]
+    pub(super) keep_going: bool,
     /// Also write every Kth frame; the clock stops meanwhile
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..), help_heading = OUTPUT)]
     pub(super) save_every: Option<u32>,
-    /// Disturb the run: slow:devI@FROM..TO or scene-cut@FRAME
-    #[arg(long, value_name = "WHAT@WHEN", help_heading = TESTS)]
-    pub(super) disturb: Vec<Disturbance>,
     /// Also write report.html
     #[arg(long, help_heading = OUTPUT)]
     pub(super) report: bool,
@@ -29,4 +29,13 @@ pub struct Args {
     /// Reference samples per pixel, for --report [default: as many as 10 s allow]
     #[arg(long, value_name = "N", requires = "report", value_parser = clap::value_parser!(u32).range(1..=1 << 24), help_heading = OUTPUT)]
     pub(super) report_spp: Option<u32>,
+}
+
+impl Args {
+    /// Returns the options of the control loop.
+    pub(super) fn loop_options(&self) -> LoopOptions {
+        let mut options = self.options.clone();
+        options.run.faults.makes_cuts = true;
+        options
+    }
 }

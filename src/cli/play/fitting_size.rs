@@ -150,6 +150,12 @@ fn fitting_area(timed: &[(f64, f64)], target_ms: f64) -> f64 {
     if slope > 0.0 { near.0 + (target_ms - near.1) / slope } else { near.0 * target_ms / near.1 }
 }
 
+/// Estimates the largest smaller size at which a frame leaves headroom in the budget, from its time at the size `asked`.
+pub fn estimate(asked: Extent, asked_ms: f64, budget: Budget) -> Option<Extent> {
+    let area = fitting_area(&[(asked.area() as f64, asked_ms)], TARGET * budget.hi_ms());
+    smaller(asked).into_iter().rfind(|size| size.area() as f64 <= area)
+}
+
 /// Returns smaller sizes of the same aspect ratio, in ascending order. If the ratio has small terms, as 16:9, the sizes
 /// are multiples of it; else the widths are multiples of 8 pixels.
 fn smaller(asked: Extent) -> Vec<Extent> {
@@ -211,7 +217,7 @@ fn tell(fit: &SizeFit, prepared: &Prepared, progress: &Progress) {
 }
 
 /// Formats a duration in a suitable unit.
-fn duration(ms: f64) -> String {
+pub fn duration(ms: f64) -> String {
     match ms / 1e3 {
         s if s < 0.1 => format!("{ms:.1} ms"),
         s if s < 1.0 => format!("{ms:.0} ms"),
@@ -263,6 +269,13 @@ mod tests {
         // If no size leaves headroom, one that just fits is found.
         assert_eq!(found(hd, 15.0, 1e-3, "11..20").0, Some(Extent::new(16, 9)));
         assert_eq!(found(Extent::new(16, 9), 0.0, 1.0, "11..20"), (None, 0));
+    }
+
+    #[test]
+    fn a_size_is_estimated_from_the_time_of_one() {
+        let budget = || "11..20".parse().unwrap();
+        assert_eq!(estimate(Extent::new(640, 360), 1700.0, budget()), Some(Extent::new(48, 27)));
+        assert_eq!(estimate(Extent::new(32, 18), 1e6, budget()), None);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use crate::exec::Stereo;
+use crate::exec::{Fault, InjectedKind, Injection, Stereo};
 use crate::image::RgbImage;
 use crate::loaded::LoadedScene;
 use crate::report::Table;
@@ -20,7 +20,7 @@ use crate::report::timeline::{Disturbed, timeline};
 use crate::scene::rig::Rig;
 
 use super::args::Args;
-use super::disturb::Disturbance;
+use crate::cli::disturb::Disturbance;
 use crate::cli::failure::Failure;
 use crate::cli::fault_options::FaultOptions;
 use crate::cli::options::{RenderOptions, RunOptions};
@@ -49,7 +49,7 @@ impl Last {
         options: &RenderOptions,
         loaded: &LoadedScene,
     ) -> Result<(Stereo<RgbImage>, ReferenceRow), Failure> {
-        let faults = FaultOptions { injections: Vec::new(), slowdown: Vec::new(), ..options.faults.clone() };
+        let faults = FaultOptions { disturbances: Vec::new(), slowdown: Vec::new(), ..options.faults.clone() };
         let (trace, clamp, time, seed) = (None, None, self.time_s, !options.seed);
         let run = RunOptions { faults, trace, clamp, time, seed, ..options.run.clone() };
         let time_limit = args.report_spp.is_none().then_some(TIME_LIMIT);
@@ -78,7 +78,7 @@ pub fn write(
     let title = format!("{} at {} in {lo_ms} to {hi_ms} ms a frame", options.shot, options.size);
     let mut sections = vec![pictures(args, options, loaded, last)?];
     if let Some(play) = &report.play {
-        sections.extend(budget(args, play, samples)?);
+        sections.extend(budget(options, play, &report.faults, samples)?);
     }
     let makespans_ms: Vec<f64> = samples.frames().iter().map(|f| f.makespan_ms).collect();
     let frames: Vec<LaneFrame> = samples.frames().iter().map(lane_frame).collect();
@@ -119,13 +119,24 @@ fn pictures(args: &Args, options: &RenderOptions, loaded: &LoadedScene, last: &L
     page::pictures(note, &groups)
 }
 
-fn budget(args: &Args, play: &PlaySummary, samples: &FrameSamples) -> Result<[Section; 2], Failure> {
-    let disturbed: Vec<Disturbed> = args.disturb.iter().map(disturbed).collect();
+fn budget(
+    options: &RenderOptions,
+    play: &PlaySummary,
+    faults: &[Fault],
+    samples: &FrameSamples,
+) -> Result<[Section; 2], Failure> {
+    let disturbed = options.faults.disturbances.iter().filter_map(disturbed);
+    let failed = faults.iter().map(|&Fault { frame, device, kind, .. }| Disturbed {
+        name: format!("{}: device {device}", kind.name()),
+        from: frame,
+        to: frame,
+    });
+    let disturbed: Vec<Disturbed> = disturbed.chain(failed).collect();
     let figure = timeline(play.budget_ms, play.rungs, samples.frames(), &disturbed);
     let figure = figure.context("cannot encode the frames")?;
     let how = "Frame times, with the budget shaded, and samples per pixel; below them the rung of the quality ladder, \
-        where 0 is the cheapest. Triangles mark frames beyond the axis. Click a frame to choose it, or use the arrow \
-        keys.";
+        where 0 is the cheapest, and the rows that each of several devices path traces, from the top of the image to \
+        its bottom. Triangles mark frames beyond the axis. Click a frame to choose it, or use the arrow keys.";
     let judged = format!("The first {SETTLING_FRAMES} frames of a longer run are not judged: the loop is settling.");
     let mut notes = vec![how.to_owned(), judged];
     if samples.stride() > 1 {
@@ -138,11 +149,13 @@ fn budget(args: &Args, play: &PlaySummary, samples: &FrameSamples) -> Result<[Se
     ])
 }
 
-fn disturbed(what: &Disturbance) -> Disturbed {
+/// Returns a disturbance that the figure marks. It marks the faults that happened in place of those to inject.
+fn disturbed(what: &Disturbance) -> Option<Disturbed> {
     match what {
-        Disturbance::Slow { device, frames } => {
-            Disturbed { name: format!("slow: device {device}"), from: frames.start, to: frames.end }
+        Disturbance::Device(Injection { kind: InjectedKind::Slow, device, frames }) => {
+            Some(Disturbed { name: format!("slow: device {device}"), from: frames.start, to: frames.end })
         }
-        Disturbance::SceneCut { frame } => Disturbed { name: "scene cut".into(), from: *frame, to: *frame },
+        Disturbance::Device(_) => None,
+        Disturbance::SceneCut { frame } => Some(Disturbed { name: "scene cut".into(), from: *frame, to: *frame }),
     }
 }

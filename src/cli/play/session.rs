@@ -105,7 +105,8 @@ impl Session {
         self.quality(decided.decision.rung).fovea
     }
 
-    /// Renders a frame as decided, `late_ms` after it was due; returns its row and its report.
+    /// Renders a frame as decided, `late_ms` after it was due; returns its row, without missed display periods, and its
+    /// report.
     pub fn render(
         &mut self,
         decided: Decided,
@@ -120,7 +121,7 @@ impl Session {
 
     /// Creates the record of the session's frames, whose files are in `folder`.
     pub fn record(&self, folder: &Path) -> Result<FrameRecord, Failure> {
-        Ok(FrameRecord::create(folder, self.budget_ms())?)
+        Ok(FrameRecord::create(folder, self.renderer.devices().len(), self.budget_ms())?)
     }
 
     fn budget_ms(&self) -> [f64; 2] {
@@ -166,7 +167,8 @@ impl Session {
         let quality = self.quality(rung);
         self.tracing.record(quality, Some(FrameControl { rung, budget_ms }), frame);
         let mut row = FrameRow::new(frame, quality, rig, time_s);
-        row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms });
+        let missed_periods = 0; // The caller knows the display.
+        row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms, missed_periods });
         row
     }
 

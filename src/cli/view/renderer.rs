@@ -53,7 +53,8 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         if let Some(gaze) = input.gaze {
             session.gaze = Some([gaze; 2]);
         }
-        let (row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
+        let (mut row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
+        row.miss(pace.complete());
         if let Some(motion) = &mut motion {
             motion.add(time_s, &rig, time_s, session.gaze(time_s))?;
         }
