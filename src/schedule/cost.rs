@@ -4,61 +4,24 @@
 //! in the last one. Other passes count rows. The time per unit of a device is learned from its own stripes, so devices of
 //! different speed need no description.
 
+mod frame;
 mod idle;
 pub mod stripes;
+mod transfer;
 
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
+pub use self::frame::{FrameCosts, StageCost, TransferCost};
 use self::idle::IdleRays;
+use self::transfer::Transfer;
 use super::learned::{Line, Mean};
 use super::network::Network;
 use super::relative_cost::RelativeCost;
 use crate::graph::{Pass, Program, Seam, Stage, Work};
 use crate::passes::{Declarations, FrameSpec};
 use crate::scene::rig::Eye;
-
-/// Measured time of one task of a stage on one device in a frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StageCost {
-    pub stage: Stage,
-    pub view: Eye,
-    pub device: usize,
-    /// The rows that were computed, margins included.
-    pub rows: Range<u32>,
-    pub busy_ms: f64,
-}
-
-/// Measured host time of the download or the upload of a transfer, on the thread of its device.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TransferCost {
-    pub device: usize,
-    pub is_upload: bool,
-    pub bytes: u64,
-    pub ms: f64,
-}
-
-/// Measured costs of a frame. Pairs are (device, milliseconds).
-#[derive(Clone, Debug, Default)]
-pub struct FrameCosts {
-    pub stages: Vec<StageCost>,
-    pub transfers: Vec<TransferCost>,
-    /// Counted rays, by eye and row of the frame.
-    pub rays: [Vec<u32>; 2],
-    /// Time from the start of the frame to the first stage, for each device that ran a stage. Empty if devices were
-    /// still busy with another frame or an earlier attempt.
-    pub lead_ms: Vec<(usize, f64)>,
-    /// Median gap between consecutive stages, for each device that ran several stages. Gaps in which a device received
-    /// rows do not count.
-    pub gap_ms: Vec<(usize, f64)>,
-    /// Mean time that a device waited for rows, for each device that received rows between the filter's iterations.
-    pub wait_ms: Vec<(usize, f64)>,
-    /// Time from the primary's last task to the end of the frame; 0 if unknown.
-    pub tail_ms: f64,
-    /// Relative cost of the stages at the quality of the frame.
-    pub relative_cost: RelativeCost,
-}
 
 #[derive(Clone, Debug)]
 pub struct CostModel {
@@ -118,24 +81,6 @@ struct DeviceCost {
     lead: Mean,
     gap: Mean,
     wait: Mean,
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct Transfer {
-    line: Line,
-    latency_ms: f64,
-    ms_per_byte: f64,
-}
-
-impl Transfer {
-    fn of(line: Line) -> Self {
-        let (latency_ms, ms_per_byte) = line.fit();
-        Self { line, latency_ms, ms_per_byte }
-    }
-
-    fn ms(&self, bytes: u64) -> f64 {
-        self.latency_ms + self.ms_per_byte * bytes as f64
-    }
 }
 
 impl CostModel {
