@@ -22,10 +22,10 @@ pub struct Misfit {
 }
 
 impl Misfit {
-    /// Starts to judge a run, unless it is to go on whatever happens: with --keep-going, with --fit, if it ends with
-    /// these frames, or if a disturbance may slow them down.
+    /// Starts to judge a run, unless it is to go on whatever happens: with --keep-going, with --fit, with disturbances,
+    /// which would not be reached, or if it ends with these frames.
     pub fn of_run(args: &Args, options: &RenderOptions) -> Self {
-        let is_disturbed = options.faults.disturbances.iter().any(|d| d.first_frame() < FRAMES);
+        let is_disturbed = !options.faults.disturbances.is_empty();
         let is_cleared = args.keep_going || args.fit || options.frames <= FRAMES || is_disturbed;
         Self { makespans_ms: Vec::new(), is_cleared }
     }
