@@ -42,6 +42,7 @@ pub mod protocol {
 pub use crate::stages::FrameParams;
 pub use builder::{BuildError, Builder};
 pub use error::ExecError;
+#[cfg(feature = "cli")]
 pub(crate) use faults::frames_of;
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
 pub use late_latching::{PoseSource, SampledPose};
