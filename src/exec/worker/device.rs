@@ -39,12 +39,13 @@ impl WorkerDevice {
         gpu.patience = GpuDevice::START_PATIENCE;
         let device = gpu.info.index;
         let failed = |failure: DeviceFailure| ExecError::Device { device, what: failure.what };
-        let clock = GpuClock::calibrate(&gpu, origin).map_err(failed)?;
-        gpu.info.clock_residual_us = clock.residual_us;
         let mut stages = DeviceStages::new(&mut gpu, config.clone(), tables, programs)?;
         let mut stamps = Stamps::new(&gpu.device);
         stages.warm_up(&gpu, &mut stamps, programs.to_vec());
         gpu.wait(None).map_err(failed)?;
+        // The clocks drift apart while pipelines compile, which can take seconds: calibrate after it.
+        let clock = GpuClock::calibrate(&gpu, origin).map_err(failed)?;
+        gpu.info.clock_residual_us = clock.residual_us;
         let stamp_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("stamps"),
             size: u64::from(2 * Stamps::CAPACITY) * 8,
