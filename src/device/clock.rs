@@ -28,19 +28,25 @@ pub struct GpuClock {
 }
 
 impl GpuClock {
-    /// Measures the offset of a device's clock from `origin`.
-    pub fn calibrate(gpu: &GpuDevice, origin: Instant) -> Result<Self, DeviceFailure> {
+    /// Creates the clock of a device, whose offset is unknown until [`Self::calibrate`].
+    pub fn of(gpu: &GpuDevice) -> Self {
+        Self::new(f64::from(gpu.queue.get_timestamp_period()) * 1e-6)
+    }
+
+    /// Measures the offset of the device's clock from `origin`.
+    ///
+    /// # Errors
+    /// [`DeviceFailure`] if the device fails.
+    pub fn calibrate(&mut self, gpu: &GpuDevice, origin: Instant) -> Result<(), DeviceFailure> {
         let probe = Probe::new(&gpu.device);
-        let ms_per_tick = f64::from(gpu.queue.get_timestamp_period()) * 1e-6;
-        let mut clock = Self::new(ms_per_tick);
         for _ in 0..TRIES {
             let (tick, begin, lasted) = probe.read(gpu)?;
             let begin_ms = begin.duration_since(origin).as_secs_f64() * 1e3;
-            clock.host_ms(&[tick], &(begin_ms..begin_ms + lasted.as_secs_f64() * 1e3));
+            self.host_ms(&[tick], &(begin_ms..begin_ms + lasted.as_secs_f64() * 1e3));
         }
-        clock.offset.centre();
-        clock.residual_us = clock.offset.error_ms() * 1e3;
-        Ok(clock)
+        self.offset.centre();
+        self.residual_us = self.offset.error_ms() * 1e3;
+        Ok(())
     }
 
     fn new(ms_per_tick: f64) -> Self {

@@ -59,7 +59,8 @@ impl WorkerPool {
         let count = others.as_ref().map_or(gpus.len(), Others::devices);
         let asked = others.as_ref().map(|others| others.start(config, tables));
         let gpus = gpus.into_iter().map(|gpu| WorkerDevice::new(gpu, config, tables, &programs, origin));
-        let gpus = gpus.collect::<Result<Vec<_>, _>>()?;
+        let mut gpus = gpus.collect::<Result<Vec<_>, _>>()?;
+        gpus.iter_mut().try_for_each(WorkerDevice::calibrate)?;
         let mut infos: Vec<DeviceInfo> = gpus.iter().map(|device| device.gpu.info.clone()).collect();
         let (transport, mut ends) = channels(count);
         if let Some((others, asked)) = others.as_mut().zip(asked) {

@@ -185,6 +185,7 @@ impl Server<'_> {
         for ((device, mut gpu), end) in own.iter().zip(gpus).zip(own_ends) {
             gpu.info.index = *device;
             let made = WorkerDevice::new(gpu, &config, &tables, &programs, self.node.epoch);
+            let made = made.and_then(|mut device| device.calibrate().map(|()| device));
             let made = made.map_err(|e| self.host.describe(&e))?;
             cards.push(self.card(&made.gpu));
             workers.push(Worker::new(made, Arc::clone(&graphs), Box::new(end)));

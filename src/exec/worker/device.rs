@@ -25,7 +25,8 @@ pub struct WorkerDevice {
 }
 
 impl WorkerDevice {
-    /// Creates the images and pipelines of these programs, and warms up the pipelines. Times count from `origin`.
+    /// Creates the images and pipelines of these programs, and warms up the pipelines. Times count from `origin`, once
+    /// [`Self::calibrate`] has been called.
     ///
     /// # Errors
     /// [`ExecError`] if the device fails at once, has too little memory or cannot compile a stage.
@@ -43,16 +44,26 @@ impl WorkerDevice {
         let mut stamps = Stamps::new(&gpu.device);
         stages.warm_up(&gpu, &mut stamps, programs.to_vec());
         gpu.wait(None).map_err(failed)?;
-        // The clocks drift apart while pipelines compile, which can take seconds: calibrate after it.
-        let clock = GpuClock::calibrate(&gpu, origin).map_err(failed)?;
-        gpu.info.clock_residual_us = clock.residual_us;
         let stamp_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("stamps"),
             size: u64::from(2 * Stamps::CAPACITY) * 8,
             usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
             mapped_at_creation: false,
         });
+        let clock = GpuClock::of(&gpu);
         Ok(Self { gpu, stages, stamps, stamp_buffer, clock, pool: Pool::default(), origin })
+    }
+
+    /// Measures the offset of the device's clock. Call this directly before the first frame: the clocks may have
+    /// drifted apart by a millisecond if devices have compiled pipelines since then.
+    ///
+    /// # Errors
+    /// [`ExecError`] if the device fails.
+    pub fn calibrate(&mut self) -> Result<(), ExecError> {
+        let failed = |failure: DeviceFailure| ExecError::Device { device: self.gpu.info.index, what: failure.what };
+        self.clock.calibrate(&self.gpu, self.origin).map_err(failed)?;
+        self.gpu.info.clock_residual_us = self.clock.residual_us;
+        Ok(())
     }
 
     /// Returns the milliseconds since the origin.
