@@ -3,6 +3,9 @@
 
 override HAS_CONSTANT_ENV: bool = true;
 
+// Whether specular light of view-dependent pixels counts as emission, so that no filter blurs it.
+override HAS_NARROW_LOBES: bool = true;
+
 // Pairs of random dimensions that each vertex of a path uses. Their numbers are fixed, so that features that a scene
 // lacks do not shift the others. The pair before them places the sample in its pixel.
 const FIRST_DIMENSION: u32 = 1u;
@@ -14,8 +17,8 @@ const LOBE_DIRECTION: u32 = 3u;
 const SURVIVAL: u32 = 4u;
 
 struct PathSample {
-    // Light reflected towards the viewer by the first surface, without its own emission. If the scene has gloss,
-    // `radiance` is the Lambertian lobe's part and `gloss` the facets'.
+    // Light reflected towards the viewer by the first surface, without its own emission. If it is split, `radiance` is
+    // the Lambertian lobe's part and `gloss` the facets'.
     radiance: vec3<f32>,
     gloss: vec3<f32>,
     rays: u32,
@@ -94,6 +97,11 @@ fn first_hit_in(medium: Medium, hit: Hit, origin: vec3<f32>, direction: vec3<f32
     return f;
 }
 
+// Whether paths tell specular from diffuse light.
+fn is_split() -> bool {
+    return HAS_GLOSS || HAS_NARROW_LOBES;
+}
+
 fn random_at(rng: ptr<function, Rng>, depth: u32, dimension: u32) -> vec2<f32> {
     (*rng).dimension = FIRST_DIMENSION + (depth - 1u) * DIMENSIONS_PER_VERTEX + dimension;
     return random2(rng);
@@ -112,8 +120,8 @@ fn lit_normal(s: Surface) -> vec3<f32> {
     return select(s.normal, vec3<f32>(0.0), HAS_TRANSMISSION && max3(s.transmitted) > 0.0);
 }
 
-// Direct light from a sampled light, scattered towards the viewer. If the scene has gloss, `share` is the Lambertian
-// lobe's fraction of the light that the first surface scatters.
+// Direct light from a sampled light, scattered towards the viewer. If light is split, `share` is the Lambertian lobe's
+// fraction of the light that the first surface scatters.
 fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, is_first: bool, rng: ptr<function, Rng>, rays: ptr<function, u32>, share: ptr<function, vec3<f32>>) -> vec3<f32> {
     let choice = random_at(rng, depth, LIGHT_CHOICE);
     let u = random_at(rng, depth, LIGHT_POINT);
@@ -125,7 +133,7 @@ fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, is_first: 
     if max3(scattered.value) <= 0.0 {
         return vec3<f32>(0.0);
     }
-    if HAS_GLOSS && is_first {
+    if is_split() && is_first {
         *share = matte_fraction(s, v, light.direction, scattered.value);
     }
     return unoccluded(s, medium, light, scattered, alpha_key(*rng), rays);
@@ -197,7 +205,7 @@ fn escaped_light(direction: vec3<f32>, b: BsdfSample, is_first: bool) -> vec3<f3
 }
 
 fn gather(into: ptr<function, PathSample>, light: vec3<f32>, share: vec3<f32>) {
-    if HAS_GLOSS {
+    if is_split() {
         (*into).radiance += light * share;
         (*into).gloss += light * (1.0 - share);
     } else {
@@ -228,7 +236,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, medium_in: Medium, sampli
         }
         let direction = b.direction;
         throughput *= b.weight;
-        if HAS_GLOSS && is_first {
+        if is_split() && is_first {
             share = select(matte_fraction(s, v, b.direction, b.weight * b.pdf), vec3<f32>(0.0), b.is_delta);
         }
         if max3(throughput) <= 0.0 {

@@ -73,9 +73,12 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     let end = pass_.args[1];
     let scale = 1.0 / f32(end);
     var tally = tally_image[at];
+    let is_narrow = HAS_NARROW_LOBES && (hit_image[at].w & FLAG_VIEW_DEPENDENT) != 0u;
     var mixed = false;
     var albedo = vec3<f32>(0.0);
     var emission = vec3<f32>(0.0);
+    // Specular light that no filter sees.
+    var narrow = vec3<f32>(0.0);
     var reflected = vec3<f32>(0.0);
     var gloss = vec3<f32>(0.0);
     var matte = vec3<f32>(0.0);
@@ -117,19 +120,28 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         var specular = path.gloss * start.weight;
         if HAS_MIRRORS && HAS_TRANSMISSION && start.is_reflection {
             light = (path.radiance + path.gloss) * start.weight + start.found;
-            specular = select(vec3<f32>(0.0), light, HAS_GLOSS);
+            specular = select(vec3<f32>(0.0), light, is_split());
             light -= specular;
+        }
+        var unfiltered = vec3<f32>(0.0);
+        if HAS_NARROW_LOBES {
+            unfiltered = select(vec3<f32>(0.0), specular, is_narrow);
+            // Without HAS_GLOSS, the filter takes both kinds of light as one.
+            light += select(specular, vec3<f32>(0.0), is_narrow || HAS_GLOSS);
+            specular = select(vec3<f32>(0.0), specular, HAS_GLOSS && !is_narrow);
         }
         // Sums of finite samples may be infinite.
         let with_radiance = reflected + light;
         let with_gloss = gloss + specular;
         let with_emission = emission + first.emission;
-        let ok = is_sound(&first) && is_finite(with_radiance) && is_finite(with_gloss) && is_finite(with_emission) && !was_cut_short;
+        let with_narrow = narrow + unfiltered;
+        let ok = is_sound(&first) && is_finite(with_radiance) && is_finite(with_gloss) && is_finite(with_emission + with_narrow) && !was_cut_short;
         tally = add_tally(tally, rays + path.rays, select(1u, 0u, ok));
         if ok {
             albedo += first.albedo;
             matte += first.matte;
             emission = with_emission;
+            narrow = with_narrow;
             reflected = with_radiance;
             gloss = with_gloss;
             if MEASURES_VARIANCE {
@@ -141,6 +153,9 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     // Count samples as dropped that never began because the driver ended the loop.
     tally = add_tally(tally, 0u, end - i);
     if !JITTER {
+        if HAS_NARROW_LOBES {
+            emission_image[at] += vec4<f32>(narrow, 0.0);
+        }
         leave_radiance(at, reflected, gloss, Albedo(albedo, matte, 0.0), vec2<f32>(0.0), tally);
         return;
     }
@@ -171,7 +186,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         variance = mix(of_these, old_radiance.a, keep) + apart * apart * keep * (1.0 - keep);
     }
     albedo_image[at] = pack_albedo(mean_albedo);
-    emission_image[at] = vec4<f32>(old_emission.rgb * keep + emission * scale, emission_image[at].a);
+    emission_image[at] = vec4<f32>(old_emission.rgb * keep + (emission + narrow) * scale, emission_image[at].a);
     if end < frame.sampling.spp {
         radiance_image[at] = pack_mean(mean_reflected, mean_gloss, variance);
         tally_image[at] = tally | select(0u, CLIPPED, is_clipped(mean_reflected, mean_gloss));

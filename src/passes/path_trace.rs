@@ -29,7 +29,9 @@ fn trace(stage: Stage, view: Eye, cut: Partition, is_listed: bool) -> Pass {
         true => (Use::update(RADIANCE), Dispatch::List(HOLES), LISTED_ONLY),
         false => (Use::write_then_read(RADIANCE), Dispatch::PIXELS, 0),
     };
-    let [hit, albedo, emission] = [HIT, ALBEDO, EMISSION].map(Use::update);
+    let [hit, albedo] = [HIT, ALBEDO].map(Use::update);
+    // Unfiltered specular light is added to the light that the G-buffer found.
+    let emission = Use::add(EMISSION);
     Pass::new(stage, view, cut, KERNEL)
         .uses([hit, albedo, emission, radiance, Use::add(TALLY), Use::read(GUIDE), Use::read(HOLES).if_written()])
         .dispatch(dispatch)

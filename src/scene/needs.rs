@@ -3,7 +3,7 @@
 use super::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene, are_suns_hard};
 
 /// Features of the tracing stages, as flags. Enabling more than needed changes only the time, not the picture, except
-/// for `gloss`, `hard_lights` and `mirrors`.
+/// for `gloss`, `hard_lights`, `mirrors` and `narrow_lobes`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SceneNeeds {
@@ -41,6 +41,9 @@ pub struct SceneNeeds {
     /// Perfect mirrors or clear glass. They can be replaced by the surfaces that they show. Like `gloss`, this flag
     /// changes the picture.
     pub mirrors: bool,
+    /// Surfaces that reflect mostly by narrow specular lobes, which filters would blur. Like `gloss`, this flag changes
+    /// the picture.
+    pub narrow_lobes: bool,
     /// Instances that rays traverse in local space. [`Self::of`] leaves this flag false; it is set according to the
     /// scene's tables.
     pub instances: bool,
@@ -56,6 +59,16 @@ fn has_gloss(m: &Material) -> bool {
     let is_smooth = m.roughness < GLOSS_ROUGHNESS || m.metallic_roughness_texture.is_some();
     let reflects = m.metallic > 0.0 || m.specular > 0.0 || m.transmission > 0.0;
     !m.unlit && (m.clearcoat.factor > 0.0 || (is_smooth && reflects))
+}
+
+/// Roughness below which a lobe is narrow, as in `is_view_dependent` of `surface.inc.wgsl`.
+const NARROW_ROUGHNESS: f32 = 0.25;
+
+/// Returns true if the material may have a narrow specular lobe that is a significant part of its reflection.
+fn has_narrow_lobes(m: &Material) -> bool {
+    let is_narrow = m.roughness < NARROW_ROUGHNESS || m.metallic_roughness_texture.is_some();
+    let reflects = m.metallic > 0.0 || m.specular > 0.0 || m.transmission > 0.0;
+    !m.unlit && (m.clearcoat.factor > 0.0 || (is_narrow && reflects))
 }
 
 /// Returns true if parts of the surface may be thin, smooth and transmissive, so that light passes straight through.
@@ -104,12 +117,14 @@ impl SceneNeeds {
         environment_map: true,
         hard_lights: true,
         mirrors: true,
+        narrow_lobes: true,
         instances: true,
     };
 
     /// Returns these needs with all features added that do not change the picture, for comparison.
     pub fn widened(self) -> Self {
-        Self { gloss: self.gloss, hard_lights: self.hard_lights, mirrors: self.mirrors, ..Self::ALL }
+        let Self { gloss, hard_lights, mirrors, narrow_lobes, .. } = self;
+        Self { gloss, hard_lights, mirrors, narrow_lobes, ..Self::ALL }
     }
 
     pub fn of(scene: &Scene) -> Self {
@@ -144,12 +159,13 @@ impl SceneNeeds {
             environment_map: matches!(scene.environment, Environment::Map { .. }),
             hard_lights: has_hard_lights(scene) && !used().any(|mesh| is_veil(mesh, &scene.materials[mesh.material])),
             mirrors: materials().any(|m| m.is_mirror() || m.is_clear_glass()),
+            narrow_lobes: materials().any(has_narrow_lobes),
             instances: false,
         }
     }
 
-    /// Returns names and values of the shaders' override constants, except those of `gloss`, `hard_lights` and `mirrors`,
-    /// which also depend on the denoiser.
+    /// Returns names and values of the shaders' override constants, except those of `gloss`, `hard_lights`, `mirrors`
+    /// and `narrow_lobes`, which also depend on the denoiser.
     pub fn constants(&self) -> [(&'static str, bool); 19] {
         [
             ("HAS_TEXTURES", self.textures),

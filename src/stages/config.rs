@@ -90,6 +90,9 @@ pub struct RunConfig {
     /// True if the denoiser sees the surfaces in perfect mirrors and behind clear glass instead of these
     /// ([`SceneNeeds::mirrors`]).
     pub follow_mirrors: bool,
+    /// True if specular light of narrow lobes bypasses denoisers that would blur it
+    /// ([`SceneNeeds::narrow_lobes`]).
+    pub bypass_narrow_lobes: bool,
     /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_fraction`].
     pub unsampled_fraction: f64,
     /// Gaze of the left and the right eye.
@@ -118,6 +121,7 @@ impl RunConfig {
             indirect_clamp: 0.0,
             hard_shadows: true,
             follow_mirrors: true,
+            bypass_narrow_lobes: true,
             unsampled_fraction: Foveation::UNSAMPLED_FRACTION,
             gaze: Default::default(),
             seed: 0,
@@ -210,6 +214,13 @@ impl RunConfig {
         self.denoiser().is_some_and(|denoiser| denoiser.method().needs_variance())
     }
 
+    /// Returns true if specular light of narrow lobes bypasses the denoiser. If pixels are left to the filter, it has to
+    /// fill in their specular light as well.
+    fn bypasses_narrow_lobes(&self) -> bool {
+        let leaves_out = self.denoiser().is_some_and(|denoiser| denoiser.method().leaves_out_narrow_lobes());
+        self.bypass_narrow_lobes && self.buffers.needs.narrow_lobes && leaves_out && !self.leaves_pixels()
+    }
+
     pub(super) fn constants(&self, jitter: bool) -> Vec<(&'static str, bool)> {
         let mut constants = Vec::from(self.buffers.needs.constants());
         constants.push(("SOBOL", self.sampler == Sampler::Sobol));
@@ -217,6 +228,7 @@ impl RunConfig {
         let is_denoised = self.denoiser().is_some();
         constants.push(("HAS_HARD_LIGHTS", self.hard_shadows && self.buffers.needs.hard_lights && is_denoised));
         constants.push(("HAS_MIRRORS", self.follow_mirrors && self.buffers.needs.mirrors && is_denoised));
+        constants.push(("HAS_NARROW_LOBES", self.bypasses_narrow_lobes()));
         constants.push(("ACCEPTS_MIXED", is_denoised));
         constants.push(("JITTER", jitter));
         constants.push(("MEASURES_VARIANCE", jitter && self.is_guided_by_variance()));

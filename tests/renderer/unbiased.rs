@@ -296,6 +296,10 @@ impl Denoise for Identity {
     fn help(&self) -> Option<&'static str> {
         None
     }
+
+    fn leaves_out_narrow_lobes(&self) -> bool {
+        true
+    }
 }
 
 /// Returns the variance of a pixel's green value over renders, as the mean over pixels.
@@ -355,6 +359,17 @@ fn following_mirrors_changes_the_noise_and_not_the_mean() {
         assert!(subject.needs.mirrors, "{name}");
         let noise = assert_mean_stays(name, &subject, bounces, |settings, is_on| settings.follow_mirrors = is_on);
         println!("{name}: {noise:.3} of the variance");
+    }
+}
+
+/// Add rows in [`lit::POLISHED`].
+#[test]
+fn light_of_narrow_lobes_outside_the_denoiser_changes_no_mean() {
+    for (name, add_balls) in lit::POLISHED.into_iter().chain([lit::MIRRORS[2]]) {
+        let subject = subject(lit::things(name, add_balls));
+        assert!(subject.needs.narrow_lobes, "{name}");
+        let noise = assert_mean_stays(name, &subject, 2, |settings, is_on| settings.bypass_narrow_lobes = is_on);
+        assert!((noise - 1.0).abs() < 0.01, "{name}: the variance is {noise} of that without");
     }
 }
 

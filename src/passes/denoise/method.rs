@@ -62,6 +62,11 @@ pub trait Denoise: Sync {
         false
     }
 
+    /// Returns true if specular light of narrow lobes bypasses the filter, because it would blur reflections.
+    fn leaves_out_narrow_lobes(&self) -> bool {
+        false
+    }
+
     /// Returns the maximum number of iterations of a frame.
     fn most_iterations(&self) -> u32 {
         Denoiser::MAX_ITERATIONS

@@ -90,12 +90,27 @@ pub const MIRRORS: [Row; 6] = [
         scene.environment = Environment::Constant(vec3(0.6, 0.7, 0.9));
     }),
     ("a_mirror_ball", |scene| {
-        let gold = add_material(scene, metal(vec3(0.9, 0.7, 0.4), 0.0));
-        let ball = add_mesh(scene, icosphere(3, true, gold));
-        instance(scene, ball, scaled_at(0.6, vec3(0.2, 0.6, 0.8)));
-        scene.environment = Environment::Map { image: sky(Extent::new(32, 16)).into(), rotation_deg: -40.0 };
+        add_ball_in_the_sky(scene, metal(vec3(0.9, 0.7, 0.4), 0.0));
     }),
 ];
+
+/// Narrow lobes that are no mirrors: a brushed golden ball and a lacquered one, in a sky.
+pub const POLISHED: [Row; 2] = [
+    ("a_brushed_ball", |scene| {
+        add_ball_in_the_sky(scene, metal(vec3(0.9, 0.7, 0.4), 0.15));
+    }),
+    ("a_lacquered_ball", |scene| {
+        let lacquer = Clearcoat { factor: 1.0, roughness: 0.05, ..Clearcoat::default() };
+        add_ball_in_the_sky(scene, Material { clearcoat: lacquer, ..dielectric(vec3(0.5, 0.1, 0.1), 0.6) });
+    }),
+];
+
+fn add_ball_in_the_sky(scene: &mut Scene, material: Material) {
+    let material = add_material(scene, material);
+    let ball = add_mesh(scene, icosphere(3, true, material));
+    instance(scene, ball, scaled_at(0.6, vec3(0.2, 0.6, 0.8)));
+    scene.environment = Environment::Map { image: sky(Extent::new(32, 16)).into(), rotation_deg: -40.0 };
+}
 
 fn add_mirror(scene: &mut Scene, corner: Vec3, u: Vec3, v: Vec3) {
     let mirror = add_material(scene, Material { emissive: vec3(0.02, 0.0, 0.0), ..metal(vec3(0.9, 0.95, 0.85), 0.0) });

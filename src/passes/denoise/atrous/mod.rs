@@ -38,6 +38,10 @@ impl Denoise for Atrous {
         Some("Spatial à-trous filter")
     }
 
+    fn leaves_out_narrow_lobes(&self) -> bool {
+        true
+    }
+
     fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let iteration = |index| {
             let (source, target) = light.advance();

@@ -76,6 +76,10 @@ impl Denoise for Bmfr {
         true
     }
 
+    fn leaves_out_narrow_lobes(&self) -> bool {
+        true
+    }
+
     /// Returns 1, since the fit is a single iteration.
     fn most_iterations(&self) -> u32 {
         1
