@@ -307,7 +307,7 @@ fn reference_frame(
     let done = plan.accumulate(renderer, loaded, index, begun, tracing)?;
     let mut images = FrameImages {
         linear: done.accumulation.mean(),
-        display: reference::display(&done.accumulation, shot.exposure_ev),
+        display: reference::display(&done.accumulation, shot),
         aovs: Vec::new(),
         pixel_centre: [0.5; 2],
     };

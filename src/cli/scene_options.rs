@@ -1,11 +1,12 @@
 //! Options that override a shot, and options for the files that it may name.
 
 use clap::Args;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use sysinfo::{MemoryRefreshKind, RefreshKind, System};
 
+use crate::image::tone::ToneCurve;
 use crate::scene::budget::{Budget, ByteSize};
-use crate::scene::complete::Overrides;
+use crate::scene::complete::{Look, Overrides};
 use crate::scene::folder::{Access, Source};
 use crate::scene::load::load_shot_within;
 use crate::scene::motion::play::Choice;
@@ -36,8 +37,16 @@ pub struct SceneOptions {
     /// Exposure of pictures in stops; EXR files are not exposed [default: the shot's]
     #[arg(long, value_name = "EV", value_parser = |text: &str| number(text, &STOPS), allow_hyphen_values = true)]
     pub exposure: Option<f64>,
-    /// Environment: an .hdr or .exr in latitude-longitude, or a radiance R,G,B
-    #[arg(hide_short_help = true, long, value_name = "FILE|R,G,B", value_parser = environment)]
+    /// Tone curve of pictures [default: neutral for a glTF file, reinhard for a shot]
+    ///
+    /// Image metrics such as FLIP always use reinhard.
+    #[arg(hide_short_help = true, long, value_name = "CURVE")]
+    pub tonemap: Option<ToneCurve>,
+    /// Environment: studio, white, sky, an .hdr or .exr file, or a radiance R,G,B
+    ///
+    /// The default is the shot's. A glTF file without lights gets the studio: soft boxes, and a ground below an object.
+    /// white is a radiance of 1 from all directions, which `export` and `shot` use instead of the studio.
+    #[arg(hide_short_help = true, long, value_name = "NAME|FILE|R,G,B", value_parser = environment)]
     pub environment: Option<ShotEnvironment>,
     /// Animations to play: all, none, or a name [default: the shot's, else all]
     #[arg(hide_short_help = true, long, value_name = "NAME", value_parser = animation)]
@@ -57,13 +66,14 @@ impl SceneOptions {
 
     /// Loads a shot and its scene. The path of an animated camera begins at `time_s`.
     pub fn load(&self, shot: &str, time_s: f64, budget: &Budget) -> Result<(Shot, Scene), SceneError> {
-        self.load_from(Source::Disk, shot, time_s, budget)
+        self.load_from(Source::Disk, Look::Plain, shot, time_s, budget)
     }
 
     /// Loads a shot and its scene from another source of files.
     pub fn load_from(
         &self,
         source: Source,
+        look: Look,
         shot: &str,
         time_s: f64,
         budget: &Budget,
@@ -76,6 +86,8 @@ impl SceneOptions {
             position: self.position,
             target: self.target,
             environment: self.environment.clone(),
+            look,
+            tone: self.tonemap,
             animation: self.animation.clone(),
             time_s,
         };
@@ -119,9 +131,12 @@ fn environment(text: &str) -> Result<ShotEnvironment, String> {
     let sky = match triple(text, &NOT_NEGATIVE) {
         Some(radiance) => Sky::Constant(radiance.as_vec3()),
         None if lower.ends_with(".hdr") || lower.ends_with(".exr") => Sky::Image(text.to_owned()),
-        None => return Err("give an .hdr or .exr file, or a radiance of three numbers ≥ 0, e.g. 1,1,1".to_owned()),
+        None if lower == "white" => Sky::Constant(Vec3::ONE),
+        None => Sky::built_in(&lower).ok_or_else(|| {
+            "give studio, white, sky, an .hdr or .exr file, or a radiance of three numbers ≥ 0, e.g. 1,1,1".to_owned()
+        })?,
     };
-    Ok(ShotEnvironment { sky, scale: 1.0, rotation_deg: 0.0 })
+    Ok(sky.into())
 }
 
 #[cfg(test)]
@@ -132,6 +147,8 @@ mod tests {
     fn environments_are_files_or_radiances() {
         let sky = |text| environment(text).map(|e| e.sky);
         assert_eq!(sky("1, 0,2.5"), Ok(Sky::Constant(glam::vec3(1.0, 0.0, 2.5))));
+        assert_eq!(sky("white"), Ok(Sky::Constant(Vec3::ONE)));
+        assert_eq!((sky("studio"), sky("sky")), (Ok(Sky::Studio), Ok(Sky::Clear)));
         assert_eq!(sky("skies/Dusk.HDR"), Ok(Sky::Image("skies/Dusk.HDR".into())));
         for wrong in ["", "1", "1,2", "1,2,-3", "1,2,nan", "1,2,1e39", "sky.png"] {
             assert!(sky(wrong).is_err(), "{wrong}");

@@ -11,6 +11,7 @@ use crate::loaded::LoadedScene;
 use crate::passes::Display;
 use crate::quality::{Envelope, Quality};
 use crate::scene::SceneError;
+use crate::scene::complete::Look;
 use crate::scene::folder::Source;
 use crate::scene::head::HeadMotion;
 use crate::scene::rig::Rig;
@@ -66,7 +67,7 @@ const MOST_SENT_BYTES: usize = i32::MAX as usize - (1 << 20);
 pub fn load_here(options: &RunOptions, what: &Load, source: Source) -> Result<LoadedScene, Failure> {
     let _span = tracing::info_span!("load scene").entered();
     let budget = options.scene.budget();
-    let (shot, scene) = options.scene.load_from(source, &what.shot, what.time_s, &budget)?;
+    let (shot, scene) = options.scene.load_from(source, Look::Studio, &what.shot, what.time_s, &budget)?;
     Ok(LoadedScene::new(shot, scene, &budget)?)
 }
 

@@ -163,10 +163,13 @@ impl Check<'_> {
             (None, Some(image)) if has_extension(image.get_ref(), &["hdr", "exr"]) => {
                 Sky::Image(image.get_ref().into())
             }
-            (None, Some(image)) => {
-                let what = format!("environment.image is '{}': give a .hdr or an .exr", image.get_ref());
-                return Err(self.at(image.span(), what));
-            }
+            (None, Some(image)) => match Sky::built_in(image.get_ref()) {
+                Some(sky) => sky,
+                None => {
+                    let what = format!("environment.image is '{}': give a .hdr or an .exr", image.get_ref());
+                    return Err(self.at(image.span(), what));
+                }
+            },
             (Some(v), None) => Sky::Constant(self.triple("environment.radiance", v, &NOT_NEGATIVE)?.as_vec3()),
             (None, None) => Sky::Constant(Vec3::ONE),
         };

@@ -101,6 +101,8 @@ fn environment(text: &mut String, environment: Option<&ShotEnvironment>) {
     let sky = match sky {
         Sky::Constant(radiance) => format!("radiance = {}", numbers(&radiance.to_array())),
         Sky::Image(name) => format!("image = {}", string(name)),
+        Sky::Studio => "image = \"studio\"".to_owned(),
+        Sky::Clear => "image = \"sky\"".to_owned(),
     };
     let _ = writeln!(text, "[environment]\n{sky}\nscale = {scale:?}\nrotation_deg = {rotation_deg:?}");
 }
