@@ -11,7 +11,8 @@ use crate::scene::folder::{Access, Source};
 use crate::scene::load::load_shot_within;
 use crate::scene::motion::play::Choice;
 use crate::scene::shot::allowed::{ANY, Allowed, NOT_NEGATIVE, STOPS, YFOV};
-use crate::scene::shot::{Shot, ShotEnvironment, Sky};
+use crate::scene::shot::{Exposure, Shot, ShotEnvironment, Sky};
+use crate::scene::viewpoint::Orbit;
 use crate::scene::{Scene, SceneError};
 
 #[derive(Args, Clone, Debug)]
@@ -34,9 +35,21 @@ pub struct SceneOptions {
     /// Interpupillary distance, metres [default: the shot's, else 0.064]
     #[arg(hide_short_help = true, long, value_name = "M", value_parser = |text: &str| number(text, &NOT_NEGATIVE))]
     pub baseline: Option<f64>,
-    /// Exposure of pictures in stops; EXR files are not exposed [default: the shot's]
-    #[arg(long, value_name = "EV", value_parser = |text: &str| number(text, &STOPS), allow_hyphen_values = true)]
-    pub exposure: Option<f64>,
+    /// View of the whole scene from outside, instead of a camera
+    #[arg(hide_short_help = true, long, conflicts_with_all = ["position", "target", "camera"])]
+    pub view: Option<View>,
+    /// View from this azimuth and elevation, degrees, and zoom, such as 30,20,1
+    ///
+    /// Azimuth 0 is the front, +z, and 90 the side at +x. Elevation 90 is above. Zoom 1 shows the whole scene; 2 shows
+    /// it twice as large.
+    #[arg(hide_short_help = true, long, value_name = "AZ,EL[,ZOOM]", value_parser = orbit, allow_hyphen_values = true, conflicts_with_all = ["view", "position", "target", "camera"])]
+    pub orbit: Option<Orbit>,
+    /// Exposure of pictures in stops, or auto; EXR files are not exposed
+    ///
+    /// auto meters a small frame before the run and prints the result. The default is the exposure of the shot, and
+    /// auto for a glTF file. `scale` and `bench` use 0 instead of auto.
+    #[arg(long, value_name = "EV|auto", value_parser = exposure, allow_hyphen_values = true)]
+    pub exposure: Option<Exposure>,
     /// Tone curve of pictures [default: neutral for a glTF file, reinhard for a shot]
     ///
     /// Image metrics such as FLIP always use reinhard.
@@ -81,7 +94,8 @@ impl SceneOptions {
         let overrides = Overrides {
             yfov_rad: self.yfov.map(f64::to_radians),
             baseline_m: self.baseline,
-            exposure_ev: self.exposure.map(|ev| ev as f32),
+            exposure: self.exposure,
+            orbit: self.orbit.or(self.view.map(View::orbit)),
             camera: self.camera,
             position: self.position,
             target: self.target,
@@ -122,6 +136,46 @@ fn point(text: &str) -> Result<DVec3, String> {
     triple(text, &ANY).ok_or_else(|| "give three numbers, e.g. 0,1.6,-2.5".to_owned())
 }
 
+fn exposure(text: &str) -> Result<Exposure, String> {
+    if text == "auto" {
+        return Ok(Exposure::Auto);
+    }
+    number(text, &STOPS).map(|ev| Exposure::Ev(ev as f32)).map_err(|what| format!("{what}, or auto"))
+}
+
+fn orbit(text: &str) -> Result<Orbit, String> {
+    let numbers: Option<Vec<f32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    let (azimuth_deg, elevation_deg, zoom) = match numbers.as_deref() {
+        Some([azimuth, elevation]) => (*azimuth, *elevation, 1.0),
+        Some([azimuth, elevation, zoom]) => (*azimuth, *elevation, *zoom),
+        _ => (f32::NAN, 0.0, 1.0),
+    };
+    let is_valid = azimuth_deg.is_finite() && (-90.0..=90.0).contains(&elevation_deg) && (0.01..=100.0).contains(&zoom);
+    let what = "give azimuth, elevation (-90 to 90) and zoom (0.01 to 100), e.g. 30,20,1";
+    if is_valid { Ok(Orbit { azimuth_deg, elevation_deg, zoom }) } else { Err(what.to_owned()) }
+}
+
+/// View of the whole scene from outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum View {
+    /// From the front, slightly above the horizon
+    Front,
+    /// From the front, right and above
+    ThreeQuarter,
+    /// From above
+    Top,
+}
+
+impl View {
+    fn orbit(self) -> Orbit {
+        match self {
+            Self::Front => Orbit::FRONT,
+            Self::ThreeQuarter => Orbit::THREE_QUARTER,
+            Self::Top => Orbit::TOP,
+        }
+    }
+}
+
 fn animation(text: &str) -> Result<Choice, String> {
     Ok(Choice::of(text))
 }
@@ -153,6 +207,21 @@ mod tests {
         for wrong in ["", "1", "1,2", "1,2,-3", "1,2,nan", "1,2,1e39", "sky.png"] {
             assert!(sky(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn an_orbit_is_two_angles_and_perhaps_a_zoom() {
+        let expected = Orbit { azimuth_deg: -30.0, elevation_deg: 20.0, zoom: 1.0 };
+        assert_eq!((orbit("-30,20"), orbit("-30, 20, 2")), (Ok(expected), Ok(Orbit { zoom: 2.0, ..expected })));
+        for wrong in ["", "1", "1,91", "1,2,0", "nan,0", "1,2,3,4"] {
+            assert!(orbit(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn an_exposure_is_a_number_of_stops_or_auto() {
+        assert_eq!((exposure("-1.5"), exposure("auto")), (Ok(Exposure::Ev(-1.5)), Ok(Exposure::Auto)));
+        assert!(exposure("25").unwrap_err().contains("-24 to 24"));
     }
 
     #[test]

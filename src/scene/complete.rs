@@ -8,10 +8,10 @@ use glam::{DVec3, Vec3};
 use super::budget::Budget;
 use super::motion::Motion;
 use super::motion::play::Choice;
-use super::rig::{Rig, RigKey, degenerate_time};
+use super::rig::{DEFAULT_BASELINE_M, Rig, RigKey, degenerate_time};
 use super::shot::allowed::fits_f32;
-use super::shot::{Draft, PartialRig, Shot, ShotEnvironment, Sky};
-use super::viewpoint::{self, Viewpoint};
+use super::shot::{Draft, Exposure, PartialRig, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
+use super::viewpoint::{self, Orbit, Room, Viewpoint, Wanted};
 use super::{Camera, Environment, Scene, SceneError, Setting};
 use crate::image::tone::ToneCurve;
 
@@ -21,7 +21,7 @@ pub enum Look {
     /// The look of a shot that leaves everything open: a white environment if the file has no light.
     #[default]
     Plain,
-    /// A studio if the file has no light, and the tone curve PBR Neutral.
+    /// A studio if the file has no light, a metered exposure, and the tone curve PBR Neutral.
     Studio,
 }
 
@@ -30,14 +30,15 @@ pub enum Look {
 pub struct Overrides {
     pub yfov_rad: Option<f64>,
     pub baseline_m: Option<f64>,
-    /// Exposure in stops, within [`EXPOSURE_EV`](super::shot::EXPOSURE_EV).
-    pub exposure_ev: Option<f32>,
+    pub exposure: Option<Exposure>,
     /// Index of a camera in the scene file.
     pub camera: Option<usize>,
     /// Fixed position of the eyes, scene units.
     pub position: Option<DVec3>,
     /// Fixed point that the eyes look at, scene units.
     pub target: Option<DVec3>,
+    /// View of the whole scene from outside, instead of the cameras of the scene and the shot.
+    pub orbit: Option<Orbit>,
     /// Environment that replaces the shot's. The path of its image is relative to the working folder.
     pub environment: Option<ShotEnvironment>,
     /// Look of a scene file without a shot.
@@ -63,20 +64,27 @@ pub fn complete(
     budget: &Budget,
 ) -> Result<Shot, SceneError> {
     let is_unlit = draft.is_bare() && !has_light(scene);
-    let (light, tone) = match overrides.look {
-        Look::Plain => (Sky::Constant(Vec3::ONE), ToneCurve::Reinhard),
-        Look::Studio => (Sky::Studio, ToneCurve::Neutral),
+    let (light, tone, exposure) = match overrides.look {
+        Look::Plain => (Sky::Constant(Vec3::ONE), ToneCurve::Reinhard, Exposure::Ev(0.0)),
+        Look::Studio => (Sky::Studio, ToneCurve::Neutral, Exposure::Auto),
     };
-    let rig = rig(&draft.rig, overrides, scene, motion, budget)?;
+    let lights_rooms = is_unlit && overrides.look == Look::Studio && overrides.environment.is_none();
+    let (rig, room) = rig(&draft.rig, lights_rooms, overrides, scene, motion, budget)?;
+    let fill = room.filter(|room| lights_rooms && room.openness < LEAST_OPENNESS).map(|room| fill_light(&rig, room));
+    if fill.is_some() {
+        scene.warnings.push("the room has hardly any openings: added a light at the camera".to_owned());
+    }
+    let exposure = overrides.exposure.or(draft.exposure).unwrap_or(exposure);
     Ok(Shot {
         play: draft.play(),
         name: draft.name,
         scene: draft.scene,
         rig,
         environment: overrides.environment.clone().or(draft.environment).or_else(|| is_unlit.then(|| light.into())),
-        lights: draft.lights,
+        lights: draft.lights.into_iter().chain(fill).collect(),
         gaze: draft.gaze.unwrap_or_default(),
-        exposure_ev: overrides.exposure_ev.or(draft.exposure_ev).unwrap_or(0.0),
+        exposure_ev: if let Exposure::Ev(ev) = exposure { ev } else { 0.0 },
+        is_metered: exposure == Exposure::Auto,
         tone: overrides.tone.unwrap_or(tone),
     })
 }
@@ -87,23 +95,43 @@ fn has_light(scene: &Scene) -> bool {
     !scene.lights.is_empty() || scene.environment != Environment::Black
 }
 
+/// Fraction of directions in which a room must be open to be lit from outside.
+const LEAST_OPENNESS: f32 = 0.1;
+
+/// Returns a light above the camera that lights a room.
+fn fill_light(rig: &Rig, room: Room) -> ShotLight {
+    let above = DVec3::Y * f64::from(room.distance) * 0.1;
+    let kind = ShotLightKind::Point { position: (rig.keys[0].position + above).as_vec3(), radius_m: 0.0 };
+    ShotLight { kind, strength: Vec3::splat(room.distance * room.distance) }
+}
+
+/// Returns the rig, and the room that it is in if the viewpoint was found inside one. `lights_rooms` is true if a closed
+/// room gets light.
 fn rig(
     draft: &PartialRig,
+    lights_rooms: bool,
     overrides: &Overrides,
     scene: &mut Scene,
     motion: &Motion,
     budget: &Budget,
-) -> Result<Rig, SceneError> {
+) -> Result<(Rig, Option<Room>), SceneError> {
     let metres_per_unit = draft.metres_per_unit.unwrap_or(1.0);
     let yfov_rad = overrides.yfov_rad.or(draft.yfov_rad);
     let of_keys = |keys| Rig { metres_per_unit, ..Rig::of_keys(keys) };
     let camera = overrides.camera.or((draft.keys.is_empty() && !scene.cameras.is_empty()).then_some(0));
-    let mut rig = match (camera, overrides.position.zip(overrides.target)) {
-        (Some(number), _) => camera_rig(scene, motion, number, overrides)?,
-        (None, _) if !draft.keys.is_empty() => of_keys(draft.keys.clone()),
-        (None, Some((position, target))) => of_keys(vec![RigKey { time_s: 0.0, position, target, up: DVec3::Y }]),
-        (None, None) => found_rig(scene, metres_per_unit, yfov_rad, budget),
+    let wanted = Wanted { metres_per_unit, yfov_rad, orbit: overrides.orbit, lights_rooms };
+    let (mut rig, mut room) = match (camera, overrides.position.zip(overrides.target)) {
+        _ if overrides.orbit.is_some() => (viewpoint::find(scene, &wanted, budget).rig, None),
+        (Some(number), _) => (camera_rig(scene, motion, number, overrides)?, None),
+        (None, _) if !draft.keys.is_empty() => (of_keys(draft.keys.clone()), None),
+        (None, Some((position, target))) => {
+            (of_keys(vec![RigKey { time_s: 0.0, position, target, up: DVec3::Y }]), None)
+        }
+        (None, None) => found_rig(scene, &wanted, overrides.baseline_m.or(draft.baseline_m), budget),
     };
+    if overrides.position.is_some() {
+        room = None;
+    }
     rig.metres_per_unit = metres_per_unit;
     rig.yfov_rad = yfov_rad.unwrap_or(rig.yfov_rad);
     rig.baseline_m = overrides.baseline_m.or(draft.baseline_m).unwrap_or(rig.baseline_m);
@@ -112,7 +140,7 @@ fn rig(
         return Err(SceneError::Setting { setting: Setting::Baseline, what });
     }
     move_to(&mut rig.keys, overrides)?;
-    Ok(rig)
+    Ok((rig, room))
 }
 
 /// Returns the rig of the scene file's camera `number`: for a moving camera, a path that begins at the overrides' time.
@@ -160,16 +188,23 @@ fn camera_path(camera: Camera, motion: &Motion, number: usize, time_s: f64) -> V
 /// Maximum number of keys of a camera's path, which is enough for one hour.
 const MOST_KEYS: f64 = 3600.0 * PATH_HZ;
 
-/// Returns the rig that [`viewpoint::find`] chooses, and warns that the file has no camera.
-fn found_rig(scene: &mut Scene, metres_per_unit: f64, yfov_rad: Option<f64>, budget: &Budget) -> Rig {
-    let Viewpoint { rig, is_inside } = viewpoint::find(scene, metres_per_unit, yfov_rad, budget);
+/// Returns the viewpoint that [`viewpoint::find`] chooses, and warns that the file has no camera. `baseline_m` is the
+/// requested baseline.
+fn found_rig(scene: &mut Scene, wanted: &Wanted, baseline_m: Option<f64>, budget: &Budget) -> (Rig, Option<Room>) {
+    let Viewpoint { rig, room } = viewpoint::find(scene, wanted, budget);
     let RigKey { position, target, .. } = rig.keys[0];
-    let place = if is_inside { "inside the scene" } else { "in front of the scene" };
+    let place = if room.is_some() { "inside the scene" } else { "in front of the scene" };
+    let baseline = match baseline_m {
+        None if rig.baseline_m < DEFAULT_BASELINE_M => {
+            format!(", with a baseline of {:.3} mm that suits the scene's size", rig.baseline_m * 1e3)
+        }
+        _ => String::new(),
+    };
     scene.warnings.push(format!(
-        "no camera in the file: placed the viewpoint {place} at {position:.3}, looking at {target:.3}; choose a \
-         position and a target, or write a shot, to change it"
+        "no camera in the file: placed the viewpoint {place} at {position:.3}, looking at {target:.3}{baseline}; choose \
+         a position and a target, or write a shot, to change it"
     ));
-    rig
+    (rig, room)
 }
 
 /// Overrides the position and the target of each key. If a key then looks along its up vector, −z becomes its up

@@ -139,8 +139,16 @@ pub struct Draft {
     /// Lights in addition to the scene's own.
     pub lights: Vec<ShotLight>,
     pub gaze: Option<Gaze>,
+    pub exposure: Option<Exposure>,
+}
+
+/// Exposure of pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Exposure {
+    /// Metered before the run.
+    Auto,
     /// Exposure in stops, within [`EXPOSURE_EV`].
-    pub exposure_ev: Option<f32>,
+    Ev(f32),
 }
 
 impl Draft {
@@ -164,7 +172,7 @@ impl Draft {
             environment: None,
             lights: Vec::new(),
             gaze: None,
-            exposure_ev: None,
+            exposure: None,
         }
     }
 
@@ -185,7 +193,7 @@ impl Draft {
             environment,
             lights,
             gaze: self.gaze.or(other.gaze),
-            exposure_ev: self.exposure_ev.or(other.exposure_ev),
+            exposure: self.exposure.or(other.exposure),
             ..self
         }
     }
@@ -220,6 +228,8 @@ pub struct Shot {
     pub gaze: Gaze,
     /// Exposure in stops, within [`EXPOSURE_EV`]. It does not scale linear images.
     pub exposure_ev: f32,
+    /// True if a command that renders is to meter the exposure; `exposure_ev` is 0 until then.
+    pub is_metered: bool,
     /// Tone curve of pictures.
     pub tone: ToneCurve,
 }

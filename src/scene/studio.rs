@@ -148,6 +148,11 @@ fn ground_albedo(studio: &RgbImage) -> f32 {
     if irradiance > 0.0 { (below * std::f64::consts::PI / irradiance) as f32 } else { 0.0 }
 }
 
+/// True if the scene has the ground of a studio.
+pub fn has_ground(scene: &Scene) -> bool {
+    scene.materials.iter().any(|material| material.name == GROUND)
+}
+
 /// Returns the bounds of the triangles of a static scene, without the ground of a studio.
 pub fn bounds_of_object(scene: &Scene) -> Bounds {
     let mut bounds = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
@@ -191,7 +196,10 @@ pub fn add_ground(scene: &mut Scene, still: &Bounds, rig: &Rig, studio: &RgbImag
         let base_color = Vec4::new(value, value, value, 1.0);
         let (mesh, material) = (scene.meshes.len(), scene.materials.len());
         scene.materials.push(Material { name: GROUND.to_owned(), base_color, unlit, ..Material::default() });
-        scene.meshes.push(Mesh { positions: positions.clone(), triangles, material, ..Mesh::default() });
+        // Denoisers do not filter across the change of normals, which means nothing to unlit surfaces.
+        let inwards = |p: &Vec3| ((centre - *p).with_y(0.0).normalize() + Vec3::Y * 0.3).normalize();
+        let normals = if unlit { positions.iter().map(inwards).collect() } else { Vec::new() };
+        scene.meshes.push(Mesh { positions: positions.clone(), normals, triangles, material, ..Mesh::default() });
         scene.instances.push(Instance { mesh, world_from_local: Affine3A::IDENTITY });
     }
     true

@@ -14,6 +14,7 @@ mod help;
 mod host_trace;
 mod image_files;
 mod interface;
+mod look;
 mod metrics;
 mod pictures;
 mod play;

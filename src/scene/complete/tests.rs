@@ -45,7 +45,7 @@ fn a_bare_scene_is_looked_at_and_lit_white() {
     let mut scene = triangle();
     let shot = plain(bare(), &mut scene);
     assert!(matches!(&shot.environment, Some(e) if e.sky == Sky::Constant(Vec3::ONE)), "{shot:?}");
-    assert_eq!(shot.rig, viewpoint::find(&scene, 1.0, None, &Budget::unlimited()).rig);
+    assert_eq!(shot.rig, viewpoint::find(&scene, &Wanted::default(), &Budget::unlimited()).rig);
     assert!(matches!(&scene.warnings[..], [said] if said.contains("no camera")), "{:?}", scene.warnings);
 }
 
@@ -91,7 +91,8 @@ fn a_shot_of_a_scene_alone_is_the_scene_without_a_shot() {
 fn what_a_shot_says_of_its_rig_goes_before_what_is_found() {
     let rig = "[rig]\nyfov_deg = 90\nbaseline_m = 0.5\nmetres_per_unit = 0.01";
     let shot = plain(draft(rig), &mut triangle());
-    let found = viewpoint::find(&triangle(), 0.01, Some(90f64.to_radians()), &Budget::unlimited()).rig;
+    let wanted = Wanted { metres_per_unit: 0.01, yfov_rad: Some(90f64.to_radians()), ..Wanted::default() };
+    let found = viewpoint::find(&triangle(), &wanted, &Budget::unlimited()).rig;
     assert_eq!(shot.rig, Rig { baseline_m: 0.5, ..found });
 
     let mut scene = triangle();
@@ -99,6 +100,22 @@ fn what_a_shot_says_of_its_rig_goes_before_what_is_found() {
     let rig = plain(draft(rig), &mut scene).rig;
     assert_eq!((rig.yfov_rad, rig.baseline_m, rig.metres_per_unit), (90f64.to_radians(), 0.5, 0.01));
     assert_eq!(rig.keys, Rig::from_camera(camera(0.0)).keys);
+}
+
+#[test]
+fn a_closed_room_of_a_file_gets_a_light_at_the_camera() {
+    let mut room = triangle();
+    let corner = |i: u32| Vec3::new(3.0 * (i & 1) as f32, 2.5 * (i >> 1 & 1) as f32, 8.0 * (i >> 2) as f32);
+    let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let inwards = quads.iter().flat_map(|&[a, b, c, d]: &[u32; 4]| [[a, c, b], [a, d, c]]);
+    room.meshes[0] = Mesh { positions: (0..8).map(corner).collect(), triangles: inwards.collect(), ..Mesh::default() };
+    let overrides = Overrides { look: Look::Studio, ..Overrides::default() };
+    let shot = completed(bare(), &overrides, &mut room).unwrap();
+    assert_eq!(shot.lights.len(), 1);
+    assert!(room.warnings.iter().any(|w| w.contains("added a light at the camera")), "{:?}", room.warnings);
+    let plain = completed(bare(), &Overrides::default(), &mut room).unwrap();
+    assert!(plain.lights.is_empty() && (plain.exposure_ev, plain.is_metered) == (0.0, false));
+    assert!(shot.is_metered && shot.tone == ToneCurve::Neutral && plain.tone == ToneCurve::Reinhard);
 }
 
 /// Such a shot gets no white environment, since emissive surfaces may be meant as its only light.
@@ -114,7 +131,7 @@ fn what_is_asked_for_goes_before_what_the_shot_says() {
     let wanted = Overrides {
         yfov_rad: Some(1.0),
         baseline_m: Some(0.1),
-        exposure_ev: Some(2.0),
+        exposure: Some(Exposure::Ev(2.0)),
         environment: Some(ShotEnvironment { sky: Sky::Constant(Vec3::X), scale: 1.0, rotation_deg: 0.0 }),
         ..Overrides::default()
     };
