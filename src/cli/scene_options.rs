@@ -64,6 +64,9 @@ pub struct SceneOptions {
     /// Animations to play: all, none, or a name [default: the shot's, else all]
     #[arg(hide_short_help = true, long, value_name = "NAME", value_parser = animation)]
     pub animation: Option<Choice>,
+    /// Material variant of the scene file, by its name [default: its default look]
+    #[arg(hide_short_help = true, long, value_name = "NAME")]
+    pub variant: Option<String>,
     /// Maximum host memory for the scene, such as 4GiB [default: half the RAM]
     #[arg(hide_short_help = true, long, value_name = "SIZE")]
     pub max_scene_memory: Option<ByteSize>,
@@ -103,6 +106,7 @@ impl SceneOptions {
             look,
             tone: self.tonemap,
             animation: self.animation.clone(),
+            variant: self.variant.clone(),
             time_s,
         };
         load_shot_within(shot, &overrides, Access { budget, allow_outside: self.allow_outside, source })

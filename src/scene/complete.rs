@@ -47,6 +47,8 @@ pub struct Overrides {
     pub tone: Option<ToneCurve>,
     /// Animations of the scene file to play.
     pub animation: Option<Choice>,
+    /// Material variant of the scene file, by its name; `None` for the default look.
+    pub variant: Option<String>,
     /// Time in seconds at which the scene's cameras are sampled.
     pub time_s: f64,
 }

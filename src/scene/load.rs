@@ -96,7 +96,7 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Sce
         (None, Some("gltf" | "glb")) => {
             let [name, stem] = [path.file_name(), path.file_stem()].map(|p| p.unwrap_or_default().to_string_lossy());
             let draft = asked(Draft::of(SceneSource::File(name.into_owned()), stem.into_owned()));
-            let scene = gltf::load_playing(path, &draft.play(), folder.access)?;
+            let scene = gltf::load_variant(path, &draft.play(), overrides.variant.as_deref(), folder.access)?;
             return Ok((draft, scene));
         }
         _ => {
@@ -116,7 +116,7 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Sce
         }
         SceneSource::File(name) => {
             let path = folder.find(&name).map_err(|error| error.in_file(arg))?;
-            let scene = gltf::load_playing(&path, &draft.play(), folder.access)?;
+            let scene = gltf::load_variant(&path, &draft.play(), overrides.variant.as_deref(), folder.access)?;
             Ok((draft, scene))
         }
     }
@@ -176,6 +176,8 @@ fn put_around(
         }
         Sky::Studio | Sky::Clear => {
             let mut image = if environment.sky == Sky::Studio { studio::studio() } else { studio::sky() };
+            let bytes = size_of_val(&image.pixels[..]) as u64;
+            folder.access.budget.reserve(bytes).map_err(|error| SceneError::refused(origin, error))?.keep();
             image
                 .pixels
                 .as_flattened_mut()
