@@ -1,5 +1,6 @@
 //! The command line: one subcommand per file.
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -7,10 +8,13 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use super::failure::Failure;
 use super::options::RunOptions;
 use super::{
-    bench, compare, devices, export, graph, manual, play, ranks, render, scale, scenes, settings, shot, trace, view,
+    bench, compare, devices, export, graph, manual, play, ranks, render, scale, scenes, settings, shot, trace,
+    view,
 };
 
 /// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
+///
+/// `diptych FILE` is short for `diptych render FILE`.
 #[derive(Parser)]
 #[command(name = "diptych", version, about, max_term_width = 110)]
 pub struct Cli {
@@ -52,7 +56,24 @@ pub enum Command {
 
 /// Returns the definition of the command line.
 pub fn command() -> clap::Command {
-    Cli::command()
+    // Only `render` writes to a folder that it chooses itself.
+    let out = |out: clap::Arg| {
+        let help = "Folder for output files [default: out/ and the name of the scene]";
+        out.required(false).default_value("").hide_default_value(true).help(help)
+    };
+    Cli::command().mut_subcommand("render", |render| render.mut_arg("out", out))
+}
+
+/// Inserts `render` before a shot or a scene in place of a command.
+fn with_command(mut args: Vec<OsString>) -> Vec<OsString> {
+    let is_scene = |arg: &OsString| {
+        let arg = arg.to_string_lossy().to_ascii_lowercase();
+        arg.starts_with("builtin:") || [".gltf", ".glb", ".toml"].iter().any(|ending| arg.ends_with(ending))
+    };
+    if args.get(1).is_some_and(is_scene) {
+        args.insert(1, "render".into());
+    }
+    args
 }
 
 impl Command {
@@ -102,11 +123,13 @@ pub fn run_registered() -> ExitCode {
 /// Parses the command line and keeps its options for reports.
 fn parse() -> Result<Cli, clap::Error> {
     let command = command();
-    let matches = command.clone().try_get_matches()?;
+    let matches = command.clone().try_get_matches_from(with_command(std::env::args_os().collect()))?;
     settings::keep(&command, &matches);
     let mut cli = Cli::from_arg_matches(&matches)?;
-    if let Command::Scale(args) = &mut cli.command {
-        args.share_cores();
+    match &mut cli.command {
+        Command::Render(args) => args.options.run.choose_out(),
+        Command::Scale(args) => args.share_cores(),
+        _ => {}
     }
     Ok(cli)
 }
@@ -162,6 +185,17 @@ mod tests {
         let render = command.find_subcommand_mut("render").expect("there is such a command");
         let text = render.render_help().to_string();
         assert!(text.lines().count() <= 60, "{} lines: {text}", text.lines().count());
+    }
+
+    #[test]
+    fn a_scene_in_place_of_a_command_is_rendered() {
+        let with = |args: &[&str]| with_command(args.iter().map(Into::into).collect());
+        for scene in ["a.glb", "b/c.GLTF", "shot.toml", "builtin:cornell"] {
+            assert_eq!(with(&["diptych", scene, "--quiet"]), ["diptych", "render", scene, "--quiet"]);
+        }
+        for args in [&["diptych"][..], &["diptych", "scenes", "a.glb"], &["diptych", "--help"]] {
+            assert_eq!(with(args), args);
+        }
     }
 
     /// Option names of earlier versions, which the help hides.

@@ -107,3 +107,46 @@ fn views_and_tone_curves_are_chosen() {
     let output = diptych(&[&args[..], &["--view", "top", "--position", "0,0,9"]].concat());
     assert_eq!(output.status.code(), Some(2));
 }
+
+/// Runs the program in a folder and returns its exit status and all of its messages.
+fn run_in(folder: &Path, args: &[&str]) -> (Option<i32>, String) {
+    let output =
+        std::process::Command::new(env!("CARGO_BIN_EXE_diptych")).args(args).current_dir(folder).output().unwrap();
+    let said = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap()).concat();
+    (output.status.code(), said)
+}
+
+#[test]
+fn a_file_alone_is_rendered_into_a_folder_of_its_name() {
+    let case = Case::new();
+    let (status, said) = run_in(case.folder.path(), &["block.glb", "--size", "32x24", "--warm-up", "0"]);
+    assert_eq!(status, Some(0), "{said}");
+    let out = case.path("out/block");
+    let run: serde_json::Value = serde_json::from_slice(&std::fs::read(out.join("run.json")).unwrap()).unwrap();
+    assert_eq!(run["settings"]["out"], Path::new("out").join("block").to_str().unwrap());
+    let [left, right, both] =
+        ["left", "right", "stereo"].map(|name| image::open(out.join(format!("{name}.png"))).unwrap().to_rgb8());
+    assert_eq!((left.dimensions(), right.dimensions()), ((32, 24), (32, 24)));
+    assert!(left.enumerate_pixels().all(|(x, y, pixel)| both.get_pixel(x, y) == pixel));
+    assert!(run["pictures"].as_array().unwrap().contains(&"right.png".into()));
+
+    let (status, said) = run_in(case.folder.path(), &["play", "block.glb"]);
+    assert!(status == Some(2) && said.contains("--out"), "{said}");
+}
+
+#[test]
+fn a_shot_in_place_of_head_motion_is_told_as_that() {
+    let case = Case::new();
+    std::fs::write(case.path("shot.toml"), "scene = 'block.glb'").unwrap();
+    for (name, says) in [("shot.toml", "this is a shot"), ("block.glb", "this is a scene")] {
+        let (status, said) = run_in(case.folder.path(), &["block.glb", "--motion", name]);
+        assert!(status == Some(2) && said.contains(says) && said.contains("--motion"), "{said}");
+    }
+}
+
+#[test]
+fn an_unknown_variant_is_refused_with_those_there_are() {
+    let case = Case::new();
+    let (status, said) = run_in(case.folder.path(), &["block.glb", "--variant", "night"]);
+    assert!(status == Some(2) && said.contains("no variant named 'night'"), "{said}");
+}
