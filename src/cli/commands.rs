@@ -3,12 +3,13 @@
 use std::ffi::OsString;
 use std::process::ExitCode;
 
+use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use super::failure::Failure;
 use super::options::RunOptions;
 use super::{
-    bench, compare, devices, export, graph, manual, play, ranks, render, scale, scenes, settings, shot, trace,
+    bench, compare, devices, export, graph, manual, play, ranks, render, scale, scenes, settings, sheet, shot, trace,
     view,
 };
 
@@ -44,6 +45,8 @@ pub enum Command {
     Devices(devices::Args),
     /// List the built-in scenes, or describe one scene
     Scenes(scenes::Args),
+    /// Write a contact sheet of scenes
+    Sheet(sheet::Args),
     /// Write a commented shot file for a scene, to edit
     Shot(shot::Args),
     /// Export a shot as plain glTF for other programs
@@ -59,7 +62,7 @@ pub fn command() -> clap::Command {
     // Only `render` writes to a folder that it chooses itself.
     let out = |out: clap::Arg| {
         let help = "Folder for output files [default: out/ and the name of the scene]";
-        out.required(false).default_value("").hide_default_value(true).help(help)
+        out.required(false).default_value("out").hide_default_value(true).help(help)
     };
     Cli::command().mut_subcommand("render", |render| render.mut_arg("out", out))
 }
@@ -101,6 +104,7 @@ impl Command {
             Self::Graph(args) => graph::run(args),
             Self::Devices(args) => devices::run(args),
             Self::Scenes(args) => scenes::run(args),
+            Self::Sheet(args) => sheet::run(args),
             Self::Shot(args) => shot::run(args),
             Self::Export(args) => export::run(args),
             Self::Completions(args) => manual::completions(args, command()),
@@ -127,7 +131,12 @@ fn parse() -> Result<Cli, clap::Error> {
     settings::keep(&command, &matches);
     let mut cli = Cli::from_arg_matches(&matches)?;
     match &mut cli.command {
-        Command::Render(args) => args.options.run.choose_out(),
+        Command::Render(args) => {
+            let source = matches.subcommand_matches("render").and_then(|render| render.value_source("out"));
+            if source == Some(ValueSource::DefaultValue) {
+                args.options.run.choose_out();
+            }
+        }
         Command::Scale(args) => args.share_cores(),
         _ => {}
     }

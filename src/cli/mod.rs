@@ -49,6 +49,7 @@ mod scene_options;
 mod scenes;
 mod settings;
 mod setup;
+mod sheet;
 mod shot;
 mod signals;
 mod simulate;

@@ -158,12 +158,10 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
-    /// Sets the folder for output files, if the command line names none, to `out/` and the name of the shot.
+    /// Sets the folder for output files to `out/` and the name of the shot.
     pub fn choose_out(&mut self) {
-        if self.out.as_os_str().is_empty() {
-            let name = self.shot.strip_prefix("builtin:").unwrap_or(&self.shot);
-            self.out = Path::new("out").join(Path::new(name).file_stem().unwrap_or("scene".as_ref()));
-        }
+        let name = self.shot.strip_prefix("builtin:").unwrap_or(&self.shot);
+        self.out = Path::new("out").join(Path::new(name).file_stem().unwrap_or("scene".as_ref()));
     }
 
     pub fn reprojects(&self) -> bool {

@@ -28,6 +28,9 @@ const RIM: f32 = 0.1;
 /// lowest point from coinciding with the ground.
 const GAP_RADII: f32 = 2e-4;
 
+/// Number of triangles of the ground.
+pub const GROUND_TRIANGLES: usize = 10;
+
 /// Name of the ground's material.
 const GROUND: &str = "studio ground";
 
@@ -296,7 +299,7 @@ mod tests {
         let corners = &lit.meshes[lit.instances[2].mesh].positions;
         assert!(corners.iter().all(|p| p.y < 5.0 && p.y > 4.999), "{corners:?}");
         assert!(corners.iter().any(|p| p.x < -20.0 && p.z > 20.0));
-        assert_eq!(lit.triangle_count(), 1 + 10);
+        assert_eq!(lit.triangle_count(), 1 + GROUND_TRIANGLES);
         for eye in [DVec3::new(0.5, 5.5, 0.5), DVec3::new(0.5, 4.0, 4.0)] {
             assert_eq!(grounded(eye).triangle_count(), 1, "{eye}");
         }

@@ -69,7 +69,7 @@ fn a_white_object_stands_out_on_a_ground_without_a_seam() {
         // The horizon is above the object.
         let above: Vec<f32> = rows[..9].iter().flatten().copied().collect();
         let (least, most) = above.iter().fold((1.0f32, 0.0f32), |(a, b), v| (a.min(*v), b.max(*v)));
-        assert!(most - least < 0.06, "{out}: {least} to {most}");
+        assert!(most - least < 0.08, "{out}: {least} to {most}");
     }
 }
 

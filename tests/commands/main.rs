@@ -24,6 +24,7 @@ mod report;
 mod runs;
 mod scale;
 mod schema;
+mod sheet;
 mod shots;
 mod studies;
 mod tools;
