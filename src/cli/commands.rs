@@ -1,16 +1,21 @@
 //! The command line: one subcommand per file.
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
+use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use super::failure::Failure;
 use super::options::RunOptions;
 use super::{
-    bench, compare, devices, export, graph, manual, play, ranks, render, scale, scenes, settings, shot, trace, view,
+    bench, compare, devices, export, graph, manual, play, ranks, render, scale, scenes, settings, sheet, shot, trace,
+    view,
 };
 
 /// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
+///
+/// `diptych FILE` is short for `diptych render FILE`.
 #[derive(Parser)]
 #[command(name = "diptych", version, about, max_term_width = 110)]
 pub struct Cli {
@@ -40,6 +45,8 @@ pub enum Command {
     Devices(devices::Args),
     /// List the built-in scenes, or describe one scene
     Scenes(scenes::Args),
+    /// Write a contact sheet of scenes
+    Sheet(sheet::Args),
     /// Write a commented shot file for a scene, to edit
     Shot(shot::Args),
     /// Export a shot as plain glTF for other programs
@@ -52,7 +59,24 @@ pub enum Command {
 
 /// Returns the definition of the command line.
 pub fn command() -> clap::Command {
-    Cli::command()
+    // Only `render` writes to a folder that it chooses itself.
+    let out = |out: clap::Arg| {
+        let help = "Folder for output files [default: out/ and the name of the scene]";
+        out.required(false).default_value("out").hide_default_value(true).help(help)
+    };
+    Cli::command().mut_subcommand("render", |render| render.mut_arg("out", out))
+}
+
+/// Inserts `render` before a shot or a scene in place of a command.
+fn with_command(mut args: Vec<OsString>) -> Vec<OsString> {
+    let is_scene = |arg: &OsString| {
+        let arg = arg.to_string_lossy().to_ascii_lowercase();
+        arg.starts_with("builtin:") || [".gltf", ".glb", ".toml"].iter().any(|ending| arg.ends_with(ending))
+    };
+    if args.get(1).is_some_and(is_scene) {
+        args.insert(1, "render".into());
+    }
+    args
 }
 
 impl Command {
@@ -80,6 +104,7 @@ impl Command {
             Self::Graph(args) => graph::run(args),
             Self::Devices(args) => devices::run(args),
             Self::Scenes(args) => scenes::run(args),
+            Self::Sheet(args) => sheet::run(args),
             Self::Shot(args) => shot::run(args),
             Self::Export(args) => export::run(args),
             Self::Completions(args) => manual::completions(args, command()),
@@ -102,11 +127,18 @@ pub fn run_registered() -> ExitCode {
 /// Parses the command line and keeps its options for reports.
 fn parse() -> Result<Cli, clap::Error> {
     let command = command();
-    let matches = command.clone().try_get_matches()?;
+    let matches = command.clone().try_get_matches_from(with_command(std::env::args_os().collect()))?;
     settings::keep(&command, &matches);
     let mut cli = Cli::from_arg_matches(&matches)?;
-    if let Command::Scale(args) = &mut cli.command {
-        args.share_cores();
+    match &mut cli.command {
+        Command::Render(args) => {
+            let source = matches.subcommand_matches("render").and_then(|render| render.value_source("out"));
+            if source == Some(ValueSource::DefaultValue) {
+                args.options.run.choose_out();
+            }
+        }
+        Command::Scale(args) => args.share_cores(),
+        _ => {}
     }
     Ok(cli)
 }
@@ -162,6 +194,17 @@ mod tests {
         let render = command.find_subcommand_mut("render").expect("there is such a command");
         let text = render.render_help().to_string();
         assert!(text.lines().count() <= 60, "{} lines: {text}", text.lines().count());
+    }
+
+    #[test]
+    fn a_scene_in_place_of_a_command_is_rendered() {
+        let with = |args: &[&str]| with_command(args.iter().map(Into::into).collect());
+        for scene in ["a.glb", "b/c.GLTF", "shot.toml", "builtin:cornell"] {
+            assert_eq!(with(&["diptych", scene, "--quiet"]), ["diptych", "render", scene, "--quiet"]);
+        }
+        for args in [&["diptych"][..], &["diptych", "scenes", "a.glb"], &["diptych", "--help"]] {
+            assert_eq!(with(args), args);
+        }
     }
 
     /// Option names of earlier versions, which the help hides.

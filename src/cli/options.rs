@@ -1,7 +1,7 @@
 //! Options that the rendering commands share.
 
 use std::ops::Deref;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
@@ -158,6 +158,12 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
+    /// Sets the folder for output files to `out/` and the name of the shot.
+    pub fn choose_out(&mut self) {
+        let name = self.shot.strip_prefix("builtin:").unwrap_or(&self.shot);
+        self.out = Path::new("out").join(Path::new(name).file_stem().unwrap_or("scene".as_ref()));
+    }
+
     pub fn reprojects(&self) -> bool {
         self.reproject == Switch::On
     }

@@ -237,6 +237,8 @@ impl FrameImages {
             let both = stereo::side_by_side(&map(&left[0]), &map(&right[0]))?;
             write_png(&name(aov.name(), "png"), &with_key(&both, &key))?;
         }
+        write_png(&name("left", "png"), &self.display.left)?;
+        write_png(&name("right", "png"), &self.display.right)?;
         write_png(&name("stereo", "png"), &stereo::side_by_side(&self.display.left, &self.display.right)?)?;
         if anaglyph {
             write_png(&name("anaglyph", "png"), &stereo::anaglyph(&self.display.left, &self.display.right)?)?;

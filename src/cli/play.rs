@@ -24,6 +24,7 @@ use crate::scene::rig::Rig;
 use super::disturb::Disturbance;
 use super::failure::Failure;
 use super::interrupt;
+use super::metering;
 use super::options::RenderOptions;
 use super::output::{self, FrameImages};
 use super::page::and_page;
@@ -52,6 +53,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         eprintln!("warning: {warning}");
     }
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
+    let gpus = metering::meter(options, &mut loaded, gpus, &progress)?;
     let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     let options = &prepared.render;
     if !options.quiet && !options.json {

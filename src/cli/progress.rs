@@ -1,12 +1,38 @@
-//! Progress: a bar on a terminal, JSON lines with `--json`, nothing with `--quiet`.
+//! Progress: a bar on a terminal, JSON lines with `--json`, nothing with `--quiet`, otherwise a line every few seconds.
 
+use std::cell::RefCell;
 use std::io::IsTerminal;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
 pub struct Progress {
     bar: Option<ProgressBar>,
     json: bool,
+    lines: Option<RefCell<Lines>>,
+}
+
+/// Minimum interval between two lines.
+const INTERVAL: Duration = Duration::from_secs(5);
+
+/// Lines of progress for outputs that are no terminal.
+struct Lines {
+    done: u64,
+    steps: u64,
+    printed: Instant,
+}
+
+impl Lines {
+    /// Returns the line to print after step `done`, if one is due at `now`.
+    fn at(&mut self, done: u64, message: &str, now: Instant) -> Option<String> {
+        self.done = done;
+        if now < self.printed + INTERVAL {
+            return None;
+        }
+        self.printed = now;
+        let count = if self.steps > 0 { format!("{}/{} ", self.done, self.steps) } else { String::new() };
+        Some(format!("{count}{}", message.lines().next().unwrap_or_default()))
+    }
 }
 
 impl Progress {
@@ -37,7 +63,9 @@ impl Progress {
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
             bar
         });
-        Self { bar, json: json && !quiet }
+        let has_lines = !quiet && !json && bar.is_none();
+        let lines = Lines { done: 0, steps, printed: Instant::now() };
+        Self { bar, json: json && !quiet, lines: has_lines.then(|| RefCell::new(lines)) }
     }
 
     /// Announces a phase without steps.
@@ -46,6 +74,8 @@ impl Progress {
             bar.set_message(message);
             bar.tick();
         }
+        let done = self.lines.as_ref().map_or(0, |lines| lines.borrow().done);
+        self.line(done, message);
         if self.json {
             say!("{}", serde_json::json!({ "event": "phase", "phase": message }));
         }
@@ -56,6 +86,8 @@ impl Progress {
         if let Some(bar) = &self.bar {
             bar.inc(1);
         }
+        let done = self.lines.as_ref().map_or(0, |lines| lines.borrow().done + 1);
+        self.line(done, &message);
         self.say(message, Some(event));
     }
 
@@ -82,7 +114,15 @@ impl Progress {
         if let Some(bar) = &self.bar {
             bar.set_position(position);
         }
+        self.line(position, &message);
         self.say(message, event);
+    }
+
+    fn line(&self, done: u64, message: &str) {
+        let line = self.lines.as_ref().and_then(|lines| lines.borrow_mut().at(done, message, Instant::now()));
+        if let Some(line) = line {
+            eprintln!("{line}");
+        }
     }
 
     fn say(&self, message: String, event: Option<&serde_json::Value>) {
@@ -115,5 +155,20 @@ impl Progress {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_come_at_intervals_and_count_steps() {
+        let begin = Instant::now();
+        let mut lines = Lines { done: 0, steps: 8, printed: begin };
+        assert_eq!(lines.at(1, "a", begin + INTERVAL / 2), None);
+        assert_eq!(lines.at(2, "b\nc", begin + INTERVAL).as_deref(), Some("2/8 b"));
+        assert_eq!(lines.at(3, "d", begin + INTERVAL * 3 / 2), None);
+        assert_eq!(lines.at(4, "e", begin + INTERVAL * 2).as_deref(), Some("4/8 e"));
     }
 }

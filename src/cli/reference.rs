@@ -10,6 +10,7 @@ use crate::image::display::{DisplayImage, tonemap, write_png};
 use crate::image::stereo;
 use crate::loaded::LoadedScene;
 use crate::report::run::{ReferenceRow, aov_ms};
+use crate::scene::shot::Shot;
 
 use super::failure::Failure;
 use super::foveation::{FoveationMode, FoveationOptions};
@@ -217,7 +218,7 @@ impl Plan {
             fold(&mut report, pass.report);
             progress.pass(pass.accumulation.samples(), pass.elapsed_s, pass.left_s);
             if let Some(checkpoint) = checkpoint.as_ref().filter(|_| pass.saved && preview.is_ok()) {
-                preview = write_preview(checkpoint, pass.accumulation, loaded.shot.exposure_ev);
+                preview = write_preview(checkpoint, pass.accumulation, &loaded.shot);
             }
         })?;
         progress.bar.finish();
@@ -270,14 +271,14 @@ fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
 }
 
 /// Returns the mean of the samples, tonemapped in the same way as on the devices.
-pub fn display(accumulation: &Accumulation, exposure_ev: f32) -> Stereo<DisplayImage> {
+pub fn display(accumulation: &Accumulation, shot: &Shot) -> Stereo<DisplayImage> {
     let mean = accumulation.mean();
-    let shown = |image| tonemap(image, exposure_ev);
+    let shown = |image| tonemap(image, shot.exposure_ev, shot.tone);
     Stereo { left: shown(&mean.left), right: shown(&mean.right) }
 }
 
-fn write_preview(checkpoint: &Checkpoint, accumulation: &Accumulation, exposure_ev: f32) -> Result<(), Failure> {
-    let shown = display(accumulation, exposure_ev);
+fn write_preview(checkpoint: &Checkpoint, accumulation: &Accumulation, shot: &Shot) -> Result<(), Failure> {
+    let shown = display(accumulation, shot);
     let path = checkpoint.path.with_extension("preview.png");
     Ok(write_png(&path, &stereo::side_by_side(&shown.left, &shown.right)?)?)
 }

@@ -18,6 +18,7 @@ use super::failure::Failure;
 use super::faults::FaultLog;
 use super::foveation::Preset;
 use super::interrupt;
+use super::metering;
 use super::options::{self, RenderOptions};
 use super::output::{self, FrameImages, SHEET, Sheet};
 use super::pictures::Pictures;
@@ -114,7 +115,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let warm_up_frames = args.warm_up_frames();
     let progress = Progress::new(u64::from(warm_up_frames + options.frames), options.quiet, options.json);
     progress.phase("loading");
-    let loaded = setup::load(options)?;
+    let mut loaded = setup::load(options)?;
     for warning in &loaded.scene.warnings {
         eprintln!("warning: {warning}");
     }
@@ -131,6 +132,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         plan.prepare(&loaded, "--passes-out")?;
     }
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
+    let gpus = metering::meter(options, &mut loaded, gpus, &progress)?;
     progress.phase("warming up");
     let warm_up = Instant::now();
     let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
@@ -154,6 +156,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let devices = renderer.devices();
     let mut settings = settings::in_force(options, loaded.exposure_ev(), devices);
     settings.options.insert("warm_up".to_owned(), warm_up_frames.into());
+    if loaded.shot.is_metered {
+        settings.options.insert("exposure".to_owned(), "auto".into());
+    }
     if let Some(plan) = &plan {
         settings.options.insert("spp".to_owned(), plan.spp().into());
     }
@@ -246,7 +251,7 @@ impl Run<'_> {
             }
         }
         let off_ev = mid_grey_ev(&images.left);
-        if self.loaded.shot.exposure_ev == 0.0 && off_ev.abs() >= EVS_OFF {
+        if self.loaded.shot.exposure_ev == 0.0 && !self.loaded.shot.is_metered && off_ev.abs() >= EVS_OFF {
             let what = if off_ev > 0.0 { "dark" } else { "bright" };
             self.progress.warn(&format!("the picture is very {what}: --exposure {off_ev:.0} would show more"));
         }
@@ -307,7 +312,7 @@ fn reference_frame(
     let done = plan.accumulate(renderer, loaded, index, begun, tracing)?;
     let mut images = FrameImages {
         linear: done.accumulation.mean(),
-        display: reference::display(&done.accumulation, shot.exposure_ev),
+        display: reference::display(&done.accumulation, shot),
         aovs: Vec::new(),
         pixel_centre: [0.5; 2],
     };

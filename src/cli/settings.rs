@@ -128,6 +128,7 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
     let Quality { denoiser, iterations, .. } = options.quality();
     let is_layered = options.foveated.foveation == FoveationMode::Layers;
     let mut known = vec![
+        ("out", json!(options.out.display().to_string())),
         ("size", json!(options.size.to_string())),
         ("spp", json!(options.spp)),
         ("bounces", json!(options.bounces)),

@@ -1,5 +1,6 @@
 //! Builds a renderer from options: scene, BVH, devices and policy.
 
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
@@ -11,6 +12,7 @@ use crate::loaded::LoadedScene;
 use crate::passes::Display;
 use crate::quality::{Envelope, Quality};
 use crate::scene::SceneError;
+use crate::scene::complete::Look;
 use crate::scene::folder::Source;
 use crate::scene::head::HeadMotion;
 use crate::scene::rig::Rig;
@@ -29,11 +31,23 @@ use super::registry::registered;
 pub fn load(options: &RunOptions) -> Result<LoadedScene, Failure> {
     let mut loaded = load_scene(options)?;
     if let Some(path) = &options.motion {
+        if let Some(what) = not_motion(path) {
+            return Err(Failure::Input(anyhow!("--motion {}: {what}", path.display())));
+        }
         let motion = HeadMotion::read(path, &options.scene.budget())?;
         let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
         loaded.follow(&motion, options.size).map_err(invalid)?;
     }
     Ok(loaded)
+}
+
+/// Returns a message if a file that should hold head motion is a shot or a scene by its name.
+fn not_motion(path: &Path) -> Option<&'static str> {
+    match path.extension()?.to_ascii_lowercase().to_str()? {
+        "toml" => Some("this is a shot: give it in place of the scene; --motion takes a recording of `play` or `view`"),
+        "gltf" | "glb" => Some("this is a scene; --motion takes a recording of `play` or `view`"),
+        _ => None,
+    }
 }
 
 /// Loads the scene on all ranks, without head motion, which only rank 0 needs.
@@ -66,7 +80,7 @@ const MOST_SENT_BYTES: usize = i32::MAX as usize - (1 << 20);
 pub fn load_here(options: &RunOptions, what: &Load, source: Source) -> Result<LoadedScene, Failure> {
     let _span = tracing::info_span!("load scene").entered();
     let budget = options.scene.budget();
-    let (shot, scene) = options.scene.load_from(source, &what.shot, what.time_s, &budget)?;
+    let (shot, scene) = options.scene.load_from(source, Look::Studio, &what.shot, what.time_s, &budget)?;
     Ok(LoadedScene::new(shot, scene, &budget)?)
 }
 

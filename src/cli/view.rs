@@ -22,6 +22,7 @@ use winit::event_loop::EventLoop;
 
 use super::failure::Failure;
 use super::interrupt;
+use super::metering;
 use super::play::Prepared;
 use super::progress::Progress;
 use super::setup::{self, Tracing};
@@ -44,13 +45,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let tracing = Tracing::start(options)?;
     let progress = Progress::text(options.quiet, options.json);
     progress.phase("loading");
-    let loaded = setup::load(options)?;
+    let mut loaded = setup::load(options)?;
     for warning in &loaded.scene.warnings {
         progress.warn(warning);
     }
     // Open devices before the renderer's thread starts: Mesa takes thread counts from the environment, which other
     // threads must not read meanwhile.
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
+    let gpus = metering::meter(options, &mut loaded, gpus, &progress)?;
     let look = ViewStatus {
         scene: loaded.shot.name.clone(),
         eye: options.size,

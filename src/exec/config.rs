@@ -28,7 +28,13 @@ impl RunConfig {
         if let Some(optics) = &scene.shot.rig.optics {
             config.buffers.display = Display::Resampled { projection: optics.rectified(extent)?, is_late: false };
         }
-        Ok(Self { envelope, gaze: scene.gaze.clone(), exposure_ev: scene.shot.exposure_ev, ..config })
+        Ok(Self {
+            envelope,
+            gaze: scene.gaze.clone(),
+            exposure_ev: scene.shot.exposure_ev,
+            tone: scene.shot.tone,
+            ..config
+        })
     }
 
     /// Returns the spec of a frame on `devices` devices at the highest quality, with a history if frames keep one.

@@ -1,4 +1,4 @@
-//! Tone mapping from linear radiance to display values: c/(1+c), then the sRGB curve.
+//! Tone mapping from linear radiance to display values: a tone curve, then the sRGB curve.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -7,6 +7,7 @@ use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use ::image::{ExtendedColorType, ImageEncoder};
 
 use super::file::atomic_write;
+use super::tone::ToneCurve;
 use super::{Image, ImageError, RgbImage};
 
 /// An sRGB-encoded image with 8 bits per channel.
@@ -53,11 +54,11 @@ pub fn gain(exposure_ev: f32) -> f64 {
     f64::from(exposure_ev).exp2()
 }
 
-/// Scales each channel by [`gain`], applies [`display_value`], and rounds to 8 bits.
-pub fn tonemap(image: &RgbImage, exposure_ev: f32) -> DisplayImage {
+/// Scales each channel by [`gain`], applies the tone curve and the sRGB curve, and rounds to 8 bits.
+pub fn tonemap(image: &RgbImage, exposure_ev: f32, tone: ToneCurve) -> DisplayImage {
     let gain = gain(exposure_ev);
-    let pixels = image.pixels.iter().map(|p| p.map(|c| level(display_value(f64::from(c) * gain)))).collect();
-    Image { extent: image.extent, pixels }
+    let shown = |p: &[f32; 3]| tone.apply(p.map(|c| f64::from(c) * gain)).map(|c| level(srgb_from_linear(c)));
+    Image { extent: image.extent, pixels: image.pixels.iter().map(shown).collect() }
 }
 
 /// Writes an 8-bit RGB PNG.
@@ -112,8 +113,8 @@ mod tests {
     #[test]
     fn one_ev_doubles_the_radiance() {
         let extent = Extent::new(1, 1);
-        let one = tonemap(&Image::filled(extent, [0.4, 1.0, 3.0]), 0.0);
-        let half = tonemap(&Image::filled(extent, [0.2, 0.5, 1.5]), 1.0);
+        let one = tonemap(&Image::filled(extent, [0.4, 1.0, 3.0]), 0.0, ToneCurve::Reinhard);
+        let half = tonemap(&Image::filled(extent, [0.2, 0.5, 1.5]), 1.0, ToneCurve::Reinhard);
         assert_eq!(one, half);
         assert_eq!(one.pixels[0][1], 188);
     }

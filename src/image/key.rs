@@ -1,4 +1,4 @@
-//! Draws a colour key (legend) below an image.
+//! Draws a colour key (legend) or a caption below an image.
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 
@@ -56,7 +56,28 @@ fn draw(out: &mut Image<[u8; 3]>, x: u32, y: u32, colour: [u8; 3], text: &str) {
         let is_frame = [dx, dy].iter().any(|d| *d == 0 || *d == SWATCH - 1);
         set(x + dx, top + dy, if is_frame { FOREGROUND } else { colour });
     }
-    let (left, top) = (x + SWATCH + GAP, y + (LINE - FONT.1.val() as u32) / 2);
+    write(out, x + SWATCH + GAP, y, text);
+}
+
+/// Returns the image with lines of text below it. Text that is too wide is cut.
+pub fn with_caption(picture: &DisplayImage, lines: &[String]) -> DisplayImage {
+    let Extent { width, height } = picture.extent;
+    let mut out = DisplayImage::filled(Extent::new(width, height + lines.len() as u32 * LINE), BACKGROUND);
+    out.pixels[..picture.pixels.len()].copy_from_slice(&picture.pixels);
+    let most = (width.saturating_sub(2 * GAP) / glyph_width()) as usize;
+    for (line, text) in (0..).zip(lines) {
+        // The font has no other characters.
+        let text: String = text.chars().take(most).map(|c| if c.is_ascii_graphic() { c } else { ' ' }).collect();
+        write(&mut out, GAP, height + line * LINE, &text);
+    }
+    out
+}
+
+/// Writes text on a line whose top left corner is (`left`, `y`).
+fn write(out: &mut Image<[u8; 3]>, left: u32, y: u32, text: &str) {
+    let width = out.extent.width;
+    let top = y + (LINE - FONT.1.val() as u32) / 2;
+    let mut set = |x: u32, y: u32, value| out.pixels[(y * width + x) as usize] = value;
     for (i, raster) in text.chars().map(|c| get_raster(c, FONT.0, FONT.1)).enumerate() {
         for (dy, row) in raster.iter().flat_map(|raster| raster.rows()).enumerate() {
             for (dx, &ink) in row.iter().enumerate() {
@@ -92,6 +113,16 @@ mod tests {
         }
         // Letters have soft edges.
         assert!(keyed.rows(10..keyed.extent.height).iter().any(|p| p[0] > 80 && p[0] < 180 && p[0] == p[1]));
+    }
+
+    #[test]
+    fn a_caption_is_below_the_picture_and_as_wide() {
+        let picture = DisplayImage::filled(Extent::new(60, 3), [255, 0, 255]);
+        let captioned = with_caption(&picture, &["short".into(), "\u{e4} name that is far too long".into()]);
+        assert_eq!(captioned.extent, Extent::new(60, 3 + 2 * LINE));
+        assert_eq!(captioned.pixels[..180], picture.pixels);
+        let ink = |rows: std::ops::Range<u32>| captioned.rows(rows).iter().filter(|p| p[0] > 150).count();
+        assert!(ink(3..3 + LINE) > 10 && ink(3 + LINE..3 + 2 * LINE) > 10);
     }
 
     #[test]

@@ -7,6 +7,7 @@ pub mod file;
 pub mod key;
 pub mod sheet;
 pub mod stereo;
+pub mod tone;
 
 pub use error::{ImageError, check_same_size};
 

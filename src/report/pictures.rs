@@ -8,6 +8,7 @@ use super::html::escape;
 use crate::exec::Stereo;
 use crate::image::RgbImage;
 use crate::image::display::{DisplayImage, encode_png, tonemap};
+use crate::image::tone::ToneCurve;
 use crate::metrics::Pair;
 use crate::metrics::heatmap::flip_heatmap;
 
@@ -23,9 +24,12 @@ pub struct Picture {
 }
 
 impl Group {
-    /// Tonemaps both eyes' linear images, `exposure_ev` stops brighter.
+    /// Tonemaps both eyes' linear images, `exposure_ev` stops brighter, with the tone curve of the metrics.
     pub fn of_frame(name: String, linear: &Stereo<RgbImage>, exposure_ev: f32) -> Self {
-        let eye = |eye: &str, image| Picture { name: eye.to_owned(), image: tonemap(image, exposure_ev) };
+        let eye = |eye: &str, image| Picture {
+            name: eye.to_owned(),
+            image: tonemap(image, exposure_ev, ToneCurve::Reinhard),
+        };
         Self { name, pictures: vec![eye("left eye", &linear.left), eye("right eye", &linear.right)] }
     }
 
@@ -105,7 +109,10 @@ mod tests {
         assert!(html.contains("alt=\"a &lt;b&gt;: left eye\"") && html.contains("data-right=\"4\""), "{html}");
         let encoded = html.split("base64,").nth(1).unwrap().split('"').next().unwrap();
         let png = ::image::load_from_memory(&STANDARD.decode(encoded).unwrap()).unwrap().into_rgb8();
-        assert_eq!((png.dimensions(), png.get_pixel(3, 3).0), ((12, 11), tonemap(&linear.left, 0.0).pixels[0]));
+        assert_eq!(
+            (png.dimensions(), png.get_pixel(3, 3).0),
+            ((12, 11), tonemap(&linear.left, 0.0, ToneCurve::Reinhard).pixels[0])
+        );
     }
 
     #[test]

@@ -7,13 +7,14 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::budget::Budget;
-use super::complete::{Overrides, complete};
+use super::complete::{Look, Overrides, complete};
 use super::environment::read_latlong;
 use super::folder::{self, Access, Folder};
 use super::motion::Motion;
 use super::motion::play::{Choice, Move, Moved, Play};
+use super::rig::Rig;
 use super::shot::{Draft, SceneSource, Shot, ShotEnvironment, Sky};
-use super::{Environment, Material, Scene, SceneError, builtin, gltf};
+use super::{Environment, Material, Scene, SceneError, builtin, gltf, studio};
 
 /// Loads a shot like [`load_shot_within`], with the default [`Budget`], without overrides or access outside the files'
 /// folders.
@@ -32,14 +33,18 @@ pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
 pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Result<(Shot, Scene), SceneError> {
     let folder = Folder::of(Path::new(arg), access);
     let (draft, mut scene) = open(arg, overrides, &folder)?;
-    let shot = if scene.motion.is_empty() {
-        complete(draft, overrides, &mut scene, &Motion::default(), access.budget)?
+    let overrides =
+        &Overrides { look: if is_scene_file(arg) { overrides.look } else { Look::Plain }, ..overrides.clone() };
+    let (shot, bounds) = if scene.motion.is_empty() {
+        let shot = complete(draft, overrides, &mut scene, &Motion::default(), access.budget)?;
+        (shot, studio::bounds_of_object(&scene))
     } else {
         let _copy = access.budget.reserve(scene.bytes_at()).map_err(|error| SceneError::refused(arg, error))?;
         let mut still = scene.at(overrides.time_s);
         let shot = complete(draft, overrides, &mut still, &scene.motion, access.budget)?;
+        let bounds = studio::bounds_of_object(&still);
         scene.warnings = still.warnings;
-        shot
+        (shot, bounds)
     };
     let first = scene.lights.len();
     scene.lights.extend(shot.lights());
@@ -50,7 +55,10 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
             Some(_) => Folder::of(Path::new(""), Access { allow_outside: true, ..access }),
             None => folder,
         };
-        put_around(&mut scene, environment, arg, &folder)?;
+        put_around(&mut scene, environment, &shot.rig, arg, &folder)?;
+        if let (Sky::Studio, Environment::Map { image, .. }) = (&environment.sky, scene.environment.clone()) {
+            studio::add_ground(&mut scene, &bounds, &shot.rig, &image);
+        }
     }
     scene.warnings.extend(lost_light(&scene));
     Ok((shot, scene))
@@ -71,6 +79,12 @@ pub(super) fn lost_light(scene: &Scene) -> Option<String> {
     ))
 }
 
+/// True if the argument names a glTF file.
+fn is_scene_file(arg: &str) -> bool {
+    let extension = Path::new(arg).extension().map(|e| e.to_ascii_lowercase());
+    !arg.starts_with("builtin:") && extension.is_some_and(|e| e == "gltf" || e == "glb")
+}
+
 /// Reads a shot, scene file or built-in scene, including the scene that a shot names.
 fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Scene), SceneError> {
     let path = Path::new(arg);
@@ -82,7 +96,7 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Sce
         (None, Some("gltf" | "glb")) => {
             let [name, stem] = [path.file_name(), path.file_stem()].map(|p| p.unwrap_or_default().to_string_lossy());
             let draft = asked(Draft::of(SceneSource::File(name.into_owned()), stem.into_owned()));
-            let scene = gltf::load_playing(path, &draft.play(), folder.access)?;
+            let scene = gltf::load_variant(path, &draft.play(), overrides.variant.as_deref(), folder.access)?;
             return Ok((draft, scene));
         }
         _ => {
@@ -102,7 +116,7 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Sce
         }
         SceneSource::File(name) => {
             let path = folder.find(&name).map_err(|error| error.in_file(arg))?;
-            let scene = gltf::load_playing(&path, &draft.play(), folder.access)?;
+            let scene = gltf::load_variant(&path, &draft.play(), overrides.variant.as_deref(), folder.access)?;
             Ok((draft, scene))
         }
     }
@@ -138,10 +152,11 @@ fn read_text(path: &Path, access: Access) -> Result<String, SceneError> {
 }
 
 /// Sets the scene's environment. An image's path is relative to `folder`. If access to the image is denied, the error
-/// names `origin`, the file that refers to it.
+/// names `origin`, the file that refers to it. Built-in environments face the first view of the rig.
 fn put_around(
     scene: &mut Scene,
     environment: &ShotEnvironment,
+    rig: &Rig,
     origin: &str,
     folder: &Folder,
 ) -> Result<(), SceneError> {
@@ -157,6 +172,18 @@ fn put_around(
                 ));
             }
             let rotation_deg = environment.rotation_deg;
+            Environment::Map { image: Arc::new(image), rotation_deg }
+        }
+        Sky::Studio | Sky::Clear => {
+            let mut image = if environment.sky == Sky::Studio { studio::studio() } else { studio::sky() };
+            let bytes = size_of_val(&image.pixels[..]) as u64;
+            folder.access.budget.reserve(bytes).map_err(|error| SceneError::refused(origin, error))?.keep();
+            image
+                .pixels
+                .as_flattened_mut()
+                .iter_mut()
+                .for_each(|channel| *channel = (*channel * environment.scale).min(f32::MAX));
+            let rotation_deg = environment.rotation_deg + studio::rotation_deg(rig);
             Environment::Map { image: Arc::new(image), rotation_deg }
         }
     };
@@ -210,6 +237,16 @@ mod tests {
         assert_eq!(scene.environment, Environment::Constant(Vec3::ONE));
         assert!(scene.warnings[0].contains("no camera in the file"), "{:?}", scene.warnings);
 
+        let studio = Overrides { look: Look::Studio, ..Overrides::default() };
+        let budget = Budget::unlimited();
+        let lit = |name: &str| {
+            let path = folder.path().join(name).display().to_string();
+            load_shot_within(&path, &studio, Access::of(&budget)).unwrap().1
+        };
+        assert!(matches!(lit("triangle.glb").environment, Environment::Map { .. }));
+        assert_eq!(lit("triangle.glb").triangle_count(), 11, "the triangle is on a ground");
+        assert_eq!(lit("shot.toml").environment, Environment::Black, "a shot has its own look");
+
         let alone = folder.path().join("atrium.toml");
         std::fs::write(&alone, "scene = 'builtin:atrium'\n[exposure]\nev = 3").unwrap();
         let (shot, _) = load_shot(alone.to_str().unwrap()).unwrap();
@@ -222,6 +259,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let sky = Image { extent: Extent::new(2, 1), pixels: vec![[1.0, 2.0, 3.0], [-1.0, 0.0, 0.0]] };
         exr::write_rgb(&folder.path().join("sky.exr"), &sky).unwrap();
+        let (_, scene) = load_in(folder.path(), "[environment]\nimage = 'studio'", &Overrides::default()).unwrap();
+        assert!(matches!(&scene.environment, Environment::Map { rotation_deg: 0.0, .. }));
+
         let lit = "[environment]\nimage = 'sky.exr'\nscale = 2\nrotation_deg = 30";
         let (_, scene) = load_in(folder.path(), lit, &Overrides::default()).unwrap();
         let Environment::Map { image, rotation_deg } = &scene.environment else { panic!("{:?}", scene.environment) };

@@ -22,6 +22,7 @@ mod light;
 pub mod load;
 pub mod export;
 pub mod needs;
+pub mod studio;
 pub mod viewpoint;
 
 use std::sync::Arc;

@@ -16,6 +16,7 @@ use glam::Vec3;
 use super::motion::play::{Choice, Move, Play};
 use super::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
 use super::{Light, LightKind, SceneError};
+use crate::image::tone::ToneCurve;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum SceneSource {
@@ -31,13 +32,34 @@ pub enum Sky {
     Constant(Vec3),
     /// A latitude-longitude `.hdr` or `.exr`. The path is relative to the shot's folder.
     Image(String),
+    /// The built-in studio, with a ground for objects.
+    Studio,
+    /// The built-in sky.
+    Clear,
+}
+
+impl Sky {
+    /// Names of built-in environments, in shot files and on the command line.
+    pub const BUILT_IN: [(&str, Self); 2] = [("studio", Self::Studio), ("sky", Self::Clear)];
+
+    /// Returns the built-in environment of this name.
+    pub fn built_in(name: &str) -> Option<Self> {
+        Self::BUILT_IN.into_iter().find(|(built_in, _)| *built_in == name).map(|(_, sky)| sky)
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShotEnvironment {
     pub sky: Sky,
     pub scale: f32,
+    /// Rotation of an image; of a built-in environment, in addition to the direction of the first view.
     pub rotation_deg: f32,
+}
+
+impl From<Sky> for ShotEnvironment {
+    fn from(sky: Sky) -> Self {
+        Self { sky, scale: 1.0, rotation_deg: 0.0 }
+    }
 }
 
 /// Kind of a light. Positions are in scene units, `direction` is a unit vector, and angles and cones are half-angles.
@@ -117,8 +139,16 @@ pub struct Draft {
     /// Lights in addition to the scene's own.
     pub lights: Vec<ShotLight>,
     pub gaze: Option<Gaze>,
+    pub exposure: Option<Exposure>,
+}
+
+/// Exposure of pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Exposure {
+    /// Metered before the run.
+    Auto,
     /// Exposure in stops, within [`EXPOSURE_EV`].
-    pub exposure_ev: Option<f32>,
+    Ev(f32),
 }
 
 impl Draft {
@@ -142,7 +172,7 @@ impl Draft {
             environment: None,
             lights: Vec::new(),
             gaze: None,
-            exposure_ev: None,
+            exposure: None,
         }
     }
 
@@ -163,7 +193,7 @@ impl Draft {
             environment,
             lights,
             gaze: self.gaze.or(other.gaze),
-            exposure_ev: self.exposure_ev.or(other.exposure_ev),
+            exposure: self.exposure.or(other.exposure),
             ..self
         }
     }
@@ -198,6 +228,10 @@ pub struct Shot {
     pub gaze: Gaze,
     /// Exposure in stops, within [`EXPOSURE_EV`]. It does not scale linear images.
     pub exposure_ev: f32,
+    /// True if a command that renders is to meter the exposure; `exposure_ev` is 0 until then.
+    pub is_metered: bool,
+    /// Tone curve of pictures.
+    pub tone: ToneCurve,
 }
 
 impl Shot {

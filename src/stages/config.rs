@@ -8,6 +8,7 @@ use super::layout;
 use crate::device::ShaderChecks;
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
+use crate::image::tone::ToneCurve;
 use crate::passes::{Aov, Declarations, Display, ImageChain, Moving};
 use crate::projection::{Polar, PolarSpace};
 use crate::quality::{Denoiser, Envelope, Quality};
@@ -100,6 +101,8 @@ pub struct RunConfig {
     pub seed: u32,
     /// Exposure of displayed images, in stops.
     pub exposure_ev: f32,
+    /// Tone curve of displayed images.
+    pub tone: ToneCurve,
 }
 
 impl RunConfig {
@@ -126,6 +129,7 @@ impl RunConfig {
             gaze: Default::default(),
             seed: 0,
             exposure_ev: 0.0,
+            tone: ToneCurve::default(),
         }
     }
 

@@ -80,7 +80,11 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
         },
         foveation: layout::Foveation { layer_iterations: quality.iterations.into(), ..layers.unwrap_or_default() },
         history: layout::History::new(None, 0..0),
-        display: layout::Display { exposure: params.exposure_ev.exp2(), ..Default::default() },
+        display: layout::Display {
+            exposure: params.exposure_ev.exp2(),
+            tone: config.tone as u32,
+            ..Default::default()
+        },
         ..Default::default()
     };
     tables.describe(&mut frame);

@@ -11,6 +11,7 @@ pub use self::tables::*;
 use self::tables::{ROLES, TABLES};
 use crate::accel::{self, SPHERE, TRIANGLE_ALPHA};
 use crate::graph::LIST_HEADER;
+use crate::image::tone::{TONE_ACES, TONE_AGX, TONE_NEUTRAL, TONE_NONE};
 use crate::passes::SKIPPED;
 use crate::projection;
 pub use crate::projection::View;
@@ -158,9 +159,10 @@ shared_structs! {
     pub struct Display {
         /// Exposure factor: multiplies radiance so that white maps to 1.
         pub exposure: f32,
+        /// Number of the [`ToneCurve`](crate::image::tone::ToneCurve).
+        pub tone: u32,
         pub pad0: u32,
         pub pad1: u32,
-        pub pad2: u32,
     }
 
     /// Constants of a frame.
@@ -240,7 +242,8 @@ pub fn readers() -> String {
 /// Returns the structs and constants that every shader's text begins with.
 pub fn declarations() -> String {
     let structs: String = all_structs().iter().map(ToString::to_string).collect();
-    let of_others = constants![SKIPPED, LIST_HEADER, SPHERE, TRIANGLE_ALPHA];
+    let of_others =
+        constants![SKIPPED, LIST_HEADER, SPHERE, TRIANGLE_ALPHA, TONE_NEUTRAL, TONE_AGX, TONE_ACES, TONE_NONE];
     let constants = [CONSTANTS, accel::SKIN_CONSTANTS, tables::CONSTANTS, ROLES, of_others].concat();
     structs + &declare(&constants) + &format!("const SMOOTH: f32 = {SMOOTH:?}f;\n")
 }

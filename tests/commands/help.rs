@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use crate::common::diptych;
 
-const COMMANDS: [&str; 14] = [
+const COMMANDS: [&str; 15] = [
     "render",
     "play",
     "view",
@@ -15,6 +15,7 @@ const COMMANDS: [&str; 14] = [
     "graph",
     "devices",
     "scenes",
+    "sheet",
     "shot",
     "export",
     "completions",

@@ -49,7 +49,7 @@ fn bytes(folder: &Path) -> [Vec<u8>; 3] {
 }
 
 /// Camera in front of the box, and an environment.
-const OPTIONS: [&str; 12] = [
+const OPTIONS: [&str; 14] = [
     "--position",
     "0,1,4",
     "--target=-0.1,1,0",
@@ -60,6 +60,8 @@ const OPTIONS: [&str; 12] = [
     "-1",
     "--environment",
     "0.5,0.25,0.125",
+    "--tonemap",
+    "reinhard",
     "--warm-up",
     "0",
 ];
@@ -93,7 +95,8 @@ fn options_say_what_a_shot_would() {
 fn a_scene_alone_is_seen_and_what_shows_nothing_is_told() {
     let case = Case::new();
     let file = case.path("box/cornell.glb");
-    let (alone, said) = case.render(&file, "alone", &["--warm-up", "0"]);
+    let plain = ["--environment", "white", "--exposure", "0", "--tonemap", "reinhard", "--warm-up", "0"];
+    let (alone, said) = case.render(&file, "alone", &plain);
     assert!(said.contains("no camera in the file: placed"), "{said}");
     assert!(!said.contains("picture is"), "{said}");
     std::fs::write(case.path("box/alone.toml"), "scene = 'cornell.glb'").unwrap();
@@ -101,10 +104,12 @@ fn a_scene_alone_is_seen_and_what_shows_nothing_is_told() {
     assert!(bytes(&alone) == bytes(&by_shot));
 
     let away = ["--position", "0,1,40", "--target", "0,1,80", "--warm-up", "0"];
-    let (_, said) = case.render(&file, "away", &away);
+    let (_, said) = case.render(&file, "away", &[&away[..], &["--environment", "white"]].concat());
     assert!(said.contains("left eye's picture is of a single colour"), "{said}");
     let bright = ["--environment", "1e4,1e4,1e4", "--warm-up", "0"];
-    let (_, said) = case.render(&file, "bright", &bright);
+    let (_, said) = case.render(&file, "metered", &bright);
+    assert!(said.contains("metered exposure: -1") && !said.contains("very bright"), "{said}");
+    let (_, said) = case.render(&file, "bright", &[&bright[..], &["--exposure", "0"]].concat());
     assert!(said.contains("very bright: --exposure -1"), "{said}");
     let (_, said) = case.render(&file, "exposed", &[&bright[..], &["--exposure", "-14"]].concat());
     assert!(!said.contains("very bright"), "{said}");

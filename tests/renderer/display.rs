@@ -5,6 +5,7 @@ use diptych::RunConfig;
 use diptych::exec::{ExecError, Stereo};
 use diptych::image::RgbImage;
 use diptych::image::display::tonemap;
+use diptych::image::tone::ToneCurve;
 use diptych::passes::tonemap::DISPLAY;
 use diptych::quality::Quality;
 use diptych::report::run::FrameRow;
@@ -17,8 +18,13 @@ use glam::Vec3;
 #[test]
 fn the_display_image_is_the_tonemapped_linear_image() {
     let subject = Subject::load("builtin:cornell");
-    let settings = RunConfig { exposure_ev: -0.7, ..subject.denoised(96, 54) };
-    let mut stage = Stage::alone(&subject, &settings);
+    for tone in [ToneCurve::Reinhard, ToneCurve::Neutral, ToneCurve::Agx, ToneCurve::Aces, ToneCurve::None] {
+        let settings = RunConfig { exposure_ev: -0.7, tone, ..subject.denoised(96, 54) };
+        assert_tonemapped(&mut Stage::alone(&subject, &settings), tone);
+    }
+}
+
+fn assert_tonemapped(stage: &mut Stage, tone: ToneCurve) {
     let frame = stage.frame(0);
     let display = stage.display();
     for eye in Eye::ALL {
@@ -26,11 +32,11 @@ fn the_display_image_is_the_tonemapped_linear_image() {
             Eye::Left => (&frame.linear.left, &display.left),
             Eye::Right => (&frame.linear.right, &display.right),
         };
-        let expected = tonemap(linear, -0.7);
-        assert!(expected.pixels.iter().any(|p| p[0] > 200) && expected.pixels.iter().any(|p| p[0] == 0));
+        let expected = tonemap(linear, -0.7, tone);
+        assert!(expected.pixels.iter().any(|p| p[0] > 200) && expected.pixels.iter().any(|p| p[0] <= 1));
         for (i, (e, s)) in expected.pixels.iter().zip(&shown.pixels).enumerate() {
             let apart = (0..3).map(|c| e[c].abs_diff(s[c])).max();
-            assert!(apart <= Some(1), "{eye} eye, pixel {i}: {s:?} instead of {e:?}");
+            assert!(apart <= Some(1), "{tone:?}, {eye} eye, pixel {i}: {s:?} instead of {e:?}");
         }
     }
 }

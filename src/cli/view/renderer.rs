@@ -8,6 +8,7 @@ use crate::passes::tonemap::DISPLAY;
 use crate::report::run::FrameRow;
 use crate::scene::Scene;
 use crate::scene::head::Recording;
+use crate::scene::studio::bounds_of_object;
 
 use super::camera::Camera;
 use super::shared::{FrameStatus, Shared};
@@ -78,7 +79,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
 
 /// Returns the camera's speed in scene units per second: a tenth of the scene's diagonal.
 pub fn speed_per_s(scene: &Scene) -> f64 {
-    let bounds = scene.bounds();
+    let bounds = bounds_of_object(scene);
     let diagonal = f64::from((bounds.max - bounds.min).length());
     if diagonal.is_finite() && diagonal > 0.0 { diagonal / 10.0 } else { 1.0 }
 }

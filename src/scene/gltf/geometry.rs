@@ -11,6 +11,7 @@ use super::accessor::Elements;
 use super::buffers::Buffers;
 use super::fault::{Fault, Outcome, Warnings, Within, label, lookup};
 use super::topology::{assemble, compact, corners};
+use super::variants;
 pub use super::vertices::Wanted;
 use super::vertices::{QUANTIZED, Vertices, attribute};
 use super::{morphs, skins, tangents};
@@ -34,6 +35,8 @@ pub struct Geometry<'a, 'b> {
     materials: &'a [Material],
     /// Motion data that each glTF mesh needs.
     wanted: &'a [Wanted],
+    /// Index of the material variant; `None` for the default look.
+    variant: Option<usize>,
     meshes: Vec<Mesh>,
     /// Range in `meshes` of each glTF mesh's primitives, once read.
     ranges: Vec<Option<Range<usize>>>,
@@ -41,9 +44,14 @@ pub struct Geometry<'a, 'b> {
 }
 
 impl<'a, 'b> Geometry<'a, 'b> {
-    pub fn new(buffers: &'a Buffers<'b>, materials: &'a [Material], wanted: &'a [Wanted]) -> Self {
+    pub fn new(
+        buffers: &'a Buffers<'b>,
+        materials: &'a [Material],
+        wanted: &'a [Wanted],
+        variant: Option<usize>,
+    ) -> Self {
         let ranges = vec![None; buffers.root.meshes.len()];
-        Self { buffers, materials, wanted, meshes: Vec::new(), ranges, triangles_left: MAX_TRIANGLES }
+        Self { buffers, materials, wanted, variant, meshes: Vec::new(), ranges, triangles_left: MAX_TRIANGLES }
     }
 
     /// Returns the range of the scene's meshes that holds the primitives of glTF mesh `index`. Reads the glTF mesh on
@@ -99,7 +107,13 @@ impl<'a, 'b> Geometry<'a, 'b> {
         }
         let budget = self.buffers.budget();
         let _lists = budget.reserve(corner_count as u64 * CORNER_BYTES + positions.count as u64 * VERTEX_BYTES)?;
-        let corners = corners(indices, positions.count)?;
+        let is_indexed = indices.is_some();
+        let mut corners = corners(indices, positions.count)?;
+        let rest = corners.len() % 3;
+        if mode == Mode::Triangles && !is_indexed && rest > 0 {
+            warnings.note("vertices after the last whole triangle are left out", place);
+            corners.truncate(corners.len() - rest);
+        }
         let mut triangles = assemble(mode, &corners)?;
         if triangles.is_empty() {
             warnings.note("primitives without triangles are left out", place);
@@ -135,8 +149,9 @@ impl<'a, 'b> Geometry<'a, 'b> {
     }
 
     fn material(&self, primitive: &Primitive) -> Outcome<usize> {
-        match primitive.material {
-            Some(index) => lookup(self.materials, "material", index.value()).map(|_| index.value()),
+        let of_variant = self.variant.and_then(|variant| variants::material(primitive, variant));
+        match of_variant.or(primitive.material.map(|index| index.value())) {
+            Some(index) => lookup(self.materials, "material", index).map(|_| index),
             None => Ok(self.materials.len()),
         }
     }

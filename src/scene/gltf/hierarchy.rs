@@ -4,7 +4,7 @@ use ::gltf::json::Root;
 use ::gltf::json::scene::Node;
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
-use super::fault::{Fault, Outcome, Within, label, lookup};
+use super::fault::{Fault, Outcome, Warnings, Within, label, lookup};
 use crate::scene::motion::Placement;
 
 /// A node of the scene with its transform.
@@ -16,16 +16,23 @@ pub struct PlacedNode {
     /// Transform from the node to its parent, unless animated.
     pub rest: Placement,
     pub world_from_node: DAffine3,
+    /// False if the file hides the node or an ancestor (`KHR_node_visibility`).
+    pub is_visible: bool,
 }
 
 /// Returns the nodes of the default scene. Without a default scene, returns those of scene 0, and without scenes, all
-/// nodes of the file. Parents precede their children.
-pub fn walk(root: &Root) -> Outcome<Vec<PlacedNode>> {
+/// nodes of the file. Parents precede their children. If the default scene does not exist, warns and returns scene 0.
+pub fn walk(root: &Root, warnings: &mut Warnings) -> Outcome<Vec<PlacedNode>> {
     let parents = parents(root)?;
     let tops: Vec<usize> = (0..parents.len()).filter(|&i| parents[i].is_none()).collect();
     reject_cycles(root, &parents, &tops)?;
 
     let shown = match root.scene {
+        Some(scene) if scene.value() >= root.scenes.len() && !root.scenes.is_empty() => {
+            let what = format!("the file shows scene {}, which it does not have: took the first one", scene.value());
+            warnings.note(&what, "");
+            root.scenes.first()
+        }
         Some(scene) => Some(lookup(&root.scenes, "scene", scene.value())?),
         None => root.scenes.first(),
     };
@@ -42,10 +49,17 @@ pub fn walk(root: &Root) -> Outcome<Vec<PlacedNode>> {
         let within = || label("node", index, &node.name);
         let rest = placement(node).within(within)?;
         let world_from_node = check_range(world_from_parent * rest.affine()).within(within)?;
+        let is_visible = !is_hidden(node) && parent.is_none_or(|p| placed[p].is_visible);
         pending.extend(node.children.iter().flatten().rev().map(|c| (c.value(), Some(placed.len()))));
-        placed.push(PlacedNode { node: index, parent, rest, world_from_node });
+        placed.push(PlacedNode { node: index, parent, rest, world_from_node, is_visible });
     }
     Ok(placed)
+}
+
+/// Returns true if the file hides a node and its descendants.
+fn is_hidden(node: &Node) -> bool {
+    let extension = node.extensions.as_ref().and_then(|e| e.others.get("KHR_node_visibility"));
+    extension.and_then(|e| e.get("visible")?.as_bool()) == Some(false)
 }
 
 /// Returns the index of each node's parent; `None` for roots.
@@ -101,7 +115,7 @@ fn placement(node: &Node) -> Outcome<Placement> {
 
 /// Converts a column-major matrix, which must be affine.
 pub fn affine_from_matrix(columns: [f32; 16]) -> Outcome<DAffine3> {
-    const TOLERANCE: f32 = 1e-4;
+    const TOLERANCE: f32 = 1e-3;
     let last_row = [columns[3], columns[7], columns[11], columns[15] - 1.0];
     if !last_row.iter().all(|x| x.abs() <= TOLERANCE) {
         return Err(Fault::Invalid("its matrix is not affine: the last row must be 0 0 0 1".into()));

@@ -27,6 +27,7 @@ mod fault;
 mod geometry;
 mod hierarchy;
 mod images;
+mod instancing;
 mod layers;
 mod materials;
 mod meshopt;
@@ -38,6 +39,7 @@ mod tangents;
 mod textures;
 mod topology;
 mod uri;
+mod variants;
 mod vertices;
 mod write;
 
@@ -45,6 +47,8 @@ mod write;
 mod tests;
 
 use std::path::Path;
+
+use glam::DAffine3;
 
 use self::buffers::Buffers;
 use self::fault::{Fault, Outcome, Warnings, Within, label};
@@ -81,24 +85,33 @@ pub fn load(path: &Path, access: Access) -> Result<Scene, SceneError> {
 /// extensions, [`SceneError::Invalid`] the invalid part of the file or the unknown animation or node of `play`,
 /// [`SceneError::Refused`] a request that `access` has no room for or does not allow.
 pub fn load_playing(path: &Path, play: &Play, access: Access) -> Result<Scene, SceneError> {
+    load_variant(path, play, None, access)
+}
+
+/// Loads a file like [`load_playing`], in the look of the material variant of this name.
+///
+/// # Errors
+/// Errors of [`load_playing`], and [`SceneError::Invalid`] if the file has no such variant.
+pub fn load_variant(path: &Path, play: &Play, variant: Option<&str>, access: Access) -> Result<Scene, SceneError> {
     let bytes = folder::read(path, access).map_err(|error| error.in_file(&path.display().to_string()))?;
-    parse(&bytes, path, play, access).map_err(|fault| fault.in_file(path))
+    parse(&bytes, path, play, variant, access).map_err(|fault| fault.in_file(path))
 }
 
 /// Parses `bytes` that were read from `path`.
-fn parse(bytes: &[u8], path: &Path, play: &Play, access: Access) -> Outcome<Scene> {
+fn parse(bytes: &[u8], path: &Path, play: &Play, variant: Option<&str>, access: Access) -> Outcome<Scene> {
     let container = container::parse(bytes, access.budget)?;
     let root = &container.root;
     let mut warnings = Warnings::default();
     extensions::check(root, &mut warnings)?;
     let folder = Folder::of(path, access);
     let buffers = Buffers::new(root, container.bin, &folder);
-    let nodes = hierarchy::walk(root)?;
+    let nodes = hierarchy::walk(root, &mut warnings)?;
     let plan = Plan::new(&buffers, &container.animations, &nodes, play, &mut warnings)?;
 
     let Surfaces { mut materials, textures, images } = materials::read(&buffers, &mut warnings)?;
     let wanted = plan.wanted();
-    let mut geometry = Geometry::new(&buffers, &materials, &wanted);
+    let variant = variants::find(root, variant)?;
+    let mut geometry = Geometry::new(&buffers, &materials, &wanted, variant);
     let (instances, candidates) = place_meshes(&buffers, &nodes, &plan, &mut geometry, &mut warnings)?;
     let lights = placed::lights(root, &nodes, &mut warnings)?;
     let (cameras, camera_places): (Vec<_>, Vec<_>) = placed::cameras(root, &nodes, &mut warnings)?.into_iter().unzip();
@@ -125,6 +138,10 @@ fn parse(bytes: &[u8], path: &Path, play: &Play, access: Access) -> Outcome<Scen
     Ok(scene)
 }
 
+fn too_many_instances() -> Fault {
+    Fault::Invalid(format!("it places more than {MAX_INSTANCES} primitives"))
+}
+
 fn place_meshes(
     buffers: &Buffers,
     nodes: &[PlacedNode],
@@ -135,17 +152,27 @@ fn place_meshes(
     let (mut instances, mut candidates) = (Vec::new(), Vec::new());
     for (place, placed) in nodes.iter().enumerate() {
         let node = &buffers.root.nodes[placed.node];
-        let Some(index) = node.mesh else { continue };
-        let meshes =
-            geometry.primitives_of(index.value(), warnings).within(|| label("node", placed.node, &node.name))?;
-        if instances.len() + meshes.len() > MAX_INSTANCES {
-            return Err(Fault::Invalid(format!("it places more than {MAX_INSTANCES} primitives")));
+        let Some(index) = node.mesh.filter(|_| placed.is_visible) else { continue };
+        let within = || label("node", placed.node, &node.name);
+        let meshes = geometry.primitives_of(index.value(), warnings).within(within)?;
+        let copies = instancing::places(buffers, node).within(within)?;
+        let count = meshes.len().saturating_mul(copies.as_ref().map_or(1, Vec::len));
+        if instances.len().saturating_add(count) > MAX_INSTANCES {
+            return Err(too_many_instances());
         }
-        let world_from_local = narrow(&placed.world_from_node);
-        buffers.budget().reserve((meshes.len() * INSTANCE_BYTES) as u64)?.keep();
+        buffers.budget().reserve((count * INSTANCE_BYTES) as u64)?.keep();
         let first = instances.len();
-        instances.extend(meshes.map(|mesh| Instance { mesh, world_from_local }));
-        if plan.is_candidate(place) {
+        let own = || vec![DAffine3::IDENTITY];
+        for node_from_copy in copies.clone().unwrap_or_else(own) {
+            let world_from_local = narrow(&(placed.world_from_node * node_from_copy));
+            if !world_from_local.is_finite() {
+                return Err(Fault::Invalid("its instances are not finite".into())).within(within);
+            }
+            instances.extend(meshes.clone().map(|mesh| Instance { mesh, world_from_local }));
+        }
+        if copies.is_some() && plan.is_candidate(place) {
+            warnings.note("instances of a moving or deformed node stand still", &within());
+        } else if plan.is_candidate(place) {
             candidates.extend((first..instances.len()).map(|instance| Candidate { instance, place }));
         }
     }

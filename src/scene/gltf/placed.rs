@@ -28,6 +28,9 @@ pub fn lights(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Out
     let mut lights = Vec::new();
     for (at, placed) in nodes.iter().enumerate() {
         let node = &root.nodes[placed.node];
+        if !placed.is_visible {
+            continue;
+        }
         let Some(reference) = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()) else { continue };
         let place = label("node", placed.node, &node.name);
         let index = reference.light.value();

@@ -8,9 +8,10 @@ use toml::Spanned;
 
 use super::allowed::{ANY, Allowed, CONE, DISC, FRACTION, NOT_NEGATIVE, POSITIVE, STOPS, YFOV, fits_f32};
 use super::file::{
-    EnvironmentTable, KeyTable, Kind, LightTable, MoveKeyTable, MoveTable, Number, RigTable, ShotFile, Triple,
+    EnvironmentTable, ExposureTable, KeyTable, Kind, LightTable, MoveKeyTable, MoveTable, Number, RigTable, ShotFile,
+    Triple,
 };
-use super::{Draft, Gaze, PartialRig, SceneSource, ShotEnvironment, ShotLight, ShotLightKind, Sky};
+use super::{Draft, Exposure, Gaze, PartialRig, SceneSource, ShotEnvironment, ShotLight, ShotLightKind, Sky};
 use crate::scene::SceneError;
 use crate::scene::motion::play::{Choice, Move, MoveKey, Moved};
 use crate::scene::rig::{self, RigKey};
@@ -26,7 +27,6 @@ pub fn draft(text: &str, origin: &str) -> Result<Draft> {
     let rig = file.rig.as_ref().map_or(Ok(PartialRig::default()), |table| check.rig(table))?;
     let lights = file.light.iter().enumerate();
     let moves = check.moves(&file.moves, file.light.len())?;
-    let ev = file.exposure.and_then(|e| e.ev);
     Ok(Draft {
         name: file.name.unwrap_or_else(|| stem(origin)),
         scene: check.scene(&file.scene)?,
@@ -36,7 +36,7 @@ pub fn draft(text: &str, origin: &str) -> Result<Draft> {
         environment: file.environment.map(|table| check.environment(&table)).transpose()?,
         lights: lights.map(|(i, table)| check.light(i, table, &rig)).collect::<Result<_>>()?,
         gaze: file.gaze.and_then(|table| table.path).map(|path| check.gaze(&path)).transpose()?,
-        exposure_ev: check.optional("exposure.ev", ev.as_ref(), &STOPS)?.map(|ev| ev as f32),
+        exposure: file.exposure.map_or(Ok(None), |table| check.exposure(&table))?,
         rig,
     })
 }
@@ -163,10 +163,13 @@ impl Check<'_> {
             (None, Some(image)) if has_extension(image.get_ref(), &["hdr", "exr"]) => {
                 Sky::Image(image.get_ref().into())
             }
-            (None, Some(image)) => {
-                let what = format!("environment.image is '{}': give a .hdr or an .exr", image.get_ref());
-                return Err(self.at(image.span(), what));
-            }
+            (None, Some(image)) => match Sky::built_in(image.get_ref()) {
+                Some(sky) => sky,
+                None => {
+                    let what = format!("environment.image is '{}': give a .hdr or an .exr", image.get_ref());
+                    return Err(self.at(image.span(), what));
+                }
+            },
             (Some(v), None) => Sky::Constant(self.triple("environment.radiance", v, &NOT_NEGATIVE)?.as_vec3()),
             (None, None) => Sky::Constant(Vec3::ONE),
         };
@@ -178,6 +181,15 @@ impl Check<'_> {
         }
         let rotation_deg = self.number_or("environment.rotation_deg", t.rotation_deg.as_ref(), 0.0, &ANY)? as f32;
         Ok(ShotEnvironment { sky, scale, rotation_deg })
+    }
+
+    fn exposure(&self, t: &ExposureTable) -> Result<Option<Exposure>> {
+        let ev = self.optional("exposure.ev", t.ev.as_ref(), &STOPS)?.map(|ev| Exposure::Ev(ev as f32));
+        let Some(auto) = t.auto.as_ref().filter(|auto| *auto.get_ref()) else { return Ok(ev) };
+        match ev {
+            Some(_) => Err(self.at(auto.span(), "exposure has both ev and auto: give one of them".into())),
+            None => Ok(Some(Exposure::Auto)),
+        }
     }
 
     /// Reads a light. Keys that its kind does not use are validated, then ignored.

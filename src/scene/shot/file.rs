@@ -102,4 +102,5 @@ pub struct GazeTable {
 #[serde(deny_unknown_fields)]
 pub struct ExposureTable {
     pub ev: Option<Number>,
+    pub auto: Option<Spanned<bool>>,
 }

@@ -32,11 +32,11 @@ pub fn text(shot: &Shot) -> String {
     }
     moves(&mut text, &shot.play.moves);
     let path: Vec<String> = shot.gaze.path.iter().map(|point| numbers(point)).collect();
-    let ev = shot.exposure_ev;
+    let exposure = if shot.is_metered { "auto = true".to_owned() } else { format!("ev = {:?}", shot.exposure_ev) };
     let _ = write!(
         text,
         "\n# Gaze in each eye's image over time: [time_s, x, y], x and y from 0 to 1 from the top left.\n[gaze]\n\
-         path = [{}]\n\n# Exposure of pictures in stops; EXR files are not changed.\n[exposure]\nev = {ev:?}\n",
+         path = [{}]\n\n# Exposure of pictures in stops; EXR files are not changed.\n[exposure]\n{exposure}\n",
         path.join(", ")
     );
     text
@@ -101,6 +101,8 @@ fn environment(text: &mut String, environment: Option<&ShotEnvironment>) {
     let sky = match sky {
         Sky::Constant(radiance) => format!("radiance = {}", numbers(&radiance.to_array())),
         Sky::Image(name) => format!("image = {}", string(name)),
+        Sky::Studio => "image = \"studio\"".to_owned(),
+        Sky::Clear => "image = \"sky\"".to_owned(),
     };
     let _ = writeln!(text, "[environment]\n{sky}\nscale = {scale:?}\nrotation_deg = {rotation_deg:?}");
 }

@@ -2,6 +2,7 @@
 
 mod damaged;
 mod files;
+mod forgiving;
 mod geometry;
 mod hierarchy;
 mod layers;
@@ -138,8 +139,12 @@ impl Draft {
 
 fn read(bytes: &[u8]) -> Result<Scene, SceneError> {
     let path = Path::new("draft.glb");
-    super::parse(bytes, path, &crate::scene::motion::play::Play::default(), any(&Budget::unlimited()))
-        .map_err(|fault| fault.in_file(path))
+    read_variant(bytes, None).map_err(|fault| fault.in_file(path))
+}
+
+fn read_variant(bytes: &[u8], variant: Option<&str>) -> super::Outcome<Scene> {
+    let play = crate::scene::motion::play::Play::default();
+    super::parse(bytes, Path::new("draft.glb"), &play, variant, any(&Budget::unlimited()))
 }
 
 /// Grants default access, for tests that don't limit memory.

@@ -33,7 +33,7 @@ fn rising(draft: &mut Draft, name: &str, node: usize, height: f32) {
 
 fn playing(draft: &Draft, play: &Play) -> Result<Scene, SceneError> {
     let path = std::path::Path::new("draft.glb");
-    super::super::parse(&draft.glb(), path, play, any(&Budget::unlimited())).map_err(|fault| fault.in_file(path))
+    super::super::parse(&draft.glb(), path, play, None, any(&Budget::unlimited())).map_err(|fault| fault.in_file(path))
 }
 
 fn height(scene: &Scene, time_s: f64) -> f32 {
@@ -302,7 +302,7 @@ fn a_million_keys_take_what_the_budget_has() {
     let glb = draft.glb();
     let read = |bytes| {
         let budget = Budget::new(ByteSize(bytes));
-        super::super::parse(&glb, path, &Play::default(), any(&budget)).map_err(|fault| fault.in_file(path))
+        super::super::parse(&glb, path, &Play::default(), None, any(&budget)).map_err(|fault| fault.in_file(path))
     };
     assert_eq!(height(&read(64 << 20).unwrap(), 1e6), 1.0);
     assert!(matches!(read(8 << 20), Err(SceneError::Refused { .. })));

@@ -1,0 +1,219 @@
+use glam::{Affine3A, DQuat};
+
+use super::*;
+use crate::scene::motion::keys::{Interpolation, Keys};
+use crate::scene::motion::{Animation, Attached, Channel, Node, Placement, Target};
+use crate::scene::rig::{self, Eye};
+use crate::scene::shot::SceneSource;
+use crate::scene::{Instance, Light, LightKind, Material, Mesh};
+
+fn triangle() -> Scene {
+    let mesh = Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]], ..Mesh::default() };
+    let instance = Instance { mesh: 0, world_from_local: Affine3A::IDENTITY };
+    let (meshes, instances, materials) = (vec![mesh], vec![instance], vec![Material::default()]);
+    Scene { meshes, instances, materials, ..Scene::empty("triangle") }
+}
+
+fn light() -> Light {
+    Light { kind: LightKind::Point { position: Vec3::ONE, radius: 0.0 }, strength: Vec3::ONE }
+}
+
+fn camera(x: f32) -> Camera {
+    Camera { world_from_view: Affine3A::from_translation(Vec3::new(x, 0.0, 3.0)), yfov_rad: 0.5 }
+}
+
+fn bare() -> Draft {
+    Draft::of(SceneSource::File("chair.glb".into()), "chair".into())
+}
+
+fn completed(draft: Draft, overrides: &Overrides, scene: &mut Scene) -> Result<Shot, SceneError> {
+    complete(draft, overrides, scene, &Motion::default(), &Budget::unlimited())
+}
+
+fn plain(draft: Draft, scene: &mut Scene) -> Shot {
+    completed(draft, &Overrides::default(), scene).unwrap()
+}
+
+const KEY: &str = "[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n";
+
+fn draft(tables: &str) -> Draft {
+    Draft::parse(&format!("scene = 'chair.glb'\n{tables}"), "chair.toml").unwrap()
+}
+
+#[test]
+fn a_bare_scene_is_looked_at_and_lit_white() {
+    let mut scene = triangle();
+    let shot = plain(bare(), &mut scene);
+    assert!(matches!(&shot.environment, Some(e) if e.sky == Sky::Constant(Vec3::ONE)), "{shot:?}");
+    assert_eq!(shot.rig, viewpoint::find(&scene, &Wanted::default(), &Budget::unlimited()).rig);
+    assert!(matches!(&scene.warnings[..], [said] if said.contains("no camera")), "{:?}", scene.warnings);
+}
+
+#[test]
+fn a_file_without_light_is_in_the_studio_if_that_is_its_look() {
+    let studio = Overrides { look: Look::Studio, ..Overrides::default() };
+    let sky = |change: fn(&mut Scene)| {
+        let mut scene = triangle();
+        change(&mut scene);
+        completed(bare(), &studio, &mut scene).unwrap().environment.map(|e| e.sky)
+    };
+    assert_eq!(sky(|_| ()), Some(Sky::Studio));
+    assert_eq!(sky(|s| s.materials[0].emissive = Vec3::X), Some(Sky::Studio));
+    assert_eq!(sky(|s| s.lights.push(light())), None);
+}
+
+#[test]
+fn a_scene_with_light_or_camera_keeps_them() {
+    let mut scene = triangle();
+    scene.cameras.push(camera(0.0));
+    scene.lights.push(light());
+    let shot = plain(bare(), &mut scene);
+    assert_eq!((&shot.rig, &shot.environment), (&Rig::from_camera(camera(0.0)), &None));
+    assert!(scene.warnings.is_empty());
+
+    let mut emissive = triangle();
+    emissive.materials[0].emissive = Vec3::X;
+    assert!(plain(bare(), &mut emissive).environment.is_some());
+}
+
+#[test]
+fn a_shot_of_a_scene_alone_is_the_scene_without_a_shot() {
+    let changes: [fn(&mut Scene); 3] = [|_| (), |s| s.lights.push(light()), |s| s.cameras.push(camera(1.0))];
+    for change in changes {
+        let [mut a, mut b] = [triangle(), triangle()];
+        change(&mut a);
+        change(&mut b);
+        assert_eq!(plain(bare(), &mut a), plain(draft(""), &mut b));
+    }
+}
+
+#[test]
+fn what_a_shot_says_of_its_rig_goes_before_what_is_found() {
+    let rig = "[rig]\nyfov_deg = 90\nbaseline_m = 0.5\nmetres_per_unit = 0.01";
+    let shot = plain(draft(rig), &mut triangle());
+    let wanted = Wanted { metres_per_unit: 0.01, yfov_rad: Some(90f64.to_radians()), ..Wanted::default() };
+    let found = viewpoint::find(&triangle(), &wanted, &Budget::unlimited()).rig;
+    assert_eq!(shot.rig, Rig { baseline_m: 0.5, ..found });
+
+    let mut scene = triangle();
+    scene.cameras.push(camera(0.0));
+    let rig = plain(draft(rig), &mut scene).rig;
+    assert_eq!((rig.yfov_rad, rig.baseline_m, rig.metres_per_unit), (90f64.to_radians(), 0.5, 0.01));
+    assert_eq!(rig.keys, Rig::from_camera(camera(0.0)).keys);
+}
+
+#[test]
+fn a_closed_room_of_a_file_gets_a_light_at_the_camera() {
+    let mut room = triangle();
+    let corner = |i: u32| Vec3::new(3.0 * (i & 1) as f32, 2.5 * (i >> 1 & 1) as f32, 8.0 * (i >> 2) as f32);
+    let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let inwards = quads.iter().flat_map(|&[a, b, c, d]: &[u32; 4]| [[a, c, b], [a, d, c]]);
+    room.meshes[0] = Mesh { positions: (0..8).map(corner).collect(), triangles: inwards.collect(), ..Mesh::default() };
+    let overrides = Overrides { look: Look::Studio, ..Overrides::default() };
+    let shot = completed(bare(), &overrides, &mut room).unwrap();
+    assert_eq!(shot.lights.len(), 1);
+    assert!(room.warnings.iter().any(|w| w.contains("added a light at the camera")), "{:?}", room.warnings);
+    let plain = completed(bare(), &Overrides::default(), &mut room).unwrap();
+    assert!(plain.lights.is_empty() && (plain.exposure_ev, plain.is_metered) == (0.0, false));
+    assert!(shot.is_metered && shot.tone == ToneCurve::Neutral && plain.tone == ToneCurve::Reinhard);
+}
+
+/// Such a shot gets no white environment, since emissive surfaces may be meant as its only light.
+#[test]
+fn a_shot_with_a_camera_or_light_of_its_own_is_lit_by_what_it_names() {
+    for tables in [KEY, "[[light]]\nkind = 'point'\nposition = [0, 1, 0]"] {
+        assert_eq!(plain(draft(tables), &mut triangle()).environment, None, "{tables}");
+    }
+}
+
+#[test]
+fn what_is_asked_for_goes_before_what_the_shot_says() {
+    let wanted = Overrides {
+        yfov_rad: Some(1.0),
+        baseline_m: Some(0.1),
+        exposure: Some(Exposure::Ev(2.0)),
+        environment: Some(ShotEnvironment { sky: Sky::Constant(Vec3::X), scale: 1.0, rotation_deg: 0.0 }),
+        ..Overrides::default()
+    };
+    let said = format!("[rig]\nyfov_deg = 20\nbaseline_m = 1\n{KEY}[exposure]\nev = -1\n[environment]");
+    let shot = completed(draft(&said), &wanted, &mut triangle()).unwrap();
+    assert_eq!((shot.rig.yfov_rad, shot.rig.baseline_m, shot.exposure_ev), (1.0, 0.1, 2.0));
+    assert_eq!(shot.environment, wanted.environment);
+}
+
+#[test]
+fn eyes_are_moved_and_turned() {
+    let to = |position, target| Overrides { position, target, ..Overrides::default() };
+    let path = format!("{KEY}[[rig.key]]\ntime_s = 1\nposition = [1, 0, 1]\ntarget = [1, 0, 0]");
+    let at = |overrides: &Overrides, draft: Draft| completed(draft, overrides, &mut triangle()).map(|s| s.rig.keys);
+    let up_there = DVec3::new(0.0, 5.0, 0.0);
+
+    let moved = at(&to(Some(up_there), None), draft(&path)).unwrap();
+    assert!(moved.iter().all(|key| key.position == up_there));
+    assert_eq!(moved[1].target, DVec3::X);
+    let turned = at(&to(None, Some(up_there)), draft(&path)).unwrap();
+    assert!(turned.iter().all(|key| key.target == up_there) && turned[1].position == DVec3::new(1.0, 0.0, 1.0));
+
+    let mut scene = triangle();
+    let down = completed(bare(), &to(Some(up_there), Some(DVec3::ZERO)), &mut scene).unwrap().rig;
+    assert_eq!((down.keys[0].up, down.yfov_rad), (DVec3::NEG_Z, rig::DEFAULT_YFOV_DEG.to_radians()));
+    assert!(scene.warnings.is_empty(), "nothing was looked for: {:?}", scene.warnings);
+
+    let error = at(&to(Some(DVec3::ONE), Some(DVec3::ONE)), draft(&path)).unwrap_err().to_string();
+    assert!(error.contains("the view") && error.contains("same point"), "{error}");
+}
+
+#[test]
+fn a_camera_is_chosen_by_its_number() {
+    let camera_of = |number, scene: &mut Scene| {
+        completed(draft(KEY), &Overrides { camera: Some(number), ..Overrides::default() }, scene)
+    };
+    let mut scene = triangle();
+    assert!(camera_of(0, &mut scene).unwrap_err().to_string().contains("no camera"));
+    scene.cameras.extend([camera(0.0), camera(1.0)]);
+    assert_eq!(camera_of(1, &mut scene).unwrap().rig, Rig::from_camera(camera(1.0)));
+    assert!(camera_of(2, &mut scene).unwrap_err().to_string().contains("cameras 0 to 1"));
+    assert!(scene.warnings.is_empty());
+    assert_eq!(plain(bare(), &mut scene).rig, Rig::from_camera(camera(0.0)));
+    assert!(scene.warnings[0].contains("chosen by its number, 0 to 1"), "{:?}", scene.warnings);
+}
+
+#[test]
+fn eyes_follow_a_camera_that_moves() {
+    let keys = Keys::new(vec![0.0, 2.0], vec![0.0, 0.0, 3.0, 4.0, 0.0, 3.0], 3, Interpolation::Linear).unwrap();
+    let channels = vec![Channel { target: Target::Translation(0), keys }];
+    let rest = Placement::Parts { translation: DVec3::ZERO, rotation: DQuat::IDENTITY, scale: DVec3::ONE };
+    let mut motion = Motion {
+        nodes: vec![Node { name: String::new(), parent: None, rest }],
+        animations: vec![Animation { name: String::new(), channels, duration_s: 2.0 }],
+        cameras: vec![Attached { index: 0, node: 0 }],
+        loops: true,
+        ..Motion::default()
+    };
+    let mut scene = triangle();
+    scene.cameras.push(camera(0.0));
+    let mut rig_of = |motion: &Motion, overrides: &Overrides| {
+        complete(bare(), overrides, &mut scene, motion, &Budget::unlimited()).unwrap().rig
+    };
+    let at_1s = Overrides { time_s: 1.0, ..Overrides::default() };
+    let x = |rig: &Rig, time_s| {
+        let [left, right] = Eye::ALL.map(|eye| rig.view(time_s, eye).origin.x);
+        (left + right) / 2.0
+    };
+    let rig = rig_of(&motion, &at_1s);
+    for (time_s, expected) in [(1.0, 2.0), (1.5, 3.0), (3.0, 2.0), (21.25, 2.5)] {
+        assert!((x(&rig, time_s) - expected).abs() < 1e-4, "{time_s} s: {}", x(&rig, time_s));
+    }
+    motion.loops = false;
+    let rig = rig_of(&motion, &at_1s);
+    assert!((x(&rig, 9.0) - 4.0).abs() < 1e-4 && rig.keys.len() == 61);
+    let stays = Overrides { position: Some(DVec3::Z), target: Some(DVec3::ZERO), ..at_1s };
+    assert!(rig_of(&motion, &stays).keys.iter().all(|key| key.position == DVec3::Z));
+}
+
+#[test]
+fn a_baseline_that_no_number_holds_is_refused() {
+    let wide = Overrides { baseline_m: Some(1e38), ..Overrides::default() };
+    let error = completed(draft("[rig]\nmetres_per_unit = 1e-6"), &wide, &mut triangle()).unwrap_err();
+    assert!(error.to_string().contains("the baseline"), "{error}");
+}
