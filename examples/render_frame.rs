@@ -25,8 +25,8 @@ fn main() -> anyhow::Result<()> {
     let rays: u64 = report.tallies.iter().map(|eye| eye.rays).sum();
     println!("{name} on {}: {:.1} ms, {rays} rays", renderer.devices()[0].name, report.makespan_ms);
 
-    let linear = renderer.read_linear()?;
-    let [left, right] = [&linear.left, &linear.right].map(|eye| tonemap(eye, scene.shot.exposure_ev));
+    let (linear, shot) = (renderer.read_linear()?, &scene.shot);
+    let [left, right] = [&linear.left, &linear.right].map(|eye| tonemap(eye, shot.exposure_ev, shot.tone));
     write_png(&file, &side_by_side(&left, &right)?)?;
     println!("{}", file.display());
     Ok(())

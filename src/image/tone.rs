@@ -31,7 +31,7 @@ type Rgb = [f64; 3];
 impl ToneCurve {
     /// Maps exposed radiance to linear display values. Negative radiance and NaN count as 0.
     pub fn apply(self, radiance: Rgb) -> Rgb {
-        let c = radiance.map(|c| c.max(0.0).min(1e18));
+        let c = radiance.map(|c| if c > 0.0 { c.min(1e18) } else { 0.0 });
         let shown = match self {
             Self::Reinhard => c.map(|c| c / (1.0 + c)),
             Self::Neutral => neutral(c),

@@ -126,3 +126,27 @@ fn times_and_rates_that_are_none_are_refused() {
     }
     assert_option_refused(&["--reference", "--clamp", "3"], &["--clamp", "--reference"]);
 }
+
+/// Started by `mpirun` without the feature, every process would write the same files.
+#[cfg(not(feature = "mpi"))]
+#[test]
+fn one_of_several_processes_is_refused_without_mpi() {
+    for (size, number) in [("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"), ("PMI_SIZE", "PMI_RANK")] {
+        let case = Case::new();
+        let out = case.path("out");
+        let start = |command: &str, processes: &str| {
+            let mut started = std::process::Command::new(env!("CARGO_BIN_EXE_diptych"));
+            started.args([command, "builtin:cornell"]).env(size, processes).env(number, "0");
+            if command == "render" {
+                started.args(["--size", "32x18", "--out"]).arg(&out);
+            }
+            started.output().unwrap()
+        };
+        assert_refused(size, &start("render", "2"), 1, &["several processes", "--features mpi"]);
+        assert_eq!(files_in(&out), Vec::<PathBuf>::new());
+        for (command, processes) in [("render", "1"), ("scenes", "2")] {
+            let output = start(command, processes);
+            assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
+        }
+    }
+}
