@@ -82,7 +82,7 @@ fn a_good_shot_is_rendered() {
     let out = case.path("out");
     let output = case.render_into(&out, &shot, &[]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    assert_eq!(files_in(&out).len(), 5, "{:?}", files_in(&out));
+    assert_eq!(files_in(&out).len(), 7, "{:?}", files_in(&out));
 }
 
 #[test]

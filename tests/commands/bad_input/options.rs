@@ -109,7 +109,6 @@ fn unknown_options_and_commands_are_refused() {
     assert_option_refused(&["--denoiser", "magic"], &["magic", "atrous"]);
     assert_option_refused(&["--aov", "smell"], &["smell", "normal"]);
     assert_option_refused(&["--sampler", "dice"], &["dice"]);
-    assert_refused("no --out", &diptych(&["render", "builtin:cornell"]), 2, &["--out"]);
     assert_refused("no such command", &diptych(&["paint"]), 2, &["paint"]);
 }
 
