@@ -348,7 +348,7 @@ fn assert_leaves_whole_files(signal: libc::c_int, status: i32) {
     let run = json(&out.join("run.json"));
     let frames = run["frames"].as_array().unwrap().len();
     assert!(frames >= 2, "{frames}");
-    assert_eq!(names(&out).len(), 3 * frames + 2, "{:?}", names(&out));
+    assert_eq!(names(&out).len(), 5 * frames + 2, "{:?}", names(&out));
     assert_eq!(json(&trace)["otherData"]["complete"], true);
 }
 

@@ -387,7 +387,7 @@ fn files_of_one_device_and_of_three_with_frames_in_flight_are_equal() {
     let (one, three) = (render("1", "1"), render("3", "2"));
     let mut names: Vec<_> = std::fs::read_dir(&one).unwrap().map(|f| f.unwrap().file_name()).collect();
     names.retain(|n| n != "run.json" && n != "frames.csv");
-    assert_eq!(names.len(), 2 * (2 + 2 * 8 + 2 + 1), "{names:?}");
+    assert_eq!(names.len(), 2 * (2 + 2 * 8 + 2 + 3), "{names:?}");
     for name in names {
         let bytes = |folder: &std::path::Path| std::fs::read(folder.join(&name)).unwrap();
         assert!(bytes(&one) == bytes(&three), "{} differs", name.display());

@@ -125,10 +125,11 @@ fn gradients(
     outputs.get("gradient")
 }
 
-fn overrides(format: Format) -> [(&'static str, bool); 5] {
+fn overrides(format: Format) -> [(&'static str, bool); 6] {
     [
         ("SOBOL", true),
         ("HAS_GLOSS", format.gloss),
+        ("HAS_NARROW_LOBES", false),
         ("HAS_MOTION", true),
         ("HAS_HARD_LIGHTS", false),
         ("HAS_MIRRORS", false),
@@ -295,6 +296,7 @@ fn traced(
     let overrides = [
         ("SOBOL", true),
         ("HAS_GLOSS", format.gloss),
+        ("HAS_NARROW_LOBES", false),
         ("HAS_HARD_LIGHTS", false),
         ("HAS_MIRRORS", false),
         ("HAS_MOTION", false),
