@@ -38,10 +38,10 @@ struct Sparse<'a> {
 impl<'a> Elements<'a> {
     pub fn open(buffers: &'a Buffers, index: usize) -> Outcome<Self> {
         let accessor = lookup(&buffers.root.accessors, "accessor", index)?;
-        Self::of(buffers, accessor).within(|| label("accessor", index, &accessor.name))
+        Self::of(buffers, index, accessor).within(|| label("accessor", index, &accessor.name))
     }
 
-    fn of(buffers: &'a Buffers, accessor: &Accessor) -> Outcome<Self> {
+    fn of(buffers: &'a Buffers, index: usize, accessor: &Accessor) -> Outcome<Self> {
         let Checked::Valid(component) = accessor.component_type else {
             return Err(Fault::Invalid("its componentType is unknown".into()));
         };
@@ -53,9 +53,12 @@ impl<'a> Elements<'a> {
             return Err(Fault::Invalid(format!("its count of {count} does not fit in 32 bits")));
         }
         let offset = accessor.byte_offset.unwrap_or_default().0;
-        let base = match accessor.buffer_view {
-            Some(view) => Some(Strided::new(buffers.view(view.value())?, offset, count, size)?),
-            None => {
+        let draco = buffers.draco_elements(index);
+        let count = draco.map_or(count, |bytes| bytes.len() / size);
+        let base = match (draco, accessor.buffer_view) {
+            (Some(bytes), _) => Some(Strided::new(View { bytes, stride: None }, 0, count, size)?),
+            (None, Some(view)) => Some(Strided::new(buffers.view(view.value())?, offset, count, size)?),
+            (None, None) => {
                 buffers.take_zeros(count)?;
                 None
             }

@@ -10,6 +10,7 @@ const READ: &[&str] = &[
     "EXT_meshopt_compression",
     "EXT_texture_webp",
     "KHR_animation_pointer",
+    "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
@@ -23,6 +24,7 @@ const READ: &[&str] = &[
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
     "KHR_node_visibility",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
 ];
 
@@ -30,11 +32,7 @@ const READ: &[&str] = &[
 const UNREMARKABLE: &[&str] = &["KHR_xmp", "KHR_xmp_json_ld"];
 
 /// Unsupported extensions, each with advice on how to convert a file so that it does not need the extension.
-const CONVERTERS: &[(&str, &str)] = &[
-    ("KHR_draco_mesh_compression", "`gltf-transform copy in.glb out.glb` decodes Draco meshes"),
-    ("KHR_texture_basisu", "`gltf-transform ktxdecompress in.glb out.glb` turns KTX2 textures into PNG"),
-    ("MSFT_texture_dds", "export again with PNG or JPEG textures instead of DDS"),
-];
+const CONVERTERS: &[(&str, &str)] = &[("MSFT_texture_dds", "export again with PNG or JPEG textures instead of DDS")];
 
 /// Returns an error if a required extension is not supported. Warns of each unsupported optional one.
 pub fn check(root: &Root, warnings: &mut Warnings) -> Outcome<()> {

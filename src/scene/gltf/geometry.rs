@@ -14,7 +14,7 @@ use super::topology::{assemble, compact, corners};
 use super::variants;
 pub use super::vertices::Wanted;
 use super::vertices::{QUANTIZED, Vertices, attribute};
-use super::{morphs, skins, tangents};
+use super::{draco, morphs, skins, tangents};
 use crate::scene::motion::Influence;
 use crate::scene::{Material, Mesh};
 
@@ -96,6 +96,7 @@ impl<'a, 'b> Geometry<'a, 'b> {
             warnings.note("points and lines are left out", place);
             return Ok(None);
         }
+        draco::decompress(self.buffers, primitive).within(|| draco::NAME.into())?;
         let Some(positions) = attribute(self.buffers, primitive, Semantic::Positions, 3..=3, QUANTIZED)? else {
             warnings.note("primitives without POSITION are left out", place);
             return Ok(None);

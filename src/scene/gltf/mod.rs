@@ -22,6 +22,7 @@ mod accessor;
 mod animations;
 mod buffers;
 mod container;
+mod draco;
 mod extensions;
 mod fault;
 mod geometry;

@@ -130,16 +130,15 @@ impl<'a, 'b> TextureTable<'a, 'b> {
     }
 }
 
-/// Returns the index of a texture's image: that of `EXT_texture_webp` if the texture has one, or else its `source`.
+/// Returns the index of a texture's image: that of `KHR_texture_basisu` or `EXT_texture_webp` if the texture has one, or
+/// else its `source`.
 fn source_of(texture: &JsonTexture) -> Option<usize> {
-    let webp = texture
-        .extensions
-        .as_ref()
-        .and_then(|e| e.others.get("EXT_texture_webp")?.get("source")?.as_u64())
-        .and_then(|source| usize::try_from(source).ok());
+    let of = |name: &str| texture.extensions.as_ref()?.others.get(name)?.get("source")?.as_u64();
+    let extension = of("KHR_texture_basisu").or_else(|| of("EXT_texture_webp"));
+    let extension = extension.and_then(|source| usize::try_from(source).ok());
     // The crate marks a texture without a source by this index.
     let absent = u32::MAX as usize;
-    webp.or(Some(texture.source.value()).filter(|&source| source != absent))
+    extension.or(Some(texture.source.value()).filter(|&source| source != absent))
 }
 
 /// Converts a sampler. The caller sets the [`Texture::image`] of the result, which is 0.

@@ -254,12 +254,12 @@ fn unusable_texture_references_are_warned_of_or_named() {
     let beyond = with_texture(json!({"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0, "texCoord": 2}}));
     let scene = beyond.scene();
     assert_eq!((scene.materials[0].emissive, scene.warnings.len()), (Vec3::ZERO, 1));
-    let mut basis = with_texture(json!({
+    let mut dds = with_texture(json!({
         "pbrMetallicRoughness": {"metallicRoughnessTexture": {"index": 0}},
         "extensions": {"KHR_materials_transmission": {"transmissionTexture": {"index": 0}, "transmissionFactor": 1}},
     }));
-    basis.json["textures"][0] = json!({"extensions": {"KHR_texture_basisu": {"source": 0}}});
-    let scene = basis.scene();
+    dds.json["textures"][0] = json!({"extensions": {"MSFT_texture_dds": {"source": 0}}});
+    let scene = dds.scene();
     assert_eq!((scene.materials[0].metallic, scene.materials[0].transmission), (0.0, 0.0));
     assert_eq!(scene.warnings.len(), 1);
     assert_mentions(&scene.warnings[0], &["material 0", "1 more"]);

@@ -1,10 +1,12 @@
 //! Tests that read small files built in memory.
 
 mod damaged;
+mod draco;
 mod files;
 mod forgiving;
 mod geometry;
 mod hierarchy;
+mod ktx2;
 mod layers;
 mod materials;
 mod meshopt;
