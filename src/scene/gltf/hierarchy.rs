@@ -1,5 +1,8 @@
 //! Node hierarchy of the scene. Files may nest nodes arbitrarily deep, so traversal does not recurse.
 
+use std::collections::BTreeSet;
+use std::iter::successors;
+
 use ::gltf::json::Root;
 use ::gltf::json::scene::Node;
 use glam::{DAffine3, DMat4, DQuat, DVec3};
@@ -20,7 +23,7 @@ pub struct PlacedNode {
     pub is_visible: bool,
 }
 
-/// Returns the nodes of the default scene. Without a default scene, returns those of scene 0, and without scenes, all
+/// Returns the nodes of the default scene, and the joints of its skins. Without a default scene, returns those of scene 0, and without scenes, all
 /// nodes of the file. Parents precede their children. If the default scene does not exist, warns and returns scene 0.
 pub fn walk(root: &Root, warnings: &mut Warnings) -> Outcome<Vec<PlacedNode>> {
     let parents = parents(root)?;
@@ -37,23 +40,61 @@ pub fn walk(root: &Root, warnings: &mut Warnings) -> Outcome<Vec<PlacedNode>> {
         None => root.scenes.first(),
     };
     let starts = shown.map_or(tops, |scene| scene.nodes.iter().map(|n| n.value()).collect());
-    let mut seen = vec![false; root.nodes.len()];
     let mut pending: Vec<(usize, Option<usize>)> = starts.into_iter().rev().map(|n| (n, None)).collect();
-    let mut placed: Vec<PlacedNode> = Vec::new();
+    let mut tree = Tree { root, places: vec![None; root.nodes.len()], nodes: Vec::new() };
     while let Some((index, parent)) = pending.pop() {
         let node = lookup(&root.nodes, "node", index).within(|| "its scene".into())?;
-        if std::mem::replace(&mut seen[index], true) {
+        if tree.places[index].is_some() {
             return Err(Fault::Invalid(format!("its scene contains {} twice", label("node", index, &node.name))));
         }
-        let world_from_parent = parent.map_or(DAffine3::IDENTITY, |p| placed[p].world_from_node);
+        let is_visible = !is_hidden(node) && parent.is_none_or(|p| tree.nodes[p].is_visible);
+        let place = tree.place(index, parent, is_visible)?;
+        pending.extend(node.children.iter().flatten().rev().map(|c| (c.value(), Some(place))));
+    }
+    tree.place_joints(&parents, warnings)?;
+    Ok(tree.nodes)
+}
+
+/// Nodes that have been placed so far.
+struct Tree<'a> {
+    root: &'a Root,
+    /// Index in `nodes` of each of the file's nodes.
+    places: Vec<Option<usize>>,
+    nodes: Vec<PlacedNode>,
+}
+
+impl Tree<'_> {
+    /// Places a node below the placed node `parent`. Returns its index in the list of placed nodes.
+    fn place(&mut self, index: usize, parent: Option<usize>, is_visible: bool) -> Outcome<usize> {
+        let node = &self.root.nodes[index];
         let within = || label("node", index, &node.name);
+        let world_from_parent = parent.map_or(DAffine3::IDENTITY, |p| self.nodes[p].world_from_node);
         let rest = placement(node).within(within)?;
         let world_from_node = check_range(world_from_parent * rest.affine()).within(within)?;
-        let is_visible = !is_hidden(node) && parent.is_none_or(|p| placed[p].is_visible);
-        pending.extend(node.children.iter().flatten().rev().map(|c| (c.value(), Some(placed.len()))));
-        placed.push(PlacedNode { node: index, parent, rest, world_from_node, is_visible });
+        self.places[index] = Some(self.nodes.len());
+        self.nodes.push(PlacedNode { node: index, parent, rest, world_from_node, is_visible });
+        Ok(self.nodes.len() - 1)
     }
-    Ok(placed)
+
+    /// Places the joints of the scene's skins that are outside the scene, and their ancestors, as hidden nodes.
+    fn place_joints(&mut self, parents: &[Option<usize>], warnings: &mut Warnings) -> Outcome<()> {
+        let skins = self.nodes.iter().filter_map(|placed| self.root.nodes[placed.node].skin);
+        let skins: BTreeSet<usize> = skins.map(|skin| skin.value()).collect();
+        let skins = skins.into_iter().filter_map(|skin| self.root.skins.get(skin));
+        let joints: Vec<usize> = skins.flat_map(|skin| &skin.joints).map(|joint| joint.value()).collect();
+        for joint in joints.into_iter().filter(|&joint| joint < parents.len()) {
+            let is_new = |node: &usize| self.places[*node].is_none();
+            let mut chain: Vec<usize> = successors(Some(joint), |&node| parents[node]).take_while(is_new).collect();
+            if !chain.is_empty() {
+                let place = || label("node", joint, &self.root.nodes[joint].name);
+                warnings.note("joints outside the scene are placed at its origin, with their ancestors", &place());
+            }
+            while let Some(node) = chain.pop() {
+                self.place(node, parents[node].and_then(|parent| self.places[parent]), false)?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Returns true if the file hides a node and its descendants.
