@@ -24,21 +24,18 @@ pub struct PlacedNode {
 }
 
 /// Returns the nodes of the default scene, and the joints of its skins. Without a default scene, returns those of scene 0, and without scenes, all
-/// nodes of the file. Parents precede their children. If the default scene does not exist, warns and returns scene 0.
+/// nodes of the file. Parents precede their children. If the default scene does not exist, warns and does the same.
 pub fn walk(root: &Root, warnings: &mut Warnings) -> Outcome<Vec<PlacedNode>> {
     let parents = parents(root)?;
     let tops: Vec<usize> = (0..parents.len()).filter(|&i| parents[i].is_none()).collect();
     reject_cycles(root, &parents, &tops)?;
 
-    let shown = match root.scene {
-        Some(scene) if scene.value() >= root.scenes.len() && !root.scenes.is_empty() => {
-            let what = format!("the file shows scene {}, which it does not have: took the first one", scene.value());
-            warnings.note(&what, "");
-            root.scenes.first()
-        }
-        Some(scene) => Some(lookup(&root.scenes, "scene", scene.value())?),
-        None => root.scenes.first(),
-    };
+    let asked = root.scene.map(|scene| scene.value());
+    if let Some(scene) = asked.filter(|&scene| scene >= root.scenes.len()) {
+        let taken = if root.scenes.is_empty() { "all nodes" } else { "the first one" };
+        warnings.note(&format!("the file shows scene {scene}, which it does not have: took {taken}"), "");
+    }
+    let shown = asked.and_then(|scene| root.scenes.get(scene)).or_else(|| root.scenes.first());
     let starts = shown.map_or(tops, |scene| scene.nodes.iter().map(|n| n.value()).collect());
     let mut pending: Vec<(usize, Option<usize>)> = starts.into_iter().rev().map(|n| (n, None)).collect();
     let mut tree = Tree { root, places: vec![None; root.nodes.len()], nodes: Vec::new() };

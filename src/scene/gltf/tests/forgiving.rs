@@ -39,6 +39,10 @@ fn the_first_scene_replaces_one_that_does_not_exist() {
     let scene = draft.scene();
     assert_eq!(scene.triangle_count(), 1);
     assert_mentions(&scene.warnings[0], &["scene 3", "first"]);
+    draft.json["scenes"] = json!([]);
+    let scene = draft.scene();
+    assert_eq!(scene.triangle_count(), 1);
+    assert_mentions(&scene.warnings[0], &["scene 3", "all nodes"]);
 }
 
 #[test]
