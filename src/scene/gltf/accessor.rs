@@ -37,11 +37,17 @@ struct Sparse<'a> {
 
 impl<'a> Elements<'a> {
     pub fn open(buffers: &'a Buffers, index: usize) -> Outcome<Self> {
-        let accessor = lookup(&buffers.root.accessors, "accessor", index)?;
-        Self::of(buffers, index, accessor).within(|| label("accessor", index, &accessor.name))
+        Self::open_decoded(buffers, index, None)
     }
 
-    fn of(buffers: &'a Buffers, index: usize, accessor: &Accessor) -> Outcome<Self> {
+    /// Opens an accessor whose elements are those of `decoded`, packed, instead of those of its buffer view. `None` opens
+    /// it like [`open`](Self::open).
+    pub fn open_decoded(buffers: &'a Buffers, index: usize, decoded: Option<&'a [u8]>) -> Outcome<Self> {
+        let accessor = lookup(&buffers.root.accessors, "accessor", index)?;
+        Self::of(buffers, accessor, decoded).within(|| label("accessor", index, &accessor.name))
+    }
+
+    fn of(buffers: &'a Buffers, accessor: &Accessor, decoded: Option<&'a [u8]>) -> Outcome<Self> {
         let Checked::Valid(component) = accessor.component_type else {
             return Err(Fault::Invalid("its componentType is unknown".into()));
         };
@@ -53,9 +59,8 @@ impl<'a> Elements<'a> {
             return Err(Fault::Invalid(format!("its count of {count} does not fit in 32 bits")));
         }
         let offset = accessor.byte_offset.unwrap_or_default().0;
-        let draco = buffers.draco_elements(index);
-        let count = draco.map_or(count, |bytes| bytes.len() / size);
-        let base = match (draco, accessor.buffer_view) {
+        let count = decoded.map_or(count, |bytes| bytes.len() / size);
+        let base = match (decoded, accessor.buffer_view) {
             (Some(bytes), _) => Some(Strided::new(View { bytes, stride: None }, 0, count, size)?),
             (None, Some(view)) => Some(Strided::new(buffers.view(view.value())?, offset, count, size)?),
             (None, None) => {

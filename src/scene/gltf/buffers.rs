@@ -30,8 +30,6 @@ pub struct Buffers<'a> {
     /// Bytes by the target of a buffer's URI. Buffers whose URIs have the same target share them.
     targets: RefCell<HashMap<Target<'a>, Rc<Held<'a>>>>,
     decoded: Vec<OnceCell<Held<'a>>>,
-    /// Packed elements of accessors of Draco primitives, which take the place of a buffer view.
-    draco: Vec<OnceCell<Held<'a>>>,
     zeros_left: Cell<usize>,
 }
 
@@ -63,9 +61,7 @@ impl<'a> Buffers<'a> {
     pub fn new(root: &'a Root, bin: Option<&'a [u8]>, folder: &'a Folder<'a>) -> Self {
         let data = root.buffers.iter().map(|_| OnceCell::new()).collect();
         let decoded = root.buffer_views.iter().map(|_| OnceCell::new()).collect();
-        let draco = root.accessors.iter().map(|_| OnceCell::new()).collect();
-        let zeros_left = Cell::new(MAX_ZEROS);
-        Self { root, folder, bin, data, targets: RefCell::default(), decoded, draco, zeros_left }
+        Self { root, folder, bin, data, targets: RefCell::default(), decoded, zeros_left: Cell::new(MAX_ZEROS) }
     }
 
     pub fn budget(&self) -> &'a Budget {
@@ -77,17 +73,6 @@ impl<'a> Buffers<'a> {
         let left = self.zeros_left.get().checked_sub(count);
         let left = left.ok_or_else(|| Fault::Invalid(format!("it has no buffer view for its {count} elements")))?;
         self.zeros_left.set(left);
-        Ok(())
-    }
-
-    /// Returns the elements that Draco's decoder gave an accessor, if any.
-    pub fn draco_elements(&self, accessor: usize) -> Option<&[u8]> {
-        self.draco.get(accessor)?.get().map(|held| &**held)
-    }
-
-    /// Gives an accessor its elements. Does nothing if it has some, such as one that several primitives share.
-    pub fn set_draco_elements(&self, accessor: usize, elements: Held<'a>) -> Outcome<()> {
-        let _ = lookup(&self.draco, "accessor", accessor)?.set(elements);
         Ok(())
     }
 

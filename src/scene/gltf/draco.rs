@@ -1,9 +1,9 @@
 //! Decompression of primitives with `KHR_draco_mesh_compression`.
 //!
-//! A decoded stream gives the primitive's accessors their elements. The accessors' own counts are not trusted: the
+//! A decoded stream holds the elements of the primitive's accessors. The accessors' own counts are not trusted: the
 //! stream knows how many vertices and triangles it has.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use ::gltf::json::accessor::{Accessor, ComponentType};
 use ::gltf::json::mesh::{Mode, Primitive};
@@ -28,10 +28,21 @@ struct Compressed {
     attributes: BTreeMap<String, u32>,
 }
 
-/// Decodes a compressed primitive and gives its accessors their elements. Does nothing for other primitives.
-pub fn decompress(buffers: &Buffers, primitive: &Primitive) -> Outcome<()> {
+/// Packed elements of a primitive's accessors, by the accessor's index; empty if the primitive is not compressed.
+#[derive(Default)]
+pub struct Decoded<'a>(HashMap<usize, Held<'a>>);
+
+impl Decoded<'_> {
+    pub fn elements(&self, accessor: usize) -> Option<&[u8]> {
+        self.0.get(&accessor).map(|held| &**held)
+    }
+}
+
+/// Decodes a primitive.
+pub fn decode<'a>(buffers: &Buffers<'a>, primitive: &Primitive) -> Outcome<Decoded<'a>> {
     let extension = primitive.extensions.as_ref().and_then(|e| e.others.get(NAME));
-    let Some(extension) = extension else { return Ok(()) };
+    let mut decoded = Decoded::default();
+    let Some(extension) = extension else { return Ok(decoded) };
     let compressed =
         Compressed::deserialize(extension).map_err(|e| Fault::Invalid(format!("it cannot be parsed: {e}")))?;
     if primitive.mode != Checked::Valid(Mode::Triangles) {
@@ -47,8 +58,10 @@ pub fn decompress(buffers: &Buffers, primitive: &Primitive) -> Outcome<()> {
     MeshDecoder::new()
         .decode(&mut DecoderBuffer::new(stream), &mut mesh)
         .map_err(|e| Fault::Invalid(format!("its stream of {} bytes cannot be decoded: {e}", stream.len())))?;
-    give(buffers, indices.value(), mesh.num_faces() * 3, |accessor, bytes| copy_indices(&mesh, accessor, bytes))
+    let corners = mesh.num_faces() * 3;
+    let held = elements(buffers, indices.value(), corners, |accessor, bytes| copy_indices(&mesh, accessor, bytes))
         .within(|| "indices".into())?;
+    decoded.0.insert(indices.value(), held);
     for (semantic, accessor) in &primitive.attributes {
         let Checked::Valid(semantic) = semantic else { continue };
         let name = semantic.to_string();
@@ -56,28 +69,28 @@ pub fn decompress(buffers: &Buffers, primitive: &Primitive) -> Outcome<()> {
         let read = || {
             let attribute = mesh.attribute_by_unique_id(id);
             let attribute = attribute.ok_or_else(|| Fault::Invalid(format!("the stream has no attribute {id}")))?;
-            give(buffers, accessor.value(), mesh.num_points(), |accessor, bytes| {
+            elements(buffers, accessor.value(), mesh.num_points(), |accessor, bytes| {
                 copy_attribute(&mesh, attribute, accessor, bytes)
             })
         };
-        read().within(|| name.clone())?;
+        decoded.0.insert(accessor.value(), read().within(|| name.clone())?);
     }
-    Ok(())
+    Ok(decoded)
 }
 
-/// Gives an accessor `count` elements, which `copy` appends to its argument.
-fn give(
-    buffers: &Buffers,
+/// Returns an accessor's `count` elements, which `copy` appends to its argument.
+fn elements<'a>(
+    buffers: &Buffers<'a>,
     index: usize,
     count: usize,
     copy: impl FnOnce(&Accessor, &mut Vec<u8>) -> Outcome<()>,
-) -> Outcome<()> {
+) -> Outcome<Held<'a>> {
     let accessor = lookup(&buffers.root.accessors, "accessor", index)?;
     let size = element_size(accessor)?;
     let reserved = buffers.budget().reserve((count * size) as u64)?;
     let mut bytes = Vec::with_capacity(count * size);
     copy(accessor, &mut bytes)?;
-    buffers.set_draco_elements(index, Held { bytes, reserved })
+    Ok(Held { bytes, reserved })
 }
 
 fn copy_indices(mesh: &Mesh, accessor: &Accessor, bytes: &mut Vec<u8>) -> Outcome<()> {

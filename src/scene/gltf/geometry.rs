@@ -9,12 +9,13 @@ use glam::{Vec2, Vec3, Vec4};
 
 use super::accessor::Elements;
 use super::buffers::Buffers;
+use super::draco::{self, Decoded};
 use super::fault::{Fault, Outcome, Warnings, Within, label, lookup};
 use super::topology::{assemble, compact, corners};
 use super::variants;
 pub use super::vertices::Wanted;
 use super::vertices::{QUANTIZED, Vertices, attribute};
-use super::{draco, morphs, skins, tangents};
+use super::{morphs, skins, tangents};
 use crate::scene::motion::Influence;
 use crate::scene::{Material, Mesh};
 
@@ -96,12 +97,13 @@ impl<'a, 'b> Geometry<'a, 'b> {
             warnings.note("points and lines are left out", place);
             return Ok(None);
         }
-        draco::decompress(self.buffers, primitive).within(|| draco::NAME.into())?;
-        let Some(positions) = attribute(self.buffers, primitive, Semantic::Positions, 3..=3, QUANTIZED)? else {
+        let decoded = draco::decode(self.buffers, primitive).within(|| draco::NAME.into())?;
+        let Some(positions) = attribute(self.buffers, &decoded, primitive, Semantic::Positions, 3..=3, QUANTIZED)?
+        else {
             warnings.note("primitives without POSITION are left out", place);
             return Ok(None);
         };
-        let indices = self.indices(primitive)?;
+        let indices = self.indices(&decoded, primitive)?;
         let corner_count = indices.as_ref().map_or(positions.count, |(indices, _)| indices.count);
         if corner_count / 3 > MAX_TRIANGLES {
             return Err(too_many());
@@ -122,7 +124,14 @@ impl<'a, 'b> Geometry<'a, 'b> {
         }
         self.triangles_left = self.triangles_left.checked_sub(triangles.len()).ok_or_else(too_many)?;
         let used = compact(&mut triangles, positions.count);
-        let vertices = Vertices { buffers: self.buffers, primitive, used: &used, count: positions.count, wanted };
+        let vertices = Vertices {
+            buffers: self.buffers,
+            decoded: &decoded,
+            primitive,
+            used: &used,
+            count: positions.count,
+            wanted,
+        };
         let material = self.material(primitive)?;
         let map = self.materials.get(material).and_then(tangents::wanted_by);
         let mut reserved = budget.reserve(vertices.mesh_bytes(triangles.capacity(), map.is_some()))?;
@@ -158,9 +167,13 @@ impl<'a, 'b> Geometry<'a, 'b> {
     }
 
     /// Returns the primitive's indices and the index of their accessor.
-    fn indices(&self, primitive: &Primitive) -> Outcome<Option<(Elements<'a>, usize)>> {
+    fn indices<'c>(&self, decoded: &'c Decoded, primitive: &Primitive) -> Outcome<Option<(Elements<'c>, usize)>>
+    where
+        'a: 'c,
+    {
         let Some(index) = primitive.indices else { return Ok(None) };
-        let indices = Elements::open(self.buffers, index.value()).within(|| "indices".into())?;
+        let indices = Elements::open_decoded(self.buffers, index.value(), decoded.elements(index.value()))
+            .within(|| "indices".into())?;
         if indices.width != 1 || !INDEX.contains(&indices.component) {
             return Err(Fault::Invalid(format!(
                 "indices: accessor {index} holds {:?} x {}, not unsigned scalars",

@@ -23,8 +23,9 @@ pub struct PlacedNode {
     pub is_visible: bool,
 }
 
-/// Returns the nodes of the default scene, and the joints of its skins. Without a default scene, returns those of scene 0, and without scenes, all
-/// nodes of the file. Parents precede their children. If the default scene does not exist, warns and does the same.
+/// Returns the nodes of the default scene, and the joints of its skins. Without a default scene, returns those of
+/// scene 0, and without scenes, all nodes of the file. Parents precede their children. If the default scene does not
+/// exist, warns and does the same.
 pub fn walk(root: &Root, warnings: &mut Warnings) -> Outcome<Vec<PlacedNode>> {
     let parents = parents(root)?;
     let tops: Vec<usize> = (0..parents.len()).filter(|&i| parents[i].is_none()).collect();

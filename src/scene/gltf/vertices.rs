@@ -7,6 +7,7 @@ use glam::{DVec3, Vec2, Vec3, Vec4};
 
 use super::accessor::Elements;
 use super::buffers::Buffers;
+use super::draco::Decoded;
 use super::fault::{Fault, Outcome, Warnings, Within};
 
 pub const QUANTIZED: &[ComponentType] = &[F32, I8, U8, I16, U16];
@@ -22,6 +23,7 @@ pub struct Wanted {
 /// Attributes of one primitive, gathered for the vertices in use.
 pub struct Vertices<'a, 'b> {
     pub buffers: &'a Buffers<'b>,
+    pub decoded: &'a Decoded<'b>,
     pub primitive: &'a Primitive,
     /// Indices, in the file, of the vertices that triangles use, in increasing order.
     pub used: &'a [u32],
@@ -137,7 +139,7 @@ impl Vertices<'_, '_> {
         components: &[ComponentType],
     ) -> Outcome<Option<Elements<'_>>> {
         let name = semantic.to_string();
-        let elements = attribute(self.buffers, self.primitive, semantic, widths, components)?;
+        let elements = attribute(self.buffers, self.decoded, self.primitive, semantic, widths, components)?;
         match elements {
             Some(e) if e.count != self.count => {
                 Err(Fault::Invalid(format!("{name} has {} elements for {} vertices", e.count, self.count)))
@@ -149,6 +151,7 @@ impl Vertices<'_, '_> {
 
 pub fn attribute<'a>(
     buffers: &'a Buffers,
+    decoded: &'a Decoded,
     primitive: &Primitive,
     semantic: Semantic,
     widths: std::ops::RangeInclusive<usize>,
@@ -156,7 +159,8 @@ pub fn attribute<'a>(
 ) -> Outcome<Option<Elements<'a>>> {
     let name = semantic.to_string();
     let Some(index) = primitive.attributes.get(&Checked::Valid(semantic)) else { return Ok(None) };
-    let elements = Elements::open(buffers, index.value()).within(|| name.clone())?;
+    let elements =
+        Elements::open_decoded(buffers, index.value(), decoded.elements(index.value())).within(|| name.clone())?;
     if !widths.contains(&elements.width) || !components.contains(&elements.component) {
         return Err(Fault::Invalid(format!(
             "{name}: accessor {index} holds {:?} x {}, which is not allowed here",

@@ -63,6 +63,19 @@ fn the_stream_knows_how_much_it_holds() {
 }
 
 #[test]
+fn accessors_shared_with_other_primitives_keep_their_own_elements() {
+    let mut draft = square(&bytes(SQUARES[0]));
+    let positions: Vec<f32> = (0..12).map(|i| 10.0 + i as f32).collect();
+    let view = draft.view(bytemuck::cast_slice(&positions));
+    draft.json["accessors"][1]["bufferView"] = json!(view);
+    let indices = draft.packed(U16, "SCALAR", 3, &[0, 0, 1, 0, 3, 0]);
+    draft.primitive(json!({"attributes": {"POSITION": 1}, "indices": indices}));
+    let scene = draft.scene();
+    assert_eq!(scene.meshes[0].positions.len(), 4);
+    assert_eq!(scene.meshes[1].positions[2], Vec3::new(19.0, 20.0, 21.0));
+}
+
+#[test]
 fn primitives_that_differ_from_their_stream_are_refused() {
     let cases: [(&str, Value, &str); 6] = [
         ("/accessors/1/type", json!("VEC4"), "POSITION"),
