@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::common::diptych;
 use serde_json::Value;
 
-/// Renders on two devices and is killed after the second frame; returns the trace that it leaves.
+/// Renders on two devices and is killed between two writes, after the second frame; returns the trace that it leaves.
 fn killed_run(folder: &std::path::Path) -> String {
     let path = folder.join("trace.json");
     let mut run = Command::new(env!("CARGO_BIN_EXE_diptych"))
@@ -24,10 +24,28 @@ fn killed_run(folder: &std::path::Path) -> String {
         assert!(begin.elapsed() < Duration::from_secs(120), "no frame in two minutes");
         std::thread::sleep(Duration::from_millis(5));
     }
+    stop_between_writes(&run);
     run.kill().unwrap();
     run.wait().unwrap();
     path.to_str().unwrap().to_owned()
 }
+
+/// Waits until all threads of the process are stopped. A stopped process has finished its calls of `write`, whereas
+/// Linux cuts off a `write` of several pages if the process is killed meanwhile.
+#[cfg(unix)]
+fn stop_between_writes(run: &std::process::Child) {
+    let pid = run.id() as libc::pid_t;
+    let mut status = 0;
+    // SAFETY: both calls name a child of this process that nobody has waited for, and `status` outlives them.
+    unsafe {
+        assert_eq!(libc::kill(pid, libc::SIGSTOP), 0);
+        assert_eq!(libc::waitpid(pid, &raw mut status, libc::WUNTRACED), pid);
+    }
+    assert!(libc::WIFSTOPPED(status), "the run ended by itself");
+}
+
+#[cfg(not(unix))]
+fn stop_between_writes(_: &std::process::Child) {}
 
 /// Runs a command that must succeed; returns its output.
 #[track_caller]
@@ -89,6 +107,14 @@ fn a_killed_run_leaves_a_trace_that_is_valid_and_can_be_read() {
         |key: &str| same[key].as_array().unwrap().iter().map(|c| number(&c["difference"])).collect::<Vec<_>>();
     assert!(changes("stages").len() > 5 && changes("stages").iter().chain(&changes("frames")).all(|&d| d == 0.0));
     assert!(printed(&["trace", &path, &path]).contains("makespan ms"));
+
+    // A run killed within a write leaves a file that ends within an event.
+    let whole = std::fs::read_to_string(&path).unwrap();
+    let cut = whole.rfind(",\n{").unwrap() + 9;
+    std::fs::write(&path, &whole[..cut]).unwrap();
+    let cut: Value = serde_json::from_str(&printed(&["trace", &path, "--json"])).unwrap();
+    assert!(cut["warnings"].to_string().contains("ended early"), "{}", cut["warnings"]);
+    assert_eq!(cut["devices"].as_array().unwrap().len(), 2);
 }
 
 #[test]
