@@ -59,9 +59,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         case ALBEDO: {
             value = unpack_albedo(albedo_image[at]).all;
             // If the scene has gloss, the packed albedo is rounded, so recompute it from the surface.
-            if HAS_MIRRORS || (HAS_GLOSS && frame.sampling.spp == 1u) {
+            if HAS_MIRRORS || HAS_POLISH || (HAS_GLOSS && frame.sampling.spp == 1u) {
                 let first = centre_hit(pixel, hit);
-                value = select(value, first.albedo, frame.sampling.spp == 1u || is_link(first));
+                let is_followed = (flags_of(first) & (MIRROR | CLEAR_GLASS | POLISHED)) != 0u;
+                value = select(value, first.albedo, frame.sampling.spp == 1u || is_followed);
             }
         }
         case DEPTH: {

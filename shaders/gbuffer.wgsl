@@ -1,7 +1,7 @@
 // Primary visibility of one view: the surface at each pixel's centre. With several samples per pixel, it also computes
 // the means of albedo and emission over a pixel, if later stages need them and path tracing does not write them. Direct
 // light with hard shadows counts as emission if the denoiser leaves it out. Perfect mirrors and clear glass may be
-// replaced by the surfaces that they show.
+// replaced by the surfaces that they show, and what polished surfaces reflect may be part of albedo and emission.
 
 //!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path motion last_surface mirror pack mirrored footprint foveation bindings
 
@@ -38,8 +38,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if HAS_MIRRORS {
         links = follow_mirrors(&first, &direction, rng, &rays);
     }
+    var polish = Polish();
+    if HAS_POLISH {
+        polish = follow_polish(&first, direction, links, rng, &rays);
+    }
     if HAS_HARD_LIGHTS && !JITTER {
-        first.emission += hard_light(first, direction, links.count, rng, &rays);
+        first.emission += hard_light_of(first, direction, links, polish, rng, &rays);
     }
     let ok = is_sound(&first) && !was_cut_short;
     let hit = first.hit;
@@ -50,7 +54,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var tag = MATERIAL_NONE;
     if is_surface {
         tag = seen_material(first, links.count);
-        tag |= select(0u, FLAG_VIEW_DEPENDENT, is_view_dependent_over(first, links));
+        tag |= select(0u, FLAG_VIEW_DEPENDENT, is_view_dependent_over(first, links, polish));
         if HAS_GLOSS {
             tag |= u32(round(roughness * ROUGHNESS_STEPS)) << ROUGHNESS_SHIFT;
         }
@@ -91,8 +95,12 @@ fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
         if HAS_MIRRORS {
             links = follow_mirrors(&first, &direction, rng, &rays);
         }
+        var polish = Polish();
+        if HAS_POLISH {
+            polish = follow_polish(&first, direction, links, rng, &rays);
+        }
         if HAS_HARD_LIGHTS {
-            first.emission += hard_light(first, direction, links.count, rng, &rays);
+            first.emission += hard_light_of(first, direction, links, polish, rng, &rays);
         }
         dropped += select(1u, 0u, is_sound(&first));
         mixed = mixed || is_elsewhere(at, first, links.count);

@@ -27,6 +27,23 @@ struct Links {
     weight: vec3<f32>,
 }
 
+// Whether the reflections of polished surfaces are followed.
+override HAS_POLISH: bool = false;
+
+// Minimum fraction of a polished surface's paths that start at what it reflects.
+const LEAST_REFLECTED: f32 = 0.25;
+
+// What a polished surface reflects. Beside the delta lobes that reflect it, such a surface has others.
+struct Polish {
+    hit: FirstHit,
+    // Direction of the reflected ray.
+    direction: vec3<f32>,
+    // Fraction of the reflected light that reaches the eye.
+    weight: vec3<f32>,
+    // Albedo of the reflected surface times `weight`; 0 if nothing is reflected.
+    albedo: vec3<f32>,
+}
+
 fn flags_of(f: FirstHit) -> u32 {
     return select(0u, stored_material(f.surface.material).flags, (f.hit.prim & SPHERE) == 0u);
 }
@@ -123,14 +140,61 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
     return links;
 }
 
-// Whether the other eye sees a different radiance, on the first surface or reflected by glass on the way to it.
-fn is_view_dependent_over(f: FirstHit, links: Links) -> bool {
-    let reflected = HAS_MIRRORS && HAS_TRANSMISSION
-        && luminance(links.albedo) > VIEW_DEPENDENT_FRACTION * luminance(f.albedo);
-    return reflected || is_view_dependent(f.surface);
+// Traces what a polished first surface reflects by its delta lobes: smooth paint, a smooth coat. The albedo takes over
+// that of the reflected surface, so that light is stored without the textures of both surfaces, and the emission what
+// the reflected surface emits. The delta lobes are removed from the first surface. Uses the random dimensions of
+// `trace_path`, where the surface is a vertex.
+fn follow_polish(f: ptr<function, FirstHit>, direction: vec3<f32>, links: Links, rng_in_pixel: Rng, rays: ptr<function, u32>) -> Polish {
+    var polish = Polish();
+    if (flags_of(*f) & POLISHED) == 0u || links.count >= frame.sampling.reflections {
+        return polish;
+    }
+    let s = (*f).surface;
+    let cosine = -dot(direction, s.normal);
+    let is_base_smooth = s.alpha < SMOOTH;
+    let has_coat = HAS_CLEARCOAT && s.coat > 0.0;
+    let is_coat_smooth = has_coat && s.coat_alpha < SMOOTH;
+    let of_base = select(vec3<f32>(0.0), fresnel(s.f0, s.f90, cosine) * (1.0 - s.coat), is_base_smooth);
+    let weight = (*f).transmittance * (of_base + select(0.0, s.coat, is_coat_smooth));
+    let reflected = normalize(direction + 2.0 * cosine * s.normal);
+    if max3(weight) <= 0.0 || dot(reflected, s.geometric_normal) <= 0.0 {
+        return polish;
+    }
+    var rng = rng_in_pixel;
+    rng.dimension = FIRST_DIMENSION + links.count * DIMENSIONS_PER_VERTEX + SURVIVAL;
+    let origin = leave(s, reflected);
+    polish.hit = first_hit_in((*f).medium, trace_closest(origin, reflected, alpha_key(rng)), origin, reflected);
+    polish.direction = reflected;
+    polish.weight = weight;
+    polish.albedo = polish.hit.albedo * weight;
+    *rays += 1u;
+    let has_rough_lobe = !is_base_smooth || (has_coat && !is_coat_smooth);
+    let rough = max((*f).albedo - links.albedo - (*f).matte - weight, vec3<f32>(0.0));
+    (*f).albedo = (*f).matte + select(vec3<f32>(0.0), rough, has_rough_lobe) + polish.albedo + links.albedo;
+    (*f).emission += polish.hit.emission * weight;
+    let odds = select(s.odds, vec3<f32>(0.0), vec3<bool>(false, is_base_smooth, is_coat_smooth));
+    let sum = odds.x + odds.y + odds.z;
+    (*f).surface.odds = select(vec3<f32>(0.0), odds / sum, sum > 0.0);
+    return polish;
 }
 
-// Start of a pixel's path: its first surface, or what a reflection in glass on the way hits.
+// Light from lights with hard shadows that reaches the eye from a first surface and from what it reflects.
+fn hard_light_of(f: FirstHit, direction: vec3<f32>, links: Links, polish: Polish, rng: Rng, rays: ptr<function, u32>) -> vec3<f32> {
+    var sum = hard_light(f, direction, links.count, rng, rays);
+    if HAS_POLISH && max3(polish.albedo) > 0.0 {
+        sum += polish.weight * hard_light(polish.hit, polish.direction, links.count + 1u, rng, rays);
+    }
+    return sum;
+}
+
+// Whether the other eye sees a different radiance, on the first surface or reflected by it or by glass on the way to it.
+fn is_view_dependent_over(f: FirstHit, links: Links, polish: Polish) -> bool {
+    let least = VIEW_DEPENDENT_FRACTION * luminance(f.albedo);
+    let reflected = HAS_MIRRORS && HAS_TRANSMISSION && luminance(links.albedo) > least;
+    return reflected || (HAS_POLISH && luminance(polish.albedo) > least) || is_view_dependent(f.surface);
+}
+
+// Start of a pixel's path: its first surface, what this reflects, or what a reflection in glass on the way hits.
 struct PathStart {
     hit: FirstHit,
     direction: vec3<f32>,
@@ -142,23 +206,37 @@ struct PathStart {
     is_reflection: bool,
 }
 
-// Chooses between the first surface and a reflection, by their parts of the albedo, and traces the reflection.
-fn start_of_path(first: FirstHit, direction: vec3<f32>, links: Links, rng: ptr<function, Rng>, rays: ptr<function, u32>) -> PathStart {
-    var start = PathStart(first, direction, links.count, first.transmittance, vec3<f32>(0.0), false);
-    let reflected = luminance(links.albedo);
-    if reflected <= 0.0 {
-        return start;
+// Chooses between the first surface, what it reflects, and a reflection in glass, by their parts of the albedo, and
+// traces the last.
+fn start_of_path(first: FirstHit, direction: vec3<f32>, links: Links, polish: Polish, rng: ptr<function, Rng>, rays: ptr<function, u32>) -> PathStart {
+    var rest = luminance(first.albedo);
+    var pick = random_at(rng, 1u, LOBE_CHOICE).y;
+    // 1 over the probability of not choosing what was offered so far.
+    var unchosen = 1.0;
+    if HAS_POLISH {
+        let part = luminance(polish.albedo);
+        let least = select(LEAST_REFLECTED, 0.0, part <= 0.0);
+        let most = select(1.0 - LEAST_REFLECTED, 1.0, part >= rest);
+        let odds = clamp(part / max(rest, 1e-20), least, most);
+        if pick < odds {
+            let weight = polish.hit.transmittance * polish.weight / odds;
+            return PathStart(polish.hit, polish.direction, links.count + 1u, weight, vec3<f32>(0.0), true);
+        }
+        unchosen = 1.0 / max(1.0 - odds, 1e-7);
+        pick = (pick - odds) * unchosen;
+        rest -= part;
     }
-    let odds = min(reflected / max(luminance(first.albedo), 1e-20), 1.0);
-    if random_at(rng, 1u, LOBE_CHOICE).y >= odds {
-        start.weight /= max(1.0 - odds, 1e-7);
-        return start;
+    let reflected = luminance(links.albedo);
+    let odds = select(0.0, min(reflected / max(rest, 1e-20), 1.0), reflected > 0.0);
+    if pick >= odds {
+        let weight = first.transmittance * (unchosen / max(1.0 - odds, 1e-7));
+        return PathStart(first, direction, links.count, weight, vec3<f32>(0.0), false);
     }
     var hit = first_hit_in(links.medium, trace_closest(links.origin, links.direction, alpha_key(*rng)), links.origin, links.direction);
     *rays += 1u;
     if HAS_HARD_LIGHTS {
         hit.emission += hard_light(hit, links.direction, links.depth, *rng, rays);
     }
-    let weight = links.weight / odds;
+    let weight = links.weight * (unchosen / odds);
     return PathStart(hit, links.direction, links.depth, hit.transmittance * weight, hit.emission * weight, true);
 }

@@ -6,6 +6,9 @@ override HAS_CONSTANT_ENV: bool = true;
 // Whether specular light of view-dependent pixels counts as emission, so that no filter blurs it.
 override HAS_NARROW_LOBES: bool = true;
 
+// Whether smooth lobes behind a wide bounce are made rougher.
+override IS_REGULARIZED: bool = false;
+
 // Pairs of random dimensions that each vertex of a path uses. Their numbers are fixed, so that features that a scene
 // lacks do not shift the others. The pair before them places the sample in its pixel.
 const FIRST_DIMENSION: u32 = 1u;
@@ -15,6 +18,11 @@ const LIGHT_POINT: u32 = 1u;
 const LOBE_CHOICE: u32 = 2u;
 const LOBE_DIRECTION: u32 = 3u;
 const SURVIVAL: u32 = 4u;
+
+// Density of a bounce, per steradian, above which it counts as narrow. A Lambertian bounce has at most 1/π.
+const NARROW_PDF: f32 = 1.0;
+// Minimum GGX width behind a wide bounce, at one sample per pixel.
+const REGULARIZED_ALPHA: f32 = 0.2;
 
 struct PathSample {
     // Light reflected towards the viewer by the first surface, without its own emission. If it is split, `radiance` is
@@ -204,6 +212,19 @@ fn escaped_light(direction: vec3<f32>, b: BsdfSample, is_first: bool) -> vec3<f3
     return frame.environment.radiance;
 }
 
+// Makes the lobes of a surface behind a wide bounce rougher: such a bounce finds a narrow lobe that shows a lamp rarely,
+// and the light of that sample is bright (Kaplanyan & Dachsbacher, "Path Space Regularization for Holistic and Robust
+// Light Transport", 2013). As there, the width shrinks with the number of samples, so that the bias vanishes. Panes stay
+// clear.
+fn regularize(s: ptr<function, Surface>, is_wide: bool) {
+    let is_pane = HAS_TRANSMISSION && (*s).is_thin && max3((*s).transmitted) > 0.0;
+    if is_wide && !is_pane {
+        let least = REGULARIZED_ALPHA * pow(f32(frame.sampling.spp), -1.0 / 6.0);
+        (*s).alpha = max((*s).alpha, least);
+        (*s).coat_alpha = max((*s).coat_alpha, least);
+    }
+}
+
 fn gather(into: ptr<function, PathSample>, light: vec3<f32>, share: vec3<f32>) {
     if is_split() {
         (*into).radiance += light * share;
@@ -223,6 +244,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, medium_in: Medium, sampli
     var throughput = vec3<f32>(1.0);
     var rays = 0u;
     var share = vec3<f32>(1.0);
+    var is_wide = false;
     for (var depth = links + 1u; depth <= sampling.reflections; depth += 1u) {
         let is_first = depth == links + 1u;
         let is_last = depth == sampling.reflections;
@@ -256,6 +278,10 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, medium_in: Medium, sampli
         let is_surface = (hit.prim & SPHERE) == 0u;
         if is_surface {
             s = surface_at(hit.prim, hit.bary, origin, direction);
+            if IS_REGULARIZED {
+                is_wide = is_wide || (!b.is_delta && b.pdf < NARROW_PDF);
+                regularize(&s, is_wide);
+            }
             if HAS_TRANSMISSION {
                 medium = medium_before(s, medium);
                 throughput *= transmittance(medium, hit.t);

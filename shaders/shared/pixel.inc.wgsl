@@ -102,15 +102,19 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         if HAS_MIRRORS {
             links = follow_mirrors(&first, &direction, rng, &rays);
         }
+        var polish = Polish();
+        if HAS_POLISH {
+            polish = follow_polish(&first, direction, links, rng, &rays);
+        }
         if JITTER {
             mixed = mixed || is_elsewhere(at, first, links.count);
             if HAS_HARD_LIGHTS {
-                first.emission += hard_light(first, direction, links.count, rng, &rays);
+                first.emission += hard_light_of(first, direction, links, polish, rng, &rays);
             }
         }
         var start = PathStart(first, direction, links.count, first.transmittance, vec3<f32>(0.0), false);
-        if HAS_MIRRORS && HAS_TRANSMISSION {
-            start = start_of_path(first, direction, links, &rng, &rays);
+        if (HAS_MIRRORS && HAS_TRANSMISSION) || HAS_POLISH {
+            start = start_of_path(first, direction, links, polish, &rng, &rays);
         }
         var path = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
         if (start.hit.hit.prim & SPHERE) == 0u {
@@ -118,7 +122,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         }
         var light = path.radiance * start.weight;
         var specular = path.gloss * start.weight;
-        if HAS_MIRRORS && HAS_TRANSMISSION && start.is_reflection {
+        if start.is_reflection {
             light = (path.radiance + path.gloss) * start.weight + start.found;
             specular = select(vec3<f32>(0.0), light, is_split());
             light -= specular;

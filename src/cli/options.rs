@@ -84,6 +84,11 @@ pub struct RunOptions {
     /// Denoise what mirrors and clear glass show, not their own surfaces
     #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
     pub follow_mirrors: Switch,
+    /// Roughen narrow lobes behind diffuse bounces in denoised frames (biased)
+    ///
+    /// Caustics are blurred and fireflies vanish. The bias shrinks with the number of samples.
+    #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
+    pub regularize: Switch,
     /// Upper bound of indirect radiance (biased)
     #[arg(hide_short_help = true, long, value_name = "V", help_heading = QUALITY)]
     pub clamp: Option<f32>,

@@ -262,6 +262,19 @@ impl Material {
         self.is_delta() && self.metallic <= 0.0 && is_transparent
     }
 
+    /// Returns true if the material is opaque and reflects by delta functions beside its other lobes, like smooth paint
+    /// or a smooth coat, and its normals have no detail.
+    pub fn is_polished(&self) -> bool {
+        let coat = &self.clearcoat;
+        let is_bare = self.normal_map.is_none() && coat.normal_map.is_none() && !self.unlit;
+        let is_opaque = self.alpha_mode == AlphaMode::Opaque && self.transmission <= 0.0;
+        let reflects = self.metallic > 0.0 || self.specular > 0.0;
+        let is_smooth = reflects && self.roughness < MIRROR_ROUGHNESS && self.metallic_roughness_texture.is_none();
+        let has_smooth_coat =
+            coat.factor > 0.0 && coat.roughness < MIRROR_ROUGHNESS && coat.roughness_texture.is_none();
+        is_bare && is_opaque && !self.is_mirror() && (is_smooth || has_smooth_coat)
+    }
+
     /// Returns true if one of the material's textures uses texture coordinate set `set`.
     pub fn uses_uv_set(&self, set: usize) -> bool {
         self.textures().any(|t| t.uv_set == set)

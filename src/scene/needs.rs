@@ -3,7 +3,7 @@
 use super::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene, are_suns_hard};
 
 /// Features of the tracing stages, as flags. Enabling more than needed changes only the time, not the picture, except
-/// for `gloss`, `hard_lights`, `mirrors` and `narrow_lobes`.
+/// for `gloss`, `hard_lights`, `mirrors`, `polish` and `narrow_lobes`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SceneNeeds {
@@ -41,6 +41,9 @@ pub struct SceneNeeds {
     /// Perfect mirrors or clear glass. They can be replaced by the surfaces that they show. Like `gloss`, this flag
     /// changes the picture.
     pub mirrors: bool,
+    /// Polished opaque surfaces, whose reflections are sampled by themselves if frames are denoised. Like `gloss`, this
+    /// flag changes the picture.
+    pub polish: bool,
     /// Surfaces that reflect mostly by narrow specular lobes, which filters would blur. Like `gloss`, this flag changes
     /// the picture.
     pub narrow_lobes: bool,
@@ -117,14 +120,15 @@ impl SceneNeeds {
         environment_map: true,
         hard_lights: true,
         mirrors: true,
+        polish: true,
         narrow_lobes: true,
         instances: true,
     };
 
     /// Returns these needs with all features added that do not change the picture, for comparison.
     pub fn widened(self) -> Self {
-        let Self { gloss, hard_lights, mirrors, narrow_lobes, .. } = self;
-        Self { gloss, hard_lights, mirrors, narrow_lobes, ..Self::ALL }
+        let Self { gloss, hard_lights, mirrors, polish, narrow_lobes, .. } = self;
+        Self { gloss, hard_lights, mirrors, polish, narrow_lobes, ..Self::ALL }
     }
 
     pub fn of(scene: &Scene) -> Self {
@@ -159,13 +163,14 @@ impl SceneNeeds {
             environment_map: matches!(scene.environment, Environment::Map { .. }),
             hard_lights: has_hard_lights(scene) && !used().any(|mesh| is_veil(mesh, &scene.materials[mesh.material])),
             mirrors: materials().any(|m| m.is_mirror() || m.is_clear_glass()),
+            polish: materials().any(Material::is_polished),
             narrow_lobes: materials().any(has_narrow_lobes),
             instances: false,
         }
     }
 
-    /// Returns names and values of the shaders' override constants, except those of `gloss`, `hard_lights`, `mirrors`
-    /// and `narrow_lobes`, which also depend on the denoiser.
+    /// Returns names and values of the shaders' override constants, except those of `gloss`, `hard_lights`,
+    /// `mirrors`, `polish` and `narrow_lobes`, which also depend on the denoiser.
     pub fn constants(&self) -> [(&'static str, bool); 19] {
         [
             ("HAS_TEXTURES", self.textures),

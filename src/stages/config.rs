@@ -94,6 +94,9 @@ pub struct RunConfig {
     /// True if specular light of narrow lobes bypasses denoisers that would blur it
     /// ([`SceneNeeds::narrow_lobes`]).
     pub bypass_narrow_lobes: bool,
+    /// True if paths of denoised frames see narrow lobes as rougher behind a wide bounce, which trades fireflies for a
+    /// bias that shrinks with the number of samples ([`SceneNeeds::narrow_lobes`]).
+    pub regularize: bool,
     /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_fraction`].
     pub unsampled_fraction: f64,
     /// Gaze of the left and the right eye.
@@ -125,6 +128,7 @@ impl RunConfig {
             hard_shadows: true,
             follow_mirrors: true,
             bypass_narrow_lobes: true,
+            regularize: true,
             unsampled_fraction: Foveation::UNSAMPLED_FRACTION,
             gaze: Default::default(),
             seed: 0,
@@ -232,6 +236,8 @@ impl RunConfig {
         let is_denoised = self.denoiser().is_some();
         constants.push(("HAS_HARD_LIGHTS", self.hard_shadows && self.buffers.needs.hard_lights && is_denoised));
         constants.push(("HAS_MIRRORS", self.follow_mirrors && self.buffers.needs.mirrors && is_denoised));
+        constants.push(("HAS_POLISH", self.follow_mirrors && self.buffers.needs.polish && is_denoised));
+        constants.push(("IS_REGULARIZED", self.regularize && self.buffers.needs.narrow_lobes && is_denoised));
         constants.push(("HAS_NARROW_LOBES", self.bypasses_narrow_lobes()));
         constants.push(("ACCEPTS_MIXED", is_denoised));
         constants.push(("JITTER", jitter));

@@ -1,5 +1,5 @@
-//! Frames that follow perfect mirrors and clear glass: what a mirror or a pane shows is as good as the room behind an
-//! opening.
+//! Frames that follow perfect mirrors, clear glass and polish: what a mirror or a pane shows is as good as the room behind
+//! an opening.
 
 use crate::common::{Stage, Subject};
 use crate::reference::scenes::moving::Draft;
@@ -15,7 +15,7 @@ use diptych::metrics::{self, Errors};
 use diptych::passes::Aov;
 use diptych::quality::Denoiser;
 use diptych::scene::rig::{Rig, RigKey};
-use diptych::scene::{Material, Mesh, Scene, Volume};
+use diptych::scene::{Clearcoat, Material, Mesh, Scene, Volume};
 use glam::{Affine3A, DVec3, Vec3, vec3};
 
 const WIDTH: u32 = 64;
@@ -38,11 +38,13 @@ fn reflected(mesh: &Mesh) -> Mesh {
     }
 }
 
-/// A wall of the room: a mirror, also a brushed one, an opening to a mirrored copy of the room, or a pane before that copy.
+/// A wall of the room: a mirror, also a brushed one, dark lacquer, an opening to a mirrored copy of the room, or a pane
+/// before that copy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Wall {
     Mirror,
     Brushed,
+    Lacquer,
     Opening,
     Pane,
 }
@@ -80,6 +82,7 @@ fn room(wall: Wall) -> Subject {
     let material = match wall {
         Wall::Mirror => Some(studio::metal(Vec3::ONE, 0.0)),
         Wall::Brushed => Some(studio::metal(Vec3::ONE, 0.1)),
+        Wall::Lacquer => Some(Material { ior: 2.4, ..studio::dielectric(Vec3::splat(0.02), 0.0) }),
         Wall::Opening => None,
         Wall::Pane => Some(studio::glass(Vec3::ONE, 0.0)),
     };
@@ -208,6 +211,22 @@ fn mirrors_and_panes_show_a_moving_room_as_well_as_an_opening_would() {
     assert_as_good_as_an_opening(&WALLS.map(moving_room), true);
 }
 
+#[test]
+fn lacquer_shows_the_room_sharply() {
+    let subject = room(Wall::Lacquer);
+    for is_moving in [false, true] {
+        let expected = reference(&subject, is_moving);
+        let [followed, blurred] = [true, false].map(|follow_mirrors| {
+            errors(&subject, &expected, &RunConfig { follow_mirrors, ..settings(&subject, Denoiser::SVGF) }, is_moving)
+        });
+        for (eye, (followed, blurred)) in followed.iter().zip(&blurred).enumerate() {
+            let [a, b] = [followed, blurred].map(|e| (e.psnr, e.flip));
+            println!("moving {is_moving}, eye {eye}: PSNR and FLIP {a:.3?}, blurred {b:.3?}");
+            assert!(followed.flip < 0.9 * blurred.flip && a.0 > b.0, "moving {is_moving}, eye {eye}: {a:.3?}, {b:.3?}");
+        }
+    }
+}
+
 /// The room has the noise of one sample per pixel, so `bmfr` gains little.
 #[test]
 fn denoisers_that_would_blur_a_brushed_mirror_leave_its_light_alone() {
@@ -245,7 +264,7 @@ fn the_right_eye_takes_over_light_in_plane_mirrors() {
     assert!(blurred > 5 * true_holes, "{blurred}");
 }
 
-/// Returns the room with a second mirror on the far wall, a mirror ball, a pane and a glass ball.
+/// Returns the room with a second mirror on the far wall, a mirror ball, a pane, a glass ball and a coated ball.
 fn hall_of_mirrors() -> Subject {
     let mut scene = room(Wall::Mirror).scene;
     let gold = add_material(&mut scene, studio::metal(vec3(0.9, 0.7, 0.4), 0.0));
@@ -259,6 +278,11 @@ fn hall_of_mirrors() -> Subject {
     let clear = add_material(&mut scene, Material { volume: Some(clear), ..studio::glass(Vec3::ONE, 0.0) });
     let ball = add_mesh(&mut scene, icosphere(3, true, clear));
     instance(&mut scene, ball, scaled_at(0.3, vec3(0.6, 0.9, -0.5)));
+    let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+    let coated = Material { clearcoat: coat, ..studio::dielectric(vec3(0.3, 0.1, 0.1), 0.5) };
+    let coated = add_material(&mut scene, coated);
+    let ball = add_mesh(&mut scene, icosphere(3, true, coated));
+    instance(&mut scene, ball, scaled_at(0.25, vec3(-0.4, 0.25, 0.1)));
     subject("hall of mirrors", scene)
 }
 

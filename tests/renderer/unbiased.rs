@@ -1,5 +1,6 @@
 //! The renderer's mean equals that of an independent path tracer, and more samples only reduce noise.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::LazyLock;
 
@@ -302,6 +303,11 @@ impl Denoise for Identity {
     }
 }
 
+fn identity() -> Denoiser {
+    static IDENTITY: LazyLock<Denoiser> = LazyLock::new(|| Denoiser::register(&Identity).unwrap());
+    *IDENTITY
+}
+
 /// Returns the variance of a pixel's green value over renders, as the mean over pixels.
 fn variance_of_pixels(renders: &Renders) -> f64 {
     let count = renders.len() as f64;
@@ -316,14 +322,13 @@ fn variance_of_pixels(renders: &Renders) -> f64 {
 /// a frame of one sample per pixel with the change, divided by that without.
 fn assert_mean_stays(name: &str, subject: &Subject, bounces: u32, change: fn(&mut RunConfig, bool)) -> f64 {
     let mut noise = f64::NAN;
-    static IDENTITY: LazyLock<Denoiser> = LazyLock::new(|| Denoiser::register(&Identity).unwrap());
     // One sample goes through the pixel's centre; several are spread over the pixel.
     for spp in [1, 4] {
         let side = |is_on: bool, seed: u32| {
             let mut settings = subject.settings(EXTENT.width, EXTENT.height);
             settings.seed = seed;
             let most = &mut settings.envelope.most;
-            (most.denoiser, most.iterations, most.spp, most.bounces) = (Some(*IDENTITY), [1; 3], spp, bounces);
+            (most.denoiser, most.iterations, most.spp, most.bounces) = (Some(identity()), [1; 3], spp, bounces);
             change(&mut settings, is_on);
             move |numbers: Range<u64>, _| renders(subject, 0.0, &settings, numbers)
         };
@@ -364,13 +369,58 @@ fn following_mirrors_changes_the_noise_and_not_the_mean() {
 
 /// Add rows in [`lit::POLISHED`].
 #[test]
+fn following_reflections_in_polish_changes_the_noise_and_not_the_mean() {
+    for ((name, polished), bounces) in lit::POLISHED.into_iter().zip([2, 3, 3, 2]) {
+        let subject = subject(lit::things(name, polished));
+        assert!(subject.needs.polish, "{name}");
+        let noise = assert_mean_stays(name, &subject, bounces, |settings, is_on| settings.follow_mirrors = is_on);
+        println!("{name}: {noise:.3} of the variance");
+    }
+}
+
+/// Add rows in [`lit::NARROW`].
+#[test]
 fn light_of_narrow_lobes_outside_the_denoiser_changes_no_mean() {
-    for (name, add_balls) in lit::POLISHED.into_iter().chain([lit::MIRRORS[2]]) {
+    for (name, add_balls) in lit::NARROW.into_iter().chain([lit::MIRRORS[2]]) {
         let subject = subject(lit::things(name, add_balls));
         assert!(subject.needs.narrow_lobes, "{name}");
         let noise = assert_mean_stays(name, &subject, 2, |settings, is_on| settings.bypass_narrow_lobes = is_on);
         assert!((noise - 1.0).abs() < 0.01, "{name}: the variance is {noise} of that without");
     }
+}
+
+/// The bias is bounded in each block of pixels, since the mean of the picture would hide a caustic that is lost.
+#[test]
+fn regularization_calms_caustics_and_keeps_most_of_their_light() {
+    const BLOCK: usize = 8;
+    let caustics = subject(lit::caustics());
+    let matte = subject(matte::box_area_light());
+    assert!(caustics.needs.narrow_lobes && !matte.needs.narrow_lobes);
+    let settings = |subject: &Subject, regularize| {
+        let mut settings = RunConfig { regularize, ..subject.accumulated(EXTENT.width, EXTENT.height) };
+        (settings.envelope.most.denoiser, settings.envelope.most.iterations) = (Some(identity()), [1; 3]);
+        settings.envelope.most.bounces = 3;
+        settings
+    };
+    let frame = |subject: &Subject, settings: &RunConfig| Stage::alone(subject, settings).frame(0).linear.left;
+    assert!(frame(&matte, &settings(&matte, true)) == frame(&matte, &settings(&matte, false)));
+
+    let of = |regularize, count| renders(&caustics, 0.0, &settings(&caustics, regularize), 0..count);
+    let [with, without] = [of(true, 256), of(false, 2048)];
+    let noise = variance_of_pixels(&with) / variance_of_pixels(&without);
+    let means = |renders: &Renders| {
+        let width = EXTENT.width as usize;
+        let mut blocks = BTreeMap::new();
+        for (i, _) in renders[0].iter().enumerate() {
+            let sum = renders.iter().map(|pixels| pixels[i][1]).sum::<f64>() / renders.len() as f64;
+            *blocks.entry((i % width / BLOCK, i / width / BLOCK)).or_insert(0.0) += sum;
+        }
+        blocks.into_values().collect::<Vec<f64>>()
+    };
+    let ratios = means(&with).iter().zip(means(&without)).map(|(a, b)| a / b).collect::<Vec<_>>();
+    let [least, most] = [f64::min, f64::max].map(|pick| ratios.iter().copied().reduce(pick).unwrap());
+    println!("{noise:.3} of the variance, blocks have {least:.3} to {most:.3} of the light");
+    assert!(noise < 0.5 && least > 0.8 && most < 1.2, "{noise}, {least} to {most}");
 }
 
 /// Batches, running means and jitter: many samples in one frame have the same mean as many frames of few samples.

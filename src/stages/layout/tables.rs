@@ -166,6 +166,7 @@ shared_constants! {
     pub const CLEARCOAT_NORMAL_MAP: u32 = 256;
     pub const MIRROR: u32 = 512;
     pub const CLEAR_GLASS: u32 = 1024;
+    pub const POLISHED: u32 = 2048;
 
     /// Bits of [`TextureInfo::flags`]: linear filtering, second set of texture coordinates, sRGB encoding.
     pub const TEXTURE_LINEAR: u32 = 1;

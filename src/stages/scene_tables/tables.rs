@@ -19,8 +19,8 @@ use crate::stages::color::linear_from_srgb;
 use crate::stages::emitters::{self, Emitters, Sources};
 use crate::stages::layout::{
     self, ALPHA_BLEND, ALPHA_MASK, BASE_COLOR_TEXTURE, CLEAR_GLASS, CLEARCOAT_NORMAL_MAP, DOUBLE_SIDED,
-    EMISSIVE_TEXTURE, MIRROR, NORMAL_MAP, ROLE_SHIFT, TEXTURE_LINEAR, TEXTURE_SECOND_UVS, TEXTURE_SRGB, THICK,
-    TextureInfo, TextureRole, UNLIT, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, WRAP_U_SHIFT, WRAP_V_SHIFT,
+    EMISSIVE_TEXTURE, MIRROR, NORMAL_MAP, POLISHED, ROLE_SHIFT, TEXTURE_LINEAR, TEXTURE_SECOND_UVS, TEXTURE_SRGB,
+    THICK, TextureInfo, TextureRole, UNLIT, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, WRAP_U_SHIFT, WRAP_V_SHIFT,
 };
 use crate::wgsl::ROW_BYTES;
 
@@ -289,6 +289,7 @@ impl TextureTable<'_> {
             (m.clearcoat.normal_map.is_some(), CLEARCOAT_NORMAL_MAP),
             (m.is_mirror(), MIRROR),
             (m.is_clear_glass(), CLEAR_GLASS),
+            (m.is_polished(), POLISHED),
         ];
         let first_texture = self.infos.len() as u32;
         for (texture, role) in textures_in_order(m) {

@@ -94,8 +94,41 @@ pub const MIRRORS: [Row; 6] = [
     }),
 ];
 
+/// Polished surfaces: a painted wall, a wall of paint and metal behind a pane, and balls with a smooth coat over rough
+/// metal and over smooth paint.
+pub const POLISHED: [Row; 4] = [
+    ("a_polished_wall", |scene| {
+        add_wall(scene, dielectric(vec3(0.2, 0.1, 0.1), 0.0));
+        let ball = Light { strength: Vec3::splat(0.05), ..point(0.3) };
+        scene.lights.extend([ball, spot(0.0)]);
+        scene.environment = Environment::Constant(vec3(0.3, 0.4, 0.5));
+    }),
+    ("half_a_mirror_behind_a_pane", |scene| {
+        add_wall(scene, Material { metallic: 0.5, ..dielectric(vec3(0.2, 0.4, 0.3), 0.0) });
+        add_pane(scene, glass(Vec3::ONE, 0.0));
+        scene.environment = Environment::Constant(vec3(0.6, 0.7, 0.9));
+    }),
+    ("a_coated_metal_ball", |scene| {
+        let coat = Clearcoat { factor: 0.8, ..Clearcoat::default() };
+        add_ball_in_the_sky(scene, Material { clearcoat: coat, ..metal(vec3(0.5, 0.3, 0.1), 0.4) });
+    }),
+    ("a_coated_painted_ball", |scene| {
+        let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+        add_ball_in_the_sky(scene, Material { clearcoat: coat, ..dielectric(vec3(0.2, 0.3, 0.5), 0.0) });
+    }),
+];
+
+/// Mirror balls in the light of a small lamp, so that they throw caustics.
+pub fn caustics() -> (Scene, Pinhole) {
+    things("caustics", |scene| {
+        let lamp = add_material(scene, Material { emissive: Vec3::splat(150.0), ..matte() });
+        place(scene, quad(vec3(-1.2, 2.4, 1.0), 0.15 * Vec3::X, 0.15 * Vec3::Z, lamp));
+        add_balls(scene, [metal(vec3(0.9, 0.8, 0.7), 0.0), dielectric(vec3(0.3, 0.4, 0.5), 0.0)]);
+    })
+}
+
 /// Narrow lobes that are no mirrors: a brushed golden ball and a lacquered one, in a sky.
-pub const POLISHED: [Row; 2] = [
+pub const NARROW: [Row; 2] = [
     ("a_brushed_ball", |scene| {
         add_ball_in_the_sky(scene, metal(vec3(0.9, 0.7, 0.4), 0.15));
     }),
@@ -115,6 +148,12 @@ fn add_ball_in_the_sky(scene: &mut Scene, material: Material) {
 fn add_mirror(scene: &mut Scene, corner: Vec3, u: Vec3, v: Vec3) {
     let mirror = add_material(scene, Material { emissive: vec3(0.02, 0.0, 0.0), ..metal(vec3(0.9, 0.95, 0.85), 0.0) });
     place(scene, quad(corner, u, v, mirror));
+}
+
+/// Adds a wall of the material behind the objects.
+fn add_wall(scene: &mut Scene, material: Material) {
+    let wall = add_material(scene, material);
+    place(scene, quad(vec3(-1.8, 0.0, -0.9), vec3(3.6, 0.0, 0.3), vec3(0.0, 2.0, 0.2), wall));
 }
 
 fn add_pane(scene: &mut Scene, material: Material) {

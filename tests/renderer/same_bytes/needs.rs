@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::assert_same;
 use crate::common::{Stage, Subject, is_thorough, still_rig};
 use crate::reference::Pinhole;
-use crate::reference::scenes::studio::{add_panels, glass, metal};
+use crate::reference::scenes::studio::{add_panels, dielectric, glass, metal};
 use crate::reference::scenes::{instance, lit, materials, matte, scaled_at, sky};
 use diptych::accel::Layout;
 use diptych::image::Extent;
@@ -31,7 +31,7 @@ fn scenes() -> [(Scene, Pinhole, Layout); 4] {
     add(&mut cut_out, &lit::CARDS, "textured_mask");
     add(&mut cut_out, &lit::ALL, "directional");
     let (mut unlit, before_unlit) = materials::unlit();
-    add_panels(&mut unlit, [glass(Vec3::ONE, 0.0), metal(Vec3::ONE, 0.0)]);
+    add_panels(&mut unlit, [glass(Vec3::ONE, 0.0), metal(Vec3::ONE, 0.0), dielectric(Vec3::splat(0.2), 0.0)]);
     add(&mut unlit, &lit::ALL, "point");
     [
         (plain, before_plain, Layout::TwoLevel),
