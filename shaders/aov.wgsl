@@ -58,8 +58,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     switch pass_.args[0] {
         case ALBEDO: {
             value = unpack_albedo(albedo_image[at]).all;
-            // If the scene has gloss, the packed albedo is rounded, so recompute it from the surface.
-            if HAS_MIRRORS || HAS_POLISH || (HAS_GLOSS && frame.sampling.spp == 1u) {
+            // The packed albedo may be rounded, filtered or that of another surface, so recompute it from the surface.
+            if HAS_MIRRORS || HAS_POLISH || frame.sampling.spp == 1u {
                 let first = centre_hit(pixel, hit);
                 let is_followed = (flags_of(first) & (MIRROR | CLEAR_GLASS | POLISHED)) != 0u;
                 value = select(value, first.albedo, frame.sampling.spp == 1u || is_followed);

@@ -3,7 +3,7 @@
 // light with hard shadows counts as emission if the denoiser leaves it out. Perfect mirrors and clear glass may be
 // replaced by the surfaces that they show, and what polished surfaces reflect may be part of albedo and emission.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path motion last_surface mirror pack mirrored footprint foveation bindings
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path motion last_surface mirror texture_filter pack mirrored footprint foveation bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -37,6 +37,18 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var links = Links();
     if HAS_MIRRORS {
         links = follow_mirrors(&first, &direction, rng, &rays);
+    }
+    if FILTERS_TEXTURES && !JITTER {
+        let ahead = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
+        var across = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre + vec2<f32>(1.0, 0.0)) - ahead;
+        var down = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre + vec2<f32>(0.0, 1.0)) - ahead;
+        if HAS_MIRRORS && links.count > 0u {
+            // Mirrors turn the footprint, which only its shape depends on.
+            let around = frame_around(direction);
+            across = around[0] * length(across);
+            down = around[1] * length(down);
+        }
+        filter_texture(&first, direction, across * first.hit.t, down * first.hit.t);
     }
     var polish = Polish();
     if HAS_POLISH {

@@ -89,6 +89,11 @@ pub struct RunOptions {
     /// Caustics are blurred and fireflies vanish. The bias shrinks with the number of samples.
     #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
     pub regularize: Switch,
+    /// Average base colour textures over each pixel in denoised frames of 1 spp
+    ///
+    /// Frames of several samples average them by their samples.
+    #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
+    pub filter_textures: Switch,
     /// Upper bound of indirect radiance (biased)
     #[arg(hide_short_help = true, long, value_name = "V", help_heading = QUALITY)]
     pub clamp: Option<f32>,

@@ -206,6 +206,7 @@ pub fn config(options: &RenderOptions, loaded: &LoadedScene, mixes_spp: bool) ->
         hard_shadows: options.hard_shadows == Switch::On,
         follow_mirrors: options.follow_mirrors == Switch::On,
         regularize: options.regularize == Switch::On,
+        filter_textures: options.filter_textures == Switch::On,
         unsampled_fraction: foveated.unsampled_fraction.unwrap_or(config.unsampled_fraction),
         gaze: foveated.gaze(&loaded.gaze),
         seed: options.seed,

@@ -97,6 +97,8 @@ pub struct RunConfig {
     /// True if paths of denoised frames see narrow lobes as rougher behind a wide bounce, which trades fireflies for a
     /// bias that shrinks with the number of samples ([`SceneNeeds::narrow_lobes`]).
     pub regularize: bool,
+    /// True if denoised frames of one sample per pixel average base colour textures over each pixel.
+    pub filter_textures: bool,
     /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_fraction`].
     pub unsampled_fraction: f64,
     /// Gaze of the left and the right eye.
@@ -129,6 +131,7 @@ impl RunConfig {
             follow_mirrors: true,
             bypass_narrow_lobes: true,
             regularize: true,
+            filter_textures: true,
             unsampled_fraction: Foveation::UNSAMPLED_FRACTION,
             gaze: Default::default(),
             seed: 0,
@@ -238,6 +241,7 @@ impl RunConfig {
         constants.push(("HAS_MIRRORS", self.follow_mirrors && self.buffers.needs.mirrors && is_denoised));
         constants.push(("HAS_POLISH", self.follow_mirrors && self.buffers.needs.polish && is_denoised));
         constants.push(("IS_REGULARIZED", self.regularize && self.buffers.needs.narrow_lobes && is_denoised));
+        constants.push(("FILTERS_TEXTURES", self.filter_textures && self.buffers.needs.textures && is_denoised));
         constants.push(("HAS_NARROW_LOBES", self.bypasses_narrow_lobes()));
         constants.push(("ACCEPTS_MIXED", is_denoised));
         constants.push(("JITTER", jitter));

@@ -27,6 +27,7 @@ mod seams;
 mod stereo;
 mod stress;
 mod temporal;
+mod textures;
 mod traversal;
 mod unbiased;
 mod watertight;
