@@ -73,6 +73,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if !is_same || is_mirrored(hit) || before.w == 0u || (hit.x & SPHERE) != 0u {
         return;
     }
+    // Paths of polished surfaces may start at what these reflect.
+    if HAS_POLISH && (stored_material(hit.w & MATERIAL_MASK).flags & POLISHED) != 0u {
+        return;
+    }
     let then = all_luminance(unpack_sampled(before));
     let now = all_luminance(light_again(hit, bitcast<vec3<f32>>(guide.xyz), eye.origin, vec2<u32>(seen)));
     let value = vec2<f32>(now - then, max(now, then));

@@ -27,9 +27,6 @@ struct Links {
     weight: vec3<f32>,
 }
 
-// Whether the reflections of polished surfaces are followed.
-override HAS_POLISH: bool = false;
-
 // Minimum fraction of a polished surface's paths that start at what it reflects.
 const LEAST_REFLECTED: f32 = 0.25;
 

@@ -1,7 +1,10 @@
-// Pixels that show a surface in mirrors or behind clear glass.
+// Pixels that show a surface in mirrors or behind clear glass, and polished surfaces.
 
 // Whether perfect mirrors and clear glass are replaced by the surfaces that they show (see `mirror.inc.wgsl`).
 override HAS_MIRRORS: bool = false;
+
+// Whether the reflections of polished surfaces are followed (see `mirror.inc.wgsl`).
+override HAS_POLISH: bool = false;
 
 // Whether a pixel shows its surface in mirrors or behind glass, by its `hit`. MATERIAL_NONE contains the flag.
 fn is_mirrored(hit: vec4<u32>) -> bool {

@@ -202,8 +202,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if !HAS_GLOSS && (hit & FLAG_VIEW_DEPENDENT) != 0u && eye_moved {
         longest = LONGEST_VIEW_DEPENDENT;
     }
-    // There are no temporal gradients in mirrors.
-    if HAS_MIRRORS && HAS_MOTION && is_mirrored(hit_image[at]) {
+    // There are no temporal gradients in mirrors and on polished surfaces, whose roughness is 0.
+    let is_polished = HAS_POLISH && HAS_GLOSS && ((hit >> ROUGHNESS_SHIFT) & 63u) == 0u;
+    if HAS_MOTION && (is_mirrored(hit_image[at]) || is_polished) {
         longest = min(longest, LONGEST_MIRRORED);
     }
     longest = min(longest, longest_in_light());

@@ -151,24 +151,25 @@ fn compare(case: Case, cases: &mut Cases) {
         let words = random.rubbish::<4>(constants.area());
         let valid = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.valid, WIDTH, pixels));
         let own = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, WIDTH, pixels));
-        let outputs = Kernel::new("bmfr_accumulate", &[("HAS_MOTION", false), ("HAS_MIRRORS", true)]).run(
-            &constants,
-            stripe.pass(case.view, [case.least_fraction.to_bits(), 0, 0]),
-            WIDTH,
-            &[
-                ("hit_image", own(&hit)),
-                ("guide_image", own(&guide)),
-                ("source", own(&source)),
-                ("last_guide", valid(&before[1].guide)),
-                ("last_accumulated", valid(&before[1].light)),
-                ("left_guide", valid(&before[0].guide)),
-                ("left_accumulated", valid(&before[0].light)),
-                ("accumulated", Buffer::image(&words)),
-                ("previous", Buffer::whole(&previous)),
-                ("tally_image", Buffer::image(&tally)),
-                ("light_change", Buffer::whole(&[0.0f32])),
-            ],
-        );
+        let outputs =
+            Kernel::new("bmfr_accumulate", &[("HAS_MOTION", false), ("HAS_MIRRORS", true), ("HAS_POLISH", false)]).run(
+                &constants,
+                stripe.pass(case.view, [case.least_fraction.to_bits(), 0, 0]),
+                WIDTH,
+                &[
+                    ("hit_image", own(&hit)),
+                    ("guide_image", own(&guide)),
+                    ("source", own(&source)),
+                    ("last_guide", valid(&before[1].guide)),
+                    ("last_accumulated", valid(&before[1].light)),
+                    ("left_guide", valid(&before[0].guide)),
+                    ("left_accumulated", valid(&before[0].light)),
+                    ("accumulated", Buffer::image(&words)),
+                    ("previous", Buffer::whole(&previous)),
+                    ("tally_image", Buffer::image(&tally)),
+                    ("light_change", Buffer::whole(&[0.0f32])),
+                ],
+            );
         let (got, counted) = (outputs.get::<[u32; 4]>("accumulated"), outputs.get::<u32>("tally_image"));
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let at = constants.index(x, y);

@@ -38,28 +38,31 @@ fn accumulate(gloss: bool, seed: u64) {
     let (mut accumulated, mut moments) = (vec![[0; 4]; area], vec![[0u32; 4]; area]);
     for frame in &frames {
         let radiance: Vec<_> = frame.iter().map(|light| format.pack_sampled(light)).collect();
-        let outputs = Kernel::new("accumulate", &[("HAS_GLOSS", gloss), ("HAS_MIRRORS", false), ("HAS_MOTION", false)])
-            .run(
-                &constants,
-                stripe.pass(0, [0; 3]),
-                WIDTH,
-                &[
-                    ("hit_image", Buffer::image(&hit)),
-                    ("guide_image", Buffer::image(&guide)),
-                    ("radiance", Buffer::image(&radiance)),
-                    ("last_guide", Buffer::image(&guide)),
-                    ("last_moments", Buffer::image(&moments)),
-                    ("last_history", Buffer::image(&accumulated)),
-                    ("left_guide", Buffer::image(&guide)),
-                    ("left_moments", Buffer::image(&moments)),
-                    ("left_history", Buffer::image(&accumulated)),
-                    ("accumulated", Buffer::image(&accumulated)),
-                    ("moments", Buffer::image(&moments)),
-                    ("previous", Buffer::whole(&constants.as_previous())),
-                    ("tally_image", Buffer::image(&vec![0u32; area])),
-                    ("light_change", Buffer::whole(&[0.0f32])),
-                ],
-            );
+        let outputs = Kernel::new(
+            "accumulate",
+            &[("HAS_GLOSS", gloss), ("HAS_MIRRORS", false), ("HAS_POLISH", false), ("HAS_MOTION", false)],
+        )
+        .run(
+            &constants,
+            stripe.pass(0, [0; 3]),
+            WIDTH,
+            &[
+                ("hit_image", Buffer::image(&hit)),
+                ("guide_image", Buffer::image(&guide)),
+                ("radiance", Buffer::image(&radiance)),
+                ("last_guide", Buffer::image(&guide)),
+                ("last_moments", Buffer::image(&moments)),
+                ("last_history", Buffer::image(&accumulated)),
+                ("left_guide", Buffer::image(&guide)),
+                ("left_moments", Buffer::image(&moments)),
+                ("left_history", Buffer::image(&accumulated)),
+                ("accumulated", Buffer::image(&accumulated)),
+                ("moments", Buffer::image(&moments)),
+                ("previous", Buffer::whole(&constants.as_previous())),
+                ("tally_image", Buffer::image(&vec![0u32; area])),
+                ("light_change", Buffer::whole(&[0.0f32])),
+            ],
+        );
         (accumulated, moments) = (outputs.get("accumulated"), outputs.get("moments"));
     }
     let n = f64::from(FRAMES);
@@ -102,7 +105,7 @@ fn resolved_frames_are_averaged() {
     for (number, frame) in frames.iter().enumerate() {
         let constants = Constants { history_rows: (number > 0).then_some(0), ..constants.clone() };
         let composed: Vec<_> = frame.iter().map(|light| floats(light.matte, 3.0)).collect();
-        let outputs = Kernel::new("taa", &[("HAS_MOTION", false), ("HAS_MIRRORS", false)]).run(
+        let outputs = Kernel::new("taa", &[("HAS_MOTION", false), ("HAS_MIRRORS", false), ("HAS_POLISH", false)]).run(
             &constants,
             stripe.pass(1, [0; 3]),
             WIDTH,

@@ -196,28 +196,31 @@ fn compare(case: Case, cases: &mut Cases) {
         let words = [0, 1].map(|_| random.rubbish::<4>(constants.area()));
         let valid = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.valid, WIDTH, pixels));
         let own = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, WIDTH, pixels));
-        let outputs =
-            Kernel::new("accumulate", &[("HAS_GLOSS", case.gloss), ("HAS_MOTION", false), ("HAS_MIRRORS", true)]).run(
-                &constants,
-                stripe.pass(case.view, [0; 3]),
-                WIDTH,
-                &[
-                    ("hit_image", own(&hit)),
-                    ("guide_image", own(&guide)),
-                    ("radiance", own(&radiance)),
-                    ("last_guide", valid(&histories[1].guide)),
-                    ("last_moments", valid(&histories[1].moments)),
-                    ("last_history", valid(&histories[1].light)),
-                    ("left_guide", valid(&histories[0].guide)),
-                    ("left_moments", valid(&histories[0].moments)),
-                    ("left_history", valid(&histories[0].light)),
-                    ("accumulated", Buffer::image(&words[0])),
-                    ("moments", Buffer::image(&words[1])),
-                    ("previous", Buffer::whole(&previous)),
-                    ("tally_image", Buffer::image(&tally)),
-                    ("light_change", Buffer::whole(&[0.0f32])),
-                ],
-            );
+        let outputs = Kernel::new(
+            "accumulate",
+            &[("HAS_GLOSS", case.gloss), ("HAS_MOTION", false), ("HAS_MIRRORS", true), ("HAS_POLISH", false)],
+        )
+        .run(
+            &constants,
+            stripe.pass(case.view, [0; 3]),
+            WIDTH,
+            &[
+                ("hit_image", own(&hit)),
+                ("guide_image", own(&guide)),
+                ("radiance", own(&radiance)),
+                ("last_guide", valid(&histories[1].guide)),
+                ("last_moments", valid(&histories[1].moments)),
+                ("last_history", valid(&histories[1].light)),
+                ("left_guide", valid(&histories[0].guide)),
+                ("left_moments", valid(&histories[0].moments)),
+                ("left_history", valid(&histories[0].light)),
+                ("accumulated", Buffer::image(&words[0])),
+                ("moments", Buffer::image(&words[1])),
+                ("previous", Buffer::whole(&previous)),
+                ("tally_image", Buffer::image(&tally)),
+                ("light_change", Buffer::whole(&[0.0f32])),
+            ],
+        );
         let (light, moments) = (outputs.get::<[u32; 4]>("accumulated"), outputs.get::<[u32; 4]>("moments"));
         let counted = outputs.get::<u32>("tally_image");
         let own = || before(format, eyes_before[case.view], &histories[1]);

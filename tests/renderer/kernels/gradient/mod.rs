@@ -125,14 +125,16 @@ fn gradients(
     outputs.get("gradient")
 }
 
-fn overrides(format: Format) -> [(&'static str, bool); 6] {
+fn overrides(format: Format) -> [(&'static str, bool); 8] {
     [
         ("SOBOL", true),
         ("HAS_GLOSS", format.gloss),
         ("HAS_NARROW_LOBES", false),
+        ("IS_REGULARIZED", false),
         ("HAS_MOTION", true),
         ("HAS_HARD_LIGHTS", false),
         ("HAS_MIRRORS", false),
+        ("HAS_POLISH", false),
     ]
 }
 
@@ -297,8 +299,10 @@ fn traced(
         ("SOBOL", true),
         ("HAS_GLOSS", format.gloss),
         ("HAS_NARROW_LOBES", false),
+        ("IS_REGULARIZED", false),
         ("HAS_HARD_LIGHTS", false),
         ("HAS_MIRRORS", false),
+        ("HAS_POLISH", false),
         ("HAS_MOTION", false),
         ("JITTER", false),
         ("MEASURES_VARIANCE", false),

@@ -63,19 +63,20 @@ fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bo
 }
 
 /// Overrides of a frame with one sample in every pixel, without layers and gloss.
-const PLAIN: [Override; 6] = [
+const PLAIN: [Override; 7] = [
     ("HAS_GLOSS", false),
     ("SOBOL", true),
     ("FOVEATED", false),
     ("SPARSE", false),
     ("ACCEPTS_MIXED", false),
     ("HAS_MIRRORS", true),
+    ("HAS_POLISH", false),
 ];
 
 fn run(
     constants: &Constants,
     stripe: &Stripe,
-    overrides: [Override; 6],
+    overrides: [Override; 7],
     eyes: &Eyes,
     before: &[[u32; 4]],
     tally: &[u32],
@@ -111,6 +112,7 @@ fn compare(
         ("SPARSE", sparse),
         ("ACCEPTS_MIXED", accepts_mixed),
         ("HAS_MIRRORS", true),
+        ("HAS_POLISH", false),
     ];
     let mut cases = Cases::default();
     for (round, stripe) in stripes().iter().enumerate() {

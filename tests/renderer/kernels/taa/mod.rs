@@ -61,7 +61,7 @@ fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u
         let last: Vec<_> = (0..constants.area()).map(|_| resolved(&mut random, damaged)).collect();
         let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits()).collect();
         let words = [0, 1].map(|_| random.rubbish::<4>(constants.area()));
-        let outputs = Kernel::new("taa", &[("HAS_MOTION", false), ("HAS_MIRRORS", false)]).run(
+        let outputs = Kernel::new("taa", &[("HAS_MOTION", false), ("HAS_MIRRORS", false), ("HAS_POLISH", false)]).run(
             &constants,
             stripe.pass(view, [0; 3]),
             WIDTH,
