@@ -49,9 +49,11 @@ fn filter_texture(f: ptr<function, FirstHit>, direction: vec3<f32>, across: vec3
         return;
     }
     var sum = vec4<f32>(0.0);
-    for (var row = 0.5; row < rows; row += 1.0) {
-        for (var column = 0.5; column < columns; column += 1.0) {
-            let at = vec2<f32>(column / columns, row / rows) - frame.camera.centre;
+    // Taps move within their parts of the pixel from frame to frame, so that TAA averages all of the footprint.
+    let centre = frame.camera.centre;
+    for (var row = 0.0; row < rows; row += 1.0) {
+        for (var column = 0.0; column < columns; column += 1.0) {
+            let at = (vec2<f32>(column, row) + centre) / vec2<f32>(columns, rows) - centre;
             let tap = sample_texture(info, uv + at.x * uv_by_x + at.y * uv_by_y);
             sum += vec4<f32>(tap.rgb, 1.0) * tap_weight(m, tap.a);
         }
