@@ -2,9 +2,10 @@
 
 mod by_kind;
 mod findings;
-mod viewing;
+mod rivalry;
 mod sequence;
 mod text;
+mod viewing;
 
 use std::path::{Path, PathBuf};
 
@@ -14,12 +15,14 @@ use crate::image::exr::{ColourFile, read_colour};
 use crate::image::{Extent, stereo};
 use crate::metrics::heatmap::{flip_heatmap, heatmap};
 use crate::metrics::rings::Viewing;
+use crate::metrics::rivalry::Differences;
 use crate::metrics::{MEASURES, Pair};
 use anyhow::Context;
 
 use super::failure::Failure;
 use by_kind::ByKind;
 use findings::{BothFindings, Findings, Rings, mean};
+use rivalry::Seen;
 use sequence::frames_in;
 use viewing::{Sourced, differences};
 
@@ -66,6 +69,12 @@ pub struct Args {
     /// Write the kind of each pixel as a map (PNG)
     #[arg(long, value_name = "FILE")]
     kind_map: Option<PathBuf>,
+    /// Write the difference between the errors of the two eyes as a heatmap (PNG)
+    ///
+    /// Needs the auxiliary images position and normal in either folder: render with --aov position,normal. Surfaces
+    /// that the right eye does not show are grey.
+    #[arg(long, value_name = "FILE")]
+    rivalry_map: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -119,6 +128,9 @@ fn is_sequence(reference: &Path, image: &Path) -> Result<bool, anyhow::Error> {
 }
 
 fn one(args: &Args) -> Result<(), Failure> {
+    if args.rivalry_map.is_some() {
+        return Err(input("--rivalry-map compares two eyes: name two folders".to_owned()));
+    }
     let compared = Compared::read(args, &args.reference, &args.image)?;
     compared.findings.warn("");
     compared.findings.rings.iter().for_each(Rings::warn);
@@ -147,15 +159,34 @@ fn both_eyes(args: &Args) -> Result<(), Failure> {
     if let (Some(left), Some(right)) = (left.kinds, right.kinds) {
         write_map(&args.kind_map, || side_by_side(left, right))?;
     }
+    let differences = differences_of_eyes(args, &left.pair, &right.pair).map_err(Failure::Input)?;
+    if let Some(path) = &args.rivalry_map {
+        let differences = differences.as_ref().ok_or_else(|| input(format!("--rivalry-map: {}", rivalry::NEEDS)))?;
+        write_png(path, &rivalry::map(differences))?;
+    }
+    let rivalry = differences.map(|differences| differences.rivalry()).unwrap_or_default();
     let eyes = Stereo { left: left.findings, right: right.findings };
     if args.json {
         let means = mean(&eyes.left, &eyes.right);
         let mean = MEASURES.iter().zip(means).map(|((name, _), mean)| ((*name).to_owned(), mean.into())).collect();
-        say!("{}", serde_json::to_string(&BothFindings { eyes, mean }).map_err(anyhow::Error::from)?);
+        say!("{}", serde_json::to_string(&BothFindings { eyes, mean, rivalry }).map_err(anyhow::Error::from)?);
     } else {
         text::print(&[("left", &eyes.left), ("right", &eyes.right)]);
+        text::print_rivalry(&rivalry);
     }
     Ok(())
+}
+
+/// Returns the differences between the eyes' errors; `None` without auxiliary images that tell which pixels match.
+fn differences_of_eyes(args: &Args, left: &Pair, right: &Pair) -> Result<Option<Differences>, anyhow::Error> {
+    let seen = |name: &str| Seen::read(&[&args.image.join(name), &args.reference.join(name)]);
+    match (seen("left.exr")?, seen("right.exr")?) {
+        (Some(seen_left), Some(seen_right)) => {
+            let surfaces = Stereo { left: &seen_left.surfaces, right: &seen_right.surfaces };
+            rivalry::differences(&Stereo { left, right }, &surfaces, &seen_right.tags)
+        }
+        _ => Ok(None),
+    }
 }
 
 fn write_map(path: &Option<PathBuf>, map: impl FnOnce() -> Result<DisplayImage, Failure>) -> Result<(), Failure> {
@@ -217,6 +248,7 @@ fn refuse_options_of_images(args: &Args) -> Result<(), anyhow::Error> {
         ("--flip-map", args.flip_map.is_some()),
         ("--by-kind", args.by_kind),
         ("--kind-map", args.kind_map.is_some()),
+        ("--rivalry-map", args.rivalry_map.is_some()),
         ("--rings", args.rings.is_some()),
         ("--seam-rows", !args.seams.is_empty()),
     ];

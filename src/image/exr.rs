@@ -126,10 +126,10 @@ pub fn read_colour(path: &Path) -> Result<ColourFile, ImageError> {
 ///
 /// # Errors
 /// Errors of [`read_colour`], with [`ImageError::NoChannels`] for a file without these channels.
-pub fn read_channels(path: &Path, names: [&'static str; 3]) -> Result<RgbImage, ImageError> {
+pub fn read_channels(path: &Path, names: [&'static str; 3]) -> Result<ColourFile, ImageError> {
     let lacks = |path, channels| ImageError::NoChannels { path, wanted: names.join(", "), channels };
     let named = move |headers: &[Header]| Colour::first(headers, |list| channels_of_layer(list, "", names));
-    read(path, named, lacks).map(|file| file.image)
+    read(path, named, lacks)
 }
 
 /// Decodes a file's `bytes` like [`read_rgb`] if decoding takes at most `max_memory` further bytes.

@@ -8,7 +8,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 use super::convolve::{across, down};
 use crate::image::Extent;
-use crate::image::display::linear_from_srgb;
+use crate::image::display::{linear_from_srgb, srgb_from_linear};
 
 /// Angular resolution of the paper's viewer, 0.7 m away from a screen that is 0.7 m and 3840 pixels wide.
 pub const PIXELS_PER_DEGREE: f64 = 3840.0 * PI / 180.0;
@@ -50,18 +50,33 @@ struct Seen {
 
 impl Seen {
     fn new(extent: Extent, shown: &[[f64; 3]]) -> Self {
-        let opponent: Vec<[f64; 3]> = shown.iter().map(|p| opponent_from_linear(p.map(linear_from_srgb))).collect();
-        let [luminance, red_green, blue_yellow] = [0, 1, 2].map(|c| opponent.iter().map(|p| p[c]).collect::<Plane>());
         let width = extent.width as usize;
-        let features = features(width, &luminance);
-        let blurred = [(luminance, ACHROMATIC), (red_green, RED_GREEN), (blue_yellow, BLUE_YELLOW)]
-            .map(|(p, g)| blur(width, &p, g));
-        let colour = |i: usize| {
-            let linear = linear_from_opponent([0, 1, 2].map(|c| blurred[c][i]));
-            hunt_lab(linear.map(|c| c.clamp(0.0, 1.0)))
-        };
-        Self { colours: (0..opponent.len()).map(colour).collect(), features }
+        let opponent = opponent_planes(shown);
+        let features = features(width, &opponent[0]);
+        Self { colours: filtered(width, opponent).map(hunt_lab).collect(), features }
     }
+}
+
+/// Returns display values after FLIP's contrast sensitivity filters, at [`PIXELS_PER_DEGREE`]: the image without the
+/// detail that the eye does not resolve.
+pub fn perceived(extent: Extent, shown: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    filtered(extent.width as usize, opponent_planes(shown)).map(|linear| linear.map(srgb_from_linear)).collect()
+}
+
+/// Returns luminance, red-green and blue-yellow of display values.
+fn opponent_planes(shown: &[[f64; 3]]) -> [Plane; 3] {
+    let opponent: Vec<[f64; 3]> = shown.iter().map(|p| opponent_from_linear(p.map(linear_from_srgb))).collect();
+    [0, 1, 2].map(|c| opponent.iter().map(|p| p[c]).collect())
+}
+
+/// Returns linear colours, 0 … 1, after contrast sensitivity filtering.
+fn filtered(width: usize, [luminance, red_green, blue_yellow]: [Plane; 3]) -> impl Iterator<Item = [f64; 3]> {
+    let blurred =
+        [(luminance, ACHROMATIC), (red_green, RED_GREEN), (blue_yellow, BLUE_YELLOW)].map(|(p, g)| blur(width, &p, g));
+    (0..blurred[0].len()).map(move |i| {
+        let linear = linear_from_opponent([0, 1, 2].map(|c| blurred[c][i]));
+        linear.map(|c| c.clamp(0.0, 1.0))
+    })
 }
 
 /// Linear sRGB to XYZ relative to white, so that rows sum to 1. Exact for the primaries of sRGB (IEC 61966-2-1) and D65

@@ -17,9 +17,14 @@ use super::Pair;
 pub fn heatmap(reference: &RgbImage, image: &RgbImage, exposure_ev: f32) -> Result<DisplayImage, ImageError> {
     check_same_size(reference.extent, image.extent)?;
     let gain = gain(exposure_ev);
-    let colour = |(r, a): (&[f32; 3], &[f32; 3])| cubehelix(display_error(r, a, gain).sqrt()).map(level);
+    let colour = |(r, a): (&[f32; 3], &[f32; 3])| error_colour(display_error(r, a, gain));
     let pixels = reference.pixels.iter().zip(&image.pixels).map(colour).collect();
     Ok(Image { extent: image.extent, pixels })
+}
+
+/// Returns the colour of an error of display values, on the scale of [`heatmap`].
+pub fn error_colour(error: f64) -> [u8; 3] {
+    cubehelix(error.clamp(0.0, 1.0).sqrt()).map(level)
 }
 
 fn display_error(r: &[f32; 3], a: &[f32; 3], gain: f64) -> f64 {

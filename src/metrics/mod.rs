@@ -11,8 +11,10 @@ mod foveated;
 pub mod heatmap;
 pub mod kinds;
 pub mod rings;
+pub mod rivalry;
 pub mod seams;
 pub mod ssim;
+pub mod surfaces;
 pub mod temporal;
 
 use std::fmt;

@@ -25,48 +25,27 @@ use serde::Serialize;
 
 use super::Pair;
 use super::rings::Viewing;
-use crate::image::{Extent, ImageError, RgbImage, check_same_size};
+use super::surfaces::{Sighting, Surfaces};
+use crate::image::{ImageError, RgbImage, check_same_size};
 
-/// Smallest dot product of normals of the same surface: 60 degrees, since normal maps may turn normals by much from
-/// pixel to pixel.
-const NORMALS_AGREE: f32 = 0.5;
-
-/// Surfaces that one eye sees in a frame, per pixel. The fields are auxiliary images of the same names.
+/// Surfaces that one eye sees in a frame, with their motion since the previous frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Surfaces {
-    extent: Extent,
+pub struct MovingSurfaces {
+    surfaces: Surfaces,
     motion_px: Vec<[f32; 3]>,
-    position: Vec<[f32; 3]>,
     /// World-space positions of the surfaces in the previous frame.
     last_position: Vec<[f32; 3]>,
-    normal: Vec<[f32; 3]>,
 }
 
-/// Location of a pixel's surface in the previous frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum History {
-    /// The pixel shows no surface but the sky, whose motion is unknown.
-    Sky,
-    /// Disoccluded: the surface was hidden or outside the image.
-    New,
-    /// Visible in the pixel with this row-major index.
-    Seen(usize),
-}
-
-impl Surfaces {
-    /// Collects a frame's surfaces. `motion_px` is the previous position minus the current one, x and y in pixels; the
-    /// third value is ignored. `position` is in world space, in any unit. `normal` is in world space, and zero if there
-    /// is no surface.
+impl MovingSurfaces {
+    /// `motion_px` is the previous position minus the current one, x and y in pixels; the third value is ignored.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
-    pub fn new(motion_px: RgbImage, position: RgbImage, normal: RgbImage) -> Result<Self, ImageError> {
-        let extent = position.extent;
-        check_same_size(extent, motion_px.extent)?;
-        check_same_size(extent, normal.extent)?;
-        let last_position = position.pixels.clone();
-        let (motion_px, position) = (motion_px.pixels, position.pixels);
-        Ok(Self { extent, motion_px, position, last_position, normal: normal.pixels })
+    pub fn new(surfaces: Surfaces, motion_px: RgbImage) -> Result<Self, ImageError> {
+        check_same_size(surfaces.extent(), motion_px.extent)?;
+        let last_position = surfaces.positions().to_vec();
+        Ok(Self { surfaces, motion_px: motion_px.pixels, last_position })
     }
 
     /// Sets the world-space positions of moving surfaces in the previous frame.
@@ -74,84 +53,26 @@ impl Surfaces {
     /// # Errors
     /// [`ImageError::SizeMismatch`].
     pub fn with_last_position(self, last_position: RgbImage) -> Result<Self, ImageError> {
-        check_same_size(self.extent, last_position.extent)?;
+        check_same_size(self.surfaces.extent(), last_position.extent)?;
         Ok(Self { last_position: last_position.pixels, ..self })
     }
 
-    /// Returns the location of each pixel's surface in the previous frame, row-major.
-    ///
-    /// Motion leads from the pixel's centre to a point between four pixels of `before`. The result is the nearest of
-    /// the four that shows the same surface: its normal must agree within 60 degrees, and its position must lie near
-    /// the plane through the surface's previous position. The allowed distance from that plane is the pixel spacing on
-    /// the surface, that is, the distance to the closest position among the pixel's four neighbours. No threshold thus
-    /// depends on the scene's scale. Surfaces that are static or move within their own plane pass this test.
+    pub fn surfaces(&self) -> &Surfaces {
+        &self.surfaces
+    }
+
+    /// Returns where the previous frame shows each pixel's surface, row-major: [`Surfaces::seen_in`] along the motion.
+    /// Surfaces that are static or move within their own plane are found.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
-    pub fn history(&self, before: &Surfaces) -> Result<Vec<History>, ImageError> {
-        check_same_size(self.extent, before.extent)?;
-        Ok((0..self.extent.area()).map(|i| self.history_of(i, before)).collect())
+    pub fn history(&self, before: &Self) -> Result<Vec<Sighting>, ImageError> {
+        let width = self.surfaces.extent().width as usize;
+        self.surfaces.seen_in(&before.surfaces, |i| {
+            let [dx, dy, _] = self.motion_px[i].map(f64::from);
+            ([(i % width) as f64 + dx, (i / width) as f64 + dy], self.last_position[i])
+        })
     }
-
-    fn history_of(&self, i: usize, before: &Surfaces) -> History {
-        let normal = self.normal[i];
-        if !is_surface(normal) {
-            return History::Sky;
-        }
-        let spacing = self.spacing(i);
-        let is_same = |j: &usize| {
-            let off_plane = dot(normal, sub(before.position[*j], self.last_position[i])).abs();
-            dot(normal, before.normal[*j]) > NORMALS_AGREE && off_plane <= spacing
-        };
-        self.pixels_before(i).into_iter().find(is_same).map_or(History::New, History::Seen)
-    }
-
-    /// Returns the pixels whose centres are less than one column and one row away from the reprojected point: at most
-    /// four, nearest first.
-    fn pixels_before(&self, i: usize) -> Vec<usize> {
-        let (width, height) = (self.extent.width as usize, self.extent.height as usize);
-        let [dx, dy, _] = self.motion_px[i].map(f64::from);
-        // In these coordinates, pixel centres are at integers. Non-finite points are near no pixel.
-        let (x, y) = ((i % width) as f64 + dx, (i / width) as f64 + dy);
-        let mut found = Vec::new();
-        for (column, row) in
-            [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(c, r)| (x.floor() + c, y.floor() + r))
-        {
-            let is_inside = (0.0..width as f64).contains(&column) && (0.0..height as f64).contains(&row);
-            if is_inside && (column - x).abs() < 1.0 && (row - y).abs() < 1.0 {
-                found.push((f64::hypot(column - x, row - y), row as usize * width + column as usize));
-            }
-        }
-        found.sort_by(|a, b| a.0.total_cmp(&b.0));
-        found.into_iter().map(|(_, j)| j).collect()
-    }
-
-    /// Returns the distance to the nearest position among the four neighbours; infinite without neighbours.
-    fn spacing(&self, i: usize) -> f32 {
-        let width = self.extent.width as usize;
-        let column = i % width;
-        let neighbours = [
-            (column > 0).then(|| i - 1),
-            (column + 1 < width).then_some(i + 1),
-            i.checked_sub(width),
-            (i + width < self.position.len()).then_some(i + width),
-        ];
-        let surfaces = neighbours.into_iter().flatten().filter(|&j| is_surface(self.normal[j]));
-        let distances = surfaces.map(|j| sub(self.position[j], self.position[i])).map(|v| dot(v, v).sqrt());
-        distances.fold(f32::INFINITY, f32::min)
-    }
-}
-
-fn is_surface(normal: [f32; 3]) -> bool {
-    dot(normal, normal) > 0.0
-}
-
-fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Sums from which [`TemporalError`] is computed, over the pixels of all frames that have a previous frame.
@@ -167,14 +88,14 @@ pub struct Change {
 }
 
 impl Pair {
-    /// Sums the change of display errors since the previous frame; `history` is from [`Surfaces::history`].
+    /// Sums the change of display errors since the previous frame; `history` is from [`MovingSurfaces::history`].
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
     ///
     /// # Panics
     /// If `history` does not have one entry per pixel.
-    pub fn change_since(&self, before: &Pair, history: &[History]) -> Result<Change, ImageError> {
+    pub fn change_since(&self, before: &Pair, history: &[Sighting]) -> Result<Change, ImageError> {
         check_same_size(self.extent, before.extent)?;
         assert_eq!(history.len(), self.extent.area(), "a history must have one entry per pixel");
         let mut sums = Change::default();
@@ -182,12 +103,12 @@ impl Pair {
             let now = self.display_error(i);
             let squares: f64 = now.iter().map(|e| e * e).sum();
             match *history {
-                History::Sky => {}
-                History::New => {
+                Sighting::Sky => {}
+                Sighting::Hidden => {
                     sums.new_px += 1;
                     sums.new_squares += squares;
                 }
-                History::Seen(j) => {
+                Sighting::At(j) => {
                     sums.seen_px += 1;
                     sums.seen_squares += squares;
                     sums.changes += now.iter().zip(before.display_error(j)).map(|(n, b)| (n - b).abs()).sum::<f64>();
@@ -204,7 +125,7 @@ impl Pair {
     /// # Errors
     /// [`ImageError::SizeMismatch`].
     pub fn change_at_rest(&self, before: &Pair) -> Result<Change, ImageError> {
-        let history: Vec<History> = (0..self.extent.area()).map(History::Seen).collect();
+        let history: Vec<Sighting> = (0..self.extent.area()).map(Sighting::At).collect();
         self.change_since(before, &history)
     }
 
@@ -220,11 +141,11 @@ impl Pair {
     ) -> Result<Change, ImageError> {
         let angles = self.eccentricities(viewing).zip(self.eccentricities(viewing_before));
         let is_near = |(now, before): (f64, f64)| now.max(before) <= degrees.to_radians();
-        let near = |(i, angles)| if is_near(angles) { History::Seen(i) } else { History::Sky };
+        let near = |(i, angles)| if is_near(angles) { Sighting::At(i) } else { Sighting::Sky };
         self.change_since(before, &angles.enumerate().map(near).collect::<Vec<_>>())
     }
 
-    fn display_error(&self, i: usize) -> [f64; 3] {
+    pub(super) fn display_error(&self, i: usize) -> [f64; 3] {
         let (r, a) = (self.reference.shown[i], self.image.shown[i]);
         [a[0] - r[0], a[1] - r[1], a[2] - r[2]]
     }

@@ -81,7 +81,7 @@ fn surfaces(folder: &Path, frame: Option<usize>) -> Vec<[f32; 3]> {
     let mut found: Vec<_> = files.filter(|path| is_it(path.file_name().unwrap().to_str().unwrap())).collect();
     found.sort();
     assert_eq!(found.len(), 1, "{found:?} of {frame:?}");
-    read_channels(&found[0], ["X", "Y", "Z"]).unwrap().pixels
+    read_channels(&found[0], ["X", "Y", "Z"]).unwrap().image.pixels
 }
 
 fn moves(folder: &Path) -> Value {

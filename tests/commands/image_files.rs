@@ -48,7 +48,7 @@ fn a_surface_is_projected_onto_the_pixel_that_shows_it() {
         }
 
         let [x, y, z] = ["X", "Y", "Z"];
-        let positions = read_channels(&path("position."), [x, y, z]).unwrap();
+        let positions = read_channels(&path("position."), [x, y, z]).unwrap().image;
         let depths = read_rgb(&path("depth.")).unwrap();
         let file = read_colour(&path("depth.")).unwrap().tags;
         let centre = file.pixel_centre.unwrap();

@@ -21,6 +21,7 @@ mod play;
 mod play_fit;
 mod reference_mode;
 mod report;
+mod rivalry;
 mod runs;
 mod scale;
 mod schema;

@@ -55,7 +55,7 @@ fn seen(folder: &Path, file: &Path) -> [f32; 2] {
     let output = diptych(&[&["render", file], &options[..]].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let picture = image::open(out.join("left.png")).unwrap().to_luma32f();
-    let positions = read_channels(&out.join("left.position.exr"), ["X", "Y", "Z"]).unwrap();
+    let positions = read_channels(&out.join("left.position.exr"), ["X", "Y", "Z"]).unwrap().image;
     let is_object = |x: usize, y: usize| positions.pixels[y * SIZE[0] + x][1] > 0.01;
     let value = |x: usize, y: usize| picture.get_pixel(x as u32, y as u32).0[0];
     let mut differences = Vec::new();

@@ -6,7 +6,8 @@ use diptych::RunConfig;
 use diptych::exec::Stereo;
 use diptych::graph::Resource;
 use diptych::image::{Image, RgbImage};
-use diptych::metrics::temporal::{History, Surfaces};
+use diptych::metrics::surfaces::{Sighting, Surfaces};
+use diptych::metrics::temporal::MovingSurfaces;
 use diptych::metrics::{self, Errors};
 use diptych::passes::Aov;
 use diptych::quality::Quality;
@@ -182,7 +183,8 @@ fn what_a_passing_board_uncovers_has_its_own_light() {
             Image { extent: linear.extent, pixels: (0..linear.extent.area()).map(value).collect() }
         };
         let [motion, position, normal] = [0, 1, 2].map(|i| aov(i, &mut stage));
-        frames.push((linear, Surfaces::new(motion, position, normal).unwrap()));
+        let surfaces = Surfaces::new(position, normal).unwrap();
+        frames.push((linear, MovingSurfaces::new(surfaces, motion).unwrap()));
     }
     drop(stage);
     let (mut found, mut expected, mut pixels) = (0.0, 0.0, 0);
@@ -195,7 +197,7 @@ fn what_a_passing_board_uncovers_has_its_own_light() {
     for (i, pair) in (1..).zip(frames.windows(2)).skip(7) {
         let [(_, before), (linear, now)] = pair else { unreachable!("windows of two") };
         let right = stage.frame_at(f64::from(i) / FPS, i).linear.left;
-        let is_new = |p: &usize, history: &[History]| history[*p] == History::New;
+        let is_new = |p: &usize, history: &[Sighting]| history[*p] == Sighting::Hidden;
         let history = now.history(before).unwrap();
         // Exclude surfaces that enter at the image's side.
         let inside = |p: &usize| p % WIDTH as usize + 4 < WIDTH as usize;

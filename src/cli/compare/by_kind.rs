@@ -39,7 +39,7 @@ impl ByKind {
                 );
             };
             let channels = aov.channels();
-            Ok(read_channels(path, [0, 1, 2].map(|c| channels[c.min(channels.len() - 1)]))?)
+            Ok(read_channels(path, [0, 1, 2].map(|c| channels[c.min(channels.len() - 1)]))?.image)
         })?;
         let map = KindMap::new(&guides, &reference.image, exposure_ev, yfov_deg)
             .with_context(|| format!("auxiliary images of {}", image_path.display()))?;
@@ -48,7 +48,7 @@ impl ByKind {
 }
 
 /// Returns the path of the auxiliary image that belongs to an eye's image: `left.depth.0007.exr` for `left.0007.exr`.
-fn beside(image: &Path, aov: &str) -> PathBuf {
+pub(super) fn beside(image: &Path, aov: &str) -> PathBuf {
     let name = image.file_name().unwrap_or_default().to_string_lossy();
     let (eye, rest) = name.split_once('.').unwrap_or((&name, "exr"));
     image.with_file_name(format!("{eye}.{aov}.{rest}"))

@@ -5,6 +5,7 @@ use crate::image::exr::{ColourSource, Tags};
 use crate::metrics::Errors;
 use crate::metrics::kinds::KindError;
 use crate::metrics::rings::{Ring, Viewing};
+use crate::metrics::rivalry::Rivalry;
 use crate::metrics::seams::SeamError;
 use serde::Serialize;
 
@@ -47,6 +48,9 @@ pub(super) struct BothFindings {
     pub(super) eyes: Stereo<Findings>,
     /// Means over both eyes; `null` for measures that are undefined in one of them.
     pub(super) mean: serde_json::Map<String, serde_json::Value>,
+    /// `null` without auxiliary images that tell which pixels of the eyes show the same surface.
+    #[serde(flatten)]
+    pub(super) rivalry: Rivalry,
 }
 
 impl Findings {

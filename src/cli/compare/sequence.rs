@@ -4,12 +4,17 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::exec::Stereo;
-use crate::image::{RgbImage, exr};
-use crate::metrics::temporal::{Change, Surfaces};
-use crate::metrics::{MEASURES, Pair};
+use crate::image::exr::{self, Tags};
+use crate::metrics::rivalry::{Differences, RIVALRY_MEASURES, Rivalry};
+use crate::metrics::surfaces::Sighting;
+use crate::metrics::temporal::{Change, MovingSurfaces};
+use crate::metrics::{Errors, MEASURES, Pair};
 use crate::report::study::{SequenceRow, sequence_table};
+use crate::report::text_table;
 use anyhow::{Context, bail, ensure};
+use serde::Serialize;
 
+use super::rivalry::{self, Seen};
 use super::viewing::{Sourced, differences, source_note};
 use crate::cli::failure::Failure;
 
@@ -19,6 +24,9 @@ pub const SEQUENCE_MEASURES: [(&str, &str); 3] = [
     ("ghosting", "RMSE of newly seen surfaces over that of all others; above 1 may be trails"),
     ("new_share", "fraction of surface pixels that are newly seen"),
 ];
+
+pub const RIVALRY_FLICKER: (&str, &str) =
+    ("rivalry_flicker", "mean change of the eyes' difference from one frame to the next; 0 is best");
 
 /// A sequence and its reference: their folders, exposure and frame numbers.
 struct Sequence<'a> {
@@ -31,18 +39,23 @@ struct Sequence<'a> {
 /// Compares two sequences and prints the measures. `exposure_ev` is the value of --exposure, in stops.
 pub fn run(reference: &Path, image: &Path, exposure_ev: Option<f32>, json: bool) -> Result<(), Failure> {
     let sequence = Sequence::find(reference, image, exposure_ev).map_err(Failure::Input)?;
-    let row = |eye| sequence.row(eye).map_err(Failure::Input);
-    let rows = Stereo { left: row("left")?, right: row("right")? };
+    let results = sequence.results().map_err(Failure::Input)?;
     if json {
-        say!("{}", serde_json::to_string(&rows).map_err(anyhow::Error::from)?);
+        say!("{}", serde_json::to_string(&results).map_err(anyhow::Error::from)?);
         return Ok(());
     }
-    say!("{}\n", sequence_table(&rows).text().trim_end());
+    say!("{}\n", sequence_table(&results.rows).text().trim_end());
+    let values = results.rivalry.values().into_iter().chain([results.rivalry_flicker]);
+    let of_eyes: Vec<_> = RIVALRY_MEASURES.into_iter().chain([RIVALRY_FLICKER]).zip(values).collect();
+    let row = of_eyes.iter().map(|(_, value)| value.map_or("-".to_owned(), |value| format!("{value:.6}"))).collect();
+    say!("{}\n", text_table(&of_eyes.iter().map(|((name, _), _)| *name).collect::<Vec<_>>(), &[row]).trim_end());
     let exposure = ("exposure_ev", source_note(sequence.exposure.source));
     let shown = MEASURES.into_iter().filter(|(name, _)| ["relmse", "psnr", "flip", "mean_ratio"].contains(name));
-    for (name, meaning) in [exposure].into_iter().chain(shown).chain(SEQUENCE_MEASURES) {
+    for (name, meaning) in
+        [exposure].into_iter().chain(shown).chain(SEQUENCE_MEASURES).chain(RIVALRY_MEASURES).chain([RIVALRY_FLICKER])
+    {
         if !meaning.is_empty() {
-            say!("{name:<12} {meaning}");
+            say!("{name:<15} {meaning}");
         }
     }
     Ok(())
@@ -70,47 +83,112 @@ impl<'a> Sequence<'a> {
         Ok(Self { reference, image, exposure, frames: of_image })
     }
 
-    fn row(&self, eye: &'static str) -> Result<SequenceRow, anyhow::Error> {
-        let mut before: Option<(Pair, Surfaces)> = None;
-        let (mut errors, mut changes) = (Vec::new(), Change::default());
-        let mut has_warned = false;
+    /// Compares both eyes frame by frame.
+    fn results(&self) -> Result<Results, anyhow::Error> {
+        let mut eyes = ["left", "right"].map(EyeSums::new);
+        let (mut rivalries, mut flickers) = (Vec::new(), Vec::new());
+        let mut before: Option<Differences> = None;
         for &frame in &self.frames {
-            let (now, warnings) =
-                self.frame(eye, frame).with_context(|| format!("cannot compare frame {frame}, {eye} eye"))?;
-            // Most frames share their warnings, so report only those of the first frame that has some.
-            if !has_warned {
-                warnings.iter().for_each(|warning| eprintln!("warning: frame {frame}, {eye} eye: {warning}"));
+            let mut history = None;
+            for eye in &mut eyes {
+                let now = self.frame(eye.name, frame);
+                let now = now.with_context(|| format!("cannot compare frame {frame}, {} eye", eye.name))?;
+                let found = eye.add(frame, now)?;
+                history = history.or(found);
             }
-            has_warned |= !warnings.is_empty();
-            errors.push(now.0.errors());
-            if let Some((pair, surfaces)) = &before {
-                changes = changes + now.0.change_since(pair, &now.1.history(surfaces)?)?;
+            let [left, right] = eyes.each_ref().map(|eye| eye.before.as_ref());
+            let Some((left, right)) = left.zip(right) else { continue };
+            let pairs = Stereo { left: &left.pair, right: &right.pair };
+            let surfaces = Stereo { left: left.surfaces.surfaces(), right: right.surfaces.surfaces() };
+            let differences = rivalry::differences(&pairs, &surfaces, &right.tags)?;
+            if let Some(((now, before), history)) = differences.as_ref().zip(before.as_ref()).zip(history) {
+                flickers.extend(now.flicker(before, &history));
             }
-            before = Some(now);
+            rivalries.push(differences.as_ref().map(Differences::rivalry).unwrap_or_default());
+            before = differences;
         }
-        Ok(SequenceRow::new(eye, self.exposure.value, errors, changes.into()))
+        let [left, right] = eyes.map(|eye| eye.row(self.exposure.value));
+        let rivalry_flicker = (!flickers.is_empty()).then(|| flickers.iter().sum::<f64>() / flickers.len() as f64);
+        Ok(Results { rows: Stereo { left, right }, rivalry: Rivalry::mean_of(&rivalries), rivalry_flicker })
     }
 
     /// Reads a frame of an eye with its surfaces, and lists contradictions between the files' metadata.
-    fn frame(&self, eye: &str, frame: u32) -> Result<((Pair, Surfaces), Vec<String>), anyhow::Error> {
+    fn frame(&self, eye: &str, frame: u32) -> Result<EyeFrame, anyhow::Error> {
         let read = |folder: &Path| exr::read_colour(&colour(folder, eye, frame));
         let (reference, image) = (read(self.reference)?, read(self.image)?);
         let pair = Pair::new(&reference.image, &image.image, self.exposure.value)?;
         // Read the auxiliary images from the image's folder, not the reference's: all passes of a reference are at one
         // instant, so its motion vectors would be zero.
-        let aov = |name: &str, channels| -> Result<RgbImage, anyhow::Error> {
-            let path = self.image.join(format!("{eye}.{name}.{frame:04}.exr"));
-            ensure!(path.is_file(), "there is no {}: render with --aov motion,position,normal", path.display());
-            Ok(exr::read_channels(&path, channels)?)
-        };
-        let xyz = ["X", "Y", "Z"];
-        let mut surfaces = Surfaces::new(aov("motion", ["X", "Y", "Y"])?, aov("position", xyz)?, aov("normal", xyz)?)?;
-        // Only dynamic scenes need the surfaces' positions in the previous frame.
-        if self.image.join(format!("{eye}.last_position.{frame:04}.exr")).is_file() {
-            surfaces = surfaces.with_last_position(aov("last_position", xyz)?)?;
+        let path = |name: &str| self.image.join(format!("{eye}.{name}.{frame:04}.exr"));
+        let is_missing = |name: &&&str| !path(name).is_file();
+        if let Some(name) = ["motion", "position", "normal"].iter().find(is_missing) {
+            bail!("there is no {}: render with --aov motion,position,normal", path(name).display());
         }
-        Ok(((pair, surfaces), differences(&reference.tags, &image.tags)))
+        let seen = Seen::read(&[&colour(self.image, eye, frame)])?.context("there is no auxiliary image position")?;
+        let motion = exr::read_channels(&path("motion"), ["X", "Y", "Y"])?.image;
+        let mut surfaces = MovingSurfaces::new(seen.surfaces, motion)?;
+        // Only dynamic scenes need the surfaces' positions in the previous frame.
+        let last_position = path("last_position");
+        if last_position.is_file() {
+            surfaces = surfaces.with_last_position(exr::read_channels(&last_position, ["X", "Y", "Z"])?.image)?;
+        }
+        Ok(EyeFrame { pair, surfaces, tags: seen.tags, warnings: differences(&reference.tags, &image.tags) })
     }
+}
+
+/// A frame of an eye.
+struct EyeFrame {
+    pair: Pair,
+    surfaces: MovingSurfaces,
+    /// Metadata of the auxiliary images.
+    tags: Tags,
+    warnings: Vec<String>,
+}
+
+/// Errors of an eye's frames so far.
+struct EyeSums {
+    name: &'static str,
+    before: Option<EyeFrame>,
+    errors: Vec<Errors>,
+    changes: Change,
+    has_warned: bool,
+}
+
+impl EyeSums {
+    fn new(name: &'static str) -> Self {
+        Self { name, before: None, errors: Vec::new(), changes: Change::default(), has_warned: false }
+    }
+
+    /// Adds a frame. Returns where the previous one shows its surfaces.
+    fn add(&mut self, frame: u32, now: EyeFrame) -> Result<Option<Vec<Sighting>>, anyhow::Error> {
+        // Most frames share their warnings, so report only those of the first frame that has some.
+        if !self.has_warned {
+            now.warnings.iter().for_each(|warning| eprintln!("warning: frame {frame}, {} eye: {warning}", self.name));
+        }
+        self.has_warned |= !now.warnings.is_empty();
+        self.errors.push(now.pair.errors());
+        let history = self.before.as_ref().map(|before| now.surfaces.history(&before.surfaces)).transpose()?;
+        if let Some((before, history)) = self.before.as_ref().zip(history.as_ref()) {
+            self.changes = self.changes + now.pair.change_since(&before.pair, history)?;
+        }
+        self.before = Some(now);
+        Ok(history)
+    }
+
+    fn row(self, exposure_ev: f32) -> SequenceRow {
+        SequenceRow::new(self.name, exposure_ev, self.errors, self.changes.into())
+    }
+}
+
+/// Results of a sequence, as printed by `--json`.
+#[derive(Serialize)]
+struct Results {
+    #[serde(flatten)]
+    rows: Stereo<SequenceRow>,
+    /// Means over frames.
+    #[serde(flatten)]
+    rivalry: Rivalry,
+    rivalry_flicker: Option<f64>,
 }
 
 fn colour(folder: &Path, eye: &str, frame: u32) -> PathBuf {

@@ -3,10 +3,12 @@
 use crate::metrics::MEASURES;
 use crate::metrics::kinds::KindError;
 use crate::metrics::rings::Ring;
+use crate::metrics::rivalry::{RIVALRY_MEASURES, Rivalry};
 use crate::report::text_table;
 
 use super::findings::{Findings, mean};
-use super::sequence::SEQUENCE_MEASURES;
+use super::rivalry::NEEDS;
+use super::sequence::{RIVALRY_FLICKER, SEQUENCE_MEASURES};
 use super::viewing::{Source, source_note};
 
 /// Lists the meaning of each measure, for `--help`.
@@ -22,10 +24,13 @@ pub fn help() -> String {
     ];
     format!(
         "Measures of the image against the reference; for two eyes, one per eye and their mean:\n{}{}\n\
-         Measures of sequences, means over frames:\n{}",
+         Measures of both eyes together, with --aov position,normal:\n{}\n\
+         Measures of sequences, means over frames:\n{}{}",
         lines(&MEASURES),
         lines(&more),
-        lines(&SEQUENCE_MEASURES).trim_end()
+        lines(&RIVALRY_MEASURES),
+        lines(&SEQUENCE_MEASURES),
+        lines(&[RIVALRY_FLICKER]).trim_end()
     )
 }
 
@@ -78,6 +83,14 @@ pub fn print(compared: &[(&str, &Findings)]) {
             say!("\nrings around {x},{y}{of}; vertical field of view {yfov_deg} degrees{source}");
             say!("{}", ring_table(&rings.rings).trim_end());
         }
+    }
+}
+
+/// Prints how much the errors of the two eyes differ.
+pub fn print_rivalry(rivalry: &Rivalry) {
+    for ((name, meaning), value) in RIVALRY_MEASURES.iter().zip(rivalry.values()) {
+        let meaning = if rivalry.unmatched.is_none() { NEEDS } else { meaning };
+        line(name, [String::new(), String::new(), number(value, 6)], meaning);
     }
 }
 

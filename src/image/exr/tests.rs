@@ -229,7 +229,7 @@ fn channels_are_read_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("motion.exr");
     write_channels(&path, Extent::new(2, 1), &[("X", &[1.0, 2.0]), ("Y", &[3.0, f32::INFINITY])]).unwrap();
-    let found = read_channels(&path, ["X", "Y", "Y"]).unwrap();
+    let found = read_channels(&path, ["X", "Y", "Y"]).unwrap().image;
     assert_eq!(found.pixels, [[1.0, 3.0, 3.0], [2.0, f32::INFINITY, f32::INFINITY]]);
     let message = read_channels(&path, ["X", "Y", "Z"]).unwrap_err().to_string();
     assert!(message.contains("motion.exr has no channels X, Y, Z, only X, Y"), "{message}");

@@ -1,6 +1,7 @@
 //! Sequences whose flicker and ghosting have a closed form.
 
 use super::*;
+use crate::image::Extent;
 use crate::image::display::linear_from_srgb;
 
 const EXTENT: Extent = Extent { width: 24, height: 10 };
@@ -24,23 +25,27 @@ fn vectors(at: impl Fn(usize, usize) -> [f32; 3]) -> RgbImage {
     RgbImage { extent: EXTENT, pixels: (0..EXTENT.area()).map(|i| at(i % width, i / width)).collect() }
 }
 
+fn moving(motion: RgbImage, position: RgbImage, normal: RgbImage) -> Result<MovingSurfaces, ImageError> {
+    MovingSurfaces::new(Surfaces::new(position, normal)?, motion)
+}
+
 fn in_square(x: usize, y: usize, left: usize) -> bool {
     (left..left + SIDE).contains(&x) && (2..2 + SIDE).contains(&y)
 }
 
 /// Returns a wall with a square in front of it, which has moved right by `moved` pixels.
-fn scene(left: usize, moved: usize) -> Surfaces {
+fn scene(left: usize, moved: usize) -> MovingSurfaces {
     let inside = move |x, y| in_square(x, y, left);
     let motion = vectors(|x, y| [if inside(x, y) { -(moved as f32) } else { 0.0 }, 0.0, 0.0]);
     let position = vectors(|x, y| [x as f32, y as f32, if inside(x, y) { 5.0 } else { 0.0 }]);
-    Surfaces::new(motion, position, vectors(|_, _| [0.0, 0.0, 1.0])).unwrap()
+    moving(motion, position, vectors(|_, _| [0.0, 0.0, 1.0])).unwrap()
 }
 
 fn square(left: usize) -> impl Fn(usize, usize) -> f64 {
     move |x, y| if in_square(x, y, left) { SQUARE } else { 0.0 }
 }
 
-fn temporal(frames: [(&RgbImage, &RgbImage, &Surfaces); 2]) -> TemporalError {
+fn temporal(frames: [(&RgbImage, &RgbImage, &MovingSurfaces); 2]) -> TemporalError {
     let [before, now] = frames.map(|(reference, image, _)| Pair::new(reference, image, 0.0).unwrap());
     let history = frames[1].2.history(frames[0].2).unwrap();
     now.change_since(&before, &history).unwrap().into()
@@ -77,14 +82,17 @@ fn surfaces_uncovered_or_come_in_from_outside_are_new() {
     for (i, history) in history.iter().enumerate() {
         let (x, y) = (i % width, i / width);
         let expected = match (in_square(x, y, 3 + STEP), in_square(x, y, 3)) {
-            (true, _) => History::Seen(i - STEP),
-            (false, true) => History::New,
-            (false, false) => History::Seen(i),
+            (true, _) => Sighting::At(i - STEP),
+            (false, true) => Sighting::Hidden,
+            (false, false) => Sighting::At(i),
         };
         assert_eq!(*history, expected, "{x}, {y}");
     }
     let from_outside = scene(2, 4).history(&scene(0, 0)).unwrap();
-    assert_eq!(from_outside[2 * width + 2..2 * width + 5], [History::New, History::New, History::Seen(2 * width)]);
+    assert_eq!(
+        from_outside[2 * width + 2..2 * width + 5],
+        [Sighting::Hidden, Sighting::Hidden, Sighting::At(2 * width)]
+    );
 }
 
 /// The image holds (1 − α) of the previous frame without reprojection, like an exponential moving average.
@@ -117,7 +125,7 @@ fn noise_that_frames_do_not_share_flickers() {
 #[test]
 fn the_sky_counts_as_neither() {
     let sky = || vectors(|_, _| [0.0; 3]);
-    let surfaces = Surfaces::new(sky(), sky(), sky()).unwrap();
+    let surfaces = moving(sky(), sky(), sky()).unwrap();
     let (black, white) = (grey(|_, _| 0.0), grey(|_, _| 0.9));
     let found = temporal([(&black, &black, &surfaces), (&black, &white, &surfaces)]);
     assert_eq!(found, TemporalError { flicker: None, ghosting: None, new_share: None });
@@ -133,10 +141,10 @@ fn an_edge_that_moves_by_part_of_a_pixel_uncovers_nothing() {
     let history = now.history(&scene(3, 0)).unwrap();
     let width = EXTENT.width as usize;
     let row = 2 * width;
-    assert_eq!(history[row + 3], History::Seen(row + 3));
-    assert_eq!(history[row + 3 + SIDE], History::Seen(row + 3 + SIDE));
-    assert_eq!(history[row + 5], History::Seen(row + 4));
-    assert!(!history.contains(&History::New));
+    assert_eq!(history[row + 3], Sighting::At(row + 3));
+    assert_eq!(history[row + 3 + SIDE], Sighting::At(row + 3 + SIDE));
+    assert_eq!(history[row + 5], Sighting::At(row + 4));
+    assert!(!history.contains(&Sighting::Hidden));
 }
 
 /// The scale of the world does not matter, and a slanted plane is not taken for a disocclusion.
@@ -146,10 +154,10 @@ fn a_slanted_plane_that_moves_past_is_seen_at_any_scale() {
         let plane = |shift: f32| {
             let position = vectors(|x, y| [x as f32 + shift, y as f32, 3.0 * (x as f32 + shift)].map(|c| c * scale));
             let normal = vectors(|_, _| [-3.0, 0.0, 1.0].map(|c: f32| c / 10f32.sqrt()));
-            Surfaces::new(vectors(|_, _| [shift, 0.0, 0.0]), position, normal).unwrap()
+            moving(vectors(|_, _| [shift, 0.0, 0.0]), position, normal).unwrap()
         };
         let history = plane(1.4).history(&plane(0.0)).unwrap();
-        let new = history.iter().filter(|h| **h == History::New).count();
+        let new = history.iter().filter(|h| **h == Sighting::Hidden).count();
         assert_eq!(new, EXTENT.height as usize, "only the last column comes from outside, at {scale}");
     }
 }
@@ -158,8 +166,8 @@ fn a_slanted_plane_that_moves_past_is_seen_at_any_scale() {
 fn images_of_different_sizes_are_refused() {
     let small = || RgbImage::filled(Extent::new(2, 2), [0.0; 3]);
     let large = || RgbImage::filled(Extent::new(3, 2), [0.0; 3]);
-    assert!(Surfaces::new(small(), large(), large()).is_err());
-    let of = |image: &dyn Fn() -> RgbImage| Surfaces::new(image(), image(), image()).unwrap();
+    assert!(moving(small(), large(), large()).is_err());
+    let of = |image: &dyn Fn() -> RgbImage| moving(image(), image(), image()).unwrap();
     let (a, b) = (of(&small), of(&large));
     assert!(a.history(&b).is_err());
 }

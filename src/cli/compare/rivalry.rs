@@ -1,0 +1,61 @@
+//! Binocular rivalry of a stereo image, whose auxiliary images tell which pixels of the eyes show the same surface.
+
+use std::path::Path;
+
+use anyhow::{Context, Error};
+
+use super::by_kind::beside;
+use crate::exec::Stereo;
+use crate::image::display::DisplayImage;
+use crate::image::exr::read_channels;
+use crate::image::{Image, exr::Tags};
+use crate::metrics::Pair;
+use crate::metrics::heatmap::error_colour;
+use crate::metrics::rivalry::Differences;
+use crate::metrics::surfaces::Surfaces;
+
+/// Explanation of why rivalry is undefined.
+pub const NEEDS: &str = "needs auxiliary images of both eyes: render with --aov position,normal";
+
+/// Surfaces that an eye sees in a frame, and the metadata of their file.
+pub struct Seen {
+    pub surfaces: Surfaces,
+    pub tags: Tags,
+}
+
+impl Seen {
+    /// Reads the auxiliary images `position` and `normal` beside the first of `images` that has them; `None` if none
+    /// has.
+    pub fn read(images: &[&Path]) -> Result<Option<Self>, Error> {
+        let xyz = ["X", "Y", "Z"];
+        let files = |image: &&Path| ["position", "normal"].map(|name| beside(image, name));
+        let Some([position, normal]) = images.iter().map(files).find(|paths| paths.iter().all(|path| path.is_file()))
+        else {
+            return Ok(None);
+        };
+        let (position, normal) = (read_channels(&position, xyz)?, read_channels(&normal, xyz)?);
+        Ok(Some(Self { surfaces: Surfaces::new(position.image, normal.image)?, tags: position.tags }))
+    }
+}
+
+/// Subtracts the right eye's errors from the left eye's; `None` if `right_tags`, the metadata of the right eye's
+/// auxiliary images, do not tell its camera.
+pub fn differences(
+    pairs: &Stereo<&Pair>,
+    surfaces: &Stereo<&Surfaces>,
+    right_tags: &Tags,
+) -> Result<Option<Differences>, Error> {
+    let Some(world_to_ndc) = right_tags.world_to_ndc else {
+        return Ok(None);
+    };
+    let centre = right_tags.pixel_centre.unwrap_or([0.5; 2]);
+    let in_right = surfaces.left.in_other_eye(surfaces.right, &world_to_ndc, centre)?;
+    let differ = || "the auxiliary images position and normal differ from the images in size";
+    Ok(Some(Differences::new(pairs.left, pairs.right, &in_right).with_context(differ)?))
+}
+
+/// A map of the differences: matched pixels on the scale of heatmaps, others grey.
+pub fn map(differences: &Differences) -> DisplayImage {
+    let pixels = differences.sizes().map(|size| size.map_or([96; 3], error_colour)).collect();
+    Image { extent: differences.extent(), pixels }
+}

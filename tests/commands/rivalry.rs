@@ -1,0 +1,83 @@
+//! `compare` measures how much the errors of the two eyes differ.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::common::diptych;
+
+fn render(out: &Path, options: &[&str]) {
+    let common = ["render", "builtin:cornell", "--size", "64x36", "--bounces", "3", "--out", out.to_str().unwrap()];
+    let output = diptych(&[&common, options].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+fn compare(reference: &Path, image: &Path, options: &[&str]) -> String {
+    let output = diptych(&[&["compare", reference.to_str().unwrap(), image.to_str().unwrap()], options].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn json(reference: &Path, image: &Path) -> Value {
+    serde_json::from_str(&compare(reference, image, &["--json"])).unwrap()
+}
+
+#[test]
+fn light_that_was_filtered_once_is_shared_by_the_eyes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    render(&path("reference"), &["--reference", "--spp", "512"]);
+    let aovs = ["--aov", "position,normal"];
+    let seen = |name: &str, options: &[&str]| {
+        render(&path(name), &[&aovs, options].concat());
+        let found = json(&path("reference"), &path(name));
+        for measure in ["rivalry", "rivalry_seen", "rivalry_mean", "rivalry_p99"] {
+            assert!(found[measure].as_f64().is_some_and(|value| value > 0.0 && value < 0.2), "{measure}: {found}");
+        }
+        assert!(found["unmatched"].as_f64().unwrap() < 0.2, "{found}");
+        found["rivalry_seen"].as_f64().unwrap()
+    };
+    let [once, apart] = [seen("once", &[]), seen("apart", &["--reproject", "off"])];
+    println!("seen rivalry {once}, of eyes that were rendered apart {apart}");
+    assert!(once < 0.8 * apart, "{once} is not below {apart}");
+
+    let map = path("map.png");
+    let text = compare(&path("reference"), &path("once"), &["--rivalry-map", map.to_str().unwrap()]);
+    assert!(text.contains("\nrivalry_seen ") && map.is_file(), "{text}");
+}
+
+#[test]
+fn rivalry_needs_to_know_which_pixels_match() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = folder.path().join("image");
+    render(&image, &["--denoiser", "none"]);
+    let text = compare(&image, &image, &[]);
+    assert!(text.contains("render with --aov position,normal"), "{text}");
+    assert!(json(&image, &image)["rivalry"].is_null());
+    let (path, map) = (image.to_str().unwrap(), folder.path().join("map.png"));
+    let map = map.to_str().unwrap();
+    let left = image.join("left.exr");
+    let left = left.to_str().unwrap();
+    for (files, part) in [([path, path], "--aov position,normal"), ([left, left], "name two folders")] {
+        let output = diptych(&["compare", files[0], files[1], "--rivalry-map", map]);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains(part), "{said}");
+    }
+}
+
+#[test]
+fn sequences_have_rivalry_that_flickers() {
+    let folder = tempfile::tempdir().unwrap();
+    let [reference, image] = ["reference", "image"].map(|name| folder.path().join(name));
+    let frames = ["--frames", "3", "--fps", "24"];
+    render(&reference, &[&frames[..], &["--reference", "--spp", "64"]].concat());
+    render(&image, &[&frames[..], &["--aov", "motion,position,normal"]].concat());
+    let found = json(&reference, &image);
+    for measure in ["rivalry", "rivalry_seen", "rivalry_flicker"] {
+        assert!(found[measure].as_f64().is_some_and(|value| value > 0.0), "{measure}: {found}");
+    }
+    assert!(found["left"]["flicker"].is_number(), "{found}");
+    let text = compare(&reference, &image, &[]);
+    assert!(text.contains("rivalry_flicker") && text.contains("ghosting"), "{text}");
+}
