@@ -3,3 +3,5 @@
 const UNKNOWN: f32 = -1.0;
 // Flag of a pixel without any light:
 const MISSING: f32 = -2.0;
+// Flag of a pixel whose light has been filtered already. Its variance counts as 0.
+const FINISHED: f32 = -4.0;

@@ -76,6 +76,11 @@ pub struct RunOptions {
     /// Reproject the right eye from the left one; off traces both eyes in full
     #[arg(long, default_value = "on", help_heading = QUALITY)]
     pub reproject: Switch,
+    /// Filter the left eye's light and reproject the result, for svgf
+    ///
+    /// Both eyes then see the same noise. With off, the right eye takes over the left eye's samples and filters them.
+    #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
+    pub filter_once: Switch,
     /// Keep direct light with hard shadows out of the denoiser, for up to 4 lights
     ///
     /// Points and spots without a radius and suns with a radius of at most 1 degree have hard shadows.

@@ -205,6 +205,7 @@ pub fn config(options: &RenderOptions, loaded: &LoadedScene, mixes_spp: bool) ->
         indirect_clamp: options.clamp.unwrap_or(0.0),
         hard_shadows: options.hard_shadows == Switch::On,
         follow_mirrors: options.follow_mirrors == Switch::On,
+        filter_once: options.filter_once == Switch::On,
         regularize: options.regularize == Switch::On,
         filter_textures: options.filter_textures == Switch::On,
         unsampled_fraction: foveated.unsampled_fraction.unwrap_or(config.unsampled_fraction),

@@ -43,6 +43,7 @@ impl RunConfig {
         let (buffers, most) = (&self.buffers, &self.envelope.most);
         FrameSpec {
             views: if buffers.reproject { Views::Reprojected } else { Views::Traced },
+            filter_once: self.filter_once,
             filter: most.denoiser,
             sparse: self.leaves_pixels(),
             iterations: most.most_iterations(),

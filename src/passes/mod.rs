@@ -58,13 +58,27 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         }
     }
     let denoiser = denoise::of(spec.denoiser());
-    let mut views = Eye::ALL.map(|view| denoise::Denoised::new(denoiser, spec, view));
+    let denoised = |view, left_light| denoise::Denoised::new(denoiser, spec, view, left_light);
+    let left = denoised(Eye::Left, None);
+    let left_light = spec.takes_over_filtered_light().then(|| left.light.image());
+    let mut views = [left, denoised(Eye::Right, left_light)];
     views.iter_mut().for_each(|view| frame.passes.append(&mut view.before));
     let links = views[0].filter.len();
     let runs = match spec.seam {
         Seam::Halo(plan) if links > 0 => plan.runs(links),
         _ => std::iter::once(0..links).collect(),
     };
+    if let Some(pass) = views[1].taken_over.take() {
+        // The right eye needs the left eye's filtered light.
+        let [left, right] = &mut views;
+        frame.passes.append(&mut left.filter);
+        frame.passes.push(pass);
+        for view in [left, right] {
+            frame.passes.append(&mut view.filter);
+            finish(spec, denoiser, view.view, &mut view.light, &mut frame);
+        }
+        return in_order(frame);
+    }
     // The views alternate, so that devices filter one view while rows of the other are transferred.
     for run in &runs {
         for view in &mut views {
@@ -74,7 +88,11 @@ pub fn declare(spec: &FrameSpec) -> Declared {
             }
         }
     }
-    // Late reprojection comes last, so that both eyes use the same pose, sampled as late as possible.
+    in_order(frame)
+}
+
+/// Moves late reprojection to the end, so that both eyes use the same pose, sampled as late as possible.
+fn in_order(frame: Declared) -> Declared {
     let (first, last): (Vec<_>, Vec<_>) = frame.passes.into_iter().partition(|pass| pass.partition != LATE_PARTITION);
     Declared { passes: [first, last].concat(), ..frame }
 }

@@ -78,6 +78,8 @@ pub struct FrameSpec {
     pub chain: ImageChain,
     pub devices: usize,
     pub views: Views,
+    /// True if the right eye takes over the left eye's light after the filter instead of before, if the denoiser can.
+    pub filter_once: bool,
     /// True if only the pixels that the pass `select` lists are path traced. The filter fills in the others.
     pub sparse: bool,
     pub filter: Option<Denoiser>,
@@ -103,6 +105,7 @@ impl FrameSpec {
             chain: ImageChain::direct(extent),
             devices,
             views: Views::Reprojected,
+            filter_once: true,
             sparse: false,
             filter: Some(Denoiser::SVGF),
             iterations: Denoiser::DEFAULT_ITERATIONS,
@@ -117,6 +120,12 @@ impl FrameSpec {
     /// Returns the denoiser in effect, if any.
     pub fn denoiser(&self) -> Option<Denoiser> {
         self.filter.filter(|_| self.has_surfaces && self.iterations > 0)
+    }
+
+    /// Returns true if the right eye takes over the left eye's filtered light.
+    pub fn takes_over_filtered_light(&self) -> bool {
+        let can = self.denoiser().is_some_and(|denoiser| denoiser.method().leaves_finished_light());
+        self.filter_once && self.views == Views::Reprojected && can
     }
 
     /// Returns the number of rows that a filter with a reach of `rows` rows reads from each neighbouring stripe:

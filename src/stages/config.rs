@@ -85,6 +85,9 @@ pub struct RunConfig {
     pub sampler: Sampler,
     /// Upper bound of indirect radiance; 0 disables it.
     pub indirect_clamp: f32,
+    /// True if the right eye takes over the left eye's light after the denoiser's filter instead of before, so that both
+    /// eyes see the same noise and blur. Has no effect if both eyes are traced, or with denoisers other than `svgf`.
+    pub filter_once: bool,
     /// True if direct light with hard shadows bypasses the denoiser: it is traced at the first surfaces without noise,
     /// if the scene has few such lights ([`SceneNeeds::hard_lights`]).
     pub hard_shadows: bool,
@@ -130,6 +133,7 @@ impl RunConfig {
             hard_shadows: true,
             follow_mirrors: true,
             bypass_narrow_lobes: true,
+            filter_once: true,
             regularize: true,
             filter_textures: true,
             unsampled_fraction: Foveation::UNSAMPLED_FRACTION,

@@ -9,8 +9,8 @@
 //   variance (the paper separates direct and indirect light instead).
 // - Differences are relative to the variances of both pixels, so that weights are symmetric. Weights are Gaussian,
 //   which is near 1 within the noise and falls faster beyond it.
-// - The first iteration tolerates smaller differences, since its result becomes the history and its blur adds up over
-//   frames.
+// - The first iteration, whose result becomes the history, tolerates larger differences than the others, since its taps
+//   are the nearest.
 
 //!include frame grid projection split rng pack edges foveation variance bindings
 
@@ -25,6 +25,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let bits = guide_image[at];
     if bits.w == NO_NORMAL {
         filtered[at] = vec4<u32>(0u);
+        return;
+    }
+    if centre.a.x == FINISHED {
+        filtered[at] = source[at];
         return;
     }
     let step = i32(pass_.args[0]);
@@ -47,16 +51,17 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let there = beside(pixel, vec2<i32>(dx, dy) * step);
             let tap = pixel_index(vec2<u32>(there.pixel));
             let value = unpack_light(source[tap]);
-            let counts = there.is_there && (dx != 0 || dy != 0) && value.a.x >= 0.0;
+            let counts = there.is_there && (dx != 0 || dy != 0) && (value.a.x >= 0.0 || value.a.x == FINISHED);
+            let tap_variance = max(value.a, vec2<f32>(0.0));
             let l = luminances(value);
-            let off2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, vec2<f32>(0.0)) + value.a) + 1e-6 * own * l + unseen_square());
+            let off2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, vec2<f32>(0.0)) + tap_variance) + 1e-6 * own * l + unseen_square());
             // A pixel without light takes any light of its surface.
             let d = select(off2, vec2<f32>(0.0), is_missing);
             let taps = vec2<f32>(surface_weight(guide, guide_image[tap], d.x), surface_weight(guide, guide_image[tap], d.y));
             let k = select(vec2<f32>(0.0), kernel[dx + 1] * kernel[dy + 1] * taps, counts);
             sum += value.matte * k.x;
             gloss_sum += value.gloss * k.y;
-            variance += value.a * k * k;
+            variance += tap_variance * k * k;
             weight += k.x;
             gloss_weight += k.y;
         }

@@ -25,6 +25,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         filtered[at] = vec4<u32>(0u);
         return;
     }
+    if centre.a.x == FINISHED {
+        filtered[at] = source[at];
+        return;
+    }
     let is_known = centre.a.x >= 0.0;
     var smooth_sum = max(centre.a, vec2<f32>(0.0)) * 0.25;
     var smooth_weight = 0.25;

@@ -62,6 +62,11 @@ pub trait Denoise: Sync {
         false
     }
 
+    /// Returns true if the filter leaves pixels alone whose light has been filtered already.
+    fn leaves_finished_light(&self) -> bool {
+        false
+    }
+
     /// Returns true if specular light of narrow lobes bypasses the filter, because it would blur reflections.
     fn leaves_out_narrow_lobes(&self) -> bool {
         false

@@ -22,6 +22,8 @@ pub const TELLS_VARIANCE: u32 = 0x8000_0000;
 /// Value in place of an unknown variance.
 pub const UNKNOWN: f64 = -1.0;
 pub const MISSING: f64 = -2.0;
+/// Value in place of the variance of light that has been filtered already.
+pub const FINISHED: f64 = -4.0;
 
 /// Relative rounding error of a half float, with a margin for drivers that round towards zero.
 pub const HALF: f64 = 1.0 / 1024.0;

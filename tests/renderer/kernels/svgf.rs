@@ -6,7 +6,7 @@ use super::camera::Constants;
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{Format, Light, MISSING, UNKNOWN};
+use super::pack::{FINISHED, Format, Light, MISSING, UNKNOWN};
 
 /// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const REACH: f64 = 0.02;
@@ -43,6 +43,10 @@ impl Twin<'_> {
             cases.meet("another layer's iteration");
             return Filtered::Kept;
         }
+        if self.source[at].variance.x == FINISHED {
+            cases.meet("finished");
+            return Filtered::Kept;
+        }
         let matte =
             self.channel((x, y), surface, |light| (light.matte, light.variance.x), |light| light.luminances().x);
         let gloss =
@@ -72,15 +76,17 @@ impl Twin<'_> {
             let step = 1 << self.iteration;
             let Some(tap) = self.constants.tap((x, y), (dx * step, dy * step), &self.stripe.valid) else { continue };
             let (other, value) = (self.guide[tap], &self.source[tap]);
-            let Some(other) = other.filter(|_| value.variance.x >= 0.0) else { continue };
+            let counts = value.variance.x >= 0.0 || value.variance.x == FINISHED;
+            let Some(other) = other.filter(|_| counts) else { continue };
+            let its_variance = light(value).1.max(0.0);
             let (own, its) = (luminance(centre), luminance(value));
-            let allowed = f64::from(SIGMA2) * (light(centre).1.max(0.0) + light(value).1) + 1e-6 * own * its + unseen;
+            let allowed = f64::from(SIGMA2) * (light(centre).1.max(0.0) + its_variance) + 1e-6 * own * its + unseen;
             // A pixel without light accepts any light of its surface.
             let difference = if is_missing { 0.0 } else { (own - its).powi(2) / allowed };
             let similarity = if (dx, dy) == (0, 0) { 1.0 } else { surface.weight(reach, &other, difference) };
             let k = f64::from((2 - dx.abs()) * (2 - dy.abs())) / 16.0 * similarity;
             sum += light(value).0 * k;
-            variances += light(value).1 * k * k;
+            variances += its_variance * k * k;
             weight += k;
         }
         if weight > 0.0 { (sum / weight, variances / (weight * weight)) } else { (DVec3::ZERO, MISSING) }
@@ -112,9 +118,10 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
                 if Surface::unpack(*bits).is_none() {
                     return [0; 4];
                 }
-                let variance = match random.bits() % 5 {
+                let variance = match random.bits() % 6 {
                     0 => DVec2::splat(MISSING),
                     1 => DVec2::splat(UNKNOWN),
+                    5 => DVec2::splat(FINISHED),
                     // Exclude such bright light: the shader divides its square by the variance.
                     2 if unit <= 1.0 => DVec2::ZERO,
                     _ => DVec2::new(random.within(0.0..0.3), random.within(0.0..0.1)) * square,
@@ -153,7 +160,7 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
             }
         }
     }
-    cases.assert_met(&["no surface", "filtered", "filled", "nothing around"]);
+    cases.assert_met(&["no surface", "filtered", "filled", "finished", "nothing around"]);
     cases.assert_met(expected);
 }
 

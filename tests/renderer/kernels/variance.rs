@@ -6,7 +6,7 @@ use super::camera::Constants;
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{Format, Light, MISSING, UNKNOWN};
+use super::pack::{FINISHED, Format, Light, MISSING, UNKNOWN};
 use glam::DVec3;
 
 /// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
@@ -42,6 +42,10 @@ impl Twin<'_> {
         if centre.variance.x >= 0.0 {
             cases.meet("known");
             return Some(Light { variance: self.smoothed(pixel), ..*centre });
+        }
+        if centre.variance.x == FINISHED {
+            cases.meet("finished");
+            return Some(*centre);
         }
         let is_missing = centre.variance.x == MISSING;
         let reach = surface.reach(&self.constants.eyes[self.view], REACH);
@@ -108,7 +112,14 @@ fn compare(gloss: bool, seed: u64) {
                     // Missing light is black, but the result must not depend on it.
                     return format.pack(&Light { variance: DVec2::splat(MISSING), ..random.light(9.0) });
                 }
-                let variance = if random.chance(0.5) { known } else { DVec2::splat(UNKNOWN) };
+                let variance = random.pick(&[
+                    known,
+                    known,
+                    known,
+                    DVec2::splat(UNKNOWN),
+                    DVec2::splat(UNKNOWN),
+                    DVec2::splat(FINISHED),
+                ]);
                 format.pack(&Light { variance, ..random.light(2.0 * unit) })
             })
             .collect();
@@ -143,7 +154,7 @@ fn compare(gloss: bool, seed: u64) {
             }
         }
     }
-    cases.assert_met(&["no surface", "known", "unknown", "missing", "nothing around"]);
+    cases.assert_met(&["no surface", "known", "unknown", "missing", "finished", "nothing around"]);
 }
 
 #[test]

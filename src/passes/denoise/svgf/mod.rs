@@ -26,10 +26,10 @@ const VARIANCE_REACH: u32 = 3;
 
 const VARIANCE_KERNEL: Kernel = Kernel::new("variance").with(constants![VARIANCE_REACH]);
 
-/// Width of the luminance edge-stopping function, in standard deviations of luminance: in the first iteration, and in
-/// all others. The first iteration's result becomes the history, so its blur accumulates over frames.
-const FIRST_SIGMA: f32 = 0.8;
-const SIGMA: f32 = 1.2;
+/// Width of the luminance edge-stopping function, in standard deviations of luminance: in the first iteration, whose
+/// result becomes the history, and in all others.
+const FIRST_SIGMA: f32 = 1.2;
+const SIGMA: f32 = 0.8;
 
 /// Returns the distance in pixels between the taps of iteration `index`. It doubles with each iteration, so the first
 /// iteration, whose result becomes the history, blurs least.
@@ -53,6 +53,10 @@ impl Denoise for Svgf {
     }
 
     fn needs_variance(&self) -> bool {
+        true
+    }
+
+    fn leaves_finished_light(&self) -> bool {
         true
     }
 

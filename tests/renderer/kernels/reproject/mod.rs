@@ -1,5 +1,6 @@
 //! Reprojection of the left eye's light into the right eye, and the compacted list of holes.
 
+mod filtered;
 mod twin;
 
 use glam::{DVec2, DVec3, Vec2};
@@ -18,6 +19,25 @@ struct Eyes {
     hit: [Vec<[u32; 4]>; 2],
     guide: [Vec<[u32; 4]>; 2],
     left_radiance: Vec<[u32; 4]>,
+}
+
+impl Eyes {
+    fn pixel(&self, constants: &Constants, view: usize, at: usize, light: Option<Light>) -> Pixel {
+        let hit = self.hit[view][at][3];
+        let (eye, (x, y)) = (&constants.eyes[view], (at as u32 % constants.width, at as u32 / constants.width));
+        let surface = Surface::unpack(self.guide[view][at]);
+        let length = f64::from(f32::from_bits(self.hit[view][at][1]));
+        let mirrored = eye.origin.as_dvec3() + eye.ray(constants.through(x, y), constants.size()) * length;
+        let own = surface.map_or(DVec3::ZERO, |surface| surface.position);
+        Pixel {
+            surface,
+            image: if hit & MIRRORED != 0 { mirrored } else { own },
+            is_mixed: hit & MIXED != 0,
+            is_view_dependent: hit & VIEW_DEPENDENT != 0,
+            material: hit & MATERIAL_MASK,
+            light,
+        }
+    }
 }
 
 fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bool) -> Eyes {
@@ -117,22 +137,8 @@ fn compare(
     let mut cases = Cases::default();
     for (round, stripe) in stripes().iter().enumerate() {
         let eyes = inputs(&mut random, &constants, format, sparse);
-        let pixel = |view: usize, at: usize| {
-            let (hit, radiance) = (eyes.hit[view][at][3], eyes.left_radiance[at]);
-            let (eye, (x, y)) = (&constants.eyes[view], (at as u32 % constants.width, at as u32 / constants.width));
-            let surface = Surface::unpack(eyes.guide[view][at]);
-            let length = f64::from(f32::from_bits(eyes.hit[view][at][1]));
-            let mirrored = eye.origin.as_dvec3() + eye.ray(constants.through(x, y), constants.size()) * length;
-            let own = surface.map_or(DVec3::ZERO, |surface| surface.position);
-            Pixel {
-                surface,
-                image: if hit & MIRRORED != 0 { mirrored } else { own },
-                is_mixed: hit & MIXED != 0,
-                is_view_dependent: hit & VIEW_DEPENDENT != 0,
-                material: hit & MATERIAL_MASK,
-                light: format.unpack_sampled(radiance),
-            }
-        };
+        let light = |at: usize| format.unpack_sampled(eyes.left_radiance[at]);
+        let pixel = |view, at| eyes.pixel(&constants, view, at, light(at));
         let left: Vec<_> = (0..constants.area()).map(|at| pixel(0, at)).collect();
         let twin = Twin { constants: &constants, sparse, accepts_mixed, left: &left };
         let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits() & 0x0fff_ffff).collect();

@@ -1,0 +1,50 @@
+// Light that the right eye takes over after the left eye's filter: each reprojected pixel gathers the filtered light of its
+// surface (see `reprojection.inc.wgsl`), so that both eyes see the same blur and the same remaining noise. Such pixels
+// are FINISHED: the right eye's own filter leaves them alone and uses them for the pixels around them, the holes.
+
+//!include frame grid projection split rng pack mirrored foveation variance reprojection bindings
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if is_outside(pixel) {
+        return;
+    }
+    let at = pixel_index(pixel);
+    let own = source[at];
+    filtered[at] = own;
+    let hit = hit_image[at];
+    let guide = guide_image[at];
+    let reason = hole_reason(tally_image[at]);
+    if guide.w == NO_NORMAL || (reason != 0u && reason != SKIPPED) || (hit.w & FLAG_VIEW_DEPENDENT) != 0u {
+        return;
+    }
+    var slack = 1.0;
+    if FOVEATED {
+        slack = f32(1u << layer_of(pixel, 1u));
+    }
+    let position = bitcast<vec3<f32>>(guide.xyz);
+    let image = image_point(1u, pixel, hit, position);
+    let seen = pixel_of(image, frame.camera.views[0]);
+    if seen.z <= 0.0 {
+        return;
+    }
+    let reach = length(image - frame.camera.views[0].origin);
+    let wanted = Wanted(position, unpack_normal(guide.w), image, reach, hit.w & MATERIAL_MASK, slack);
+    var sum = 0.0;
+    var matte = vec3<f32>(0.0);
+    var gloss = vec3<f32>(0.0);
+    for (var i = 0; i < taps(); i += 1) {
+        let tap = tap_around(seen.xy, pixel.y, i);
+        if tap.is_there && tap.weight > 0.0 && surface_differs(tap.at, wanted) == 0u {
+            let light = unpack_light(left_light[tap.at]);
+            let w = select(0.0, tap.weight, light.a.x != MISSING);
+            matte += light.matte * w;
+            gloss += light.gloss * w;
+            sum += w;
+        }
+    }
+    if sum >= 1e-4 {
+        filtered[at] = pack_light(SplitLight(matte / sum, gloss / sum, vec2<f32>(FINISHED)));
+    }
+}
