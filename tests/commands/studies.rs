@@ -64,7 +64,7 @@ fn noise_flickers_and_filtering_calms_it() {
     let text = diptych(&["compare", right.to_str().unwrap(), noisy.to_str().unwrap()]).stdout;
     let text = String::from_utf8(text).unwrap();
     assert!(["flicker", "relmse"].iter().all(|name| text.lines().any(|l| l.starts_with(name))), "{text}");
-    assert!(text.lines().any(|l| l.starts_with("exposure_ev  as the reference says")), "{text}");
+    assert!(text.lines().any(|l| l.starts_with("exposure_ev     as the reference says")), "{text}");
 }
 
 #[test]
