@@ -5,10 +5,10 @@
 
 //!include frame grid projection split rng pack mirrored foveation reprojection bindings
 
-// Returns the reason that a left pixel is not a valid tap; 0 if it is valid.
-fn why_not(at: u32, wanted: Wanted) -> u32 {
-    let why = surface_differs(at, wanted);
-    if SPARSE && why == 0u && left_radiance[at].w == 0u {
+// Returns the reason that a tap is not valid; 0 if it is valid.
+fn why_not(tap: Tap, wanted: Wanted) -> u32 {
+    let why = surface_differs(tap, wanted);
+    if SPARSE && why == 0u && left_radiance[tap.at].w == 0u {
         return SKIPPED;
     }
     return why;
@@ -62,15 +62,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         open_hole(at, VIEW, is_wanted);
         return;
     }
-    let position = bitcast<vec3<f32>>(guide.xyz);
-    let image = image_point(1u, pixel, hit, position);
-    let seen = pixel_of(image, frame.camera.views[0]);
+    let wanted = wanted_by(pixel, hit, guide, slack);
+    let seen = pixel_of(wanted.image, frame.camera.views[0]);
     if seen.z <= 0.0 {
         open_hole(at, OUTSIDE, is_wanted);
         return;
     }
-    let reach = length(image - frame.camera.views[0].origin);
-    let wanted = Wanted(position, unpack_normal(guide.w), image, reach, hit.w & MATERIAL_MASK, slack);
     var sum = 0.0;
     var matte = vec3<f32>(0.0);
     var gloss = vec3<f32>(0.0);
@@ -81,10 +78,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var was_skipped = false;
     for (var i = 0; i < taps(); i += 1) {
         let tap = tap_around(seen.xy, pixel.y, i);
-        var why_tap = OUTSIDE;
-        if tap.is_there {
-            why_tap = why_not(tap.at, wanted);
-        }
+        let why_tap = why_not(tap, wanted);
         was_skipped = was_skipped || why_tap == SKIPPED;
         if why_tap != 0u {
             // The reason is that of the invalid tap with the largest weight.

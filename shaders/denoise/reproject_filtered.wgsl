@@ -11,8 +11,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
-    let own = source[at];
-    filtered[at] = own;
+    filtered[at] = source[at];
     let hit = hit_image[at];
     let guide = guide_image[at];
     let reason = hole_reason(tally_image[at]);
@@ -23,20 +22,17 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if FOVEATED {
         slack = f32(1u << layer_of(pixel, 1u));
     }
-    let position = bitcast<vec3<f32>>(guide.xyz);
-    let image = image_point(1u, pixel, hit, position);
-    let seen = pixel_of(image, frame.camera.views[0]);
+    let wanted = wanted_by(pixel, hit, guide, slack);
+    let seen = pixel_of(wanted.image, frame.camera.views[0]);
     if seen.z <= 0.0 {
         return;
     }
-    let reach = length(image - frame.camera.views[0].origin);
-    let wanted = Wanted(position, unpack_normal(guide.w), image, reach, hit.w & MATERIAL_MASK, slack);
     var sum = 0.0;
     var matte = vec3<f32>(0.0);
     var gloss = vec3<f32>(0.0);
     for (var i = 0; i < taps(); i += 1) {
         let tap = tap_around(seen.xy, pixel.y, i);
-        if tap.is_there && tap.weight > 0.0 && surface_differs(tap.at, wanted) == 0u {
+        if tap.weight > 0.0 && surface_differs(tap, wanted) == 0u {
             let light = unpack_light(left_light[tap.at]);
             let w = select(0.0, tap.weight, light.a.x != MISSING);
             matte += light.matte * w;

@@ -37,8 +37,20 @@ fn keeps_distance(at: u32, hit: vec4<u32>, position: vec3<f32>, wanted: Wanted) 
     return off <= wanted.slack * (SAME_RATIO * apart + SAME_DISTANCE * wanted.reach);
 }
 
-// Returns the reason that the surface of a left pixel is another one; 0 if it is the same.
-fn surface_differs(at: u32, wanted: Wanted) -> u32 {
+// The surface of a right pixel by its `hit` and `guide`.
+fn wanted_by(pixel: vec2<u32>, hit: vec4<u32>, guide: vec4<u32>, slack: f32) -> Wanted {
+    let position = bitcast<vec3<f32>>(guide.xyz);
+    let image = image_point(1u, pixel, hit, position);
+    let reach = length(image - frame.camera.views[0].origin);
+    return Wanted(position, unpack_normal(guide.w), image, reach, hit.w & MATERIAL_MASK, slack);
+}
+
+// Returns the reason that a tap does not show the surface; 0 if it does.
+fn surface_differs(tap: Tap, wanted: Wanted) -> u32 {
+    if !tap.is_there {
+        return OUTSIDE;
+    }
+    let at = tap.at;
     let hit = left_hit[at];
     if !ACCEPTS_MIXED && (hit.w & FLAG_MIXED) != 0u {
         return MIXED;

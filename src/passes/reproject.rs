@@ -18,21 +18,13 @@ const fn code(reason: HoleReason) -> u32 {
 /// the two eyes: the search covers image height / `POLAR_REACH` rows above and below.
 const POLAR_REACH: u32 = 8;
 
-/// Reasons that a pixel of the left eye shows another surface, and all reasons for holes.
-const SURFACE_REASONS: &[(&str, u32)] = &[
+const REASONS: &[(&str, u32)] = &[
+    ("OUTSIDE", code(HoleReason::Outside)),
     ("NORMAL", code(HoleReason::Normal)),
     ("DISTANCE", code(HoleReason::Distance)),
     ("MATERIAL", code(HoleReason::Material)),
     ("MIXED", code(HoleReason::Mixed)),
     ("VIEW", code(HoleReason::View)),
-];
-const REASONS: &[(&str, u32)] = &[
-    ("OUTSIDE", code(HoleReason::Outside)),
-    SURFACE_REASONS[0],
-    SURFACE_REASONS[1],
-    SURFACE_REASONS[2],
-    SURFACE_REASONS[3],
-    SURFACE_REASONS[4],
 ];
 
 /// Returns the number of rows above and below its own in which a pixel's surface may lie in the left eye.
@@ -49,7 +41,7 @@ pub fn filtered(spec: &FrameSpec, left_light: Image, light: &mut Light) -> Pass 
         Stage("reproject_filtered"),
         Eye::Right,
         denoise::PARTITION,
-        Kernel::new("reproject_filtered").with(SURFACE_REASONS),
+        Kernel::new("reproject_filtered").with(REASONS),
     )
     .uses([
         left(HIT.into()),

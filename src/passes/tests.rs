@@ -75,6 +75,18 @@ fn what_a_frame_does_not_need_is_left_out_and_said_why() {
     assert!(why.contains(&(path_trace::STAGE, Eye::Left, "the scene has no surfaces")), "{why:?}");
 }
 
+/// Checks that the right eye takes over filtered light only where it is reprojected and the filter leaves it alone.
+#[test]
+fn filtered_light_is_taken_over_if_the_frame_allows_it() {
+    let frame = FrameSpec::new(Extent::new(64, 180), 2);
+    let takes_over = |spec: &FrameSpec| stages(spec).contains(&"reproject_filtered");
+    assert!(takes_over(&frame));
+    assert!(!takes_over(&FrameSpec { filter_once: false, ..frame.clone() }));
+    assert!(!takes_over(&FrameSpec { views: Views::Traced, ..frame.clone() }));
+    assert!(!takes_over(&FrameSpec { filter: Some(Denoiser::ATROUS), ..frame.clone() }));
+    assert!(!takes_over(&FrameSpec { iterations: 0, ..frame }));
+}
+
 /// Checks that dynamic scenes have motion passes, and static scenes have none.
 #[test]
 fn what_moves_is_brought_first_and_followed_where_history_is_kept() {
