@@ -335,7 +335,10 @@ impl Renderer {
             inputs.late.filter(|_| left.first().is_some_and(|&primary| self.devices[primary].is_on_first_rank()));
         let planned = self.planned.take().map(|(plan, _)| plan);
         let before = match again {
-            None => planned.map(|plan| plan.assignment).filter(|_| !std::mem::take(&mut self.begins_anew)),
+            None => {
+                let begins_anew = std::mem::take(&mut self.begins_anew);
+                planned.map(|plan| plan.assignment).filter(|_| !begins_anew)
+            }
             // Frames begun after this one may have overwritten its history.
             Some(_) if self.config.execution.frames_in_flight > 1 => None,
             Some(_) => planned.and_then(|plan| plan.history).map(|history| history.before),

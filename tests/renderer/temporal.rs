@@ -282,3 +282,20 @@ fn a_cut_leaves_no_ghost() {
     let fresh = Stage::alone(&subject, &settings).frame_at(far_s, 3);
     assert!(cut.linear == fresh.linear);
 }
+
+/// Discarding a history that does not exist yet affects the first frame alone.
+#[test]
+fn beginning_anew_before_the_first_frame_changes_nothing() {
+    let subject = Subject::load("builtin:checker");
+    let second = |begins_anew: bool| {
+        let mut stage = Stage::alone(&subject, &subject.accumulated(WIDTH, HEIGHT));
+        if begins_anew {
+            stage.renderer().begin_anew();
+        }
+        drop(stage.frame(0));
+        stage.frame(1)
+    };
+    let [anew, plain] = [true, false].map(second);
+    assert!(anew.report.spec.history_rows.is_some(), "the second frame has a history");
+    assert!(anew.linear == plain.linear);
+}
