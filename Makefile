@@ -10,6 +10,7 @@
 #              on 4 ranks
 # make test-xr    builds the program with OpenXR and runs it in Monado's simulated headsets, or in the headset of the
 #              runtime that XR_RUNTIME_JSON names; fails without either, unless NO_XR=skip
+# make python    builds the Python package and tests it in a new virtual environment, out/python/venv. Needs Python 3.10
 # make golden    hashes the images of many kinds of frames into out/golden.txt. BEFORE=FILE: compares with another build
 # make release-check    runs all of these, and writes docs/release-check.md. STEPS="lint test": only these.
 #              NEWER_MESA=COMMAND: also under a second driver, where COMMAND runs another command under that driver
@@ -49,7 +50,7 @@ ifneq ($(RUN),)
 export CARGO_TARGET_$(shell $(RUSTC) -vV | sed -n 's/^host: //p' | tr a-z- A-Z_)_RUNNER := $(RUN)
 endif
 
-.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr golden release-check peers peers-packages numbers docs deps clean
+.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr python golden release-check peers peers-packages numbers docs deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -66,7 +67,7 @@ demo: deps
 lint:
 	$(CARGO) fmt --check
 	$(CARGO) clippy --profile tests --locked --all-targets -- -D warnings
-	$(CARGO) clippy --profile tests --locked --all-targets --features view,xr -- -D warnings
+	$(CARGO) clippy --profile tests --locked --all-targets --features view,xr,python -- -D warnings
 	$(CARGO) clippy --profile tests --locked --no-default-features --lib --example render_frame -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked --features view,xr
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked
@@ -114,6 +115,16 @@ test-xr: deps
 	mkdir -p out/xr/bin
 	cp "$(DIPTYCH)" out/xr/bin/diptych
 	$(RUN) sh tools/test-xr.sh out/xr/bin/diptych out/xr/runs
+
+# The wheel's library and the program, with which the tests compare it, share one build of each dependency.
+python: deps
+	$(CARGO) build --release --locked
+	rm -rf out/python/venv out/python/wheels
+	python3 -m venv out/python/venv
+	out/python/venv/bin/pip install --quiet --disable-pip-version-check pytest psutil
+	out/python/venv/bin/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/python/wheels ./python
+	out/python/venv/bin/pip install --quiet --disable-pip-version-check out/python/wheels/diptych-*.whl
+	DIPTYCH="$(abspath $(DIPTYCH))" $(RUN) out/python/venv/bin/python -m pytest -q --import-mode=importlib python/tests
 
 golden: deps
 	$(CARGO) build --release --locked

@@ -11,7 +11,7 @@
 set -eu
 
 cd "$(dirname "$0")/.."
-all="lint test hardware-rays mpi xr view golden test-newer golden-newer golden-compare test-long test-long-newer"
+all="lint test hardware-rays mpi xr view python golden test-newer golden-newer golden-compare test-long test-long-newer"
 state=out/release-check
 report=docs/release-check.md
 make=${MAKE:-make}
@@ -110,6 +110,7 @@ run_step() {
         has monado-service || [ -n "$run${XR_RUNTIME_JSON:-}" ] || skip "there is no OpenXR runtime"
         ;;
     view) { has Xvfb && has xdotool; } || skip "there is no Xvfb or no xdotool" ;;
+    python) has python3 || skip "there is no Python 3" ;;
     esac
     case $1 in
     hardware-rays) hardware_rays ;;

@@ -40,6 +40,8 @@ mod pictures;
 mod play;
 mod program;
 mod progress;
+#[cfg(feature = "python")]
+mod python;
 mod ranks;
 mod reference;
 mod registry;

@@ -226,7 +226,8 @@ impl Plan {
         Ok(Accumulated { row: self.row(frame, resumed_spp, &done), accumulation: done.accumulation, report })
     }
 
-    fn row(&self, frame: u32, resumed_spp: u32, done: &Done) -> ReferenceRow {
+    /// Returns the entry of a frame in run.json. `resumed_spp` of its samples are from earlier runs.
+    pub fn row(&self, frame: u32, resumed_spp: u32, done: &Done) -> ReferenceRow {
         ReferenceRow {
             index: frame,
             spp: done.accumulation.samples(),

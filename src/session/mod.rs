@@ -10,6 +10,7 @@ pub use calibration::{CalibrationError, FIRST_FRAME, View, calibrate};
 
 use crate::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measure, Origin, candidates, relative_costs};
 use crate::exec::{BuildError, Builder, ExecError, FrameParams, FrameReport, Renderer};
+use crate::image::Extent;
 use crate::quality::{Denoiser, Envelope, Quality};
 use crate::scene::rig::Rig;
 use crate::schedule::RelativeCost;
@@ -75,7 +76,22 @@ impl Session {
     pub fn start(builder: Builder, budget: Budget) -> Result<Self, StartError> {
         let qualities = candidates(Some(Denoiser::SVGF), false);
         let (rig, size) = (builder.rig().clone(), builder.extent());
-        let mut renderer = builder.envelope(Envelope::of(&qualities)).build()?;
+        let renderer = builder.envelope(Envelope::of(&qualities)).build()?;
+        Ok(Self::calibrated(renderer, &rig, size, &qualities, budget)?)
+    }
+
+    /// Begins a session on a renderer of images of this size, and calibrates a ladder of `qualities` for it. The
+    /// renderer's envelope must contain them.
+    ///
+    /// # Errors
+    /// [`CalibrationError`] if a frame fails or no quality could be timed.
+    pub fn calibrated(
+        mut renderer: Renderer,
+        rig: &Rig,
+        size: Extent,
+        qualities: &[Quality],
+        budget: Budget,
+    ) -> Result<Self, CalibrationError> {
         let time_s = rig.keys.first().map_or(0.0, |key| key.time_s);
         let origin = Origin {
             shot: String::new(),
@@ -85,8 +101,8 @@ impl Session {
             devices: Vec::new(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
-        let view = View { rig: &rig, time_s, rows: size.height };
-        let ladder = calibrate(&mut renderer, &view, &qualities, &|quality: &Quality| *quality, origin, &|| false)?;
+        let view = View { rig, time_s, rows: size.height };
+        let ladder = calibrate(&mut renderer, &view, qualities, &|quality: &Quality| *quality, origin, &|| false)?;
         Ok(Self::new(renderer, ladder, budget))
     }
 

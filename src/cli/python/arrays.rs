@@ -1,0 +1,68 @@
+//! Images as NumPy arrays.
+
+use std::path::PathBuf;
+
+use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use super::failure::exception;
+use crate::exec::Stereo;
+use crate::image::{Extent, Image, RgbImage, exr};
+
+/// An array of the shape (height, width, channels).
+pub type Pixels<T> = Py<PyArray3<T>>;
+
+/// Makes an array of the values, whose memory it takes over. `channels` is the number of values of a pixel.
+pub fn array<T: numpy::Element>(
+    py: Python<'_>,
+    extent: Extent,
+    channels: usize,
+    values: Vec<T>,
+) -> PyResult<Pixels<T>> {
+    let shape = [extent.height as usize, extent.width as usize, channels];
+    Ok(PyArray1::from_vec(py, values).reshape(shape)?.unbind())
+}
+
+/// Makes an array of an image, whose memory it takes over.
+pub fn of_image<T: numpy::Element, const N: usize>(py: Python<'_>, image: Image<[T; N]>) -> PyResult<Pixels<T>> {
+    array(py, image.extent, N, image.pixels.into_flattened())
+}
+
+/// Makes arrays of both eyes' images.
+pub fn of_stereo<T: numpy::Element, const N: usize>(
+    py: Python<'_>,
+    images: Stereo<Image<[T; N]>>,
+) -> PyResult<[Pixels<T>; 2]> {
+    Ok([of_image(py, images.left)?, of_image(py, images.right)?])
+}
+
+/// Copies an array of the shape (height, width, 3) to an image.
+///
+/// # Errors
+/// `ValueError` if the array has another shape or no pixel.
+pub fn image(array: &PyReadonlyArrayDyn<'_, f32>) -> PyResult<RgbImage> {
+    let shape = array.shape();
+    let side = |pixels: usize| u32::try_from(pixels).ok().filter(|pixels| (1..=16384).contains(pixels));
+    let &[height, width, 3] = shape else {
+        return Err(PyValueError::new_err(format!("an image has the shape (height, width, 3), not {shape:?}")));
+    };
+    let (Some(width), Some(height)) = (side(width), side(height)) else {
+        return Err(PyValueError::new_err(format!("an image has sides of 1 to 16384 pixels, not {shape:?}")));
+    };
+    let values: Vec<f32> = array.as_array().iter().copied().collect();
+    let (pixels, _) = values.as_chunks();
+    Ok(Image { extent: Extent::new(width, height), pixels: pixels.to_vec() })
+}
+
+/// Writes an array of the shape (height, width, 3) to an EXR file.
+#[pyfunction]
+pub fn write_exr(path: PathBuf, array: PyReadonlyArrayDyn<'_, f32>) -> PyResult<()> {
+    exr::write_rgb(&path, &image(&array)?).map_err(exception)
+}
+
+/// Reads the channels R, G and B of an EXR file.
+#[pyfunction]
+pub fn read_exr(py: Python<'_>, path: PathBuf) -> PyResult<Pixels<f32>> {
+    of_image(py, exr::read_rgb(&path).map_err(exception)?)
+}

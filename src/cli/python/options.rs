@@ -1,0 +1,172 @@
+//! Keyword arguments as options of the command line, so that names, defaults, checks and error messages are the same.
+
+use clap::{Arg, ArgAction, Args, Command, FromArgMatches};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDict, PyString};
+
+use super::failure::exception;
+use crate::cli::failure::Failure;
+use crate::cli::options::RenderOptions;
+use crate::cli::scene_options::SceneOptions;
+
+/// Options of a scene and of a renderer.
+#[derive(Args, Clone, Debug)]
+pub struct Options {
+    #[command(flatten)]
+    pub render: RenderOptions,
+    /// Virtual devices on each adapter
+    #[arg(long = "virtual", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub virtual_devices: u16,
+}
+
+/// Options of the command line that Python sets in another way: arguments of methods, files, and terminal output.
+const LEFT_OUT: [&str; 9] = ["fps", "frames", "frames_in_flight", "json", "motion", "out", "quiet", "time", "trace"];
+
+/// An option that the caller has set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Given {
+    /// Name of the option's field.
+    pub id: String,
+    /// The option with its value, as on the command line.
+    text: String,
+}
+
+fn parser() -> Command {
+    Options::augment_args(Command::new("diptych").no_binary_name(true))
+}
+
+/// Returns the name of a keyword argument, such as `render_scale` for `--render-scale`.
+fn keyword(arg: &Arg) -> Option<String> {
+    let name = arg.get_long()?.replace('-', "_");
+    (!LEFT_OUT.contains(&name.as_str())).then_some(name)
+}
+
+/// The options that keyword arguments may set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scope {
+    /// Those of a scene, which [`SceneOptions`] lists.
+    Scene,
+    /// All others.
+    Renderer,
+}
+
+impl Scope {
+    fn has(self, arg: &Arg) -> bool {
+        let of_scene = SceneOptions::augment_args(Command::new("scene"));
+        let is_of_scene = of_scene.get_arguments().any(|scene| scene.get_id() == arg.get_id());
+        is_of_scene == (self == Self::Scene)
+    }
+}
+
+/// Converts keyword arguments to options; `None` leaves an option at its default.
+///
+/// # Errors
+/// `TypeError` if there is no such option in `scope`.
+pub fn given(keywords: Option<&Bound<'_, PyDict>>, scope: Scope) -> PyResult<Vec<Given>> {
+    let Some(keywords) = keywords else { return Ok(Vec::new()) };
+    let parser = parser();
+    let mut given = Vec::new();
+    for (name, value) in keywords.iter() {
+        let name: String = name.extract()?;
+        let Some(arg) = parser.get_arguments().find(|arg| keyword(arg).as_ref() == Some(&name)) else {
+            return Err(unknown(&name, &parser, scope));
+        };
+        if !scope.has(arg) {
+            let place = if scope == Scope::Scene { "a renderer" } else { "a scene: give it to load" };
+            return Err(PyTypeError::new_err(format!("'{name}' is an option of {place}")));
+        }
+        given.extend(option(arg, &value)?);
+    }
+    Ok(given)
+}
+
+fn unknown(name: &str, parser: &Command, scope: Scope) -> PyErr {
+    let known: Vec<String> = parser.get_arguments().filter(|arg| scope.has(arg)).filter_map(keyword).collect();
+    PyTypeError::new_err(format!("there is no option '{name}': the options are {}", known.join(", ")))
+}
+
+fn option(arg: &Arg, value: &Bound<'_, PyAny>) -> PyResult<Option<Given>> {
+    let name = arg.get_long().unwrap_or_default();
+    let given = |text: String| Given { id: arg.get_id().to_string(), text };
+    if value.is_none() {
+        return Ok(None);
+    }
+    if matches!(arg.get_action(), ArgAction::SetTrue) {
+        return Ok(value.is_truthy()?.then(|| given(format!("--{name}"))));
+    }
+    let separator = if name == "size" { "x" } else { "," };
+    Ok(Some(given(format!("--{name}={}", text(value, separator)?))))
+}
+
+/// Returns a value as on the command line: `on` or `off` for a truth value, and items of a sequence with a separator
+/// between them.
+fn text(value: &Bound<'_, PyAny>, separator: &str) -> PyResult<String> {
+    if let Ok(truth) = value.cast::<PyBool>() {
+        return Ok(if truth.is_true() { "on" } else { "off" }.to_owned());
+    }
+    if value.is_instance_of::<PyString>() || !value.hasattr("__len__")? {
+        return Ok(value.str()?.to_string());
+    }
+    let items: PyResult<Vec<String>> = value.try_iter()?.map(|item| text(&item?, separator)).collect();
+    Ok(items?.join(separator))
+}
+
+impl Options {
+    /// Parses the options of a renderer of the scene `shot`.
+    ///
+    /// # Errors
+    /// `ValueError` if a value is invalid or options conflict, with the text of the command line.
+    pub fn parse<'a>(shot: &str, given: impl IntoIterator<Item = &'a Given>) -> PyResult<Self> {
+        let fixed = ["--out=out", "--quiet"].map(str::to_owned);
+        let given = given.into_iter().map(|given| given.text.clone());
+        let line = fixed.into_iter().chain(given).chain(["--".to_owned(), shot.to_owned()]);
+        let parsed = parser().try_get_matches_from(line).and_then(|matches| Self::from_arg_matches(&matches));
+        let options = parsed.map_err(|error| PyValueError::new_err(shortened(&error.to_string())))?;
+        options.render.check().map_err(|error| exception(Failure::Input(error)))?;
+        Ok(options)
+    }
+
+    pub fn devices(&self) -> usize {
+        usize::from(self.virtual_devices)
+    }
+}
+
+/// Returns an error message of the parser without the parts that speak of a terminal.
+fn shortened(message: &str) -> String {
+    let message = message.strip_prefix("error: ").unwrap_or(message);
+    let lines = message.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
+    let lines: Vec<&str> = lines.map(str::trim).filter(|line| !line.is_empty()).collect();
+    lines.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_left_out_exist_on_the_command_line() {
+        let parser = parser();
+        for name in LEFT_OUT {
+            assert!(parser.get_arguments().any(|arg| arg.get_id() == name), "{name}");
+        }
+    }
+
+    #[test]
+    fn defaults_are_those_of_the_command_line() {
+        let Options { render, virtual_devices } = Options::parse("builtin:cornell", []).unwrap();
+        assert_eq!((render.shot.as_str(), render.spp, render.bounces, virtual_devices), ("builtin:cornell", 1, 6, 1));
+        assert_eq!(render.size.to_string(), "640x360");
+    }
+
+    #[test]
+    fn scenes_and_renderers_divide_the_options() {
+        let parser = parser();
+        let names = |scope: Scope| -> Vec<String> {
+            parser.get_arguments().filter(|arg| scope.has(arg)).filter_map(keyword).collect()
+        };
+        assert!(names(Scope::Scene).contains(&"environment".to_owned()));
+        assert!(names(Scope::Renderer).contains(&"denoiser".to_owned()));
+        assert!(names(Scope::Scene).iter().all(|name| !names(Scope::Renderer).contains(name)));
+    }
+}

@@ -1,0 +1,89 @@
+//! References: unbiased images of many samples.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use super::failure::exception;
+use super::frame::{Frame, Images, Look};
+use super::options::{Options, Scope, given};
+use super::renderer::open_devices;
+use super::scene::Scene;
+use crate::accumulation::{Accumulation, Job, accumulate};
+use crate::cli::failure::Failure;
+use crate::cli::progress::Progress;
+use crate::cli::reference::{OVERRULED, PASS_SPP, PassOptions, Plan, seconds};
+use crate::cli::{metering, setup};
+
+/// Renders a reference: both eyes are traced, nothing is filtered. `progress` is called after each pass with the number
+/// of samples per pixel so far and their total.
+#[pyfunction]
+#[pyo3(signature = (scene, spp=256, *, time=0.0, index=0, time_limit=None, progress=None, **options))]
+#[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
+pub fn reference(
+    py: Python<'_>,
+    scene: &Bound<'_, Scene>,
+    spp: u32,
+    time: f64,
+    index: u32,
+    time_limit: Option<f64>,
+    progress: Option<Py<PyAny>>,
+    options: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Frame> {
+    let begin = Instant::now();
+    let (scene, own) = (scene.get(), given(options, Scope::Renderer)?);
+    if let Some((id, why)) = OVERRULED.iter().find(|(id, _)| own.iter().any(|option| option.id == *id)) {
+        return Err(PyTypeError::new_err(format!("a reference {why}: leave '{id}' out")));
+    }
+    let mut options = Options::parse(&scene.shot, scene.given.iter().chain(&own))?;
+    (options.render.spp, options.render.run.time, options.render.frames) = (spp, time, 1);
+    options.render.check().map_err(|error| exception(Failure::Input(error)))?;
+    let time_limit = time_limit.map(|limit| seconds(&limit.to_string())).transpose();
+    let time_limit = time_limit.map_err(|what| PyTypeError::new_err(format!("time_limit: {what}")))?;
+    let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
+    let plan = Plan::new(&options.render, passes).map_err(exception)?;
+    let devices = open_devices(py, &options).map_err(exception)?;
+    let (stop, mut raised) = (AtomicBool::new(false), Ok(()));
+    let accumulated = py.detach(|| -> Result<_, Failure> {
+        let loaded = &mut *scene.loaded();
+        let devices = metering::meter(&plan.options, loaded, devices, &Progress::text(true, false))?;
+        let mut renderer = setup::renderer(&plan.options, loaded, devices, Instant::now())?;
+        let job = Job {
+            rig: &loaded.shot.rig,
+            time_s: time,
+            frame: index,
+            pass_spp: PASS_SPP,
+            spp,
+            time_limit,
+            checkpoint: None,
+            stop: &stop,
+        };
+        let begun = Accumulation::new(options.render.size);
+        let done = accumulate(&mut renderer, &job, begun, |pass| {
+            // A pass follows the one in which `stop` is set.
+            if raised.is_err() {
+                return;
+            }
+            let told = Python::attach(|py| {
+                py.check_signals()?;
+                let samples = (pass.accumulation.samples(), spp);
+                progress.as_ref().map_or(Ok(()), |progress| progress.call1(py, samples).map(drop))
+            });
+            if told.is_err() {
+                stop.store(true, Ordering::Relaxed);
+                raised = told;
+            }
+        })?;
+        let row = serde_json::to_string(&plan.row(index, 0, &done)).map_err(anyhow::Error::from)?;
+        let look = Look { exposure_ev: loaded.shot.exposure_ev, tone: loaded.shot.tone };
+        let mut images = Images::read(&mut renderer, &options.render.aovs())?;
+        images.linear = done.accumulation.mean();
+        Ok((images, look, row))
+    });
+    raised?;
+    let (images, look, row) = accumulated.map_err(exception)?;
+    Frame::new(py, images, look, row, begin)
+}

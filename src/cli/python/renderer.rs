@@ -1,0 +1,171 @@
+//! Renderers.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use glam::DVec3;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use super::failure::exception;
+use super::frame::{Frame, Images, Look, report};
+use super::options::{Options, Scope, given};
+use super::scene::Scene;
+use crate::cli::failure::Failure;
+use crate::cli::progress::Progress;
+use crate::cli::{metering, setup};
+use crate::exec::Renderer as Inner;
+use crate::exec::ranks::Devices;
+use crate::passes::Aov;
+use crate::report::run::FrameRow;
+use crate::scene::rig::{Rig, RigKey};
+
+/// Renders frames of a scene on one or more devices. Options are those of the command line.
+#[pyclass(frozen, module = "diptych")]
+pub struct Renderer {
+    pub(super) scene: Py<Scene>,
+    pub(super) options: Options,
+    pub(super) rig: Rig,
+    pub(super) look: Look,
+    /// The renderer, except while a [`Player`](super::player::Player) has its devices.
+    inner: Mutex<Option<Inner>>,
+    /// Number of the next frame.
+    next: AtomicU32,
+}
+
+/// Opens the devices of the options. Drivers may read settings from the environment meanwhile, so the caller keeps the
+/// interpreter's lock.
+pub(super) fn open_devices(_: Python<'_>, options: &Options) -> Result<Devices, Failure> {
+    // SAFETY: as with an assignment to `os.environ`, the interpreter's lock keeps other Python code from accessing the
+    // environment. Other native threads must not access it while a renderer is created, as `docs/python.md` says.
+    unsafe { crate::device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
+    setup::open_devices(&options.render, options.devices())
+}
+
+fn pose(position: [f64; 3], target: [f64; 3], up: [f64; 3]) -> PyResult<Rig> {
+    let [position, target, up] = [position, target, up].map(DVec3::from);
+    let key = RigKey { time_s: 0.0, position, target, up };
+    if !(position.is_finite() && target.is_finite() && up.is_finite()) || key.is_degenerate() {
+        let what =
+            "the pose has no orientation: position and target must differ, and up must not be parallel to the view";
+        return Err(PyValueError::new_err(what));
+    }
+    Ok(Rig::of_keys(vec![key]))
+}
+
+#[pymethods]
+impl Renderer {
+    #[new]
+    #[pyo3(signature = (scene, **options))]
+    fn new(py: Python<'_>, scene: Py<Scene>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let own = given(options, Scope::Renderer)?;
+        let options = Options::parse(&scene.get().shot, scene.get().given.iter().chain(&own))?;
+        let devices = open_devices(py, &options).map_err(exception)?;
+        let of_scene = scene.get();
+        let (inner, rig, look) = py
+            .detach(|| {
+                let loaded = &mut *of_scene.loaded();
+                let progress = Progress::text(true, false);
+                let devices = metering::meter(&options.render, loaded, devices, &progress)?;
+                let inner = setup::renderer(&options.render, loaded, devices, Instant::now())?;
+                let look = Look { exposure_ev: loaded.shot.exposure_ev, tone: loaded.shot.tone };
+                Ok((inner, loaded.shot.rig.clone(), look))
+            })
+            .map_err(|failure: Failure| exception(failure))?;
+        Ok(Self { scene, options, rig, look, inner: Mutex::new(Some(inner)), next: AtomicU32::new(0) })
+    }
+
+    /// Renders a frame at a time on the camera's path, in seconds, or from a pose. `warm_up` frames of the same instant
+    /// come before it, and end the history of earlier frames.
+    #[pyo3(signature = (time=0.0, *, index=None, warm_up=0, position=None, target=None, up=[0.0, 1.0, 0.0]))]
+    #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
+    fn render(
+        &self,
+        py: Python<'_>,
+        time: f64,
+        index: Option<u32>,
+        warm_up: u32,
+        position: Option<[f64; 3]>,
+        target: Option<[f64; 3]>,
+        up: [f64; 3],
+    ) -> PyResult<Frame> {
+        let begin = Instant::now();
+        let rig = match (position, target) {
+            (None, None) => self.rig.clone(),
+            (Some(position), Some(target)) => Rig { keys: pose(position, target, up)?.keys, ..self.rig.clone() },
+            _ => return Err(PyValueError::new_err("give both position and target, or neither")),
+        };
+        if !time.is_finite() {
+            return Err(PyValueError::new_err("time is not a number of seconds"));
+        }
+        let index = index.unwrap_or_else(|| self.next.load(Ordering::Relaxed));
+        self.next.store(index.wrapping_add(1), Ordering::Relaxed);
+        let render = |inner: &mut Inner| -> Result<(Images, String), Failure> {
+            if warm_up > 0 {
+                inner.begin_anew();
+            }
+            for before in (1..=warm_up).rev() {
+                inner.render(&inner.frame(&rig, time, index.wrapping_sub(before)))?;
+            }
+            let params = inner.frame(&rig, time, index);
+            let frame = inner.render(&params)?;
+            let row = FrameRow::new(&frame, &params.quality, &rig, time);
+            Ok((Images::read(inner, &self.aovs())?, report(&row)?))
+        };
+        let (images, report) = py.detach(|| render(self.lock().as_mut().ok_or_else(busy)?)).map_err(exception)?;
+        py.check_signals()?;
+        Frame::new(py, images, self.look, report, begin)
+    }
+
+    /// Discards the history, so that the next frame does not use earlier frames.
+    fn begin_anew(&self, py: Python<'_>) -> PyResult<()> {
+        py.detach(|| self.lock().as_mut().map(Inner::begin_anew).ok_or_else(busy)).map_err(exception)
+    }
+
+    /// Devices of the renderer, in JSON.
+    fn devices_json(&self, py: Python<'_>) -> PyResult<String> {
+        let text = py.detach(|| -> Result<String, Failure> {
+            let guard = self.lock();
+            let inner = guard.as_ref().ok_or_else(busy)?;
+            Ok(serde_json::to_string(inner.devices()).map_err(anyhow::Error::from)?)
+        });
+        text.map_err(exception)
+    }
+
+    /// Width and height of each eye's image in pixels.
+    #[getter]
+    fn size(&self) -> (u32, u32) {
+        let size = self.options.render.size;
+        (size.width, size.height)
+    }
+}
+
+impl Renderer {
+    pub(super) fn aovs(&self) -> Vec<Aov> {
+        self.options.render.aovs()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<Inner>> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes the devices. Until [`Self::put_back`], no frame can be rendered.
+    pub(super) fn take(&self) -> PyResult<Devices> {
+        let taken = self.lock().take();
+        taken.map(Inner::into_devices).ok_or_else(|| PyRuntimeError::new_err(BUSY))
+    }
+
+    pub(super) fn put_back(&self, devices: Devices) -> Result<(), Failure> {
+        let inner = setup::renderer(&self.options.render, &self.scene.get().loaded(), devices, Instant::now())?;
+        *self.lock() = Some(inner);
+        Ok(())
+    }
+}
+
+const BUSY: &str = "the renderer's devices play a sequence: close the player first";
+
+fn busy() -> Failure {
+    Failure::Run(anyhow::anyhow!(BUSY))
+}
