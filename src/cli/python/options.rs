@@ -45,9 +45,9 @@ fn keyword(arg: &Arg) -> Option<String> {
 /// The options that keyword arguments may set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
-    /// Those of a scene, which [`SceneOptions`] lists.
+    /// Options of a scene, which [`SceneOptions`] lists.
     Scene,
-    /// All others.
+    /// All other options.
     Renderer,
 }
 
