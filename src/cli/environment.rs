@@ -24,5 +24,14 @@ pub unsafe fn prepare_environment() {
     }
     // SAFETY: while the library opens a device, other threads read the environment only through `std::env`, as the
     // caller promises.
+    unsafe { let_devices_set_environment() };
+}
+
+/// Lets the library set the environment variables that a device reads while it opens.
+///
+/// # Safety
+/// While a device opens, nothing else may access the environment except through [`mod@std::env`].
+pub(super) unsafe fn let_devices_set_environment() {
+    // SAFETY: the caller promises the same.
     unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
 }

@@ -13,6 +13,7 @@ use super::failure::exception;
 use super::frame::{Frame, Images, Look, report};
 use super::options::{Options, Scope, given};
 use super::scene::Scene;
+use crate::cli::environment::let_devices_set_environment;
 use crate::cli::failure::Failure;
 use crate::cli::progress::Progress;
 use crate::cli::{metering, setup};
@@ -40,7 +41,7 @@ pub struct Renderer {
 pub(super) fn open_devices(_: Python<'_>, options: &Options) -> Result<Devices, Failure> {
     // SAFETY: as with an assignment to `os.environ`, the interpreter's lock keeps other Python code from accessing the
     // environment. Other native threads must not access it while a renderer is created, as `docs/python.md` says.
-    unsafe { crate::device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
+    unsafe { let_devices_set_environment() };
     setup::open_devices(&options.render, options.devices())
 }
 
