@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::headset::HeadsetRow;
 use super::lanes::round;
 use super::once;
+use crate::control::{Budget, Decision};
 use crate::exec::{FrameReport, RightEye, Stereo, TaskTiming, TimedTask};
 use crate::graph::{Seam, Stage};
 use crate::passes::AOVS;
@@ -15,6 +16,7 @@ use crate::passes::path_trace::PARTITION;
 use crate::quality::{FrameQuality, Quality};
 use crate::scene::projection::Matrices;
 use crate::scene::rig::{Eye, Rig};
+use crate::session::Decided;
 use crate::trace::intervals;
 
 /// Decision of the control loop for a frame.
@@ -35,6 +37,15 @@ pub struct ControlRow {
     /// Number of refreshes of the display, at the session's frame rate, at which the frame was due but not complete. In
     /// a headset: number of periods without a new frame before this one, by the runtime's predictions.
     pub missed_periods: u32,
+}
+
+impl ControlRow {
+    /// Describes a frame that began `late_ms` after it was due. It has missed no display period yet.
+    pub fn new(decided: Decided, budget: Budget, makespan_ms: f64, late_ms: f64) -> Self {
+        let Decided { decision: Decision { rung, expected_ms, fits }, decide_ms } = decided;
+        let in_band = (budget.lo_ms()..=budget.hi_ms()).contains(&makespan_ms);
+        Self { rung, expected_ms, fits, in_band, late_ms, decide_ms, missed_periods: 0 }
+    }
 }
 
 /// Work of one device on one stage and view of a frame. Transfers of rows count as the stages `download` and `upload`.

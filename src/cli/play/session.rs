@@ -4,7 +4,7 @@ use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::time::Instant;
 
-use crate::control::{Decision, ESTIMATES_EV, Ladder, Measure, Origin};
+use crate::control::{ESTIMATES_EV, Ladder, Measure, Origin};
 use crate::exec::ranks::Devices;
 use crate::exec::{FrameReport, Renderer};
 use crate::loaded::LoadedScene;
@@ -161,14 +161,12 @@ impl Session {
 
     /// Records a frame in the trace and returns its row.
     fn take_in(&mut self, frame: &FrameReport, decided: Decided, late_ms: f64, rig: &Rig, time_s: f64) -> FrameRow {
-        let Decided { decision: Decision { rung, expected_ms, fits }, decide_ms } = decided;
-        let budget_ms = self.budget_ms();
-        let in_band = (budget_ms[0]..=budget_ms[1]).contains(&frame.makespan_ms);
+        let (rung, budget_ms) = (decided.decision.rung, self.budget_ms());
         let quality = self.quality(rung);
         self.tracing.record(quality, Some(FrameControl { rung, budget_ms }), frame);
         let mut row = FrameRow::new(frame, quality, rig, time_s);
-        let missed_periods = 0; // The caller knows the display.
-        row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms, missed_periods });
+        // The caller knows the display.
+        row.control = Some(ControlRow::new(decided, self.budget(), frame.makespan_ms, late_ms));
         row
     }
 

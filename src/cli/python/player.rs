@@ -14,14 +14,14 @@ use crate::cli::failure::Failure;
 use crate::cli::options::RenderOptions;
 use crate::cli::play::Pace;
 use crate::cli::setup;
-use crate::control::{Budget, Decision, candidates};
+use crate::control::{Budget, candidates};
 use crate::exec::ranks::Devices;
 use crate::quality::Envelope;
 use crate::report::play::ControlRow;
 use crate::report::run::FrameRow;
 use crate::scene::head::HeadMotion;
 use crate::scene::rig::Rig;
-use crate::session::{Decided, Session};
+use crate::session::Session;
 
 /// Iterator over the frames of a sequence. The control loop sets the quality of each frame so that frame times stay
 /// inside the budget.
@@ -59,11 +59,9 @@ impl Playing {
         let missed_periods = self.pace.as_mut().map_or(0, Pace::complete);
         self.next += 1;
         self.missed = self.missed.saturating_add(missed_periods);
-        let Decided { decision: Decision { rung, expected_ms, fits }, decide_ms } = decided;
-        let budget = session.budget();
-        let in_band = (budget.lo_ms()..=budget.hi_ms()).contains(&frame.makespan_ms);
-        let mut row = FrameRow::new(&frame, session.quality(rung), rig, time_s);
-        row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms, missed_periods });
+        let mut row = FrameRow::new(&frame, session.quality(decided.decision.rung), rig, time_s);
+        row.control = Some(ControlRow::new(decided, session.budget(), frame.makespan_ms, late_ms));
+        row.miss(missed_periods);
         Ok(Some((Images::read(&mut session.renderer, &renderer.aovs())?, report(&row)?)))
     }
 }
