@@ -27,13 +27,13 @@ from pathlib import Path
 FRAMES, COLD, FPS = 16, 4, 72
 INSTANT = (FRAMES - 1) / FPS
 
-PEER_SAMPLES = (1, 4, 16, 64)
+PEER_SAMPLES = (1, 4, 16)
 PEER, FAST, GUIDED = "Mitsuba", "Mitsuba + OIDN, fast", "Mitsuba + OIDN, high, albedo and normals"
 
 # Settings of diptych: name, options, and True if the first frame of a path is measured beside the last.
 OURS = (
     ("1 spp, render scale 0.5", ("--spp", "1", "--render-scale", "0.5"), False),
-    *((f"{spp} spp", ("--spp", str(spp)), True) for spp in (1, 2, 4, 8, 16)),
+    *((f"{spp} spp", ("--spp", str(spp)), True) for spp in (1, 2, 4, 8)),
     ("4 spp, not denoised", ("--spp", "4", "--denoiser", "none", "--reproject", "off"), False),
 )
 FIRST_FRAME, NOT_DENOISED = ", first frame", ", not denoised"

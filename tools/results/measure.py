@@ -27,7 +27,7 @@ from text import write  # noqa: E402
 
 # Sizes and counts of a real run, and of a smoke test.
 REAL = argparse.Namespace(
-    size="320x180", scale_size="640x360", reference_spp=512, turns=2, plays=3, play_frames=600, peers_spp=1024, rounds=3
+    size="320x180", scale_size="640x360", reference_spp=512, turns=2, plays=3, play_frames=600, peers_spp=1024, rounds=2
 )
 SMOKE = argparse.Namespace(
     size="48x27", scale_size="64x36", reference_spp=8, turns=2, plays=1, play_frames=40, peers_spp=16, rounds=1
