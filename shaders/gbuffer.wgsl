@@ -5,6 +5,13 @@
 
 //!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path motion last_surface mirror texture_filter pack mirrored footprint foveation bindings
 
+// Changes of the direction from pixel to pixel.
+fn steps_at(pixel: vec2<u32>) -> Footprint {
+    let at = vec2<f32>(pixel) + frame.camera.centre;
+    let ahead = ray_of(pass_.view, at);
+    return Footprint(ray_of(pass_.view, at + vec2<f32>(1.0, 0.0)) - ahead, ray_of(pass_.view, at + vec2<f32>(0.0, 1.0)) - ahead);
+}
+
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
@@ -39,20 +46,22 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         links = follow_mirrors(&first, &direction, rng, &rays);
     }
     if FILTERS_TEXTURES && !JITTER {
-        let ahead = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
-        var across = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre + vec2<f32>(1.0, 0.0)) - ahead;
-        var down = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre + vec2<f32>(0.0, 1.0)) - ahead;
+        let steps = steps_at(pixel);
+        var footprint = Footprint(steps.across * first.hit.t, steps.down * first.hit.t);
         if HAS_MIRRORS && links.count > 0u {
-            // Mirrors turn the footprint, which only its shape depends on.
-            let around = frame_around(direction);
-            across = around[0] * length(across);
-            down = around[1] * length(down);
+            footprint = turned(steps, links.pencil.apart.y, direction);
         }
-        filter_texture(&first, direction, across * first.hit.t, down * first.hit.t);
+        filter_texture(&first, direction, footprint);
     }
     var polish = Polish();
     if HAS_POLISH {
         polish = follow_polish(&first, direction, links, rng, &rays);
+        if FILTERS_TEXTURES && !JITTER {
+            var reflected = polish.hit;
+            filter_texture(&reflected, polish.direction, turned(steps_at(pixel), polish.spread, polish.direction));
+            first.albedo += (reflected.albedo - polish.hit.albedo) * polish.weight;
+            first.emission += (reflected.emission - polish.hit.emission) * polish.weight;
+        }
     }
     if HAS_HARD_LIGHTS && !JITTER {
         first.emission += hard_light_of(first, direction, links, polish, rng, &rays);
@@ -73,7 +82,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     var place = bitcast<vec2<u32>>(hit.bary);
     if HAS_MIRRORS {
-        let mirrored = vec2<u32>(bitcast<u32>(hit.t), pack_mirrored(hit.bary, links.has_moved));
+        let mirrored = vec2<u32>(bitcast<u32>(links.surface_distance), pack_mirrored(hit.bary, links.has_moved));
         place = select(place, mirrored, links.count > 0u);
     }
     hit_image[at] = vec4<u32>(hit.prim, place, tag);

@@ -3,17 +3,90 @@
 // Animation Filtering", 2015, filter light by the chain of mirrors it takes). All lobes of these surfaces are delta
 // functions, so the followed ray is not random: mirrors reflect it and glass transmits it, except in total internal
 // reflection. Paths choose between the followed surface and one of the reflections in glass on the way. Departure from
-// Zimmer et al.: the image of a surface is assumed at the length of the path, which is exact in plane mirrors and behind
-// thin panes, instead of searched for.
+// Zimmer et al.: the image of a surface is assumed where paraxial rays meet, instead of searched for. In plane mirrors and
+// behind thin panes, this is exact.
 
 // Maximum number of mirrors and glass surfaces between the eye and the surface. A chain of more ends at one of them.
 const MOST_LINKS: u32 = 8u;
 
+// How two rays that are close to a path differ from it along the way: x belongs to a ray that leaves the eye parallel to
+// the path, at a small distance, and y to one that leaves the eye's centre at a small angle. Both are means over the
+// directions around the path, relative to that distance and angle (ray transfer matrices; Born & Wolf, "Principles of
+// Optics", 7th edition, 4.3). For rays that are far from a surface's normal, they are an approximation.
+struct Pencil {
+    // Distance from the path.
+    apart: vec2<f32>,
+    // Angle with the path.
+    angle: vec2<f32>,
+}
+
+// The pencil at the eye.
+fn pencil_at_eye() -> Pencil {
+    return Pencil(vec2<f32>(1.0, 0.0), vec2<f32>(0.0, 1.0));
+}
+
+fn along(p: Pencil, distance: f32) -> Pencil {
+    return Pencil(p.apart + distance * p.angle, p.angle);
+}
+
+// Sum of the principal curvatures that a hit's triangle has by the normals of its corners, in 1/m: above 0 if the side
+// that the ray met is convex.
+fn curvature_of(f: FirstHit) -> f32 {
+    let place = placed(f.hit.prim);
+    let tri = triangle_at(place);
+    let shade = shading_at(place);
+    let e1 = tri.v1 - tri.v0;
+    let e2 = tri.v2 - tri.v0;
+    let turn1 = shade.n1 - shade.n0;
+    let turn2 = shade.n2 - shade.n0;
+    let n = cross(e1, e2);
+    let trace = dot(turn1, e1) * dot(e2, e2) - (dot(turn1, e2) + dot(turn2, e1)) * dot(e1, e2) + dot(turn2, e2) * dot(e1, e1);
+    let curvature = trace / max(dot(n, n), 1e-37);
+    return select(-curvature, curvature, f.surface.is_front);
+}
+
+// Least cosine for which a curved surface's power is computed: it is infinite for rays along the surface.
+const LEAST_COSINE: f32 = 0.05;
+
+// The pencil after a first hit reflects it.
+fn reflected_pencil(p: Pencil, f: FirstHit, cosine: f32) -> Pencil {
+    let c = max(cosine, LEAST_COSINE);
+    let power = 0.5 * curvature_of(f) * (c + 1.0 / c);
+    return Pencil(p.apart, p.angle + power * p.apart);
+}
+
+// The pencil after a first hit transmits it.
+fn transmitted_pencil(p: Pencil, f: FirstHit) -> Pencil {
+    if f.surface.is_thin || is_straight(f.surface.eta) {
+        return p;
+    }
+    let power = 0.5 * curvature_of(f) * (1.0 / f.surface.eta - 1.0);
+    return Pencil(p.apart, p.angle / f.surface.eta + power * p.apart);
+}
+
+// Distance of the farthest image of a surface, over the length of the path. Images behind the eye, too, count as so far.
+const FARTHEST: f32 = 4.0;
+// Distance beyond which images of the sky count as infinitely far, in m.
+const FARTHEST_SKY: f32 = 1e6;
+
+// Distance from the eye at which it sees the end of a path of that length: where rays that meet there seem to meet. 0 if
+// the path ends in the sky and the image is infinitely far.
+fn image_distance(p: Pencil, length: f32, is_sky: bool) -> f32 {
+    let end = select(p.apart, p.angle, is_sky);
+    let farthest = select(FARTHEST * length, FARTHEST_SKY, is_sky);
+    let is_near = end.x * end.y > 0.0 && abs(end.y) < farthest * abs(end.x);
+    return select(select(farthest, 0.0, is_sky), end.y / end.x, is_near);
+}
+
 // Mirrors and glass between the eye and a first surface, and what the glass reflects.
 struct Links {
     count: u32,
-    // Length of the whole path, to the surface or the light at its end; 0 if it ends in the sky.
+    // Distances of the images of the path's end and of the surface whose light is filtered (see `image_distance`). They
+    // differ if the path ends in a light: the light that glass reflects is the first surface's.
     distance: f32,
+    surface_distance: f32,
+    // The pencil at the surface.
+    pencil: Pencil,
     // Whether one of them has moved since the previous frame.
     has_moved: bool,
     // Fraction of uniform light that the glass reflects to the eye.
@@ -35,6 +108,8 @@ struct Polish {
     hit: FirstHit,
     // Direction of the reflected ray.
     direction: vec3<f32>,
+    // Distance that a unit of angle at the eye covers at the reflected surface.
+    spread: f32,
     // Fraction of the reflected light that reaches the eye.
     weight: vec3<f32>,
     // Albedo of the reflected surface times `weight`; 0 if nothing is reflected.
@@ -67,6 +142,7 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
     var rng = rng_in_pixel;
     let most = min(MOST_LINKS, frame.sampling.reflections);
     var links = Links();
+    links.pencil = along(pencil_at_eye(), (*f).hit.t);
     let before = *f;
     var pick = 0.0;
     var sum = 0.0;
@@ -85,10 +161,12 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
         let is_reflected = dot(reflected, s.geometric_normal) > 0.0;
         var reflectance = (*f).transmittance * fresnel(s.f0, s.f90, in_fresnel);
         var onward = reflected;
+        var pencil = reflected_pencil(links.pencil, *f, cosine);
         var passed = reflectance;
         var is_sent = is_reflected;
         if HAS_TRANSMISSION && (flags_of(*f) & CLEAR_GLASS) != 0u && in_fresnel >= 0.0 {
             onward = transmitted_direction(s, *direction, cosine);
+            pencil = transmitted_pencil(links.pencil, *f);
             let eta2 = select(s.eta * s.eta, 1.0, s.is_thin || is_straight(s.eta));
             passed = (*f).transmittance * s.transmitted * ((1.0 - layer_fresnel(s, in_fresnel)) / eta2);
             is_sent = max(dot(onward, s.normal), dot(onward, s.geometric_normal)) < 0.0;
@@ -119,16 +197,19 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
         next.albedo *= passed;
         next.matte *= passed;
         next.transmittance *= passed;
+        links.pencil = along(pencil, next.hit.t);
         next.hit.t += (*f).hit.t;
         *f = next;
         *direction = onward;
         *rays += 1u;
         links.count += 1u;
     }
-    links.distance = select((*f).hit.t, 0.0, (*f).hit.prim == NO_PRIM);
+    links.distance = image_distance(links.pencil, (*f).hit.t, (*f).hit.prim == NO_PRIM);
+    links.surface_distance = links.distance;
     if HAS_TRANSMISSION && sum > 0.0 {
         if ((*f).hit.prim & SPHERE) != 0u {
             (*f).hit = before.hit;
+            links.surface_distance = before.hit.t;
             (*f).surface = before.surface;
         }
         links.weight *= sum;
@@ -162,6 +243,11 @@ fn follow_polish(f: ptr<function, FirstHit>, direction: vec3<f32>, links: Links,
     let origin = leave(s, reflected);
     polish.hit = first_hit_in((*f).medium, trace_closest(origin, reflected, alpha_key(rng)), origin, reflected);
     polish.direction = reflected;
+    var pencil = links.pencil;
+    if links.count == 0u {
+        pencil = along(pencil_at_eye(), (*f).hit.t);
+    }
+    polish.spread = along(reflected_pencil(pencil, *f, cosine), polish.hit.hit.t).apart.y;
     polish.weight = weight;
     polish.albedo = polish.hit.albedo * weight;
     *rays += 1u;

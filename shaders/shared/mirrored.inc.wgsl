@@ -11,8 +11,8 @@ fn is_mirrored(hit: vec4<u32>) -> bool {
     return HAS_MIRRORS && (hit.w & FLAG_MIRRORED) != 0u && (hit.w & MATERIAL_MASK) != MATERIAL_NONE;
 }
 
-// World-space point at which other frames and the other eye look for a pixel's surface: its position or, in plane
-// mirrors and behind panes, its image, which lies on the pixel's ray at the length of the path.
+// World-space point at which other frames and the other eye look for a pixel's surface: its position or, in mirrors and
+// behind glass, its image, which lies on the pixel's ray.
 fn image_point(view: u32, pixel: vec2<u32>, hit: vec4<u32>, position: vec3<f32>) -> vec3<f32> {
     if !is_mirrored(hit) {
         return position;

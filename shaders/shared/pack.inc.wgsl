@@ -1,7 +1,7 @@
 // Packing of pixels for later stages.
 
 // `hit` image. Word x: triangle, NO_PRIM, or SPHERE | light. Words y and z: barycentrics, as floats; if FLAG_MIRRORED is
-// set, word y is the length of the path from the eye over mirrors and glass to the surface, and word z holds both
+// set, word y is the distance of the surface's image in the mirrors and glass from the eye, and word z holds both
 // barycentrics and whether the mirrors have moved. Word w: material and flags.
 const FLAG_MIXED: u32 = 0x80000000u;
 const FLAG_VIEW_DEPENDENT: u32 = 0x40000000u;

@@ -14,16 +14,33 @@ fn barycentric_step(tri: Triangle, step: vec3<f32>) -> vec2<f32> {
     return vec2<f32>(dot(cross(step, e2), n), dot(cross(e1, step), n)) / max(dot(n, n), 1e-37);
 }
 
+// Change of a ray's end on a surface, for a change perpendicular to the ray.
+fn on_surface(change: vec3<f32>, direction: vec3<f32>, normal: vec3<f32>) -> vec3<f32> {
+    return change - direction * (dot(normal, change) / dot(normal, direction));
+}
+
 // Fraction of a tap's colour that counts, by its alpha.
 fn tap_weight(m: Material, alpha: f32) -> f32 {
     let masked = select(0.0, 1.0, alpha * m.base_color.a >= m.alpha_cutoff);
     return select(select(1.0, alpha, (m.flags & ALPHA_BLEND) != 0u), masked, (m.flags & ALPHA_MASK) != 0u);
 }
 
+// Changes of a ray's end from pixel to pixel, to the right and down.
+struct Footprint {
+    across: vec3<f32>,
+    down: vec3<f32>,
+}
+
+// Footprint of a ray that mirrors or glass sent on in `direction`. They turn it, and only its shape is known. `steps` are
+// the changes of the direction at the eye, of which a unit covers `spread`.
+fn turned(steps: Footprint, spread: f32, direction: vec3<f32>) -> Footprint {
+    let around = frame_around(direction);
+    return Footprint(around[0] * (length(steps.across) * spread), around[1] * (length(steps.down) * spread));
+}
+
 // Replaces the albedo of a first hit by that of its base colour's mean over the pixel; the colour of an unlit surface
-// likewise. `direction` is that of the last ray, and `across` and `down` are the changes of the ray's end from pixel to
-// pixel. The texture continues on the triangle's plane.
-fn filter_texture(f: ptr<function, FirstHit>, direction: vec3<f32>, across: vec3<f32>, down: vec3<f32>) {
+// likewise. `direction` is that of the last ray. The texture continues on the triangle's plane.
+fn filter_texture(f: ptr<function, FirstHit>, direction: vec3<f32>, footprint: Footprint) {
     let hit = (*f).hit;
     if (flags_of(*f) & BASE_COLOR_TEXTURE) == 0u || is_link(*f) {
         return;
@@ -32,12 +49,11 @@ fn filter_texture(f: ptr<function, FirstHit>, direction: vec3<f32>, across: vec3
     let m = stored_material(s.material);
     let place = placed(hit.prim);
     let tri = triangle_at(place);
-    let cosine = dot(s.geometric_normal, direction);
-    if abs(cosine) < 1e-3 {
+    if abs(dot(s.geometric_normal, direction)) < 1e-3 {
         return;
     }
-    let by_x = barycentric_step(tri, across - direction * (dot(s.geometric_normal, across) / cosine));
-    let by_y = barycentric_step(tri, down - direction * (dot(s.geometric_normal, down) / cosine));
+    let by_x = barycentric_step(tri, on_surface(footprint.across, direction, s.geometric_normal));
+    let by_y = barycentric_step(tri, on_surface(footprint.down, direction, s.geometric_normal));
     let info = stored_texture(m.first_texture);
     let size = vec2<f32>(f32(info.width), f32(info.height));
     let uv = interpolate_uv(place.row, hit.bary, info);

@@ -1,7 +1,7 @@
 //! Frames that follow perfect mirrors, clear glass and polish: what a mirror or a pane shows is as good as the room behind
 //! an opening.
 
-use crate::common::{Stage, Subject};
+use crate::common::{Stage, Subject, with_outputs};
 use crate::reference::scenes::moving::Draft;
 use crate::reference::scenes::{
     add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, place, quad,
@@ -10,13 +10,14 @@ use crate::reference::scenes::{scaled_at, studio};
 use crate::same_bytes::assert_same;
 use diptych::RunConfig;
 use diptych::exec::Stereo;
+use diptych::graph::Resource;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics::{self, Errors};
 use diptych::passes::Aov;
 use diptych::quality::Denoiser;
-use diptych::scene::rig::{Rig, RigKey};
+use diptych::scene::rig::{Eye, Rig, RigKey, View};
 use diptych::scene::{Clearcoat, Material, Mesh, Scene, Volume};
-use glam::{Affine3A, DVec3, Vec3, vec3};
+use glam::{Affine3A, DVec2, DVec3, Vec3, dvec2, vec3};
 
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
@@ -262,6 +263,79 @@ fn the_right_eye_takes_over_light_in_plane_mirrors() {
     println!("{followed} holes, {true_holes} with the opening, {differing} differ, {blurred} without following");
     assert!(followed as f64 <= 1.1 * true_holes as f64 && differing <= 3, "{followed}, {true_holes}, {differing}");
     assert!(blurred > 5 * true_holes, "{blurred}");
+}
+
+/// Returns the room with a ball in its middle.
+fn room_with_ball(name: &str, material: Material) -> Subject {
+    let mut scene = room(Wall::Opening).scene;
+    let material = add_material(&mut scene, material);
+    let ball = add_mesh(&mut scene, icosphere(4, true, material));
+    instance(&mut scene, ball, scaled_at(0.6, vec3(0.0, 1.2, -0.8)));
+    subject(name, scene)
+}
+
+/// Returns the point of a view's image at which it sees a point, in pixels.
+fn seen_at(view: &View, point: DVec3, extent: Extent) -> DVec2 {
+    let along = point - view.origin.as_dvec3();
+    let [right, up, forward] = [view.right, view.up, view.forward].map(|axis| along.dot(axis.as_dvec3()));
+    let [width, height] = [extent.width, extent.height].map(f64::from);
+    let pixels = height / 2.0 / f64::from(view.tan_half_yfov);
+    dvec2(width / 2.0 + pixels * right / forward, height / 2.0 - pixels * up / forward)
+}
+
+/// The images of surfaces in a mirror ball and in a glass ball lie where the other eye sees the surfaces. A search over
+/// all of its pixels tells where that is.
+#[test]
+fn balls_show_surfaces_where_a_search_finds_them() {
+    const EXTENT: Extent = Extent::new(160, 120);
+    let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
+    let balls = [
+        ("mirror ball", studio::metal(Vec3::ONE, 0.0), 0.2, 0.2),
+        ("glass ball", Material { volume: Some(clear), ..studio::glass(Vec3::ONE, 0.0) }, 0.064, 1.0),
+    ];
+    for (name, material, baseline_m, most) in balls {
+        let mut subject = room_with_ball(name, material);
+        subject.rig.baseline_m = baseline_m;
+        let mut settings = subject.accumulated(EXTENT.width, EXTENT.height);
+        settings.envelope.most.bounces = BOUNCES;
+        settings.buffers.declarations = with_outputs(&["hit", "guide"]);
+        let mut stage = Stage::alone(&subject, &settings);
+        stage.frame(0);
+        let mut read = |name| {
+            let eyes = stage.renderer().read_output(Resource::image::<[u32; 4]>(name)).unwrap();
+            [eyes.left, eyes.right].map(|bytes| bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&bytes))
+        };
+        let [hits, guides] = [read("hit"), read("guide")];
+        let is_mirrored = |eye: usize, at: usize| hits[eye][at][3] & 0x0080_0000 != 0 && guides[eye][at][3] != 0x8000_8000;
+        let position = |eye: usize, at: usize| {
+            let [x, y, z, _] = guides[eye][at].map(f32::from_bits);
+            vec3(x, y, z).as_dvec3()
+        };
+        let [left, right] = [Eye::Left, Eye::Right].map(|eye| subject.rig.view(0.0, eye));
+        let centre = |at: usize| dvec2((at % 160) as f64 + 0.5, (at / 160) as f64 + 0.5);
+        let mut off = Vec::new();
+        for at in (0..hits[0].len()).filter(|at| is_mirrored(0, *at)) {
+            let point = position(0, at);
+            let material = hits[0][at][3] & 0x00ff_ffff;
+            let others = (0..hits[1].len()).filter(|at| is_mirrored(1, *at) && hits[1][*at][3] & 0x00ff_ffff == material);
+            let found = others.min_by(|a, b| position(1, *a).distance(point).total_cmp(&position(1, *b).distance(point)));
+            let Some(found) = found.filter(|found| position(1, *found).distance(point) < 0.02) else { continue };
+            let direction = left.ray_direction(centre(at).x, centre(at).y, EXTENT);
+            let at_distance = |distance: f64| {
+                let image = left.origin.as_dvec3() + distance * direction;
+                seen_at(&right, image, EXTENT).distance(centre(found))
+            };
+            off.push([at_distance(f32::from_bits(hits[0][at][1]).into()), at_distance(left.origin.as_dvec3().distance(point))]);
+        }
+        let median = |i: usize| {
+            let mut sorted: Vec<f64> = off.iter().map(|both| both[i]).collect();
+            sorted.sort_by(f64::total_cmp);
+            sorted[sorted.len() / 2]
+        };
+        let [by_image, by_surface] = [0, 1].map(median);
+        println!("{name}: {} pixels, median {by_image:.2} px off, {by_surface:.2} at the surface's own distance", off.len());
+        assert!(off.len() > 200 && by_image < most && by_surface > 3.0 * by_image, "{name}: {by_image} {by_surface}");
+    }
 }
 
 /// Returns the room with a second mirror on the far wall, a mirror ball, a pane, a glass ball and a coated ball.

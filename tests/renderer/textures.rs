@@ -77,6 +77,33 @@ fn distant_textures_are_averaged_over_pixels() {
     }
 }
 
+/// A dark polished floor reflects a tiled ceiling.
+#[test]
+fn distant_textures_in_polish_are_averaged_over_pixels() {
+    let mut scene = empty("polish");
+    let checker = Pictures::add(&mut scene).checker;
+    let tiles = TextureRef { uv_from_uv: Affine2::from_scale(Vec2::splat(40.0)), ..checker };
+    let ceiling = Material { base_color_texture: Some(tiles), unlit: true, ..matte() };
+    let ceiling = add_material(&mut scene, ceiling);
+    place(&mut scene, ground(3.0, ceiling));
+    let polish = add_material(&mut scene, Material { ior: 2.4, ..dielectric(Vec3::splat(0.02), 0.0) });
+    place(&mut scene, ground(0.0, polish));
+    let subject = subject("polish", scene);
+    let lower = |image: &RgbImage| {
+        let extent = Extent::new(EXTENT.width, EXTENT.height / 3);
+        Image { extent, pixels: image.pixels[image.pixels.len() - extent.area()..].to_vec() }
+    };
+    let expected = lower(&reference(&subject));
+    let [filtered, sampled] = [true, false].map(|filter| {
+        let frame = Stage::alone(&subject, &settings(&subject, Denoiser::SVGF, filter)).frame(0);
+        metrics::compare(&expected, &lower(&frame.linear.left)).unwrap()
+    });
+    let mean_ratio = filtered.mean_ratio.expect("the reference has light");
+    println!("PSNR {:.2}, unfiltered {:.2} dB, mean {mean_ratio:.4}", filtered.psnr, sampled.psnr);
+    assert!(filtered.psnr > sampled.psnr + 3.0, "PSNR {:.2}, unfiltered {:.2} dB", filtered.psnr, sampled.psnr);
+    assert!((mean_ratio - 1.0).abs() < 0.02, "mean {mean_ratio}");
+}
+
 /// The clear texels between the leaves have a colour, which no pixel may show.
 #[test]
 fn clear_texels_give_no_colour_to_those_beside_them() {
