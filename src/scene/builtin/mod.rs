@@ -9,6 +9,7 @@ mod checker;
 mod cornell;
 mod forest;
 mod furnace;
+mod gallery;
 mod geometry;
 mod maths;
 mod shapes;
@@ -63,6 +64,12 @@ pub const BUILTINS: &[Builtin] = &[
         about: "spheres of known albedo in an environment of radiance 1",
         shot: include_str!("../../../scenes/furnace.toml"),
         build: furnace::build,
+    },
+    Builtin {
+        name: "gallery",
+        about: "a room of mirrors, glass, water, polish and brushed metal, with a window",
+        shot: include_str!("../../../scenes/gallery.toml"),
+        build: gallery::build,
     },
     Builtin {
         name: "studio",

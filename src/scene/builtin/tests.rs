@@ -32,6 +32,7 @@ fn triangle_counts_are_as_advertised() {
         ("cornell", 36..=36),
         ("furnace", 40_000..=50_000),
         ("forest", 190_000..=210_000),
+        ("gallery", 36_000..=37_000),
         ("studio", 4_000..=6_000),
         ("towers", 21_202..=21_202),
     ] {
