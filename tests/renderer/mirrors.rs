@@ -306,26 +306,33 @@ fn balls_show_surfaces_where_a_search_finds_them() {
             [eyes.left, eyes.right].map(|bytes| bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&bytes))
         };
         let [hits, guides] = [read("hit"), read("guide")];
-        let is_mirrored = |eye: usize, at: usize| hits[eye][at][3] & 0x0080_0000 != 0 && guides[eye][at][3] != 0x8000_8000;
+        let is_mirrored =
+            |eye: usize, at: usize| hits[eye][at][3] & 0x0080_0000 != 0 && guides[eye][at][3] != 0x8000_8000;
         let position = |eye: usize, at: usize| {
             let [x, y, z, _] = guides[eye][at].map(f32::from_bits);
             vec3(x, y, z).as_dvec3()
         };
         let [left, right] = [Eye::Left, Eye::Right].map(|eye| subject.rig.view(0.0, eye));
-        let centre = |at: usize| dvec2((at % 160) as f64 + 0.5, (at / 160) as f64 + 0.5);
+        let width = EXTENT.width as usize;
+        let centre = |at: usize| dvec2((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
         let mut off = Vec::new();
         for at in (0..hits[0].len()).filter(|at| is_mirrored(0, *at)) {
             let point = position(0, at);
             let material = hits[0][at][3] & 0x00ff_ffff;
-            let others = (0..hits[1].len()).filter(|at| is_mirrored(1, *at) && hits[1][*at][3] & 0x00ff_ffff == material);
-            let found = others.min_by(|a, b| position(1, *a).distance(point).total_cmp(&position(1, *b).distance(point)));
+            let others =
+                (0..hits[1].len()).filter(|at| is_mirrored(1, *at) && hits[1][*at][3] & 0x00ff_ffff == material);
+            let found =
+                others.min_by(|a, b| position(1, *a).distance(point).total_cmp(&position(1, *b).distance(point)));
             let Some(found) = found.filter(|found| position(1, *found).distance(point) < 0.02) else { continue };
             let direction = left.ray_direction(centre(at).x, centre(at).y, EXTENT);
             let at_distance = |distance: f64| {
                 let image = left.origin.as_dvec3() + distance * direction;
                 seen_at(&right, image, EXTENT).distance(centre(found))
             };
-            off.push([at_distance(f32::from_bits(hits[0][at][1]).into()), at_distance(left.origin.as_dvec3().distance(point))]);
+            off.push([
+                at_distance(f32::from_bits(hits[0][at][1]).into()),
+                at_distance(left.origin.as_dvec3().distance(point)),
+            ]);
         }
         let median = |i: usize| {
             let mut sorted: Vec<f64> = off.iter().map(|both| both[i]).collect();
@@ -333,7 +340,10 @@ fn balls_show_surfaces_where_a_search_finds_them() {
             sorted[sorted.len() / 2]
         };
         let [by_image, by_surface] = [0, 1].map(median);
-        println!("{name}: {} pixels, median {by_image:.2} px off, {by_surface:.2} at the surface's own distance", off.len());
+        println!(
+            "{name}: {} pixels, median {by_image:.2} px off, {by_surface:.2} at the surface's own distance",
+            off.len()
+        );
         assert!(off.len() > 200 && by_image < most && by_surface > 3.0 * by_image, "{name}: {by_image} {by_surface}");
     }
 }
