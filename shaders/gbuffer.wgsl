@@ -3,7 +3,7 @@
 // light with hard shadows counts as emission if the denoiser leaves it out. Perfect mirrors and clear glass may be
 // replaced by the surfaces that they show, and what polished surfaces reflect may be part of albedo and emission.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path motion last_surface mirror texture_filter pack mirrored footprint foveation bindings
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path motion last_surface mirror_motion mirror texture_filter pack mirrored footprint foveation bindings
 
 // Changes of the direction from pixel to pixel.
 fn steps_at(pixel: vec2<u32>) -> Footprint {
@@ -82,7 +82,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     var place = bitcast<vec2<u32>>(hit.bary);
     if HAS_MIRRORS {
-        let mirrored = vec2<u32>(bitcast<u32>(links.surface_distance), pack_mirrored(hit.bary, links.has_moved));
+        let mirrored = vec2<u32>(bitcast<u32>(links.surface_distance), pack_mirrored(hit.bary, links.motion.has_moved));
         place = select(place, mirrored, links.count > 0u);
     }
     hit_image[at] = vec4<u32>(hit.prim, place, tag);

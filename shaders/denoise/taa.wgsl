@@ -33,11 +33,12 @@ fn cubic(t: f32) -> vec4<f32> {
     return vec4<f32>(-0.5 * t + t2 - 0.5 * t3, 1.0 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2.0 * t2 - 1.5 * t3, 0.5 * (t3 - t2));
 }
 
-// True if one of the previous frame's four pixels around image point `seen` shows the surface `last`, given by its
-// position and normal in that frame. `low` and `high` are the first and the last pixel that may be read.
+// True if one of the previous frame's four pixels around image point `seen` shows the surface `last`, in the format of
+// `last_surface`. `low` and `high` are the first and the last pixel that may be read.
 fn was_seen(last: vec4<u32>, seen: vec3<f32>, low: vec2<i32>, high: vec2<i32>, fovea_rows: f32) -> bool {
     let base = vec2<i32>(floor(clamp(seen.xy - 0.5, vec2<f32>(low) - 2.0, vec2<f32>(high) + 2.0)));
     let normal = unpack_normal(last.w);
+    let position = point_of_last(last);
     var was = false;
     for (var i = 0; i < 4; i += 1) {
         var there = base + vec2<i32>(i & 1, i >> 1u);
@@ -47,7 +48,7 @@ fn was_seen(last: vec4<u32>, seen: vec3<f32>, low: vec2<i32>, high: vec2<i32>, f
         }
         let is_inside = all(there >= low) && all(there <= high);
         let tap = last_guide[select(0u, u32(there.y) * pass_.width + u32(there.x), is_inside)];
-        let off = abs(dot(normal, bitcast<vec3<f32>>(tap.xyz) - bitcast<vec3<f32>>(last.xyz)));
+        let off = abs(dot(normal, bitcast<vec3<f32>>(tap.xyz) - position));
         let is_surface = tap.w != NO_NORMAL && off < 0.01 * seen.z && dot(normal, unpack_normal(tap.w)) > 0.5;
         was = was || (is_inside && select(is_surface, tap.w == NO_NORMAL, last.w == NO_NORMAL));
     }
@@ -113,8 +114,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var carried = 0.0;
     if HAS_MOTION {
         last = last_surface[pixel_index(vec2<u32>(front))];
-        let is_surface = last.w != NO_NORMAL && depth > 0.0 && !was_mirrored(last);
-        let followed = pixel_of(bitcast<vec3<f32>>(last.xyz), eye);
+        let is_surface = last.w != NO_NORMAL && depth > 0.0;
+        let followed = pixel_of(image_of_last(pass_.view, last), eye);
         carried = select(0.0, min(length(way_between(seen.xy, followed.xy, eye)), 1.0), is_surface);
         seen = select(seen, followed, is_surface);
     }

@@ -52,8 +52,26 @@ fn corner_of(around: Around, i: i32) -> Corner {
     return Corner(at, select(0.0, near.x * near.y, inside));
 }
 
-// Whether a pixel's guide shows the surface that was at `position`.
-fn shows(guide: vec4<u32>, position: vec3<f32>, normal: vec3<f32>, reach: f32) -> bool {
-    let off = abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position));
-    return guide.w != NO_NORMAL && off < reach && dot(normal, unpack_normal(guide.w)) > 0.9;
+// A pixel's surface in the previous frame, by its `guide` or, in dynamic scenes, `last_surface`.
+struct Before {
+    // A point on its plane.
+    position: vec3<f32>,
+    normal: vec3<f32>,
+    // Where it was seen: its position or, in mirrors, its image.
+    image: vec3<f32>,
+}
+
+fn surface_before(pixel: vec2<u32>, hit: vec4<u32>, bits: vec4<u32>) -> Before {
+    let normal = unpack_normal(bits.w);
+    if HAS_MOTION {
+        return Before(point_of_last(bits), normal, image_of_last(pass_.view, bits));
+    }
+    let position = bitcast<vec3<f32>>(bits.xyz);
+    return Before(position, normal, image_point(pass_.view, pixel, hit, position));
+}
+
+// Whether a pixel's guide shows that surface.
+fn shows(guide: vec4<u32>, before: Before, reach: f32) -> bool {
+    let off = abs(dot(before.normal, bitcast<vec3<f32>>(guide.xyz) - before.position));
+    return guide.w != NO_NORMAL && off < reach && dot(before.normal, unpack_normal(guide.w)) > 0.9;
 }

@@ -78,6 +78,12 @@ fn image_distance(p: Pencil, length: f32, is_sky: bool) -> f32 {
     return select(select(farthest, 0.0, is_sky), end.y / end.x, is_near);
 }
 
+// Fraction by which a plane mirror may change the angle between two rays.
+const MOST_BENT: f32 = 1e-3;
+// Smallest distance, in m, between two rays from the eye that are a unit of angle apart, at the end of a path. Where the
+// rays meet again, the image is infinitely large.
+const LEAST_APART: f32 = 0.05;
+
 // Mirrors and glass between the eye and a first surface, and what the glass reflects.
 struct Links {
     count: u32,
@@ -87,8 +93,8 @@ struct Links {
     surface_distance: f32,
     // The pencil at the surface.
     pencil: Pencil,
-    // Whether one of them has moved since the previous frame.
-    has_moved: bool,
+    // How they have moved since the previous frame.
+    motion: MirrorMotion,
     // Fraction of uniform light that the glass reflects to the eye.
     albedo: vec3<f32>,
     // One of its reflections, chosen at random: the ray, the medium around it, the number of reflections before it and
@@ -142,6 +148,7 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
     var rng = rng_in_pixel;
     let most = min(MOST_LINKS, frame.sampling.reflections);
     var links = Links();
+    links.motion = no_mirror_motion();
     links.pencil = along(pencil_at_eye(), (*f).hit.t);
     let before = *f;
     var pick = 0.0;
@@ -151,9 +158,6 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
     }
     while links.count < most && is_link(*f) {
         let s = (*f).surface;
-        if HAS_MOTION {
-            links.has_moved = links.has_moved || last_surface((*f).hit.prim, (*f).hit.bary, s.position, s.normal).has_moved;
-        }
         let cosine = -dot(*direction, s.normal);
         let in_fresnel = fresnel_cosine(cosine, s.eta);
         let reflected = normalize(*direction + 2.0 * cosine * s.normal);
@@ -189,6 +193,11 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
         if !is_sent {
             break;
         }
+        if HAS_MOTION {
+            let last = last_surface((*f).hit.prim, (*f).hit.bary, s.position, s.normal);
+            let is_flat = abs(pencil.angle.y - links.pencil.angle.y) < MOST_BENT;
+            links.motion = with_link(links.motion, *f, last, *direction, onward, links.count == 0u, is_flat);
+        }
         rng.dimension = FIRST_DIMENSION + links.count * DIMENSIONS_PER_VERTEX + SURVIVAL;
         let origin = leave(s, onward);
         let medium = medium_towards(s, onward, (*f).medium);
@@ -206,10 +215,13 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
     }
     links.distance = image_distance(links.pencil, (*f).hit.t, (*f).hit.prim == NO_PRIM);
     links.surface_distance = links.distance;
+    let apart = links.pencil.apart.y;
+    links.motion.magnification = links.distance / select(min(apart, -LEAST_APART), max(apart, LEAST_APART), apart > 0.0);
     if HAS_TRANSMISSION && sum > 0.0 {
         if ((*f).hit.prim & SPHERE) != 0u {
             (*f).hit = before.hit;
             links.surface_distance = before.hit.t;
+            links.motion = no_mirror_motion();
             (*f).surface = before.surface;
         }
         links.weight *= sum;

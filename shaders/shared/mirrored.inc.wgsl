@@ -34,11 +34,46 @@ fn have_mirrors_moved(hit: vec4<u32>) -> bool {
     return (hit.z & 1u) != 0u;
 }
 
-// Flag in the last word of the previous frame's surfaces, the lowest bit of the normal: the surface is seen in mirrors or
-// behind glass. Scenes without either have one bit more of the normal.
+// In dynamic scenes, the previous frame's surface of a pixel that shows it in mirrors or behind glass. Word x: the
+// distance of the surface's plane from the world's origin, as a float. Words y and z: the point at which the previous
+// frame saw its image. Word w: its normal, whose lowest bit is SEEN_MIRRORED. Scenes without mirrors have one bit more of
+// the normal.
 const SEEN_MIRRORED: u32 = 1u;
 
 // Whether a surface of the previous frame is seen in mirrors or behind glass.
 fn was_mirrored(last: vec4<u32>) -> bool {
     return HAS_MIRRORS && last.w != NO_NORMAL && (last.w & SEEN_MIRRORED) != 0u;
+}
+
+// Steps from -1 to 1 of each coordinate of a packed direction, a 21-bit number.
+const DIRECTION_STEPS: f32 = 2097151.0;
+
+// Packs a vector: its direction in 42 bits, the first of which are y's, and its length in 22 bits.
+fn pack_away(away: vec3<f32>) -> vec2<u32> {
+    let distance = length(away);
+    let place = 0.5 + 0.5 * unfolded(away / max(distance, 1e-37));
+    let steps = vec2<u32>(round(clamp(place, vec2<f32>(0.0), vec2<f32>(1.0)) * DIRECTION_STEPS));
+    return vec2<u32>(steps.x | (steps.y << 21u), (steps.y >> 11u) | (bitcast<u32>(distance) & 0xfffffc00u));
+}
+
+fn unpack_away(bits: vec2<u32>) -> vec3<f32> {
+    let steps = vec2<u32>(bits.x & 0x1fffffu, (bits.x >> 21u) | ((bits.y & 0x3ffu) << 11u));
+    return folded(2.0 * (vec2<f32>(steps) / DIRECTION_STEPS) - 1.0) * bitcast<f32>(bits.y & 0xfffffc00u);
+}
+
+fn pack_mirrored_last(view: u32, position: vec3<f32>, normal: vec3<f32>, image: vec3<f32>) -> vec4<u32> {
+    let bits = (pack_normal(normal) & ~SEEN_MIRRORED) | SEEN_MIRRORED;
+    let plane = dot(unpack_normal(bits), position);
+    return vec4<u32>(bitcast<u32>(plane), pack_away(image - frame.camera.views[view].origin), bits);
+}
+
+// A point on the plane of a previous frame's surface: where it was or, in mirrors, the point of the plane that is nearest
+// to the world's origin.
+fn point_of_last(last: vec4<u32>) -> vec3<f32> {
+    return select(bitcast<vec3<f32>>(last.xyz), unpack_normal(last.w) * bitcast<f32>(last.x), was_mirrored(last));
+}
+
+// Where the previous frame saw its surface.
+fn image_of_last(view: u32, last: vec4<u32>) -> vec3<f32> {
+    return select(bitcast<vec3<f32>>(last.xyz), frame.camera.views[view].origin + unpack_away(last.yz), was_mirrored(last));
 }

@@ -18,20 +18,27 @@ const MATERIAL_NONE: u32 = 0x00ffffffu;
 // Packing never produces this pattern, since it clamps to -32767.
 const NO_NORMAL: u32 = 0x80008000u;
 
-// Packs a unit vector into two 16-bit numbers (Cigolle et al., "A Survey of Efficient Representations for Independent
-// Unit Vectors", JCGT 3(2), 2014).
-fn pack_normal(n: vec3<f32>) -> u32 {
+// Maps a unit vector to a square from -1 to 1, and back (Cigolle et al., "A Survey of Efficient Representations for
+// Independent Unit Vectors", JCGT 3(2), 2014).
+fn unfolded(n: vec3<f32>) -> vec2<f32> {
     let p = n.xy / (abs(n.x) + abs(n.y) + abs(n.z));
     let signs = select(vec2<f32>(-1.0), vec2<f32>(1.0), p >= vec2<f32>(0.0));
-    let folded = select(p, (1.0 - abs(p.yx)) * signs, n.z < 0.0);
-    return pack2x16snorm(folded);
+    return select(p, (1.0 - abs(p.yx)) * signs, n.z < 0.0);
 }
 
-fn unpack_normal(bits: u32) -> vec3<f32> {
-    let p = unpack2x16snorm(bits);
+fn folded(p: vec2<f32>) -> vec3<f32> {
     let z = 1.0 - abs(p.x) - abs(p.y);
     let t = max(-z, 0.0);
     return normalize(vec3<f32>(p + select(vec2<f32>(t), vec2<f32>(-t), p >= vec2<f32>(0.0)), z));
+}
+
+// Packs a unit vector into two 16-bit numbers.
+fn pack_normal(n: vec3<f32>) -> u32 {
+    return pack2x16snorm(unfolded(n));
+}
+
+fn unpack_normal(bits: u32) -> vec3<f32> {
+    return folded(unpack2x16snorm(bits));
 }
 
 // `tally` image: number of rays traced (20 bits); number of samples, and of values of later stages, that were dropped

@@ -150,8 +150,9 @@ impl Accel {
             deepest = deepest.max(tree.levels);
             let corners: Vec<_> = order.iter().map(|&i| shape.triangles[i as usize]).collect();
             self.skins.push(number, mesh, &joints, &corners, &self.triangles[tree.first_row as usize..]);
+            let is_mirror = scene.materials[mesh.material].is_link();
             let by = By::Skin(self.skins.bodies() - 1);
-            self.placements.push(Placement { tree, first_prim: tree.first_row, by });
+            self.placements.push(Placement { tree, first_prim: tree.first_row, is_mirror, by });
         }
         self.skins.nodes = self.nodes[self.skins.first_node as usize..].to_vec();
         self.skins.finish();
@@ -178,6 +179,7 @@ impl Accel {
             deepest = deepest.max(tree.levels);
             let mesh = &scene.meshes[mesh];
             let (low, high) = ends(&mesh.positions);
+            let is_mirror = scene.materials[mesh.material].is_link();
             for &user in users.iter().filter(|_| tree.rows > 0) {
                 let by = bodies[user].map_or_else(
                     || {
@@ -186,7 +188,7 @@ impl Accel {
                     },
                     |number| By::Body { number, low, high },
                 );
-                self.placements.push(Placement { tree, first_prim: first_prim as u32, by });
+                self.placements.push(Placement { tree, first_prim: first_prim as u32, is_mirror, by });
                 first_prim += tree.rows as usize;
             }
         }

@@ -18,7 +18,7 @@ mod triangle;
 
 pub use self::instances::{Instance, Layout};
 pub use self::limits::{AccelError, MAX_DEPTH, SPHERE};
-pub use self::moving::{Placed, Poses};
+pub use self::moving::{Moved, Placed, Poses};
 pub use self::skins::{COLUMNS, SkinMorph, SkinTriangle, SkinVertex, Skinned, Skins};
 pub(crate) use self::skins::{CONSTANTS as SKIN_CONSTANTS, structs as skin_structs};
 pub use self::tables::Accel;

@@ -1,6 +1,6 @@
 //! Placement of instances in the world, in the current frame and in the previous one.
 
-use glam::{Affine3A, DAffine3, DVec3, Mat4, Vec3, Vec3A, Vec4};
+use glam::{Affine3A, DAffine3, DVec3, Mat3, Mat4, Vec3, Vec3A, Vec4};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::builder::build_cwbvh;
@@ -18,7 +18,20 @@ pub(super) struct Placement {
     pub tree: Tree,
     /// Number of its first triangle.
     pub first_prim: u32,
+    /// True if it is a perfect mirror or clear glass.
+    pub is_mirror: bool,
     pub by: By,
+}
+
+/// A body's motion since the previous frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Moved {
+    /// Current bounds.
+    pub bounds: Aabb,
+    /// Upper bound on the motion of its points, in scene units.
+    pub by: f32,
+    /// Upper bound on the rotation of its surfaces, in radians, if they are mirrors or glass.
+    pub mirrors_turned: Option<f32>,
 }
 
 #[derive(Debug)]
@@ -117,19 +130,32 @@ impl Placement {
         }
     }
 
-    /// Returns a body's current bounds and an upper bound on its points' motion since the previous frame, in scene
-    /// units. Returns `None` for a static instance.
-    pub fn moved(&self, skins: &Skins, poses: &Poses, origin: DVec3) -> Option<(Aabb, f32)> {
-        match self.by {
-            By::Place(..) => None,
+    /// Returns `None` for a static instance.
+    pub fn moved(&self, skins: &Skins, poses: &Poses, origin: DVec3) -> Option<Moved> {
+        let (bounds, by, turned) = match self.by {
+            By::Place(..) => return None,
             By::Body { number, low, high } => {
                 let place = |pose| Mat4::from(near(&poses.motion.world_from_body(pose, number), origin));
                 let (now, last) = (place(poses.now), place(poses.last));
                 // The difference of two affine maps is affine, so it is largest at a corner of the box.
-                Some((box_in(&now, low, high), farthest(&box_in(&(now - last), low, high))))
+                (box_in(&now, low, high), farthest(&box_in(&(now - last), low, high)), turned(&now, &last))
             }
-            By::Skin(index) => Some((skins.bounds(index, poses.rows, 0), skins.moved(index, poses.rows))),
-        }
+            By::Skin(index) => (skins.bounds(index, poses.rows, 0), skins.moved(index, poses.rows), f32::INFINITY),
+        };
+        Some(Moved { bounds, by, mirrors_turned: self.is_mirror.then_some(turned) })
+    }
+}
+
+/// Returns the angle, in radians, of the rotation between two transforms. Changes of scale and shear add to it.
+fn turned(now: &Mat4, last: &Mat4) -> f32 {
+    let change = Mat3::from_mat4(*last) * Mat3::from_mat4(*now).inverse() - Mat3::IDENTITY;
+    // The Frobenius norm of a rotation by an angle `a`, minus the identity, is sqrt(8) sin(a / 2).
+    let norm = change.to_cols_array().iter().map(|v| v * v).sum::<f32>().sqrt();
+    let sine = norm / 8f32.sqrt();
+    match sine < 1.0 {
+        _ if now == last => 0.0,
+        true => 2.0 * sine.asin(),
+        false => f32::INFINITY,
     }
 }
 

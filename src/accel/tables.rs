@@ -3,10 +3,9 @@
 use std::ops::Range;
 
 use glam::{DVec3, Vec4};
-use obvhs::aabb::Aabb;
 
 use super::instances::Instance;
-use super::moving::{Placed, Placement, Poses};
+use super::moving::{Moved, Placed, Placement, Poses};
 use super::skins::Skins;
 use super::tree::Node;
 use super::triangle::{Shading, Triangle};
@@ -93,8 +92,8 @@ impl Accel {
         self.skins.pose_rows(of, self.origin)
     }
 
-    /// Returns each moving body's bounds and an upper bound on its motion since the previous frame, in scene units.
-    pub fn moved<'a>(&'a self, poses: &'a Poses) -> impl Iterator<Item = (Aabb, f32)> + 'a {
+    /// Returns each body's motion since the previous frame.
+    pub fn moved<'a>(&'a self, poses: &'a Poses) -> impl Iterator<Item = Moved> + 'a {
         self.placements.iter().filter_map(|placement| placement.moved(&self.skins, poses, self.origin))
     }
 }

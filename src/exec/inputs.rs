@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use obvhs::aabb::Aabb;
-
 use super::late_latching::Late;
 use super::output::Output;
+use crate::accel::Moved;
 use crate::quality::Quality;
 use crate::schedule::RelativeCost;
 use crate::stages::{Place, SceneUpdate, layout};
@@ -23,7 +22,7 @@ pub struct Inputs {
     pub update: SceneUpdate,
     /// Bounds of each moving body, relative to the tables' origin, and its maximum displacement since the previous
     /// frame, in scene units.
-    pub moved: Vec<(Aabb, f32)>,
+    pub moved: Vec<Moved>,
     /// Time in the scene, in seconds.
     pub time_s: f64,
     pub place: Place,

@@ -262,6 +262,11 @@ impl Material {
         self.is_delta() && self.metallic <= 0.0 && is_transparent
     }
 
+    /// Returns true if the material is a perfect mirror or clear glass.
+    pub fn is_link(&self) -> bool {
+        self.is_mirror() || self.is_clear_glass()
+    }
+
     /// Returns true if the material is opaque and reflects by delta functions beside its other lobes, like smooth paint
     /// or a smooth coat, and its normals have no detail.
     pub fn is_polished(&self) -> bool {

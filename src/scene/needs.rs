@@ -162,7 +162,7 @@ impl SceneNeeds {
             constant_environment: matches!(scene.environment, Environment::Constant(c) if c != glam::Vec3::ZERO),
             environment_map: matches!(scene.environment, Environment::Map { .. }),
             hard_lights: has_hard_lights(scene) && !used().any(|mesh| is_veil(mesh, &scene.materials[mesh.material])),
-            mirrors: materials().any(|m| m.is_mirror() || m.is_clear_glass()),
+            mirrors: materials().any(Material::is_link),
             polish: materials().any(Material::is_polished),
             narrow_lobes: materials().any(has_narrow_lobes),
             instances: false,

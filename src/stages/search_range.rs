@@ -3,10 +3,10 @@
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3, Vec3};
-use obvhs::aabb::Aabb;
 
 use super::SceneTables;
 use super::layout::{Camera, View};
+use crate::accel::Moved;
 use crate::projection::{PolarSpace, Project};
 
 /// Granularity of the search range, rows. It lets successive frames reuse a frame graph while the camera moves.
@@ -22,7 +22,7 @@ const LARGEST_SHARE: u32 = 4;
 /// `polar` is the projection of the image, if it is polar. For the right eye, the left eye's history of nearby surfaces
 /// may then lie outside the search range.
 ///
-/// `moved` holds the bounds of each moving body and its maximum displacement since the previous frame, scene units.
+/// `moved` holds each body's motion since the previous frame.
 ///
 /// The search range affects the rendered images. It depends only on scene and cameras, so any set of devices renders
 /// the same images.
@@ -31,7 +31,7 @@ pub fn history_rows(
     camera: &Camera,
     previous: &[View; 2],
     tables: &SceneTables,
-    moved: &[(Aabb, f32)],
+    moved: &[Moved],
 ) -> Option<u32> {
     if let Some(space) = polar {
         return Some(polar_rows(space.method(), camera, previous, tables, moved));
@@ -43,8 +43,8 @@ pub fn history_rows(
     }
     let nearest = camera.views.each_ref().map(|v| 1.0 / f64::from(tables.clearance(v.origin)));
     let near = most_rows(camera, previous, nearest).unwrap_or(f64::INFINITY);
-    let own = moved.iter().map(|(bounds, by)| rows_of_body(camera, bounds, f64::from(*by))).fold(0.0, f64::max);
-    let rows = (far.max(near) + own).min(f64::from(largest)) as u32;
+    let own = camera.views.each_ref().map(|eye| rows_of_bodies(camera, eye, moved));
+    let rows = (far.max(near) + own[0].max(own[1])).min(f64::from(largest)) as u32;
     Some(rows.next_multiple_of(STEP_ROWS).min(largest))
 }
 
@@ -54,38 +54,47 @@ fn polar_rows(
     camera: &Camera,
     previous: &[View; 2],
     tables: &SceneTables,
-    moved: &[(Aabb, f32)],
+    moved: &[Moved],
 ) -> u32 {
     let sine_of = |sine: f64| if sine < 1.0 { sine.asin() } else { PI };
     let rows = [0, 1].map(|eye| {
         let (now, last) = (&camera.views[eye], &previous[eye]);
         let step = f64::from(now.origin.distance(last.origin));
         let stepped = sine_of(step / f64::from(tables.clearance(now.origin)));
-        let own = moved.iter().map(|(bounds, by)| {
-            let (low, high) = (Vec3::from(bounds.min), Vec3::from(bounds.max));
-            let distance = now.origin.distance(now.origin.clamp(low, high));
-            if *by > 0.0 { sine_of(f64::from(by / (distance - by).max(0.0))) } else { 0.0 }
-        });
-        projection.rows_moved(now, last, stepped + own.fold(0.0, f64::max))
+        projection.rows_moved(now, last, stepped + angle_of_bodies(now, moved).min(PI))
     });
     let rows = (rows[0].max(rows[1]) + 0.02).ceil().min(f64::from(camera.height)) as u32;
     rows.next_multiple_of(STEP_ROWS).min(camera.height)
 }
 
-/// Returns the maximum number of rows by which a body's own motion shifts it, seen from either eye.
-fn rows_of_body(camera: &Camera, bounds: &Aabb, by: f64) -> f64 {
-    let rows = camera.views.each_ref().map(|eye| {
-        let (low, high) = (Vec3::from(bounds.min).as_dvec3(), Vec3::from(bounds.max).as_dvec3());
-        let origin = eye.origin.as_dvec3();
+/// Returns the maximum angle, in radians, by which the motion of bodies shifts surfaces and their images in mirrors, seen
+/// from an eye; infinite if there is no bound.
+fn angle_of_bodies(eye: &View, moved: &[Moved]) -> f64 {
+    let angle = |body: &Moved, by: f32| {
+        let (low, high) = (Vec3::from(body.bounds.min).as_dvec3(), Vec3::from(body.bounds.max).as_dvec3());
+        let (origin, by) = (eye.origin.as_dvec3(), f64::from(by));
         let distance = origin.distance(origin.clamp(low, high));
-        // An angle spans the most rows at the corners of the image.
-        let stretch = 1.0 + f64::from(eye.tan_half_x).powi(2) + f64::from(eye.tan_half_y).powi(2);
         let sine = by / (distance - by);
-        let is_far = distance > by && sine < 1.0;
-        let per_radian = 0.5 * f64::from(camera.height) / f64::from(eye.tan_half_y);
-        if is_far { (sine.asin() * stretch * per_radian).ceil() } else { f64::INFINITY }
-    });
-    if by > 0.0 { rows[0].max(rows[1]) } else { 0.0 }
+        match by > 0.0 {
+            true if distance > by && sine < 1.0 => sine.asin(),
+            true => f64::INFINITY,
+            false => 0.0,
+        }
+    };
+    // No image in a mirror is nearer than the mirror or than the surface. A mirror that moves or turns shifts images by
+    // twice as much.
+    let in_mirrors =
+        moved.iter().filter_map(|body| Some(angle(body, 2.0 * body.by) + 2.0 * f64::from(body.mirrors_turned?)));
+    moved.iter().map(|body| angle(body, body.by)).fold(0.0, f64::max) + in_mirrors.fold(0.0, f64::max)
+}
+
+/// Returns the maximum number of rows by which the motion of bodies shifts what an eye sees.
+fn rows_of_bodies(camera: &Camera, eye: &View, moved: &[Moved]) -> f64 {
+    let angle = angle_of_bodies(eye, moved);
+    // An angle spans the most rows at the corners of the image.
+    let stretch = 1.0 + f64::from(eye.tan_half_x).powi(2) + f64::from(eye.tan_half_y).powi(2);
+    let per_radian = 0.5 * f64::from(camera.height) / f64::from(eye.tan_half_y);
+    (angle * stretch * per_radian).ceil()
 }
 
 /// Returns the maximum number of rows between the current and the previous image position of static points.
@@ -127,7 +136,7 @@ fn seen_row(camera: &Camera, eye: &View, last: &View, at: DVec2, inverse_depth: 
 
 #[cfg(test)]
 mod tests {
-    use glam::{Affine3A, DQuat};
+    use glam::{Affine3A, DAffine3, DQuat};
 
     use super::*;
     use crate::accel::Accel;
@@ -137,7 +146,7 @@ mod tests {
     use crate::scene::motion::{Animation, Body, Channel, Influence, Node, Placement, Skin, Target};
     use crate::scene::rig::{Eye, Rig, RigKey};
     use crate::scene::shot::Gaze;
-    use crate::scene::{Instance, Scene, builtin};
+    use crate::scene::{Instance, Material, Mesh, Scene, builtin};
 
     fn eyes(rig: &Rig, time_s: f64) -> [View; 2] {
         Eye::ALL.map(|eye| View::new(&rig.view(time_s, eye), 16.0 / 9.0))
@@ -269,6 +278,86 @@ mod tests {
             tight += usize::from(!is_capped && most > f64::from(still));
         }
         assert!(bounded > 10 && tight > 3, "{bounded} of 40 have a bound, {tight} of them need that of the bodies");
+    }
+
+    /// Looks at static points in a mirror that turns and moves.
+    #[test]
+    fn no_image_in_a_mirror_moves_by_more_rows_than_the_bound_says() {
+        let mut seed = 7u32;
+        let mut random = || {
+            seed = seed.wrapping_mul(0x915f_77f5).wrapping_add(0x6d2b_79f5);
+            f64::from(seed >> 8) / f64::from(1u32 << 24) - 0.5
+        };
+        let eye = eyes(&rig(DVec3::ZERO, DVec3::ZERO), 0.0);
+        let camera =
+            Camera { views: eye, width: 1280, height: 720, centre: glam::Vec2::splat(0.5), ..Default::default() };
+        let row = |p: DVec3| {
+            let v = p - eye[0].origin.as_dvec3();
+            let up = v.dot(eye[0].up.as_dvec3()) / f64::from(eye[0].tan_half_y);
+            (0.5 - 0.5 * up / v.dot(eye[0].forward.as_dvec3())) * 720.0
+        };
+        let mut bounded = 0;
+        for round in 0..20 {
+            let mut scene = (builtin::find("cornell").unwrap().build)();
+            scene.materials.push(Material { metallic: 1.0, roughness: 0.0, ..scene.materials[0].clone() });
+            let corners = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]];
+            scene.meshes.push(Mesh {
+                positions: corners.map(|[x, y]| Vec3::new(x, y, 0.0)).to_vec(),
+                triangles: vec![[0, 1, 2], [0, 2, 3]],
+                material: scene.materials.len() - 1,
+                ..Mesh::default()
+            });
+            let instance = scene.instances.len();
+            scene.instances.push(Instance { mesh: scene.meshes.len() - 1, world_from_local: Affine3A::IDENTITY });
+            let rest = Placement::Parts {
+                translation: DVec3::new(0.3 * random(), 1.0, 1.0),
+                rotation: DQuat::from_rotation_y(random()),
+                scale: DVec3::ONE,
+            };
+            scene.motion.nodes.push(Node { name: "mirror".into(), parent: None, rest });
+            let axis = DVec3::new(1.0, random(), random()).normalize();
+            let turns = [DQuat::IDENTITY, DQuat::from_axis_angle(axis, 0.06 * random())];
+            let Placement::Parts { rotation, translation, .. } = rest else { unreachable!() };
+            let turns = turns.map(|turn| (turn * rotation).as_quat().to_array()).concat();
+            let by = if round % 2 == 0 { 0.0 } else { 0.03 };
+            let places = [translation, translation + by * DVec3::new(random(), random(), random())];
+            let places = places.map(|p| p.as_vec3().to_array()).concat();
+            let channel = |target, values, width| Channel {
+                target,
+                keys: Keys::new(vec![0.0, 1.0], values, width, Interpolation::Linear).unwrap(),
+            };
+            let channels = vec![channel(Target::Rotation(0), turns, 4), channel(Target::Translation(0), places, 3)];
+            scene.motion.animations.push(Animation { name: String::new(), channels, duration_s: 1.0 });
+            scene.motion.bodies.push(Body { instance, node: 0, skin: None, weights: Vec::new() });
+            let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
+            let moved = tables.update(&mut Default::default(), 0.0, 1.0).1;
+            assert!(moved[0].mirrors_turned.is_some());
+            let bound = history_rows(None, &camera, &eye, &tables, &moved).unwrap();
+            let without: Vec<_> = moved.iter().map(|body| Moved { mirrors_turned: None, ..*body }).collect();
+            let less = history_rows(None, &camera, &eye, &tables, &without).unwrap();
+            let [now, last] =
+                [0.0, 1.0].map(|time_s| scene.at(time_s).instances[instance].world_from_local.as_daffine3());
+            let over = |place: &DAffine3, p: DVec3| {
+                let normal = place.matrix3.z_axis;
+                p - 2.0 * normal.dot(p - place.translation) * normal
+            };
+            let mut most: f64 = 0.0;
+            for _ in 0..20_000 {
+                let far = 20.0 * (0.5 + random());
+                let p = DVec3::new(far * random(), 1.0 + far * random(), 1.0 + far);
+                let (image, origin) = (over(&now, p), eye[0].origin.as_dvec3());
+                let at = now.inverse();
+                let (a, b) = (at.transform_point3(origin), at.transform_point3(image));
+                let place = a + (b - a) * (a.z / (a.z - b.z));
+                if a.z > 0.0 && b.z < 0.0 && place.x.abs() < 0.5 && place.y.abs() < 0.5 {
+                    most = most.max((row(image) - row(over(&last, p))).abs());
+                }
+            }
+            let is_capped = bound == 720 / LARGEST_SHARE;
+            assert!(is_capped || most <= f64::from(bound), "{round}: {most} rows, bound {bound}");
+            bounded += usize::from(!is_capped && most > f64::from(less));
+        }
+        assert!(bounded > 4, "{bounded} of 20 need the mirror's bound");
     }
 
     /// Covers visual-polar images, for motion of gaze and eyes.

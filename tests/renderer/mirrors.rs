@@ -1,7 +1,7 @@
 //! Frames that follow perfect mirrors, clear glass and polish: what a mirror or a pane shows is as good as the room behind
 //! an opening.
 
-use crate::common::{Stage, Subject, with_outputs};
+use crate::common::{Stage, Subject, still_rig, with_outputs};
 use crate::reference::scenes::moving::Draft;
 use crate::reference::scenes::{
     add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, place, quad,
@@ -15,9 +15,11 @@ use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics::{self, Errors};
 use diptych::passes::Aov;
 use diptych::quality::Denoiser;
+use diptych::scene::motion::Target;
+use diptych::scene::motion::keys::Interpolation;
 use diptych::scene::rig::{Eye, Rig, RigKey, View};
 use diptych::scene::{Clearcoat, Material, Mesh, Scene, Volume};
-use glam::{Affine3A, DVec2, DVec3, Vec3, dvec2, vec3};
+use glam::{Affine3A, DQuat, DVec2, DVec3, Vec3, dvec2, vec3};
 
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
@@ -50,12 +52,11 @@ enum Wall {
     Pane,
 }
 
-/// Returns a room with such a wall, and its camera, which moves sideways.
-fn room(wall: Wall) -> Subject {
-    let mut scene = empty("room");
+/// Returns the meshes of the room but for the wall.
+fn furniture(scene: &mut Scene) -> Vec<Mesh> {
     let [white, red, blue, yellow] =
-        [[0.7, 0.7, 0.7], [0.8, 0.2, 0.2], [0.2, 0.3, 0.8], [0.8, 0.7, 0.2]].map(|c| add_matte(&mut scene, c.into()));
-    let lamp = add_material(&mut scene, Material { emissive: vec3(6.0, 5.5, 5.0), ..matte() });
+        [[0.7, 0.7, 0.7], [0.8, 0.2, 0.2], [0.2, 0.3, 0.8], [0.8, 0.7, 0.2]].map(|c| add_matte(scene, c.into()));
+    let lamp = add_material(scene, Material { emissive: vec3(6.0, 5.5, 5.0), ..matte() });
     let mut meshes = vec![
         quad(vec3(-2.0, 0.0, 2.0), 4.0 * Vec3::X, -4.0 * Vec3::Z, white),
         quad(vec3(-2.0, 2.5, -2.0), 4.0 * Vec3::X, 4.0 * Vec3::Z, white),
@@ -77,6 +78,13 @@ fn room(wall: Wall) -> Subject {
         let x = 1.8 - 0.6 * f32::from(i);
         meshes.push(quad(vec3(x, 0.2, 1.99), -0.3 * Vec3::X, 2.0 * Vec3::Y, [red, blue, yellow][usize::from(i % 3)]));
     }
+    meshes
+}
+
+/// Returns a room with such a wall, and its camera, which moves sideways.
+fn room(wall: Wall) -> Subject {
+    let mut scene = empty("room");
+    let mut meshes = furniture(&mut scene);
     if matches!(wall, Wall::Opening | Wall::Pane) {
         meshes.extend(meshes.iter().map(reflected).collect::<Vec<_>>());
     }
@@ -105,20 +113,78 @@ fn subject(name: &str, scene: Scene) -> Subject {
     Subject::new(name, scene, Rig::of_keys(vec![key(0.0, -0.3), key(1.0, 0.9)]))
 }
 
+/// Adds a block that moves.
+fn add_moving_block(draft: &mut Draft, from: Vec3, to: Vec3) {
+    let red = add_matte(&mut draft.scene, vec3(0.8, 0.2, 0.2));
+    let mesh = add_mesh(&mut draft.scene, block(red));
+    let node = draft.node(None, from.as_dvec3(), DVec3::splat(0.3));
+    draft.shift(node, from, to);
+    draft.body(mesh, node, None, Vec::new());
+}
+
+/// Places of the block that moves.
+const WAY: [Vec3; 2] = [vec3(-0.4, 0.4, 0.5), vec3(0.8, 0.7, 0.4)];
+
 /// Returns the room with a block that moves, also behind an opening or a pane.
 fn moving_room(wall: Wall) -> Subject {
     let mut draft = Draft::new("moving");
     draft.scene = room(wall).scene;
-    let red = add_matte(&mut draft.scene, vec3(0.8, 0.2, 0.2));
-    let mesh = add_mesh(&mut draft.scene, block(red));
-    let way = [vec3(-0.4, 0.4, 0.5), vec3(0.8, 0.7, 0.4)];
     let over = |p: Vec3| vec3(p.x, p.y, 2.0 * MIRROR_Z - p.z);
-    for [from, to] in [way, way.map(over)].into_iter().take(if wall == Wall::Mirror { 1 } else { 2 }) {
-        let node = draft.node(None, from.as_dvec3(), DVec3::splat(0.3));
-        draft.shift(node, from, to);
-        draft.body(mesh, node, None, Vec::new());
+    for [from, to] in [WAY, WAY.map(over)].into_iter().take(if wall == Wall::Mirror { 1 } else { 2 }) {
+        add_moving_block(&mut draft, from, to);
     }
     subject(&format!("moving {wall:?}"), draft.done())
+}
+
+/// Returns the room with static eyes, and with a mirror in its wall that turns by half a degree per frame, or an opening
+/// there and behind it a mirrored room that turns by twice as much. In the mirror, a block moves.
+fn turning_room(wall: Wall) -> Subject {
+    const SECONDS: f32 = 0.25;
+    let mut draft = Draft::new("turning");
+    let mut meshes = furniture(&mut draft.scene);
+    let white = add_matte(&mut draft.scene, Vec3::splat(0.7));
+    let frame = [
+        quad(vec3(-2.0, 0.0, MIRROR_Z), 0.8 * Vec3::X, 2.5 * Vec3::Y, white),
+        quad(vec3(1.2, 0.0, MIRROR_Z), 0.8 * Vec3::X, 2.5 * Vec3::Y, white),
+        quad(vec3(-1.2, 2.0, MIRROR_Z), 2.4 * Vec3::X, 0.5 * Vec3::Y, white),
+    ];
+    let pivot = MIRROR_Z * Vec3::Z;
+    let turning = |draft: &mut Draft, meshes: &[Mesh], times: f64| {
+        let node = draft.node(None, pivot.as_dvec3(), DVec3::ONE);
+        let half = times * f64::from(0.5f32.to_radians()) * FPS * f64::from(SECONDS) / 2.0;
+        let turned = |angle| DQuat::from_rotation_y(angle).as_quat().to_array();
+        let keys = [turned(-half), turned(half)].concat();
+        draft.animate(Target::Rotation(node), Interpolation::Linear, &[0.0, SECONDS], &keys);
+        for mesh in meshes {
+            let positions = mesh.positions.iter().map(|p| *p - pivot).collect();
+            let mesh = add_mesh(&mut draft.scene, Mesh { positions, ..mesh.clone() });
+            draft.body(mesh, node, None, Vec::new());
+        }
+        node
+    };
+    add_moving_block(&mut draft, WAY[0], WAY[1]);
+    if wall == Wall::Mirror {
+        let mirror = add_material(&mut draft.scene, studio::metal(Vec3::ONE, 0.0));
+        turning(&mut draft, &[quad(vec3(-1.2, 0.0, MIRROR_Z), 2.4 * Vec3::X, 2.0 * Vec3::Y, mirror)], 1.0);
+    } else {
+        let behind: Vec<_> = meshes.iter().map(reflected).collect();
+        let turns = turning(&mut draft, &behind, 2.0);
+        let mesh = draft.scene.instances[draft.scene.motion.bodies[0].instance].mesh;
+        let over = |p: Vec3| vec3(p.x, p.y, 2.0 * MIRROR_Z - p.z) - pivot;
+        let node = draft.node(Some(turns), over(WAY[0]).as_dvec3(), DVec3::splat(0.3));
+        draft.shift(node, over(WAY[0]), over(WAY[1]));
+        draft.body(mesh, node, None, Vec::new());
+    }
+    meshes.extend(frame);
+    meshes.into_iter().for_each(|mesh| place(&mut draft.scene, mesh));
+    let scene = draft.done();
+    let rig = Rig::of_keys(vec![RigKey {
+        time_s: 0.0,
+        position: DVec3::new(0.0, 1.3, 1.2),
+        target: DVec3::new(0.0, 1.1, -2.0),
+        up: DVec3::Y,
+    }]);
+    Subject::new(&format!("turning {wall:?}"), scene, rig)
 }
 
 fn settings(subject: &Subject, denoiser: Denoiser) -> RunConfig {
@@ -170,17 +236,18 @@ fn errors(subject: &Subject, reference: &[RgbImage; 2], settings: &RunConfig, is
     [compare(&reference[0], &found.left), compare(&reference[1], &found.right)]
 }
 
-/// Asserts that the mirror and the pane of these rooms show as much as the opening, and more than if they are not
+/// Asserts that mirrors and panes show as much as the opening, the last of the rooms, and more than if they are not
 /// followed.
-fn assert_as_good_as_an_opening([mirror, pane, opening]: &[Subject; 3], is_moving: bool) {
-    assert!(mirror.needs.mirrors && pane.needs.mirrors && !opening.needs.mirrors);
+fn assert_as_good_as_an_opening(rooms: &[Subject], is_moving: bool) {
+    let (opening, mirrors) = rooms.split_last().unwrap();
+    assert!(mirrors.iter().all(|subject| subject.needs.mirrors) && !opening.needs.mirrors);
     let of = |subject: &Subject, expected: &[RgbImage; 2], follow_mirrors| {
         let settings = RunConfig { follow_mirrors, ..settings(subject, Denoiser::SVGF) };
         errors(subject, expected, &settings, is_moving)
     };
     let twin = of(opening, &reference(opening, is_moving), true);
     let mut fails = Vec::new();
-    for subject in [mirror, pane] {
+    for subject in mirrors {
         let expected = reference(subject, is_moving);
         let [followed, blurred] = [true, false].map(|follow| of(subject, &expected, follow));
         for eye in [0, 1] {
@@ -206,10 +273,102 @@ fn mirrors_and_panes_show_a_room_as_well_as_an_opening_would() {
     }
 }
 
-/// Surfaces that move have no history in mirrors and behind panes.
 #[test]
 fn mirrors_and_panes_show_a_moving_room_as_well_as_an_opening_would() {
     assert_as_good_as_an_opening(&WALLS.map(moving_room), true);
+}
+
+#[test]
+fn a_mirror_that_turns_shows_a_room_as_well_as_an_opening_would() {
+    assert_as_good_as_an_opening(&[Wall::Mirror, Wall::Opening].map(turning_room), true);
+}
+
+/// What the left eye sees in a frame.
+struct Surfaces {
+    hit: Vec<[u32; 4]>,
+    guide: Vec<[u32; 4]>,
+    last: Vec<[u32; 4]>,
+    /// Where rays meet a pixel.
+    centre: DVec2,
+}
+
+impl Surfaces {
+    /// Returns where the ray of a pixel meets the image.
+    fn centre(&self, at: usize, extent: Extent) -> DVec2 {
+        let width = extent.width as usize;
+        self.centre + dvec2((at % width) as f64, (at / width) as f64)
+    }
+
+    fn is_mirrored(&self, at: usize) -> bool {
+        is_mirrored(self.hit[at], self.guide[at])
+    }
+
+    /// Returns the image point of a pixel that shows a surface in mirrors.
+    fn image(&self, at: usize, view: &View, extent: Extent) -> DVec3 {
+        let place = self.centre(at, extent);
+        let distance = f64::from(f32::from_bits(self.hit[at][1]));
+        view.origin.as_dvec3() + distance * view.ray_direction(place.x, place.y, extent)
+    }
+}
+
+/// Returns what the left eye sees in the last of some frames.
+fn surfaces(subject: &Subject, extent: Extent, times_s: &[f64]) -> Surfaces {
+    let mut settings = subject.accumulated(extent.width, extent.height);
+    settings.envelope.most.bounces = BOUNCES;
+    settings.buffers.declarations = with_outputs(&["hit", "guide", "last_surface"]);
+    let mut stage = Stage::alone(subject, &settings);
+    let reports = (0..).zip(times_s).map(|(index, time_s)| stage.frame_at(*time_s, index).report);
+    let centre = reports.last().expect("there are frames").pixel_centre.map(f64::from).into();
+    let [hit, guide, last] = ["hit", "guide", "last_surface"].map(|name| {
+        let eyes = stage.renderer().read_output(Resource::image::<[u32; 4]>(name)).unwrap();
+        bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&eyes.left)
+    });
+    Surfaces { hit, guide, last, centre }
+}
+
+fn position(bits: [u32; 4]) -> DVec3 {
+    let [x, y, z, _] = bits.map(f32::from_bits);
+    vec3(x, y, z).as_dvec3()
+}
+
+/// Word of a normal without a surface.
+const NO_NORMAL: u32 = 0x8000_8000;
+
+/// Returns whether a pixel shows a surface in mirrors, by its `hit` and `guide`.
+fn is_mirrored(hit: [u32; 4], guide: [u32; 4]) -> bool {
+    hit[3] & 0x0080_0000 != 0 && guide[3] != NO_NORMAL
+}
+
+/// Returns the image point that `last_surface` holds for a pixel that shows a surface in mirrors, from the eye.
+fn last_image(bits: [u32; 4]) -> DVec3 {
+    let steps = [bits[1] & 0x1f_ffff, (bits[1] >> 21) | ((bits[2] & 0x3ff) << 11)];
+    let [x, y] = steps.map(|v| 2.0 * f64::from(v) / 2_097_151.0 - 1.0);
+    let z = 1.0 - x.abs() - y.abs();
+    let fold = |v: f64| v - z.min(0.0).abs().copysign(v);
+    DVec3::new(fold(x), fold(y), z).normalize() * f64::from(f32::from_bits(bits[2] & 0xffff_fc00))
+}
+
+/// The image that a mirror shows was where the surface behind an opening was, also if the mirror or the surface moves.
+#[test]
+fn images_in_mirrors_were_where_surfaces_behind_an_opening_were() {
+    let rooms: [(&str, fn(Wall) -> Subject); 2] = [("moving", moving_room), ("turning", turning_room)];
+    for (name, room) in rooms {
+        let times = [0.05, 0.05 + 1.0 / FPS];
+        let [mirror, opening] = [Wall::Mirror, Wall::Opening].map(room);
+        let extent = Extent::new(160, 120);
+        let [seen, expected] = [&mirror, &opening].map(|subject| surfaces(subject, extent, &times));
+        let view = mirror.rig.view(times[1], Eye::Left);
+        let is_same = |at: &usize| {
+            let image = seen.image(*at, &view, extent);
+            let is_surface = seen.is_mirrored(*at) && expected.guide[*at][3] != NO_NORMAL;
+            is_surface && image.distance(position(expected.guide[*at])) < 0.002
+        };
+        let pixels: Vec<_> = (0..seen.hit.len()).filter(is_same).collect();
+        let image = |at: usize| view.origin.as_dvec3() + last_image(seen.last[at]);
+        let far = pixels.iter().filter(|at| image(**at).distance(position(expected.last[**at])) > 0.002).count();
+        println!("{name}: {far} of {} images are elsewhere", pixels.len());
+        assert!(pixels.len() > 2000 && far < pixels.len() / 200, "{name}: {far} of {}", pixels.len());
+    }
 }
 
 #[test]
@@ -306,12 +465,8 @@ fn balls_show_surfaces_where_a_search_finds_them() {
             [eyes.left, eyes.right].map(|bytes| bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&bytes))
         };
         let [hits, guides] = [read("hit"), read("guide")];
-        let is_mirrored =
-            |eye: usize, at: usize| hits[eye][at][3] & 0x0080_0000 != 0 && guides[eye][at][3] != 0x8000_8000;
-        let position = |eye: usize, at: usize| {
-            let [x, y, z, _] = guides[eye][at].map(f32::from_bits);
-            vec3(x, y, z).as_dvec3()
-        };
+        let is_mirrored = |eye: usize, at: usize| is_mirrored(hits[eye][at], guides[eye][at]);
+        let position = |eye: usize, at: usize| position(guides[eye][at]);
         let [left, right] = [Eye::Left, Eye::Right].map(|eye| subject.rig.view(0.0, eye));
         let width = EXTENT.width as usize;
         let centre = |at: usize| dvec2((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
@@ -345,6 +500,50 @@ fn balls_show_surfaces_where_a_search_finds_them() {
             off.len()
         );
         assert!(off.len() > 200 && by_image < most && by_surface > 3.0 * by_image, "{name}: {by_image} {by_surface}");
+    }
+}
+
+/// The images of surfaces in balls that roll past were where the previous frame saw the surfaces. A search over all of its
+/// pixels tells where that is.
+#[test]
+fn balls_that_roll_showed_surfaces_where_a_search_finds_them() {
+    const EXTENT: Extent = Extent::new(320, 240);
+    let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
+    let glass = Material { volume: Some(clear), ..studio::glass(Vec3::ONE, 0.0) };
+    for (name, material, most) in [("mirror ball", studio::metal(Vec3::ONE, 0.0), 0.6), ("glass ball", glass, 1.4)] {
+        let mut draft = Draft::new(name);
+        draft.scene = room(Wall::Opening).scene;
+        let material = add_material(&mut draft.scene, material);
+        let ball = add_mesh(&mut draft.scene, icosphere(4, true, material));
+        let at = vec3(-0.2, 1.2, -0.8);
+        let node = draft.node(None, at.as_dvec3(), DVec3::splat(0.6));
+        draft.shift(node, at, at + 2.0 * Vec3::X);
+        draft.swing(node, DVec3::Z, -1.5);
+        draft.body(ball, node, None, Vec::new());
+        let mut subject = subject(name, draft.done());
+        let view = subject.rig.view(0.0, Eye::Left);
+        subject.rig = still_rig(view.origin, view.forward, view.up, view.tan_half_yfov);
+        let view = subject.rig.view(0.0, Eye::Left);
+        let times = [0.1, 0.1 + 1.0 / FPS];
+        let [was, is] = [1, 2].map(|frames| surfaces(&subject, EXTENT, &times[..frames]));
+        let mut off = Vec::new();
+        for at in (0..is.hit.len()).filter(|at| is.is_mirrored(*at)).step_by(4) {
+            let point = position(is.guide[at]);
+            let away = |at: &usize| position(was.guide[*at]).distance(point);
+            let others = (0..was.hit.len()).filter(|then| was.is_mirrored(*then));
+            let found = others.min_by(|a, b| away(a).total_cmp(&away(b)));
+            let Some(found) = found.filter(|found| away(found) < 0.02) else { continue };
+            let distance_of = |place: DVec3| seen_at(&view, place, EXTENT).distance(was.centre(found, EXTENT));
+            let rolled = view.origin.as_dvec3() + last_image(is.last[at]);
+            off.push([distance_of(rolled), distance_of(is.image(at, &view, EXTENT))]);
+        }
+        let [rolled, still] = [0, 1].map(|i| {
+            let mut sorted: Vec<f64> = off.iter().map(|both| both[i]).collect();
+            sorted.sort_by(f64::total_cmp);
+            sorted[sorted.len() / 2]
+        });
+        println!("{name}: {} pixels, median {rolled:.2} px off, {still:.2} at the place in this frame", off.len());
+        assert!(off.len() > 200 && rolled < most && still > 2.0 * rolled, "{name}: {rolled} {still}");
     }
 }
 

@@ -7,8 +7,7 @@
 //!include frame grid projection motion pack mirrored history light_change bindings
 
 // Variables:
-// - `guide_image`: position and normal of each pixel's surface in the previous frame, in the format of the `guide`
-//   image.
+// - `guide_image`: each pixel's surface in the previous frame: `guide` or, in dynamic scenes, `last_surface`.
 // - `source`: demodulated illumination as floats; the last word is 0 if there is none.
 // - `accumulated`: demodulated illumination as floats. The last word holds the material and, in its upper 8 bits, the
 //   number of accumulated frames.
@@ -22,7 +21,7 @@ struct Past {
     found: f32,
 }
 
-fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
+fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, before: Before, material: u32) -> Past {
     var past = Past();
     let around = pixels_around(seen, row, eye);
     for (var i = 0; i < 4; i += 1) {
@@ -33,7 +32,7 @@ fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, position: vec3<f
             guide = left_guide[corner.at];
             light = left_accumulated[corner.at];
         }
-        let is_same = (light.w & MATERIAL_MASK) == material && shows(guide, position, normal, around.reach);
+        let is_same = (light.w & MATERIAL_MASK) == material && shows(guide, before, around.reach);
         let w = select(0.0, corner.weight, is_same && (light.w >> 24u) != 0u);
         if w > 0.0 {
             past.light += bitcast<vec3<f32>>(light.xyz) * w;
@@ -57,9 +56,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         accumulated[at] = vec4<u32>(0u, 0u, 0u, material);
         return;
     }
-    let position = bitcast<vec3<f32>>(bits.xyz);
-    let normal = unpack_normal(bits.w);
-    let image = image_point(pass_.view, pixel, hit_image[at], position);
+    let before = surface_before(pixel, hit_image[at], bits);
     let now = bitcast<vec3<f32>>(source[at].xyz);
     let is_told = source[at].w != 0u;
     let is_new = is_told && is_finite(now);
@@ -70,7 +67,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
     for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
         let eye = previous.views[pass_.view - i];
-        past = past_at(pixel_of(image, eye), pixel.y, eye, i == 1u, position, normal, material);
+        past = past_at(pixel_of(before.image, eye), pixel.y, eye, i == 1u, before, material);
         if !is_finite(past.light) {
             past = Past();
             dropped = true;
@@ -80,7 +77,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let scale = select(0.0, 1.0 / max(past.found, LEAST_FOUND), found);
     var frames = min(past.frames * scale, longest_in_light());
     if HAS_MOTION && !IS_POLAR {
-        frames *= kept_in_light(tile_of(pixel, image), frames, 1.0);
+        frames *= kept_in_light(tile_of(pixel, before.image), frames, 1.0);
     }
     // Minimum blend weight of this frame.
     let least = bitcast<f32>(pass_.args[0]);

@@ -14,8 +14,7 @@
 //!include frame grid projection split motion pack mirrored variance history light_change bindings
 
 // Variables:
-// - `guide_image`: position and normal of each pixel's surface in the previous frame, in the format of the `guide`
-//   image.
+// - `guide_image`: each pixel's surface in the previous frame: `guide` or, in dynamic scenes, `last_surface`.
 // - `radiance`: demodulated illumination; alpha is 0 if the pixel was not sampled.
 // - `accumulated`: accumulated light with the variance of its luminance, or UNKNOWN or MISSING instead (see
 //   `variance.inc.wgsl`).
@@ -99,14 +98,14 @@ fn gloss_longest(hit: u32) -> f32 {
     return mix(LONGEST_VIEW_DEPENDENT, LONGEST_MOVED, min(2.0 * roughness, 1.0));
 }
 
-// History of the surface that was at `position`, around image point `seen` of the previous frame.
-fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
+// History of the surface, around image point `seen` of the previous frame.
+fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, before: Before, material: u32) -> Past {
     var past = Past();
     let around = pixels_around(seen, row, eye);
     for (var i = 0; i < 4; i += 1) {
         let corner = corner_of(around, i);
         let tap = tap_at(corner.at, of_left);
-        let is_same = (tap.moments.w & MATERIAL_MASK) == material && shows(tap.guide, position, normal, around.reach);
+        let is_same = (tap.moments.w & MATERIAL_MASK) == material && shows(tap.guide, before, around.reach);
         let half = unpack2x16float(tap.moments.z);
         let w = select(0.0, corner.weight, is_same && (tap.moments.z & 0xffffu) != 0u);
         if w > 0.0 {
@@ -161,9 +160,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         moments[at] = vec4<u32>(0u, 0u, 0u, material);
         return;
     }
-    let position = bitcast<vec3<f32>>(bits.xyz);
-    let normal = unpack_normal(bits.w);
-    let image = image_point(pass_.view, pixel, hit_image[at], position);
+    let before = surface_before(pixel, hit_image[at], bits);
     var now = unpack_sampled(radiance[at]);
     let tells_variance = (radiance[at].w & TELLS_VARIANCE) != 0u;
     var sampled = radiance[at].w != 0u;
@@ -180,8 +177,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
     for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
         let eye = pass_.view - i;
-        let seen = pixel_of(image, previous.views[eye]);
-        past = past_at(seen, pixel.y, previous.views[eye], i == 1u, position, normal, material);
+        let seen = pixel_of(before.image, previous.views[eye]);
+        past = past_at(seen, pixel.y, previous.views[eye], i == 1u, before, material);
         if !is_finite_past(past) {
             past = Past();
             dropped = true;
@@ -210,7 +207,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     longest = min(longest, longest_in_light());
     var keep = min(longest / max(frames, 1.0), 1.0);
     if HAS_MOTION && !IS_POLAR {
-        keep *= kept_in_light(tile_of(pixel, image), samples * keep, max(new_samples, 1.0));
+        keep *= kept_in_light(tile_of(pixel, before.image), samples * keep, max(new_samples, 1.0));
     }
     samples *= keep;
     frames *= keep;

@@ -1,12 +1,11 @@
 //! Changes of a frame to the tables of a dynamic scene.
 
 use glam::Vec4;
-use obvhs::aabb::Aabb;
 use serde::{Deserialize, Serialize};
 
 use super::moves::Moves;
 use super::tables::{SceneTables, bytes_of};
-use crate::accel::{Poses, Triangle};
+use crate::accel::{Moved, Poses, Triangle};
 use crate::scene::Material;
 use crate::stages::emitters::Emitters;
 use crate::stages::layout;
@@ -28,7 +27,7 @@ impl SceneTables {
     /// Returns the changes to the tables for a frame at `now_s` that follows one at `last_s`, and updates the constants
     /// `frame` accordingly. Also returns, for each body, its current bounds relative to [`Self::origin`] and its
     /// maximum displacement between the two times, scene units.
-    pub fn update(&self, frame: &mut layout::Frame, now_s: f64, last_s: f64) -> (SceneUpdate, Vec<(Aabb, f32)>) {
+    pub fn update(&self, frame: &mut layout::Frame, now_s: f64, last_s: f64) -> (SceneUpdate, Vec<Moved>) {
         let mut update = SceneUpdate::default();
         let Some(moves @ Moves { motion, rest, changing }) = &self.moving else { return (update, Vec::new()) };
         let [now, last] = [now_s, last_s].map(|time_s| motion.pose(time_s));
