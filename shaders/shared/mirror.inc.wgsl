@@ -48,20 +48,20 @@ fn curvature_of(f: FirstHit) -> f32 {
 // Least cosine for which a curved surface's power is computed: it is infinite for rays along the surface.
 const LEAST_COSINE: f32 = 0.05;
 
-// The pencil after a first hit reflects it.
-fn reflected_pencil(p: Pencil, f: FirstHit, cosine: f32) -> Pencil {
+// The pencil after a surface of that curvature reflects it.
+fn reflected_pencil(p: Pencil, curvature: f32, cosine: f32) -> Pencil {
     let c = max(cosine, LEAST_COSINE);
-    let power = 0.5 * curvature_of(f) * (c + 1.0 / c);
+    let power = 0.5 * curvature * (c + 1.0 / c);
     return Pencil(p.apart, p.angle + power * p.apart);
 }
 
-// The pencil after a first hit transmits it.
-fn transmitted_pencil(p: Pencil, f: FirstHit) -> Pencil {
-    if f.surface.is_thin || is_straight(f.surface.eta) {
+// The pencil after a surface of that curvature transmits it.
+fn transmitted_pencil(p: Pencil, curvature: f32, s: Surface) -> Pencil {
+    if s.is_thin || is_straight(s.eta) {
         return p;
     }
-    let power = 0.5 * curvature_of(f) * (1.0 / f.surface.eta - 1.0);
-    return Pencil(p.apart, p.angle / f.surface.eta + power * p.apart);
+    let power = 0.5 * curvature * (1.0 / s.eta - 1.0);
+    return Pencil(p.apart, p.angle / s.eta + power * p.apart);
 }
 
 // Distance of the farthest image of a surface, over the length of the path. Images behind the eye, too, count as so far.
@@ -165,12 +165,13 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
         let is_reflected = dot(reflected, s.geometric_normal) > 0.0;
         var reflectance = (*f).transmittance * fresnel(s.f0, s.f90, in_fresnel);
         var onward = reflected;
-        var pencil = reflected_pencil(links.pencil, *f, cosine);
+        let curvature = curvature_of(*f);
+        var pencil = reflected_pencil(links.pencil, curvature, cosine);
         var passed = reflectance;
         var is_sent = is_reflected;
         if HAS_TRANSMISSION && (flags_of(*f) & CLEAR_GLASS) != 0u && in_fresnel >= 0.0 {
             onward = transmitted_direction(s, *direction, cosine);
-            pencil = transmitted_pencil(links.pencil, *f);
+            pencil = transmitted_pencil(links.pencil, curvature, s);
             let eta2 = select(s.eta * s.eta, 1.0, s.is_thin || is_straight(s.eta));
             passed = (*f).transmittance * s.transmitted * ((1.0 - layer_fresnel(s, in_fresnel)) / eta2);
             is_sent = max(dot(onward, s.normal), dot(onward, s.geometric_normal)) < 0.0;
@@ -259,7 +260,7 @@ fn follow_polish(f: ptr<function, FirstHit>, direction: vec3<f32>, links: Links,
     if links.count == 0u {
         pencil = along(pencil_at_eye(), (*f).hit.t);
     }
-    polish.spread = along(reflected_pencil(pencil, *f, cosine), polish.hit.hit.t).apart.y;
+    polish.spread = along(reflected_pencil(pencil, curvature_of(*f), cosine), polish.hit.hit.t).apart.y;
     polish.weight = weight;
     polish.albedo = polish.hit.albedo * weight;
     *rays += 1u;
