@@ -9,8 +9,8 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use super::failure::Failure;
 use super::options::RunOptions;
 use super::{
-    bench, compare, devices, export, graph, manual, play, ranks, render, scale, scenes, settings, sheet, shot, trace,
-    view,
+    bench, compare, devices, export, graph, manual, measure, play, ranks, render, scale, scenes, settings, sheet, shot,
+    trace, view,
 };
 
 /// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
@@ -35,6 +35,8 @@ pub enum Command {
     Scale(scale::Args),
     /// Measure time against error over a grid of settings
     Bench(bench::Args),
+    /// Measure how fast this machine is and whether its images are right
+    Measure(measure::Args),
     /// Compare images or sequences with a reference: RMSE, PSNR, SSIM, FLIP, …
     Compare(compare::Args),
     /// Summarise a trace file, or compare two
@@ -99,6 +101,7 @@ impl Command {
             Self::View(args) => view::run(args),
             Self::Scale(args) => scale::run(args),
             Self::Bench(args) => bench::run(args),
+            Self::Measure(args) => measure::run(args),
             Self::Compare(args) => compare::run(args),
             Self::Trace(args) => trace::run(args),
             Self::Graph(args) => graph::run(args),

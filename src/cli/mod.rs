@@ -31,6 +31,7 @@ mod hints;
 mod interrupt;
 mod kinds;
 mod manual;
+mod measure;
 mod metering;
 mod node;
 mod options;

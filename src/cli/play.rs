@@ -1,7 +1,7 @@
 //! `diptych play`: a sequence inside a frame budget. The control loop sets the quality.
 
 mod args;
-mod fitting_size;
+pub(super) mod fitting_size;
 mod ladder;
 mod misfit;
 mod status_lines;

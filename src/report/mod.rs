@@ -8,6 +8,7 @@ pub mod frames;
 pub mod headset;
 pub mod html;
 pub mod lanes;
+pub mod machine;
 pub mod peers;
 pub mod pictures;
 pub mod play;

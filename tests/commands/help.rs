@@ -4,12 +4,13 @@ use serde_json::Value;
 
 use crate::common::diptych;
 
-const COMMANDS: [&str; 15] = [
+const COMMANDS: [&str; 16] = [
     "render",
     "play",
     "view",
     "scale",
     "bench",
+    "measure",
     "compare",
     "trace",
     "graph",

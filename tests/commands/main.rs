@@ -15,6 +15,7 @@ mod host_trace;
 mod image_files;
 mod interface;
 mod look;
+mod measure;
 mod metrics;
 mod pictures;
 mod play;

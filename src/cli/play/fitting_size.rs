@@ -57,7 +57,8 @@ pub fn start(
     }
     progress.phase("looking for a size that fits");
     let mut gpus = renderer.into_devices();
-    let fitting = search(asked, cheapest_ms, budget, |size| -> Result<f64, Failure> {
+    let limits_ms = [TARGET * budget.hi_ms(), budget.hi_ms()];
+    let fitting = search(asked, cheapest_ms, limits_ms, |size| -> Result<f64, Failure> {
         let mut renderer = of_size(prepared, size, std::mem::take(&mut gpus))?;
         let ms = self::cheapest_ms(prepared, loaded, &mut renderer)?;
         refuse_faults(&renderer)?;
@@ -105,16 +106,15 @@ fn cheapest_ms(prepared: &Prepared, loaded: &LoadedScene, renderer: &mut Rendere
     Ok(median_of(makespans_ms.split_off(1)))
 }
 
-/// Searches for the largest size below `asked` at which the cheapest rung takes at most [`TARGET`] of the budget's
-/// upper end. Returns the size and its time in milliseconds. If no tried size leaves that headroom, returns the fastest
-/// tried size that fits the budget, if there is one. `time` measures the cheapest rung at a size, in milliseconds.
-fn search<E>(
+/// Searches for the largest size below `asked` at which frames take at most `target_ms`. Returns the size and its time in
+/// milliseconds. If all tried sizes take longer, returns the fastest of those that take at most `most_ms`, if there is
+/// one. `time` measures frames of a size, in milliseconds.
+pub(in crate::cli) fn search<E>(
     asked: Extent,
     asked_ms: f64,
-    budget: Budget,
+    [target_ms, most_ms]: [f64; 2],
     mut time: impl FnMut(Extent) -> Result<f64, E>,
 ) -> Result<Option<(Extent, f64)>, E> {
-    let target_ms = TARGET * budget.hi_ms();
     let mut sizes = smaller(asked);
     let mut timed = vec![(asked.area() as f64, asked_ms)];
     let mut best: Option<(Extent, f64)> = None;
@@ -125,7 +125,7 @@ fn search<E>(
         let ms = time(size)?;
         timed.push((size.area() as f64, ms));
         if ms > target_ms {
-            if ms <= budget.hi_ms() && best.is_none_or(|(_, least_ms)| least_ms > ms) {
+            if ms <= most_ms && best.is_none_or(|(_, least_ms)| least_ms > ms) {
                 best = Some((size, ms));
             }
             sizes.truncate(within);
@@ -243,7 +243,8 @@ mod tests {
             probes += 1;
             Ok::<_, Infallible>(ms(size))
         };
-        let Ok(fitting) = search(asked, ms(asked), budget.parse().unwrap(), time);
+        let budget: Budget = budget.parse().unwrap();
+        let Ok(fitting) = search(asked, ms(asked), [TARGET * budget.hi_ms(), budget.hi_ms()], time);
         (fitting.map(|(size, _)| size), probes)
     }
 
