@@ -12,7 +12,7 @@ use crate::exec::FrameReport;
 use crate::image::Extent;
 use crate::quality::Quality;
 
-/// What `diptych measure` finds out. It is written as `machine.json`.
+/// The results of `diptych measure`, written as `machine.json`.
 #[derive(Debug, Serialize)]
 pub struct Machine {
     pub diptych: &'static str,
@@ -25,7 +25,7 @@ pub struct Machine {
     pub largest: Vec<LargestSize>,
     pub scaling: Vec<Scaled>,
     pub images: Vec<ImageCheck>,
-    /// What was left out because it would have taken too long.
+    /// Measurements that were left out because they would have taken too long.
     pub left_out: Vec<String>,
     pub seconds: f64,
 }
