@@ -351,10 +351,10 @@ fn last_image(bits: [u32; 4]) -> DVec3 {
 /// The image that a mirror shows was where the surface behind an opening was, also if the mirror or the surface moves.
 #[test]
 fn images_in_mirrors_were_where_surfaces_behind_an_opening_were() {
-    let rooms: [(&str, fn(Wall) -> Subject); 2] = [("moving", moving_room), ("turning", turning_room)];
-    for (name, room) in rooms {
+    for room in [moving_room, turning_room] as [fn(Wall) -> Subject; 2] {
         let times = [0.05, 0.05 + 1.0 / FPS];
         let [mirror, opening] = [Wall::Mirror, Wall::Opening].map(room);
+        let name = &mirror.name;
         let extent = Extent::new(160, 120);
         let [seen, expected] = [&mirror, &opening].map(|subject| surfaces(subject, extent, &times));
         let view = mirror.rig.view(times[1], Eye::Left);
