@@ -83,13 +83,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let journal = Journal::open(&options.out, subject(args, &loaded, &devices)?, args.fresh)?;
     let mut reference = reference::find(args, &loaded, &tracing, &journal)?;
     interrupt::check()?;
-    let (kinds, gpus) = if args.by_kind {
-        let (kinds, gpus) = kinds::of_shot(options, &loaded, &reference.images, gpus, &tracing)?;
-        (Some(kinds), gpus)
-    } else {
-        (None, gpus)
-    };
-    reference.kinds = kinds;
+    let (seen, gpus) = kinds::of_shot(options, &loaded, &reference.images, args.by_kind, gpus, &tracing)?;
+    (reference.kinds, reference.in_right) = (seen.kinds, Some(seen.in_right));
     say_reference(options, exposure_ev, &reference);
     let grid = Grid::new(args, &loaded, &reference, &tracing, gpus);
     let mut rows = grid.measure(journal, &judged)?;
@@ -147,7 +142,7 @@ fn subject(args: &Args, loaded: &LoadedScene, devices: &[DeviceInfo]) -> Result<
     let devices = Table::of_devices([devices]).rows;
     let shown = format!("{} EV", loaded.shot.exposure_ev);
     let all = format!(
-        "{quiet:?} {virtual_devices} {repeats} {warm_up} {by_kind} {seen} {shown} {devices:?} {ERROR} {shaders}"
+        "{quiet:?} {virtual_devices} {repeats} {warm_up} {by_kind} rivalry {seen} {shown} {devices:?} {ERROR} {shaders}"
     );
     Ok(hash_of(all.as_bytes()))
 }

@@ -162,7 +162,7 @@ fn both_eyes(args: &Args) -> Result<(), Failure> {
     let differences = differences_of_eyes(args, &left.pair, &right.pair).map_err(Failure::Input)?;
     if let Some(path) = &args.rivalry_map {
         let differences = differences.as_ref().ok_or_else(|| input(format!("--rivalry-map: {}", rivalry::NEEDS)))?;
-        write_png(path, &rivalry::map(differences))?;
+        write_png(path, &differences.map())?;
     }
     let rivalry = differences.map(|differences| differences.rivalry()).unwrap_or_default();
     let eyes = Stereo { left: left.findings, right: right.findings };

@@ -1,11 +1,13 @@
-//! Auxiliary images that determine the kinds of pixels.
+//! Auxiliary images that determine the kinds of pixels, and which pixels of the eyes show the same surface.
 
 use crate::exec::ranks::Devices;
 use crate::image::{Image, RgbImage};
 use crate::loaded::LoadedScene;
 use crate::metrics::kinds::{Guides, KindMap};
+use crate::metrics::surfaces::{Sighting, Surfaces};
 use crate::passes::Aov;
 use crate::quality::Quality;
+use crate::scene::rig::Eye;
 
 use super::failure::Failure;
 use super::options::{RenderOptions, RunOptions};
@@ -33,20 +35,32 @@ pub fn guides<E>(mut read: impl FnMut(Aov) -> Result<RgbImage, E>) -> Result<Gui
     })
 }
 
-/// Renders the auxiliary images of a shot and classifies the pixels of both eyes' references. Returns the devices, too.
+/// What auxiliary images of a shot tell about pixels.
+pub struct Seen {
+    /// Kinds of each eye's pixels.
+    pub kinds: Option<[KindMap; 2]>,
+    /// Where the right eye shows the surfaces of the left eye's pixels.
+    pub in_right: Vec<Sighting>,
+}
+
+/// Renders auxiliary images of a shot. Classifies the pixels of both eyes' references if `by_kind`. Returns the devices,
+/// too.
 pub fn of_shot(
     run: &RunOptions,
     loaded: &LoadedScene,
     reference: &Stereo<RgbImage>,
+    by_kind: bool,
     gpus: Devices,
     tracing: &Tracing,
-) -> Result<([KindMap; 2], Devices), Failure> {
-    let options = RenderOptions { aov: AOVS.to_vec(), ..RenderOptions::single(run.clone(), &QUALITY) };
+) -> Result<(Seen, Devices), Failure> {
+    let mut aovs = if by_kind { AOVS.to_vec() } else { vec![Aov::Normal] };
+    aovs.push(Aov::Position);
+    let options = RenderOptions { aov: aovs.clone(), ..RenderOptions::single(run.clone(), &QUALITY) };
     let mut renderer = setup::renderer(&options, loaded, gpus, tracing.recorder.origin())?;
     let frame = renderer.frame(&loaded.shot.rig, options.time, 0);
-    renderer.render(&frame)?;
+    let pixel_centre = renderer.render(&frame)?.pixel_centre;
     let mut images: [Vec<RgbImage>; 2] = Default::default();
-    for i in 0..AOVS.len() {
+    for i in 0..aovs.len() {
         let Stereo { left, right } = renderer.read_aov(i)?;
         for (images, channels) in images.iter_mut().zip([left, right]) {
             let last = channels.len() - 1;
@@ -54,12 +68,18 @@ pub fn of_shot(
             images.push(Image { extent: run.size, pixels: (0..run.size.area()).map(pixel).collect() });
         }
     }
-    let (exposure_ev, yfov_deg) = (loaded.shot.exposure_ev, loaded.shot.rig.yfov_rad.to_degrees());
-    let map = |images: &mut Vec<RgbImage>, reference: &RgbImage| -> Result<KindMap, Failure> {
-        let mut images = images.drain(..);
-        let guides = guides(|_| images.next().ok_or_else(|| anyhow::anyhow!("an auxiliary image is missing")))?;
-        Ok(KindMap::new(&guides, reference, exposure_ev, yfov_deg)?)
+    let image = |eye: usize, aov: Aov| -> Result<RgbImage, Failure> {
+        let at = aovs.iter().position(|other| *other == aov);
+        let missing = || anyhow::anyhow!("the auxiliary image '{}' is missing", aov.name());
+        Ok(at.map(|at| images[eye][at].clone()).ok_or_else(missing)?)
     };
-    let [left, right] = &mut images;
-    Ok(([map(left, &reference.left)?, map(right, &reference.right)?], renderer.into_devices()))
+    let (exposure_ev, yfov_deg) = (loaded.shot.exposure_ev, loaded.shot.rig.yfov_rad.to_degrees());
+    let map = |eye: usize, reference: &RgbImage| -> Result<KindMap, Failure> {
+        Ok(KindMap::new(&guides(|aov| image(eye, aov))?, reference, exposure_ev, yfov_deg)?)
+    };
+    let kinds = if by_kind { Some([map(0, &reference.left)?, map(1, &reference.right)?]) } else { None };
+    let surfaces = |eye| Ok::<_, Failure>(Surfaces::new(image(eye, Aov::Position)?, image(eye, Aov::Normal)?)?);
+    let world_to_ndc = loaded.shot.rig.matrices(options.time, Eye::Right, run.size).world_to_ndc;
+    let in_right = surfaces(0)?.in_other_eye(&surfaces(1)?, &world_to_ndc, pixel_centre)?;
+    Ok((Seen { kinds, in_right }, renderer.into_devices()))
 }

@@ -16,9 +16,11 @@
 use serde::Serialize;
 
 use super::flip;
+use super::heatmap::error_colour;
 use super::surfaces::Sighting;
 use super::{Pair, Side};
-use crate::image::{Extent, ImageError, check_same_size};
+use crate::image::display::DisplayImage;
+use crate::image::{Extent, Image, ImageError, check_same_size};
 
 /// Differences between the errors of the two eyes, per pixel of the left one.
 pub struct Differences {
@@ -141,14 +143,16 @@ impl Differences {
         (!changes.is_empty()).then(|| changes.iter().sum::<f64>() / changes.len() as f64)
     }
 
-    pub fn extent(&self) -> Extent {
-        self.extent
-    }
-
     /// Returns the root mean square of D over channels for each pixel of the left eye; `None` for pixels that the right
     /// eye does not match.
-    pub fn sizes(&self) -> impl Iterator<Item = Option<f64>> + '_ {
+    fn sizes(&self) -> impl Iterator<Item = Option<f64>> + '_ {
         self.values.iter().map(|difference| difference.as_ref().map(rms))
+    }
+
+    /// Returns a map of [`Self::sizes`] on the scale of heatmaps; pixels that the right eye does not match are grey.
+    pub fn map(&self) -> DisplayImage {
+        let pixels = self.sizes().map(|size| size.map_or([96; 3], error_colour)).collect();
+        Image { extent: self.extent, pixels }
     }
 }
 

@@ -288,7 +288,7 @@ mod tests {
             cores: 2,
             adapters: Vec::new(),
             quality: Quality::default(),
-            frames: vec![frame("32x18", 576, 4.0), frame("64x36", 2304, 123.4)],
+            frames: vec![frame("32x18", 576, 4.0), frame("64x36", 2304, 120.0)],
             largest: vec![LargestSize {
                 adapter: 0,
                 scene: "cornell".into(),
@@ -303,7 +303,7 @@ mod tests {
         };
         let stages = machine.stages_table();
         assert_eq!(stages.rows.len(), 2);
-        assert_eq!(stages.rows[0][3..], ["64x36", "path_trace", "92.5", "75.0 %"]);
+        assert_eq!(stages.rows[0][3..], ["64x36", "path_trace", "90.0", "75.0 %"]);
         assert_eq!(machine.largest_table().rows[0][2..], ["11", "none tried", "-"]);
         let sections = machine.sections().unwrap();
         assert_eq!(sections.last().map(|s| (s.heading, s.notes.len())), Some(("Left out", 1)));

@@ -311,3 +311,35 @@ fn errors_by_kind_of_pixel_have_columns_and_a_map() {
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(2) && text.contains("right.depth.exr") && text.contains(aovs), "{text}");
 }
+
+/// Rivalry between the eyes is that of `compare`.
+#[test]
+fn rivalry_between_the_eyes_has_columns_and_maps() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let grid = ["--size", "48x32", "--spp", "1", "--bounces", "2", "--denoiser", "atrous", "--iterations", "5"];
+    let once = ["--render-scale", "1", "--reference-spp", "64", "--repeats", "1", "--warm-up", "0", "--report"];
+    let events = bench(Path::new(&out("bench")), &[&grid[..], &once].concat());
+    let errors = &event(&events, "result")["rows"][0]["errors"];
+    assert_eq!(errors["left"]["rivalry"], errors["right"]["rivalry"]);
+    let csv = std::fs::read_to_string(out("bench") + "/bench.csv").unwrap();
+    assert!(csv.lines().next().unwrap().contains(",rivalry,") && csv.contains("rivalry_seen"), "{csv}");
+    assert!(std::fs::read_to_string(out("bench") + "/report.html").unwrap().contains("Rivalry between the eyes"));
+
+    let frame = out("frame");
+    let render = ["render", "builtin:cornell", "--size", "48x32", "--bounces", "2", "--denoiser", "atrous"];
+    assert!(
+        diptych(&[&render[..], &["--iterations", "5", "--aov", "position,normal", "--out", &frame]].concat())
+            .status
+            .success()
+    );
+    let references = std::fs::read_dir(out("bench") + "/reference").unwrap();
+    let reference = references.map(|entry| entry.unwrap().path()).find(|path| path.is_dir()).unwrap();
+    let compare = diptych(&["compare", reference.to_str().unwrap(), &frame, "--json"]);
+    let found: Value = serde_json::from_slice(&compare.stdout).unwrap();
+    for measure in ["rivalry", "rivalry_seen", "rivalry_mean", "rivalry_p99", "unmatched"] {
+        let [a, b] = [&errors["left"][measure], &found[measure]].map(|value| value.as_f64().unwrap());
+        // bench has a second frame, with other noise.
+        assert!((a - b).abs() < 0.05 * b, "{measure}: {a} in bench, {b} in compare");
+    }
+}

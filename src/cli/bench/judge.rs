@@ -6,6 +6,7 @@ use crate::image::RgbImage;
 use crate::loaded::LoadedScene;
 use crate::metrics::Pair;
 use crate::metrics::rings::Viewing;
+use crate::metrics::rivalry::Differences;
 use crate::metrics::temporal::Change;
 use crate::report::bench::{KindColumns, Measured, Repeat, SeenErrors};
 use crate::report::frames::FrameLine;
@@ -46,6 +47,10 @@ impl<'a> Judge<'a> {
         let mut eyes = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &self.viewing));
         for (e, map) in self.reference.kinds.iter().flatten().enumerate() {
             eyes[e].by_kind = KindColumns(Some(pairs[e].by_kind(map)?));
+        }
+        if let Some(in_right) = &self.reference.in_right {
+            let rivalry = Some(Differences::new(&pairs[0], &pairs[1], in_right)?.rivalry());
+            eyes.iter_mut().for_each(|eye| eye.rivalry = rivalry);
         }
         let [left, right] = eyes;
         self.repeats.push(Repeat::new(frame, Stereo { left, right }, FrameLine::from(row)));

@@ -9,6 +9,7 @@ use crate::exec::{FrameReport, Stereo};
 use crate::image::RgbImage;
 use crate::loaded::LoadedScene;
 use crate::metrics::kinds::Kind;
+use crate::metrics::rivalry::Differences;
 use crate::quality::Denoiser;
 use crate::report::Table;
 use crate::report::bench::{
@@ -22,6 +23,7 @@ use crate::report::pictures::{Group, Picture, viewer};
 
 use super::args::Args;
 use super::grid::Grid;
+use super::judge;
 use super::reference::Reference;
 use crate::cli::failure::Failure;
 use crate::cli::page;
@@ -76,6 +78,7 @@ impl Page<'_> {
         sections.extend(self.beside_peers());
         sections.extend(self.regret());
         sections.extend(self.by_kind()?);
+        sections.extend(self.rivalry(&seen)?);
         sections.extend([
             front,
             lanes,
@@ -135,6 +138,24 @@ impl Page<'_> {
         let notes = vec![KIND_NOTE.to_owned(), format!("Colours of the map: {}.", colours.join(", "))];
         let table = Some(kind_table(self.rows, maps));
         Ok(Some(Section { heading: "Errors by kind of pixel", notes, table, figure: Some(figure) }))
+    }
+
+    fn rivalry(&self, seen: &[Seen]) -> Result<Option<Section>, Failure> {
+        let Some(in_right) = &self.reference.in_right else { return Ok(None) };
+        let picture = |s: &Seen| -> Result<Picture, Failure> {
+            let [left, right] = judge::pairs(self.loaded, &self.reference.images, &s.linear)?;
+            let image = Differences::new(&left, &right, in_right)?.map();
+            Ok(Picture { name: s.name.clone(), image })
+        };
+        let pictures = seen.iter().map(picture).collect::<Result<_, Failure>>()?;
+        let figure =
+            viewer(&[Group { name: "rivalry".to_owned(), pictures }]).context("cannot make the maps of rivalry")?;
+        let note = "The error of each pixel of the left eye, minus that of the right eye's pixel that shows the same \
+                    surface, in the colours of FLIP maps; pixels without such a pixel are grey. What the eyes share is \
+                    black. The table of errors has the root mean square after FLIP's contrast filters, rivalry_seen, and \
+                    bench.csv the other measures.";
+        let notes = vec![note.to_owned()];
+        Ok(Some(Section { heading: "Rivalry between the eyes", notes, table: None, figure: Some(figure) }))
     }
 
     fn regret(&self) -> Option<Section> {

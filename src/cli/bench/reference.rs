@@ -7,6 +7,7 @@ use crate::exec::Stereo;
 use crate::image::{Extent, RgbImage, exr};
 use crate::loaded::LoadedScene;
 use crate::metrics::kinds::KindMap;
+use crate::metrics::surfaces::Sighting;
 use crate::quality::Quality;
 
 use super::args::Args;
@@ -29,6 +30,8 @@ pub struct Reference {
     pub origin: String,
     /// Kinds of each eye's pixels, if errors by kind are wanted.
     pub kinds: Option<[KindMap; 2]>,
+    /// Where the right eye shows the surfaces of the left eye's pixels, if rivalry between the eyes is wanted.
+    pub in_right: Option<Vec<Sighting>>,
     /// Key of the reference in the journal: its samples per pixel, or the hashes of supplied images.
     pub key: String,
 }
@@ -36,7 +39,7 @@ pub struct Reference {
 impl Reference {
     /// Returns a frame as the reference of other frames.
     pub fn of_frame(images: Stereo<RgbImage>) -> Self {
-        Self { images, noise: None, origin: String::new(), kinds: None, key: String::new() }
+        Self { images, noise: None, origin: String::new(), kinds: None, in_right: None, key: String::new() }
     }
 
     /// Returns a sentence that names the shot, the size, the origin and the noise of the reference.
@@ -67,7 +70,7 @@ pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> 
     let images = Stereo { left: read("left.exr")?, right: read("right.exr")? };
     let key = [&images.left, &images.right].map(|image| hash_of(bytemuck::cast_slice(&image.pixels)));
     let origin = format!("{}; its noise is unknown, and errors below it mean nothing", folder.display());
-    Ok(Reference { images, noise: None, origin, kinds: None, key: key.join(" ") })
+    Ok(Reference { images, noise: None, origin, kinds: None, in_right: None, key: key.join(" ") })
 }
 
 /// Returns the plan for rendering a reference.
@@ -113,5 +116,5 @@ pub fn own(
     exr::write_tagged_rgb(&folder.join("left.exr"), &images.left, &tags.left)?;
     exr::write_tagged_rgb(&folder.join("right.exr"), &images.right, &tags.right)?;
     let (origin, key) = (format!("{how}, in {}", folder.display()), key(accumulation.samples()));
-    Ok(Reference { images, noise: accumulation.noise(), origin, kinds: None, key })
+    Ok(Reference { images, noise: accumulation.noise(), origin, kinds: None, in_right: None, key })
 }

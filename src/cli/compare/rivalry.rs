@@ -6,11 +6,8 @@ use anyhow::{Context, Error};
 
 use super::by_kind::beside;
 use crate::exec::Stereo;
-use crate::image::display::DisplayImage;
-use crate::image::exr::read_channels;
-use crate::image::{Image, exr::Tags};
+use crate::image::exr::{Tags, read_channels};
 use crate::metrics::Pair;
-use crate::metrics::heatmap::error_colour;
 use crate::metrics::rivalry::Differences;
 use crate::metrics::surfaces::Surfaces;
 
@@ -52,10 +49,4 @@ pub fn differences(
     let in_right = surfaces.left.in_other_eye(surfaces.right, &world_to_ndc, centre)?;
     let differ = || "the auxiliary images position and normal differ from the images in size";
     Ok(Some(Differences::new(pairs.left, pairs.right, &in_right).with_context(differ)?))
-}
-
-/// A map of the differences: matched pixels on the scale of heatmaps, others grey.
-pub fn map(differences: &Differences) -> DisplayImage {
-    let pixels = differences.sizes().map(|size| size.map_or([96; 3], error_colour)).collect();
-    Image { extent: differences.extent(), pixels }
 }

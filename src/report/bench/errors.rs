@@ -6,10 +6,22 @@ use serde::{Deserialize, Serialize, Serializer};
 use crate::metrics;
 use crate::metrics::kinds::KindError;
 use crate::metrics::rings::Viewing;
+use crate::metrics::rivalry::Rivalry;
 
 /// Metrics that tables show, in this order. Files contain these first, then all other metrics.
-pub(super) const SHOWN: [&str; 10] =
-    ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "flip_acuity", "mean_ratio"];
+pub(super) const SHOWN: [&str; 11] = [
+    "rmse",
+    "relmse",
+    "psnr",
+    "ssim",
+    "flip",
+    FLICKER,
+    ERROR,
+    "flip_foveated",
+    "flip_acuity",
+    "rivalry_seen",
+    "mean_ratio",
+];
 
 /// Names of two metrics: the flicker between frames, and FLIP + flicker, the error of Pareto fronts and ladders
 /// ([`crate::control::Measure::FlipFlicker`]).
@@ -69,6 +81,9 @@ pub struct SeenErrors {
     pub flip_acuity: f64,
     #[serde(flatten)]
     pub by_kind: KindColumns,
+    /// How much the errors of this and the other eye differ, which is the same for both.
+    #[serde(flatten)]
+    pub rivalry: Option<Rivalry>,
 }
 
 /// Errors by kind of pixel, serialized as the members `flip_KIND` and `part_KIND` ([`KindError`]); `None` adds no
@@ -94,6 +109,7 @@ impl SeenErrors {
             flip_foveated: pair.foveated_flip(viewing),
             flip_acuity: pair.acuity_flip(viewing),
             by_kind: KindColumns::default(),
+            rivalry: None,
         }
     }
 }
