@@ -35,11 +35,11 @@ pub fn guides<E>(mut read: impl FnMut(Aov) -> Result<RgbImage, E>) -> Result<Gui
     })
 }
 
-/// What auxiliary images of a shot tell about pixels.
+/// Properties of pixels that auxiliary images tell.
 pub struct Seen {
     /// Kinds of each eye's pixels.
     pub kinds: Option<[KindMap; 2]>,
-    /// Where the right eye shows the surfaces of the left eye's pixels.
+    /// The right eye's pixels that show the surfaces of the left eye's.
     pub in_right: Vec<Sighting>,
 }
 

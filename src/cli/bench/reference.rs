@@ -30,7 +30,7 @@ pub struct Reference {
     pub origin: String,
     /// Kinds of each eye's pixels, if errors by kind are wanted.
     pub kinds: Option<[KindMap; 2]>,
-    /// Where the right eye shows the surfaces of the left eye's pixels, if rivalry between the eyes is wanted.
+    /// The right eye's pixels that show the surfaces of the left eye's, if rivalry between the eyes is wanted.
     pub in_right: Option<Vec<Sighting>>,
     /// Key of the reference in the journal: its samples per pixel, or the hashes of supplied images.
     pub key: String,
