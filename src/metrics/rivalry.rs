@@ -149,7 +149,8 @@ impl Differences {
         self.values.iter().map(|difference| difference.as_ref().map(rms))
     }
 
-    /// Returns a map of [`Self::sizes`] on the scale of heatmaps; pixels that the right eye does not match are grey.
+    /// Returns a map of the root mean square of D over channels, on the scale of heatmaps. Pixels that the right eye does
+    /// not match are grey.
     pub fn map(&self) -> DisplayImage {
         let pixels = self.sizes().map(|size| size.map_or([96; 3], error_colour)).collect();
         Image { extent: self.extent, pixels }
