@@ -13,6 +13,7 @@ use crate::exec::Stereo;
 use crate::image::display::{DisplayImage, write_png};
 use crate::image::exr::{ColourFile, read_colour};
 use crate::image::{Extent, stereo};
+use crate::metrics::disparity::FeatureDisparity;
 use crate::metrics::heatmap::{flip_heatmap, heatmap};
 use crate::metrics::rings::Viewing;
 use crate::metrics::rivalry::Differences;
@@ -159,7 +160,8 @@ fn both_eyes(args: &Args) -> Result<(), Failure> {
     if let (Some(left), Some(right)) = (left.kinds, right.kinds) {
         write_map(&args.kind_map, || side_by_side(left, right))?;
     }
-    let differences = differences_of_eyes(args, &left.pair, &right.pair).map_err(Failure::Input)?;
+    let pairs = Stereo { left: &left.pair, right: &right.pair };
+    let (differences, features) = of_both_eyes(args, &pairs).map_err(Failure::Input)?;
     if let Some(path) = &args.rivalry_map {
         let differences = differences.as_ref().ok_or_else(|| input(format!("--rivalry-map: {}", rivalry::NEEDS)))?;
         write_png(path, &differences.map())?;
@@ -169,24 +171,27 @@ fn both_eyes(args: &Args) -> Result<(), Failure> {
     if args.json {
         let means = mean(&eyes.left, &eyes.right);
         let mean = MEASURES.iter().zip(means).map(|((name, _), mean)| ((*name).to_owned(), mean.into())).collect();
-        say!("{}", serde_json::to_string(&BothFindings { eyes, mean, rivalry }).map_err(anyhow::Error::from)?);
+        say!(
+            "{}",
+            serde_json::to_string(&BothFindings { eyes, mean, rivalry, features }).map_err(anyhow::Error::from)?
+        );
     } else {
         text::print(&[("left", &eyes.left), ("right", &eyes.right)]);
-        text::print_rivalry(&rivalry);
+        text::print_rivalry(&rivalry, &features);
     }
     Ok(())
 }
 
-/// Returns the differences between the eyes' errors; `None` without auxiliary images that tell which pixels match.
-fn differences_of_eyes(args: &Args, left: &Pair, right: &Pair) -> Result<Option<Differences>, anyhow::Error> {
+/// Returns the differences between the eyes' errors, and the errors of features' disparity; nothing without auxiliary
+/// images that tell which pixels match.
+fn of_both_eyes(args: &Args, pairs: &Stereo<&Pair>) -> Result<(Option<Differences>, FeatureDisparity), anyhow::Error> {
     let seen = |name: &str| Seen::read(&[&args.image.join(name), &args.reference.join(name)]);
-    match (seen("left.exr")?, seen("right.exr")?) {
-        (Some(seen_left), Some(seen_right)) => {
-            let surfaces = Stereo { left: &seen_left.surfaces, right: &seen_right.surfaces };
-            rivalry::differences(&Stereo { left, right }, &surfaces, &seen_right.tags)
-        }
-        _ => Ok(None),
-    }
+    let (Some(left), Some(right)) = (seen("left.exr")?, seen("right.exr")?) else {
+        return Ok((None, FeatureDisparity::default()));
+    };
+    let surfaces = Stereo { left: &left.surfaces, right: &right.surfaces };
+    let differences = rivalry::differences(pairs, &surfaces, &right.tags)?;
+    Ok((differences, rivalry::features(pairs, &left.surfaces, &right.tags)?))
 }
 
 fn write_map(path: &Option<PathBuf>, map: impl FnOnce() -> Result<DisplayImage, Failure>) -> Result<(), Failure> {

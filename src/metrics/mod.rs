@@ -5,6 +5,7 @@
 //! the exposure, which a [`Pair`] fixes.
 
 mod convolve;
+pub mod disparity;
 pub mod error;
 pub mod flip;
 mod foveated;

@@ -162,4 +162,4 @@ fn rms(difference: &[f64; 3]) -> f64 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -91,16 +91,29 @@ impl Surfaces {
         world_to_ndc: &[[f32; 4]; 4],
         pixel_centre: [f32; 2],
     ) -> Result<Vec<Sighting>, ImageError> {
-        let size = [self.extent.width, self.extent.height].map(f64::from);
         self.seen_in(other, |i| {
-            let [x, y, z] = self.position[i];
-            let at = |column: usize| -> f64 {
-                [x, y, z, 1.0].iter().zip(world_to_ndc).map(|(c, row)| f64::from(*c) * f64::from(row[column])).sum()
-            };
-            let w = at(3);
-            let point = |c: usize| if w > 0.0 { at(c) / w * size[c] - f64::from(pixel_centre[c]) } else { f64::NAN };
-            ([point(0), point(1)], self.position[i])
+            let point = self.point_in_other_eye(i, world_to_ndc, pixel_centre);
+            (point.unwrap_or([f64::NAN; 2]), self.position[i])
         })
+    }
+
+    /// Returns the point at which the other eye sees the surface of pixel `i` if nothing hides it, with pixel centres at
+    /// integers; `None` for the sky and for surfaces behind that eye. The parameters are those of
+    /// [`Self::in_other_eye`].
+    pub fn point_in_other_eye(
+        &self,
+        i: usize,
+        world_to_ndc: &[[f32; 4]; 4],
+        pixel_centre: [f32; 2],
+    ) -> Option<[f64; 2]> {
+        let [x, y, z] = self.position[i];
+        let at = |column: usize| -> f64 {
+            [x, y, z, 1.0].iter().zip(world_to_ndc).map(|(c, row)| f64::from(*c) * f64::from(row[column])).sum()
+        };
+        let size = [self.extent.width, self.extent.height].map(f64::from);
+        let w = at(3);
+        let is_seen = is_surface(self.normal[i]) && w > 0.0;
+        is_seen.then(|| [0, 1].map(|c| at(c) / w * size[c] - f64::from(pixel_centre[c])))
     }
 
     /// Returns the pixels whose centres are less than one column and one row away from a point: at most four, nearest

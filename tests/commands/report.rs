@@ -131,7 +131,7 @@ fn a_grid_shows_its_front_and_other_renderers() {
         data(&page, "lanes")["frames"].as_array().unwrap().iter().map(|f| f["name"].to_string()).collect();
     assert!(names[0].contains("fastest: ") && names.len() <= 3, "{names:?}");
     lanes_are_sound(&data(&page, "lanes"), names.len());
-    assert_eq!(page.matches("<img").count(), 4 * names.len() + 2);
+    assert_eq!(page.matches("<img").count(), 5 * names.len() + 2);
     for part in
         ["Fronts and quality ladder", "Slow", "<td class=\"number\">0.999</td>", "<td>none</td>", "Time against error"]
     {

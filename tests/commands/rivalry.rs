@@ -35,6 +35,8 @@ fn light_that_was_filtered_once_is_shared_by_the_eyes() {
             assert!(found[measure].as_f64().is_some_and(|value| value > 0.0 && value < 0.2), "{measure}: {found}");
         }
         assert!(found["unmatched"].as_f64().unwrap() < 0.2, "{found}");
+        // The box is matte: nothing that it shows lies off its surfaces.
+        assert!(found["features"].as_u64() <= Some(2), "{found}");
         found["rivalry_seen"].as_f64().unwrap()
     };
     let [once, apart] = [seen("once", &[]), seen("apart", &["--reproject", "off"])];
@@ -80,4 +82,30 @@ fn sequences_have_rivalry_that_flickers() {
     assert!(found["left"]["flicker"].is_number(), "{found}");
     let text = compare(&reference, &image, &[]);
     assert!(text.contains("rivalry_flicker") && text.contains("ghosting"), "{text}");
+}
+
+/// A mirror ball shows its surroundings at another depth than its own, also in frames whose right eye is reprojected.
+#[test]
+fn reflections_lie_where_the_reference_has_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let render = |name: &str, options: &[&str]| {
+        let common = ["render", "builtin:gallery", "--size", "160x90", "--time", "0.5", "--bounces", "4", "--out"];
+        let output = diptych(&[&common[..], &[path(name).to_str().unwrap()], options].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    };
+    render("reference", &["--denoiser", "none", "--spp", "128", "--seed", "3"]);
+    let aovs = ["--aov", "position,normal"];
+    render("followed", &aovs);
+    let off = || {
+        let found = json(&path("reference"), &path("followed"));
+        assert!(found["features"].as_u64() > Some(20), "{found}");
+        found["disparity_off"].as_f64().unwrap()
+    };
+    let followed = off();
+    let eye = |name: &str| path("followed").join(name);
+    std::fs::copy(eye("left.exr"), eye("right.exr")).unwrap();
+    let flat = off();
+    println!("{followed} px, {flat} px if both eyes have one picture");
+    assert!(followed < 0.25 && flat > 0.5, "{followed} px, {flat} px if both eyes have one picture");
 }

@@ -3,6 +3,7 @@
 use crate::exec::Stereo;
 use crate::image::exr::{ColourSource, Tags};
 use crate::metrics::Errors;
+use crate::metrics::disparity::FeatureDisparity;
 use crate::metrics::kinds::KindError;
 use crate::metrics::rings::{Ring, Viewing};
 use crate::metrics::rivalry::Rivalry;
@@ -51,6 +52,8 @@ pub(super) struct BothFindings {
     /// `null` without auxiliary images that tell which pixels of the eyes show the same surface.
     #[serde(flatten)]
     pub(super) rivalry: Rivalry,
+    #[serde(flatten)]
+    pub(super) features: FeatureDisparity,
 }
 
 impl Findings {

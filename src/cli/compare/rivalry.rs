@@ -8,6 +8,7 @@ use super::by_kind::beside;
 use crate::exec::Stereo;
 use crate::image::exr::{Tags, read_channels};
 use crate::metrics::Pair;
+use crate::metrics::disparity::FeatureDisparity;
 use crate::metrics::rivalry::Differences;
 use crate::metrics::surfaces::Surfaces;
 
@@ -49,4 +50,13 @@ pub fn differences(
     let in_right = surfaces.left.in_other_eye(surfaces.right, &world_to_ndc, centre)?;
     let differ = || "the auxiliary images position and normal differ from the images in size";
     Ok(Some(Differences::new(pairs.left, pairs.right, &in_right).with_context(differ)?))
+}
+
+/// Measures the disparity of highlights and reflections; nothing if `right_tags` do not tell the right eye's camera.
+pub fn features(pairs: &Stereo<&Pair>, left: &Surfaces, right_tags: &Tags) -> Result<FeatureDisparity, Error> {
+    let Some(world_to_ndc) = right_tags.world_to_ndc else {
+        return Ok(FeatureDisparity::default());
+    };
+    let centre = right_tags.pixel_centre.unwrap_or([0.5; 2]);
+    Ok(FeatureDisparity::new(pairs.left, pairs.right, left, &world_to_ndc, centre)?)
 }

@@ -1,6 +1,7 @@
 //! Text output of `compare`, and its help.
 
 use crate::metrics::MEASURES;
+use crate::metrics::disparity::{FEATURE_MEASURES, FeatureDisparity};
 use crate::metrics::kinds::KindError;
 use crate::metrics::rings::Ring;
 use crate::metrics::rivalry::{RIVALRY_MEASURES, Rivalry};
@@ -24,11 +25,12 @@ pub fn help() -> String {
     ];
     format!(
         "Measures of the image against the reference; for two eyes, one per eye and their mean:\n{}{}\n\
-         Measures of both eyes together, with --aov position,normal:\n{}\n\
+         Measures of both eyes together, with --aov position,normal:\n{}{}\n\
          Measures of sequences, means over frames:\n{}{}",
         lines(&MEASURES),
         lines(&more),
         lines(&RIVALRY_MEASURES),
+        lines(&FEATURE_MEASURES),
         lines(&SEQUENCE_MEASURES),
         lines(&[RIVALRY_FLICKER]).trim_end()
     )
@@ -86,11 +88,13 @@ pub fn print(compared: &[(&str, &Findings)]) {
     }
 }
 
-/// Prints how much the errors of the two eyes differ.
-pub fn print_rivalry(rivalry: &Rivalry) {
-    for ((name, meaning), value) in RIVALRY_MEASURES.iter().zip(rivalry.values()) {
+/// Prints how much the errors of the two eyes differ, and the errors of features' disparity.
+pub fn print_rivalry(rivalry: &Rivalry, features: &FeatureDisparity) {
+    let rivalry_values = RIVALRY_MEASURES.iter().zip(rivalry.values());
+    for ((name, meaning), value) in rivalry_values.chain(FEATURE_MEASURES.iter().zip(features.values())) {
         let meaning = if rivalry.unmatched.is_none() { NEEDS } else { meaning };
-        line(name, [String::new(), String::new(), number(value, 6)], meaning);
+        let decimals = if *name == FEATURE_MEASURES[0].0 { 0 } else { 6 };
+        line(name, [String::new(), String::new(), number(value, decimals)], meaning);
     }
 }
 

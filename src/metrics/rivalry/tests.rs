@@ -12,7 +12,7 @@ const WALL_DEPTH: f32 = 10.0;
 const SQUARE_DEPTH: f32 = 5.0;
 /// Columns between the eyes' pictures of the wall.
 const WALL_DISPARITY: usize = 2;
-const CENTRE: [f32; 2] = [0.5, 0.5];
+pub(in crate::metrics) const CENTRE: [f32; 2] = [0.5, 0.5];
 
 /// Position of the surface in the middle of a pixel. The square is 20 pixels wide, and at half the wall's depth.
 fn position(eye: usize, x: usize, y: usize) -> [f32; 3] {
@@ -23,12 +23,12 @@ fn position(eye: usize, x: usize, y: usize) -> [f32; 3] {
 }
 
 /// For row vectors, as in EXR files.
-fn world_to_ndc(eye: usize) -> [[f32; 4]; 4] {
+pub(in crate::metrics) fn world_to_ndc(eye: usize) -> [[f32; 4]; 4] {
     let [across, down] = [EXTENT.width, EXTENT.height].map(|n| WALL_DEPTH / n as f32);
     [[across, 0.0, 0.0, 0.0], [0.0, -down, 0.0, 0.0], [-0.5, -0.5, 0.0, -1.0], [-across * EYES[eye], 0.0, 0.0, 0.0]]
 }
 
-fn image(of: impl Fn(usize, usize) -> [f64; 3]) -> RgbImage {
+pub(in crate::metrics) fn image(of: impl Fn(usize, usize) -> [f64; 3]) -> RgbImage {
     let width = EXTENT.width as usize;
     let linear = |shown: f64| {
         let linear = linear_from_srgb(shown);
@@ -37,7 +37,7 @@ fn image(of: impl Fn(usize, usize) -> [f64; 3]) -> RgbImage {
     RgbImage { extent: EXTENT, pixels: (0..EXTENT.area()).map(|i| of(i % width, i / width).map(linear)).collect() }
 }
 
-fn surfaces(eye: usize) -> Surfaces {
+pub(in crate::metrics) fn surfaces(eye: usize) -> Surfaces {
     let width = EXTENT.width as usize;
     let pixels = (0..EXTENT.area()).map(|i| position(eye, i % width, i / width)).collect();
     let normal = RgbImage { extent: EXTENT, pixels: vec![[0.0, 0.0, 1.0]; EXTENT.area()] };
