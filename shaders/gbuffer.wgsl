@@ -82,7 +82,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     var place = bitcast<vec2<u32>>(hit.bary);
     if HAS_MIRRORS {
-        let mirrored = vec2<u32>(bitcast<u32>(links.surface_distance), pack_mirrored(hit.bary, links.motion.has_moved));
+        let mirrored = vec2<u32>(bitcast<u32>(links.surface_distance), pack_mirrored(hit.bary, links.has_moved));
         place = select(place, mirrored, links.count > 0u);
     }
     hit_image[at] = vec4<u32>(hit.prim, place, tag);

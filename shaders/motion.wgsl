@@ -13,8 +13,8 @@ fn traced_again(pixel: vec2<u32>, image: vec3<f32>, position: vec3<f32>, last: v
     let rng = rng_for(pixel, pass_.view, 0u);
     var first = first_hit(trace_closest(origin, direction, alpha_key(rng)), origin, direction);
     var rays = 0u;
-    let links = follow_mirrors(&first, &direction, rng, &rays);
-    return last_image(links.motion, image, ray, position, last);
+    follow_mirrors(&first, &direction, rng, &rays);
+    return last_image(mirror_motion, image, ray, position, last);
 }
 
 @compute @workgroup_size(8, 8)

@@ -93,8 +93,8 @@ struct Links {
     surface_distance: f32,
     // The pencil at the surface.
     pencil: Pencil,
-    // How they have moved since the previous frame.
-    motion: MirrorMotion,
+    // Whether one of them has moved since the previous frame.
+    has_moved: bool,
     // Fraction of uniform light that the glass reflects to the eye.
     albedo: vec3<f32>,
     // One of its reflections, chosen at random: the ray, the medium around it, the number of reflections before it and
@@ -148,7 +148,9 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
     var rng = rng_in_pixel;
     let most = min(MOST_LINKS, frame.sampling.reflections);
     var links = Links();
-    links.motion = no_mirror_motion();
+    if HAS_MOTION {
+        mirror_motion = no_mirror_motion();
+    }
     links.pencil = along(pencil_at_eye(), (*f).hit.t);
     let before = *f;
     var pick = 0.0;
@@ -197,7 +199,8 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
         if HAS_MOTION {
             let last = last_surface((*f).hit.prim, (*f).hit.bary, s.position, s.normal);
             let is_flat = abs(pencil.angle.y - links.pencil.angle.y) < MOST_BENT;
-            links.motion = with_link(links.motion, *f, last, *direction, onward, links.count == 0u, is_flat);
+            links.has_moved = links.has_moved || last.has_moved;
+            mirror_motion = with_link(mirror_motion, *f, last, *direction, onward, links.count == 0u, is_flat);
         }
         rng.dimension = FIRST_DIMENSION + links.count * DIMENSIONS_PER_VERTEX + SURVIVAL;
         let origin = leave(s, onward);
@@ -216,13 +219,17 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
     }
     links.distance = image_distance(links.pencil, (*f).hit.t, (*f).hit.prim == NO_PRIM);
     links.surface_distance = links.distance;
-    let apart = links.pencil.apart.y;
-    links.motion.magnification = links.distance / select(min(apart, -LEAST_APART), max(apart, LEAST_APART), apart > 0.0);
+    if HAS_MOTION {
+        let apart = links.pencil.apart.y;
+        mirror_motion.magnification = links.distance / select(min(apart, -LEAST_APART), max(apart, LEAST_APART), apart > 0.0);
+    }
     if HAS_TRANSMISSION && sum > 0.0 {
         if ((*f).hit.prim & SPHERE) != 0u {
             (*f).hit = before.hit;
             links.surface_distance = before.hit.t;
-            links.motion = no_mirror_motion();
+            if HAS_MOTION {
+                mirror_motion = no_mirror_motion();
+            }
             (*f).surface = before.surface;
         }
         links.weight *= sum;

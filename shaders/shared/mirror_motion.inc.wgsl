@@ -21,6 +21,9 @@ struct MirrorMotion {
     magnification: f32,
 }
 
+// That of the chain that was followed last, in dynamic scenes.
+var<private> mirror_motion: MirrorMotion;
+
 fn identity() -> mat3x3<f32> {
     return mat3x3<f32>(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
 }
