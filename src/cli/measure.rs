@@ -26,7 +26,7 @@ pub struct Args {
     /// Folder for report.html and machine.json
     #[arg(long, default_value = "out/machine", value_name = "DIR")]
     out: PathBuf,
-    /// Time to spend, in minutes; what does not fit is left out and named
+    /// Time to spend, in minutes; measurements that do not fit are left out
     #[arg(long, default_value_t = 10.0, value_name = "M", value_parser = minutes)]
     minutes: f64,
     /// Sizes of each eye's image to time
