@@ -151,9 +151,9 @@ impl Page<'_> {
         let figure =
             viewer(&[Group { name: "rivalry".to_owned(), pictures }]).context("cannot make the maps of rivalry")?;
         let note = "The error of each pixel of the left eye, minus that of the right eye's pixel that shows the same \
-                    surface, in the colours of FLIP maps; pixels without such a pixel are grey. \
-                    Errors that the eyes share are black. The table of errors has the root mean square after FLIP's contrast filters, rivalry_seen, and \
-                    bench.csv the other measures.";
+                    surface, in the colours of FLIP maps; pixels without such a pixel are grey. Errors that the eyes \
+                    share are black. The table of errors has the root mean square after FLIP's contrast filters, \
+                    rivalry_seen, and bench.csv the other measures.";
         let notes = vec![note.to_owned()];
         Ok(Some(Section { heading: "Rivalry between the eyes", notes, table: None, figure: Some(figure) }))
     }
