@@ -1,7 +1,7 @@
 // Renders one auxiliary image per dispatch, from the hit at the pixel's centre. If the G-buffer follows mirrors, the
 // centre's ray is traced again, since auxiliary images show the mirrors themselves.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf path motion last_surface mirror_motion mirror split pack mirrored bindings
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf path motion last_surface mirror_motion mirror split pack mirrored samples bindings
 
 fn centre_hit(pixel: vec2<u32>, hit: vec4<u32>) -> FirstHit {
     let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
@@ -59,10 +59,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         case ALBEDO: {
             value = unpack_albedo(albedo_image[at]).all;
             // The packed albedo may be rounded, filtered or that of another surface, so recompute it from the surface.
-            if HAS_MIRRORS || HAS_POLISH || frame.sampling.spp == 1u {
+            if HAS_MIRRORS || HAS_POLISH || samples_of(pixel) == 1u {
                 let first = centre_hit(pixel, hit);
                 let is_followed = (flags_of(first) & (MIRROR | CLEAR_GLASS | POLISHED)) != 0u;
-                value = select(value, first.albedo, frame.sampling.spp == 1u || is_followed);
+                value = select(value, first.albedo, samples_of(pixel) == 1u || is_followed);
             }
         }
         case DEPTH: {
@@ -78,7 +78,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             value = vec3<f32>(f32(hole_reason(tally_image[at])));
         }
         case SPP: {
-            value = vec3<f32>(select(f32(frame.sampling.spp), 0.0, hole_reason(tally_image[at]) == SKIPPED));
+            value = vec3<f32>(select(f32(samples_of(pixel)), 0.0, hole_reason(tally_image[at]) == SKIPPED));
         }
         case STRIPES: {
             value = vec3<f32>(f32(pass_.device));

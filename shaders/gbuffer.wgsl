@@ -3,7 +3,7 @@
 // light with hard shadows counts as emission if the denoiser leaves it out. Perfect mirrors and clear glass may be
 // replaced by the surfaces that they show, and what polished surfaces reflect may be part of albedo and emission.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path motion last_surface mirror_motion mirror texture_filter pack mirrored footprint foveation bindings
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path motion last_surface mirror_motion mirror texture_filter pack mirrored samples footprint foveation bindings
 
 // Changes of the direction from pixel to pixel.
 fn steps_at(pixel: vec2<u32>) -> Footprint {
@@ -32,7 +32,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             if SPARSE && pass_.args[2] == UNSAMPLED_ONLY && is_sampled(pixel, pass_.view) {
                 return;
             }
-            average_footprint(pixel, at, pass_.args[0], pass_.args[1]);
+            let launched = launched_samples(pixel);
+            if launched.x < launched.y {
+                average_footprint(pixel, at, launched.x, launched.y);
+            }
             return;
         }
     }
@@ -63,7 +66,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             first.emission += (reflected.emission - polish.hit.emission) * polish.weight;
         }
     }
-    if HAS_HARD_LIGHTS && !JITTER {
+    if HAS_HARD_LIGHTS && !JITTER && (!VARIES_SAMPLES || samples_of(pixel) == 1u) {
         first.emission += hard_light_of(first, direction, links, polish, rng, &rays);
     }
     let ok = is_sound(&first) && !was_cut_short;

@@ -7,7 +7,7 @@
 // - The retraced paths are additional. In the paper, they replace paths of the current frame.
 // - There are no gradients if the previous frame had several samples per pixel, and none in mirrors and behind glass.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack mirrored motion bindings
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack mirrored samples motion bindings
 
 // `gradient` compares the luminance of demodulated illumination between the two frames. Component x: current minus
 // previous luminance. Component y: the larger of both.
@@ -70,6 +70,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let normal = unpack_normal(last.w);
     let off = abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position));
     let is_same = guide.w != NO_NORMAL && off < 0.01 * point.z && dot(unpack_normal(guide.w), normal) > 0.9;
+    if samples_in(previous.sampling, vec2<u32>(seen)) > 1u {
+        return;
+    }
     if !is_same || is_mirrored(hit) || before.w == 0u || (hit.x & SPHERE) != 0u {
         return;
     }

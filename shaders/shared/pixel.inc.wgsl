@@ -64,13 +64,16 @@ fn pack_mean(matte: vec3<f32>, gloss: vec3<f32>, variance: vec2<f32>) -> vec4<u3
     return pack_sampled(matte, gloss);
 }
 
-// Traces the samples from pass_.args[0] up to, but not including, pass_.args[1] of `pixel` of view `view`. Albedo,
-// emission and radiance hold running means until the dispatch that ends at the last sample, which divides radiance by
+// Traces the samples of `pixel` of view `view` that this launch takes (`launched_samples`). Albedo, emission and radiance hold running means until the dispatch that ends at the last sample, which divides radiance by
 // albedo.
 fn sample_pixel(pixel: vec2<u32>, view: u32) {
     let at = pixel_index(pixel);
-    let begin = pass_.args[0];
-    let end = pass_.args[1];
+    let launched = launched_samples(pixel);
+    let begin = launched.x;
+    let end = launched.y;
+    if VARIES_SAMPLES && begin == end {
+        return;
+    }
     let scale = 1.0 / f32(end);
     var tally = tally_image[at];
     let is_narrow = HAS_NARROW_LOBES && (hit_image[at].w & FLAG_VIEW_DEPENDENT) != 0u;
@@ -191,7 +194,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     }
     albedo_image[at] = pack_albedo(mean_albedo);
     emission_image[at] = vec4<f32>(old_emission.rgb * keep + (emission + narrow) * scale, emission_image[at].a);
-    if end < frame.sampling.spp {
+    if end < samples_of(pixel) {
         radiance_image[at] = pack_mean(mean_reflected, mean_gloss, variance);
         tally_image[at] = tally | select(0u, CLIPPED, is_clipped(mean_reflected, mean_gloss));
         return;

@@ -35,7 +35,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     options.check().map_err(Failure::Input)?;
     let devices = usize::from(*virtual_devices);
     let loaded = setup::load(options)?;
-    let config = setup::config(options, &loaded, false)?;
+    let config = setup::config(options, &loaded, &options.quality().into())?;
     let spec = config.spec(devices, loaded.tables.has_surfaces());
     let spec = FrameSpec { history_rows: spec.history_rows.map(|_| HISTORY_ROWS), ..spec };
     let model = CostModel::new(&spec, &config.buffers.declarations);

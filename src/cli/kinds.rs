@@ -19,8 +19,16 @@ pub const AOVS: [Aov; 6] =
     [Aov::Depth, Aov::Normal, Aov::BaseColor, Aov::DiffuseAlbedo, Aov::SpecularAlbedo, Aov::Roughness];
 
 /// Quality at which auxiliary images are rendered: the cheapest, since they do not depend on light.
-const QUALITY: Quality =
-    Quality { spp: 1, bounces: 0, denoiser: None, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
+const QUALITY: Quality = Quality {
+    spp: 1,
+    extra: 0.0,
+    bounces: 0,
+    denoiser: None,
+    iterations: [0; 3],
+    fovea: None,
+    polar: None,
+    scale: 1.0,
+};
 
 /// Collects the images that `read` returns for each of [`AOVS`].
 pub fn guides<E>(mut read: impl FnMut(Aov) -> Result<RgbImage, E>) -> Result<Guides, E> {

@@ -9,7 +9,7 @@ use crate::device::{ShaderChecks, TraversalChoice};
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::passes::Aov;
-use crate::quality::Quality;
+use crate::quality::{Quality, Spp};
 use crate::report::once;
 use crate::schedule::RatioRule;
 use crate::stages::Sampler;
@@ -235,9 +235,11 @@ impl RunOptions {
 pub struct RenderOptions {
     #[command(flatten)]
     pub run: RunOptions,
-    /// Samples per pixel
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), help_heading = QUALITY)]
-    pub spp: u32,
+    /// Samples per pixel, such as 2 or 1.25
+    ///
+    /// Between two whole numbers, each tile of 8x4 pixels takes one of them.
+    #[arg(long, default_value = "1", value_name = "N", value_parser = spp, help_heading = QUALITY)]
+    pub spp: Spp,
     /// Maximum bounces
     ///
     /// Direct light is always included, so 0 and 1 are equivalent.
@@ -289,12 +291,18 @@ fn max_dispatch_ms(text: &str) -> Result<f64, String> {
 }
 
 /// Maximum samples per pixel of one frame; --reference accumulates more in passes.
+/// Parses a number of samples per pixel.
+pub fn spp(text: &str) -> Result<Spp, String> {
+    text.parse()
+}
+
 const MAX_FRAME_SPP: u32 = 1 << 20;
 
 impl RenderOptions {
     /// Returns the options of one frame of this quality, with [`FoveationOptions::for_quality`].
     pub fn single(run: RunOptions, quality: &Quality) -> Self {
-        let Quality { spp, bounces, denoiser, scale, .. } = *quality;
+        let Quality { bounces, denoiser, scale, .. } = *quality;
+        let spp = quality.samples();
         let foveated = FoveationOptions::for_quality(quality);
         let (frames, fps, frames_in_flight, aov) = (1, 1.0, 1, Vec::new());
         Self { run, spp, bounces, scale, denoiser, foveated, frames, fps, frames_in_flight, aov, is_late: false }
@@ -302,11 +310,11 @@ impl RenderOptions {
 
     /// Returns the quality of every frame. If all layers have 0 iterations, there is no denoiser.
     pub fn quality(&self) -> Quality {
-        let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
+        let Self { spp: Spp { least: spp, extra }, bounces, denoiser, ref foveated, scale, .. } = *self;
         let iterations = denoiser.map_or([0; 3], |d| foveated.layer_iterations().map(|n| n.min(d.most_iterations())));
         let denoiser = denoiser.filter(|_| iterations != [0; 3]);
         let (fovea, polar) = (foveated.radii(), foveated.space());
-        Quality { spp, bounces, denoiser, iterations, fovea, polar, scale }
+        Quality { spp, extra, bounces, denoiser, iterations, fovea, polar, scale }
     }
 
     /// Returns the requested auxiliary images without duplicates.
@@ -318,7 +326,7 @@ impl RenderOptions {
     pub fn check(&self) -> Result<(), anyhow::Error> {
         anyhow::ensure!(self.fps.is_finite() && self.fps > 0.0, "--fps {} is not a rate above 0", self.fps);
         anyhow::ensure!(
-            self.spp <= MAX_FRAME_SPP,
+            self.spp.least <= MAX_FRAME_SPP,
             "--spp {} exceeds the limit of {MAX_FRAME_SPP} per frame: use --reference to accumulate more",
             self.spp
         );

@@ -87,7 +87,10 @@ pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
             return Err(Failure::Input(what));
         }
     }
-    let spp = if given.typed("spp").is_some() { options.spp } else { SPP };
+    let spp = if given.typed("spp").is_some() { options.spp } else { SPP.into() };
+    if spp.extra > 0.0 {
+        return Err(Failure::Input(anyhow::anyhow!("--reference takes a whole number of samples, not --spp {spp}")));
+    }
     Ok(RenderOptions { spp, ..options.clone() })
 }
 
@@ -120,12 +123,12 @@ impl Plan {
             foveated: FoveationOptions::default(),
             scale: 1.0,
             denoiser: None,
-            spp: passes.pass_spp,
+            spp: passes.pass_spp.into(),
             ..options.clone()
         };
         let traversal = setup::traversal(options)?;
         let PassOptions { time_limit, passes_out, .. } = passes;
-        Ok(Self { options: unbiased, spp: options.spp, time_limit, folder: passes_out, traversal })
+        Ok(Self { options: unbiased, spp: options.spp.least, time_limit, folder: passes_out, traversal })
     }
 
     pub fn spp(&self) -> u32 {
@@ -159,7 +162,7 @@ impl Plan {
             frame,
             sampler: options.sampler,
             bounces: options.bounces,
-            pass_spp: options.spp,
+            pass_spp: options.spp.least,
             traversal: self.traversal,
         })
     }
@@ -203,7 +206,7 @@ impl Plan {
             rig: &loaded.shot.rig,
             time_s: self.time_s(frame),
             frame,
-            pass_spp: self.options.spp,
+            pass_spp: self.options.spp.least,
             spp: self.spp,
             time_limit: self.time_limit,
             checkpoint: checkpoint.as_ref(),
@@ -233,7 +236,7 @@ impl Plan {
             spp: done.accumulation.samples(),
             spp_wanted: self.spp,
             spp_resumed: resumed_spp,
-            pass_spp: self.options.spp,
+            pass_spp: self.options.spp.least,
             passes: done.passes,
             elapsed_s: done.elapsed_s,
             out_of_time: done.out_of_time,

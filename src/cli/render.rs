@@ -74,7 +74,7 @@ impl Args {
     fn warm_up_frames(&self) -> u32 {
         let options = &self.options;
         let is_still = options.frames == 1 && options.quality().denoiser.is_some_and(Denoiser::keeps_history);
-        let default = if is_still && !self.reference { STILL_SPP.div_ceil(options.spp) - 1 } else { 0 };
+        let default = if is_still && !self.reference { STILL_SPP.div_ceil(options.spp.least) - 1 } else { 0 };
         self.warm_up.unwrap_or(default)
     }
 
@@ -82,7 +82,7 @@ impl Args {
     fn preset(&self) -> Self {
         let mut args = self.clone();
         if let Some(preset) = self.preset {
-            args.options.spp = Preset::SPP;
+            args.options.spp = Preset::SPP.into();
             let (foveation, iterations) = preset.layers();
             (args.options.foveated.foveation, args.options.foveated.iterations) = (foveation, Some(iterations));
         }
@@ -329,7 +329,7 @@ fn reference_frame(
             let rectified = shot.rig.optics.as_ref().zip(renderer.rectified());
             images.overlay(report.stripe_edges(), rectified);
         }
-        let quality = Quality { spp: done.row.spp, ..options.quality() };
+        let quality = Quality { spp: done.row.spp, extra: 0.0, ..options.quality() };
         rows.frames.push(args.row(&report, &quality, &shot.rig, plan.time_s(index)));
     }
     let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, plan.time_s(index), index);

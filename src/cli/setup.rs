@@ -147,20 +147,20 @@ pub fn renderer(
     gpus: Devices,
     origin: Instant,
 ) -> Result<Renderer, Failure> {
-    varying_renderer(options, loaded, gpus, origin, false)
+    varying_renderer(options, loaded, gpus, origin, &options.quality().into())
 }
 
-/// Creates a renderer of frames with at most the options' samples and iterations. `mixes_spp` is true if some frames
-/// have one sample per pixel and others several.
+/// Creates a renderer of frames with at most the options' samples and iterations, whose samples may vary as
+/// `envelope` says.
 pub fn varying_renderer(
     options: &RenderOptions,
     loaded: &LoadedScene,
     gpus: Devices,
     origin: Instant,
-    mixes_spp: bool,
+    envelope: &Envelope,
 ) -> Result<Renderer, Failure> {
     let injected = options.faults.injected(gpus.len())?;
-    let config = config(options, loaded, mixes_spp)?;
+    let config = config(options, loaded, envelope)?;
     let policy = policy(options, config.grid(), gpus.len())?;
     let _span = tracing::info_span!("start renderer").entered();
     let builder = Renderer::builder(loaded).config(config).policy(|_, _| policy);
@@ -173,8 +173,9 @@ pub fn varying_renderer(
 }
 
 /// Returns the configuration of all frames.
-pub fn config(options: &RenderOptions, loaded: &LoadedScene, mixes_spp: bool) -> Result<RunConfig, Failure> {
-    let envelope = Envelope { most: options.quality(), mixes_spp };
+pub fn config(options: &RenderOptions, loaded: &LoadedScene, envelope: &Envelope) -> Result<RunConfig, Failure> {
+    let most = Quality { extra: envelope.most.extra, ..options.quality() };
+    let envelope = Envelope { most, mixes_spp: envelope.mixes_spp };
     let config = RunConfig::for_envelope(loaded, options.size, envelope);
     let mut config = config.map_err(|what| Failure::Input(anyhow!("{what}")))?;
     let buffers = &mut config.buffers;

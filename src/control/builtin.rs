@@ -38,6 +38,7 @@ pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
             for &scale in sparse.iter().chain(&[1.0]) {
                 all.extend(BOUNCES.map(|bounces| Quality {
                     spp,
+                    extra: 0.0,
                     bounces,
                     denoiser,
                     iterations,
@@ -67,7 +68,7 @@ fn sampled_fraction(quality: &Quality) -> f64 {
 /// light with noise and blur, for which each denoiser has its own formula. `missing_light` is the fraction of light
 /// that further bounces would add.
 pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
-    let samples = f64::from(quality.spp) * sampled_fraction(quality);
+    let samples = quality.samples().mean() * sampled_fraction(quality);
     let iterations = quality.most_iterations();
     let noise = match quality.denoiser {
         Some(denoiser) if iterations > 0 => denoiser.method().estimated_flip(samples, iterations, rows),
@@ -80,7 +81,7 @@ pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
 /// Estimates the relative cost of path tracing without measurements. Russian roulette ends most paths after four
 /// bounces.
 pub fn guessed_paths(quality: &Quality) -> f64 {
-    f64::from(quality.spp) * sampled_fraction(quality) * f64::from(1 + quality.bounces.clamp(1, 4))
+    quality.samples().mean() * sampled_fraction(quality) * f64::from(1 + quality.bounces.clamp(1, 4))
 }
 
 /// Estimates the relative cost of tracing at a quality without measurements.
@@ -138,7 +139,8 @@ mod tests {
 
     fn rung(spp: u32, bounces: u32, path_ms: Option<f64>) -> Rung {
         let denoiser = Some(Denoiser::SVGF);
-        let quality = Quality { spp, bounces, denoiser, iterations: [3; 3], fovea: None, polar: None, scale: 1.0 };
+        let quality =
+            Quality { spp, extra: 0.0, bounces, denoiser, iterations: [3; 3], fovea: None, polar: None, scale: 1.0 };
         let stage_ms = path_ms.map(|ms| ("path_trace".to_owned(), ms)).into_iter().collect();
         let rays = Default::default();
         let (flip, flicker, relmse, is_estimated) = (None, None, None, true);

@@ -10,6 +10,9 @@ pub(super) fn check(quality: &Quality, config: &RunConfig) -> Result<(), String>
     if quality.spp == 0 || quality.spp > most.spp {
         return Err(format!("{} samples per pixel are outside the range 1 to {}", quality.spp, most.spp));
     }
+    if quality.extra > most.extra {
+        return Err("it has no pipelines for pixels that differ in samples".to_owned());
+    }
     if (quality.spp > 1) != config.jitter(quality.spp) {
         return Err("it has no pipelines for one sample per pixel".to_owned());
     }

@@ -373,10 +373,10 @@ impl Renderer {
             pixel_centre: inputs.constants.camera.centre.to_array(),
             shown_from: None,
         };
-        let spp = inputs.constants.sampling.spp;
+        let samples = self.config.sample_counts(&inputs.constants.sampling);
         let cuts = |device: usize| {
             let bound_ms = self.max_dispatch_ms[device];
-            bound_ms.map_or_else(Vec::new, |ms| cuts(&graph, &self.costs, device, ms, (spp, self.config.jitter(spp))))
+            bound_ms.map_or_else(Vec::new, |ms| cuts(&graph, &self.costs, device, ms, samples))
         };
         self.frames.dispatch_frame(inputs, (&plan, Arc::clone(&graph)), cuts, report, attempt);
         // The prediction runs while the devices are busy.

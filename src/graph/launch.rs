@@ -14,29 +14,51 @@ pub enum Launch {
     },
 }
 
+/// Samples per pixel of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SampleCounts {
+    pub least: u32,
+    /// `least`, or one more in frames whose tiles differ.
+    pub most: u32,
+    /// True if the only sample of a pixel is at the pixel's centre. Several samples are always jittered.
+    pub centres_one: bool,
+}
+
+impl SampleCounts {
+    /// Returns true if some pixels take their only sample at the centre.
+    fn has_centres(self) -> bool {
+        self.centres_one && self.least == 1
+    }
+}
+
 /// One run of a kernel in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
     pub args: [u32; 3],
     /// Samples per pixel that this run takes; 1 for [`Launch::Once`].
     pub samples: u32,
+    /// True if the samples are jittered over their pixels.
+    pub jitter: bool,
 }
 
-/// Returns the runs in a frame with `spp` samples per pixel. `jitter` is false if the only sample is at the pixel's
-/// centre.
-pub fn runs(launches: &[Launch], spp: u32, jitter: bool) -> impl Iterator<Item = Run> {
+/// Returns the runs in a frame. If some pixels take one sample at their centre and others several, a launch of samples
+/// has runs for both.
+pub fn runs(launches: &[Launch], counts: SampleCounts) -> impl Iterator<Item = Run> {
+    let has_centres = counts.has_centres();
     launches.iter().flat_map(move |launch| {
-        let (samples, most, one) = match *launch {
-            Launch::Once(args) => (0, 1, Some(Run { args, samples: 1 })),
-            Launch::Samples { only_jittered, .. } if only_jittered && !jitter => (0, 1, None),
-            Launch::Samples { most, .. } => (spp, most, None),
+        let (centres, jittered, most, third) = match *launch {
+            Launch::Once(args) => (Some(Run { args, samples: 1, jitter: !has_centres }), 0, 1, 0),
+            Launch::Samples { most, third, only_jittered } => {
+                let centres = Run { args: [0, 1, third], samples: 1, jitter: false };
+                let jittered = if has_centres && counts.most == 1 { 0 } else { counts.most };
+                (Some(centres).filter(|_| has_centres && !only_jittered), jittered, most, third)
+            }
         };
         let batch = move |i: u32| {
-            let (begin, end) = (i * most, (i * most + most).min(spp));
-            let third = if let Launch::Samples { third, .. } = *launch { third } else { 0 };
-            Run { args: [begin, end, third], samples: end - begin }
+            let (begin, end) = (i * most, (i * most + most).min(jittered));
+            Run { args: [begin, end, third], samples: end - begin, jitter: true }
         };
-        one.into_iter().chain((0..samples.div_ceil(most)).map(batch))
+        centres.into_iter().chain((0..jittered.div_ceil(most)).map(batch))
     })
 }
 
@@ -47,9 +69,20 @@ mod tests {
     #[test]
     fn samples_are_taken_in_batches() {
         let means = Launch::Samples { most: 4, third: 7, only_jittered: true };
-        let all = |spp, jitter| runs(&[Launch::Once([1, 2, 3]), means], spp, jitter).collect::<Vec<_>>();
-        let run = |args, samples| Run { args, samples };
-        assert_eq!(all(1, false), [run([1, 2, 3], 1)]);
-        assert_eq!(all(6, true), [run([1, 2, 3], 1), run([0, 4, 7], 4), run([4, 6, 7], 2)]);
+        let always = Launch::Samples { most: 4, third: 0, only_jittered: false };
+        let all = |least, most, centres_one| {
+            let counts = SampleCounts { least, most, centres_one };
+            runs(&[Launch::Once([1, 2, 3]), means, always], counts).collect::<Vec<_>>()
+        };
+        let run = |jitter, args, samples| Run { args, samples, jitter };
+        let once = |jitter| run(jitter, [1, 2, 3], 1);
+        assert_eq!(all(1, 1, true), [once(false), run(false, [0, 1, 0], 1)]);
+        assert_eq!(all(1, 1, false), [once(true), run(true, [0, 1, 7], 1), run(true, [0, 1, 0], 1)]);
+        let both = [once(false), run(true, [0, 2, 7], 2), run(false, [0, 1, 0], 1), run(true, [0, 2, 0], 2)];
+        assert_eq!(all(1, 2, true), both);
+        let batches = |third| [run(true, [0, 4, third], 4), run(true, [4, 6, third], 2)];
+        for counts in [all(6, 6, true), all(5, 6, true)] {
+            assert_eq!(counts, [&[once(true)][..], &batches(7), &batches(0)].concat());
+        }
     }
 }

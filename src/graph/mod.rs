@@ -19,7 +19,7 @@ mod uses;
 
 pub use build::FrameGraph;
 pub use halo::{HaloPlan, Seam};
-pub use launch::{Launch, Run, runs};
+pub use launch::{Launch, Run, SampleCounts, runs};
 pub use pass::{Chain, Dispatch, Kernel, Partition, Pass, SceneUse, Stage, Work};
 pub use program::{Bound, Linked, Program, ProgramError};
 pub use resource::{Format, Grid, Image, LIST_HEADER, Life, Projection, Resource, Scope, Size};

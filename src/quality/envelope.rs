@@ -8,11 +8,11 @@ use crate::passes::denoise;
 /// The bounds of the qualities that the frames of a run may have.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope {
-    /// Maximum samples, bounces and iterations, and minimum render scale. All frames have the denoiser and the polar
+    /// Maximum samples, extra samples, bounces and iterations, and minimum render scale. All frames have the denoiser and the polar
     /// projection that are set here.
     #[serde(with = "AllFields")]
     pub most: Quality,
-    /// True if 1-spp (pixel centre) and jittered multi-spp frames mix in one run.
+    /// True if pixels with one sample (at their centre) and with several (jittered) mix in one run.
     pub mixes_spp: bool,
 }
 
@@ -22,6 +22,7 @@ pub struct Envelope {
 #[serde(remote = "Quality")]
 struct AllFields {
     spp: u32,
+    extra: f64,
     bounces: u32,
     #[serde(serialize_with = "denoise::serialize", deserialize_with = "denoise::deserialize")]
     denoiser: Option<Denoiser>,
@@ -39,6 +40,7 @@ impl Envelope {
         let most = |number: fn(&Quality) -> u32| qualities.iter().map(number).fold(0, u32::max);
         let most = Quality {
             spp: most(|q| q.spp),
+            extra: qualities.iter().map(|q| q.extra).fold(0.0, f64::max),
             bounces: most(|q| q.bounces),
             denoiser: qualities.iter().fold(first.denoiser, |denoiser: Option<Denoiser>, q| denoiser.or(q.denoiser)),
             iterations: [most(Quality::most_iterations); 3],
@@ -46,14 +48,14 @@ impl Envelope {
             polar: qualities.iter().find_map(|q| q.polar),
             scale: qualities.iter().map(|q| q.scale).fold(1.0, f64::min),
         };
-        let mixes_spp = qualities.iter().any(|q| q.spp == 1) && most.spp > 1;
+        let mixes_spp = qualities.iter().any(|q| q.spp == 1 && (most.spp > 1 || most.extra > 0.0));
         Self { most, mixes_spp }
     }
 }
 
 impl From<Quality> for Envelope {
     fn from(most: Quality) -> Self {
-        Self { most, mixes_spp: false }
+        Self { most, mixes_spp: most.spp == 1 && most.extra > 0.0 }
     }
 }
 

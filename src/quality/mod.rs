@@ -1,6 +1,7 @@
 //! Quality settings of a frame: the types that ladders, reports, traces, `bench` and the renderer share.
 
 mod envelope;
+mod spp;
 
 use std::fmt::{self, Display};
 use std::ops::RangeInclusive;
@@ -13,6 +14,7 @@ use crate::projection::within;
 pub use crate::passes::denoise::Denoiser;
 pub use crate::projection::{LogPolar, PolarSpace};
 pub use envelope::Envelope;
+pub use spp::Spp;
 
 /// Settings that determine the quality of a frame. Ladder files call them `knobs`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,6 +22,9 @@ pub use envelope::Envelope;
 pub struct Quality {
     /// Samples per pixel, at least 1.
     pub spp: u32,
+    /// Fraction of tiles of 8x4 pixels, at least 0 and less than 1, that take one more sample per pixel.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub extra: f64,
     /// Maximum bounces. Direct light is always included, so 0 and 1 are equivalent.
     pub bounces: u32,
     #[serde(serialize_with = "denoise::serialize", deserialize_with = "denoise::deserialize")]
@@ -44,7 +49,7 @@ impl Default for Quality {
     /// Returns the quality of `diptych render` by default: 1 sample, 6 bounces, and svgf with 5 iterations.
     fn default() -> Self {
         let (denoiser, iterations) = (Some(Denoiser::SVGF), [Denoiser::DEFAULT_ITERATIONS; 3]);
-        Self { spp: 1, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 }
+        Self { spp: 1, extra: 0.0, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 }
     }
 }
 
@@ -58,12 +63,17 @@ impl Quality {
         inner.max(middle).max(outer)
     }
 
+    /// Returns the samples per traced pixel.
+    pub fn samples(&self) -> Spp {
+        Spp { least: self.spp, extra: self.extra }
+    }
+
     /// Checks whether all settings are valid.
     ///
     /// # Errors
     /// A message that names the invalid setting.
     pub fn check(&self) -> Result<(), String> {
-        within("spp", self.spp, 1..=1 << 20)?;
+        self.samples().check()?;
         within("bounces", self.bounces, 0..=1024)?;
         within(
             "iterations",
@@ -87,12 +97,17 @@ impl Quality {
 
 impl Display for Quality {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { spp, bounces, denoiser, scale, .. } = *self;
+        let Self { bounces, denoiser, scale, .. } = *self;
+        let spp = self.samples();
         write!(f, "{} x{}, {bounces} bounces, {spp} spp", Denoiser::name_of(denoiser), self.most_iterations())?;
         let scale = if scale < 1.0 { format!(", scale {scale}") } else { String::new() };
         let polar = self.polar.map_or(String::new(), |space| format!(", {space}"));
         write!(f, "{scale}{}{polar}", layers_name(self.fovea))
     }
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// Iterations in the format of files: one number if all foveal layers have the same, else one per layer.
@@ -122,6 +137,9 @@ fn deserialize_iterations<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameQuality {
     pub spp: u32,
+    /// Fraction of tiles of 8x4 pixels that take one sample more than `spp`.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub extra: f64,
     pub bounces: u32,
     pub iterations: u32,
     /// Per-axis render scale. 1 is full size.
@@ -132,23 +150,29 @@ pub struct FrameQuality {
 }
 
 impl FrameQuality {
+    /// Returns the mean number of samples per traced pixel.
+    pub fn mean_spp(&self) -> f64 {
+        Spp { least: self.spp, extra: self.extra }.mean()
+    }
+
     /// Returns the mean number of samples per pixel at this render scale. Foveation, which would reduce it further, is
     /// not taken into account.
     pub fn samples(&self) -> f64 {
-        f64::from(self.spp) * self.scale * self.scale
+        self.mean_spp() * self.scale * self.scale
     }
 }
 
 impl From<&Quality> for FrameQuality {
     fn from(quality: &Quality) -> Self {
-        let Quality { spp, bounces, fovea, scale, .. } = *quality;
-        Self { spp, bounces, iterations: quality.most_iterations(), scale, fovea }
+        let Quality { spp, extra, bounces, fovea, scale, .. } = *quality;
+        Self { spp, extra, bounces, iterations: quality.most_iterations(), scale, fovea }
     }
 }
 
 impl Display for FrameQuality {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { spp, bounces, iterations, scale, fovea } = *self;
+        let Self { bounces, iterations, scale, fovea, .. } = *self;
+        let spp = self.mean_spp();
         let layers = layers_name(fovea);
         write!(f, "{spp} spp, {bounces} bounces, {iterations} iterations, scale {scale}{layers}")
     }

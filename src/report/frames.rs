@@ -70,7 +70,7 @@ const COLUMNS: [Column<FrameLine>; 21] = [
     ("plan_ms", |l| format!("{:.4}", l.plan_ms)),
     ("aov_ms", |l| format!("{:.4}", l.aov_ms)),
     ("busy_ms", |l| format!("{:.4}", l.busy_ms)),
-    ("spp", |l| l.quality.spp.to_string()),
+    ("spp", |l| l.quality.mean_spp().to_string()),
     ("bounces", |l| l.quality.bounces.to_string()),
     ("iterations", |l| l.quality.iterations.to_string()),
     ("scale", |l| l.quality.scale.to_string()),
@@ -153,7 +153,14 @@ mod tests {
             plan_ms: 6.0,
             aov_ms: 7.0,
             busy_ms: 8.0,
-            quality: FrameQuality { spp: 9, bounces: 10, iterations: 11, scale: 0.5, fovea: Some([0.12, 0.13]) },
+            quality: FrameQuality {
+                spp: 9,
+                extra: 0.25,
+                bounces: 10,
+                iterations: 11,
+                scale: 0.5,
+                fovea: Some([0.12, 0.13]),
+            },
             rays: 14,
             right_eye: Some(RightEye {
                 reprojected_fraction: 0.15,
@@ -178,7 +185,7 @@ mod tests {
         let header = "frame,time_s,devices,makespan_ms,interval_ms,predicted_ms,plan_ms,aov_ms,busy_ms,spp,bounces,\
             iterations,scale,fovea_inner,fovea_outer,rays,reprojected_fraction,antialiasing_fraction,hole_fraction,\
             nonfinite_samples,transferred_bytes,rung,expected_ms,fits,in_band,late_ms,decide_ms,missed_periods,rows_dev0,rows_dev1,rows_dev2\n";
-        let numbers = "1,0.25,2,3.0000,4.0000,5.0000,6.0000,7.0000,8.0000,9,10,11,0.5,0.12,0.13,14,0.150000,0.160000,\
+        let numbers = "1,0.25,2,3.0000,4.0000,5.0000,6.0000,7.0000,8.0000,9.25,10,11,0.5,0.12,0.13,14,0.150000,0.160000,\
             0.170000,18,19,20,21.0000,true,false,22.0000,23.0000,24,25,0,27\n";
         assert_eq!(String::from_utf8(FrameLine::header(3)).unwrap(), header);
         assert_eq!(String::from_utf8(line.text(3)).unwrap(), numbers);

@@ -241,9 +241,9 @@ impl PlaySummary {
     /// Returns a table of the rungs that were used, cheapest first.
     pub fn rungs_table(&self) -> Table {
         let row = |u: &RungUse| {
-            let FrameQuality { spp, bounces, iterations, scale, fovea } = u.quality;
+            let FrameQuality { bounces, iterations, scale, fovea, .. } = u.quality;
             let mut line = vec![u.rung.to_string()];
-            line.extend([spp, bounces].map(|n| n.to_string()));
+            line.extend([u.quality.mean_spp().to_string(), bounces.to_string()]);
             line.extend([u.denoiser.to_owned(), iterations.to_string(), scale.to_string()]);
             line.push(fovea.map_or("none".to_owned(), |[inner, outer]| format!("{inner}, {outer}")));
             line.extend([format!("{:.1}", u.expected_ms), cell(u.error.or(u.estimated_error), 4)]);

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::Foveation;
 use super::layout;
 use crate::device::ShaderChecks;
-use crate::graph::{HaloPlan, Seam};
+use crate::graph::{HaloPlan, SampleCounts, Seam};
 use crate::image::Extent;
 use crate::image::tone::ToneCurve;
 use crate::passes::{Aov, Declarations, Display, ImageChain, Moving};
@@ -196,10 +196,21 @@ impl RunConfig {
     /// Returns all values of [`Self::jitter`] that frames may have.
     pub(super) fn jitters(&self) -> &'static [bool] {
         match (self.envelope.most.spp > 1, self.envelope.mixes_spp) {
-            (true, true) => &[false, true],
+            (_, true) => &[false, true],
             (true, false) => &[true],
-            (false, _) => &[false],
+            (false, false) => &[false],
         }
+    }
+
+    /// True if a pixel's only sample is at its centre.
+    pub(super) fn centres_one(&self) -> bool {
+        !self.jitter(1)
+    }
+
+    /// Returns the samples of a frame with these constants.
+    pub fn sample_counts(&self, &layout::Sampling { spp, extra_fraction, .. }: &layout::Sampling) -> SampleCounts {
+        let most = spp + u32::from(extra_fraction > 0.0);
+        SampleCounts { least: spp, most, centres_one: self.centres_one() }
     }
 
     /// Returns the sub-pixel position, 0 to 1, of the rays that represent the whole pixel in frame number `frame` with
@@ -253,6 +264,7 @@ impl RunConfig {
         constants.push(("HAS_MOTION", self.buffers.moving.is_some()));
         constants.push(("FOVEATED", self.envelope.most.fovea.is_some()));
         constants.push(("SPARSE", self.leaves_pixels()));
+        constants.push(("VARIES_SAMPLES", self.envelope.most.extra > 0.0));
         constants
     }
 }

@@ -27,9 +27,12 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
     let Extent { width, height } = config.grid();
     let rig = params.rig.at(time_s).relative_to(tables.origin());
     let later = params.shown_from.as_ref().map_or(rig.clone(), |later| later.relative_to(tables.origin()));
-    let (samples, curve_shift) = match samples {
-        Samples::First(spp) => (0..*spp, curve_shift(config.grid(), *spp)),
-        Samples::Own(samples) => (samples.clone(), layout::NO_CURVE),
+    let (samples, extra, curve_shift) = match samples {
+        Samples::First(spp) => {
+            let most = spp + u32::from(quality.extra > 0.0);
+            (0..*spp, quality.extra, curve_shift(config.grid(), most))
+        }
+        Samples::Own(samples) => (samples.clone(), 0.0, layout::NO_CURVE),
     };
     let spp = samples.end - samples.start;
     let screen = config.screen();
@@ -76,6 +79,7 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
             // If frames keep a history, the sampling mask changes, so that it covers every pixel over several frames.
             mask_turn: if config.keeps_history() { index.wrapping_mul(GOLDEN_RATIO) } else { 0 },
             is_jittered: config.jitter(spp).into(),
+            extra_fraction: extra as f32,
             ..Default::default()
         },
         foveation: layout::Foveation { layer_iterations: quality.iterations.into(), ..layers.unwrap_or_default() },

@@ -66,9 +66,10 @@ shared_structs! {
         pub sampled_fraction: f32,
         /// Value added to the sampling threshold of every pixel, modulo 2^32. It changes the mask from frame to frame.
         pub mask_turn: u32,
-        /// 1 if samples are jittered over their pixels, 0 if the only one goes through [`Camera::centre`].
+        /// 1 if all samples are jittered over their pixels, 0 if the only one of a pixel goes through [`Camera::centre`].
         pub is_jittered: u32,
-        pub pad0: u32,
+        /// Fraction of tiles, 0 to 1, whose pixels take one sample more than `spp`.
+        pub extra_fraction: f32,
         pub pad1: u32,
     }
 

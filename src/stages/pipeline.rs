@@ -13,7 +13,7 @@ use super::scene_tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entri
 use super::task::{StageTask, Stamps};
 use super::workgroups::{Groups, workgroups};
 use crate::device::GpuDevice;
-use crate::graph::{Access, Bound, Format, Kernel, Program, Resource, SceneUse, Use, runs};
+use crate::graph::{Access, Bound, Format, Kernel, Program, Resource, SampleCounts, SceneUse, Use, runs};
 use crate::image::Extent;
 use crate::passes::{Moving, PREVIOUS};
 use crate::scene::rig::Eye;
@@ -25,7 +25,7 @@ type GroupKey = (&'static str, Vec<(Bound, Eye)>, Place);
 pub struct DeviceStages {
     config: RunConfig,
     /// Samples per pixel of the current frame, and the [`Place`] that selects its buffers.
-    spp: u32,
+    samples: SampleCounts,
     place: Place,
     pub images: Images,
     built: Vec<Built>,
@@ -126,7 +126,7 @@ impl DeviceStages {
             gpu.queue.write_buffer(input(&images, resource), 0, bytes);
         }
         Ok(Self {
-            spp: config.envelope.most.spp,
+            samples: SampleCounts { least: 1, most: 1, centres_one: config.centres_one() },
             place: Place::default(),
             images,
             built,
@@ -159,7 +159,7 @@ impl DeviceStages {
             self.program = Some(Arc::clone(program));
             self.of_passes.clear();
         }
-        (self.spp, self.place) = (frame.sampling.spp, place);
+        (self.samples, self.place) = (self.config.sample_counts(&frame.sampling), place);
         gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         if self.images.has(&PREVIOUS) {
             gpu.queue.write_buffer(input(&self.images, PREVIOUS), 0, bytemuck::bytes_of(previous));
@@ -185,20 +185,20 @@ impl DeviceStages {
     /// frame.
     pub fn warm_up(&mut self, gpu: &GpuDevice, stamps: &mut Stamps, programs: Vec<Program>) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        let mut warm: Vec<(&str, u32)> = Vec::new();
+        let mut warm: Vec<(&str, bool)> = Vec::new();
         for program in programs {
             let program = Arc::new(program);
             (self.program, self.place) = (Some(Arc::clone(&program)), Place::default());
             self.of_passes.clear();
             for (number, linked) in program.passes().iter().enumerate() {
                 let kernel = linked.pass.kernel;
-                let kinds = self.built.iter().filter(|b| b.kernel.name == kernel.name);
-                let spps: Vec<u32> =
-                    kinds.map(|b| if b.jitter == Some(false) { 1 } else { self.config.envelope.most.spp }).collect();
-                for spp in spps {
-                    if !warm.contains(&(kernel.name, spp)) {
-                        warm.push((kernel.name, spp));
-                        self.spp = spp;
+                let of_kernel = self.built.iter().filter(|b| b.kernel.name == kernel.name);
+                let kinds: Vec<bool> = of_kernel.map(|b| b.jitter.unwrap_or(!self.config.centres_one())).collect();
+                for jitter in kinds {
+                    if !warm.contains(&(kernel.name, jitter)) {
+                        warm.push((kernel.name, jitter));
+                        let count = if jitter { 2 } else { 1 };
+                        self.samples = SampleCounts { least: count, most: count, centres_one: !jitter };
                         self.record(gpu, &mut encoder, stamps, &StageTask::new(number, 0..0, 0..0), 1);
                     }
                 }
@@ -220,7 +220,6 @@ impl DeviceStages {
     ) -> Option<u32> {
         let program = Arc::clone(self.program.as_ref()?);
         let linked = &program.passes()[task.pass];
-        find(&self.built, &linked.pass.kernel, self.config.jitter(self.spp))?;
         let pair = if task.begins() { stamps.begin() } else { stamps.current() };
         let builds_from = linked.pass.builds_from.filter(|_| task.ends() && !task.rows.is_empty());
         let added_to = if runs > 1 { self.keep_found(gpu, encoder, &program, task) } else { Vec::new() };
@@ -283,8 +282,9 @@ impl DeviceStages {
     ) -> Option<()> {
         let linked = &program.passes()[task.pass];
         let (declared, kernel) = (&linked.pass, &linked.pass.kernel);
-        let jitter = self.config.jitter(self.spp);
-        let built = find(&self.built, kernel, jitter)?;
+        // All pipelines of a kernel have the same layout.
+        let of_kernel = |jitter| find(&self.built, kernel, jitter);
+        let first = of_kernel(false).or(of_kernel(true))?;
         let images = &self.images;
         let cleared = declared.uses.iter().zip(&linked.images).filter(|(u, _)| u.is_cleared && task.begins());
         for (used, &image) in cleared {
@@ -296,14 +296,13 @@ impl DeviceStages {
         let group = self.of_passes.entry((task.pass, self.place)).or_insert_with(|| {
             let uses = declared.uses.iter().zip(&linked.images);
             let bound: Vec<_> = uses.map(|(used, &i)| (program.images()[i], declared.eye_of(used))).collect();
-            let new = |key: &(_, Vec<_>, _)| bind(gpu, built, images, &key.1, self.place);
+            let new = |key: &(_, Vec<_>, _)| bind(gpu, first, images, &key.1, self.place);
             groups.entry((kernel.name, bound, self.place)).or_insert_with_key(new).clone()
         });
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(declared.stage.name()),
             timestamp_writes: times,
         });
-        pass.set_pipeline(&built.pipeline.compute);
         let group0 = match kernel.scene {
             SceneUse::No => &self.frame_only,
             SceneUse::Read => &self.with_scene,
@@ -313,7 +312,7 @@ impl DeviceStages {
         pass.set_bind_group(1, &*group, &[]);
         pass.set_bind_group(2, self.projection.as_ref(), &[]);
         let extent = declared.grid.extent(program.extent);
-        for (number, run) in (0..).zip(runs(&declared.launches, self.spp, jitter)) {
+        for (number, run) in (0..).zip(runs(&declared.launches, self.samples)) {
             let rows = task.rows_of(number);
             if rows.is_empty() && !task.rows.is_empty() {
                 continue;
@@ -331,6 +330,7 @@ impl DeviceStages {
                 height: extent.height,
                 device: gpu.info.index as u32,
             };
+            pass.set_pipeline(&of_kernel(run.jitter)?.pipeline.compute);
             pass.set_immediates(0, bytemuck::bytes_of(&constants));
             match workgroups(declared.dispatch, kernel.workgroup, extent.width, &rows) {
                 Groups::Direct([x, y, z]) => pass.dispatch_workgroups(x, y, z),

@@ -241,7 +241,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
     let [spp, bounces, iterations] = ["spp", "bounces", "iterations"].map(|name| worst[name].as_u64().unwrap() as u32);
     let denoiser = Denoiser::from_name(worst["denoiser"].as_str().unwrap()).unwrap();
     let (iterations, scale) = ([iterations; 3], worst["scale"].as_f64().unwrap());
-    let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, polar: None, scale };
+    let quality = Quality { spp, extra: 0.0, bounces, denoiser, iterations, fovea: None, polar: None, scale };
     let alone = Ladder::new(ladder.origin().clone(), vec![Rung { quality, ..rungs[0].clone() }]).unwrap();
     alone.write(&path).unwrap();
     let judged = bench(folder.path(), &[&options[..], &["--ladder", path.to_str().unwrap()]].concat());

@@ -100,7 +100,8 @@ fn frames_of_fewer_samples_keep_their_history() {
         let mut stage = Stage::alone(&subject, &settings);
         for i in 0..FRAMES {
             let spp = spp_of(i);
-            let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
+            let quality =
+                Quality { spp, extra: 0.0, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
             stage.set(move |params| params.quality = quality);
             stage.frame(i);
         }

@@ -11,7 +11,7 @@
 //   `gradient.wgsl`).
 // - If the right eye finds no history, the left eye's is used.
 
-//!include frame grid projection split motion pack mirrored variance history light_change bindings
+//!include frame grid projection rng split motion pack mirrored samples variance history light_change bindings
 
 // Variables:
 // - `guide_image`: each pixel's surface in the previous frame: `guide` or, in dynamic scenes, `last_surface`.
@@ -190,7 +190,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let scale = select(0.0, 1.0 / past.found, found);
     var samples = past.samples * scale;
     var frames = past.frames * scale;
-    let new_samples = select(0.0, f32(frame.sampling.spp), sampled);
+    // The right eye has samples of the left eye at other places.
+    let new_samples = select(0.0, select(mean_samples(), f32(samples_of(pixel)), pass_.view == 0u), sampled);
     // Resampling blurs most between pixels.
     let between = 4.0 * max(fraction.x * (1.0 - fraction.x), fraction.y * (1.0 - fraction.y));
     var longest = mix(LONGEST_STILL, LONGEST_MOVED, min(2.0 * between, 1.0));

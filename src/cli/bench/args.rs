@@ -11,7 +11,7 @@ use crate::cli::foveation::FoveationMode;
 use crate::cli::options::{self, DenoiserChoice, RunOptions, render_scale};
 use crate::cli::reference::{PASS_SPP, seconds};
 use crate::cli::settings::Given;
-use crate::quality::{Denoiser, LogPolar};
+use crate::quality::{Denoiser, LogPolar, Spp};
 use crate::report::once;
 
 #[derive(clap::Args, Clone, Debug)]
@@ -22,8 +22,8 @@ pub struct Args {
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     pub(super) virtual_devices: u16,
     /// Samples per pixel to measure [default: 1,2,4,8,16]
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=1 << 20), help_heading = options::QUALITY)]
-    pub(super) spp: Vec<u32>,
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = options::spp, help_heading = options::QUALITY)]
+    pub(super) spp: Vec<Spp>,
     /// Maximum bounces to measure [default: 2,6]
     ///
     /// The reference uses the largest of these numbers.

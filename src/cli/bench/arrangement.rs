@@ -21,6 +21,7 @@ use crate::stages::Foveation;
 /// Quality of arrangements, unless an experiment's options change it.
 pub const QUALITY: Quality = Quality {
     spp: 1,
+    extra: 0.0,
     bounces: 6,
     denoiser: Some(Denoiser::SVGF),
     iterations: [Denoiser::DEFAULT_ITERATIONS; 3],

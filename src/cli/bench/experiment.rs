@@ -7,7 +7,7 @@ use anyhow::{Context, anyhow};
 
 use crate::device::DeviceInfo;
 use crate::loaded::LoadedScene;
-use crate::quality::Quality;
+use crate::quality::{Quality, Spp};
 use crate::report::experiment::{
     Camera, Experiment, ExperimentRow, FOVEA, Found, FrameTimes, OtherMeasures, RINGS, Texts, text_of,
 };
@@ -201,7 +201,7 @@ impl Results {
                 measures.extend(arrangement::sample_as_visual_polar(&mut own, &loaded));
             }
             if arrangement.late_frames.is_some() {
-                (own.is_late, own.spp) = (true, args.reference_spp.unwrap_or(own.spp));
+                (own.is_late, own.spp) = (true, args.reference_spp.map_or(own.spp, Spp::from));
             }
             measures.insert("dispatched", arrangement::dispatched(&own, &loaded));
             beside.push(measures);

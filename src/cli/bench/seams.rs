@@ -9,7 +9,7 @@ use crate::image::{ImageError, RgbImage};
 use crate::loaded::LoadedScene;
 use crate::metrics::Pair;
 use crate::passes::denoise;
-use crate::quality::{Denoiser, Quality};
+use crate::quality::{Denoiser, Quality, Spp};
 use crate::report::frames::FrameLine;
 use crate::report::html::Section;
 use crate::report::run::{FrameRow, RunReport};
@@ -64,10 +64,11 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     }
     let denoiser = args.denoiser.first().copied().unwrap_or(Some(Denoiser::ATROUS));
     let first = |asked: &[u32], default| asked.first().copied().unwrap_or(default);
-    let (spp, bounces) = (first(&args.spp, 1), first(&args.bounces, 6));
+    let Spp { least: spp, extra } = args.spp.first().copied().unwrap_or(Spp::from(1));
+    let bounces = first(&args.bounces, 6);
     let iterations =
         [denoiser.map_or(0, |d| first(&args.iterations, Denoiser::DEFAULT_ITERATIONS).min(d.most_iterations())); 3];
-    let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
+    let quality = Quality { spp, extra, bounces, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
     let options = RenderOptions::single(run, &quality);
     options.check().map_err(Failure::Input)?;
     if denoiser.is_none() {

@@ -55,7 +55,7 @@ impl Last {
         let time_limit = args.report_spp.is_none().then_some(TIME_LIMIT);
         let spp = args.report_spp.unwrap_or(SPP_MAX);
         let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
-        let plan = Plan::new(&RenderOptions { run, spp, frames: 1, ..options.clone() }, passes)?;
+        let plan = Plan::new(&RenderOptions { run, spp: spp.into(), frames: 1, ..options.clone() }, passes)?;
         // The passes of the reference stay out of the run's trace.
         let tracing = Tracing::start(&plan.options)?;
         let gpus = setup::open_devices(&plan.options, usize::from(args.options.virtual_devices))?;

@@ -155,7 +155,10 @@ mod tests {
     #[test]
     fn defaults_are_those_of_the_command_line() {
         let Options { render, virtual_devices } = Options::parse("builtin:cornell", []).unwrap();
-        assert_eq!((render.shot.as_str(), render.spp, render.bounces, virtual_devices), ("builtin:cornell", 1, 6, 1));
+        assert_eq!(
+            (render.shot.as_str(), render.spp.least, render.bounces, virtual_devices),
+            ("builtin:cornell", 1, 6, 1)
+        );
         assert_eq!(render.size.to_string(), "640x360");
     }
 

@@ -73,7 +73,7 @@ fn begin(renderer: &Renderer, devices: Devices, budget: Budget, rig: &Rig) -> Re
     let envelope = Envelope::of(&qualities);
     let most = RenderOptions { aov: options.aov.clone(), ..RenderOptions::single(options.run.clone(), &envelope.most) };
     let loaded = renderer.scene.get().loaded();
-    let inner = setup::varying_renderer(&most, &loaded, devices, Instant::now(), envelope.mixes_spp)?;
+    let inner = setup::varying_renderer(&most, &loaded, devices, Instant::now(), &envelope)?;
     Ok(Session::calibrated(inner, rig, options.size, &qualities, budget)?)
 }
 

@@ -39,7 +39,7 @@ pub fn reference(
         return Err(PyTypeError::new_err(format!("a reference {why}: leave '{id}' out")));
     }
     let mut options = Options::parse(&scene.shot, scene.given.iter().chain(&own))?;
-    (options.render.spp, options.render.run.time, options.render.frames) = (spp, time, 1);
+    (options.render.spp, options.render.run.time, options.render.frames) = (spp.into(), time, 1);
     options.render.check().map_err(|error| exception(Failure::Input(error)))?;
     let time_limit = time_limit.map(|limit| seconds(&limit.to_string())).transpose();
     let time_limit = time_limit.map_err(|what| PyTypeError::new_err(format!("time_limit: {what}")))?;

@@ -62,13 +62,14 @@ pub(super) const COLUMNS: [&str; 6] = ["denoiser", "iterations", "bounces", "fov
 
 /// Returns a quality's cells for [`COLUMNS`], with the names that the command line uses.
 pub(super) fn cells_of(quality: &Quality) -> [String; 6] {
-    let FrameQuality { spp, bounces, iterations, scale, fovea } = quality.into();
+    let FrameQuality { bounces, iterations, scale, fovea, .. } = quality.into();
     let foveation = match (fovea, &quality.polar) {
         (Some(_), _) => "layers",
         (None, Some(space)) => space.method().name(),
         (None, None) => "none",
     };
-    let [iterations, bounces, spp] = [iterations, bounces, spp].map(|n| n.to_string());
+    let [iterations, bounces] = [iterations, bounces].map(|n| n.to_string());
+    let spp = quality.samples().mean().to_string();
     [Denoiser::name_of(quality.denoiser).to_owned(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
 }
 

@@ -39,8 +39,16 @@ fn bodies_that_are_left_out_of_a_frame_are_counted() {
     }
     let subject = watched(draft.done());
     let settings = subject.settings(32, 24);
-    let quality =
-        Quality { spp: 1, bounces: 6, denoiser: None, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
+    let quality = Quality {
+        spp: 1,
+        extra: 0.0,
+        bounces: 6,
+        denoiser: None,
+        iterations: [0; 3],
+        fovea: None,
+        polar: None,
+        scale: 1.0,
+    };
     let mut stage = Stage::alone(&subject, &settings);
     for (index, (time_s, expected)) in (0..).zip([(0.0, 0), (0.5, 0), (1.0, 1), (1.5, 0), (3.0, 1)]) {
         let report = stage.frame_at(time_s, index).report;

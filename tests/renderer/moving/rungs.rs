@@ -34,7 +34,7 @@ fn play(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], stride: 
     let mut stage = Stage::alone(subject, &settings);
     for (i, (spp, bounces, scale)) in (0..).zip([rung; BEFORE].into_iter().chain([last])) {
         let denoiser = Some(denoiser);
-        let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, polar: None, scale };
+        let quality = Quality { spp, extra: 0.0, bounces, denoiser, iterations, fovea: None, polar: None, scale };
         stage.set(move |params| params.quality = quality);
         stage.frame_at(0.3 + f64::from(i) / FPS, stride * i);
     }

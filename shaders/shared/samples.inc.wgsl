@@ -1,0 +1,29 @@
+// Samples per pixel. A frame may take a number between n and n + 1 on average: a fraction of its tiles then takes
+// n + 1 samples per pixel, the others n. Samples vary by tiles, not by pixels, so that the lanes of a device that run
+// together do the same work.
+
+override VARIES_SAMPLES: bool = false;
+
+const SAMPLES_TILE = vec2<u32>(8u, 4u);
+
+// Samples of a pixel in a frame with the constants `sampling`. The threshold of a tile is its index on the Z-order
+// curve, Owen-scrambled, so that every aligned block of 2^k tiles has as many extra samples as it should. It advances
+// from frame to frame like that of the sampling mask.
+fn samples_in(sampling: Sampling, pixel: vec2<u32>) -> u32 {
+    if !VARIES_SAMPLES {
+        return sampling.spp;
+    }
+    let tile = pixel / SAMPLES_TILE;
+    let place = spread_bits(tile.x) | (spread_bits(tile.y) << 1u);
+    let threshold = reverseBits(laine_karras(place, 0x7f4a7c15u)) + sampling.mask_turn;
+    return sampling.spp + select(0u, 1u, unit_float(threshold) < sampling.extra_fraction);
+}
+
+fn samples_of(pixel: vec2<u32>) -> u32 {
+    return samples_in(frame.sampling, pixel);
+}
+
+// Mean samples per pixel of this frame.
+fn mean_samples() -> f32 {
+    return f32(frame.sampling.spp) + select(0.0, frame.sampling.extra_fraction, VARIES_SAMPLES);
+}
