@@ -34,6 +34,7 @@ fn ladder(rungs: usize) -> Ladder {
         is_estimated: false,
         quality: Quality {
             spp: 1,
+            extra: 0.0,
             bounces: 6,
             denoiser: None,
             iterations: [0; 3],

@@ -4,7 +4,7 @@
 // so that bright edges keep their energy; history is looked up by cubic interpolation of whole pixels; the length of
 // history is counted in frames, and bounded by motion.
 
-//!include frame grid projection rng motion pack mirrored samples display light_change bindings
+//!include frame grid projection motion pack mirrored display light_change bindings
 
 // `resolved` holds linear light in RGB, and in alpha the number of frames that are averaged in it.
 

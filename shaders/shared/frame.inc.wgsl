@@ -6,6 +6,11 @@ var<immediate> pass_: PassConstants;
 const NO_PRIM: u32 = 0xffffffffu;
 const MOST_FLOAT: f32 = 3.0e38;
 
+// Mean samples per pixel of this frame.
+fn mean_samples() -> f32 {
+    return f32(frame.sampling.spp) + frame.sampling.extra_fraction;
+}
+
 fn luminance(c: vec3<f32>) -> f32 {
     return dot(c, vec3<f32>(0.2126, 0.7152, 0.0722));
 }

@@ -22,8 +22,3 @@ fn samples_in(sampling: Sampling, pixel: vec2<u32>) -> u32 {
 fn samples_of(pixel: vec2<u32>) -> u32 {
     return samples_in(frame.sampling, pixel);
 }
-
-// Mean samples per pixel of this frame.
-fn mean_samples() -> f32 {
-    return f32(frame.sampling.spp) + select(0.0, frame.sampling.extra_fraction, VARIES_SAMPLES);
-}

@@ -276,7 +276,7 @@ fn frames_in_flight_give_the_bytes_of_frames_one_by_one() {
 }
 
 /// Samples, bounces, iterations, render scale and foveal radii of a frame.
-type Numbers = (u32, u32, u32, f64, Option<[f64; 2]>);
+type Numbers = (f64, u32, u32, f64, Option<[f64; 2]>);
 
 #[test]
 fn all_halo_plans_give_the_same_bytes() {

@@ -20,6 +20,7 @@ pub fn ladder(times_ms: &[f64]) -> Ladder {
         is_estimated: false,
         quality: Quality {
             spp: i as u32 + 1,
+            extra: 0.0,
             bounces: 6,
             denoiser: None,
             iterations: [0; 3],

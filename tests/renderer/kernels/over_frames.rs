@@ -40,7 +40,14 @@ fn accumulate(gloss: bool, seed: u64) {
         let radiance: Vec<_> = frame.iter().map(|light| format.pack_sampled(light)).collect();
         let outputs = Kernel::new(
             "accumulate",
-            &[("HAS_GLOSS", gloss), ("HAS_MIRRORS", false), ("HAS_POLISH", false), ("HAS_MOTION", false)],
+            &[
+                ("HAS_GLOSS", gloss),
+                ("HAS_MIRRORS", false),
+                ("HAS_POLISH", false),
+                ("HAS_MOTION", false),
+                ("SOBOL", true),
+                ("VARIES_SAMPLES", false),
+            ],
         )
         .run(
             &constants,

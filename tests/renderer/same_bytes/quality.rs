@@ -2,21 +2,26 @@
 
 use diptych::RunConfig;
 use diptych::exec::FrameParams;
+use diptych::passes::Aov;
+use diptych::stages::Sampler;
 
 use super::*;
 use crate::common::with;
 
 fn quality(denoiser: Denoiser, (spp, bounces, iterations, scale, fovea): Numbers) -> Quality {
-    Quality { spp, bounces, denoiser: Some(denoiser), iterations: [iterations; 3], scale, fovea, polar: None }
+    let (spp, extra) = (spp as u32, spp.fract());
+    Quality { spp, extra, bounces, denoiser: Some(denoiser), iterations: [iterations; 3], scale, fovea, polar: None }
 }
 
-const QUALITIES: [Numbers; 6] = [
-    (1, 1, 2, 0.7, None),
-    (3, 4, 4, 1.0, None),
-    (1, 6, 1, 1.0, Some([0.1, 0.3])),
-    (2, 2, 3, 0.5, Some([0.2, 0.4])),
-    (3, 6, 4, 0.9, None),
-    (1, 3, 4, 1.0, None),
+const QUALITIES: [Numbers; 8] = [
+    (1.0, 1, 2, 0.7, None),
+    (3.0, 4, 4, 1.0, None),
+    (1.0, 6, 1, 1.0, Some([0.1, 0.3])),
+    (1.5, 6, 4, 1.0, None),
+    (2.0, 2, 3, 0.5, Some([0.2, 0.4])),
+    (2.25, 6, 2, 0.7, Some([0.1, 0.3])),
+    (3.0, 6, 4, 0.9, None),
+    (1.0, 3, 4, 1.0, None),
 ];
 
 fn layers() -> Foveation {
@@ -27,6 +32,7 @@ fn layers() -> Foveation {
 fn play(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Stereo<RgbImage>> {
     let mut settings = settings.clone();
     (settings.envelope.most.spp, settings.envelope.mixes_spp, settings.envelope.most.scale) = (3, true, 0.5);
+    settings.envelope.most.extra = 0.5;
     foveate(&mut settings, &layers(), [4; 3]);
     let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
     let denoiser = settings.envelope.most.denoiser.unwrap();
@@ -48,7 +54,9 @@ fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
             config.envelope.most.bounces = bounces;
             config.envelope.most.scale = scale
         });
-        (fixed.envelope.most.spp, fixed.envelope.most.iterations) = (spp, [iterations; 3]);
+        let most = &mut fixed.envelope.most;
+        (most.spp, most.extra, most.iterations) = (spp as u32, spp.fract(), [iterations; 3]);
+        fixed.envelope.mixes_spp = spp == 1.5;
         (fixed.gaze, fixed.envelope.most.fovea) = (layers().gaze, fovea);
         let expected = Stage::even(&subject, &fixed, 1).frame_at(i as f64 * 0.05, i as u32).linear;
         assert_same(&format!("frame {i} on one device"), &expected, &one[i]);
@@ -80,12 +88,12 @@ fn qualities_that_nothing_was_made_ready_for_are_refused() {
         stage.renderer().check(&FrameParams { quality: quality(denoiser, numbers), ..frame.clone() })
     };
     let whole = |(spp, bounces, iterations)| (spp, bounces, iterations, 1.0, None);
-    let wrong = [(0, 1, 1), (4, 1, 1), (1, 1, 1), (2, 1, 0), (2, 1, 5)].map(whole);
-    for wrong in wrong.into_iter().chain([(2, 1, 1, 0.5, None), (2, 1, 1, 1.0, Some([0.1, 0.2]))]) {
+    let wrong = [(0.0, 1, 1), (4.0, 1, 1), (1.0, 1, 1), (2.5, 1, 1), (2.0, 1, 0), (2.0, 1, 5)].map(whole);
+    for wrong in wrong.into_iter().chain([(2.0, 1, 1, 0.5, None), (2.0, 1, 1, 1.0, Some([0.1, 0.2]))]) {
         assert!(set(Denoiser::ATROUS, wrong).is_err(), "{wrong:?}");
     }
-    assert!(set(Denoiser::SVGF, whole((2, 1, 1))).is_err());
-    assert!(set(Denoiser::ATROUS, whole((2, 1, 1))).is_ok());
+    assert!(set(Denoiser::SVGF, whole((2.0, 1, 1))).is_err());
+    assert!(set(Denoiser::ATROUS, whole((2.0, 1, 1))).is_ok());
 }
 
 #[test]
@@ -104,4 +112,39 @@ fn frames_are_repeated_by_their_parameters() {
     let first = image(2, &params);
     assert_same("the frame that was read", &image(1, &read), &first);
     assert!(image(1, &FrameParams { seed: 6, ..params }) != first);
+}
+
+/// Numbers of samples between two whole ones are those of tiles: each pixel has one of the two, and the bytes that it
+/// has where all pixels have this number.
+#[test]
+fn pixels_of_tiles_that_differ_have_the_bytes_of_frames_of_their_samples() {
+    let subject = Subject::load("builtin:studio");
+    // Two eyes that are path traced. Sequences of a pixel do not depend on the number of its samples.
+    let settings = with(subject.settings(WIDTH, HEIGHT), |config| {
+        config.buffers.reproject = false;
+        config.sampler = Sampler::Pcg;
+        config.buffers.aovs = vec![Aov::Spp];
+    });
+    let frame = |spp: f64, devices: usize| {
+        let settings = with(settings.clone(), |config| {
+            (config.envelope.most.spp, config.envelope.most.extra) = (spp as u32, spp.fract());
+            config.envelope.mixes_spp = spp == 1.5;
+        });
+        let mut stage = Stage::even(&subject, &settings, devices);
+        let image = stage.frame(3).linear;
+        let counts = stage.aov(0);
+        [(image.left, counts.left), (image.right, counts.right)]
+    };
+    for least in [1.0, 4.0] {
+        let [few, many, between] = [0.0, 1.0, 0.5].map(|extra| frame(least + extra, 2));
+        for (eye, (image, counts)) in between.iter().enumerate() {
+            for (i, (pixel, &count)) in image.pixels.iter().zip(&counts[0]).enumerate() {
+                let expected = if f64::from(count) == least { &few } else { &many };
+                assert!(f64::from(count) == least || f64::from(count) == least + 1.0, "{count} samples");
+                assert_eq!(*pixel, expected[eye].0.pixels[i], "pixel {i} of eye {eye} with {count} samples");
+            }
+            let mean = counts[0].iter().sum::<f32>() / counts[0].len() as f32;
+            assert!((f64::from(mean) - least - 0.5).abs() < 0.05, "{mean} samples per pixel");
+        }
+    }
 }

@@ -198,7 +198,14 @@ fn compare(case: Case, cases: &mut Cases) {
         let own = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, WIDTH, pixels));
         let outputs = Kernel::new(
             "accumulate",
-            &[("HAS_GLOSS", case.gloss), ("HAS_MOTION", false), ("HAS_MIRRORS", true), ("HAS_POLISH", false)],
+            &[
+                ("HAS_GLOSS", case.gloss),
+                ("HAS_MOTION", false),
+                ("HAS_MIRRORS", true),
+                ("HAS_POLISH", false),
+                ("SOBOL", true),
+                ("VARIES_SAMPLES", false),
+            ],
         )
         .run(
             &constants,

@@ -125,7 +125,7 @@ fn gradients(
     outputs.get("gradient")
 }
 
-fn overrides(format: Format) -> [(&'static str, bool); 8] {
+fn overrides(format: Format) -> [(&'static str, bool); 9] {
     [
         ("SOBOL", true),
         ("HAS_GLOSS", format.gloss),
@@ -135,6 +135,7 @@ fn overrides(format: Format) -> [(&'static str, bool); 8] {
         ("HAS_HARD_LIGHTS", false),
         ("HAS_MIRRORS", false),
         ("HAS_POLISH", false),
+        ("VARIES_SAMPLES", false),
     ]
 }
 
@@ -306,6 +307,7 @@ fn traced(
         ("HAS_MOTION", false),
         ("JITTER", false),
         ("MEASURES_VARIANCE", false),
+        ("VARIES_SAMPLES", false),
     ];
     let outputs = Kernel::with_scene("path_trace", &overrides, subject).run_frame(
         &frame,
