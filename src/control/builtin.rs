@@ -6,11 +6,16 @@ use super::Rung;
 use crate::graph::Stage;
 use crate::passes::gbuffer::STAGE as GBUFFER;
 use crate::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
-use crate::quality::{Denoiser, Quality};
+use crate::quality::{Denoiser, Quality, Spp};
 use crate::schedule::RelativeCost;
 
-/// Samples per pixel of the candidates.
-pub const SPP: [u32; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
+/// Maximum samples per pixel of the candidates.
+const MOST_SPP: u32 = 64;
+/// Steps in which the candidates' samples double: a step is about 5 % of a frame's time, since paths take up to three
+/// quarters of it.
+const STEPS: u32 = 10;
+/// Fractions of a sample, 1 / `PARTS`, to which the candidates' samples are rounded.
+const PARTS: f64 = 16.0;
 /// Maximum bounces of the candidates.
 pub const BOUNCES: [u32; 5] = [1, 2, 3, 4, 6];
 /// Iterations of the candidates that have a denoiser.
@@ -24,6 +29,14 @@ pub const FOVEAE: [[f64; 2]; 3] = [[0.3, 0.6], [0.15, 0.3], [0.1, 0.2]];
 /// the graph accounts for.
 pub const TRACING: [Stage; 3] = [GBUFFER, PATH_TRACE, HOLE_FILL];
 
+/// Returns the samples per pixel of the candidates: from 1 to [`MOST_SPP`], in even ratios.
+fn samples() -> impl Iterator<Item = Spp> {
+    (0..=MOST_SPP.ilog2() * STEPS).map(|step| {
+        let mean = (2f64.powf(f64::from(step) / f64::from(STEPS)) * PARTS).round() / PARTS;
+        Spp { least: mean as u32, extra: mean.fract() }
+    })
+}
+
 /// Returns all candidates for the built-in ladder, including those with foveal layers if `foveated`.
 pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
     let filters = denoiser.is_some();
@@ -33,12 +46,12 @@ pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
     let mut all = Vec::new();
     for (&iterations, &fovea) in iterations.iter().flat_map(|i| foveae.iter().map(move |f| (i, f))) {
         let iterations = [iterations; 3];
-        for spp in SPP {
-            let sparse = if spp == 1 && filters { &SPARSE_SCALES[..] } else { &[] };
+        for Spp { least: spp, extra } in samples() {
+            let sparse = if (spp, extra) == (1, 0.0) && filters { &SPARSE_SCALES[..] } else { &[] };
             for &scale in sparse.iter().chain(&[1.0]) {
                 all.extend(BOUNCES.map(|bounces| Quality {
                     spp,
-                    extra: 0.0,
+                    extra,
                     bounces,
                     denoiser,
                     iterations,
@@ -150,7 +163,7 @@ mod tests {
     #[test]
     fn more_light_is_guessed_to_be_better_and_a_flip_that_files_may_have() {
         let svgf = Some(Denoiser::SVGF);
-        for (all, count) in [(candidates(svgf, false), 375), (candidates(svgf, true), 1125)] {
+        for (all, count) in [(candidates(svgf, false), 1700), (candidates(svgf, true), 5100)] {
             assert_eq!(all.len(), count);
             for a in &all {
                 let missing_light = |k: &Quality| 0.2 * 0.5f64.powi(k.bounces as i32);
@@ -158,7 +171,7 @@ mod tests {
                 assert!((0.0..1.0).contains(&error(a)));
                 let more = |b: &&Quality| {
                     let wider = b.fovea.zip(a.fovea).is_none_or(|([b, _], [a, _])| b >= a);
-                    let numbers = |q: &Quality| (q.spp, q.bounces, q.iterations);
+                    let numbers = |q: &Quality| (q.samples().mean(), q.bounces, q.iterations);
                     let ((bs, bb, bi), (s, bounces, i)) = (numbers(b), numbers(a));
                     bs >= s && bb >= bounces && bi == i && b.scale >= a.scale && wider && *b != a
                 };
@@ -166,7 +179,7 @@ mod tests {
             }
         }
         let fitted = candidates(Some(Denoiser::BMFR), true);
-        assert!(fitted.len() == 225 && fitted.iter().all(|q| q.iterations == [1; 3] && q.check().is_ok()));
+        assert!(fitted.len() == 1020 && fitted.iter().all(|q| q.iterations == [1; 3] && q.check().is_ok()));
         assert!(candidates(None, false).iter().all(|q| q.iterations == [0; 3] && q.scale == 1.0));
     }
 

@@ -9,10 +9,12 @@ use super::rung::{FileRung, Measure, Rung};
 use super::{front, mean_error};
 use crate::image::ImageError;
 use crate::image::file::atomic_write;
-use crate::quality::Denoiser;
+use crate::quality::{Denoiser, Spp};
 
 /// Relative difference in time below which measurements cannot distinguish two rungs of a front.
 pub const MIN_STEP: f64 = 0.03;
+/// Relative difference in time that [`Ladder::refined`] allows between rungs.
+pub const FINE_STEP: f64 = 0.05;
 /// Exponent of the limit on a rung's error: if a rung is s times as fast as the next one up, its error may be at most s
 /// to this power times as large. With a larger error, the rung is worse than one with fewer samples.
 pub const STEEPEST: f64 = 3.0;
@@ -107,6 +109,27 @@ impl Ladder {
         }
         rungs.reverse();
         Self::new(origin, rungs)
+    }
+
+    /// Adds rungs between those that differ in nothing but their samples ([`Rung::between`]), so that times rise by
+    /// [`FINE_STEP`] at most. Their times and errors are estimates.
+    #[must_use]
+    pub fn refined(self) -> Self {
+        let mut rungs = Vec::with_capacity(self.rungs.len());
+        for (i, rung) in self.rungs.iter().enumerate() {
+            rungs.push(rung.clone());
+            let Some(above) = self.rungs.get(i + 1) else { break };
+            let steps = ((above.time_ms / rung.time_ms).ln() / FINE_STEP.ln_1p()).ceil();
+            let [low, high] = [rung, above].map(|r| r.quality.samples().mean());
+            let samples = (1..steps as u32).map(|step| {
+                let mean = low + (high - low) * f64::from(step) / steps;
+                Spp { least: mean as u32, extra: mean.fract() }
+            });
+            rungs.extend(samples.filter_map(|samples| rung.between(above, samples)));
+        }
+        // Times of neighbours may differ by less than rounding allows.
+        let is_ladder = |rungs: &[Rung]| rungs.windows(2).all(|pair| pair[1].check_above(&pair[0]).is_ok());
+        if is_ladder(&rungs) { Self { rungs, ..self } } else { self }
     }
 
     /// Builds a ladder for each measured denoiser ([`Self::of_measured`]), best denoiser first. Denoisers are ranked by

@@ -20,4 +20,4 @@ pub use builtin::{
 pub use controller::{Controller, Decision, LATE, Predict, QUIET};
 pub use front::{front, mean_error};
 pub use ladder::{Ladder, LadderError, MIN_STEP, Origin, STEEPEST};
-pub use rung::{Measure, Rung};
+pub use rung::{Measure, Rung, mix};

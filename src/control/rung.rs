@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::projection::within;
-use crate::quality::Quality;
+use crate::quality::{Quality, Spp};
 
 /// The measure of the errors of a ladder's rungs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -124,7 +124,37 @@ impl FileRung {
     }
 }
 
+/// Returns the values of `a` and `b` at the fraction `part` of the way between them, for keys that both have.
+pub fn mix(a: &BTreeMap<String, f64>, b: &BTreeMap<String, f64>, part: f64) -> BTreeMap<String, f64> {
+    a.iter().filter_map(|(key, a)| Some((key.clone(), a + (b.get(key)? - a) * part))).collect()
+}
+
 impl Rung {
+    /// Returns the rung with `samples` per pixel between this one and `above`; `None` unless these differ in nothing but
+    /// their samples and `samples` is between theirs. Times grow linearly with samples, errors fall as a power of them.
+    pub fn between(&self, above: &Self, samples: Spp) -> Option<Self> {
+        let Spp { least: spp, extra } = samples;
+        let [low, high, mean] = [self.quality.samples(), above.quality.samples(), samples].map(Spp::mean);
+        let quality = Quality { spp, extra, ..self.quality };
+        if quality != (Quality { spp, extra, ..above.quality }) || !(low < mean && mean < high) {
+            return None;
+        }
+        let part = (mean - low) / (high - low);
+        let power = (mean / low).ln() / (high / low).ln();
+        let fall = |below: f64, above: f64| below * (above / below).powf(power);
+        Some(Self {
+            time_ms: self.time_ms + (above.time_ms - self.time_ms) * part,
+            error: fall(self.error, above.error),
+            flip: None,
+            flicker: None,
+            relmse: None,
+            is_estimated: true,
+            quality,
+            stage_ms: mix(&self.stage_ms, &above.stage_ms, part),
+            rays: mix(&self.rays, &above.rays, part),
+        })
+    }
+
     pub(super) fn check(&self) -> Result<(), String> {
         self.quality.check()?;
         let [time_ms, error] = match self.is_estimated {

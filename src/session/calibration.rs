@@ -4,14 +4,14 @@ use std::collections::{BTreeMap, HashMap};
 use std::time::{Duration, Instant};
 
 use crate::control::{
-    BOUNCES, Ladder, LadderError, Origin, Rung, TRACING, guessed_error, guessed_paths, guessed_relative_cost,
+    BOUNCES, Ladder, LadderError, Origin, Rung, TRACING, guessed_error, guessed_paths, guessed_relative_cost, mix,
     relative_costs,
 };
 use crate::exec::{ExecError, FrameParams, FrameReport, Renderer, Stereo};
 use crate::graph::Stage;
 use crate::image::RgbImage;
 use crate::passes::gbuffer;
-use crate::quality::Quality;
+use crate::quality::{Quality, Spp};
 use crate::scene::rig::Rig;
 
 /// Time limit of calibration. Once it has passed, only the qualities with the fewest bounces are still timed: every
@@ -93,7 +93,10 @@ struct Timed {
 
 impl Calibration<'_> {
     fn ladder(mut self, qualities: &[Quality], mut origin: Origin) -> Result<Ladder, CalibrationError> {
-        let quality = |spp, bounces| qualities.iter().find(|q| (q.spp, q.bounces, q.scale) == (spp, bounces, 1.0));
+        let quality = |spp, bounces| {
+            let is_it = |q: &&Quality| (q.samples(), q.bounces, q.scale) == (Spp::from(spp), bounces, 1.0);
+            qualities.iter().find(is_it)
+        };
         let [few, most] = [BOUNCES[0], BOUNCES[BOUNCES.len() - 1]];
         let between = BOUNCES[1..BOUNCES.len() - 1].iter().flat_map(|&b| [(2, b), (1, b)]);
         for (spp, bounces) in [(2, most), (1, most)].into_iter().chain(between).chain([(2, few), (1, few)]) {
@@ -187,8 +190,21 @@ impl Calibration<'_> {
         [quality.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)))
     }
 
+    /// Returns an estimate between those for one sample per pixel, at the centre, and for two, which are jittered.
+    fn between(
+        &self,
+        quality: &Quality,
+        estimate: fn(&Self, &Quality) -> BTreeMap<String, f64>,
+    ) -> BTreeMap<String, f64> {
+        let [one, two] = [1, 2].map(|spp| estimate(self, &Quality { spp, extra: 0.0, ..*quality }));
+        mix(&one, &two, quality.extra)
+    }
+
     /// Estimates the rays per pixel of stages that trace paths, in proportion to [`guessed_paths`].
     fn rays(&self, quality: &Quality) -> BTreeMap<String, f64> {
+        if quality.spp == 1 && quality.extra > 0.0 {
+            return self.between(quality, Self::rays);
+        }
         let Some(near) = self.near(quality) else { return BTreeMap::new() };
         let paths = guessed_paths(quality) / guessed_paths(&near.quality);
         near.rays.iter().map(|(stage, rays)| (stage.clone(), rays * paths)).collect()
@@ -199,6 +215,9 @@ impl Calibration<'_> {
     /// [`guessed_paths`]. If the G-buffer averages several samples per pixel, its time is that of one sample plus a
     /// time proportional to the number of samples.
     fn stage_ms(&self, quality: &Quality) -> BTreeMap<String, f64> {
+        if quality.spp == 1 && quality.extra > 0.0 {
+            return self.between(quality, Self::stage_ms);
+        }
         let spp = quality.spp.min(2);
         let Some(Timed { quality: near, stage_ms: timed, .. }) = self.near(quality) else { return BTreeMap::new() };
         let paths = guessed_paths(quality) / guessed_paths(near);
@@ -210,7 +229,7 @@ impl Calibration<'_> {
                 match stage {
                     gbuffer::STAGE => {
                         let centre_ms = centre_ms.unwrap_or(ms).min(ms);
-                        centre_ms + (ms - centre_ms) * f64::from(quality.spp) / f64::from(spp)
+                        centre_ms + (ms - centre_ms) * quality.samples().mean() / f64::from(spp)
                     }
                     _ => ms * paths,
                 },

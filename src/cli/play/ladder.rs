@@ -80,8 +80,9 @@ impl Choice {
             let stage = path_trace::STAGE.name();
             eprintln!("warning: not all rungs of {path} have a time of {stage}: their relative costs are estimated");
         }
-        let qualities = rungs.iter().map(|r| r.quality).collect();
-        Ok(Self { denoiser, ladder: Some(Ladder::new(all.origin().clone(), rungs)?), qualities })
+        let ladder = Ladder::new(all.origin().clone(), rungs)?.refined();
+        let qualities = ladder.rungs().iter().map(|r| r.quality).collect();
+        Ok(Self { denoiser, ladder: Some(ladder), qualities })
     }
 
     /// Returns the quality and relative cost of a frame on the cheapest rung; `None` if there are no rungs. Among the
