@@ -6,7 +6,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use diptych::control::{Budget, Controller, Ladder, Origin, Rung};
+use diptych::control::{Budget, Control, Controller, Ladder, Origin, Rung};
 use diptych::quality::Quality;
 
 fn options() -> (usize, usize) {

@@ -57,13 +57,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     let options = &prepared.render;
     if !options.quiet && !options.json {
-        let rungs = session.ladder().rungs().len();
+        let rungs = session.ladder().rungs();
+        let [least_ms, most_ms] = [rungs.first(), rungs.last()].map(|rung| rung.map_or(0.0, |r| r.time_ms));
         session.progress.tell(&format!(
-            "{} at {}, denoiser {}, {rungs} rung{}; ladder: {}; ready after {:.1} s",
+            "{} at {}, denoiser {}, {} rung{} of {least_ms:.1} to {most_ms:.1} ms; ladder: {}; ready after {:.1} s",
             options.shot,
             options.size,
             Denoiser::name_of(prepared.choice.denoiser),
-            if rungs == 1 { "" } else { "s" },
+            rungs.len(),
+            if rungs.len() == 1 { "" } else { "s" },
             args.options.ladder_name(session.ladder()),
             session.warm_up_s
         ));

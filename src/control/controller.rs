@@ -48,6 +48,21 @@ impl<F: Fn(usize) -> f64> Predict for F {
     }
 }
 
+/// Chooses the rungs of a run's frames.
+pub trait Control: Send {
+    /// Picks the rung of the next frame.
+    fn next(&mut self, predictor: &dyn Predict) -> Decision;
+
+    /// Adds the makespan of a finished frame.
+    fn observe(&mut self, rung: usize, makespan_ms: f64);
+
+    /// Adapts to devices that were added, removed or changed in speed.
+    fn devices_changed(&mut self) {}
+
+    /// Replaces the budget.
+    fn set_budget(&mut self, budget: Budget);
+}
+
 /// The choice of the next frame's rung.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decision {
@@ -112,34 +127,6 @@ impl Controller {
         self.headroom.exp()
     }
 
-    /// Adds the makespan of a finished frame. Frames may finish in any order, and any number of frames after their
-    /// decision. Times that are not positive and finite are ignored.
-    pub fn observe(&mut self, rung: usize, makespan_ms: f64) {
-        if !(makespan_ms.is_finite() && makespan_ms > 0.0) || rung >= self.times_ms.len() {
-            return;
-        }
-        let is_late = makespan_ms > self.budget.hi_ms();
-        let decided = self.predicted.iter().position(|(of, _)| *of == rung);
-        if let Some((_, predicted_ms)) = decided.and_then(|at| self.predicted.remove(at))
-            && self.decisions > self.settled_from
-        {
-            self.learn_scatter((makespan_ms / predicted_ms).ln());
-        }
-        let trial = &mut self.trials[rung];
-        if is_late && self.decisions <= trial.climbed_at + LOCKED && trial.climbed_at > 0 {
-            trial.strikes += 1;
-            if trial.strikes >= STRIKES {
-                *trial = Trial { open_from: self.decisions + LOCKED, ..Trial::default() };
-            }
-        }
-        if self.rung == Some(rung) {
-            if self.recent_ms.len() == QUIET {
-                self.recent_ms.remove(0);
-            }
-            self.recent_ms.push(makespan_ms);
-        }
-    }
-
     fn learn_scatter(&mut self, deviation: f64) {
         if self.scatter.len() == WINDOW {
             self.scatter.pop_front();
@@ -149,42 +136,6 @@ impl Controller {
         let above = (LATE * sorted.len() as f64).ceil() as usize - 1;
         let (_, quantile, _) = sorted.select_nth_unstable_by(above, |a, b| b.total_cmp(a));
         self.headroom = quantile.clamp(0.0, MOST_HEADROOM);
-    }
-
-    /// Adapts to devices that were added, removed or changed in speed. The last frames then do not predict the next
-    /// ones.
-    pub fn devices_changed(&mut self) {
-        self.recent_ms.clear();
-        self.trials.fill(Trial::default());
-        self.settled_from = self.decisions + SETTLING;
-    }
-
-    /// Replaces the budget.
-    pub fn set_budget(&mut self, budget: Budget) {
-        if budget != self.budget {
-            self.budget = budget;
-            self.devices_changed();
-        }
-    }
-
-    /// Picks the rung of the next frame. It calls `predictor` at most a few times per rung, and not at all for most
-    /// rungs.
-    pub fn next(&mut self, predictor: &impl Predict) -> Decision {
-        let times_ms = &self.times_ms;
-        let predicted_ms = |rung: usize| {
-            let ms = predictor.makespan_ms(rung);
-            if ms.is_finite() && ms > 0.0 { ms } else { times_ms[rung] }
-        };
-        let excess = self.excess(predicted_ms);
-        let expected_ms = |rung: usize| predicted_ms(rung) * excess;
-        let chosen = self.choose(expected_ms);
-        let expected_ms = expected_ms(chosen);
-        if self.predicted.len() == IN_FLIGHT {
-            self.predicted.pop_front();
-        }
-        self.predicted.push_back((chosen, expected_ms));
-        self.take(chosen);
-        Decision { rung: chosen, expected_ms, fits: chosen > 0 || expected_ms <= self.budget.hi_ms() }
     }
 
     /// Returns true if two of the last three frames on the current rung were late.
@@ -225,6 +176,67 @@ impl Controller {
         }
         if before.is_some_and(|before| chosen > before) {
             self.trials[chosen] = Trial { climbed_at: self.decisions, ..Trial::default() };
+        }
+    }
+}
+
+/// Frames may finish in any order, and any number of frames after their decision. Times that are not positive and finite
+/// are ignored.
+impl Control for Controller {
+    fn devices_changed(&mut self) {
+        self.recent_ms.clear();
+        self.trials.fill(Trial::default());
+        self.settled_from = self.decisions + SETTLING;
+    }
+
+    fn set_budget(&mut self, budget: Budget) {
+        if budget != self.budget {
+            self.budget = budget;
+            self.devices_changed();
+        }
+    }
+
+    fn next(&mut self, predictor: &dyn Predict) -> Decision {
+        let times_ms = &self.times_ms;
+        let predicted_ms = |rung: usize| {
+            let ms = predictor.makespan_ms(rung);
+            if ms.is_finite() && ms > 0.0 { ms } else { times_ms[rung] }
+        };
+        let excess = self.excess(predicted_ms);
+        let expected_ms = |rung: usize| predicted_ms(rung) * excess;
+        let chosen = self.choose(expected_ms);
+        let expected_ms = expected_ms(chosen);
+        if self.predicted.len() == IN_FLIGHT {
+            self.predicted.pop_front();
+        }
+        self.predicted.push_back((chosen, expected_ms));
+        self.take(chosen);
+        Decision { rung: chosen, expected_ms, fits: chosen > 0 || expected_ms <= self.budget.hi_ms() }
+    }
+
+    fn observe(&mut self, rung: usize, makespan_ms: f64) {
+        if !(makespan_ms.is_finite() && makespan_ms > 0.0) || rung >= self.times_ms.len() {
+            return;
+        }
+        let is_late = makespan_ms > self.budget.hi_ms();
+        let decided = self.predicted.iter().position(|(of, _)| *of == rung);
+        if let Some((_, predicted_ms)) = decided.and_then(|at| self.predicted.remove(at))
+            && self.decisions > self.settled_from
+        {
+            self.learn_scatter((makespan_ms / predicted_ms).ln());
+        }
+        let trial = &mut self.trials[rung];
+        if is_late && self.decisions <= trial.climbed_at + LOCKED && trial.climbed_at > 0 {
+            trial.strikes += 1;
+            if trial.strikes >= STRIKES {
+                *trial = Trial { open_from: self.decisions + LOCKED, ..Trial::default() };
+            }
+        }
+        if self.rung == Some(rung) {
+            if self.recent_ms.len() == QUIET {
+                self.recent_ms.remove(0);
+            }
+            self.recent_ms.push(makespan_ms);
         }
     }
 }

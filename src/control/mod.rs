@@ -5,6 +5,7 @@
 //! current cost of rungs, and chooses the one of least error that fits the budget with headroom. This module does not
 //! use wgpu, so tests simulate whole runs.
 
+mod baselines;
 mod budget;
 mod builtin;
 mod controller;
@@ -12,12 +13,13 @@ mod front;
 mod ladder;
 mod rung;
 
+pub use baselines::ControllerKind;
 pub use budget::{Budget, BudgetError};
 pub use builtin::{
     BOUNCES, ESTIMATES_EV, TRACING, candidates, guessed_error, guessed_paths, guessed_relative_cost, lack_path_times,
     relative_costs,
 };
-pub use controller::{Controller, Decision, LATE, Predict, QUIET};
+pub use controller::{Control, Controller, Decision, LATE, Predict, QUIET};
 pub use front::{front, mean_error};
 pub use ladder::{Ladder, LadderError, MIN_STEP, Origin, STEEPEST};
 pub use rung::{Measure, Rung, mix};

@@ -8,7 +8,9 @@ use std::time::Instant;
 
 pub use calibration::{CalibrationError, FIRST_FRAME, View, calibrate};
 
-use crate::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measure, Origin, candidates, relative_costs};
+use crate::control::{
+    Budget, Control, ControllerKind, Decision, ESTIMATES_EV, Ladder, Measure, Origin, candidates, relative_costs,
+};
 use crate::exec::{BuildError, Builder, ExecError, FrameParams, FrameReport, Renderer};
 use crate::image::Extent;
 use crate::quality::{Denoiser, Envelope, Quality};
@@ -37,7 +39,7 @@ pub struct Session {
     ladder: Ladder,
     /// The quality and the relative cost of each rung.
     qualities: Vec<(Quality, RelativeCost)>,
-    controller: Controller,
+    controller: Box<dyn Control>,
     budget: Budget,
     /// The number of devices that were dropped.
     dropped: usize,
@@ -117,7 +119,7 @@ impl Session {
         renderer.set_budget(budget.hi_ms());
         Self {
             qualities: qualities.into_iter().zip(relative_costs(ladder.rungs())).collect(),
-            controller: Controller::new(&ladder, budget),
+            controller: ControllerKind::Diptych.start(&ladder, budget),
             budget,
             dropped: renderer.faults().len(),
             renderer,
@@ -138,6 +140,11 @@ impl Session {
     /// Returns the quality of frames on a rung.
     pub fn quality(&self, rung: usize) -> &Quality {
         &self.qualities[rung].0
+    }
+
+    /// Replaces the controller, which starts anew.
+    pub fn set_controller(&mut self, kind: ControllerKind) {
+        self.controller = kind.start(&self.ladder, self.budget);
     }
 
     /// Chooses the rung of the next frame.

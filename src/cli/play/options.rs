@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::control::{Budget, Ladder, Measure, Origin};
+use crate::control::{Budget, ControllerKind, Ladder, Measure, Origin};
 use crate::scene::head::{Recording, Space};
 
 use crate::cli::failure::Failure;
@@ -25,6 +25,12 @@ pub struct LoopOptions {
     /// For the built-in ladder some settings are timed at the start, and errors are estimated.
     #[arg(long, value_name = "FILE", help_heading = QUALITY)]
     pub ladder: Option<PathBuf>,
+    /// Controller, to compare with: diptych, vlachos, unreal, pid, pinned:N
+    ///
+    /// `vlachos` is the adaptive quality of Vlachos (GDC 2016), `unreal` works like the dynamic resolution of Unreal
+    /// Engine, `pid` is a PID controller, and `pinned:N` stays on rung N.
+    #[arg(hide_short_help = true, long, default_value_t, value_name = "NAME", help_heading = QUALITY)]
+    pub controller: ControllerKind,
     /// Denoiser of all frames [default: svgf; with --ladder, the one with most rungs]
     #[arg(long, value_parser = denoiser_parser(), help_heading = QUALITY)]
     pub denoiser: Option<DenoiserChoice>,

@@ -72,19 +72,21 @@ impl Session {
         let Prepared { options, choice, .. } = prepared;
         let denoiser = Denoiser::name_of(choice.denoiser);
         let qualities = ladder.rungs().iter().map(|rung| options.foveated.limit(&rung.quality)).collect();
+        let mut inner = session::Session::with_qualities(renderer, ladder, qualities, options.budget_ms);
+        inner.set_controller(options.controller);
         Ok(Self {
             fit,
             warm_up_s: begin.elapsed().as_secs_f64(),
             live: StatusLines::new(
                 options.budget_ms,
-                renderer.devices(),
+                inner.renderer.devices(),
                 denoiser,
-                ladder.rungs().len(),
+                inner.ladder().rungs().len(),
                 prepared.frames,
             ),
             // The session tightens the watchdog to the budget. Create it last, since calibration frames may take any
             // time.
-            inner: session::Session::with_qualities(renderer, ladder, qualities, options.budget_ms),
+            inner,
             tracing,
             progress,
             faults: FaultLog::default(),

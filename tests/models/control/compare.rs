@@ -2,11 +2,10 @@
 
 use std::fmt::Write;
 
-use diptych::control::LATE;
+use diptych::control::{Budget, Control, ControllerKind, Decision, LATE, Predict};
 
-use super::baselines::{Pid, Pinned, Unreal, Vlachos};
 use super::recorded::Recording;
-use super::replay::{Choose, Disturbance, Ours, Replay, Schedule, Step, disturbed};
+use super::replay::{Disturbance, Replay, Schedule, Step, budget, disturbed};
 
 const FRAMES: usize = 3000;
 /// Number of consecutive frames in time that end a transient.
@@ -120,20 +119,23 @@ fn plan(recording: &Recording, budget_ms: f64, schedule: Schedule<'_>) -> (Vec<u
     (0..FRAMES).map(of_frame).unzip()
 }
 
-impl Choose for Oracle {
-    fn next(&mut self, _predictor: &dyn Fn(usize) -> f64) -> usize {
+impl Control for Oracle {
+    fn next(&mut self, _predictor: &dyn Predict) -> Decision {
         self.frame += 1;
-        self.plan[self.frame - 1]
+        Decision { rung: self.plan[self.frame - 1], expected_ms: f64::NAN, fits: true }
     }
 
-    fn observe(&mut self, _rung: usize, _ms: f64) {}
+    fn observe(&mut self, _rung: usize, _makespan_ms: f64) {}
+
+    fn set_budget(&mut self, _budget: Budget) {}
 }
 
 /// Returns the mean scores of each controller over budgets and seeds, by name; pinned rungs by number.
 fn compare(recording: &Recording, schedule: Schedule<'_>, seeds: u64) -> Vec<(String, Score)> {
     let rungs = recording.ladder.rungs().len();
-    let mut names = ["ours", "oracle", "vlachos", "unreal", "pid"].map(str::to_owned).to_vec();
-    names.extend((0..rungs).map(|rung| format!("pinned {rung}")));
+    let mut kinds: Vec<ControllerKind> = ["diptych", "vlachos", "unreal", "pid"].map(|n| n.parse().unwrap()).to_vec();
+    kinds.extend((0..rungs).map(ControllerKind::Pinned));
+    let names: Vec<String> = kinds.iter().map(ToString::to_string).chain(["oracle".to_owned()]).collect();
     let mut scores: Vec<Vec<Score>> = vec![Vec::new(); names.len()];
     let [least, most] = [0, rungs - 1].map(|rung| quantile_ms(recording, rung, Disturbance::None, 0.5));
     for at in BUDGETS {
@@ -141,14 +143,9 @@ fn compare(recording: &Recording, schedule: Schedule<'_>, seeds: u64) -> Vec<(St
         let (plan, fits) = plan(recording, budget_ms, schedule);
         for seed in 0..seeds {
             let replay = Replay { recording, schedule, budget_ms, seed };
-            let mut controllers: Vec<Box<dyn Choose>> = vec![
-                Box::new(Ours::new(recording, budget_ms)),
-                Box::new(Oracle { plan: plan.clone(), frame: 0 }),
-                Box::new(Vlachos::new(recording, budget_ms)),
-                Box::new(Unreal::new(recording, budget_ms)),
-                Box::new(Pid::new(recording, budget_ms)),
-            ];
-            controllers.extend((0..rungs).map(|rung| Box::new(Pinned(rung)) as Box<dyn Choose>));
+            let start = |kind: &ControllerKind| kind.start(&recording.ladder, budget(budget_ms));
+            let mut controllers: Vec<Box<dyn Control>> = kinds.iter().map(start).collect();
+            controllers.push(Box::new(Oracle { plan: plan.clone(), frame: 0 }));
             for (controller, scores) in controllers.iter_mut().zip(&mut scores) {
                 scores.push(Score::of(&replay.run(controller.as_mut(), FRAMES), schedule, &fits));
             }
@@ -179,7 +176,7 @@ fn recorded_shots_are_rendered_in_time_and_nearly_as_well_as_by_an_oracle() {
             let scores = compare(recording, schedule, 2);
             println!("{name}: {}", table(recording, &scores));
             let of = |name: &str| scores.iter().find(|(n, _)| n == name).unwrap().1;
-            let (ours, oracle) = (of("ours"), of("oracle"));
+            let (ours, oracle) = (of("diptych"), of("oracle"));
             assert!(ours.transient <= 5, "{}: {ours:?}", recording.name);
             assert!(ours.steady <= 0.03, "{}: {ours:?}", recording.name);
             assert!(ours.error <= 1.1 * oracle.error, "{}: {ours:?}, oracle {oracle:?}", recording.name);

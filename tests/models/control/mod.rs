@@ -3,7 +3,6 @@
 //!
 //! `DIPTYCH_CONTROL_CASES` sets the number of cases of each test.
 
-mod baselines;
 mod compare;
 mod ladder;
 mod plant;
@@ -13,7 +12,7 @@ mod replay;
 use std::fmt::Debug;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use diptych::control::{Budget, Controller, LATE, QUIET};
+use diptych::control::{Budget, Control, Controller, LATE, QUIET};
 use plant::{HI_MS, LO_MS, Plant, times};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use diptych::control::{Budget, Controller, Decision, Ladder, Measure, Origin, Rung};
+use diptych::control::{Budget, Control, Controller, Decision, Ladder, Measure, Origin, Rung};
 use diptych::quality::Quality;
 
 pub const LO_MS: f64 = 11.0;

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use diptych::control::{Budget, Controller, Predict};
+use diptych::control::{Budget, Control};
 use diptych::graph::{Assignment, FrameGraph, Stripes};
 use diptych::passes::Declarations;
 use diptych::schedule::{CostModel, simulate_at};
@@ -29,51 +29,8 @@ pub enum Disturbance {
 /// Disturbances by the frame at which they begin.
 pub type Schedule<'a> = &'a [(usize, Disturbance)];
 
-/// A controller under test.
-pub trait Choose {
-    fn next(&mut self, predictor: &dyn Fn(usize) -> f64) -> usize;
-    fn observe(&mut self, rung: usize, ms: f64);
-    fn set_budget(&mut self, _hi_ms: f64) {}
-    fn devices_changed(&mut self) {}
-}
-
-/// The controller of the library.
-pub struct Ours(Controller);
-
-impl Ours {
-    pub fn new(recording: &Recording, hi_ms: f64) -> Self {
-        Self(Controller::new(&recording.ladder, budget(hi_ms)))
-    }
-}
-
-fn budget(hi_ms: f64) -> Budget {
+pub fn budget(hi_ms: f64) -> Budget {
     Budget::new(0.5 * hi_ms, hi_ms).unwrap()
-}
-
-struct By<'a>(&'a dyn Fn(usize) -> f64);
-
-impl Predict for By<'_> {
-    fn makespan_ms(&self, rung: usize) -> f64 {
-        self.0(rung)
-    }
-}
-
-impl Choose for Ours {
-    fn next(&mut self, predictor: &dyn Fn(usize) -> f64) -> usize {
-        self.0.next(&By(predictor)).rung
-    }
-
-    fn observe(&mut self, rung: usize, ms: f64) {
-        self.0.observe(rung, ms);
-    }
-
-    fn set_budget(&mut self, hi_ms: f64) {
-        self.0.set_budget(budget(hi_ms));
-    }
-
-    fn devices_changed(&mut self) {
-        self.0.devices_changed();
-    }
 }
 
 /// A frame of a replay.
@@ -101,7 +58,7 @@ pub struct Replay<'a> {
 }
 
 impl Replay<'_> {
-    pub fn run(&self, controller: &mut dyn Choose, frames: usize) -> Vec<Step> {
+    pub fn run(&self, controller: &mut dyn Control, frames: usize) -> Vec<Step> {
         let Self { recording, schedule, .. } = *self;
         let rungs = recording.ladder.rungs();
         let mut model = CostModel::new(&recording.spec(0), &Declarations::default());
@@ -120,14 +77,14 @@ impl Replay<'_> {
                 disturbance = next;
                 let factor = if let Disturbance::Budget(factor) = next { factor } else { 1.0 };
                 budget_ms = self.budget_ms * factor;
-                controller.set_budget(budget_ms);
+                controller.set_budget(budget(budget_ms));
             }
             let predict = |rung: usize| {
                 let known = model.has_learned();
                 let predicted = known.then(|| simulate_at(&graphs[rung], &model, &recording.relative_costs[rung]));
                 predicted.map_or(f64::NAN, |p| p.unwrap().makespan_ms)
             };
-            let rung = controller.next(&predict);
+            let rung = controller.next(&predict).rung;
             let predicted_ms = predict(rung);
             let (repeat, place) = places.next(&mut random);
             let sample = disturbed(recording.sample(repeat, place, rung), disturbance);
