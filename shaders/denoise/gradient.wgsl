@@ -5,9 +5,11 @@
 // - The surface of a pixel of the current frame is tracked back to the previous frame. The paper projects surfaces of
 //   the previous frame forwards.
 // - The retraced paths are additional. In the paper, they replace paths of the current frame.
-// - There are no gradients if the previous frame had several samples per pixel, and none in mirrors and behind glass.
+// - Frames of several samples per pixel, which store only the mean of their light, trace one path more per tile: a probe,
+//   which the next frame traces again.
+// - There are no gradients in mirrors and behind glass.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack mirrored samples motion bindings
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits surface bsdf split path pack mirrored motion bindings
 
 // `gradient` compares the luminance of demodulated illumination between the two frames. Component x: current minus
 // previous luminance. Component y: the larger of both.
@@ -18,21 +20,120 @@ fn all_luminance(light: SplitLight) -> f32 {
     return both.x + both.y;
 }
 
-// Demodulated illumination, in the current scene, of the surface that `pixel` of the previous frame saw from `origin`.
-// Retraces that pixel's path.
-fn light_again(hit: vec4<u32>, position: vec3<f32>, origin: vec3<f32>, pixel: vec2<u32>) -> SplitLight {
-    let direction = normalize(position - origin);
-    let first = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
-    // Use the previous frame's settings, since its quality may differ.
-    var rng = rng_in(previous.sampling, pixel, 0u, 0u);
-    let path = trace_path(first, direction, medium_before(first, OUTSIDE_OF_VOLUMES), previous.sampling, 0u, &rng);
+// Value of tiles without a probe.
+const NO_PROBE: f32 = -1.0;
+// Probes have random numbers of their own, which are those of no eye.
+const PROBE_VIEW: u32 = 2u;
+
+// A path that starts on the surface of a pixel.
+struct Retraced {
+    is_there: bool,
+    // Values of the pixel in the images `hit` and `guide`.
+    hit: vec4<u32>,
+    position: vec3<f32>,
+    origin: vec3<f32>,
+    pixel: vec2<u32>,
+    // View whose random numbers the path has.
+    view: u32,
+    // Luminance of its light in the previous frame.
+    then: f32,
+}
+
+// Whether a frame has probes: whether pixels have several samples.
+fn has_probes(sampling: Sampling) -> bool {
+    return sampling.is_jittered != 0u || sampling.extra_fraction > 0.0;
+}
+
+// Whether the light of a pixel comes from paths that start on the surface of its G-buffer. Paths of polished surfaces may
+// start at what these reflect.
+fn starts_there(hit: vec4<u32>, guide: vec4<u32>) -> bool {
+    if guide.w == NO_NORMAL || is_mirrored(hit) || (hit.x & SPHERE) != 0u {
+        return false;
+    }
+    return !HAS_POLISH || (stored_material(hit.w & MATERIAL_MASK).flags & POLISHED) == 0u;
+}
+
+// The pixel of a tile whose path is traced again, in an image of `size` pixels. It changes from frame to frame.
+fn picked(index: u32, tile: vec2<u32>, size: vec2<u32>) -> vec2<u32> {
+    let pick = hash_combine(hash_combine(index, tile.x), tile.y) % (TILE * TILE);
+    return min(tile * TILE + vec2<u32>(pick % TILE, pick / TILE), size - 1u);
+}
+
+// The probe of `pixel` in this frame.
+fn probe_of(pixel: vec2<u32>, size: vec2<u32>) -> Retraced {
+    let hit = hit_image[pixel.y * size.x + pixel.x];
+    let guide = guide_image[pixel.y * size.x + pixel.x];
+    let is_there = has_probes(frame.sampling) && starts_there(hit, guide);
+    let origin = frame.camera.views[0].origin;
+    return Retraced(is_there, hit, bitcast<vec3<f32>>(guide.xyz), origin, pixel, PROBE_VIEW, 0.0);
+}
+
+// The path of the previous frame that starts on the surface of `pixel`, where or near where that frame saw it.
+fn last_path_of(tile: vec2<u32>, pixel: vec2<u32>, size: vec2<u32>) -> Retraced {
+    let last = last_surface[pixel.y * size.x + pixel.x];
+    if last.w == NO_NORMAL || was_mirrored(last) || frame.history.rows == NO_HISTORY {
+        return Retraced();
+    }
+    let eye = previous.views[0];
+    let position = bitcast<vec3<f32>>(last.xyz);
+    // `pixel_of` returns a position on this pass's grid, which is that of tiles. Scale it to pixels.
+    let point = pixel_of(position, eye);
+    var seen = vec2<i32>(floor(point.xy / vec2<f32>(f32(pass_.width), f32(pass_.height)) * vec2<f32>(size)));
+    let reach = i32(frame.history.rows);
+    var low = max(i32(pass_.valid_begin * TILE), i32(pixel.y) - reach);
+    var high = min(min(i32(pass_.valid_end * TILE), i32(size.y)), i32(pixel.y) + reach + 1);
+    if point.z <= 0.0 || seen.x < 0 || seen.x >= i32(size.x) || seen.y < low || seen.y >= high {
+        return Retraced();
+    }
+    var then = 0.0;
+    var view = 0u;
+    if has_probes(previous.sampling) {
+        let last_tile = vec2<u32>(seen) / TILE;
+        then = last_probe[last_tile.y * pass_.width + last_tile.x];
+        view = PROBE_VIEW;
+        seen = vec2<i32>(picked(previous.sampling.index, last_tile, size));
+        // The rows of this tile, and as many around it as history reaches.
+        low = max(i32(pass_.valid_begin * TILE), i32(tile.y * TILE) - reach);
+        high = min(min(i32(pass_.valid_end * TILE), i32(size.y)), i32((tile.y + 1u) * TILE) + reach);
+        if then < 0.0 || seen.y < low || seen.y >= high {
+            return Retraced();
+        }
+    }
+    if are_lost(seen.y, seen.y + 1) {
+        return Retraced();
+    }
+    let there = u32(seen.y) * size.x + u32(seen.x);
+    let guide = last_guide[there];
+    let hit = last_hit[there];
+    let normal = unpack_normal(last.w);
+    let off = abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position));
+    let is_same = off < 0.01 * point.z && dot(unpack_normal(guide.w), normal) > 0.9;
+    if !starts_there(hit, guide) || !is_same {
+        return Retraced();
+    }
+    if view == 0u {
+        if last_radiance[there].w == 0u {
+            return Retraced();
+        }
+        then = all_luminance(unpack_sampled(last_radiance[there]));
+    }
+    return Retraced(true, hit, bitcast<vec3<f32>>(guide.xyz), eye.origin, vec2<u32>(seen), view, then);
+}
+
+// Demodulated illumination that a path finds in the current scene, with the settings of its frame.
+fn light_of(path: Retraced, sampling: Sampling) -> SplitLight {
+    was_cut_short = false;
+    let direction = normalize(path.position - path.origin);
+    let first = surface_at(path.hit.x, bitcast<vec2<f32>>(path.hit.yz), path.origin, direction);
+    var rng = rng_in(sampling, path.pixel, path.view, 0u);
+    let found = trace_path(first, direction, medium_before(first, OUTSIDE_OF_VOLUMES), sampling, 0u, &rng);
     // Samples that are dropped are black.
-    if was_cut_short || !is_finite(path.radiance) || !is_finite(path.gloss) {
+    if was_cut_short || !is_finite(found.radiance) || !is_finite(found.gloss) {
         return SplitLight();
     }
-    var packed = pack_sampled(over(path.radiance, first.albedo), vec3<f32>(0.0));
+    var packed = pack_sampled(over(found.radiance, first.albedo), vec3<f32>(0.0));
     if HAS_GLOSS {
-        packed = pack_sampled(over(path.radiance, first.matte), over(path.gloss, first.albedo - first.matte));
+        packed = pack_sampled(over(found.radiance, first.matte), over(found.gloss, first.albedo - first.matte));
     }
     // Pack and unpack the light, so that it is rounded like the stored light that it is compared with.
     return unpack_sampled(packed);
@@ -46,42 +147,28 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = pixel_index(tile);
     gradient[at] = vec2<f32>(0.0);
+    probe[at] = NO_PROBE;
     let size = vec2<u32>(pass_.args[0], pass_.args[1]);
-    let pick = hash_combine(hash_combine(frame.sampling.index, tile.x), tile.y) % (TILE * TILE);
-    let pixel = min(tile * TILE + vec2<u32>(pick % TILE, pick / TILE), size - 1u);
-    let last = last_surface[pixel.y * size.x + pixel.x];
-    if last.w == NO_NORMAL || was_mirrored(last) || frame.history.rows == NO_HISTORY || previous.sampling.is_jittered != 0u {
-        return;
+    let pixel = picked(frame.sampling.index, tile, size);
+    // A loop, so that the code of paths is there only once.
+    for (var turn = 0u; turn < 2u; turn += 1u) {
+        var path = Retraced();
+        var sampling = previous.sampling;
+        if turn == 0u {
+            path = last_path_of(tile, pixel, size);
+        } else {
+            path = probe_of(pixel, size);
+            sampling = frame.sampling;
+        }
+        if !path.is_there {
+            continue;
+        }
+        let now = all_luminance(light_of(path, sampling));
+        if turn == 1u {
+            probe[at] = now;
+            continue;
+        }
+        let value = vec2<f32>(now - path.then, max(now, path.then));
+        gradient[at] = select(vec2<f32>(0.0), value, is_finite(value.xyy));
     }
-    let eye = previous.views[0];
-    let position = bitcast<vec3<f32>>(last.xyz);
-    // `pixel_of` returns a position on this pass's grid, which is that of tiles. Scale it to pixels.
-    let point = pixel_of(position, eye);
-    let seen = vec2<i32>(floor(point.xy / vec2<f32>(f32(pass_.width), f32(pass_.height)) * vec2<f32>(size)));
-    let low = max(i32(pass_.valid_begin * TILE), i32(pixel.y) - i32(frame.history.rows));
-    let high = min(min(i32(pass_.valid_end * TILE), i32(size.y)), i32(pixel.y) + i32(frame.history.rows) + 1);
-    if point.z <= 0.0 || seen.x < 0 || seen.x >= i32(size.x) || seen.y < low || seen.y >= high || are_lost(seen.y, seen.y + 1) {
-        return;
-    }
-    let there = u32(seen.y) * size.x + u32(seen.x);
-    let guide = last_guide[there];
-    let hit = last_hit[there];
-    let before = last_radiance[there];
-    let normal = unpack_normal(last.w);
-    let off = abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position));
-    let is_same = guide.w != NO_NORMAL && off < 0.01 * point.z && dot(unpack_normal(guide.w), normal) > 0.9;
-    if samples_in(previous.sampling, vec2<u32>(seen)) > 1u {
-        return;
-    }
-    if !is_same || is_mirrored(hit) || before.w == 0u || (hit.x & SPHERE) != 0u {
-        return;
-    }
-    // Paths of polished surfaces may start at what these reflect.
-    if HAS_POLISH && (stored_material(hit.w & MATERIAL_MASK).flags & POLISHED) != 0u {
-        return;
-    }
-    let then = all_luminance(unpack_sampled(before));
-    let now = all_luminance(light_again(hit, bitcast<vec3<f32>>(guide.xyz), eye.origin, vec2<u32>(seen)));
-    let value = vec2<f32>(now - then, max(now, then));
-    gradient[at] = select(vec2<f32>(0.0), value, is_finite(value.xyy));
 }

@@ -216,10 +216,10 @@ fn escaped_light(direction: vec3<f32>, b: BsdfSample, is_first: bool) -> vec3<f3
 // and the light of that sample is bright (Kaplanyan & Dachsbacher, "Path Space Regularization for Holistic and Robust
 // Light Transport", 2013). As there, the width shrinks with the number of samples, so that the bias vanishes. Panes stay
 // clear.
-fn regularize(s: ptr<function, Surface>, is_wide: bool) {
+fn regularize(s: ptr<function, Surface>, is_wide: bool, samples: u32) {
     let is_pane = HAS_TRANSMISSION && (*s).is_thin && max3((*s).transmitted) > 0.0;
     if is_wide && !is_pane {
-        let least = REGULARIZED_ALPHA * pow(f32(frame.sampling.spp), -1.0 / 6.0);
+        let least = REGULARIZED_ALPHA * pow(f32(samples), -1.0 / 6.0);
         (*s).alpha = max((*s).alpha, least);
         (*s).coat_alpha = max((*s).coat_alpha, least);
     }
@@ -280,7 +280,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, medium_in: Medium, sampli
             s = surface_at(hit.prim, hit.bary, origin, direction);
             if IS_REGULARIZED {
                 is_wide = is_wide || (!b.is_delta && b.pdf < NARROW_PDF);
-                regularize(&s, is_wide);
+                regularize(&s, is_wide, sampling.spp);
             }
             if HAS_TRANSMISSION {
                 medium = medium_before(s, medium);

@@ -6,10 +6,11 @@ override VARIES_SAMPLES: bool = false;
 
 const SAMPLES_TILE = vec2<u32>(8u, 4u);
 
-// Samples of a pixel in a frame with the constants `sampling`. The threshold of a tile is its index on the Z-order
+// Samples of a pixel in this frame. The threshold of a tile is its index on the Z-order
 // curve, Owen-scrambled, so that every aligned block of 2^k tiles has as many extra samples as it should. It advances
 // from frame to frame like that of the sampling mask.
-fn samples_in(sampling: Sampling, pixel: vec2<u32>) -> u32 {
+fn samples_of(pixel: vec2<u32>) -> u32 {
+    let sampling = frame.sampling;
     if !VARIES_SAMPLES {
         return sampling.spp;
     }
@@ -17,8 +18,4 @@ fn samples_in(sampling: Sampling, pixel: vec2<u32>) -> u32 {
     let place = spread_bits(tile.x) | (spread_bits(tile.y) << 1u);
     let threshold = reverseBits(laine_karras(place, 0x7f4a7c15u)) + sampling.mask_turn;
     return sampling.spp + select(0u, 1u, unit_float(threshold) < sampling.extra_fraction);
-}
-
-fn samples_of(pixel: vec2<u32>) -> u32 {
-    return samples_in(frame.sampling, pixel);
 }

@@ -30,6 +30,10 @@ const SMOOTH: Kernel = Kernel::new("gradient_smooth").with(constants![REACH]);
 /// the two luminances.
 const GRADIENT: Resource = Resource::image::<Vec2>("gradient").on(TILES);
 
+/// Luminance of the path that a frame of several samples per pixel traces for the next frame to trace again; negative
+/// without such a path.
+const PROBE: Resource = Resource::image::<f32>("probe").on(TILES);
+
 /// Returns true if gradients are computed: only in dynamic scenes, and not in polar images, whose tiles are not square.
 fn is_found(spec: &FrameSpec) -> bool {
     spec.moving.is_some() && spec.chain.polar.is_none()
@@ -58,9 +62,13 @@ pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
         .on(TILES)
         .uses([
             Use::read(last_surface(spec)),
+            Use::read(HIT),
+            Use::read(GUIDE),
             last(HIT),
             last(GUIDE),
             last(RADIANCE),
+            last(PROBE),
+            Use::write(PROBE),
             Use::write(GRADIENT),
             Use::read(PREVIOUS),
         ])

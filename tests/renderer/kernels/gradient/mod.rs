@@ -125,7 +125,7 @@ fn gradients(
     outputs.get("gradient")
 }
 
-fn overrides(format: Format) -> [(&'static str, bool); 9] {
+fn overrides(format: Format) -> [(&'static str, bool); 8] {
     [
         ("SOBOL", true),
         ("HAS_GLOSS", format.gloss),
@@ -135,7 +135,6 @@ fn overrides(format: Format) -> [(&'static str, bool); 9] {
         ("HAS_HARD_LIGHTS", false),
         ("HAS_MIRRORS", false),
         ("HAS_POLISH", false),
-        ("VARIES_SAMPLES", false),
     ]
 }
 
