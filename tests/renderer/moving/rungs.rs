@@ -86,19 +86,19 @@ fn a_change_of_samples_drops_no_more_history_than_none() {
         // With several samples, rays do not go through the pixel centre, and frames further apart have other random
         // numbers.
         assert!(more.max(apart) < 2.0 * constant, "{denoiser:?}: {more} and {apart} instead of {constant}");
-        let none = [[many, USUAL], [many; 2]].map(|rungs| dropped(rungs, 1));
-        assert_eq!(none, [0.0; 2], "{denoiser:?}: samples of a frame of several cannot be told apart");
+        let [fewer, as_many] = [[many, USUAL], [many; 2]].map(|rungs| dropped(rungs, 1));
+        println!("after more samples {fewer:.4}, and as many again {as_many:.4}");
+        assert!(fewer.min(as_many) > 0.0, "{denoiser:?}: frames of several samples have no gradients");
+        assert!(fewer.max(as_many) < 2.0 * constant, "{denoiser:?}: {fewer} and {as_many} instead of {constant}");
     }
 }
 
-/// Paths of tiles with two samples cannot be compared with one path, which would find a change of light where there is
-/// none.
+/// The light of several samples is a mean, which a single path differs from.
 #[test]
-fn a_still_scene_has_no_gradients_where_tiles_have_one_more_sample() {
+fn a_still_scene_has_no_gradients_whatever_its_samples() {
     let subject = watched(moving::everything());
-    let between = (1.5, 6, 1.0);
-    let still = play_at(&subject, Denoiser::SVGF, [between; 2], 1, f64::INFINITY);
-    assert_eq!(still.dropped, 0.0);
-    let moves = play(&subject, Denoiser::SVGF, [between; 2], 1);
-    assert!(moves.dropped > 0.0, "tiles of one sample have gradients");
+    for (before, after) in [(1.5, 1.5), (3.0, 3.0), (3.0, 1.0), (1.0, 3.0), (1.5, 2.0)] {
+        let rungs = [before, after].map(|spp| (spp, 6, 1.0));
+        assert_eq!(play_at(&subject, Denoiser::SVGF, rungs, 1, f64::INFINITY).dropped, 0.0, "{before} to {after}");
+    }
 }

@@ -101,9 +101,23 @@ fn gradients(
     (constants, history): (&Constants, History),
     previous: Previous,
     stripe: &Stripe,
-    [last_surface, hit, guide, radiance]: [&[[u32; 4]]; 4],
+    (images, probes): ([&[[u32; 4]]; 4], &[f32]),
 ) -> Vec<[f32; 2]> {
     let own = Sampling { seed: 77, spp: 4, sample_base: 3, curve_shift: 2, ..sampling(constants.index, 5) };
+    run(subject, format, (constants, history), own, previous, stripe, (images, probes)).0
+}
+
+/// Runs the kernel in a frame with the settings `own`, whose own images are those of the previous frame. Returns
+/// gradients and probes.
+fn run(
+    subject: &Subject,
+    format: Format,
+    (constants, history): (&Constants, History),
+    own: Sampling,
+    previous: Previous,
+    stripe: &Stripe,
+    ([last_surface, hit, guide, radiance], probes): ([&[[u32; 4]]; 4], &[f32]),
+) -> (Vec<[f32; 2]>, Vec<f32>) {
     let mut frame = Frame { history, sampling: own, ..constants.frame() };
     subject.tables.describe(&mut frame);
     let [width, height] = TILES;
@@ -118,11 +132,15 @@ fn gradients(
             ("last_hit", Buffer::whole(hit)),
             ("last_guide", Buffer::whole(guide)),
             ("last_radiance", Buffer::whole(radiance)),
+            ("hit_image", Buffer::whole(hit)),
+            ("guide_image", Buffer::whole(guide)),
+            ("last_probe", Buffer::whole(probes)),
+            ("probe", Buffer::image(&vec![f32::NAN; before.len()])),
             ("gradient", Buffer::image(&before)),
             ("previous", Buffer::whole(&[previous])),
         ],
     );
-    outputs.get("gradient")
+    (outputs.get("gradient"), outputs.get("probe"))
 }
 
 fn overrides(format: Format) -> [(&'static str, bool); 8] {
@@ -192,9 +210,13 @@ fn compare(case: &Case, cases: &mut Cases) {
         for ((hit, guide), radiance) in hit.iter_mut().zip(&mut guide).zip(&mut radiance) {
             damaged(&mut random, hit, guide, radiance);
         }
+        let light = luminance(STRENGTH) / PI;
+        let probes: Vec<f32> = (0..TILES[0] * TILES[1])
+            .map(|_| if random.chance(0.2) { -1.0 } else { (light * f64::from(random.bits()) * 2f64.powi(-32)) as f32 })
+            .collect();
         let before = Before {
             eye,
-            is_jittered: case.is_jittered,
+            probes: case.is_jittered.then(|| (settings.index, probes.clone())),
             guide: guide.iter().map(|bits| Surface::unpack(*bits)).collect(),
             hit: hit.clone(),
             then: radiance.iter().map(|bits| Some(format.unpack_sampled(*bits)?.luminances().element_sum())).collect(),
@@ -209,7 +231,7 @@ fn compare(case: &Case, cases: &mut Cases) {
             (&constants, History::new(case.history_rows, case.lost.clone())),
             Previous { views, sampling: settings },
             &stripe,
-            [&own, &hit, &guide, &radiance],
+            ([&own, &hit, &guide, &radiance], &probes),
         );
         let last_surface: Vec<_> = last_surface.iter().map(|bits| Surface::unpack(*bits)).collect();
         let lost = case.lost.clone();
@@ -273,12 +295,22 @@ fn rows_that_are_lost_or_too_far_have_no_gradients() {
 }
 
 #[test]
-fn frames_without_history_or_of_several_samples_have_no_gradients() {
-    for (gloss, is_jittered, history_rows) in [(false, false, None), (false, true, Some(6)), (true, true, Some(6))] {
+fn frames_without_history_have_no_gradients() {
+    let mut cases = Cases::default();
+    let step = (DVec3::ZERO, 0.0);
+    let case = Case { gloss: false, step, is_jittered: false, history_rows: None, lost: 0..0, tempts: true, seed: 161 };
+    compare(&case, &mut cases);
+    cases.assert_met(&["no history"]);
+}
+
+#[test]
+fn frames_of_several_samples_are_compared_by_their_probes() {
+    for (gloss, tempts, seed) in [(false, false, 171), (true, true, 172)] {
         let mut cases = Cases::default();
-        let step = (DVec3::ZERO, 0.0);
-        compare(&Case { gloss, step, is_jittered, history_rows, lost: 0..0, tempts: true, seed: 161 }, &mut cases);
-        cases.assert_met(&[if is_jittered { "several samples" } else { "no history" }]);
+        let step = (DVec3::new(0.05, -0.04, 0.03), 0.12);
+        let case = Case { gloss, step, is_jittered: true, history_rows: Some(2), lost: 8..10, tempts, seed };
+        (0..4).for_each(|i| compare(&Case { seed: 10 * seed + i, lost: 8..10, ..case }, &mut cases));
+        cases.assert_met(&["no probe", "a probe beyond the reach", "lost rows", "another surface", "lit as well"]);
     }
 }
 
@@ -325,6 +357,44 @@ fn traced(
     outputs.get("radiance_image")
 }
 
+/// Returns the gradients after a frame of several samples per pixel. The sun is `factor` times as strong as in that
+/// frame. The eyes do not move.
+fn after_probes(gloss: bool, settings: Sampling, factor: f32) -> Vec<[f32; 2]> {
+    let (subject_before, world) = subject(lit_screen(gloss), gloss);
+    let constants = Constants { history_rows: Some(0), index: 9, exposure: 1.3, ..Constants::new(WIDTH, HEIGHT) };
+    let format = Format { gloss, exposure: constants.exposure.into() };
+    let (hit, guide) = seen(&world, &constants, &constants.eyes[0]);
+    let views = constants.frame().camera.views;
+    let whole = Stripe { rows: 0..TILES[1], valid: 0..TILES[1] };
+    let nothing = vec![[0u32; 4]; constants.area()];
+    let images = [&guide[..], &hit, &guide, &nothing];
+    let none = vec![-1.0; (TILES[0] * TILES[1]) as usize];
+    let before = (&constants, History::new(None, 0..0));
+    let previous = Previous { views, sampling: settings };
+    let (_, probes) = run(&subject_before, format, before, settings, previous, &whole, (images, &none));
+    let mut scene = lit_screen(gloss);
+    scene.lights[0].strength *= factor;
+    let now = (&constants, History::new(Some(0), 0..0));
+    gradients(&subject(scene, gloss).0, format, now, previous, &whole, (images, &probes))
+}
+
+#[test]
+fn probes_find_light_that_changes_and_only_that() {
+    for gloss in [false, true] {
+        let settings = Sampling { is_jittered: 1, spp: 2, curve_shift: 1, ..sampling(5, 3) };
+        let between = Sampling { is_jittered: 0, spp: 1, extra_fraction: 0.5, ..settings };
+        for settings in [settings, between] {
+            let still = after_probes(gloss, settings, 1.0);
+            assert_same(&still, gloss);
+            assert!(still.iter().filter(|[_, light]| *light > 0.1).count() > 20, "{still:?}");
+            let brighter = after_probes(gloss, settings, 3.0);
+            assert!(brighter.iter().filter(|[change, light]| *change > 0.3 * light).count() > 10, "{brighter:?}");
+        }
+        let one = Sampling { is_jittered: 0, spp: 1, ..settings };
+        assert!(after_probes(gloss, one, 3.0).iter().all(|v| *v == [0.0; 2]), "frames of one sample have no probes");
+    }
+}
+
 /// Returns the gradients after a frame that was traced with `settings`, if the previous settings are given as `said`.
 /// The eyes do not move.
 fn after(scene: Scene, gloss: bool, settings: Sampling, said: &[Sampling]) -> Vec<Vec<[f32; 2]>> {
@@ -335,10 +405,11 @@ fn after(scene: Scene, gloss: bool, settings: Sampling, said: &[Sampling]) -> Ve
     let radiance = traced(&subject, format, &constants, settings, [&hit, &guide]);
     let views = constants.frame().camera.views;
     let whole = Stripe { rows: 0..TILES[1], valid: 0..TILES[1] };
+    let none = vec![-1.0; (TILES[0] * TILES[1]) as usize];
     let gradients = |sampling: &Sampling| {
         let (previous, images) = (Previous { views, sampling: *sampling }, [&guide, &hit, &guide, &radiance]);
         let history = History::new(Some(0), 0..0);
-        gradients(&subject, format, (&constants, history), previous, &whole, images.map(Vec::as_slice))
+        gradients(&subject, format, (&constants, history), previous, &whole, (images.map(Vec::as_slice), &none))
     };
     said.iter().map(gradients).collect()
 }
@@ -392,7 +463,7 @@ fn paths_are_those_of_the_frame_before() {
         let changed = |found: &[[f32; 2]]| found.iter().filter(|[change, light]| change.abs() > 1e-3 * light).count();
         assert_eq!(changed(&found[0]), 0, "{:?}", found[0]);
         assert!(found[0].iter().filter(|[_, light]| *light > 0.1).count() > 30, "{:?}", found[0]);
-        assert!(found[1].as_flattened().iter().all(|v| *v == 0.0), "of several samples: {:?}", found[1]);
+        assert!(found[1].as_flattened().iter().all(|v| *v == 0.0), "without probes: {:?}", found[1]);
         for (found, other) in found[2..].iter().zip(others) {
             assert!(changed(found) > 2, "{} tiles changed with {other:?}", changed(found));
         }

@@ -78,7 +78,8 @@ impl World {
 /// The previous frame, by pixel.
 pub struct Before {
     pub eye: Eye,
-    pub is_jittered: bool,
+    /// Frame number and probes, by tile and negative where there is none; `None` if pixels had one sample.
+    pub probes: Option<(u32, Vec<f32>)>,
     pub guide: Vec<Option<Surface>>,
     /// Contents of the hit image: the visible triangle, and weights of its corners.
     pub hit: Vec<[u32; 4]>,
@@ -110,9 +111,9 @@ fn combined(a: u32, b: u32) -> u32 {
 }
 
 impl Twin<'_> {
-    /// Returns the pixel that represents a tile in this frame.
-    fn pick(&self, (x, y): (u32, u32)) -> (u32, u32) {
-        let place = combined(combined(self.constants.index, x), y) % (TILE * TILE);
+    /// Returns the pixel that represents a tile in frame number `index`.
+    fn pick(&self, index: u32, (x, y): (u32, u32)) -> (u32, u32) {
+        let place = combined(combined(index, x), y) % (TILE * TILE);
         let (x, y) = (x * TILE + place % TILE, y * TILE + place / TILE);
         (x.min(self.constants.width - 1), y.min(self.constants.height - 1))
     }
@@ -124,12 +125,9 @@ impl Twin<'_> {
             Some(DVec2::ZERO)
         };
         let (constants, before) = (self.constants, self.before);
-        let (x, y) = self.pick(tile);
+        let (x, y) = self.pick(constants.index, tile);
         let Some(surface) = &self.last_surface[constants.index(x, y)] else { return nothing(cases, "no surface") };
         let Some(reach) = constants.history_rows else { return nothing(cases, "no history") };
-        if before.is_jittered {
-            return nothing(cases, "several samples");
-        }
         let Some((seen, z)) = before.eye.seen_at(surface.position, constants.size()) else {
             return nothing(cases, "behind the eye");
         };
@@ -145,6 +143,20 @@ impl Twin<'_> {
         if row.abs_diff(y) > reach || !valid.contains(&row) {
             return nothing(cases, if valid.contains(&row) { "beyond the reach" } else { "rows that are not there" });
         }
+        let (mut column, mut row, mut probe) = (column, row, None);
+        if let Some((index, probes)) = &before.probes {
+            let there = (column / TILE, row / TILE);
+            let light = probes[(there.1 * constants.width.div_ceil(TILE) + there.0) as usize];
+            if light < 0.0 {
+                return nothing(cases, "no probe");
+            }
+            (column, row) = self.pick(*index, there);
+            let around = (tile.1 * TILE).saturating_sub(reach)..(tile.1 + 1) * TILE + reach;
+            if !valid.contains(&row) || !around.contains(&row) {
+                return nothing(cases, "a probe beyond the reach");
+            }
+            probe = Some(f64::from(light));
+        }
         if self.lost.contains(&row) {
             return nothing(cases, "lost rows");
         }
@@ -154,7 +166,7 @@ impl Twin<'_> {
             off < 0.01 * z && surface.normal.dot(then.normal) > 0.9
         };
         let Some(then) = before.guide[at].as_ref().filter(is_same) else { return nothing(cases, "another surface") };
-        let Some(light) = before.then[at] else { return nothing(cases, "not sampled") };
+        let Some(light) = probe.or(before.then[at]) else { return nothing(cases, "not sampled") };
         let [prim, u, v, _] = before.hit[at];
         if prim & SPHERE != 0 {
             return nothing(cases, "a lamp");
