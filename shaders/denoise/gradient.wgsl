@@ -20,6 +20,8 @@ fn all_luminance(light: SplitLight) -> f32 {
     return both.x + both.y;
 }
 
+// Of so many rows of tiles, one has probes.
+const PROBED_ROWS: u32 = 4u;
 // Value of tiles without a probe.
 const NO_PROBE: f32 = -1.0;
 // Probes have random numbers of their own, which are those of no eye.
@@ -44,6 +46,12 @@ fn has_probes(sampling: Sampling) -> bool {
     return sampling.is_jittered != 0u || sampling.extra_fraction > 0.0;
 }
 
+// Whether a frame with probes has one in a tile. Rows of tiles take turns, so that lanes that run together do the same
+// work. Gradients are smoothed over more rows than these.
+fn is_probed(sampling: Sampling, tile: vec2<u32>) -> bool {
+    return (tile.y + sampling.index) % PROBED_ROWS == 0u;
+}
+
 // Whether the light of a pixel comes from paths that start on the surface of its G-buffer. Paths of polished surfaces may
 // start at what these reflect.
 fn starts_there(hit: vec4<u32>, guide: vec4<u32>) -> bool {
@@ -59,11 +67,11 @@ fn picked(index: u32, tile: vec2<u32>, size: vec2<u32>) -> vec2<u32> {
     return min(tile * TILE + vec2<u32>(pick % TILE, pick / TILE), size - 1u);
 }
 
-// The probe of `pixel` in this frame.
-fn probe_of(pixel: vec2<u32>, size: vec2<u32>) -> Retraced {
+// The probe of `pixel`, which is of `tile`, in this frame.
+fn probe_of(tile: vec2<u32>, pixel: vec2<u32>, size: vec2<u32>) -> Retraced {
     let hit = hit_image[pixel.y * size.x + pixel.x];
     let guide = guide_image[pixel.y * size.x + pixel.x];
-    let is_there = has_probes(frame.sampling) && starts_there(hit, guide);
+    let is_there = has_probes(frame.sampling) && is_probed(frame.sampling, tile) && starts_there(hit, guide);
     let origin = frame.camera.views[0].origin;
     return Retraced(is_there, hit, bitcast<vec3<f32>>(guide.xyz), origin, pixel, PROBE_VIEW, 0.0);
 }
@@ -121,8 +129,11 @@ fn last_path_of(tile: vec2<u32>, pixel: vec2<u32>, size: vec2<u32>) -> Retraced 
 }
 
 // Demodulated illumination that a path finds in the current scene, with the settings of its frame.
-fn light_of(path: Retraced, sampling: Sampling) -> SplitLight {
-    was_cut_short = false;
+fn light_of(path: Retraced, is_probe: bool) -> SplitLight {
+    var sampling = previous.sampling;
+    if is_probe {
+        sampling = frame.sampling;
+    }
     let direction = normalize(path.position - path.origin);
     let first = surface_at(path.hit.x, bitcast<vec2<f32>>(path.hit.yz), path.origin, direction);
     var rng = rng_in(sampling, path.pixel, path.view, 0u);
@@ -146,29 +157,25 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(tile);
-    gradient[at] = vec2<f32>(0.0);
-    probe[at] = NO_PROBE;
     let size = vec2<u32>(pass_.args[0], pass_.args[1]);
     let pixel = picked(frame.sampling.index, tile, size);
-    // A loop, so that the code of paths is there only once.
-    for (var turn = 0u; turn < 2u; turn += 1u) {
-        var path = Retraced();
-        var sampling = previous.sampling;
-        if turn == 0u {
-            path = last_path_of(tile, pixel, size);
-        } else {
-            path = probe_of(pixel, size);
-            sampling = frame.sampling;
-        }
-        if !path.is_there {
-            continue;
-        }
-        let now = all_luminance(light_of(path, sampling));
-        if turn == 1u {
-            probe[at] = now;
-            continue;
-        }
-        let value = vec2<f32>(now - path.then, max(now, path.then));
-        gradient[at] = select(vec2<f32>(0.0), value, is_finite(value.xyy));
+    let is_probe = pass_.args[2] == PROBES;
+    var path = Retraced();
+    if is_probe {
+        probe[at] = NO_PROBE;
+        path = probe_of(tile, pixel, size);
+    } else {
+        gradient[at] = vec2<f32>(0.0);
+        path = last_path_of(tile, pixel, size);
     }
+    if !path.is_there {
+        return;
+    }
+    let now = all_luminance(light_of(path, is_probe));
+    if is_probe {
+        probe[at] = now;
+        return;
+    }
+    let value = vec2<f32>(now - path.then, max(now, path.then));
+    gradient[at] = select(vec2<f32>(0.0), value, is_finite(value.xyy));
 }

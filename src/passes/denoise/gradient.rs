@@ -5,7 +5,7 @@
 use glam::Vec2;
 
 use super::PARTITION;
-use crate::graph::{Grid, Kernel, Pass, Resource, Size, Stage, Use};
+use crate::graph::{Grid, Kernel, Launch, Pass, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::passes::gbuffer::{GUIDE, HIT};
 use crate::passes::resources::{RADIANCE, last_surface};
@@ -23,7 +23,10 @@ const REACH: u32 = 2;
 /// Constants of shaders that bind [`read_change`].
 pub const CONSTANTS: &[Constant] = constants![TILE];
 
-const TRACE: Kernel = Kernel::with_scene("gradient").with(CONSTANTS);
+/// Third kernel argument: trace the probes of this frame. Otherwise, trace paths of the previous frame again.
+const PROBES: u32 = 1;
+
+const TRACE: Kernel = Kernel::with_scene("gradient").with(constants![TILE, PROBES]);
 const SMOOTH: Kernel = Kernel::new("gradient_smooth").with(constants![REACH]);
 
 /// Two values for the retraced pixel of each tile: its luminance minus that in the previous frame, and the larger of
@@ -72,7 +75,7 @@ pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
             Use::write(GRADIENT),
             Use::read(PREVIOUS),
         ])
-        .args([spec.extent.width, spec.extent.height, 0]);
+        .launches([0, PROBES].map(|third| Launch::Once([spec.extent.width, spec.extent.height, third])).into());
     let smooth = Pass::new(Stage("gradient_smooth"), view, PARTITION, SMOOTH)
         .on(TILES)
         .uses([Use::read(GRADIENT).halo(spec.halo(REACH)), Use::write(change(spec))]);

@@ -30,15 +30,16 @@ fn assert_all_same(what: &str, expected: &[Frame], found: &[Frame]) {
 
 #[test]
 fn moving_scenes_have_the_bytes_of_one_device_on_ragged_stripes_that_move() {
-    for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
-        hold_motion_against_one_device(denoiser);
+    for (denoiser, extra) in [(Denoiser::SVGF, 0.0), (Denoiser::SVGF, 0.5), (Denoiser::BMFR, 0.0)] {
+        hold_motion_against_one_device(denoiser, extra);
     }
 }
 
-fn hold_motion_against_one_device(denoiser: Denoiser) {
+fn hold_motion_against_one_device(denoiser: Denoiser, extra: f64) {
     let subject = watched(moving::everything());
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     settings.envelope.most.denoiser = Some(denoiser);
+    (settings.envelope.most.extra, settings.envelope.mixes_spp) = (extra, extra > 0.0);
     settings.envelope.most.iterations = settings.envelope.most.iterations.map(|n| n.min(denoiser.most_iterations()));
     let times_s = times_s();
     let one = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);

@@ -89,7 +89,7 @@ fn a_change_of_samples_drops_no_more_history_than_none() {
         let [fewer, as_many] = [[many, USUAL], [many; 2]].map(|rungs| dropped(rungs, 1));
         println!("after more samples {fewer:.4}, and as many again {as_many:.4}");
         assert!(fewer.min(as_many) > 0.0, "{denoiser:?}: frames of several samples have no gradients");
-        assert!(fewer.max(as_many) < 2.0 * constant, "{denoiser:?}: {fewer} and {as_many} instead of {constant}");
+        assert!(fewer.max(as_many) < 3.0 * constant, "{denoiser:?}: {fewer} and {as_many} instead of {constant}");
     }
 }
 
