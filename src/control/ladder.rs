@@ -111,8 +111,8 @@ impl Ladder {
         Self::new(origin, rungs)
     }
 
-    /// Adds rungs between those that differ in nothing but their samples ([`Rung::between`]), so that times rise by
-    /// [`FINE_STEP`] at most. Their times and errors are estimates.
+    /// Adds rungs between those that differ in nothing but their samples ([`Rung::between`]), so that times rise by 5 %
+    /// at most. The times and errors of these rungs are estimates.
     #[must_use]
     pub fn refined(self) -> Self {
         let mut rungs = Vec::with_capacity(self.rungs.len());

@@ -52,8 +52,8 @@ pub fn slopes(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Vec<Slope> 
     let rows: Vec<&SettingRow> = rows
         .iter()
         .filter(|r| {
-            let Quality { scale, fovea, polar, .. } = r.quality;
-            scale == 1.0 && fovea.is_none() && polar.is_none()
+            let Quality { extra, scale, fovea, polar, .. } = r.quality;
+            extra == 0.0 && scale == 1.0 && fovea.is_none() && polar.is_none()
         })
         .collect();
     let bounces = rows.iter().map(|r| r.quality.bounces).max();
