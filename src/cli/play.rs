@@ -58,14 +58,16 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &prepared.render;
     if !options.quiet && !options.json {
         let rungs = session.ladder().rungs();
-        let [least_ms, most_ms] = [rungs.first(), rungs.last()].map(|rung| rung.map_or(0.0, |r| r.time_ms));
+        let times = match rungs {
+            [one] => format!("1 rung of {:.1} ms", one.time_ms),
+            [first, .., last] => format!("{} rungs of {:.1} to {:.1} ms", rungs.len(), first.time_ms, last.time_ms),
+            [] => "no rungs".to_owned(),
+        };
         session.progress.tell(&format!(
-            "{} at {}, denoiser {}, {} rung{} of {least_ms:.1} to {most_ms:.1} ms; ladder: {}; ready after {:.1} s",
+            "{} at {}, denoiser {}, {times}; ladder: {}; ready after {:.1} s",
             options.shot,
             options.size,
             Denoiser::name_of(prepared.choice.denoiser),
-            rungs.len(),
-            if rungs.len() == 1 { "" } else { "s" },
             args.options.ladder_name(session.ladder()),
             session.warm_up_s
         ));

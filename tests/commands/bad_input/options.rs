@@ -28,9 +28,10 @@ fn sizes_beyond_a_device_s_memory_fail_and_say_so() {
 
 #[test]
 fn sample_counts_out_of_range_are_refused() {
-    for spp in ["0", "1000000000", "10000000000", "-1", "many", "1.5"] {
+    for spp in ["0", "1000000000", "10000000000", "-1", "many", "0.5", "nan"] {
         assert_option_refused(&[&format!("--spp={spp}")], &["--spp", spp]);
     }
+    assert_option_refused(&["--reference", "--spp", "1.5"], &["--reference", "--spp 1.5"]);
     assert_option_refused(&["--bounces", "100000"], &["--bounces"]);
     for iterations in ["11", "2,3", "2,3,11", ",", "-1"] {
         assert_option_refused(&[&format!("--iterations={iterations}")], &["--iterations"]);
