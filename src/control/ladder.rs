@@ -119,10 +119,12 @@ impl Ladder {
         for (i, rung) in self.rungs.iter().enumerate() {
             rungs.push(rung.clone());
             let Some(above) = self.rungs.get(i + 1) else { break };
-            let steps = ((above.time_ms / rung.time_ms).ln() / FINE_STEP.ln_1p()).ceil();
+            let ratio = above.time_ms / rung.time_ms;
+            let steps = (ratio.ln() / FINE_STEP.ln_1p()).ceil();
             let [low, high] = [rung, above].map(|r| r.quality.samples().mean());
             let samples = (1..steps as u32).map(|step| {
-                let mean = low + (high - low) * f64::from(step) / steps;
+                let part = (ratio.powf(f64::from(step) / steps) - 1.0) / (ratio - 1.0);
+                let mean = low + (high - low) * part;
                 Spp { least: mean as u32, extra: mean.fract() }
             });
             rungs.extend(samples.filter_map(|samples| rung.between(above, samples)));

@@ -144,3 +144,32 @@ fn settings_without_finite_numbers_are_on_no_front() {
     let message = Ladder::of_measured(origin, &measured[..2]).unwrap_err().to_string();
     assert_eq!(message, "the ladder has no rungs");
 }
+
+#[test]
+fn rungs_between_others_differ_from_them_in_samples_alone() {
+    let mut rungs = ladder(&times(10.0, &[2.0, 1.5])).rungs().to_vec();
+    rungs[1].quality.spp = 4;
+    (rungs[2].quality.spp, rungs[2].quality.bounces) = (6, 2);
+    for (rung, rays) in rungs.iter_mut().zip([2.0, 8.0, 9.0]) {
+        rung.rays.insert("path_trace".into(), rays);
+        rung.stage_ms.insert("path_trace".into(), rung.time_ms / 2.0);
+    }
+    let measured = Ladder::new(three().origin().clone(), rungs).unwrap();
+    let fine = measured.clone().refined();
+    let added: Vec<&Rung> = fine.rungs().iter().filter(|rung| !measured.rungs().contains(rung)).collect();
+    assert_eq!(fine.rungs().len(), measured.rungs().len() + added.len(), "measured rungs stay");
+    for pair in fine.rungs().windows(2).filter(|pair| pair[1].quality.bounces == pair[0].quality.bounces) {
+        let [low, high] = [&pair[0], &pair[1]];
+        let step = high.time_ms / low.time_ms;
+        assert!(1.0 < step && step <= 1.05 + 1e-9 && high.error < low.error, "{low:?} {high:?}");
+    }
+    for rung in added {
+        let mean = rung.quality.samples().mean();
+        let part = (mean - 1.0) / 3.0;
+        assert!(rung.is_estimated && rung.flip.is_none() && 1.0 < mean && mean < 4.0, "{rung:?}");
+        let off = [rung.time_ms - (10.0 + 10.0 * part), rung.rays["path_trace"] - (2.0 + 6.0 * part)];
+        assert!(off.iter().all(|off| off.abs() < 1e-9), "{rung:?}");
+    }
+    let text = fine.text().unwrap();
+    assert_eq!(Ladder::parse(&text).unwrap(), fine);
+}
