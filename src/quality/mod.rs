@@ -150,15 +150,15 @@ pub struct FrameQuality {
 }
 
 impl FrameQuality {
-    /// Returns the mean number of samples per traced pixel.
-    pub fn mean_spp(&self) -> f64 {
-        Spp { least: self.spp, extra: self.extra }.mean()
+    /// Returns the samples per traced pixel.
+    pub fn per_pixel(&self) -> Spp {
+        Spp { least: self.spp, extra: self.extra }
     }
 
     /// Returns the mean number of samples per pixel at this render scale. Foveation, which would reduce it further, is
     /// not taken into account.
     pub fn samples(&self) -> f64 {
-        self.mean_spp() * self.scale * self.scale
+        self.per_pixel().mean() * self.scale * self.scale
     }
 }
 
@@ -172,7 +172,7 @@ impl From<&Quality> for FrameQuality {
 impl Display for FrameQuality {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { bounces, iterations, scale, fovea, .. } = *self;
-        let spp = self.mean_spp();
+        let spp = self.per_pixel();
         let layers = layers_name(fovea);
         write!(f, "{spp} spp, {bounces} bounces, {iterations} iterations, scale {scale}{layers}")
     }

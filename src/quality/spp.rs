@@ -52,9 +52,10 @@ impl FromStr for Spp {
     }
 }
 
+/// Shows at most three decimals.
 impl Display for Spp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.mean().fmt(f)
+        ((self.mean() * 1e3).round() / 1e3).fmt(f)
     }
 }
 
@@ -76,6 +77,7 @@ mod tests {
             assert!(spp.check().is_ok());
             assert_eq!([spp.to_string(), serde_json::to_string(&spp).unwrap()], [text, text]);
         }
+        assert_eq!(Spp { least: 1, extra: 1.0 / 3.0 }.to_string(), "1.333");
         assert_eq!("3".parse::<Spp>().unwrap(), Spp::from(3));
         for text in ["0", "0.5", "-1", "nan", "inf", "1e300", "two", ""] {
             assert!(text.parse::<Spp>().is_err(), "{text}");

@@ -70,7 +70,7 @@ const COLUMNS: [Column<FrameLine>; 21] = [
     ("plan_ms", |l| format!("{:.4}", l.plan_ms)),
     ("aov_ms", |l| format!("{:.4}", l.aov_ms)),
     ("busy_ms", |l| format!("{:.4}", l.busy_ms)),
-    ("spp", |l| l.quality.mean_spp().to_string()),
+    ("spp", |l| l.quality.per_pixel().to_string()),
     ("bounces", |l| l.quality.bounces.to_string()),
     ("iterations", |l| l.quality.iterations.to_string()),
     ("scale", |l| l.quality.scale.to_string()),
