@@ -64,8 +64,8 @@ fn pack_mean(matte: vec3<f32>, gloss: vec3<f32>, variance: vec2<f32>) -> vec4<u3
     return pack_sampled(matte, gloss);
 }
 
-// Traces the samples of `pixel` of view `view` that this launch takes (`launched_samples`). Albedo, emission and radiance hold running means until the dispatch that ends at the last sample, which divides radiance by
-// albedo.
+// Traces the samples of `pixel` of view `view` that this launch takes (`launched_samples`). Albedo, emission and radiance
+// hold running means until the dispatch that ends at the last sample, which divides radiance by albedo.
 fn sample_pixel(pixel: vec2<u32>, view: u32) {
     let at = pixel_index(pixel);
     let launched = launched_samples(pixel);

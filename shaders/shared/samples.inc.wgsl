@@ -6,9 +6,9 @@ override VARIES_SAMPLES: bool = false;
 
 const SAMPLES_TILE = vec2<u32>(8u, 4u);
 
-// Samples of a pixel in this frame. The threshold of a tile is its index on the Z-order
-// curve, Owen-scrambled, so that every aligned block of 2^k tiles has as many extra samples as it should. It advances
-// from frame to frame like that of the sampling mask.
+// Samples of a pixel in this frame. The threshold of a tile is its index on the Z-order curve, Owen-scrambled, so that
+// every aligned block of 2^k tiles has as many extra samples as it should. It advances from frame to frame like that of
+// the sampling mask.
 fn samples_of(pixel: vec2<u32>) -> u32 {
     let sampling = frame.sampling;
     if !VARIES_SAMPLES {

@@ -296,6 +296,12 @@ pub fn spp(text: &str) -> Result<Spp, String> {
     text.parse()
 }
 
+/// Parses a number of samples per pixel that a single frame may have.
+pub fn frame_spp(text: &str) -> Result<Spp, String> {
+    let spp = spp(text)?;
+    spp.check().map(|()| spp)
+}
+
 const MAX_FRAME_SPP: u32 = 1 << 20;
 
 impl RenderOptions {

@@ -24,13 +24,15 @@ pub enum ControllerKind {
 impl ControllerKind {
     /// Returns a controller of this kind at the start of a run.
     pub fn start(self, ladder: &Ladder, budget: Budget) -> Box<dyn Control> {
-        let base = Base::new(ladder, budget);
+        let times_ms: Vec<f64> = ladder.rungs().iter().map(|rung| rung.time_ms).collect();
+        let least_ms = times_ms[0];
+        let base = Base { times_ms, budget_ms: budget.hi_ms(), rung: 0 };
         match self {
             Self::Diptych => Box::new(Controller::new(ladder, budget)),
-            Self::Vlachos => Box::new(Vlachos { base, last_ms: Vec::new(), rests: 0 }),
-            Self::Unreal => Box::new(Unreal { base, loads: Vec::new(), over: 0, since_change: 0 }),
-            Self::Pid => Box::new(Pid { wanted: base.times_ms[0].ln(), base, last: 0.0 }),
-            Self::Pinned(rung) => Box::new(Pinned { base: Base { rung: rung.min(base.times_ms.len() - 1), ..base } }),
+            Self::Vlachos => Box::new(Baseline { base, rule: Vlachos::default() }),
+            Self::Unreal => Box::new(Baseline { base, rule: Unreal::default() }),
+            Self::Pid => Box::new(Baseline { base, rule: Pid { wanted: least_ms.ln(), last: 0.0 } }),
+            Self::Pinned(rung) => Box::new(Baseline { base, rule: Pinned(rung) }),
         }
     }
 }
@@ -64,152 +66,148 @@ impl Display for ControllerKind {
     }
 }
 
-/// The state that all these controllers have.
+/// What a baseline's rule knows.
 struct Base {
     times_ms: Vec<f64>,
     budget_ms: f64,
+    /// The current rung.
     rung: usize,
 }
 
-impl Base {
-    fn new(ladder: &Ladder, budget: Budget) -> Self {
-        let times_ms = ladder.rungs().iter().map(|rung| rung.time_ms).collect();
-        Self { times_ms, budget_ms: budget.hi_ms(), rung: 0 }
-    }
+/// The rule of a baseline.
+trait Rule: Send {
+    /// Returns the rung of the next frame.
+    fn choose(&mut self, base: &Base) -> usize;
 
-    fn decision(&self, predictor: &dyn Predict) -> Decision {
-        let predicted_ms = predictor.makespan_ms(self.rung);
-        let is_known = predicted_ms.is_finite() && predicted_ms > 0.0;
-        let expected_ms = if is_known { predicted_ms } else { self.times_ms[self.rung] };
-        Decision { rung: self.rung, expected_ms, fits: self.rung > 0 || expected_ms <= self.budget_ms }
-    }
+    fn observe(&mut self, base: &Base, rung: usize, makespan_ms: f64);
 }
 
-struct Pinned {
+/// A controller that a rule makes.
+struct Baseline<R> {
     base: Base,
+    rule: R,
 }
 
-impl Control for Pinned {
+impl<R: Rule> Control for Baseline<R> {
     fn next(&mut self, predictor: &dyn Predict) -> Decision {
-        self.base.decision(predictor)
+        let rung = self.rule.choose(&self.base);
+        self.base.rung = rung;
+        let predicted_ms = predictor.makespan_ms(rung);
+        let is_known = predicted_ms.is_finite() && predicted_ms > 0.0;
+        let expected_ms = if is_known { predicted_ms } else { self.base.times_ms[rung] };
+        Decision { rung, expected_ms, fits: rung > 0 || expected_ms <= self.base.budget_ms }
     }
 
-    fn observe(&mut self, _rung: usize, _makespan_ms: f64) {}
+    fn observe(&mut self, rung: usize, makespan_ms: f64) {
+        self.rule.observe(&self.base, rung, makespan_ms);
+    }
 
     fn set_budget(&mut self, budget: Budget) {
         self.base.budget_ms = budget.hi_ms();
     }
+}
+
+/// Stays on its rung.
+struct Pinned(usize);
+
+impl Rule for Pinned {
+    fn choose(&mut self, base: &Base) -> usize {
+        self.0.min(base.times_ms.len() - 1)
+    }
+
+    fn observe(&mut self, _base: &Base, _rung: usize, _makespan_ms: f64) {}
 }
 
 /// Above 90 % of the budget it drops two levels, also if a linear extrapolation of the last two frames exceeds this and
 /// the last took over 85 %; after three frames below 70 % it climbs one level. A change is followed by two frames
 /// without decisions.
+#[derive(Default)]
 struct Vlachos {
-    base: Base,
     /// Times of the last frames, at most three, the newest first.
     last_ms: Vec<f64>,
     rests: usize,
 }
 
-impl Control for Vlachos {
-    fn next(&mut self, predictor: &dyn Predict) -> Decision {
+impl Rule for Vlachos {
+    fn choose(&mut self, base: &Base) -> usize {
+        let rung = base.rung;
         if self.rests > 0 {
             self.rests -= 1;
-            return self.base.decision(predictor);
+            return rung;
         }
-        let used: Vec<f64> = self.last_ms.iter().map(|ms| ms / self.base.budget_ms).collect();
-        let Base { rung, ref times_ms, .. } = self.base;
+        let used: Vec<f64> = self.last_ms.iter().map(|ms| ms / base.budget_ms).collect();
         let next = match used[..] {
             [last, ..] if last > 0.9 => rung.saturating_sub(2),
             [last, before, ..] if last > 0.85 && 2.0 * last - before > 0.9 => rung.saturating_sub(2),
-            [a, b, c] if a < 0.7 && b < 0.7 && c < 0.7 => (rung + 1).min(times_ms.len() - 1),
+            [a, b, c] if a < 0.7 && b < 0.7 && c < 0.7 => (rung + 1).min(base.times_ms.len() - 1),
             _ => rung,
         };
         if next != rung {
-            (self.base.rung, self.rests) = (next, 2);
+            self.rests = 2;
         }
-        self.base.decision(predictor)
+        next
     }
 
-    fn observe(&mut self, _rung: usize, makespan_ms: f64) {
+    fn observe(&mut self, _base: &Base, _rung: usize, makespan_ms: f64) {
         self.last_ms.insert(0, makespan_ms);
         self.last_ms.truncate(3);
-    }
-
-    fn set_budget(&mut self, budget: Budget) {
-        self.base.budget_ms = budget.hi_ms();
     }
 }
 
 /// Aims at 90 % of the budget with the weighted mean of the last frames' costs, each scaled to the quality by the
 /// ladder's times, changes at most every eighth frame, and drops at once after two frames over budget.
+#[derive(Default)]
 struct Unreal {
-    base: Base,
     /// Measured over the ladder's times of the last frames, at most 16, the newest first.
     loads: Vec<f64>,
     over: usize,
     since_change: usize,
 }
 
-impl Unreal {
-    fn best(&self, load: f64) -> usize {
-        self.base.times_ms.iter().rposition(|ms| ms * load <= 0.9 * self.base.budget_ms).unwrap_or(0)
-    }
-}
-
-impl Control for Unreal {
-    fn next(&mut self, predictor: &dyn Predict) -> Decision {
+impl Rule for Unreal {
+    fn choose(&mut self, base: &Base) -> usize {
+        let best = |load: f64| base.times_ms.iter().rposition(|ms| ms * load <= 0.9 * base.budget_ms).unwrap_or(0);
         self.since_change += 1;
         let weight = |i: usize| 0.9f64.powi(i as i32);
         let sum: f64 = (0..self.loads.len()).map(weight).sum();
         let weighted = self.loads.iter().enumerate().map(|(i, load)| load * weight(i)).sum::<f64>();
-        let before = self.base.rung;
-        if self.over >= 2 {
-            self.base.rung = self.best(self.loads[0].max(self.loads[1])).min(before.saturating_sub(1));
+        let next = if self.over >= 2 {
+            best(self.loads[0].max(self.loads[1])).min(base.rung.saturating_sub(1))
         } else if self.since_change >= 8 && self.loads.len() >= 8 {
-            self.base.rung = self.best(weighted / sum);
-        }
-        if self.base.rung != before {
+            best(weighted / sum)
+        } else {
+            base.rung
+        };
+        if next != base.rung {
             (self.since_change, self.over) = (0, 0);
         }
-        self.base.decision(predictor)
+        next
     }
 
-    fn observe(&mut self, rung: usize, makespan_ms: f64) {
-        self.loads.insert(0, makespan_ms / self.base.times_ms[rung]);
+    fn observe(&mut self, base: &Base, rung: usize, makespan_ms: f64) {
+        self.loads.insert(0, makespan_ms / base.times_ms[rung]);
         self.loads.truncate(16);
-        self.over = if makespan_ms > self.base.budget_ms { self.over + 1 } else { 0 };
-    }
-
-    fn set_budget(&mut self, budget: Budget) {
-        self.base.budget_ms = budget.hi_ms();
+        self.over = if makespan_ms > base.budget_ms { self.over + 1 } else { 0 };
     }
 }
 
 /// Aims at 75 % of the budget.
 struct Pid {
-    base: Base,
     /// Logarithm of the time to ask for, on the ladder's scale.
     wanted: f64,
     last: f64,
 }
 
-impl Control for Pid {
-    fn next(&mut self, predictor: &dyn Predict) -> Decision {
-        self.base.rung = self.base.times_ms.iter().rposition(|ms| ms.ln() <= self.wanted).unwrap_or(0);
-        self.base.decision(predictor)
+impl Rule for Pid {
+    fn choose(&mut self, base: &Base) -> usize {
+        base.times_ms.iter().rposition(|ms| ms.ln() <= self.wanted).unwrap_or(0)
     }
 
-    fn observe(&mut self, _rung: usize, makespan_ms: f64) {
-        let error = (0.75 * self.base.budget_ms / makespan_ms).ln();
-        let times_ms = &self.base.times_ms;
-        let [least, most] = [times_ms[0].ln(), times_ms[times_ms.len() - 1].ln() + 0.1];
+    fn observe(&mut self, base: &Base, _rung: usize, makespan_ms: f64) {
+        let error = (0.75 * base.budget_ms / makespan_ms).ln();
+        let [least, most] = [base.times_ms[0].ln(), base.times_ms[base.times_ms.len() - 1].ln() + 0.1];
         self.wanted = (self.wanted + 0.15 * error + 0.05 * (error - self.last)).clamp(least, most);
         self.last = error;
-    }
-
-    fn set_budget(&mut self, budget: Budget) {
-        self.base.budget_ms = budget.hi_ms();
     }
 }
 

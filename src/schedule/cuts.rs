@@ -46,8 +46,7 @@ const UNKNOWN_PATH_MS: f64 = 2e-3;
 const UNKNOWN_PIXEL_MS: f64 = 1e-4;
 
 /// Returns the cuts that split a device's tasks into the fewest submissions of at most `bound_ms` each, in a frame of
-/// these samples per pixel. Work that exceeds the bound and cannot be split becomes a
-/// submission of its own.
+/// these samples per pixel. Work that exceeds the bound and cannot be split becomes a submission of its own.
 pub fn cuts(graph: &FrameGraph, model: &CostModel, device: usize, bound_ms: f64, counts: SampleCounts) -> Vec<Cut> {
     let (own, _) = graph.parts_of(device);
     let mut cuts = Vec::new();

@@ -22,7 +22,7 @@ pub struct Args {
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     pub(super) virtual_devices: u16,
     /// Samples per pixel to measure [default: 1,2,4,8,16]
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = options::spp, help_heading = options::QUALITY)]
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = options::frame_spp, help_heading = options::QUALITY)]
     pub(super) spp: Vec<Spp>,
     /// Maximum bounces to measure [default: 2,6]
     ///
