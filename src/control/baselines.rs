@@ -66,7 +66,7 @@ impl Display for ControllerKind {
     }
 }
 
-/// What a baseline's rule knows.
+/// State that all baselines share.
 struct Base {
     times_ms: Vec<f64>,
     budget_ms: f64,
