@@ -1,10 +1,11 @@
 """Records the costs of a shot's frames on every rung of a ladder, for the tests in tests/models/control.
 
     python3 tools/record-costs.py --diptych target/release/diptych --out tests/models/control/recorded/NAME \
-        --size 96x54 [--rungs 8] SHOT [OPTION OF play ...]
+        --size 96x54 --loop 8 [--rungs 13] SHOT [OPTION OF play ...]
 
-Measures a ladder with `bench`, pins `play` to each rung in turns, and writes NAME.toml, NAME.ladder.toml and NAME.png.
-Needs nothing but Python.
+Measures a ladder with `bench`, lets `play` use its rungs in turns of a few frames, and writes NAME.toml,
+NAME.ladder.toml and NAME.png. Each frame of the camera's path, which starts again after `--loop` seconds, is recorded on
+each rung. Turns are short, so that the machine's speed drifts alike for all rungs. Needs nothing but Python.
 """
 
 import argparse
@@ -16,14 +17,10 @@ import struct
 import subprocess
 import tempfile
 import zlib
-from statistics import median
 
-FRAMES = 160
-SKIPPED = 8
+TURN = 12
 REPEATS = 3
 STEPS = 128
-# Stages whose work is the same on all rungs. The machine's speed drifts between runs, and their time tells by how much.
-STEADY = ("accumulate", "resolve", "reproject", "tally")
 
 
 def run(command):
@@ -38,18 +35,14 @@ def rungs(text):
 
 
 def frames(folder):
-    rows = json.load(open(folder + "/run.json"))["frames"][SKIPPED:]
-    for row in rows:
+    """Yields the rung of each frame of a run, and its costs."""
+    for row in json.load(open(folder + "/run.json"))["frames"]:
         values = {}
         for stage in row["stages"]:
             key = f"{stage['stage']} {stage['view']}"
             values[key] = values.get(key, 0.0) + stage["busy_ms"]
         overhead = row["makespan_ms"] - sum(values.values())
-        yield {**values, "overhead": max(overhead, 0.0), "rays": row["rays"]}
-
-
-def speed(rows):
-    return median(sum(v for k, v in row.items() if k.split()[0] in STEADY) for row in rows)
+        yield row["rung"], {**values, "overhead": max(overhead, 0.0), "rays": row["rays"]}
 
 
 def write_png(path, rows):
@@ -77,7 +70,8 @@ def main():
     parser.add_argument("--diptych", required=True)
     parser.add_argument("--out", required=True)
     parser.add_argument("--size", required=True)
-    parser.add_argument("--rungs", type=int, default=8)
+    parser.add_argument("--loop", type=float, required=True)
+    parser.add_argument("--rungs", type=int, default=13)
     parser.add_argument("--ladder", help="a measured ladder; bench measures one by default")
     parser.add_argument("shot")
     options, more = parser.parse_known_args()
@@ -86,39 +80,37 @@ def main():
         if not ladder:
             run([options.diptych, "bench", options.shot, "--size", options.size, "--quiet", "--out", folder + "/bench"])
             ladder = folder + "/bench/ladder.toml"
-        head, texts = rungs(open(ladder).read())
-        # Rungs at even distances, the first and the last among them.
-        count = min(options.rungs, len(texts))
-        texts = [texts[round(i * (len(texts) - 1) / max(count - 1, 1))] for i in range(count)]
-        recorded = [[None] * count for _ in range(REPEATS)]
-        for repeat in range(REPEATS):
-            for rung in range(count):
-                one = folder + "/one.toml"
-                with open(one, "w") as file:
-                    file.write(head + texts[rung])
-                run([options.diptych, "play", options.shot, "--size", options.size, "--virtual", "1", "--ladder", one,
-                     "--frames", str(FRAMES + SKIPPED), "--budget-ms", "1..10000", "--fps", "60", "--quiet", "--out", folder + "/play", *more])
-                recorded[repeat][rung] = list(frames(folder + "/play"))
-        speeds = [[speed(rows) for rows in runs] for runs in recorded]
-        usual = median(s for row in speeds for s in row)
-        columns = [list(recorded[0][rung][0]) for rung in range(count)]
-        image = []
-        for repeat in range(REPEATS):
-            for frame in range(FRAMES):
-                row = []
-                for rung in range(count):
-                    values, factor = recorded[repeat][rung][frame], usual / speeds[repeat][rung]
-                    row += [stored(n, values.get(n, 0.0) * (1.0 if n == "rays" else factor)) for n in columns[rung]]
-                image.append(row)
+
+        def play(count, fps, controller):
+            run([options.diptych, "play", options.shot, "--size", options.size, "--virtual", "1", "--ladder", ladder,
+                 "--frames", str(count), "--budget-ms", "1..10000", "--fps", str(fps), "--controller", controller,
+                 "--quiet", "--out", folder + "/play", *more])
+            return rungs(open(folder + "/play/ladder.toml").read())
+
+        # `play` adds rungs between measured ones.
+        head, texts = play(2, 1000.0, "diptych")
+        step = max(1, round(len(texts) / options.rungs))
+        texts = texts[::step]
+        count = len(texts)
+        # Each turn of the path meets each rung if the two numbers have no common divisor.
+        turns = next(n for n in range(10, 30) if math.gcd(n, count) == 1)
+        length = turns * TURN
+        play(length * count * REPEATS, length / options.loop, f"turns:{TURN}:{step}")
+        recorded = [[[None] * count for _ in range(length)] for _ in range(REPEATS)]
+        for frame, (rung, values) in enumerate(frames(folder + "/play")):
+            recorded[frame // (length * count)][frame % length][rung // step] = values
+    columns = [list(recorded[0][0][rung]) for rung in range(count)]
+    image = []
+    for row in (row for repeat in recorded for row in repeat):
+        image.append([stored(n, values.get(n, 0.0)) for names, values in zip(columns, row) for n in names])
     write_png(options.out + ".png", image)
     with open(options.out + ".ladder.toml", "w") as file:
         file.write(head + "".join(texts))
     width, height = options.size.split("x")
     with open(options.out + ".toml", "w") as file:
-        file.write(f"# {' '.join([options.shot, *more])}\nwidth = {width}\nheight = {height}\nframes = {FRAMES}\ncolumns = [\n")
+        file.write(f"# {' '.join([options.shot, *more])}\nwidth = {width}\nheight = {height}\nframes = {length}\nturn = {TURN}\ncolumns = [\n")
         file.writelines(f"    {json.dumps(names)},\n" for names in columns)
         file.write("]\n")
-    print("speeds of the runs over their median:", [[round(s / usual, 2) for s in row] for row in speeds])
 
 
 if __name__ == "__main__":

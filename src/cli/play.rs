@@ -1,6 +1,7 @@
 //! `diptych play`: a sequence inside a frame budget. The control loop sets the quality.
 
 mod args;
+mod comparison;
 pub(super) mod fitting_size;
 mod ladder;
 mod misfit;
@@ -10,11 +11,14 @@ mod pace;
 mod page;
 mod path;
 mod prepared;
+mod references;
+mod replay;
 mod session;
 
 use crate::loaded::LoadedScene;
 use crate::passes::tonemap::{DISPLAY, LINEAR};
 use crate::quality::Denoiser;
+use crate::report::play::SETTLING_FRAMES;
 use crate::report::record::{FrameRecord, SpooledRows};
 use crate::report::run::RunReport;
 use crate::report::samples::FrameSamples;
@@ -30,16 +34,31 @@ use super::output::{self, FrameImages};
 use super::page::and_page;
 use super::pictures::Pictures;
 use super::progress::Progress;
+use super::settings;
 use super::setup::{self, Tracing};
 pub use args::Args;
 use misfit::Misfit;
 pub use pace::Pace;
-use page::Last;
 pub use path::CameraPath;
 pub use prepared::Prepared;
+use references::Kept;
+use replay::Replay;
 pub use session::Session;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    let compares = !args.compare_control.is_empty();
+    if args.report_spp.is_some() && !args.report && !compares {
+        return Err(Failure::Input(anyhow::anyhow!("--report-spp needs --report or --compare-control")));
+    }
+    if compares { comparison::run(args) } else { play(args) }
+}
+
+fn play(args: &Args) -> Result<(), Failure> {
+    let (replay, args) = match &args.replay {
+        Some(path) => Replay::read(args, path).map(|(replay, args)| (Some(replay), args))?,
+        None => (None, args.clone()),
+    };
+    let args = &args;
     let mut prepared = Prepared::new(&args.loop_options(), Some(args.frames))?;
     prepared.fits_size = Some(args.fit);
     let options = &prepared.render;
@@ -54,8 +73,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
     let gpus = metering::meter(options, &mut loaded, gpus, &progress)?;
-    let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
+    let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     let options = &prepared.render;
+    if let Some(replay) = replay {
+        let settings = settings::in_force(options, loaded.exposure_ev(), &[]);
+        replay.check(&settings.options, session.ladder().rungs().len())?;
+        session.set_controller(Box::new(replay));
+    }
     if !options.quiet && !options.json {
         let rungs = session.ladder().rungs();
         let times = match rungs {
@@ -72,14 +96,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             session.warm_up_s
         ));
     }
-    let path = CameraPath::new(&loaded.shot.rig);
-    let (pictures, samples) = (Pictures::of_folder(&options.out), args.report.then(FrameSamples::default));
-    let motion = args.options.recording(loaded.space, &session.progress)?;
-    let record = session.record(&options.out)?;
-    let mut run =
-        Run { args, options, loaded: &loaded, session, path, motion, record, samples, newest: None, pictures };
+    let mut run = Run::new(args, options, &loaded, session)?;
+    run.samples = args.report.then(FrameSamples::default);
     let stopped = run.frames()?;
-    let last = if args.report { run.last()? } else { None };
+    let last = if args.report { run.kept()? } else { None };
     let Run { session, motion, record, samples, pictures, .. } = run;
     motion.map_or(Ok(()), Recording::finish)?;
     session.progress.finish();
@@ -92,9 +112,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     session.tracing.finish()?;
     drop(session.inner);
     if let (Some(last), Some(samples)) = (&last, &samples) {
-        // The page's reference is rendered with the camera of the last frame.
-        loaded.shot.rig = last.rig.clone();
-        page::write(args, options, &loaded, &report, samples, last)?;
+        page::write(args, options, &mut loaded, &report, samples, last)?;
     }
     conclude(args, options, &report, record.play.lacked_rung);
     interrupt::check()?;
@@ -115,17 +133,49 @@ struct Run<'a> {
     /// Index and instant (seconds) of the newest frame.
     newest: Option<(u32, f64)>,
     pictures: Pictures,
+    /// Interval of the frames after the settling ones that are kept, and these frames; `None` keeps none.
+    watched: Option<(usize, Vec<Kept>)>,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    fn new(
+        args: &'a Args,
+        options: &'a RenderOptions,
+        loaded: &'a LoadedScene,
+        session: Session,
+    ) -> Result<Self, Failure> {
+        Ok(Self {
+            path: CameraPath::new(&loaded.shot.rig),
+            motion: args.options.recording(loaded.space, &session.progress)?,
+            record: session.record(&options.out)?,
+            pictures: Pictures::of_folder(&options.out),
+            args,
+            options,
+            loaded,
+            session,
+            samples: None,
+            newest: None,
+            watched: None,
+        })
+    }
+
+    /// Returns true if the frame is to be kept.
+    fn is_watched(&self, index: u32) -> bool {
+        let is_due = |every: usize| (index as usize).checked_sub(SETTLING_FRAMES).is_some_and(|i| i % every == 0);
+        self.watched.as_ref().is_some_and(|(every, _)| is_due(*every))
+    }
+
     /// Renders the frames. Returns the reason if the run stopped because nothing fits the budget.
     fn frames(&mut self) -> Result<Option<String>, Failure> {
         let mut pace = Pace::new(self.options.fps);
         let (mut misfit, mut stopped) = (Misfit::of_run(self.args, self.options), None);
         for index in 0..self.options.frames {
             let is_last = index + 1 == self.options.frames || interrupt::is_set();
-            let is_saved =
-                is_last || misfit.may_stop_after(index) || self.args.save_every.is_some_and(|k| index % k == 0);
+            let is_watched = self.is_watched(index);
+            let is_saved = is_last
+                || is_watched
+                || misfit.may_stop_after(index)
+                || self.args.save_every.is_some_and(|k| index % k == 0);
             // Only saved frames need linear output; the others are only displayed.
             self.session.renderer.set_outputs(if is_saved { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
             let decided = self.session.decide();
@@ -151,6 +201,11 @@ impl Run<'_> {
                 self.save(Some(index))?;
                 pace.restart();
             }
+            if is_watched {
+                let mut kept = self.kept()?;
+                self.watched.iter_mut().for_each(|(_, frames)| frames.extend(kept.take()));
+                pace.restart();
+            }
             if let Some(median_ms) = misfit.add(&row, self.session.budget()) {
                 let Session { inner, fit, .. } = &self.session;
                 stopped = Some(misfit::reason(self.options, inner.budget(), fit.as_ref(), median_ms));
@@ -174,9 +229,9 @@ impl Run<'_> {
     }
 
     /// Reads the newest frame back; `None` before the first one.
-    fn last(&mut self) -> Result<Option<Last>, Failure> {
+    fn kept(&mut self) -> Result<Option<Kept>, Failure> {
         let Some((index, time_s)) = self.newest else { return Ok(None) };
-        Ok(Some(Last { index, linear: self.session.renderer.read_linear()?, rig: self.rig(index), time_s }))
+        Ok(Some(Kept { index, linear: self.session.renderer.read_linear()?, rig: self.rig(index), time_s }))
     }
 
     /// Writes the pictures of the newest frame, if there is one.

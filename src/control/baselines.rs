@@ -5,7 +5,8 @@ use std::str::FromStr;
 
 use super::{Budget, Control, Controller, Decision, Ladder, Predict};
 
-/// A controller by its name: `diptych`, `vlachos`, `unreal`, `pid`, or `pinned:N` for rung N alone.
+/// A controller by its name: `diptych`, `vlachos`, `unreal`, `pid`, `pinned:N` for rung N alone, or `turns:N` for N frames
+/// on each rung in turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ControllerKind {
     /// [`Controller`].
@@ -19,6 +20,8 @@ pub enum ControllerKind {
     Pid,
     /// Always the same rung, or the highest one if there are fewer.
     Pinned(usize),
+    /// Every `step`th rung for `frames` frames, from the cheapest one on, and again. Written `turns:FRAMES:STEP`.
+    Turns { frames: u32, step: u32 },
 }
 
 impl ControllerKind {
@@ -33,6 +36,7 @@ impl ControllerKind {
             Self::Unreal => Box::new(Baseline { base, rule: Unreal::default() }),
             Self::Pid => Box::new(Baseline { base, rule: Pid { wanted: least_ms.ln(), last: 0.0 } }),
             Self::Pinned(rung) => Box::new(Baseline { base, rule: Pinned(rung) }),
+            Self::Turns { frames, step } => Box::new(Baseline { base, rule: Turns { frames, step, chosen: 0 } }),
         }
     }
 }
@@ -41,14 +45,24 @@ impl FromStr for ControllerKind {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let pinned = |text: &str| text.strip_prefix("pinned:")?.parse().ok();
+        let of_numbers = |text: &str| -> Option<Self> {
+            if let Some(rung) = text.strip_prefix("pinned:") {
+                return rung.parse().ok().map(Self::Pinned);
+            }
+            let turns = text.strip_prefix("turns:")?;
+            let (frames, step) = turns.split_once(':').unwrap_or((turns, "1"));
+            let [frames, step] = [frames, step].map(|number| number.parse().ok().filter(|n| *n > 0));
+            Some(Self::Turns { frames: frames?, step: step? })
+        };
         match text {
             "diptych" => Ok(Self::Diptych),
             "vlachos" => Ok(Self::Vlachos),
             "unreal" => Ok(Self::Unreal),
             "pid" => Ok(Self::Pid),
-            _ => pinned(text).map(Self::Pinned).ok_or_else(|| {
-                "not a controller: diptych, vlachos, unreal, pid, or pinned:N for rung N alone".to_owned()
+            _ => of_numbers(text).ok_or_else(|| {
+                "not a controller: diptych, vlachos, unreal, pid, pinned:N for rung N alone, \
+                 or turns:N for N frames on each rung in turn"
+                    .to_owned()
             }),
         }
     }
@@ -62,6 +76,7 @@ impl Display for ControllerKind {
             Self::Unreal => f.write_str("unreal"),
             Self::Pid => f.write_str("pid"),
             Self::Pinned(rung) => write!(f, "pinned:{rung}"),
+            Self::Turns { frames, step } => write!(f, "turns:{frames}:{step}"),
         }
     }
 }
@@ -113,6 +128,25 @@ struct Pinned(usize);
 impl Rule for Pinned {
     fn choose(&mut self, base: &Base) -> usize {
         self.0.min(base.times_ms.len() - 1)
+    }
+
+    fn observe(&mut self, _base: &Base, _rung: usize, _makespan_ms: f64) {}
+}
+
+/// Plays every `step`th rung for `frames` frames.
+struct Turns {
+    frames: u32,
+    step: u32,
+    /// The number of frames chosen so far.
+    chosen: usize,
+}
+
+impl Rule for Turns {
+    fn choose(&mut self, base: &Base) -> usize {
+        let turn = self.chosen / self.frames as usize;
+        self.chosen += 1;
+        let rungs = base.times_ms.len().div_ceil(self.step as usize);
+        turn % rungs * self.step as usize
     }
 
     fn observe(&mut self, _base: &Base, _rung: usize, _makespan_ms: f64) {}
@@ -217,10 +251,11 @@ mod tests {
 
     #[test]
     fn names_of_controllers_are_read_as_they_are_written() {
-        for name in ["diptych", "vlachos", "unreal", "pid", "pinned:3"] {
+        for name in ["diptych", "vlachos", "unreal", "pid", "pinned:3", "turns:20:1", "turns:12:3"] {
             assert_eq!(name.parse::<ControllerKind>().unwrap().to_string(), name);
         }
-        for name in ["", "pinned", "pinned:", "pinned:-1", "Unreal"] {
+        assert_eq!("turns:20".parse(), Ok(ControllerKind::Turns { frames: 20, step: 1 }));
+        for name in ["", "pinned", "pinned:", "pinned:-1", "Unreal", "turns", "turns:0", "turns:3:0", "turns:3:1:1"] {
             assert!(name.parse::<ControllerKind>().is_err(), "{name}");
         }
     }

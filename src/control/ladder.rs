@@ -111,14 +111,17 @@ impl Ladder {
         Self::new(origin, rungs)
     }
 
-    /// Adds rungs between those that differ in nothing but their samples ([`Rung::between`]), so that times rise by 5 %
-    /// at most. The times and errors of these rungs are estimates.
+    /// Adds rungs between measured ones that differ in nothing but their samples ([`Rung::between`]), so that times rise
+    /// by 5 % at most. The times and errors of these rungs are estimates.
     #[must_use]
     pub fn refined(self) -> Self {
         let mut rungs = Vec::with_capacity(self.rungs.len());
         for (i, rung) in self.rungs.iter().enumerate() {
             rungs.push(rung.clone());
             let Some(above) = self.rungs.get(i + 1) else { break };
+            if rung.is_estimated || above.is_estimated {
+                continue;
+            }
             let ratio = above.time_ms / rung.time_ms;
             let steps = (ratio.ln() / FINE_STEP.ln_1p()).ceil();
             let [low, high] = [rung, above].map(|r| r.quality.samples().mean());

@@ -30,7 +30,7 @@ pub struct ControlRow {
     /// True if any rung was expected to fit the budget.
     pub fits: bool,
     pub in_band: bool,
-    /// Delay of the frame's start after the time at which it was due.
+    /// Delay of the frame's start after the time at which it was due, one period after the start of the frame before it.
     pub late_ms: f64,
     /// Host time for choosing the rung.
     pub decide_ms: f64,

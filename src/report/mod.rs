@@ -1,6 +1,7 @@
 //! Writes results: text tables, SVG charts and HTML pages for people, CSV and JSON for programs.
 
 pub mod bench;
+pub mod comparison;
 pub mod csv;
 pub mod experiment;
 mod frame_row;

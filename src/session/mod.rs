@@ -142,9 +142,9 @@ impl Session {
         &self.qualities[rung].0
     }
 
-    /// Replaces the controller, which starts anew.
-    pub fn set_controller(&mut self, kind: ControllerKind) {
-        self.controller = kind.start(&self.ladder, self.budget);
+    /// Replaces the controller.
+    pub fn set_controller(&mut self, controller: Box<dyn Control>) {
+        self.controller = controller;
     }
 
     /// Chooses the rung of the next frame.

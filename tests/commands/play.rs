@@ -340,3 +340,90 @@ fn without_its_window_view_says_how_to_build_it() {
     }
     assert!(String::from_utf8_lossy(&diptych(&["--help"]).stdout).contains("view"));
 }
+
+/// Runs `diptych play` and returns its standard error.
+fn refused(options: &[&str]) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let output = diptych(&[&["play", "builtin:cornell", "--out", folder.path().to_str().unwrap()], options].concat());
+    assert_eq!(output.status.code(), Some(2), "{options:?}");
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn a_replay_repeats_the_rungs_and_the_bytes_of_a_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let [out, again] = ["out", "again"].map(|name| folder.path().join(name));
+    let cut = ["--disturb", "scene-cut@7", "--disturb", "slow:dev0@4..9"];
+    let (_, run) = play(&out, &[&["--budget-ms", "4..12", "--frames", "14", "--save-every", "5"], &cut[..]].concat());
+    let path = out.join("run.json");
+    let recorded = ["--replay", path.to_str().unwrap(), "--save-every", "5"];
+    let arguments = ["play", "builtin:cornell", "--size", "48x32", "--quiet", "--virtual", "2"];
+    let output = diptych(&[&arguments, &recorded[..], &["--out", again.to_str().unwrap()]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let replayed: Value = serde_json::from_str(&std::fs::read_to_string(again.join("run.json")).unwrap()).unwrap();
+    let rungs = |run: &Value| -> Vec<u64> {
+        run["frames"].as_array().unwrap().iter().map(|row| row["rung"].as_u64().unwrap()).collect()
+    };
+    assert_eq!(rungs(&run), rungs(&replayed));
+    assert!(replayed["frames"].as_array().unwrap().iter().all(|row| row["devices"] == 2));
+    for name in ["left.0005.exr", "right.0010.exr", "left.exr", "right.exr"] {
+        let [then, now] = [&out, &again].map(|folder| std::fs::read(folder.join(name)).unwrap());
+        assert!(then == now, "{name}");
+    }
+    let other = refused(&[&["--size", "48x32", "--seed", "3"], &recorded[..]].concat());
+    assert!(other.contains("--seed 0, not 3"), "{other}");
+    let none = refused(&["--replay", folder.path().to_str().unwrap()]);
+    assert!(none.contains("cannot use --replay"), "{none}");
+}
+
+#[test]
+fn controllers_are_compared_in_turns() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, ladder) = (folder.path().join("out"), folder.path().join("ladder.toml"));
+    std::fs::write(&ladder, LADDER).unwrap();
+    let frames = SETTLING_FRAMES + 9;
+    let output =
+        diptych(
+            &[
+                &[
+                    "play",
+                    "builtin:cornell",
+                    "--size",
+                    "48x32",
+                    "--json",
+                    "--fps",
+                    "1000",
+                    "--budget-ms",
+                    "0.01..30000",
+                ][..],
+                &["--compare-control", "pinned:0,pinned:1", "--runs", "2", "--report-spp", "64"],
+                &[
+                    "--ladder",
+                    ladder.to_str().unwrap(),
+                    "--frames",
+                    &frames.to_string(),
+                    "--out",
+                    out.to_str().unwrap(),
+                ],
+            ]
+            .concat(),
+        );
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let last = String::from_utf8(output.stdout).unwrap();
+    let result: Value = serde_json::from_str(last.lines().last().unwrap()).unwrap();
+    let runs = result["runs"].as_array().unwrap();
+    let names: Vec<&str> = runs.iter().map(|run| run["controller"].as_str().unwrap()).collect();
+    assert_eq!(names, ["pinned:0", "pinned:1", "pinned:0", "pinned:1"]);
+    let flip = |i: usize| runs[i]["flip"].as_f64().unwrap();
+    // 16 samples are better than one, and each run of a rung has the same images.
+    assert!(0.0 < flip(1) && flip(1) < 0.7 * flip(0), "{result}");
+    assert_eq!([flip(0), flip(1)], [flip(2), flip(3)]);
+    let table = std::fs::read_to_string(out.join("comparison.csv")).unwrap();
+    assert_eq!(table.lines().count(), 5, "{table}");
+    assert!(std::fs::read_to_string(out.join("comparison.svg")).unwrap().contains("pinned rungs"));
+    let run = std::fs::read_to_string(out.join("pinned-1.0/run.json")).unwrap();
+    let run: Value = serde_json::from_str(&run).unwrap();
+    assert_eq!((run["frames"].as_array().unwrap().len(), &run["settings"]["controller"]), (frames, &"pinned:1".into()));
+    let alone = refused(&["--report-spp", "8"]);
+    assert!(alone.contains("--report or --compare-control"), "{alone}");
+}

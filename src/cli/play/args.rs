@@ -1,7 +1,10 @@
 //! Options of `diptych play`.
 
+use std::path::PathBuf;
+
 use super::options::LoopOptions;
-use crate::cli::options::{OUTPUT, SCENE};
+use crate::cli::options::{OUTPUT, QUALITY, SCENE};
+use crate::control::ControllerKind;
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(mut_arg("disturbances", |option| option.hide_short_help(false)))]
@@ -26,8 +29,23 @@ pub struct Args {
     /// Also write each task to run.json
     #[arg(long, help_heading = OUTPUT)]
     pub(super) details: bool,
-    /// Reference samples per pixel, for --report [default: as many as 10 s allow]
-    #[arg(long, value_name = "N", requires = "report", value_parser = clap::value_parser!(u32).range(1..=1 << 24), help_heading = OUTPUT)]
+    /// Repeat the decisions of an earlier run of the same shot, by its run.json
+    ///
+    /// Uses the ladder.toml beside it, and the run's frame rate, frames and scene cuts.
+    #[arg(hide_short_help = true, long, value_name = "FILE", conflicts_with_all = ["fit", "ladder", "fps", "frames", "controller"], help_heading = QUALITY)]
+    pub(super) replay: Option<PathBuf>,
+    /// Compare these controllers: play with each in turns
+    ///
+    /// See --controller for their names. Writes a folder per run, comparison.csv and comparison.svg.
+    #[arg(hide_short_help = true, long, value_delimiter = ',', value_name = "NAME,…", conflicts_with_all = ["report", "save_every", "trace", "record_motion", "controller", "replay"], help_heading = OUTPUT)]
+    pub(super) compare_control: Vec<ControllerKind>,
+    /// Runs per controller, for --compare-control
+    #[arg(hide_short_help = true, long, value_name = "N", default_value_t = 3, requires = "compare_control", value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = OUTPUT)]
+    pub(super) runs: u32,
+    /// Reference samples per pixel [default: for --report, as many as 10 s allow]
+    ///
+    /// For --compare-control: 256 by default.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24), help_heading = OUTPUT)]
     pub(super) report_spp: Option<u32>,
 }
 

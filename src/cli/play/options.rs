@@ -28,7 +28,8 @@ pub struct LoopOptions {
     /// Controller, to compare with: diptych, vlachos, unreal, pid, pinned:N
     ///
     /// `vlachos` is the adaptive quality of Vlachos (GDC 2016), `unreal` works like the dynamic resolution of Unreal
-    /// Engine, `pid` is a PID controller, and `pinned:N` stays on rung N.
+    /// Engine, `pid` is a PID controller, `pinned:N` stays on rung N, `turns:N` plays N frames on each rung in turn, and
+    /// `turns:N:STEP` on every STEPth rung.
     #[arg(hide_short_help = true, long, default_value_t, value_name = "NAME", help_heading = QUALITY)]
     pub controller: ControllerKind,
     /// Denoiser of all frames [default: svgf; with --ladder, the one with most rungs]

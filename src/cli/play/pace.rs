@@ -2,16 +2,15 @@
 
 use std::time::{Duration, Instant};
 
-/// Timer that starts frames at a steady rate. A late frame delays all later ones.
+/// Starts frames at the refreshes of a simulated display, which refreshes once per period. A frame is due at the next
+/// refresh, and shown at the first one at which it is complete; there the next frame starts.
 pub struct Pace {
     period: Duration,
+    /// The refresh at which the current frame is due.
     due: Instant,
-    /// Refresh of the display at which the next frame is due.
-    refresh: Instant,
+    /// The number of periods that the last frame missed.
+    missed: u32,
 }
-
-/// Lateness up to which a frame does not delay others, because sleeping overshoots.
-const SLACK: Duration = Duration::from_millis(1);
 
 impl Pace {
     pub fn new(fps: f64) -> Self {
@@ -21,16 +20,21 @@ impl Pace {
     }
 
     fn from(now: Instant, period: Duration) -> Self {
-        Self { period, due: now, refresh: now + period }
+        Self { period, due: now + period, missed: 0 }
     }
 
-    /// Waits until the next frame is due; returns how late it is, ms.
-    pub fn wait(&mut self) -> f64 {
-        std::thread::sleep(self.due.saturating_duration_since(Instant::now()));
-        let now = Instant::now();
-        let late = now - self.due;
-        self.due = self.due.max(now - late.min(SLACK)) + self.period;
-        late.as_secs_f64() * 1e3
+    /// Waits until the next frame starts. Returns its delay in ms: the difference to one period after the start of the
+    /// frame before it.
+    pub fn wait(&self) -> f64 {
+        let start = self.start();
+        std::thread::sleep(start.saturating_duration_since(Instant::now()));
+        let overslept = Instant::now() - start;
+        (overslept + self.period.saturating_mul(self.missed)).as_secs_f64() * 1e3
+    }
+
+    /// Returns the refresh at which the current frame starts.
+    fn start(&self) -> Instant {
+        self.due - self.period
     }
 
     /// Returns the number of display periods that the frame, which is now complete, has missed. Call this once for each
@@ -39,16 +43,14 @@ impl Pace {
         self.complete_at(Instant::now())
     }
 
-    /// The display refreshes once per period. A frame is due one period after its start is due, and shown at the first
-    /// refresh at which it is complete; the next frame is due one period later.
     fn complete_at(&mut self, now: Instant) -> u32 {
-        let overrun = now.saturating_duration_since(self.refresh).as_nanos();
-        let missed = u32::try_from(overrun.div_ceil(self.period.as_nanos())).unwrap_or(u32::MAX - 1);
-        self.refresh += self.period.saturating_mul(missed + 1);
-        missed
+        let overrun = now.saturating_duration_since(self.due).as_nanos();
+        self.missed = u32::try_from(overrun.div_ceil(self.period.as_nanos())).unwrap_or(u32::MAX - 1);
+        self.due += self.period.saturating_mul(self.missed + 1);
+        self.missed
     }
 
-    /// Makes the next frame due now.
+    /// Starts the next frame now.
     pub fn restart(&mut self) {
         *self = Self::from(Instant::now(), self.period);
     }
@@ -71,9 +73,29 @@ mod tests {
         assert_eq!(missed([0.5, 1.0, 3.0, 3.5]), [0; 4]);
         assert_eq!(missed([1.1]), [1]);
         assert_eq!(missed([3.5, 4.9, 5.5, 6.0]), [3, 0, 0, 0]);
-        // Frames that follow one another without a pause: every second period shows none.
         assert_eq!(missed([2.0, 4.0, 6.0, 8.0]), [1; 4]);
-        assert_eq!(missed([1.5, 3.0, 4.5, 6.0, 7.5]), [1, 0, 1, 0, 1]);
+    }
+
+    /// Frames start at refreshes of the display, whatever their times and the delays of their starts are.
+    #[test]
+    fn frames_keep_the_phase_of_the_display() {
+        let (begin, period) = (Instant::now(), Duration::from_millis(10));
+        let mut pace = Pace::from(begin, period);
+        // A sequence of even distribution in 0..1.
+        let random = |number: u32| (f64::from(number) * 0.618_033_988_75).fract();
+        let (mut missed, mut late) = (0, 0);
+        for frame in 0..1000 {
+            let since_begin = pace.start() - begin;
+            assert_eq!(since_begin, period * (frame + missed));
+            let delay = period.mul_f64(random(3 * frame) * 0.02);
+            let usual = 0.9 * random(frame);
+            let duration = period.mul_f64(if frame % 20 == 0 { 1.1 + usual } else { usual });
+            late += u32::from(duration + delay > period);
+            let complete = pace.start() + delay + duration;
+            missed += pace.complete_at(complete);
+            assert!(pace.start() >= complete && pace.start() - complete <= period);
+        }
+        assert!(late == 50 && missed >= late, "{late} late frames missed {missed} periods");
     }
 
     #[test]

@@ -1,12 +1,9 @@
 //! `diptych play --report`: the last picture against a reference, frame times in their budget, and a breakdown of frame
 //! times.
 
-use std::time::Duration;
-
 use anyhow::Context;
 
-use crate::exec::{Fault, InjectedKind, Injection, Stereo};
-use crate::image::RgbImage;
+use crate::exec::{Fault, InjectedKind, Injection};
 use crate::loaded::LoadedScene;
 use crate::report::Table;
 use crate::report::html::Section;
@@ -14,65 +11,25 @@ use crate::report::lanes::{LaneFrame, median_frame};
 use crate::report::pictures::Group;
 use crate::report::play::{PlaySummary, SETTLING_FRAMES};
 use crate::report::record::SpooledRows;
-use crate::report::run::{ReferenceRow, RunReport};
+use crate::report::run::RunReport;
 use crate::report::samples::{FrameSamples, SampledFrame};
 use crate::report::timeline::{Disturbed, timeline};
-use crate::scene::rig::Rig;
 
 use super::args::Args;
+use super::references::{Kept, References};
 use crate::cli::disturb::Disturbance;
 use crate::cli::failure::Failure;
-use crate::cli::fault_options::FaultOptions;
-use crate::cli::options::{RenderOptions, RunOptions};
+use crate::cli::options::RenderOptions;
 use crate::cli::page;
-use crate::cli::reference::{PASS_SPP, PassOptions, Plan};
-use crate::cli::setup::{self, Tracing};
-
-/// Time limit of a reference without --report-spp.
-const TIME_LIMIT: Duration = Duration::from_secs(10);
-/// Maximum samples per pixel of a reference without --report-spp; beyond it, no difference is visible.
-const SPP_MAX: u32 = 1 << 14;
-
-/// The last frame, read back from the devices.
-pub struct Last {
-    pub(super) index: u32,
-    pub(super) linear: Stereo<RgbImage>,
-    pub rig: Rig,
-    pub(super) time_s: f64,
-}
-
-impl Last {
-    /// Renders an unbiased reference of `loaded` at the same instant, with other random numbers.
-    fn reference(
-        &self,
-        args: &Args,
-        options: &RenderOptions,
-        loaded: &LoadedScene,
-    ) -> Result<(Stereo<RgbImage>, ReferenceRow), Failure> {
-        let faults = FaultOptions { disturbances: Vec::new(), slowdown: Vec::new(), ..options.faults.clone() };
-        let (trace, clamp, time, seed) = (None, None, self.time_s, !options.seed);
-        let run = RunOptions { faults, trace, clamp, time, seed, ..options.run.clone() };
-        let time_limit = args.report_spp.is_none().then_some(TIME_LIMIT);
-        let spp = args.report_spp.unwrap_or(SPP_MAX);
-        let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
-        let plan = Plan::new(&RenderOptions { run, spp: spp.into(), frames: 1, ..options.clone() }, passes)?;
-        // The passes of the reference stay out of the run's trace.
-        let tracing = Tracing::start(&plan.options)?;
-        let gpus = setup::open_devices(&plan.options, usize::from(args.options.virtual_devices))?;
-        let mut renderer = setup::renderer(&plan.options, loaded, gpus, tracing.recorder.origin())?;
-        let done = plan.accumulate(&mut renderer, loaded, 0, plan.begun(loaded, 0)?, &tracing)?;
-        Ok((done.accumulation.mean(), done.row))
-    }
-}
 
 /// Renders the reference and writes the page.
 pub fn write(
     args: &Args,
     options: &RenderOptions,
-    loaded: &LoadedScene,
+    loaded: &mut LoadedScene,
     report: &RunReport<&SpooledRows>,
     samples: &FrameSamples,
-    last: &Last,
+    last: &Kept,
 ) -> Result<(), Failure> {
     let [lo_ms, hi_ms] = [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()];
     let title = format!("{} at {} in {lo_ms} to {hi_ms} ms a frame", options.shot, options.size);
@@ -100,8 +57,9 @@ fn lane_frame(frame: &SampledFrame) -> LaneFrame<'_> {
     LaneFrame { name: format!("frame {index}"), makespan_ms: *makespan_ms, begin_ms: 0.0, tasks }
 }
 
-fn pictures(args: &Args, options: &RenderOptions, loaded: &LoadedScene, last: &Last) -> Result<Section, Failure> {
-    let (reference, row) = last.reference(args, options, loaded)?;
+fn pictures(args: &Args, options: &RenderOptions, loaded: &mut LoadedScene, last: &Kept) -> Result<Section, Failure> {
+    let mut references = References::new(args, options, loaded, args.report_spp)?;
+    let (reference, row) = references.of(last, loaded)?;
     let index = last.index;
     let groups = [
         page::against(format!("frame {index}"), &last.linear, &reference, loaded)?,

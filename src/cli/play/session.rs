@@ -73,7 +73,7 @@ impl Session {
         let denoiser = Denoiser::name_of(choice.denoiser);
         let qualities = ladder.rungs().iter().map(|rung| options.foveated.limit(&rung.quality)).collect();
         let mut inner = session::Session::with_qualities(renderer, ladder, qualities, options.budget_ms);
-        inner.set_controller(options.controller);
+        inner.set_controller(options.controller.start(inner.ladder(), options.budget_ms));
         Ok(Self {
             fit,
             warm_up_s: begin.elapsed().as_secs_f64(),
@@ -144,6 +144,7 @@ impl Session {
         let mut settings = settings::in_force(render, loaded.exposure_ev(), devices);
         // The budget may come from the headset rather than from the option.
         settings.options.insert("budget_ms".to_owned(), format!("{}..{}", budget_ms[0], budget_ms[1]).into());
+        settings.options.insert("controller".to_owned(), options.controller.to_string().into());
         let rows = record.rows();
         let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !render.no_skip, rows);
         report.warm_up_s = self.warm_up_s;

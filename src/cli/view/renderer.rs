@@ -55,7 +55,12 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
             session.gaze = Some([gaze; 2]);
         }
         let (mut row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
-        row.miss(pace.complete());
+        let missed = pace.complete();
+        row.miss(missed);
+        if missed > 0 {
+            // A window shows a frame as soon as it is complete.
+            pace.restart();
+        }
         if let Some(motion) = &mut motion {
             motion.add(time_s, &rig, time_s, session.gaze(time_s))?;
         }

@@ -172,4 +172,5 @@ fn rungs_between_others_differ_from_them_in_samples_alone() {
     }
     let text = fine.text().unwrap();
     assert_eq!(Ladder::parse(&text).unwrap(), fine);
+    assert_eq!(fine.clone().refined(), fine, "added rungs get no others between them");
 }

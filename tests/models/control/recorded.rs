@@ -23,6 +23,8 @@ struct Description {
     width: u32,
     height: u32,
     frames: usize,
+    /// Number of consecutive frames that were recorded on one rung before the next one.
+    turn: usize,
     /// Names of the columns of each rung: `STAGE VIEW`, `overhead` and `rays`.
     columns: Vec<Vec<String>>,
 }
@@ -60,6 +62,8 @@ pub struct Recording {
     pub ladder: Ladder,
     pub relative_costs: Vec<RelativeCost>,
     pub extent: Extent,
+    /// Number of consecutive frames whose scatter is correlated: those recorded on one rung before the next one.
+    pub turn: usize,
     /// By repeat, frame and rung.
     repeats: Vec<Vec<Vec<Sample>>>,
 }
@@ -75,7 +79,7 @@ impl Recording {
     }
 
     fn read(path: &Path) -> Self {
-        let Description { width, height, frames, columns } =
+        let Description { width, height, frames, turn, columns } =
             toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
         let ladder = Ladder::read(&path.with_extension("ladder.toml")).unwrap();
         let image = image::open(path.with_extension("png")).unwrap().into_luma16();
@@ -94,6 +98,7 @@ impl Recording {
             relative_costs: relative_costs(ladder.rungs()),
             ladder,
             extent,
+            turn,
             repeats: rows.chunks(frames).map(<[_]>::to_vec).collect(),
         }
     }

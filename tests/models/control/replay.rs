@@ -11,9 +11,6 @@ use diptych::schedule::{CostModel, simulate_at};
 use super::plant::Random;
 use super::recorded::{Recording, Sample};
 
-/// Number of consecutive frames that are taken from the same repeat, so that scatter stays correlated.
-const BLOCK: usize = 20;
-
 /// A change from one frame on. It holds until the next one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Disturbance {
@@ -112,8 +109,9 @@ fn graph(recording: &Recording, rung: usize) -> Arc<FrameGraph> {
     Arc::new(FrameGraph::build(&program, &assignment, None))
 }
 
-/// Order in which frames are replayed: forwards, from a random repeat for each block, and again from the start.
+/// Order in which frames are replayed: forwards, each turn from a random repeat, and again from the start.
 struct Places {
+    turn: usize,
     repeats: usize,
     frames: usize,
     repeat: usize,
@@ -122,11 +120,11 @@ struct Places {
 
 impl Places {
     fn new(recording: &Recording) -> Self {
-        Self { repeats: recording.repeats(), frames: recording.frames(), repeat: 0, frame: 0 }
+        Self { turn: recording.turn, repeats: recording.repeats(), frames: recording.frames(), repeat: 0, frame: 0 }
     }
 
     fn next(&mut self, random: &mut Random) -> (usize, usize) {
-        if self.frame.is_multiple_of(BLOCK) {
+        if (self.frame % self.frames).is_multiple_of(self.turn) {
             self.repeat = (random.uniform() * self.repeats as f64) as usize % self.repeats;
         }
         let place = (self.repeat, self.frame % self.frames);
