@@ -1,7 +1,7 @@
 // Scattering at a surface: glTF's material model (specification 2.0, appendix B, and the KHR extensions).
 //
-// Lobes: Lambert; GGX reflection of dielectric and metal, which share microfacets; GGX transmission, through a thin
-// sheet or into a volume (Walter et al. 2007); GGX reflection of a clear coat. Masking and shadowing are
+// Lobes: Lambertian reflection and transmission; GGX reflection of dielectric and metal, which share microfacets; GGX transmission, through a thin
+// sheet or into a volume (Walter et al. 2007); GGX reflection of a clear coat; sheen (Estevez & Kulla 2017). Masking and shadowing are
 // height-correlated (Heitz 2014), Fresnel is Schlick's. `evaluate` returns value and density of all non-delta lobes,
 // and `sample_bsdf` samples the same mixture.
 //
@@ -84,6 +84,49 @@ fn layer_passage(s: Surface, vh: f32, nl: f32) -> f32 {
     return max(min(1.0 - layer_fresnel(s, vh), conserving), 0.0);
 }
 
+// Fraction of light that passes the dielectric layers on both sides of a sheet, on its way from one side to the other.
+fn sheet_passage(s: Surface, nl: f32) -> f32 {
+    let l = layer_albedo(nl, s.roughness).towards;
+    let out = 1.0 - (s.layer_f0 * l.x + s.layer_f90 * l.y);
+    return max((1.0 - s.layer_albedo) * out / max(1.0 - s.layer_mean, 1e-3), 0.0);
+}
+
+// Fraction of light that passes the sheen on its way in and out.
+fn sheen_passage(s: Surface, nl: f32) -> f32 {
+    if !HAS_SHEEN {
+        return 1.0;
+    }
+    let away = sheen_albedo(abs(nl), s.sheen_roughness);
+    return 1.0 - max3(s.sheen) * max(s.sheen_albedo, away);
+}
+
+// Value of a white sheen times the light's cosine: the "Charlie" distribution, with fitted shadowing (Estevez & Kulla,
+// "Production Friendly Microfacet Sheen BRDF", 2017).
+fn sheen_scattering(s: Surface, nv: f32, nl: f32, h: vec3<f32>) -> f32 {
+    let alpha = s.sheen_roughness * s.sheen_roughness;
+    let across = cross(s.normal, h);
+    let sin2 = clamp(dot(across, across), 1e-20, 1.0);
+    let d = (2.0 + 1.0 / alpha) * pow(sin2, 0.5 / alpha) / (2.0 * PI);
+    return d / ((1.0 + sheen_shadowing(nv, alpha) + sheen_shadowing(nl, alpha)) * 4.0 * nv);
+}
+
+// Λ of the sheen's shadowing.
+fn sheen_shadowing(cosine: f32, alpha: f32) -> f32 {
+    let x = min(cosine, 1.0 - cosine);
+    let l = sheen_fit(max(x, 1e-20), alpha);
+    return exp(select(2.0 * sheen_fit(0.5, alpha) - l, l, cosine < 0.5));
+}
+
+fn sheen_fit(x: f32, alpha: f32) -> f32 {
+    let t = (1.0 - alpha) * (1.0 - alpha);
+    let a = mix(21.5473, 25.3245, t);
+    let b = mix(3.82987, 3.32435, t);
+    let c = mix(0.19823, 0.16801, t);
+    let d = mix(-1.97760, -1.27393, t);
+    let e = mix(-4.32054, -4.85967, t);
+    return a / (1.0 + b * pow(x, c)) + d * x + e;
+}
+
 // Probability that a facet seen from `v` at this cosine reflects rather than transmits.
 fn reflection_odds(s: Surface, cosine: f32) -> f32 {
     if !HAS_TRANSMISSION {
@@ -97,7 +140,7 @@ fn reflection_odds(s: Surface, cosine: f32) -> f32 {
 fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
     let nl = dot(s.normal, l);
     let is_above = dot(s.geometric_normal, l) > 0.0;
-    if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
+    if all_are_lambertian() {
         let cosine = select(0.0, max(nl, 0.0) / PI, is_above);
         return Scattering(s.diffuse * cosine, cosine);
     }
@@ -109,6 +152,9 @@ fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
         let vh = clamp(dot(v, h), 0.0, 1.0);
         out.value = s.diffuse * (layer_passage(s, vh, nl) * nl / PI);
         out.pdf = s.odds.x * nl / PI;
+        if HAS_DIFFUSE_TRANSMISSION {
+            out.pdf *= 1.0 - s.through_odds;
+        }
         if s.alpha >= SMOOTH {
             let d = ggx(s.normal, h, a2);
             let cosine = fresnel_cosine(vh, s.eta);
@@ -121,6 +167,18 @@ fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
             let through = transmit(s, v, l, nv, -nl, a2);
             out.value += s.transmitted * through.value;
             out.pdf += s.odds.y * through.pdf;
+        }
+    }
+    if HAS_DIFFUSE_TRANSMISSION {
+        if !is_above && nl < 0.0 {
+            out.value += s.through * (sheet_passage(s, -nl) * -nl / PI);
+            out.pdf += s.odds.x * s.through_odds * -nl / PI;
+        }
+    }
+    if HAS_SHEEN {
+        out.value *= sheen_passage(s, nl);
+        if is_above && nl > 0.0 {
+            out.value += s.sheen * sheen_scattering(s, nv, nl, normalize(v + l));
         }
     }
     if HAS_CLEARCOAT {
@@ -184,22 +242,35 @@ fn straight_transmittance(s: Surface, direction: vec3<f32>) -> vec3<f32> {
     if !HAS_TRANSMISSION || !s.is_thin || s.alpha >= SMOOTH {
         return vec3<f32>(0.0);
     }
-    return s.transmitted * ((1.0 - layer_fresnel(s, abs(dot(s.normal, direction)))) * (1.0 - s.coat));
+    let cosine = abs(dot(s.normal, direction));
+    return s.transmitted * ((1.0 - layer_fresnel(s, cosine)) * (1.0 - s.coat) * sheen_passage(s, cosine));
 }
 
-// The Lambertian lobe's fraction of the value of `evaluate`.
+// Fraction of the value of `evaluate` that belongs to the wide lobes: Lambert and sheen.
 fn matte_fraction(s: Surface, v: vec3<f32>, l: vec3<f32>, value: vec3<f32>) -> vec3<f32> {
     let nl = max(dot(s.normal, l), 0.0);
-    let vh = clamp(dot(v, normalize(v + l)), 0.0, 1.0);
-    let matte = s.diffuse * (layer_passage(s, vh, nl) * nl / PI * (1.0 - s.coat));
+    let h = normalize(v + l);
+    var matte = s.diffuse * (layer_passage(s, clamp(dot(v, h), 0.0, 1.0), nl) * nl / PI * (1.0 - s.coat));
+    if HAS_SHEEN && nl > 0.0 {
+        let sheen = s.sheen * sheen_scattering(s, max(dot(s.normal, v), 1e-6), nl, h);
+        matte = matte * sheen_passage(s, nl) + sheen * (1.0 - s.coat);
+    }
     let is_above = dot(s.geometric_normal, l) > 0.0;
-    return select(vec3<f32>(0.0), min(matte / max(value, vec3<f32>(1e-20)), vec3<f32>(1.0)), is_above);
+    let fraction = select(vec3<f32>(0.0), min(matte / max(value, vec3<f32>(1e-20)), vec3<f32>(1.0)), is_above);
+    if HAS_DIFFUSE_TRANSMISSION {
+        let away = -dot(s.normal, l);
+        let passage = sheet_passage(s, max(away, 0.0)) * sheen_passage(s, away) * (1.0 - s.coat);
+        let through = s.through * (passage * away / PI);
+        let below = min(through / max(value, vec3<f32>(1e-20)), vec3<f32>(1.0));
+        return select(fraction, below, !is_above && away > 0.0);
+    }
+    return fraction;
 }
 
 fn sample_bsdf(s: Surface, v: vec3<f32>, pick: f32, u: vec2<f32>) -> BsdfSample {
     var out: BsdfSample;
     out.pdf = 0.0;
-    if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
+    if all_are_lambertian() {
         out.direction = sample_cosine(s.normal, u);
         out.pdf = select(0.0, max(dot(out.direction, s.normal), 0.0) / PI, dot(out.direction, s.geometric_normal) > 0.0);
         out.weight = s.diffuse;
@@ -214,6 +285,12 @@ fn sample_bsdf(s: Surface, v: vec3<f32>, pick: f32, u: vec2<f32>) -> BsdfSample 
     }
     if lobe == 0u {
         out.direction = sample_cosine(s.normal, u);
+        if HAS_DIFFUSE_TRANSMISSION {
+            // The rest of the random number chooses the side.
+            if pick < s.odds.x * s.through_odds {
+                out.direction -= 2.0 * dot(out.direction, s.normal) * s.normal;
+            }
+        }
     } else {
         // The rest of the random number chooses between reflection and transmission.
         let rest = select((pick - s.odds.x) / s.odds.y, 0.0, lobe == 2u);
@@ -225,7 +302,8 @@ fn sample_bsdf(s: Surface, v: vec3<f32>, pick: f32, u: vec2<f32>) -> BsdfSample 
     let all = evaluate(s, v, out.direction);
     out.pdf = all.pdf;
     // Purely Lambertian surfaces have an exact weight.
-    let only_diffuse = s.odds.x == 1.0 && max3(s.f0) == 0.0 && s.f90.x == 0.0;
+    let only_diffuse = s.odds.x == 1.0 && max3(s.f0) == 0.0 && s.f90.x == 0.0 && !(HAS_SHEEN && max3(s.sheen) > 0.0)
+        && !(HAS_DIFFUSE_TRANSMISSION && s.through_odds > 0.0);
     out.weight = select(all.value / max(all.pdf, 1e-30), s.diffuse, only_diffuse);
     return out;
 }
@@ -266,7 +344,7 @@ fn sample_facet(s: Surface, v: vec3<f32>, coat: bool, pick: f32, u: vec2<f32>, o
     let is_sent = side * dot((*out).direction, n) > 0.0 && side * dot((*out).direction, s.geometric_normal) > 0.0;
     (*out).pdf = select(-1.0, (*out).pdf, is_sent);
     if (*out).is_delta {
-        let shown = select(1.0 - s.coat, 1.0, is_coat);
+        let shown = select((1.0 - s.coat) * sheen_passage(s, dot((*out).direction, n)), 1.0, is_coat);
         (*out).weight = weight * (shown / select(s.odds.y, s.odds.z, is_coat));
         (*out).pdf = select(0.0, 1.0, (*out).pdf >= 0.0);
     }

@@ -125,7 +125,8 @@ fn medium_towards(s: Surface, direction: vec3<f32>, before: Medium) -> Medium {
 
 // Normal of the side from which light can be scattered to the viewer; 0 for both sides.
 fn lit_normal(s: Surface) -> vec3<f32> {
-    return select(s.normal, vec3<f32>(0.0), HAS_TRANSMISSION && max3(s.transmitted) > 0.0);
+    let is_translucent = max3(s.transmitted) > 0.0 || (HAS_DIFFUSE_TRANSMISSION && max3(s.through) > 0.0);
+    return select(s.normal, vec3<f32>(0.0), HAS_TRANSMISSION && is_translucent);
 }
 
 // Direct light from a sampled light, scattered towards the viewer. If light is split, `share` is the Lambertian lobe's

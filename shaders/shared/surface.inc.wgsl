@@ -3,7 +3,10 @@
 override HAS_NORMAL_MAPS: bool = true;
 override HAS_SPECULAR: bool = true;
 override HAS_TRANSMISSION: bool = true;
+override HAS_DIFFUSE_TRANSMISSION: bool = true;
 override HAS_CLEARCOAT: bool = true;
+override HAS_SHEEN: bool = true;
+override HAS_IRIDESCENCE: bool = true;
 override HAS_UNLIT: bool = true;
 
 struct Surface {
@@ -20,15 +23,18 @@ struct Surface {
 
     // Fraction of uniform light that is reflected towards the viewer. Radiance is demodulated by it.
     albedo: vec3<f32>,
-    // The Lambertian lobe's part of `albedo`.
+    // The part of `albedo` that belongs to the wide lobes: Lambert and sheen.
     matte: vec3<f32>,
     // Perceptual roughness; 1 if no lobe could be smooth.
     roughness: f32,
     // GGX width of reflection and transmission.
     alpha: f32,
-    // Colours of the Lambertian lobe and of transmission, before the layers above attenuate them.
+    // Colours of diffuse reflection and of the facets' transmission, before the layers above attenuate them.
     diffuse: vec3<f32>,
     transmitted: vec3<f32>,
+    // Colour of diffuse transmission, and the probability that the diffuse lobe sends a sample there.
+    through: vec3<f32>,
+    through_odds: f32,
     // Schlick's reflectance of metal and dielectric, mixed: at normal and at grazing incidence.
     f0: vec3<f32>,
     f90: vec3<f32>,
@@ -46,19 +52,29 @@ struct Surface {
     coat: f32,
     coat_alpha: f32,
     coat_normal: vec3<f32>,
+    // Colour of the sheen, its perceptual roughness, and a white sheen's directional albedo towards the viewer.
+    sheen: vec3<f32>,
+    sheen_roughness: f32,
+    sheen_albedo: f32,
     // Probabilities with which `sample_bsdf` picks a lobe: diffuse, facets (reflection and transmission), coat.
     odds: vec3<f32>,
 }
 
-// Directional albedo of GGX reflection over cosine and perceptual roughness, as (scale of f0, scale of f90): a grid of
-// ALBEDO_GRID x ALBEDO_GRID nodes, followed by the means over directions per roughness. See `stages::albedo_table`.
-fn albedo_node(at: u32) -> vec2<f32> {
-    return bitcast<vec2<f32>>(table_row(frame.tables.albedo + at).xy);
+// Whether all surfaces have only the Lambertian lobe.
+fn all_are_lambertian() -> bool {
+    return !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_DIFFUSE_TRANSMISSION || HAS_CLEARCOAT || HAS_SHEEN);
+}
+
+// Directional albedo of GGX reflection over cosine and perceptual roughness, as (scale of f0, scale of f90), and that of
+// a white sheen: a grid of ALBEDO_GRID x ALBEDO_GRID nodes, followed by the means over directions per roughness. See
+// `stages::albedo_table`.
+fn albedo_node(at: u32) -> vec3<f32> {
+    return bitcast<vec3<f32>>(table_row(frame.tables.albedo + at).xyz);
 }
 
 struct LayerAlbedo {
-    towards: vec2<f32>,
-    mean: vec2<f32>,
+    towards: vec3<f32>,
+    mean: vec3<f32>,
 }
 
 fn layer_albedo(cosine: f32, roughness: f32) -> LayerAlbedo {
@@ -74,6 +90,11 @@ fn layer_albedo(cosine: f32, roughness: f32) -> LayerAlbedo {
     let high = mix(albedo_node(at + ALBEDO_GRID), albedo_node(at + ALBEDO_GRID + 1u), fx);
     let means = ALBEDO_GRID * ALBEDO_GRID + row;
     return LayerAlbedo(mix(low, high, fy), mix(albedo_node(means), albedo_node(means + 1u), fy));
+}
+
+// Directional albedo of a white sheen.
+fn sheen_albedo(cosine: f32, roughness: f32) -> f32 {
+    return layer_albedo(sqrt(max(cosine, 0.0)), roughness).towards.z;
 }
 
 fn max3(c: vec3<f32>) -> f32 {
@@ -97,6 +118,13 @@ struct Parameters {
     transmission: f32,
     coat: f32,
     coat_roughness: f32,
+    sheen: vec3<f32>,
+    sheen_roughness: f32,
+    through: f32,
+    through_color: vec3<f32>,
+    iridescence: f32,
+    // Thickness of the film between its minimum (0) and maximum (1).
+    film_thickness: f32,
     // Texels of the normal maps, each component from 0 to 1.
     normal: vec3<f32>,
     coat_normal: vec3<f32>,
@@ -115,6 +143,12 @@ fn parameters_at(row: u32, bary: vec2<f32>, m: Material) -> Parameters {
     p.transmission = m.transmission;
     p.coat = m.clearcoat;
     p.coat_roughness = m.clearcoat_roughness;
+    p.sheen = m.sheen_color;
+    p.sheen_roughness = m.sheen_roughness;
+    p.through = m.diffuse_transmission;
+    p.through_color = m.diffuse_transmission_color;
+    p.iridescence = m.iridescence;
+    p.film_thickness = 1.0;
     if !HAS_TEXTURES {
         return p;
     }
@@ -133,6 +167,12 @@ fn parameters_at(row: u32, bary: vec2<f32>, m: Material) -> Parameters {
         p.coat *= select(1.0, value.r, role == ROLE_CLEARCOAT);
         p.coat_roughness *= select(1.0, value.g, role == ROLE_CLEARCOAT_ROUGHNESS);
         p.coat_normal = select(p.coat_normal, value.rgb, role == ROLE_CLEARCOAT_NORMAL);
+        p.sheen *= select(vec3<f32>(1.0), value.rgb, role == ROLE_SHEEN_COLOR);
+        p.sheen_roughness *= select(1.0, value.a, role == ROLE_SHEEN_ROUGHNESS);
+        p.through *= select(1.0, value.a, role == ROLE_DIFFUSE_TRANSMISSION);
+        p.through_color *= select(vec3<f32>(1.0), value.rgb, role == ROLE_DIFFUSE_TRANSMISSION_COLOR);
+        p.iridescence *= select(1.0, value.r, role == ROLE_IRIDESCENCE);
+        p.film_thickness *= select(1.0, value.g, role == ROLE_FILM_THICKNESS);
     }
     return p;
 }
@@ -242,16 +282,65 @@ fn surface_at(prim: u32, bary: vec2<f32>, origin: vec3<f32>, direction: vec3<f32
         s.albedo = vec3<f32>(0.0);
         s.diffuse = vec3<f32>(0.0);
         s.transmitted = vec3<f32>(0.0);
+        s.through = vec3<f32>(0.0);
         s.f0 = vec3<f32>(0.0);
         s.f90 = vec3<f32>(0.0);
         s.coat = 0.0;
+        s.sheen = vec3<f32>(0.0);
         s.odds = vec3<f32>(0.0);
     }
     return s;
 }
 
+// Reflectance of a surface at normal incidence under a thin film, such that Schlick's term has the reflectance of the
+// film at this cosine (Belcour & Barla, "A Practical Extension to Microfacet Theory for the Modeling of Varying
+// Iridescence", 2017, as simplified by KHR_materials_iridescence). `base_f0` is the reflectance without the film, and
+// `thickness` is in nanometres. Evaluated at the viewer's cosine, not for each facet, as in Khronos' sample renderer.
+fn film_f0(cosine: f32, film_ior: f32, thickness: f32, base_f0: vec3<f32>) -> vec3<f32> {
+    // A vanishing film has no index of its own.
+    let ior = mix(1.0, film_ior, smoothstep(0.0, 0.03, thickness));
+    let cos2 = sqrt(max(1.0 - (1.0 - cosine * cosine) / (ior * ior), 0.0));
+    let bend = (ior - 1.0) / (ior + 1.0);
+    let r12 = mix(schlick_weight(cosine), 1.0, bend * bend);
+    let root = sqrt(clamp(base_f0, vec3<f32>(0.0), vec3<f32>(0.9999)));
+    let base_ior = (1.0 + root) / (1.0 - root);
+    let base_bend = (base_ior - ior) / (base_ior + ior);
+    let r23 = mix(vec3<f32>(schlick_weight(cos2)), vec3<f32>(1.0), base_bend * base_bend);
+    // Phases: the film reflects from inside with a shift of pi, and the base if it is the less dense medium.
+    let phase = PI + select(vec3<f32>(0.0), vec3<f32>(PI), base_ior < vec3<f32>(ior));
+    let path = 2.0 * ior * thickness * cos2;
+    let r123 = clamp(r12 * r23, vec3<f32>(1e-5), vec3<f32>(0.9999));
+    let t121 = 1.0 - r12;
+    let rs = t121 * t121 * r23 / (1.0 - r123);
+    var sum = r12 + rs;
+    var c = rs - t121;
+    for (var order = 1; order <= 2; order += 1) {
+        c *= sqrt(r123);
+        sum += c * 2.0 * film_interference(f32(order) * path, f32(order) * phase);
+    }
+    let weight = min(schlick_weight(cosine), 0.9999);
+    return clamp((max(sum, vec3<f32>(0.0)) - weight) / (1.0 - weight), vec3<f32>(0.0), vec3<f32>(1.0));
+}
+
+// Linear RGB of light whose waves interfere after a difference of paths, in nanometres, and a phase shift. The colour
+// matching functions are fitted by Gaussians in the frequency (Belcour & Barla 2017).
+fn film_interference(path: f32, shift: vec3<f32>) -> vec3<f32> {
+    let phase = 2.0 * PI * path * 1e-9;
+    // Heights times sqrt(2 pi variance), over the integral of the functions.
+    let scale = vec3<f32>(0.84659, 1.00022, 1.00112);
+    let at = vec3<f32>(1.6810e6, 1.7953e6, 2.2084e6) * phase + shift;
+    var xyz = scale * cos(at) * exp(-phase * phase * vec3<f32>(4.3278e9, 9.3046e9, 6.6121e9));
+    xyz.x += 0.15387 * cos(2.2399e6 * phase + shift.x) * exp(-4.5282e9 * phase * phase);
+    return vec3<f32>(
+        dot(xyz, vec3<f32>(3.2404542, -1.5371385, -0.4985314)),
+        dot(xyz, vec3<f32>(-0.9692660, 1.8760108, 0.0415560)),
+        dot(xyz, vec3<f32>(0.0556434, -0.2040259, 1.0572252)),
+    );
+}
+
 // The lobes of glTF's material model (specification 2.0, appendix B; KHR_materials_ior, _specular, _transmission,
-// _volume, _clearcoat) with this hit's textures.
+// _volume, _clearcoat, _sheen, _diffuse_transmission,
+// _iridescence) with this hit's textures.
 fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_viewer: vec3<f32>) {
     let base = p.base;
     (*s).albedo = base;
@@ -260,15 +349,25 @@ fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_view
     (*s).eta = 1.0;
     (*s).is_thin = true;
     (*s).odds = vec3<f32>(1.0, 0.0, 0.0);
-    if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
+    if all_are_lambertian() {
         return;
     }
     let roughness = clamp(p.roughness, 0.0, 1.0);
     let metallic = clamp(p.metallic, 0.0, 1.0);
     (*s).alpha = roughness * roughness;
     let bend = (m.ior - 1.0) / (m.ior + 1.0);
-    let layer_f0 = min(bend * bend * p.specular_color, vec3<f32>(1.0)) * p.specular;
-    (*s).f0 = mix(layer_f0, base, metallic);
+    var layer_f0 = min(bend * bend * p.specular_color, vec3<f32>(1.0));
+    var metal_f0 = base;
+    if HAS_IRIDESCENCE {
+        if p.iridescence > 0.0 {
+            let thickness = mix(m.film_thickness.x, m.film_thickness.y, p.film_thickness);
+            let cosine = max(dot((*s).normal, to_viewer), 0.0);
+            layer_f0 = mix(layer_f0, film_f0(cosine, m.film_ior, thickness, layer_f0), p.iridescence);
+            metal_f0 = mix(metal_f0, film_f0(cosine, m.film_ior, thickness, metal_f0), p.iridescence);
+        }
+    }
+    layer_f0 *= p.specular;
+    (*s).f0 = mix(layer_f0, metal_f0, metallic);
     (*s).f90 = vec3<f32>(mix(p.specular, 1.0, metallic));
     (*s).layer_f0 = max3(layer_f0);
     (*s).layer_f90 = p.specular;
@@ -285,9 +384,27 @@ fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_view
         }
     }
     (*s).diffuse = (1.0 - metallic) * (1.0 - transmission) * base;
+    if HAS_DIFFUSE_TRANSMISSION {
+        (*s).through = (1.0 - metallic) * (1.0 - transmission) * p.through * p.through_color;
+        (*s).diffuse *= 1.0 - p.through;
+        let both = luminance((*s).diffuse) + luminance((*s).through);
+        (*s).through_odds = select(0.0, luminance((*s).through) / both, both > 0.0);
+    }
     (*s).roughness = select(roughness, 1.0, (*s).f90.x == 0.0 && transmission == 0.0);
     (*s).albedo = ((*s).diffuse + (*s).transmitted) * (1.0 - (*s).layer_albedo) + (*s).f0 * table.towards.x + (*s).f90 * table.towards.y;
     (*s).matte = (*s).diffuse * (1.0 - (*s).layer_albedo);
+    if HAS_DIFFUSE_TRANSMISSION {
+        (*s).albedo += (*s).through * (1.0 - (*s).layer_albedo);
+        (*s).matte += (*s).through * (1.0 - (*s).layer_albedo);
+    }
+    if HAS_SHEEN {
+        (*s).sheen = p.sheen;
+        (*s).sheen_roughness = clamp(p.sheen_roughness, LEAST_SHEEN_ROUGHNESS, 1.0);
+        (*s).sheen_albedo = sheen_albedo(dot((*s).normal, to_viewer), (*s).sheen_roughness);
+        let left = 1.0 - max3(p.sheen) * (*s).sheen_albedo;
+        (*s).albedo = (*s).albedo * left + p.sheen * (*s).sheen_albedo;
+        (*s).matte = (*s).matte * left + p.sheen * (*s).sheen_albedo;
+    }
     if HAS_CLEARCOAT {
         let coat_roughness = clamp(p.coat_roughness, 0.0, 1.0);
         (*s).coat_alpha = coat_roughness * coat_roughness;
@@ -296,7 +413,7 @@ fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_view
         (*s).albedo = mix((*s).albedo, vec3<f32>(1.0), (*s).coat);
         (*s).matte *= 1.0 - (*s).coat;
     }
-    (*s).odds = lobe_odds(*s, table.towards);
+    (*s).odds = lobe_odds(*s, table.towards.xy);
 }
 
 // Cosine for Schlick's term: the one on the side with the lower index of refraction. Below 0: total internal
@@ -317,8 +434,15 @@ fn layer_fresnel(s: Surface, cosine: f32) -> f32 {
 // Probabilities of the lobes, in proportion to the light that each sends to the viewer.
 fn lobe_odds(s: Surface, towards: vec2<f32>) -> vec3<f32> {
     let facets = luminance(s.f0) * towards.x + s.f90.x * towards.y;
-    let beneath = vec2<f32>(luminance(s.diffuse), luminance(s.transmitted)) * max(1.0 - s.layer_albedo, 0.05);
-    let odds = vec3<f32>(vec2<f32>(beneath.x, facets + beneath.y) * (1.0 - s.coat), s.coat);
+    let diffuse = luminance(s.diffuse) + select(0.0, luminance(s.through), HAS_DIFFUSE_TRANSMISSION);
+    let beneath = vec2<f32>(diffuse, luminance(s.transmitted)) * max(1.0 - s.layer_albedo, 0.05);
+    var odds = vec3<f32>(vec2<f32>(beneath.x, facets + beneath.y) * (1.0 - s.coat), s.coat);
+    if HAS_SHEEN {
+        // The diffuse lobe's directions suit the sheen, which is wide.
+        let left = 1.0 - max3(s.sheen) * s.sheen_albedo;
+        let sheen = luminance(s.sheen) * max(s.sheen_albedo, 0.05);
+        odds = vec3<f32>((beneath.x * left + sheen) * (1.0 - s.coat), odds.y * left, odds.z);
+    }
     let sum = odds.x + odds.y + odds.z;
     return select(vec3<f32>(0.0), odds / sum, sum > 0.0);
 }
@@ -330,7 +454,7 @@ const VIEW_DEPENDENT_FRACTION: f32 = 0.1;
 // a significant fraction.
 fn is_view_dependent(s: Surface) -> bool {
     const NARROW: f32 = 0.25;
-    if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
+    if all_are_lambertian() {
         return false;
     }
     let narrow = select(0.0, s.odds.y, s.roughness < NARROW) + select(0.0, s.odds.z, s.coat_alpha < NARROW * NARROW);

@@ -84,7 +84,7 @@ fn filter_texture(f: ptr<function, FirstHit>, direction: vec3<f32>, footprint: F
     }
     // Surfaces that only scatter diffusely have their base colour as albedo.
     let old = (*f).surface;
-    if HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT {
+    if !all_are_lambertian() {
         var p = parameters_at(place.row, hit.bary, m);
         p.base = base;
         describe_lobes(&s, p, m, -direction);

@@ -77,7 +77,10 @@ mod tests {
     use crate::scene::load::{load_shot, lost_light};
     use crate::scene::motion::Motion;
     use crate::scene::shot::Draft;
-    use crate::scene::{AlphaMode, Clearcoat, Instance, Material, Mesh, NormalMap, Texture, TextureRef, Volume, Wrap};
+    use crate::scene::{
+        AlphaMode, Clearcoat, DiffuseTransmission, Instance, Iridescence, Material, Mesh, NormalMap, Sheen, Texture,
+        TextureRef, Volume, Wrap,
+    };
 
     fn round_trip(shot: &Shot, scene: &Scene) -> (Shot, Scene) {
         let folder = tempfile::tempdir().unwrap();
@@ -190,6 +193,25 @@ mod tests {
                 roughness_texture: Some(texture(8)),
                 normal_map: map(9),
             },
+            iridescence: Iridescence {
+                factor: 0.8,
+                factor_texture: Some(texture(14)),
+                ior: 1.4,
+                thickness_nm: [200.0, 500.0],
+                thickness_texture: Some(texture(15)),
+            },
+            diffuse_transmission: DiffuseTransmission {
+                factor: 0.4,
+                factor_texture: Some(texture(12)),
+                color: Vec3::new(0.9, 0.5, 0.1),
+                color_texture: Some(texture(13)),
+            },
+            sheen: Sheen {
+                color: Vec3::new(0.2, 0.3, 0.4),
+                color_texture: Some(texture(10)),
+                roughness: 0.6,
+                roughness_texture: Some(texture(11)),
+            },
             unlit: false,
         };
         let plain = Material { specular: 1.0, ..Material::default() };
@@ -240,8 +262,8 @@ mod tests {
                 .map(|(mesh, world_from_local)| Instance { mesh, world_from_local })
                 .collect(),
             materials,
-            textures: (0..10).map(textures).collect(),
-            images: (0..10).map(|i| texel(i).into()).collect(),
+            textures: (0..16).map(textures).collect(),
+            images: (0..16).map(|i| texel(i).into()).collect(),
             lights: kinds.map(|kind| Light { kind, strength: Vec3::new(0.3, 1e6, 0.0) }).to_vec(),
             environment: Environment::Map { image: sky.into(), rotation_deg: 30.0 },
             ..Scene::empty("everything")

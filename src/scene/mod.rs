@@ -133,6 +133,63 @@ pub struct Clearcoat {
     pub normal_map: Option<NormalMap>,
 }
 
+/// A sheen (`KHR_materials_sheen`): light that fibres, like those of velvet, scatter at grazing angles.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sheen {
+    /// Linear RGB; black for no sheen.
+    pub color: Vec3,
+    /// sRGB-encoded colour.
+    pub color_texture: Option<TextureRef>,
+    /// Roughness, multiplied by the texture's alpha.
+    pub roughness: f32,
+    pub roughness_texture: Option<TextureRef>,
+}
+
+impl Sheen {
+    pub fn is_there(&self) -> bool {
+        self.color != Vec3::ZERO
+    }
+}
+
+/// Light that a thin sheet, such as a leaf or a lampshade, scatters to its other side
+/// (`KHR_materials_diffuse_transmission`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DiffuseTransmission {
+    /// Fraction of the diffuse light that leaves on the other side, multiplied by the texture's alpha.
+    pub factor: f32,
+    pub factor_texture: Option<TextureRef>,
+    /// Linear RGB, in place of the base colour.
+    pub color: Vec3,
+    /// sRGB-encoded colour.
+    pub color_texture: Option<TextureRef>,
+}
+
+impl Default for DiffuseTransmission {
+    fn default() -> Self {
+        Self { factor: 0.0, factor_texture: None, color: Vec3::ONE, color_texture: None }
+    }
+}
+
+/// A thin film that tints the reflection by interference (`KHR_materials_iridescence`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Iridescence {
+    /// Coverage from 0 (none) to 1 (everywhere), multiplied by the texture's red.
+    pub factor: f32,
+    pub factor_texture: Option<TextureRef>,
+    /// The film's index of refraction, at least 1.
+    pub ior: f32,
+    /// Thicknesses in nanometres where the texture's green is 0 and 1. Without a texture, the second one.
+    pub thickness_nm: [f32; 2],
+    pub thickness_texture: Option<TextureRef>,
+}
+
+impl Default for Iridescence {
+    fn default() -> Self {
+        let thickness_nm = [100.0, 400.0];
+        Self { factor: 0.0, factor_texture: None, ior: 1.3, thickness_nm, thickness_texture: None }
+    }
+}
+
 /// Roughness below which facets reflect like a mirror: slightly above the square root of the shaders' lower bound on
 /// GGX alpha.
 const SMOOTH_ROUGHNESS: f32 = 0.0101;
@@ -177,6 +234,9 @@ pub struct Material {
     pub transmission_texture: Option<TextureRef>,
     pub volume: Option<Volume>,
     pub clearcoat: Clearcoat,
+    pub sheen: Sheen,
+    pub diffuse_transmission: DiffuseTransmission,
+    pub iridescence: Iridescence,
     /// `KHR_materials_unlit`: the base colour is the radiance, and nothing is scattered.
     pub unlit: bool,
 }
@@ -206,6 +266,9 @@ impl Default for Material {
             transmission_texture: None,
             volume: None,
             clearcoat: Clearcoat::default(),
+            sheen: Sheen::default(),
+            diffuse_transmission: DiffuseTransmission::default(),
+            iridescence: Iridescence::default(),
             unlit: false,
         }
     }
@@ -226,6 +289,12 @@ impl Material {
             self.clearcoat.factor_texture,
             self.clearcoat.roughness_texture,
             normal(self.clearcoat.normal_map),
+            self.sheen.color_texture,
+            self.sheen.roughness_texture,
+            self.diffuse_transmission.factor_texture,
+            self.diffuse_transmission.color_texture,
+            self.iridescence.factor_texture,
+            self.iridescence.thickness_texture,
         ]
         .into_iter()
         .flatten()
@@ -233,7 +302,12 @@ impl Material {
 
     /// Returns the volume behind the surface, or `None` if the surface is opaque and hides it.
     pub fn enclosed_volume(&self) -> Option<Volume> {
-        self.volume.filter(|_| self.transmission > 0.0)
+        self.volume.filter(|_| self.is_translucent())
+    }
+
+    /// Returns true if light may pass the surface, scattered or not.
+    pub fn is_translucent(&self) -> bool {
+        self.transmission > 0.0 || self.diffuse_transmission.factor > 0.0
     }
 
     /// Returns true if parts of the surface may transmit light through mirror-like facets, which light sampling cannot
@@ -246,7 +320,8 @@ impl Material {
     /// Returns true if specular reflection and transmission are delta functions and the normals have no detail.
     fn is_delta(&self) -> bool {
         let is_smooth = self.roughness < MIRROR_ROUGHNESS && self.metallic_roughness_texture.is_none();
-        let is_bare = self.normal_map.is_none() && self.clearcoat.factor <= 0.0 && !self.unlit;
+        let is_bare =
+            self.normal_map.is_none() && self.clearcoat.factor <= 0.0 && !self.sheen.is_there() && !self.unlit;
         is_smooth && is_bare && self.alpha_mode == AlphaMode::Opaque
     }
 
@@ -271,8 +346,8 @@ impl Material {
     /// or a smooth coat, and its normals have no detail.
     pub fn is_polished(&self) -> bool {
         let coat = &self.clearcoat;
-        let is_bare = self.normal_map.is_none() && coat.normal_map.is_none() && !self.unlit;
-        let is_opaque = self.alpha_mode == AlphaMode::Opaque && self.transmission <= 0.0;
+        let is_bare = self.normal_map.is_none() && coat.normal_map.is_none() && !self.sheen.is_there() && !self.unlit;
+        let is_opaque = self.alpha_mode == AlphaMode::Opaque && !self.is_translucent();
         let reflects = self.metallic > 0.0 || self.specular > 0.0;
         let is_smooth = reflects && self.roughness < MIRROR_ROUGHNESS && self.metallic_roughness_texture.is_none();
         let has_smooth_coat =

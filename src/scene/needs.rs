@@ -16,10 +16,14 @@ pub struct SceneNeeds {
     /// A specular lobe distinct from the diffuse one, which SVGF filters separately. Unlike all other flags, this one
     /// changes the picture.
     pub gloss: bool,
+    /// Surfaces that light passes, scattered or not.
     pub transmission: bool,
+    pub diffuse_transmission: bool,
     /// Thin, smooth, transmissive surfaces together with lights that only shadow rays can find behind them.
     pub transparent_shadows: bool,
     pub clearcoat: bool,
+    pub sheen: bool,
+    pub iridescence: bool,
     pub unlit: bool,
     pub vertex_colors: bool,
     pub alpha: bool,
@@ -105,8 +109,11 @@ impl SceneNeeds {
         specular: true,
         gloss: true,
         transmission: true,
+        diffuse_transmission: true,
         transparent_shadows: true,
         clearcoat: true,
+        sheen: true,
+        iridescence: true,
         unlit: true,
         vertex_colors: true,
         alpha: true,
@@ -147,9 +154,12 @@ impl SceneNeeds {
             normal_maps: materials().any(|m| m.normal_map.is_some() || m.clearcoat.normal_map.is_some()),
             specular: materials().any(|m| m.metallic > 0.0 || m.specular > 0.0),
             gloss: materials().any(has_gloss),
-            transmission: materials().any(|m| m.transmission > 0.0),
+            transmission: materials().any(Material::is_translucent),
+            diffuse_transmission: materials().any(|m| m.diffuse_transmission.factor > 0.0),
             transparent_shadows: materials().any(is_pane) && scene.lights.iter().any(Light::is_delta),
             clearcoat: materials().any(|m| m.clearcoat.factor > 0.0),
+            sheen: materials().any(|m| m.sheen.is_there()),
+            iridescence: materials().any(|m| m.iridescence.factor > 0.0),
             unlit: materials().any(|m| m.unlit),
             vertex_colors: used().any(|m| !m.colors.is_empty()),
             alpha: materials().any(|m| m.alpha_mode != AlphaMode::Opaque),
@@ -171,15 +181,18 @@ impl SceneNeeds {
 
     /// Returns names and values of the shaders' override constants, except those of `gloss`, `hard_lights`,
     /// `mirrors`, `polish` and `narrow_lobes`, which also depend on the denoiser.
-    pub fn constants(&self) -> [(&'static str, bool); 19] {
+    pub fn constants(&self) -> [(&'static str, bool); 22] {
         [
             ("HAS_TEXTURES", self.textures),
             ("HAS_SECOND_UVS", self.second_uvs),
             ("HAS_NORMAL_MAPS", self.normal_maps),
             ("HAS_SPECULAR", self.specular),
             ("HAS_TRANSMISSION", self.transmission),
+            ("HAS_DIFFUSE_TRANSMISSION", self.diffuse_transmission),
             ("HAS_TRANSPARENT_SHADOWS", self.transparent_shadows),
             ("HAS_CLEARCOAT", self.clearcoat),
+            ("HAS_SHEEN", self.sheen),
+            ("HAS_IRIDESCENCE", self.iridescence),
             ("HAS_UNLIT", self.unlit),
             ("HAS_VERTEX_COLORS", self.vertex_colors),
             ("HAS_ALPHA", self.alpha),

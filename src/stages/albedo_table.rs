@@ -1,37 +1,45 @@
-//! Directional albedo of GGX reflection, tabulated for `surface.inc.wgsl`.
+//! Directional albedo of GGX reflection and of sheen, tabulated for `surface.inc.wgsl`.
 //!
 //! With Schlick's Fresnel term, a microfacet surface's directional albedo is f0 · a + f90 · b, where a and b depend
-//! only on the viewer's cosine and on roughness.
+//! only on the viewer's cosine and on roughness. The albedo of a white sheen, e, does as well.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
-use super::layout::{ALBEDO_GRID, SMOOTH};
+use super::layout::{ALBEDO_GRID, LEAST_SHEEN_ROUGHNESS, SMOOTH};
 
 const GRID: usize = ALBEDO_GRID as usize;
 /// Number of strata per dimension. Each node of the table is integrated with `STRATA`² samples.
 const STRATA: usize = 16;
 
-/// Returns the table of (a, b). It has one row per perceptual roughness, with one node per cosine; both go from 0 to 1.
+/// Number of steps in each of two dimensions over which the albedo of sheen is integrated.
+const SHEEN_STEPS: usize = 48;
+
+/// Returns the table of (a, b, e). It has one row per perceptual roughness, with one node per cosine; both go from 0 to 1.
+/// For e, which rises steeply near grazing angles, the nodes are square roots of cosines.
 /// After these rows follow their means over directions, one per roughness.
-pub fn table() -> &'static [[f32; 2]] {
-    static TABLE: LazyLock<Vec<[f32; 2]>> = LazyLock::new(made);
+pub fn table() -> &'static [[f32; 3]] {
+    static TABLE: LazyLock<Vec<[f32; 3]>> = LazyLock::new(made);
     &TABLE
 }
 
-fn made() -> Vec<[f32; 2]> {
+fn made() -> Vec<[f32; 3]> {
     let node = |i: usize| i as f64 / (GRID - 1) as f64;
-    let rows: Vec<Vec<[f64; 2]>> =
-        (0..GRID).map(|row| (0..GRID).map(|column| albedo(node(column), node(row).powi(2))).collect()).collect();
+    let entry = |cosine: f64, roughness: f64| {
+        let [a, b] = albedo(cosine, roughness.powi(2));
+        [a, b, sheen_albedo(cosine.powi(2), roughness)]
+    };
+    let rows: Vec<Vec<[f64; 3]>> =
+        (0..GRID).map(|row| (0..GRID).map(|column| entry(node(column), node(row))).collect()).collect();
     let means = rows.iter().map(|row| mean(row));
     rows.iter().flatten().copied().chain(means).map(|ab| ab.map(|x| x as f32)).collect()
 }
 
 /// Returns the mean of a row over directions: 2 ∫ e(μ) μ dμ, where e interpolates the nodes linearly, as the shader
 /// does.
-fn mean(row: &[[f64; 2]]) -> [f64; 2] {
+fn mean(row: &[[f64; 3]]) -> [f64; 3] {
     let h = 1.0 / (GRID - 1) as f64;
-    let mut sum = [0.0; 2];
+    let mut sum = [0.0; 3];
     for (i, pair) in row.windows(2).enumerate() {
         let (x0, x1) = (i as f64 * h, (i + 1) as f64 * h);
         for (k, sum) in sum.iter_mut().enumerate() {
@@ -68,6 +76,39 @@ fn albedo(cosine: f64, alpha: f64) -> [f64; 2] {
     sum.map(|s| s / (STRATA * STRATA) as f64)
 }
 
+/// Returns the albedo of a white sheen for the viewer's cosine and perceptual roughness: the integral of
+/// `sheen_scattering` in `bsdf.inc.wgsl` times the light's cosine, at most 1. The light's polar angle has finer steps
+/// towards the horizon, where the lobe is narrow.
+fn sheen_albedo(cosine: f64, roughness: f64) -> f64 {
+    let alpha = roughness.max(f64::from(LEAST_SHEEN_ROUGHNESS)).powi(2);
+    let nv = cosine.max(1e-3);
+    let sin_v = (1.0 - nv * nv).sqrt();
+    let mut sum = 0.0;
+    for i in 0..SHEEN_STEPS * SHEEN_STEPS {
+        let [x, y] = [i % SHEEN_STEPS, i / SHEEN_STEPS].map(|k| (k as f64 + 0.5) / SHEEN_STEPS as f64);
+        let (nl, phi) = (x * x, PI * y);
+        let sin_l = (1.0 - nl * nl).sqrt();
+        let [hx, hy, hz] = [sin_v + sin_l * phi.cos(), sin_l * phi.sin(), nv + nl];
+        let sin2 = (hx * hx + hy * hy) / (hx * hx + hy * hy + hz * hz);
+        let density = (2.0 + 1.0 / alpha) * sin2.powf(0.5 / alpha) / (2.0 * PI);
+        let visibility = 1.0 / ((1.0 + fuzz(nv, alpha) + fuzz(nl, alpha)) * 4.0 * nv * nl);
+        // dω = dnl dφ, dnl = 2 x dx, and φ covers half of its range.
+        sum += density * visibility * nl * 2.0 * x * 2.0 * PI;
+    }
+    (sum / (SHEEN_STEPS * SHEEN_STEPS) as f64).min(1.0)
+}
+
+/// Returns Λ of the sheen's shadowing at a cosine (Estevez & Kulla, "Production Friendly Microfacet Sheen BRDF", 2017).
+fn fuzz(cosine: f64, alpha: f64) -> f64 {
+    let t = (1.0 - alpha).powi(2);
+    let mix = |rough: f64, smooth: f64| rough + (smooth - rough) * t;
+    let l = |x: f64| {
+        let (a, b, c) = (mix(21.5473, 25.3245), mix(3.82987, 3.32435), mix(0.19823, 0.16801));
+        a / (1.0 + b * x.powf(c)) + mix(-1.97760, -1.27393) * x + mix(-4.32054, -4.85967)
+    };
+    if cosine < 0.5 { l(cosine).exp() } else { (2.0 * l(0.5) - l(1.0 - cosine)).exp() }
+}
+
 /// Samples a visible normal (Dupuy & Benyoub 2023). `v` and the result are vectors of two components: one in the
 /// surface plane, towards the viewer, and one along the surface normal. `u` holds two random numbers.
 fn visible_normal(v: [f64; 2], alpha: f64, u: [f64; 2]) -> [f64; 2] {
@@ -88,16 +129,16 @@ mod tests {
 
     #[test]
     fn nothing_reflects_more_than_it_gets() {
-        for [a, b] in table() {
-            assert!(*a >= 0.0 && *b >= 0.0 && a + b <= 1.0 + 1e-6, "{a} {b}");
+        for [a, b, e] in table() {
+            assert!(*a >= 0.0 && *b >= 0.0 && a + b <= 1.0 + 1e-6 && (0.0..=1.0).contains(e), "{a} {b} {e}");
         }
     }
 
     #[test]
     fn a_mirror_has_schlicks_albedo_and_its_mean_is_a_twenty_first() {
         let table = table();
-        assert_eq!(table[GRID - 1], [1.0, 0.0]);
-        assert_eq!(table[0], [0.0, 1.0]);
+        assert_eq!(table[GRID - 1][..2], [1.0, 0.0]);
+        assert_eq!(table[0][..2], [0.0, 1.0]);
         // ∫ 2 μ (1 − μ)^5 dμ = 1 / 21. Linear interpolation of this convex function adds a little.
         let excess = table[GRID * GRID][1] - 1.0 / 21.0;
         assert!((0.0..2e-3).contains(&excess), "{excess}");

@@ -246,5 +246,7 @@ pub fn declarations() -> String {
     let of_others =
         constants![SKIPPED, LIST_HEADER, SPHERE, TRIANGLE_ALPHA, TONE_NEUTRAL, TONE_AGX, TONE_ACES, TONE_NONE];
     let constants = [CONSTANTS, accel::SKIN_CONSTANTS, tables::CONSTANTS, ROLES, of_others].concat();
-    structs + &declare(&constants) + &format!("const SMOOTH: f32 = {SMOOTH:?}f;\n")
+    let floats = [("SMOOTH", SMOOTH), ("LEAST_SHEEN_ROUGHNESS", LEAST_SHEEN_ROUGHNESS)];
+    let floats: String = floats.iter().map(|(name, value)| format!("const {name}: f32 = {value:?}f;\n")).collect();
+    structs + &declare(&constants) + &floats
 }

@@ -111,8 +111,11 @@ fn shared_shaders(needs: SceneNeeds) -> SceneNeeds {
     let common = SceneNeeds {
         second_uvs: false,
         transmission: false,
+        diffuse_transmission: false,
         transparent_shadows: false,
         clearcoat: false,
+        sheen: false,
+        iridescence: false,
         unlit: false,
         vertex_colors: false,
         alpha: false,

@@ -1,16 +1,17 @@
 //! Evaluates and samples the BSDF at a surface point: the sum of the material model's lobes.
 //!
-//! The lobes are diffuse, the surface's reflection (dielectric and metal share it), transmission, and clearcoat. Below
-//! [`SMOOTH_ALPHA`] the last three are deltas: [`Bsdf::scattered`] and [`Bsdf::density`] omit them, and only
+//! The lobes are diffuse, the surface's reflection (dielectric and metal share it), transmission, clearcoat, sheen, and diffuse
+//! transmission. Below [`SMOOTH_ALPHA`] reflection, transmission and clearcoat are deltas: [`Bsdf::scattered`] and [`Bsdf::density`] omit them, and only
 //! [`Bsdf::sample`] finds them. Values include the cosine.
 
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
 use super::layer::{self, SMOOTH_ALPHA, schlick_weight};
 use super::microfacet::{Frame, Ggx, reflect, refract};
 use super::sampling::cosine_direction;
+use super::sheen::Sheen;
 
 /// Medium behind the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,16 +37,22 @@ pub struct Bsdf {
     pub normal: DVec3,
     pub geometric_normal: DVec3,
     pub base: DVec3,
+    /// The metal's reflectance at normal incidence: the base colour, unless a film is on it.
+    pub metal_f0: DVec3,
     pub metallic: f64,
     pub alpha: f64,
     /// The dielectric's reflectance at normal and at grazing incidence.
     pub f0: DVec3,
     pub f90: f64,
     pub transmission: f64,
+    /// Fraction of the diffuse light that leaves on the other side, and its colour.
+    pub through: f64,
+    pub through_color: DVec3,
     pub interior: Interior,
     /// True if the viewer is on the back of the triangle.
     pub on_back: bool,
     pub coat: Option<Coat>,
+    pub sheen: Option<Sheen>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -63,9 +70,11 @@ enum Lobe {
     Reflection,
     Transmission,
     Coat,
+    Sheen,
+    Through,
 }
 
-const LOBES: [Lobe; 4] = [Lobe::Diffuse, Lobe::Reflection, Lobe::Transmission, Lobe::Coat];
+const LOBES: [Lobe; 6] = [Lobe::Diffuse, Lobe::Reflection, Lobe::Transmission, Lobe::Coat, Lobe::Sheen, Lobe::Through];
 
 /// Minimum fraction of a Fresnel term for lobe selection: the facet's term may be far from the macro surface's.
 const LEAST_SHARE: f64 = 0.1;
@@ -76,10 +85,32 @@ impl Bsdf {
     /// Returns value times cosine for light from `to_light`, without deltas.
     pub fn scattered(&self, to_light: DVec3) -> DVec3 {
         let through_coat = 1.0 - self.coat_reflectance();
+        let under_sheen = self.under_sheen(self.normal.dot(to_light)) * through_coat;
         if self.geometric_normal.dot(to_light) > 0.0 {
-            self.reflected(to_light) * through_coat + DVec3::splat(self.coat_reflected(to_light))
+            self.reflected(to_light) * under_sheen
+                + self.sheen_reflected(to_light) * through_coat
+                + DVec3::splat(self.coat_reflected(to_light))
         } else {
-            self.transmitted(to_light) * through_coat
+            self.transmitted(to_light) * under_sheen
+        }
+    }
+
+    /// Returns the fraction of light at that cosine which the sheen leaves to the material under it.
+    fn under_sheen(&self, cos_light: f64) -> f64 {
+        self.sheen.map_or(1.0, |sheen| {
+            let most = sheen.albedo(self.normal.dot(self.to_viewer)).max(sheen.albedo(cos_light.abs()));
+            1.0 - sheen.color.max_element() * most
+        })
+    }
+
+    fn sheen_reflected(&self, l: DVec3) -> DVec3 {
+        let (v, n) = (self.to_viewer, self.normal);
+        let cos_light = n.dot(l);
+        match (self.sheen, (v + l).try_normalize()) {
+            (Some(sheen), Some(h)) if cos_light > 0.0 => {
+                sheen.color * sheen.value(n.dot(v), cos_light, n.dot(h)) * cos_light
+            }
+            _ => DVec3::ZERO,
         }
     }
 
@@ -149,7 +180,7 @@ impl Bsdf {
 
     fn is_delta(&self, lobe: Lobe) -> bool {
         match lobe {
-            Lobe::Diffuse => false,
+            Lobe::Diffuse | Lobe::Sheen | Lobe::Through => false,
             Lobe::Reflection => self.alpha < SMOOTH_ALPHA,
             Lobe::Transmission => self.alpha < SMOOTH_ALPHA || self.goes_straight(),
             Lobe::Coat => self.coat.is_some_and(|coat| coat.alpha < SMOOTH_ALPHA),
@@ -174,7 +205,7 @@ impl Bsdf {
 
     /// Returns the Fresnel term of dielectric and metal, mixed by metalness.
     fn mixed_fresnel(&self, cosine: f64) -> DVec3 {
-        let metal = self.base.lerp(DVec3::ONE, schlick_weight(cosine));
+        let metal = self.metal_f0.lerp(DVec3::ONE, schlick_weight(cosine));
         self.dielectric_fresnel(cosine).lerp(metal, self.metallic)
     }
 
@@ -197,10 +228,15 @@ impl Bsdf {
 
     /// Returns the diffuse lobe's fraction W.
     fn diffuse_share(&self, cos_facet: f64, cos_light: f64) -> f64 {
+        self.under_reflection(cos_facet).min(self.conserved_share(cos_light))
+    }
+
+    /// Returns the fraction of Kelemen & Szirmay-Kalos, which loses what the layers on both ways reflect.
+    fn conserved_share(&self, cos_light: f64) -> f64 {
         let (f0, cos_viewer) = (self.f0.max_element(), self.normal.dot(self.to_viewer));
         let let_in = |mu: f64| 1.0 - layer::albedo(self.alpha, f0, self.f90, mu);
         let absorbed = (1.0 - layer::mean_albedo(self.alpha, f0, self.f90)).max(LEAST_ABSORBED);
-        self.under_reflection(cos_facet).min(let_in(cos_viewer) * let_in(cos_light) / absorbed)
+        let_in(cos_viewer) * let_in(cos_light) / absorbed
     }
 
     fn reflected(&self, l: DVec3) -> DVec3 {
@@ -211,7 +247,7 @@ impl Bsdf {
         };
         let facet = v.dot(h);
         let mut value = DVec3::ZERO;
-        let opaque = (1.0 - self.metallic) * (1.0 - self.transmission);
+        let opaque = (1.0 - self.metallic) * (1.0 - self.transmission) * (1.0 - self.through);
         if opaque > 0.0 {
             value += self.base * (opaque * self.diffuse_share(facet, cos_light) / PI);
         }
@@ -244,12 +280,17 @@ impl Bsdf {
         let (v, n) = (self.to_viewer, self.normal);
         let cos_light = -n.dot(l);
         let share = (1.0 - self.metallic) * self.transmission;
-        let lets_through = share > 0.0 && cos_light > 0.0 && self.geometric_normal.dot(l) < 0.0;
-        if !lets_through || self.is_delta(Lobe::Transmission) {
+        if cos_light <= 0.0 || self.geometric_normal.dot(l) >= 0.0 {
             return DVec3::ZERO;
         }
+        let diffuse = (1.0 - self.metallic) * (1.0 - self.transmission) * self.through;
+        let diffuse = if diffuse > 0.0 { diffuse * self.conserved_share(cos_light) * cos_light / PI } else { 0.0 };
+        let diffuse = self.through_color * diffuse;
+        if share == 0.0 || self.is_delta(Lobe::Transmission) {
+            return diffuse;
+        }
         let Some(h) = self.transmitting_facet(l) else {
-            return DVec3::ZERO;
+            return diffuse;
         };
         let value = self.under_reflection(v.dot(h)) * self.facets_value(n, self.alpha, h, cos_light);
         let spread = match self.interior {
@@ -261,7 +302,7 @@ impl Bsdf {
                 4.0 * vh * lh * here * here / (here * vh - beyond * lh).powi(2)
             }
         };
-        self.base * (share * value * spread * cos_light)
+        self.base * (share * value * spread * cos_light) + diffuse
     }
 
     /// Returns the facet on the viewer's side that transmits light from `l`, on the other side, to the viewer.
@@ -284,7 +325,7 @@ impl Bsdf {
         let through_coat = 1.0 - self.coat_reflectance();
         match lobe {
             Lobe::Coat => DVec3::splat(self.coat_reflectance()),
-            Lobe::Reflection => self.mixed_fresnel(cosine) * through_coat,
+            Lobe::Reflection => self.mixed_fresnel(cosine) * (through_coat * self.under_sheen(cosine)),
             Lobe::Transmission => {
                 let [here, beyond] = self.indices();
                 let passed = if self.alpha < SMOOTH_ALPHA {
@@ -292,28 +333,33 @@ impl Bsdf {
                 } else {
                     self.mean_under_reflection()
                 };
-                let share = (1.0 - self.metallic) * self.transmission * passed;
+                let bends = self.interior != Interior::Thin && !self.goes_straight();
+                let sin2 = (here / beyond).powi(2) * (1.0 - cosine * cosine);
+                let away = if bends { (1.0 - sin2).max(0.0).sqrt() } else { cosine };
+                let share = (1.0 - self.metallic) * self.transmission * passed * self.under_sheen(away);
                 self.base * (share * (here / beyond).powi(2) * through_coat)
             }
-            Lobe::Diffuse => unreachable!("the diffuse lobe is no delta"),
+            Lobe::Diffuse | Lobe::Sheen | Lobe::Through => unreachable!("the wide lobes are no deltas"),
         }
     }
 
     /// Returns the probability of each of [`LOBES`], roughly its fraction of the light; all 0 for a black surface.
-    fn chances(&self) -> [f64; 4] {
+    fn chances(&self) -> [f64; 6] {
         let cosine = self.normal.dot(self.to_viewer);
         let (coat, dielectric) = (self.coat_reflectance(), 1.0 - self.metallic);
         let least = |lobe| if self.is_delta(lobe) { 0.0 } else { LEAST_SHARE };
         let base = |lobe| self.base.max_element() * dielectric * self.under_reflection(cosine).max(least(lobe));
-        let most_reflected = dielectric * self.f90 + self.metallic * self.base.max_element();
+        let most_reflected = dielectric * self.f90 + self.metallic * self.metal_f0.max_element();
         let reflection = self.mixed_fresnel(cosine).max_element();
         let under = [
-            base(Lobe::Diffuse) * (1.0 - self.transmission),
+            base(Lobe::Diffuse) * (1.0 - self.transmission) * (1.0 - self.through),
             reflection.max(least(Lobe::Reflection) * most_reflected),
             base(Lobe::Transmission) * self.transmission,
         ];
         let [diffuse, reflection, transmission] = under.map(|share| share * (1.0 - coat));
-        let shares = [diffuse, reflection, transmission, coat];
+        let sheen = self.sheen.map_or(0.0, |sheen| sheen.color.max_element() * sheen.albedo(cosine).max(LEAST_SHARE));
+        let through = self.through_color.max_element() * dielectric * (1.0 - self.transmission) * self.through;
+        let shares = [diffuse, reflection, transmission, coat, sheen * (1.0 - coat), through * (1.0 - coat)];
         let sum: f64 = shares.iter().sum();
         shares.map(|share| if sum > 0.0 { share / sum } else { 0.0 })
     }
@@ -326,6 +372,15 @@ impl Bsdf {
         if lobe == Lobe::Coat {
             let coat = self.coat?;
             return Some(reflect(v, self.facet(coat.normal, coat.alpha, u)));
+        }
+        if lobe == Lobe::Through {
+            return Some(cosine_direction(-n, u));
+        }
+        if lobe == Lobe::Sheen {
+            let cos = u[0];
+            let (sin, cos_turn) = (TAU * u[1]).sin_cos();
+            let across = (1.0 - cos * cos).sqrt();
+            return Some(Frame::around(n).world(DVec3::new(across * cos_turn, across * sin, cos)));
         }
         if lobe == Lobe::Transmission && self.goes_straight() {
             return Some(-v);
@@ -362,6 +417,8 @@ impl Bsdf {
         };
         match (lobe, self.interior) {
             (Lobe::Diffuse, _) => n.dot(l).max(0.0) / PI,
+            (Lobe::Through, _) => (-n.dot(l)).max(0.0) / PI,
+            (Lobe::Sheen, _) => f64::from(n.dot(l) > 0.0) / TAU,
             (Lobe::Coat, _) => self.coat.map_or(0.0, |coat| of_mirrored(coat.normal, coat.alpha, l)),
             (Lobe::Reflection, _) => of_mirrored(n, self.alpha, l),
             (Lobe::Transmission, Interior::Thin) => of_mirrored(n, self.alpha, l - n * (2.0 * n.dot(l))),

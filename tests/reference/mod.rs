@@ -23,12 +23,14 @@
 pub mod asserts;
 pub mod bsdf;
 pub mod environment;
+pub mod film;
 pub mod intersect;
 pub mod layer;
 pub mod lights;
 pub mod medium;
 pub mod microfacet;
 pub mod sampling;
+pub mod sheen;
 pub mod scenes;
 pub mod surface;
 pub mod tangents;

@@ -4,8 +4,10 @@ use diptych::scene::{AlphaMode, Material, Mesh, NormalMap, Scene, TextureRef, Vo
 use glam::{DAffine3, DMat3, DVec2, DVec3, DVec4, Vec2};
 
 use super::bsdf::{Bsdf, Coat, Interior};
+use super::film;
 use super::intersect::Triangle;
 use super::sampling::tangents;
+use super::sheen::{LEAST_ROUGHNESS, Sheen};
 use super::texture::{self, Encoding};
 
 /// Minimum cosine between a mapped normal and the viewer.
@@ -164,13 +166,27 @@ impl<'a> Surfaces<'a> {
         let reflectance = if ior == 0.0 { 1.0 } else { ((ior - 1.0) / (ior + 1.0)).powi(2) };
         let tint = self.texel(triangle, weights, material.specular_color_texture, Encoding::Srgb).truncate();
         let f90 = f64::from(material.specular) * linear(material.specular_texture).w;
-        let f0 = (reflectance * material.specular_color.as_dvec3() * tint).min(DVec3::ONE) * f90;
+        let bare = (reflectance * material.specular_color.as_dvec3() * tint).min(DVec3::ONE);
+        let normal_seen = normal(material.normal_map);
+        let film = &material.iridescence;
+        let covered = f64::from(film.factor) * linear(film.factor_texture).x;
+        let under_film = |bare: DVec3| {
+            if covered == 0.0 {
+                return bare;
+            }
+            let [least, most] = film.thickness_nm.map(f64::from);
+            let thickness = least + (most - least) * linear(film.thickness_texture).y;
+            bare.lerp(film::f0(film, thickness, normal_seen.dot(to_viewer), bare), covered)
+        };
+        let f0 = under_film(bare) * f90;
+        let base = self.base_color(triangle, weights).truncate();
         let index = if ior == 0.0 { 1.0 } else { ior };
         Bsdf {
             to_viewer,
-            normal: normal(material.normal_map),
+            normal: normal_seen,
             geometric_normal,
-            base: self.base_color(triangle, weights).truncate(),
+            base,
+            metal_f0: under_film(base),
             metallic: f64::from(material.metallic) * metallic_roughness.z,
             alpha: (f64::from(material.roughness) * metallic_roughness.y).powi(2),
             f0,
@@ -183,6 +199,16 @@ impl<'a> Surfaces<'a> {
                 alpha: (f64::from(material.clearcoat.roughness) * linear(material.clearcoat.roughness_texture).y)
                     .powi(2),
                 normal: normal(material.clearcoat.normal_map),
+            }),
+            through: f64::from(material.diffuse_transmission.factor)
+                * linear(material.diffuse_transmission.factor_texture).w,
+            through_color: material.diffuse_transmission.color.as_dvec3()
+                * self.texel(triangle, weights, material.diffuse_transmission.color_texture, Encoding::Srgb).truncate(),
+            sheen: material.sheen.is_there().then(|| Sheen {
+                color: material.sheen.color.as_dvec3()
+                    * self.texel(triangle, weights, material.sheen.color_texture, Encoding::Srgb).truncate(),
+                roughness: (f64::from(material.sheen.roughness) * linear(material.sheen.roughness_texture).w)
+                    .max(LEAST_ROUGHNESS),
             }),
         }
     }
@@ -281,7 +307,7 @@ impl<'a> Surfaces<'a> {
 /// Returns the volume behind a thick surface. Without transmission it would be invisible, so the surface counts as
 /// thin.
 fn enclosed_volume(material: &Material) -> Option<Volume> {
-    material.volume.filter(|_| material.transmission > 0.0)
+    material.volume.filter(|_| material.transmission > 0.0 || material.diffuse_transmission.factor > 0.0)
 }
 
 fn interpolate<T>(corners: [T; 3], weights: [f64; 3], zero: T) -> T

@@ -1,18 +1,24 @@
-//! Material extensions: specular reflection of dielectrics, transmission and volume, clearcoat, and the older
-//! specular-glossiness model.
+//! Material extensions: specular reflection of dielectrics, transmission and volume, clearcoat, sheen, diffuse
+//! transmission, iridescence, and the older specular-glossiness model.
 
 use ::gltf::json::extensions::material::{
     Ior, Material as JsonExtensions, PbrSpecularGlossiness, Specular, Transmission, Volume as JsonVolume,
 };
 use ::gltf::json::material::NormalTexture;
 use ::gltf::json::texture::Info;
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 
 use super::fault::{Fault, Outcome};
 use super::materials::Reader;
-use crate::scene::{Clearcoat, Material, Volume};
+use crate::scene::{Clearcoat, DiffuseTransmission, Iridescence, Material, Sheen, Volume};
 
 const CLEARCOAT: &str = "KHR_materials_clearcoat";
+const SHEEN: &str = "KHR_materials_sheen";
+const IRIDESCENCE: &str = "KHR_materials_iridescence";
+const DIFFUSE_TRANSMISSION: &str = "KHR_materials_diffuse_transmission";
+
+/// Maximum thickness of a film, nanometres. The interference of a thicker one has no visible colour.
+const MOST_FILM_NM: f32 = 1e5;
 
 /// JSON of `KHR_materials_clearcoat`.
 #[derive(Default, serde::Deserialize)]
@@ -23,6 +29,69 @@ struct JsonClearcoat {
     clearcoat_roughness_factor: f32,
     clearcoat_roughness_texture: Option<Info>,
     clearcoat_normal_texture: Option<NormalTexture>,
+}
+
+/// JSON of `KHR_materials_sheen`.
+#[derive(Default, serde::Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct JsonSheen {
+    sheen_color_factor: [f32; 3],
+    sheen_color_texture: Option<Info>,
+    sheen_roughness_factor: f32,
+    sheen_roughness_texture: Option<Info>,
+}
+
+/// JSON of `KHR_materials_diffuse_transmission`.
+#[derive(serde::Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct JsonDiffuseTransmission {
+    diffuse_transmission_factor: f32,
+    diffuse_transmission_texture: Option<Info>,
+    diffuse_transmission_color_factor: [f32; 3],
+    diffuse_transmission_color_texture: Option<Info>,
+}
+
+impl Default for JsonDiffuseTransmission {
+    fn default() -> Self {
+        Self {
+            diffuse_transmission_factor: 0.0,
+            diffuse_transmission_texture: None,
+            diffuse_transmission_color_factor: [1.0; 3],
+            diffuse_transmission_color_texture: None,
+        }
+    }
+}
+
+/// JSON of `KHR_materials_iridescence`.
+#[derive(serde::Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct JsonIridescence {
+    iridescence_factor: f32,
+    iridescence_texture: Option<Info>,
+    iridescence_ior: f32,
+    iridescence_thickness_minimum: f32,
+    iridescence_thickness_maximum: f32,
+    iridescence_thickness_texture: Option<Info>,
+}
+
+impl Default for JsonIridescence {
+    fn default() -> Self {
+        let Iridescence { factor, ior, thickness_nm: [least, most], .. } = Iridescence::default();
+        Self {
+            iridescence_factor: factor,
+            iridescence_texture: None,
+            iridescence_ior: ior,
+            iridescence_thickness_minimum: least,
+            iridescence_thickness_maximum: most,
+            iridescence_thickness_texture: None,
+        }
+    }
+}
+
+/// Parses an extension that the parser of the file leaves as JSON.
+fn parsed<T: serde::de::DeserializeOwned>(json: &JsonExtensions, name: &str) -> Outcome<Option<T>> {
+    let parse = |value: &serde_json::Value| serde_json::from_value(value.clone());
+    json.others.get(name).map(parse).transpose().map_err(|e| Fault::Invalid(format!("its {name}: {e}")))
 }
 
 impl Reader<'_, '_, '_> {
@@ -39,10 +108,17 @@ impl Reader<'_, '_, '_> {
         if let Some(volume) = &json.volume {
             material.volume = self.volume(volume)?;
         }
-        if let Some(clearcoat) = json.others.get(CLEARCOAT) {
-            let clearcoat = serde_json::from_value(clearcoat.clone());
-            let clearcoat = clearcoat.map_err(|e| Fault::Invalid(format!("its {CLEARCOAT}: {e}")))?;
+        if let Some(clearcoat) = parsed(json, CLEARCOAT)? {
             material.clearcoat = self.clearcoat(&clearcoat)?;
+        }
+        if let Some(sheen) = parsed(json, SHEEN)? {
+            material.sheen = self.sheen(&sheen)?;
+        }
+        if let Some(transmission) = parsed(json, DIFFUSE_TRANSMISSION)? {
+            material.diffuse_transmission = self.diffuse_transmission(&transmission)?;
+        }
+        if let Some(film) = parsed(json, IRIDESCENCE)? {
+            material.iridescence = self.iridescence(&film)?;
         }
         if let Some(specular) = &json.pbr_specular_glossiness {
             self.specular_glossiness(specular, material)?;
@@ -112,6 +188,60 @@ impl Reader<'_, '_, '_> {
             roughness,
             roughness_texture: self.texture(json.clearcoat_roughness_texture.as_ref())?,
             normal_map: self.normal_map(json.clearcoat_normal_texture.as_ref())?,
+        })
+    }
+
+    fn sheen(&mut self, json: &JsonSheen) -> Outcome<Sheen> {
+        let color = self.color(json.sheen_color_factor, 1.0, "sheen colour")?;
+        let roughness = self.unit(json.sheen_roughness_factor, "sheen roughness")?;
+        if color == Vec3::ZERO {
+            return Ok(Sheen::default());
+        }
+        let color_texture = self.texture(json.sheen_color_texture.as_ref())?;
+        if json.sheen_color_texture.is_some() && color_texture.is_none() {
+            // Without its texture, the parts that the texture keeps black would have a sheen.
+            return Ok(Sheen::default());
+        }
+        let roughness_texture = self.texture(json.sheen_roughness_texture.as_ref())?;
+        Ok(Sheen { color, color_texture, roughness, roughness_texture })
+    }
+
+    fn diffuse_transmission(&mut self, json: &JsonDiffuseTransmission) -> Outcome<DiffuseTransmission> {
+        let factor = self.unit(json.diffuse_transmission_factor, "diffuse transmission")?;
+        let color = self.color(json.diffuse_transmission_color_factor, 1.0, "diffuse transmission colour")?;
+        if factor == 0.0 {
+            return Ok(DiffuseTransmission::default());
+        }
+        let factor_texture = self.texture(json.diffuse_transmission_texture.as_ref())?;
+        if json.diffuse_transmission_texture.is_some() && factor_texture.is_none() {
+            // Without its texture, the parts that the texture keeps opaque would transmit.
+            return Ok(DiffuseTransmission::default());
+        }
+        let color_texture = self.texture(json.diffuse_transmission_color_texture.as_ref())?;
+        Ok(DiffuseTransmission { factor, factor_texture, color, color_texture })
+    }
+
+    fn iridescence(&mut self, json: &JsonIridescence) -> Outcome<Iridescence> {
+        let factor = self.unit(json.iridescence_factor, "iridescence")?;
+        let mut thickness = |nm: f32| self.color([nm; 3], MOST_FILM_NM, "iridescence thickness").map(|nm| nm.x);
+        let thickness_nm =
+            [thickness(json.iridescence_thickness_minimum)?, thickness(json.iridescence_thickness_maximum)?];
+        if !json.iridescence_ior.is_finite() {
+            return Err(Fault::Invalid("the index of refraction of its iridescence is not finite".into()));
+        }
+        let ior = json.iridescence_ior.max(1.0);
+        if ior != json.iridescence_ior {
+            self.warnings.note("indices of refraction below 1 are taken as 1", self.place);
+        }
+        if factor == 0.0 {
+            return Ok(Iridescence::default());
+        }
+        Ok(Iridescence {
+            factor,
+            factor_texture: self.texture(json.iridescence_texture.as_ref())?,
+            ior,
+            thickness_nm,
+            thickness_texture: self.texture(json.iridescence_thickness_texture.as_ref())?,
         })
     }
 

@@ -12,8 +12,8 @@ use serde_json::{Value, json};
 
 use crate::image::file::atomic_write;
 use crate::scene::{
-    AlphaMode, Clearcoat, Instance, Material, Mesh, NormalMap, Scene, SceneError, TexelImage, Texture, TextureRef,
-    Volume, Wrap,
+    AlphaMode, Clearcoat, DiffuseTransmission, Instance, Iridescence, Material, Mesh, NormalMap, Scene, SceneError,
+    Sheen, TexelImage, Texture, TextureRef, Volume, Wrap,
 };
 
 const FLOAT: u32 = 5126;
@@ -201,6 +201,34 @@ impl Draft {
             self.texture(&mut coat, "clearcoatRoughnessTexture", roughness_texture);
             self.normal_map(&mut coat, "clearcoatNormalTexture", normal_map);
             layers.push(("KHR_materials_clearcoat", coat));
+        }
+        if m.diffuse_transmission.factor > 0.0 {
+            let DiffuseTransmission { factor, factor_texture, color, color_texture } = m.diffuse_transmission;
+            let mut through =
+                json!({ "diffuseTransmissionFactor": factor, "diffuseTransmissionColorFactor": color.to_array() });
+            self.texture(&mut through, "diffuseTransmissionTexture", factor_texture);
+            self.texture(&mut through, "diffuseTransmissionColorTexture", color_texture);
+            layers.push(("KHR_materials_diffuse_transmission", through));
+        }
+        if m.iridescence.factor > 0.0 {
+            let Iridescence { factor, factor_texture, ior, thickness_nm: [least, most], thickness_texture } =
+                m.iridescence;
+            let mut film = json!({
+                "iridescenceFactor": factor,
+                "iridescenceIor": ior,
+                "iridescenceThicknessMinimum": least,
+                "iridescenceThicknessMaximum": most,
+            });
+            self.texture(&mut film, "iridescenceTexture", factor_texture);
+            self.texture(&mut film, "iridescenceThicknessTexture", thickness_texture);
+            layers.push(("KHR_materials_iridescence", film));
+        }
+        if m.sheen.is_there() {
+            let Sheen { color, color_texture, roughness, roughness_texture } = m.sheen;
+            let mut sheen = json!({ "sheenColorFactor": color.to_array(), "sheenRoughnessFactor": roughness });
+            self.texture(&mut sheen, "sheenColorTexture", color_texture);
+            self.texture(&mut sheen, "sheenRoughnessTexture", roughness_texture);
+            layers.push(("KHR_materials_sheen", sheen));
         }
         layers
     }

@@ -33,6 +33,14 @@ shared_structs! {
         pub first_texture: u32,
         pub texture_count: u32,
         pub pad1: u32,
+        pub sheen_color: Vec3,
+        pub sheen_roughness: f32,
+        pub diffuse_transmission_color: Vec3,
+        pub diffuse_transmission: f32,
+        pub iridescence: f32,
+        pub film_ior: f32,
+        /// Thickness of the film where its texture is 0 and where it is 1, nanometres.
+        pub film_thickness: Vec2,
     }
 
     /// A texture as one material refers to it. Texels are stored consecutively in pages of [`PAGE`] x [`PAGE`].
@@ -143,12 +151,19 @@ pub enum TextureRole {
     Clearcoat,
     ClearcoatRoughness,
     ClearcoatNormal,
+    SheenColor,
+    SheenRoughness,
+    DiffuseTransmission,
+    DiffuseTransmissionColor,
+    Iridescence,
+    FilmThickness,
 }
 
 impl TextureRole {
     /// Whether it holds sRGB-encoded colours.
     pub fn is_color(self) -> bool {
-        matches!(self, Self::BaseColor | Self::Emissive | Self::SpecularColor)
+        use TextureRole::*;
+        matches!(self, BaseColor | Emissive | SpecularColor | SheenColor | DiffuseTransmissionColor)
     }
 }
 
@@ -220,6 +235,8 @@ shared_constants! {
 
 /// Squared perceptual roughness below which a surface is a mirror.
 pub const SMOOTH: f32 = 1e-4;
+/// Minimum roughness of a sheen: below it, only light at grazing angles would be scattered.
+pub const LEAST_SHEEN_ROUGHNESS: f32 = 0.07;
 
 pub(super) const ROLES: &[Constant] = &[
     ("ROLE_BASE_COLOR", TextureRole::BaseColor as u32),
@@ -232,4 +249,10 @@ pub(super) const ROLES: &[Constant] = &[
     ("ROLE_CLEARCOAT", TextureRole::Clearcoat as u32),
     ("ROLE_CLEARCOAT_ROUGHNESS", TextureRole::ClearcoatRoughness as u32),
     ("ROLE_CLEARCOAT_NORMAL", TextureRole::ClearcoatNormal as u32),
+    ("ROLE_SHEEN_COLOR", TextureRole::SheenColor as u32),
+    ("ROLE_SHEEN_ROUGHNESS", TextureRole::SheenRoughness as u32),
+    ("ROLE_DIFFUSE_TRANSMISSION", TextureRole::DiffuseTransmission as u32),
+    ("ROLE_DIFFUSE_TRANSMISSION_COLOR", TextureRole::DiffuseTransmissionColor as u32),
+    ("ROLE_IRIDESCENCE", TextureRole::Iridescence as u32),
+    ("ROLE_FILM_THICKNESS", TextureRole::FilmThickness as u32),
 ];

@@ -136,7 +136,7 @@ impl SceneTables {
             lights: add(bytes_of(&emitters.lights)),
             env_cells: add(bytes_of(&emitters.env_cells)),
             srgb: add(collected((0..=255).map(|code| [linear_from_srgb(code), 0.0, 0.0, 0.0]))),
-            albedo: add(collected(albedo_table::table().iter().map(|[x, y]| [*x, *y, 0.0, 0.0]))),
+            albedo: add(collected(albedo_table::table().iter().map(|[x, y, z]| [*x, *y, *z, 0.0]))),
             last_corners: add(Cow::Owned(vec![0; 3 * ROW_BYTES * accel.skins.triangles.len()])),
         };
         (tables, parts)
@@ -312,6 +312,13 @@ impl TextureTable<'_> {
             absorption: m.enclosed_volume().map_or(Vec3::ZERO, absorption),
             normal_scale: scale(m.normal_map),
             clearcoat_normal_scale: scale(m.clearcoat.normal_map),
+            sheen_color: m.sheen.color,
+            sheen_roughness: m.sheen.roughness,
+            iridescence: m.iridescence.factor,
+            film_ior: m.iridescence.ior,
+            film_thickness: m.iridescence.thickness_nm.into(),
+            diffuse_transmission: m.diffuse_transmission.factor,
+            diffuse_transmission_color: m.diffuse_transmission.color,
             first_texture,
             texture_count: self.infos.len() as u32 - first_texture,
             ..Default::default()
@@ -340,6 +347,12 @@ fn textures_in_order(m: &scene::Material) -> impl Iterator<Item = (scene::Textur
         (m.clearcoat.factor_texture, Clearcoat),
         (m.clearcoat.roughness_texture, ClearcoatRoughness),
         (map(m.clearcoat.normal_map), ClearcoatNormal),
+        (m.sheen.color_texture, SheenColor),
+        (m.sheen.roughness_texture, SheenRoughness),
+        (m.diffuse_transmission.factor_texture, DiffuseTransmission),
+        (m.diffuse_transmission.color_texture, DiffuseTransmissionColor),
+        (m.iridescence.factor_texture, Iridescence),
+        (m.iridescence.thickness_texture, FilmThickness),
     ];
     all.into_iter().filter_map(|(texture, role)| Some((texture?, role)))
 }

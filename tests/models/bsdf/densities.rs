@@ -118,6 +118,16 @@ fn refraction_has_its_density_from_both_sides() {
 }
 
 #[test]
+fn sheen_has_its_density() {
+    hold("sheen", Finish { sheen: Some(0.5), ..MATTE });
+}
+
+#[test]
+fn diffuse_transmission_has_its_density() {
+    hold("leaf", Finish { through: 0.6, specular: 1.0, ..MATTE });
+}
+
+#[test]
 fn clearcoat_has_its_density() {
     hold("coated", Finish { coat: Some(1.0), ..MATTE });
 }

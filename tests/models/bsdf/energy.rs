@@ -29,6 +29,16 @@ fn grid() -> Vec<Finish> {
             }
         }
     }
+    for roughness in [0.07, 0.2, 0.5, 1.0] {
+        let sheen = Some(roughness);
+        let cloth = Finish { sheen, ..MATTE };
+        all.extend([cloth, Finish { specular: 1.0, ..cloth }, Finish { metallic: 1.0, roughness: 0.3, ..cloth }]);
+        all.push(Finish { specular: 1.0, transmission: 1.0, roughness: 0.3, ..cloth });
+        all.push(Finish { coat: Some(0.3), ..cloth });
+        let leaf = Finish { through: 0.5, specular: 1.0, roughness, ..MATTE };
+        all.extend([leaf, Finish { through: 1.0, ..leaf }, Finish { sheen, transmission: 0.5, ..leaf }]);
+        all.push(Finish { ior: 2.5, ..leaf });
+    }
     all
 }
 

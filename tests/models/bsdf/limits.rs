@@ -31,6 +31,8 @@ fn what_is_reflected_and_what_passes_thin_glass_is_reciprocal() {
         Finish { metallic: 0.4, ..DIELECTRIC },
         Finish { metallic: 1.0, ..MATTE },
         Finish { transmission: 0.6, ..DIELECTRIC },
+        Finish { sheen: Some(0.4), ..DIELECTRIC },
+        Finish { through: 0.7, ..DIELECTRIC },
     ];
     for finish in finishes {
         for roughness in [0.0, 0.2, 0.5, 1.0] {

@@ -8,6 +8,7 @@ mod limits;
 use glam::DVec3;
 
 use crate::reference::bsdf::{Bsdf, Coat, Interior};
+use crate::reference::sheen::Sheen;
 
 /// A white material without textures on the plane z = 0.
 #[derive(Clone, Copy, Debug)]
@@ -21,6 +22,10 @@ struct Finish {
     on_back: bool,
     /// Roughness of a full clearcoat.
     coat: Option<f64>,
+    /// Fraction of diffuse transmission.
+    through: f64,
+    /// Roughness of a white sheen.
+    sheen: Option<f64>,
 }
 
 const MATTE: Finish = Finish {
@@ -32,6 +37,8 @@ const MATTE: Finish = Finish {
     thick: false,
     on_back: false,
     coat: None,
+    through: 0.0,
+    sheen: None,
 };
 
 impl Finish {
@@ -44,6 +51,7 @@ impl Finish {
             normal,
             geometric_normal: normal,
             base: DVec3::ONE,
+            metal_f0: DVec3::ONE,
             metallic: self.metallic,
             alpha: self.roughness.powi(2),
             f0: DVec3::splat(reflectance * self.specular),
@@ -52,6 +60,9 @@ impl Finish {
             interior: if self.thick { Interior::Thick { index } } else { Interior::Thin },
             on_back: self.on_back,
             coat: self.coat.map(|roughness| Coat { strength: 1.0, alpha: roughness.powi(2), normal }),
+            through: self.through,
+            through_color: DVec3::ONE,
+            sheen: self.sheen.map(|roughness| Sheen { color: DVec3::ONE, roughness }),
         }
     }
 

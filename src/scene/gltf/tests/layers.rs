@@ -1,11 +1,13 @@
 //! Tests of material extensions.
 
-use glam::{Affine2, Vec3, Vec4};
+use glam::{Affine2, Vec3, Vec4, vec3};
 use serde_json::{Value, json};
 
 use super::materials::{LEFT, RIGHT, with_material, with_texture};
 use super::{Draft, assert_mentions};
-use crate::scene::{AlphaMode, Clearcoat, Material, NormalMap, Scene, TextureRef, Volume};
+use crate::scene::{
+    AlphaMode, Clearcoat, DiffuseTransmission, Iridescence, Material, NormalMap, Scene, Sheen, TextureRef, Volume,
+};
 
 const TEXTURE: TextureRef = TextureRef { texture: 0, uv_set: 0, uv_from_uv: Affine2::IDENTITY };
 
@@ -142,6 +144,96 @@ fn clearcoats_are_read() {
 }
 
 #[test]
+fn sheens_are_read() {
+    let name = "KHR_materials_sheen";
+    let sheen = json!({
+        "sheenColorFactor": [0.5, 0.25, 1],
+        "sheenColorTexture": {"index": 0},
+        "sheenRoughnessFactor": 0.25,
+        "sheenRoughnessTexture": {"index": 0, "texCoord": 1},
+    });
+    let mut draft = with_extension(name, sheen);
+    let expected = Sheen {
+        color: vec3(0.5, 0.25, 1.0),
+        color_texture: Some(TEXTURE),
+        roughness: 0.25,
+        roughness_texture: Some(TextureRef { uv_set: 1, ..TEXTURE }),
+    };
+    assert_eq!(*quietly(&draft.scene()), Material { sheen: expected, ..bare() });
+    // Without a colour there is no sheen.
+    draft.json["materials"][0]["extensions"][name]["sheenColorFactor"] = json!([0, 0, 0]);
+    let scene = draft.scene();
+    assert_eq!((quietly(&scene), scene.images.len()), (&bare(), 0));
+    let clamped = with_extension(name, json!({"sheenColorFactor": [2, 0, 0], "sheenRoughnessFactor": 3})).scene();
+    let expected = Sheen { color: Vec3::X, roughness: 1.0, ..Sheen::default() };
+    assert_eq!((clamped.materials[0].sheen, clamped.warnings.len()), (expected, 2));
+    for broken in [json!({"sheenColorFactor": [1e39, 0, 0]}), json!({"sheenColorFactor": [1]}), json!("velvet")] {
+        assert_mentions(&with_extension(name, broken).complaint(), &["material 0", "sheen"]);
+    }
+}
+
+#[test]
+fn diffuse_transmission_is_read() {
+    let name = "KHR_materials_diffuse_transmission";
+    let through = json!({
+        "diffuseTransmissionFactor": 0.25,
+        "diffuseTransmissionTexture": {"index": 0},
+        "diffuseTransmissionColorFactor": [0.5, 0.25, 1],
+        "diffuseTransmissionColorTexture": {"index": 0, "texCoord": 1},
+    });
+    let mut draft = with_extension(name, through);
+    let expected = DiffuseTransmission {
+        factor: 0.25,
+        factor_texture: Some(TEXTURE),
+        color: vec3(0.5, 0.25, 1.0),
+        color_texture: Some(TextureRef { uv_set: 1, ..TEXTURE }),
+    };
+    assert_eq!(*quietly(&draft.scene()), Material { diffuse_transmission: expected, ..bare() });
+    draft.json["materials"][0]["extensions"][name]["diffuseTransmissionFactor"] = json!(0);
+    let scene = draft.scene();
+    assert_eq!((quietly(&scene), scene.images.len()), (&bare(), 0));
+    let white = with_extension(name, json!({"diffuseTransmissionFactor": 2})).scene();
+    let expected = DiffuseTransmission { factor: 1.0, ..DiffuseTransmission::default() };
+    assert_eq!((white.materials[0].diffuse_transmission, white.warnings.len()), (expected, 1));
+    for broken in [json!({"diffuseTransmissionFactor": 1e39}), json!({"diffuseTransmissionTexture": 3}), json!(1)] {
+        assert_mentions(&with_extension(name, broken).complaint(), &["material 0", "transmission"]);
+    }
+}
+
+#[test]
+fn iridescence_is_read() {
+    let name = "KHR_materials_iridescence";
+    let film = json!({
+        "iridescenceFactor": 0.5,
+        "iridescenceTexture": {"index": 0},
+        "iridescenceIor": 1.7,
+        "iridescenceThicknessMinimum": 50,
+        "iridescenceThicknessMaximum": 700,
+        "iridescenceThicknessTexture": {"index": 0, "texCoord": 1},
+    });
+    let mut draft = with_extension(name, film);
+    let expected = Iridescence {
+        factor: 0.5,
+        factor_texture: Some(TEXTURE),
+        ior: 1.7,
+        thickness_nm: [50.0, 700.0],
+        thickness_texture: Some(TextureRef { uv_set: 1, ..TEXTURE }),
+    };
+    assert_eq!(*quietly(&draft.scene()), Material { iridescence: expected, ..bare() });
+    draft.json["materials"][0]["extensions"][name]["iridescenceFactor"] = json!(0);
+    assert_eq!(*quietly(&draft.scene()), bare());
+    let usual = with_extension(name, json!({"iridescenceFactor": 1})).scene();
+    assert_eq!(quietly(&usual).iridescence, Iridescence { factor: 1.0, ..Iridescence::default() });
+    let odd = json!({"iridescenceFactor": 1, "iridescenceIor": 0.5, "iridescenceThicknessMaximum": -3});
+    let odd = with_extension(name, odd).scene();
+    let expected = Iridescence { factor: 1.0, ior: 1.0, thickness_nm: [100.0, 0.0], ..Iridescence::default() };
+    assert_eq!((odd.materials[0].iridescence, odd.warnings.len()), (expected, 2));
+    for broken in [json!({"iridescenceIor": 1e39}), json!({"iridescenceTexture": 3}), json!("oil")] {
+        assert_mentions(&with_extension(name, broken).complaint(), &["material 0", "iridescence"]);
+    }
+}
+
+#[test]
 fn unlit_materials_keep_colour_and_alpha_only() {
     let mut draft = with_texture(json!({
         "pbrMetallicRoughness": {
@@ -201,8 +293,8 @@ fn specular_glossiness_is_a_dielectric_of_any_reflectance() {
 
 #[test]
 fn other_extensions_of_materials_are_warned_of_once_or_refused() {
-    let name = "KHR_materials_sheen";
-    let mut draft = with_material(json!({"extensions": {name: {"sheenRoughnessFactor": 1}}}));
+    let name = "KHR_materials_dispersion";
+    let mut draft = with_material(json!({"extensions": {name: {"dispersion": 1}}}));
     draft.push("materials", draft.json["materials"][0].clone());
     draft.json["extensionsUsed"] = json!([name]);
     let scene = draft.scene();
