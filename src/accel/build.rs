@@ -65,8 +65,8 @@ impl Accel {
         budget.reserve(bodies.map(Skins::bytes).sum()).map_err(refused)?.keep();
         let mut accel = Self { origin, ..Self::empty() };
         let room = Room { budget, row_bytes: present.row_bytes(), triangles: count };
-        let (flat, _) =
-            accel.push_tree(&flatten::flatten(scene, division.flat(scene), origin, &present), true, &room)?;
+        let flat = flatten::flatten(scene, division.flat(scene), origin);
+        let (flat, _) = accel.push_tree(&flat, &present, true, &room)?;
         let deepest = accel.push_bodies(scene, &division.deforming, &present, &room)?;
         let deepest = deepest.max(accel.push_shared(scene, &division.shared, &present, &room)?);
         let pose = scene.motion.pose(0.0);
@@ -98,33 +98,47 @@ impl Accel {
     }
 
     /// Adds triangles in tree order and the tree over them. Returns the tree and that order.
-    fn push_tree(&mut self, flat: &Flat, splits: bool, room: &Room) -> Result<(Tree, Vec<u32>), AccelError> {
+    fn push_tree(
+        &mut self,
+        flat: &Flat<'_>,
+        present: &Present,
+        splits: bool,
+        room: &Room,
+    ) -> Result<(Tree, Vec<u32>), AccelError> {
         self.dropped += flat.dropped;
         let (root, first_row) = (self.nodes.len() as u32, self.triangles.len() as u32);
-        if flat.triangles.is_empty() {
+        if flat.len() == 0 {
             // One node without children: every ray misses it.
             self.nodes.push(Node::default());
             self.trees.push(first_row..first_row);
             return Ok((Tree { root, first_row, rows: 0, levels: 1 }, Vec::new()));
         }
-        let mut points = flat.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]);
+        let mut points = (0..flat.len()).flat_map(|i| flat.vertices(i));
         points.try_for_each(|v| check_reach(v.abs().as_dvec3()))?;
-        let bvh = tree_over(&flat.triangles, splits, room)?;
+        let bvh = tree_over(flat, splits, room)?;
         let levels = self.push_nodes(&bvh, first_row)?;
-        let order = &bvh.primitive_indices;
-        let mut firsts = vec![None; flat.triangles.len()];
-        self.triangles.extend((first_row..).zip(order).map(|(row, &i)| {
-            let triangle = flat.triangles[i as usize];
+        let order = bvh.primitive_indices;
+        let mut firsts = vec![None; flat.len()];
+        self.triangles.reserve_exact(order.len());
+        self.triangles.extend((first_row..).zip(&order).map(|(row, &i)| {
             let first = *firsts[i as usize].get_or_insert(row);
-            Triangle { first_copy: triangle.first_copy | first, ..triangle }
+            flat.triangle(i as usize, first)
         }));
-        self.shadings.extend(order.iter().map(|&i| flat.shadings[i as usize]));
-        self.colors.extend(corners(order, &flat.colors));
-        self.second_uvs.extend(corners(order, &flat.second_uvs));
-        self.tangents.extend(corners(order, &flat.tangents));
+        self.shadings.reserve_exact(order.len());
+        let triangles = || order.iter().map(|&i| i as usize);
+        self.shadings.extend(triangles().map(|i| flat.shading(i)));
+        if present.colors {
+            self.colors.extend(triangles().flat_map(|i| flat.colors(i)));
+        }
+        if present.second_uvs {
+            self.second_uvs.extend(triangles().flat_map(|i| flat.second_uvs(i)));
+        }
+        if present.tangents {
+            self.tangents.extend(triangles().flat_map(|i| flat.tangents(i)));
+        }
         let rows = order.len() as u32;
         self.trees.push(first_row..first_row + rows);
-        Ok((Tree { root, first_row, rows, levels }, bvh.primitive_indices))
+        Ok((Tree { root, first_row, rows, levels }, order))
     }
 
     /// Adds deforming bodies in their pose at time 0, each with its own tree. Returns the depth of the deepest tree.
@@ -142,8 +156,8 @@ impl Accel {
             let mesh = &scene.meshes[scene.instances[motion.bodies[number].instance].mesh];
             let joints = motion.joints(&pose, number);
             let shape = deformed(mesh, &pose.weights[number], Some(&joints));
-            let flat = flatten::deforming(scene, &shape, self.origin, present);
-            let (tree, order) = self.push_tree(&flat, false, room)?;
+            let flat = flatten::deforming(scene, &shape, self.origin);
+            let (tree, order) = self.push_tree(&flat, present, false, room)?;
             if tree.rows == 0 {
                 continue;
             }
@@ -175,7 +189,7 @@ impl Accel {
         let mut first_prim = self.triangles.len();
         let mut deepest = 0;
         for &Shared { mesh, mirrored, ref users } in shared {
-            let (tree, _) = self.push_tree(&flatten::local(scene, mesh, mirrored, present), true, room)?;
+            let (tree, _) = self.push_tree(&flatten::local(scene, mesh, mirrored), present, true, room)?;
             deepest = deepest.max(tree.levels);
             let mesh = &scene.meshes[mesh];
             let (low, high) = ends(&mesh.positions);
@@ -213,11 +227,6 @@ impl Accel {
 /// Returns the component-wise minimum and maximum of the positions.
 fn ends(positions: &[Vec3]) -> (Vec3, Vec3) {
     positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
-}
-
-/// Returns the attributes of each triangle's corners in tree order, or an empty list if the attribute is absent.
-fn corners<T: Copy>(order: &[u32], of_triangle: &[[T; 3]]) -> Vec<T> {
-    if of_triangle.is_empty() { Vec::new() } else { order.iter().flat_map(|&i| of_triangle[i as usize]).collect() }
 }
 
 #[cfg(test)]

@@ -1,30 +1,41 @@
-//! Flattens instances to one list of world-space triangles, or a mesh to a list in its local space.
+//! Triangles of instances in world space, or of a mesh in its local space. Rows of the tables are made one by one, in the
+//! order in which the tree needs them, so that they are in memory only once.
 
 use glam::{Affine3A, DVec3, Mat3, Vec2, Vec3};
 
 use super::triangle::{Shading, TRIANGLE_ALPHA, Triangle};
 use crate::scene::{AlphaMode, Instance, Material, Mesh, Scene};
 
+/// A list of triangles.
 #[derive(Default)]
-pub(super) struct Flat {
-    pub triangles: Vec<Triangle>,
-    pub shadings: Vec<Shading>,
-    /// Colours per triangle; empty if no mesh has colours.
-    pub colors: Vec<[[f32; 4]; 3]>,
-    /// Texture coordinate set 1 per triangle; empty if no texture uses it.
-    pub second_uvs: Vec<[[f32; 2]; 3]>,
-    /// Tangents per triangle; empty if no mesh has tangents.
-    pub tangents: Vec<[[f32; 4]; 3]>,
+pub(super) struct Flat<'a> {
+    meshes: Vec<Placed<'a>>,
+    /// Index into `meshes` and index of the mesh's triangle.
+    triangles: Vec<[u32; 2]>,
+    /// Number of triangles that are left out, because they have no area.
     pub dropped: usize,
+}
+
+/// A mesh under a transform.
+struct Placed<'a> {
+    mesh: &'a Mesh,
+    place: Affine3A,
+    linear: Mat3,
+    /// The cofactor matrix: the inverse transpose up to a factor, defined for flattened (singular) transforms too.
+    cofactor: Mat3,
+    mirrored: bool,
+    /// Whether normals are negated at last.
+    negated: bool,
+    first_copy: u32,
 }
 
 /// Optional vertex attributes that the scene has. The list of an attribute has an entry for every triangle or none at
 /// all.
 #[derive(Clone, Copy)]
 pub(super) struct Present {
-    colors: bool,
-    second_uvs: bool,
-    tangents: bool,
+    pub colors: bool,
+    pub second_uvs: bool,
+    pub tangents: bool,
 }
 
 impl Present {
@@ -56,110 +67,153 @@ pub(super) fn near_from_local(instance: &Instance, origin: DVec3) -> Affine3A {
 }
 
 /// Flattens these instances to world space. Positions are relative to `origin`.
-pub(super) fn flatten<'a>(
-    scene: &Scene,
-    instances: impl Iterator<Item = &'a Instance>,
-    origin: DVec3,
-    present: &Present,
-) -> Flat {
+pub(super) fn flatten<'a>(scene: &'a Scene, instances: impl Iterator<Item = &'a Instance>, origin: DVec3) -> Flat<'a> {
     let mut flat = Flat::default();
     for instance in instances {
         let mesh = &scene.meshes[instance.mesh];
         let place = near_from_local(instance, origin);
         let mirrored = place.matrix3.determinant() < 0.0;
-        push_instance(&mut flat, &place, mirrored, mesh, &scene.materials[mesh.material], present, false);
+        flat.push(Placed::new(mesh, place, mirrored, &scene.materials[mesh.material]), false);
     }
     flat
 }
 
 /// Flattens the shape of a deforming body to world space. Keeps degenerate triangles, since they may have an area in
 /// other frames.
-pub(super) fn deforming(scene: &Scene, shape: &Mesh, origin: DVec3, present: &Present) -> Flat {
+pub(super) fn deforming<'a>(scene: &Scene, shape: &'a Mesh, origin: DVec3) -> Flat<'a> {
     let mut flat = Flat::default();
     let place = Affine3A::from_translation(-origin.as_vec3());
-    push_instance(&mut flat, &place, false, shape, &scene.materials[shape.material], present, true);
+    flat.push(Placed::new(shape, place, false, &scene.materials[shape.material]), true);
     flat
 }
 
 /// Flattens a mesh in its local space, for instances that are all mirrored or all not. Triangles are counter-clockwise
 /// in world space, and the inverse transpose maps normals to world space.
-pub(super) fn local(scene: &Scene, mesh: usize, mirrored: bool, present: &Present) -> Flat {
+pub(super) fn local(scene: &Scene, mesh: usize, mirrored: bool) -> Flat<'_> {
     let mut flat = Flat::default();
     let mesh = &scene.meshes[mesh];
-    let material = &scene.materials[mesh.material];
-    push_instance(&mut flat, &Affine3A::IDENTITY, mirrored, mesh, material, present, false);
-    if mirrored {
-        // Restores the normals, which `push_instance` has negated as for a mirrored transform.
-        flat.shadings.iter_mut().for_each(|s| [s.n0, s.n1, s.n2] = [-s.n0, -s.n1, -s.n2]);
-    }
+    let placed = Placed::new(mesh, Affine3A::IDENTITY, mirrored, &scene.materials[mesh.material]);
+    // The normals are those of the mesh, not of a mirrored transform.
+    flat.push(Placed { negated: mirrored, ..placed }, false);
     flat
 }
 
-fn push_instance(
-    flat: &mut Flat,
-    place: &Affine3A,
-    mirrored: bool,
-    mesh: &Mesh,
-    material: &Material,
-    present: &Present,
-    keeps_all: bool,
-) {
-    let linear = Mat3::from(place.matrix3);
-    // The cofactor matrix: the inverse transpose up to a factor, defined for flattened (singular) transforms too.
-    let cofactor = Mat3::from_cols(
-        linear.y_axis.cross(linear.z_axis),
-        linear.z_axis.cross(linear.x_axis),
-        linear.x_axis.cross(linear.y_axis),
-    ) * if mirrored { -1.0 } else { 1.0 };
-    let world: Vec<Vec3> = mesh.positions.iter().map(|&p| place.transform_point3(p)).collect();
-    let first_copy = if material.alpha_mode == AlphaMode::Opaque { 0 } else { TRIANGLE_ALPHA };
-    // A mirrored frame is left-handed, so the bitangent's sign flips.
-    let handedness = if mirrored { -1.0 } else { 1.0 };
-    for &[a, b, c] in &mesh.triangles {
-        // Mirroring reverses a triangle's winding.
-        let corner = if mirrored { [a, c, b] } else { [a, b, c] }.map(|i| i as usize);
-        let [v0, v1, v2] = corner.map(|i| world[i]);
+impl<'a> Flat<'a> {
+    fn push(&mut self, placed: Placed<'a>, keeps_all: bool) {
+        let number = self.meshes.len() as u32;
+        let count = placed.mesh.triangles.len();
+        self.triangles.reserve_exact(count);
+        for index in 0..count {
+            if keeps_all || placed.normal(index).is_some() {
+                self.triangles.push([number, index as u32]);
+            } else {
+                self.dropped += 1;
+            }
+        }
+        self.meshes.push(placed);
+    }
+
+    pub fn len(&self) -> usize {
+        self.triangles.len()
+    }
+
+    fn at(&self, index: usize) -> (&Placed<'a>, usize) {
+        let [mesh, triangle] = self.triangles[index];
+        (&self.meshes[mesh as usize], triangle as usize)
+    }
+
+    /// Returns the vertices of a triangle.
+    pub fn vertices(&self, index: usize) -> [Vec3; 3] {
+        let (placed, triangle) = self.at(index);
+        placed.vertices(triangle)
+    }
+
+    /// Returns a triangle with `first_copy` as the row of its first copy.
+    pub fn triangle(&self, index: usize, first_copy: u32) -> Triangle {
+        let (placed, triangle) = self.at(index);
+        let [v0, v1, v2] = placed.vertices(triangle);
+        let material = placed.mesh.material as u32;
+        Triangle { v0, material, v1, first_copy: placed.first_copy | first_copy, v2, light: 0 }
+    }
+
+    pub fn shading(&self, index: usize) -> Shading {
+        let (placed, triangle) = self.at(index);
+        placed.shading(triangle)
+    }
+
+    /// Returns the colours of a triangle's corners: white if the mesh has none.
+    pub fn colors(&self, index: usize) -> [[f32; 4]; 3] {
+        let (placed, triangle) = self.at(index);
+        placed.corners(triangle).map(|i| placed.mesh.colors.get(i).map_or([1.0; 4], |c| c.to_array()))
+    }
+
+    /// Returns the texture coordinates of set 1 of a triangle's corners.
+    pub fn second_uvs(&self, index: usize) -> [[f32; 2]; 3] {
+        let (placed, triangle) = self.at(index);
+        placed.uvs(triangle, 1).map(|uv| uv.to_array())
+    }
+
+    /// Returns the tangents of a triangle's corners: 0 if the mesh has none.
+    pub fn tangents(&self, index: usize) -> [[f32; 4]; 3] {
+        let (placed, triangle) = self.at(index);
+        placed.tangents(triangle)
+    }
+}
+
+impl<'a> Placed<'a> {
+    fn new(mesh: &'a Mesh, place: Affine3A, mirrored: bool, material: &Material) -> Self {
+        let linear = Mat3::from(place.matrix3);
+        let cofactor = Mat3::from_cols(
+            linear.y_axis.cross(linear.z_axis),
+            linear.z_axis.cross(linear.x_axis),
+            linear.x_axis.cross(linear.y_axis),
+        ) * if mirrored { -1.0 } else { 1.0 };
+        let first_copy = if material.alpha_mode == AlphaMode::Opaque { 0 } else { TRIANGLE_ALPHA };
+        Self { mesh, place, linear, cofactor, mirrored, negated: false, first_copy }
+    }
+
+    /// Returns the vertex indices of a triangle. Mirroring reverses its winding.
+    fn corners(&self, triangle: usize) -> [usize; 3] {
+        let [a, b, c] = self.mesh.triangles[triangle];
+        if self.mirrored { [a, c, b] } else { [a, b, c] }.map(|i| i as usize)
+    }
+
+    fn vertices(&self, triangle: usize) -> [Vec3; 3] {
+        self.corners(triangle).map(|i| self.place.transform_point3(self.mesh.positions[i]))
+    }
+
+    /// Returns the unit normal of a triangle, or `None` if the triangle has no area.
+    fn normal(&self, triangle: usize) -> Option<Vec3> {
+        let [v0, v1, v2] = self.vertices(triangle);
         let cross = (v1 - v0).cross(v2 - v0);
-        let has_area = cross.length() > 0.0 && cross.is_finite();
-        if !(has_area || keeps_all) {
-            flat.dropped += 1;
-            continue;
-        }
-        let normal = cross.normalize_or(Vec3::Z);
-        let [n0, n1, n2] = corner.map(|i| match mesh.normals.get(i) {
-            Some(&n) => (cofactor * n).try_normalize().unwrap_or(normal),
-            None => normal,
+        (cross.length() > 0.0 && cross.is_finite()).then(|| cross.normalize_or(Vec3::Z))
+    }
+
+    fn uvs(&self, triangle: usize, set: usize) -> [Vec2; 3] {
+        self.corners(triangle).map(|i| self.mesh.uvs[set].get(i).copied().unwrap_or(Vec2::ZERO))
+    }
+
+    fn shading(&self, triangle: usize) -> Shading {
+        let normal = self.normal(triangle).unwrap_or(Vec3::Z);
+        let [n0, n1, n2] = self.corners(triangle).map(|i| {
+            let of_vertex = self.mesh.normals.get(i).map(|&n| (self.cofactor * n).try_normalize().unwrap_or(normal));
+            let n = of_vertex.unwrap_or(normal);
+            if self.negated { -n } else { n }
         });
-        let uvs = |set: usize| corner.map(|i| mesh.uvs[set].get(i).copied().unwrap_or(Vec2::ZERO));
-        let [t0, t1, t2] = uvs(0);
-        flat.triangles.push(Triangle { v0, material: mesh.material as u32, v1, first_copy, v2, light: 0 });
-        flat.shadings.push(Shading {
-            n0,
-            u0: t0.x,
-            n1,
-            v0: t0.y,
-            n2,
-            u1: t1.x,
-            v1: t1.y,
-            u2: t2.x,
-            v2: t2.y,
-            pad: 0.0,
-        });
-        if present.colors {
-            flat.colors.push(corner.map(|i| mesh.colors.get(i).map_or([1.0; 4], |c| c.to_array())));
-        }
-        if present.second_uvs {
-            flat.second_uvs.push(uvs(1).map(|uv| uv.to_array()));
-        }
-        if present.tangents {
-            flat.tangents.push(corner.map(|i| match mesh.tangents.get(i) {
-                Some(t) => {
-                    let tangent = (linear * t.truncate()).normalize_or_zero();
-                    tangent.extend(t.w * handedness).to_array()
-                }
-                None => [0.0; 4],
-            }));
-        }
+        let [t0, t1, t2] = self.uvs(triangle, 0);
+        Shading { n0, u0: t0.x, n1, v0: t0.y, n2, u1: t1.x, v1: t1.y, u2: t2.x, v2: t2.y, pad: 0.0 }
+    }
+
+    fn tangents(&self, triangle: usize) -> [[f32; 4]; 3] {
+        // A mirrored frame is left-handed, so the bitangent's sign flips.
+        let handedness = if self.mirrored { -1.0 } else { 1.0 };
+        self.corners(triangle).map(|i| match self.mesh.tangents.get(i) {
+            Some(t) => {
+                let tangent = (self.linear * t.truncate()).normalize_or_zero();
+                tangent.extend(t.w * handedness).to_array()
+            }
+            None => [0.0; 4],
+        })
     }
 }
 
@@ -168,10 +222,11 @@ mod tests {
     use glam::{Affine2, Affine3A, Quat, Vec4};
 
     use super::*;
+    use crate::accel::Accel;
     use crate::scene::{NormalMap, TextureRef};
 
-    fn flatten(scene: &Scene) -> Flat {
-        super::flatten(scene, scene.instances.iter(), DVec3::ZERO, &Present::of(scene))
+    fn flatten(scene: &Scene) -> Flat<'_> {
+        super::flatten(scene, scene.instances.iter(), DVec3::ZERO)
     }
 
     /// Returns a triangle with a different tangent frame at each corner, and a triangle without attributes.
@@ -212,15 +267,15 @@ mod tests {
             let world = Affine3A::from_scale_rotation_translation(scale, turn, Vec3::ONE);
             let flat = flatten(&scene(world, 1));
             let corners = if scale.element_product() < 0.0 { [0, 2, 1] } else { [0, 1, 2] };
-            let normals = |f: &Flat| [f.shadings[0].n0, f.shadings[0].n1, f.shadings[0].n2];
+            let normals = |f: &Flat<'_>| [f.shading(0).n0, f.shading(0).n1, f.shading(0).n2];
             for (now, before) in corners.into_iter().enumerate() {
-                let (n, t) = (normals(&flat)[now], flat.tangents[0][now]);
-                let (n0, t0) = (normals(&still)[before], still.tangents[0][before]);
+                let (n, t) = (normals(&flat)[now], flat.tangents(0)[now]);
+                let (n0, t0) = (normals(&still)[before], still.tangents(0)[before]);
                 let moved = |v: Vec3| world.transform_vector3(v).normalize();
                 assert!(Vec4::from_array(t).truncate().distance(moved(Vec4::from_array(t0).truncate())) < 1e-6);
                 assert!(n.distance(moved(n0)) < 1e-6);
                 assert!(bitangent(n, t).distance(moved(bitangent(n0, t0))) < 1e-6, "{scale} {now}");
-                assert_eq!(flat.second_uvs[0][now], still.second_uvs[0][before]);
+                assert_eq!(flat.second_uvs(0)[now], still.second_uvs(0)[before]);
             }
         }
     }
@@ -228,20 +283,24 @@ mod tests {
     #[test]
     fn tangents_stay_perpendicular_under_uneven_scale() {
         let flat = flatten(&scene(Affine3A::from_scale(Vec3::new(5.0, 1.0, 0.5)), 1));
-        let (n, t) = (flat.shadings[0].n2, Vec4::from_array(flat.tangents[0][2]).truncate());
+        let (n, t) = (flat.shading(0).n2, Vec4::from_array(flat.tangents(0)[2]).truncate());
         assert!(n.dot(t).abs() < 1e-6 && (t.length() - 1.0).abs() < 1e-6, "{n} {t}");
     }
 
     #[test]
     fn attributes_are_full_or_empty() {
-        let flat = flatten(&scene(Affine3A::IDENTITY, 1));
-        assert_eq!((flat.tangents.len(), flat.second_uvs.len(), flat.colors.len()), (2, 2, 0));
-        assert_eq!((flat.tangents[1], flat.second_uvs[1]), ([[0.0; 4]; 3], [[0.0; 2]; 3]));
+        let tables = |scene: &Scene| Accel::build(scene).unwrap();
+        let lengths = |accel: &Accel| [accel.tangents.len(), accel.second_uvs.len(), accel.colors.len()];
+        let accel = tables(&scene(Affine3A::IDENTITY, 1));
+        let corners = 3 * accel.triangles.len();
+        assert_eq!(lengths(&accel), [corners, corners, 0]);
+        let bare = 3 * accel.triangles.iter().position(|t| t.material == 1).unwrap();
+        assert_eq!(accel.tangents[bare..bare + 3], [[0.0; 4]; 3]);
+        assert_eq!(accel.second_uvs[bare..bare + 3], [[0.0; 2]; 3]);
         // Coordinates that no instance's material uses are dropped.
-        assert!(flatten(&scene(Affine3A::IDENTITY, 0)).second_uvs.is_empty());
+        assert_eq!(lengths(&tables(&scene(Affine3A::IDENTITY, 0)))[1], 0);
         let mut unmapped = scene(Affine3A::IDENTITY, 1);
         unmapped.instances.remove(0);
-        let flat = flatten(&unmapped);
-        assert!(flat.tangents.is_empty() && flat.second_uvs.is_empty());
+        assert_eq!(lengths(&tables(&unmapped)), [0; 3]);
     }
 }

@@ -1,21 +1,26 @@
 //! Builder of the BVH over triangles, its nodes, and its memory bounds.
 
+use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
 use obvhs::ploc::PlocBuilder;
 use obvhs::splits::split_aabbs_preset;
-use obvhs::{Boundable, BvhBuildParams};
 
+use super::flatten::Flat;
 use super::limits::AccelError;
-use super::triangle::Triangle;
 use crate::scene::budget::Budget;
 
 /// Upper bound on the bytes per triangle that a build takes in addition to the tables. `NODE_BYTES` is the bound for
 /// the finished tree.
 pub const BUILD_BYTES: usize = 400;
 const NODE_BYTES: usize = 80;
+
+/// Number of triangles above which the fraction of nodes that are inserted again falls, and its minimum relative to that
+/// of smaller scenes.
+const LARGE: usize = 2_000_000;
+const LEAST_REINSERTED: f32 = 0.3;
 
 /// A node of 80 bytes in obvhs's layout.
 pub type Node = [u32; 20];
@@ -49,32 +54,40 @@ impl Room<'_> {
 /// Aila, "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies", HPG 2013). Several small boxes
 /// enclose a large triangle of a wall or a beam more tightly than one box, so fewer rays test it. Splitting adds at
 /// most 0.9 boxes per triangle.
-pub fn tree_over(triangles: &[Triangle], splits: bool, room: &Room) -> Result<CwBvh, AccelError> {
+///
+/// Inserting nodes again takes most of the time. Of large scenes, a smaller fraction of the nodes is inserted again, those
+/// of the largest area.
+pub fn tree_over(flat: &Flat<'_>, splits: bool, room: &Room) -> Result<CwBvh, AccelError> {
     const PARAMS: BvhBuildParams = BvhBuildParams::slow_build();
     const MOST_IN_A_LEAF: u32 = 3;
-    let corners_of = |t: &Triangle| obvhs::triangle::Triangle { v0: t.v0.into(), v1: t.v1.into(), v2: t.v2.into() };
-    let triangles: Vec<_> = triangles.iter().map(corners_of).collect();
-    let mut boxes: Vec<Aabb> = triangles.iter().map(Boundable::aabb).collect();
-    let mut indices: Vec<u32> = (0..triangles.len() as u32).collect();
+    let count = flat.len();
+    let triangle = |i: usize| {
+        let [v0, v1, v2] = flat.vertices(i).map(Into::into);
+        obvhs::triangle::Triangle { v0, v1, v2 }
+    };
+    let mut boxes: Vec<Aabb> = (0..count).map(|i| triangle(i).aabb()).collect();
+    let mut indices: Vec<u32> = (0..count as u32).collect();
     if splits {
         let areas = || boxes.iter().map(Aabb::half_area);
         let (average, largest) = (areas().sum::<f32>() / boxes.len() as f32, areas().fold(0.0, f32::max));
+        let triangles: Vec<_> = (0..count).map(triangle).collect();
         split_aabbs_preset(&mut boxes, &mut indices, &triangles, average, largest);
     }
-    let copies = boxes.len() - triangles.len();
+    let copies = boxes.len() - count;
     let making = copies * (4 * room.row_bytes + BUILD_BYTES);
     let refused = |exceeded| AccelError::Memory { triangles: room.triangles, exceeded };
     let mut reserved = room.budget.reserve(making as u64).map_err(refused)?;
-    let mut builder = PlocBuilder::with_capacity(boxes.len());
-    let mut bvh2 = builder.build(
+    let mut bvh2 = PlocBuilder::with_capacity(boxes.len()).build(
         PARAMS.ploc_search_distance,
         &boxes,
         indices,
         PARAMS.sort_precision,
         PARAMS.search_depth_threshold,
     );
+    drop(boxes);
     bvh2.uses_spatial_splits = copies > 0;
-    ReinsertionOptimizer::default().run(&mut bvh2, PARAMS.reinsertion_batch_ratio, None);
+    let fraction = PARAMS.reinsertion_batch_ratio * (LARGE as f32 / count as f32).clamp(LEAST_REINSERTED, 1.0);
+    ReinsertionOptimizer::default().run(&mut bvh2, fraction, None);
     let bvh = bvh2_to_cwbvh(&bvh2, MOST_IN_A_LEAF, true, false);
     reserved.shrink_to((copies * room.stored_bytes()) as u64);
     reserved.keep();

@@ -15,9 +15,9 @@ const STRATA: usize = 16;
 /// Number of steps in each of two dimensions over which the albedo of sheen is integrated.
 const SHEEN_STEPS: usize = 48;
 
-/// Returns the table of (a, b, e). It has one row per perceptual roughness, with one node per cosine; both go from 0 to 1.
-/// For e, which rises steeply near grazing angles, the nodes are square roots of cosines.
-/// After these rows follow their means over directions, one per roughness.
+/// Returns the table of (a, b, e). It has one row per perceptual roughness, with one node per cosine, or for e per square
+/// root of the cosine, since e rises steeply near grazing angles; all go from 0 to 1. After these rows follow their means
+/// over directions, one per roughness.
 pub fn table() -> &'static [[f32; 3]] {
     static TABLE: LazyLock<Vec<[f32; 3]>> = LazyLock::new(made);
     &TABLE

@@ -159,20 +159,17 @@ impl SceneBuffers {
     }
 }
 
-/// Creates a buffer that holds `parts`, whose total size is `bytes`. If the device has failed, the buffer is not
-/// filled.
+/// Creates a buffer that holds `parts`, whose total size is `bytes`.
 fn upload(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], bytes: usize) -> wgpu::Buffer {
     let (size, usage) = (bytes as u64, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST);
-    let descriptor = wgpu::BufferDescriptor { label: Some("tables"), size, usage, mapped_at_creation: true };
+    let descriptor = wgpu::BufferDescriptor { label: Some("tables"), size, usage, mapped_at_creation: false };
     let buffer = gpu.device.create_buffer(&descriptor);
-    if let Ok(mut mapped) = buffer.get_mapped_range_mut(..) {
-        let mut at = 0;
-        for part in parts {
-            mapped.slice(at..at + part.len()).copy_from_slice(part);
-            at += part.len();
-        }
+    let mut at = 0;
+    for batch in parts.iter().flat_map(|part| part.chunks(UPLOAD_BYTES)) {
+        gpu.queue.write_buffer(&buffer, at, batch);
+        at += batch.len() as u64;
+        finish_batch(gpu);
     }
-    buffer.unmap();
     buffer
 }
 
@@ -181,11 +178,20 @@ fn upload_rows(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], rows: u64) -> wgpu::Tex
     let [width, height] = table_size(rows);
     let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
     let texture = new_texture(gpu, "tables", size, TABLE_FORMAT);
-    let row_bytes = width as usize * ROW_BYTES;
-    let mut bytes = parts.concat();
-    bytes.resize(row_bytes * height as usize, 0);
-    write_layer(gpu, &texture, 0, width, ROW_BYTES as u32, &bytes);
+    let mut at = 0;
+    for batch in parts.iter().flat_map(|part| part.chunks(UPLOAD_BYTES)) {
+        write_texels(gpu, &texture, at, batch);
+        at += (batch.len() / ROW_BYTES) as u32;
+        finish_batch(gpu);
+    }
     texture
+}
+
+/// Waits until the device has taken what was written, so that it is no longer staged in memory.
+fn finish_batch(gpu: &GpuDevice) {
+    gpu.queue.submit([]);
+    // A device that fails is noticed when it renders.
+    let _ = gpu.device.poll(wgpu::PollType::wait_indefinitely());
 }
 
 /// Writes consecutive table rows, one texel each, to the texture that stores the tables. A range that begins or ends
@@ -270,11 +276,10 @@ fn new_texture(gpu: &GpuDevice, label: &str, size: wgpu::Extent3d, format: wgpu:
     })
 }
 
-/// Maximum number of bytes staged in memory for one submission.
-const UPLOAD_BYTES: usize = 64 << 20;
+/// Maximum number of bytes staged in memory for one submission; a multiple of table rows.
+const UPLOAD_BYTES: usize = 16 << 20;
 
-/// Uploads a layer in batches of rows. Writes are staged in memory until a submission, so each batch is submitted
-/// separately.
+/// Uploads a layer in batches of rows.
 fn write_layer(gpu: &GpuDevice, texture: &wgpu::Texture, z: u32, width: u32, texel_bytes: u32, bytes: &[u8]) {
     let row_bytes = (width * texel_bytes) as usize;
     let rows = (UPLOAD_BYTES / row_bytes).max(1);
@@ -291,6 +296,6 @@ fn write_layer(gpu: &GpuDevice, texture: &wgpu::Texture, z: u32, width: u32, tex
             wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width * texel_bytes), rows_per_image: None },
             wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
         );
-        gpu.queue.submit([]);
+        finish_batch(gpu);
     }
 }
