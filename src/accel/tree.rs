@@ -5,7 +5,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
-use obvhs::ploc::PlocBuilder;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance};
 use obvhs::splits::split_aabbs_preset;
 
 use super::flatten::Flat;
@@ -56,7 +56,7 @@ impl Room<'_> {
 /// most 0.9 boxes per triangle.
 ///
 /// Inserting nodes again takes most of the time. Of large scenes, a smaller fraction of the nodes is inserted again, those
-/// of the largest area.
+/// of the largest area, and more neighbours are considered for pairs before.
 pub fn tree_over(flat: &Flat<'_>, splits: bool, room: &Room) -> Result<CwBvh, AccelError> {
     const PARAMS: BvhBuildParams = BvhBuildParams::slow_build();
     const MOST_IN_A_LEAF: u32 = 3;
@@ -77,8 +77,9 @@ pub fn tree_over(flat: &Flat<'_>, splits: bool, room: &Room) -> Result<CwBvh, Ac
     let making = copies * (4 * room.row_bytes + BUILD_BYTES);
     let refused = |exceeded| AccelError::Memory { triangles: room.triangles, exceeded };
     let mut reserved = room.budget.reserve(making as u64).map_err(refused)?;
+    let distance = if count > LARGE { PlocSearchDistance::VeryHigh } else { PARAMS.ploc_search_distance };
     let mut bvh2 = PlocBuilder::with_capacity(boxes.len()).build(
-        PARAMS.ploc_search_distance,
+        distance,
         &boxes,
         indices,
         PARAMS.sort_precision,
