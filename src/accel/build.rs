@@ -57,8 +57,8 @@ impl Accel {
             return Err(AccelError::TooMany(stored));
         }
         let present = Present::of(scene);
-        // Reserves memory for lists, which grow to at most twice their length, and for their copies in tree order.
-        let making = stored as u64 * (4 * present.row_bytes() + BUILD_BYTES) as u64;
+        // Reserves memory for the tables, which grow to at most twice their length, and for the tree.
+        let making = stored as u64 * (2 * present.row_bytes() + BUILD_BYTES) as u64;
         let mut reserved = budget.reserve(making).map_err(refused)?;
         let bodies =
             division.deforming.iter().map(|&b| &scene.meshes[scene.instances[scene.motion.bodies[b].instance].mesh]);
@@ -119,12 +119,15 @@ impl Accel {
         let levels = self.push_nodes(&bvh, first_row)?;
         let order = bvh.primitive_indices;
         let mut firsts = vec![None; flat.len()];
-        self.triangles.reserve_exact(order.len());
+        if self.triangles.is_empty() {
+            // Most scenes have most triangles in their first tree.
+            self.triangles.reserve_exact(order.len());
+            self.shadings.reserve_exact(order.len());
+        }
         self.triangles.extend((first_row..).zip(&order).map(|(row, &i)| {
             let first = *firsts[i as usize].get_or_insert(row);
             flat.triangle(i as usize, first)
         }));
-        self.shadings.reserve_exact(order.len());
         let triangles = || order.iter().map(|&i| i as usize);
         self.shadings.extend(triangles().map(|i| flat.shading(i)));
         if present.colors {

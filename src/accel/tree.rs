@@ -14,7 +14,7 @@ use crate::scene::budget::Budget;
 
 /// Upper bound on the bytes per triangle that a build takes in addition to the tables. `NODE_BYTES` is the bound for
 /// the finished tree.
-pub const BUILD_BYTES: usize = 400;
+pub const BUILD_BYTES: usize = 320;
 const NODE_BYTES: usize = 80;
 
 /// Number of triangles above which the fraction of nodes that are inserted again falls, and its minimum relative to that
@@ -74,7 +74,7 @@ pub fn tree_over(flat: &Flat<'_>, splits: bool, room: &Room) -> Result<CwBvh, Ac
         split_aabbs_preset(&mut boxes, &mut indices, &triangles, average, largest);
     }
     let copies = boxes.len() - count;
-    let making = copies * (4 * room.row_bytes + BUILD_BYTES);
+    let making = copies * (2 * room.row_bytes + BUILD_BYTES);
     let refused = |exceeded| AccelError::Memory { triangles: room.triangles, exceeded };
     let mut reserved = room.budget.reserve(making as u64).map_err(refused)?;
     let distance = if count > LARGE { PlocSearchDistance::VeryHigh } else { PARAMS.ploc_search_distance };

@@ -84,6 +84,7 @@ impl Replay {
         ensure!(!frames.is_empty(), "it has no frames");
         let mut again = args.clone();
         again.frames = frames.len().try_into().context("it has too many frames")?;
+        again.keep_going = true;
         let options_again = &mut again.options;
         options_again.ladder = Some(path.with_file_name("ladder.toml"));
         options_again.fps = Some(play.fps);

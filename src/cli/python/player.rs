@@ -53,7 +53,7 @@ impl Playing {
         }
         let Self { session, rig, .. } = self;
         let decided = session.decide();
-        let late_ms = self.pace.as_mut().map_or(0.0, Pace::wait);
+        let late_ms = self.pace.as_ref().map_or(0.0, Pace::wait);
         let time_s = self.time_s + f64::from(self.next.saturating_add(self.missed)) / self.fps;
         let frame = session.render(decided, rig, time_s, self.next)?;
         let missed_periods = self.pace.as_mut().map_or(0, Pace::complete);

@@ -4,6 +4,7 @@ mod panel_quad;
 mod placement;
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use anyhow::anyhow;
 
@@ -198,6 +199,7 @@ impl Show {
 
     fn frame(&mut self, frame: &HeadsetFrame, index: u32, begin_s: f64) -> Result<(), Failure> {
         let Self { session, headset, world, late, motion, record, look, status, board, opens_board } = self;
+        let posed = Instant::now();
         let (rig, time_s) = (world.rig_of(frame)?, begin_s + frame.display_s);
         let decided = session.decide();
         if let Some(gaze) = frame.gaze {
@@ -219,7 +221,7 @@ impl Show {
         if opens != frame.input.toggles_panel {
             *board = if board.is_none() { PanelQuad::open(headset, &frame)? } else { None };
         }
-        status.add(frame_status(row.clone()));
+        status.add(frame_status(row.clone(), posed));
         status.rungs = session.ladder().rungs().len();
         let panel = board.as_mut().map(|board| board.panel(headset, look, status)).transpose()?.flatten();
         let picture = Picture { images, distances, metres_per_unit: rig.metres_per_unit, panel };

@@ -128,6 +128,9 @@ fn panel(ui: &mut Ui, look: &ViewStatus, status: &Status) {
     let [lo_ms, hi_ms] = look.band_ms;
     let colour = if last.in_band { IN_BAND } else { OUT_OF_BAND };
     ui.label(RichText::new(format!("{:.1} ms, {:.1} frames per second", last.makespan_ms, rate(status))).color(colour));
+    if let Some(ms) = status.presented_after_ms {
+        ui.label(format!("{ms:.1} ms from pose to presentation"));
+    }
     plot(ui, look.band_ms, status);
     let share = 100.0 * status.in_band as f64 / status.count as f64;
     ui.label(format!("{share:.1} % of {} frames within {lo_ms} to {hi_ms} ms", status.count));

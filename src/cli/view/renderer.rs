@@ -71,7 +71,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
             let foveation = session.inner.gaze.map_or(foveation.clone(), |eyes| foveation.looking(eyes));
             [0, 1].map(|eye| foveation.circles_of(radii, eye, time_s, options.size.width, options.size.height))
         });
-        shared.show(picture, frame_status(row), |status| {
+        shared.show(picture, frame_status(row, now), |status| {
             (status.rungs, status.follows_path, status.circles) =
                 (session.ladder().rungs().len(), camera.follows_path(), circles);
         });
@@ -89,8 +89,9 @@ pub fn speed_per_s(scene: &Scene) -> f64 {
     if diagonal.is_finite() && diagonal > 0.0 { diagonal / 10.0 } else { 1.0 }
 }
 
-pub fn frame_status(row: FrameRow) -> FrameStatus {
+pub fn frame_status(row: FrameRow, posed: Instant) -> FrameStatus {
     FrameStatus {
+        posed,
         at: Instant::now(),
         makespan_ms: row.makespan_ms,
         in_band: row.control.is_some_and(|c| c.in_band),

@@ -53,12 +53,17 @@ pub struct Status {
     pub in_band: u64,
     pub rungs: usize,
     pub follows_path: bool,
+    /// Time from the sampling of a frame's pose to the return of the call that presented it, of the last frame that was
+    /// presented, ms.
+    pub presented_after_ms: Option<f64>,
     /// For each eye, the radii of the inner and middle foveal layers, and the gaze point, in pixels of the eye's image.
     pub circles: Option<[([f64; 2], [f64; 2]); 2]>,
 }
 
 #[derive(Clone, Debug)]
 pub struct FrameStatus {
+    /// When the frame's pose was sampled, and when the frame was complete.
+    pub posed: Instant,
     pub at: Instant,
     pub makespan_ms: f64,
     pub in_band: bool,

@@ -181,9 +181,10 @@ impl Open {
     fn redraw(&mut self, look: &ViewStatus, shared: &Shared) -> Result<(), anyhow::Error> {
         self.drawn = Some(Instant::now());
         let (picture, status) = shared.take_output();
-        self.status = status;
-        if let Some(picture) = picture {
-            self.presenter.upload(&picture);
+        let presented_after_ms = self.status.presented_after_ms;
+        self.status = Status { presented_after_ms, ..status };
+        if let Some(picture) = &picture {
+            self.presenter.upload(picture);
         }
         let size = self.presenter.size();
         // There are no images before the first frame.
@@ -201,6 +202,8 @@ impl Open {
         self.presenter.take_textures(textures);
         if !self.presenter.present(&self.drawing)? {
             self.window.request_redraw();
+        } else if let Some(last) = self.status.frames.back().filter(|_| picture.is_some()) {
+            self.status.presented_after_ms = Some(last.posed.elapsed().as_secs_f64() * 1e3);
         }
         Ok(())
     }
