@@ -261,11 +261,13 @@ mod tests {
 
     #[test]
     fn frames_turn_stretch_and_mirror_with_their_instance() {
-        let still = flatten(&scene(Affine3A::IDENTITY, 1));
+        let still = scene(Affine3A::IDENTITY, 1);
+        let still = flatten(&still);
         for scale in [Vec3::ONE, Vec3::new(-1.0, 1.0, 1.0), Vec3::new(2.0, 2.0, -2.0), Vec3::splat(-3.0)] {
             let turn = Quat::from_rotation_y(0.7) * Quat::from_rotation_z(-0.4);
             let world = Affine3A::from_scale_rotation_translation(scale, turn, Vec3::ONE);
-            let flat = flatten(&scene(world, 1));
+            let moved = scene(world, 1);
+            let flat = flatten(&moved);
             let corners = if scale.element_product() < 0.0 { [0, 2, 1] } else { [0, 1, 2] };
             let normals = |f: &Flat<'_>| [f.shading(0).n0, f.shading(0).n1, f.shading(0).n2];
             for (now, before) in corners.into_iter().enumerate() {
@@ -282,7 +284,8 @@ mod tests {
 
     #[test]
     fn tangents_stay_perpendicular_under_uneven_scale() {
-        let flat = flatten(&scene(Affine3A::from_scale(Vec3::new(5.0, 1.0, 0.5)), 1));
+        let stretched = scene(Affine3A::from_scale(Vec3::new(5.0, 1.0, 0.5)), 1);
+        let flat = flatten(&stretched);
         let (n, t) = (flat.shading(0).n2, Vec4::from_array(flat.tangents(0)[2]).truncate());
         assert!(n.dot(t).abs() < 1e-6 && (t.length() - 1.0).abs() < 1e-6, "{n} {t}");
     }
