@@ -174,11 +174,14 @@ fn sample(names: &[String], values: &mut impl Iterator<Item = f64>, stages: &[St
     let mut sample = Sample::default();
     for (name, value) in names.iter().zip(values) {
         match name.split_once(' ') {
-            Some((stage, view)) => {
-                let stage = stages.iter().find(|s| s.name() == stage).unwrap_or_else(|| panic!("no stage {stage}"));
-                sample.stages.push((*stage, if view == "left" { Eye::Left } else { Eye::Right }, value / 1e3));
-            }
-            None if name == "overhead" => sample.overhead_ms = value / 1e3,
+            Some((stage, view)) => match stages.iter().find(|s| s.name() == stage) {
+                Some(stage) => {
+                    sample.stages.push((*stage, if view == "left" { Eye::Left } else { Eye::Right }, value / 1e3));
+                }
+                // The replayed program is that of a static scene.
+                None => sample.overhead_ms += value / 1e3,
+            },
+            None if name == "overhead" => sample.overhead_ms += value / 1e3,
             None => sample.rays = value,
         }
     }
