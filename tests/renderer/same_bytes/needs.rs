@@ -10,7 +10,7 @@ use crate::reference::scenes::{instance, lit, materials, matte, scaled_at, sky};
 use diptych::accel::Layout;
 use diptych::image::Extent;
 use diptych::scene::needs::SceneNeeds;
-use diptych::scene::{Environment, Scene};
+use diptych::scene::{DiffuseTransmission, Environment, Iridescence, Material, Scene, Sheen};
 use glam::{Vec3, vec3};
 
 /// Returns four scenes that together have each flag on and each off.
@@ -25,6 +25,16 @@ fn scenes() -> [(Scene, Pinhole, Layout); 4] {
     let (mut coated, before_coated) = lit::things("coated, under a sky and a sphere", |_| ());
     add(&mut coated, &lit::CARDS, "coated");
     add(&mut coated, &lit::ALL, "sphere");
+    let base = dielectric(Vec3::splat(0.4), 0.5);
+    let sheen = Sheen { color: Vec3::splat(0.7), roughness: 0.4, ..Sheen::default() };
+    let film = Iridescence { factor: 1.0, ..Iridescence::default() };
+    let leaf = DiffuseTransmission { factor: 0.6, ..DiffuseTransmission::default() };
+    let panels = [
+        Material { sheen, ..base.clone() },
+        Material { iridescence: film, ..base.clone() },
+        Material { diffuse_transmission: leaf, ..base },
+    ];
+    add_panels(&mut coated, panels);
     coated.environment = Environment::Map { image: sky(Extent::new(16, 8)).into(), rotation_deg: 0.0 };
     let (mut cut_out, before_cut_out) = lit::things("cut out, under a sun", |_| ());
     add(&mut cut_out, &lit::CARDS, "masked");
