@@ -24,7 +24,7 @@ struct Placed<'a> {
     /// The cofactor matrix: the inverse transpose up to a factor, defined for flattened (singular) transforms too.
     cofactor: Mat3,
     mirrored: bool,
-    /// Whether normals are negated at last.
+    /// True if the normals are negated at last.
     negated: bool,
     first_copy: u32,
 }

@@ -13,7 +13,7 @@ use crate::cli::failure::Failure;
 use crate::control::{Budget, Control, Decision, Predict};
 
 /// Settings on which images depend, and which the ladder does not contain.
-const OF_IMAGES: [&str; 21] = [
+const OF_IMAGES: [&str; 28] = [
     "shot",
     "size",
     "seed",
@@ -35,6 +35,13 @@ const OF_IMAGES: [&str; 21] = [
     "polar",
     "reproject",
     "clamp",
+    "orbit",
+    "seam",
+    "filter_once",
+    "filter_textures",
+    "follow_mirrors",
+    "hard_shadows",
+    "regularize",
 ];
 
 /// The decisions of an earlier run.
