@@ -1,4 +1,4 @@
-//! Directional albedo of GGX reflection and of sheen, tabulated for `surface.inc.wgsl`.
+//! Directional albedo of GGX reflection and of sheen, tabulated for `reflectance.inc.wgsl`.
 //!
 //! With Schlick's Fresnel term, a microfacet surface's directional albedo is f0 · a + f90 · b, where a and b depend
 //! only on the viewer's cosine and on roughness. The albedo of a white sheen, e, does as well.
