@@ -35,6 +35,7 @@ pub struct Sample {
     stages: Vec<(Stage, Eye, f64)>,
     /// Frame time besides the stages, in milliseconds.
     overhead_ms: f64,
+    /// Number of rays of path tracing in both eyes.
     rays: f64,
 }
 
@@ -90,7 +91,7 @@ impl Recording {
             .rows()
             .map(|row| {
                 let mut values = row.map(|v| (f64::from(v.0[0]) / STEPS).exp2() - 1.0);
-                columns.iter().map(|names| sample(names, &mut values, &stages)).collect()
+                columns.iter().map(|names| sample(names, &mut values, &stages, extent)).collect()
             })
             .collect();
         Self {
@@ -170,7 +171,9 @@ fn stages(ladder: &Ladder, extent: Extent) -> Vec<Stage> {
     ladder.rungs().iter().flat_map(|rung| of(&rung.quality)).collect()
 }
 
-fn sample(names: &[String], values: &mut impl Iterator<Item = f64>, stages: &[Stage]) -> Sample {
+fn sample(names: &[String], values: &mut impl Iterator<Item = f64>, stages: &[Stage], extent: Extent) -> Sample {
+    // The G-buffer of each eye casts one ray per pixel.
+    let first_hits = 2.0 * f64::from(extent.width * extent.height);
     let mut sample = Sample::default();
     for (name, value) in names.iter().zip(values) {
         match name.split_once(' ') {
@@ -182,7 +185,7 @@ fn sample(names: &[String], values: &mut impl Iterator<Item = f64>, stages: &[St
                 None => sample.overhead_ms += value / 1e3,
             },
             None if name == "overhead" => sample.overhead_ms += value / 1e3,
-            None => sample.rays = value,
+            None => sample.rays = (value - first_hits).max(0.0),
         }
     }
     sample
