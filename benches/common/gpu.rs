@@ -54,7 +54,9 @@ fn source(version: &Version, access: SceneAccess) -> String {
         Version::Present(_) => "//!include trace traverse".to_owned(),
         Version::Of(file) => std::fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display())),
     };
-    let text = [before, &traverse, "//!include hits surface bsdf", include_str!("../rays.wgsl")].join("\n");
+    let text =
+        [before, &traverse, "//!include hits reflectance parameters surface facets bsdf", include_str!("../rays.wgsl")]
+            .join("\n");
     shader_text(&Kernel::from_text("rays", text.leak()).reading_scene(), &[], access)
 }
 

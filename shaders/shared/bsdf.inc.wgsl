@@ -1,9 +1,9 @@
 // Scattering at a surface: glTF's material model (specification 2.0, appendix B, and the KHR extensions).
 //
-// Lobes: Lambertian reflection and transmission; GGX reflection of dielectric and metal, which share microfacets; GGX transmission, through a thin
-// sheet or into a volume (Walter et al. 2007); GGX reflection of a clear coat; sheen (Estevez & Kulla 2017). Masking and shadowing are
-// height-correlated (Heitz 2014), Fresnel is Schlick's. `evaluate` returns value and density of all non-delta lobes,
-// and `sample_bsdf` samples the same mixture.
+// Lobes: Lambertian reflection and transmission; GGX reflection of dielectric and metal, which share microfacets; GGX
+// transmission, through a thin sheet or into a volume (Walter et al. 2007), which may disperse colours; GGX reflection of
+// a clear coat; sheen (Estevez & Kulla 2017). Masking and shadowing are height-correlated (Heitz 2014), Fresnel is
+// Schlick's. `evaluate` returns value and density of all non-delta lobes, and `sample_bsdf` samples the same mixture.
 //
 // Departure: the appendix weights the lobes beneath the dielectric by 1 - F(V.H), which creates energy at grazing
 // angles: 50 % more for a smooth white surface at a cosine of 0.1. The weight here never exceeds that of Kelemen &
@@ -41,42 +41,6 @@ fn sample_cosine(n: vec3<f32>, u: vec2<f32>) -> vec3<f32> {
     return normalize(frame_around(n) * vec3<f32>(d, sqrt(max(1.0 - r * r, 0.0))));
 }
 
-// Samples a microfacet normal around `n` that is visible from `v` (Dupuy & Benyoub, "Sampling Visible GGX Normals with
-// Spherical Caps", 2023).
-fn sample_visible_normal(n: vec3<f32>, v: vec3<f32>, alpha: f32, u: vec2<f32>) -> vec3<f32> {
-    let frame_n = frame_around(n);
-    let local = v * frame_n;
-    let stretched = normalize(vec3<f32>(local.xy * alpha, local.z));
-    let phi = 2.0 * PI * u.x;
-    let z = (1.0 - u.y) * (1.0 + stretched.z) - stretched.z;
-    let sin_theta = sqrt(max(1.0 - z * z, 0.0));
-    let h = vec3<f32>(sin_theta * cos(phi), sin_theta * sin(phi), z) + stretched;
-    return normalize(frame_n * vec3<f32>(h.xy * alpha, max(h.z, 1e-7)));
-}
-
-// Density of microfacet normals. The sine comes from the cross product, since 1 - cos² cancels for small alpha.
-fn ggx(n: vec3<f32>, h: vec3<f32>, a2: f32) -> f32 {
-    let across = cross(n, h);
-    let along = dot(n, h);
-    let d = along * along * a2 + dot(across, across);
-    return select(0.0, a2 / (PI * d * d), along > 0.0 && d > 0.0);
-}
-
-// Fraction of facets visible from both `v` and `l`, divided by 4 nv nl.
-fn ggx_visibility(nv: f32, nl: f32, a2: f32) -> f32 {
-    return 0.5 / max(nl * sqrt(a2 + nv * nv * (1.0 - a2)) + nv * sqrt(a2 + nl * nl * (1.0 - a2)), 1e-20);
-}
-
-// Fraction of facets visible from `v`, divided by 4 nv. Multiplied by the density of a facet's normal, it is the
-// density of the direction that the facet reflects to.
-fn ggx_reflection_pdf(nv: f32, a2: f32) -> f32 {
-    return 0.5 / max(nv + sqrt(a2 + nv * nv * (1.0 - a2)), 1e-20);
-}
-
-fn fresnel(f0: vec3<f32>, f90: vec3<f32>, cosine: f32) -> vec3<f32> {
-    return select(f0 + (f90 - f0) * schlick_weight(cosine), f90, cosine < 0.0);
-}
-
 // Fraction of light that passes the dielectric layer on its way in and out.
 fn layer_passage(s: Surface, vh: f32, nl: f32) -> f32 {
     let l = layer_albedo(nl, s.roughness).towards;
@@ -97,17 +61,18 @@ fn sheen_passage(s: Surface, nl: f32) -> f32 {
         return 1.0;
     }
     let away = sheen_albedo(abs(nl), s.sheen_roughness);
-    return 1.0 - max3(s.sheen) * max(s.sheen_albedo, away);
+    return 1.0 - max3(s.sheen) * min(max(s.sheen_albedo, away), 1.0);
 }
 
 // Value of a white sheen times the light's cosine: the "Charlie" distribution, with fitted shadowing (Estevez & Kulla,
-// "Production Friendly Microfacet Sheen BRDF", 2017).
+// "Production Friendly Microfacet Sheen BRDF", 2017). Scaled down where it would reflect more light than arrives.
 fn sheen_scattering(s: Surface, nv: f32, nl: f32, h: vec3<f32>) -> f32 {
     let alpha = s.sheen_roughness * s.sheen_roughness;
     let across = cross(s.normal, h);
     let sin2 = clamp(dot(across, across), 1e-20, 1.0);
     let d = (2.0 + 1.0 / alpha) * pow(sin2, 0.5 / alpha) / (2.0 * PI);
-    return d / ((1.0 + sheen_shadowing(nv, alpha) + sheen_shadowing(nl, alpha)) * 4.0 * nv);
+    let most = max(s.sheen_albedo, 1.0) * max(sheen_albedo(nl, s.sheen_roughness), 1.0);
+    return d / ((1.0 + sheen_shadowing(nv, alpha) + sheen_shadowing(nl, alpha)) * 4.0 * nv * most);
 }
 
 // Λ of the sheen's shadowing.
@@ -127,16 +92,6 @@ fn sheen_fit(x: f32, alpha: f32) -> f32 {
     return a / (1.0 + b * pow(x, c)) + d * x + e;
 }
 
-// Probability that a facet seen from `v` at this cosine reflects rather than transmits.
-fn reflection_odds(s: Surface, cosine: f32) -> f32 {
-    if !HAS_TRANSMISSION {
-        return 1.0;
-    }
-    let through = luminance(s.transmitted) * (1.0 - layer_fresnel(s, cosine));
-    let back = luminance(fresnel(s.f0, s.f90, cosine));
-    return select(1.0, back / (back + through), through > 0.0);
-}
-
 fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
     let nl = dot(s.normal, l);
     let is_above = dot(s.geometric_normal, l) > 0.0;
@@ -145,7 +100,6 @@ fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
         return Scattering(s.diffuse * cosine, cosine);
     }
     let nv = max(dot(s.normal, v), 1e-6);
-    let a2 = s.alpha * s.alpha;
     var out = Scattering(vec3<f32>(0.0), 0.0);
     if is_above && nl > 0.0 {
         let h = normalize(v + l);
@@ -156,15 +110,14 @@ fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
             out.pdf *= 1.0 - s.through_odds;
         }
         if s.alpha >= SMOOTH {
-            let d = ggx(s.normal, h, a2);
-            let cosine = fresnel_cosine(vh, s.eta);
-            out.value += fresnel(s.f0, s.f90, cosine) * (d * ggx_visibility(nv, nl, a2) * nl);
-            out.pdf += s.odds.y * reflection_odds(s, cosine) * d * ggx_reflection_pdf(nv, a2);
+            let d = facet_density(s, h);
+            out.value += facet_reflectance(s, vh) * (d * facet_visibility(s, v, l, nv, nl) * nl);
+            out.pdf += s.odds.y * reflection_odds(s, vh) * d * facet_reflection_pdf(s, v, nv);
         }
     }
     if HAS_TRANSMISSION {
         if !is_above && nl < 0.0 && s.alpha >= SMOOTH {
-            let through = transmit(s, v, l, nv, -nl, a2);
+            let through = transmit(s, v, l, nv, -nl);
             out.value += s.transmitted * through.value;
             out.pdf += s.odds.y * through.pdf;
         }
@@ -197,36 +150,50 @@ fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
 
 // Transmission lobe for a colour of 1, and its density given that the facets' lobe is picked. `nv` and `nl` are
 // absolute cosines.
-fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, a2: f32) -> Scattering {
+fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32) -> Scattering {
     if s.is_thin {
         // Thin sheet: facets reflect, and the light leaves on the other side.
         let h = normalize(v + l + 2.0 * nl * s.normal);
-        let d = ggx(s.normal, h, a2);
+        let d = facet_density(s, h);
         let vh = clamp(dot(v, h), 0.0, 1.0);
-        let passed = 1.0 - layer_fresnel(s, vh);
-        let pdf = (1.0 - reflection_odds(s, vh)) * d * ggx_reflection_pdf(nv, a2);
-        return Scattering(vec3<f32>(passed * d * ggx_visibility(nv, nl, a2) * nl), pdf);
+        let pdf = (1.0 - reflection_odds(s, vh)) * d * facet_reflection_pdf(s, v, nv);
+        return Scattering(facet_passage(s, vh) * d * facet_visibility(s, v, l, nv, nl) * nl, pdf);
     }
     if is_straight(s.eta) {
         return Scattering(vec3<f32>(0.0), 0.0);
     }
-    let sum = v + s.eta * l;
+    if HAS_DISPERSION {
+        if is_dispersive(s) {
+            // Each colour has a lobe of its own, and samples choose among them.
+            var all = Scattering(vec3<f32>(0.0), 0.0);
+            for (var c = 0; c < 3; c += 1) {
+                let one = refract_at(s, v, l, nv, nl, s.etas[c]);
+                all.value[c] = one.value[c];
+                all.pdf += one.pdf / 3.0;
+            }
+            return all;
+        }
+    }
+    return refract_at(s, v, l, nv, nl, s.eta);
+}
+
+// Refraction into the volume for a colour of 1, with this index of refraction.
+fn refract_at(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, eta: f32) -> Scattering {
+    let sum = v + eta * l;
     let h = select(sum, -sum, dot(sum, s.normal) < 0.0) * inverseSqrt(max(dot(sum, sum), 1e-30));
     let vh = dot(v, h);
     let lh = dot(l, h);
     if vh <= 0.0 || lh >= 0.0 {
         return Scattering(vec3<f32>(0.0), 0.0);
     }
-    let d = ggx(s.normal, h, a2);
-    let bend = vh + s.eta * lh;
-    let cosine = fresnel_cosine(vh, s.eta);
-    let passed = 1.0 - layer_fresnel(s, cosine);
+    let d = facet_density(s, h);
+    let bend = vh + eta * lh;
     // Factor that value and density have in common. It contains |l.h| / bend², which is Walter et al.'s Jacobian
     // without its factor eta². In the value, that factor cancels, since refraction divides radiance by eta².
     let shared_ = 4.0 * d * vh * -lh / max(bend * bend, 1e-20);
     return Scattering(
-        vec3<f32>(passed * shared_ * ggx_visibility(nv, nl, a2) * nl),
-        (1.0 - reflection_odds(s, cosine)) * shared_ * s.eta * s.eta * ggx_reflection_pdf(nv, a2),
+        facet_passage(s, vh) * shared_ * facet_visibility(s, v, l, nv, nl) * nl,
+        (1.0 - reflection_odds(s, vh)) * shared_ * eta * eta * facet_reflection_pdf(s, v, nv),
     );
 }
 
@@ -315,26 +282,43 @@ fn sample_facet(s: Surface, v: vec3<f32>, coat: bool, pick: f32, u: vec2<f32>, o
     let n = select(s.normal, s.coat_normal, is_coat);
     let alpha = select(s.alpha, s.coat_alpha, is_coat);
     let is_smooth = alpha < SMOOTH;
-    let h = select(sample_visible_normal(n, v, max(alpha, SMOOTH), u), n, is_smooth);
-    let cosine = fresnel_cosine(abs(dot(v, h)), select(s.eta, 1.0, is_coat));
+    var axes = frame_around(n);
+    var widths = vec2<f32>(max(alpha, SMOOTH));
+    if HAS_ANISOTROPY {
+        if !is_coat && is_brushed(s) {
+            axes = brushed_frame(s);
+            widths = vec2<f32>(s.alpha_along, s.alpha);
+        }
+    }
+    let h = select(sample_visible_normal(axes, v, widths, u), n, is_smooth);
+    let cosine = abs(dot(v, h));
     let reflects = select(reflection_odds(s, cosine), 1.0, is_coat);
     let crosses = HAS_TRANSMISSION && pick >= reflects && reflects < 1.0;
     (*out).is_delta = is_smooth || (crosses && !s.is_thin && is_straight(s.eta));
     let vh = dot(v, h);
     var l = 2.0 * vh * h - v;
     (*out).pdf = 0.0;
-    var weight = select(fresnel(s.f0, s.f90, cosine) / reflects, vec3<f32>(s.coat), is_coat);
+    var weight = select(facet_reflectance(s, cosine) / reflects, vec3<f32>(s.coat), is_coat);
     if crosses {
-        weight = s.transmitted * ((1.0 - layer_fresnel(s, cosine)) / (1.0 - reflects));
+        weight = s.transmitted * (facet_passage(s, cosine) / (1.0 - reflects));
         if s.is_thin {
             // The facet's reflection leaves on the other side. A smooth sheet transmits straight through.
             l -= 2.0 * dot(s.normal, l) * s.normal;
         } else if is_straight(s.eta) {
             l = -v;
         } else {
-            let cos2 = 1.0 - (1.0 - vh * vh) / (s.eta * s.eta);
-            l = (vh * h - v) / s.eta - sqrt(max(cos2, 0.0)) * h;
-            weight /= s.eta * s.eta;
+            var eta = s.eta;
+            if HAS_DISPERSION {
+                if is_dispersive(s) {
+                    // The rest of the random number chooses the colour. A smooth surface sends the others elsewhere.
+                    let color = min(u32(3.0 * (pick - reflects) / (1.0 - reflects)), 2u);
+                    eta = s.etas[color];
+                    weight *= select(vec3<f32>(0.0), vec3<f32>(3.0), vec3<u32>(color) == vec3<u32>(0u, 1u, 2u));
+                }
+            }
+            let cos2 = 1.0 - (1.0 - vh * vh) / (eta * eta);
+            l = (vh * h - v) / eta - sqrt(max(cos2, 0.0)) * h;
+            weight /= eta * eta;
             (*out).pdf = select(0.0, -1.0, cos2 <= 0.0);
         }
     }

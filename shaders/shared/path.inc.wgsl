@@ -223,6 +223,9 @@ fn regularize(s: ptr<function, Surface>, is_wide: bool, samples: u32) {
         let least = REGULARIZED_ALPHA * pow(f32(samples), -1.0 / 6.0);
         (*s).alpha = max((*s).alpha, least);
         (*s).coat_alpha = max((*s).coat_alpha, least);
+        if HAS_ANISOTROPY {
+            (*s).alpha_along = max((*s).alpha_along, least);
+        }
     }
 }
 

@@ -27,7 +27,7 @@ fn layer_albedo(cosine: f32, roughness: f32) -> LayerAlbedo {
     return LayerAlbedo(mix(low, high, fy), mix(albedo_node(means), albedo_node(means + 1u), fy));
 }
 
-// Directional albedo of a white sheen.
+// Directional albedo of a white sheen as published. It exceeds 1 near grazing if the roughness is below 0.2.
 fn sheen_albedo(cosine: f32, roughness: f32) -> f32 {
     return layer_albedo(sqrt(max(cosine, 0.0)), roughness).towards.z;
 }

@@ -7,6 +7,8 @@ override HAS_DIFFUSE_TRANSMISSION: bool = true;
 override HAS_CLEARCOAT: bool = true;
 override HAS_SHEEN: bool = true;
 override HAS_IRIDESCENCE: bool = true;
+override HAS_ANISOTROPY: bool = true;
+override HAS_DISPERSION: bool = true;
 override HAS_UNLIT: bool = true;
 
 struct Surface {
@@ -27,8 +29,11 @@ struct Surface {
     matte: vec3<f32>,
     // Perceptual roughness; 1 if no lobe could be smooth.
     roughness: f32,
-    // GGX width of reflection and transmission.
+    // GGX width of reflection and transmission. Where it depends on the direction, it is `alpha` across the unit vector
+    // `tangent` and `alpha_along`, which is larger, along it.
     alpha: f32,
+    alpha_along: f32,
+    tangent: vec3<f32>,
     // Colours of diffuse reflection and of the facets' transmission, before the layers above attenuate them.
     diffuse: vec3<f32>,
     transmitted: vec3<f32>,
@@ -47,12 +52,15 @@ struct Surface {
     layer_mean: f32,
     // Index of refraction on the light's side over that on the viewer's, for transmitted light; 1 means no refraction.
     eta: f32,
+    // The same for red, green and blue, where they differ.
+    etas: vec3<f32>,
     is_thin: bool,
     // Fresnel reflectance of the coat, towards the viewer, times its strength.
     coat: f32,
     coat_alpha: f32,
     coat_normal: vec3<f32>,
-    // Colour of the sheen, its perceptual roughness, and a white sheen's directional albedo towards the viewer.
+    // Colour of the sheen, its perceptual roughness, and a white sheen's directional albedo towards the viewer,
+    // as published.
     sheen: vec3<f32>,
     sheen_roughness: f32,
     sheen_albedo: f32,
@@ -65,91 +73,39 @@ fn all_are_lambertian() -> bool {
     return !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_DIFFUSE_TRANSMISSION || HAS_CLEARCOAT || HAS_SHEEN);
 }
 
-// A material's parameters at a hit: its factors times its textures.
-struct Parameters {
-    base: vec3<f32>,
-    emissive: vec3<f32>,
-    roughness: f32,
-    metallic: f32,
-    specular: f32,
-    specular_color: vec3<f32>,
-    transmission: f32,
-    coat: f32,
-    coat_roughness: f32,
-    sheen: vec3<f32>,
-    sheen_roughness: f32,
-    through: f32,
-    through_color: vec3<f32>,
-    iridescence: f32,
-    // Thickness of the film between its minimum (0) and maximum (1).
-    film_thickness: f32,
-    // Texels of the normal maps, each component from 0 to 1.
-    normal: vec3<f32>,
-    coat_normal: vec3<f32>,
+struct Tangents {
+    t: vec3<f32>,
+    b: vec3<f32>,
 }
 
-// Loops over the material's textures instead of branching for each kind of texture: software drivers do not skip
-// branches, and the look-up is compiled only once.
-fn parameters_at(row: u32, bary: vec2<f32>, m: Material) -> Parameters {
-    var p: Parameters;
-    p.base = base_factor_at(row, bary, m).rgb;
-    p.emissive = m.emissive;
-    p.roughness = m.roughness;
-    p.metallic = m.metallic;
-    p.specular = m.specular;
-    p.specular_color = m.specular_color;
-    p.transmission = m.transmission;
-    p.coat = m.clearcoat;
-    p.coat_roughness = m.clearcoat_roughness;
-    p.sheen = m.sheen_color;
-    p.sheen_roughness = m.sheen_roughness;
-    p.through = m.diffuse_transmission;
-    p.through_color = m.diffuse_transmission_color;
-    p.iridescence = m.iridescence;
-    p.film_thickness = 1.0;
-    if !HAS_TEXTURES {
-        return p;
-    }
-    for (var i = m.first_texture; i < m.first_texture + m.texture_count; i += 1u) {
-        let info = stored_texture(i);
-        let value = sample_texture(info, interpolate_uv(row, bary, info));
-        let role = (info.flags >> ROLE_SHIFT) & 15u;
-        p.base *= select(vec3<f32>(1.0), value.rgb, role == ROLE_BASE_COLOR);
-        p.emissive *= select(vec3<f32>(1.0), value.rgb, role == ROLE_EMISSIVE);
-        p.roughness *= select(1.0, value.g, role == ROLE_METALLIC_ROUGHNESS);
-        p.metallic *= select(1.0, value.b, role == ROLE_METALLIC_ROUGHNESS);
-        p.normal = select(p.normal, value.rgb, role == ROLE_NORMAL);
-        p.specular *= select(1.0, value.a, role == ROLE_SPECULAR);
-        p.specular_color *= select(vec3<f32>(1.0), value.rgb, role == ROLE_SPECULAR_COLOR);
-        p.transmission *= select(1.0, value.r, role == ROLE_TRANSMISSION);
-        p.coat *= select(1.0, value.r, role == ROLE_CLEARCOAT);
-        p.coat_roughness *= select(1.0, value.g, role == ROLE_CLEARCOAT_ROUGHNESS);
-        p.coat_normal = select(p.coat_normal, value.rgb, role == ROLE_CLEARCOAT_NORMAL);
-        p.sheen *= select(vec3<f32>(1.0), value.rgb, role == ROLE_SHEEN_COLOR);
-        p.sheen_roughness *= select(1.0, value.a, role == ROLE_SHEEN_ROUGHNESS);
-        p.through *= select(1.0, value.a, role == ROLE_DIFFUSE_TRANSMISSION);
-        p.through_color *= select(vec3<f32>(1.0), value.rgb, role == ROLE_DIFFUSE_TRANSMISSION_COLOR);
-        p.iridescence *= select(1.0, value.r, role == ROLE_IRIDESCENCE);
-        p.film_thickness *= select(1.0, value.g, role == ROLE_FILM_THICKNESS);
-    }
-    return p;
-}
-
-// Applies a normal map on the front side. The tangent is orthogonalised. Without a tangent, the normal stays as it is.
-// A normal that faces away from the viewer is bent until it is visible.
-fn mapped_normal(place: Placed, bary: vec2<f32>, code: vec3<f32>, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
-    let local = (2.0 * code - 1.0) * vec3<f32>(scale, scale, 1.0);
+// Tangent and bitangent on the front side, orthogonal to the normal; zero if there are none.
+fn tangents_at(place: Placed, bary: vec2<f32>, normal: vec3<f32>) -> Tangents {
     let given = (1.0 - bary.x - bary.y) * tangent_at(place, 0u) + bary.x * tangent_at(place, 1u) + bary.y * tangent_at(place, 2u);
     let along = given.xyz - normal * dot(normal, given.xyz);
     let size2 = dot(along, along);
     let t = select(vec3<f32>(0.0), along * inverseSqrt(max(size2, 1e-30)), size2 > 1e-12);
-    let b = select(1.0, -1.0, given.w < 0.0) * cross(normal, t);
-    let mapped = local.x * t + local.y * b + local.z * normal;
+    return Tangents(t, select(1.0, -1.0, given.w < 0.0) * cross(normal, t));
+}
+
+// Applies a normal map on the front side. Without a tangent, the normal stays as it is. A normal that faces away from
+// the viewer is bent until it is visible.
+fn mapped_normal(place: Placed, bary: vec2<f32>, code: vec3<f32>, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
+    let local = (2.0 * code - 1.0) * vec3<f32>(scale, scale, 1.0);
+    let axes = tangents_at(place, bary, normal);
+    let mapped = local.x * axes.t + local.y * axes.b + local.z * normal;
     let mapped2 = dot(mapped, mapped);
     let n = select(normal, mapped * inverseSqrt(max(mapped2, 1e-30)), mapped2 > 1e-12);
     const LEAST: f32 = 1e-3;
     let cosine = dot(n, to_viewer);
     return select(n, normalize(n + (LEAST - cosine) * to_viewer), cosine < LEAST);
+}
+
+// Direction of the anisotropy, before it is projected onto the tangent plane. `code` holds it along tangent and
+// bitangent.
+fn brushed_direction(place: Placed, bary: vec2<f32>, code: vec2<f32>, turn: vec2<f32>, normal: vec3<f32>) -> vec3<f32> {
+    let local = 2.0 * code - 1.0;
+    let axes = tangents_at(place, bary, normal);
+    return (turn.x * local.x - turn.y * local.y) * axes.t + (turn.y * local.x + turn.x * local.y) * axes.b;
 }
 
 struct Located {
@@ -217,6 +173,9 @@ fn surface_at(prim: u32, bary: vec2<f32>, origin: vec3<f32>, direction: vec3<f32
     s.normal = select(s.geometric_normal, side * ns, dot(side * ns, direction) < 0.0);
     s.coat_normal = s.normal;
     let p = parameters_at(place.row, bary, m);
+    if HAS_ANISOTROPY && m.anisotropy > 0.0 {
+        s.tangent = brushed_direction(place, bary, p.brushed.xy, m.anisotropy_direction, side * s.normal);
+    }
     if HAS_NORMAL_MAPS {
         // The tangent frame belongs to the front. Seen from behind, all of it is flipped.
         let viewer = -side * direction;
@@ -252,21 +211,35 @@ fn surface_at(prim: u32, bary: vec2<f32>, origin: vec3<f32>, direction: vec3<f32
 
 // The lobes of glTF's material model (specification 2.0, appendix B; KHR_materials_ior, _specular, _transmission,
 // _volume, _clearcoat, _sheen, _diffuse_transmission,
-// _iridescence) with this hit's textures.
+// _iridescence, _anisotropy, _dispersion) with this hit's textures.
 fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_viewer: vec3<f32>) {
     let base = p.base;
     (*s).albedo = base;
     (*s).diffuse = base;
     (*s).roughness = 1.0;
     (*s).eta = 1.0;
+    (*s).etas = vec3<f32>(1.0);
     (*s).is_thin = true;
     (*s).odds = vec3<f32>(1.0, 0.0, 0.0);
     if all_are_lambertian() {
         return;
     }
-    let roughness = clamp(p.roughness, 0.0, 1.0);
+    var roughness = clamp(p.roughness, 0.0, 1.0);
     let metallic = clamp(p.metallic, 0.0, 1.0);
     (*s).alpha = roughness * roughness;
+    if HAS_ANISOTROPY {
+        (*s).alpha_along = (*s).alpha;
+        let strength = clamp(m.anisotropy * p.brushed.z, 0.0, 1.0);
+        let along = (*s).tangent - (*s).normal * dot((*s).normal, (*s).tangent);
+        let size2 = dot(along, along);
+        if strength > 0.0 && size2 > 1e-12 {
+            (*s).tangent = along * inverseSqrt(size2);
+            (*s).alpha = max((*s).alpha, SMOOTH);
+            (*s).alpha_along = mix((*s).alpha, 1.0, strength * strength);
+            // The roughness of an isotropic surface whose facets are about as wide.
+            roughness = sqrt(sqrt((*s).alpha * (*s).alpha_along));
+        }
+    }
     let bend = (m.ior - 1.0) / (m.ior + 1.0);
     var layer_f0 = min(bend * bend * p.specular_color, vec3<f32>(1.0));
     var metal_f0 = base;
@@ -294,6 +267,10 @@ fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_view
         if !(*s).is_thin && m.ior >= 1.0 {
             (*s).eta = select(1.0 / m.ior, m.ior, (*s).is_front);
         }
+        if HAS_DISPERSION {
+            let iors = vec3<f32>(m.ior - m.dispersion, m.ior, m.ior + m.dispersion);
+            (*s).etas = select(vec3<f32>((*s).eta), select(1.0 / iors, iors, (*s).is_front), m.dispersion > 0.0);
+        }
     }
     (*s).diffuse = (1.0 - metallic) * (1.0 - transmission) * base;
     if HAS_DIFFUSE_TRANSMISSION {
@@ -313,9 +290,10 @@ fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_view
         (*s).sheen = p.sheen;
         (*s).sheen_roughness = clamp(p.sheen_roughness, LEAST_SHEEN_ROUGHNESS, 1.0);
         (*s).sheen_albedo = sheen_albedo(dot((*s).normal, to_viewer), (*s).sheen_roughness);
-        let left = 1.0 - max3(p.sheen) * (*s).sheen_albedo;
-        (*s).albedo = (*s).albedo * left + p.sheen * (*s).sheen_albedo;
-        (*s).matte = (*s).matte * left + p.sheen * (*s).sheen_albedo;
+        let sheen = min((*s).sheen_albedo, 1.0);
+        let left = 1.0 - max3(p.sheen) * sheen;
+        (*s).albedo = (*s).albedo * left + p.sheen * sheen;
+        (*s).matte = (*s).matte * left + p.sheen * sheen;
     }
     if HAS_CLEARCOAT {
         let coat_roughness = clamp(p.coat_roughness, 0.0, 1.0);
@@ -328,21 +306,6 @@ fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_view
     (*s).odds = lobe_odds(*s, table.towards.xy);
 }
 
-// Cosine for Schlick's term: the one on the side with the lower index of refraction. Below 0: total internal
-// reflection.
-fn fresnel_cosine(cosine: f32, eta: f32) -> f32 {
-    if !HAS_TRANSMISSION {
-        return cosine;
-    }
-    let cos2 = 1.0 - (1.0 - cosine * cosine) / (eta * eta);
-    return select(cosine, select(-1.0, sqrt(max(cos2, 0.0)), cos2 > 0.0), eta < 1.0);
-}
-
-// Fraction of light that the dielectric layer reflects, so that the lobes beneath it lose it.
-fn layer_fresnel(s: Surface, cosine: f32) -> f32 {
-    return select(mix(s.layer_f0, s.layer_f90, schlick_weight(cosine)), s.layer_f90, cosine < 0.0);
-}
-
 // Probabilities of the lobes, in proportion to the light that each sends to the viewer.
 fn lobe_odds(s: Surface, towards: vec2<f32>) -> vec3<f32> {
     let facets = luminance(s.f0) * towards.x + s.f90.x * towards.y;
@@ -351,8 +314,8 @@ fn lobe_odds(s: Surface, towards: vec2<f32>) -> vec3<f32> {
     var odds = vec3<f32>(vec2<f32>(beneath.x, facets + beneath.y) * (1.0 - s.coat), s.coat);
     if HAS_SHEEN {
         // The diffuse lobe's directions suit the sheen, which is wide.
-        let left = 1.0 - max3(s.sheen) * s.sheen_albedo;
-        let sheen = luminance(s.sheen) * max(s.sheen_albedo, 0.05);
+        let left = 1.0 - max3(s.sheen) * min(s.sheen_albedo, 1.0);
+        let sheen = luminance(s.sheen) * clamp(s.sheen_albedo, 0.05, 1.0);
         odds = vec3<f32>((beneath.x * left + sheen) * (1.0 - s.coat), odds.y * left, odds.z);
     }
     let sum = odds.x + odds.y + odds.z;

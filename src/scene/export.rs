@@ -78,8 +78,8 @@ mod tests {
     use crate::scene::motion::Motion;
     use crate::scene::shot::Draft;
     use crate::scene::{
-        AlphaMode, Clearcoat, DiffuseTransmission, Instance, Iridescence, Material, Mesh, NormalMap, Sheen, Texture,
-        TextureRef, Volume, Wrap,
+        AlphaMode, Anisotropy, Clearcoat, DiffuseTransmission, Instance, Iridescence, Material, Mesh, NormalMap, Sheen,
+        Texture, TextureRef, Volume, Wrap,
     };
 
     fn round_trip(shot: &Shot, scene: &Scene) -> (Shot, Scene) {
@@ -193,6 +193,8 @@ mod tests {
                 roughness_texture: Some(texture(8)),
                 normal_map: map(9),
             },
+            dispersion: 0.4,
+            anisotropy: Anisotropy { strength: 0.6, rotation: 0.7, texture: Some(texture(16)) },
             iridescence: Iridescence {
                 factor: 0.8,
                 factor_texture: Some(texture(14)),
@@ -262,8 +264,8 @@ mod tests {
                 .map(|(mesh, world_from_local)| Instance { mesh, world_from_local })
                 .collect(),
             materials,
-            textures: (0..16).map(textures).collect(),
-            images: (0..16).map(|i| texel(i).into()).collect(),
+            textures: (0..17).map(textures).collect(),
+            images: (0..17).map(|i| texel(i).into()).collect(),
             lights: kinds.map(|kind| Light { kind, strength: Vec3::new(0.3, 1e6, 0.0) }).to_vec(),
             environment: Environment::Map { image: sky.into(), rotation_deg: 30.0 },
             ..Scene::empty("everything")

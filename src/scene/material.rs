@@ -82,11 +82,26 @@ impl Default for Iridescence {
     }
 }
 
+/// Roughness that depends on the direction, like that of brushed metal (`KHR_materials_anisotropy`). It needs tangents.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Anisotropy {
+    /// How much rougher the surface is along the direction than across, from 0 (as rough) to 1 (fully rough), multiplied
+    /// by the texture's blue.
+    pub strength: f32,
+    /// Angle of the direction with the tangent, radians, counter-clockwise. It turns the texture's directions as well.
+    pub rotation: f32,
+    /// Red and green hold the direction along tangent and bitangent, from -1 to 1.
+    pub texture: Option<TextureRef>,
+}
+
 /// Roughness below which facets reflect like a mirror: slightly above the square root of the shaders' lower bound on
 /// GGX alpha.
 const SMOOTH_ROUGHNESS: f32 = 0.0101;
 /// Roughness below which facets certainly are mirror-like.
 const MIRROR_ROUGHNESS: f32 = 0.0099;
+
+/// Least index of refraction of any colour in a volume with dispersion.
+const LEAST_DISPERSED_IOR: f32 = 1.002;
 
 /// glTF 2.0 metallic-roughness material with the extensions that change scattering.
 ///
@@ -125,10 +140,13 @@ pub struct Material {
     pub transmission: f32,
     pub transmission_texture: Option<TextureRef>,
     pub volume: Option<Volume>,
+    /// `KHR_materials_dispersion`: 20 over the Abbe number of the volume; 0 for no dispersion.
+    pub dispersion: f32,
     pub clearcoat: Clearcoat,
     pub sheen: Sheen,
     pub diffuse_transmission: DiffuseTransmission,
     pub iridescence: Iridescence,
+    pub anisotropy: Anisotropy,
     /// `KHR_materials_unlit`: the base colour is the radiance, and nothing is scattered.
     pub unlit: bool,
 }
@@ -157,10 +175,12 @@ impl Default for Material {
             transmission: 0.0,
             transmission_texture: None,
             volume: None,
+            dispersion: 0.0,
             clearcoat: Clearcoat::default(),
             sheen: Sheen::default(),
             diffuse_transmission: DiffuseTransmission::default(),
             iridescence: Iridescence::default(),
+            anisotropy: Anisotropy::default(),
             unlit: false,
         }
     }
@@ -187,6 +207,7 @@ impl Material {
             self.diffuse_transmission.color_texture,
             self.iridescence.factor_texture,
             self.iridescence.thickness_texture,
+            self.anisotropy.texture,
         ]
         .into_iter()
         .flatten()
@@ -195,6 +216,23 @@ impl Material {
     /// Returns the volume behind the surface, or `None` if the surface is opaque and hides it.
     pub fn enclosed_volume(&self) -> Option<Volume> {
         self.volume.filter(|_| self.is_translucent())
+    }
+
+    /// Returns the difference between the indices of refraction of red or blue light and of green light. It is 0 for
+    /// surfaces that refract all colours alike.
+    pub fn dispersed_ior(&self) -> f32 {
+        let is_refracting = self.transmission > 0.0 && self.volume.is_some();
+        let spread = (self.ior - 1.0) * 0.025 * self.dispersion;
+        if is_refracting { spread.min(self.ior - LEAST_DISPERSED_IOR).max(0.0) } else { 0.0 }
+    }
+
+    /// Returns true if the surface refracts each colour by another angle.
+    pub fn is_dispersive(&self) -> bool {
+        self.dispersed_ior() > 0.0
+    }
+
+    pub fn is_anisotropic(&self) -> bool {
+        self.anisotropy.strength > 0.0
     }
 
     /// Returns true if light may pass the surface, scattered or not.
@@ -209,12 +247,16 @@ impl Material {
         is_smooth && self.transmission > 0.0 && !self.unlit
     }
 
+    /// Returns true if the facets are mirror-like everywhere.
+    fn is_smooth(&self) -> bool {
+        self.roughness < MIRROR_ROUGHNESS && self.metallic_roughness_texture.is_none() && !self.is_anisotropic()
+    }
+
     /// Returns true if specular reflection and transmission are delta functions and the normals have no detail.
     fn is_delta(&self) -> bool {
-        let is_smooth = self.roughness < MIRROR_ROUGHNESS && self.metallic_roughness_texture.is_none();
         let is_bare =
             self.normal_map.is_none() && self.clearcoat.factor <= 0.0 && !self.sheen.is_there() && !self.unlit;
-        is_smooth && is_bare && self.alpha_mode == AlphaMode::Opaque
+        self.is_smooth() && is_bare && self.alpha_mode == AlphaMode::Opaque
     }
 
     /// Returns true if the material is a perfect mirror: its only lobe reflects, and is a delta function.
@@ -223,10 +265,10 @@ impl Material {
     }
 
     /// Returns true if the material is clear glass: it has no lobes but reflection and transmission, which are delta
-    /// functions.
+    /// functions of one direction for all colours.
     pub fn is_clear_glass(&self) -> bool {
         let is_transparent = self.transmission >= 1.0 && self.transmission_texture.is_none();
-        self.is_delta() && self.metallic <= 0.0 && is_transparent
+        self.is_delta() && self.metallic <= 0.0 && is_transparent && !self.is_dispersive()
     }
 
     /// Returns true if the material is a perfect mirror or clear glass.
@@ -241,7 +283,7 @@ impl Material {
         let is_bare = self.normal_map.is_none() && coat.normal_map.is_none() && !self.sheen.is_there() && !self.unlit;
         let is_opaque = self.alpha_mode == AlphaMode::Opaque && !self.is_translucent();
         let reflects = self.metallic > 0.0 || self.specular > 0.0;
-        let is_smooth = reflects && self.roughness < MIRROR_ROUGHNESS && self.metallic_roughness_texture.is_none();
+        let is_smooth = reflects && self.is_smooth();
         let has_smooth_coat =
             coat.factor > 0.0 && coat.roughness < MIRROR_ROUGHNESS && coat.roughness_texture.is_none();
         is_bare && is_opaque && !self.is_mirror() && (is_smooth || has_smooth_coat)

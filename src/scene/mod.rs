@@ -33,7 +33,7 @@ use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
 use self::motion::{Influence, Morph, Motion};
 pub use error::{Refusal, SceneError, Setting};
 pub use light::{Light, LightKind, are_suns_hard};
-pub use material::{Clearcoat, DiffuseTransmission, Iridescence, Material, Sheen, Volume};
+pub use material::{Anisotropy, Clearcoat, DiffuseTransmission, Iridescence, Material, Sheen, Volume};
 
 /// Geometry of one glTF primitive: triangles with one material, in local space.
 #[derive(Clone, Debug, Default)]

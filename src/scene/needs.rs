@@ -24,6 +24,8 @@ pub struct SceneNeeds {
     pub clearcoat: bool,
     pub sheen: bool,
     pub iridescence: bool,
+    pub anisotropy: bool,
+    pub dispersion: bool,
     pub unlit: bool,
     pub vertex_colors: bool,
     pub alpha: bool,
@@ -114,6 +116,8 @@ impl SceneNeeds {
         clearcoat: true,
         sheen: true,
         iridescence: true,
+        anisotropy: true,
+        dispersion: true,
         unlit: true,
         vertex_colors: true,
         alpha: true,
@@ -160,6 +164,8 @@ impl SceneNeeds {
             clearcoat: materials().any(|m| m.clearcoat.factor > 0.0),
             sheen: materials().any(|m| m.sheen.is_there()),
             iridescence: materials().any(|m| m.iridescence.factor > 0.0),
+            anisotropy: materials().any(Material::is_anisotropic),
+            dispersion: materials().any(Material::is_dispersive),
             unlit: materials().any(|m| m.unlit),
             vertex_colors: used().any(|m| !m.colors.is_empty()),
             alpha: materials().any(|m| m.alpha_mode != AlphaMode::Opaque),
@@ -181,7 +187,7 @@ impl SceneNeeds {
 
     /// Returns names and values of the shaders' override constants, except those of `gloss`, `hard_lights`,
     /// `mirrors`, `polish` and `narrow_lobes`, which also depend on the denoiser.
-    pub fn constants(&self) -> [(&'static str, bool); 22] {
+    pub fn constants(&self) -> [(&'static str, bool); 24] {
         [
             ("HAS_TEXTURES", self.textures),
             ("HAS_SECOND_UVS", self.second_uvs),
@@ -193,6 +199,8 @@ impl SceneNeeds {
             ("HAS_CLEARCOAT", self.clearcoat),
             ("HAS_SHEEN", self.sheen),
             ("HAS_IRIDESCENCE", self.iridescence),
+            ("HAS_ANISOTROPY", self.anisotropy),
+            ("HAS_DISPERSION", self.dispersion),
             ("HAS_UNLIT", self.unlit),
             ("HAS_VERTEX_COLORS", self.vertex_colors),
             ("HAS_ALPHA", self.alpha),

@@ -116,6 +116,8 @@ fn shared_shaders(needs: SceneNeeds) -> SceneNeeds {
         clearcoat: false,
         sheen: false,
         iridescence: false,
+        anisotropy: false,
+        dispersion: false,
         unlit: false,
         vertex_colors: false,
         alpha: false,

@@ -1,16 +1,17 @@
-//! Evaluates and samples the BSDF at a surface point: the sum of the material model's lobes.
+//! Evaluates the BSDF at a surface point: the sum of the material model's lobes. The module [`sampling`] samples it.
 //!
 //! The lobes are diffuse, the surface's reflection (dielectric and metal share it), transmission, clearcoat, sheen, and diffuse
 //! transmission. Below [`SMOOTH_ALPHA`] reflection, transmission and clearcoat are deltas: [`Bsdf::scattered`] and [`Bsdf::density`] omit them, and only
 //! [`Bsdf::sample`] finds them. Values include the cosine.
 
-use std::f64::consts::{PI, TAU};
+mod sampling;
+
+use std::f64::consts::PI;
 
 use glam::DVec3;
 
 use super::layer::{self, SMOOTH_ALPHA, schlick_weight};
-use super::microfacet::{Frame, Ggx, reflect, refract};
-use super::sampling::cosine_direction;
+use super::microfacet::{Frame, Ggx};
 use super::sheen::Sheen;
 
 /// Medium behind the surface.
@@ -30,6 +31,21 @@ pub struct Coat {
     pub normal: DVec3,
 }
 
+impl Coat {
+    fn facets(&self) -> (Frame, Ggx) {
+        (Frame::around(self.normal), Ggx::even(self.alpha))
+    }
+}
+
+/// Facets that are wider along a direction than across.
+#[derive(Clone, Copy, Debug)]
+pub struct Brushed {
+    /// Widths along and across.
+    pub alpha: [f64; 2],
+    /// Unit tangent.
+    pub along: DVec3,
+}
+
 /// A point's material with all textures looked up, seen from `to_viewer`. Both normals are on the viewer's side.
 #[derive(Clone, Copy, Debug)]
 pub struct Bsdf {
@@ -40,7 +56,9 @@ pub struct Bsdf {
     /// The metal's reflectance at normal incidence: the base colour, unless a film is on it.
     pub metal_f0: DVec3,
     pub metallic: f64,
+    /// Width of the facets; the geometric mean of both widths if they are brushed.
     pub alpha: f64,
+    pub brushed: Option<Brushed>,
     /// The dielectric's reflectance at normal and at grazing incidence.
     pub f0: DVec3,
     pub f90: f64,
@@ -49,6 +67,8 @@ pub struct Bsdf {
     pub through: f64,
     pub through_color: DVec3,
     pub interior: Interior,
+    /// Difference of the index of refraction of red or blue light to that of green light.
+    pub dispersion: f64,
     /// True if the viewer is on the back of the triangle.
     pub on_back: bool,
     pub coat: Option<Coat>,
@@ -76,14 +96,15 @@ enum Lobe {
 
 const LOBES: [Lobe; 6] = [Lobe::Diffuse, Lobe::Reflection, Lobe::Transmission, Lobe::Coat, Lobe::Sheen, Lobe::Through];
 
-/// Minimum fraction of a Fresnel term for lobe selection: the facet's term may be far from the macro surface's.
-const LEAST_SHARE: f64 = 0.1;
 /// Lower bound of 1 − Eavg.
 const LEAST_ABSORBED: f64 = 1e-6;
 
 impl Bsdf {
     /// Returns value times cosine for light from `to_light`, without deltas.
     pub fn scattered(&self, to_light: DVec3) -> DVec3 {
+        if let Some(colors) = self.colors() {
+            return DVec3::from_array([0, 1, 2].map(|c| colors[c].scattered(to_light)[c]));
+        }
         let through_coat = 1.0 - self.coat_reflectance();
         let under_sheen = self.under_sheen(self.normal.dot(to_light)) * through_coat;
         if self.geometric_normal.dot(to_light) > 0.0 {
@@ -92,6 +113,17 @@ impl Bsdf {
                 + DVec3::splat(self.coat_reflected(to_light))
         } else {
             self.transmitted(to_light) * under_sheen
+        }
+    }
+
+    /// Returns the BSDFs of red, green and blue light, if they differ.
+    fn colors(&self) -> Option<[Self; 3]> {
+        match self.interior {
+            Interior::Thick { index } if self.dispersion > 0.0 => Some([-1.0, 0.0, 1.0].map(|side| {
+                let interior = Interior::Thick { index: index + side * self.dispersion };
+                Self { interior, dispersion: 0.0, ..*self }
+            })),
+            _ => None,
         }
     }
 
@@ -122,38 +154,6 @@ impl Bsdf {
             return DVec3::ZERO;
         }
         self.delta_weight(Lobe::Transmission)
-    }
-
-    /// Returns the density by solid angle with which [`Self::sample`] draws `to_light` from lobes other than deltas.
-    pub fn density(&self, to_light: DVec3) -> f64 {
-        let chances = self.chances();
-        let of = |(lobe, chance): (Lobe, f64)| match chance {
-            0.0 => 0.0,
-            _ if self.is_delta(lobe) => 0.0,
-            _ => chance * self.lobe_density(lobe, to_light),
-        };
-        LOBES.into_iter().zip(chances).map(of).sum()
-    }
-
-    /// Samples a direction of incoming light by three uniform numbers. None counts as black.
-    pub fn sample(&self, [mut pick, u, v]: [f64; 3]) -> Option<Scattered> {
-        let chances = self.chances();
-        let (lobe, chance) = LOBES.into_iter().zip(chances).find(|(_, chance)| {
-            let found = pick < *chance;
-            pick -= chance;
-            found
-        })?;
-        let direction = self.direction(lobe, [u, v])?;
-        if self.is_delta(lobe) {
-            let through = lobe == Lobe::Transmission;
-            let side = if through { -1.0 } else { 1.0 };
-            let carries = side * self.geometric_normal.dot(direction) > 0.0;
-            let weight = self.delta_weight(lobe) / chance;
-            return carries.then_some(Scattered { direction, weight, density: None });
-        }
-        let density = self.density(direction);
-        let weight = self.scattered(direction) / density;
-        weight.is_finite().then_some(Scattered { direction, weight, density: Some(density) })
     }
 
     /// Returns the fraction of light that the coat withholds from the material under it, emission included.
@@ -220,7 +220,7 @@ impl Bsdf {
         const STRATA: usize = 12;
         let middle = |i: usize| (i as f64 + 0.5) / STRATA as f64;
         let passed = |i: usize| {
-            let h = self.facet(self.normal, self.alpha, [middle(i % STRATA), middle(i / STRATA)]);
+            let h = self.facet(self.facets(), [middle(i % STRATA), middle(i / STRATA)]);
             self.under_reflection(self.to_viewer.dot(h))
         };
         (0..STRATA * STRATA).map(passed).sum::<f64>() / (STRATA * STRATA) as f64
@@ -252,15 +252,22 @@ impl Bsdf {
             value += self.base * (opaque * self.diffuse_share(facet, cos_light) / PI);
         }
         if !self.is_delta(Lobe::Reflection) {
-            value += self.mixed_fresnel(facet) * self.facets_value(n, self.alpha, h, cos_light);
+            value += self.mixed_fresnel(facet) * self.facets_value(self.facets(), h, l);
         }
         value * cos_light
     }
 
-    /// Returns D V2 of facets around `n`.
-    fn facets_value(&self, n: DVec3, alpha: f64, h: DVec3, cos_light: f64) -> f64 {
-        let facets = Ggx { alpha };
-        facets.distribution(Frame::around(n).local(h)) * facets.visibility(n.dot(self.to_viewer), cos_light)
+    /// Returns the facets of reflection and transmission, and their frame.
+    fn facets(&self) -> (Frame, Ggx) {
+        match self.brushed {
+            Some(brushed) => (Frame::along(brushed.along, self.normal), Ggx::uneven(brushed.alpha)),
+            None => (Frame::around(self.normal), Ggx::even(self.alpha)),
+        }
+    }
+
+    /// Returns D V2 of facets.
+    fn facets_value(&self, (frame, facets): (Frame, Ggx), h: DVec3, l: DVec3) -> f64 {
+        facets.distribution(frame.local(h)) * facets.visibility(frame.local(self.to_viewer), frame.local(l))
     }
 
     fn coat_reflected(&self, l: DVec3) -> f64 {
@@ -269,9 +276,7 @@ impl Bsdf {
         };
         let cosine = coat.normal.dot(l);
         match (self.to_viewer + l).try_normalize() {
-            Some(h) if cosine > 0.0 => {
-                self.coat_reflectance() * self.facets_value(coat.normal, coat.alpha, h, cosine) * cosine
-            }
+            Some(h) if cosine > 0.0 => self.coat_reflectance() * self.facets_value(coat.facets(), h, l) * cosine,
             _ => 0.0,
         }
     }
@@ -292,7 +297,7 @@ impl Bsdf {
         let Some(h) = self.transmitting_facet(l) else {
             return diffuse;
         };
-        let value = self.under_reflection(v.dot(h)) * self.facets_value(n, self.alpha, h, cos_light);
+        let value = self.under_reflection(v.dot(h)) * self.facets_value(self.facets(), h, l);
         let spread = match self.interior {
             Interior::Thin => 1.0,
             // Walter et al. 2007, equation 21, for radiance seen from v; V2 is G2 / (4 cos cos).
@@ -340,93 +345,6 @@ impl Bsdf {
                 self.base * (share * (here / beyond).powi(2) * through_coat)
             }
             Lobe::Diffuse | Lobe::Sheen | Lobe::Through => unreachable!("the wide lobes are no deltas"),
-        }
-    }
-
-    /// Returns the probability of each of [`LOBES`], roughly its fraction of the light; all 0 for a black surface.
-    fn chances(&self) -> [f64; 6] {
-        let cosine = self.normal.dot(self.to_viewer);
-        let (coat, dielectric) = (self.coat_reflectance(), 1.0 - self.metallic);
-        let least = |lobe| if self.is_delta(lobe) { 0.0 } else { LEAST_SHARE };
-        let base = |lobe| self.base.max_element() * dielectric * self.under_reflection(cosine).max(least(lobe));
-        let most_reflected = dielectric * self.f90 + self.metallic * self.metal_f0.max_element();
-        let reflection = self.mixed_fresnel(cosine).max_element();
-        let under = [
-            base(Lobe::Diffuse) * (1.0 - self.transmission) * (1.0 - self.through),
-            reflection.max(least(Lobe::Reflection) * most_reflected),
-            base(Lobe::Transmission) * self.transmission,
-        ];
-        let [diffuse, reflection, transmission] = under.map(|share| share * (1.0 - coat));
-        let sheen = self.sheen.map_or(0.0, |sheen| sheen.color.max_element() * sheen.albedo(cosine).max(LEAST_SHARE));
-        let through = self.through_color.max_element() * dielectric * (1.0 - self.transmission) * self.through;
-        let shares = [diffuse, reflection, transmission, coat, sheen * (1.0 - coat), through * (1.0 - coat)];
-        let sum: f64 = shares.iter().sum();
-        shares.map(|share| if sum > 0.0 { share / sum } else { 0.0 })
-    }
-
-    fn direction(&self, lobe: Lobe, u: [f64; 2]) -> Option<DVec3> {
-        let (v, n) = (self.to_viewer, self.normal);
-        if lobe == Lobe::Diffuse {
-            return Some(cosine_direction(n, u));
-        }
-        if lobe == Lobe::Coat {
-            let coat = self.coat?;
-            return Some(reflect(v, self.facet(coat.normal, coat.alpha, u)));
-        }
-        if lobe == Lobe::Through {
-            return Some(cosine_direction(-n, u));
-        }
-        if lobe == Lobe::Sheen {
-            let cos = u[0];
-            let (sin, cos_turn) = (TAU * u[1]).sin_cos();
-            let across = (1.0 - cos * cos).sqrt();
-            return Some(Frame::around(n).world(DVec3::new(across * cos_turn, across * sin, cos)));
-        }
-        if lobe == Lobe::Transmission && self.goes_straight() {
-            return Some(-v);
-        }
-        let h = self.facet(n, self.alpha, u);
-        let mirrored = reflect(v, h);
-        match (lobe, self.interior) {
-            (Lobe::Reflection, _) => Some(mirrored),
-            (_, Interior::Thin) => Some(mirrored - n * (2.0 * n.dot(mirrored))),
-            (_, Interior::Thick { .. }) => {
-                let [here, beyond] = self.indices();
-                refract(v, h, here / beyond)
-            }
-        }
-    }
-
-    /// Samples a facet that the viewer sees; the normal itself if the surface is smooth.
-    fn facet(&self, n: DVec3, alpha: f64, u: [f64; 2]) -> DVec3 {
-        if alpha < SMOOTH_ALPHA {
-            return n;
-        }
-        let frame = Frame::around(n);
-        frame.world(Ggx { alpha }.sample(frame.local(self.to_viewer), u))
-    }
-
-    fn lobe_density(&self, lobe: Lobe, l: DVec3) -> f64 {
-        let (v, n) = (self.to_viewer, self.normal);
-        let of_facet = |n: DVec3, alpha: f64, h: DVec3| {
-            let frame = Frame::around(n);
-            Ggx { alpha }.density(frame.local(v), frame.local(h))
-        };
-        let of_mirrored = |n: DVec3, alpha: f64, l: DVec3| {
-            (v + l).try_normalize().map_or(0.0, |h| of_facet(n, alpha, h) / (4.0 * v.dot(h)))
-        };
-        match (lobe, self.interior) {
-            (Lobe::Diffuse, _) => n.dot(l).max(0.0) / PI,
-            (Lobe::Through, _) => (-n.dot(l)).max(0.0) / PI,
-            (Lobe::Sheen, _) => f64::from(n.dot(l) > 0.0) / TAU,
-            (Lobe::Coat, _) => self.coat.map_or(0.0, |coat| of_mirrored(coat.normal, coat.alpha, l)),
-            (Lobe::Reflection, _) => of_mirrored(n, self.alpha, l),
-            (Lobe::Transmission, Interior::Thin) => of_mirrored(n, self.alpha, l - n * (2.0 * n.dot(l))),
-            (Lobe::Transmission, Interior::Thick { .. }) => self.transmitting_facet(l).map_or(0.0, |h| {
-                let [here, beyond] = self.indices();
-                let (vh, lh) = (v.dot(h), -l.dot(h));
-                of_facet(n, self.alpha, h) * beyond * beyond * lh / (here * vh - beyond * lh).powi(2)
-            }),
         }
     }
 }

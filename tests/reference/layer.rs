@@ -30,7 +30,7 @@ struct Row {
 }
 
 static TABLE: LazyLock<Vec<Row>> = LazyLock::new(|| {
-    let row = |i: usize| Ggx { alpha: alpha_of(i) };
+    let row = |i: usize| Ggx::even(alpha_of(i));
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
     let every_nth = |from: usize| (from..SIDE).step_by(threads).map(|i| (i, tabulate(row(i)))).collect::<Vec<_>>();
     let mut rows: Vec<_> = std::thread::scope(|scope| {
@@ -74,7 +74,7 @@ pub fn integrate(facets: Ggx, mu: f64) -> DVec2 {
             if l.z > 0.0 {
                 let w = schlick_weight(v.dot(h));
                 // G2 / G1: the visible fraction of the facets that v sees.
-                let lit = facets.visibility(v.z, l.z) * 4.0 * v.z * l.z / facets.masking(v.z);
+                let lit = facets.visibility(v, l) * 4.0 * v.z * l.z / facets.masking(v);
                 sum += DVec2::new(1.0 - w, w) * (lit * 2.0 * sin * cos * PI * from_rim);
             }
         }

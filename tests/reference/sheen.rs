@@ -1,5 +1,6 @@
 //! Sheen of cloth: the distribution and the shadowing of Estevez & Kulla ("Production Friendly Microfacet Sheen BRDF",
-//! 2017), as `KHR_materials_sheen` has them, and its albedo.
+//! 2017), as `KHR_materials_sheen` has them, and its albedo. Where the lobe would reflect more light than arrives, it is
+//! scaled down, for the viewer and for the light.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
@@ -24,13 +25,22 @@ pub struct Sheen {
 impl Sheen {
     /// Returns the value of a white sheen for a light at cosine `nl`, with the cosine `nh` of the half vector.
     pub fn value(&self, nv: f64, nl: f64, nh: f64) -> f64 {
+        self.unscaled(nv, nl, nh) / [nv, nl].map(|mu| self.unscaled_albedo(mu).max(1.0)).iter().product::<f64>()
+    }
+
+    fn unscaled(&self, nv: f64, nl: f64, nh: f64) -> f64 {
         let alpha = self.roughness * self.roughness;
         let distribution = (2.0 + 1.0 / alpha) * (1.0 - nh * nh).max(0.0).powf(0.5 / alpha) / TAU;
         distribution / (4.0 * nv * nl * (1.0 + lambda(nv, alpha) + lambda(nl, alpha)))
     }
 
-    /// Returns the directional albedo of a white sheen at that cosine.
+    /// Returns a bound of the directional albedo of a white sheen at that cosine. It is the albedo itself where the lobe
+    /// is not scaled.
     pub fn albedo(&self, mu: f64) -> f64 {
+        self.unscaled_albedo(mu).min(1.0)
+    }
+
+    fn unscaled_albedo(&self, mu: f64) -> f64 {
         let x = mu.clamp(0.0, 1.0).cbrt() * SIDE as f64;
         let y = (self.roughness - LEAST_ROUGHNESS) / (1.0 - LEAST_ROUGHNESS) * SIDE as f64;
         let (i, j) = ((x as usize).min(SIDE - 1), (y as usize).min(SIDE - 1));
@@ -53,12 +63,12 @@ static TABLE: LazyLock<Vec<Vec<f64>>> = LazyLock::new(|| {
     let at = |i: usize| i as f64 / SIDE as f64;
     let row = |j: usize| -> Vec<f64> {
         let sheen = Sheen { color: DVec3::ONE, roughness: LEAST_ROUGHNESS + (1.0 - LEAST_ROUGHNESS) * at(j) };
-        (0..=SIDE).map(|i| integrate(&sheen, at(i).powi(3).max(1e-3)).min(1.0)).collect()
+        (0..=SIDE).map(|i| integrate(&sheen, at(i).powi(3).max(1e-3))).collect()
     };
     (0..=SIDE).map(row).collect()
 });
 
-/// Integrates value times cosine over the hemisphere. Steps in the cosine are finer towards the horizon.
+/// Integrates the unscaled value times cosine over the hemisphere. Steps in the cosine are finer towards the horizon.
 fn integrate(sheen: &Sheen, mu: f64) -> f64 {
     let v = DVec3::new((1.0 - mu * mu).sqrt(), 0.0, mu);
     let mut sum = 0.0;
@@ -68,7 +78,7 @@ fn integrate(sheen: &Sheen, mu: f64) -> f64 {
         for k in 0..STEPS[1] {
             let phi = PI * (k as f64 + 0.5) / STEPS[1] as f64;
             let l = DVec3::new(across * phi.cos(), across * phi.sin(), cos);
-            sum += sheen.value(mu, cos, (v + l).normalize().z) * cos * 3.0 * x * x;
+            sum += sheen.unscaled(mu, cos, (v + l).normalize().z) * cos * 3.0 * x * x;
         }
     }
     sum * TAU / (STEPS[0] * STEPS[1]) as f64

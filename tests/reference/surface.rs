@@ -3,9 +3,10 @@
 use diptych::scene::{AlphaMode, Material, Mesh, NormalMap, Scene, TextureRef, Volume};
 use glam::{DAffine3, DMat3, DVec2, DVec3, DVec4, Vec2};
 
-use super::bsdf::{Bsdf, Coat, Interior};
+use super::bsdf::{Brushed, Bsdf, Coat, Interior};
 use super::film;
 use super::intersect::Triangle;
+use super::layer::SMOOTH_ALPHA;
 use super::sampling::tangents;
 use super::sheen::{LEAST_ROUGHNESS, Sheen};
 use super::texture::{self, Encoding};
@@ -181,6 +182,8 @@ impl<'a> Surfaces<'a> {
         let f0 = under_film(bare) * f90;
         let base = self.base_color(triangle, weights).truncate();
         let index = if ior == 0.0 { 1.0 } else { ior };
+        let across = (f64::from(material.roughness) * metallic_roughness.y).powi(2);
+        let brushed = self.brushed(triangle, weights, normal_seen, across);
         Bsdf {
             to_viewer,
             normal: normal_seen,
@@ -188,11 +191,13 @@ impl<'a> Surfaces<'a> {
             base,
             metal_f0: under_film(base),
             metallic: f64::from(material.metallic) * metallic_roughness.z,
-            alpha: (f64::from(material.roughness) * metallic_roughness.y).powi(2),
+            alpha: brushed.map_or(across, |brushed| (brushed.alpha[0] * brushed.alpha[1]).sqrt()),
+            brushed,
             f0,
             f90,
             transmission: f64::from(material.transmission) * linear(material.transmission_texture).x,
             interior: if enclosed_volume(material).is_some() { Interior::Thick { index } } else { Interior::Thin },
+            dispersion: f64::from(material.dispersion) * (index - 1.0) / 40.0,
             on_back: self.front_normal(triangle).dot(to_viewer) < 0.0,
             coat: (material.clearcoat.factor > 0.0).then(|| Coat {
                 strength: f64::from(material.clearcoat.factor) * linear(material.clearcoat.factor_texture).x,
@@ -211,6 +216,25 @@ impl<'a> Surfaces<'a> {
                     .max(LEAST_ROUGHNESS),
             }),
         }
+    }
+
+    /// Returns the facets of a material with anisotropy; `None` without it or without tangents.
+    fn brushed(&self, triangle: &Triangle, weights: [f64; 3], normal: DVec3, across: f64) -> Option<Brushed> {
+        let anisotropy = self.material(triangle).anisotropy;
+        let code = match anisotropy.texture {
+            Some(_) => self.texel(triangle, weights, anisotropy.texture, Encoding::Linear),
+            None => DVec4::new(1.0, 0.5, 1.0, 1.0),
+        };
+        let strength = f64::from(anisotropy.strength) * code.z;
+        let (tangent, sign) = self.tangent(triangle, weights).filter(|_| strength > 0.0)?;
+        let up = self.smooth_normal(triangle, weights).unwrap_or(self.front_normal(triangle));
+        let t = (tangent - up * up.dot(tangent)).try_normalize()?;
+        let local = DVec2::new(2.0 * code.x - 1.0, 2.0 * code.y - 1.0);
+        let local = DVec2::from_angle(f64::from(anisotropy.rotation)).rotate(local);
+        let direction = t * local.x + up.cross(t) * (sign * local.y);
+        let along = (direction - normal * normal.dot(direction)).try_normalize()?;
+        let across = across.max(SMOOTH_ALPHA);
+        Some(Brushed { alpha: [across + (1.0 - across) * strength * strength, across], along })
     }
 
     /// Returns the unit shading normal on the viewer's side: interpolated (or geometric, if that faces away), or

@@ -5,7 +5,7 @@ mod denoised;
 use std::ops::Range;
 
 use crate::common::{Stage, Subject, is_thorough, still_rig, with};
-use crate::reference::scenes::{lit, materials, matte, moving};
+use crate::reference::scenes::{lit, lobes, materials, matte, moving};
 use crate::reference::tangents;
 use crate::reference::ztest::{Estimate, assert_agrees, compare, verdict};
 use crate::reference::{Pinhole, Reference};
@@ -188,6 +188,12 @@ fn every_material_is_unbiased() {
     hold_against_the_reference(materials::ALL.map(|(_, scene)| subject(scene())), &BOTH_SAMPLERS);
 }
 
+/// Add rows in [`lobes::ALL`].
+#[test]
+fn every_lobe_of_an_extension_is_unbiased() {
+    hold_against_the_reference(lobes::ALL.map(|(_, scene)| subject(scene())), &BOTH_SAMPLERS);
+}
+
 /// Tables that were updated to a time represent the scene at that time.
 #[test]
 fn scenes_that_move_are_unbiased_at_every_time() {
@@ -234,7 +240,7 @@ fn normal_maps_without_tangents_are_those_of_the_definition() {
 #[ignore = "takes many minutes: run it after changes to the material model"]
 fn no_material_and_no_light_has_a_small_bias() {
     let lit = lit::ALL.into_iter().chain(lit::CARDS).map(|(name, light)| lit::things(name, light));
-    let scenes = lit.chain(materials::ALL.map(|(_, scene)| scene()));
+    let scenes = lit.chain(materials::ALL.into_iter().chain(lobes::ALL).map(|(_, scene)| scene()));
     hold_against_the_reference(scenes.map(subject), &THOROUGH);
 }
 

@@ -1,5 +1,5 @@
 //! Material extensions: specular reflection of dielectrics, transmission and volume, clearcoat, sheen, diffuse
-//! transmission, iridescence, and the older specular-glossiness model.
+//! transmission, iridescence, anisotropy, dispersion, and the older specular-glossiness model.
 
 use ::gltf::json::extensions::material::{
     Ior, Material as JsonExtensions, PbrSpecularGlossiness, Specular, Transmission, Volume as JsonVolume,
@@ -10,11 +10,13 @@ use glam::{Vec3, Vec4};
 
 use super::fault::{Fault, Outcome};
 use super::materials::Reader;
-use crate::scene::{Clearcoat, DiffuseTransmission, Iridescence, Material, Sheen, Volume};
+use crate::scene::{Anisotropy, Clearcoat, DiffuseTransmission, Iridescence, Material, Sheen, Volume};
 
 const CLEARCOAT: &str = "KHR_materials_clearcoat";
 const SHEEN: &str = "KHR_materials_sheen";
 const IRIDESCENCE: &str = "KHR_materials_iridescence";
+const ANISOTROPY: &str = "KHR_materials_anisotropy";
+const DISPERSION: &str = "KHR_materials_dispersion";
 const DIFFUSE_TRANSMISSION: &str = "KHR_materials_diffuse_transmission";
 
 /// Maximum thickness of a film, nanometres. The interference of a thicker one has no visible colour.
@@ -88,6 +90,22 @@ impl Default for JsonIridescence {
     }
 }
 
+/// JSON of `KHR_materials_anisotropy`.
+#[derive(Default, serde::Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct JsonAnisotropy {
+    anisotropy_strength: f32,
+    anisotropy_rotation: f32,
+    anisotropy_texture: Option<Info>,
+}
+
+/// JSON of `KHR_materials_dispersion`.
+#[derive(Default, serde::Deserialize)]
+#[serde(default)]
+struct JsonDispersion {
+    dispersion: f32,
+}
+
 /// Parses an extension that the parser of the file leaves as JSON.
 fn parsed<T: serde::de::DeserializeOwned>(json: &JsonExtensions, name: &str) -> Outcome<Option<T>> {
     let parse = |value: &serde_json::Value| serde_json::from_value(value.clone());
@@ -119,6 +137,12 @@ impl Reader<'_, '_, '_> {
         }
         if let Some(film) = parsed(json, IRIDESCENCE)? {
             material.iridescence = self.iridescence(&film)?;
+        }
+        if let Some(brushed) = parsed(json, ANISOTROPY)? {
+            material.anisotropy = self.anisotropy(&brushed)?;
+        }
+        if let Some(JsonDispersion { dispersion }) = parsed(json, DISPERSION)? {
+            material.dispersion = self.color([dispersion; 3], f32::MAX, "dispersion")?.x;
         }
         if let Some(specular) = &json.pbr_specular_glossiness {
             self.specular_glossiness(specular, material)?;
@@ -243,6 +267,19 @@ impl Reader<'_, '_, '_> {
             thickness_nm,
             thickness_texture: self.texture(json.iridescence_thickness_texture.as_ref())?,
         })
+    }
+
+    fn anisotropy(&mut self, json: &JsonAnisotropy) -> Outcome<Anisotropy> {
+        let strength = self.unit(json.anisotropy_strength, "anisotropy")?;
+        let rotation = json.anisotropy_rotation;
+        if !rotation.is_finite() {
+            return Err(Fault::Invalid("the rotation of its anisotropy is not finite".into()));
+        }
+        if strength == 0.0 {
+            return Ok(Anisotropy::default());
+        }
+        let texture = self.texture(json.anisotropy_texture.as_ref())?;
+        Ok(Anisotropy { strength, rotation, texture })
     }
 
     /// Converts `KHR_materials_pbrSpecularGlossiness` to `KHR_materials_ior` and `KHR_materials_specular`. These were

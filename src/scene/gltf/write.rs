@@ -12,8 +12,8 @@ use serde_json::{Value, json};
 
 use crate::image::file::atomic_write;
 use crate::scene::{
-    AlphaMode, Clearcoat, DiffuseTransmission, Instance, Iridescence, Material, Mesh, NormalMap, Scene, SceneError,
-    Sheen, TexelImage, Texture, TextureRef, Volume, Wrap,
+    AlphaMode, Anisotropy, Clearcoat, DiffuseTransmission, Instance, Iridescence, Material, Mesh, NormalMap, Scene,
+    SceneError, Sheen, TexelImage, Texture, TextureRef, Volume, Wrap,
 };
 
 const FLOAT: u32 = 5126;
@@ -209,6 +209,15 @@ impl Draft {
             self.texture(&mut through, "diffuseTransmissionTexture", factor_texture);
             self.texture(&mut through, "diffuseTransmissionColorTexture", color_texture);
             layers.push(("KHR_materials_diffuse_transmission", through));
+        }
+        if m.dispersion > 0.0 {
+            layers.push(("KHR_materials_dispersion", json!({ "dispersion": m.dispersion })));
+        }
+        if m.is_anisotropic() {
+            let Anisotropy { strength, rotation, texture } = m.anisotropy;
+            let mut brushed = json!({ "anisotropyStrength": strength, "anisotropyRotation": rotation });
+            self.texture(&mut brushed, "anisotropyTexture", texture);
+            layers.push(("KHR_materials_anisotropy", brushed));
         }
         if m.iridescence.factor > 0.0 {
             let Iridescence { factor, factor_texture, ior, thickness_nm: [least, most], thickness_texture } =

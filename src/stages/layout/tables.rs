@@ -41,6 +41,11 @@ shared_structs! {
         pub film_ior: f32,
         /// Thickness of the film where its texture is 0 and where it is 1, nanometres.
         pub film_thickness: Vec2,
+        /// Cosine and sine of the rotation.
+        pub anisotropy_direction: Vec2,
+        pub anisotropy: f32,
+        /// Largest difference of an index of refraction to that of green light.
+        pub dispersion: f32,
     }
 
     /// A texture as one material refers to it. Texels are stored consecutively in pages of [`PAGE`] x [`PAGE`].
@@ -51,7 +56,7 @@ shared_structs! {
         pub width: u32,
         pub height: u32,
         /// Bits such as [`TEXTURE_LINEAR`]; wrap modes of two bits each, from bits [`WRAP_U_SHIFT`] and
-        /// [`WRAP_V_SHIFT`] on; [`TextureRole`], four bits from [`ROLE_SHIFT`] on.
+        /// [`WRAP_V_SHIFT`] on; [`TextureRole`], five bits from [`ROLE_SHIFT`] on.
         pub flags: u32,
         /// uv' = (m00 u + m01 v + tx, m10 u + m11 v + ty) as `KHR_texture_transform`.
         pub uv_matrix: Vec4,
@@ -157,6 +162,7 @@ pub enum TextureRole {
     DiffuseTransmissionColor,
     Iridescence,
     FilmThickness,
+    Anisotropy,
 }
 
 impl TextureRole {
@@ -255,4 +261,5 @@ pub(super) const ROLES: &[Constant] = &[
     ("ROLE_DIFFUSE_TRANSMISSION_COLOR", TextureRole::DiffuseTransmissionColor as u32),
     ("ROLE_IRIDESCENCE", TextureRole::Iridescence as u32),
     ("ROLE_FILM_THICKNESS", TextureRole::FilmThickness as u32),
+    ("ROLE_ANISOTROPY", TextureRole::Anisotropy as u32),
 ];

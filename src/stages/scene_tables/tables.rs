@@ -317,6 +317,9 @@ impl TextureTable<'_> {
             iridescence: m.iridescence.factor,
             film_ior: m.iridescence.ior,
             film_thickness: m.iridescence.thickness_nm.into(),
+            anisotropy: m.anisotropy.strength,
+            anisotropy_direction: Vec2::from_angle(m.anisotropy.rotation),
+            dispersion: m.dispersed_ior(),
             diffuse_transmission: m.diffuse_transmission.factor,
             diffuse_transmission_color: m.diffuse_transmission.color,
             first_texture,
@@ -353,6 +356,7 @@ fn textures_in_order(m: &scene::Material) -> impl Iterator<Item = (scene::Textur
         (m.diffuse_transmission.color_texture, DiffuseTransmissionColor),
         (m.iridescence.factor_texture, Iridescence),
         (m.iridescence.thickness_texture, FilmThickness),
+        (m.anisotropy.texture, Anisotropy),
     ];
     all.into_iter().filter_map(|(texture, role)| Some((texture?, role)))
 }

@@ -118,6 +118,19 @@ fn refraction_has_its_density_from_both_sides() {
 }
 
 #[test]
+fn brushed_facets_have_their_density() {
+    hold("brushed metal", Finish { metallic: 1.0, brushed: 0.7, ..MATTE });
+    hold("brushed glass", Finish { thick: true, brushed: 0.5, ..GLASS });
+    hold("brushed sheet", Finish { brushed: 0.5, ..GLASS });
+}
+
+#[test]
+fn dispersion_has_its_density_from_both_sides() {
+    hold("into a prism", Finish { thick: true, dispersion: 0.1, ..GLASS });
+    hold("out of a prism", Finish { thick: true, dispersion: 0.1, on_back: true, ..GLASS });
+}
+
+#[test]
 fn sheen_has_its_density() {
     hold("sheen", Finish { sheen: Some(0.5), ..MATTE });
 }

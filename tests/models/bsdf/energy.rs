@@ -29,6 +29,17 @@ fn grid() -> Vec<Finish> {
             }
         }
     }
+    for roughness in [0.1, 0.3, 0.5, 0.8] {
+        for brushed in [0.4, 0.8, 1.0] {
+            let metal = Finish { roughness, brushed, metallic: 1.0, ..MATTE };
+            let plastic = Finish { metallic: 0.0, specular: 1.0, ..metal };
+            all.extend([metal, plastic, Finish { ior: 2.5, ..plastic }, Finish { ior: 0.0, ..plastic }]);
+            let glass = Finish { transmission: 1.0, ..plastic };
+            all.extend([glass, Finish { thick: true, ..glass }, Finish { thick: true, on_back: true, ..glass }]);
+        }
+        let prism = Finish { roughness, dispersion: 0.1, transmission: 1.0, specular: 1.0, thick: true, ..MATTE };
+        all.extend([prism, Finish { on_back: true, ..prism }]);
+    }
     for roughness in [0.07, 0.2, 0.5, 1.0] {
         let sheen = Some(roughness);
         let cloth = Finish { sheen, ..MATTE };

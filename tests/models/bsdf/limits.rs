@@ -30,6 +30,7 @@ fn what_is_reflected_and_what_passes_thin_glass_is_reciprocal() {
         DIELECTRIC,
         Finish { metallic: 0.4, ..DIELECTRIC },
         Finish { metallic: 1.0, ..MATTE },
+        Finish { metallic: 0.5, brushed: 0.6, ..DIELECTRIC },
         Finish { transmission: 0.6, ..DIELECTRIC },
         Finish { sheen: Some(0.4), ..DIELECTRIC },
         Finish { through: 0.7, ..DIELECTRIC },

@@ -7,7 +7,7 @@ mod limits;
 
 use glam::DVec3;
 
-use crate::reference::bsdf::{Bsdf, Coat, Interior};
+use crate::reference::bsdf::{Brushed, Bsdf, Coat, Interior};
 use crate::reference::sheen::Sheen;
 
 /// A white material without textures on the plane z = 0.
@@ -26,6 +26,9 @@ struct Finish {
     through: f64,
     /// Roughness of a white sheen.
     sheen: Option<f64>,
+    /// Strength of anisotropy along x.
+    brushed: f64,
+    dispersion: f64,
 }
 
 const MATTE: Finish = Finish {
@@ -39,6 +42,8 @@ const MATTE: Finish = Finish {
     coat: None,
     through: 0.0,
     sheen: None,
+    brushed: 0.0,
+    dispersion: 0.0,
 };
 
 impl Finish {
@@ -46,6 +51,8 @@ impl Finish {
         let normal = DVec3::Z * to_viewer.z.signum();
         let reflectance = if self.ior == 0.0 { 1.0 } else { ((self.ior - 1.0) / (self.ior + 1.0)).powi(2) };
         let index = if self.ior == 0.0 { 1.0 } else { self.ior };
+        let across = self.roughness.powi(2);
+        let along = across + (1.0 - across) * self.brushed.powi(2);
         Bsdf {
             to_viewer,
             normal,
@@ -53,11 +60,13 @@ impl Finish {
             base: DVec3::ONE,
             metal_f0: DVec3::ONE,
             metallic: self.metallic,
-            alpha: self.roughness.powi(2),
+            alpha: (along * across).sqrt(),
+            brushed: (self.brushed > 0.0).then_some(Brushed { alpha: [along, across], along: DVec3::X }),
             f0: DVec3::splat(reflectance * self.specular),
             f90: self.specular,
             transmission: self.transmission,
             interior: if self.thick { Interior::Thick { index } } else { Interior::Thin },
+            dispersion: self.dispersion,
             on_back: self.on_back,
             coat: self.coat.map(|roughness| Coat { strength: 1.0, alpha: roughness.powi(2), normal }),
             through: self.through,
@@ -72,9 +81,9 @@ impl Finish {
         self.seen_from(DVec3::new(0.8 * across, -0.6 * across, mu))
     }
 
-    /// Returns the index of refraction on the viewer's side over the one beyond.
+    /// Returns the index of refraction for red light on the viewer's side over the one beyond.
     fn index_ratio(self) -> f64 {
-        let index = if self.thick && self.ior > 1.0 { self.ior } else { 1.0 };
+        let index = if self.thick && self.ior > 1.0 { self.ior - self.dispersion } else { 1.0 };
         if self.on_back { index } else { 1.0 / index }
     }
 

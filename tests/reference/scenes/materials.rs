@@ -3,20 +3,17 @@
 //! To add a row, write a function that returns the scene and its camera, and its line in [`ALL`]. Keep small bright
 //! lights away from smooth glass and metal: the noise of caustics would hide any bias.
 
-use diptych::scene::{
-    AlphaMode, Clearcoat, DiffuseTransmission, Iridescence, Light, LightKind, Material, Mesh, NormalMap, Scene, Sheen,
-    Volume,
-};
+use diptych::scene::{AlphaMode, Clearcoat, Light, LightKind, Material, Mesh, NormalMap, Scene, Volume};
 use glam::{Affine3A, Vec3, vec2, vec3, vec4};
 
 use super::studio::{Pictures, add_balls, add_panels, camera, dielectric, glass, metal, second, studio, turned};
 use super::{add_material, add_matte, add_mesh, block, icosphere, instance, matte, place, quad, scaled_at};
 use crate::reference::Pinhole;
 
-type Row = (&'static str, fn() -> (Scene, Pinhole));
+pub(super) type Row = (&'static str, fn() -> (Scene, Pinhole));
 
 /// All scenes of this file with their names.
-pub const ALL: [Row; 22] = [
+pub const ALL: [Row; 16] = [
     ("metals", metals),
     ("dielectrics", dielectrics),
     ("tinted_specular", tinted_specular),
@@ -27,12 +24,6 @@ pub const ALL: [Row; 22] = [
     ("rough_thick_glass", rough_thick_glass),
     ("inside_glass", inside_glass),
     ("clearcoats", clearcoats),
-    ("sheens", sheens),
-    ("sheen_textures", sheen_textures),
-    ("films", films),
-    ("film_textures", film_textures),
-    ("leaves", leaves),
-    ("lampshades", lampshades),
     ("normal_maps", normal_maps),
     ("coat_maps", coat_maps),
     ("material_textures", material_textures),
@@ -41,7 +32,7 @@ pub const ALL: [Row; 22] = [
     ("ior_one_and_zero", ior_one_and_zero),
 ];
 
-fn amber(attenuation_distance: f32) -> Option<Volume> {
+pub(super) fn amber(attenuation_distance: f32) -> Option<Volume> {
     Some(Volume { attenuation_color: vec3(0.9, 0.6, 0.2), attenuation_distance })
 }
 
@@ -174,105 +165,6 @@ fn clearcoats() -> (Scene, Pinhole) {
         Material { clearcoat: coat(1.0, 0.1), emissive: vec3(0.3, 0.8, 0.4), ..matte() },
     ];
     add_balls(&mut scene, balls);
-    (scene, camera())
-}
-
-/// Velvet over black, felt, and a sheen with a smooth coat over metal.
-fn sheens() -> (Scene, Pinhole) {
-    let mut scene = studio("sheens");
-    let sheen = |color, roughness| Sheen { color, roughness, ..Sheen::default() };
-    let coat = Clearcoat { factor: 0.5, ..Clearcoat::default() };
-    let balls = [
-        Material { sheen: sheen(Vec3::splat(0.9), 0.3), ..dielectric(Vec3::splat(0.02), 0.9) },
-        Material { sheen: sheen(vec3(0.3, 0.5, 0.9), 0.7), specular: 0.0, ..dielectric(vec3(0.6, 0.2, 0.1), 1.0) },
-        Material { sheen: sheen(vec3(0.2, 0.8, 0.4), 0.15), clearcoat: coat, ..metal(vec3(0.9, 0.6, 0.3), 0.4) },
-    ];
-    add_balls(&mut scene, balls);
-    (scene, camera())
-}
-
-/// Textured colour and roughness of a sheen, and a sheen on smooth metal and on a pane.
-fn sheen_textures() -> (Scene, Pinhole) {
-    let mut scene = studio("sheen_textures");
-    let pictures = Pictures::add(&mut scene);
-    let sheen = Sheen { color: vec3(0.8, 0.9, 1.0), roughness: 0.8, ..Sheen::default() };
-    let base = dielectric(vec3(0.3, 0.1, 0.1), 0.8);
-    let panels = [
-        Material { sheen: Sheen { color_texture: Some(pictures.checker), ..sheen }, ..base.clone() },
-        Material { sheen: Sheen { roughness_texture: Some(second(pictures.steps)), ..sheen }, ..base },
-        Material { sheen, ..metal(vec3(0.9, 0.7, 0.5), 0.0) },
-        Material { sheen: Sheen { roughness: 0.4, ..sheen }, ..glass(vec3(0.7, 0.95, 0.8), 0.0) },
-    ];
-    add_panels(&mut scene, panels);
-    (scene, camera())
-}
-
-/// Thin films on metal, on a dark dielectric, and on a bubble of thin glass.
-fn films() -> (Scene, Pinhole) {
-    let mut scene = studio("films");
-    let film = |ior, nm| Iridescence { factor: 1.0, ior, thickness_nm: [nm; 2], ..Iridescence::default() };
-    let balls = [
-        Material { iridescence: film(1.8, 350.0), ..metal(vec3(0.6, 0.6, 0.65), 0.3) },
-        Material { iridescence: film(1.3, 550.0), ..dielectric(vec3(0.05, 0.05, 0.1), 0.4) },
-        Material { iridescence: film(1.33, 420.0), ..glass(Vec3::ONE, 0.0) },
-    ];
-    add_balls(&mut scene, balls);
-    (scene, camera())
-}
-
-/// Textured coverage and thickness of films, one of them on half-metal with a normal map.
-fn film_textures() -> (Scene, Pinhole) {
-    let mut scene = studio("film_textures");
-    let pictures = Pictures::add(&mut scene);
-    let film = Iridescence { factor: 0.9, ior: 1.6, thickness_nm: [150.0, 600.0], ..Iridescence::default() };
-    let base = dielectric(vec3(0.1, 0.15, 0.2), 0.35);
-    let panels = [
-        Material { iridescence: Iridescence { factor_texture: Some(pictures.steps), ..film }, ..base.clone() },
-        Material { iridescence: Iridescence { thickness_texture: Some(second(pictures.steps)), ..film }, ..base },
-        Material {
-            iridescence: film,
-            metallic: 0.5,
-            normal_map: pictures.normal_map(0.7),
-            ..metal(vec3(0.9, 0.7, 0.5), 0.4)
-        },
-    ];
-    add_panels(&mut scene, panels);
-    (scene, camera())
-}
-
-/// Sheets with diffuse transmission, lit from behind: a leaf with textures, paper, and one under a sheen and a coat.
-fn leaves() -> (Scene, Pinhole) {
-    let mut scene = studio("leaves");
-    let pictures = Pictures::add(&mut scene);
-    let green = DiffuseTransmission { factor: 0.7, color: vec3(0.4, 0.8, 0.1), ..DiffuseTransmission::default() };
-    let textured = DiffuseTransmission {
-        factor_texture: Some(pictures.steps),
-        color_texture: Some(second(pictures.checker)),
-        ..green
-    };
-    let leaf = Material { diffuse_transmission: textured, ..dielectric(vec3(0.2, 0.5, 0.1), 0.4) };
-    let paper = DiffuseTransmission { factor: 0.5, color: vec3(0.9, 0.85, 0.7), ..green };
-    let paper = Material { diffuse_transmission: paper, specular: 0.0, ..dielectric(vec3(0.9, 0.9, 0.85), 1.0) };
-    let covered = Material {
-        diffuse_transmission: green,
-        sheen: Sheen { color: vec3(0.5, 0.4, 0.6), roughness: 0.5, ..Sheen::default() },
-        clearcoat: Clearcoat { factor: 0.8, roughness: 0.3, ..Clearcoat::default() },
-        ..leaf.clone()
-    };
-    add_panels(&mut scene, [leaf, paper, covered]);
-    let red = add_matte(&mut scene, vec3(0.8, 0.2, 0.15));
-    let cube = add_mesh(&mut scene, block(red));
-    instance(&mut scene, cube, scaled_at(0.5, vec3(0.0, 0.25, -0.9)));
-    (scene, camera())
-}
-
-/// Balls that enclose a volume behind a wall with diffuse transmission, with and without facets that transmit as well.
-fn lampshades() -> (Scene, Pinhole) {
-    let mut scene = studio("lampshades");
-    let through = DiffuseTransmission { factor: 0.8, color: vec3(1.0, 0.9, 0.7), ..DiffuseTransmission::default() };
-    let shade = Material { diffuse_transmission: through, volume: amber(1.0), ..dielectric(vec3(0.9, 0.8, 0.7), 0.5) };
-    let half = Material { transmission: 0.5, roughness: 0.3, ..shade.clone() };
-    add_balls(&mut scene, [shade, half]);
     (scene, camera())
 }
 

@@ -1,6 +1,7 @@
 //! Small procedural scenes that together use the whole model, each with its camera; and helpers to build them.
 
 pub mod lit;
+pub mod lobes;
 pub mod materials;
 pub mod matte;
 pub mod moving;

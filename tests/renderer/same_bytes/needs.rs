@@ -10,7 +10,7 @@ use crate::reference::scenes::{instance, lit, materials, matte, scaled_at, sky};
 use diptych::accel::Layout;
 use diptych::image::Extent;
 use diptych::scene::needs::SceneNeeds;
-use diptych::scene::{DiffuseTransmission, Environment, Iridescence, Material, Scene, Sheen};
+use diptych::scene::{Anisotropy, DiffuseTransmission, Environment, Iridescence, Material, Scene, Sheen, Volume};
 use glam::{Vec3, vec3};
 
 /// Returns four scenes that together have each flag on and each off.
@@ -28,11 +28,14 @@ fn scenes() -> [(Scene, Pinhole, Layout); 4] {
     let base = dielectric(Vec3::splat(0.4), 0.5);
     let sheen = Sheen { color: Vec3::splat(0.7), roughness: 0.4, ..Sheen::default() };
     let film = Iridescence { factor: 1.0, ..Iridescence::default() };
+    let volume = Some(Volume { attenuation_color: Vec3::ONE, attenuation_distance: 1.0 });
     let leaf = DiffuseTransmission { factor: 0.6, ..DiffuseTransmission::default() };
     let panels = [
         Material { sheen, ..base.clone() },
         Material { iridescence: film, ..base.clone() },
-        Material { diffuse_transmission: leaf, ..base },
+        Material { diffuse_transmission: leaf, ..base.clone() },
+        Material { anisotropy: Anisotropy { strength: 0.8, ..Anisotropy::default() }, ..base },
+        Material { volume, dispersion: 3.0, ..glass(Vec3::ONE, 0.0) },
     ];
     add_panels(&mut coated, panels);
     coated.environment = Environment::Map { image: sky(Extent::new(16, 8)).into(), rotation_deg: 0.0 };

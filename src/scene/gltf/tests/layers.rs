@@ -6,7 +6,8 @@ use serde_json::{Value, json};
 use super::materials::{LEFT, RIGHT, with_material, with_texture};
 use super::{Draft, assert_mentions};
 use crate::scene::{
-    AlphaMode, Clearcoat, DiffuseTransmission, Iridescence, Material, NormalMap, Scene, Sheen, TextureRef, Volume,
+    AlphaMode, Anisotropy, Clearcoat, DiffuseTransmission, Iridescence, Material, NormalMap, Scene, Sheen, TextureRef,
+    Volume,
 };
 
 const TEXTURE: TextureRef = TextureRef { texture: 0, uv_set: 0, uv_from_uv: Affine2::IDENTITY };
@@ -292,9 +293,41 @@ fn specular_glossiness_is_a_dielectric_of_any_reflectance() {
 }
 
 #[test]
-fn other_extensions_of_materials_are_warned_of_once_or_refused() {
+fn anisotropy_is_read() {
+    let name = "KHR_materials_anisotropy";
+    let brushed = json!({"anisotropyStrength": 0.5, "anisotropyRotation": -0.7, "anisotropyTexture": {"index": 0}});
+    let mut draft = with_extension(name, brushed);
+    let expected = Anisotropy { strength: 0.5, rotation: -0.7, texture: Some(TEXTURE) };
+    // The mesh has no texture coordinates.
+    let scene = draft.scene();
+    assert_eq!(scene.materials[0], Material { anisotropy: expected, ..bare() });
+    assert_mentions(&scene.warnings.join(""), &["anisotropy", "texture coordinates", "Thing"]);
+    draft.json["materials"][0]["extensions"][name]["anisotropyStrength"] = json!(0);
+    assert_eq!(*quietly(&draft.scene()), bare());
+    let strong = with_extension(name, json!({"anisotropyStrength": 2})).scene();
+    let expected = Anisotropy { strength: 1.0, ..Anisotropy::default() };
+    assert_eq!((strong.materials[0].anisotropy, strong.warnings.len()), (expected, 2));
+    for broken in [json!({"anisotropyRotation": 1e39}), json!({"anisotropyTexture": 3}), json!(true)] {
+        assert_mentions(&with_extension(name, broken).complaint(), &["material 0", "anisotropy"]);
+    }
+}
+
+#[test]
+fn dispersion_is_read() {
     let name = "KHR_materials_dispersion";
-    let mut draft = with_material(json!({"extensions": {name: {"dispersion": 1}}}));
+    let scene = with_extension(name, json!({"dispersion": 0.4})).scene();
+    assert_eq!(*quietly(&scene), Material { dispersion: 0.4, ..bare() });
+    let odd = with_extension(name, json!({"dispersion": -1})).scene();
+    assert_eq!((odd.materials[0].dispersion, odd.warnings.len()), (0.0, 1));
+    for broken in [json!({"dispersion": 1e39}), json!({"dispersion": "rainbow"})] {
+        assert_mentions(&with_extension(name, broken).complaint(), &["material 0", "dispersion"]);
+    }
+}
+
+#[test]
+fn other_extensions_of_materials_are_warned_of_once_or_refused() {
+    let name = "EXT_materials_bump";
+    let mut draft = with_material(json!({"extensions": {name: {"bumpFactor": 1}}}));
     draft.push("materials", draft.json["materials"][0].clone());
     draft.json["extensionsUsed"] = json!([name]);
     let scene = draft.scene();

@@ -52,6 +52,25 @@ fn tangents_run_along_u_and_bitangents_up_the_image() {
 }
 
 #[test]
+fn anisotropy_has_the_tangents_of_its_texture_or_of_the_file() {
+    let mut draft = quad(UPRIGHT);
+    draft.json["materials"][0].as_object_mut().unwrap().remove("normalTexture");
+    let name = "KHR_materials_anisotropy";
+    draft.json["extensionsUsed"] = json!([name, "KHR_texture_transform"]);
+    draft.json["materials"][0]["extensions"] = json!({name: {"anisotropyStrength": 0.5}});
+    assert_all(&draft.scene().meshes[0], Vec4::new(1.0, 0.0, 0.0, 1.0));
+    let mirrored = json!({"index": 0, "extensions": {"KHR_texture_transform": {"scale": [-2, 2]}}});
+    draft.json["materials"][0]["extensions"][name]["anisotropyTexture"] = mirrored;
+    assert_all(&draft.scene().meshes[0], Vec4::new(-1.0, 0.0, 0.0, -1.0));
+    let tangents = draft.floats("VEC4", &[0.0, 1.0, 0.0, 1.0].repeat(4));
+    draft.attribute("TANGENT", tangents);
+    draft.json["meshes"][0]["primitives"][0]["attributes"].as_object_mut().unwrap().remove("TEXCOORD_0");
+    let scene = draft.scene();
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    assert_all(&scene.meshes[0], Vec4::new(0.0, 1.0, 0.0, 1.0));
+}
+
+#[test]
 fn tangents_follow_the_transform_and_the_set_of_the_map() {
     let mut draft = quad(UPRIGHT);
     draft.json["materials"][0]["normalTexture"]["extensions"] = json!({"KHR_texture_transform": {"scale": [-2, 2]}});
