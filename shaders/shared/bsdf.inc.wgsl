@@ -164,12 +164,12 @@ fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32) -> Scatter
     }
     if HAS_DISPERSION {
         if is_dispersive(s) {
-            // Each colour has a lobe of its own, and samples choose among them.
+            // Each colour has a lobe of its own.
             var all = Scattering(vec3<f32>(0.0), 0.0);
             for (var c = 0; c < 3; c += 1) {
                 let one = refract_at(s, v, l, nv, nl, s.etas[c]);
                 all.value[c] = one.value[c];
-                all.pdf += one.pdf / 3.0;
+                all.pdf += one.pdf * s.colors[c];
             }
             return all;
         }
@@ -311,9 +311,11 @@ fn sample_facet(s: Surface, v: vec3<f32>, coat: bool, pick: f32, u: vec2<f32>, o
             if HAS_DISPERSION {
                 if is_dispersive(s) {
                     // The rest of the random number chooses the colour. A smooth surface sends the others elsewhere.
-                    let color = min(u32(3.0 * (pick - reflects) / (1.0 - reflects)), 2u);
+                    let rest = (pick - reflects) / (1.0 - reflects);
+                    let color = select(0, 1, rest >= s.colors.r) + select(0, 1, rest >= s.colors.r + s.colors.g);
                     eta = s.etas[color];
-                    weight *= select(vec3<f32>(0.0), vec3<f32>(3.0), vec3<u32>(color) == vec3<u32>(0u, 1u, 2u));
+                    let is_color = vec3<i32>(color) == vec3<i32>(0, 1, 2);
+                    weight *= select(vec3<f32>(0.0), vec3<f32>(1.0 / max(s.colors[color], 1e-6)), is_color);
                 }
             }
             let cos2 = 1.0 - (1.0 - vh * vh) / (eta * eta);

@@ -252,6 +252,9 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, medium_in: Medium, sampli
     for (var depth = links + 1u; depth <= sampling.reflections; depth += 1u) {
         let is_first = depth == links + 1u;
         let is_last = depth == sampling.reflections;
+        if HAS_DISPERSION {
+            s.colors = throughput / max(throughput.r + throughput.g + throughput.b, 1e-30);
+        }
         if has_lights(is_first) {
             let direct = throughput * direct_light(s, v, medium, depth, is_first, rng, &rays, &share);
             gather(&result, select(clamp_indirect(direct, sampling.indirect_clamp), direct, is_first), share);

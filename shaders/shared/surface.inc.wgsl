@@ -54,6 +54,8 @@ struct Surface {
     eta: f32,
     // The same for red, green and blue, where they differ.
     etas: vec3<f32>,
+    // Probabilities with which `sample_bsdf` follows red, green and blue where they part.
+    colors: vec3<f32>,
     is_thin: bool,
     // Fresnel reflectance of the coat, towards the viewer, times its strength.
     coat: f32,
@@ -219,6 +221,7 @@ fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_view
     (*s).roughness = 1.0;
     (*s).eta = 1.0;
     (*s).etas = vec3<f32>(1.0);
+    (*s).colors = vec3<f32>(1.0 / 3.0);
     (*s).is_thin = true;
     (*s).odds = vec3<f32>(1.0, 0.0, 0.0);
     if all_are_lambertian() {
