@@ -73,9 +73,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
     let loaded = setup::load(options)?;
-    for warning in &loaded.scene.warnings {
-        eprintln!("warning: {warning}");
-    }
+    setup::tell_remarks(&loaded.scene);
     let exposure_ev = loaded.exposure_ev();
     let peers = peers.map_or(Ok(Vec::new()), |peers| peers.at(exposure_ev)).map_err(|e| Failure::Input(e.into()))?;
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;

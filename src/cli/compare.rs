@@ -1,7 +1,9 @@
 //! `diptych compare`.
 
+mod aovs;
 mod by_kind;
 mod findings;
+mod pictures;
 mod rivalry;
 mod sequence;
 mod text;
@@ -11,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use crate::exec::Stereo;
 use crate::image::display::{DisplayImage, write_png};
-use crate::image::exr::{ColourFile, read_colour};
+use crate::image::exr::read_colour;
 use crate::image::{Extent, stereo};
 use crate::metrics::disparity::FeatureDisparity;
 use crate::metrics::heatmap::{flip_heatmap, heatmap};
@@ -31,6 +33,8 @@ use viewing::{Sourced, differences};
 #[command(after_long_help = text::help())]
 pub struct Args {
     /// Reference: an image, or a folder with left.exr and right.exr or a sequence
+    ///
+    /// Images are OpenEXR files, or two pictures (PNG or JPEG), whose levels are compared as they are.
     reference: PathBuf,
     /// Image or folder to compare; render sequences with --aov motion,position,normal
     image: PathBuf,
@@ -100,6 +104,7 @@ fn exposure(text: &str) -> Result<f32, String> {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let (reference, image) = (&args.reference, &args.image);
     match (reference.is_dir(), image.is_dir()) {
+        (false, false) if [reference, image].into_iter().any(|path| pictures::is_picture(path)) => pictures::run(args),
         (false, false) => one(args),
         (true, true) if is_sequence(reference, image).map_err(Failure::Input)? => {
             refuse_options_of_images(args).map_err(Failure::Input)?;
@@ -135,7 +140,7 @@ fn one(args: &Args) -> Result<(), Failure> {
     let compared = Compared::read(args, &args.reference, &args.image)?;
     compared.findings.warn("");
     compared.findings.rings.iter().for_each(Rings::warn);
-    write_map(&args.heatmap, || compared.heatmap())?;
+    write_map(&args.heatmap, || Ok(heatmap(&compared.pair)))?;
     write_map(&args.flip_map, || Ok(flip_heatmap(&compared.pair)))?;
     if let Some(picture) = &compared.kinds {
         write_map(&args.kind_map, || Ok(picture.clone()))?;
@@ -155,7 +160,7 @@ fn both_eyes(args: &Args) -> Result<(), Failure> {
     right.findings.warn("right eye: ");
     left.findings.rings.iter().for_each(Rings::warn);
     let side_by_side = |left: DisplayImage, right: DisplayImage| Ok(stereo::side_by_side(&left, &right)?);
-    write_map(&args.heatmap, || side_by_side(left.heatmap()?, right.heatmap()?))?;
+    write_map(&args.heatmap, || side_by_side(heatmap(&left.pair), heatmap(&right.pair)))?;
     write_map(&args.flip_map, || side_by_side(flip_heatmap(&left.pair), flip_heatmap(&right.pair)))?;
     if let (Some(left), Some(right)) = (left.kinds, right.kinds) {
         write_map(&args.kind_map, || side_by_side(left, right))?;
@@ -200,8 +205,6 @@ fn write_map(path: &Option<PathBuf>, map: impl FnOnce() -> Result<DisplayImage, 
 
 /// An image and its reference, with the results of their comparison.
 struct Compared {
-    reference: ColourFile,
-    image: ColourFile,
     pair: Pair,
     findings: Findings,
     /// Map of each pixel's kind, if --by-kind or --kind-map is given.
@@ -239,11 +242,7 @@ impl Compared {
             by_kind,
             seams: (!args.seams.is_empty()).then(|| pair.seam_error(&args.seams)),
         };
-        Ok(Self { reference, image, pair, findings, kinds })
-    }
-
-    fn heatmap(&self) -> Result<DisplayImage, Failure> {
-        Ok(heatmap(&self.reference.image, &self.image.image, self.findings.exposure_ev)?)
+        Ok(Self { pair, findings, kinds })
     }
 }
 

@@ -7,6 +7,7 @@ use crate::scene::export::export;
 use super::failure::Failure;
 use super::output;
 use super::scene_options::SceneOptions;
+use super::setup;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -24,9 +25,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let (shot, scene) = args.scene.load(&args.shot, args.time, &args.scene.budget())?;
-    for warning in &scene.warnings {
-        eprintln!("warning: {warning}");
-    }
+    setup::tell_remarks(&scene);
     output::prepare(&args.out, "--out")?;
     say!("{}", export(&shot, &scene.at(args.time), &args.out)?.display());
     Ok(())

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use crate::graph::FrameGraph;
 use crate::image::file::atomic_write;
 use crate::passes::{FrameSpec, declare};
+use crate::report::Table;
 use crate::report::program::{dot, left_out_table, passes_table, transfers_table};
 use crate::schedule::CostModel;
 
@@ -26,6 +27,13 @@ pub struct Args {
     dot: Option<PathBuf>,
 }
 
+/// Prints a table unless it is empty.
+fn show(table: &Table) {
+    if !table.rows.is_empty() {
+        say!("{}", table.text());
+    }
+}
+
 /// Vertical search range of temporal reprojection that the printed graph assumes, in rows above and below. It is the
 /// range of a static scene with a static camera.
 const HISTORY_ROWS: u32 = 4;
@@ -41,24 +49,32 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let model = CostModel::new(&spec, &config.buffers.declarations);
     let assignment = setup::policy(options, config.grid(), devices)?.assign(&model);
     let graph = FrameGraph::build(model.program(), &assignment, spec.history_rows.map(|_| &assignment));
-    say!("{}", passes_table(&graph.program).text());
     let left_out = left_out_table(&declare(&spec).left_out);
-    if !left_out.rows.is_empty() {
-        say!("{}", left_out.text());
-    }
-    let transfers = transfers_table(&graph);
-    if !transfers.rows.is_empty() {
-        say!("{}", transfers.text());
-    }
-    let passes = graph.dag.node_weights().filter(|t| graph.pass(t).is_some()).count();
+    let (passes, transfers) = (passes_table(&graph.program), transfers_table(&graph));
+    let tasks = graph.dag.node_count();
+    let pass_tasks = graph.dag.node_weights().filter(|t| graph.pass(t).is_some()).count();
     let bytes: u64 = graph.dag.node_weights().map(|t| graph.bytes(t)).sum::<u64>() / 2;
-    say!(
-        "{} tasks on {devices} device(s), {passes} of them passes; {:.2} MiB cross between devices",
-        graph.dag.node_count(),
-        bytes as f64 / f64::from(1 << 20)
-    );
     if let Some(file) = file {
         atomic_write(file, |out| out.write_all(dot(&graph).as_bytes()))?;
+    }
+    if options.json {
+        let tables = [&passes, &left_out, &transfers].map(Table::objects);
+        let [passes, left_out, transfers] = tables;
+        say!(
+            "{}",
+            serde_json::json!({
+                "devices": devices, "tasks": tasks, "pass_tasks": pass_tasks, "transferred_bytes": bytes,
+                "passes": passes, "left_out": left_out, "transfers": transfers,
+            })
+        );
+        return Ok(());
+    }
+    say!("{}", passes.text());
+    show(&left_out);
+    show(&transfers);
+    let mib = bytes as f64 / f64::from(1 << 20);
+    say!("{tasks} tasks on {devices} device(s), {pass_tasks} of them passes; {mib:.2} MiB cross between devices");
+    if let Some(file) = file {
         say!("{}", file.display());
     }
     Ok(())

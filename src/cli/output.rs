@@ -24,6 +24,7 @@ use crate::scene::rig::{Eye, Rig};
 use crate::stages::Foveation;
 
 use super::failure::Failure;
+use super::options::OUTPUT;
 
 /// Creates the folder that `option` names and checks that it is writable, before the run renders anything. Renames
 /// files that a killed run left there, with a warning.
@@ -86,6 +87,22 @@ impl Sheet {
         }
         Ok(write_png(&dir.join(SHEET), &sheet::contact_sheet(&self.pictures, Self::COLUMNS)?)?)
     }
+}
+
+/// Forms of the files of a frame, as options of `render`.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct Forms {
+    /// Also write a red-cyan anaglyph
+    #[arg(hide_short_help = true, long, help_heading = OUTPUT)]
+    anaglyph: bool,
+    /// Put the left eye above the right in stereo.png, not beside it
+    #[arg(hide_short_help = true, long, help_heading = OUTPUT)]
+    over_under: bool,
+    /// Write auxiliary images as layers of left.exr and right.exr
+    ///
+    /// They have no files of their own then. Channels are named as in normal.X.
+    #[arg(hide_short_help = true, long, help_heading = OUTPUT)]
+    layers: bool,
 }
 
 /// A frame's images, read back from the devices.
@@ -211,7 +228,7 @@ impl FrameImages {
         &self,
         dir: &Path,
         number: Option<u32>,
-        anaglyph: bool,
+        forms: Forms,
         tags: &Stereo<Tags>,
     ) -> Result<Vec<String>, Failure> {
         let _span = tracing::info_span!("write files").entered();
@@ -220,10 +237,14 @@ impl FrameImages {
             names.push(named(stem, number, extension));
             dir.join(&names[names.len() - 1])
         };
-        exr::write_tagged_rgb(&name("left", "exr"), &self.linear.left, &tags.left)?;
-        exr::write_tagged_rgb(&name("right", "exr"), &self.linear.right, &tags.right)?;
         let extent = self.linear.left.extent;
-        for (aov, images) in &self.aovs {
+        if forms.layers {
+            self.write_layers([&name("left", "exr"), &name("right", "exr")], tags)?;
+        } else {
+            exr::write_tagged_rgb(&name("left", "exr"), &self.linear.left, &tags.left)?;
+            exr::write_tagged_rgb(&name("right", "exr"), &self.linear.right, &tags.right)?;
+        }
+        for (aov, images) in self.aovs.iter().filter(|_| !forms.layers) {
             for (eye, planes, tags) in [("left", &images.left, &tags.left), ("right", &images.right, &tags.right)] {
                 let tags = Tags { exposure_ev: None, pixel_centre: Some(self.pixel_centre), ..tags.clone() };
                 let channels: Vec<_> = aov.channels().iter().zip(planes).map(|(n, p)| (*n, p.as_slice())).collect();
@@ -239,11 +260,31 @@ impl FrameImages {
         }
         write_png(&name("left", "png"), &self.display.left)?;
         write_png(&name("right", "png"), &self.display.right)?;
-        write_png(&name("stereo", "png"), &stereo::side_by_side(&self.display.left, &self.display.right)?)?;
-        if anaglyph {
-            write_png(&name("anaglyph", "png"), &stereo::anaglyph(&self.display.left, &self.display.right)?)?;
+        let Stereo { left, right } = &self.display;
+        let arrange = if forms.over_under { stereo::over_under } else { stereo::side_by_side };
+        write_png(&name("stereo", "png"), &arrange(left, right)?)?;
+        if forms.anaglyph {
+            write_png(&name("anaglyph", "png"), &stereo::anaglyph(left, right)?)?;
         }
         Ok(names)
+    }
+
+    /// Writes an image of each eye with its auxiliary images as layers.
+    fn write_layers(&self, paths: [&Path; 2], tags: &Stereo<Tags>) -> Result<(), Failure> {
+        for (eye, path) in Eye::ALL.into_iter().zip(paths) {
+            let (linear, tags) = (self.linear.of(eye), tags.of(eye));
+            let colour = |c: usize| linear.pixels.iter().map(|p| p[c]).collect::<Vec<f32>>();
+            let mut layers =
+                vec![("R".to_owned(), colour(0)), ("G".to_owned(), colour(1)), ("B".to_owned(), colour(2))];
+            for (aov, images) in &self.aovs {
+                let named = aov.channels().iter().map(|channel| format!("{}.{channel}", aov.name()));
+                layers.extend(named.zip(images.of(eye).iter().cloned()));
+            }
+            let channels: Vec<_> = layers.iter().map(|(name, plane)| (name.as_str(), plane.as_slice())).collect();
+            let tags = Tags { pixel_centre: Some(self.pixel_centre), ..tags.clone() };
+            exr::write_tagged_channels(path, linear.extent, &channels, &tags)?;
+        }
+        Ok(())
     }
 }
 

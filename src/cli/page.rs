@@ -71,7 +71,9 @@ pub fn swimlanes(note: String, frames: &[LaneFrame<'_>], shown: usize) -> Result
 pub fn scene(options: &RunOptions, loaded: &LoadedScene) -> Section {
     let summary = SceneSummary::of(&loaded.scene, loaded.needs, !options.no_skip);
     let mut table = Table::of_fields(&summary);
-    table.rows.retain(|row| row.first().is_none_or(|name| !["needs", "warnings", "skipped"].contains(&name.as_str())));
+    table.rows.retain(|row| {
+        row.first().is_none_or(|name| !["needs", "warnings", "notes", "skipped"].contains(&name.as_str()))
+    });
     let notes = summary.warnings.iter().map(|warning| format!("Warning: {warning}")).collect();
     Section { heading: "Scene", notes, table: Some(table), figure: None }
 }

@@ -30,7 +30,7 @@ use super::failure::Failure;
 use super::interrupt;
 use super::metering;
 use super::options::RenderOptions;
-use super::output::{self, FrameImages};
+use super::output::{self, Forms, FrameImages};
 use super::page::and_page;
 use super::pictures::Pictures;
 use super::progress::Progress;
@@ -68,9 +68,7 @@ fn play(args: &Args) -> Result<(), Failure> {
     let progress = Progress::text(options.quiet, options.json);
     progress.phase("loading");
     let mut loaded = setup::load(options)?;
-    for warning in &loaded.scene.warnings {
-        eprintln!("warning: {warning}");
-    }
+    setup::tell_remarks(&loaded.scene);
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
     let gpus = metering::meter(options, &mut loaded, gpus, &progress)?;
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
@@ -240,7 +238,7 @@ impl<'a> Run<'a> {
         let exposure_ev = self.loaded.shot.exposure_ev;
         let tags = output::tags(&self.rig(index), exposure_ev, self.options.size, time_s, index);
         let images = FrameImages::read(&mut self.session.renderer, &[])?;
-        self.pictures.add(images.write(&self.options.out, number, false, &tags)?);
+        self.pictures.add(images.write(&self.options.out, number, Forms::default(), &tags)?);
         Ok(())
     }
 }

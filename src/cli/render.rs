@@ -20,7 +20,7 @@ use super::foveation::Preset;
 use super::interrupt;
 use super::metering;
 use super::options::{self, RenderOptions};
-use super::output::{self, FrameImages, SHEET, Sheet};
+use super::output::{self, Forms, FrameImages, SHEET, Sheet};
 use super::pictures::Pictures;
 use super::progress::Progress;
 use super::reference::{self, PassOptions, Plan};
@@ -44,9 +44,8 @@ pub struct Args {
     /// Also write each task to run.json
     #[arg(hide_short_help = true, long, help_heading = options::OUTPUT)]
     details: bool,
-    /// Also write a red-cyan anaglyph
-    #[arg(hide_short_help = true, long, help_heading = options::OUTPUT)]
-    anaglyph: bool,
+    #[command(flatten)]
+    forms: Forms,
     /// Also write the left eye's frames as a contact sheet, sheet.png
     #[arg(long, conflicts_with = "reference", help_heading = options::OUTPUT)]
     sheet: bool,
@@ -116,9 +115,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let progress = Progress::new(u64::from(warm_up_frames + options.frames), options.quiet, options.json);
     progress.phase("loading");
     let mut loaded = setup::load(options)?;
-    for warning in &loaded.scene.warnings {
-        eprintln!("warning: {warning}");
-    }
+    setup::tell_remarks(&loaded.scene);
     if args.overlay && loaded.shot.rig.optics.is_some() && options.foveated.space().is_some() {
         let what =
             "--overlay does not support polar --foveation with the eye projections of --motion: drop one of them";
@@ -220,7 +217,7 @@ impl Run<'_> {
             let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, time_s, frame.index);
             images.pixel_centre = frame.pixel_centre;
             let number = (options.frames > 1).then_some(frame.index);
-            self.pictures.add(images.write(&options.out, number, self.args.anaglyph, &tags)?);
+            self.pictures.add(images.write(&options.out, number, self.args.forms, &tags)?);
             if self.args.sheet {
                 sheet.add(&images);
             }
@@ -334,7 +331,7 @@ fn reference_frame(
     }
     let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, plan.time_s(index), index);
     rows.references.push(done.row);
-    images.write(&options.out, (options.frames > 1).then_some(index), args.anaglyph, &tags)
+    images.write(&options.out, (options.frames > 1).then_some(index), args.forms, &tags)
 }
 
 /// Prints the results and the output folder.

@@ -7,6 +7,7 @@ use crate::scene::motion::Moves;
 
 use super::failure::Failure;
 use super::scene_options::SceneOptions;
+use super::setup;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -41,14 +42,12 @@ fn describe(shot: &str, args: &Args) -> Result<(), Failure> {
     if args.json {
         let scene = json!({
             "name": shot.name, "triangles": triangles, "instances": instances, "lights": lights, "moves": moves,
-            "warnings": scene.warnings,
+            "warnings": scene.warnings, "notes": scene.notes,
         });
         say!("{scene}");
         return Ok(());
     }
-    for warning in &scene.warnings {
-        eprintln!("warning: {warning}");
-    }
+    setup::tell_remarks(&scene);
     say!("{}: {triangles} triangles, {instances} instances, {lights} lights", shot.name);
     match &moves {
         None => say!("the scene is static"),

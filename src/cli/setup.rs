@@ -11,11 +11,11 @@ use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::passes::Display;
 use crate::quality::{Envelope, Quality};
-use crate::scene::SceneError;
 use crate::scene::complete::Look;
 use crate::scene::folder::Source;
 use crate::scene::head::HeadMotion;
 use crate::scene::rig::Rig;
+use crate::scene::{Scene, SceneError};
 use crate::schedule::Policy;
 use crate::stages::{Execution, RunConfig};
 use crate::trace::frames::{FrameControl, record_frame};
@@ -26,6 +26,12 @@ use super::failure::Failure;
 use super::node;
 use super::options::{HaloOption, RenderOptions, RunOptions, Switch};
 use super::registry::registered;
+
+/// Prints the warnings of the scene's file, and notes on what was chosen for it.
+pub fn tell_remarks(scene: &Scene) {
+    scene.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+    scene.notes.iter().for_each(|note| eprintln!("note: {note}"));
+}
 
 /// Loads the scene on all ranks, and head motion on this one.
 pub fn load(options: &RunOptions) -> Result<LoadedScene, Failure> {

@@ -11,6 +11,7 @@ use crate::scene::shot::{SceneSource, Sky};
 
 use super::failure::Failure;
 use super::scene_options::SceneOptions;
+use super::setup;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -34,9 +35,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return Err(Failure::Input(what));
     }
     let (mut shot, scene) = args.scene.load(&args.scene_file, 0.0, &args.scene.budget())?;
-    for warning in &scene.warnings {
-        eprintln!("warning: {warning}");
-    }
+    setup::tell_remarks(&scene);
     let here = folder_of(out);
     std::fs::create_dir_all(here)
         .with_context(|| format!("cannot write into '{}': choose another --out", here.display()))?;

@@ -46,9 +46,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let progress = Progress::text(options.quiet, options.json);
     progress.phase("loading");
     let mut loaded = setup::load(options)?;
-    for warning in &loaded.scene.warnings {
-        progress.warn(warning);
-    }
+    setup::tell_remarks(&loaded.scene);
     // Open devices before the renderer's thread starts: Mesa takes thread counts from the environment, which other
     // threads must not read meanwhile.
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;

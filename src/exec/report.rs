@@ -287,3 +287,13 @@ pub struct Stereo<T> {
     pub left: T,
     pub right: T,
 }
+
+impl<T> Stereo<T> {
+    /// Returns the value of an eye.
+    pub fn of(&self, eye: Eye) -> &T {
+        match eye {
+            Eye::Left => &self.left,
+            Eye::Right => &self.right,
+        }
+    }
+}

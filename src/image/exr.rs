@@ -127,9 +127,18 @@ pub fn read_colour(path: &Path) -> Result<ColourFile, ImageError> {
 /// # Errors
 /// Errors of [`read_colour`], with [`ImageError::NoChannels`] for a file without these channels.
 pub fn read_channels(path: &Path, names: [&'static str; 3]) -> Result<ColourFile, ImageError> {
-    let lacks = |path, channels| ImageError::NoChannels { path, wanted: names.join(", "), channels };
-    let named = move |headers: &[Header]| Colour::first(headers, |list| channels_of_layer(list, "", names));
-    read(path, named, lacks)
+    read_layer(path, "", names)
+}
+
+/// Reads three channels of a layer like [`read_channels`]. The layer's name ends in a dot, as in `normal.X`; it is empty
+/// for channels without one.
+///
+/// # Errors
+/// Errors of [`read_channels`].
+pub fn read_layer(path: &Path, layer: &str, names: [&'static str; 3]) -> Result<ColourFile, ImageError> {
+    let wanted = || names.map(|name| format!("{layer}{name}")).join(", ");
+    let lacks = |path, channels| ImageError::NoChannels { path, wanted: wanted(), channels };
+    read(path, |headers| Colour::first(headers, |list| channels_of_layer(list, layer, names)), lacks)
 }
 
 /// Decodes a file's `bytes` like [`read_rgb`] if decoding takes at most `max_memory` further bytes.

@@ -1,4 +1,4 @@
-//! Combines both eyes' images in one image: side by side, or as an anaglyph.
+//! Combines both eyes' images in one image: side by side, one above the other, or as an anaglyph.
 
 use super::display::DisplayImage;
 use super::{Extent, Image, ImageError, check_same_size};
@@ -12,6 +12,16 @@ pub fn side_by_side<T: Clone>(left: &Image<T>, right: &Image<T>) -> Result<Image
     let Extent { width, height } = left.extent;
     let pixels = left.extent.rows().flat_map(|y| [left.rows(y..y + 1), right.rows(y..y + 1)]).flatten();
     Ok(Image { extent: Extent::new(2 * width, height), pixels: pixels.cloned().collect() })
+}
+
+/// Puts the left eye's image above the right eye's.
+///
+/// # Errors
+/// [`ImageError::SizeMismatch`].
+pub fn over_under<T: Clone>(left: &Image<T>, right: &Image<T>) -> Result<Image<T>, ImageError> {
+    check_same_size(left.extent, right.extent)?;
+    let Extent { width, height } = left.extent;
+    Ok(Image { extent: Extent::new(width, 2 * height), pixels: [&left.pixels[..], &right.pixels].concat() })
 }
 
 /// Makes a half-colour anaglyph for red-cyan glasses: red is the left eye's luma; green and blue are the right eye's.
@@ -43,6 +53,8 @@ mod tests {
         let both = side_by_side(&left, &right).unwrap();
         assert_eq!(both.extent, Extent::new(4, 2));
         assert_eq!(both.pixels, [1, 2, 5, 6, 3, 4, 7, 8]);
+        let stacked = over_under(&left, &right).unwrap();
+        assert_eq!((stacked.extent, stacked.pixels), (Extent::new(2, 4), vec![1, 2, 3, 4, 5, 6, 7, 8]));
     }
 
     #[test]

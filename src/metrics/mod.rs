@@ -22,8 +22,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::image::display::{display_value, gain};
-use crate::image::{Extent, ImageError, RgbImage, check_same_size};
+use crate::image::display::{DisplayImage, display_value, gain, linear_from_srgb};
+use crate::image::{Extent, Image, ImageError, RgbImage, check_same_size};
 
 /// Errors of an image against its reference.
 ///
@@ -86,6 +86,12 @@ struct Side {
 }
 
 impl Side {
+    /// Takes the levels of a picture as display values, and decodes them from sRGB to radiance.
+    fn of_picture(picture: &DisplayImage) -> Self {
+        let shown: Vec<[f64; 3]> = picture.pixels.iter().map(|p| p.map(|level| f64::from(level) / 255.0)).collect();
+        Self { radiance: shown.iter().map(|p| p.map(linear_from_srgb)).collect(), shown, nonfinite_px: 0 }
+    }
+
     fn new(image: &RgbImage, exposure_ev: f32) -> Self {
         let gain = gain(exposure_ev);
         let finite = |c: f32| if c.is_finite() { f64::from(c) } else { 0.0 };
@@ -119,12 +125,25 @@ impl Pair {
     /// # Errors
     /// [`ImageError::SizeMismatch`], [`ImageError::NoPixels`].
     pub fn new(reference: &RgbImage, image: &RgbImage, exposure_ev: f32) -> Result<Self, ImageError> {
-        check_same_size(reference.extent, image.extent)?;
-        let extent = reference.extent;
+        Self::of_sides([reference, image], |side| Side::new(side, exposure_ev))
+    }
+
+    /// Prepares a pair of sRGB pictures. Their levels are the display values, and errors of radiance are those of the
+    /// decoded levels, from 0 to 1.
+    ///
+    /// # Errors
+    /// Errors of [`Self::new`].
+    pub fn of_pictures(reference: &DisplayImage, image: &DisplayImage) -> Result<Self, ImageError> {
+        Self::of_sides([reference, image], Side::of_picture)
+    }
+
+    fn of_sides<T>(images: [&Image<T>; 2], side: impl Fn(&Image<T>) -> Side) -> Result<Self, ImageError> {
+        let extent = images[0].extent;
+        check_same_size(extent, images[1].extent)?;
         if extent.area() == 0 {
             return Err(ImageError::NoPixels(extent));
         }
-        let [reference, image] = [reference, image].map(|side| Side::new(side, exposure_ev));
+        let [reference, image] = images.map(side);
         let flip = flip::flip_map(extent, &reference.shown, &image.shown);
         Ok(Self { extent, reference, image, flip })
     }

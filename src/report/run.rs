@@ -47,6 +47,8 @@ pub struct SceneSummary {
     /// Shader features compiled out because the scene lacks them.
     pub skipped: Vec<&'static str>,
     pub warnings: Vec<String>,
+    /// What was chosen where the file says nothing, such as a viewpoint.
+    pub notes: Vec<String>,
 }
 
 impl SceneSummary {
@@ -63,6 +65,7 @@ impl SceneSummary {
             needs,
             skipped: skipped.collect(),
             warnings: scene.warnings.clone(),
+            notes: scene.notes.clone(),
         }
     }
 }

@@ -44,6 +44,13 @@ impl Table {
         Table { headers: vec!["devices", "of these", "adapter", "driver", "kind", "threads each", "traversal"], rows }
     }
 
+    /// Returns an object per row, whose keys are the headers in snake case. Whole numbers become JSON numbers.
+    pub fn objects(&self) -> Value {
+        let value = |cell: &String| cell.parse::<u64>().map_or_else(|_| cell.as_str().into(), Value::from);
+        let keys = || self.headers.iter().map(|header| header.replace(' ', "_"));
+        self.rows.iter().map(|row| Value::Object(keys().zip(row.iter().map(value)).collect())).collect()
+    }
+
     /// Returns true if a column holds only numbers.
     pub fn is_numeric(&self, column: usize) -> bool {
         self.rows.iter().all(|row| row.get(column).is_none_or(|cell| is_number(cell)))

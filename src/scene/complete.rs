@@ -74,7 +74,7 @@ pub fn complete(
     let (rig, room) = rig(&draft.rig, lights_rooms, overrides, scene, motion, budget)?;
     let fill = room.filter(|room| lights_rooms && room.openness < LEAST_OPENNESS).map(|room| fill_light(&rig, room));
     if fill.is_some() {
-        scene.warnings.push("the room has hardly any openings: added a light at the camera".to_owned());
+        scene.notes.push("the room has hardly any openings: added a light at the camera".to_owned());
     }
     let exposure = overrides.exposure.or(draft.exposure).unwrap_or(exposure);
     Ok(Shot {
@@ -157,7 +157,7 @@ fn camera_rig(scene: &mut Scene, motion: &Motion, number: usize, overrides: &Ove
     };
     if count > 1 && overrides.camera.is_none() {
         let last = count - 1;
-        scene.warnings.push(format!(
+        scene.notes.push(format!(
             "taking the first of {count} cameras in the file; another can be chosen by its number, 0 to {last}"
         ));
     }
@@ -190,7 +190,7 @@ fn camera_path(camera: Camera, motion: &Motion, number: usize, time_s: f64) -> V
 /// Maximum number of keys of a camera's path, which is enough for one hour.
 const MOST_KEYS: f64 = 3600.0 * PATH_HZ;
 
-/// Returns the viewpoint that [`viewpoint::find`] chooses, and warns that the file has no camera. `baseline_m` is the
+/// Returns the viewpoint that [`viewpoint::find`] chooses, and notes that the file has no camera. `baseline_m` is the
 /// requested baseline.
 fn found_rig(scene: &mut Scene, wanted: &Wanted, baseline_m: Option<f64>, budget: &Budget) -> (Rig, Option<Room>) {
     let Viewpoint { rig, room } = viewpoint::find(scene, wanted, budget);
@@ -202,7 +202,7 @@ fn found_rig(scene: &mut Scene, wanted: &Wanted, baseline_m: Option<f64>, budget
         }
         _ => String::new(),
     };
-    scene.warnings.push(format!(
+    scene.notes.push(format!(
         "no camera in the file: placed the viewpoint {place} at {position:.3}, looking at {target:.3}{baseline}; choose \
          a position and a target, or write a shot, to change it"
     ));

@@ -43,7 +43,7 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
         let mut still = scene.at(overrides.time_s);
         let shot = complete(draft, overrides, &mut still, &scene.motion, access.budget)?;
         let bounds = studio::bounds_of_object(&still);
-        scene.warnings = still.warnings;
+        scene.notes = still.notes;
         (shot, bounds)
     };
     let first = scene.lights.len();
@@ -235,7 +235,7 @@ mod tests {
         let (shot, scene) = load_shot(folder.path().join("triangle.glb").to_str().unwrap()).unwrap();
         assert_eq!((shot.name.as_str(), &shot.scene), ("triangle", &SceneSource::File("triangle.glb".into())));
         assert_eq!(scene.environment, Environment::Constant(Vec3::ONE));
-        assert!(scene.warnings[0].contains("no camera in the file"), "{:?}", scene.warnings);
+        assert!(scene.notes[0].contains("no camera in the file"), "{:?}", scene.notes);
 
         let studio = Overrides { look: Look::Studio, ..Overrides::default() };
         let budget = Budget::unlimited();

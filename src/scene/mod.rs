@@ -173,6 +173,8 @@ pub struct Scene {
     pub motion: Motion,
     /// Warnings about parts of the file that were left out or approximated, without duplicates.
     pub warnings: Vec<String>,
+    /// What was chosen where the file says nothing, such as a viewpoint.
+    pub notes: Vec<String>,
 }
 
 /// World-space bounds; `min > max` when empty.
@@ -197,6 +199,7 @@ impl Scene {
             cameras: Vec::new(),
             motion: Motion::default(),
             warnings: Vec::new(),
+            notes: Vec::new(),
         }
     }
 

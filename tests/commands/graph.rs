@@ -34,6 +34,21 @@ fn it_prints_passes_transfers_and_what_is_left_out() {
 }
 
 #[test]
+fn it_prints_the_same_as_json() {
+    let options = ["--virtual", "2", "--halo", "exchange"];
+    let (text, json) = (graph(&options), graph(&[&options[..], &["--json"]].concat()));
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let passes = json["passes"].as_array().unwrap();
+    assert_eq!(passes.iter().filter(|pass| pass["pass"].as_str().unwrap().starts_with("svgf")).count(), 2 * 5);
+    assert_eq!((&json["devices"], &passes[0]["eye"], &passes[0]["#"]), (&2.into(), &"left".into(), &0.into()));
+    assert!(
+        text.contains(&format!("{} tasks on 2 device(s), {} of them", json["tasks"], json["pass_tasks"])),
+        "{text}"
+    );
+    assert!(json["transfers"][0]["bytes"].is_number() && json["left_out"][0]["why"].is_string(), "{json}");
+}
+
+#[test]
 fn each_seam_policy_has_its_own_passes_and_transfers() {
     let of = |seam: &str| graph(&["--virtual", "2", "--denoiser", "atrous", "--seam", seam]);
     let [none, filter, halo] = ["none", "filter", "halo"].map(of);

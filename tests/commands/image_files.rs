@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::common::diptych;
-use diptych::image::exr::{Tags, read_channels, read_colour, read_rgb};
+use diptych::image::exr::{Tags, read_channels, read_colour, read_layer, read_rgb};
 use serde_json::Value;
 
 const WIDTH: usize = 64;
@@ -133,6 +133,36 @@ fn an_eye_that_is_traced_has_no_shares() {
     let (said, run) = render("builtin:cornell", folder.path(), &["--reproject", "off"]);
     assert!(!said.contains("right eye"), "{said}");
     assert!(run["frames"][0].get("hole_fraction").is_none() && run["frames"][0]["rays"].as_u64() > Some(0));
+}
+
+/// Layers hold the same values as files, and `compare` finds them.
+#[test]
+fn auxiliary_images_may_be_layers() {
+    let folder = tempfile::tempdir().unwrap();
+    let [files, layers] = ["files", "layers"].map(|name| folder.path().join(name));
+    let options = ["--frames", "2", "--aov", "motion,position,normal"];
+    render("builtin:cornell", &files, &options);
+    render("builtin:cornell", &layers, &[&options[..], &["--layers", "--over-under"]].concat());
+    let names = |folder: &Path| std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect::<Vec<_>>();
+    assert!(!names(&layers).iter().any(|name| name.to_string_lossy().contains("normal")), "{:?}", names(&layers));
+    for eye in ["left", "right"] {
+        let of_files = read_channels(&files.join(format!("{eye}.normal.0001.exr")), ["X", "Y", "Z"]).unwrap();
+        let of_layers = read_layer(&layers.join(format!("{eye}.0001.exr")), "normal.", ["X", "Y", "Z"]).unwrap();
+        assert!(of_files.image == of_layers.image, "{eye}");
+        assert_eq!(of_layers.tags.pixel_centre, of_files.tags.pixel_centre);
+        let colour = |folder: &Path| read_rgb(&folder.join(format!("{eye}.0001.exr"))).unwrap();
+        assert!(colour(&files) == colour(&layers), "{eye}");
+    }
+    let compare = |image: &Path| {
+        let output = diptych(&["compare", files.to_str().unwrap(), image.to_str().unwrap(), "--json"]);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()
+    };
+    let (of_files, of_layers) = (compare(&files), compare(&layers));
+    assert!(of_files["rivalry"].is_number(), "{of_files}");
+    assert_eq!(of_files, of_layers);
+    let stereo = image::open(layers.join("stereo.0001.png")).unwrap();
+    assert_eq!((stereo.width(), stereo.height()), (WIDTH as u32, 2 * HEIGHT as u32));
 }
 
 /// `compare` reads eyes from folders, and exposure and cameras from the files, and rejects images that do not match.

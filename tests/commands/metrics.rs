@@ -4,7 +4,9 @@ use std::path::Path;
 use std::process::Output;
 
 use crate::common::diptych;
-use diptych::image::exr::{write_channels, write_rgb};
+use diptych::image::display::{tonemap, write_png};
+use diptych::image::exr::{read_rgb, write_channels, write_rgb};
+use diptych::image::tone::ToneCurve;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics::heatmap::heatmap;
 use diptych::metrics::{MEASURES, Pair, compare};
@@ -127,7 +129,7 @@ fn images_are_judged_at_the_exposure_they_are_shown_at() {
     assert_eq!(errors(&base, &image, 0.0), errors(&bright_base, &bright_image, -10.0));
     assert_ne!(errors(&base, &image, 0.0), errors(&bright_base, &bright_image, 0.0));
     let maps = [(&base, &image, 0.0), (&bright_base, &bright_image, -10.0), (&base, &image, -10.0)]
-        .map(|(reference, image, ev)| heatmap(reference, image, ev).unwrap());
+        .map(|(reference, image, ev)| heatmap(&Pair::new(reference, image, ev).unwrap()));
     assert!(maps[0] == maps[1] && maps[0] != maps[2]);
 }
 
@@ -272,6 +274,34 @@ fn compare_paints_where_the_error_is() {
     let unwritable = files.path("none/heat.png");
     let output = files.compare("reference.exr", "image.exr", &["--heatmap", unwritable.to_str().unwrap()]);
     assert_eq!(output.status.code(), Some(1));
+}
+
+/// Pictures of the same images have the same FLIP, up to the rounding of their levels.
+#[test]
+fn compare_takes_the_levels_of_pictures() {
+    let files = Files::new();
+    for name in ["reference", "image"] {
+        let image = read_rgb(&files.path(&format!("{name}.exr"))).unwrap();
+        let picture = tonemap(&image, 0.0, ToneCurve::Reinhard);
+        write_png(&files.path(&format!("{name}.png")), &picture).unwrap();
+    }
+    let map = files.path("map.png");
+    let options = ["--json", "--seam-rows", "10", "--heatmap", map.to_str().unwrap()];
+    let output = files.compare("reference.png", "image.png", &options);
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let exact = files.json(&["--seam-rows", "10"]);
+    let both = |name: &str| [&found, &exact].map(|json| json[name].as_f64().unwrap());
+    for (name, most) in [("flip", 2e-3), ("ssim", 2e-3), ("psnr", 0.05)] {
+        let [found, exact] = both(name);
+        assert!((found - exact).abs() < most, "{name}: {found}, of the images {exact}");
+    }
+    assert!(found["seams"]["ratio"].is_number() && image::open(&map).is_ok());
+    let text = files.compare("reference.png", "image.png", &[]).stdout;
+    assert!(String::from_utf8(text).unwrap().contains("flip "));
+    files.refused("reference.png", "image.exr", &[], &["image.exr", "two pictures"]);
+    files.refused("reference.png", "image.png", &["--exposure", "1"], &["--exposure", "OpenEXR"]);
+    std::fs::write(files.path("text.png"), "no picture").unwrap();
+    files.refused("reference.png", "text.png", &[], &["text.png"]);
 }
 
 #[test]

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use anyhow::{Context, Error};
 
-use super::by_kind::beside;
+use super::aovs;
 use crate::exec::Stereo;
-use crate::image::exr::{Tags, read_channels};
+use crate::image::exr::Tags;
 use crate::metrics::Pair;
 use crate::metrics::disparity::FeatureDisparity;
 use crate::metrics::rivalry::Differences;
@@ -26,13 +26,13 @@ impl Seen {
     /// has.
     pub fn read(images: &[&Path]) -> Result<Option<Self>, Error> {
         let xyz = ["X", "Y", "Z"];
-        let files = |image: &&Path| ["position", "normal"].map(|name| beside(image, name));
-        let Some([position, normal]) = images.iter().map(files).find(|paths| paths.iter().all(|path| path.is_file()))
-        else {
-            return Ok(None);
-        };
-        let (position, normal) = (read_channels(&position, xyz)?, read_channels(&normal, xyz)?);
-        Ok(Some(Self { surfaces: Surfaces::new(position.image, normal.image)?, tags: position.tags }))
+        for image in images {
+            let found = (aovs::read(image, "position", xyz)?, aovs::read(image, "normal", xyz)?);
+            if let (Some(position), Some(normal)) = found {
+                return Ok(Some(Self { surfaces: Surfaces::new(position.image, normal.image)?, tags: position.tags }));
+            }
+        }
+        Ok(None)
     }
 }
 

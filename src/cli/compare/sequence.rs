@@ -11,9 +11,10 @@ use crate::metrics::temporal::{Change, MovingSurfaces};
 use crate::metrics::{Errors, MEASURES, Pair};
 use crate::report::study::{SequenceRow, sequence_table};
 use crate::report::text_table;
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, anyhow, bail, ensure};
 use serde::Serialize;
 
+use super::aovs;
 use super::rivalry::{self, Seen};
 use super::viewing::{Sourced, differences, source_note};
 use crate::cli::failure::Failure;
@@ -119,18 +120,17 @@ impl<'a> Sequence<'a> {
         let pair = Pair::new(&reference.image, &image.image, self.exposure.value)?;
         // Read the auxiliary images from the image's folder, not the reference's: all passes of a reference are at one
         // instant, so its motion vectors would be zero.
-        let path = |name: &str| self.image.join(format!("{eye}.{name}.{frame:04}.exr"));
-        let is_missing = |name: &&&str| !path(name).is_file();
-        if let Some(name) = ["motion", "position", "normal"].iter().find(is_missing) {
-            bail!("there is no {}: render with --aov motion,position,normal", path(name).display());
-        }
-        let seen = Seen::read(&[&colour(self.image, eye, frame)])?.context("there is no auxiliary image position")?;
-        let motion = exr::read_channels(&path("motion"), ["X", "Y", "Y"])?.image;
-        let mut surfaces = MovingSurfaces::new(seen.surfaces, motion)?;
+        let path = colour(self.image, eye, frame);
+        let missing = |name: &str| {
+            let file = aovs::beside(&path, name);
+            anyhow!("there is no {}: render with --aov motion,position,normal", file.display())
+        };
+        let motion = aovs::read(&path, "motion", ["X", "Y", "Y"])?.ok_or_else(|| missing("motion"))?;
+        let seen = Seen::read(&[&path])?.ok_or_else(|| missing("position"))?;
+        let mut surfaces = MovingSurfaces::new(seen.surfaces, motion.image)?;
         // Only dynamic scenes need the surfaces' positions in the previous frame.
-        let last_position = path("last_position");
-        if last_position.is_file() {
-            surfaces = surfaces.with_last_position(exr::read_channels(&last_position, ["X", "Y", "Z"])?.image)?;
+        if let Some(last_position) = aovs::read(&path, "last_position", ["X", "Y", "Z"])? {
+            surfaces = surfaces.with_last_position(last_position.image)?;
         }
         Ok(EyeFrame { pair, surfaces, tags: seen.tags, warnings: differences(&reference.tags, &image.tags) })
     }

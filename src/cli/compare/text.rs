@@ -5,6 +5,7 @@ use crate::metrics::disparity::{FEATURE_MEASURES, FeatureDisparity};
 use crate::metrics::kinds::KindError;
 use crate::metrics::rings::Ring;
 use crate::metrics::rivalry::{RIVALRY_MEASURES, Rivalry};
+use crate::metrics::seams::SeamError;
 use crate::report::text_table;
 
 use super::findings::{Findings, mean};
@@ -57,18 +58,11 @@ pub fn print(compared: &[(&str, &Findings)]) {
     if let [(_, left), (_, right)] = compared {
         columns.push(mean(left, right));
     }
-    for (i, (name, meaning)) in MEASURES.iter().enumerate() {
-        let is_count = name.starts_with("nonfinite");
-        line(name, columns.iter().map(|values| number(values[i], if is_count { 0 } else { 6 })), meaning);
-    }
+    print_errors(&columns);
     for (eye, findings) in compared {
         let of = if is_stereo { format!(", {eye} eye") } else { String::new() };
         if let Some(seams) = &findings.seams {
-            for (name, value) in
-                [("seam_rmse", seams.near_rmse), ("elsewhere_rmse", seams.elsewhere_rmse), ("seam_ratio", seams.ratio)]
-            {
-                line(name, [number(value, 6)], of.trim_start_matches(", "));
-            }
+            print_seams(seams, of.trim_start_matches(", "));
         }
         if let Some(kinds) = &findings.by_kind {
             say!("\nby kind of pixel{of}; part: fraction of the total FLIP of all pixels");
@@ -85,6 +79,21 @@ pub fn print(compared: &[(&str, &Findings)]) {
             say!("\nrings around {x},{y}{of}; vertical field of view {yfov_deg} degrees{source}");
             say!("{}", ring_table(&rings.rings).trim_end());
         }
+    }
+}
+
+/// Prints a line per measure, with a value of each column.
+pub fn print_errors(columns: &[[Option<f64>; 9]]) {
+    for (i, (name, meaning)) in MEASURES.iter().enumerate() {
+        let is_count = name.starts_with("nonfinite");
+        line(name, columns.iter().map(|values| number(values[i], if is_count { 0 } else { 6 })), meaning);
+    }
+}
+
+pub fn print_seams(seams: &SeamError, meaning: &str) {
+    let SeamError { near_rmse, elsewhere_rmse, ratio } = *seams;
+    for (name, value) in [("seam_rmse", near_rmse), ("elsewhere_rmse", elsewhere_rmse), ("seam_ratio", ratio)] {
+        line(name, [number(value, 6)], meaning);
     }
 }
 

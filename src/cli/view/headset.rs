@@ -58,9 +58,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let progress = Progress::text(prepared.render.quiet, prepared.render.json);
     progress.phase("loading");
     let mut loaded = setup::load(&prepared.render)?;
-    for warning in &loaded.scene.warnings {
-        progress.warn(warning);
-    }
+    setup::tell_remarks(&loaded.scene);
     let mut device = None;
     let gpus = setup::open_devices_with(&prepared.render, usize::from(args.options.virtual_devices), |first| {
         Ok(device.insert(runtime.open_device(first)?).renderer())

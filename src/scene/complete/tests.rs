@@ -46,7 +46,7 @@ fn a_bare_scene_is_looked_at_and_lit_white() {
     let shot = plain(bare(), &mut scene);
     assert!(matches!(&shot.environment, Some(e) if e.sky == Sky::Constant(Vec3::ONE)), "{shot:?}");
     assert_eq!(shot.rig, viewpoint::find(&scene, &Wanted::default(), &Budget::unlimited()).rig);
-    assert!(matches!(&scene.warnings[..], [said] if said.contains("no camera")), "{:?}", scene.warnings);
+    assert!(matches!(&scene.notes[..], [said] if said.contains("no camera")), "{:?}", scene.notes);
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn a_scene_with_light_or_camera_keeps_them() {
     scene.lights.push(light());
     let shot = plain(bare(), &mut scene);
     assert_eq!((&shot.rig, &shot.environment), (&Rig::from_camera(camera(0.0)), &None));
-    assert!(scene.warnings.is_empty());
+    assert!(scene.notes.is_empty());
 
     let mut emissive = triangle();
     emissive.materials[0].emissive = Vec3::X;
@@ -112,7 +112,7 @@ fn a_closed_room_of_a_file_gets_a_light_at_the_camera() {
     let overrides = Overrides { look: Look::Studio, ..Overrides::default() };
     let shot = completed(bare(), &overrides, &mut room).unwrap();
     assert_eq!(shot.lights.len(), 1);
-    assert!(room.warnings.iter().any(|w| w.contains("added a light at the camera")), "{:?}", room.warnings);
+    assert!(room.notes.iter().any(|w| w.contains("added a light at the camera")), "{:?}", room.notes);
     let plain = completed(bare(), &Overrides::default(), &mut room).unwrap();
     assert!(plain.lights.is_empty() && (plain.exposure_ev, plain.is_metered) == (0.0, false));
     assert!(shot.is_metered && shot.tone == ToneCurve::Neutral && plain.tone == ToneCurve::Reinhard);
@@ -157,7 +157,7 @@ fn eyes_are_moved_and_turned() {
     let mut scene = triangle();
     let down = completed(bare(), &to(Some(up_there), Some(DVec3::ZERO)), &mut scene).unwrap().rig;
     assert_eq!((down.keys[0].up, down.yfov_rad), (DVec3::NEG_Z, rig::DEFAULT_YFOV_DEG.to_radians()));
-    assert!(scene.warnings.is_empty(), "nothing was looked for: {:?}", scene.warnings);
+    assert!(scene.notes.is_empty(), "nothing was looked for: {:?}", scene.notes);
 
     let error = at(&to(Some(DVec3::ONE), Some(DVec3::ONE)), draft(&path)).unwrap_err().to_string();
     assert!(error.contains("the view") && error.contains("same point"), "{error}");
@@ -173,9 +173,9 @@ fn a_camera_is_chosen_by_its_number() {
     scene.cameras.extend([camera(0.0), camera(1.0)]);
     assert_eq!(camera_of(1, &mut scene).unwrap().rig, Rig::from_camera(camera(1.0)));
     assert!(camera_of(2, &mut scene).unwrap_err().to_string().contains("cameras 0 to 1"));
-    assert!(scene.warnings.is_empty());
+    assert!(scene.notes.is_empty());
     assert_eq!(plain(bare(), &mut scene).rig, Rig::from_camera(camera(0.0)));
-    assert!(scene.warnings[0].contains("chosen by its number, 0 to 1"), "{:?}", scene.warnings);
+    assert!(scene.notes[0].contains("chosen by its number, 0 to 1"), "{:?}", scene.notes);
 }
 
 #[test]

@@ -133,6 +133,7 @@ fn parse(bytes: &[u8], path: &Path, play: &Play, variant: Option<&str>, access: 
         cameras,
         motion: Motion::default(),
         warnings: Vec::new(),
+        notes: Vec::new(),
     };
     plan.put_into(&mut scene, &candidates, &lights, &camera_places, &mut warnings)?;
     scene.warnings = warnings.into_texts();
