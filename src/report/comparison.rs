@@ -19,12 +19,16 @@ pub struct ControlRun {
     pub flip: f64,
     pub makespan_ms_p50: f64,
     pub rung_changes: usize,
+    /// Number and makespan (ms) of each frame.
+    #[serde(skip)]
+    pub makespans: Vec<(u32, f64)>,
 }
 
 impl ControlRun {
-    pub fn new(kind: ControllerKind, run: u32, play: &PlaySummary, flip: f64) -> Self {
+    pub fn new(kind: ControllerKind, run: u32, play: &PlaySummary, flip: f64, makespans: Vec<(u32, f64)>) -> Self {
         let PlaySummary { missed_fraction, above_share, makespan_ms_p50, rung_changes, .. } = *play;
-        Self { controller: kind.to_string(), run, missed_fraction, above_share, flip, makespan_ms_p50, rung_changes }
+        let controller = kind.to_string();
+        Self { controller, run, missed_fraction, above_share, flip, makespan_ms_p50, rung_changes, makespans }
     }
 }
 
@@ -148,6 +152,35 @@ pub fn comparison_svg(title: String, runs: &[ControlRun]) -> Result<String, Repo
     line_chart_svg(&Chart { title, x: axis("mean FLIP"), y: axis("missed display periods, %") }, &series)
 }
 
+/// Number of frames before and after a disturbance that [`recovery_svg`] shows.
+const AROUND: [u32; 2] = [20, 80];
+
+/// Draws the makespans of frames around the disturbance that begins at frame `at`, the median over runs of each
+/// controller, and the budget.
+///
+/// # Errors
+/// [`ReportError::NothingToDraw`] without runs.
+pub fn recovery_svg(title: String, runs: &[ControlRun], at: u32, budget_ms: f64) -> Result<String, ReportError> {
+    let shown = at.saturating_sub(AROUND[0])..at.saturating_add(AROUND[1]);
+    let from = |frame: u32| f64::from(frame) - f64::from(at);
+    let of = |(name, group): &(&str, Vec<&ControlRun>)| {
+        let median = |frame: u32| {
+            let frames = group.iter().flat_map(|run| &run.makespans);
+            let mut times: Vec<f64> = frames.filter(|(index, _)| *index == frame).map(|(_, ms)| *ms).collect();
+            times.sort_by(f64::total_cmp);
+            Some((from(frame), *times.get(times.len() / 2)?))
+        };
+        Series { name: (*name).to_owned(), points: shown.clone().filter_map(median).collect(), ..Series::default() }
+    };
+    let mut series: Vec<Series> = by_controller(runs).iter().map(of).filter(|s| !s.points.is_empty()).collect();
+    if !series.is_empty() {
+        let points = vec![(from(shown.start), budget_ms), (from(shown.end), budget_ms)];
+        series.push(Series { name: "budget".to_owned(), points, guide: true, ..Series::default() });
+    }
+    let axis = |label: &str| Axis { label: label.to_owned(), log: false };
+    line_chart_svg(&Chart { title, x: axis("frames since the disturbance"), y: axis("makespan, ms") }, &series)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -162,7 +195,18 @@ mod tests {
             flip,
             makespan_ms_p50,
             rung_changes,
+            makespans: (0..200).map(|frame| (frame, 10.0 + f64::from(run))).collect(),
         }
+    }
+
+    #[test]
+    fn frames_around_a_disturbance_are_drawn() {
+        let runs = [run("a", 0, 0.0, 0.1), run("b", 0, 0.0, 0.1), run("a", 1, 0.0, 0.1)];
+        let figure = recovery_svg("recovery".to_owned(), &runs, 100, 20.0).unwrap();
+        assert!(figure.contains(">a</text>") || figure.contains("a\n"), "{figure}");
+        assert!(figure.contains("budget") && figure.contains("frames since the disturbance"));
+        assert!(recovery_svg("recovery".to_owned(), &[], 100, 20.0).is_err());
+        assert!(recovery_svg("recovery".to_owned(), &runs, 5000, 20.0).is_err());
     }
 
     #[test]

@@ -397,6 +397,7 @@ fn controllers_are_compared_in_turns() {
                     "0.01..30000",
                 ][..],
                 &["--compare-control", "pinned:0,pinned:1", "--runs", "2", "--report-spp", "64"],
+                &["--disturb", "slow:dev0@3"],
                 &[
                     "--ladder",
                     ladder.to_str().unwrap(),
@@ -421,6 +422,8 @@ fn controllers_are_compared_in_turns() {
     let table = std::fs::read_to_string(out.join("comparison.csv")).unwrap();
     assert_eq!(table.lines().count(), 5, "{table}");
     assert!(std::fs::read_to_string(out.join("comparison.svg")).unwrap().contains("pinned rungs"));
+    let recovery = std::fs::read_to_string(out.join("recovery.svg")).unwrap();
+    assert!(recovery.contains("pinned:1") && recovery.contains("frames since the disturbance"));
     let run = std::fs::read_to_string(out.join("pinned-1.0/run.json")).unwrap();
     let run: Value = serde_json::from_str(&run).unwrap();
     assert_eq!((run["frames"].as_array().unwrap().len(), &run["settings"]["controller"]), (frames, &"pinned:1".into()));

@@ -6,14 +6,16 @@ use crate::exec::Stereo;
 use crate::image::RgbImage;
 use crate::loaded::LoadedScene;
 use crate::metrics::Pair;
-use crate::report::comparison::{ControlRun, comparison_csv, comparison_svg, comparison_table};
+use crate::report::comparison::{ControlRun, comparison_csv, comparison_svg, comparison_table, recovery_svg};
 use crate::report::play::{PlaySummary, SETTLING_FRAMES};
+use crate::report::samples::FrameSamples;
 
 use super::args::Args;
 use super::prepared::Prepared;
 use super::references::{Kept, References};
 use super::session::Session;
 use super::{Run, interrupt};
+use crate::cli::disturb::Disturbance;
 use crate::cli::failure::Failure;
 use crate::cli::metering;
 use crate::cli::output;
@@ -49,14 +51,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         for &kind in &args.compare_control {
             prepared.options.controller = kind;
             prepared.render.run.out = out.join(format!("{}.{number}", kind.to_string().replace(':', "-")));
-            let (play, frames) = play(args, &mut prepared, &loaded)?;
+            let (play, frames, makespans) = play(args, &mut prepared, &loaded)?;
             interrupt::check()?;
             if references.is_empty() {
                 progress.tell(&format!("rendering {} references", frames.len()));
                 references = render_references(args, &prepared, &mut loaded, &frames)?;
             }
             let flip = mean_flip(&frames, &references, loaded.shot.exposure_ev)?;
-            let run = ControlRun::new(kind, number, &play, flip);
+            let run = ControlRun::new(kind, number, &play, flip, makespans);
             progress.tell(&format!(
                 "run {} of {}, {kind}: {:.1} % of display periods missed, FLIP {flip:.4}",
                 number + 1,
@@ -70,6 +72,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let title = format!("Controllers: {} at {}", prepared.render.shot, prepared.render.size);
     let figure = comparison_svg(title, &runs).context("cannot draw the plot")?;
     output::write_text(&out, "comparison.svg", &figure)?;
+    if let Some(at) = prepared.render.faults.disturbances.iter().map(Disturbance::first_frame).min() {
+        let budget_ms = args.options.budget_ms.hi_ms();
+        let title = format!("Recovery: {} at {}", prepared.render.shot, prepared.render.size);
+        let figure = recovery_svg(title, &runs, at, budget_ms).context("cannot draw the recovery")?;
+        output::write_text(&out, "recovery.svg", &figure)?;
+    }
     if args.options.run.json {
         say!("{}", serde_json::json!({ "event": "result", "out": out.display().to_string(), "runs": runs }));
     } else if !args.options.run.quiet {
@@ -79,8 +87,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Plays the frames with one controller; returns the summary and the frames to compare.
-fn play(args: &Args, prepared: &mut Prepared, loaded: &LoadedScene) -> Result<(PlaySummary, Vec<Kept>), Failure> {
+/// A run's summary, the frames to compare, and the number and makespan of each frame.
+type Played = (PlaySummary, Vec<Kept>, Vec<(u32, f64)>);
+
+/// Plays the frames with one controller.
+fn play(args: &Args, prepared: &mut Prepared, loaded: &LoadedScene) -> Result<Played, Failure> {
     output::prepare(&prepared.render.out, "--out")?;
     let tracing = Tracing::start(&prepared.render)?;
     let gpus = setup::open_devices(&prepared.render, usize::from(args.options.virtual_devices))?;
@@ -88,8 +99,9 @@ fn play(args: &Args, prepared: &mut Prepared, loaded: &LoadedScene) -> Result<(P
     let mut run = Run::new(args, &prepared.render, loaded, session)?;
     let judged = (args.frames as usize).saturating_sub(SETTLING_FRAMES);
     run.watched = Some((INTERVAL.max(judged.div_ceil(COMPARED)), Vec::new()));
+    run.samples = Some(FrameSamples::default());
     let stopped = run.frames()?;
-    let Run { session, record, pictures, watched, .. } = run;
+    let Run { session, record, pictures, watched, samples, .. } = run;
     let mut report = session.report(prepared, loaded, &record);
     report.pictures = pictures.names();
     report.write(&prepared.render.out.join("run.json"))?;
@@ -98,7 +110,9 @@ fn play(args: &Args, prepared: &mut Prepared, loaded: &LoadedScene) -> Result<(P
     let reason = |reason| Failure::Run(anyhow::anyhow!("{}: {reason}", prepared.options.controller));
     stopped.map_or(Ok(()), |why| Err(reason(why)))?;
     let play = report.play.context("no frame was judged")?;
-    Ok((play, watched.map_or_else(Vec::new, |(_, frames)| frames)))
+    let samples = samples.unwrap_or_default();
+    let makespans = samples.frames().iter().map(|frame| (frame.index, frame.makespan_ms)).collect();
+    Ok((play, watched.map_or_else(Vec::new, |(_, frames)| frames), makespans))
 }
 
 fn render_references(
