@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use crate::accel::{Accel, AccelError, Layout};
+use crate::accel::{Accel, AccelError, Layout, TreeCache};
 use crate::image::Extent;
 use crate::scene::budget::Budget;
 use crate::scene::complete::Overrides;
@@ -64,18 +64,20 @@ impl LoadedScene {
     /// [`LoadError`], which names the file or the override.
     pub fn load_within(shot: &str, overrides: &Overrides, access: Access) -> Result<Self, LoadError> {
         let (shot, scene) = load_shot_within(shot, overrides, access)?;
-        Self::new(shot, scene, access.budget)
+        Self::new(shot, scene, access.budget, &TreeCache::off())
     }
 
-    /// Builds the acceleration structure and the tables of a scene.
+    /// Builds the tables of a scene, with trees from the cache where it has them. What went wrong with the cache is noted
+    /// in the scene.
     ///
     /// # Errors
     /// [`LoadError`] if the scene is too large for the tables or the budget.
-    pub fn new(shot: Shot, scene: Scene, budget: &Budget) -> Result<Self, LoadError> {
+    pub fn new(shot: Shot, mut scene: Scene, budget: &Budget, cache: &TreeCache) -> Result<Self, LoadError> {
         let accel = {
             let _span = tracing::info_span!("build tree").entered();
-            Accel::build_within(&scene, Layout::Auto, budget)?
+            Accel::build_within(&scene, Layout::Auto, budget, cache)?
         };
+        scene.notes.extend(cache.take_notes());
         let tables = SceneTables::within(&scene, accel, budget)?;
         let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(&scene) };
         let gaze = [shot.gaze.clone(), shot.gaze.clone()];

@@ -2,8 +2,8 @@
 //! share.
 
 use glam::Vec3;
-use obvhs::cwbvh::CwBvh;
 
+use super::cache::TreeCache;
 use super::flatten::{self, Flat, Present};
 use super::instances::{self, Division, Layout, Shared};
 use super::limits::{AccelError, MAX_DEPTH, MAX_PRIMS, MAX_TRIANGLES};
@@ -11,7 +11,7 @@ use super::moving::{By, Placement, Poses};
 use super::origin::{check_reach, checked_origin};
 use super::skins::Skins;
 use super::tables::Accel;
-use super::tree::{BUILD_BYTES, Node, Room, Tree, depth, nodes_from, tree_over};
+use super::tree::{BUILD_BYTES, Built, Node, Room, Tree, depth, nodes_from, tree_over};
 use super::triangle::{Shading, Triangle};
 use crate::scene::Scene;
 use crate::scene::budget::Budget;
@@ -35,14 +35,15 @@ impl Accel {
     /// [`AccelError::TooMany`], [`AccelError::TooManyInstances`] or [`AccelError::TooLarge`] if the scene is too large
     /// for the tables, [`AccelError::TooDeep`] if a tree is too deep for the traversal stack of rays.
     pub fn build_with(scene: &Scene, layout: Layout) -> Result<Self, AccelError> {
-        Self::build_within(scene, layout, &Budget::unlimited())
+        Self::build_within(scene, layout, &Budget::unlimited(), &TreeCache::off())
     }
 
-    /// Builds like [`Self::build_with`]. The budget keeps the bytes of the finished tables reserved.
+    /// Builds like [`Self::build_with`], or takes trees from the cache. The budget keeps the bytes of the finished tables
+    /// reserved.
     ///
     /// # Errors
     /// The errors of [`Self::build_with`], and [`AccelError::Memory`] if the budget is too small.
-    pub fn build_within(scene: &Scene, layout: Layout, budget: &Budget) -> Result<Self, AccelError> {
+    pub fn build_within(scene: &Scene, layout: Layout, budget: &Budget, cache: &TreeCache) -> Result<Self, AccelError> {
         let count = scene.triangle_count();
         if count >= MAX_PRIMS {
             return Err(AccelError::TooManyInstances(count));
@@ -64,7 +65,7 @@ impl Accel {
             division.deforming.iter().map(|&b| &scene.meshes[scene.instances[scene.motion.bodies[b].instance].mesh]);
         budget.reserve(bodies.map(Skins::bytes).sum()).map_err(refused)?.keep();
         let mut accel = Self { origin, ..Self::empty() };
-        let room = Room { budget, row_bytes: present.row_bytes(), triangles: count };
+        let room = Room { budget, row_bytes: present.row_bytes(), triangles: count, cache };
         let flat = flatten::flatten(scene, division.flat(scene), origin);
         let (flat, _) = accel.push_tree(&flat, &present, true, &room)?;
         let deepest = accel.push_bodies(scene, &division.deforming, &present, &room)?;
@@ -115,9 +116,9 @@ impl Accel {
         }
         let mut points = (0..flat.len()).flat_map(|i| flat.vertices(i));
         points.try_for_each(|v| check_reach(v.abs().as_dvec3()))?;
-        let bvh = tree_over(flat, splits, room)?;
-        let levels = self.push_nodes(&bvh, first_row)?;
-        let order = bvh.primitive_indices;
+        let built = room.cache.tree(flat, splits, || tree_over(flat, splits, room))?;
+        let levels = self.push_nodes(&built, first_row)?;
+        let order = built.order;
         let mut firsts = vec![None; flat.len()];
         if self.triangles.is_empty() {
             // Most scenes have most triangles in their first tree.
@@ -216,13 +217,13 @@ impl Accel {
     }
 
     /// Adds a tree's nodes, with leaf indices offset by `first`. Returns its depth.
-    fn push_nodes(&mut self, bvh: &CwBvh, first: u32) -> Result<usize, AccelError> {
-        let depth = depth(bvh);
+    fn push_nodes(&mut self, built: &Built, first: u32) -> Result<usize, AccelError> {
+        let depth = depth(&built.nodes);
         if depth > MAX_DEPTH {
             return Err(AccelError::TooDeep { depth });
         }
         let root = self.nodes.len() as u32;
-        self.nodes.extend(nodes_from(bvh, root, first));
+        self.nodes.extend(nodes_from(&built.nodes, root, first));
         Ok(depth)
     }
 }

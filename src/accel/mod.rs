@@ -5,6 +5,7 @@
 //! Triangles are stored in tree order, so a leaf's triangle index is the triangle's row in every table.
 
 mod build;
+mod cache;
 mod clearance;
 mod flatten;
 mod instances;
@@ -16,6 +17,7 @@ mod tables;
 mod tree;
 mod triangle;
 
+pub use self::cache::TreeCache;
 pub use self::instances::{Instance, Layout};
 pub use self::limits::{AccelError, MAX_DEPTH, SPHERE};
 pub use self::moving::{Moved, Placed, Poses};

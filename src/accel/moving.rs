@@ -94,8 +94,8 @@ impl Placed {
         }
         let params = if poses.is_some() { BvhBuildParams::fast_build() } else { BvhBuildParams::slow_build() };
         let bvh = build_cwbvh(&boxes, BvhBuildParams { max_prims_per_leaf: 1, ..params }, &mut Default::default());
-        out.levels = depth(&bvh);
-        out.nodes.extend(nodes_from(&bvh, root, 1));
+        out.levels = depth(&bvh.nodes);
+        out.nodes.extend(nodes_from(&bvh.nodes, root, 1));
         for (place, &i) in (1..).zip(&bvh.primitive_indices) {
             let (number, instance) = &there[i as usize];
             out.instances.push(*instance);

@@ -3,11 +3,12 @@
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
+use obvhs::cwbvh::node::CwBvhNode;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance};
 use obvhs::splits::split_aabbs_preset;
 
+use super::cache::TreeCache;
 use super::flatten::Flat;
 use super::limits::AccelError;
 use crate::scene::budget::Budget;
@@ -25,6 +26,26 @@ const LEAST_REINSERTED: f32 = 0.3;
 /// A node of 80 bytes in obvhs's layout.
 pub type Node = [u32; 20];
 
+/// A tree over triangles: its nodes, of which the first is the root, and the triangle of each leaf entry.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Built {
+    pub nodes: Vec<CwBvhNode>,
+    pub order: Vec<u32>,
+}
+
+impl Built {
+    /// Returns true if all children and triangles exist, and no node is its own descendant.
+    pub fn is_sound(&self, triangles: usize) -> bool {
+        let has_children = |(index, node): (usize, &CwBvhNode)| {
+            let first = node.child_base_idx as usize;
+            let children = node.imask.count_ones() as usize;
+            children == 0 || (first > index && first.saturating_add(children) <= self.nodes.len())
+        };
+        let is_within = !self.nodes.is_empty() && self.order.iter().all(|&i| (i as usize) < triangles);
+        is_within && self.nodes.iter().enumerate().all(has_children)
+    }
+}
+
 /// Position and depth of a tree in the scene tables.
 #[derive(Clone, Copy, Debug)]
 pub struct Tree {
@@ -41,6 +62,7 @@ pub struct Room<'a> {
     pub row_bytes: usize,
     /// Number of triangles after instancing.
     pub triangles: usize,
+    pub cache: &'a TreeCache,
 }
 
 impl Room<'_> {
@@ -57,7 +79,7 @@ impl Room<'_> {
 ///
 /// Inserting nodes again takes most of the time. Of large scenes, a smaller fraction of the nodes is inserted again, those
 /// of the largest area, and more neighbours are considered for pairs before.
-pub fn tree_over(flat: &Flat<'_>, splits: bool, room: &Room) -> Result<CwBvh, AccelError> {
+pub fn tree_over(flat: &Flat<'_>, splits: bool, room: &Room) -> Result<Built, AccelError> {
     const PARAMS: BvhBuildParams = BvhBuildParams::slow_build();
     const MOST_IN_A_LEAF: u32 = 3;
     let count = flat.len();
@@ -92,16 +114,16 @@ pub fn tree_over(flat: &Flat<'_>, splits: bool, room: &Room) -> Result<CwBvh, Ac
     let bvh = bvh2_to_cwbvh(&bvh2, MOST_IN_A_LEAF, true, false);
     reserved.shrink_to((copies * room.stored_bytes()) as u64);
     reserved.keep();
-    Ok(bvh)
+    Ok(Built { nodes: bvh.nodes, order: bvh.primitive_indices })
 }
 
 /// Returns the tree's depth, without recursion.
-pub fn depth(bvh: &CwBvh) -> usize {
+pub fn depth(nodes: &[CwBvhNode]) -> usize {
     let mut deepest = 0;
     let mut open = vec![(0u32, 1usize)];
     while let Some((index, level)) = open.pop() {
         deepest = deepest.max(level);
-        let node = &bvh.nodes[index as usize];
+        let node = &nodes[index as usize];
         let children = node.imask.count_ones();
         open.extend((0..children).map(|c| (node.child_base_idx + c, level + 1)));
     }
@@ -109,8 +131,8 @@ pub fn depth(bvh: &CwBvh) -> usize {
 }
 
 /// Returns a tree's nodes for a table in which its root has index `root` and its leaf indices start at `first`.
-pub fn nodes_from(bvh: &CwBvh, root: u32, first: u32) -> impl Iterator<Item = Node> {
-    bvh.nodes.iter().map(move |node| {
+pub fn nodes_from(nodes: &[CwBvhNode], root: u32, first: u32) -> impl Iterator<Item = Node> {
+    nodes.iter().map(move |node| {
         let mut node = *node;
         node.child_base_idx = node.child_base_idx.wrapping_add(root);
         node.primitive_base_idx = node.primitive_base_idx.wrapping_add(first);

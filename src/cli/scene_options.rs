@@ -1,9 +1,13 @@
 //! Options that override a shot, and options for the files that it may name.
 
+use std::path::PathBuf;
+
 use clap::Args;
+use etcetera::BaseStrategy;
 use glam::{DVec3, Vec3};
 use sysinfo::{MemoryRefreshKind, RefreshKind, System};
 
+use crate::accel::TreeCache;
 use crate::image::tone::ToneCurve;
 use crate::scene::budget::{Budget, ByteSize};
 use crate::scene::complete::{Look, Overrides};
@@ -70,6 +74,12 @@ pub struct SceneOptions {
     /// Maximum host memory for the scene, such as 4GiB [default: half the RAM]
     #[arg(hide_short_help = true, long, value_name = "SIZE")]
     pub max_scene_memory: Option<ByteSize>,
+    /// Folder that keeps the trees of large scenes for later runs, or off
+    ///
+    /// Trees that take over a second to build are kept, up to 4 GiB in all. The default is diptych in the user's folder
+    /// of caches.
+    #[arg(hide_short_help = true, long, value_name = "DIR|off")]
+    pub scene_cache: Option<PathBuf>,
     /// Allow shots and scenes to name files outside their folders
     #[arg(hide_short_help = true, long)]
     pub allow_outside: bool,
@@ -78,6 +88,16 @@ pub struct SceneOptions {
 impl SceneOptions {
     pub fn budget(&self) -> Budget {
         Budget::new(self.max_scene_memory.unwrap_or_else(|| ByteSize(host_memory() / 2)))
+    }
+
+    /// Returns the cache of trees. There is none without a folder for caches.
+    pub fn tree_cache(&self) -> TreeCache {
+        let usual = || etcetera::choose_base_strategy().ok().map(|base| base.cache_dir().join("diptych"));
+        match &self.scene_cache {
+            Some(folder) if folder.as_os_str() == "off" => TreeCache::off(),
+            Some(folder) => TreeCache::in_folder(folder.clone()),
+            None => usual().map_or_else(TreeCache::off, TreeCache::in_folder),
+        }
     }
 
     /// Loads a shot and its scene. The path of an animated camera begins at `time_s`.

@@ -87,7 +87,7 @@ pub fn load_here(options: &RunOptions, what: &Load, source: Source) -> Result<Lo
     let _span = tracing::info_span!("load scene").entered();
     let budget = options.scene.budget();
     let (shot, scene) = options.scene.load_from(source, Look::Studio, &what.shot, what.time_s, &budget)?;
-    Ok(LoadedScene::new(shot, scene, &budget)?)
+    Ok(LoadedScene::new(shot, scene, &budget, &options.scene.tree_cache())?)
 }
 
 /// Returns a warning if frames between these times lie beyond the ends of the camera's path.

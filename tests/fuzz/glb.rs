@@ -4,7 +4,7 @@ mod edits;
 
 use std::path::Path;
 
-use diptych::accel::{Accel, Layout};
+use diptych::accel::{Accel, Layout, TreeCache};
 use diptych::scene::Scene;
 use diptych::scene::budget::Budget;
 use diptych::scene::complete::Overrides;
@@ -42,7 +42,7 @@ pub fn load_as_is(path: &Path, budget: &Budget) -> Option<Scene> {
     }
     let view = shot.rig.view(0.0, Eye::Left);
     assert!([view.origin, view.right, view.up, view.forward].iter().all(|v| v.is_finite()), "{view:?}");
-    let accel = Accel::build_within(&scene, Layout::Auto, budget).ok()?;
+    let accel = Accel::build_within(&scene, Layout::Auto, budget, &TreeCache::off()).ok()?;
     let tables = SceneTables::within(&scene, accel, budget).ok()?;
     for (now_s, last_s) in [(0.3, 0.0), (1e9, -1e9)] {
         let mut frame = bytemuck::Zeroable::zeroed();

@@ -1,0 +1,231 @@
+//! Trees of earlier runs, kept in a folder. A tree is found by a hash of its triangles, so a scene that changed gets a
+//! new one.
+//!
+//! Files are complete when they appear under their names, so several processes may share a folder. Damaged files are
+//! ignored with a note and written again. When the folder exceeds its limit, the trees that were used longest ago go
+//! first.
+
+use std::fs::{self, File};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, SystemTime};
+
+use bytemuck::{Zeroable, cast_slice, cast_slice_mut};
+use obvhs::cwbvh::node::CwBvhNode;
+use twox_hash::XxHash3_128;
+
+use super::flatten::Flat;
+use super::tree::Built;
+use crate::image::file::atomic_write;
+
+/// Least number of triangles of a tree that is looked for; smaller ones are built in less time.
+const LEAST_TRIANGLES: usize = 100_000;
+/// Least time for which a tree is kept.
+const LEAST_BUILD: Duration = Duration::from_secs(1);
+/// Bytes of all trees in the folder.
+const MOST_BYTES: u64 = 4 << 30;
+const EXTENSION: &str = "tree";
+/// First bytes of a file. They change with the format and with the builder.
+const MAGIC: [u8; 16] = *b"diptych tree 1\0\0";
+
+/// Whether and where trees are kept.
+#[derive(Debug, Default)]
+pub struct TreeCache {
+    folder: Option<PathBuf>,
+    least_triangles: usize,
+    least_build: Duration,
+    most_bytes: u64,
+    notes: Mutex<Vec<String>>,
+}
+
+/// Hash of the triangles of a tree and of how it is built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Key(u128);
+
+impl TreeCache {
+    /// Keeps no trees.
+    pub fn off() -> Self {
+        Self::default()
+    }
+
+    /// Keeps trees in this folder, which is created when the first tree is written.
+    pub fn in_folder(folder: PathBuf) -> Self {
+        let folder = Some(folder);
+        Self {
+            folder,
+            least_triangles: LEAST_TRIANGLES,
+            least_build: LEAST_BUILD,
+            most_bytes: MOST_BYTES,
+            ..Self::default()
+        }
+    }
+
+    /// Returns what went wrong with files, and forgets it. No run depends on these files.
+    pub fn take_notes(&self) -> Vec<String> {
+        std::mem::take(&mut *self.notes.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    fn note(&self, path: &Path, what: &str) {
+        let note = format!("the tree in {} {what}", path.display());
+        self.notes.lock().unwrap_or_else(PoisonError::into_inner).push(note);
+    }
+
+    /// Returns the tree over these triangles from the folder, or else builds it and keeps it if that took long.
+    ///
+    /// # Errors
+    /// Those of `build`.
+    pub(super) fn tree<E>(
+        &self,
+        flat: &Flat<'_>,
+        splits: bool,
+        build: impl FnOnce() -> Result<Built, E>,
+    ) -> Result<Built, E> {
+        let Some(folder) = self.folder.as_deref().filter(|_| flat.len() >= self.least_triangles) else {
+            return build();
+        };
+        let key = {
+            let _span = tracing::info_span!("hash triangles").entered();
+            Key::of(flat, splits)
+        };
+        let path = folder.join(format!("{:032x}.{EXTENSION}", key.0));
+        match read(&path, key, flat.len()) {
+            Ok(built) => return Ok(built),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => self.note(&path, &format!("is damaged and is built again: {error}")),
+        }
+        let begin = std::time::Instant::now();
+        let built = build()?;
+        if begin.elapsed() >= self.least_build
+            && let Err(error) = self.keep(folder, &path, key, &built)
+        {
+            self.note(&path, &format!("cannot be kept: {error}"));
+        }
+        Ok(built)
+    }
+
+    fn keep(&self, folder: &Path, path: &Path, key: Key, built: &Built) -> io::Result<()> {
+        let _span = tracing::info_span!("keep tree").entered();
+        fs::create_dir_all(folder)?;
+        atomic_write(path, |file| write(file, key, built)).map_err(io::Error::other)?;
+        self.remove_oldest(folder, path)
+    }
+
+    /// Removes the trees that were used longest ago until the others are within the limit. Keeps `newest`.
+    fn remove_oldest(&self, folder: &Path, newest: &Path) -> io::Result<()> {
+        let mut trees: Vec<(SystemTime, u64, PathBuf)> = Vec::new();
+        for entry in fs::read_dir(folder)? {
+            let path = entry?.path();
+            // Another process may have removed it.
+            let Ok(metadata) = fs::symlink_metadata(&path) else { continue };
+            if metadata.is_file() && path.extension().is_some_and(|e| e == EXTENSION) {
+                trees.push((metadata.modified()?, metadata.len(), path));
+            }
+        }
+        let mut bytes: u64 = trees.iter().map(|(_, len, _)| len).sum();
+        trees.retain(|(.., path)| path != newest);
+        trees.sort();
+        for (_, len, path) in trees {
+            if bytes <= self.most_bytes {
+                break;
+            }
+            if fs::remove_file(path).is_ok() {
+                bytes -= len;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Key {
+    fn of(flat: &Flat<'_>, splits: bool) -> Self {
+        let mut hasher = XxHash3_128::new();
+        hasher.write(&MAGIC);
+        hasher.write(&[u8::from(splits)]);
+        let mut batch = Vec::with_capacity(1024);
+        for first in (0..flat.len()).step_by(batch.capacity()) {
+            batch.clear();
+            batch.extend((first..flat.len().min(first + 1024)).map(|i| flat.vertices(i)));
+            hasher.write(cast_slice::<[glam::Vec3; 3], u8>(&batch));
+        }
+        Self(hasher.finish_128())
+    }
+}
+
+/// Numbers of a file, after [`MAGIC`].
+#[derive(Clone, Copy)]
+struct Header {
+    key: Key,
+    nodes: u64,
+    indices: u64,
+    /// Hash of all that follows.
+    content: u128,
+}
+
+impl Header {
+    const BYTES: usize = 16 + 8 + 8 + 16;
+
+    fn bytes(&self) -> Vec<u8> {
+        let Self { key, nodes, indices, content } = self;
+        [&key.0.to_le_bytes()[..], &nodes.to_le_bytes(), &indices.to_le_bytes(), &content.to_le_bytes()].concat()
+    }
+
+    fn read(mut file: impl Read) -> io::Result<Self> {
+        let mut bytes = [0; Self::BYTES];
+        file.read_exact(&mut bytes)?;
+        let wide = |from: usize| u128::from_le_bytes(std::array::from_fn(|i| bytes[from + i]));
+        let number = |from: usize| u64::from_le_bytes(std::array::from_fn(|i| bytes[from + i]));
+        Ok(Self { key: Key(wide(0)), nodes: number(16), indices: number(24), content: wide(32) })
+    }
+}
+
+fn content(nodes: &[CwBvhNode], order: &[u32]) -> u128 {
+    let mut hasher = XxHash3_128::new();
+    hasher.write(cast_slice(nodes));
+    hasher.write(cast_slice(order));
+    hasher.finish_128()
+}
+
+fn write(mut file: impl Write, key: Key, Built { nodes, order }: &Built) -> io::Result<()> {
+    let content = content(nodes, order);
+    let header = Header { key, nodes: nodes.len() as u64, indices: order.len() as u64, content };
+    file.write_all(&MAGIC)?;
+    file.write_all(&header.bytes())?;
+    file.write_all(cast_slice(nodes))?;
+    file.write_all(cast_slice(order))
+}
+
+/// Reads a tree over `triangles` triangles. The file must be as long as its header says, so that no more memory is
+/// reserved than the file has bytes.
+fn read(path: &Path, key: Key, triangles: usize) -> io::Result<Built> {
+    let mut file = File::open(path)?;
+    let _span = tracing::info_span!("read tree").entered();
+    let damaged = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what.to_owned());
+    let mut magic = [0; MAGIC.len()];
+    file.read_exact(&mut magic)?;
+    let header = Header::read(&file)?;
+    if magic != MAGIC || header.key != key {
+        return Err(damaged("it is of another tree"));
+    }
+    let bytes = u128::from(header.nodes) * size_of::<CwBvhNode>() as u128 + u128::from(header.indices) * 4;
+    if u128::from(file.metadata()?.len()) != (MAGIC.len() + Header::BYTES) as u128 + bytes {
+        return Err(damaged("it has another length than it should"));
+    }
+    let mut nodes = vec![CwBvhNode::zeroed(); header.nodes as usize];
+    let mut order = vec![0u32; header.indices as usize];
+    file.read_exact(cast_slice_mut(&mut nodes))?;
+    file.read_exact(cast_slice_mut(&mut order))?;
+    if content(&nodes, &order) != header.content {
+        return Err(damaged("its bytes have changed"));
+    }
+    let built = Built { nodes, order };
+    if !built.is_sound(triangles) {
+        return Err(damaged("its nodes refer to others that do not exist"));
+    }
+    // Trees that are used stay.
+    let _ = file.set_modified(SystemTime::now());
+    Ok(built)
+}
+
+#[cfg(test)]
+mod tests;
