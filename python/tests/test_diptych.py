@@ -15,16 +15,6 @@ SIZE = (64, 36)
 PROGRAM = os.environ.get("DIPTYCH")
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return dp.load("builtin:cornell")
-
-
-@pytest.fixture(scope="module")
-def renderer(scene):
-    return dp.Renderer(scene, size=SIZE, devices=dp.virtual(2), aov=["position", "depth", "normal"])
-
-
 def test_frames_are_arrays_of_linear_light(renderer):
     frame = renderer.render(0.0, index=0, warm_up=2)
     for image in (frame.left, frame.right):
@@ -166,7 +156,10 @@ def test_an_exception_in_progress_ends_a_reference(scene):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
 def test_control_c_ends_a_reference(tmp_path):
-    script = "import diptych as dp; s = dp.load('builtin:cornell'); print('ready', flush=True); dp.reference(s, 1 << 20, size=(32, 18))"
+    script = (
+        "import diptych as dp; s = dp.load('builtin:cornell'); print('ready', flush=True); "
+        "dp.reference(s, 1 << 20, size=(32, 18))"
+    )
     run = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert run.stdout.readline() == "ready\n"
     time.sleep(2.0)

@@ -1,0 +1,45 @@
+"""Data sets of stereo pairs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ._renderer import Renderer, Scene
+
+
+def dataset(
+    scene: Scene,
+    poses: Iterable[float | dict[str, Any]],
+    out: str | os.PathLike[str],
+    *,
+    aovs: Sequence[str] = ("depth", "normal", "motion"),
+    spp: int = 64,
+    **options: Any,
+) -> int:
+    """Writes stereo pairs with exact ground truth, one NPZ file for each pose; returns their number.
+
+    A pose is a time in seconds, or a dict with `position` and `target`, and `up` and `time` if they differ from the
+    defaults. Files have the arrays `left` and `right`, `disparity_left` and `disparity_right`, `NAME_left` and
+    `NAME_right` for each auxiliary image, and `world_to_camera` and `world_to_ndc` of both eyes. Frames are not
+    filtered unless you give a `denoiser`; both eyes are traced unless you give `reproject=True`.
+    """
+    os.makedirs(out, exist_ok=True)
+    needed = list(dict.fromkeys([*aovs, "position", "depth"]))
+    settings: dict[str, Any] = {"denoiser": "none", "reproject": False} | options
+    renderer = Renderer(scene, spp=spp, aov=needed, **settings)
+    count = 0
+    for count, pose in enumerate(poses, 1):
+        renderer.begin_anew()
+        frame = renderer.render(**pose) if isinstance(pose, dict) else renderer.render(pose)
+        arrays: dict[str, Any] = {"left": frame.left, "right": frame.right}
+        images = {name: frame.aov(name) for name in aovs} | {"disparity": frame.disparity()}
+        for name, eyes in images.items():
+            arrays |= {f"{name}_left": eyes.left, f"{name}_right": eyes.right}
+        arrays["world_to_camera"] = np.stack([camera.world_to_camera for camera in frame.cameras])
+        arrays["world_to_ndc"] = np.stack([camera.world_to_ndc for camera in frame.cameras])
+        np.savez_compressed(os.path.join(out, f"{count - 1:06}.npz"), **arrays)
+    return count

@@ -1,0 +1,142 @@
+"""Frames and their cameras."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _native
+
+Image = NDArray[np.float32]
+
+
+class Stereo(NamedTuple):
+    """A value for each eye."""
+
+    left: Any
+    right: Any
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The camera of an eye's image.
+
+    Matrices transform row vectors: `point @ world_to_ndc`, with a 1 as the fourth component.
+    """
+
+    world_to_camera: NDArray[np.float64]
+    """World to eye, in scene units: x to the right, y up, z along the view."""
+    world_to_ndc: NDArray[np.float64]
+    """World to image: after division by w, (0, 0) is its top left corner and (1, 1) its bottom right one."""
+    width: int
+    height: int
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Position of the eye in the world, scene units."""
+        turn = self.world_to_camera[:3, :3]
+        return -self.world_to_camera[3, :3] @ np.linalg.inv(turn)
+
+    @property
+    def intrinsics(self) -> NDArray[np.float64]:
+        """The matrix K of a pinhole camera with x to the right, y down and z along the view.
+
+        `K @ point` is in pixels times z.
+        """
+        to_ndc = np.linalg.inv(self.world_to_camera) @ self.world_to_ndc
+        pixels = np.array([self.width, self.height, 1.0])
+        rows = to_ndc[:3][:, [0, 1, 3]].T * pixels[:, None]
+        return rows * np.array([1.0, -1.0, 1.0])
+
+    def project(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        """Positions of world-space points in the image, in pixels from its top left corner.
+
+        The centre of the first pixel is (0.5, 0.5).
+        """
+        points = np.asarray(points, dtype=np.float64)
+        clip = points @ self.world_to_ndc[:3] + self.world_to_ndc[3]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return clip[..., :2] / clip[..., 3:] * np.array([self.width, self.height])
+
+
+class Frame:
+    """A rendered frame. Its arrays keep their values when further frames are rendered."""
+
+    def __init__(self, native: _native.Frame):
+        self._native = native
+        self.left: Image = native.left
+        """Left eye: scene-referred linear RGB, float32 of the shape (height, width, 3)."""
+        self.right: Image = native.right
+        """Right eye."""
+        self._report: dict[str, Any] | None = None
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """Entry of the frame in run.json: times, rays, quality, cameras, the control loop's decision."""
+        if self._report is None:
+            self._report = json.loads(self._native.report_json)
+        return self._report
+
+    @property
+    def exposure_ev(self) -> float:
+        """Exposure of pictures, stops."""
+        return self._native.exposure_ev
+
+    @property
+    def library_ms(self) -> float:
+        """Time in milliseconds from Python's call until the images were in host memory."""
+        return self._native.library_ms
+
+    @property
+    def aovs(self) -> list[str]:
+        """Names of the auxiliary images."""
+        return self._native.aovs
+
+    def aov(self, name: str) -> Stereo:
+        """Auxiliary image of both eyes, float32.
+
+        The shape is (height, width, channels), or (height, width) for one channel.
+        """
+        return Stereo(*(image[..., 0] if image.shape[2] == 1 else image for image in self._native.aov(name)))
+
+    @property
+    def cameras(self) -> Stereo:
+        """`Camera` of each eye."""
+        width, height = self._native.size
+        eyes = [self.report["cameras"][eye] for eye in ("left", "right")]
+        matrices = [(np.array(eye["world_to_camera"]), np.array(eye["world_to_ndc"])) for eye in eyes]
+        return Stereo(*(Camera(*of_eye, width, height) for of_eye in matrices))
+
+    def disparity(self) -> Stereo:
+        """Disparity of each eye's pixels, float32 in pixels: the left image's position minus that in the right one.
+
+        It is exact, since it comes from the positions of surfaces: the renderer needs `aov=["position", "depth"]`. It
+        is positive for surfaces in front of the eyes, and NaN for the sky.
+        """
+        positions, depths, cameras = self.aov("position"), self.aov("depth"), self.cameras
+        eyes = []
+        for position, depth in zip(positions, depths):
+            left, right = (camera.project(position)[..., 0] for camera in cameras)
+            eyes.append(np.where(depth > 0, left - right, np.nan).astype(np.float32))
+        return Stereo(*eyes)
+
+    def display(self) -> Stereo:
+        """Picture of each eye, tonemapped: uint8 of the shape (height, width, 3)."""
+        return Stereo(*self._native.display())
+
+    def _repr_png_(self) -> bytes:
+        return self._native.png()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes both eyes side by side as a PNG file."""
+        with open(path, "wb") as file:
+            file.write(self._native.png())
+
+    def __repr__(self) -> str:
+        width, height = self._native.size
+        return f"<diptych.Frame {width}x{height}>"

@@ -1,0 +1,173 @@
+"""Scenes, renderers and sequences."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from . import _native
+from ._frame import Frame
+
+
+@dataclass(frozen=True)
+class Devices:
+    """A choice of devices: `virtual` devices on each adapter, and the numbers of the adapters.
+
+    By default, all hardware GPUs are used.
+    """
+
+    virtual: int = 1
+    adapters: Sequence[int] | None = None
+    threads_per_device: int | Sequence[int] | None = None
+
+    def options(self) -> dict[str, Any]:
+        return {"virtual": self.virtual, "devices": self.adapters, "threads_per_device": self.threads_per_device}
+
+
+def virtual(count: int, *, threads_per_device: int | Sequence[int] | None = None) -> Devices:
+    """Several devices on each adapter."""
+    return Devices(count, threads_per_device=threads_per_device)
+
+
+class Scene:
+    """A loaded scene. `load` makes one. Several renderers can share it."""
+
+    def __init__(self, native: _native.Scene):
+        self._native = native
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Description of the scene, as in run.json."""
+        return json.loads(self._native.info_json())
+
+    @property
+    def path_s(self) -> tuple[float, float]:
+        """Times at which the camera's path begins and ends, seconds."""
+        return self._native.path_s
+
+    def __repr__(self) -> str:
+        info = self.info
+        return f"<diptych.Scene {info['name']!r}: {info['triangles']} triangles>"
+
+
+def load(shot: str | os.PathLike[str], **options: Any) -> Scene:
+    """Loads `builtin:NAME`, a shot (.toml) or a scene (.gltf, .glb).
+
+    Options are those of a scene, such as `environment="sky"`.
+    """
+    return Scene(_native.load(os.fspath(shot), **options))
+
+
+class Player:
+    """Iterator over the frames of a sequence inside a frame budget. `Renderer.play` makes one."""
+
+    def __init__(self, native: _native.Player):
+        self._native = native
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self
+
+    def __next__(self) -> Frame:
+        return Frame(next(self._native))
+
+    def close(self) -> None:
+        """Ends the sequence. The renderer then has its devices back."""
+        self._native.close()
+
+    def __enter__(self) -> Player:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+class Renderer:
+    """Renders frames of a scene. Options are those of `diptych render`, such as `spp=4` or `denoiser="none"`."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        size: tuple[int, int] = (640, 360),
+        devices: int | Devices = 1,
+        **options: Any,
+    ):
+        self._native = _native.Renderer(scene._native, size=size, **_devices(devices), **options)
+        self.scene = scene
+
+    def render(
+        self,
+        time: float = 0.0,
+        *,
+        index: int | None = None,
+        warm_up: int = 0,
+        position: Sequence[float] | None = None,
+        target: Sequence[float] | None = None,
+        up: Sequence[float] = (0.0, 1.0, 0.0),
+    ) -> Frame:
+        """Renders a frame at a time in seconds: of the camera's path, or from `position` towards `target`, scene units.
+
+        `index` keys the random numbers; it grows by 1 from frame to frame. `warm_up` frames of the same instant come
+        first and give the denoiser a history, which otherwise consists of the frames rendered before.
+        """
+        pose = {"position": _triple(position), "target": _triple(target), "up": _triple(up)}
+        return Frame(self._native.render(time, index=index, warm_up=warm_up, **pose))
+
+    def play(
+        self,
+        budget_ms: tuple[float, float] = (11.0, 20.0),
+        frames: int | None = None,
+        *,
+        fps: float = 72.0,
+        time: float = 0.0,
+        motion: str | os.PathLike[str] | None = None,
+        pace: bool = False,
+    ) -> Player:
+        """Renders a sequence. The control loop sets the quality of each frame to keep frame times inside the budget.
+
+        The camera follows its path, or the head motion in the file `motion`. The clock advances by 1 / `fps` with each
+        frame and stands still in between; with `pace` it follows the time of day, and frames count the display periods
+        that they miss. Close the player before you use the renderer again; the end of the sequence closes it too.
+        """
+        path = None if motion is None else os.fspath(motion)
+        return Player(_native.Player(self._native, budget_ms, frames, fps=fps, time=time, motion=path, pace=pace))
+
+    def begin_anew(self) -> None:
+        """Discards the denoiser's history."""
+        self._native.begin_anew()
+
+    @property
+    def devices(self) -> list[dict[str, Any]]:
+        """Devices of the renderer, as in run.json."""
+        return json.loads(self._native.devices_json())
+
+
+def reference(
+    scene: Scene,
+    spp: int = 256,
+    *,
+    size: tuple[int, int] = (640, 360),
+    devices: int | Devices = 1,
+    time: float = 0.0,
+    time_limit: float | None = None,
+    progress: Callable[[int, int], Any] | None = None,
+    **options: Any,
+) -> Frame:
+    """Renders an unbiased reference: both eyes are traced, and nothing is filtered.
+
+    `progress` is called after each pass with the number of samples per pixel so far and their total.
+    """
+    options |= _devices(devices) | {"size": size}
+    native = _native.reference(scene._native, spp, time=time, time_limit=time_limit, progress=progress, **options)
+    return Frame(native)
+
+
+def _devices(devices: int | Devices) -> dict[str, Any]:
+    return (virtual(devices) if isinstance(devices, int) else devices).options()
+
+
+def _triple(vector: Sequence[float] | None) -> tuple[float, ...] | None:
+    return None if vector is None else tuple(float(part) for part in vector)
