@@ -1,0 +1,30 @@
+"""Tests of the examples in documents."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+PAGE = Path(__file__).parents[2] / "docs" / "python.md"
+
+
+def blocks():
+    return re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+
+
+def run(script, folder):
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=os.environ | {"PYTHONUTF8": "1"})
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+def test_the_ten_lines_run(tmp_path):
+    script = blocks()[0]
+    assert sum(line.strip() != "" for line in script.splitlines()) == 10
+    frame, played, flip = run(script, tmp_path)
+    assert re.fullmatch(r"\(180, 320, 3\) float32 \d+", frame), frame
+    assert re.fullmatch(r"\d+ of 20 frames within the budget", played), played
+    assert re.fullmatch(r"FLIP 0\.\d{3}", flip) and 0.0 < float(flip.split()[1]) < 0.2, flip
+    assert (tmp_path / "cornell.png").read_bytes().startswith(b"\x89PNG")
