@@ -121,9 +121,12 @@ python: deps
 	$(CARGO) build --release --locked
 	rm -rf out/python/venv out/python/wheels
 	python3 -m venv out/python/venv
-	out/python/venv/bin/pip install --quiet --disable-pip-version-check pytest psutil
+	out/python/venv/bin/pip install --quiet --disable-pip-version-check pytest psutil mypy
 	out/python/venv/bin/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/python/wheels ./python
 	out/python/venv/bin/pip install --quiet --disable-pip-version-check out/python/wheels/diptych-*.whl
+	MYPY_CACHE_DIR=out/python/mypy out/python/venv/bin/python -m mypy --config-file python/pyproject.toml python/diptych
+	MYPY_CACHE_DIR=out/python/mypy out/python/venv/bin/python -m mypy.stubtest \
+		--mypy-config-file python/pyproject.toml diptych
 	DIPTYCH="$(abspath $(DIPTYCH))" $(RUN) out/python/venv/bin/python -m pytest -q --import-mode=importlib python/tests
 
 golden: deps

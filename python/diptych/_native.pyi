@@ -1,34 +1,51 @@
 """The extension module, written in Rust. Use the package `diptych`."""
 
 from os import PathLike
-from typing import Any, Callable
+from typing import Any, Callable, final
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Self
 
+_Image = NDArray[np.float32]
+
+__all__ = [
+    "__version__",
+    "Scene",
+    "Renderer",
+    "Frame",
+    "Player",
+    "load",
+    "reference",
+    "errors",
+    "flip_map",
+    "write_exr",
+    "read_exr",
+]
 __version__: str
 
-Image = NDArray[np.float32]
-
+@final
 class Scene:
     path_s: tuple[float, float]
     def info_json(self) -> str: ...
 
+@final
 class Frame:
-    left: Image
-    right: Image
+    left: _Image
+    right: _Image
     exposure_ev: float
     library_ms: float
     report_json: str
     aovs: list[str]
     size: tuple[int, int]
-    def aov(self, name: str) -> list[Image]: ...
+    def aov(self, name: str) -> list[_Image]: ...
     def display(self) -> list[NDArray[np.uint8]]: ...
     def png(self) -> bytes: ...
 
+@final
 class Renderer:
     size: tuple[int, int]
-    def __init__(self, scene: Scene, **options: Any) -> None: ...
+    def __new__(cls, scene: Scene, **options: Any) -> Self: ...
     def render(
         self,
         time: float = 0.0,
@@ -37,14 +54,15 @@ class Renderer:
         warm_up: int = 0,
         position: tuple[float, ...] | None = None,
         target: tuple[float, ...] | None = None,
-        up: tuple[float, ...] | None = None,
+        up: tuple[float, ...] | None = ...,
     ) -> Frame: ...
     def begin_anew(self) -> None: ...
     def devices_json(self) -> str: ...
 
+@final
 class Player:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         renderer: Renderer,
         budget_ms: tuple[float, float],
         frames: int | None,
@@ -53,9 +71,11 @@ class Player:
         time: float = 0.0,
         motion: str | None = None,
         pace: bool = False,
-    ) -> None: ...
-    def __iter__(self) -> Player: ...
+    ) -> Self: ...
+    def __iter__(self) -> Self: ...
     def __next__(self) -> Frame: ...
+    def __enter__(self) -> Self: ...
+    def __exit__(self, *_exception: object) -> None: ...
     def close(self) -> None: ...
 
 def load(shot: str, **options: Any) -> Scene: ...
@@ -69,7 +89,7 @@ def reference(
     progress: Callable[[int, int], Any] | None = None,
     **options: Any,
 ) -> Frame: ...
-def errors(reference: Image, image: Image, exposure_ev: float = 0.0) -> list[tuple[str, float | None]]: ...
-def flip_map(reference: Image, image: Image, exposure_ev: float = 0.0) -> Image: ...
-def write_exr(path: str | PathLike[str], array: Image) -> None: ...
-def read_exr(path: str | PathLike[str]) -> Image: ...
+def errors(reference: _Image, image: _Image, exposure_ev: float = 0.0) -> list[tuple[str, float | None]]: ...
+def flip_map(reference: _Image, image: _Image, exposure_ev: float = 0.0) -> _Image: ...
+def write_exr(path: str | PathLike[str], array: _Image) -> None: ...
+def read_exr(path: str | PathLike[str]) -> _Image: ...
