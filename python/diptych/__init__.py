@@ -25,11 +25,12 @@ from ._dataset import dataset  # noqa: E402
 from ._frame import Camera, Frame, Stereo  # noqa: E402
 from ._measure import Bench, Errors, bench, compare, flip  # noqa: E402
 from ._native import __version__, read_exr, write_exr  # noqa: E402
-from ._renderer import Devices, Player, Renderer, Scene, load, reference, virtual  # noqa: E402
+from ._renderer import Controller, Devices, Player, Renderer, Scene, load, reference, virtual  # noqa: E402
 
 __all__ = [
     "Bench",
     "Camera",
+    "Controller",
     "Devices",
     "Errors",
     "Frame",

@@ -61,6 +61,7 @@ class Renderer:
 
 @final
 class Player:
+    ladder_json: str
     def __new__(
         cls,
         renderer: Renderer,
@@ -71,6 +72,7 @@ class Player:
         time: float = 0.0,
         motion: str | None = None,
         pace: bool = False,
+        controller: Any = None,
     ) -> Self: ...
     def __iter__(self) -> Self: ...
     def __next__(self) -> Frame: ...

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from . import _native
 from ._frame import Frame
@@ -61,6 +61,16 @@ def load(shot: str | os.PathLike[str], **options: Any) -> Scene:
     return Scene(_native.load(os.fspath(shot), **options))
 
 
+class Controller(Protocol):
+    """Chooses the rungs of the frames of a sequence, see `Renderer.play`. The method `observe` may be missing."""
+
+    def next(self, predicted_ms: list[float]) -> int:
+        """Returns the index of the next frame's rung, given the predicted frame times of all rungs."""
+
+    def observe(self, rung: int, makespan_ms: float) -> None:
+        """Takes the measured time of a finished frame."""
+
+
 class Player:
     """Iterator over the frames of a sequence inside a frame budget. `Renderer.play` makes one."""
 
@@ -72,6 +82,11 @@ class Player:
 
     def __next__(self) -> Frame:
         return Frame(next(self._native))
+
+    @property
+    def ladder(self) -> list[dict[str, Any]]:
+        """Rungs of the quality ladder, from the cheapest to the best: estimated time and error, and the settings."""
+        return json.loads(self._native.ladder_json)
 
     def close(self) -> None:
         """Ends the sequence. The renderer then has its devices back."""
@@ -125,15 +140,21 @@ class Renderer:
         time: float = 0.0,
         motion: str | os.PathLike[str] | None = None,
         pace: bool = False,
+        controller: Controller | None = None,
     ) -> Player:
         """Renders a sequence. The control loop sets the quality of each frame to keep frame times inside the budget.
 
         The camera follows its path, or the head motion in the file `motion`. The clock advances by 1 / `fps` with each
         frame and stands still in between; with `pace` it follows the time of day, and frames count the display periods
         that they miss. Close the player before you use the renderer again; the end of the sequence closes it too.
+
+        `controller` replaces the control loop: before each frame, its method `next` takes the predicted times of the
+        ladder's rungs and returns the index of one; after it, `observe` takes the rung and the frame time. `ladder` of
+        the player lists the rungs.
         """
         path = None if motion is None else os.fspath(motion)
-        return Player(_native.Player(self._native, budget_ms, frames, fps=fps, time=time, motion=path, pace=pace))
+        timing: dict[str, Any] = {"fps": fps, "time": time, "motion": path, "pace": pace}
+        return Player(_native.Player(self._native, budget_ms, frames, controller=controller, **timing))
 
     def begin_anew(self) -> None:
         """Discards the denoiser's history."""

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import diptych as dp
+
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"
 
 
@@ -28,3 +30,10 @@ def test_the_ten_lines_run(tmp_path):
     assert re.fullmatch(r"\d+ of 20 frames within the budget", played), played
     assert re.fullmatch(r"FLIP 0\.\d{3}", flip) and 0.0 < float(flip.split()[1]) < 0.2, flip
     assert (tmp_path / "cornell.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_controller_of_the_page_plays(scene):
+    (script,) = [block for block in blocks() if "controller=" in block]
+    names = {"renderer": dp.Renderer(scene, size=(64, 36))}
+    exec(script, names)
+    assert len(names["frames"]) == 100

@@ -16,6 +16,7 @@ use crate::image::tone::ToneCurve;
 use crate::image::{Extent, RgbImage, stereo};
 use crate::passes::Aov;
 use crate::report::run::FrameRow;
+use crate::scene::shot::Shot;
 
 /// A rendered frame. Its arrays keep their values when further frames are rendered.
 #[pyclass(frozen, module = "diptych")]
@@ -43,6 +44,13 @@ pub struct Frame {
 pub struct Look {
     pub exposure_ev: f32,
     pub tone: ToneCurve,
+}
+
+impl Look {
+    /// Returns the look of a shot's pictures.
+    pub fn of(shot: &Shot) -> Self {
+        Self { exposure_ev: shot.exposure_ev, tone: shot.tone }
+    }
 }
 
 /// Values of an auxiliary image: all channels of a pixel, then the next pixel.

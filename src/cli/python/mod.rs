@@ -4,6 +4,8 @@
 //! Options have the names and the defaults of the command line, since [`options`] parses them with the same parser.
 
 mod arrays;
+mod control;
+mod exclusive;
 mod failure;
 mod frame;
 mod metrics;

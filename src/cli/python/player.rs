@@ -1,12 +1,13 @@
 //! Sequences inside a frame budget.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use super::control::{self, Controller, Raised};
+use super::exclusive::{Exclusive, Guard};
 use super::failure::exception;
 use super::frame::{Frame, Images, report};
 use super::renderer::{Renderer, open_devices};
@@ -14,21 +15,24 @@ use crate::cli::failure::Failure;
 use crate::cli::options::RenderOptions;
 use crate::cli::play::Pace;
 use crate::cli::setup;
-use crate::control::{Budget, candidates};
+use crate::control::{Budget, Ladder, candidates};
 use crate::exec::ranks::Devices;
-use crate::quality::Envelope;
+use crate::quality::{Envelope, FrameQuality};
 use crate::report::play::ControlRow;
 use crate::report::run::FrameRow;
 use crate::scene::head::HeadMotion;
 use crate::scene::rig::Rig;
-use crate::session::Session;
+use crate::session::{Decided, Session};
 
 /// Iterator over the frames of a sequence. The control loop sets the quality of each frame so that frame times stay
 /// inside the budget.
 #[pyclass(frozen, module = "diptych")]
 pub struct Player {
     renderer: Py<Renderer>,
-    playing: Mutex<Option<Playing>>,
+    playing: Exclusive<Option<Playing>>,
+    /// Rungs of the ladder, in JSON.
+    #[pyo3(get)]
+    ladder_json: String,
 }
 
 struct Playing {
@@ -43,16 +47,43 @@ struct Playing {
     pace: Option<Pace>,
     /// Display periods that frames have missed.
     missed: u32,
+    /// Exceptions of the controller.
+    raised: Raised,
+}
+
+/// A rung of the ladder, as Python sees it.
+#[derive(serde::Serialize)]
+struct RungRow {
+    time_ms: f64,
+    error: f64,
+    #[serde(flatten)]
+    quality: FrameQuality,
+}
+
+fn ladder_json(ladder: &Ladder) -> Result<String, Failure> {
+    let rows = ladder.rungs().iter().map(|rung| RungRow {
+        time_ms: rung.time_ms,
+        error: rung.error,
+        quality: (&rung.quality).into(),
+    });
+    Ok(serde_json::to_string(&rows.collect::<Vec<_>>()).map_err(anyhow::Error::from)?)
 }
 
 impl Playing {
     /// Renders the next frame; returns its images and its entry in run.json, or `None` after the last frame.
-    fn frame(&mut self, renderer: &Renderer) -> Result<Option<(Images, String)>, Failure> {
+    fn frame(&mut self, renderer: &Renderer) -> PyResult<Option<(Images, String)>> {
         if self.next == self.frames {
             return Ok(None);
         }
+        let decided = self.session.decide();
+        self.raised.check()?;
+        let frame = self.render(renderer, decided).map_err(exception)?;
+        self.raised.check()?;
+        Ok(Some(frame))
+    }
+
+    fn render(&mut self, renderer: &Renderer, decided: Decided) -> Result<(Images, String), Failure> {
         let Self { session, rig, .. } = self;
-        let decided = session.decide();
         let late_ms = self.pace.as_ref().map_or(0.0, Pace::wait);
         let time_s = self.time_s + f64::from(self.next.saturating_add(self.missed)) / self.fps;
         let frame = session.render(decided, rig, time_s, self.next)?;
@@ -62,7 +93,7 @@ impl Playing {
         let mut row = FrameRow::new(&frame, session.quality(decided.decision.rung), rig, time_s);
         row.control = Some(ControlRow::new(decided, session.budget(), frame.makespan_ms, late_ms));
         row.miss(missed_periods);
-        Ok(Some((Images::read(&mut session.renderer, &renderer.aovs())?, report(&row)?)))
+        Ok((Images::read(&mut session.renderer, &renderer.aovs())?, report(&row)?))
     }
 }
 
@@ -92,7 +123,7 @@ fn followed(renderer: &Renderer, path: &Path) -> Result<Rig, Failure> {
 #[pymethods]
 impl Player {
     #[new]
-    #[pyo3(signature = (renderer, budget_ms, frames, *, fps=72.0, time=0.0, motion=None, pace=false))]
+    #[pyo3(signature = (renderer, budget_ms, frames, *, fps=72.0, time=0.0, motion=None, pace=false, controller=None))]
     #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
     fn new(
         py: Python<'_>,
@@ -103,15 +134,17 @@ impl Player {
         time: f64,
         motion: Option<PathBuf>,
         pace: bool,
+        controller: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let budget = Budget::new(budget_ms.0, budget_ms.1).map_err(|error| PyValueError::new_err(error.to_string()))?;
         if !(fps.is_finite() && fps > 0.0 && time.is_finite()) {
             return Err(PyValueError::new_err("fps must be above 0 and time a number of seconds"));
         }
+        controller.as_ref().map_or(Ok(()), control::check)?;
         let of = renderer.get();
         let rig = motion.map_or_else(|| Ok(of.rig.clone()), |path| followed(of, &path)).map_err(exception)?;
-        let devices = of.take()?;
-        let session = match py.detach(|| begin(of, devices, budget, &rig)) {
+        let devices = py.detach(|| of.take()).map_err(exception)?;
+        let mut session = match py.detach(|| begin(of, devices, budget, &rig)) {
             Ok(session) => session,
             Err(failure) => {
                 let devices = open_devices(py, &of.options).map_err(exception)?;
@@ -119,9 +152,15 @@ impl Player {
                 return Err(exception(failure));
             }
         };
+        let raised = Raised::default();
+        if let Some(object) = controller {
+            let controller = Controller::new(object.unbind(), session.ladder(), budget, raised.clone());
+            session.set_controller(Box::new(controller));
+        }
+        let ladder_json = ladder_json(session.ladder()).map_err(exception)?;
         let (frames, pace) = (frames.unwrap_or(u32::MAX), pace.then(|| Pace::new(fps)));
-        let playing = Playing { session, rig, fps, time_s: time, next: 0, frames, pace, missed: 0 };
-        Ok(Self { renderer, playing: Mutex::new(Some(playing)) })
+        let playing = Playing { session, rig, fps, time_s: time, next: 0, frames, pace, missed: 0, raised };
+        Ok(Self { renderer, playing: Exclusive::new(Some(playing)), ladder_json })
     }
 
     fn __iter__(this: Py<Self>) -> Py<Self> {
@@ -131,8 +170,8 @@ impl Player {
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<Frame>> {
         let begin = Instant::now();
         let renderer = self.renderer.get();
-        let next = || self.lock().as_mut().map_or(Ok(None), |playing| playing.frame(renderer));
-        let Some((images, report)) = py.detach(next).map_err(exception)? else {
+        let next = || self.lock().map_err(exception)?.as_mut().map_or(Ok(None), |playing| playing.frame(renderer));
+        let Some((images, report)) = py.detach(next)? else {
             self.close(py)?;
             return Ok(None);
         };
@@ -156,19 +195,20 @@ impl Player {
 }
 
 impl Player {
-    fn lock(&self) -> MutexGuard<'_, Option<Playing>> {
-        self.playing.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> Result<Guard<'_, Option<Playing>>, Failure> {
+        self.playing.lock()
     }
 
     fn end(&self) -> Result<(), Failure> {
-        let playing = self.lock().take();
+        let playing = self.lock()?.take();
         playing.map_or(Ok(()), |playing| self.renderer.get().put_back(playing.session.renderer.into_devices()))
     }
 }
 
 impl Drop for Player {
     fn drop(&mut self) {
-        // A destructor has no way to report a failure; the next frame of the renderer does.
-        let _ = self.end();
+        // A destructor has no way to report a failure; the next frame of the renderer does. Other threads may need the
+        // interpreter's lock until they release the scene.
+        let _ = Python::try_attach(|py| py.detach(|| self.end()));
     }
 }

@@ -14,9 +14,8 @@ use super::renderer::open_devices;
 use super::scene::Scene;
 use crate::accumulation::{Accumulation, Job, accumulate};
 use crate::cli::failure::Failure;
-use crate::cli::progress::Progress;
 use crate::cli::reference::{OVERRULED, PASS_SPP, PassOptions, Plan, seconds};
-use crate::cli::{metering, setup};
+use crate::cli::setup;
 
 /// Renders a reference: both eyes are traced, nothing is filtered. `progress` is called after each pass with the number
 /// of samples per pixel so far and their total.
@@ -48,11 +47,12 @@ pub fn reference(
     let devices = open_devices(py, &options).map_err(exception)?;
     let (stop, mut raised) = (AtomicBool::new(false), Ok(()));
     let accumulated = py.detach(|| -> Result<_, Failure> {
-        let loaded = &mut *scene.loaded();
-        let devices = metering::meter(&plan.options, loaded, devices, &Progress::text(true, false))?;
-        let mut renderer = setup::renderer(&plan.options, loaded, devices, Instant::now())?;
+        let (mut renderer, rig, look) = scene.metered(&plan.options, devices, |loaded, devices| {
+            let renderer = setup::renderer(&plan.options, loaded, devices, Instant::now())?;
+            Ok((renderer, loaded.shot.rig.clone(), Look::of(&loaded.shot)))
+        })?;
         let job = Job {
-            rig: &loaded.shot.rig,
+            rig: &rig,
             time_s: time,
             frame: index,
             pass_spp: PASS_SPP,
@@ -78,7 +78,6 @@ pub fn reference(
             }
         })?;
         let row = serde_json::to_string(&plan.row(index, 0, &done)).map_err(anyhow::Error::from)?;
-        let look = Look { exposure_ev: loaded.shot.exposure_ev, tone: loaded.shot.tone };
         let mut images = Images::read(&mut renderer, &options.render.aovs())?;
         images.linear = done.accumulation.mean();
         Ok((images, look, row))

@@ -1,24 +1,24 @@
 //! Renderers.
 
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use glam::DVec3;
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use super::exclusive::{Exclusive, Guard};
 use super::failure::exception;
 use super::frame::{Frame, Images, Look, report};
 use super::options::{Options, Scope, given};
 use super::scene::Scene;
 use crate::cli::environment::let_devices_set_environment;
 use crate::cli::failure::Failure;
-use crate::cli::progress::Progress;
-use crate::cli::{metering, setup};
+use crate::cli::setup;
 use crate::exec::Renderer as Inner;
 use crate::exec::ranks::Devices;
+use crate::loaded::LoadedScene;
 use crate::passes::Aov;
 use crate::report::run::FrameRow;
 use crate::scene::rig::{Rig, RigKey};
@@ -31,7 +31,7 @@ pub struct Renderer {
     pub(super) rig: Rig,
     pub(super) look: Look,
     /// The renderer, except while a [`Player`](super::player::Player) has its devices.
-    inner: Mutex<Option<Inner>>,
+    inner: Exclusive<Option<Inner>>,
     /// Number of the next frame.
     next: AtomicU32,
 }
@@ -64,18 +64,13 @@ impl Renderer {
         let own = given(options, Scope::Renderer)?;
         let options = Options::parse(&scene.get().shot, scene.get().given.iter().chain(&own))?;
         let devices = open_devices(py, &options).map_err(exception)?;
-        let of_scene = scene.get();
-        let (inner, rig, look) = py
-            .detach(|| {
-                let loaded = &mut *of_scene.loaded();
-                let progress = Progress::text(true, false);
-                let devices = metering::meter(&options.render, loaded, devices, &progress)?;
-                let inner = setup::renderer(&options.render, loaded, devices, Instant::now())?;
-                let look = Look { exposure_ev: loaded.shot.exposure_ev, tone: loaded.shot.tone };
-                Ok((inner, loaded.shot.rig.clone(), look))
-            })
-            .map_err(|failure: Failure| exception(failure))?;
-        Ok(Self { scene, options, rig, look, inner: Mutex::new(Some(inner)), next: AtomicU32::new(0) })
+        let make = |loaded: &LoadedScene, devices: Devices| {
+            let inner = setup::renderer(&options.render, loaded, devices, Instant::now())?;
+            Ok((inner, loaded.shot.rig.clone(), Look::of(&loaded.shot)))
+        };
+        let made = py.detach(|| scene.get().metered(&options.render, devices, make));
+        let (inner, rig, look) = made.map_err(exception)?;
+        Ok(Self { scene, options, rig, look, inner: Exclusive::new(Some(inner)), next: AtomicU32::new(0) })
     }
 
     /// Renders a frame at a time on the camera's path, in seconds, or from a pose. `warm_up` frames of the same instant
@@ -115,20 +110,20 @@ impl Renderer {
             let row = FrameRow::new(&frame, &params.quality, &rig, time);
             Ok((Images::read(inner, &self.aovs())?, report(&row)?))
         };
-        let (images, report) = py.detach(|| render(self.lock().as_mut().ok_or_else(busy)?)).map_err(exception)?;
+        let (images, report) = py.detach(|| render(self.lock()?.as_mut().ok_or_else(busy)?)).map_err(exception)?;
         py.check_signals()?;
         Frame::new(py, images, self.look, report, begin)
     }
 
     /// Discards the history, so that the next frame does not use earlier frames.
     fn begin_anew(&self, py: Python<'_>) -> PyResult<()> {
-        py.detach(|| self.lock().as_mut().map(Inner::begin_anew).ok_or_else(busy)).map_err(exception)
+        py.detach(|| self.lock()?.as_mut().map(Inner::begin_anew).ok_or_else(busy)).map_err(exception)
     }
 
     /// Devices of the renderer, in JSON.
     fn devices_json(&self, py: Python<'_>) -> PyResult<String> {
         let text = py.detach(|| -> Result<String, Failure> {
-            let guard = self.lock();
+            let guard = self.lock()?;
             let inner = guard.as_ref().ok_or_else(busy)?;
             Ok(serde_json::to_string(inner.devices()).map_err(anyhow::Error::from)?)
         });
@@ -148,25 +143,22 @@ impl Renderer {
         self.options.render.aovs()
     }
 
-    fn lock(&self) -> MutexGuard<'_, Option<Inner>> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> Result<Guard<'_, Option<Inner>>, Failure> {
+        self.inner.lock()
     }
 
     /// Takes the devices. Until [`Self::put_back`], no frame can be rendered.
-    pub(super) fn take(&self) -> PyResult<Devices> {
-        let taken = self.lock().take();
-        taken.map(Inner::into_devices).ok_or_else(|| PyRuntimeError::new_err(BUSY))
+    pub(super) fn take(&self) -> Result<Devices, Failure> {
+        self.lock()?.take().map(Inner::into_devices).ok_or_else(busy)
     }
 
     pub(super) fn put_back(&self, devices: Devices) -> Result<(), Failure> {
         let inner = setup::renderer(&self.options.render, &self.scene.get().loaded(), devices, Instant::now())?;
-        *self.lock() = Some(inner);
+        *self.lock()? = Some(inner);
         Ok(())
     }
 }
 
-const BUSY: &str = "the renderer's devices play a sequence: close the player first";
-
 fn busy() -> Failure {
-    Failure::Run(anyhow::anyhow!(BUSY))
+    Failure::Run(anyhow::anyhow!("the renderer's devices play a sequence: close the player first"))
 }

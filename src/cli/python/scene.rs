@@ -1,20 +1,24 @@
 //! Loaded scenes.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{PoisonError, RwLock, RwLockReadGuard};
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::failure::exception;
 use super::options::{Given, Options, Scope, given};
-use crate::cli::setup;
+use crate::cli::failure::Failure;
+use crate::cli::options::RenderOptions;
+use crate::cli::progress::Progress;
+use crate::cli::{metering, setup};
+use crate::exec::ranks::Devices;
 use crate::loaded::LoadedScene;
 use crate::report::run::SceneSummary;
 
 /// A scene and its shot. Several renderers can share it.
 #[pyclass(frozen, module = "diptych")]
 pub struct Scene {
-    loaded: Mutex<LoadedScene>,
+    loaded: RwLock<LoadedScene>,
     /// The shot, and the options that it was loaded with.
     pub(super) shot: String,
     pub(super) given: Vec<Given>,
@@ -27,12 +31,30 @@ pub fn load(py: Python<'_>, shot: &Bound<'_, PyAny>, options: Option<&Bound<'_, 
     let (shot, given) = (shot.str()?.to_string(), given(options, Scope::Scene)?);
     let options = Options::parse(&shot, &given)?;
     let loaded = py.detach(|| setup::load(&options.render)).map_err(exception)?;
-    Ok(Scene { loaded: Mutex::new(loaded), shot, given })
+    Ok(Scene { loaded: RwLock::new(loaded), shot, given })
 }
 
 impl Scene {
-    pub fn loaded(&self) -> MutexGuard<'_, LoadedScene> {
-        self.loaded.lock().unwrap_or_else(PoisonError::into_inner)
+    pub fn loaded(&self) -> RwLockReadGuard<'_, LoadedScene> {
+        self.loaded.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Meters the scene if its shot asks for it, and calls `make`. Other threads may use the scene meanwhile, unless it
+    /// is metered.
+    pub fn metered<T>(
+        &self,
+        options: &RenderOptions,
+        devices: Devices,
+        make: impl FnOnce(&LoadedScene, Devices) -> Result<T, Failure>,
+    ) -> Result<T, Failure> {
+        let loaded = self.loaded();
+        if !loaded.shot.is_metered {
+            return make(&loaded, devices);
+        }
+        drop(loaded);
+        let loaded = &mut *self.loaded.write().unwrap_or_else(PoisonError::into_inner);
+        let devices = metering::meter(options, loaded, devices, &Progress::text(true, false))?;
+        make(loaded, devices)
     }
 }
 
