@@ -45,7 +45,7 @@ class Frame:
 @final
 class Renderer:
     size: tuple[int, int]
-    def __new__(cls, scene: Scene, **options: Any) -> Self: ...
+    def __new__(cls, scene: Scene, *, policy: Any = None, **options: Any) -> Self: ...
     def render(
         self,
         time: float = 0.0,

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from . import _native
 from ._frame import Frame
@@ -71,6 +74,9 @@ class Controller(Protocol):
         """Takes the measured time of a finished frame."""
 
 
+Policy = Callable[[NDArray[np.float64], int], Iterable[int]]
+
+
 class Player:
     """Iterator over the frames of a sequence inside a frame budget. `Renderer.play` makes one."""
 
@@ -100,7 +106,12 @@ class Player:
 
 
 class Renderer:
-    """Renders frames of a scene. Options are those of `diptych render`, such as `spp=4` or `denoiser="none"`."""
+    """Renders frames of a scene. Options are those of `diptych render`, such as `spp=4` or `denoiser="none"`.
+
+    `policy` distributes the rows of each frame over the devices, in place of the option `balance`. It takes the
+    predicted costs in milliseconds, an array of the shape (devices, rows), and the number of rows; it returns the
+    number of rows of each device.
+    """
 
     def __init__(
         self,
@@ -108,9 +119,10 @@ class Renderer:
         *,
         size: tuple[int, int] = (640, 360),
         devices: int | Devices = 1,
+        policy: Policy | None = None,
         **options: Any,
     ):
-        self._native = _native.Renderer(scene._native, size=size, **_devices(devices), **options)
+        self._native = _native.Renderer(scene._native, policy=policy, size=size, **_devices(devices), **options)
         self.scene = scene
 
     def render(

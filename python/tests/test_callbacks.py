@@ -1,7 +1,9 @@
 """Tests of controllers and policies that are written in Python."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 
 import diptych as dp
@@ -94,3 +96,131 @@ def test_a_controller_cannot_use_the_player_that_calls_it(renderer):
     with renderer.play(WIDE, frames=2, controller=Closing()) as player:
         with pytest.raises(RuntimeError, match="callback cannot use"):
             next(player)
+
+
+@pytest.fixture(scope="module")
+def asked(scene):
+    """A renderer whose policy tests may replace, since it takes seconds to make one."""
+
+    def stripes(costs, rows):
+        return renderer.stripes(costs, rows)
+
+    renderer = dp.Renderer(scene, size=SIZE, devices=2, policy=stripes)
+    return renderer
+
+
+def test_a_policy_distributes_the_rows(asked, renderer):
+    calls = []
+
+    def stripes(costs, height):
+        calls.append((costs, height))
+        return [10, 26]
+
+    asked.stripes = stripes
+    frames = [asked.render(0.5, index=3, warm_up=2), renderer.render(0.5, index=3, warm_up=2)]
+    assert frames[0].report["stripes"] == [10, 26] != frames[1].report["stripes"]
+    assert frames[0].left.tobytes() == frames[1].left.tobytes()
+    assert frames[0].right.tobytes() == frames[1].right.tobytes()
+    assert [(costs.shape, height) for costs, height in calls] == [((2, 36), 36)] * 3
+    assert (calls[2][0] > 0).all() and np.ptp(calls[2][0][0]) > 0
+    with asked.play(WIDE, frames=2) as player:
+        assert all(frame.report["stripes"] == [10, 26] for frame in player)
+    assert asked.render().report["stripes"] == [10, 26]
+
+
+def test_costs_predict_the_frame(scene):
+    costs = []
+
+    def stripes(predicted, rows):
+        costs.append(predicted.sum(axis=1))
+        return [rows]
+
+    renderer = dp.Renderer(scene, size=(160, 90), policy=stripes)
+    reports = [renderer.render(index=index).report for index in range(12)]
+    assert costs[0] == 90
+    busy = [report["makespan_ms"] for report in reports]
+    assert 0.6 < np.median(costs[6:]) / np.median(busy[6:]) < 1.3
+
+
+def test_the_time_of_a_policy_is_time_of_planning(asked):
+    def stripes(costs, rows):
+        threading.Event().wait(0.05)
+        return np.array([rows - 1, 1])
+
+    asked.stripes = stripes
+    assert asked.render().report["plan_ms"] > 50
+    with asked.play(WIDE, frames=1) as player:
+        assert next(player).report["plan_ms"] > 50
+
+
+@pytest.mark.parametrize(
+    ("rows", "error", "text"),
+    [
+        ([36], ValueError, "rows for 1 devices, but 2 render"),
+        ([1, 2, 33], ValueError, "rows for 3 devices"),
+        ([18, 19], ValueError, r"rows \[18, 19\], which are not at least 0 each and 36 in all"),
+        ([18, 17], ValueError, "36 in all"),
+        ([40, -4], ValueError, "at least 0"),
+        ([-4, 40], ValueError, "at least 0"),
+        ([2**40, 36 - 2**40], ValueError, "at least 0"),
+        ([17.5, 18.5], TypeError, "not the number of rows of each device"),
+        (None, TypeError, "returned None, not the number"),
+        ("no", TypeError, "returned 'no'"),
+    ],
+)
+def test_wrong_rows_are_exceptions(asked, rows, error, text):
+    asked.stripes = lambda costs, height: rows
+    with pytest.raises(error, match=text):
+        asked.render()
+
+
+def test_exceptions_of_a_policy_surface_and_frames_go_on(asked):
+    answers = iter([[18, 18], LookupError("no rows"), [20, 16], [0, 36], [36, 0]])
+
+    def stripes(costs, rows):
+        answer = next(answers)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    asked.stripes = stripes
+    assert asked.render().report["stripes"] == [18, 18]
+    with pytest.raises(LookupError, match="no rows"):
+        asked.render()
+    assert asked.render().report["stripes"] == [20, 16]
+    with asked.play(WIDE) as player:
+        assert next(player).report["stripes"] == [0, 36]
+        assert next(player).report["stripes"] == [36, 0]
+    assert next(answers, None) is None
+
+
+def test_a_policy_cannot_use_the_renderer_that_calls_it(asked):
+    for use in (asked.render, asked.play, asked.begin_anew, lambda: asked.devices):
+        asked.stripes = lambda costs, rows: use()
+        with pytest.raises(RuntimeError, match="callback cannot use"):
+            asked.render()
+
+
+def test_a_policy_is_a_function_and_excludes_other_policies(scene):
+    with pytest.raises(TypeError, match="policy is a function"):
+        dp.Renderer(scene, policy=3)
+    with pytest.raises(TypeError, match="either policy or balance"):
+        dp.Renderer(scene, policy=lambda costs, rows: [rows], balance="even")
+
+
+def test_threads_that_share_a_renderer_call_its_policy(asked):
+    asked.stripes = lambda costs, rows: [rows // 2, rows // 2]
+    with ThreadPoolExecutor(4) as pool:
+        frames = list(pool.map(lambda index: asked.render(index=index), range(8)))
+    assert all(frame.report["stripes"] == [18, 18] for frame in frames)
+
+
+def test_a_callback_may_use_the_scene(scene):
+    names = []
+
+    def progress(done, of):
+        names.append(scene.info["name"])
+        dp.Renderer(scene, size=SIZE)
+
+    dp.reference(scene, 8, size=SIZE, progress=progress)
+    assert set(names) == {"cornell"}

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
 import diptych as dp
 
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"
@@ -37,3 +39,11 @@ def test_the_controller_of_the_page_plays(scene):
     names = {"renderer": dp.Renderer(scene, size=(64, 36))}
     exec(script, names)
     assert len(names["frames"]) == 100
+
+
+def test_the_policy_of_the_page_distributes_rows(scene):
+    (script,) = [block for block in blocks() if "policy=" in block]
+    names = {"dp": dp, "np": np, "scene": scene}
+    exec(script, names)
+    frames = [names["renderer"].render(index=index) for index in range(3)]
+    assert all(sum(frame.report["stripes"]) == 360 for frame in frames)

@@ -165,9 +165,22 @@ pub fn varying_renderer(
     origin: Instant,
     envelope: &Envelope,
 ) -> Result<Renderer, Failure> {
+    renderer_with(options, loaded, gpus, origin, envelope, |grid, devices| policy(options, grid, devices))
+}
+
+/// Creates a renderer like [`varying_renderer`] with another policy, which `policy` makes for traced images of a size
+/// and a number of devices.
+pub fn renderer_with(
+    options: &RenderOptions,
+    loaded: &LoadedScene,
+    gpus: Devices,
+    origin: Instant,
+    envelope: &Envelope,
+    policy: impl FnOnce(Extent, usize) -> Result<Box<dyn Policy>, Failure>,
+) -> Result<Renderer, Failure> {
     let injected = options.faults.injected(gpus.len())?;
     let config = config(options, loaded, envelope)?;
-    let policy = policy(options, config.grid(), gpus.len())?;
+    let policy = policy(config.grid(), gpus.len())?;
     let _span = tracing::info_span!("start renderer").entered();
     let builder = Renderer::builder(loaded).config(config).policy(|_, _| policy);
     let mut renderer = builder.on(gpus).origin(origin).build()?;

@@ -130,6 +130,11 @@ impl Planner {
         self.ahead.take().unwrap_or_else(assign)
     }
 
+    /// Discards the assignment of the next frame, if a prediction already needed it.
+    pub fn assign_anew(&mut self) {
+        self.ahead = None;
+    }
+
     /// Returns the graph of the next frame if it runs this many filter iterations. `last` is the plan of the last frame.
     pub fn next_graph(&mut self, costs: &CostModel, left: &[usize], iterations: u32, last: &Plan) -> Arc<FrameGraph> {
         let before = last.assignment.clone();

@@ -11,6 +11,7 @@ mod frame;
 mod metrics;
 mod options;
 mod player;
+mod policy;
 mod reference;
 mod renderer;
 mod scene;

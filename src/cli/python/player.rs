@@ -10,11 +10,10 @@ use super::control::{self, Controller, Raised};
 use super::exclusive::{Exclusive, Guard};
 use super::failure::exception;
 use super::frame::{Frame, Images, report};
-use super::renderer::{Renderer, open_devices};
+use super::renderer::{Renderer, open_devices, start};
 use crate::cli::failure::Failure;
 use crate::cli::options::RenderOptions;
 use crate::cli::play::Pace;
-use crate::cli::setup;
 use crate::control::{Budget, Ladder, candidates};
 use crate::exec::ranks::Devices;
 use crate::quality::{Envelope, FrameQuality};
@@ -75,14 +74,16 @@ impl Playing {
         if self.next == self.frames {
             return Ok(None);
         }
+        let asked_ms = renderer.ask(&mut self.session.renderer)?;
         let decided = self.session.decide();
         self.raised.check()?;
-        let frame = self.render(renderer, decided).map_err(exception)?;
+        let frame = self.render(renderer, decided, asked_ms).map_err(exception)?;
         self.raised.check()?;
         Ok(Some(frame))
     }
 
-    fn render(&mut self, renderer: &Renderer, decided: Decided) -> Result<(Images, String), Failure> {
+    /// Renders a frame whose rows a policy in Python took `asked_ms` to distribute.
+    fn render(&mut self, renderer: &Renderer, decided: Decided, asked_ms: f64) -> Result<(Images, String), Failure> {
         let Self { session, rig, .. } = self;
         let late_ms = self.pace.as_ref().map_or(0.0, Pace::wait);
         let time_s = self.time_s + f64::from(self.next.saturating_add(self.missed)) / self.fps;
@@ -93,6 +94,7 @@ impl Playing {
         let mut row = FrameRow::new(&frame, session.quality(decided.decision.rung), rig, time_s);
         row.control = Some(ControlRow::new(decided, session.budget(), frame.makespan_ms, late_ms));
         row.miss(missed_periods);
+        row.plan_ms += asked_ms;
         Ok((Images::read(&mut session.renderer, &renderer.aovs())?, report(&row)?))
     }
 }
@@ -104,7 +106,7 @@ fn begin(renderer: &Renderer, devices: Devices, budget: Budget, rig: &Rig) -> Re
     let envelope = Envelope::of(&qualities);
     let most = RenderOptions { aov: options.aov.clone(), ..RenderOptions::single(options.run.clone(), &envelope.most) };
     let loaded = renderer.scene.get().loaded();
-    let inner = setup::varying_renderer(&most, &loaded, devices, Instant::now(), &envelope)?;
+    let inner = start(&most, &loaded, devices, &envelope, renderer.policy.as_ref())?;
     Ok(Session::calibrated(inner, rig, options.size, &qualities, budget)?)
 }
 

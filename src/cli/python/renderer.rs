@@ -1,25 +1,29 @@
 //! Renderers.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
 
 use glam::DVec3;
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::exclusive::{Exclusive, Guard};
 use super::failure::exception;
 use super::frame::{Frame, Images, Look, report};
-use super::options::{Options, Scope, given};
+use super::options::{Given, Options, Scope, given};
+use super::policy::Function;
 use super::scene::Scene;
 use crate::cli::environment::let_devices_set_environment;
 use crate::cli::failure::Failure;
+use crate::cli::options::RenderOptions;
 use crate::cli::setup;
 use crate::exec::Renderer as Inner;
 use crate::exec::ranks::Devices;
 use crate::loaded::LoadedScene;
 use crate::passes::Aov;
+use crate::quality::Envelope;
 use crate::report::run::FrameRow;
 use crate::scene::rig::{Rig, RigKey};
 
@@ -30,6 +34,7 @@ pub struct Renderer {
     pub(super) options: Options,
     pub(super) rig: Rig,
     pub(super) look: Look,
+    pub(super) policy: Option<Arc<Function>>,
     /// The renderer, except while a [`Player`](super::player::Player) has its devices.
     inner: Exclusive<Option<Inner>>,
     /// Number of the next frame.
@@ -59,18 +64,25 @@ fn pose(position: [f64; 3], target: [f64; 3], up: [f64; 3]) -> PyResult<Rig> {
 #[pymethods]
 impl Renderer {
     #[new]
-    #[pyo3(signature = (scene, **options))]
-    fn new(py: Python<'_>, scene: Py<Scene>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+    #[pyo3(signature = (scene, *, policy=None, **options))]
+    fn new(
+        py: Python<'_>,
+        scene: Py<Scene>,
+        policy: Option<Bound<'_, PyAny>>,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
         let own = given(options, Scope::Renderer)?;
+        let policy = policy.map(|function| policy_of(function, &own)).transpose()?;
         let options = Options::parse(&scene.get().shot, scene.get().given.iter().chain(&own))?;
         let devices = open_devices(py, &options).map_err(exception)?;
         let make = |loaded: &LoadedScene, devices: Devices| {
-            let inner = setup::renderer(&options.render, loaded, devices, Instant::now())?;
+            let inner = start(&options.render, loaded, devices, &options.render.quality().into(), policy.as_ref())?;
             Ok((inner, loaded.shot.rig.clone(), Look::of(&loaded.shot)))
         };
         let made = py.detach(|| scene.get().metered(&options.render, devices, make));
         let (inner, rig, look) = made.map_err(exception)?;
-        Ok(Self { scene, options, rig, look, inner: Exclusive::new(Some(inner)), next: AtomicU32::new(0) })
+        let inner = Exclusive::new(Some(inner));
+        Ok(Self { scene, options, rig, look, policy, inner, next: AtomicU32::new(0) })
     }
 
     /// Renders a frame at a time on the camera's path, in seconds, or from a pose. `warm_up` frames of the same instant
@@ -98,19 +110,26 @@ impl Renderer {
         }
         let index = index.unwrap_or_else(|| self.next.load(Ordering::Relaxed));
         self.next.store(index.wrapping_add(1), Ordering::Relaxed);
-        let render = |inner: &mut Inner| -> Result<(Images, String), Failure> {
+        let render = |inner: &mut Inner, index: u32| -> PyResult<FrameRow> {
+            let asked_ms = self.ask(inner)?;
+            let params = inner.frame(&rig, time, index);
+            let frame = inner.render(&params).map_err(exception)?;
+            let row = FrameRow::new(&frame, &params.quality, &rig, time);
+            Ok(FrameRow { plan_ms: row.plan_ms + asked_ms, ..row })
+        };
+        let (images, report) = py.detach(|| {
+            let mut guard = self.lock().map_err(exception)?;
+            let inner = guard.as_mut().ok_or_else(busy).map_err(exception)?;
             if warm_up > 0 {
                 inner.begin_anew();
             }
             for before in (1..=warm_up).rev() {
-                inner.render(&inner.frame(&rig, time, index.wrapping_sub(before)))?;
+                render(inner, index.wrapping_sub(before))?;
             }
-            let params = inner.frame(&rig, time, index);
-            let frame = inner.render(&params)?;
-            let row = FrameRow::new(&frame, &params.quality, &rig, time);
-            Ok((Images::read(inner, &self.aovs())?, report(&row)?))
-        };
-        let (images, report) = py.detach(|| render(self.lock()?.as_mut().ok_or_else(busy)?)).map_err(exception)?;
+            let row = render(inner, index)?;
+            let images = Images::read(inner, &self.aovs()).map_err(exception)?;
+            Ok::<_, PyErr>((images, report(&row).map_err(exception)?))
+        })?;
         py.check_signals()?;
         Frame::new(py, images, self.look, report, begin)
     }
@@ -143,6 +162,14 @@ impl Renderer {
         self.options.render.aovs()
     }
 
+    /// Asks the policy in Python, if there is one, for the rows of the next frame. Returns the time in milliseconds that
+    /// this took.
+    pub(super) fn ask(&self, inner: &mut Inner) -> PyResult<f64> {
+        let Some(policy) = &self.policy else { return Ok(0.0) };
+        inner.assign_anew();
+        policy.ask(inner.costs())
+    }
+
     fn lock(&self) -> Result<Guard<'_, Option<Inner>>, Failure> {
         self.inner.lock()
     }
@@ -153,10 +180,33 @@ impl Renderer {
     }
 
     pub(super) fn put_back(&self, devices: Devices) -> Result<(), Failure> {
-        let inner = setup::renderer(&self.options.render, &self.scene.get().loaded(), devices, Instant::now())?;
+        let (options, scene) = (&self.options.render, self.scene.get().loaded());
+        let inner = start(options, &scene, devices, &options.quality().into(), self.policy.as_ref())?;
         *self.lock()? = Some(inner);
         Ok(())
     }
+}
+
+/// Creates a renderer with a policy in Python, or else with that of the options.
+pub(super) fn start(
+    options: &RenderOptions,
+    loaded: &LoadedScene,
+    devices: Devices,
+    envelope: &Envelope,
+    policy: Option<&Arc<Function>>,
+) -> Result<Inner, Failure> {
+    setup::renderer_with(options, loaded, devices, Instant::now(), envelope, |grid, devices| match policy {
+        Some(function) => Ok(function.policy(grid.height, devices)),
+        None => setup::policy(options, grid, devices),
+    })
+}
+
+/// Makes a policy of a function, unless options select another policy.
+fn policy_of(function: Bound<'_, PyAny>, options: &[Given]) -> PyResult<Arc<Function>> {
+    if let Some(other) = options.iter().find(|option| ["balance", "ratios"].contains(&option.id.as_str())) {
+        return Err(PyTypeError::new_err(format!("give either policy or {}", other.id)));
+    }
+    Function::new(function)
 }
 
 fn busy() -> Failure {
