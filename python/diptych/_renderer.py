@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -56,12 +56,13 @@ class Scene:
         return f"<diptych.Scene {info['name']!r}: {info['triangles']} triangles>"
 
 
-def load(shot: str | os.PathLike[str], **options: Any) -> Scene:
-    """Loads `builtin:NAME`, a shot (.toml) or a scene (.gltf, .glb).
+def load(shot: str | os.PathLike[str] | Mapping[str, Any], **options: Any) -> Scene:
+    """Loads `builtin:NAME`, a shot (.toml or a dict) or a scene (.gltf, .glb).
 
-    Options are those of a scene, such as `environment="sky"`.
+    A dict has the keys of a shot file, such as `{"scene": "model.glb", "exposure": {"ev": 1}}`. Paths in it are
+    relative to the current folder. Options are those of a scene, such as `environment="sky"`.
     """
-    return Scene(_native.load(os.fspath(shot), **options))
+    return Scene(_native.load(dict(shot) if isinstance(shot, Mapping) else os.fspath(shot), **options))
 
 
 class Controller(Protocol):

@@ -28,7 +28,7 @@ impl<'a> Access<'a> {
     /// Returns the canonical path if files are read from disk, so that all names of a file give the same path. Files
     /// that are sent between machines keep the path by which they are named.
     pub fn one_path(&self, path: PathBuf) -> PathBuf {
-        if let Source::Disk = self.source { fs::canonicalize(&path).unwrap_or(path) } else { path }
+        if let Source::Disk | Source::Shot(_) = self.source { fs::canonicalize(&path).unwrap_or(path) } else { path }
     }
 }
 
@@ -43,6 +43,9 @@ pub enum Source<'a> {
     Kept(&'a Mutex<Files>),
     /// Files sent from another machine, which has checked access.
     Sent(&'a Files),
+    /// Files on disk, except for the shot, which has this text. The caller has written it, so it may name files
+    /// anywhere.
+    Shot(&'a str),
 }
 
 /// A failed access to a file. [`Self::in_file`] converts it to a [`SceneError`] once the file that asked for the access

@@ -9,7 +9,7 @@ use glam::Vec3;
 use super::budget::Budget;
 use super::complete::{Look, Overrides, complete};
 use super::environment::read_latlong;
-use super::folder::{self, Access, Folder};
+use super::folder::{self, Access, Folder, Source};
 use super::motion::Motion;
 use super::motion::play::{Choice, Move, Moved, Play};
 use super::rig::Rig;
@@ -31,8 +31,9 @@ pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
 /// # Errors
 /// [`SceneError`], naming the file or the override.
 pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Result<(Shot, Scene), SceneError> {
-    let folder = Folder::of(Path::new(arg), access);
-    let (draft, mut scene) = open(arg, overrides, &folder)?;
+    let is_trusted = access.allow_outside || matches!(access.source, Source::Shot(_));
+    let folder = Folder::of(Path::new(arg), Access { allow_outside: is_trusted, ..access });
+    let (draft, mut scene) = open(arg, overrides, &folder, access)?;
     let overrides =
         &Overrides { look: if is_scene_file(arg) { overrides.look } else { Look::Plain }, ..overrides.clone() };
     let (shot, bounds) = if scene.motion.is_empty() {
@@ -85,18 +86,20 @@ fn is_scene_file(arg: &str) -> bool {
     !arg.starts_with("builtin:") && extension.is_some_and(|e| e == "gltf" || e == "glb")
 }
 
-/// Reads a shot, scene file or built-in scene, including the scene that a shot names.
-fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Scene), SceneError> {
+/// Reads a shot, scene file or built-in scene, including the scene that a shot names. `folder` is that of the shot, and
+/// `access` applies to files that the scene names.
+fn open(arg: &str, overrides: &Overrides, folder: &Folder, access: Access) -> Result<(Draft, Scene), SceneError> {
     let path = Path::new(arg);
     let extension = path.extension().map(|e| e.to_ascii_lowercase().to_string_lossy().into_owned());
     let asked = |draft: Draft| Draft { animation: overrides.animation.clone().or(draft.animation.clone()), ..draft };
-    let draft = match (arg.strip_prefix("builtin:"), extension.as_deref()) {
-        (Some(name), _) => Draft::parse(builtin::find(name)?.shot, arg)?,
-        (None, Some("toml")) => Draft::parse(&read_text(path, folder.access)?, arg)?,
-        (None, Some("gltf" | "glb")) => {
+    let draft = match (access.source, arg.strip_prefix("builtin:"), extension.as_deref()) {
+        (Source::Shot(text), ..) => Draft::parse(text, arg)?,
+        (_, Some(name), _) => Draft::parse(builtin::find(name)?.shot, arg)?,
+        (_, None, Some("toml")) => Draft::parse(&read_text(path, access)?, arg)?,
+        (_, None, Some("gltf" | "glb")) => {
             let [name, stem] = [path.file_name(), path.file_stem()].map(|p| p.unwrap_or_default().to_string_lossy());
             let draft = asked(Draft::of(SceneSource::File(name.into_owned()), stem.into_owned()));
-            let scene = gltf::load_variant(path, &draft.play(), overrides.variant.as_deref(), folder.access)?;
+            let scene = gltf::load_variant(path, &draft.play(), overrides.variant.as_deref(), access)?;
             return Ok((draft, scene));
         }
         _ => {
@@ -116,7 +119,7 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Sce
         }
         SceneSource::File(name) => {
             let path = folder.find(&name).map_err(|error| error.in_file(arg))?;
-            let scene = gltf::load_variant(&path, &draft.play(), overrides.variant.as_deref(), folder.access)?;
+            let scene = gltf::load_variant(&path, &draft.play(), overrides.variant.as_deref(), access)?;
             Ok((draft, scene))
         }
     }

@@ -15,6 +15,7 @@ mod policy;
 mod reference;
 mod renderer;
 mod scene;
+mod shot;
 
 use pyo3::prelude::*;
 

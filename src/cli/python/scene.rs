@@ -7,13 +7,15 @@ use pyo3::types::PyDict;
 
 use super::failure::exception;
 use super::options::{Given, Options, Scope, given};
+use super::shot;
 use crate::cli::failure::Failure;
 use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
 use crate::cli::{metering, setup};
-use crate::exec::ranks::Devices;
+use crate::exec::ranks::{Devices, Load};
 use crate::loaded::LoadedScene;
 use crate::report::run::SceneSummary;
+use crate::scene::folder::Source;
 
 /// A scene and its shot. Several renderers can share it.
 #[pyclass(frozen, module = "diptych")]
@@ -24,13 +26,25 @@ pub struct Scene {
     pub(super) given: Vec<Given>,
 }
 
-/// Loads `builtin:NAME`, a shot (.toml) or a scene (.gltf, .glb). Options are those of the command line.
+/// Name of a shot that is given as a dict, in messages.
+const DICT: &str = "dict";
+
+/// Loads `builtin:NAME`, a shot (.toml or a dict) or a scene (.gltf, .glb). Options are those of the command line.
 #[pyfunction]
 #[pyo3(signature = (shot, **options))]
 pub fn load(py: Python<'_>, shot: &Bound<'_, PyAny>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Scene> {
-    let (shot, given) = (shot.str()?.to_string(), given(options, Scope::Scene)?);
+    let given = given(options, Scope::Scene)?;
+    let text = shot.cast::<PyDict>().ok().map(shot::text).transpose()?;
+    let shot = if text.is_some() { DICT.to_owned() } else { shot.str()?.to_string() };
     let options = Options::parse(&shot, &given)?;
-    let loaded = py.detach(|| setup::load(&options.render)).map_err(exception)?;
+    let load = || match &text {
+        None => setup::load(&options.render),
+        Some(text) => {
+            let what = Load { shot: shot.clone(), time_s: options.render.time, files: None };
+            setup::load_here(&options.render, &what, Source::Shot(text))
+        }
+    };
+    let loaded = py.detach(load).map_err(exception)?;
     Ok(Scene { loaded: RwLock::new(loaded), shot, given })
 }
 
