@@ -26,6 +26,7 @@ from ._frame import Camera, Frame, Stereo  # noqa: E402
 from ._measure import Bench, Errors, bench, compare, flip  # noqa: E402
 from ._native import __version__, read_exr, write_exr  # noqa: E402
 from ._renderer import Controller, Devices, Player, Renderer, Scene, load, reference, virtual  # noqa: E402
+from ._trace import Lanes, Trace, trace  # noqa: E402
 
 __all__ = [
     "Bench",
@@ -34,10 +35,12 @@ __all__ = [
     "Devices",
     "Errors",
     "Frame",
+    "Lanes",
     "Player",
     "Renderer",
     "Scene",
     "Stereo",
+    "Trace",
     "bench",
     "compare",
     "dataset",
@@ -45,6 +48,7 @@ __all__ = [
     "load",
     "read_exr",
     "reference",
+    "trace",
     "virtual",
     "write_exr",
 ]

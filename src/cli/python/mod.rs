@@ -16,6 +16,7 @@ mod reference;
 mod renderer;
 mod scene;
 mod shot;
+mod trace;
 
 use pyo3::prelude::*;
 
@@ -33,5 +34,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(metrics::flip_map, module)?)?;
     module.add_function(wrap_pyfunction!(arrays::write_exr, module)?)?;
     module.add_function(wrap_pyfunction!(arrays::read_exr, module)?)?;
+    module.add_function(wrap_pyfunction!(trace::read_trace, module)?)?;
     Ok(())
 }
