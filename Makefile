@@ -121,7 +121,7 @@ python: deps
 	$(CARGO) build --release --locked
 	rm -rf out/python/venv out/python/wheels
 	python3 -m venv out/python/venv
-	out/python/venv/bin/pip install --quiet --disable-pip-version-check pytest psutil mypy
+	out/python/venv/bin/pip install --quiet --disable-pip-version-check pytest psutil mypy OpenEXR
 	out/python/venv/bin/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/python/wheels ./python
 	out/python/venv/bin/pip install --quiet --disable-pip-version-check out/python/wheels/diptych-*.whl
 	MYPY_CACHE_DIR=out/python/mypy out/python/venv/bin/python -m mypy --config-file python/pyproject.toml python/diptych

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,15 +18,21 @@ def dataset(
     *,
     aovs: Sequence[str] = ("depth", "normal", "motion"),
     spp: int = 64,
+    format: Literal["npz", "exr"] = "npz",
     **options: Any,
 ) -> int:
-    """Writes stereo pairs with exact ground truth, one NPZ file for each pose; returns their number.
+    """Writes stereo pairs with exact ground truth, and returns their number.
 
     A pose is a time in seconds, or a dict with `position` and `target`, and `up` and `time` if they differ from the
-    defaults. Files have the arrays `left` and `right`, `disparity_left` and `disparity_right`, `NAME_left` and
-    `NAME_right` for each auxiliary image, and `world_to_camera` and `world_to_ndc` of both eyes. Frames are not
-    filtered unless you give a `denoiser`; both eyes are traced unless you give `reproject=True`.
+    defaults. Frames are not filtered unless you give a `denoiser`; both eyes are traced unless you give
+    `reproject=True`.
+
+    A pair is one NPZ file with the arrays `left` and `right`, `disparity_left` and `disparity_right`, `NAME_left` and
+    `NAME_right` for each auxiliary image, and `world_to_camera` and `world_to_ndc` of both eyes. With the format `exr`,
+    it is one EXR file for each image, such as `000000.left.exr` and `000000.left.disparity.exr`, with the same values.
     """
+    if format not in ("npz", "exr"):
+        raise ValueError(f"format is 'npz' or 'exr', not {format!r}")
     os.makedirs(out, exist_ok=True)
     needed = list(dict.fromkeys([*aovs, "position", "depth"]))
     settings: dict[str, Any] = {"denoiser": "none", "reproject": False} | options
@@ -35,6 +41,9 @@ def dataset(
     for count, pose in enumerate(poses, 1):
         renderer.begin_anew()
         frame = renderer.render(**pose) if isinstance(pose, dict) else renderer.render(pose)
+        if format == "exr":
+            frame.save_exr(out, f"{count - 1:06}.", aovs=[*aovs, "disparity"])
+            continue
         arrays: dict[str, Any] = {"left": frame.left, "right": frame.right}
         images = {name: frame.aov(name) for name in aovs} | {"disparity": frame.disparity()}
         for name, eyes in images.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -136,6 +137,20 @@ class Frame:
         """Writes both eyes side by side as a PNG file."""
         with open(path, "wb") as file:
             file.write(self._native.png())
+
+    def save_exr(self, folder: str | os.PathLike[str], prefix: str = "", *, aovs: Sequence[str] | None = None) -> None:
+        """Writes the arrays to EXR files in a folder, with cameras and times as attributes.
+
+        Files have the names of `diptych render` after the prefix: `left.exr` and `left.depth.exr`, for example. `aovs`
+        limits the auxiliary images; `disparity` may be among them.
+        """
+        images: dict[str | None, Stereo] = {None: Stereo(self.left, self.right)}
+        for aov in self.aovs if aovs is None else aovs:
+            images[aov] = self.disparity() if aov == "disparity" else self.aov(aov)
+        for name, eyes in images.items():
+            for number, eye in enumerate(("left", "right")):
+                file = f"{prefix}{eye}.exr" if name is None else f"{prefix}{eye}.{name}.exr"
+                self._native.write_exr(os.path.join(folder, file), number, eyes[number], name)
 
     def __repr__(self) -> str:
         width, height = self._native.size

@@ -59,6 +59,19 @@ def test_frames_have_the_bytes_of_the_command_line(renderer, tmp_path):
         assert dp.read_exr(tmp_path / f"{eye}.exr").tobytes() == image.tobytes()
 
 
+@pytest.mark.skipif(PROGRAM is None, reason="DIPTYCH does not name the program")
+def test_frames_are_saved_as_the_files_of_the_command_line(renderer, tmp_path):
+    command = [PROGRAM, "render", "builtin:cornell", "--size", "64x36", "--virtual", "2", "--warm-up", "1"]
+    aovs = ["--aov", "position,depth,normal"]
+    subprocess.run([*command, *aovs, "--time", "0.5", "--quiet", "--out", tmp_path / "program"], check=True)
+    (tmp_path / "python").mkdir()
+    renderer.render(0.5, index=0, warm_up=1).save_exr(tmp_path / "python")
+    files = sorted(file.name for file in (tmp_path / "program").glob("*.exr"))
+    assert files == sorted(file.name for file in (tmp_path / "python").iterdir()) and len(files) == 8
+    for file in files:
+        assert (tmp_path / "python" / file).read_bytes() == (tmp_path / "program" / file).read_bytes(), file
+
+
 def test_poses_replace_the_path(renderer):
     frame = renderer.render(position=(0.0, 1.0, 3.2), target=(0.0, 1.0, 0.0), warm_up=1)
     eyes = [camera.position for camera in frame.cameras]
@@ -189,6 +202,30 @@ def test_a_data_set_has_exact_ground_truth(scene, tmp_path):
         inside = (matched >= 0) & (matched < 64)
         other = pair["disparity_right"][rows[inside], matched[inside]]
         assert np.nanmedian(np.abs(other - disparity[seen][inside])) < 0.05
+
+
+def test_a_data_set_of_exr_files_has_the_same_values(scene, tmp_path):
+    openexr = pytest.importorskip("OpenEXR")
+    options = {"size": SIZE, "spp": 1, "aovs": ["depth", "normal"]}
+    poses = [0.0, {"position": (0.0, 1.0, 3.2), "target": (0.0, 1.0, 0.0), "time": 0.5}]
+    assert dp.dataset(scene, poses, tmp_path / "npz", **options) == 2
+    assert dp.dataset(scene, poses, tmp_path / "exr", format="exr", **options) == 2
+    assert len(list((tmp_path / "exr").iterdir())) == 2 * 2 * 4
+    for number in range(2):
+        with np.load(tmp_path / "npz" / f"{number:06}.npz") as pair:
+            for i, eye in enumerate(("left", "right")):
+                for name in (None, "depth", "normal", "disparity"):
+                    file = f"{number:06}.{eye}.exr" if name is None else f"{number:06}.{eye}.{name}.exr"
+                    with openexr.File(str(tmp_path / "exr" / file), separate_channels=True) as opened:
+                        channels, header = opened.channels(), dict(opened.header())
+                        names = sorted(channels, key="RGBXYZ".index)
+                        image = np.stack([channels[key].pixels for key in names], axis=-1)
+                    expected = pair[eye if name is None else f"{name}_{eye}"]
+                    assert image.tobytes() == expected.tobytes(), file
+                    for key, entry in (("world_to_camera", "worldToCamera"), ("world_to_ndc", "worldToNDC")):
+                        assert np.array_equal(np.reshape(header[entry], (4, 4)), np.float32(pair[key][i]))
+    with pytest.raises(ValueError, match="format is 'npz' or 'exr', not 'png'"):
+        dp.dataset(scene, poses, tmp_path, format="png")
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,22 @@ impl Renderer {
         let [left, right] = pixels.each_ref().map(channels);
         Ok(Stereo { left, right })
     }
+
+    /// Reads the i-th auxiliary image like [`Self::read_aov`], but returns all channels of a pixel, then the next pixel.
+    ///
+    /// # Errors
+    /// Those of [`Self::read_linear`].
+    pub fn read_aov_pixels(&mut self, i: usize) -> Result<Stereo<Vec<f32>>, ExecError> {
+        let count = self.config.buffers.aovs[i].channels().len();
+        let pixels = self.read(aov_image(i as u8))?;
+        let channels = |bytes: &Vec<u8>| {
+            let mut channels = Vec::with_capacity(bytes.len() / size_of::<[f32; 4]>() * count);
+            values(bytes).for_each(|pixel: [f32; 4]| channels.extend_from_slice(&pixel[..count]));
+            channels
+        };
+        let [left, right] = pixels.each_ref().map(channels);
+        Ok(Stereo { left, right })
+    }
 }
 
 /// Returns the pixels of an image, whose bytes need not be aligned.

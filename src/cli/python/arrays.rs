@@ -1,6 +1,6 @@
 //! Images as NumPy arrays.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -8,7 +8,8 @@ use pyo3::prelude::*;
 
 use super::failure::exception;
 use crate::exec::Stereo;
-use crate::image::{Extent, Image, RgbImage, exr};
+use crate::image::exr::Tags;
+use crate::image::{Extent, Image, ImageError, RgbImage, exr};
 
 /// An array of the shape (height, width, channels).
 pub type Pixels<T> = Py<PyArray3<T>>;
@@ -50,9 +51,46 @@ pub fn image(array: &PyReadonlyArrayDyn<'_, f32>) -> PyResult<RgbImage> {
     let (Some(width), Some(height)) = (side(width), side(height)) else {
         return Err(PyValueError::new_err(format!("an image has sides of 1 to 16384 pixels, not {shape:?}")));
     };
+    let extent = Extent::new(width, height);
+    if let Ok(values) = array.as_slice() {
+        return Ok(Image { extent, pixels: values.as_chunks().0.to_vec() });
+    }
     let values: Vec<f32> = array.as_array().iter().copied().collect();
-    let (pixels, _) = values.as_chunks();
-    Ok(Image { extent: Extent::new(width, height), pixels: pixels.to_vec() })
+    Ok(Image { extent, pixels: values.as_chunks().0.to_vec() })
+}
+
+/// The channels of an image, each with its name.
+pub struct Planes<'a> {
+    extent: Extent,
+    channels: Vec<(&'a str, Vec<f32>)>,
+}
+
+impl<'a> Planes<'a> {
+    /// Copies an array of the shape (height, width, channels), or (height, width) if there is one channel.
+    ///
+    /// # Errors
+    /// `ValueError` if the array has another shape.
+    pub fn of(array: &PyReadonlyArrayDyn<'_, f32>, names: &[&'a str]) -> PyResult<Self> {
+        let (shape, count) = (array.shape(), names.len());
+        let wrong = || PyValueError::new_err(format!("the image has {count} channels, and not the shape {shape:?}"));
+        let [height, width] = match *shape {
+            [height, width, channels] if channels == count => [height, width],
+            [height, width] if count == 1 => [height, width],
+            _ => return Err(wrong()),
+        };
+        let side = |pixels: usize| u32::try_from(pixels).map_err(|_| wrong());
+        let extent = Extent::new(side(width)?, side(height)?);
+        let plane = |(i, &name): (usize, &&'a str)| {
+            (name, array.as_array().iter().skip(i).step_by(count).copied().collect::<Vec<f32>>())
+        };
+        Ok(Self { extent, channels: names.iter().enumerate().map(plane).collect() })
+    }
+
+    /// Writes the channels to an EXR file.
+    pub fn write(&self, path: &Path, tags: &Tags) -> Result<(), ImageError> {
+        let channels: Vec<(&str, &[f32])> = self.channels.iter().map(|(name, plane)| (*name, &plane[..])).collect();
+        exr::write_tagged_channels(path, self.extent, &channels, tags)
+    }
 }
 
 /// Writes an array of the shape (height, width, 3) to an EXR file.

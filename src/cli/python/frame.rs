@@ -1,21 +1,25 @@
 //! Frames: images as arrays, and the row of `run.json`.
 
+use std::path::PathBuf;
 use std::time::Instant;
 
-use numpy::{PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use super::arrays::{self, Pixels};
+use super::arrays::{self, Pixels, Planes};
 use super::failure::exception;
 use crate::cli::failure::Failure;
-use crate::exec::{ExecError, Renderer, Stereo};
+use crate::cli::output;
+use crate::exec::{ExecError, FrameReport, Renderer, Stereo};
 use crate::image::display::{DisplayImage, encode_png, tonemap};
+use crate::image::exr::Tags;
 use crate::image::tone::ToneCurve;
 use crate::image::{Extent, RgbImage, stereo};
 use crate::passes::Aov;
 use crate::report::run::FrameRow;
+use crate::scene::rig::Rig;
 use crate::scene::shot::Shot;
 
 /// A rendered frame. Its arrays keep their values when further frames are rendered.
@@ -35,6 +39,7 @@ pub struct Frame {
     library_ms: f64,
     tone: ToneCurve,
     aovs: Vec<(Aov, [Pixels<f32>; 2])>,
+    tags: Stereo<Tags>,
     /// Entry of `run.json` in JSON.
     report: String,
 }
@@ -60,24 +65,18 @@ type Values = Vec<f32>;
 pub struct Images {
     pub linear: Stereo<RgbImage>,
     pub aovs: Vec<(Aov, Stereo<Values>)>,
+    /// Metadata of both eyes' files.
+    pub tags: Stereo<Tags>,
 }
 
 impl Images {
     /// Reads the images of the last frame.
-    pub fn read(renderer: &mut Renderer, aovs: &[Aov]) -> Result<Self, ExecError> {
+    pub fn read(renderer: &mut Renderer, aovs: &[Aov], tags: Stereo<Tags>) -> Result<Self, ExecError> {
         let linear = renderer.read_linear()?;
-        let read = |(i, &aov): (usize, &Aov)| {
-            let planes = renderer.read_aov(i)?;
-            Ok((aov, Stereo { left: interleaved(&planes.left), right: interleaved(&planes.right) }))
-        };
+        let read = |(i, &aov): (usize, &Aov)| Ok((aov, renderer.read_aov_pixels(i)?));
         let aovs: Result<_, ExecError> = aovs.iter().enumerate().map(read).collect();
-        Ok(Self { linear, aovs: aovs? })
+        Ok(Self { linear, aovs: aovs?, tags })
     }
-}
-
-fn interleaved(planes: &[Vec<f32>]) -> Values {
-    let pixels = planes.first().map_or(0, Vec::len);
-    (0..pixels).flat_map(|pixel| planes.iter().map(move |plane| plane[pixel])).collect()
 }
 
 impl Frame {
@@ -91,7 +90,7 @@ impl Frame {
         let aovs: PyResult<_> = images.aovs.into_iter().map(eyes).collect();
         let [left, right] = arrays::of_stereo(py, images.linear)?;
         let Look { exposure_ev, tone } = look;
-        Ok(Self { left, right, exposure_ev, library_ms, tone, aovs: aovs?, report })
+        Ok(Self { left, right, exposure_ev, library_ms, tone, aovs: aovs?, tags: images.tags, report })
     }
 
     /// Returns both eyes' pictures with 8 bits per channel.
@@ -102,6 +101,13 @@ impl Frame {
         };
         Ok([picture(&self.left)?, picture(&self.right)?])
     }
+}
+
+/// Returns the metadata of a frame's files.
+pub fn tags(rig: &Rig, look: Look, frame: &FrameReport, extent: Extent, time_s: f64) -> Stereo<Tags> {
+    let Stereo { left, right } = output::tags(rig, look.exposure_ev, extent, time_s, frame.index);
+    let tags = |tags: Tags| Tags { pixel_centre: Some(frame.pixel_centre), ..tags };
+    Stereo { left: tags(left), right: tags(right) }
 }
 
 /// Serializes a row of `run.json`.
@@ -125,13 +131,7 @@ impl Frame {
 
     /// Auxiliary image of the left and the right eye, float32 of the shape (height, width, channels).
     fn aov(&self, py: Python<'_>, name: &str) -> PyResult<[Pixels<f32>; 2]> {
-        let found = self.aovs.iter().find(|(aov, _)| aov.name() == name);
-        let Some((_, eyes)) = found else {
-            let rendered = self.aovs().join(", ");
-            let rendered = if rendered.is_empty() { "none" } else { &rendered };
-            let what = format!("the frame has no auxiliary image '{name}', but {rendered}: give aov to the renderer");
-            return Err(PyKeyError::new_err(what));
-        };
+        let (_, eyes) = self.find(name)?;
         Ok(eyes.each_ref().map(|eye| eye.clone_ref(py)))
     }
 
@@ -153,6 +153,31 @@ impl Frame {
         Ok(PyBytes::new(py, &png.map_err(exception)?))
     }
 
+    /// Writes an image of the left (0) or the right (1) eye as EXR, with the metadata of the frame. `name` is that of an
+    /// auxiliary image or `disparity`; without it, the image is light.
+    #[pyo3(signature = (path, eye, image, name=None))]
+    fn write_exr(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        eye: usize,
+        image: PyReadonlyArrayDyn<'_, f32>,
+        name: Option<&str>,
+    ) -> PyResult<()> {
+        let channels: &[&str] = match name {
+            None => &["R", "G", "B"],
+            Some("disparity") => &["Y"],
+            Some(name) => self.find(name)?.0.channels(),
+        };
+        let tags = if eye == 0 { &self.tags.left } else { &self.tags.right };
+        let tags = match name {
+            None => Tags { pixel_centre: None, ..tags.clone() },
+            Some(_) => Tags { exposure_ev: None, ..tags.clone() },
+        };
+        let planes = Planes::of(&image, channels)?;
+        py.detach(|| planes.write(&path, &tags).map_err(exception))
+    }
+
     /// Width and height of each eye's image in pixels.
     #[getter]
     fn size(&self, py: Python<'_>) -> (usize, usize) {
@@ -162,6 +187,15 @@ impl Frame {
 }
 
 impl Frame {
+    fn find(&self, name: &str) -> PyResult<&(Aov, [Pixels<f32>; 2])> {
+        self.aovs.iter().find(|(aov, _)| aov.name() == name).ok_or_else(|| {
+            let rendered = self.aovs().join(", ");
+            let rendered = if rendered.is_empty() { "none" } else { &rendered };
+            let what = format!("the frame has no auxiliary image '{name}', but {rendered}: give aov to the renderer");
+            PyKeyError::new_err(what)
+        })
+    }
+
     fn extent(&self, py: Python<'_>) -> Extent {
         let shape = self.left.bind(py).shape();
         Extent::new(shape[1] as u32, shape[0] as u32)

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use super::control::{self, Controller, Raised};
 use super::exclusive::{Exclusive, Guard};
 use super::failure::exception;
-use super::frame::{Frame, Images, report};
+use super::frame::{Frame, Images, report, tags};
 use super::renderer::{Renderer, open_devices, start};
 use crate::cli::failure::Failure;
 use crate::cli::options::RenderOptions;
@@ -95,7 +95,8 @@ impl Playing {
         row.control = Some(ControlRow::new(decided, session.budget(), frame.makespan_ms, late_ms));
         row.miss(missed_periods);
         row.plan_ms += asked_ms;
-        Ok((Images::read(&mut session.renderer, &renderer.aovs())?, report(&row)?))
+        let tags = tags(rig, renderer.look, &frame, renderer.options.render.size, time_s);
+        Ok((Images::read(&mut session.renderer, &renderer.aovs(), tags)?, report(&row)?))
     }
 }
 

@@ -15,7 +15,7 @@ use super::scene::Scene;
 use crate::accumulation::{Accumulation, Job, accumulate};
 use crate::cli::failure::Failure;
 use crate::cli::reference::{OVERRULED, PASS_SPP, PassOptions, Plan, seconds};
-use crate::cli::setup;
+use crate::cli::{output, setup};
 
 /// Renders a reference: both eyes are traced, nothing is filtered. `progress` is called after each pass with the number
 /// of samples per pixel so far and their total.
@@ -78,7 +78,8 @@ pub fn reference(
             }
         })?;
         let row = serde_json::to_string(&plan.row(index, 0, &done)).map_err(anyhow::Error::from)?;
-        let mut images = Images::read(&mut renderer, &options.render.aovs())?;
+        let tags = output::tags(&rig, look.exposure_ev, options.render.size, time, index);
+        let mut images = Images::read(&mut renderer, &options.render.aovs(), tags)?;
         images.linear = done.accumulation.mean();
         Ok((images, look, row))
     });

@@ -11,7 +11,7 @@ use pyo3::types::PyDict;
 
 use super::exclusive::{Exclusive, Guard};
 use super::failure::exception;
-use super::frame::{Frame, Images, Look, report};
+use super::frame::{Frame, Images, Look, report, tags};
 use super::options::{Given, Options, Scope, given};
 use super::policy::Function;
 use super::scene::Scene;
@@ -19,8 +19,9 @@ use crate::cli::environment::let_devices_set_environment;
 use crate::cli::failure::Failure;
 use crate::cli::options::RenderOptions;
 use crate::cli::setup;
-use crate::exec::Renderer as Inner;
 use crate::exec::ranks::Devices;
+use crate::exec::{Renderer as Inner, Stereo};
+use crate::image::exr::Tags;
 use crate::loaded::LoadedScene;
 use crate::passes::Aov;
 use crate::quality::Envelope;
@@ -110,12 +111,13 @@ impl Renderer {
         }
         let index = index.unwrap_or_else(|| self.next.load(Ordering::Relaxed));
         self.next.store(index.wrapping_add(1), Ordering::Relaxed);
-        let render = |inner: &mut Inner, index: u32| -> PyResult<FrameRow> {
+        let render = |inner: &mut Inner, index: u32| -> PyResult<(FrameRow, Stereo<Tags>)> {
             let asked_ms = self.ask(inner)?;
             let params = inner.frame(&rig, time, index);
             let frame = inner.render(&params).map_err(exception)?;
             let row = FrameRow::new(&frame, &params.quality, &rig, time);
-            Ok(FrameRow { plan_ms: row.plan_ms + asked_ms, ..row })
+            let tags = tags(&rig, self.look, &frame, self.options.render.size, time);
+            Ok((FrameRow { plan_ms: row.plan_ms + asked_ms, ..row }, tags))
         };
         let (images, report) = py.detach(|| {
             let mut guard = self.lock().map_err(exception)?;
@@ -126,8 +128,8 @@ impl Renderer {
             for before in (1..=warm_up).rev() {
                 render(inner, index.wrapping_sub(before))?;
             }
-            let row = render(inner, index)?;
-            let images = Images::read(inner, &self.aovs()).map_err(exception)?;
+            let (row, tags) = render(inner, index)?;
+            let images = Images::read(inner, &self.aovs(), tags).map_err(exception)?;
             Ok::<_, PyErr>((images, report(&row).map_err(exception)?))
         })?;
         py.check_signals()?;
