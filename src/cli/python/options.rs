@@ -89,7 +89,8 @@ fn unknown(name: &str, parser: &Command, scope: Scope) -> PyErr {
 fn option(arg: &Arg, value: &Bound<'_, PyAny>) -> PyResult<Option<Given>> {
     let name = arg.get_long().unwrap_or_default();
     let given = |text: String| Given { id: arg.get_id().to_string(), text };
-    if value.is_none() {
+    let is_empty_list = || Ok::<_, PyErr>(name == "aov" && value.hasattr("__len__")? && value.len()? == 0);
+    if value.is_none() || is_empty_list()? {
         return Ok(None);
     }
     if matches!(arg.get_action(), ArgAction::SetTrue) {
