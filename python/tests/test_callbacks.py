@@ -224,3 +224,16 @@ def test_a_callback_may_use_the_scene(scene):
 
     dp.reference(scene, 8, size=SIZE, progress=progress)
     assert set(names) == {"cornell"}
+
+
+def test_a_policy_knows_the_devices_that_are_left(scene):
+    calls = []
+
+    def stripes(costs, rows):
+        calls.append(len(costs))
+        return [12, *[0] * (len(costs) - 2), rows - 12] if len(costs) > 1 else [rows]
+
+    renderer = dp.Renderer(scene, size=SIZE, devices=3, policy=stripes, disturb="loss:dev1@2")
+    reports = [renderer.render(index=index).report for index in range(5)]
+    assert [report["stripes"] for report in reports] == [[12, 0, 24]] * 2 + [[18, 0, 18]] + [[12, 0, 24]] * 2
+    assert calls == [3, 3, 3, 2, 2]

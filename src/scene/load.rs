@@ -336,6 +336,22 @@ mod tests {
     }
 
     #[test]
+    fn a_shot_of_the_caller_may_name_files_anywhere() {
+        let folder = tempfile::tempdir().unwrap();
+        load_in(folder.path(), "", &Overrides::default()).unwrap();
+        let path = folder.path().join("triangle.glb").display().to_string();
+        let text = format!("scene = '{path}'\n[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n");
+        let budget = Budget::unlimited();
+        let access = Access { source: Source::Shot(&text), ..Access::of(&budget) };
+        let (shot, scene) = load_shot_within("dict", &Overrides::default(), access).unwrap();
+        assert_eq!((shot.name.as_str(), scene.triangle_count()), ("dict", 1));
+        let file = folder.path().join("shot.toml");
+        std::fs::write(&file, &text).unwrap();
+        let error = load_shot(file.to_str().unwrap()).unwrap_err().to_string();
+        assert!(error.contains("not below its own folder"), "{error}");
+    }
+
+    #[test]
     fn what_cannot_be_loaded_is_named() {
         let says = |arg: &str, part: &str| {
             let error = load_shot(arg).unwrap_err().to_string();

@@ -123,7 +123,9 @@ impl Options {
         let given = given.into_iter().map(|given| given.text.clone());
         let line = fixed.into_iter().chain(given).chain(["--".to_owned(), shot.to_owned()]);
         let parsed = parser().try_get_matches_from(line).and_then(|matches| Self::from_arg_matches(&matches));
-        let options = parsed.map_err(|error| PyValueError::new_err(shortened(&error.to_string())))?;
+        let mut options = parsed.map_err(|error| PyValueError::new_err(shortened(&error.to_string())))?;
+        // Disturbances may name any frame.
+        options.render.frames = u32::MAX;
         options.render.check().map_err(|error| exception(Failure::Input(error)))?;
         Ok(options)
     }
