@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _native
+from . import _native, _sinks
 
 Image = NDArray[np.float32]
 
@@ -151,6 +151,14 @@ class Frame:
             for number, eye in enumerate(("left", "right")):
                 file = f"{prefix}{eye}.exr" if name is None else f"{prefix}{eye}.{name}.exr"
                 self._native.write_exr(os.path.join(folder, file), number, eyes[number], name)
+
+    def to_tev(self, address: str = "127.0.0.1:14158", name: str = "diptych") -> None:
+        """Shows both eyes and their auxiliary images in the viewer tev, which listens at HOST:PORT."""
+        _sinks.to_tev(self, address, name)
+
+    def to_rerun(self, path: str = "diptych") -> None:
+        """Logs both eyes' pictures and cameras, and `depth` if the frame has it, with the package `rerun-sdk`."""
+        _sinks.to_rerun(self, path)
 
     def __repr__(self) -> str:
         width, height = self._native.size

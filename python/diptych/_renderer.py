@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _native
+from . import _native, _sinks
 from ._frame import Frame
 
 
@@ -168,6 +168,13 @@ class Renderer:
         path = None if motion is None else os.fspath(motion)
         timing: dict[str, Any] = {"fps": fps, "time": time, "motion": path, "pace": pace}
         return Player(_native.Player(self._native, budget_ms, frames, controller=controller, **timing))
+
+    def view(self, time: float = 0.0) -> Any:
+        """Returns an interactive view of both eyes, a widget for notebooks. It needs the package `jupyter_rfb`.
+
+        Drag to turn, scroll or press W, A, S, D, Q, E to move. `pose` of the widget is the place seen from, for `render`.
+        """
+        return _sinks.view(self, time)
 
     def begin_anew(self) -> None:
         """Discards the denoiser's history."""

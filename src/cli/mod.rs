@@ -56,6 +56,7 @@ mod sheet;
 mod shot;
 mod signals;
 mod simulate;
+mod tev;
 mod trace;
 #[cfg_attr(not(feature = "view"), path = "no_view.rs")]
 mod view;

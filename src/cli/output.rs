@@ -25,6 +25,7 @@ use crate::stages::Foveation;
 
 use super::failure::Failure;
 use super::options::OUTPUT;
+use super::tev::Viewer;
 
 /// Creates the folder that `option` names and checks that it is writable, before the run renders anything. Renames
 /// files that a killed run left there, with a warning.
@@ -272,20 +273,38 @@ impl FrameImages {
     /// Writes an image of each eye with its auxiliary images as layers.
     fn write_layers(&self, paths: [&Path; 2], tags: &Stereo<Tags>) -> Result<(), Failure> {
         for (eye, path) in Eye::ALL.into_iter().zip(paths) {
-            let (linear, tags) = (self.linear.of(eye), tags.of(eye));
-            let colour = |c: usize| linear.pixels.iter().map(|p| p[c]).collect::<Vec<f32>>();
-            let mut layers =
-                vec![("R".to_owned(), colour(0)), ("G".to_owned(), colour(1)), ("B".to_owned(), colour(2))];
-            for (aov, images) in &self.aovs {
-                let named = aov.channels().iter().map(|channel| format!("{}.{channel}", aov.name()));
-                layers.extend(named.zip(images.of(eye).iter().cloned()));
-            }
-            let channels: Vec<_> = layers.iter().map(|(name, plane)| (name.as_str(), plane.as_slice())).collect();
-            let tags = Tags { pixel_centre: Some(self.pixel_centre), ..tags.clone() };
-            exr::write_tagged_channels(path, linear.extent, &channels, &tags)?;
+            let layers = self.layers(eye);
+            let tags = Tags { pixel_centre: Some(self.pixel_centre), ..tags.of(eye).clone() };
+            exr::write_tagged_channels(path, self.linear.left.extent, &borrowed(&layers), &tags)?;
         }
         Ok(())
     }
+
+    /// Returns the channels of an eye's image and of its auxiliary images.
+    fn layers(&self, eye: Eye) -> Vec<(String, Vec<f32>)> {
+        let colour = |(c, name): (usize, &str)| {
+            (name.to_owned(), self.linear.of(eye).pixels.iter().map(|p| p[c]).collect::<Vec<f32>>())
+        };
+        let mut layers: Vec<_> = ["R", "G", "B"].into_iter().enumerate().map(colour).collect();
+        for (aov, images) in &self.aovs {
+            let named = aov.channels().iter().map(|channel| format!("{}.{channel}", aov.name()));
+            layers.extend(named.zip(images.of(eye).iter().cloned()));
+        }
+        layers
+    }
+
+    /// Shows both eyes with their auxiliary images in tev, in place of the frame before.
+    pub fn show(&self, viewer: &mut Viewer, scene: &str) -> Result<(), Failure> {
+        let show = |eye: Eye| {
+            let layers = self.layers(eye);
+            viewer.show(&format!("{scene} {eye}"), self.linear.left.extent, &borrowed(&layers))
+        };
+        Eye::ALL.into_iter().try_for_each(show)
+    }
+}
+
+fn borrowed(layers: &[(String, Vec<f32>)]) -> Vec<(&str, &[f32])> {
+    layers.iter().map(|(name, plane)| (name.as_str(), plane.as_slice())).collect()
 }
 
 /// Key of the `holes` image, in the colour-blind-safe colours of Okabe & Ito.

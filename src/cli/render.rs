@@ -26,6 +26,7 @@ use super::progress::Progress;
 use super::reference::{self, PassOptions, Plan};
 use super::settings;
 use super::setup::{self, Tracing};
+use super::tev::{self, Viewer};
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -46,6 +47,9 @@ pub struct Args {
     details: bool,
     #[command(flatten)]
     forms: Forms,
+    /// Show frames in the viewer tev, which listens at this address
+    #[arg(hide_short_help = true, long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = tev::ADDRESS, conflicts_with = "reference", help_heading = options::OUTPUT)]
+    tev: Option<String>,
     /// Also write the left eye's frames as a contact sheet, sheet.png
     #[arg(long, conflicts_with = "reference", help_heading = options::OUTPUT)]
     sheet: bool,
@@ -110,6 +114,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     options.check().map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
+    let viewer = args.tev.as_deref().map(Viewer::connect).transpose()?;
     let tracing = Tracing::start(options)?;
     let warm_up_frames = args.warm_up_frames();
     let progress = Progress::new(u64::from(warm_up_frames + options.frames), options.quiet, options.json);
@@ -143,7 +148,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let warm_up_s = warm_up.elapsed().as_secs_f64();
     let (rows, pictures) = (Rows::default(), Pictures::of_folder(&options.out));
-    let mut run = Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows, pictures };
+    let mut run =
+        Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows, pictures, viewer };
     match &plan {
         None => run.frames()?,
         Some(plan) => run.references(plan)?,
@@ -185,6 +191,7 @@ struct Run<'a> {
     begun: u32,
     rows: Rows,
     pictures: Pictures,
+    viewer: Option<Viewer>,
 }
 
 impl Run<'_> {
@@ -217,6 +224,9 @@ impl Run<'_> {
             let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, time_s, frame.index);
             images.pixel_centre = frame.pixel_centre;
             let number = (options.frames > 1).then_some(frame.index);
+            if let Some(viewer) = &mut self.viewer {
+                images.show(viewer, &options.shot)?;
+            }
             self.pictures.add(images.write(&options.out, number, self.args.forms, &tags)?);
             if self.args.sheet {
                 sheet.add(&images);

@@ -31,3 +31,4 @@ mod shots;
 mod studies;
 mod tools;
 mod trace_files;
+mod viewer;

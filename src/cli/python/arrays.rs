@@ -7,6 +7,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use super::failure::exception;
+use crate::cli::tev::Viewer;
 use crate::exec::Stereo;
 use crate::image::exr::Tags;
 use crate::image::{Extent, Image, ImageError, RgbImage, exr};
@@ -88,9 +89,26 @@ impl<'a> Planes<'a> {
 
     /// Writes the channels to an EXR file.
     pub fn write(&self, path: &Path, tags: &Tags) -> Result<(), ImageError> {
-        let channels: Vec<(&str, &[f32])> = self.channels.iter().map(|(name, plane)| (*name, &plane[..])).collect();
-        exr::write_tagged_channels(path, self.extent, &channels, tags)
+        exr::write_tagged_channels(path, self.extent, &self.borrowed(), tags)
     }
+
+    fn borrowed(&self) -> Vec<(&str, &[f32])> {
+        self.channels.iter().map(|(name, plane)| (*name, &plane[..])).collect()
+    }
+}
+
+/// Shows an image of the shape (height, width, channels) in tev.
+#[pyfunction]
+pub fn show_in_tev(
+    py: Python<'_>,
+    address: &str,
+    name: &str,
+    image: PyReadonlyArrayDyn<'_, f32>,
+    channels: Vec<String>,
+) -> PyResult<()> {
+    let names: Vec<&str> = channels.iter().map(String::as_str).collect();
+    let planes = Planes::of(&image, &names)?;
+    py.detach(|| Viewer::connect(address)?.show(name, planes.extent, &planes.borrowed())).map_err(exception)
 }
 
 /// Writes an array of the shape (height, width, 3) to an EXR file.

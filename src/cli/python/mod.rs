@@ -35,5 +35,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(arrays::write_exr, module)?)?;
     module.add_function(wrap_pyfunction!(arrays::read_exr, module)?)?;
     module.add_function(wrap_pyfunction!(trace::read_trace, module)?)?;
+    module.add_function(wrap_pyfunction!(arrays::show_in_tev, module)?)?;
     Ok(())
 }
