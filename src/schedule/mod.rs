@@ -10,7 +10,7 @@ mod cuts;
 mod relative_cost;
 mod halo;
 mod heft;
-mod learned;
+pub(crate) mod learned;
 mod measured;
 mod network;
 mod policy;

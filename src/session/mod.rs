@@ -16,6 +16,7 @@ use crate::image::Extent;
 use crate::quality::{Denoiser, Envelope, Quality};
 use crate::scene::rig::Rig;
 use crate::schedule::RelativeCost;
+use crate::schedule::learned::Mean;
 
 /// Renders frames inside a budget.
 ///
@@ -41,6 +42,8 @@ pub struct Session {
     qualities: Vec<(Quality, RelativeCost)>,
     controller: Box<dyn Control>,
     budget: Budget,
+    /// Time of a frame outside its makespan, in milliseconds: poses, uploads of what moves, and the results' way back.
+    outside: Mean,
     /// The number of devices that were dropped.
     dropped: usize,
 }
@@ -121,6 +124,7 @@ impl Session {
             qualities: qualities.into_iter().zip(relative_costs(ladder.rungs())).collect(),
             controller: ControllerKind::Diptych.start(&ladder, budget),
             budget,
+            outside: Mean::default(),
             dropped: renderer.faults().len(),
             renderer,
             gaze: None,
@@ -147,21 +151,26 @@ impl Session {
         self.controller = controller;
     }
 
-    /// Chooses the rung of the next frame.
+    /// Chooses the rung of the next frame. What the controller keeps inside the budget is the whole time of a frame, which
+    /// is longer than its makespan.
     pub fn decide(&mut self) -> Decided {
         let begin = Instant::now();
-        let Self { renderer, qualities, controller, .. } = self;
+        let Self { renderer, qualities, controller, outside, .. } = self;
+        let outside_ms = outside.value().unwrap_or(0.0);
         let (renderer, known) = (RefCell::new(renderer), RefCell::new(HashMap::new()));
         let predict = |rung: usize| -> f64 {
             let (quality, relative_cost) = &qualities[rung];
-            let predicted = || renderer.borrow_mut().predicted_ms(quality, relative_cost).unwrap_or(f64::NAN);
+            let predicted = || {
+                let makespan_ms = renderer.borrow_mut().predicted_ms(quality, relative_cost);
+                makespan_ms.map_or(f64::NAN, |ms| ms + outside_ms)
+            };
             *known.borrow_mut().entry(rung).or_insert_with(predicted)
         };
         let decision = controller.next(&predict);
         Decided { decision, decide_ms: begin.elapsed().as_secs_f64() * 1e3 }
     }
 
-    /// Renders a frame on the chosen rung, like [`Renderer::render`], and reports its makespan to the controller.
+    /// Renders a frame on the chosen rung, like [`Renderer::render`], and reports its time to the controller.
     ///
     /// # Errors
     /// Errors of [`Renderer::render`].
@@ -170,8 +179,11 @@ impl Session {
         let (quality, relative_cost) = self.qualities[rung].clone();
         self.renderer.set_relative_cost(relative_cost);
         let params = FrameParams { quality, gaze: self.gaze, ..self.renderer.frame(rig, time_s, index) };
+        let begin = Instant::now();
         let frame = self.renderer.render(&params)?;
-        self.controller.observe(rung, frame.makespan_ms);
+        let whole_ms = begin.elapsed().as_secs_f64() * 1e3;
+        self.outside.learn_with_zero((whole_ms - frame.makespan_ms).max(0.0));
+        self.controller.observe(rung, whole_ms.max(frame.makespan_ms));
         let dropped = self.renderer.faults().len();
         if std::mem::replace(&mut self.dropped, dropped) != dropped {
             self.controller.devices_changed();
