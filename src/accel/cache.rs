@@ -29,7 +29,7 @@ const EXTENSION: &str = "tree";
 /// First bytes of a file. They change with the format and with the builder.
 const MAGIC: [u8; 16] = *b"diptych tree 1\0\0";
 
-/// Whether and where trees are kept.
+/// A folder of trees, or none.
 #[derive(Debug, Default)]
 pub struct TreeCache {
     folder: Option<PathBuf>,

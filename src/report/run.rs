@@ -47,7 +47,7 @@ pub struct SceneSummary {
     /// Shader features compiled out because the scene lacks them.
     pub skipped: Vec<&'static str>,
     pub warnings: Vec<String>,
-    /// What was chosen where the file says nothing, such as a viewpoint.
+    /// Choices where the file says nothing, such as a viewpoint.
     pub notes: Vec<String>,
 }
 

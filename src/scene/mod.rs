@@ -173,7 +173,7 @@ pub struct Scene {
     pub motion: Motion,
     /// Warnings about parts of the file that were left out or approximated, without duplicates.
     pub warnings: Vec<String>,
-    /// What was chosen where the file says nothing, such as a viewpoint.
+    /// Choices where the file says nothing, such as a viewpoint.
     pub notes: Vec<String>,
 }
 
