@@ -67,8 +67,7 @@ impl LoadedScene {
         Self::new(shot, scene, access.budget, &TreeCache::off())
     }
 
-    /// Builds the tables of a scene, with trees from the cache where it has them. What went wrong with the cache is noted
-    /// in the scene.
+    /// Builds the tables of a scene, with trees from the cache where it has them. Notes failures of the cache in the scene.
     ///
     /// # Errors
     /// [`LoadError`] if the scene is too large for the tables or the budget.

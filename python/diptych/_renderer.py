@@ -56,13 +56,22 @@ class Scene:
         return f"<diptych.Scene {info['name']!r}: {info['triangles']} triangles>"
 
 
+def _plain(value: Any) -> Any:
+    """Replaces mappings, sequences and NumPy scalars by Python's own."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
 def load(shot: str | os.PathLike[str] | Mapping[str, Any], **options: Any) -> Scene:
     """Loads `builtin:NAME`, a shot (.toml or a dict) or a scene (.gltf, .glb).
 
     A dict has the keys of a shot file, such as `{"scene": "model.glb", "exposure": {"ev": 1}}`. Paths in it are
     relative to the current folder. Options are those of a scene, such as `environment="sky"`.
     """
-    return Scene(_native.load(dict(shot) if isinstance(shot, Mapping) else os.fspath(shot), **options))
+    return Scene(_native.load(_plain(shot) if isinstance(shot, Mapping) else os.fspath(shot), **options))
 
 
 class Controller(Protocol):
@@ -71,8 +80,8 @@ class Controller(Protocol):
     def next(self, predicted_ms: list[float]) -> int:
         """Returns the index of the next frame's rung, given the predicted frame times of all rungs."""
 
-    def observe(self, rung: int, makespan_ms: float) -> None:
-        """Takes the measured time of a finished frame."""
+    def observe(self, rung: int, frame_ms: float) -> None:
+        """Takes the measured time of a finished frame: its makespan, and the host's time before and after."""
 
 
 Policy = Callable[[NDArray[np.float64], int], Iterable[int]]

@@ -12,20 +12,14 @@ if TYPE_CHECKING:
     from ._frame import Frame
     from ._renderer import Renderer
 
-# Names of channels in the program's EXR files, by their number in auxiliary images.
-_CHANNELS = {1: ["Y"], 2: ["X", "Y"], 3: ["X", "Y", "Z"]}
-
 
 def to_tev(frame: Frame, address: str, name: str) -> None:
     for number, eye in enumerate(("left", "right")):
-        images = {"": (frame.left, frame.right)[number]} | {f"{aov}.": frame.aov(aov)[number] for aov in frame.aovs}
-        flat = {key: image.reshape(*image.shape[:2], -1) for key, image in images.items()}
-        names = [
-            f"{key}{channel}"
-            for key, image in flat.items()
-            for channel in (["R", "G", "B"] if key == "" else _CHANNELS[image.shape[2]])
-        ]
-        _native.show_in_tev(address, f"{name} {eye}", np.concatenate(list(flat.values()), axis=2), names)
+        names, images = ["R", "G", "B"], [(frame.left, frame.right)[number]]
+        for aov in frame.aovs:
+            names += [f"{aov}.{channel}" for channel in frame._native.channels(aov)]
+            images.append(frame._native.aov(aov)[number])
+        _native.show_in_tev(address, f"{name} {eye}", np.concatenate(images, axis=2), names)
 
 
 def to_rerun(frame: Frame, path: str) -> None:
@@ -69,7 +63,7 @@ def view(renderer: Renderer, time: float) -> Any:
             eyes = [camera.position for camera in cameras]
             forward = cameras.left.world_to_camera[:3, 2]
             self._position = (eyes[0] + eyes[1]) / 2
-            self._yaw, self._pitch = np.arctan2(forward[0], -forward[2]), np.arcsin(np.clip(forward[1], -1, 1))
+            self._yaw, self._pitch = np.arctan2(forward[0], -forward[2]), np.clip(np.arcsin(np.clip(forward[1], -1, 1)), -1.5, 1.5)
             baseline = float(np.linalg.norm(eyes[1] - eyes[0]))
             self._unit = baseline / 0.064 if baseline > 0 else 1.0
             self._left = self.SETTLING

@@ -29,7 +29,7 @@ def test_tev_gets_every_channel(renderer):
         width, height, count = struct.unpack_from("<III", create, 6 + len(f"box {eye}") + 1)
         assert (width, height, count) == (64, 36, 3 + 3 + 1 + 3)
         names = create[6 + len(f"box {eye}") + 1 + 12 :].split(b"\0")[:-1]
-        expected = ["R", "G", "B", "position.X", "position.Y", "position.Z", "depth.Y", "normal.X", "normal.Y", "normal.Z"]
+        expected = ["R", "G", "B", "position.X", "position.Y", "position.Z", "depth.Z", "normal.X", "normal.Y", "normal.Z"]
         assert [name.decode() for name in names] == expected
         planes = np.frombuffer(update[-4 * count * width * height :], dtype="<f4").reshape(count, height, width)
         assert np.array_equal(planes[:3].transpose(1, 2, 0), image)

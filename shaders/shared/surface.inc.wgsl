@@ -335,7 +335,11 @@ fn is_view_dependent(s: Surface) -> bool {
     if all_are_lambertian() {
         return false;
     }
-    let narrow = select(0.0, s.odds.y, s.roughness < NARROW) + select(0.0, s.odds.z, s.coat_alpha < NARROW * NARROW);
+    var is_narrow = s.roughness < NARROW;
+    if HAS_ANISOTROPY {
+        is_narrow = is_narrow || (is_brushed(s) && s.alpha < NARROW * NARROW);
+    }
+    let narrow = select(0.0, s.odds.y, is_narrow) + select(0.0, s.odds.z, s.coat_alpha < NARROW * NARROW);
     return narrow > VIEW_DEPENDENT_FRACTION;
 }
 

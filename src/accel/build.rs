@@ -117,6 +117,9 @@ impl Accel {
         let mut points = (0..flat.len()).flat_map(|i| flat.vertices(i));
         points.try_for_each(|v| check_reach(v.abs().as_dvec3()))?;
         let built = room.cache.tree(flat, splits, || tree_over(flat, splits, room))?;
+        let copies = built.order.len().saturating_sub(flat.len());
+        let refused = |exceeded| AccelError::Memory { triangles: room.triangles, exceeded };
+        room.budget.reserve((copies * room.stored_bytes()) as u64).map_err(refused)?.keep();
         let levels = self.push_nodes(&built, first_row)?;
         let order = built.order;
         let mut firsts = vec![None; flat.len()];

@@ -25,6 +25,8 @@ const LEAST_TRIANGLES: usize = 100_000;
 const LEAST_BUILD: Duration = Duration::from_secs(1);
 /// Bytes of all trees in the folder.
 const MOST_BYTES: u64 = 4 << 30;
+/// Age of a file that a run has not finished writing, after which the run must have been killed.
+const LONGEST_WRITE: Duration = Duration::from_secs(24 * 3600);
 const EXTENSION: &str = "tree";
 /// First bytes of a file. They change with the format and with the builder.
 const MAGIC: [u8; 16] = *b"diptych tree 1\0\0";
@@ -74,7 +76,7 @@ impl TreeCache {
     /// Returns the tree over these triangles from the folder, or else builds it and keeps it if that took long.
     ///
     /// # Errors
-    /// Those of `build`.
+    /// Errors of `build`.
     pub(super) fn tree<E>(
         &self,
         flat: &Flat<'_>,
@@ -118,8 +120,11 @@ impl TreeCache {
             let path = entry?.path();
             // Another process may have removed it.
             let Ok(metadata) = fs::symlink_metadata(&path) else { continue };
-            if metadata.is_file() && path.extension().is_some_and(|e| e == EXTENSION) {
+            let is = |extension: &str| metadata.is_file() && path.extension().is_some_and(|e| e == extension);
+            if is(EXTENSION) {
                 trees.push((metadata.modified()?, metadata.len(), path));
+            } else if is("part") && metadata.modified()?.elapsed().is_ok_and(|age| age > LONGEST_WRITE) {
+                let _ = fs::remove_file(path);
             }
         }
         let mut bytes: u64 = trees.iter().map(|(_, len, _)| len).sum();

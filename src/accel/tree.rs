@@ -34,15 +34,27 @@ pub struct Built {
 }
 
 impl Built {
-    /// Returns true if all children and triangles exist, and no node is its own descendant.
+    /// Returns true if all children, leaf entries and triangles exist, and each node but the root has one parent, which
+    /// comes before it.
     pub fn is_sound(&self, triangles: usize) -> bool {
-        let has_children = |(index, node): (usize, &CwBvhNode)| {
+        let mut has_parent = vec![false; self.nodes.len()];
+        let mut is_parent = |(index, node): (usize, &CwBvhNode)| {
             let first = node.child_base_idx as usize;
             let children = node.imask.count_ones() as usize;
-            children == 0 || (first > index && first.saturating_add(children) <= self.nodes.len())
+            let are_new = children == 0 || {
+                let range = has_parent.get_mut(first..first.saturating_add(children));
+                first > index && range.is_some_and(|range| range.iter_mut().all(|has| !std::mem::replace(has, true)))
+            };
+            let has_entries = |(slot, meta): (usize, &u8)| {
+                let is_leaf = node.imask & (1 << slot) == 0;
+                let end =
+                    u64::from(node.primitive_base_idx) + u64::from(meta & 31) + u64::from((meta >> 5).count_ones());
+                !is_leaf || *meta == 0 || end <= self.order.len() as u64
+            };
+            are_new && node.child_meta.iter().enumerate().all(has_entries)
         };
         let is_within = !self.nodes.is_empty() && self.order.iter().all(|&i| (i as usize) < triangles);
-        is_within && self.nodes.iter().enumerate().all(has_children)
+        is_within && self.order.len() >= triangles && self.nodes.iter().enumerate().all(&mut is_parent)
     }
 }
 
@@ -98,7 +110,7 @@ pub fn tree_over(flat: &Flat<'_>, splits: bool, room: &Room) -> Result<Built, Ac
     let copies = boxes.len() - count;
     let making = copies * (2 * room.row_bytes + BUILD_BYTES);
     let refused = |exceeded| AccelError::Memory { triangles: room.triangles, exceeded };
-    let mut reserved = room.budget.reserve(making as u64).map_err(refused)?;
+    let _reserved = room.budget.reserve(making as u64).map_err(refused)?;
     let distance = if count > LARGE { PlocSearchDistance::VeryHigh } else { PARAMS.ploc_search_distance };
     let mut bvh2 = PlocBuilder::with_capacity(boxes.len()).build(
         distance,
@@ -112,8 +124,6 @@ pub fn tree_over(flat: &Flat<'_>, splits: bool, room: &Room) -> Result<Built, Ac
     let fraction = PARAMS.reinsertion_batch_ratio * (LARGE as f32 / count as f32).clamp(LEAST_REINSERTED, 1.0);
     ReinsertionOptimizer::default().run(&mut bvh2, fraction, None);
     let bvh = bvh2_to_cwbvh(&bvh2, MOST_IN_A_LEAF, true, false);
-    reserved.shrink_to((copies * room.stored_bytes()) as u64);
-    reserved.keep();
     Ok(Built { nodes: bvh.nodes, order: bvh.primitive_indices })
 }
 

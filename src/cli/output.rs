@@ -25,7 +25,7 @@ use crate::stages::Foveation;
 
 use super::failure::Failure;
 use super::options::OUTPUT;
-use super::tev::Viewer;
+use super::tev::{ADDRESS, Viewer};
 
 /// Creates the folder that `option` names and checks that it is writable, before the run renders anything. Renames
 /// files that a killed run left there, with a warning.
@@ -91,7 +91,7 @@ impl Sheet {
 }
 
 /// Forms of the files of a frame, as options of `render`.
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
+#[derive(clap::Args, Clone, Debug, Default)]
 pub struct Forms {
     /// Also write a red-cyan anaglyph
     #[arg(hide_short_help = true, long, help_heading = OUTPUT)]
@@ -104,6 +104,16 @@ pub struct Forms {
     /// They have no files of their own then. Channels are named as in normal.X.
     #[arg(hide_short_help = true, long, help_heading = OUTPUT)]
     layers: bool,
+    /// Show frames in the viewer tev, which listens at this address
+    #[arg(hide_short_help = true, long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = ADDRESS, conflicts_with = "reference", help_heading = OUTPUT)]
+    tev: Option<String>,
+}
+
+impl Forms {
+    /// Connects to tev if frames are shown there.
+    pub fn viewer(&self) -> Result<Option<Viewer>, Failure> {
+        self.tev.as_deref().map(Viewer::connect).transpose()
+    }
 }
 
 /// A frame's images, read back from the devices.
@@ -229,7 +239,7 @@ impl FrameImages {
         &self,
         dir: &Path,
         number: Option<u32>,
-        forms: Forms,
+        forms: &Forms,
         tags: &Stereo<Tags>,
     ) -> Result<Vec<String>, Failure> {
         let _span = tracing::info_span!("write files").entered();

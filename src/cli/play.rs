@@ -238,7 +238,7 @@ impl<'a> Run<'a> {
         let exposure_ev = self.loaded.shot.exposure_ev;
         let tags = output::tags(&self.rig(index), exposure_ev, self.options.size, time_s, index);
         let images = FrameImages::read(&mut self.session.renderer, &[])?;
-        self.pictures.add(images.write(&self.options.out, number, Forms::default(), &tags)?);
+        self.pictures.add(images.write(&self.options.out, number, &Forms::default(), &tags)?);
         Ok(())
     }
 }

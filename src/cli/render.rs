@@ -26,7 +26,7 @@ use super::progress::Progress;
 use super::reference::{self, PassOptions, Plan};
 use super::settings;
 use super::setup::{self, Tracing};
-use super::tev::{self, Viewer};
+use super::tev::Viewer;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -47,9 +47,6 @@ pub struct Args {
     details: bool,
     #[command(flatten)]
     forms: Forms,
-    /// Show frames in the viewer tev, which listens at this address
-    #[arg(hide_short_help = true, long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = tev::ADDRESS, conflicts_with = "reference", help_heading = options::OUTPUT)]
-    tev: Option<String>,
     /// Also write the left eye's frames as a contact sheet, sheet.png
     #[arg(long, conflicts_with = "reference", help_heading = options::OUTPUT)]
     sheet: bool,
@@ -114,7 +111,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     options.check().map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
-    let viewer = args.tev.as_deref().map(Viewer::connect).transpose()?;
+    let viewer = args.forms.viewer()?;
     let tracing = Tracing::start(options)?;
     let warm_up_frames = args.warm_up_frames();
     let progress = Progress::new(u64::from(warm_up_frames + options.frames), options.quiet, options.json);
@@ -126,8 +123,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             "--overlay does not support polar --foveation with the eye projections of --motion: drop one of them";
         return Err(Failure::Input(anyhow::anyhow!(what)));
     }
-    let last_s = time_s(options, options.frames - 1);
-    if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.time, last_s) {
+    if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.time, time_s(options, options.frames - 1)) {
         progress.warn(&warning);
     }
     if let Some(plan) = &plan {
@@ -227,7 +223,7 @@ impl Run<'_> {
             if let Some(viewer) = &mut self.viewer {
                 images.show(viewer, &options.shot)?;
             }
-            self.pictures.add(images.write(&options.out, number, self.args.forms, &tags)?);
+            self.pictures.add(images.write(&options.out, number, &self.args.forms, &tags)?);
             if self.args.sheet {
                 sheet.add(&images);
             }
@@ -341,7 +337,7 @@ fn reference_frame(
     }
     let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, plan.time_s(index), index);
     rows.references.push(done.row);
-    images.write(&options.out, (options.frames > 1).then_some(index), args.forms, &tags)
+    images.write(&options.out, (options.frames > 1).then_some(index), &args.forms, &tags)
 }
 
 /// Prints the results and the output folder.
@@ -351,8 +347,7 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
         let out = options.out.display().to_string();
         let mut result = serde_json::json!({
             "event": "result", "out": out, "warm_up_s": report.warm_up_s, "warm_up_frames": report.warm_up_frames,
-            "median_makespan_ms": median,
-            "devices_left": report.devices_left(),
+            "median_makespan_ms": median, "devices_left": report.devices_left(),
         });
         if !report.references.is_empty() {
             result["references"] = serde_json::json!(report.references);
@@ -375,10 +370,8 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
                 Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
                 None => String::new(),
             };
-            let history = match report.warm_up_frames {
-                0 => String::new(),
-                n => format!(" with {n} frame(s) of history"),
-            };
+            let n = report.warm_up_frames;
+            let history = if n > 0 { format!(" with {n} frame(s) of history") } else { String::new() };
             say!(
                 "warm-up {:.1} s{history}; {} frame(s) of {} on {devices} device(s): median makespan {median:.1} ms{pace}, \
                  {:.2} Mrays/s",

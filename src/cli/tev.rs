@@ -31,10 +31,14 @@ impl Viewer {
     /// [`Failure::Run`] if nothing listens there.
     pub fn connect(address: &str) -> Result<Self, Failure> {
         let connect = || -> io::Result<TcpStream> {
-            let unknown = || io::Error::new(io::ErrorKind::NotFound, "the host is unknown");
-            let stream = TcpStream::connect_timeout(&address.to_socket_addrs()?.next().ok_or_else(unknown)?, PATIENCE)?;
-            stream.set_write_timeout(Some(PATIENCE))?;
-            Ok(stream)
+            let mut failed = io::Error::new(io::ErrorKind::NotFound, "the host is unknown");
+            for place in address.to_socket_addrs()? {
+                match TcpStream::connect_timeout(&place, PATIENCE) {
+                    Ok(stream) => return stream.set_write_timeout(Some(PATIENCE)).map(|()| stream),
+                    Err(error) => failed = error,
+                }
+            }
+            Err(failed)
         };
         let stream = connect().with_context(|| format!("--tev {address}: start tev first, or name its --hostname"));
         Ok(Self { client: TevClient::wrap(stream.map_err(Failure::Run)?), created: BTreeSet::new() })

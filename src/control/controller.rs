@@ -53,7 +53,8 @@ pub trait Control: Send {
     /// Picks the rung of the next frame.
     fn next(&mut self, predictor: &dyn Predict) -> Decision;
 
-    /// Adds the makespan of a finished frame.
+    /// Adds the time of a finished frame. A [`Session`](crate::Session) passes its whole time, which is its makespan and
+    /// the host's time before and after.
     fn observe(&mut self, rung: usize, makespan_ms: f64);
 
     /// Adapts to devices that were added, removed or changed in speed.

@@ -108,7 +108,7 @@ impl Renderer {
     /// Reads the i-th auxiliary image like [`Self::read_aov`], but returns all channels of a pixel, then the next pixel.
     ///
     /// # Errors
-    /// Those of [`Self::read_linear`].
+    /// Errors of [`Self::read_linear`].
     pub fn read_aov_pixels(&mut self, i: usize) -> Result<Stereo<Vec<f32>>, ExecError> {
         let count = self.config.buffers.aovs[i].channels().len();
         let pixels = self.read(aov_image(i as u8))?;

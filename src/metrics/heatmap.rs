@@ -10,7 +10,8 @@ use super::Pair;
 /// Colours each pixel by the RMS over channels of the difference of display values.
 ///
 /// Equal pixels are black; black against white is white. The scale is the square root of the error, so that errors of a
-/// few levels are visible, and is the same for all images, so that heatmaps can be compared.
+/// few levels are visible, and is the same for all images, so that heatmaps can be compared. Values that are not finite
+/// count as 0.
 pub fn heatmap(pair: &Pair) -> DisplayImage {
     let colour = |(r, a): (&[f64; 3], &[f64; 3])| error_colour(display_error(r, a));
     let pixels = pair.reference.shown.iter().zip(&pair.image.shown).map(colour).collect();

@@ -42,7 +42,7 @@ pub struct Session {
     qualities: Vec<(Quality, RelativeCost)>,
     controller: Box<dyn Control>,
     budget: Budget,
-    /// Time of a frame outside its makespan, in milliseconds: poses, uploads of what moves, and the results' way back.
+    /// Time of a frame outside its makespan, in milliseconds: poses, uploads of moving geometry, and readback.
     outside: Mean,
     /// The number of devices that were dropped.
     dropped: usize,
@@ -151,8 +151,8 @@ impl Session {
         self.controller = controller;
     }
 
-    /// Chooses the rung of the next frame. What the controller keeps inside the budget is the whole time of a frame, which
-    /// is longer than its makespan.
+    /// Chooses the rung of the next frame. The controller keeps the whole time of a frame inside the budget, not its
+    /// makespan alone; the decision has the expected makespan.
     pub fn decide(&mut self) -> Decided {
         let begin = Instant::now();
         let Self { renderer, qualities, controller, outside, .. } = self;
@@ -166,7 +166,10 @@ impl Session {
             };
             *known.borrow_mut().entry(rung).or_insert_with(predicted)
         };
-        let decision = controller.next(&predict);
+        let mut decision = controller.next(&predict);
+        if decision.expected_ms.is_finite() {
+            decision.expected_ms = (decision.expected_ms - outside_ms).max(0.0);
+        }
         Decided { decision, decide_ms: begin.elapsed().as_secs_f64() * 1e3 }
     }
 

@@ -117,15 +117,21 @@ fn trees_used_longest_ago_go_first() {
         built(&scene, &wide);
         made.extend(files(folder.path()).into_iter().filter(|file| !made.contains(file)).collect::<Vec<_>>());
     }
-    for (file, age_s) in made.iter().zip([30, 50, 40]) {
+    for (file, age_s) in made.iter().zip([30, 50, 60]) {
         let file = File::options().write(true).open(file).unwrap();
         file.set_modified(SystemTime::now() - Duration::from_secs(age_s)).unwrap();
     }
+    // A tree that is used again stays, and what a killed run has left does not.
     let bytes = fs::metadata(&made[0]).unwrap().len();
+    let left = folder.path().join("trees/.a.tree.1234.part");
+    let old = File::create(&left).unwrap();
+    old.set_modified(SystemTime::now() - Duration::from_secs(48 * 3600)).unwrap();
     fs::write(folder.path().join("trees/notes.txt"), "mine").unwrap();
     let narrow = TreeCache { most_bytes: 3 * bytes, ..cache(folder.path()) };
+    built(&scene, &wide);
     scene.meshes[0].positions[0].x += 1e-3;
     built(&scene, &narrow);
+    assert!(!left.exists());
     assert!(!made[1].exists() && made[0].exists() && made[2].exists());
     assert_eq!(files(folder.path()).len(), 4);
 }

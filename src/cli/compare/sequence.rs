@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::exec::Stereo;
 use crate::image::exr::{self, Tags};
 use crate::metrics::rivalry::{Differences, RIVALRY_MEASURES, Rivalry};
-use crate::metrics::surfaces::Sighting;
+use crate::metrics::surfaces::{Sighting, Surfaces};
 use crate::metrics::temporal::{Change, MovingSurfaces};
 use crate::metrics::{Errors, MEASURES, Pair};
 use crate::report::study::{SequenceRow, sequence_table};
@@ -15,7 +15,7 @@ use anyhow::{Context, anyhow, bail, ensure};
 use serde::Serialize;
 
 use super::aovs;
-use super::rivalry::{self, Seen};
+use super::rivalry;
 use super::viewing::{Sourced, differences, source_note};
 use crate::cli::failure::Failure;
 
@@ -126,13 +126,14 @@ impl<'a> Sequence<'a> {
             anyhow!("there is no {}: render with --aov motion,position,normal", file.display())
         };
         let motion = aovs::read(&path, "motion", ["X", "Y", "Y"])?.ok_or_else(|| missing("motion"))?;
-        let seen = Seen::read(&[&path])?.ok_or_else(|| missing("position"))?;
-        let mut surfaces = MovingSurfaces::new(seen.surfaces, motion.image)?;
+        let xyz = |name: &str| aovs::read(&path, name, ["X", "Y", "Z"])?.ok_or_else(|| missing(name));
+        let (position, normal) = (xyz("position")?, xyz("normal")?);
+        let mut surfaces = MovingSurfaces::new(Surfaces::new(position.image, normal.image)?, motion.image)?;
         // Only dynamic scenes need the surfaces' positions in the previous frame.
         if let Some(last_position) = aovs::read(&path, "last_position", ["X", "Y", "Z"])? {
             surfaces = surfaces.with_last_position(last_position.image)?;
         }
-        Ok(EyeFrame { pair, surfaces, tags: seen.tags, warnings: differences(&reference.tags, &image.tags) })
+        Ok(EyeFrame { pair, surfaces, tags: position.tags, warnings: differences(&reference.tags, &image.tags) })
     }
 }
 

@@ -36,7 +36,7 @@ pub fn check(object: &Bound<'_, PyAny>) -> PyResult<()> {
 }
 
 /// A Python object that chooses rungs: `next(predicted_ms)` returns the index of one, and the optional
-/// `observe(rung, makespan_ms)` takes the time of a finished frame.
+/// `observe(rung, frame_ms)` takes the time of a finished frame.
 pub struct Controller {
     object: Py<PyAny>,
     budget: Budget,

@@ -129,6 +129,11 @@ impl Frame {
         self.aovs.iter().map(|(aov, _)| aov.name()).collect()
     }
 
+    /// Names of the channels of an auxiliary image.
+    fn channels(&self, name: &str) -> PyResult<Vec<&'static str>> {
+        Ok(self.find(name)?.0.channels().to_vec())
+    }
+
     /// Auxiliary image of the left and the right eye, float32 of the shape (height, width, channels).
     fn aov(&self, py: Python<'_>, name: &str) -> PyResult<[Pixels<f32>; 2]> {
         let (_, eyes) = self.find(name)?;

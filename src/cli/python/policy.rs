@@ -54,7 +54,7 @@ impl Function {
     /// Asks the function for the rows of the next frame. Returns the time in milliseconds that this took.
     ///
     /// # Errors
-    /// Those of the function, `TypeError` if it returns no numbers, `ValueError` if these are not the rows of the
+    /// Errors of the function, `TypeError` if it returns no numbers, `ValueError` if these are not the rows of the
     /// devices.
     pub fn ask(&self, model: &CostModel) -> PyResult<f64> {
         let begin = Instant::now();

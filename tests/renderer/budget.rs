@@ -1,0 +1,45 @@
+//! Sessions inside a frame budget.
+
+use std::sync::{Arc, Mutex};
+
+use diptych::control::{Budget, Control, Decision, Predict, relative_costs};
+use diptych::{LoadedScene, Renderer, Session};
+
+/// Predictions for the first rung, and observed times.
+#[derive(Clone, Default)]
+struct Seen(Arc<Mutex<(Vec<f64>, Vec<f64>)>>);
+
+impl Control for Seen {
+    fn next(&mut self, predictor: &dyn Predict) -> Decision {
+        let predicted_ms = predictor.makespan_ms(0);
+        self.0.lock().unwrap().0.push(predicted_ms);
+        Decision { rung: 0, expected_ms: predicted_ms, fits: true }
+    }
+
+    fn observe(&mut self, _rung: usize, frame_ms: f64) {
+        self.0.lock().unwrap().1.push(frame_ms);
+    }
+
+    fn set_budget(&mut self, _budget: Budget) {}
+}
+
+/// The time outside the makespan is in predictions and in observed times, and not in the expected makespan.
+#[test]
+fn controllers_count_the_whole_time_of_frames() {
+    let scene = LoadedScene::load("builtin:checker").unwrap();
+    let mut session = Session::start(Renderer::builder(&scene).size(48, 28), "11..20".parse().unwrap()).unwrap();
+    let seen = Seen::default();
+    session.set_controller(Box::new(seen.clone()));
+    let frames: Vec<_> = (0..8).map(|i| session.render_next(&scene.shot.rig, 0.0, i).unwrap().report).collect();
+    let relative_cost = relative_costs(session.ladder().rungs()).swap_remove(0);
+    let quality = *session.quality(0);
+    let makespan_ms = session.renderer.predicted_ms(&quality, &relative_cost).unwrap();
+    let expected_ms = session.decide().decision.expected_ms;
+    let (predicted, observed) = seen.0.lock().unwrap().clone();
+    let outside: Vec<f64> = observed.iter().zip(&frames).map(|(ms, frame)| ms - frame.makespan_ms).collect();
+    assert!(outside.len() == 8 && outside.iter().all(|ms| *ms > 0.0), "{outside:?}");
+    let (least, most) = outside.iter().fold((f64::INFINITY, 0.0), |(low, high), &ms| (low.min(ms), f64::max(high, ms)));
+    let added = predicted.last().unwrap() - makespan_ms;
+    assert!((least..=most).contains(&added), "{added} ms of {outside:?}");
+    assert!((expected_ms / makespan_ms - 1.0).abs() < 1e-9, "{expected_ms} instead of {makespan_ms}");
+}
