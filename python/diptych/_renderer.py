@@ -56,12 +56,14 @@ class Scene:
         return f"<diptych.Scene {info['name']!r}: {info['triangles']} triangles>"
 
 
-def _plain(value: Any) -> Any:
-    """Replaces mappings, sequences and NumPy scalars by Python's own."""
+def _plain(value: Any, levels: int = 64) -> Any:
+    """Replaces mappings, sequences and NumPy scalars by Python's own, in so many levels."""
+    if levels == 0:
+        return value
     if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
+        return {key: _plain(entry, levels - 1) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(entry) for entry in value]
+        return [_plain(entry, levels - 1) for entry in value]
     return value.item() if isinstance(value, np.generic) else value
 
 
