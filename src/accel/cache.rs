@@ -15,8 +15,8 @@ use bytemuck::{Zeroable, cast_slice, cast_slice_mut};
 use obvhs::cwbvh::node::CwBvhNode;
 use twox_hash::XxHash3_128;
 
+use super::built::Built;
 use super::flatten::Flat;
-use super::tree::Built;
 use crate::image::file::atomic_write;
 
 /// Least number of triangles of a tree that is looked for; smaller ones are built in less time.

@@ -5,6 +5,7 @@
 //! Triangles are stored in tree order, so a leaf's triangle index is the triangle's row in every table.
 
 mod build;
+mod built;
 mod cache;
 mod clearance;
 mod flatten;
