@@ -166,7 +166,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let lasting = max(LONGEST_WAY / way - LONGEST_MOVED, 0.0) / (LONGEST_STILL - LONGEST_MOVED);
     let stillness = select(lasting, 0.0, HAS_MOTION);
     let longest_in_motion = mix(LONGEST_MOVED, LONGEST_CARRIED, carried);
-    let longest_moved = longest_in_motion * inverseSqrt(mean_samples()) / (1.0 + luminance(deviation) * frame.display.exposure);
+    let longest_moved = longest_in_motion * inverseSqrt(mean_samples()) / (1.0 + luminance(deviation) * frame.display.storage_scale);
     let longest = select(mix(longest_moved, LONGEST_STILL, stillness), LONGEST_STILL, is_still);
     let is_known = has_history && is_finite(old.rgb) && is_finite(old.aaa);
     var frames = select(0.0, clamp(round(old.a), 0.0, min(longest, longest_in_light())), is_known);

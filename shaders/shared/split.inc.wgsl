@@ -1,6 +1,6 @@
 // Diffuse radiance of a surface's Lambertian lobe (matte) and specular radiance of its facets (gloss), which are
-// filtered separately if the scene has gloss. Both are then packed into one pixel of half floats, scaled by exposure so
-// that white is 1. Otherwise `matte` holds all radiance, as floats.
+// filtered separately if the scene has gloss. Both are then packed into one pixel of half floats, scaled so that
+// white is 1 at the exposure of the run (`storage_scale`). Otherwise `matte` holds all radiance, as floats.
 
 override HAS_GLOSS: bool = true;
 
@@ -21,7 +21,7 @@ const MOST_LIGHT: f32 = 65504.0;
 
 // Whether light is too bright to store. It is then clamped to MOST_LIGHT times white.
 fn is_clipped(matte: vec3<f32>, gloss: vec3<f32>) -> bool {
-    return HAS_GLOSS && any(max(matte, gloss) * frame.display.exposure > vec3<f32>(MOST_LIGHT));
+    return HAS_GLOSS && any(max(matte, gloss) * frame.display.storage_scale > vec3<f32>(MOST_LIGHT));
 }
 
 fn pack_pair(a: f32, b: f32) -> u32 {
@@ -33,7 +33,7 @@ fn unpack_light(bits: vec4<u32>) -> SplitLight {
         let all = bitcast<vec4<f32>>(bits);
         return SplitLight(all.rgb, vec3<f32>(0.0), vec2<f32>(all.a));
     }
-    let scale = 1.0 / frame.display.exposure;
+    let scale = 1.0 / frame.display.storage_scale;
     let y = unpack2x16float(bits.y);
     let matte = vec3<f32>(unpack2x16float(bits.x), y.x);
     let gloss = vec3<f32>(y.y, unpack2x16float(bits.z));
@@ -44,8 +44,8 @@ fn pack_light(light: SplitLight) -> vec4<u32> {
     if !HAS_GLOSS {
         return bitcast<vec4<u32>>(vec4<f32>(light.matte, light.a.x));
     }
-    let matte = light.matte * frame.display.exposure;
-    let gloss = light.gloss * frame.display.exposure;
+    let matte = light.matte * frame.display.storage_scale;
+    let gloss = light.gloss * frame.display.storage_scale;
     return vec4<u32>(
         pack_pair(matte.r, matte.g),
         pack_pair(matte.b, gloss.r),
@@ -72,14 +72,14 @@ fn unpack_sampled(bits: vec4<u32>) -> SplitLight {
 
 // Packs variances as standard deviations. Negative values (flags) stay.
 fn pack_deviations(variances: vec2<f32>) -> u32 {
-    let scaled = sqrt(max(variances, vec2<f32>(0.0))) * frame.display.exposure;
+    let scaled = sqrt(max(variances, vec2<f32>(0.0))) * frame.display.storage_scale;
     let deviations = select(scaled, variances, variances < vec2<f32>(0.0));
     return pack_pair(deviations.x, deviations.y);
 }
 
 fn unpack_deviations(bits: u32) -> vec2<f32> {
     let deviations = unpack2x16float(bits);
-    let scaled = deviations / frame.display.exposure;
+    let scaled = deviations / frame.display.storage_scale;
     return select(scaled * scaled, deviations, deviations < vec2<f32>(0.0));
 }
 
@@ -131,7 +131,7 @@ fn remodulated(light: SplitLight, albedo: Albedo) -> vec3<f32> {
 
 // Square of an invisible difference in luminance: 1e-10 of white.
 fn unseen_square() -> f32 {
-    return 1e-20 / (frame.display.exposure * frame.display.exposure);
+    return 1e-20 / (frame.display.storage_scale * frame.display.storage_scale);
 }
 
 // Luminances, clamped so that squares and sums of squares stay finite.

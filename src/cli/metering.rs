@@ -7,7 +7,9 @@ use crate::image::{Extent, RgbImage};
 use crate::loaded::LoadedScene;
 use crate::quality::Quality;
 use crate::scene::shot::EXPOSURE_EV;
-use crate::scene::studio;
+#[cfg(feature = "view")]
+use crate::scene::shot::Shot;
+use crate::scene::{Scene, studio};
 
 use super::failure::Failure;
 use super::options::RenderOptions;
@@ -34,8 +36,7 @@ pub fn meter(
         renderer.render(&renderer.frame(&loaded.shot.rig, options.time, 0))?;
         let image = renderer.read_linear()?.left;
         gpus = renderer.into_devices();
-        loaded.shot.exposure_ev =
-            if studio::has_ground(&loaded.scene) { studio_ev(&image) } else { metered_ev(&image) };
+        loaded.shot.exposure_ev = wanted_ev(&loaded.scene, &image);
         // Half floats clip light that is far too bright for the exposure of its frame.
         if loaded.shot.exposure_ev - before_ev > CLIPPED_EV {
             break;
@@ -48,6 +49,45 @@ pub fn meter(
         progress.tell(&format!("metered exposure: {ev:+} EV (--exposure {ev} repeats it)"));
     }
     Ok(gpus)
+}
+
+/// A meter that follows the light of a moving camera slowly, as an eye does.
+#[cfg(feature = "view")]
+#[derive(Clone, Copy, Debug)]
+pub struct SlowMeter {
+    first_ev: f32,
+    ev: f32,
+}
+
+#[cfg(feature = "view")]
+impl SlowMeter {
+    /// Number of frames from one metered frame to the next.
+    pub const INTERVAL: u32 = 8;
+    /// Times after which 1 - 1/e of a change is made up for, seconds: in more light and in less.
+    const BRIGHTER_S: f32 = 0.4;
+    const DARKER_S: f32 = 1.0;
+    /// Maximum difference from the exposure of the first frame, at which half floats store radiance.
+    const MOST_TURNED_EV: f32 = 10.0;
+
+    /// Starts at the metered exposure of a shot; `None` if the shot is not metered.
+    pub fn new(shot: &Shot) -> Option<Self> {
+        let ev = shot.exposure_ev;
+        shot.is_metered.then_some(Self { first_ev: ev, ev })
+    }
+
+    /// Takes the radiances of a frame, `passed_s` seconds after the last, and returns the exposure of the next frames.
+    pub fn follow(&mut self, scene: &Scene, image: &RgbImage, passed_s: f32) -> f32 {
+        let wanted = wanted_ev(scene, image);
+        let wanted = wanted.clamp(self.first_ev - Self::MOST_TURNED_EV, self.first_ev + Self::MOST_TURNED_EV);
+        let slowness_s = if wanted < self.ev { Self::BRIGHTER_S } else { Self::DARKER_S };
+        self.ev += (wanted - self.ev) * (1.0 - (-passed_s / slowness_s).exp());
+        self.ev
+    }
+}
+
+/// Returns the exposure that shows a frame of the scene well.
+fn wanted_ev(scene: &Scene, image: &RgbImage) -> f32 {
+    if studio::has_ground(scene) { studio_ev(image) } else { metered_ev(image) }
 }
 
 /// Maximum number of frames that are metered, and the exposure below which the last one may have been clipped.
@@ -157,6 +197,22 @@ mod tests {
         image.pixels[..64 * 16].fill([60.0; 3]);
         let plain = filled(0.02);
         assert!(metered_ev(&image) > metered_ev(&plain) - 6.0);
+    }
+
+    #[cfg(feature = "view")]
+    #[test]
+    fn a_slow_meter_follows_light_faster_than_darkness_and_then_rests() {
+        let scene = Scene::default();
+        let after = |radiance: f32, seconds: f32| {
+            let mut meter = SlowMeter { first_ev: 0.0, ev: 0.0 };
+            let steps = (seconds * 10.0) as usize;
+            (0..steps).map(|_| meter.follow(&scene, &filled(0.22 * radiance), 0.1)).last().unwrap()
+        };
+        let (bright, dark) = (after(16.0, 0.4), after(1.0 / 16.0, 0.4));
+        assert!((-2.6..-2.5).contains(&bright), "{bright}");
+        assert!((1.25..1.35).contains(&dark), "{dark}");
+        assert!((after(16.0, 5.0) + 4.0).abs() < 0.01 && (after(1.0 / 16.0, 10.0) - 4.0).abs() < 0.01);
+        assert!((after(1e-6, 60.0) - SlowMeter::MOST_TURNED_EV).abs() < 0.01);
     }
 
     #[test]

@@ -37,6 +37,8 @@ pub struct Session {
     pub renderer: Renderer,
     /// Gaze of both eyes in frames rendered from now on, see [`FrameParams::gaze`].
     pub gaze: Option<[[f64; 2]; 2]>,
+    /// Exposure of frames rendered from now on, in stops. `None` uses that of the renderer's configuration.
+    pub exposure_ev: Option<f32>,
     ladder: Ladder,
     /// The quality and the relative cost of each rung.
     qualities: Vec<(Quality, RelativeCost)>,
@@ -128,6 +130,7 @@ impl Session {
             dropped: renderer.faults().len(),
             renderer,
             gaze: None,
+            exposure_ev: None,
             ladder,
         }
     }
@@ -181,7 +184,9 @@ impl Session {
         let rung = decided.decision.rung;
         let (quality, relative_cost) = self.qualities[rung].clone();
         self.renderer.set_relative_cost(relative_cost);
-        let params = FrameParams { quality, gaze: self.gaze, ..self.renderer.frame(rig, time_s, index) };
+        let frame = self.renderer.frame(rig, time_s, index);
+        let exposure_ev = self.exposure_ev.unwrap_or(frame.exposure_ev);
+        let params = FrameParams { quality, gaze: self.gaze, exposure_ev, ..frame };
         let begin = Instant::now();
         let frame = self.renderer.render(&params)?;
         let whole_ms = begin.elapsed().as_secs_f64() * 1e3;

@@ -87,6 +87,7 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
         display: layout::Display {
             exposure: params.exposure_ev.exp2(),
             tone: config.tone as u32,
+            storage_scale: config.exposure_ev.exp2(),
             ..Default::default()
         },
         ..Default::default()

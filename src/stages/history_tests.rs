@@ -109,7 +109,7 @@ impl Bench {
             },
             foveation: Foveation { layer_iterations: UVec3::splat(ITERATIONS), ..Default::default() },
             history: History::new(self.before.map(|_| HISTORY_ROWS), 0..0),
-            display: Display { exposure: 1.0, ..Default::default() },
+            display: Display { exposure: 1.0, storage_scale: 1.0, ..Default::default() },
             ..Frame::default()
         };
         self.tables.describe(&mut frame);

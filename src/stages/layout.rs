@@ -162,8 +162,10 @@ shared_structs! {
         pub exposure: f32,
         /// Number of the [`ToneCurve`](crate::image::tone::ToneCurve).
         pub tone: u32,
+        /// Factor that multiplies radiance in half floats. All frames of a run have the same, since later frames read
+        /// them.
+        pub storage_scale: f32,
         pub pad0: u32,
-        pub pad1: u32,
     }
 
     /// Constants of a frame.

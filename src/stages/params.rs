@@ -25,6 +25,6 @@ pub struct FrameParams {
     /// Later camera, with a single key, that the displayed image is reprojected to. `None` displays the frame from its
     /// own pose. Used only if [`crate::passes::Display::is_late`].
     pub shown_from: Option<Rig>,
-    /// Exposure of displayed images, in stops.
+    /// Exposure of displayed images, in stops. No other image depends on it.
     pub exposure_ev: f32,
 }

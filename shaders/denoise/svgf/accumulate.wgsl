@@ -74,14 +74,14 @@ fn unpack_moments(bits: vec2<u32>) -> Known {
     if !HAS_GLOSS {
         return Known(vec2<f32>(bitcast<f32>(bits.x), 0.0), vec2<f32>(bitcast<f32>(bits.y), 0.0));
     }
-    return Known(unpack2x16float(bits.x) / frame.display.exposure, unpack_deviations(bits.y));
+    return Known(unpack2x16float(bits.x) / frame.display.storage_scale, unpack_deviations(bits.y));
 }
 
 fn pack_moments(known: Known) -> vec2<u32> {
     if !HAS_GLOSS {
         return bitcast<vec2<u32>>(vec2<f32>(known.mean.x, known.variance.x));
     }
-    let mean = known.mean * frame.display.exposure;
+    let mean = known.mean * frame.display.storage_scale;
     return vec2<u32>(pack_pair(mean.x, mean.y), pack_deviations(known.variance));
 }
 

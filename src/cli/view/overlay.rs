@@ -135,6 +135,9 @@ fn panel(ui: &mut Ui, look: &ViewStatus, status: &Status) {
     let share = 100.0 * status.in_band as f64 / status.count as f64;
     ui.label(format!("{share:.1} % of {} frames within {lo_ms} to {hi_ms} ms", status.count));
     ui.label(format!("rung {} of 0 to {}: {}", last.rung, status.rungs.saturating_sub(1), last.quality,));
+    if let Some(ev) = status.metered_ev {
+        ui.label(format!("metered exposure: {ev:+.1} EV"));
+    }
     ui.add_space(3.0);
     shares(ui, &look.devices, last);
 }

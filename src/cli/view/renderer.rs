@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::exec::ranks::Devices;
 use crate::loaded::LoadedScene;
-use crate::passes::tonemap::DISPLAY;
+use crate::passes::tonemap::{DISPLAY, LINEAR};
 use crate::report::run::FrameRow;
 use crate::scene::Scene;
 use crate::scene::head::Recording;
@@ -14,6 +14,7 @@ use super::camera::Camera;
 use super::shared::{FrameStatus, Shared};
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
+use crate::cli::metering::SlowMeter;
 use crate::cli::play::{Pace, Prepared, Session};
 use crate::cli::progress::Progress;
 use crate::cli::setup::Tracing;
@@ -35,7 +36,8 @@ pub struct Start {
 pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure> {
     let Start { mut prepared, loaded, gpus, tracing, progress } = start;
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
-    session.renderer.set_outputs(&[DISPLAY]);
+    let mut meter = SlowMeter::new(&loaded.shot);
+    let mut metered = Instant::now();
     let options = &prepared.render;
     let mut camera = Camera::new(&loaded.shot.rig, options.time, speed_per_s(&loaded.scene));
     let mut motion = prepared.options.recording(loaded.space, &session.progress)?;
@@ -54,6 +56,8 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         if let Some(gaze) = input.gaze {
             session.gaze = Some([gaze; 2]);
         }
+        let is_metered = meter.is_some() && index % SlowMeter::INTERVAL == 0;
+        session.renderer.set_outputs(if is_metered { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
         let (mut row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
         let missed = pace.complete();
         row.miss(missed);
@@ -66,6 +70,10 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         }
         session.announce(&row, &report);
         let picture = session.renderer.read_display()?;
+        if let Some(meter) = meter.as_mut().filter(|_| is_metered) {
+            let passed_s = std::mem::replace(&mut metered, Instant::now()).elapsed().as_secs_f32();
+            session.exposure_ev = Some(meter.follow(&loaded.scene, &session.renderer.read_linear()?.left, passed_s));
+        }
         let layers = session.renderer.foveation().zip(session.fovea(decided));
         let circles = layers.map(|(foveation, radii)| {
             let foveation = session.inner.gaze.map_or(foveation.clone(), |eyes| foveation.looking(eyes));
@@ -74,6 +82,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         shared.show(picture, frame_status(row, now), |status| {
             (status.rungs, status.follows_path, status.circles) =
                 (session.ladder().rungs().len(), camera.follows_path(), circles);
+            status.metered_ev = meter.and(session.exposure_ev);
         });
         wake();
     }

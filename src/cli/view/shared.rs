@@ -56,6 +56,8 @@ pub struct Status {
     /// Time from the sampling of a frame's pose to the return of the call that presented it, of the last frame that was
     /// presented, ms.
     pub presented_after_ms: Option<f64>,
+    /// Exposure of the last frame in stops, if it is metered.
+    pub metered_ev: Option<f32>,
     /// For each eye, the radii of the inner and middle foveal layers, and the gaze point, in pixels of the eye's image.
     pub circles: Option<[([f64; 2], [f64; 2]); 2]>,
 }

@@ -167,7 +167,7 @@ impl Constants {
                 ..Default::default()
             },
             history: History::new(self.history_rows, 0..0),
-            display: Display { exposure: self.exposure, ..Default::default() },
+            display: Display { exposure: self.exposure, storage_scale: self.exposure, ..Default::default() },
             ..Frame::default()
         }
     }

@@ -78,6 +78,32 @@ fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
 }
 
 #[test]
+fn exposures_of_frames_change_their_pictures_alone() {
+    let subject = Subject::load("builtin:studio");
+    for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
+        let mut settings = subject.accumulated(WIDTH, HEIGHT);
+        settings.envelope.most.denoiser = Some(denoiser);
+        let images = |ev_of: &dyn Fn(u32) -> f32| {
+            let mut stage = Stage::even(&subject, &settings, 2);
+            let frame = |index: u32| {
+                let exposure_ev = ev_of(index);
+                stage.set(move |params| params.exposure_ev = exposure_ev);
+                let linear = stage.frame_at(f64::from(index) * 0.05, index).linear;
+                (linear, stage.renderer().read_display().unwrap().left.pixels)
+            };
+            (0..4).map(frame).collect::<Vec<_>>()
+        };
+        let constant = images(&|_| settings.exposure_ev);
+        let changing = images(&|index| settings.exposure_ev + [0.0, 1.3, -2.0, 5.0][index as usize]);
+        for (i, (constant, changing)) in constant.iter().zip(&changing).enumerate() {
+            let frame = format!("{denoiser:?}, frame {i}");
+            assert_same(&frame, &constant.0, &changing.0);
+            assert!((constant.1 == changing.1) == (i == 0), "{frame}: the picture does not follow the exposure");
+        }
+    }
+}
+
+#[test]
 fn qualities_that_nothing_was_made_ready_for_are_refused() {
     let subject = Subject::load("builtin:cornell");
     let mut settings = subject.denoised(32, 18);
