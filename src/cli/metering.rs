@@ -202,7 +202,7 @@ mod tests {
     #[cfg(feature = "view")]
     #[test]
     fn a_slow_meter_follows_light_faster_than_darkness_and_then_rests() {
-        let scene = Scene::default();
+        let scene = Scene::empty("metered");
         let after = |radiance: f32, seconds: f32| {
             let mut meter = SlowMeter { first_ev: 0.0, ev: 0.0 };
             let steps = (seconds * 10.0) as usize;

@@ -44,8 +44,11 @@ pub struct Session {
     qualities: Vec<(Quality, RelativeCost)>,
     controller: Box<dyn Control>,
     budget: Budget,
-    /// Time of a frame outside its makespan, in milliseconds: poses, uploads of moving geometry, and readback.
+    /// Time of a frame outside its makespan, in milliseconds: poses, uploads of moving geometry, and row tallies.
     outside: Mean,
+    /// Time of [`Self::read`] per frame, in milliseconds, and that of the last frame.
+    reading: Mean,
+    read_ms: f64,
     /// The number of devices that were dropped.
     dropped: usize,
 }
@@ -127,6 +130,8 @@ impl Session {
             controller: ControllerKind::Diptych.start(&ladder, budget),
             budget,
             outside: Mean::default(),
+            reading: Mean::default(),
+            read_ms: 0.0,
             dropped: renderer.faults().len(),
             renderer,
             gaze: None,
@@ -158,8 +163,8 @@ impl Session {
     /// makespan alone; the decision has the expected makespan.
     pub fn decide(&mut self) -> Decided {
         let begin = Instant::now();
-        let Self { renderer, qualities, controller, outside, .. } = self;
-        let outside_ms = outside.value().unwrap_or(0.0);
+        let Self { renderer, qualities, controller, outside, reading, .. } = self;
+        let outside_ms = outside.value().unwrap_or(0.0) + reading.value().unwrap_or(0.0);
         let (renderer, known) = (RefCell::new(renderer), RefCell::new(HashMap::new()));
         let predict = |rung: usize| -> f64 {
             let (quality, relative_cost) = &qualities[rung];
@@ -187,16 +192,29 @@ impl Session {
         let frame = self.renderer.frame(rig, time_s, index);
         let exposure_ev = self.exposure_ev.unwrap_or(frame.exposure_ev);
         let params = FrameParams { quality, gaze: self.gaze, exposure_ev, ..frame };
+        self.reading.learn_with_zero(std::mem::take(&mut self.read_ms));
         let begin = Instant::now();
         let frame = self.renderer.render(&params)?;
         let whole_ms = begin.elapsed().as_secs_f64() * 1e3;
         self.outside.learn_with_zero((whole_ms - frame.makespan_ms).max(0.0));
-        self.controller.observe(rung, whole_ms.max(frame.makespan_ms));
+        self.controller.observe(rung, whole_ms.max(frame.makespan_ms) + self.reading.value().unwrap_or(0.0));
         let dropped = self.renderer.faults().len();
         if std::mem::replace(&mut self.dropped, dropped) != dropped {
             self.controller.devices_changed();
         }
         Ok(frame)
+    }
+
+    /// Reads images of the last frame for its presentation. The controller counts this time as a part of frames.
+    ///
+    /// # Errors
+    /// Errors of `read`.
+    pub fn read<T>(&mut self, read: impl FnOnce(&mut Renderer) -> Result<T, ExecError>) -> Result<T, ExecError> {
+        let _span = tracing::info_span!("read images").entered();
+        let begin = Instant::now();
+        let images = read(&mut self.renderer)?;
+        self.read_ms += begin.elapsed().as_secs_f64() * 1e3;
+        Ok(images)
     }
 
     /// Chooses a rung and renders a frame on it.

@@ -1,6 +1,7 @@
 //! Sessions inside a frame budget.
 
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use diptych::control::{Budget, Control, Decision, Predict, relative_costs};
 use diptych::{LoadedScene, Renderer, Session};
@@ -42,4 +43,28 @@ fn controllers_count_the_whole_time_of_frames() {
     let added = predicted.last().unwrap() - makespan_ms;
     assert!((least..=most).contains(&added), "{added} ms of {outside:?}");
     assert!((expected_ms / makespan_ms - 1.0).abs() < 1e-9, "{expected_ms} instead of {makespan_ms}");
+}
+
+/// A frame whose images are read takes longer by that time, which is not in the expected makespan.
+#[test]
+fn controllers_count_the_time_to_read_images() {
+    const SLEEP_MS: f64 = 400.0;
+    let scene = LoadedScene::load("builtin:checker").unwrap();
+    let mut session = Session::start(Renderer::builder(&scene).size(48, 28), "11..20".parse().unwrap()).unwrap();
+    let seen = Seen::default();
+    session.set_controller(Box::new(seen.clone()));
+    for index in 0..4 {
+        let frame = session.render_next(&scene.shot.rig, 0.0, index).unwrap();
+        session
+            .read(|renderer| {
+                std::thread::sleep(Duration::from_secs_f64(SLEEP_MS / 1e3));
+                renderer.read_display()
+            })
+            .unwrap();
+        let expected_ms = frame.decision.expected_ms;
+        assert!(expected_ms.is_nan() || expected_ms < SLEEP_MS, "{expected_ms}");
+    }
+    let (predicted, observed) = seen.0.lock().unwrap().clone();
+    assert!(predicted[3] >= SLEEP_MS && observed[3] >= SLEEP_MS, "{predicted:?}, {observed:?}");
+    assert!(predicted[0].is_nan() || predicted[0] < SLEEP_MS, "{predicted:?}");
 }

@@ -223,7 +223,10 @@ impl Show {
         status.rungs = session.ladder().rungs().len();
         let panel = board.as_mut().map(|board| board.panel(headset, look, status)).transpose()?.flatten();
         let picture = Picture { images, distances, metres_per_unit: rig.metres_per_unit, panel };
-        let shown = headset.show(&frame, &picture)?;
+        let shown = {
+            let _span = tracing::info_span!("present").entered();
+            headset.show(&frame, &picture)?
+        };
         let Shown { ahead_ms, motion_to_photon_ms } = shown;
         let HeadsetFrame { display_s, missed, .. } = frame;
         let period_ms = frame.period_ms();
@@ -268,13 +271,12 @@ impl Show {
 
 /// Returns an output of the newest frame: buffers if it is on the headset's device, else a host copy.
 fn pixels(session: &mut Session, headset: &Headset, image: Resource) -> Result<Stereo<Pixels>, Failure> {
-    let renderer = &mut session.renderer;
     if headset.renders()
-        && let Some((0, Stereo { left, right })) = renderer.output_buffers(image)?
+        && let Some((0, Stereo { left, right })) = session.renderer.output_buffers(image)?
     {
         return Ok(Stereo { left: Pixels::Buffer(left), right: Pixels::Buffer(right) });
     }
-    let Stereo { left, right } = renderer.read_output(image)?;
+    let Stereo { left, right } = session.inner.read(|renderer| renderer.read_output(image))?;
     Ok(Stereo { left: Pixels::Bytes(left), right: Pixels::Bytes(right) })
 }
 

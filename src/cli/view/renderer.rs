@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use crate::exec::Renderer;
 use crate::exec::ranks::Devices;
 use crate::loaded::LoadedScene;
 use crate::passes::tonemap::{DISPLAY, LINEAR};
@@ -69,7 +70,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
             motion.add(time_s, &rig, time_s, session.gaze(time_s))?;
         }
         session.announce(&row, &report);
-        let picture = session.renderer.read_display()?;
+        let picture = session.inner.read(Renderer::read_display)?;
         if let Some(meter) = meter.as_mut().filter(|_| is_metered) {
             let passed_s = std::mem::replace(&mut metered, Instant::now()).elapsed().as_secs_f32();
             session.exposure_ev = Some(meter.follow(&loaded.scene, &session.renderer.read_linear()?.left, passed_s));

@@ -184,6 +184,7 @@ impl Open {
         let presented_after_ms = self.status.presented_after_ms;
         self.status = Status { presented_after_ms, ..status };
         if let Some(picture) = &picture {
+            let _span = tracing::info_span!("upload images").entered();
             self.presenter.upload(picture);
         }
         let size = self.presenter.size();
@@ -200,7 +201,11 @@ impl Open {
         );
         self.drawing.overlay = painted;
         self.presenter.take_textures(textures);
-        if !self.presenter.present(&self.drawing)? {
+        let is_presented = {
+            let _span = tracing::info_span!("present").entered();
+            self.presenter.present(&self.drawing)?
+        };
+        if !is_presented {
             self.window.request_redraw();
         } else if let Some(last) = self.status.frames.back().filter(|_| picture.is_some()) {
             self.status.presented_after_ms = Some(last.posed.elapsed().as_secs_f64() * 1e3);
