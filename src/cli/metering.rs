@@ -36,7 +36,7 @@ pub fn meter(
         renderer.render(&renderer.frame(&loaded.shot.rig, options.time, 0))?;
         let image = renderer.read_linear()?.left;
         gpus = renderer.into_devices();
-        loaded.shot.exposure_ev = wanted_ev(&loaded.scene, &image);
+        loaded.shot.exposure_ev = wanted_ev(&loaded.scene, &image).unwrap_or(0.0);
         // Half floats clip light that is far too bright for the exposure of its frame.
         if loaded.shot.exposure_ev - before_ev > CLIPPED_EV {
             break;
@@ -51,43 +51,52 @@ pub fn meter(
     Ok(gpus)
 }
 
-/// A meter that follows the light of a moving camera slowly, as an eye does.
+/// Eye adaptation: the exposure of a moving camera's frames, which follows the light with a delay.
 #[cfg(feature = "view")]
-#[derive(Clone, Copy, Debug)]
-pub struct SlowMeter {
+#[derive(Debug)]
+pub struct Adaptation {
+    /// Exposure of the first frame, in stops.
     first_ev: f32,
+    /// Exposure of the current frame, and that of its light.
     ev: f32,
+    wanted_ev: f32,
 }
 
 #[cfg(feature = "view")]
-impl SlowMeter {
+impl Adaptation {
     /// Number of frames from one metered frame to the next.
     pub const INTERVAL: u32 = 8;
-    /// Times after which 1 - 1/e of a change is made up for, seconds: in more light and in less.
-    const BRIGHTER_S: f32 = 0.4;
-    const DARKER_S: f32 = 1.0;
-    /// Maximum difference from the exposure of the first frame, at which half floats store radiance.
-    const MOST_TURNED_EV: f32 = 10.0;
+    /// Time constants of the adaptation to more and to less light, seconds.
+    const BRIGHTER_S: f64 = 0.4;
+    const DARKER_S: f64 = 1.0;
+    /// Least and greatest change of the first frame's exposure, in stops. Half floats store radiance at that exposure,
+    /// so they would clip highlights below, and lose dark surfaces above.
+    const RANGE_EV: [f32; 2] = [-10.0, 4.0];
 
     /// Starts at the metered exposure of a shot; `None` if the shot is not metered.
     pub fn new(shot: &Shot) -> Option<Self> {
         let ev = shot.exposure_ev;
-        shot.is_metered.then_some(Self { first_ev: ev, ev })
+        shot.is_metered.then_some(Self { first_ev: ev, ev, wanted_ev: ev })
     }
 
-    /// Takes the radiances of a frame, `passed_s` seconds after the last, and returns the exposure of the next frames.
-    pub fn follow(&mut self, scene: &Scene, image: &RgbImage, passed_s: f32) -> f32 {
-        let wanted = wanted_ev(scene, image);
-        let wanted = wanted.clamp(self.first_ev - Self::MOST_TURNED_EV, self.first_ev + Self::MOST_TURNED_EV);
-        let slowness_s = if wanted < self.ev { Self::BRIGHTER_S } else { Self::DARKER_S };
-        self.ev += (wanted - self.ev) * (1.0 - (-passed_s / slowness_s).exp());
+    /// Returns the exposure of the next frame, `passed_s` seconds after the last one.
+    pub fn next_ev(&mut self, passed_s: f64) -> f32 {
+        let time_s = if self.wanted_ev < self.ev { Self::BRIGHTER_S } else { Self::DARKER_S };
+        self.ev += (self.wanted_ev - self.ev) * (1.0 - (-passed_s / time_s).exp()) as f32;
         self.ev
+    }
+
+    /// Meters the radiances of a frame. A black frame changes nothing.
+    pub fn meter(&mut self, scene: &Scene, image: &RgbImage) {
+        let [least, most] = Self::RANGE_EV.map(|change| self.first_ev + change);
+        self.wanted_ev = wanted_ev(scene, image).map_or(self.wanted_ev, |ev| ev.clamp(least, most));
     }
 }
 
-/// Returns the exposure that shows a frame of the scene well.
-fn wanted_ev(scene: &Scene, image: &RgbImage) -> f32 {
-    if studio::has_ground(scene) { studio_ev(image) } else { metered_ev(image) }
+/// Returns the exposure for the light of a frame; `None` if the frame is black.
+fn wanted_ev(scene: &Scene, image: &RgbImage) -> Option<f32> {
+    let ev = metered_ev(image)?;
+    Some(if studio::has_ground(scene) { studio_ev(ev) } else { ev })
 }
 
 /// Maximum number of frames that are metered, and the exposure below which the last one may have been clipped.
@@ -120,27 +129,28 @@ const BRIGHTEST: f64 = 1.2;
 const HIGHLIGHTS: f64 = 0.03;
 const MOST_LOWERED_EV: f64 = 1.5;
 
-/// Returns the exposure that makes the geometric mean of the middle mid-grey, or less to protect highlights.
-fn metered_ev(image: &RgbImage) -> f32 {
+/// Returns the exposure that makes the geometric mean of the middle mid-grey, or less to protect highlights; `None` if
+/// the middle is black.
+fn metered_ev(image: &RgbImage) -> Option<f32> {
     let mut blocks = middle(image);
     blocks.sort_by(f64::total_cmp);
     let lit: Vec<f64> = blocks.iter().copied().filter(|radiance| *radiance > 0.0).collect();
-    let Some(brightest) = lit.last() else { return 0.0 };
+    let brightest = lit.last()?;
     // Black surroundings of an object say nothing about its light.
     let counted = lit.iter().filter(|radiance| **radiance > 1e-4 * brightest).map(|radiance| radiance.log2());
     let (sum, count) = counted.fold((0.0, 0.0), |(sum, count), log| (sum + log, count + 1.0));
     let ev = MID_GREY.log2() - sum / count;
     let highlight = blocks[((1.0 - HIGHLIGHTS) * (blocks.len() - 1) as f64) as usize];
     let protected = if highlight > 0.0 { (BRIGHTEST / highlight).log2() } else { ev };
-    rounded(ev.min(protected.max(ev - MOST_LOWERED_EV)))
+    Some(rounded(ev.min(protected.max(ev - MOST_LOWERED_EV))))
 }
 
-/// Returns the exposure of an object in the studio. Its light is known, so that white stays white at 0 EV; dark objects
-/// get some more.
-fn studio_ev(image: &RgbImage) -> f32 {
+/// Returns the exposure of an object in the studio from the metered one. The studio's light is known, so that white stays
+/// white at 0 EV; dark objects get some more.
+fn studio_ev(metered_ev: f32) -> f32 {
     const FRACTION: f32 = 0.35;
     const MOST_EV: f32 = 0.6;
-    rounded(f64::from((metered_ev(image) * FRACTION).clamp(0.0, MOST_EV)))
+    rounded(f64::from((metered_ev * FRACTION).clamp(0.0, MOST_EV)))
 }
 
 /// Rounds to hundredths of a stop, within the allowed exposures.
@@ -180,8 +190,11 @@ mod tests {
 
     #[test]
     fn an_even_picture_becomes_mid_grey_in_any_unit() {
-        for (radiance, expected) in [(0.22, 0.0), (0.22 * 1024.0, -10.0), (0.055, 2.0), (0.0, 0.0), (1e-12, 24.0)] {
-            assert_eq!(metered_ev(&filled(radiance)), expected, "{radiance}");
+        for (radiance, expected) in [(0.22, 0.0), (0.22 * 1024.0, -10.0), (0.055, 2.0), (1e-12, 24.0)] {
+            assert_eq!(metered_ev(&filled(radiance)), Some(expected), "{radiance}");
+        }
+        for radiance in [0.0, f32::NAN] {
+            assert_eq!(metered_ev(&filled(radiance)), None, "{radiance}");
         }
     }
 
@@ -189,35 +202,39 @@ mod tests {
     fn the_middle_counts_and_highlights_are_protected() {
         let mut image = filled(0.22);
         image.pixels[..64].fill([1e4; 3]);
-        assert_eq!(metered_ev(&image), 0.0, "the border is bright");
+        assert_eq!(metered_ev(&image), Some(0.0), "the border is bright");
         // The upper third of the picture is a window.
         let mut image = filled(0.02);
         image.pixels[..64 * 16].fill([0.6; 3]);
-        assert!((metered_ev(&image) - 1.0).abs() < 0.05, "{}", metered_ev(&image));
+        let ev_of = |image: &RgbImage| metered_ev(image).unwrap();
+        assert!((ev_of(&image) - 1.0).abs() < 0.05, "{}", ev_of(&image));
         image.pixels[..64 * 16].fill([60.0; 3]);
         let plain = filled(0.02);
-        assert!(metered_ev(&image) > metered_ev(&plain) - 6.0);
+        assert!(ev_of(&image) > ev_of(&plain) - 6.0);
     }
 
     #[cfg(feature = "view")]
     #[test]
-    fn a_slow_meter_follows_light_faster_than_darkness_and_then_rests() {
+    fn eyes_adapt_to_more_light_faster_than_to_less_and_then_rest() {
         let scene = Scene::empty("metered");
-        let after = |radiance: f32, seconds: f32| {
-            let mut meter = SlowMeter { first_ev: 0.0, ev: 0.0 };
-            let steps = (seconds * 10.0) as usize;
-            (0..steps).map(|_| meter.follow(&scene, &filled(0.22 * radiance), 0.1)).last().unwrap()
+        let after = |radiance: f32, steps: usize| {
+            let mut eye = Adaptation { first_ev: 0.0, ev: 0.0, wanted_ev: 0.0 };
+            eye.meter(&scene, &filled(0.22 * radiance));
+            eye.meter(&scene, &filled(0.0));
+            (0..steps).map(|_| eye.next_ev(0.1)).last().unwrap()
         };
-        let (bright, dark) = (after(16.0, 0.4), after(1.0 / 16.0, 0.4));
+        let (bright, dark) = (after(16.0, 4), after(1.0 / 16.0, 4));
         assert!((-2.6..-2.5).contains(&bright), "{bright}");
         assert!((1.25..1.35).contains(&dark), "{dark}");
-        assert!((after(16.0, 5.0) + 4.0).abs() < 0.01 && (after(1.0 / 16.0, 10.0) - 4.0).abs() < 0.01);
-        assert!((after(1e-6, 60.0) - SlowMeter::MOST_TURNED_EV).abs() < 0.01);
+        assert!((after(16.0, 50) + 4.0).abs() < 0.01 && (after(1.0 / 16.0, 100) - 4.0).abs() < 0.01);
+        let [least, most] = Adaptation::RANGE_EV;
+        assert!((after(1e9, 200) - least).abs() < 0.01 && (after(1e-6, 200) - most).abs() < 0.01);
     }
 
     #[test]
     fn white_stays_white_in_the_studio_and_black_gets_more_light() {
-        assert_eq!(studio_ev(&filled(0.8)), 0.0);
-        assert!((0.3..=0.6).contains(&studio_ev(&filled(0.03))));
+        let ev_of = |radiance: f32| studio_ev(metered_ev(&filled(radiance)).unwrap());
+        assert_eq!(ev_of(0.8), 0.0);
+        assert!((0.3..=0.6).contains(&ev_of(0.03)));
     }
 }

@@ -50,8 +50,7 @@ pub struct SceneOptions {
     pub orbit: Option<Orbit>,
     /// Exposure of pictures in stops, or auto; EXR files are not exposed
     ///
-    /// auto meters a small frame before the run and prints the result; the window of `view` then follows the light
-    /// slowly. The default is the exposure of the shot, and
+    /// auto meters a small frame before the run and prints the result. The default is the exposure of the shot, and
     /// auto for a glTF file. `scale` and `bench` use 0 instead of auto.
     #[arg(long, value_name = "EV|auto", value_parser = exposure, allow_hyphen_values = true)]
     pub exposure: Option<Exposure>,

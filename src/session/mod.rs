@@ -46,9 +46,9 @@ pub struct Session {
     budget: Budget,
     /// Time of a frame outside its makespan, in milliseconds: poses, uploads of moving geometry, and row tallies.
     outside: Mean,
-    /// Time of [`Self::read`] per frame, in milliseconds, and that of the last frame.
+    /// Time of [`Self::read`] per frame, in milliseconds, and that of the newest frame if it was not learned yet.
     reading: Mean,
-    read_ms: f64,
+    read_ms: Option<f64>,
     /// The number of devices that were dropped.
     dropped: usize,
 }
@@ -131,7 +131,7 @@ impl Session {
             budget,
             outside: Mean::default(),
             reading: Mean::default(),
-            read_ms: 0.0,
+            read_ms: None,
             dropped: renderer.faults().len(),
             renderer,
             gaze: None,
@@ -163,6 +163,9 @@ impl Session {
     /// makespan alone; the decision has the expected makespan.
     pub fn decide(&mut self) -> Decided {
         let begin = Instant::now();
+        if let Some(ms) = self.read_ms.take() {
+            self.reading.learn_with_zero(ms);
+        }
         let Self { renderer, qualities, controller, outside, reading, .. } = self;
         let outside_ms = outside.value().unwrap_or(0.0) + reading.value().unwrap_or(0.0);
         let (renderer, known) = (RefCell::new(renderer), RefCell::new(HashMap::new()));
@@ -192,10 +195,10 @@ impl Session {
         let frame = self.renderer.frame(rig, time_s, index);
         let exposure_ev = self.exposure_ev.unwrap_or(frame.exposure_ev);
         let params = FrameParams { quality, gaze: self.gaze, exposure_ev, ..frame };
-        self.reading.learn_with_zero(std::mem::take(&mut self.read_ms));
         let begin = Instant::now();
         let frame = self.renderer.render(&params)?;
         let whole_ms = begin.elapsed().as_secs_f64() * 1e3;
+        self.read_ms = Some(0.0);
         self.outside.learn_with_zero((whole_ms - frame.makespan_ms).max(0.0));
         self.controller.observe(rung, whole_ms.max(frame.makespan_ms) + self.reading.value().unwrap_or(0.0));
         let dropped = self.renderer.faults().len();
@@ -205,7 +208,7 @@ impl Session {
         Ok(frame)
     }
 
-    /// Reads images of the last frame for its presentation. The controller counts this time as a part of frames.
+    /// Reads images of the last frame for its presentation. The controller adds the mean time of this to each frame's.
     ///
     /// # Errors
     /// Errors of `read`.
@@ -213,7 +216,7 @@ impl Session {
         let _span = tracing::info_span!("read images").entered();
         let begin = Instant::now();
         let images = read(&mut self.renderer)?;
-        self.read_ms += begin.elapsed().as_secs_f64() * 1e3;
+        *self.read_ms.get_or_insert_default() += begin.elapsed().as_secs_f64() * 1e3;
         Ok(images)
     }
 

@@ -162,8 +162,8 @@ shared_structs! {
         pub exposure: f32,
         /// Number of the [`ToneCurve`](crate::image::tone::ToneCurve).
         pub tone: u32,
-        /// Factor that multiplies radiance in half floats. All frames of a run have the same, since later frames read
-        /// them.
+        /// Factor that multiplies radiance in half floats, and the noise by which TAA limits its history. It is the same in
+        /// all frames of a run, since each frame reads the history of the one before.
         pub storage_scale: f32,
         pub pad0: u32,
     }

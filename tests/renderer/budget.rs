@@ -1,7 +1,7 @@
 //! Sessions inside a frame budget.
 
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use diptych::control::{Budget, Control, Decision, Predict, relative_costs};
 use diptych::{LoadedScene, Renderer, Session};
@@ -53,18 +53,23 @@ fn controllers_count_the_time_to_read_images() {
     let mut session = Session::start(Renderer::builder(&scene).size(48, 28), "11..20".parse().unwrap()).unwrap();
     let seen = Seen::default();
     session.set_controller(Box::new(seen.clone()));
+    let mut most_ms = 0.0f64;
     for index in 0..4 {
         let frame = session.render_next(&scene.shot.rig, 0.0, index).unwrap();
+        let begin = Instant::now();
         session
             .read(|renderer| {
                 std::thread::sleep(Duration::from_secs_f64(SLEEP_MS / 1e3));
                 renderer.read_display()
             })
             .unwrap();
+        most_ms = most_ms.max(begin.elapsed().as_secs_f64() * 1e3);
         let expected_ms = frame.decision.expected_ms;
         assert!(expected_ms.is_nan() || expected_ms < SLEEP_MS, "{expected_ms}");
     }
     let (predicted, observed) = seen.0.lock().unwrap().clone();
     assert!(predicted[3] >= SLEEP_MS && observed[3] >= SLEEP_MS, "{predicted:?}, {observed:?}");
+    let read_ms = predicted[3] - session.decide().decision.expected_ms;
+    assert!(read_ms < most_ms + SLEEP_MS, "{read_ms} ms are added, the longest read took {most_ms}");
     assert!(predicted[0].is_nan() || predicted[0] < SLEEP_MS, "{predicted:?}");
 }

@@ -276,7 +276,7 @@ fn pixels(session: &mut Session, headset: &Headset, image: Resource) -> Result<S
     {
         return Ok(Stereo { left: Pixels::Buffer(left), right: Pixels::Buffer(right) });
     }
-    let Stereo { left, right } = session.inner.read(|renderer| renderer.read_output(image))?;
+    let Stereo { left, right } = session.read(|renderer| renderer.read_output(image))?;
     Ok(Stereo { left: Pixels::Bytes(left), right: Pixels::Bytes(right) })
 }
 

@@ -15,7 +15,7 @@ use super::camera::Camera;
 use super::shared::{FrameStatus, Shared};
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
-use crate::cli::metering::SlowMeter;
+use crate::cli::metering::Adaptation;
 use crate::cli::play::{Pace, Prepared, Session};
 use crate::cli::progress::Progress;
 use crate::cli::setup::Tracing;
@@ -37,8 +37,9 @@ pub struct Start {
 pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure> {
     let Start { mut prepared, loaded, gpus, tracing, progress } = start;
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
-    let mut meter = SlowMeter::new(&loaded.shot);
-    let mut metered = Instant::now();
+    let mut adaptation = Adaptation::new(&loaded.shot);
+    // The meter needs radiances.
+    session.renderer.set_outputs(if adaptation.is_some() { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
     let options = &prepared.render;
     let mut camera = Camera::new(&loaded.shot.rig, options.time, speed_per_s(&loaded.scene));
     let mut motion = prepared.options.recording(loaded.space, &session.progress)?;
@@ -57,9 +58,9 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         if let Some(gaze) = input.gaze {
             session.gaze = Some([gaze; 2]);
         }
-        let is_metered = meter.is_some() && index % SlowMeter::INTERVAL == 0;
-        session.renderer.set_outputs(if is_metered { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
+        session.exposure_ev = adaptation.as_mut().map(|adaptation| adaptation.next_ev(passed_s));
         let (mut row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
+        let picture = session.read(Renderer::read_display)?;
         let missed = pace.complete();
         row.miss(missed);
         if missed > 0 {
@@ -70,11 +71,6 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
             motion.add(time_s, &rig, time_s, session.gaze(time_s))?;
         }
         session.announce(&row, &report);
-        let picture = session.inner.read(Renderer::read_display)?;
-        if let Some(meter) = meter.as_mut().filter(|_| is_metered) {
-            let passed_s = std::mem::replace(&mut metered, Instant::now()).elapsed().as_secs_f32();
-            session.exposure_ev = Some(meter.follow(&loaded.scene, &session.renderer.read_linear()?.left, passed_s));
-        }
         let layers = session.renderer.foveation().zip(session.fovea(decided));
         let circles = layers.map(|(foveation, radii)| {
             let foveation = session.inner.gaze.map_or(foveation.clone(), |eyes| foveation.looking(eyes));
@@ -83,9 +79,12 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         shared.show(picture, frame_status(row, now), |status| {
             (status.rungs, status.follows_path, status.circles) =
                 (session.ladder().rungs().len(), camera.follows_path(), circles);
-            status.metered_ev = meter.and(session.exposure_ev);
+            status.metered_ev = session.exposure_ev;
         });
         wake();
+        if let Some(adaptation) = adaptation.as_mut().filter(|_| index % Adaptation::INTERVAL == 0) {
+            adaptation.meter(&loaded.scene, &session.read(Renderer::read_linear)?.left);
+        }
     }
     session.progress.finish();
     motion.map_or(Ok(()), Recording::finish)?;

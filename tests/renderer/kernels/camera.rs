@@ -130,6 +130,12 @@ impl Constants {
         (y * self.width + x) as usize
     }
 
+    /// Returns the scale of stored radiance, which differs from the exposure, so that no kernel can take one for the
+    /// other.
+    pub fn storage_scale(&self) -> f32 {
+        1.25 * self.exposure
+    }
+
     /// Returns the image point through which a pixel's ray goes.
     pub fn through(&self, x: u32, y: u32) -> DVec2 {
         DVec2::new(x.into(), y.into()) + self.centre.as_dvec2()
@@ -167,7 +173,7 @@ impl Constants {
                 ..Default::default()
             },
             history: History::new(self.history_rows, 0..0),
-            display: Display { exposure: self.exposure, storage_scale: self.exposure, ..Default::default() },
+            display: Display { exposure: self.exposure, storage_scale: self.storage_scale(), ..Default::default() },
             ..Frame::default()
         }
     }

@@ -25,7 +25,7 @@ fn twin(light: &Light, albedo: &Albedo, emission: DVec3, depth: f64, cases: &mut
 fn compare(gloss: bool, seed: u64) {
     let mut random = Random::new(seed);
     let constants = Constants { exposure: 2.3, ..Constants::new(WIDTH, HEIGHT) };
-    let format = Format { gloss, exposure: constants.exposure.into() };
+    let format = Format { gloss, scale: constants.storage_scale().into() };
     let mut radiance = Vec::new();
     let mut albedo = Vec::new();
     let mut emission = Vec::new();

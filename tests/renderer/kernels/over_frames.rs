@@ -30,7 +30,7 @@ fn lights(random: &mut Random, constants: &Constants) -> Vec<Vec<Light>> {
 fn accumulate(gloss: bool, seed: u64) {
     let mut random = Random::new(seed);
     let (constants, stripe) = still();
-    let format = Format { gloss, exposure: constants.exposure.into() };
+    let format = Format { gloss, scale: constants.storage_scale().into() };
     let area = constants.area();
     let guide = Wall { stray: 0.0, ..Wall::new(0.0, 0.0, 0.0) }.guides(&mut random, &constants, 0);
     let hit = vec![[1, 2, 3, 7]; area];

@@ -138,11 +138,11 @@ pub struct Albedo {
     pub roughness: f64,
 }
 
-/// Format of light: half floats scaled by the exposure with specular radiance, else floats.
+/// Format of light: scaled half floats with specular radiance, else floats.
 #[derive(Clone, Copy, Debug)]
 pub struct Format {
     pub gloss: bool,
-    pub exposure: f64,
+    pub scale: f64,
 }
 
 impl Format {
@@ -153,8 +153,8 @@ impl Format {
         }
         let ([mr, mg], [mb, gr], [gg, gb]) = (halves(bits[0]), halves(bits[1]), halves(bits[2]));
         Light {
-            matte: DVec3::new(mr, mg, mb) / self.exposure,
-            gloss: DVec3::new(gr, gg, gb) / self.exposure,
+            matte: DVec3::new(mr, mg, mb) / self.scale,
+            gloss: DVec3::new(gr, gg, gb) / self.scale,
             variance: self.unpack_variances(bits[3]),
         }
     }
@@ -163,7 +163,7 @@ impl Format {
         if !self.gloss {
             return floats(light.matte, light.variance.x).map(f32::to_bits);
         }
-        let (matte, gloss) = (light.matte * self.exposure, light.gloss * self.exposure);
+        let (matte, gloss) = (light.matte * self.scale, light.gloss * self.scale);
         [pair(matte.x, matte.y), pair(matte.z, gloss.x), pair(gloss.y, gloss.z), self.pack_variances(light.variance)]
     }
 
@@ -188,12 +188,12 @@ impl Format {
 
     /// Packs two variances as standard deviations. Negative values mean no variance and stay as they are.
     pub fn pack_variances(&self, variances: DVec2) -> u32 {
-        let [x, y] = variances.to_array().map(|v| if v < 0.0 { v } else { v.sqrt() * self.exposure });
+        let [x, y] = variances.to_array().map(|v| if v < 0.0 { v } else { v.sqrt() * self.scale });
         pair(x, y)
     }
 
     pub fn unpack_variances(&self, bits: u32) -> DVec2 {
-        let variance = |deviation: f64| if deviation < 0.0 { deviation } else { (deviation / self.exposure).powi(2) };
+        let variance = |deviation: f64| if deviation < 0.0 { deviation } else { (deviation / self.scale).powi(2) };
         DVec2::from_array(halves(bits).map(variance))
     }
 
@@ -229,7 +229,7 @@ impl Format {
     pub fn holds(&self, bits: [u32; 4], light: &Light, relative: f64, variance: f64) -> bool {
         let (got, want) = (self.unpack(bits), self.unpack(self.pack(light)));
         let relative = if self.gloss { relative + HALF } else { relative };
-        let step = if self.gloss { 2.0 * HALF_STEP / self.exposure } else { 0.0 };
+        let step = if self.gloss { 2.0 * HALF_STEP / self.scale } else { 0.0 };
         let near = |a: f64, b: f64| is_near(a, b, relative, step);
         // The format holds the root, so its relative error counts twice.
         let near_variance = |a: f64, b: f64| match a >= 0.0 && b >= 0.0 {

@@ -39,7 +39,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 fn compare(gloss: bool, seed: u64) {
     let mut random = Random::new(seed);
     let constants = Constants { exposure: 0.6, ..Constants::new(WIDTH, HEIGHT) };
-    let format = Format { gloss, exposure: constants.exposure.into() };
+    let format = Format { gloss, scale: constants.storage_scale().into() };
     let area = constants.area();
     let lights: Vec<Light> = (0..area)
         .map(|at| {
@@ -131,7 +131,7 @@ fn half_floats_come_back_as_they_were() {
 fn light_and_normals_survive_packing() {
     let mut random = Random::new(53);
     for gloss in [false, true] {
-        let format = Format { gloss, exposure: 3.0 };
+        let format = Format { gloss, scale: 3.0 };
         for _ in 0..200 {
             let light = Light { variance: DVec2::splat(random.within(0.0..4.0)), ..random.light(2.0) };
             let unpacked = format.unpack(format.pack(&light));

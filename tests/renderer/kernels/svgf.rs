@@ -70,7 +70,7 @@ impl Twin<'_> {
         let centre = &self.source[self.constants.index(x, y)];
         let is_missing = centre.variance.x < 0.0;
         let reach = surface.reach(&self.constants.eyes[self.view], REACH);
-        let unseen = (1e-10 / f64::from(self.constants.exposure)).powi(2);
+        let unseen = (1e-10 / f64::from(self.constants.storage_scale())).powi(2);
         let (mut sum, mut variances, mut weight) = (DVec3::ZERO, 0.0, 0.0);
         for (dx, dy) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))) {
             let step = 1 << self.iteration;
@@ -98,7 +98,7 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
     let mut constants = Constants { exposure: 0.8, ..Constants::new(WIDTH, HEIGHT) };
     constants.foveation.layers = layers;
     constants.foveation.layer_iterations = [1, 2, 3];
-    let format = Format { gloss, exposure: constants.exposure.into() };
+    let format = Format { gloss, scale: constants.storage_scale().into() };
     let overrides = [("HAS_GLOSS", gloss), ("SOBOL", true), ("SPARSE", layers), ("FOVEATED", layers)];
     let mut cases = Cases::default();
     for (iteration, stripe) in (0..3).flat_map(|i| stripes().into_iter().map(move |stripe| (i, stripe))) {

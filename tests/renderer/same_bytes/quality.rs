@@ -98,7 +98,10 @@ fn exposures_of_frames_change_their_pictures_alone() {
         for (i, (constant, changing)) in constant.iter().zip(&changing).enumerate() {
             let frame = format!("{denoiser:?}, frame {i}");
             assert_same(&frame, &constant.0, &changing.0);
-            assert!((constant.1 == changing.1) == (i == 0), "{frame}: the picture does not follow the exposure");
+            assert!(
+                (constant.1 == changing.1) == (i == 0),
+                "{frame}: the picture differs from that at the same exposure, or not from that at another"
+            );
         }
     }
 }

@@ -26,7 +26,7 @@ impl Moments {
     pub fn unpack(format: Format, bits: [u32; 4]) -> Self {
         let float = |bits| f64::from(f32::from_bits(bits));
         let (mean, variance) = if format.gloss {
-            (DVec2::from_array(halves(bits[0])) / format.exposure, format.unpack_variances(bits[1]))
+            (DVec2::from_array(halves(bits[0])) / format.scale, format.unpack_variances(bits[1]))
         } else {
             (DVec2::new(float(bits[0]), 0.0), DVec2::new(float(bits[1]), 0.0))
         };
@@ -45,7 +45,7 @@ impl Moments {
     pub fn pack(&self, format: Format) -> [u32; 4] {
         let float = |v: f64| (v as f32).to_bits();
         let [x, y] = if format.gloss {
-            let mean = self.mean * format.exposure;
+            let mean = self.mean * format.scale;
             [pair(mean.x, mean.y), format.pack_variances(self.variance)]
         } else {
             [float(self.mean.x), float(self.variance.x)]

@@ -207,7 +207,7 @@ impl Twin<'_> {
             "recent frames of as many samples as all"
         });
         let expected = 9.0 * variance.x * (1.0 / 7.0 / fewest + 1.0 / total);
-        let unseen = (1e-10 / f64::from(self.constants.exposure)).powi(2);
+        let unseen = (1e-10 / f64::from(self.constants.storage_scale())).powi(2);
         let off = (recent - mean.x).powi(2) / expected.max(unseen);
         let mut trust = 1.0;
         if off > 1.0 && frames > FEW_FRAMES {

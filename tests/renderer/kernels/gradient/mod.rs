@@ -187,7 +187,7 @@ fn compare(case: &Case, cases: &mut Cases) {
     let mut random = Random::new(case.seed);
     let mut constants = Constants { index: 40 + case.seed as u32, exposure: 1.3, ..Constants::new(WIDTH, HEIGHT) };
     constants.history_rows = case.history_rows;
-    let format = Format { gloss: case.gloss, exposure: constants.exposure.into() };
+    let format = Format { gloss: case.gloss, scale: constants.storage_scale().into() };
     let eye = constants.eyes[0].moved(case.step.0, 0.01, case.step.1);
     let previous = Constants { eyes: [eye; 2], ..constants.clone() };
     let views = previous.frame().camera.views;
@@ -364,7 +364,7 @@ fn traced(
 fn after_probes(gloss: bool, settings: Sampling, factor: f32) -> Vec<[f32; 2]> {
     let (subject_before, world) = subject(lit_screen(gloss), gloss);
     let constants = Constants { history_rows: Some(0), index: 9, exposure: 1.3, ..Constants::new(WIDTH, HEIGHT) };
-    let format = Format { gloss, exposure: constants.exposure.into() };
+    let format = Format { gloss, scale: constants.storage_scale().into() };
     let (hit, guide) = seen(&world, &constants, &constants.eyes[0]);
     let views = constants.frame().camera.views;
     let whole = Stripe { rows: 0..TILES[1], valid: 0..TILES[1] };
@@ -402,7 +402,7 @@ fn probes_find_light_that_changes_and_only_that() {
 fn after(scene: Scene, gloss: bool, settings: Sampling, said: &[Sampling]) -> Vec<Vec<[f32; 2]>> {
     let (subject, world) = subject(scene, gloss);
     let constants = Constants { history_rows: Some(0), index: 9, exposure: 1.3, ..Constants::new(WIDTH, HEIGHT) };
-    let format = Format { gloss, exposure: constants.exposure.into() };
+    let format = Format { gloss, scale: constants.storage_scale().into() };
     let (hit, guide) = seen(&world, &constants, &constants.eyes[0]);
     let radiance = traced(&subject, format, &constants, settings, [&hit, &guide]);
     let views = constants.frame().camera.views;

@@ -13,7 +13,7 @@ fn compare([gloss, layers]: [bool; 2], seed: u64) {
     let mut random = Random::new(seed);
     let mut constants = Constants { exposure: 1.7, ..Constants::new(WIDTH, HEIGHT) };
     constants.foveation.layers = layers;
-    let format = Format { gloss, exposure: constants.exposure.into() };
+    let format = Format { gloss, scale: constants.storage_scale().into() };
     let overrides = [
         ("HAS_GLOSS", gloss),
         ("SOBOL", true),

@@ -78,7 +78,7 @@ impl Polar {
                 height: self.rows,
                 ..Default::default()
             },
-            display: Display { exposure: 1.0, storage_scale: 1.0, ..Default::default() },
+            display: Display { exposure: 1.0, storage_scale: 1.25, ..Default::default() },
             ..Default::default()
         }
     }
