@@ -264,7 +264,7 @@ fn the_metered_exposure_follows_the_light() {
     ended(display.view(&[&[shot.to_str().unwrap(), "--exposure", "auto"], &free[..]].concat()));
     let right = reduced(&read(&path), [RIGHT, ABOVE], SCALE, EYE);
     let level = right.pixels.as_flattened().iter().map(|c| f64::from(*c)).sum::<f64>() / (3 * EYE.area()) as f64;
-    // At the exposure of the first frame it is 2.
+    // At the exposure of the first frame, it is 22.
     assert!((50.0..170.0).contains(&level), "mean level {level}");
 }
 
