@@ -109,6 +109,10 @@ struct Links {
 // Minimum fraction of a polished surface's paths that start at what it reflects.
 const LEAST_REFLECTED: f32 = 0.25;
 
+// Minimum fraction of the paths through glass that start at the surface behind it. Dark glass shows little of its light,
+// but the filter shares it with pixels beside the glass, which show the same surface brightly.
+const LEAST_FOLLOWED: f32 = 0.25;
+
 // What a polished surface reflects. Beside the delta lobes that reflect it, such a surface has others.
 struct Polish {
     hit: FirstHit,
@@ -330,7 +334,8 @@ fn start_of_path(first: FirstHit, direction: vec3<f32>, links: Links, polish: Po
         rest -= part;
     }
     let reflected = luminance(links.albedo);
-    let odds = select(0.0, min(reflected / max(rest, 1e-20), 1.0), reflected > 0.0);
+    let most = select(1.0 - LEAST_FOLLOWED, 1.0, reflected >= rest);
+    let odds = select(0.0, min(reflected / max(rest, 1e-20), most), reflected > 0.0);
     if pick >= odds {
         let weight = first.transmittance * (unchosen / max(1.0 - odds, 1e-7));
         return PathStart(first, direction, links.count, weight, vec3<f32>(0.0), false);

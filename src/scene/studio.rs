@@ -16,8 +16,12 @@ const EXTENT: Extent = Extent { width: 1024, height: 512 };
 const HORIZON: f32 = 0.2;
 const ZENITH: f32 = 0.09;
 
-/// Half the side of the square ground, in radii of the object's bounds.
-const GROUND_RADII: f32 = 40.0;
+/// Half the side of the square ground, in radii of the object's bounds: so far that a picture of an object from above
+/// does not show its border.
+const GROUND_RADII: f32 = 1000.0;
+
+/// Side of the middle square of the ground, as a fraction of its side. Points on small triangles are more precise.
+const MIDDLE: f32 = 0.01;
 
 /// Width of the unlit rim of the ground, as a fraction of half its side. The rim has the background's radiance without
 /// noise. A denoiser that loses light in pixels which surface and background share would draw the border of a lit
@@ -29,7 +33,7 @@ const RIM: f32 = 0.1;
 const GAP_RADII: f32 = 2e-4;
 
 /// Number of triangles of the ground.
-pub const GROUND_TRIANGLES: usize = 10;
+pub const GROUND_TRIANGLES: usize = 18;
 
 /// Name of the ground's material.
 const GROUND: &str = "studio ground";
@@ -190,12 +194,14 @@ pub fn add_ground(scene: &mut Scene, still: &Bounds, rig: &Rig, studio: &RgbImag
     let radiance = studio.pixels.last().map_or(HORIZON, |pixel| pixel[1]);
     let corner = |x: f32, z: f32| vec3(centre.x + x * half, height, centre.z + z * half);
     let square = |side: f32| [corner(-side, -side), corner(-side, side), corner(side, side), corner(side, -side)];
-    let positions = [square(1.0 - RIM), square(1.0)].concat();
-    let rim = (0..4).flat_map(|i| {
-        let next = (i + 1) % 4;
-        [[i, i + 4, next + 4], [i, next + 4, next]]
-    });
-    for (value, unlit, triangles) in [(albedo, false, vec![[0, 1, 2], [0, 2, 3]]), (radiance, true, rim.collect())] {
+    let positions = [square(MIDDLE), square(1.0 - RIM), square(1.0)].concat();
+    // The ring between a square and the next one.
+    let ring = |square: u32| {
+        let sides = (0..4).map(move |i| [i, (i + 1) % 4].map(|corner| 4 * square + corner));
+        sides.flat_map(|[a, b]| [[a, a + 4, b + 4], [a, b + 4, b]])
+    };
+    let lit = [[0, 1, 2], [0, 2, 3]].into_iter().chain(ring(0)).collect();
+    for (value, unlit, triangles) in [(albedo, false, lit), (radiance, true, ring(1).collect::<Vec<_>>())] {
         let base_color = Vec4::new(value, value, value, 1.0);
         let (mesh, material) = (scene.meshes.len(), scene.materials.len());
         scene.materials.push(Material { name: GROUND.to_owned(), base_color, unlit, ..Material::default() });

@@ -6,7 +6,7 @@ use crate::reference::scenes::{add_material, add_matte, empty, matte, place, qua
 use diptych::RunConfig;
 use diptych::image::RgbImage;
 use diptych::scene::needs::SceneNeeds;
-use diptych::scene::{Light, LightKind, Material, Scene, Volume};
+use diptych::scene::{Environment, Light, LightKind, Material, Scene, Volume};
 use glam::{Vec3, vec3};
 
 const SIZE: u32 = 8;
@@ -142,5 +142,34 @@ fn an_opaque_surface_with_a_volume_is_opaque() {
     assert!(expected.pixels.iter().all(|p| p[0] > 0.1));
     for all in [false, true] {
         assert!(render(Some(dense), all) == expected, "everything compiled in: {all}");
+    }
+}
+
+/// Behind dark glass, a surface is hardly seen. The filter shares its light with what is seen of it beside the glass,
+/// where noise of a pixel of the glass would be bright.
+#[test]
+fn dark_glass_sheds_no_light_on_its_surroundings() {
+    let mut scene = floor();
+    scene.environment = Environment::Constant(Vec3::ONE);
+    let lamp = LightKind::Point { position: vec3(3.0, 4.0, 1.0), radius: 1.5 };
+    scene.lights.push(Light { kind: lamp, strength: Vec3::splat(300.0) });
+    let pane = add_material(&mut scene, studio::glass(Vec3::splat(1e-3), 0.0));
+    place(&mut scene, quad(vec3(-9.0, 0.1, -9.0), 18.0 * Vec3::Z, 9.0 * Vec3::X, pane));
+    let camera = Pinhole::looking_at(vec3(0.0, 4.0, 0.5), Vec3::ZERO, Vec3::Y, 40.0);
+    let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
+    let subject = Subject::new("dark pane", scene, rig);
+    let (width, height) = (48, 32);
+    // The right half of the picture shows the floor beside the pane.
+    let beside = |image: RgbImage| -> Vec<f32> {
+        image.pixels.chunks(width as usize).flat_map(|row| row[26..].iter().map(|p| p[1])).collect()
+    };
+    let mut thorough = subject.settings(width, height);
+    thorough.envelope.most.spp = 256;
+    let expected = beside(Stage::alone(&subject, &thorough).frame(0).linear.left);
+    let mut stage = Stage::alone(&subject, &subject.accumulated(width, height));
+    for index in 0..12 {
+        let found = beside(stage.frame(index).linear.left);
+        let off = found.iter().zip(&expected).map(|(found, expected)| found / expected - 1.0).fold(0.0, f32::max);
+        assert!(off < 0.08, "frame {index}: a pixel beside the pane is {off} times too bright");
     }
 }
