@@ -247,7 +247,8 @@ mod tests {
             load_shot_within(&path, &studio, Access::of(&budget)).unwrap().1
         };
         assert!(matches!(lit("triangle.glb").environment, Environment::Map { .. }));
-        assert_eq!(lit("triangle.glb").triangle_count(), 11, "the triangle is on a ground");
+        let on_a_ground = 1 + studio::GROUND_TRIANGLES;
+        assert_eq!(lit("triangle.glb").triangle_count(), on_a_ground);
         assert_eq!(lit("shot.toml").environment, Environment::Black, "a shot has its own look");
 
         let alone = folder.path().join("atrium.toml");
