@@ -9,7 +9,7 @@
 //   which the next frame traces again.
 // - There are no gradients in mirrors and behind glass.
 
-//!include frame grid projection rng scene light_tree environment lights trace traverse hits reflectance parameters surface facets bsdf split path pack mirrored motion bindings
+//!include frame grid projection rng scene light_tree environment lights trace traverse hits reflectance parameters surface facets bsdf split path uncached bounces pack mirrored motion bindings
 
 // `gradient` compares the luminance of demodulated illumination between the two frames. Component x: current minus
 // previous luminance. Component y: the larger of both.
@@ -137,7 +137,7 @@ fn light_of(path: Retraced, is_probe: bool) -> SplitLight {
     let direction = normalize(path.position - path.origin);
     let first = surface_at(path.hit.x, bitcast<vec2<f32>>(path.hit.yz), path.origin, direction);
     var rng = rng_in(sampling, path.pixel, path.view, 0u);
-    let found = trace_path(first, direction, medium_before(first, OUTSIDE_OF_VOLUMES), sampling, 0u, &rng);
+    let found = trace_path(first, direction, medium_before(first, OUTSIDE_OF_VOLUMES), sampling, 0u, NO_RECORD, &rng);
     // Samples that are dropped are black.
     if was_cut_short || !is_finite(found.radiance) || !is_finite(found.gloss) {
         return SplitLight();

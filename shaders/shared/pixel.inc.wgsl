@@ -119,9 +119,9 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         if (HAS_MIRRORS && HAS_TRANSMISSION) || HAS_POLISH {
             start = start_of_path(first, direction, links, polish, &rng, &rays);
         }
-        var path = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
+        var path = PathSample();
         if (start.hit.hit.prim & SPHERE) == 0u {
-            path = trace_path(start.hit.surface, start.direction, start.hit.medium, frame.sampling, start.links, &rng);
+            path = trace_path(start.hit.surface, start.direction, start.hit.medium, frame.sampling, start.links, recording_of(pixel, view, i), &rng);
         }
         var light = path.radiance * start.weight;
         var specular = path.gloss * start.weight;
@@ -144,6 +144,9 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         let with_narrow = narrow + unfiltered;
         let ok = is_sound(&first) && is_finite(with_radiance) && is_finite(with_gloss) && is_finite(with_emission + with_narrow) && !was_cut_short;
         tally = add_tally(tally, rays + path.rays, select(1u, 0u, ok));
+        if HAS_CACHE && ok && path.record.x != NO_CELL {
+            records[record_index(pixel)] = path.record;
+        }
         if ok {
             albedo += first.albedo;
             matte += first.matte;

@@ -51,6 +51,7 @@ impl RunConfig {
             seam: self.execution.seam,
             aovs: buffers.aovs.clone(),
             has_surfaces,
+            cache: self.caches(),
             moving: buffers.moving.clone(),
             chain: self.chain(),
             ..FrameSpec::new(self.grid(), devices)

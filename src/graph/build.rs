@@ -186,7 +186,15 @@ impl<'a> Builder<'a> {
     }
 
     fn know_history(&mut self, before: &Assignment, lost: &[usize]) {
+        let works = before.works();
         for (number, bound) in self.program.images().iter().enumerate().filter(|(_, b)| b.is_before) {
+            if bound.resource.scope == Scope::Device {
+                let rows = bound.resource.extent(self.program.extent).rows();
+                let kept = (0..before.devices()).filter(|d| works[*d] && !lost.contains(d));
+                let holding = |device| Holding { rows: rows.clone(), device, node: None };
+                self.versions[number][Eye::Left as usize].owned = kept.map(holding).collect();
+                continue;
+            }
             for view in Eye::ALL {
                 let Some(group) = self.program.writer(&bound.resource, view) else { continue };
                 let (from, to) = (before.height(), bound.resource.extent(self.program.extent).height);
@@ -226,7 +234,7 @@ impl<'a> Builder<'a> {
                 let view = pass.eye_of(used);
                 match used.image.resource.scope {
                     Scope::View => self.need(image, view, wanted, node, number),
-                    Scope::Device => self.need_own(image, node),
+                    Scope::Device => self.need_table(image, node, number),
                 }
             }
             self.close_batches(number);
@@ -245,12 +253,23 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Makes `consumer` depend on the task that wrote its device's copy of a table.
-    fn need_own(&mut self, image: usize, consumer: NodeIndex) {
+    /// Makes `consumer` depend on the task that wrote its device's copy of a table. A device that had no rows in the
+    /// previous frame has no copy of that frame's tables, and receives one.
+    fn need_table(&mut self, image: usize, consumer: NodeIndex, pass: u32) {
         let device = self.dag[consumer].device;
-        let own = self.versions[image][Eye::Left as usize].owned.iter().find(|h| h.device == device);
-        if let Some(node) = own.and_then(|h| h.node) {
-            self.dag.update_edge(node, consumer, image);
+        let version = &self.versions[image][Eye::Left as usize];
+        let held = version.owned.iter().chain(&version.copies).find(|h| h.device == device);
+        match (held, version.owned.first().cloned()) {
+            (Some(held), _) => {
+                if let Some(node) = held.node {
+                    self.dag.update_edge(node, consumer, image);
+                }
+            }
+            (None, Some(owner)) => {
+                let copy = self.transfer((image, Eye::Left), owner.rows.clone(), &owner, consumer, pass);
+                self.versions[image][Eye::Left as usize].copies.push(copy);
+            }
+            (None, None) => {}
         }
     }
 

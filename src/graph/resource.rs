@@ -10,6 +10,8 @@ pub enum Size {
     Frame,
     /// The frame's columns and rows divided by this number, rounded up.
     FrameOver(u32),
+    /// The frame's columns divided by this number, rounded up, and its rows.
+    FrameColumnsOver(u32),
     /// One column, and as many rows as the frame has.
     FrameRows,
     /// A fixed size, independent of the frame's extent.
@@ -45,6 +47,7 @@ impl Grid {
         match self.size {
             Size::Frame => frame,
             Size::FrameOver(n) => Extent::new(frame.width.div_ceil(n.max(1)), frame.height.div_ceil(n.max(1))),
+            Size::FrameColumnsOver(n) => Extent::new(frame.width.div_ceil(n.max(1)), frame.height),
             Size::FrameRows => Extent::new(1, frame.height),
             Size::Fixed(extent) => extent,
         }

@@ -12,6 +12,7 @@ mod motion;
 mod moving;
 pub mod path_trace;
 mod polar;
+mod radiance_cache;
 mod reproject;
 mod resources;
 mod mask_compaction;
@@ -54,7 +55,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         surfaces(&mut frame, is_traced, "the right eye is reprojected", path_trace::pass(spec, view));
         if view == Eye::Right {
             surfaces(&mut frame, !is_traced, "both eyes are path traced", reproject::pass(spec));
-            surfaces(&mut frame, !is_traced, "both eyes are path traced", path_trace::hole_fill());
+            surfaces(&mut frame, !is_traced, "both eyes are path traced", path_trace::hole_fill(spec));
         }
     }
     let denoiser = denoise::of(spec.denoiser());
@@ -77,7 +78,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
             frame.passes.append(&mut view.filter);
             finish(spec, denoiser, view.view, &mut view.light, &mut frame);
         }
-        return in_order(frame);
+        return in_order(spec, frame);
     }
     // The views alternate, so that devices filter one view while rows of the other are transferred.
     for run in &runs {
@@ -88,13 +89,16 @@ pub fn declare(spec: &FrameSpec) -> Declared {
             }
         }
     }
-    in_order(frame)
+    in_order(spec, frame)
 }
 
-/// Moves late reprojection to the end, so that both eyes use the same pose, sampled as late as possible.
-fn in_order(frame: Declared) -> Declared {
+/// Moves late reprojection to the end, so that both eyes use the same pose, sampled as late as possible. What only the
+/// next frame needs follows it.
+fn in_order(spec: &FrameSpec, frame: Declared) -> Declared {
     let (first, last): (Vec<_>, Vec<_>) = frame.passes.into_iter().partition(|pass| pass.partition != LATE_PARTITION);
-    Declared { passes: [first, last].concat(), ..frame }
+    let mut frame = Declared { passes: [first, last].concat(), ..frame };
+    frame.add_if(spec.caches(), "paths do not end in a radiance cache", radiance_cache::pass(spec));
+    frame
 }
 
 /// Adds the passes of a view that follow the denoiser's filter.

@@ -1,9 +1,10 @@
 //! Path traces one view in batches of samples: all its pixels, or those that an earlier pass listed.
 
-use super::FrameSpec;
 use super::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
+use super::radiance_cache::{CACHE_SLOTS, RECORD_SEGMENT};
 use super::reproject::PARTITION as REPROJECT;
 use super::resources::HOLES;
+use super::{FrameSpec, radiance_cache};
 use crate::graph::{Dispatch, Kernel, Launch, Partition, Pass, Stage, Use, Work};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
@@ -22,9 +23,9 @@ const PATHS_PER_LAUNCH: u32 = 4;
 const LISTED_ONLY: u32 = 1;
 
 /// Kernel that both stages share, since drivers take seconds to compile it.
-const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![LISTED_ONLY]);
+const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![LISTED_ONLY, CACHE_SLOTS, RECORD_SEGMENT]);
 
-fn trace(stage: Stage, view: Eye, cut: Partition, is_listed: bool) -> Pass {
+fn trace(spec: &FrameSpec, stage: Stage, view: Eye, cut: Partition, is_listed: bool) -> Pass {
     let (radiance, dispatch, third) = match is_listed {
         true => (Use::update(RADIANCE), Dispatch::List(HOLES), LISTED_ONLY),
         false => (Use::write_then_read(RADIANCE), Dispatch::PIXELS, 0),
@@ -34,16 +35,17 @@ fn trace(stage: Stage, view: Eye, cut: Partition, is_listed: bool) -> Pass {
     let emission = Use::add(EMISSION);
     Pass::new(stage, view, cut, KERNEL)
         .uses([hit, albedo, emission, radiance, Use::add(TALLY), Use::read(GUIDE), Use::read(HOLES).if_written()])
+        .uses(radiance_cache::uses(spec, stage == HOLE_FILL))
         .dispatch(dispatch)
         .launches(vec![Launch::Samples { most: PATHS_PER_LAUNCH, third, only_jittered: false }])
         .counted_by(Work::Rays)
 }
 
 pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
-    trace(STAGE, view, PARTITION, spec.sparse)
+    trace(spec, STAGE, view, PARTITION, spec.sparse)
 }
 
 /// Returns the pass that path traces the pixels that reprojection could not fill.
-pub fn hole_fill() -> Pass {
-    trace(HOLE_FILL, Eye::Right, REPROJECT, true)
+pub fn hole_fill(spec: &FrameSpec) -> Pass {
+    trace(spec, HOLE_FILL, Eye::Right, REPROJECT, true)
 }

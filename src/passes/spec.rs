@@ -93,6 +93,8 @@ pub struct FrameSpec {
     pub aovs: Vec<Aov>,
     /// True if any surface of the scene can reflect light. Otherwise only emission is visible.
     pub has_surfaces: bool,
+    /// True if paths may end in a radiance cache.
+    pub cache: bool,
     /// Dynamic geometry of the scene; `None` if it is static.
     pub moving: Option<Moving>,
 }
@@ -113,8 +115,14 @@ impl FrameSpec {
             seam: Seam::Halo(HaloPlan::RECOMPUTE),
             aovs: Vec::new(),
             has_surfaces: true,
+            cache: false,
             moving: None,
         }
+    }
+
+    /// Returns true if paths end in a radiance cache.
+    pub fn caches(&self) -> bool {
+        self.cache && self.has_surfaces
     }
 
     /// Returns the denoiser in effect, if any.

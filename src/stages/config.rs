@@ -102,6 +102,8 @@ pub struct RunConfig {
     pub regularize: bool,
     /// True if denoised frames of one sample per pixel average base colour textures over each pixel.
     pub filter_textures: bool,
+    /// True if paths may end in a radiance cache, see [`Self::caches`].
+    pub cache: bool,
     /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_fraction`].
     pub unsampled_fraction: f64,
     /// Gaze of the left and the right eye.
@@ -136,6 +138,7 @@ impl RunConfig {
             filter_once: true,
             regularize: true,
             filter_textures: true,
+            cache: false,
             unsampled_fraction: Foveation::UNSAMPLED_FRACTION,
             gaze: Default::default(),
             seed: 0,
@@ -235,6 +238,12 @@ impl RunConfig {
         self.denoiser().is_some_and(Denoiser::keeps_history)
     }
 
+    /// Returns true if paths end in a radiance cache: if it is enabled, frames keep a history, and nothing in the scene
+    /// changes.
+    pub fn caches(&self) -> bool {
+        self.cache && self.keeps_history() && self.buffers.moving.is_none()
+    }
+
     /// Returns true if the denoiser needs variances. It then filters specular and diffuse radiance separately.
     fn is_guided_by_variance(&self) -> bool {
         self.denoiser().is_some_and(|denoiser| denoiser.method().needs_variance())
@@ -257,6 +266,7 @@ impl RunConfig {
         constants.push(("HAS_POLISH", self.follow_mirrors && self.buffers.needs.polish && is_denoised));
         constants.push(("IS_REGULARIZED", self.regularize && self.buffers.needs.narrow_lobes && is_denoised));
         constants.push(("FILTERS_TEXTURES", self.filter_textures && self.buffers.needs.textures && is_denoised));
+        constants.push(("HAS_CACHE", self.caches()));
         constants.push(("HAS_NARROW_LOBES", self.bypasses_narrow_lobes()));
         constants.push(("ACCEPTS_MIXED", is_denoised));
         constants.push(("JITTER", jitter));

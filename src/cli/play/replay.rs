@@ -13,7 +13,7 @@ use crate::cli::failure::Failure;
 use crate::control::{Budget, Control, Decision, Predict};
 
 /// Settings on which images depend, and which the ladder does not contain.
-const OF_IMAGES: [&str; 28] = [
+const OF_IMAGES: [&str; 29] = [
     "shot",
     "size",
     "seed",
@@ -39,6 +39,7 @@ const OF_IMAGES: [&str; 28] = [
     "seam",
     "filter_once",
     "filter_textures",
+    "cache",
     "follow_mirrors",
     "hard_shadows",
     "regularize",

@@ -1,0 +1,21 @@
+// Paths that neither end in the radiance cache nor record anything for it.
+
+const HAS_CACHE: bool = false;
+const NO_RECORD: u32 = 0u;
+
+struct Walk {
+    recording: u32,
+}
+
+struct Cached {
+    is_known: bool,
+    light: vec3<f32>,
+}
+
+fn enter_cell(walk: ptr<function, Walk>, s: Surface, b: BsdfSample, t: f32, throughput: vec3<f32>, light: vec3<f32>, key: u32) -> Cached {
+    return Cached();
+}
+
+fn record_of(walk: Walk, light: vec3<f32>) -> vec2<u32> {
+    return vec2<u32>(0u);
+}
