@@ -96,26 +96,25 @@ fn record_index(pixel: vec2<u32>) -> u32 {
 // random point near by, so that cells show no edges.
 fn enter_cell(walk: ptr<function, Walk>, s: Surface, b: BsdfSample, t: f32, throughput: vec3<f32>, light: vec3<f32>, key: u32) -> Cached {
     let width = cell_width(s.position);
-    (*walk).is_spread = (*walk).is_spread || (!b.is_delta && t * t > width * width * b.pdf);
+    (*walk).is_spread = (*walk).is_spread || (!b.is_delta && t * t > 4.0 * width * width * b.pdf);
     (*walk).length += t;
     let flags = stored_material(s.material).flags;
     let is_view_dependent = s.roughness < ENOUGH_ROUGHNESS || (flags & (MIRROR | CLEAR_GLASS)) != 0u;
-    if !(*walk).is_spread || (*walk).length <= width || is_view_dependent {
+    if !(*walk).is_spread || (*walk).length <= 2.0 * width || is_view_dependent {
         return Cached();
     }
-    let records_here = (*walk).recording != NO_RECORD && (*walk).cell == NO_CELL;
-    if !records_here || (*walk).recording == MAY_RECORD {
+    let has_recorded = (*walk).cell != NO_CELL;
+    if (*walk).recording != MUST_RECORD && !has_recorded {
         let hash = pcg_hash(key ^ 0x68bc21ebu);
         let u = vec2<f32>(unit_float(hash), unit_float(pcg_hash(hash))) - 0.5;
         let near = s.position + frame_around(s.geometric_normal) * vec3<f32>(u * width, 0.0);
         let found = cell_key(near, s.geometric_normal, width);
-        let slot = cell_slot(found);
-        let cell = unpack_cell(last_cache[2u * slot], last_cache[2u * slot + 1u]);
-        if frame.history.rows != NO_HISTORY && cell.key == found && cell.samples >= ENOUGH_SAMPLES {
+        let cell = tenant(cell_slot(found));
+        if cell.key == found && cell.samples >= ENOUGH_SAMPLES {
             return Cached(true, cell.light);
         }
     }
-    if records_here {
+    if (*walk).recording != NO_RECORD && !has_recorded {
         (*walk).cell = cell_key(s.position, s.geometric_normal, width);
         (*walk).albedo = s.albedo;
         (*walk).throughput = throughput;

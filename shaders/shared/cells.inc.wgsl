@@ -10,7 +10,7 @@ const NO_CELL: u32 = 0u;
 const LIGHT_UNITS: f32 = 0x1p24;
 
 fn cell_slot(key: u32) -> u32 {
-    return key % CACHE_SLOTS;
+    return key % (arrayLength(&last_cache) / 2u);
 }
 
 // A slot of the cache takes two rows. The first has the key, the number of samples and the number of frames since the
@@ -22,13 +22,21 @@ struct Cell {
     light: vec3<f32>,
 }
 
-fn unpack_cell(a: vec4<u32>, b: vec4<u32>) -> Cell {
+// The cell in a slot after the previous frame.
+fn last_cell(slot: u32) -> Cell {
+    let a = last_cache[2u * slot];
+    let b = last_cache[2u * slot + 1u];
     return Cell(a.x, bitcast<f32>(a.y), a.z, bitcast<vec3<f32>>(b.xyz));
 }
 
-// A channel of packed light as a 64-bit integer in LIGHT_UNITS: low and high word.
-fn light_units(packed: u32, channel: u32) -> vec2<u32> {
-    let m = (packed >> (9u * channel)) & 511u;
-    let exponent = packed >> 27u;
-    return vec2<u32>(m << exponent, select(0u, m >> (32u - exponent), exponent > 0u));
+// Frames after which a cell without new samples loses its slot.
+const MOST_AGE: u32 = 64u;
+
+// The cell that keeps a slot which it has had since an earlier frame.
+fn tenant(slot: u32) -> Cell {
+    let cell = last_cell(slot);
+    if frame.history.rows == NO_HISTORY || cell.age >= MOST_AGE {
+        return Cell();
+    }
+    return cell;
 }

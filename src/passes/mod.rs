@@ -97,7 +97,9 @@ pub fn declare(spec: &FrameSpec) -> Declared {
 fn in_order(spec: &FrameSpec, frame: Declared) -> Declared {
     let (first, last): (Vec<_>, Vec<_>) = frame.passes.into_iter().partition(|pass| pass.partition != LATE_PARTITION);
     let mut frame = Declared { passes: [first, last].concat(), ..frame };
-    frame.add_if(spec.caches(), "paths do not end in a radiance cache", radiance_cache::pass(spec));
+    for pass in radiance_cache::passes(spec) {
+        frame.add_if(spec.caches(), "paths do not end in a radiance cache", pass);
+    }
     frame
 }
 

@@ -1,10 +1,10 @@
 //! Path traces one view in batches of samples: all its pixels, or those that an earlier pass listed.
 
+use super::FrameSpec;
 use super::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
-use super::radiance_cache::{CACHE_SLOTS, RECORD_SEGMENT};
+use super::radiance_cache::{self, RECORD_SEGMENT};
 use super::reproject::PARTITION as REPROJECT;
 use super::resources::HOLES;
-use super::{FrameSpec, radiance_cache};
 use crate::graph::{Dispatch, Kernel, Launch, Partition, Pass, Stage, Use, Work};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
@@ -23,7 +23,7 @@ const PATHS_PER_LAUNCH: u32 = 4;
 const LISTED_ONLY: u32 = 1;
 
 /// Kernel that both stages share, since drivers take seconds to compile it.
-const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![LISTED_ONLY, CACHE_SLOTS, RECORD_SEGMENT]);
+const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![LISTED_ONLY, RECORD_SEGMENT]);
 
 fn trace(spec: &FrameSpec, stage: Stage, view: Eye, cut: Partition, is_listed: bool) -> Pass {
     let (radiance, dispatch, third) = match is_listed {

@@ -13,29 +13,32 @@ use crate::image::Extent;
 use crate::scene::rig::Eye;
 use crate::wgsl::{Texel, constants};
 
-/// Number of slots in the table, one for each cell.
-pub const CACHE_SLOTS: u32 = 1 << 16;
-
 /// Number of pixels in a row of which half may record a path.
 pub const RECORD_SEGMENT: u32 = 16;
 
 /// Number of invocations in a workgroup.
 const GROUP: u32 = 64;
 
-/// First kernel argument: new cells claim empty slots, records are added to the cells' sums, or sums are added to the
-/// table. The second argument is the number of records.
+/// Bounds on the number of slots.
+const SLOTS: [u32; 2] = [1 << 12, 1 << 17];
+
+/// Columns of the table, which are arbitrary.
+const COLUMNS: u32 = 64;
+
+/// First kernel argument: new cells claim empty slots. Otherwise, records are added to the sums of their cells. The
+/// second argument is the number of records.
 const CLAIM: u32 = 0;
 const ADD: u32 = 1;
-const RENEW: u32 = 2;
 
-const KERNEL: Kernel =
-    Kernel::new("radiance_cache").workgroup([GROUP, 1, 1]).with(constants![CACHE_SLOTS, CLAIM, RENEW]);
+/// Number of 32-bit words in the [`Sums`] of a slot.
+const SUM_WORDS: u32 = size_of::<Sums>() as u32 / 4;
 
-/// Size of the table in cells. The number of columns is arbitrary.
-const SIZE: Extent = Extent { width: 256, height: CACHE_SLOTS / 256 };
+const SUM: Kernel = Kernel::new("cache_sums").workgroup([GROUP, 1, 1]).with(constants![CLAIM, SUM_WORDS]);
+const RENEW: Kernel = Kernel::new("radiance_cache").workgroup([GROUP, 1, 1]);
 
-/// Sums of a cell's records; see the shader.
-struct Sums(#[expect(dead_code, reason = "only its size counts")] [u32; 8]);
+/// Sums of the records of a slot: the key of the new cell, the number of records, and for each channel the low and the
+/// high word of the sum of their light.
+struct Sums(#[expect(dead_code, reason = "only its size is used")] [u32; 8]);
 
 /// Invocations add to sums concurrently.
 impl Texel for Sums {
@@ -47,9 +50,19 @@ fn if_used(spec: &FrameSpec, resource: Resource) -> Resource {
     if spec.caches() { resource } else { resource.on(Grid::table(Size::Fixed(Extent::new(1, 1)))) }
 }
 
-/// Returns the table.
+/// Returns the number of slots, each of which holds a cell: about one for each pixel.
+fn slots(spec: &FrameSpec) -> u32 {
+    let pixels = u32::try_from(spec.extent.area()).unwrap_or(u32::MAX);
+    pixels.clamp(SLOTS[0], SLOTS[1]).next_power_of_two()
+}
+
+/// Returns a table with a texel for each slot.
+fn of_slots<T: Texel>(spec: &FrameSpec, name: &'static str) -> Resource {
+    if_used(spec, Resource::table::<T>(name, Extent::new(COLUMNS, slots(spec) / COLUMNS)))
+}
+
 fn table(spec: &FrameSpec) -> Resource {
-    if_used(spec, Resource::table::<[UVec4; 2]>("cache", SIZE))
+    of_slots::<[UVec4; 2]>(spec, "cache")
 }
 
 /// Returns the image of the records of paths: the cell and the packed light of half of the pixels.
@@ -69,17 +82,23 @@ fn read_table(spec: &FrameSpec) -> Use {
     Use::read(table(spec)).before(spec.history_rows.filter(|_| spec.caches()).map(|_| 0))
 }
 
-/// Returns the pass that adds the records of a frame to the table.
-pub fn pass(spec: &FrameSpec) -> Pass {
+/// Returns the passes that add the records of a frame to the table.
+pub fn passes(spec: &FrameSpec) -> [Pass; 2] {
     let records = records(spec);
     let extent = records.extent(spec.extent);
     let count = extent.width * extent.height * (RECORD_SEGMENT / 2);
-    Pass::once(Stage("radiance_cache"), path_trace::PARTITION, KERNEL, [CACHE_SLOTS / GROUP, 1, 1])
-        .uses([
-            read_table(spec),
-            Use::write(table(spec)),
-            Use::write_then_read(Resource::table::<Sums>("cache_sums", SIZE)).cleared(),
-            Use::read(records).of(Eye::Left).reaching(Reach::All).named("records"),
-        ])
-        .launches([CLAIM, ADD, RENEW].map(|step| Launch::Once([step, count, 0])).into())
+    let sums = of_slots::<Sums>(spec, "cache_sums");
+    let of_device = |kernel: Kernel| {
+        Pass::once(Stage(kernel.name), path_trace::PARTITION, kernel, [slots(spec).div_ceil(GROUP), 1, 1])
+    };
+    [
+        of_device(SUM)
+            .uses([
+                read_table(spec),
+                Use::write_then_read(sums).cleared(),
+                Use::read(records).of(Eye::Left).reaching(Reach::All).named("records"),
+            ])
+            .launches([CLAIM, ADD].map(|step| Launch::Once([step, count, 0])).into()),
+        of_device(RENEW).uses([read_table(spec), Use::read(sums).viewed_as::<UVec4>(), Use::write(table(spec))]),
+    ]
 }
