@@ -101,8 +101,9 @@ pub struct RunOptions {
     pub filter_textures: Switch,
     /// End paths in a cache of the light of earlier frames (biased)
     ///
-    /// Needs a denoiser that keeps a history, and a scene in which only the camera moves. References never use it.
-    #[arg(hide_short_help = true, long, default_value = "on", help_heading = QUALITY)]
+    /// Needs a denoiser that keeps a history, and a scene in which only the camera moves. References never use it. Frames
+    /// are faster, the more so with more samples and bounces.
+    #[arg(hide_short_help = true, long, default_value = "off", help_heading = QUALITY)]
     pub cache: Switch,
     /// Upper bound of indirect radiance (biased)
     #[arg(hide_short_help = true, long, value_name = "V", help_heading = QUALITY)]

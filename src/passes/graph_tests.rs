@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use super::denoise::PARTITION;
 use super::tests::spec;
 use super::*;
-use crate::graph::{Assignment, FrameGraph, HaloPlan, Stripes, Task, TaskKind};
+use crate::graph::{Assignment, FrameGraph, HaloPlan, Scope, Stripes, Task, TaskKind};
 
 /// Builds the graph of a frame with the renderer's own passes.
 pub fn graph(spec: &FrameSpec, assignment: &Assignment, before: Option<&Assignment>) -> FrameGraph {
@@ -38,10 +38,17 @@ pub fn replay(graph: &FrameGraph, before: Option<&Assignment>) {
     let mut held: HashMap<(usize, Eye, usize, u32), u32> = HashMap::new();
     let mut in_flight: HashMap<u32, Vec<(u32, u32)>> = HashMap::new();
     let mut newest: HashMap<(usize, Eye), u32> = HashMap::new();
+    let all = |image: usize| program.images()[image].resource.extent(program.extent).rows();
+    let is_table = |image: usize| program.images()[image].resource.scope == Scope::Device;
     let last = program.images().iter().enumerate().filter(|(_, bound)| bound.is_before);
     for ((image, bound), view) in last.flat_map(|last| Eye::ALL.map(|view| (last, view))) {
         let (Some(before), Some(group)) = (before, program.writer(&bound.resource, view)) else { continue };
         newest.insert((image, view), 1);
+        if bound.resource.scope == Scope::Device {
+            let working = before.works().into_iter().enumerate().filter(|(_, works)| *works);
+            held.extend(working.flat_map(|(device, _)| all(image).map(move |row| ((image, view, device, row), 1))));
+            continue;
+        }
         for (device, rows) in before.stripes(group, view).iter() {
             held.extend(rows.map(|row| ((image, view, device, row), 1)));
         }
@@ -57,14 +64,16 @@ pub fn replay(graph: &FrameGraph, before: Option<&Assignment>) {
                     // If a pass writes in place, another device may already have advanced the newest version.
                     let in_place = used.access.writes();
                     let expect = newest.get(&(image, view)).copied().unwrap_or(0);
-                    for row in used.reach.rows(&task.rows, program.extent.height) {
+                    let height = all(image).end;
+                    for row in if is_table(image) { all(image) } else { used.reach.rows(&task.rows, height) } {
                         let has = held.get(&(image, view, task.device, row)).copied().unwrap_or(0);
                         assert!(has == expect || (in_place && has > 0), "{task:?} lacks row {row} of {used:?}");
                     }
                 }
                 for (_, &image) in uses().filter(|(u, _)| u.access.writes()) {
                     newest.insert((image, task.view), task.key.pass + 2);
-                    held.extend(task.rows.clone().map(|row| ((image, task.view, task.device, row), task.key.pass + 2)));
+                    let rows = if is_table(image) { all(image) } else { task.rows.clone() };
+                    held.extend(rows.map(|row| ((image, task.view, task.device, row), task.key.pass + 2)));
                 }
             }
             TaskKind::Download { image, transfer, .. } => {
@@ -96,13 +105,29 @@ fn every_read_finds_its_rows_on_its_device() {
     for devices in 1..=5 {
         for (i, &seam) in seams.iter().enumerate() {
             for assignment in [Assignment::uniform(Stripes::even(180, devices)), ragged(devices)] {
-                let spec = FrameSpec { sparse: i % 2 == 1, ..spec(devices, seam) };
+                let spec = FrameSpec { sparse: i % 2 == 1, cache: i % 3 == 1, ..spec(devices, seam) };
                 replay(&graph(&spec, &assignment, None), None);
                 let (spec, before) = with_history(spec, 12);
                 replay(&graph(&spec, &assignment, Some(&before)), Some(&before));
             }
         }
     }
+}
+
+#[test]
+fn a_device_that_had_no_rows_receives_the_radiance_cache_once() {
+    let frame = FrameSpec { cache: true, ..spec(3, Seam::None) };
+    let (frame, _) = with_history(frame, 4);
+    let before = Assignment::uniform(Stripes::from_edges(180, &[90, 90]));
+    let graph = graph(&frame, &Assignment::uniform(Stripes::even(180, 3)), Some(&before));
+    replay(&graph, Some(&before));
+    let is_table = |task: &&Task| match task.kind {
+        TaskKind::Upload { image, .. } => graph.program.images()[image].name() == "last_cache",
+        _ => false,
+    };
+    let uploads: Vec<&Task> = graph.dag.node_weights().filter(is_table).collect();
+    // 64x180 pixels have 16,384 slots of 32 bytes.
+    assert_eq!(uploads.iter().map(|task| (task.device, graph.bytes(task))).collect::<Vec<_>>(), [(1, 1 << 19)]);
 }
 
 /// Checks that every edge follows the task order that all devices share.

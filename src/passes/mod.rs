@@ -203,7 +203,8 @@ fn all_passes() -> impl Iterator<Item = Pass> {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });
         let small = FrameSpec::new(one, 2);
-        declare(&FrameSpec { chain, sparse: true, filter, iterations: 1, seam, aovs, moving, ..small }).passes
+        declare(&FrameSpec { chain, sparse: true, filter, iterations: 1, seam, aovs, moving, cache: true, ..small })
+            .passes
     })
 }
 

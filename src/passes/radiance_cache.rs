@@ -71,11 +71,9 @@ fn records(spec: &FrameSpec) -> Resource {
     if_used(spec, lanes.on(Grid::table(Size::FrameColumnsOver(RECORD_SEGMENT))))
 }
 
-/// Returns the bindings of a pass that path traces all pixels of a view, or of one that traces listed pixels.
-pub fn uses(spec: &FrameSpec, is_listed: bool) -> [Use; 2] {
-    let records = records(spec);
-    let records = if is_listed { Use::update(records).if_written() } else { Use::write_then_read(records).cleared() };
-    [read_table(spec), records]
+/// Returns the bindings of passes that path trace.
+pub fn uses(spec: &FrameSpec) -> [Use; 2] {
+    [read_table(spec), Use::write(records(spec)).cleared()]
 }
 
 fn read_table(spec: &FrameSpec) -> Use {

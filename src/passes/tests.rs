@@ -25,7 +25,8 @@ pub fn all_specs() -> Vec<FrameSpec> {
         for views in [Views::Reprojected, Views::Traced] {
             for (sparse, seam) in [(false, Seam::Halo(HaloPlan::EXCHANGE)), (true, Seam::Filter), (true, Seam::None)] {
                 for history_rows in [None, Some(4)] {
-                    let frame = FrameSpec { filter, views, sparse, history_rows, ..spec(2, seam) };
+                    let cache = seam != Seam::None;
+                    let frame = FrameSpec { filter, views, sparse, history_rows, cache, ..spec(2, seam) };
                     let (screen, displayed) = (Extent::new(96, 270), Extent::new(48, 135));
                     let chains = [
                         frame.chain,

@@ -330,7 +330,7 @@ mod tests {
             // WebGPU's default.
             (
                 wgpu::Limits { max_storage_buffers_per_shader_stage: 8, ..limits() },
-                "the pass accumulate needs 13 storage buffers",
+                "the pass path_trace needs 10 storage buffers",
             ),
             (wgpu::Limits { max_immediate_size: 32, ..limits() }, "needs 44 bytes, and device 3 takes 32 bytes"),
             (wgpu::Limits { max_compute_invocations_per_workgroup: 32, ..limits() }, "64 invocations a workgroup"),

@@ -27,7 +27,7 @@ fn every_pass_does_what_it_declares() {
             }
         }
     }
-    assert_eq!(verified.len(), 25);
+    assert_eq!(verified.len(), 27);
 }
 
 /// Checks that bindings do not depend on the frame, since pipelines are created once.

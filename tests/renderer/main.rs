@@ -20,6 +20,7 @@ mod mirrors;
 mod moving;
 mod passes;
 mod predictions;
+mod radiance_cache;
 mod ranks;
 #[path = "../reference/mod.rs"]
 mod reference;

@@ -171,6 +171,7 @@ fn cases<'a>(checker: &'a Subject, moving: &'a Subject) -> Vec<(&'static str, &'
     bmfr.envelope.most.iterations = [1; 3];
     let mut all = vec![
         ("a scene that moves", moving, moving.accumulated(WIDTH, HEIGHT), 2),
+        ("a radiance cache", checker, RunConfig { cache: true, ..checker.accumulated(WIDTH, HEIGHT) }, 2),
         ("a log-polar image", checker, polar(PolarSpace::Log(LogPolar::COMPOSITE)), 1),
     ];
     if is_thorough() {

@@ -333,6 +333,7 @@ fn traced(
         ("SOBOL", true),
         ("HAS_GLOSS", format.gloss),
         ("HAS_NARROW_LOBES", false),
+        ("HAS_CACHE", false),
         ("IS_REGULARIZED", false),
         ("HAS_HARD_LIGHTS", false),
         ("HAS_MIRRORS", false),
@@ -354,6 +355,8 @@ fn traced(
             ("tally_image", Buffer::image(&vec![0u32; constants.area()])),
             ("guide_image", Buffer::whole(guide)),
             ("holes", Buffer::whole(&[0u32; 4])),
+            ("last_cache", Buffer::whole(&[[0u32; 4]; 2])),
+            ("records", Buffer::image(&nothing)),
         ],
     );
     outputs.get("radiance_image")

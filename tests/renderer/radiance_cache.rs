@@ -1,0 +1,159 @@
+//! Paths that end in the radiance cache: the light that they find, on any number of devices.
+
+use glam::{Affine3A, DVec3, Quat, Vec3, vec3, vec4};
+
+use super::moving::watched;
+use crate::common::{Frame, Stage, Subject, devices_to_lose, still_rig};
+use crate::reference::scenes::moving::everything;
+use crate::reference::scenes::{add_material, add_matte, add_mesh, block, empty, instance, matte, place, quad};
+use crate::same_bytes::{HEIGHT, Script, assert_same, ratios};
+use diptych::RunConfig;
+use diptych::graph::{HaloPlan, Seam};
+use diptych::image::RgbImage;
+use diptych::metrics;
+use diptych::scene::Material;
+use diptych::scene::rig::{Rig, RigKey};
+use diptych::schedule::{Even, Measured};
+
+const WIDTH: u32 = 128;
+/// Number of frames after which most cells are filled.
+const FRAMES: usize = 24;
+
+fn settings(subject: &Subject, cache: bool) -> RunConfig {
+    RunConfig { cache, ..subject.accumulated(WIDTH, HEIGHT) }
+}
+
+fn rays(frame: &Frame) -> u64 {
+    frame.report.tallies.iter().map(|tally| tally.rays).sum()
+}
+
+/// Returns a rig that moves a little along x, so that surfaces and cells change.
+fn sliding(rig: &Rig) -> Rig {
+    let view = rig.keys[0];
+    let key = |time_s: f64| {
+        let aside = DVec3::X * 0.2 * time_s;
+        RigKey { time_s, position: view.position + aside, target: view.target + aside, ..view }
+    };
+    Rig { keys: vec![key(0.0), key(1.0)], ..rig.clone() }
+}
+
+/// Stripes jump and vanish; a device that has none in a frame knows no records of that frame.
+#[test]
+fn cached_frames_have_the_bytes_of_one_device_on_stripes_that_jump() {
+    let loaded = Subject::load("builtin:cornell");
+    let subject = Subject { rig: sliding(&loaded.rig), ..loaded };
+    let times_s: Vec<f64> = (0..FRAMES).map(|i| i as f64 / 72.0).collect();
+    let mut settings = settings(&subject, true);
+    let one = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
+    let (first, last) = (rays(&one[0]), rays(&one[FRAMES - 1]));
+    assert!(last * 10 < first * 9, "{first} rays without and {last} with a filled cache");
+    let rules = ["1,1,1", "5,1,2", "1,0,1", "0,1,0", "1,2,9", "path_trace.left=1,9,1"];
+    for (plan, in_flight) in [(HaloPlan::RECOMPUTE, 1), (HaloPlan::EXCHANGE, 3)] {
+        settings.execution.seam = Seam::Halo(plan);
+        settings.execution.adapts_halo = false;
+        settings.execution.frames_in_flight = in_flight;
+        let script: Vec<_> = (0..FRAMES).map(|i| ratios(3, &[rules[i % rules.len()]])).collect();
+        let three = Stage::with(&subject, &settings, 3, Box::new(Script::new(script))).frames_in_flight(&times_s);
+        for (a, b) in one.iter().zip(&three) {
+            assert_same(&format!("{plan:?}, frame {}", a.report.index), &a.linear, &b.linear);
+            assert_eq!(rays(a), rays(b), "{plan:?}, frame {}", a.report.index);
+        }
+    }
+}
+
+/// The rays of a frame tell which cells it knows. Records of a device are lost with it, but its part of the frame is made
+/// again.
+#[test]
+fn a_lost_device_costs_the_cache_nothing() {
+    let subject = Subject::load("builtin:cornell");
+    let settings = settings(&subject, true);
+    let mut one = Stage::alone(&subject, &settings);
+    let gpus = devices_to_lose(2);
+    let lost = gpus[1].device.clone();
+    let mut two = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
+    for i in 0..FRAMES as u32 {
+        if i == FRAMES as u32 / 2 {
+            lost.destroy();
+        }
+        assert_eq!(rays(&one.frame(i)), rays(&two.frame(i)), "frame {i}");
+    }
+    assert_eq!(two.renderer().faults().iter().map(|f| f.device).collect::<Vec<_>>(), [1]);
+}
+
+#[test]
+fn only_frames_with_a_history_of_scenes_that_do_not_change_are_cached() {
+    let (still, moving) = (Subject::load("builtin:cornell"), watched(everything()));
+    let cached = |config: RunConfig| RunConfig { cache: true, ..config }.caches();
+    assert!(cached(still.accumulated(WIDTH, HEIGHT)));
+    assert!(!cached(still.denoised(WIDTH, HEIGHT)), "à-trous keeps no history");
+    assert!(!cached(still.settings(WIDTH, HEIGHT)), "nothing is denoised");
+    assert!(!cached(moving.accumulated(WIDTH, HEIGHT)), "something moves");
+}
+
+fn mean(image: &RgbImage) -> f64 {
+    image.pixels.iter().flatten().map(|c| f64::from(*c)).sum::<f64>() / image.pixels.len() as f64
+}
+
+#[test]
+fn cached_frames_keep_the_mean_and_have_no_larger_errors() {
+    for name in ["builtin:cornell", "builtin:gallery"] {
+        let subject = Subject::load(name);
+        let mut reference = subject.settings(WIDTH, HEIGHT);
+        (reference.seed, reference.envelope.most.spp) = (99, 64);
+        let reference = Stage::alone(&subject, &reference).frame(0).linear.left;
+        let [off, on] = [false, true].map(|cache| {
+            let mut stage = Stage::alone(&subject, &settings(&subject, cache));
+            let frames: Vec<Frame> = (0..FRAMES as u32).map(|i| stage.frame(i)).collect();
+            let late = &frames[FRAMES / 2..];
+            let means = late.iter().map(|frame| mean(&frame.linear.left)).sum::<f64>();
+            let error = |frame: &Frame| metrics::compare(&reference, &frame.linear.left).unwrap().relmse;
+            let errors = late.iter().map(error).sum::<f64>();
+            (means, errors, rays(&frames[FRAMES - 1]))
+        });
+        println!("{name}: {off:?} without and {on:?} with a cache");
+        assert!(on.2 * 10 < off.2 * 9, "{name}: {} rays without and {} with a cache", off.2, on.2);
+        assert!((on.0 / off.0 - 1.0).abs() < 0.02, "{name}: mean ratio of {}", on.0 / off.0);
+        assert!(on.1 < 1.05 * off.1, "{name}: errors of {} and {}", off.1, on.1);
+    }
+}
+
+/// Two rooms side by side, open towards the camera, with a wall of 5 cm between them. A lamp lights the left one; no
+/// light reaches the right one.
+fn rooms() -> Subject {
+    let mut scene = empty("two rooms");
+    let white = add_matte(&mut scene, Vec3::splat(0.7));
+    let lamp = Material { base_color: vec4(0.0, 0.0, 0.0, 1.0), emissive: Vec3::splat(20.0), ..matte() };
+    let lamp = add_material(&mut scene, lamp);
+    let (x, y, z) = (6.0 * Vec3::X, 2.5 * Vec3::Y, 3.0 * Vec3::Z);
+    let corner = vec3(-3.0, 0.0, -3.0);
+    place(&mut scene, quad(corner, z, x, white)); // floor
+    place(&mut scene, quad(corner + y, x, z, white)); // ceiling
+    place(&mut scene, quad(corner, x, y, white)); // back
+    place(&mut scene, quad(corner, y, z, white)); // left
+    place(&mut scene, quad(corner + x, z, y, white)); // right
+    place(&mut scene, quad(vec3(-2.0, 2.45, -2.0), Vec3::X, Vec3::Z, lamp));
+    let wall = add_mesh(&mut scene, block(white));
+    let at = Affine3A::from_scale_rotation_translation(vec3(0.05, 2.5, 3.0), Quat::IDENTITY, vec3(0.0, 1.25, -1.5));
+    instance(&mut scene, wall, at);
+    Subject::new("two rooms", scene, still_rig(vec3(0.0, 1.25, 3.5), -Vec3::Z, Vec3::Y, 0.4))
+}
+
+#[test]
+fn no_light_leaks_through_a_wall() {
+    let subject = rooms();
+    let sides = |cache: bool| {
+        let mut stage = Stage::alone(&subject, &settings(&subject, cache));
+        let frames: Vec<Frame> = (0..2 * FRAMES as u32).map(|i| stage.frame(i)).collect();
+        let image = &frames[frames.len() - 1].linear.left;
+        let half = |is_left: bool| {
+            let pixels = image.pixels.iter().enumerate();
+            let side = pixels.filter(|(i, _)| ((*i as u32 % WIDTH) < WIDTH / 2) == is_left);
+            side.map(|(_, p)| f64::from(p.iter().sum::<f32>())).sum::<f64>()
+        };
+        (half(true), half(false), rays(&frames[frames.len() - 1]))
+    };
+    let (off, on) = (sides(false), sides(true));
+    println!("{off:?} without and {on:?} with a cache");
+    assert!(on.2 * 20 < off.2 * 19, "{} rays without and {} with a cache", off.2, on.2);
+    assert!(on.1 - off.1 < 5e-4 * on.0, "{} instead of {} beside {}", on.1, off.1, on.0);
+}
