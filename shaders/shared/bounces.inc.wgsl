@@ -155,7 +155,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, medium_in: Medium, sampli
         if HAS_CACHE && !medium.is_inside {
             let cached = enter_cell(&walk, s, b, hit.t, throughput, all_light(result), key);
             if cached.is_known {
-                gather(&result, throughput * s.albedo * cached.light, share);
+                gather(&result, clamp_indirect(throughput * s.albedo * cached.light, sampling.indirect_clamp), share);
                 break;
             }
         }

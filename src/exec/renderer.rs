@@ -14,7 +14,7 @@ use super::ranks::Devices;
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, costs, quality};
 use crate::device::{DeviceFailure, DeviceInfo, Traversal};
-use crate::graph::{FrameGraph, Resource};
+use crate::graph::{Assignment, FrameGraph, Resource};
 use crate::image::Extent;
 use crate::projection::Polar;
 use crate::scene::rig::Rig;
@@ -343,7 +343,9 @@ impl Renderer {
             Some(_) if self.config.execution.frames_in_flight > 1 => None,
             Some(_) => planned.and_then(|plan| plan.history).map(|history| history.before),
         };
-        let history = before.and_then(|before| {
+        // Without a device that computed a part of the previous frame, nothing of its history is left.
+        let is_left = |before: &Assignment| left.iter().any(|&device| before.works()[device]);
+        let history = before.filter(is_left).and_then(|before| {
             let lost = (0..before.devices()).filter(|device| !left.contains(device)).collect();
             Some(History { before, rows: self.history_rows(&inputs)?, lost })
         });

@@ -29,6 +29,7 @@ mod moving;
 mod over_frames;
 mod pack;
 mod packed_on_device;
+mod radiance_cache;
 mod reproject;
 mod taa;
 mod seam_filter;
