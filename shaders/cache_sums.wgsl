@@ -8,18 +8,18 @@
 fn light_units(packed: u32, channel: u32) -> vec2<u32> {
     let m = (packed >> (9u * channel)) & 511u;
     let exponent = packed >> 27u;
-    return vec2<u32>(m << exponent, select(0u, m >> (32u - exponent), exponent > 0u));
+    return vec2<u32>(m << exponent, (m >> 1u) >> (31u - exponent));
 }
 
 fn claim(slot: u32, key: u32) {
-    if tenant(slot).key == NO_CELL {
+    if live_cell(slot).key == NO_CELL {
         atomicMax(&cache_sums[SUM_WORDS * slot], key);
     }
 }
 
 fn add(slot: u32, key: u32, light: u32) {
     let at = SUM_WORDS * slot;
-    let kept = tenant(slot).key;
+    let kept = live_cell(slot).key;
     let owner = select(kept, atomicLoad(&cache_sums[at]), kept == NO_CELL);
     if owner != key {
         return;

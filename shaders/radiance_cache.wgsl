@@ -10,7 +10,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let slot = id.x;
     let a = cache_sums[2u * slot];
     let b = cache_sums[2u * slot + 1u];
-    var cell = tenant(slot);
+    var cell = live_cell(slot);
     cell.key = select(cell.key, a.x, cell.key == NO_CELL);
     cell.age += 1u;
     if a.y > 0u {

@@ -76,8 +76,8 @@ fn all_light(path: PathSample) -> vec3<f32> {
 // cache.
 fn trace_path(first: Surface, direction_in: vec3<f32>, medium_in: Medium, sampling: Sampling, links: u32, recording: u32, rng: ptr<function, Rng>) -> PathSample {
     var result = PathSample();
-    var walk = Walk();
-    walk.recording = recording;
+    var cache_path = CachePath();
+    cache_path.recording = recording;
     var s = first;
     var v = -direction_in;
     var medium = medium_in;
@@ -153,7 +153,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, medium_in: Medium, sampli
             break;
         }
         if HAS_CACHE && !medium.is_inside {
-            let cached = enter_cell(&walk, s, b, hit.t, throughput, all_light(result), key);
+            let cached = enter_cell(&cache_path, s, b, hit.t, throughput, all_light(result), key);
             if cached.is_known {
                 gather(&result, clamp_indirect(throughput * s.albedo * cached.light, sampling.indirect_clamp), share);
                 break;
@@ -171,7 +171,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, medium_in: Medium, sampli
         }
     }
     if HAS_CACHE {
-        result.record = record_of(walk, all_light(result));
+        result.record = record_of(cache_path, all_light(result));
     }
     result.rays = rays;
     return result;

@@ -6,23 +6,23 @@
 
 override HAS_CACHE: bool = false;
 
-// What a path records: nothing, the light in the first cell if the cache does not know it, or that in the first cell in
-// any case.
+// Recording mode of a path. It records nothing, the light in its first cell if the cache does not know it, or that light
+// in any case.
 const NO_RECORD: u32 = 0u;
 const MAY_RECORD: u32 = 1u;
 const MUST_RECORD: u32 = 2u;
 
-// Of RECORD_SEGMENT pixels of a row, the left or the right half may record. The lanes that run together are of the same
-// half, and trace long paths together.
+// In each segment of RECORD_SEGMENT pixels of a row, either the left or the right half may record. Drivers that run eight
+// lanes together then trace long paths together.
 const RECORD_LANES: u32 = RECORD_SEGMENT / 2u;
-// Of so many halves, one must record.
+// One in this many halves must record.
 const MUST_RECORD_ONE_IN: u32 = 8u;
 
-// Samples from which on a cell is used.
+// Minimum number of samples of a cell in which paths end.
 const ENOUGH_SAMPLES: f32 = 16.0;
-// Perceptual roughness of a surface from which on its reflected light hardly depends on the direction.
+// Minimum perceptual roughness of a surface whose reflected light hardly depends on the direction.
 const ENOUGH_ROUGHNESS: f32 = 0.25;
-// Throughput up to which the light behind it cannot be told.
+// Paths with less throughput record nothing, since dividing by it is inaccurate.
 const LEAST_THROUGHPUT: f32 = 1e-3;
 
 // Maximum width of a cube as a fraction of its distance from the left eye. At least half of it is used, since widths
@@ -30,7 +30,7 @@ const LEAST_THROUGHPUT: f32 = 1e-3;
 const CELL_ANGLE: f32 = 0.05;
 
 // State of a path.
-struct Walk {
+struct CachePath {
     recording: u32,
     // Whether a bounce has spread the path over more than a cell.
     is_spread: bool,
@@ -94,41 +94,42 @@ fn record_index(pixel: vec2<u32>) -> u32 {
 
 // Light that the cache knows for a surface that the path hits at distance `t` after the bounce `b`. It is looked up at a
 // random point near by, so that cells show no edges.
-fn enter_cell(walk: ptr<function, Walk>, s: Surface, b: BsdfSample, t: f32, throughput: vec3<f32>, light: vec3<f32>, key: u32) -> Cached {
+fn enter_cell(path: ptr<function, CachePath>, s: Surface, b: BsdfSample, t: f32, throughput: vec3<f32>, light: vec3<f32>, key: u32) -> Cached {
     let width = cell_width(s.position);
-    (*walk).is_spread = (*walk).is_spread || (!b.is_delta && t * t > 4.0 * width * width * b.pdf);
-    (*walk).length += t;
+    (*path).is_spread = (*path).is_spread || (!b.is_delta && t * t > 4.0 * width * width * b.pdf);
+    (*path).length += t;
     let flags = stored_material(s.material).flags;
-    let is_view_dependent = s.roughness < ENOUGH_ROUGHNESS || (flags & (MIRROR | CLEAR_GLASS)) != 0u;
-    if !(*walk).is_spread || (*walk).length <= 2.0 * width || is_view_dependent {
+    let has_smooth_coat = HAS_CLEARCOAT && s.coat > 0.0 && s.coat_alpha < ENOUGH_ROUGHNESS * ENOUGH_ROUGHNESS;
+    let is_smooth = s.roughness < ENOUGH_ROUGHNESS || has_smooth_coat || (flags & (MIRROR | CLEAR_GLASS)) != 0u;
+    if !(*path).is_spread || (*path).length <= 2.0 * width || is_smooth {
         return Cached();
     }
-    let has_recorded = (*walk).cell != NO_CELL;
-    if (*walk).recording != MUST_RECORD && !has_recorded {
+    let has_recorded = (*path).cell != NO_CELL;
+    if (*path).recording != MUST_RECORD && !has_recorded {
         let hash = pcg_hash(key ^ 0x68bc21ebu);
         let u = vec2<f32>(unit_float(hash), unit_float(pcg_hash(hash))) - 0.5;
         let near = s.position + frame_around(s.geometric_normal) * vec3<f32>(u * width, 0.0);
         let found = cell_key(near, s.geometric_normal, width);
-        let cell = tenant(cell_slot(found));
+        let cell = live_cell(cell_slot(found));
         if cell.key == found && cell.samples >= ENOUGH_SAMPLES {
             return Cached(true, cell.light);
         }
     }
-    if (*walk).recording != NO_RECORD && !has_recorded {
-        (*walk).cell = cell_key(s.position, s.geometric_normal, width);
-        (*walk).albedo = s.albedo;
-        (*walk).throughput = throughput;
-        (*walk).light = light;
+    if (*path).recording != NO_RECORD && !has_recorded {
+        (*path).cell = cell_key(s.position, s.geometric_normal, width);
+        (*path).albedo = s.albedo;
+        (*path).throughput = throughput;
+        (*path).light = light;
     }
     return Cached();
 }
 
 // Record of a path that has ended: cell and packed light. Light is in units of white at the run's exposure.
-fn record_of(walk: Walk, light: vec3<f32>) -> vec2<u32> {
-    let least = min(min(walk.throughput.x, walk.throughput.y), walk.throughput.z);
-    if walk.cell == NO_CELL || least < LEAST_THROUGHPUT {
+fn record_of(path: CachePath, light: vec3<f32>) -> vec2<u32> {
+    let least = min(min(path.throughput.x, path.throughput.y), path.throughput.z);
+    if path.cell == NO_CELL || least < LEAST_THROUGHPUT {
         return vec2<u32>(NO_CELL, 0u);
     }
-    let found = over((light - walk.light) / walk.throughput, walk.albedo) * frame.display.storage_scale;
-    return select(vec2<u32>(NO_CELL, 0u), vec2<u32>(walk.cell, pack_cell_light(found)), is_finite(found));
+    let found = over((light - path.light) / path.throughput, path.albedo) * frame.display.storage_scale;
+    return select(vec2<u32>(NO_CELL, 0u), vec2<u32>(path.cell, pack_cell_light(found)), is_finite(found));
 }

@@ -9,6 +9,8 @@ const NO_CELL: u32 = 0u;
 // Factor from light, in units of white at the run's exposure, to the integers that are summed.
 const LIGHT_UNITS: f32 = 0x1p24;
 
+// Slot of a cell. The key has 32 bits and the slot is its lowest bits, so with 2^17 slots an unknown cell is taken for the
+// one in its slot with a probability of 2^-15.
 fn cell_slot(key: u32) -> u32 {
     return key % (arrayLength(&last_cache) / 2u);
 }
@@ -32,8 +34,8 @@ fn last_cell(slot: u32) -> Cell {
 // Frames after which a cell without new samples loses its slot.
 const MOST_AGE: u32 = 64u;
 
-// The cell that keeps a slot which it has had since an earlier frame.
-fn tenant(slot: u32) -> Cell {
+// The cell of earlier frames that keeps a slot; none if the slot is empty or its cell is too old.
+fn live_cell(slot: u32) -> Cell {
     let cell = last_cell(slot);
     if frame.history.rows == NO_HISTORY || cell.age >= MOST_AGE {
         return Cell();

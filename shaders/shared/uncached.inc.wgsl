@@ -3,7 +3,7 @@
 const HAS_CACHE: bool = false;
 const NO_RECORD: u32 = 0u;
 
-struct Walk {
+struct CachePath {
     recording: u32,
 }
 
@@ -12,10 +12,10 @@ struct Cached {
     light: vec3<f32>,
 }
 
-fn enter_cell(walk: ptr<function, Walk>, s: Surface, b: BsdfSample, t: f32, throughput: vec3<f32>, light: vec3<f32>, key: u32) -> Cached {
+fn enter_cell(path: ptr<function, CachePath>, s: Surface, b: BsdfSample, t: f32, throughput: vec3<f32>, light: vec3<f32>, key: u32) -> Cached {
     return Cached();
 }
 
-fn record_of(walk: Walk, light: vec3<f32>) -> vec2<u32> {
+fn record_of(path: CachePath, light: vec3<f32>) -> vec2<u32> {
     return vec2<u32>(0u);
 }

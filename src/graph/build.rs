@@ -189,6 +189,9 @@ impl<'a> Builder<'a> {
         let works = before.works();
         for (number, bound) in self.program.images().iter().enumerate().filter(|(_, b)| b.is_before) {
             if bound.resource.scope == Scope::Device {
+                if self.program.writer(&bound.resource, Eye::Left).is_none() {
+                    continue;
+                }
                 let rows = bound.resource.extent(self.program.extent).rows();
                 let kept = (0..before.devices()).filter(|d| works[*d] && !lost.contains(d));
                 let holding = |device| Holding { rows: rows.clone(), device, node: None };

@@ -220,7 +220,8 @@ fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), Progr
 }
 
 /// Splits the partitions into those whose passes all come before the first pass that reads halo rows, and the rest. At
-/// that pass devices wait for one another, so the load of each set is balanced separately.
+/// that pass devices wait for one another, so the load of each set is balanced separately. Passes that every device runs
+/// in full have no stripes.
 fn partition_sets(passes: &[Linked]) -> Vec<Vec<Partition>> {
     let first = passes.iter().position(|p| p.pass.halo_rows() > 0).unwrap_or(passes.len());
     let mut late: Vec<Partition> = Vec::new();
@@ -230,8 +231,11 @@ fn partition_sets(passes: &[Linked]) -> Vec<Vec<Partition>> {
             set.push(group);
         }
     };
-    passes[first..].iter().for_each(|p| add(&mut late, p.pass.partition));
-    for group in passes[..first].iter().map(|p| p.pass.partition) {
+    let groups = |passes: &'_ [Linked]| -> Vec<Partition> {
+        passes.iter().filter(|p| p.pass.scope == Scope::View).map(|p| p.pass.partition).collect()
+    };
+    groups(&passes[first..]).into_iter().for_each(|group| add(&mut late, group));
+    for group in groups(&passes[..first]) {
         if !late.contains(&group) {
             add(&mut early, group);
         }

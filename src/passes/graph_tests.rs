@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use super::denoise::PARTITION;
 use super::tests::spec;
 use super::*;
-use crate::graph::{Assignment, FrameGraph, HaloPlan, Scope, Stripes, Task, TaskKind};
+use crate::graph::{Assignment, FrameGraph, HaloPlan, Stripes, Task, TaskKind};
 
 /// Builds the graph of a frame with the renderer's own passes.
 pub fn graph(spec: &FrameSpec, assignment: &Assignment, before: Option<&Assignment>) -> FrameGraph {
@@ -116,18 +116,21 @@ fn every_read_finds_its_rows_on_its_device() {
 
 #[test]
 fn a_device_that_had_no_rows_receives_the_radiance_cache_once() {
-    let frame = FrameSpec { cache: true, ..spec(3, Seam::None) };
-    let (frame, _) = with_history(frame, 4);
-    let before = Assignment::uniform(Stripes::from_edges(180, &[90, 90]));
-    let graph = graph(&frame, &Assignment::uniform(Stripes::even(180, 3)), Some(&before));
-    replay(&graph, Some(&before));
-    let is_table = |task: &&Task| match task.kind {
-        TaskKind::Upload { image, .. } => graph.program.images()[image].name() == "last_cache",
-        _ => false,
-    };
-    let uploads: Vec<&Task> = graph.dag.node_weights().filter(is_table).collect();
-    // 64x180 pixels have 16,384 slots of 32 bytes.
-    assert_eq!(uploads.iter().map(|task| (task.device, graph.bytes(task))).collect::<Vec<_>>(), [(1, 1 << 19)]);
+    for cache in [false, true] {
+        let frame = FrameSpec { cache, ..spec(3, Seam::None) };
+        let (frame, _) = with_history(frame, 4);
+        let before = Assignment::uniform(Stripes::from_edges(180, &[90, 90]));
+        let graph = graph(&frame, &Assignment::uniform(Stripes::even(180, 3)), Some(&before));
+        replay(&graph, Some(&before));
+        let is_table = |task: &&Task| match task.kind {
+            TaskKind::Upload { image, .. } => graph.program.images()[image].name() == "last_cache",
+            _ => false,
+        };
+        let uploads: Vec<&Task> = graph.dag.node_weights().filter(is_table).collect();
+        let sent: Vec<_> = uploads.iter().map(|task| (task.device, graph.bytes(task))).collect();
+        // 64x180 pixels have 16,384 slots of 32 bytes.
+        assert_eq!(sent, if cache { vec![(1, 1 << 19)] } else { Vec::new() });
+    }
 }
 
 /// Checks that every edge follows the task order that all devices share.

@@ -33,7 +33,7 @@ pub use resources::{HOLES, PREVIOUS};
 pub use spec::{Display, FrameSpec, ImageChain, Views};
 pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
 
-use crate::graph::{Partition, Pass, Program, ProgramError, Seam};
+use crate::graph::{Partition, Pass, Program, ProgramError, Scope, Seam};
 use crate::image::Extent;
 use crate::projection::PolarSpace;
 use crate::scene::rig::Eye;
@@ -92,15 +92,14 @@ pub fn declare(spec: &FrameSpec) -> Declared {
     in_order(spec, frame)
 }
 
-/// Moves late reprojection to the end, so that both eyes use the same pose, sampled as late as possible. What only the
-/// next frame needs follows it.
-fn in_order(spec: &FrameSpec, frame: Declared) -> Declared {
-    let (first, last): (Vec<_>, Vec<_>) = frame.passes.into_iter().partition(|pass| pass.partition != LATE_PARTITION);
-    let mut frame = Declared { passes: [first, last].concat(), ..frame };
+/// Adds the passes of the radiance cache, and moves late reprojection to the end, so that both eyes use the same pose,
+/// sampled as late as possible.
+fn in_order(spec: &FrameSpec, mut frame: Declared) -> Declared {
     for pass in radiance_cache::passes(spec) {
         frame.add_if(spec.caches(), "paths do not end in a radiance cache", pass);
     }
-    frame
+    let (first, last): (Vec<_>, Vec<_>) = frame.passes.into_iter().partition(|pass| pass.partition != LATE_PARTITION);
+    Declared { passes: [first, last].concat(), ..frame }
 }
 
 /// Adds the passes of a view that follow the denoiser's filter.
@@ -208,10 +207,11 @@ fn all_passes() -> impl Iterator<Item = Pass> {
     })
 }
 
-/// Returns the partitions of all passes (groups of passes with the same stripes), each once, in order of first use.
+/// Returns the partitions of all passes that have stripes (groups of passes with the same stripes), each once, in order
+/// of first use.
 pub fn partitions() -> Vec<Partition> {
     let mut groups = Vec::new();
-    for pass in all_passes() {
+    for pass in all_passes().filter(|pass| pass.scope == Scope::View) {
         if !groups.contains(&pass.partition) {
             groups.push(pass.partition);
         }

@@ -35,7 +35,7 @@ fn trace(spec: &FrameSpec, stage: Stage, view: Eye, cut: Partition, is_listed: b
     let emission = Use::add(EMISSION);
     Pass::new(stage, view, cut, KERNEL)
         .uses([hit, albedo, emission, radiance, Use::add(TALLY), Use::read(GUIDE), Use::read(HOLES).if_written()])
-        .uses(radiance_cache::uses(spec))
+        .uses(radiance_cache::uses(spec, view))
         .dispatch(dispatch)
         .launches(vec![Launch::Samples { most: PATHS_PER_LAUNCH, third, only_jittered: false }])
         .counted_by(Work::Rays)

@@ -7,11 +7,14 @@
 
 use glam::{UVec2, UVec4};
 
-use super::{FrameSpec, path_trace};
-use crate::graph::{Grid, Kernel, Launch, Pass, Reach, Resource, Size, Stage, Use};
+use super::FrameSpec;
+use crate::graph::{Grid, Kernel, Launch, Partition, Pass, Reach, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 use crate::wgsl::{Texel, constants};
+
+/// Partition of its own: passes that all devices run in full must not move path tracing to another set of partitions.
+const PARTITION: Partition = Partition("radiance_cache");
 
 /// Number of pixels in a row of which half may record a path.
 pub const RECORD_SEGMENT: u32 = 16;
@@ -71,9 +74,10 @@ fn records(spec: &FrameSpec) -> Resource {
     if_used(spec, lanes.on(Grid::table(Size::FrameColumnsOver(RECORD_SEGMENT))))
 }
 
-/// Returns the bindings of passes that path trace.
-pub fn uses(spec: &FrameSpec) -> [Use; 2] {
-    [read_table(spec), Use::write(records(spec)).cleared()]
+/// Returns the bindings of passes that path trace a view. Paths of the right eye record nothing.
+pub fn uses(spec: &FrameSpec, view: Eye) -> [Use; 2] {
+    let records = Use::write(records(spec));
+    [read_table(spec), Use { is_cleared: spec.caches() && view == Eye::Left, ..records }]
 }
 
 fn read_table(spec: &FrameSpec) -> Use {
@@ -86,9 +90,8 @@ pub fn passes(spec: &FrameSpec) -> [Pass; 2] {
     let extent = records.extent(spec.extent);
     let count = extent.width * extent.height * (RECORD_SEGMENT / 2);
     let sums = of_slots::<Sums>(spec, "cache_sums");
-    let of_device = |kernel: Kernel| {
-        Pass::once(Stage(kernel.name), path_trace::PARTITION, kernel, [slots(spec).div_ceil(GROUP), 1, 1])
-    };
+    let of_device =
+        |kernel: Kernel| Pass::once(Stage(kernel.name), PARTITION, kernel, [slots(spec).div_ceil(GROUP), 1, 1]);
     [
         of_device(SUM)
             .uses([

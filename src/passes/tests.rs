@@ -1,5 +1,5 @@
 use super::*;
-use crate::graph::{Assignment, FrameGraph, HaloPlan, Scope, Stage, Stripes, Task};
+use crate::graph::{Assignment, FrameGraph, HaloPlan, Stage, Stripes, Task};
 use crate::projection::LogPolar;
 
 /// A frame of 64x180 with à-trous, reprojection and an auxiliary image.
@@ -159,7 +159,7 @@ fn rectified_images_are_resampled_to_what_eyes_show() {
 #[test]
 fn what_is_shown_late_is_shown_last() {
     let frame = spec(2, Seam::Filter);
-    let late = FrameSpec { chain: resampled(frame.extent, Extent::new(72, 80), true), ..frame };
+    let late = FrameSpec { chain: resampled(frame.extent, Extent::new(72, 80), true), cache: true, ..frame };
     let passes = declare(&late).passes;
     let (first, last) = passes.split_at(passes.len() - 4);
     let names: Vec<_> = last.iter().map(|pass| (pass.stage.name(), pass.view)).collect();
@@ -245,6 +245,8 @@ fn tracing_and_filter_are_cut_apart() {
     for filter in [Denoiser::ATROUS, Denoiser::SVGF, Denoiser::BMFR] {
         assert_eq!(sets(&FrameSpec { filter: Some(filter), ..spec(2, halo) }), cut);
     }
+    let cached = FrameSpec { filter: Some(Denoiser::SVGF), cache: true, ..spec(2, halo) };
+    assert_eq!(sets(&cached), cut);
     let one = [vec!["gbuffer", "path_trace", "reproject", "tonemap"]];
     assert_eq!(sets(&FrameSpec { filter: None, ..spec(2, halo) }), one);
 }

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use petgraph::dot::{Config, Dot};
 
 use super::Table;
-use crate::graph::{Access, FrameGraph, Linked, Program, Reach, Stage, Task, TaskKind, Use};
+use crate::graph::{Access, Format, FrameGraph, Linked, Program, Reach, Size, Stage, Task, TaskKind, Use};
+use crate::image::Extent;
 use crate::scene::rig::Eye;
 
 /// Returns a table with a line per pass, in order: its view, grid, partition and bindings. `±N` after an image means
@@ -14,7 +15,10 @@ pub fn passes_table(program: &Program) -> Table {
     let row = |(number, linked): (usize, &Linked)| {
         let pass = &linked.pass;
         let extent = pass.grid.extent(program.extent);
-        let uses = || pass.uses.iter().zip(&linked.images);
+        // Images of one texel stand in for those that the frame does not need.
+        let is_dummy = |used: &Use| used.image.resource.grid.size == Size::Fixed(Extent::new(1, 1));
+        let has_content = |used: &Use| matches!(used.image.resource.format, Format::Uniform { .. }) || !is_dummy(used);
+        let uses = || pass.uses.iter().zip(&linked.images).filter(|(used, _)| has_content(used));
         let of = |is_listed: fn(&Use) -> bool| {
             let names = uses().filter(|(u, _)| is_listed(u)).map(|(u, &image)| name(program, linked, u, image));
             names.collect::<Vec<_>>().join(", ")

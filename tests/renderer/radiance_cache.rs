@@ -71,12 +71,15 @@ fn a_lost_device_costs_the_cache_nothing() {
     let gpus = devices_to_lose(2);
     let lost = gpus[1].device.clone();
     let mut two = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
+    let mut all = Vec::new();
     for i in 0..FRAMES as u32 {
         if i == FRAMES as u32 / 2 {
             lost.destroy();
         }
-        assert_eq!(rays(&one.frame(i)), rays(&two.frame(i)), "frame {i}");
+        all.push(rays(&one.frame(i)));
+        assert_eq!(rays(&two.frame(i)), all[i as usize], "frame {i}");
     }
+    assert!(all[FRAMES - 1] * 10 < all[0] * 9, "the cache is not used: {all:?}");
     assert_eq!(two.renderer().faults().iter().map(|f| f.device).collect::<Vec<_>>(), [1]);
 }
 
@@ -95,7 +98,7 @@ fn mean(image: &RgbImage) -> f64 {
 }
 
 #[test]
-fn cached_frames_keep_the_mean_and_have_no_larger_errors() {
+fn cached_frames_keep_the_mean_and_the_error() {
     for name in ["builtin:cornell", "builtin:gallery"] {
         let subject = Subject::load(name);
         let mut reference = subject.settings(WIDTH, HEIGHT);
@@ -112,7 +115,7 @@ fn cached_frames_keep_the_mean_and_have_no_larger_errors() {
         });
         println!("{name}: {off:?} without and {on:?} with a cache");
         assert!(on.2 * 10 < off.2 * 9, "{name}: {} rays without and {} with a cache", off.2, on.2);
-        assert!((on.0 / off.0 - 1.0).abs() < 0.02, "{name}: mean ratio of {}", on.0 / off.0);
+        assert!((on.0 / off.0 - 1.0).abs() < 0.007, "{name}: mean ratio of {}", on.0 / off.0);
         assert!(on.1 < 1.05 * off.1, "{name}: errors of {} and {}", off.1, on.1);
     }
 }

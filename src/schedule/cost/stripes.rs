@@ -68,10 +68,11 @@ impl StripeCosts<'_> {
         self.parts.iter().map(part_ms).sum()
     }
 
-    /// Returns the time that each device would take for these rows, without margins.
+    /// Returns the time that each device would take for these rows, without margins and without passes whose time does
+    /// not depend on the rows.
     pub fn own_ms(&self, rows: &Range<u32>) -> Vec<f64> {
         let mut sums = vec![0.0; self.devices()];
-        for part in &self.parts {
+        for part in self.parts.iter().filter(|part| part.unit.0 != Work::Once) {
             let units = self.model.units_of(part.unit, rows);
             sums.iter_mut().zip(&part.ms_per_unit).for_each(|(sum, ms)| *sum += ms * units);
         }
