@@ -84,7 +84,7 @@ fn passes_and_what_is_left_out_are_shown_and_tasks_are_written_for_graphviz() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.lines().next().is_some_and(|line| line.contains("stripes of")), "{text}");
-    assert!(text.contains("path_trace   right  the right eye is reprojected"), "{text}");
+    assert!(text.contains("path_trace      right  the right eye is reprojected"), "{text}");
     let dot = std::fs::read_to_string(file).unwrap();
     assert!(dot.starts_with("digraph {") && dot.contains("rows 90..180"), "{dot}");
     // The documentation quotes a part of this output.
