@@ -38,6 +38,26 @@ fn seen_at(p: vec3<f32>, centre: vec2<f32>) -> vec2<f32> {
     return centre;
 }
 
+// The surface that the pixel shows in mirrors and behind clear glass, whether the denoiser follows these or not. It is 0
+// for the sky and for lights.
+fn shown_value(kind: u32, pixel: vec2<u32>) -> vec3<f32> {
+    let origin = frame.camera.views[pass_.view].origin;
+    let ahead = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
+    let rng = rng_for(pixel, pass_.view, 0u);
+    var direction = ahead;
+    var shown = first_hit(trace_closest(origin, direction, alpha_key(rng)), origin, direction);
+    var rays = 0u;
+    let links = follow_mirrors(&shown, &direction, rng, &rays);
+    if (shown.hit.prim & SPHERE) != 0u {
+        return vec3<f32>(0.0);
+    }
+    if kind == SHOWN_NORMAL {
+        return shown.surface.normal;
+    }
+    let image = origin + ahead * links.surface_distance;
+    return select(image, shown.surface.position, kind == SHOWN_POSITION) + frame.geometry.world_origin;
+}
+
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
@@ -82,6 +102,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         }
         case STRIPES: {
             value = vec3<f32>(f32(pass_.device));
+        }
+        case SHOWN_POSITION, SHOWN_NORMAL, VIRTUAL_POSITION: {
+            value = shown_value(pass_.args[0], pixel);
         }
         default: {
             let centre = vec2<f32>(pixel) + frame.camera.centre;

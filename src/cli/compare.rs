@@ -76,8 +76,9 @@ pub struct Args {
     kind_map: Option<PathBuf>,
     /// Write the difference between the errors of the two eyes as a heatmap (PNG)
     ///
-    /// Needs the auxiliary images position and normal in either folder: render with --aov position,normal. Surfaces
-    /// that the right eye does not show are grey.
+    /// Needs the auxiliary images position and normal in either folder: render with --aov position,normal. With
+    /// shown_position,shown_normal,virtual_position as well, what mirrors and glass show is matched, not the mirrors
+    /// themselves. Surfaces that the right eye does not show are grey.
     #[arg(long, value_name = "FILE")]
     rivalry_map: Option<PathBuf>,
     /// Print JSON
@@ -194,7 +195,8 @@ fn of_both_eyes(args: &Args, pairs: &Stereo<&Pair>) -> Result<(Option<Difference
     let (Some(left), Some(right)) = (seen("left.exr")?, seen("right.exr")?) else {
         return Ok((None, FeatureDisparity::default()));
     };
-    let surfaces = Stereo { left: &left.surfaces, right: &right.surfaces };
+    let own = Stereo { left: &left.surfaces, right: &right.surfaces };
+    let surfaces = rivalry::shared(own, Stereo { left: left.shown.as_ref(), right: right.shown.as_ref() });
     let differences = rivalry::differences(pairs, &surfaces, &right.tags)?;
     Ok((differences, rivalry::features(pairs, &left.surfaces, &right.tags)?))
 }

@@ -61,8 +61,8 @@ pub fn of_shot(
     gpus: Devices,
     tracing: &Tracing,
 ) -> Result<(Seen, Devices), Failure> {
-    let mut aovs = if by_kind { AOVS.to_vec() } else { vec![Aov::Normal] };
-    aovs.push(Aov::Position);
+    let mut aovs = if by_kind { AOVS.to_vec() } else { Vec::new() };
+    aovs.extend([Aov::ShownPosition, Aov::ShownNormal, Aov::VirtualPosition]);
     let options = RenderOptions { aov: aovs.clone(), ..RenderOptions::single(run.clone(), &QUALITY) };
     let mut renderer = setup::renderer(&options, loaded, gpus, tracing.recorder.origin())?;
     let frame = renderer.frame(&loaded.shot.rig, options.time, 0);
@@ -86,7 +86,10 @@ pub fn of_shot(
         Ok(KindMap::new(&guides(|aov| image(eye, aov))?, reference, exposure_ev, yfov_deg)?)
     };
     let kinds = if by_kind { Some([map(0, &reference.left)?, map(1, &reference.right)?]) } else { None };
-    let surfaces = |eye| Ok::<_, Failure>(Surfaces::new(image(eye, Aov::Position)?, image(eye, Aov::Normal)?)?);
+    let surfaces = |eye| -> Result<Surfaces, Failure> {
+        let shown = Surfaces::new(image(eye, Aov::ShownPosition)?, image(eye, Aov::ShownNormal)?)?;
+        Ok(shown.seen_at(image(eye, Aov::VirtualPosition)?)?)
+    };
     let world_to_ndc = loaded.shot.rig.matrices(options.time, Eye::Right, run.size).world_to_ndc;
     let in_right = surfaces(0)?.in_other_eye(&surfaces(1)?, &world_to_ndc, pixel_centre)?;
     Ok((Seen { kinds, in_right }, renderer.into_devices()))

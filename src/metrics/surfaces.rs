@@ -16,6 +16,8 @@ pub struct Surfaces {
     extent: Extent,
     position: Vec<[f32; 3]>,
     normal: Vec<[f32; 3]>,
+    /// Positions at which the eye sees the surfaces, if they are seen in mirrors or behind glass.
+    virtual_position: Option<Vec<[f32; 3]>>,
 }
 
 /// Location of a pixel's surface in another image.
@@ -36,7 +38,18 @@ impl Surfaces {
     /// [`ImageError::SizeMismatch`].
     pub fn new(position: RgbImage, normal: RgbImage) -> Result<Self, ImageError> {
         check_same_size(position.extent, normal.extent)?;
-        Ok(Self { extent: position.extent, position: position.pixels, normal: normal.pixels })
+        let (extent, position, normal) = (position.extent, position.pixels, normal.pixels);
+        Ok(Self { extent, position, normal, virtual_position: None })
+    }
+
+    /// Sets the world-space positions at which the eye sees the surfaces in mirrors and behind glass: where both eyes
+    /// look for them.
+    ///
+    /// # Errors
+    /// [`ImageError::SizeMismatch`].
+    pub fn seen_at(self, virtual_position: RgbImage) -> Result<Self, ImageError> {
+        check_same_size(self.extent, virtual_position.extent)?;
+        Ok(Self { virtual_position: Some(virtual_position.pixels), ..self })
     }
 
     pub fn extent(&self) -> Extent {
@@ -106,7 +119,7 @@ impl Surfaces {
         world_to_ndc: &[[f32; 4]; 4],
         pixel_centre: [f32; 2],
     ) -> Option<[f64; 2]> {
-        let [x, y, z] = self.position[i];
+        let [x, y, z] = self.virtual_position.as_ref().unwrap_or(&self.position)[i];
         let at = |column: usize| -> f64 {
             [x, y, z, 1.0].iter().zip(world_to_ndc).map(|(c, row)| f64::from(*c) * f64::from(row[column])).sum()
         };

@@ -32,6 +32,12 @@ pub enum Aov {
     DiffuseAlbedo,
     /// Directional albedo of all microfacet lobes, linear RGB
     SpecularAlbedo,
+    /// Position of the surface that mirrors and clear glass show, world space, scene units
+    ShownPosition,
+    /// Shading normal of that surface, world space
+    ShownNormal,
+    /// Position at which the eye sees that surface, on the pixel's ray, world space, scene units
+    VirtualPosition,
 }
 
 impl Aov {
@@ -55,6 +61,9 @@ impl Aov {
             Self::BaseColor => "base_color",
             Self::DiffuseAlbedo => "diffuse_albedo",
             Self::SpecularAlbedo => "specular_albedo",
+            Self::ShownPosition => "shown_position",
+            Self::ShownNormal => "shown_normal",
+            Self::VirtualPosition => "virtual_position",
         }
     }
 
@@ -62,7 +71,12 @@ impl Aov {
     pub fn channels(self) -> &'static [&'static str] {
         match self {
             Self::Albedo | Self::BaseColor | Self::DiffuseAlbedo | Self::SpecularAlbedo => &["R", "G", "B"],
-            Self::Normal | Self::Position | Self::LastPosition => &["X", "Y", "Z"],
+            Self::Normal
+            | Self::Position
+            | Self::LastPosition
+            | Self::ShownPosition
+            | Self::ShownNormal
+            | Self::VirtualPosition => &["X", "Y", "Z"],
             Self::Motion => &["X", "Y"],
             Self::Depth => &["Z"],
             Self::Roughness | Self::Holes | Self::Spp | Self::Stripes => &["Y"],

@@ -37,6 +37,9 @@ const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
     ("STRIPES", Aov::Stripes as u32),
     ("BASE_COLOR", Aov::BaseColor as u32),
     ("DIFFUSE_ALBEDO", Aov::DiffuseAlbedo as u32),
+    ("SHOWN_POSITION", Aov::ShownPosition as u32),
+    ("SHOWN_NORMAL", Aov::ShownNormal as u32),
+    ("VIRTUAL_POSITION", Aov::VirtualPosition as u32),
 ]);
 
 /// Returns the passes of an auxiliary image.

@@ -21,6 +21,9 @@ use diptych::scene::rig::{Eye, Rig, RigKey, View};
 use diptych::scene::{Clearcoat, Material, Mesh, Scene, Volume};
 use glam::{Affine3A, DQuat, DVec2, DVec3, Vec3, dvec2, vec3};
 
+mod auxiliary;
+mod images;
+
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
 const BOUNCES: u32 = 3;
@@ -283,94 +286,6 @@ fn a_mirror_that_turns_shows_a_room_as_well_as_an_opening_would() {
     assert_as_good_as_an_opening(&[Wall::Mirror, Wall::Opening].map(turning_room), true);
 }
 
-/// What the left eye sees in a frame.
-struct Surfaces {
-    hit: Vec<[u32; 4]>,
-    guide: Vec<[u32; 4]>,
-    last: Vec<[u32; 4]>,
-    /// Where rays meet a pixel.
-    centre: DVec2,
-}
-
-impl Surfaces {
-    /// Returns where the ray of a pixel meets the image.
-    fn centre(&self, at: usize, extent: Extent) -> DVec2 {
-        let width = extent.width as usize;
-        self.centre + dvec2((at % width) as f64, (at / width) as f64)
-    }
-
-    fn is_mirrored(&self, at: usize) -> bool {
-        is_mirrored(self.hit[at], self.guide[at])
-    }
-
-    /// Returns the image point of a pixel that shows a surface in mirrors.
-    fn image(&self, at: usize, view: &View, extent: Extent) -> DVec3 {
-        let place = self.centre(at, extent);
-        let distance = f64::from(f32::from_bits(self.hit[at][1]));
-        view.origin.as_dvec3() + distance * view.ray_direction(place.x, place.y, extent)
-    }
-}
-
-/// Returns what the left eye sees in the last of some frames.
-fn surfaces(subject: &Subject, extent: Extent, times_s: &[f64]) -> Surfaces {
-    let mut settings = subject.accumulated(extent.width, extent.height);
-    settings.envelope.most.bounces = BOUNCES;
-    settings.buffers.declarations = with_outputs(&["hit", "guide", "last_surface"]);
-    let mut stage = Stage::alone(subject, &settings);
-    let reports = (0..).zip(times_s).map(|(index, time_s)| stage.frame_at(*time_s, index).report);
-    let centre = reports.last().expect("there are frames").pixel_centre.map(f64::from).into();
-    let [hit, guide, last] = ["hit", "guide", "last_surface"].map(|name| {
-        let eyes = stage.renderer().read_output(Resource::image::<[u32; 4]>(name)).unwrap();
-        bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&eyes.left)
-    });
-    Surfaces { hit, guide, last, centre }
-}
-
-fn position(bits: [u32; 4]) -> DVec3 {
-    let [x, y, z, _] = bits.map(f32::from_bits);
-    vec3(x, y, z).as_dvec3()
-}
-
-/// Word of a normal without a surface.
-const NO_NORMAL: u32 = 0x8000_8000;
-
-/// Returns whether a pixel shows a surface in mirrors, by its `hit` and `guide`.
-fn is_mirrored(hit: [u32; 4], guide: [u32; 4]) -> bool {
-    hit[3] & 0x0080_0000 != 0 && guide[3] != NO_NORMAL
-}
-
-/// Returns the image point that `last_surface` holds for a pixel that shows a surface in mirrors, from the eye.
-fn last_image(bits: [u32; 4]) -> DVec3 {
-    let steps = [bits[1] & 0x1f_ffff, (bits[1] >> 21) | ((bits[2] & 0x3ff) << 11)];
-    let [x, y] = steps.map(|v| 2.0 * f64::from(v) / 2_097_151.0 - 1.0);
-    let z = 1.0 - x.abs() - y.abs();
-    let fold = |v: f64| v - z.min(0.0).abs().copysign(v);
-    DVec3::new(fold(x), fold(y), z).normalize() * f64::from(f32::from_bits(bits[2] & 0xffff_fc00))
-}
-
-/// The image that a mirror shows was where the surface behind an opening was, also if the mirror or the surface moves.
-#[test]
-fn images_in_mirrors_were_where_surfaces_behind_an_opening_were() {
-    for room in [moving_room, turning_room] as [fn(Wall) -> Subject; 2] {
-        let times = [0.05, 0.05 + 1.0 / FPS];
-        let [mirror, opening] = [Wall::Mirror, Wall::Opening].map(room);
-        let name = &mirror.name;
-        let extent = Extent::new(160, 120);
-        let [seen, expected] = [&mirror, &opening].map(|subject| surfaces(subject, extent, &times));
-        let view = mirror.rig.view(times[1], Eye::Left);
-        let is_same = |at: &usize| {
-            let image = seen.image(*at, &view, extent);
-            let is_surface = seen.is_mirrored(*at) && expected.guide[*at][3] != NO_NORMAL;
-            is_surface && image.distance(position(expected.guide[*at])) < 0.002
-        };
-        let pixels: Vec<_> = (0..seen.hit.len()).filter(is_same).collect();
-        let image = |at: usize| view.origin.as_dvec3() + last_image(seen.last[at]);
-        let far = pixels.iter().filter(|at| image(**at).distance(position(expected.last[**at])) > 0.002).count();
-        println!("{name}: {far} of {} images are elsewhere", pixels.len());
-        assert!(pixels.len() > 2000 && far < pixels.len() / 200, "{name}: {far} of {}", pixels.len());
-    }
-}
-
 #[test]
 fn lacquer_shows_the_room_sharply() {
     let subject = room(Wall::Lacquer);
@@ -424,129 +339,6 @@ fn the_right_eye_takes_over_light_in_plane_mirrors() {
     assert!(blurred > 5 * true_holes, "{blurred}");
 }
 
-/// Returns the room with a ball in its middle.
-fn room_with_ball(name: &str, material: Material) -> Subject {
-    let mut scene = room(Wall::Opening).scene;
-    let material = add_material(&mut scene, material);
-    let ball = add_mesh(&mut scene, icosphere(4, true, material));
-    instance(&mut scene, ball, scaled_at(0.6, vec3(0.0, 1.2, -0.8)));
-    subject(name, scene)
-}
-
-/// Returns the point of a view's image at which it sees a point, in pixels.
-fn seen_at(view: &View, point: DVec3, extent: Extent) -> DVec2 {
-    let along = point - view.origin.as_dvec3();
-    let [right, up, forward] = [view.right, view.up, view.forward].map(|axis| along.dot(axis.as_dvec3()));
-    let [width, height] = [extent.width, extent.height].map(f64::from);
-    let pixels = height / 2.0 / f64::from(view.tan_half_yfov);
-    dvec2(width / 2.0 + pixels * right / forward, height / 2.0 - pixels * up / forward)
-}
-
-/// The images of surfaces in a mirror ball and in a glass ball lie where the other eye sees the surfaces. A search over
-/// all of its pixels tells where that is.
-#[test]
-fn balls_show_surfaces_where_a_search_finds_them() {
-    const EXTENT: Extent = Extent::new(160, 120);
-    let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
-    let balls = [
-        ("mirror ball", studio::metal(Vec3::ONE, 0.0), 0.2, 0.2),
-        ("glass ball", Material { volume: Some(clear), ..studio::glass(Vec3::ONE, 0.0) }, 0.064, 1.0),
-    ];
-    for (name, material, baseline_m, most) in balls {
-        let mut subject = room_with_ball(name, material);
-        subject.rig.baseline_m = baseline_m;
-        let mut settings = subject.accumulated(EXTENT.width, EXTENT.height);
-        settings.envelope.most.bounces = BOUNCES;
-        settings.buffers.declarations = with_outputs(&["hit", "guide"]);
-        let mut stage = Stage::alone(&subject, &settings);
-        stage.frame(0);
-        let mut read = |name| {
-            let eyes = stage.renderer().read_output(Resource::image::<[u32; 4]>(name)).unwrap();
-            [eyes.left, eyes.right].map(|bytes| bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&bytes))
-        };
-        let [hits, guides] = [read("hit"), read("guide")];
-        let is_mirrored = |eye: usize, at: usize| is_mirrored(hits[eye][at], guides[eye][at]);
-        let position = |eye: usize, at: usize| position(guides[eye][at]);
-        let [left, right] = [Eye::Left, Eye::Right].map(|eye| subject.rig.view(0.0, eye));
-        let width = EXTENT.width as usize;
-        let centre = |at: usize| dvec2((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
-        let mut off = Vec::new();
-        for at in (0..hits[0].len()).filter(|at| is_mirrored(0, *at)) {
-            let point = position(0, at);
-            let material = hits[0][at][3] & 0x00ff_ffff;
-            let others =
-                (0..hits[1].len()).filter(|at| is_mirrored(1, *at) && hits[1][*at][3] & 0x00ff_ffff == material);
-            let found =
-                others.min_by(|a, b| position(1, *a).distance(point).total_cmp(&position(1, *b).distance(point)));
-            let Some(found) = found.filter(|found| position(1, *found).distance(point) < 0.02) else { continue };
-            let direction = left.ray_direction(centre(at).x, centre(at).y, EXTENT);
-            let at_distance = |distance: f64| {
-                let image = left.origin.as_dvec3() + distance * direction;
-                seen_at(&right, image, EXTENT).distance(centre(found))
-            };
-            off.push([
-                at_distance(f32::from_bits(hits[0][at][1]).into()),
-                at_distance(left.origin.as_dvec3().distance(point)),
-            ]);
-        }
-        let median = |i: usize| {
-            let mut sorted: Vec<f64> = off.iter().map(|both| both[i]).collect();
-            sorted.sort_by(f64::total_cmp);
-            sorted[sorted.len() / 2]
-        };
-        let [by_image, by_surface] = [0, 1].map(median);
-        println!(
-            "{name}: {} pixels, median {by_image:.2} px off, {by_surface:.2} at the surface's own distance",
-            off.len()
-        );
-        assert!(off.len() > 200 && by_image < most && by_surface > 3.0 * by_image, "{name}: {by_image} {by_surface}");
-    }
-}
-
-/// The images of surfaces in balls that roll past were where the previous frame saw the surfaces. A search over all of its
-/// pixels tells where that is.
-#[test]
-fn balls_that_roll_showed_surfaces_where_a_search_finds_them() {
-    const EXTENT: Extent = Extent::new(320, 240);
-    let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
-    let glass = Material { volume: Some(clear), ..studio::glass(Vec3::ONE, 0.0) };
-    for (name, material, most) in [("mirror ball", studio::metal(Vec3::ONE, 0.0), 0.6), ("glass ball", glass, 1.4)] {
-        let mut draft = Draft::new(name);
-        draft.scene = room(Wall::Opening).scene;
-        let material = add_material(&mut draft.scene, material);
-        let ball = add_mesh(&mut draft.scene, icosphere(4, true, material));
-        let at = vec3(-0.2, 1.2, -0.8);
-        let node = draft.node(None, at.as_dvec3(), DVec3::splat(0.6));
-        draft.shift(node, at, at + 2.0 * Vec3::X);
-        draft.swing(node, DVec3::Z, -1.5);
-        draft.body(ball, node, None, Vec::new());
-        let mut subject = subject(name, draft.done());
-        let view = subject.rig.view(0.0, Eye::Left);
-        subject.rig = still_rig(view.origin, view.forward, view.up, view.tan_half_yfov);
-        let view = subject.rig.view(0.0, Eye::Left);
-        let times = [0.1, 0.1 + 1.0 / FPS];
-        let [was, is] = [1, 2].map(|frames| surfaces(&subject, EXTENT, &times[..frames]));
-        let mut off = Vec::new();
-        for at in (0..is.hit.len()).filter(|at| is.is_mirrored(*at)).step_by(4) {
-            let point = position(is.guide[at]);
-            let away = |at: &usize| position(was.guide[*at]).distance(point);
-            let others = (0..was.hit.len()).filter(|then| was.is_mirrored(*then));
-            let found = others.min_by(|a, b| away(a).total_cmp(&away(b)));
-            let Some(found) = found.filter(|found| away(found) < 0.02) else { continue };
-            let distance_of = |place: DVec3| seen_at(&view, place, EXTENT).distance(was.centre(found, EXTENT));
-            let rolled = view.origin.as_dvec3() + last_image(is.last[at]);
-            off.push([distance_of(rolled), distance_of(is.image(at, &view, EXTENT))]);
-        }
-        let [rolled, still] = [0, 1].map(|i| {
-            let mut sorted: Vec<f64> = off.iter().map(|both| both[i]).collect();
-            sorted.sort_by(f64::total_cmp);
-            sorted[sorted.len() / 2]
-        });
-        println!("{name}: {} pixels, median {rolled:.2} px off, {still:.2} at the place in this frame", off.len());
-        assert!(off.len() > 200 && rolled < most && still > 2.0 * rolled, "{name}: {rolled} {still}");
-    }
-}
-
 /// Returns the room with a second mirror on the far wall, a mirror ball, a pane, a glass ball and a coated ball.
 fn hall_of_mirrors() -> Subject {
     let mut scene = room(Wall::Mirror).scene;
@@ -586,24 +378,5 @@ fn frames_that_follow_mirrors_have_the_bytes_of_one_device() {
             assert_same(&what, &one.linear, &three.linear);
             assert_eq!(one.report.tallies, three.report.tallies, "{what}");
         }
-    }
-}
-
-/// Filtered frames change if mirrors are followed; auxiliary images do not.
-#[test]
-fn auxiliary_images_show_the_mirrors_themselves() {
-    let subject = hall_of_mirrors();
-    let aovs = [Aov::Albedo, Aov::Normal, Aov::Position, Aov::Depth, Aov::Roughness, Aov::Motion, Aov::SpecularAlbedo];
-    let render = |follow_mirrors: bool| {
-        let mut settings = settings(&subject, Denoiser::SVGF);
-        (settings.follow_mirrors, settings.buffers.aovs) = (follow_mirrors, aovs.to_vec());
-        let mut stage = Stage::alone(&subject, &settings);
-        let frame = stage.frame(0).linear;
-        (frame, aovs.iter().enumerate().map(|(i, _)| stage.aov(i)).collect::<Vec<Stereo<_>>>())
-    };
-    let [(followed, of_followed), (blurred, of_blurred)] = [true, false].map(render);
-    assert!(followed.left.pixels != blurred.left.pixels, "no mirror is followed");
-    for ((aov, a), b) in aovs.iter().zip(of_followed).zip(of_blurred) {
-        assert!(a.left == b.left && a.right == b.right, "{}", aov.name());
     }
 }

@@ -15,9 +15,14 @@ use crate::metrics::surfaces::Surfaces;
 /// Explanation of why rivalry is undefined.
 pub const NEEDS: &str = "needs auxiliary images of both eyes: render with --aov position,normal";
 
+/// Coordinates of vectors in auxiliary images.
+const XYZ: [&str; 3] = ["X", "Y", "Z"];
+
 /// Surfaces that an eye sees in a frame, and the metadata of their file.
 pub struct Seen {
     pub surfaces: Surfaces,
+    /// Surfaces that mirrors and glass show, if auxiliary images tell them.
+    pub shown: Option<Surfaces>,
     pub tags: Tags,
 }
 
@@ -25,15 +30,34 @@ impl Seen {
     /// Reads the auxiliary images `position` and `normal` beside the first of `images` that has them; `None` if none
     /// has.
     pub fn read(images: &[&Path]) -> Result<Option<Self>, Error> {
-        let xyz = ["X", "Y", "Z"];
         for image in images {
-            let found = (aovs::read(image, "position", xyz)?, aovs::read(image, "normal", xyz)?);
+            let found = (aovs::read(image, "position", XYZ)?, aovs::read(image, "normal", XYZ)?);
             if let (Some(position), Some(normal)) = found {
-                return Ok(Some(Self { surfaces: Surfaces::new(position.image, normal.image)?, tags: position.tags }));
+                let surfaces = Surfaces::new(position.image, normal.image)?;
+                return Ok(Some(Self { surfaces, shown: shown(images)?, tags: position.tags }));
             }
         }
         Ok(None)
     }
+}
+
+/// Returns the surfaces that both eyes may share: those that mirrors and glass show, if auxiliary images of both eyes tell
+/// them, and otherwise the eyes' `own`.
+pub fn shared<'a>(own: Stereo<&'a Surfaces>, shown: Stereo<Option<&'a Surfaces>>) -> Stereo<&'a Surfaces> {
+    shown.left.zip(shown.right).map_or(own, |(left, right)| Stereo { left, right })
+}
+
+/// Reads the auxiliary images `shown_position`, `shown_normal` and `virtual_position` beside the first of `images` that
+/// has them; `None` if none has.
+pub fn shown(images: &[&Path]) -> Result<Option<Surfaces>, Error> {
+    for image in images {
+        let read = |name| aovs::read(image, name, XYZ);
+        let found = (read("shown_position")?, read("shown_normal")?, read("virtual_position")?);
+        if let (Some(position), Some(normal), Some(seen_at)) = found {
+            return Ok(Some(Surfaces::new(position.image, normal.image)?.seen_at(seen_at.image)?));
+        }
+    }
+    Ok(None)
 }
 
 /// Subtracts the right eye's errors from the left eye's; `None` if `right_tags`, the metadata of the right eye's

@@ -100,7 +100,8 @@ impl<'a> Sequence<'a> {
             let [left, right] = eyes.each_ref().map(|eye| eye.before.as_ref());
             let Some((left, right)) = left.zip(right) else { continue };
             let pairs = Stereo { left: &left.pair, right: &right.pair };
-            let surfaces = Stereo { left: left.surfaces.surfaces(), right: right.surfaces.surfaces() };
+            let own = Stereo { left: left.surfaces.surfaces(), right: right.surfaces.surfaces() };
+            let surfaces = rivalry::shared(own, Stereo { left: left.shown.as_ref(), right: right.shown.as_ref() });
             let differences = rivalry::differences(&pairs, &surfaces, &right.tags)?;
             if let Some(((now, before), history)) = differences.as_ref().zip(before.as_ref()).zip(history) {
                 flickers.extend(now.flicker(before, &history));
@@ -133,7 +134,8 @@ impl<'a> Sequence<'a> {
         if let Some(last_position) = aovs::read(&path, "last_position", ["X", "Y", "Z"])? {
             surfaces = surfaces.with_last_position(last_position.image)?;
         }
-        Ok(EyeFrame { pair, surfaces, tags: position.tags, warnings: differences(&reference.tags, &image.tags) })
+        let warnings = differences(&reference.tags, &image.tags);
+        Ok(EyeFrame { pair, surfaces, shown: rivalry::shown(&[&path])?, tags: position.tags, warnings })
     }
 }
 
@@ -141,6 +143,8 @@ impl<'a> Sequence<'a> {
 struct EyeFrame {
     pair: Pair,
     surfaces: MovingSurfaces,
+    /// Surfaces that mirrors and glass show, if auxiliary images tell them.
+    shown: Option<Surfaces>,
     /// Metadata of the auxiliary images.
     tags: Tags,
     warnings: Vec<String>,
