@@ -102,9 +102,10 @@ pub struct RunOptions {
     /// End paths in a cache of the light of earlier frames (biased)
     ///
     /// Needs a denoiser that keeps a history, and a scene in which only the camera moves. References never use it. Frames
-    /// are faster, the more so with more samples and bounces.
-    #[arg(hide_short_help = true, long, default_value = "off", help_heading = QUALITY)]
-    pub cache: Switch,
+    /// are faster, the more so with more samples and bounces. Objects on the studio's ground gain nothing, since most of
+    /// their light comes directly. [default: on, but off for these]
+    #[arg(hide_short_help = true, long, help_heading = QUALITY)]
+    pub cache: Option<Switch>,
     /// Upper bound of indirect radiance (biased)
     #[arg(hide_short_help = true, long, value_name = "V", help_heading = QUALITY)]
     pub clamp: Option<f32>,

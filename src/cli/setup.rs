@@ -228,7 +228,7 @@ pub fn config(options: &RenderOptions, loaded: &LoadedScene, envelope: &Envelope
         filter_once: options.filter_once == Switch::On,
         regularize: options.regularize == Switch::On,
         filter_textures: options.filter_textures == Switch::On,
-        cache: options.cache == Switch::On,
+        cache: options.cache.map_or(config.cache, |switch| switch == Switch::On),
         unsampled_fraction: foveated.unsampled_fraction.unwrap_or(config.unsampled_fraction),
         gaze: foveated.gaze(&loaded.gaze),
         seed: options.seed,

@@ -6,15 +6,19 @@ use crate::passes::{Display, FrameSpec, Views};
 use crate::quality::Envelope;
 use crate::scene::Scene;
 use crate::scene::needs::SceneNeeds;
+use crate::scene::studio;
 use crate::stages::{RunConfig, SceneTables};
 
 impl RunConfig {
-    /// Returns the defaults of `diptych render`: one sample per pixel, six bounces, a reprojected right eye, and SVGF.
+    /// Returns the defaults of `diptych render`: one sample per pixel, six bounces, a reprojected right eye, SVGF, and a
+    /// radiance cache except for objects in the studio.
     /// `tables` are those of `scene`.
     pub fn of_scene(extent: Extent, scene: &Scene, tables: &SceneTables) -> Self {
         let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(scene) };
         let mut config = Self::new(extent, needs);
         config.buffers.moving = tables.moving();
+        // Most light comes directly, so that the cache costs more time than it saves.
+        config.cache = !studio::has_ground(scene);
         config
     }
 

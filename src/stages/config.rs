@@ -138,7 +138,7 @@ impl RunConfig {
             filter_once: true,
             regularize: true,
             filter_textures: true,
-            cache: false,
+            cache: true,
             unsampled_fraction: Foveation::UNSAMPLED_FRACTION,
             gaze: Default::default(),
             seed: 0,
@@ -238,10 +238,11 @@ impl RunConfig {
         self.denoiser().is_some_and(Denoiser::keeps_history)
     }
 
-    /// Returns true if paths end in a radiance cache: if it is enabled, frames keep a history, and nothing in the scene
-    /// changes.
+    /// Returns true if paths end in a radiance cache: if it is enabled, frames keep a history, nothing in the scene
+    /// changes, and paths reach a second surface that reflects light.
     pub fn caches(&self) -> bool {
-        self.cache && self.keeps_history() && self.buffers.moving.is_none()
+        let is_reflected_again = self.envelope.most.bounces > 1;
+        self.cache && is_reflected_again && self.keeps_history() && self.buffers.moving.is_none()
     }
 
     /// Returns true if the denoiser needs variances. It then filters specular and diffuse radiance separately.
