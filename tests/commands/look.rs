@@ -150,3 +150,18 @@ fn an_unknown_variant_is_refused_with_those_there_are() {
     let (status, said) = run_in(case.folder.path(), &["block.glb", "--variant", "night"]);
     assert!(status == Some(2) && said.contains("no variant named 'night'"), "{said}");
 }
+
+/// Most light arrives at the object directly, so that ending paths in a cache would save nothing.
+#[test]
+fn an_object_on_the_ground_has_a_radiance_cache_only_if_asked() {
+    let case = Case::new();
+    let caches = |options: &[&str]| {
+        let (folder, _) = case.render("out", &[&["--warm-up", "0"], options].concat());
+        let run = std::fs::read_to_string(folder.join("run.json")).unwrap();
+        run.contains("\"radiance_cache\"")
+    };
+    assert!(!caches(&[]), "by default");
+    assert!(caches(&["--cache", "on"]), "--cache on");
+    assert!(caches(&["--environment", "white"]), "without the ground");
+    assert!(!caches(&["--environment", "white", "--cache", "off"]), "--cache off");
+}

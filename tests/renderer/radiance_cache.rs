@@ -91,6 +91,9 @@ fn only_frames_with_a_history_of_scenes_that_do_not_change_are_cached() {
     assert!(!cached(still.denoised(WIDTH, HEIGHT)), "à-trous keeps no history");
     assert!(!cached(still.settings(WIDTH, HEIGHT)), "nothing is denoised");
     assert!(!cached(moving.accumulated(WIDTH, HEIGHT)), "something moves");
+    let mut once = still.accumulated(WIDTH, HEIGHT);
+    once.envelope.most.bounces = 1;
+    assert!(!cached(once), "no path reflects light twice");
 }
 
 fn mean(image: &RgbImage) -> f64 {
