@@ -1,5 +1,5 @@
 // Renders one auxiliary image per dispatch, from the hit at the pixel's centre. If the G-buffer follows mirrors, the
-// centre's ray is traced again, since auxiliary images show the mirrors themselves.
+// centre's ray is traced again, since most auxiliary images show the mirrors themselves.
 
 //!include frame grid projection rng scene light_tree environment lights trace traverse hits reflectance parameters surface facets bsdf path motion last_surface mirror_motion mirror split pack mirrored samples bindings
 
@@ -39,7 +39,7 @@ fn seen_at(p: vec3<f32>, centre: vec2<f32>) -> vec2<f32> {
 }
 
 // The surface that the pixel shows in mirrors and behind clear glass, whether the denoiser follows these or not. It is 0
-// for the sky and for lights.
+// if the pixel shows the sky or a light, unless glass before it reflects: then it is the glass.
 fn shown_value(kind: u32, pixel: vec2<u32>) -> vec3<f32> {
     let origin = frame.camera.views[pass_.view].origin;
     let ahead = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);

@@ -62,6 +62,9 @@ for count in 1 2 3; do
         run "seam-filter-d$count" $atrium --seam filter --frames 2 --warm-up 0
         run "seam-filter-atrous-d$count" $atrium --seam filter --denoiser atrous
         run "aov-d$count" $atrium --aov albedo,normal,position,depth,motion,roughness,holes,spp,base_color,diffuse_albedo,specular_albedo --frames 2 --warm-up 0
+        run "shown-d$count" builtin:gallery $divided --aov shown_position,shown_normal,virtual_position
+        run "cached-d$count" builtin:cornell $divided --frames 24 --fps 72 --warm-up 0
+        run "uncached-d$count" builtin:cornell $divided --cache off --frames 2 --warm-up 0
         run "forest-d$count" builtin:forest $divided --frames 2 --warm-up 0
         run "towers-d$count" builtin:towers $divided --frames 2 --warm-up 0
         run "checker-d$count" builtin:checker $divided --frames 2 --warm-up 0

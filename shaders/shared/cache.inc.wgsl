@@ -57,7 +57,7 @@ fn cell_width(p: vec3<f32>) -> f32 {
     return bitcast<f32>(bitcast<u32>(most) & 0x7f800000u);
 }
 
-// Key of the cell of a point in a cube of this width.
+// Key of the cell of a point in a cube of this width. Light of another number of reflections has cells of its own.
 fn cell_key(p: vec3<f32>, n: vec3<f32>, width: f32) -> u32 {
     let size = abs(n);
     let is_x = size.x >= size.y && size.x >= size.z;
@@ -66,7 +66,8 @@ fn cell_key(p: vec3<f32>, n: vec3<f32>, width: f32) -> u32 {
     let cube = bitcast<vec3<u32>>(vec3<i32>(floor(p / width)));
     let level = bitcast<u32>(width) >> 23u;
     let place = hash_combine(hash_combine(cube.x, cube.y), cube.z);
-    return max(hash_combine(place, level * 6u + axis + side), 1u);
+    let kind = (frame.sampling.reflections << 11u) | (level * 6u + axis + side);
+    return max(hash_combine(place, kind), 1u);
 }
 
 // Packs light as RGB9E5: 9 bits per channel and a shared exponent. Brighter light than that of half floats is clamped.

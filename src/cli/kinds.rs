@@ -18,11 +18,12 @@ use crate::exec::Stereo;
 pub const AOVS: [Aov; 6] =
     [Aov::Depth, Aov::Normal, Aov::BaseColor, Aov::DiffuseAlbedo, Aov::SpecularAlbedo, Aov::Roughness];
 
-/// Quality at which auxiliary images are rendered: the cheapest, since they do not depend on light.
+/// Quality at which auxiliary images are rendered: the cheapest, since they do not depend on light, with all the mirrors
+/// and panes that a chain may have.
 const QUALITY: Quality = Quality {
     spp: 1,
     extra: 0.0,
-    bounces: 0,
+    bounces: 8,
     denoiser: None,
     iterations: [0; 3],
     fovea: None,

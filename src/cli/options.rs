@@ -101,9 +101,9 @@ pub struct RunOptions {
     pub filter_textures: Switch,
     /// End paths in a cache of the light of earlier frames (biased)
     ///
-    /// Needs a denoiser that keeps a history, and a scene in which only the camera moves. References never use it. Frames
-    /// are faster, the more so with more samples and bounces. Objects on the studio's ground gain nothing, since most of
-    /// their light comes directly. [default: on, but off for these]
+    /// Needs a denoiser that keeps a history, two bounces or more, and a scene in which only the camera moves. References
+    /// never use it. It saves more time with more samples and bounces, and none around an object in the studio, whose
+    /// light comes directly. [default: on; off for objects on the studio's ground]
     #[arg(hide_short_help = true, long, help_heading = QUALITY)]
     pub cache: Option<Switch>,
     /// Upper bound of indirect radiance (biased)

@@ -36,7 +36,7 @@ pub enum Aov {
     ShownPosition,
     /// Shading normal of that surface, world space
     ShownNormal,
-    /// Position at which the eye sees that surface, on the pixel's ray, world space, scene units
+    /// Position of its image, on the pixel's ray, world space, scene units; approximate in curved mirrors and lenses
     VirtualPosition,
 }
 

@@ -102,7 +102,8 @@ pub struct RunConfig {
     pub regularize: bool,
     /// True if denoised frames of one sample per pixel average base colour textures over each pixel.
     pub filter_textures: bool,
-    /// True if paths may end in a radiance cache, see [`Self::caches`].
+    /// True if paths may end in a radiance cache, see [`Self::caches`]. [`Self::of_scene`] disables it for objects in the
+    /// studio.
     pub cache: bool,
     /// Fraction of the outer foveal layer's pixels that is not sampled, see [`Foveation::unsampled_fraction`].
     pub unsampled_fraction: f64,
@@ -239,7 +240,7 @@ impl RunConfig {
     }
 
     /// Returns true if paths end in a radiance cache: if it is enabled, frames keep a history, nothing in the scene
-    /// changes, and paths reach a second surface that reflects light.
+    /// changes, and paths of some frames reach a second surface that reflects light.
     pub fn caches(&self) -> bool {
         let is_reflected_again = self.envelope.most.bounces > 1;
         self.cache && is_reflected_again && self.keeps_history() && self.buffers.moving.is_none()

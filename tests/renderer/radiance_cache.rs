@@ -96,6 +96,23 @@ fn only_frames_with_a_history_of_scenes_that_do_not_change_are_cached() {
     assert!(!cached(once), "no path reflects light twice");
 }
 
+/// Cells that frames of two bounces have filled lack the light of further bounces.
+#[test]
+fn frames_of_more_bounces_do_not_read_cells_of_fewer() {
+    let subject = Subject::load("builtin:cornell");
+    let trace = |cache: bool| {
+        let mut stage = Stage::alone(&subject, &settings(&subject, cache));
+        stage.set(|frame| frame.quality.bounces = if frame.index < FRAMES as u32 { 2 } else { 6 });
+        (0..2 * FRAMES as u32).map(|i| rays(&stage.frame(i))).collect::<Vec<_>>()
+    };
+    let [off, on] = [false, true].map(trace);
+    let saved = |i: usize| 1.0 - on[i] as f64 / off[i] as f64;
+    let [few, changed, many] = [FRAMES - 1, FRAMES, 2 * FRAMES - 1].map(saved);
+    println!("rays saved: {few:.3} with 2 bounces, {changed:.3} in the first frame with 6, {many:.3} later");
+    assert!(few > 0.05 && many > 0.1, "{few}, {many}");
+    assert!(changed.abs() < 0.002, "the first frame of 6 bounces reads cells of 2: {changed}");
+}
+
 fn mean(image: &RgbImage) -> f64 {
     image.pixels.iter().flatten().map(|c| f64::from(*c)).sum::<f64>() / image.pixels.len() as f64
 }

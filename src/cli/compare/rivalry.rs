@@ -34,7 +34,7 @@ impl Seen {
             let found = (aovs::read(image, "position", XYZ)?, aovs::read(image, "normal", XYZ)?);
             if let (Some(position), Some(normal)) = found {
                 let surfaces = Surfaces::new(position.image, normal.image)?;
-                return Ok(Some(Self { surfaces, shown: shown(images)?, tags: position.tags }));
+                return Ok(Some(Self { surfaces, shown: shown(image)?, tags: position.tags }));
             }
         }
         Ok(None)
@@ -47,17 +47,13 @@ pub fn shared<'a>(own: Stereo<&'a Surfaces>, shown: Stereo<Option<&'a Surfaces>>
     shown.left.zip(shown.right).map_or(own, |(left, right)| Stereo { left, right })
 }
 
-/// Reads the auxiliary images `shown_position`, `shown_normal` and `virtual_position` beside the first of `images` that
-/// has them; `None` if none has.
-pub fn shown(images: &[&Path]) -> Result<Option<Surfaces>, Error> {
-    for image in images {
-        let read = |name| aovs::read(image, name, XYZ);
-        let found = (read("shown_position")?, read("shown_normal")?, read("virtual_position")?);
-        if let (Some(position), Some(normal), Some(seen_at)) = found {
-            return Ok(Some(Surfaces::new(position.image, normal.image)?.seen_at(seen_at.image)?));
-        }
-    }
-    Ok(None)
+/// Reads the auxiliary images `shown_position`, `shown_normal` and `virtual_position` beside an image; `None` if one is
+/// missing.
+pub fn shown(image: &Path) -> Result<Option<Surfaces>, Error> {
+    let read = |name| aovs::read(image, name, XYZ);
+    let found = (read("shown_position")?, read("shown_normal")?, read("virtual_position")?);
+    let (Some(position), Some(normal), Some(seen_at)) = found else { return Ok(None) };
+    Ok(Some(Surfaces::new(position.image, normal.image)?.seen_at(seen_at.image)?))
 }
 
 /// Subtracts the right eye's errors from the left eye's; `None` if `right_tags`, the metadata of the right eye's
@@ -72,7 +68,7 @@ pub fn differences(
     };
     let centre = right_tags.pixel_centre.unwrap_or([0.5; 2]);
     let in_right = surfaces.left.in_other_eye(surfaces.right, &world_to_ndc, centre)?;
-    let differ = || "the auxiliary images position and normal differ from the images in size";
+    let differ = || "the auxiliary images differ from the images in size";
     Ok(Some(Differences::new(pairs.left, pairs.right, &in_right).with_context(differ)?))
 }
 

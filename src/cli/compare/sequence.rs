@@ -135,7 +135,7 @@ impl<'a> Sequence<'a> {
             surfaces = surfaces.with_last_position(last_position.image)?;
         }
         let warnings = differences(&reference.tags, &image.tags);
-        Ok(EyeFrame { pair, surfaces, shown: rivalry::shown(&[&path])?, tags: position.tags, warnings })
+        Ok(EyeFrame { pair, surfaces, shown: rivalry::shown(&path)?, tags: position.tags, warnings })
     }
 }
 
