@@ -69,8 +69,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     var sum = 0.0;
-    var matte = vec3<f32>(0.0);
-    var gloss = vec3<f32>(0.0);
+    var matte = MeanLight();
+    var gloss = MeanLight();
     var variance = vec2<f32>(0.0);
     var told = TELLS_VARIANCE;
     var why = OUTSIDE;
@@ -87,8 +87,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         } else if tap.weight > 0.0 {
             let bits = left_radiance[tap.at];
             let light = unpack_sampled(bits);
-            matte += light.matte * tap.weight;
-            gloss += light.gloss * tap.weight;
+            matte = with_light(matte, light.matte, tap.weight);
+            gloss = with_light(gloss, light.gloss, tap.weight);
             variance += light.a * tap.weight;
             sum += tap.weight;
             told &= bits.w;
@@ -106,8 +106,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     if told != 0u {
-        radiance_image[at] = pack_sampled_with(matte / sum, gloss / sum, variance / sum);
+        radiance_image[at] = pack_sampled_with(mean_light(matte, 0.0), mean_light(gloss, 0.0), variance / sum);
         return;
     }
-    radiance_image[at] = pack_sampled(matte / sum, gloss / sum);
+    radiance_image[at] = pack_sampled(mean_light(matte, 0.0), mean_light(gloss, 0.0));
 }

@@ -1,6 +1,7 @@
 // Light that the right eye takes over after the left eye's filter: each reprojected pixel gathers the filtered light of its
 // surface (see `reprojection.inc.wgsl`), so that both eyes see the same blur and the same remaining noise. Such pixels
-// are FINISHED: the right eye's own filter leaves them alone and uses them for the pixels around them, the holes.
+// are FINISHED: the right eye's own filter leaves them alone and uses them for the pixels around them, the holes. Pixels
+// that reflect what the surfaces in the left eye do not, for example beside a black texel, are left to the filter.
 
 //!include frame grid projection split rng pack mirrored foveation variance reprojection bindings
 
@@ -28,19 +29,20 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     var sum = 0.0;
-    var matte = vec3<f32>(0.0);
-    var gloss = vec3<f32>(0.0);
+    var matte = MeanLight();
+    var gloss = MeanLight();
     for (var i = 0; i < taps(); i += 1) {
         let tap = tap_around(seen.xy, pixel.y, i);
         if tap.weight > 0.0 && surface_differs(tap, wanted) == 0u {
             let light = unpack_light(left_light[tap.at]);
             let w = select(0.0, tap.weight, light.a.x != MISSING);
-            matte += light.matte * w;
-            gloss += light.gloss * w;
+            matte = with_light(matte, light.matte, w);
+            gloss = with_light(gloss, light.gloss, w);
             sum += w;
         }
     }
-    if sum >= 1e-4 {
-        filtered[at] = pack_light(SplitLight(matte / sum, gloss / sum, vec2<f32>(FINISHED)));
+    let found = SplitLight(mean_light(matte, 0.0), mean_light(gloss, 0.0), vec2<f32>(FINISHED));
+    if sum >= 1e-4 && !lacks_light(found, unpack_albedo(albedo_image[at])) {
+        filtered[at] = pack_light(found);
     }
 }

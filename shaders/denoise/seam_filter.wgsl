@@ -23,25 +23,21 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.01);
-    let colour = comparable(centre.matte + centre.gloss);
+    let colour = comparable(unmarked(centre.matte) + unmarked(centre.gloss));
     let inverse_sigma2 = bitcast<f32>(pass_.args[1]);
-    var sum = vec3<f32>(0.0);
-    var gloss_sum = vec3<f32>(0.0);
-    var weight = 0.0;
+    var matte = MeanLight();
+    var gloss = MeanLight();
     for (var dy = -REACH; dy <= REACH; dy += 1) {
         for (var dx = -REACH; dx <= REACH; dx += 1) {
             let there = beside(pixel, vec2<i32>(dx, dy));
             let tap = pixel_index(vec2<u32>(there.pixel));
             let value = unpack_light(source[tap]);
             let near = exp(-f32(dx * dx + dy * dy) / 8.0);
-            let w = near * edge_weight(guide, colour, guide_image[tap], value.matte + value.gloss, inverse_sigma2);
+            let w = near * edge_weight(guide, colour, guide_image[tap], unmarked(value.matte) + unmarked(value.gloss), inverse_sigma2);
             let k = select(0.0, w, there.is_there);
-            sum += value.matte * k;
-            gloss_sum += value.gloss * k;
-            weight += k;
+            matte = with_light(matte, value.matte, k);
+            gloss = with_light(gloss, value.gloss, k);
         }
     }
-    let matte = select(centre.matte, sum / max(weight, 1e-30), weight > 1e-30);
-    let gloss = select(centre.gloss, gloss_sum / max(weight, 1e-30), weight > 1e-30);
-    filtered[at] = pack_light(SplitLight(matte, gloss, centre.a));
+    filtered[at] = pack_light(SplitLight(mean_light(matte, 0.0), mean_light(gloss, 0.0), centre.a));
 }

@@ -4,6 +4,30 @@
 
 override HAS_GLOSS: bool = true;
 
+// Whether light of channels that a surface does not reflect is ABSENT. Filters then give these channels no weight: as
+// black light, they would darken the light of the surfaces around them. Otherwise it is 0.
+override MARKS_ABSENT: bool = false;
+
+// Light of a channel that the surface does not reflect, so that light over albedo is unknown. Any negative light means
+// the same.
+const ABSENT: f32 = -1.0;
+
+// Light of a surface that reflects no channel.
+fn absent_light() -> vec3<f32> {
+    if !MARKS_ABSENT {
+        return vec3<f32>(0.0);
+    }
+    return vec3<f32>(ABSENT);
+}
+
+// Which channels are absent.
+fn absent(light: vec3<f32>) -> vec3<bool> {
+    if !MARKS_ABSENT {
+        return vec3<bool>(false);
+    }
+    return light < vec3<f32>(0.0);
+}
+
 struct SplitLight {
     matte: vec3<f32>,
     gloss: vec3<f32>,
@@ -28,6 +52,11 @@ fn pack_pair(a: f32, b: f32) -> u32 {
     return pack2x16float(min(vec2<f32>(a, b), vec2<f32>(MOST_LIGHT)));
 }
 
+// Scales light for half floats. Absent light stays absent.
+fn scaled(light: vec3<f32>) -> vec3<f32> {
+    return select(light * frame.display.storage_scale, vec3<f32>(ABSENT), absent(light));
+}
+
 fn unpack_light(bits: vec4<u32>) -> SplitLight {
     if !HAS_GLOSS {
         let all = bitcast<vec4<f32>>(bits);
@@ -44,8 +73,8 @@ fn pack_light(light: SplitLight) -> vec4<u32> {
     if !HAS_GLOSS {
         return bitcast<vec4<u32>>(vec4<f32>(light.matte, light.a.x));
     }
-    let matte = light.matte * frame.display.storage_scale;
-    let gloss = light.gloss * frame.display.storage_scale;
+    let matte = scaled(light.matte);
+    let gloss = scaled(light.gloss);
     return vec4<u32>(
         pack_pair(matte.r, matte.g),
         pack_pair(matte.b, gloss.r),
@@ -115,18 +144,41 @@ fn pack_albedo(albedo: Albedo) -> vec4<u32> {
     );
 }
 
-// Demodulates light by albedo. Black surfaces reflect nothing.
+// Demodulates light by albedo. Channels that the surface does not reflect have no light.
 fn over(light: vec3<f32>, albedo: vec3<f32>) -> vec3<f32> {
     const BLACK: vec3<f32> = vec3<f32>(1e-6);
-    return select(vec3<f32>(0.0), light / max(albedo, BLACK), albedo > BLACK);
+    return select(absent_light(), light / max(albedo, BLACK), albedo > BLACK);
+}
+
+// Light without marks: absent light is black.
+fn unmarked(light: vec3<f32>) -> vec3<f32> {
+    return select(light, vec3<f32>(0.0), absent(light));
 }
 
 // Remodulates light, which is the inverse of `over`.
 fn remodulated(light: SplitLight, albedo: Albedo) -> vec3<f32> {
+    let matte = unmarked(light.matte);
     if !HAS_GLOSS {
-        return light.matte * albedo.all;
+        return matte * albedo.all;
     }
-    return light.matte * albedo.matte + light.gloss * max(albedo.all - albedo.matte, vec3<f32>(0.0));
+    return matte * albedo.matte + unmarked(light.gloss) * max(albedo.all - albedo.matte, vec3<f32>(0.0));
+}
+
+// Weighted mean of light. Absent channels have no weight.
+struct MeanLight {
+    sum: vec3<f32>,
+    weight: vec3<f32>,
+}
+
+fn with_light(mean: MeanLight, light: vec3<f32>, weight: f32) -> MeanLight {
+    // Light that is not a number counts, so that it is found later.
+    let w = select(vec3<f32>(weight), vec3<f32>(0.0), absent(light));
+    return MeanLight(mean.sum + light * w, mean.weight + w);
+}
+
+// Channels whose weight is not above `least` are absent.
+fn mean_light(mean: MeanLight, least: f32) -> vec3<f32> {
+    return select(absent_light(), mean.sum / max(mean.weight, vec3<f32>(1e-30)), mean.weight > vec3<f32>(least));
 }
 
 // Square of an invisible difference in luminance: 1e-10 of white.
@@ -134,7 +186,38 @@ fn unseen_square() -> f32 {
     return 1e-20 / (frame.display.storage_scale * frame.display.storage_scale);
 }
 
+// Blends light with its history. If a channel is absent in one of them, the other takes its place.
+fn blended(past: vec3<f32>, now: vec3<f32>, alpha: f32) -> vec3<f32> {
+    let kept = select(mix(past, now, alpha), past, absent(now));
+    return select(kept, now, absent(past));
+}
+
+// Whether a channel that the surface reflects is absent.
+fn lacks_light(light: SplitLight, albedo: Albedo) -> bool {
+    let matte = select(absent(light.matte), vec3<bool>(false), absent(over(vec3<f32>(0.0), albedo.matte)));
+    let gloss = select(absent(light.gloss), vec3<bool>(false), absent(over(vec3<f32>(0.0), albedo.all - albedo.matte)));
+    return any(matte | (gloss & vec3<bool>(HAS_GLOSS)));
+}
+
+// Whether all channels of a lobe are absent.
+fn is_absent(light: vec3<f32>) -> bool {
+    return all(absent(light));
+}
+
+// 1 for each lobe that has light, 0 for one that is absent.
+fn lobes_of(light: SplitLight) -> vec2<f32> {
+    return select(vec2<f32>(1.0), vec2<f32>(0.0), vec2<bool>(is_absent(light.matte), is_absent(light.gloss)));
+}
+
+// Luminance that a lobe would have if its absent channels were as bright as the others; 0 if all are absent.
+fn lobe_luminance(light: vec3<f32>) -> f32 {
+    let marked = absent(light);
+    let known = luminance(select(vec3<f32>(1.0), vec3<f32>(0.0), marked));
+    let sum = luminance(unmarked(light));
+    return select(sum, sum / max(known, 1e-3), any(marked));
+}
+
 // Luminances, clamped so that squares and sums of squares stay finite.
 fn luminances(light: SplitLight) -> vec2<f32> {
-    return min(vec2<f32>(luminance(light.matte), luminance(light.gloss)), vec2<f32>(1e18));
+    return min(vec2<f32>(lobe_luminance(light.matte), lobe_luminance(light.gloss)), vec2<f32>(1e18));
 }

@@ -2,7 +2,7 @@
 
 use super::FrameSpec;
 use super::denoise::{self, Light};
-use super::gbuffer::{GUIDE, HIT, TALLY};
+use super::gbuffer::{ALBEDO, GUIDE, HIT, TALLY};
 use super::resources::{HOLES, RADIANCE};
 use super::tally::HoleReason;
 use crate::graph::{Image, Kernel, Partition, Pass, Stage, Use};
@@ -49,6 +49,7 @@ pub fn filtered(spec: &FrameSpec, left_light: Image, light: &mut Light) -> Pass 
         left(left_light).named("left_light"),
         Use::read(HIT),
         Use::read(GUIDE),
+        Use::read(ALBEDO),
         Use::read(TALLY),
         Use::read(source).named("source"),
         Use::write(target).named("filtered"),

@@ -1,7 +1,5 @@
 //! Multiplies light by albedo (remodulation) and encodes it for display.
 
-use glam::Vec4;
-
 use super::gbuffer::{ALBEDO, EMISSION, TALLY};
 use super::resources::{POLAR, POLAR_DISPLAY, RECTIFIED, RECTIFIED_DISPLAY};
 use super::{Display, FrameSpec};
@@ -27,8 +25,8 @@ pub fn pass(spec: &FrameSpec, view: Eye, light: Image) -> Pass {
     let [linear, display] = finished(spec);
     Pass::new(Stage("tonemap"), view, PARTITION, Kernel::new("tonemap")).uses([
         // In a scene without surfaces there is only emitted light.
-        Use::read(light).if_written().named("radiance").viewed_as::<Vec4>(),
-        Use::read(ALBEDO).viewed_as::<Vec4>(),
+        Use::read(light).if_written().named("radiance"),
+        Use::read(ALBEDO),
         Use::read(EMISSION),
         Use::write(linear).named("linear"),
         Use::write(display).named("display"),

@@ -13,8 +13,7 @@ pub struct SceneNeeds {
     pub normal_maps: bool,
     /// Microfacet reflection: metal, or a dielectric whose surface reflects.
     pub specular: bool,
-    /// A specular lobe distinct from the diffuse one, which SVGF filters separately. Unlike all other flags, this one
-    /// changes the picture.
+    /// A specular lobe, which denoisers filter apart from the diffuse one. This flag changes the picture.
     pub gloss: bool,
     /// Surfaces that light passes, scattered or not.
     pub transmission: bool,
@@ -58,16 +57,11 @@ pub struct SceneNeeds {
     pub instances: bool,
 }
 
-/// Roughness above which the specular lobe is not filtered separately. Separate filtering reduces FLIP by 21 % on
-/// surfaces of roughness 0.2 to 0.35 and by 6 % on those of 0.6; a limit of 1 gains nothing or loses 1 %.
-const GLOSS_ROUGHNESS: f32 = 0.7;
-
-/// Returns true if the material may have a distinct specular lobe. A roughness texture counts as smooth, since it can
-/// only lower the roughness.
+/// Returns true if the material may have a specular lobe. Rough lobes count too: of a black and a white surface of rough
+/// plastic, one reflects specular light alone, and a filter of both kinds as one would blend it with the other's diffuse
+/// light.
 fn has_gloss(m: &Material) -> bool {
-    let is_smooth = m.roughness < GLOSS_ROUGHNESS || m.metallic_roughness_texture.is_some();
-    let reflects = m.metallic > 0.0 || m.specular > 0.0 || m.transmission > 0.0;
-    !m.unlit && (m.clearcoat.factor > 0.0 || (is_smooth && reflects))
+    !m.unlit && (m.clearcoat.factor > 0.0 || m.metallic > 0.0 || m.specular > 0.0 || m.transmission > 0.0)
 }
 
 /// Roughness below which a lobe is narrow, as in `is_view_dependent` of `surface.inc.wgsl`.

@@ -246,7 +246,12 @@ impl RunConfig {
         self.cache && is_reflected_again && self.keeps_history() && self.buffers.moving.is_none()
     }
 
-    /// Returns true if the denoiser needs variances. It then filters specular and diffuse radiance separately.
+    /// Returns true if the denoiser filters specular and diffuse radiance separately, and knows absent light.
+    fn filters_lobes(&self) -> bool {
+        self.denoiser().is_some_and(|denoiser| denoiser.method().filters_lobes())
+    }
+
+    /// Returns true if the denoiser needs variances.
     fn is_guided_by_variance(&self) -> bool {
         self.denoiser().is_some_and(|denoiser| denoiser.method().needs_variance())
     }
@@ -261,7 +266,8 @@ impl RunConfig {
     pub(super) fn constants(&self, jitter: bool) -> Vec<(&'static str, bool)> {
         let mut constants = Vec::from(self.buffers.needs.constants());
         constants.push(("SOBOL", self.sampler == Sampler::Sobol));
-        constants.push(("HAS_GLOSS", self.buffers.needs.gloss && self.is_guided_by_variance()));
+        constants.push(("HAS_GLOSS", self.buffers.needs.gloss && self.filters_lobes()));
+        constants.push(("MARKS_ABSENT", self.filters_lobes()));
         let is_denoised = self.denoiser().is_some();
         constants.push(("HAS_HARD_LIGHTS", self.hard_shadows && self.buffers.needs.hard_lights && is_denoised));
         constants.push(("HAS_MIRRORS", self.follow_mirrors && self.buffers.needs.mirrors && is_denoised));

@@ -3,13 +3,15 @@
 // - The position weight measures the distance from the plane through the centre pixel's surface, relative to that
 //   surface's distance from the eye. It depends neither on the scene's scale nor on how obliquely a surface is seen.
 // - Radiance is compared after compression by c / (1 + luminance).
-// If a sampling mask leaves pixels to the filter, the alpha of `source` is Peres's binary mask (equation 4.2): 1 once
-// any sample has contributed to the pixel. With foveation, a layer with K iterations takes part in the last K.
+// - Specular and diffuse radiance are filtered side by side if the scene has gloss. Channels that a surface does not
+//   reflect have no weight.
+// If a sampling mask leaves pixels to the filter, the last word of `source` is Peres's binary mask (equation 4.2):
+// SAMPLED once any sample has contributed to the pixel, else 0. With foveation, a layer with K iterations takes part in the last K.
 // Departures:
 // - Pixels that were not sampled stay empty until enough of their surface is within reach.
 // - Pixels that are still empty in the last iteration take the mean of any surfaces within reach.
 
-//!include frame grid projection rng pack edges foveation bindings
+//!include frame grid projection split rng pack edges foveation bindings
 
 // Threshold for filling an empty pixel: the sum of its taps' weights must exceed this value times the sampling
 // probability. Below it, the pixel waits for the closer taps of a later iteration, since it would pass on the light of
@@ -25,19 +27,20 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
-    let centre = source[at];
     let bits = guide_image[at];
     if bits.w == NO_NORMAL {
-        filtered[at] = centre;
+        filtered[at] = source[at];
         return;
     }
+    let centre = unpack_light(source[at]);
+    let has_light = source[at].w != 0u;
     let step = i32(pass_.args[0]);
     var inverse_sigma2 = bitcast<f32>(pass_.args[1]);
     let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.02);
-    let colour = comparable(centre.rgb);
+    let colour = comparable(unmarked(centre.matte));
+    let gloss_colour = comparable(unmarked(centre.gloss));
     var kernel = array<f32, 5>(0.0625, 0.25, 0.375, 0.25, 0.0625);
     // A centre that is sampled always counts, so the sum of weights cannot vanish.
-    var sum = centre.rgb * (0.375 * 0.375);
     var weight = 0.375 * 0.375;
     var last_dy = 2;
     var least = 0.0;
@@ -49,31 +52,48 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             last_dy = select(-3, 2, left <= own);
         }
         // An empty pixel has no radiance to compare with.
-        inverse_sigma2 = select(0.0, inverse_sigma2, centre.a > 0.0 && own - left >= pass_.args[2]);
-        weight *= centre.a;
-        least = select(0.0, LAST_RESORT, centre.a == 0.0 && step == 1);
+        inverse_sigma2 = select(0.0, inverse_sigma2, has_light && own - left >= pass_.args[2]);
+        weight = select(0.0, weight, has_light);
+        least = select(LAST_RESORT, 0.0, has_light || step != 1);
     }
+    // Nor has a lobe without light.
+    let inverse_sigmas2 = inverse_sigma2 * lobes_of(centre);
+    var matte = MeanLight();
+    var gloss = MeanLight();
+    matte = with_light(matte, centre.matte, weight);
+    gloss = with_light(gloss, centre.gloss, weight);
     for (var dy = -2; dy <= last_dy; dy += 1) {
         for (var dx = -2; dx <= 2; dx += 1) {
             let there = beside(pixel, vec2<i32>(dx, dy) * step);
             let tap = pixel_index(vec2<u32>(there.pixel));
-            let value = source[tap];
-            let counts = there.is_there && (dx != 0 || dy != 0);
+            let value = unpack_light(source[tap]);
             let tap_bits = guide_image[tap];
-            var w = edge_weight(guide, colour, tap_bits, value.rgb, inverse_sigma2);
+            var counts = there.is_there && (dx != 0 || dy != 0);
             if SPARSE {
-                w = select(max(w, least), 0.0, value.a == 0.0 || tap_bits.w == NO_NORMAL);
+                counts = counts && source[tap].w != 0u && tap_bits.w != NO_NORMAL;
             }
-            let k = select(0.0, kernel[dx + 2] * kernel[dy + 2] * w, counts);
-            sum += value.rgb * k;
-            weight += k;
+            let k = select(0.0, kernel[dx + 2] * kernel[dy + 2], counts);
+            let w = k * max(edge_weight(guide, colour, tap_bits, unmarked(value.matte), inverse_sigmas2.x), least);
+            matte = with_light(matte, value.matte, w);
+            weight += w;
+            if HAS_GLOSS {
+                let w = k * max(edge_weight(guide, gloss_colour, tap_bits, unmarked(value.gloss), inverse_sigmas2.y), least);
+                gloss = with_light(gloss, value.gloss, w);
+            }
         }
     }
-    if SPARSE {
-        let enough = select(ENOUGH * sampling_probability(pixel, pass_.view), 0.0, centre.a > 0.0 || step == 1);
-        let filled = select(vec4<f32>(0.0), vec4<f32>(sum / max(weight, 1e-30), 1.0), weight > enough);
-        filtered[at] = select(filled, centre, last_dy < 0);
+    if SPARSE && last_dy < 0 {
+        filtered[at] = source[at];
         return;
     }
-    filtered[at] = vec4<f32>(sum / weight, centre.a);
+    var mark = source[at].w;
+    if SPARSE {
+        let enough = select(ENOUGH * sampling_probability(pixel, pass_.view), 0.0, has_light || step == 1);
+        mark = select(0u, SAMPLED, weight > enough);
+        if mark == 0u {
+            filtered[at] = vec4<u32>(0u);
+            return;
+        }
+    }
+    filtered[at] = vec4<u32>(pack_light(SplitLight(mean_light(matte, 0.0), mean_light(gloss, 0.0), vec2<f32>(0.0))).xyz, mark);
 }

@@ -11,12 +11,13 @@
 // - Pixels without a surface or without light, and those beyond the image's border, do not take part in the fit. Every
 //   pixel with a surface gets the fitted light.
 // - Fitted light is clamped to the brightest light of the block.
+// - Specular and diffuse radiance are fitted one after the other if the scene has gloss. Pixels take part in the fit of the
+//   channels that their surfaces reflect. If these differ, each channel is fitted alone.
 
-//!include frame grid projection pack rng bindings
+//!include frame grid projection split pack rng bindings
 
 // Variables:
-// - `source`: demodulated illumination as floats. The upper 8 bits of the last word hold the number of accumulated
-//   frames.
+// - `source`: demodulated illumination. The upper 8 bits of the last word hold the number of accumulated frames.
 // - `fitted`: fitted illumination; the last word is 0 if there is none.
 
 const INVOCATIONS: u32 = 256u;
@@ -49,6 +50,10 @@ var<workgroup> pivots: array<f32, ENTRIES>;
 var<workgroup> totals: array<vec2<f32>, ENTRIES>;
 var<workgroup> square_lengths: array<f32, ENTRIES>;
 var<workgroup> is_lit: u32;
+// Whether pixels lack some channels of a lobe and have others.
+var<workgroup> differs: array<u32, 2>;
+// Number of pixels in the fit of each channel.
+var<workgroup> fitted_pixels: array<f32, 3>;
 // The triangular system: for each row, its feature, and its entries from that feature's column on.
 var<workgroup> row_feature: array<u32, FEATURES>;
 var<workgroup> rows: array<f32, FEATURES * ENTRIES>;
@@ -131,6 +136,25 @@ fn column_in_block(origin: i32, displaced: u32, i: u32, row: i32) -> i32 {
     return select(-1, column, column >= 0 && column < width);
 }
 
+
+fn light_at(at: u32) -> SplitLight {
+    return unpack_light(vec4<u32>(source[at].xyz, 0u));
+}
+
+fn lobe_at(at: u32, lobe: u32) -> vec3<f32> {
+    let light = light_at(at);
+    return select(light.matte, light.gloss, lobe == 1u);
+}
+
+fn largest_of(light: vec3<f32>) -> f32 {
+    return max(light.r, max(light.g, light.b));
+}
+
+// 1 if some channels are absent and others not.
+fn mixes_channels(light: vec3<f32>) -> f32 {
+    return select(0.0, 1.0, any(absent(light)) && !is_absent(light));
+}
+
 // Bounds of a block's surfaces.
 struct Extent {
     low: vec3<f32>,
@@ -153,10 +177,11 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         return;
     }
 
-    // Bounds and brightest light of the block.
+    // Bounds of the block, and the brightest light of each lobe.
     var low = vec3<f32>(MOST_FLOAT);
     var high = vec3<f32>(-MOST_FLOAT);
-    var brightest = 0.0;
+    var brightest = vec2<f32>(0.0);
+    var mixes = vec2<f32>(0.0);
     var counts = vec4<bool>(false);
     for (var s = 0u; s < PIXELS; s += 1u) {
         let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
@@ -168,26 +193,32 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         if counts[s] {
             low = min(low, bitcast<vec3<f32>>(bits.xyz));
             high = max(high, bitcast<vec3<f32>>(bits.xyz));
-            let light = bitcast<vec3<f32>>(source[at].xyz);
-            brightest = max(brightest, max(light.r, max(light.g, light.b)));
+            let light = light_at(at);
+            brightest = max(brightest, vec2<f32>(largest_of(light.matte), largest_of(light.gloss)));
+            mixes = max(mixes, vec2<f32>(mixes_channels(light.matte), mixes_channels(light.gloss)));
         }
     }
     for (var i = 0u; i < 3u; i += 1u) {
         parts[i * INVOCATIONS + t] = -low[i];
         parts[(3u + i) * INVOCATIONS + t] = high[i];
     }
-    parts[6u * INVOCATIONS + t] = brightest;
-    parts[7u * INVOCATIONS + t] = select(0.0, 1.0, any(counts));
+    for (var i = 0u; i < 2u; i += 1u) {
+        parts[(6u + i) * INVOCATIONS + t] = brightest[i];
+        parts[(8u + i) * INVOCATIONS + t] = mixes[i];
+    }
+    parts[10u * INVOCATIONS + t] = select(0.0, 1.0, any(counts));
     find_largest(t);
     if t == 0u {
-        is_lit = u32(totals[7].x);
+        is_lit = u32(totals[10].x);
+        differs[0] = u32(totals[8].x);
+        differs[1] = u32(totals[9].x);
     }
     if t < ENTRIES {
         pivots[t] = 0.0;
     }
     low = -vec3<f32>(totals[0].x, totals[1].x, totals[2].x);
     high = vec3<f32>(totals[3].x, totals[4].x, totals[5].x);
-    brightest = totals[6].x;
+    brightest = vec2<f32>(totals[6].x, totals[7].x);
     if workgroupUniformLoad(&is_lit) == 0u {
         for (var s = 0u; s < PIXELS; s += 1u) {
             let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
@@ -200,97 +231,124 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
     }
     let is_wide = high - low > LEAST_EXTENT * max(abs(low), abs(high));
     let extent = Extent(low, select(vec3<f32>(0.0), 1.0 / max(high - low, vec3<f32>(DARK)), is_wide));
-    let per_light = select(0.0, 1.0 / max(brightest, DARK), brightest > DARK);
-
-    // Columns of the system: the features, then the colour channels. Each invocation holds four rows of every column.
-    var columns: array<vec4<f32>, ENTRIES>;
-    let amplitude = bitcast<f32>(pass_.args[0]);
-    for (var s = 0u; s < PIXELS; s += 1u) {
-        let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
-        let column = column_in_block(origin.x, displaced.x, t % BLOCK, row);
-        let at = select(0u, u32(row) * pass_.width + u32(column), counts[s]);
-        let f = features(guide_image[at], extent);
-        let light = bitcast<vec3<f32>>(source[at].xyz) * per_light;
-        for (var j = 0u; j < FEATURES; j += 1u) {
-            columns[j][s] = select(0.0, f[j], counts[s]);
-        }
-        for (var j = 0u; j < 3u; j += 1u) {
-            columns[FEATURES + j][s] = select(0.0, light[j], counts[s]);
-        }
-        if amplitude > 0.0 && counts[s] {
-            let key = hash_combine(hash_combine(frame.sampling.index, at), pass_.view);
-            for (var j = 1u; j < FEATURES; j += 1u) {
-                columns[j][s] += amplitude * (2.0 * unit_float(hash_combine(key, j)) - 1.0);
+    // Light of this invocation's pixels.
+    var fitted_light: array<array<vec3<f32>, PIXELS>, 2>;
+    var lobes = 1u;
+    if HAS_GLOSS {
+        lobes = 2u;
+    }
+    for (var lobe = 0u; lobe < lobes; lobe += 1u) {
+        let channels = select(1u, 3u, workgroupUniformLoad(&differs[lobe]) != 0u);
+        for (var channel = 0u; channel < channels; channel += 1u) {
+            // Columns of the system: the features, then the colour channels. Each invocation holds four rows of every column.
+            var columns: array<vec4<f32>, ENTRIES>;
+            let amplitude = bitcast<f32>(pass_.args[0]);
+            let per_light = select(0.0, 1.0 / max(brightest[lobe], DARK), brightest[lobe] > DARK);
+            for (var s = 0u; s < PIXELS; s += 1u) {
+                let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
+                let column = column_in_block(origin.x, displaced.x, t % BLOCK, row);
+                let at = select(0u, u32(row) * pass_.width + u32(column), counts[s]);
+                let f = features(guide_image[at], extent);
+                let light = lobe_at(at, lobe);
+                let takes_part = counts[s] && !absent(light)[channel];
+                for (var j = 0u; j < FEATURES; j += 1u) {
+                    columns[j][s] = select(0.0, f[j], takes_part);
+                }
+                for (var j = 0u; j < 3u; j += 1u) {
+                    columns[FEATURES + j][s] = select(0.0, light[j] * per_light, takes_part);
+                }
+                if amplitude > 0.0 && takes_part {
+                    let key = hash_combine(hash_combine(frame.sampling.index, at), pass_.view);
+                    for (var j = 1u; j < FEATURES; j += 1u) {
+                        columns[j][s] += amplitude * (2.0 * unit_float(hash_combine(key, j)) - 1.0);
+                    }
+                }
             }
-        }
-    }
-    for (var j = 0u; j < ENTRIES; j += 1u) {
-        parts[j * INVOCATIONS + t] = dot(columns[j], columns[j]);
-    }
-    add_up(t);
-    if t < ENTRIES {
-        square_lengths[t] = totals[t].x;
-    }
-
-    // Householder reflections. The current column is always column 0, since all columns move up after each reflection;
-    // so array indices do not depend on the reflection. The first rows, which the first invocations hold, become the
-    // rows of the triangular system.
-    var rank = 0u;
-    for (var m = 0u; m < FEATURES; m += 1u) {
-        var v = columns[0];
-        v.x = select(v.x, 0.0, t < rank);
-        for (var j = 0u; j < ENTRIES; j += 1u) {
-            parts[j * INVOCATIONS + t] = dot(v, columns[j]);
-            if t == rank {
-                pivots[j] = columns[j].x;
-            }
-        }
-        add_up(t);
-        let square = totals[0].x;
-        let pivot = totals[0].y;
-        let is_kept = square > max(INDEPENDENT * INDEPENDENT * square_lengths[m], DARK);
-        if is_kept {
-            let length = sqrt(square);
-            // The sign for which the difference from the pivot does not cancel.
-            let diagonal = select(length, -length, pivot > 0.0);
-            // Two over the squared length of the mirror's normal.
-            let scale = 1.0 / (square + abs(pivot) * length);
-            v.x = select(v.x, v.x - diagonal, t == rank);
             for (var j = 0u; j < ENTRIES; j += 1u) {
-                columns[j] -= v * (scale * (totals[j].x - diagonal * totals[j].y));
+                parts[j * INVOCATIONS + t] = dot(columns[j], columns[j]);
             }
-            if t < ENTRIES - m {
-                let off = scale * (totals[t].x - diagonal * totals[t].y);
-                rows[rank * ENTRIES + t] = select(totals[t].y - (pivot - diagonal) * off, diagonal, t == 0u);
+            add_up(t);
+            if t < ENTRIES {
+                square_lengths[t] = totals[t].x;
             }
-            if t == 0u {
-                row_feature[rank] = m;
-            }
-            rank += 1u;
-        }
-        for (var j = 0u; j + 1u < ENTRIES; j += 1u) {
-            columns[j] = columns[j + 1u];
-        }
-        columns[ENTRIES - 1u] = vec4<f32>(0.0);
-    }
-    workgroupBarrier();
 
-    // Back-substitution, with one channel in each of three invocations. Dropped features have weight 0.
-    if t < 3u {
-        for (var m = 0u; m < FEATURES; m += 1u) {
-            weights[m * 3u + t] = 0.0;
-        }
-        for (var i = rank; i > 0u; i -= 1u) {
-            let k = i - 1u;
-            let feature = row_feature[k];
-            var rest = rows[k * ENTRIES + FEATURES + t - feature];
-            for (var l = i; l < rank; l += 1u) {
-                rest -= rows[k * ENTRIES + row_feature[l] - feature] * weights[row_feature[l] * 3u + t];
+            // Householder reflections. The current column is always column 0, since all columns move up after each reflection;
+            // so array indices do not depend on the reflection. The first rows, which the first invocations hold, become the
+            // rows of the triangular system.
+            var rank = 0u;
+            for (var m = 0u; m < FEATURES; m += 1u) {
+                var v = columns[0];
+                v.x = select(v.x, 0.0, t < rank);
+                for (var j = 0u; j < ENTRIES; j += 1u) {
+                    parts[j * INVOCATIONS + t] = dot(v, columns[j]);
+                    if t == rank {
+                        pivots[j] = columns[j].x;
+                    }
+                }
+                add_up(t);
+                let square = totals[0].x;
+                let pivot = totals[0].y;
+                let is_kept = square > max(INDEPENDENT * INDEPENDENT * square_lengths[m], DARK);
+                if is_kept {
+                    let length = sqrt(square);
+                    // The sign for which the difference from the pivot does not cancel.
+                    let diagonal = select(length, -length, pivot > 0.0);
+                    // Two over the squared length of the mirror's normal.
+                    let scale = 1.0 / (square + abs(pivot) * length);
+                    v.x = select(v.x, v.x - diagonal, t == rank);
+                    for (var j = 0u; j < ENTRIES; j += 1u) {
+                        columns[j] -= v * (scale * (totals[j].x - diagonal * totals[j].y));
+                    }
+                    if t < ENTRIES - m {
+                        let off = scale * (totals[t].x - diagonal * totals[t].y);
+                        rows[rank * ENTRIES + t] = select(totals[t].y - (pivot - diagonal) * off, diagonal, t == 0u);
+                    }
+                    if t == 0u {
+                        row_feature[rank] = m;
+                    }
+                    rank += 1u;
+                }
+                for (var j = 0u; j + 1u < ENTRIES; j += 1u) {
+                    columns[j] = columns[j + 1u];
+                }
+                columns[ENTRIES - 1u] = vec4<f32>(0.0);
             }
-            weights[feature * 3u + t] = rest / rows[k * ENTRIES];
+            workgroupBarrier();
+
+            // Back-substitution, with one channel in each of three invocations. Dropped features have weight 0.
+            if t < 3u && (t == channel || channels == 1u) {
+                fitted_pixels[t] = square_lengths[0];
+                for (var m = 0u; m < FEATURES; m += 1u) {
+                    weights[m * 3u + t] = 0.0;
+                }
+                for (var i = rank; i > 0u; i -= 1u) {
+                    let k = i - 1u;
+                    let feature = row_feature[k];
+                    var rest = rows[k * ENTRIES + FEATURES + t - feature];
+                    for (var l = i; l < rank; l += 1u) {
+                        rest -= rows[k * ENTRIES + row_feature[l] - feature] * weights[row_feature[l] * 3u + t];
+                    }
+                    weights[feature * 3u + t] = rest / rows[k * ENTRIES];
+                }
+            }
+            workgroupBarrier();
         }
+        for (var s = 0u; s < PIXELS; s += 1u) {
+            let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
+            let column = column_in_block(origin.x, displaced.x, t % BLOCK, row);
+            let is_there = column >= 0 && row >= i32(pass_.row_begin) && row < i32(pass_.row_end);
+            let f = features(guide_image[select(0u, u32(row) * pass_.width + u32(column), is_there)], extent);
+            var sum = vec3<f32>(0.0);
+            for (var m = 0u; m < FEATURES; m += 1u) {
+                sum += f[m] * vec3<f32>(weights[m * 3u], weights[m * 3u + 1u], weights[m * 3u + 2u]);
+            }
+            // Values that are not finite are kept, so that the accumulation counts them.
+            let light = select(sum, clamp(sum, vec3<f32>(0.0), vec3<f32>(1.0)) * brightest[lobe], is_finite(sum));
+            let pixels = vec3<f32>(fitted_pixels[0], fitted_pixels[1], fitted_pixels[2]);
+            fitted_light[lobe][s] = select(absent_light(), light, pixels > vec3<f32>(0.0));
+        }
+        workgroupBarrier();
     }
-    workgroupBarrier();
 
     for (var s = 0u; s < PIXELS; s += 1u) {
         let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
@@ -299,18 +357,7 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
             continue;
         }
         let at = u32(row) * pass_.width + u32(column);
-        let bits = guide_image[at];
-        if bits.w == NO_NORMAL {
-            fitted[at] = vec4<u32>(0u);
-            continue;
-        }
-        let f = features(bits, extent);
-        var sum = vec3<f32>(0.0);
-        for (var m = 0u; m < FEATURES; m += 1u) {
-            sum += f[m] * vec3<f32>(weights[m * 3u], weights[m * 3u + 1u], weights[m * 3u + 2u]);
-        }
-        // Values that are not finite are kept, so that the accumulation counts them.
-        let light = select(sum, clamp(sum, vec3<f32>(0.0), vec3<f32>(1.0)) * brightest, is_finite(sum));
-        fitted[at] = vec4<u32>(bitcast<vec3<u32>>(light), IS_FITTED);
+        let light = pack_light(SplitLight(fitted_light[0][s], fitted_light[1][s], vec2<f32>(0.0)));
+        fitted[at] = select(vec4<u32>(light.xyz, IS_FITTED), vec4<u32>(0u), guide_image[at].w == NO_NORMAL);
     }
 }

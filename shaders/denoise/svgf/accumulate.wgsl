@@ -10,6 +10,8 @@
 // - In dynamic scenes, history is dropped in proportion to the change of light (Schied et al. 2018, see
 //   `gradient.wgsl`).
 // - If the right eye finds no history, the left eye's is used.
+// - Channels that a surface does not reflect keep their history, and pixels without a lobe are no history of pixels with
+//   it.
 
 //!include frame grid projection rng split motion pack mirrored samples variance history light_change bindings
 
@@ -19,7 +21,8 @@
 // - `accumulated`: accumulated light with the variance of its luminance, or UNKNOWN or MISSING instead (see
 //   `variance.inc.wgsl`).
 // - `moments`: words x and y hold the mean luminance and its variance per sample, as floats. If the scene has gloss,
-//   each of these words holds a diffuse and a specular value as half floats, variances as standard deviations. Word z:
+//   each of these words holds a diffuse and a specular value as half floats, variances as standard deviations. The mean
+//   of a lobe without light is ABSENT. Word z:
 //   number of samples, and recent mean divided by `power_of_two_in(mean)`, as half floats. Word w: material and, in
 //   the upper 8 bits, number of frames.
 
@@ -40,11 +43,12 @@ const RECENT_FRAMES: f32 = 4.0;
 const TRUSTED_DEVIATIONS: f32 = 3.0;
 
 struct Past {
-    light: vec3<f32>,
-    gloss: vec3<f32>,
-    // Mean and variance of the luminance of matte and of gloss.
+    light: MeanLight,
+    gloss: MeanLight,
+    // Mean and variance of the luminance of matte and of gloss, and the sum of the weights of taps with these lobes.
     mean: vec2<f32>,
     variance: vec2<f32>,
+    lobes: vec2<f32>,
     recent: f32,
     samples: f32,
     frames: f32,
@@ -81,14 +85,14 @@ fn pack_moments(known: Known) -> vec2<u32> {
     if !HAS_GLOSS {
         return bitcast<vec2<u32>>(vec2<f32>(known.mean.x, known.variance.x));
     }
-    let mean = known.mean * frame.display.storage_scale;
+    let mean = scaled(known.mean.xyy);
     return vec2<u32>(pack_pair(mean.x, mean.y), pack_deviations(known.variance));
 }
 
-// Largest power of two that is at most `mean`. Luminances near the mean, divided by it, are near 1 in any unit of
-// light.
+// Largest power of two that is at most `mean`, or the smallest one. Luminances near the mean, divided by it, are near 1 in
+// any unit of light.
 fn power_of_two_in(mean: f32) -> f32 {
-    return bitcast<f32>(max(bitcast<u32>(mean) & 0x7f800000u, 0x00800000u));
+    return bitcast<f32>(max(bitcast<u32>(max(mean, 0.0)) & 0x7f800000u, 0x00800000u));
 }
 
 // Maximum history of specular radiance in frames, once the eye has moved. Specular radiance changes faster on smoother
@@ -98,8 +102,13 @@ fn gloss_longest(hit: u32) -> f32 {
     return mix(LONGEST_VIEW_DEPENDENT, LONGEST_MOVED, min(2.0 * roughness, 1.0));
 }
 
-// History of the surface, around image point `seen` of the previous frame.
-fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, before: Before, material: u32) -> Past {
+// 1 for each lobe with a mean luminance, 0 for one that is absent.
+fn lobes_in(mean: vec2<f32>) -> vec2<f32> {
+    return select(vec2<f32>(1.0), vec2<f32>(0.0), absent(mean.xyy).xy);
+}
+
+// History of the surface, around image point `seen` of the previous frame, that has the lobes of this frame's light.
+fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, before: Before, material: u32, lobes: vec2<f32>) -> Past {
     var past = Past();
     let around = pixels_around(seen, row, eye);
     for (var i = 0; i < 4; i += 1) {
@@ -107,14 +116,18 @@ fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, before: Before, 
         let tap = tap_at(corner.at, of_left);
         let is_same = (tap.moments.w & MATERIAL_MASK) == material && shows(tap.guide, before, around.reach);
         let half = unpack2x16float(tap.moments.z);
-        let w = select(0.0, corner.weight, is_same && (tap.moments.z & 0xffffu) != 0u);
+        let known = unpack_moments(tap.moments.xy);
+        let tap_lobes = lobes_in(known.mean);
+        let is_history = is_same && (tap.moments.z & 0xffffu) != 0u && all(tap_lobes >= lobes);
+        let w = select(0.0, corner.weight, is_history);
         if w > 0.0 {
-            let known = unpack_moments(tap.moments.xy);
-            past.light += tap.light.matte * w;
-            past.gloss += tap.light.gloss * w;
-            past.mean += known.mean * w;
-            past.variance += known.variance * w;
-            past.recent += half.y * power_of_two_in(known.mean.x) * w;
+            past.light = with_light(past.light, tap.light.matte, w);
+            past.gloss = with_light(past.gloss, tap.light.gloss, w);
+            let has_lobe = tap_lobes > vec2<f32>(0.0);
+            past.mean += select(vec2<f32>(0.0), known.mean * w, has_lobe);
+            past.variance += select(vec2<f32>(0.0), known.variance * w, has_lobe);
+            past.lobes += tap_lobes * w;
+            past.recent += half.y * power_of_two_in(known.mean.x) * tap_lobes.x * w;
             past.samples += half.x * w;
             past.frames += f32(tap.moments.w >> 24u) * w;
             past.found += w;
@@ -128,7 +141,7 @@ fn is_finite_light(light: SplitLight) -> bool {
 }
 
 fn is_finite_past(past: Past) -> bool {
-    return is_finite(past.light) && is_finite(past.gloss) && is_finite(vec3<f32>(past.mean, past.recent))
+    return is_finite(past.light.sum) && is_finite(past.gloss.sum) && is_finite(vec3<f32>(past.mean, past.recent))
         && is_finite(vec3<f32>(past.variance, past.samples));
 }
 
@@ -170,6 +183,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         sampled = false;
         dropped = true;
     }
+    // Lobes that this frame's light has.
+    let lobes = select(vec2<f32>(0.0), lobes_of(now), sampled);
     var past = Past();
     var fraction = vec2<f32>(0.0);
     // Try the eye's own history, then the left eye's. A loop skips the second look-up, since software drivers do not
@@ -178,7 +193,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
         let eye = pass_.view - i;
         let seen = pixel_of(before.image, previous.views[eye]);
-        past = past_at(seen, pixel.y, previous.views[eye], i == 1u, before, material);
+        past = past_at(seen, pixel.y, previous.views[eye], i == 1u, before, material, lobes);
         if !is_finite_past(past) {
             past = Past();
             dropped = true;
@@ -186,8 +201,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         let column = column_in(i32(seen.y), seen.x, previous.views[eye].fovea_rows);
         fraction = fract(vec2<f32>(column, seen.y) - frame.camera.centre);
     }
-    let found = past.found >= LEAST_FOUND;
-    let scale = select(0.0, 1.0 / past.found, found);
+    if past.found < LEAST_FOUND {
+        past = Past();
+    }
+    let scale = select(0.0, 1.0 / past.found, past.found > 0.0);
     var samples = past.samples * scale;
     var frames = past.frames * scale;
     // The right eye has samples of the left eye at other places.
@@ -226,14 +243,18 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         totals.y = samples * gloss_keep + new_samples;
         alphas.y = select(0.0, new_samples / totals.y, totals.y > 0.0);
     }
+    // A lobe without light keeps its history.
+    alphas *= lobes;
+    let had_lobe = past.lobes > vec2<f32>(LEAST_FOUND);
+    let lobe_scale = select(vec2<f32>(0.0), 1.0 / past.lobes, had_lobe);
     let value = luminances(now);
-    let old_mean = past.mean * scale;
+    let old_mean = past.mean * lobe_scale;
     let difference = value - old_mean;
     let mean = old_mean + alphas * difference;
     let moved = difference * (value - mean);
     let fresh = select(new_samples * moved, now.a, tells_variance && samples == 0.0);
-    let variance = mix(past.variance * scale, fresh, alphas);
-    let recent = mix(past.recent * scale, value.x, max(alpha, select(0.0, 1.0 / RECENT_FRAMES, sampled)));
+    let variance = mix(past.variance * lobe_scale, fresh, alphas);
+    let recent = mix(past.recent * lobe_scale.x, value.x, max(alphas.x, select(0.0, 1.0 / RECENT_FRAMES, sampled) * lobes.x));
     frames += select(0.0, 1.0, sampled);
     // Light has changed if the recent mean differs from the long one by more than the variance of both explains. Recent
     // frames may have fewer samples than others, so the smallest known sample count is assumed for each.
@@ -245,15 +266,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let doubt = 1.0 + FEW_OBSERVATIONS / observations;
     let known = variance / totals * observations / max(observations - 1.0, 1.0) * doubt;
     let light = SplitLight(
-        mix(past.light * scale, now.matte, alphas.x),
-        mix(past.gloss * scale, now.gloss, alphas.y),
+        blended(mean_light(past.light, LEAST_FOUND), now.matte, alphas.x),
+        blended(mean_light(past.gloss, LEAST_FOUND), now.gloss, alphas.y),
         select(vec2<f32>(UNKNOWN), known, observations > FEW_FRAMES - 0.5),
     );
     if !(is_finite_light(light) && is_finite(vec3<f32>(variance, recent))) {
         leave_nothing(at, material, true);
         return;
     }
-    let packed = pack_moments(Known(mean, variance));
+    let has_lobe = (lobes > vec2<f32>(0.0)) | had_lobe;
+    let packed = pack_moments(Known(select(absent_light().xy, mean, has_lobe), variance));
     let unit = power_of_two_in(unpack_moments(packed).mean.x);
     let half = pack_pair(total * trust, recent / unit);
     let count = u32(clamp(round(frames * trust), 1.0, 255.0));

@@ -35,12 +35,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.02);
     let is_missing = centre.a.x < 0.0;
     let own = luminances(centre);
+    // A lobe without light takes any light of its surface.
+    let takes_any = vec2<bool>(is_missing || is_absent(centre.matte), is_missing || is_absent(centre.gloss));
     let sigma2 = bitcast<f32>(pass_.args[1]);
     var kernel = array<f32, 3>(0.25, 0.5, 0.25);
     var weight = select(0.25, 0.0, is_missing);
-    var sum = centre.matte * weight;
-    var gloss_sum = centre.gloss * weight;
-    var gloss_weight = weight;
+    var matte = MeanLight();
+    var gloss = MeanLight();
+    matte = with_light(matte, centre.matte, weight);
+    gloss = with_light(gloss, centre.gloss, weight);
+    var lobes = lobes_of(centre) * weight;
     var variance = max(centre.a, vec2<f32>(0.0)) * weight * weight;
     var last_dy = 1;
     if FOVEATED {
@@ -55,23 +59,21 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let tap_variance = max(value.a, vec2<f32>(0.0));
             let l = luminances(value);
             let off2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, vec2<f32>(0.0)) + tap_variance) + 1e-6 * own * l + unseen_square());
-            // A pixel without light takes any light of its surface.
-            let d = select(off2, vec2<f32>(0.0), is_missing);
+            let d = select(off2, vec2<f32>(0.0), takes_any);
             let taps = vec2<f32>(surface_weight(guide, guide_image[tap], d.x), surface_weight(guide, guide_image[tap], d.y));
             let k = select(vec2<f32>(0.0), kernel[dx + 1] * kernel[dy + 1] * taps, counts);
-            sum += value.matte * k.x;
-            gloss_sum += value.gloss * k.y;
+            matte = with_light(matte, value.matte, k.x);
+            gloss = with_light(gloss, value.gloss, k.y);
             variance += tap_variance * k * k;
+            lobes += lobes_of(value) * k;
             weight += k.x;
-            gloss_weight += k.y;
         }
     }
     if FOVEATED && last_dy < 0 {
         filtered[at] = source[at];
         return;
     }
-    let weights = vec2<f32>(weight, gloss_weight);
-    let scale = select(vec2<f32>(0.0), 1.0 / weights, weights > vec2<f32>(0.0));
-    let known = select(vec2<f32>(MISSING), variance * scale * scale, weights > vec2<f32>(0.0));
-    filtered[at] = pack_light(SplitLight(sum * scale.x, gloss_sum * scale.y, known));
+    let scale = select(vec2<f32>(0.0), 1.0 / lobes, lobes > vec2<f32>(0.0));
+    let known = select(vec2<f32>(MISSING), variance * scale * scale, weight > 0.0);
+    filtered[at] = pack_light(SplitLight(mean_light(matte, 0.0), mean_light(gloss, 0.0), known));
 }

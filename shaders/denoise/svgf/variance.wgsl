@@ -30,25 +30,30 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let is_known = centre.a.x >= 0.0;
+    let own_lobes = lobes_of(centre);
     var smooth_sum = max(centre.a, vec2<f32>(0.0)) * 0.25;
-    var smooth_weight = 0.25;
+    var smooth_weight = own_lobes * 0.25;
     let near = select(-1, 1, is_known);
     for (var dy = -near; dy <= near; dy += 1) {
         for (var dx = -1; dx <= 1; dx += 1) {
             let there = beside(pixel, vec2<i32>(dx, dy));
-            let variance = unpack_light(source[pixel_index(vec2<u32>(there.pixel))]).a;
+            let value = unpack_light(source[pixel_index(vec2<u32>(there.pixel))]);
             let k = select(0.0625, 0.125, dx == 0 || dy == 0);
-            let w = select(0.0, k, there.is_there && variance.x >= 0.0 && (dx != 0 || dy != 0));
-            smooth_sum += max(variance, vec2<f32>(0.0)) * w;
+            let w = select(0.0, k, there.is_there && value.a.x >= 0.0 && (dx != 0 || dy != 0)) * lobes_of(value);
+            smooth_sum += max(value.a, vec2<f32>(0.0)) * w;
             smooth_weight += w;
         }
     }
     let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.02);
     let is_missing = centre.a.x == MISSING;
-    var sum = select(centre.matte, vec3<f32>(0.0), is_missing);
-    var gloss_sum = select(centre.gloss, vec3<f32>(0.0), is_missing);
-    var weight = select(1.0, 0.0, is_missing);
-    let own = luminances(SplitLight(sum, gloss_sum, vec2<f32>(0.0)));
+    let is_there = select(1.0, 0.0, is_missing);
+    var matte = MeanLight();
+    var gloss = MeanLight();
+    matte = with_light(matte, centre.matte, is_there);
+    gloss = with_light(gloss, centre.gloss, is_there);
+    var weight = is_there;
+    var lobes = own_lobes * is_there;
+    let own = luminances(centre) * is_there;
     var first = own;
     var second = own * own;
     let far = select(REACH, -1, is_known);
@@ -62,20 +67,22 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let least = select(0.0, LAST_RESORT, is_missing && tap_bits.w != NO_NORMAL);
             let w = select(0.0, max(surface_weight(guide, tap_bits, 0.0), least), counts);
             let l = luminances(value);
-            sum += value.matte * w;
-            gloss_sum += value.gloss * w;
+            matte = with_light(matte, value.matte, w);
+            gloss = with_light(gloss, value.gloss, w);
             first += l * w;
             second += l * l * w;
             weight += w;
+            lobes += lobes_of(value) * w;
         }
     }
-    let scale = select(0.0, 1.0 / weight, weight > 0.0);
+    let scale = select(vec2<f32>(0.0), 1.0 / lobes, lobes > vec2<f32>(0.0));
     let mean = first * scale;
     let spatial = DOUBT * max(second * scale - mean * mean, vec2<f32>(0.0));
-    let variance = select(spatial, smooth_sum / smooth_weight, is_known);
+    let smooth_variance = smooth_sum / max(smooth_weight, vec2<f32>(0.0625));
+    let variance = select(spatial, smooth_variance, is_known);
     filtered[at] = pack_light(SplitLight(
-        select(sum * scale, centre.matte, is_known),
-        select(gloss_sum * scale, centre.gloss, is_known),
+        select(mean_light(matte, 0.0), centre.matte, is_known),
+        select(mean_light(gloss, 0.0), centre.gloss, is_known),
         select(vec2<f32>(MISSING), variance, weight > 0.0),
     ));
 }

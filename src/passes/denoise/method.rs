@@ -57,8 +57,15 @@ pub trait Denoise: Sync {
         false
     }
 
-    /// Returns true if the filter needs the variance of samples, and specular apart from diffuse radiance.
+    /// Returns true if the filter needs the variance of samples.
     fn needs_variance(&self) -> bool {
+        false
+    }
+
+    /// Returns true if the filter reads light as `split.inc.wgsl` packs it: specular apart from diffuse radiance in scenes
+    /// that have both, and channels that a surface does not reflect marked as absent. Otherwise, the light is one RGB
+    /// colour in floats, and 0 in such channels. A filter that averages these zeros darkens the surfaces around them.
+    fn filters_lobes(&self) -> bool {
         false
     }
 

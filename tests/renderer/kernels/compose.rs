@@ -12,6 +12,10 @@ const DROPPED: f64 = -1.0;
 
 /// Returns colour and depth of a pixel.
 fn twin(light: &Light, albedo: &Albedo, emission: DVec3, depth: f64, cases: &mut Cases) -> (DVec3, f64) {
+    if light.unmarked() != *light {
+        cases.meet("absent light");
+    }
+    let light = light.unmarked();
     let gloss = (albedo.all - albedo.matte).max(DVec3::ZERO);
     let color = light.matte * albedo.matte + light.gloss * gloss + emission;
     if !is_finite(color) {
@@ -36,7 +40,7 @@ fn compare(gloss: bool, seed: u64) {
             0 => light.matte.y = f64::INFINITY,
             1 => emitted.x = f64::NAN,
             2 => (light.matte.z, emitted.z) = (3e38, 3e38),
-            _ => {}
+            _ => light = random.with_absent(light),
         }
         let matte = DVec3::from_array(std::array::from_fn(|_| random.within(0.0..1.0)));
         let all = matte + DVec3::from_array(std::array::from_fn(|_| random.within(0.0..0.3)));
@@ -53,7 +57,7 @@ fn compare(gloss: bool, seed: u64) {
     let before = random.rubbish::<4>(constants.area());
     let mut cases = Cases::default();
     for stripe in stripes() {
-        let outputs = Kernel::new("compose", &[("HAS_GLOSS", gloss)]).run(
+        let outputs = Kernel::new("compose", &[("HAS_GLOSS", gloss), ("MARKS_ABSENT", true)]).run(
             &constants,
             stripe.pass(0, [0; 3]),
             WIDTH,
@@ -76,7 +80,7 @@ fn compare(gloss: bool, seed: u64) {
             assert!(near && f64::from(composed[at][3]) == depth, "({x}, {y}): {:?}, not {color} {depth}", composed[at]);
         }
     }
-    cases.assert_met(&["dropped", "surface", "sky"]);
+    cases.assert_met(&["dropped", "surface", "sky", "absent light"]);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 
 use super::camera::{Constants, Eye};
 use super::harness::Stripe;
-use super::pack::{Light, NO_NORMAL, pack_guide};
+use super::pack::{ABSENT, Light, NO_NORMAL, pack_guide};
 use crate::reference::sampling::{Rng, tangents};
 
 /// Size of most images, which is not a multiple of the workgroups' edge.
@@ -58,6 +58,17 @@ impl Random {
 
     pub fn light(&mut self, most: f64) -> Light {
         Light { matte: self.color(most), gloss: self.color(0.5 * most), variance: DVec2::ZERO }
+    }
+
+    /// Returns the light, in which one channel of a lobe or all of them may be absent.
+    pub fn with_absent(&mut self, light: Light) -> Light {
+        let mut lobe = |light: DVec3| match self.bits() % 10 {
+            0 => DVec3::splat(ABSENT),
+            1 => light.with_x(ABSENT),
+            2 => light.with_y(ABSENT).with_z(ABSENT),
+            _ => light,
+        };
+        Light { matte: lobe(light.matte), gloss: lobe(light.gloss), ..light }
     }
 
     /// Returns random words for an image that a kernel must overwrite.

@@ -42,6 +42,7 @@ fn accumulate(gloss: bool, seed: u64) {
             "accumulate",
             &[
                 ("HAS_GLOSS", gloss),
+                ("MARKS_ABSENT", true),
                 ("HAS_MIRRORS", false),
                 ("HAS_POLISH", false),
                 ("HAS_MOTION", false),

@@ -116,6 +116,60 @@ impl Counts {
     }
 }
 
+/// Light of a channel that the surface does not reflect. Any negative light means the same.
+pub const ABSENT: f64 = -1.0;
+
+/// Returns light in which each channel that `is_absent` accepts is absent.
+fn without(light: DVec3, is_absent: impl Fn(usize) -> bool) -> DVec3 {
+    DVec3::from_array(std::array::from_fn(|c| if is_absent(c) { ABSENT } else { light[c] }))
+}
+
+/// Returns true if all channels of a lobe are absent.
+pub fn is_absent(light: DVec3) -> bool {
+    light.cmplt(DVec3::ZERO).all()
+}
+
+/// Weighted mean of light, in which absent channels have no weight.
+#[derive(Clone, Copy, Default)]
+pub struct MeanLight {
+    sum: DVec3,
+    weight: DVec3,
+}
+
+impl MeanLight {
+    pub fn add(&mut self, light: DVec3, weight: f64) {
+        for c in (0..3).filter(|&c| light[c].is_nan() || light[c] >= 0.0) {
+            self.sum[c] += light[c] * weight;
+            self.weight[c] += weight;
+        }
+    }
+
+    /// Returns true if the sums of all channels are finite as floats.
+    pub fn is_finite(&self) -> bool {
+        is_finite(self.sum)
+    }
+
+    /// Returns the mean, whose channels are absent if their weight is not above `least`.
+    pub fn above(&self, least: f64) -> DVec3 {
+        without(self.sum / self.weight, |c| self.weight[c] <= least)
+    }
+}
+
+/// Blends light with its history. If a channel is absent in one of them, the other takes its place.
+pub fn blended(past: DVec3, now: DVec3, fraction: f64) -> DVec3 {
+    DVec3::from_array(std::array::from_fn(|c| match (past[c] < 0.0, now[c] < 0.0) {
+        (true, _) => now[c],
+        (_, true) => past[c],
+        _ => past[c] + fraction * (now[c] - past[c]),
+    }))
+}
+
+/// Returns the luminance that a lobe would have if its absent channels were as bright as the others.
+fn lobe_luminance(light: DVec3) -> f64 {
+    let known = luminance(light.map(|v| if v < 0.0 { 0.0 } else { 1.0 }));
+    if known == 0.0 { 0.0 } else { luminance(light.map(|v| if v < 0.0 { 0.0 } else { v })) / known }
+}
+
 /// Demodulated light of the Lambertian lobe and of facets, with the variance of the luminance of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Light {
@@ -126,7 +180,25 @@ pub struct Light {
 
 impl Light {
     pub fn luminances(&self) -> DVec2 {
-        DVec2::new(luminance(self.matte), luminance(self.gloss)).min(DVec2::splat(1e18))
+        DVec2::new(lobe_luminance(self.matte), lobe_luminance(self.gloss)).min(DVec2::splat(1e18))
+    }
+
+    /// Returns 1 for each lobe that has light, 0 for one that is absent.
+    pub fn lobes(&self) -> DVec2 {
+        DVec2::from_array([self.matte, self.gloss].map(|light| f64::from(!is_absent(light))))
+    }
+
+    /// Returns the light as if absent light were black.
+    pub fn unmarked(&self) -> Self {
+        let unmarked = |light: DVec3| light.map(|v| if v < 0.0 { 0.0 } else { v });
+        Self { matte: unmarked(self.matte), gloss: unmarked(self.gloss), ..*self }
+    }
+
+    /// Returns the light, absent where the albedo is 0.
+    pub fn reflected_by(&self, albedo: &Albedo) -> Self {
+        let gloss = albedo.all - albedo.matte;
+        let matte = without(self.matte, |c| albedo.matte[c] <= 1e-6);
+        Self { matte, gloss: without(self.gloss, |c| gloss[c] <= 1e-6), ..*self }
     }
 }
 
@@ -152,9 +224,10 @@ impl Format {
             return Light { matte: DVec3::new(r, g, b), gloss: DVec3::ZERO, variance: DVec2::splat(a) };
         }
         let ([mr, mg], [mb, gr], [gg, gb]) = (halves(bits[0]), halves(bits[1]), halves(bits[2]));
+        let unscaled = |light: DVec3| without(light / self.scale, |c| light[c] < 0.0);
         Light {
-            matte: DVec3::new(mr, mg, mb) / self.scale,
-            gloss: DVec3::new(gr, gg, gb) / self.scale,
+            matte: unscaled(DVec3::new(mr, mg, mb)),
+            gloss: unscaled(DVec3::new(gr, gg, gb)),
             variance: self.unpack_variances(bits[3]),
         }
     }
@@ -163,7 +236,7 @@ impl Format {
         if !self.gloss {
             return floats(light.matte, light.variance.x).map(f32::to_bits);
         }
-        let (matte, gloss) = (light.matte * self.scale, light.gloss * self.scale);
+        let [matte, gloss] = [light.matte, light.gloss].map(|light| without(light * self.scale, |c| light[c] < 0.0));
         [pair(matte.x, matte.y), pair(matte.z, gloss.x), pair(gloss.y, gloss.z), self.pack_variances(light.variance)]
     }
 

@@ -69,7 +69,7 @@ fn compare(gloss: bool, seed: u64) {
     let packed_normals: Vec<u32> = normals.iter().map(|&n| pack_normal(n)).collect();
     let float_normals: Vec<[f32; 4]> = normals.iter().map(|n| n.as_vec3().extend(0.0).to_array()).collect();
     let stripe = Stripe { rows: 0..HEIGHT, valid: 0..HEIGHT };
-    let outputs = Kernel::beside("compose", &[("HAS_GLOSS", gloss)], ROUND_TRIP).run(
+    let outputs = Kernel::beside("compose", &[("HAS_GLOSS", gloss), ("MARKS_ABSENT", false)], ROUND_TRIP).run(
         &constants,
         stripe.pass(0, [3, 2, 0]),
         WIDTH,

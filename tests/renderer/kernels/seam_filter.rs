@@ -1,12 +1,10 @@
 //! The filter across the seams between stripes.
 
-use glam::DVec3;
-
 use super::camera::Constants;
 use super::edges::{Surface, comparable};
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{Format, Light};
+use super::pack::{Format, Light, MeanLight};
 
 /// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const SURFACE_REACH: f64 = 0.01;
@@ -37,22 +35,22 @@ impl Twin<'_> {
         }
         cases.meet(if is_below { "below a seam" } else { "above a seam" });
         let centre = &self.source[self.constants.index(x, y)];
-        let color = comparable(centre.matte + centre.gloss);
+        let sum = |light: &Light| light.unmarked().matte + light.unmarked().gloss;
+        let color = comparable(sum(centre));
         let reach = surface.reach(&self.constants.eyes[self.view], SURFACE_REACH);
-        let (mut matte, mut gloss, mut weight) = (DVec3::ZERO, DVec3::ZERO, 0.0);
+        let (mut matte, mut gloss) = (MeanLight::default(), MeanLight::default());
         let steps = -(REACH as i32)..=REACH as i32;
         for (dx, dy) in steps.clone().flat_map(|dy| steps.clone().map(move |dx| (dx, dy))) {
             let Some(tap) = self.constants.tap((x, y), (dx, dy), &self.stripe.valid) else { continue };
             let Some(other) = &self.guide[tap] else { continue };
             let value = &self.source[tap];
-            let apart = (color - comparable(value.matte + value.gloss)).length_squared();
+            let apart = (color - comparable(sum(value))).length_squared();
             let near = (-f64::from(dx * dx + dy * dy) / 8.0).exp();
             let w = near * surface.weight(reach, other, apart * f64::from(INVERSE_SIGMA2));
-            matte += value.matte * w;
-            gloss += value.gloss * w;
-            weight += w;
+            matte.add(value.matte, w);
+            gloss.add(value.gloss, w);
         }
-        Some(Light { matte: matte / weight, gloss: gloss / weight, ..*centre })
+        Some(Light { matte: matte.above(0.0), gloss: gloss.above(0.0), ..*centre })
     }
 }
 
@@ -67,11 +65,12 @@ fn compare(gloss: bool, seed: u64) {
         let source: Vec<_> = (0..constants.area())
             .map(|_| {
                 let light = random.light(1.5);
+                let light = random.with_absent(light);
                 format.pack(&Light { variance: glam::DVec2::splat(random.within(0.0..1.0)), ..light })
             })
             .collect();
         let before = random.rubbish::<4>(constants.area());
-        let outputs = Kernel::new("seam_filter", &[("HAS_GLOSS", gloss)]).run(
+        let outputs = Kernel::new("seam_filter", &[("HAS_GLOSS", gloss), ("MARKS_ABSENT", true)]).run(
             &constants,
             stripe.pass(view, [0, INVERSE_SIGMA2.to_bits(), 0]),
             WIDTH,

@@ -6,7 +6,7 @@ use super::camera::Constants;
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{FINISHED, Format, Light, MISSING, UNKNOWN};
+use super::pack::{FINISHED, Format, Light, MISSING, MeanLight, UNKNOWN, is_absent};
 
 /// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const REACH: f64 = 0.02;
@@ -48,9 +48,9 @@ impl Twin<'_> {
             return Filtered::Kept;
         }
         let matte =
-            self.channel((x, y), surface, |light| (light.matte, light.variance.x), |light| light.luminances().x);
+            self.channel((x, y), surface, |light| (light.matte, light.variance.x), |light| light.luminances().x, cases);
         let gloss =
-            self.channel((x, y), surface, |light| (light.gloss, light.variance.y), |light| light.luminances().y);
+            self.channel((x, y), surface, |light| (light.gloss, light.variance.y), |light| light.luminances().y, cases);
         cases.meet(match (self.source[at].variance.x >= 0.0, matte.1 >= 0.0) {
             (true, _) => "filtered",
             (false, true) => "filled",
@@ -66,12 +66,18 @@ impl Twin<'_> {
         surface: &Surface,
         light: fn(&Light) -> (DVec3, f64),
         luminance: fn(&Light) -> f64,
+        cases: &mut Cases,
     ) -> (DVec3, f64) {
         let centre = &self.source[self.constants.index(x, y)];
         let is_missing = centre.variance.x < 0.0;
+        // A pixel or a lobe without light accepts any light of its surface.
+        let accepts_any = is_missing || is_absent(light(centre).0);
+        if is_absent(light(centre).0) {
+            cases.meet("an absent lobe");
+        }
         let reach = surface.reach(&self.constants.eyes[self.view], REACH);
         let unseen = (1e-10 / f64::from(self.constants.storage_scale())).powi(2);
-        let (mut sum, mut variances, mut weight) = (DVec3::ZERO, 0.0, 0.0);
+        let (mut mean, mut variances, mut weight, mut found) = (MeanLight::default(), 0.0, 0.0, 0.0);
         for (dx, dy) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))) {
             let step = 1 << self.iteration;
             let Some(tap) = self.constants.tap((x, y), (dx * step, dy * step), &self.stripe.valid) else { continue };
@@ -81,15 +87,16 @@ impl Twin<'_> {
             let its_variance = light(value).1.max(0.0);
             let (own, its) = (luminance(centre), luminance(value));
             let allowed = f64::from(SIGMA2) * (light(centre).1.max(0.0) + its_variance) + 1e-6 * own * its + unseen;
-            // A pixel without light accepts any light of its surface.
-            let difference = if is_missing { 0.0 } else { (own - its).powi(2) / allowed };
+            let difference = if accepts_any { 0.0 } else { (own - its).powi(2) / allowed };
             let similarity = if (dx, dy) == (0, 0) { 1.0 } else { surface.weight(reach, &other, difference) };
             let k = f64::from((2 - dx.abs()) * (2 - dy.abs())) / 16.0 * similarity;
-            sum += light(value).0 * k;
+            mean.add(light(value).0, k);
             variances += its_variance * k * k;
-            weight += k;
+            found += k;
+            weight += if is_absent(light(value).0) { 0.0 } else { k };
         }
-        if weight > 0.0 { (sum / weight, variances / (weight * weight)) } else { (DVec3::ZERO, MISSING) }
+        let variance = if weight > 0.0 { variances / (weight * weight) } else { 0.0 };
+        (mean.above(0.0), if found > 0.0 { variance } else { MISSING })
     }
 }
 
@@ -99,7 +106,8 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
     constants.foveation.layers = layers;
     constants.foveation.layer_iterations = [1, 2, 3];
     let format = Format { gloss, scale: constants.storage_scale().into() };
-    let overrides = [("HAS_GLOSS", gloss), ("SOBOL", true), ("SPARSE", layers), ("FOVEATED", layers)];
+    let overrides =
+        [("HAS_GLOSS", gloss), ("MARKS_ABSENT", true), ("SOBOL", true), ("SPARSE", layers), ("FOVEATED", layers)];
     let mut cases = Cases::default();
     for (iteration, stripe) in (0..3).flat_map(|i| stripes().into_iter().map(move |stripe| (i, stripe))) {
         let view = (iteration % 2) as usize;
@@ -127,7 +135,11 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
                     _ => DVec2::new(random.within(0.0..0.3), random.within(0.0..0.1)) * square,
                 };
                 let brightness = random.pick(&[0.0, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5]);
-                format.pack(&Light { variance, ..random.light(brightness * unit) })
+                let light = random.light(brightness * unit);
+                let light = random.with_absent(light);
+                // The variance of an absent lobe is 0.
+                let variance = if variance.x < 0.0 { variance } else { variance * light.lobes() };
+                format.pack(&Light { variance, ..light })
             })
             .collect();
         let before = random.rubbish::<4>(constants.area());
@@ -160,7 +172,7 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
             }
         }
     }
-    cases.assert_met(&["no surface", "filtered", "filled", "finished", "nothing around"]);
+    cases.assert_met(&["no surface", "filtered", "filled", "finished", "nothing around", "an absent lobe"]);
     cases.assert_met(expected);
 }
 

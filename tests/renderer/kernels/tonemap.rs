@@ -45,7 +45,7 @@ fn light_is_remodulated_and_encoded() {
     let (linear_before, display_before) = (random.rubbish::<4>(area), random.rubbish::<1>(area));
     let mut cases = Cases::default();
     for stripe in stripes() {
-        let outputs = Kernel::new("tonemap", &[]).run(
+        let outputs = Kernel::new("tonemap", &[("HAS_GLOSS", false), ("MARKS_ABSENT", false)]).run(
             &constants,
             stripe.pass(1, [0; 3]),
             WIDTH,

@@ -6,8 +6,7 @@ use super::camera::Constants;
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{FINISHED, Format, Light, MISSING, UNKNOWN};
-use glam::DVec3;
+use super::pack::{FINISHED, Format, Light, MISSING, MeanLight, UNKNOWN};
 
 /// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const REACH: f64 = 0.02;
@@ -49,7 +48,8 @@ impl Twin<'_> {
         }
         let is_missing = centre.variance.x == MISSING;
         let reach = surface.reach(&self.constants.eyes[self.view], REACH);
-        let (mut matte, mut gloss, mut weight) = (DVec3::ZERO, DVec3::ZERO, 0.0);
+        let (mut matte, mut gloss, mut weight) = (MeanLight::default(), MeanLight::default(), 0.0);
+        let mut lobes = DVec2::ZERO;
         let (mut first, mut second) = (DVec2::ZERO, DVec2::ZERO);
         for (offset, tap) in self.around(pixel, 3) {
             let light = &self.source[tap];
@@ -62,31 +62,38 @@ impl Twin<'_> {
                 _ if is_missing => surface.weight(reach, other, 0.0).max(LAST_RESORT),
                 _ => surface.weight(reach, other, 0.0),
             };
-            matte += light.matte * w;
-            gloss += light.gloss * w;
+            matte.add(light.matte, w);
+            gloss.add(light.gloss, w);
             first += light.luminances() * w;
             second += light.luminances().powf(2.0) * w;
             weight += w;
+            lobes += light.lobes() * w;
         }
+        let (matte, gloss) = (matte.above(0.0), gloss.above(0.0));
         if weight == 0.0 {
             cases.meet("nothing around");
-            return Some(Light { matte: DVec3::ZERO, gloss: DVec3::ZERO, variance: DVec2::splat(MISSING) });
+            return Some(Light { matte, gloss, variance: DVec2::splat(MISSING) });
+        }
+        if lobes.min_element() == 0.0 {
+            cases.meet("no lobe around");
         }
         cases.meet(if is_missing { "missing" } else { "unknown" });
-        let mean = first / weight;
-        let variance = DOUBT * (second / weight - mean * mean).max(DVec2::ZERO);
-        Some(Light { matte: matte / weight, gloss: gloss / weight, variance })
+        let of_lobes =
+            |sum: DVec2| DVec2::from_array([0, 1].map(|i| if lobes[i] > 0.0 { sum[i] / lobes[i] } else { 0.0 }));
+        let mean = of_lobes(first);
+        let variance = DOUBT * (of_lobes(second) - mean * mean).max(DVec2::ZERO);
+        Some(Light { matte, gloss, variance })
     }
 
     /// Returns the mean of the known variances around a pixel, by a tent of 3x3 pixels.
     fn smoothed(&self, pixel: (u32, u32)) -> DVec2 {
-        let (mut sum, mut weight) = (DVec2::ZERO, 0.0);
+        let (mut sum, mut weight) = (DVec2::ZERO, DVec2::ZERO);
         for ((dx, dy), tap) in self.around(pixel, 1).filter(|&(_, tap)| self.source[tap].variance.x >= 0.0) {
-            let w = f64::from((2 - dx.abs()) * (2 - dy.abs())) / 16.0;
+            let w = f64::from((2 - dx.abs()) * (2 - dy.abs())) / 16.0 * self.source[tap].lobes();
             sum += self.source[tap].variance * w;
             weight += w;
         }
-        sum / weight
+        sum / weight.max(DVec2::splat(0.0625))
     }
 }
 
@@ -120,11 +127,15 @@ fn compare(gloss: bool, seed: u64) {
                     DVec2::splat(UNKNOWN),
                     DVec2::splat(FINISHED),
                 ]);
-                format.pack(&Light { variance, ..random.light(2.0 * unit) })
+                let light = random.light(2.0 * unit);
+                let light = random.with_absent(light);
+                // The variance of an absent lobe is 0.
+                let variance = if variance.x < 0.0 { variance } else { variance * light.lobes() };
+                format.pack(&Light { variance, ..light })
             })
             .collect();
         let before = random.rubbish::<4>(constants.area());
-        let outputs = Kernel::new("variance", &[("HAS_GLOSS", gloss)]).run(
+        let outputs = Kernel::new("variance", &[("HAS_GLOSS", gloss), ("MARKS_ABSENT", true)]).run(
             &constants,
             stripe.pass(view, [0; 3]),
             WIDTH,

@@ -1,7 +1,5 @@
 //! `atrous`: an edge-avoiding à-trous filter that uses only the current frame.
 
-use glam::Vec4;
-
 use super::{Denoise, Light, PARTITION};
 use crate::graph::{Chain, Kernel, Pass, Stage, Use};
 use crate::passes::FrameSpec;
@@ -38,6 +36,10 @@ impl Denoise for Atrous {
         Some("Spatial à-trous filter")
     }
 
+    fn filters_lobes(&self) -> bool {
+        true
+    }
+
     fn leaves_out_narrow_lobes(&self) -> bool {
         true
     }
@@ -55,8 +57,8 @@ impl Denoise for Atrous {
             };
             let uses = [
                 Use::read(GUIDE).halo(halo),
-                Use::read(source).halo(halo).named("source").viewed_as::<Vec4>(),
-                Use::write(target).named("filtered").viewed_as::<Vec4>(),
+                Use::read(source).halo(halo).named("source"),
+                Use::write(target).named("filtered"),
             ];
             let pass = Pass::new(STAGE, view, PARTITION, Kernel::new("atrous")).index(index);
             pass.uses(uses).args(args).chain(Chain::Planned)

@@ -76,6 +76,10 @@ impl Denoise for Bmfr {
         true
     }
 
+    fn filters_lobes(&self) -> bool {
+        true
+    }
+
     fn leaves_out_narrow_lobes(&self) -> bool {
         true
     }

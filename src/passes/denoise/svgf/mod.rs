@@ -56,6 +56,10 @@ impl Denoise for Svgf {
         true
     }
 
+    fn filters_lobes(&self) -> bool {
+        true
+    }
+
     fn leaves_finished_light(&self) -> bool {
         true
     }

@@ -12,7 +12,8 @@ use super::edges::Surface;
 use super::harness::{Buffer, Kernel, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{
-    Counts, Format, HALF, HALF_STEP, Light, MATERIAL_MASK, MIRRORED, MISSING, SAMPLED, UNKNOWN, VIEW_DEPENDENT, is_near,
+    ABSENT, Counts, Format, HALF, HALF_STEP, Light, MATERIAL_MASK, MIRRORED, MISSING, SAMPLED, UNKNOWN, VIEW_DEPENDENT,
+    is_near,
 };
 
 /// Motion of the eyes since the previous frame.
@@ -66,11 +67,13 @@ fn history(
     let lost = if view == 1 { 0.6 } else { 0.15 };
     let statistics = |random: &mut Random| {
         let mean = DVec2::new(random.within(0.2..1.5), random.within(0.0..0.3));
+        let mean = random.pick(&[mean, mean, mean, mean, mean.with_x(ABSENT), mean.with_y(ABSENT)]);
+        let mean = if format.gloss { mean } else { mean.with_y(0.0) };
         let spread = random.pick(&[0.001, 0.1, LARGEST_VARIANCE]);
         let moments = Moments {
             mean,
             variance: DVec2::new(spread * random.within(0.5..1.0), spread * random.within(0.0..0.2)),
-            recent: mean.x * random.within(0.6..1.6),
+            recent: mean.x.max(0.0) * random.within(0.6..1.6),
             samples: if random.chance(lost) { 0.0 } else { random.within(0.3..150.0) },
             frames: random.pick(&[1.0, 2.0, 3.0, 5.0, 7.0, 20.0, 100.0, 255.0]),
             material: random.pick(&MATERIALS),
@@ -84,7 +87,10 @@ fn history(
     };
     let light = |random: &mut Random| match random.chance(damaged) {
         true => INFINITE,
-        false => format.pack(&Light { variance: DVec2::splat(UNKNOWN), ..random.light(1.0) }),
+        false => {
+            let light = random.light(1.0);
+            format.pack(&Light { variance: DVec2::splat(UNKNOWN), ..random.with_absent(light) })
+        }
     };
     Bits {
         guide,
@@ -103,10 +109,14 @@ fn present(random: &mut Random, format: Format) -> ([u32; 4], [u32; 4]) {
         0 => [INFINITE[0], INFINITE[1], INFINITE[2], SAMPLED],
         1 => format.pack_sampled(&random.light(1e20)),
         2..12 => [0; 4],
-        12..26 => format.pack_sampled(&random.light(1.5)),
+        12..26 => {
+            let light = random.light(1.5);
+            format.pack_sampled(&random.with_absent(light))
+        }
         _ => {
             let variance = DVec2::new(random.within(0.0..0.4), random.within(0.0..0.1));
-            format.pack_sampled_with(&Light { variance, ..random.light(1.5) })
+            let light = random.light(1.5);
+            format.pack_sampled_with(&Light { variance, ..random.with_absent(light) })
         }
     };
     let length = random.within(4.0..5.0) as f32;
@@ -200,6 +210,7 @@ fn compare(case: Case, cases: &mut Cases) {
             "accumulate",
             &[
                 ("HAS_GLOSS", case.gloss),
+                ("MARKS_ABSENT", true),
                 ("HAS_MOTION", false),
                 ("HAS_MIRRORS", true),
                 ("HAS_POLISH", false),
@@ -258,7 +269,7 @@ fn compare(case: Case, cases: &mut Cases) {
 }
 
 /// Cases that occur in every frame with a previous one.
-const WITH_HISTORY: [&str; 14] = [
+const WITH_HISTORY: [&str; 16] = [
     "history in a mirror",
     "history outside",
     "no surface",
@@ -267,6 +278,8 @@ const WITH_HISTORY: [&str; 14] = [
     "nothing",
     "own history",
     "history that is cut short",
+    "history without a lobe",
+    "light without a lobe",
     "light that is not finite",
     "light that has changed",
     "variance that is known",

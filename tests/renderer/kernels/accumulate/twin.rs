@@ -8,7 +8,7 @@ use crate::kernels::camera::{Constants, Eye};
 use crate::kernels::edges::Surface;
 use crate::kernels::harness::Stripe;
 use crate::kernels::inputs::Cases;
-use crate::kernels::pack::{Light, MIRRORED, MISSING, UNKNOWN, is_finite};
+use crate::kernels::pack::{ABSENT, Light, MIRRORED, MISSING, MeanLight, UNKNOWN, blended, is_finite};
 
 /// Minimum sum of weights for history.
 const LEAST_FOUND: f64 = 0.01;
@@ -28,6 +28,9 @@ pub struct Before {
 /// History interpolated at an image point of the previous frame.
 struct Past {
     light: Light,
+    is_light_finite: bool,
+    /// 1 for each lobe that it has.
+    lobes: DVec2,
     moments: Moments,
 }
 
@@ -35,7 +38,7 @@ impl Past {
     fn is_finite(&self) -> bool {
         let m = &self.moments;
         let rest = [DVec3::new(m.mean.x, m.mean.y, m.recent), DVec3::new(m.variance.x, m.variance.y, m.samples)];
-        [self.light.matte, self.light.gloss].into_iter().chain(rest).all(is_finite)
+        self.is_light_finite && rest.into_iter().all(is_finite)
     }
 }
 
@@ -70,14 +73,18 @@ pub struct Twin<'a> {
     pub before: &'a [Before],
 }
 
+/// Returns true if light is finite.
+fn is_sound(light: &Light) -> bool {
+    is_finite(light.matte) && is_finite(light.gloss)
+}
+
 impl Twin<'_> {
     /// Returns the weighted sum over the four pixels around an image point that show the same surface, with the sum of
     /// weights.
-    fn past(&self, before: &Before, row: u32, surface: &Surface, now: &Now) -> (f64, Past) {
-        let mut past = Past {
-            light: Light { matte: DVec3::ZERO, gloss: DVec3::ZERO, variance: DVec2::ZERO },
-            moments: Moments::default(),
-        };
+    fn past(&self, before: &Before, row: u32, surface: &Surface, now: &Now, cases: &mut Cases) -> (f64, Past) {
+        let mut past =
+            Past { light: Light::default(), is_light_finite: true, lobes: DVec2::ZERO, moments: Moments::default() };
+        let (mut matte, mut gloss) = (MeanLight::default(), MeanLight::default());
         let Some((seen, z)) = before.eye.seen_at(now.image, self.constants.size()) else { return (0.0, past) };
         let corner = seen - self.constants.centre.as_dvec2();
         let (base, fraction) = (corner.floor(), corner - corner.floor());
@@ -97,17 +104,33 @@ impl Twin<'_> {
             if !is_same {
                 continue;
             }
+            let lobes = moments.mean.map(|mean| f64::from(mean >= 0.0));
+            // Surfaces without a lobe are no history of one with it.
+            if now.light.is_some_and(|light| is_sound(&light) && light.lobes().cmpgt(lobes).any()) {
+                cases.meet("history without a lobe");
+                continue;
+            }
             let share = |d: i32, fraction: f64| if d == 0 { 1.0 - fraction } else { fraction };
             let w = share(dx, fraction.x) * share(dy, fraction.y);
-            past.light.matte += before.light[tap].matte * w;
-            past.light.gloss += before.light[tap].gloss * w;
-            past.moments.mean += moments.mean * w;
-            past.moments.variance += moments.variance * w;
-            past.moments.recent += moments.recent * w;
+            matte.add(before.light[tap].matte, w);
+            gloss.add(before.light[tap].gloss, w);
+            let of_lobes = |v: DVec2| DVec2::select(lobes.cmpgt(DVec2::ZERO), v * w, DVec2::ZERO);
+            past.moments.mean += of_lobes(moments.mean);
+            past.moments.variance += of_lobes(moments.variance);
+            past.moments.recent += moments.recent * lobes.x * w;
+            past.lobes += lobes * w;
             past.moments.samples += moments.samples * w;
             past.moments.frames += moments.frames * w;
             found += w;
         }
+        past.is_light_finite = matte.is_finite() && gloss.is_finite();
+        (past.light.matte, past.light.gloss) = (matte.above(LEAST_FOUND), gloss.above(LEAST_FOUND));
+        let of_lobes =
+            |sum: f64, lobe: usize| if past.lobes[lobe] > LEAST_FOUND { sum / past.lobes[lobe] } else { 0.0 };
+        let m = &mut past.moments;
+        m.mean = DVec2::new(of_lobes(m.mean.x, 0), of_lobes(m.mean.y, 1));
+        m.variance = DVec2::new(of_lobes(m.variance.x, 0), of_lobes(m.variance.y, 1));
+        m.recent = of_lobes(m.recent, 0);
         (found, past)
     }
 
@@ -116,7 +139,7 @@ impl Twin<'_> {
     fn history(&self, row: u32, surface: &Surface, now: &Now, cases: &mut Cases) -> (Option<Past>, bool, f64) {
         let (mut dropped, mut between) = (false, 0.0);
         for (i, before) in self.before.iter().enumerate() {
-            let (found, mut past) = self.past(before, row, surface, now);
+            let (found, mut past) = self.past(before, row, surface, now, cases);
             if let Some((seen, _)) = before.eye.seen_at(now.image, self.constants.size()) {
                 let fraction = (seen - self.constants.centre.as_dvec2()).map(|v| v - v.floor());
                 between = 4.0 * (fraction * (1.0 - fraction)).max_element();
@@ -129,11 +152,8 @@ impl Twin<'_> {
             if found >= LEAST_FOUND {
                 cases.meet(if i == 0 { "own history" } else { "the left eye's history" });
                 cases.meet(if now.material & MIRRORED != 0 { "history in a mirror" } else { "history outside" });
-                past.light.matte /= found;
-                past.light.gloss /= found;
                 let m = &mut past.moments;
-                (m.mean, m.variance) = (m.mean / found, m.variance / found);
-                (m.recent, m.samples, m.frames) = (m.recent / found, m.samples / found, m.frames / found);
+                (m.samples, m.frames) = (m.samples / found, m.frames / found);
                 return (Some(past), dropped, between);
             }
         }
@@ -150,14 +170,20 @@ impl Twin<'_> {
         let nothing = Moments { material: now.material, ..Moments::default() };
         let (mut light, mut is_sampled, mut dropped) = (now.light.unwrap_or_default(), now.light.is_some(), false);
         let tells_variance = is_sampled && light.variance.x >= 0.0;
-        if !is_finite(light.matte) || !is_finite(light.gloss) {
+        if !is_sound(&light) {
             cases.meet("light that is not finite");
             (light, is_sampled, dropped) = (black, false, true);
         }
         let (past, past_dropped, between) = self.history(row, surface, now, cases);
         dropped |= past_dropped;
         let new_samples = if is_sampled { f64::from(self.constants.spp) } else { 0.0 };
-        let past = past.unwrap_or(Past { light: black, moments: Moments::default() });
+        let nowhere = Light { matte: DVec3::splat(ABSENT), gloss: DVec3::splat(ABSENT), ..black };
+        let none = Past { light: nowhere, is_light_finite: true, lobes: DVec2::ZERO, moments: Moments::default() };
+        let past = past.unwrap_or(none);
+        let lobes = if is_sampled { light.lobes() } else { DVec2::ZERO };
+        if is_sampled && lobes.min_element() == 0.0 {
+            cases.meet("light without a lobe");
+        }
         let old = &past.moments;
 
         // History length is limited: resampling between pixels blurs it, and view-dependent light changes.
@@ -186,7 +212,7 @@ impl Twin<'_> {
             totals.y = samples * (gloss_longest / frames.max(1.0)).min(1.0) + new_samples;
         }
         // Update mean and variance by West's method, per sample.
-        let share = new_samples / totals;
+        let share = new_samples / totals * lobes;
         let value = light.luminances();
         let difference = value - old.mean;
         let mean = old.mean + share * difference;
@@ -194,7 +220,7 @@ impl Twin<'_> {
         // Without history, use the variance of the samples.
         let fresh = if tells_variance && samples == 0.0 { light.variance } else { new_samples * moved };
         let variance = old.variance + share * (fresh - old.variance);
-        let recent_share = if is_sampled { share.x.max(1.0 / FEW_FRAMES) } else { share.x };
+        let recent_share = if is_sampled { share.x.max(lobes.x / FEW_FRAMES) } else { share.x };
         let recent = old.recent + recent_share * (value.x - old.recent);
         frames += if is_sampled { 1.0 } else { 0.0 };
 
@@ -220,8 +246,8 @@ impl Twin<'_> {
         let is_known = observations > FEW_FRAMES - 0.5;
         cases.meet(if is_known { "variance that is known" } else { "variance that is unknown" });
         let after = Light {
-            matte: past.light.matte + share.x * (light.matte - past.light.matte),
-            gloss: past.light.gloss + share.y * (light.gloss - past.light.gloss),
+            matte: blended(past.light.matte, light.matte, share.x),
+            gloss: blended(past.light.gloss, light.gloss, share.y),
             variance: if is_known { known } else { DVec2::splat(UNKNOWN) },
         };
         let is_sound = is_finite(after.matte)
@@ -232,8 +258,9 @@ impl Twin<'_> {
             cases.meet("a sum that is not finite");
             return Some(After { light: black, moments: nothing, dropped: true });
         }
+        let has_lobe = |i: usize| lobes[i] > 0.0 || past.lobes[i] > LEAST_FOUND;
         let moments = Moments {
-            mean,
+            mean: DVec2::from_array([0, 1].map(|i| if has_lobe(i) { mean[i] } else { ABSENT })),
             variance,
             recent,
             samples: total * trust,

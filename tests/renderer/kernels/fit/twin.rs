@@ -40,11 +40,16 @@ pub struct Pixel {
     pub light: Option<DVec3>,
 }
 
+/// Fit of one channel of a lobe.
+#[derive(Clone)]
 pub struct Fit {
     low: DVec3,
     scale: DVec3,
     weights: [DVec3; FEATURES],
     brightest: f64,
+    channel: usize,
+    /// True if no pixel has light in the channel.
+    pub is_absent: bool,
     /// Minimum length that a feature adds to the preceding ones, relative to its own. Its inverse amplifies rounding
     /// errors.
     pub least_added: f64,
@@ -55,8 +60,18 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Fits a block; none without any light.
-    pub fn new(block: &[Pixel]) -> Option<Self> {
+    /// Fits the channels of a block; none without any light. Channels that the same pixels have share a fit.
+    pub fn channels(block: &[Pixel]) -> Option<[Self; 3]> {
+        let has = |channel: usize| block.iter().map(|p| p.light.is_some_and(|l| l[channel] >= 0.0)).collect::<Vec<_>>();
+        let first = Self::new(block, 0)?;
+        if has(0) == has(1) && has(0) == has(2) {
+            return Some([0, 1, 2].map(|channel| Self { channel, ..first.clone() }));
+        }
+        Some([first, Self::new(block, 1)?, Self::new(block, 2)?])
+    }
+
+    /// Fits a channel of a block; none without any light.
+    fn new(block: &[Pixel], channel: usize) -> Option<Self> {
         let lit: Vec<(Surface, DVec3)> = block.iter().filter_map(|p| Some((p.surface?, p.light?))).collect();
         if lit.is_empty() {
             return None;
@@ -73,10 +88,14 @@ impl Fit {
             scale,
             weights: [DVec3::ZERO; FEATURES],
             brightest,
+            channel,
+            is_absent: true,
             least_added: 1.0,
             is_clear: true,
             dropped: 0,
         };
+        let lit: Vec<_> = lit.into_iter().filter(|(_, light)| light[channel] >= 0.0).collect();
+        fit.is_absent = lit.is_empty();
         let rows: Vec<[f64; FEATURES]> = lit.iter().map(|(surface, _)| fit.features(surface)).collect();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         // Kept features, each with its direction and the components of its column along the directions so far.
@@ -118,11 +137,11 @@ impl Fit {
         [1.0, n.x, n.y, n.z, x.x, x.y, x.z, x.x * x.x, x.y * x.y, x.z * x.z]
     }
 
-    /// Returns the fitted light of a surface in the block.
-    pub fn light(&self, surface: &Surface) -> DVec3 {
+    /// Returns the fitted light of a surface in the block, in this channel.
+    pub fn light(&self, surface: &Surface) -> f64 {
         let features = self.features(surface);
         let sum = self.weights.iter().zip(features).map(|(w, f)| *w * f).sum::<DVec3>();
-        sum.clamp(DVec3::ZERO, DVec3::splat(self.brightest))
+        sum[self.channel].clamp(0.0, self.brightest)
     }
 
     pub fn brightest(&self) -> f64 {

@@ -145,10 +145,11 @@ fn run<T: bytemuck::Pod>(
     outputs.get(output)
 }
 
-fn overrides(format: Format) -> [(&'static str, bool); 8] {
+fn overrides(format: Format) -> [(&'static str, bool); 9] {
     [
         ("SOBOL", true),
         ("HAS_GLOSS", format.gloss),
+        ("MARKS_ABSENT", false),
         ("HAS_NARROW_LOBES", false),
         ("IS_REGULARIZED", false),
         ("HAS_MOTION", true),
@@ -332,6 +333,7 @@ fn traced(
     let overrides = [
         ("SOBOL", true),
         ("HAS_GLOSS", format.gloss),
+        ("MARKS_ABSENT", false),
         ("HAS_NARROW_LOBES", false),
         ("HAS_CACHE", false),
         ("IS_REGULARIZED", false),

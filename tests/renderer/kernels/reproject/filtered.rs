@@ -1,13 +1,20 @@
 //! Light that the right eye takes over after the left eye's filter.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use super::twin::{Fate, Twin};
 use super::{Pixel, inputs};
 use crate::kernels::camera::Constants;
 use crate::kernels::harness::{Buffer, Kernel, only_in};
 use crate::kernels::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
-use crate::kernels::pack::{Counts, FINISHED, Format, Light, MISSING};
+use crate::kernels::pack::{Albedo, Counts, FINISHED, Format, Light, MISSING};
+
+/// Returns true if light is absent in a channel that the albedo has.
+fn lacks(light: &Light, albedo: &Albedo, gloss: bool) -> bool {
+    let all = Light { matte: DVec3::ONE, gloss: DVec3::ONE, ..*light }.reflected_by(albedo);
+    let lacks = |light: DVec3, all: DVec3| (0..3).any(|c| light[c] < 0.0 && all[c] >= 0.0);
+    lacks(light.matte, all.matte) || (gloss && lacks(light.gloss, all.gloss))
+}
 
 fn compare([gloss, layers]: [bool; 2], seed: u64) {
     let mut random = Random::new(seed);
@@ -16,6 +23,7 @@ fn compare([gloss, layers]: [bool; 2], seed: u64) {
     let format = Format { gloss, scale: constants.storage_scale().into() };
     let overrides = [
         ("HAS_GLOSS", gloss),
+        ("MARKS_ABSENT", true),
         ("SOBOL", true),
         ("FOVEATED", layers),
         ("SPARSE", layers),
@@ -30,7 +38,19 @@ fn compare([gloss, layers]: [bool; 2], seed: u64) {
             .map(|_| {
                 let known = DVec2::new(random.within(0.0..0.4), random.within(0.0..0.1));
                 let variance = if random.chance(0.2) { DVec2::splat(MISSING) } else { known };
-                format.pack(&Light { variance, ..random.light(2.0) })
+                let light = random.light(2.0);
+                format.pack(&Light { variance, ..random.with_absent(light) })
+            })
+            .collect();
+        // Some surfaces are black in a channel or in a lobe.
+        let albedo: Vec<_> = (0..constants.area())
+            .map(|_| {
+                let color = |random: &mut Random| {
+                    let bright = DVec3::splat(0.5);
+                    random.pick(&[bright, bright, bright.with_x(0.0), bright.with_z(0.0), DVec3::ZERO])
+                };
+                let matte = color(&mut random);
+                format.pack_albedo(&Albedo { all: matte + color(&mut random), matte, roughness: 0.5 })
             })
             .collect();
         let light = |at: usize| Some(format.unpack(left_light[at])).filter(|light| light.variance.x != MISSING);
@@ -51,6 +71,7 @@ fn compare([gloss, layers]: [bool; 2], seed: u64) {
             ("left_light", image(&left_light)),
             ("hit_image", image(&eyes.hit[1])),
             ("guide_image", image(&eyes.guide[1])),
+            ("albedo_image", image(&albedo)),
             ("tally_image", Buffer::image(&tally)),
             ("source", image(&source)),
             ("filtered", Buffer::image(&random.rubbish::<4>(constants.area()))),
@@ -64,6 +85,10 @@ fn compare([gloss, layers]: [bool; 2], seed: u64) {
             let why = Counts::unpack(tally[at]).why;
             let is_traced = why != 0 && why != Counts::SKIPPED;
             match twin.fate((x, y), &pixel(1, at), &mut Cases::default()) {
+                Fate::Gathered(light) if !is_traced && lacks(&light, &format.unpack_albedo(albedo[at]), gloss) => {
+                    cases.meet("left to the filter");
+                    assert_eq!(filtered[at], source[at], "{place}");
+                }
                 Fate::Gathered(light) if !is_traced => {
                     cases.meet(if why == 0 { "taken over" } else { "taken over instead of filled" });
                     let want = Light { variance: DVec2::splat(FINISHED), ..light };
@@ -82,7 +107,14 @@ fn compare([gloss, layers]: [bool; 2], seed: u64) {
             }
         }
     }
-    cases.assert_met(&["taken over", "taken over instead of filled", "traced", "sky", "not seen by the left eye"]);
+    cases.assert_met(&[
+        "left to the filter",
+        "taken over",
+        "taken over instead of filled",
+        "traced",
+        "sky",
+        "not seen by the left eye",
+    ]);
 }
 
 #[test]

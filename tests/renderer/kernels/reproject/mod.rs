@@ -73,17 +73,19 @@ fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bo
     }
     let mut radiance = || match sparse && random.chance(0.4) {
         true => [0; 4],
-        false if random.chance(0.3) => format.pack_sampled(&random.light(2.0)),
         false => {
             let variance = DVec2::new(random.within(0.0..0.4), random.within(0.0..0.1));
-            format.pack_sampled_with(&Light { variance, ..random.light(2.0) })
+            let light = random.light(2.0);
+            let light = Light { variance, ..random.with_absent(light) };
+            if random.chance(0.3) { format.pack_sampled(&light) } else { format.pack_sampled_with(&light) }
         }
     };
     Eyes { hit, guide, left_radiance: (0..area).map(|_| radiance()).collect() }
 }
 
 /// Overrides of a frame with one sample in every pixel, without layers and gloss.
-const PLAIN: [Override; 7] = [
+const PLAIN: [Override; 8] = [
+    ("MARKS_ABSENT", true),
     ("HAS_GLOSS", false),
     ("SOBOL", true),
     ("FOVEATED", false),
@@ -96,7 +98,7 @@ const PLAIN: [Override; 7] = [
 fn run(
     constants: &Constants,
     stripe: &Stripe,
-    overrides: [Override; 7],
+    overrides: [Override; 8],
     eyes: &Eyes,
     before: &[[u32; 4]],
     tally: &[u32],
@@ -127,6 +129,7 @@ fn compare(
     let format = Format { gloss, scale: constants.storage_scale().into() };
     let overrides = [
         ("HAS_GLOSS", gloss),
+        ("MARKS_ABSENT", true),
         ("SOBOL", true),
         ("FOVEATED", constants.foveation.layers),
         ("SPARSE", sparse),

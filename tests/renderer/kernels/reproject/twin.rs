@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3};
 use crate::kernels::camera::Constants;
 use crate::kernels::edges::Surface;
 use crate::kernels::inputs::Cases;
-use crate::kernels::pack::{Light, MIRRORED, UNKNOWN};
+use crate::kernels::pack::{Light, MIRRORED, MeanLight, UNKNOWN};
 
 /// Reason for a hole, as numbered by the shader.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -131,7 +131,9 @@ impl Twin<'_> {
             let variance = |(light, w): &(Option<Light>, f64)| light.map(|light| light.variance * *w);
             let variance = weighted.iter().filter_map(variance).sum::<DVec2>() / weight;
             let of = |channel: fn(&Light) -> DVec3| -> DVec3 {
-                weighted.iter().filter_map(|(light, w)| light.map(|light| channel(&light) * *w)).sum::<DVec3>() / weight
+                let mut mean = MeanLight::default();
+                weighted.iter().for_each(|(light, w)| light.iter().for_each(|light| mean.add(channel(light), *w)));
+                mean.above(0.0)
             };
             let told = weighted.iter().all(|(light, w)| light.is_none_or(|l| *w == 0.0 || l.variance.x >= 0.0));
             let variance = if told { variance } else { DVec2::splat(UNKNOWN) };
