@@ -7,7 +7,7 @@ use diptych::device::{self, GpuDevice, SceneAccess, Selection, ShaderChecks, Tra
 use diptych::graph::Kernel;
 use diptych::image::Extent;
 use diptych::stages::layout::{Camera, Frame};
-use diptych::stages::{SceneBuffers, override_names, scene_layout_entries, shader_text};
+use diptych::stages::{SceneBuffers, Specialization, override_names, scene_layout_entries, shader_text};
 use wgpu::util::DeviceExt;
 
 use super::{BenchRay, Case, Workload};
@@ -84,11 +84,6 @@ fn pipeline(
     case: Case,
     has_instances: bool,
 ) -> wgpu::ComputePipeline {
-    let descriptor =
-        wgpu::ShaderModuleDescriptor { label: Some("rays"), source: wgpu::ShaderSource::Wgsl(text.into()) };
-    // SAFETY: loops end, integer divisors are not 0, and bounds stay checked. For a version from a file, whoever names
-    // the file vouches for that.
-    let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, ShaderChecks::Fast.runtime_checks()) };
     let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
         bind_group_layouts: &layouts.map(Some),
@@ -100,17 +95,16 @@ fn pipeline(
     let mut constants: Vec<_> = declared.iter().filter(|n| n.starts_with("HAS_")).map(|n| (*n, value(n))).collect();
     constants.push(("SEGMENTS", case.segments() as f64));
     constants.push(("ANY_HIT", f64::from(u8::from(case == Case::Shadow))));
-    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some("rays"),
-        layout: Some(&pipeline_layout),
-        module: &module,
-        entry_point: Some("main"),
-        compilation_options: wgpu::PipelineCompilationOptions {
-            constants: &constants,
-            zero_initialize_workgroup_memory: false,
-        },
-        cache: None,
-    })
+    let main = Specialization {
+        label: "rays",
+        text,
+        entry_point: "main",
+        constants: &constants,
+        zero_workgroup_memory: false,
+    };
+    // SAFETY: loops end, integer divisors are not 0, and bounds stay checked. For a version from a file, whoever names
+    // the file vouches for that.
+    unsafe { main.trusted_pipeline(&gpu.device, &pipeline_layout, ShaderChecks::Fast) }
 }
 
 impl Gpu {

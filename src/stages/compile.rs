@@ -70,7 +70,6 @@ fn compile(
 ) -> Result<Pipeline, StageError> {
     let name = pass.kernel.name;
     let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
-    let module = shader.module(&gpu.device, name, key.checks);
     let entries: Vec<_> = pass.uses.iter().enumerate().map(|(i, used)| layout_entry(i as u32, used)).collect();
     let layout =
         gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(name), entries: &entries });
@@ -82,18 +81,7 @@ fn compile(
         immediate_size: PASS_BYTES,
     });
     let constants: Vec<_> = key.constants.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
-    let compute = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(name),
-        layout: Some(&pipeline_layout),
-        module: &module,
-        entry_point: Some("main"),
-        compilation_options: wgpu::PipelineCompilationOptions {
-            constants: &constants,
-            // A foreign shader might read workgroup memory before it writes it.
-            zero_initialize_workgroup_memory: pass.kernel.foreign_text().is_some(),
-        },
-        cache: None,
-    });
+    let compute = shader.pipeline(&gpu.device, name, &pipeline_layout, &constants, key.checks);
     if let Some(error) = pollster::block_on(scope.pop()) {
         let (device, what) = (gpu.info.index, error.to_string());
         return Err(StageError::Pipeline { device, shader: name, what });

@@ -137,20 +137,12 @@ fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
 
 fn probe(gpu: &device::GpuDevice, layouts: &[Option<&wgpu::BindGroupLayout>]) -> wgpu::ComputePipeline {
     let shader = Shader::new(&Kernel::from_text("probe", PROBE).reading_scene(), &[], gpu.scene_access());
-    let module = shader.module(&gpu.device, "probe", ShaderChecks::Full);
     let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
         bind_group_layouts: layouts,
         immediate_size: 0,
     });
-    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: None,
-        layout: Some(&layout),
-        module: &module,
-        entry_point: Some("main"),
-        compilation_options: Default::default(),
-        cache: None,
-    })
+    shader.pipeline(&gpu.device, "probe", &layout, &[], ShaderChecks::Full)
 }
 
 /// Checks that directions are sampled as often as the density says, bin by bin, and that each comes with its density.

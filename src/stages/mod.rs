@@ -8,6 +8,7 @@ mod bindings;
 mod color;
 mod compile;
 mod config;
+mod dead_code;
 mod emitters;
 mod foveation;
 pub(crate) mod frame_constants;
@@ -20,6 +21,7 @@ mod reflect;
 mod scene_tables;
 pub(crate) mod search_range;
 mod shader;
+mod specialization;
 mod task;
 mod workgroups;
 
@@ -35,8 +37,12 @@ pub use reflect::{Mismatch, verify};
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, SceneUpdate, TableError};
 pub use shader::{ShaderVariant, all_shader_text, override_names, shader_text, shader_text_of};
+#[doc(hidden)] // For tests and benchmarks of single kernels.
+pub use specialization::Specialization;
 pub use task::{StageTask, Stamps};
 
+#[cfg(test)]
+mod dead_code_tests;
 #[cfg(test)]
 mod history_tests;
 #[cfg(test)]

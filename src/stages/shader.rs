@@ -8,6 +8,7 @@
 
 use super::bindings::bindings;
 use super::layout;
+use super::specialization::Specialization;
 use crate::device::{SceneAccess, ShaderChecks, Traversal};
 use crate::graph::{Kernel, Pass, SceneUse, Use};
 use crate::passes;
@@ -85,17 +86,28 @@ impl Shader {
         if self.is_foreign { ShaderChecks::Full } else { own }
     }
 
-    /// Compiles the shader with [`Self::checks`].
-    pub fn module(&self, device: &wgpu::Device, label: &str, own: ShaderChecks) -> wgpu::ShaderModule {
-        let source = wgpu::ShaderSource::Wgsl(self.text.as_str().into());
-        let descriptor = wgpu::ShaderModuleDescriptor { label: Some(label), source };
+    /// Creates the pipeline of the shader's `main` with [`Self::checks`]. The device's error scope receives faults.
+    pub fn pipeline(
+        &self,
+        device: &wgpu::Device,
+        label: &str,
+        layout: &wgpu::PipelineLayout,
+        constants: &[(&str, f64)],
+        own: ShaderChecks,
+    ) -> wgpu::ComputePipeline {
+        let main = Specialization {
+            label,
+            text: &self.text,
+            entry_point: "main",
+            constants,
+            // A foreign shader might read workgroup memory before it writes it.
+            zero_workgroup_memory: self.is_foreign,
+        };
         match self.checks(own) {
-            ShaderChecks::Full => device.create_shader_module(descriptor),
+            ShaderChecks::Full => main.pipeline(device, layout),
             // SAFETY: only the library's own shaders come here. Their loops end, their integer divisors are not 0, they
             // use ray queries as Vulkan defines, and their bounds stay checked.
-            ShaderChecks::Fast => unsafe {
-                device.create_shader_module_trusted(descriptor, ShaderChecks::Fast.runtime_checks())
-            },
+            ShaderChecks::Fast => unsafe { main.trusted_pipeline(device, layout, ShaderChecks::Fast) },
         }
     }
 }

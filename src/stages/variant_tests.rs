@@ -3,10 +3,11 @@
 
 use naga::back::pipeline_constants::process_overrides;
 use naga::front::wgsl::{Frontend, Options};
-use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+use naga::valid::{ModuleInfo, ValidationFlags, Validator};
 use naga::{Module, ShaderStage};
 
 use super::shader::pass_text;
+use super::specialization::capabilities;
 use super::*;
 use crate::device::{SceneAccess, Tables, Traversal};
 use crate::image::Extent;
@@ -14,18 +15,8 @@ use crate::passes;
 use crate::projection::PolarSpace;
 use crate::scene::needs::SceneNeeds;
 
-/// Returns the capabilities of shaders on devices opened for a traversal. All wgpu backends used here convert half
-/// floats.
-fn capabilities(traversal: Traversal) -> Capabilities {
-    let features = traversal.features();
-    let mut capabilities = Capabilities::SHADER_FLOAT16_IN_FLOAT32;
-    capabilities.set(Capabilities::IMMEDIATES, features.contains(wgpu::Features::IMMEDIATES));
-    capabilities.set(Capabilities::RAY_QUERY, features.contains(wgpu::Features::EXPERIMENTAL_RAY_QUERY));
-    capabilities
-}
-
 fn validated(text: &str, traversal: Traversal) -> Result<(Module, ModuleInfo), String> {
-    let capabilities = capabilities(traversal);
+    let capabilities = capabilities(traversal.features());
     let mut options = Options::new();
     options.capabilities = capabilities;
     let module = Frontend::new_with_options(options).parse(text).map_err(|e| e.emit_to_string(text))?;

@@ -10,7 +10,7 @@ use diptych::accel::Accel;
 use diptych::device::{GpuDevice, Traversal};
 use diptych::scene::Mesh;
 use diptych::stages::layout::Frame;
-use diptych::stages::{SceneBuffers, SceneTables, scene_layout_entries, shader_text_of};
+use diptych::stages::{SceneBuffers, SceneTables, Specialization, scene_layout_entries, shader_text_of};
 use glam::{Vec3, vec3};
 use wgpu::util::DeviceExt;
 
@@ -58,8 +58,6 @@ impl Tracer {
     fn new() -> Self {
         let gpu = devices_to_lose(1).remove(0);
         let text = shader_text_of("gbuffer", gpu.scene_access()) + AIM;
-        let descriptor = wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(text.into()) };
-        let module = gpu.device.create_shader_module(descriptor);
         let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
         let mut scene_entries = vec![buffer_entry(0, wgpu::BufferBindingType::Uniform)];
         scene_entries.extend(scene_layout_entries(gpu.scene_access()));
@@ -73,15 +71,14 @@ impl Tracer {
             bind_group_layouts: &layouts.each_ref().map(Some),
             immediate_size: 32,
         });
-        let constants = [("HAS_ALPHA", 0.0)];
-        let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: None,
-            layout: Some(&pipeline_layout),
-            module: &module,
-            entry_point: Some("aim"),
-            compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
-            cache: None,
-        });
+        let aim = Specialization {
+            label: "aim",
+            text: &text,
+            entry_point: "aim",
+            constants: &[("HAS_ALPHA", 0.0)],
+            zero_workgroup_memory: true,
+        };
+        let pipeline = aim.pipeline(&gpu.device, &pipeline_layout);
         assert_eq!(gpu.failure(), None);
         Self { gpu, layouts, pipeline }
     }

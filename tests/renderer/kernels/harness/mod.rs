@@ -12,7 +12,9 @@ use diptych::device::GpuDevice;
 use diptych::device::SceneAccess;
 use diptych::projection::PolarSpace;
 use diptych::stages::layout::{Frame, PassConstants};
-use diptych::stages::{SceneBuffers, SceneTables, ShaderVariant, override_names, scene_layout_entries, shader_text_of};
+use diptych::stages::{
+    SceneBuffers, SceneTables, ShaderVariant, Specialization, override_names, scene_layout_entries, shader_text_of,
+};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 pub use self::buffers::{Buffer, Outputs, Stripe, only_in};
@@ -145,10 +147,6 @@ impl Kernel {
         let mut bindings: Vec<_> = module.global_variables.iter().filter_map(|(_, v)| binding(v)).collect();
         bindings.sort_by_key(|b| (b.group, b.number));
         let (device, label) = (&gpu.device, Some(self.name));
-        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label,
-            source: wgpu::ShaderSource::Wgsl(self.source.as_str().into()),
-        });
         let group =
             |entries: &[_]| device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries });
         let entries = |group| bindings.iter().filter(move |b| b.group == group).map(|b| layout_entry(b.number, b.kind));
@@ -164,14 +162,14 @@ impl Kernel {
             immediate_size: size_of::<PassConstants>() as u32,
         });
         let values: Vec<_> = self.overrides.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
-        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label,
-            layout: Some(&layout),
-            module: &module,
-            entry_point: Some("main"),
-            compilation_options: wgpu::PipelineCompilationOptions { constants: &values, ..Default::default() },
-            cache: None,
-        });
+        let main = Specialization {
+            label: self.name,
+            text: &self.source,
+            entry_point: "main",
+            constants: &values,
+            zero_workgroup_memory: true,
+        };
+        let pipeline = main.pipeline(device, &layout);
         assert!(gpu.failure().is_none(), "{}: {:?}", self.name, gpu.failure());
         Compiled { pipeline, bindings }
     }
