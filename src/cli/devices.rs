@@ -1,6 +1,6 @@
 //! `diptych devices`.
 
-use crate::device;
+use crate::device::{self, AdapterReport, Selection};
 use crate::report::text_table;
 
 use super::failure::Failure;
@@ -13,8 +13,21 @@ pub struct Args {
     json: bool,
 }
 
+/// Opens a device if the adapter lacks nothing else, since drivers may list adapters on which none can be opened.
+fn try_to_open(adapter: &mut AdapterReport) {
+    let selection = Selection { adapters: Some(vec![adapter.index]), virtual_devices: 1, ..Default::default() };
+    if adapter.missing.is_empty()
+        && let Err(error) = device::open(&selection)
+    {
+        let cause = std::error::Error::source(&error).map_or_else(|| error.to_string(), ToString::to_string);
+        adapter.missing.push(format!("a device that can be opened ({cause})"));
+        adapter.hint = "update its driver or choose another adapter";
+    }
+}
+
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let adapters = device::adapters();
+    let mut adapters = device::adapters();
+    adapters.iter_mut().for_each(try_to_open);
     if args.json {
         let text = serde_json::to_string_pretty(&adapters).map_err(anyhow::Error::from)?;
         say!("{text}");

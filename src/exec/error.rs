@@ -17,6 +17,8 @@ pub enum ExecError {
         "devices mix compute and hardware traversal, which do not give the same bytes: open all with one traversal"
     )]
     MixedTraversal,
+    #[error("frame {frame} is unusable, because a device's driver seems to drop work: {what}")]
+    Implausible { frame: u32, what: String },
     #[error("the devices did not finish, although none of them reported a failure")]
     Stuck,
     #[error(transparent)]

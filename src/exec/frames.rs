@@ -8,6 +8,7 @@ use super::inputs::Inputs;
 use super::messages::{Answer, FrameJob, Order, Pixels, Stop};
 use super::output::Output;
 use super::plan::Plan;
+use super::plausibility::check;
 use super::watchdog::Limits;
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Tally, TaskTiming};
@@ -182,8 +183,8 @@ impl Frames {
     /// Waits for the oldest frame in flight; returns `None` if there is none.
     ///
     /// # Errors
-    /// [`ExecError::Stuck`] if workers abandoned the frame although no device failed, [`ExecError::Rank`] if a rank is
-    /// lost.
+    /// [`ExecError::Stuck`] if workers abandoned the frame although no device failed, [`ExecError::Implausible`] if its
+    /// counts or times are impossible, [`ExecError::Rank`] if a rank is lost.
     pub fn finish(&mut self) -> Result<Option<Finished>, ExecError> {
         let Some(mut frame) = self.in_flight.pop_front() else { return Ok(None) };
         let collected = self.collect(&mut frame);
@@ -196,7 +197,7 @@ impl Frames {
         if !collected.is_whole {
             return Err(ExecError::Stuck);
         }
-        self.complete(&mut frame, collected);
+        self.complete(&mut frame, collected)?;
         Ok(Some(Finished::CompleteFrame(Box::new(frame))))
     }
 
@@ -252,7 +253,7 @@ impl Frames {
         Finished::Failed { failures, frames }
     }
 
-    fn complete(&mut self, frame: &mut InFlight, collected: Collected) {
+    fn complete(&mut self, frame: &mut InFlight, collected: Collected) -> Result<(), ExecError> {
         let Collected { begin_ms, end_ms, mut images, buffers, .. } = collected;
         let report = &mut frame.report;
         if report.overlapped && frame.attempt.number == 1 {
@@ -265,12 +266,16 @@ impl Frames {
             report.tallies = report.row_tallies.each_ref().map(|rows| Tally::of(rows));
         }
         report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
+        let times = report.tasks.iter().flat_map(|task| [task.begin_ms, task.end_ms]);
+        check(&frame.inputs.constants, report.pixels, &report.tallies, times.chain([begin_ms, end_ms]))
+            .map_err(|what| ExecError::Implausible { frame: report.index, what })?;
         if frame.attempt.number == 1 {
             self.limits.learn(frame.inputs.samples(), report.makespan_ms);
         }
         let primary = report.assignment.primary();
         self.recovered(frame.attempt, end_ms);
         self.whole = Some(CompleteFrame { inputs: frame.inputs.clone(), primary, end_ms, images, buffers });
+        Ok(())
     }
 
     /// Marks the faults of a frame as recovered by this attempt, which was complete at `end_ms`.

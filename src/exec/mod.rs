@@ -15,6 +15,7 @@ mod messages;
 mod output;
 mod plan;
 mod planner;
+mod plausibility;
 mod pose_source;
 mod prediction;
 mod quality;
