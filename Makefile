@@ -14,6 +14,9 @@
 # make golden    hashes the images of many kinds of frames into out/golden.txt. BEFORE=FILE: compares with another build
 # make release-check    runs all of these, and writes docs/release-check.md. STEPS="lint test": only these.
 #              NEWER_MESA=COMMAND: also under a second driver, where COMMAND runs another command under that driver
+# make gpu-kernels    compiles all kernels for GPUs that this machine need not have, and compares their registers,
+#              memory and occupancy with docs/results.json. NEWER_MESA=COMMAND: Mesa 25, where COMMAND runs another
+#              command under it; ARGS=--accept: writes figures that are worse
 # make peers    measures diptych beside Mitsuba 3 with OIDN: out/peers/NAME/NAME.md and .svg. SHOT=FILE: another shot
 # make numbers    measures the tables of README.md and docs/results.md again, on an idle machine. TABLES="scale play":
 #              only these; SCENES=DIR: with third-party scenes; NEWER_MESA=COMMAND: also under the driver with which
@@ -50,7 +53,7 @@ ifneq ($(RUN),)
 export CARGO_TARGET_$(shell $(RUSTC) -vV | sed -n 's/^host: //p' | tr a-z- A-Z_)_RUNNER := $(RUN)
 endif
 
-.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr python golden release-check peers peers-packages numbers docs deps clean
+.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr python golden gpu-kernels release-check peers peers-packages numbers docs deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -136,6 +139,11 @@ golden: deps
 	mkdir -p out
 	$(RUN) sh tools/golden.sh "$(DIPTYCH)" out/golden.txt
 	@[ -z "$(BEFORE)" ] || { diff "$(BEFORE)" out/golden.txt && echo "all images are the same"; }
+
+gpu-kernels: deps
+	$(CARGO) build --release --locked
+	mkdir -p out
+	python3 tools/gpu-kernels/measure.py --diptych "$(DIPTYCH)" --under "$(NEWER_MESA)" $(ARGS)
 
 release-check:
 	@MAKE="$(MAKE)" NEWER_MESA="$(NEWER_MESA)" sh tools/release-check.sh $(STEPS)

@@ -6,10 +6,14 @@ use wgpu::naga::back::PipelineConstants;
 use wgpu::naga::back::pipeline_constants::process_overrides;
 use wgpu::naga::front::wgsl::{Frontend, Options};
 use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
-use wgpu::naga::{Module, ShaderStage};
+use wgpu::naga::{Module, ShaderStage, TypeInner};
 
 use super::dead_code::remove_dead_code;
 use crate::device::ShaderChecks;
+
+/// Environment variable that has pipelines named on standard error, before and after the driver compiles them. What a
+/// driver prints in between belongs to this kernel.
+const NAMES_PIPELINES: &str = "DIPTYCH_NAME_PIPELINES";
 
 /// A compute shader with values for its override constants, of which the device gets only the code that can run.
 ///
@@ -47,10 +51,16 @@ impl Specialization<'_> {
             Some(module) => (wgpu::ShaderSource::Naga(Cow::Owned(module)), &[][..]),
             None => (wgpu::ShaderSource::Wgsl(self.text.into()), self.constants),
         };
+        let names = std::env::var_os(NAMES_PIPELINES).is_some();
+        if let (true, wgpu::ShaderSource::Naga(module)) = (names, &source) {
+            let invocations: u32 = module.entry_points.iter().flat_map(|entry| entry.workgroup_size).product();
+            let traces = module.types.iter().any(|(_, ty)| matches!(ty.inner, TypeInner::RayQuery { .. }));
+            eprintln!("pipeline {} of {invocations} invocations, ray queries: {traces}", self.label);
+        }
         let descriptor = wgpu::ShaderModuleDescriptor { label: Some(self.label), source };
         // SAFETY: the caller vouches for the shader, and removing code that cannot run adds no behaviour.
         let module = unsafe { device.create_shader_module_trusted(descriptor, checks.runtime_checks()) };
-        device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(self.label),
             layout: Some(layout),
             module: &module,
@@ -60,7 +70,11 @@ impl Specialization<'_> {
                 zero_initialize_workgroup_memory: self.zero_workgroup_memory,
             },
             cache: None,
-        })
+        });
+        if names {
+            eprintln!("end of pipeline {}", self.label);
+        }
+        pipeline
     }
 
     /// Returns the entry point without code that cannot run; `None` if the shader is faulty or needs features that no
