@@ -100,15 +100,14 @@ fn has_light(scene: &Scene) -> bool {
 /// Fraction of directions in which a room must be open to be lit from outside.
 const LEAST_OPENNESS: f32 = 0.1;
 
-/// Returns a light above the camera that lights a room.
+/// Returns a light above the camera and below the ceiling that lights a room.
 fn fill_light(rig: &Rig, room: Room) -> ShotLight {
-    let above = DVec3::Y * f64::from(room.distance) * 0.1;
+    let above = DVec3::Y * f64::from((0.1 * room.distance).min(0.5 * room.headroom));
     let kind = ShotLightKind::Point { position: (rig.keys[0].position + above).as_vec3(), radius_m: 0.0 };
     ShotLight { kind, strength: Vec3::splat(room.distance * room.distance) }
 }
 
-/// Returns the rig, and the room that it is in if the viewpoint was found inside one. `lights_rooms` is true if a closed
-/// room gets light.
+/// Returns the rig, and its surroundings if `lights_rooms` is true: then a closed room gets light.
 fn rig(
     draft: &PartialRig,
     lights_rooms: bool,
@@ -142,6 +141,9 @@ fn rig(
         return Err(SceneError::Setting { setting: Setting::Baseline, what });
     }
     move_to(&mut rig.keys, overrides)?;
+    if lights_rooms && room.is_none() {
+        room = viewpoint::room_around(scene, rig.keys[0].position, budget);
+    }
     Ok((rig, room))
 }
 

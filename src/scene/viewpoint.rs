@@ -7,10 +7,12 @@ mod inside;
 mod outside;
 mod surfaces;
 
+use glam::DVec3;
+
 use self::surfaces::Surfaces;
-use super::Scene;
-use super::budget::Budget;
+use super::budget::{Budget, Reserved};
 use super::rig::{DEFAULT_BASELINE_M, Rig};
+use super::{Bounds, Scene};
 
 /// Default vertical fields of view in degrees: inside a room, and of an object seen from outside, which would look
 /// distorted in a wider field of view.
@@ -69,21 +71,38 @@ pub struct Viewpoint {
     pub room: Option<Room>,
 }
 
-/// Surroundings of a viewpoint inside a room.
+/// Surroundings of a viewpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Room {
     /// Fraction of directions in which the room is open.
     pub openness: f32,
     /// Mean distance to the room's surfaces, scene units.
     pub distance: f32,
+    /// Distance to the surface above, or the mean distance if there is none, scene units.
+    pub headroom: f32,
+}
+
+/// Reserves memory for a search. Returns `None` for scenes with too many triangles or over the budget.
+fn reserve<'a>(scene: &Scene, budget: &'a Budget) -> Option<Reserved<'a>> {
+    let count = scene.triangle_count();
+    (count <= MOST_TRIANGLES).then(|| budget.reserve((count * TRIANGLE_BYTES) as u64).ok()).flatten()
+}
+
+/// Returns the surroundings of a point that was not searched for. Returns `None` outside the scene's bounds, for scenes
+/// without triangles, with too many, or over the budget.
+pub fn room_around(scene: &Scene, position: DVec3, budget: &Budget) -> Option<Room> {
+    let Bounds { min, max } = scene.bounds();
+    let is_within = min.as_dvec3().cmple(position).all() && position.cmple(max.as_dvec3()).all();
+    let _reserved = is_within.then(|| reserve(scene, budget)).flatten()?;
+    let surfaces = Surfaces::of(scene, 1.0, true)?;
+    Some(surfaces.room(surfaces.local(position)))
 }
 
 /// Finds a viewpoint. Returns that of [`Rig::framing`] for scenes without triangles, with too many, or over the budget.
 pub fn find(scene: &Scene, wanted: &Wanted, budget: &Budget) -> Viewpoint {
     let Wanted { metres_per_unit, .. } = *wanted;
     let yfov_rad = |default_deg: f64| wanted.yfov_rad.unwrap_or(default_deg.to_radians());
-    let count = scene.triangle_count();
-    let reserved = (count <= MOST_TRIANGLES).then(|| budget.reserve((count * TRIANGLE_BYTES) as u64).ok()).flatten();
+    let reserved = reserve(scene, budget);
     let surfaces = reserved.as_ref().and_then(|_| Surfaces::of(scene, metres_per_unit, wanted.lights_rooms));
     let (room, rig) = match (surfaces, wanted.orbit) {
         (None, _) => (None, Rig::framing(scene.bounds(), yfov_rad(OUTSIDE_YFOV_DEG))),
@@ -94,7 +113,7 @@ pub fn find(scene: &Scene, wanted: &Wanted, budget: &Budget) -> Viewpoint {
         (Some(surfaces), None) => {
             let around = surfaces.best_side();
             match surfaces.best_stand().filter(|stand| stand.seen > around.seen) {
-                Some(stand) => (Some(surfaces.room(&stand)), surfaces.rig_within(&stand, yfov_rad(INSIDE_YFOV_DEG))),
+                Some(stand) => (Some(surfaces.room(stand.eye)), surfaces.rig_within(&stand, yfov_rad(INSIDE_YFOV_DEG))),
                 None => (None, surfaces.rig_before(around.from, 1.0, yfov_rad(OUTSIDE_YFOV_DEG))),
             }
         }

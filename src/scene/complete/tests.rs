@@ -102,13 +102,19 @@ fn what_a_shot_says_of_its_rig_goes_before_what_is_found() {
     assert_eq!(rig.keys, Rig::from_camera(camera(0.0)).keys);
 }
 
-#[test]
-fn a_closed_room_of_a_file_gets_a_light_at_the_camera() {
+/// A closed room of 3 x 2.5 x 8 units with a corner at the origin, without light.
+fn closed_room() -> Scene {
     let mut room = triangle();
     let corner = |i: u32| Vec3::new(3.0 * (i & 1) as f32, 2.5 * (i >> 1 & 1) as f32, 8.0 * (i >> 2) as f32);
     let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
     let inwards = quads.iter().flat_map(|&[a, b, c, d]: &[u32; 4]| [[a, c, b], [a, d, c]]);
     room.meshes[0] = Mesh { positions: (0..8).map(corner).collect(), triangles: inwards.collect(), ..Mesh::default() };
+    room
+}
+
+#[test]
+fn a_closed_room_of_a_file_gets_a_light_at_the_camera() {
+    let mut room = closed_room();
     let overrides = Overrides { look: Look::Studio, ..Overrides::default() };
     let shot = completed(bare(), &overrides, &mut room).unwrap();
     assert_eq!(shot.lights.len(), 1);
@@ -116,6 +122,39 @@ fn a_closed_room_of_a_file_gets_a_light_at_the_camera() {
     let plain = completed(bare(), &Overrides::default(), &mut room).unwrap();
     assert!(plain.lights.is_empty() && (plain.exposure_ev, plain.is_metered) == (0.0, false));
     assert!(shot.is_metered && shot.tone == ToneCurve::Neutral && plain.tone == ToneCurve::Reinhard);
+}
+
+#[test]
+fn a_closed_room_gets_a_light_at_every_viewpoint_inside() {
+    let studio = Overrides { look: Look::Studio, ..Overrides::default() };
+    let lights = |overrides: &Overrides, change: fn(&mut Scene)| {
+        let mut room = closed_room();
+        change(&mut room);
+        let is_told = |room: &Scene| room.notes.iter().any(|note| note.contains("added a light at the camera"));
+        let lights = completed(bare(), overrides, &mut room).unwrap().lights;
+        assert_eq!(lights.len(), usize::from(is_told(&room)), "{:?}", room.notes);
+        lights
+    };
+    let inside = DVec3::new(1.5, 1.2, 4.0);
+    let below_the_ceiling = DVec3::new(1.5, 2.49, 4.0);
+    for position in [inside, below_the_ceiling] {
+        for target in [None, Some(DVec3::ZERO)] {
+            let overrides = Overrides { position: Some(position), target, ..studio.clone() };
+            let [light] = &lights(&overrides, |_| ())[..] else { panic!("no light at {position}") };
+            let ShotLightKind::Point { position: lamp, .. } = light.kind else { panic!("{light:?}") };
+            assert!(lamp.y > position.y as f32 && lamp.y < 2.5, "{lamp} in a room of height 2.5");
+        }
+    }
+    let camera_inside = |room: &mut Scene| {
+        room.cameras.push(Camera { world_from_view: Affine3A::from_translation(Vec3::ONE), ..camera(0.0) })
+    };
+    assert_eq!(lights(&studio, camera_inside).len(), 1, "a camera of the file");
+    let outside = Overrides { position: Some(DVec3::new(1.5, 1.2, 12.0)), ..studio.clone() };
+    assert!(lights(&outside, |_| ()).is_empty(), "outside");
+    let orbit = Overrides { orbit: Some(Orbit::FRONT), ..studio.clone() };
+    assert!(lights(&orbit, |_| ()).is_empty(), "from outside");
+    let inside = Overrides { position: Some(inside), ..studio };
+    assert!(lights(&inside, |room| room.lights.push(light())).is_empty(), "a light of the file");
 }
 
 /// Such a shot gets no white environment, since emissive surfaces may be meant as its only light.

@@ -19,7 +19,7 @@ const LEAST_AHEAD_M: f32 = 1.0;
 /// A view from inside, and the number of distinct triangles whose front faces are hit by rays from its position.
 #[derive(Clone, Copy)]
 pub struct Stand {
-    eye: Vec3A,
+    pub eye: Vec3A,
     ahead: Vec3A,
     pub seen: usize,
 }
@@ -104,12 +104,14 @@ impl Surfaces {
         self.rig(stand.eye, stand.eye + stand.ahead * 0.5, yfov_rad)
     }
 
-    /// Describes the room around a view.
-    pub fn room(&self, stand: &Stand) -> Room {
+    /// Describes the surroundings of a point.
+    pub fn room(&self, eye: Vec3A) -> Room {
         const RAYS: usize = 1024;
-        let distances: Vec<f32> = sphere(RAYS).filter_map(|d| self.meet(stand.eye, d)).map(|met| met.t).collect();
+        let distances: Vec<f32> = sphere(RAYS).filter_map(|d| self.meet(eye, d)).map(|met| met.t).collect();
         let mean = distances.iter().sum::<f32>() / distances.len().max(1) as f32;
-        Room { openness: 1.0 - distances.len() as f32 / RAYS as f32, distance: mean * self.radius as f32 }
+        let headroom = self.meet(eye, Vec3A::Y).map_or(mean, |met| met.t);
+        let [distance, headroom] = [mean, headroom].map(|t| t * self.radius as f32);
+        Room { openness: 1.0 - distances.len() as f32 / RAYS as f32, distance, headroom }
     }
 }
 

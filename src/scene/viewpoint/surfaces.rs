@@ -85,6 +85,11 @@ impl Surfaces {
         })
     }
 
+    /// Returns a point of the world in this space.
+    pub fn local(&self, position: DVec3) -> Vec3A {
+        ((position - self.centre) / self.radius).as_vec3a()
+    }
+
     pub fn rig(&self, eye: Vec3A, target: Vec3A, yfov_rad: f64) -> Rig {
         let most = DVec3::splat(f64::from(f32::MAX));
         let world = |p: Vec3A| (self.centre + Vec3::from(p).as_dvec3() * self.radius).clamp(-most, most);
