@@ -121,9 +121,9 @@ fn record_task(recorder: &Recorder, task: &Task, spp: (&str, f64)) {
     recorder.task_with(task.pid - FIRST_DEVICE_PID, task.lane, &task.name, times_us, args);
 }
 
-/// Returns the point at which arrows begin or end at a task: the task's track, and the middle of its time span, µs.
-fn middle(task: &Task) -> (Track, f64) {
-    (task.lane.track(task.pid - FIRST_DEVICE_PID), 0.5 * (task.begin_us + task.end_us))
+/// Returns a point of an arrow: the track of a task, and a time in µs.
+fn point(task: &Task, at_us: f64) -> (Track, f64) {
+    (task.lane.track(task.pid - FIRST_DEVICE_PID), at_us)
 }
 
 /// Returns the id of an arrow of a frame. `number` is the number of the transfer, or `u32::MAX` for the critical path.
@@ -131,22 +131,24 @@ fn arrow(frame: &Frame, number: u32) -> u64 {
     frame.time.frame << 32 | u64::from(number)
 }
 
-/// Records an arrow per transfer, from its download to its upload.
+/// Records an arrow per transfer, from the end of its download to the end of its upload. Viewers draw arrows forwards in
+/// time, and an upload may begin before its download ends.
 fn record_transfers(recorder: &Recorder, frame: &Frame) {
     let on = |lane| frame.tasks.iter().filter(move |t| t.lane == lane);
     let sent: HashMap<u64, &Task> = on(Lane::Download).filter_map(|&t| Some((t.transfer?, t))).collect();
     for task in on(Lane::Upload) {
         let Some((transfer, from)) = task.transfer.and_then(|t| Some((t, sent.get(&t)?))) else { continue };
-        recorder.flow(arrow(frame, transfer as u32), "transfer", &[middle(from), middle(task)]);
+        recorder.flow(arrow(frame, transfer as u32), "transfer", &[from, task].map(|t| point(t, t.end_us)));
     }
 }
 
+/// Records an arrow through the middles of the parts of the critical path.
 fn record_critical_path(recorder: &Recorder, frame: &Frame) {
     let path = critical_path(frame);
     let points: Vec<_> = path
         .iter()
         .filter_map(|stretch| match stretch.what {
-            What::Task(task) => Some(middle(task)),
+            What::Task(task) => Some(point(task, 0.5 * (stretch.begin_us + stretch.end_us))),
             What::Wait(_) => None,
         })
         .collect();
@@ -211,4 +213,48 @@ pub fn record_devices(recorder: &Recorder, devices: &[crate::device::DeviceInfo]
     }
     recorder.note("host_pid", HOST_PID);
     recorder.flush();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trace::TraceFile;
+
+    fn task(pid: u32, lane: Lane, [begin_us, end_us]: [f64; 2], order: Order) -> Task {
+        let (name, transfer) = ("rows".to_owned(), lane.is_transfer().then_some(5));
+        let (frame, rows, bytes, submissions) = (Some(0), None, None, None);
+        Task { pid, lane, name, begin_us, end_us, frame, rows, transfer, bytes, submissions, order: Some(order) }
+    }
+
+    /// The upload begins first, since it waits for the download.
+    #[test]
+    fn arrows_lead_forwards_if_transfers_overlap() {
+        let [sender, receiver] = [FIRST_DEVICE_PID, FIRST_DEVICE_PID + 1];
+        let after = |number, after| Order { number, after };
+        let tasks = [
+            task(sender, Lane::Left, [0.0, 300.0], after(0, vec![])),
+            task(receiver, Lane::Upload, [10.0, 410.0], after(0, vec![(sender, 1)])),
+            task(sender, Lane::Download, [290.0, 400.0], after(1, vec![(sender, 0)])),
+            task(receiver, Lane::Left, [405.0, 700.0], after(1, vec![(receiver, 0)])),
+        ];
+        let time = FrameTime { frame: 0, begin_us: 0.0, end_us: 800.0, devices: None };
+        let frame = Frame { time, tasks: tasks.iter().collect() };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("trace.json");
+        let file = TraceFile::start_without_host(&path).unwrap();
+        record_transfers(&file.recorder(), &frame);
+        record_critical_path(&file.recorder(), &frame);
+        file.finish().unwrap();
+        let document: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        for (category, pids) in [("transfer", &[sender, receiver][..]), ("critical path", &[10, 10, 11, 11])] {
+            let events = document["traceEvents"].as_array().unwrap().iter();
+            let arrow: Vec<_> = events.filter(|e| e["cat"] == category).collect();
+            let times: Vec<f64> = arrow.iter().map(|e| e["ts"].as_f64().unwrap()).collect();
+            assert!(times.is_sorted(), "{category}: {times:?}");
+            // The file is sorted by time, so the order of the steps shows the direction.
+            assert_eq!(arrow.iter().map(|e| e["pid"].as_u64().unwrap() as u32).collect::<Vec<_>>(), pids, "{category}");
+            let steps: Vec<_> = arrow.iter().map(|e| e["ph"].as_str().unwrap()).collect();
+            assert_eq!((steps[0], steps[steps.len() - 1]), ("s", "f"), "{category}: {steps:?}");
+        }
+    }
 }
