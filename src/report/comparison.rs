@@ -32,27 +32,33 @@ impl ControlRun {
     }
 }
 
-/// Number of resampled means of an interval.
-const RESAMPLED: usize = 2000;
+/// 97.5 % quantiles of Student's t distribution with 1 to 9 degrees of freedom.
+const STUDENT_T: [f64; 9] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262];
 
-/// Returns the mean and its 95 % bootstrap interval (Efron 1979): the quantiles of the means of values that are drawn
-/// with replacement. From fewer than eight values the interval is too narrow. `None` without values.
-fn mean_and_interval(values: &[f64]) -> Option<(f64, [f64; 2])> {
-    let count = values.len();
-    let mean = |sum: f64| sum / count as f64;
-    let mut state = 1_u64;
-    let mut draw = || {
-        // PCG's multiplier; the upper bits are the random ones.
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        values.get((state >> 33) as usize % count).copied().unwrap_or_default()
+/// Returns the 97.5 % quantile of Student's t distribution. From 10 degrees of freedom on, it is expanded around that of
+/// the normal distribution (Abramowitz & Stegun 1964, 26.7.5).
+fn student_t(freedom: usize) -> f64 {
+    const Z: f64 = 1.959_964;
+    let n = freedom as f64;
+    let expanded = || {
+        let (a, b) = ((Z.powi(3) + Z) / 4.0, (5.0 * Z.powi(5) + 16.0 * Z.powi(3) + 3.0 * Z) / 96.0);
+        Z + a / n + b / (n * n)
     };
-    if count == 0 {
-        return None;
-    }
-    let mut means: Vec<f64> = (0..RESAMPLED).map(|_| mean((0..count).map(|_| draw()).sum())).collect();
-    means.sort_by(f64::total_cmp);
-    let at = |quantile: f64| means[((RESAMPLED - 1) as f64 * quantile).round() as usize];
-    Some((mean(values.iter().sum()), [at(0.025), at(0.975)]))
+    freedom.checked_sub(1).and_then(|i| STUDENT_T.get(i)).copied().unwrap_or_else(expanded)
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Returns the ends of the 95 % interval of the mean (Student 1908), which also holds for few values. Returns `None`
+/// for a single value, and for values that are all equal: their spread is unknown.
+fn interval(values: &[f64]) -> Option<[f64; 2]> {
+    let freedom = values.len().checked_sub(1).filter(|n| *n > 0)?;
+    let mean = mean(values);
+    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    let half = student_t(freedom) * (squares / freedom as f64 / values.len() as f64).sqrt();
+    (half > 0.0 && half.is_finite()).then_some([mean - half, mean + half])
 }
 
 /// Returns the runs of each controller, in the order of their first runs.
@@ -84,52 +90,46 @@ pub fn comparison_csv(runs: &[ControlRun]) -> Csv {
 }
 
 /// Returns a row per controller: means over its runs, and differences to the first controller's runs of the same
-/// numbers, with their 95 % intervals.
+/// numbers, with their 95 % intervals. The ratio of FLIP is a geometric mean.
 pub fn comparison_table(runs: &[ControlRun]) -> Table {
     let groups = by_controller(runs);
     let (_, first) = groups.first().cloned().unwrap_or_default();
     let row = |(name, group): &(&str, Vec<&ControlRun>)| {
-        let mean = |of: fn(&ControlRun) -> f64| {
-            mean_and_interval(&group.iter().map(|run| of(run)).collect::<Vec<_>>()).map_or(f64::NAN, |(mean, _)| mean)
-        };
-        let pairs = || group.iter().zip(&first);
-        let missed: Vec<f64> = pairs().map(|(a, b)| 100.0 * (a.missed_fraction - b.missed_fraction)).collect();
-        let flip: Vec<f64> = pairs().map(|(a, b)| a.flip / b.flip).collect();
-        let cell = |values: &[f64], decimals: usize, sign: bool| {
-            let Some((mean, [low, high])) =
-                mean_and_interval(values).filter(|_| group[0].controller != first[0].controller)
-            else {
-                return "-".to_owned();
-            };
-            match sign {
-                true => format!("{mean:+.decimals$} ({low:+.decimals$} to {high:+.decimals$})"),
-                false => format!("{mean:.decimals$} ({low:.decimals$} to {high:.decimals$})"),
+        let of_runs = |of: fn(&ControlRun) -> f64| mean(&group.iter().map(|run| of(run)).collect::<Vec<_>>());
+        let is_first = group[0].controller == first[0].controller;
+        let difference = |of: fn(&ControlRun, &ControlRun) -> f64, write: fn(f64) -> String| {
+            let pairs: Vec<f64> = group.iter().zip(&first).map(|(a, b)| of(a, b)).collect();
+            let range = interval(&pairs).map(|ends| ends.map(write).join(" to "));
+            match (is_first, range) {
+                (true, _) => "-".to_owned(),
+                (false, None) => write(mean(&pairs)),
+                (false, Some(range)) => format!("{} ({range})", write(mean(&pairs))),
             }
         };
         vec![
             (*name).to_owned(),
-            format!("{:.2} %", 100.0 * mean(|run| run.missed_fraction)),
-            format!("{:.2} %", 100.0 * mean(|run| run.above_share)),
-            format!("{:.4}", mean(|run| run.flip)),
-            format!("{:.1}", mean(|run| run.makespan_ms_p50)),
-            format!("{:.0}", mean(|run| run.rung_changes as f64)),
-            cell(&missed, 2, true),
-            cell(&flip, 3, false),
+            group.len().to_string(),
+            format!("{:.2} %", 100.0 * of_runs(|run| run.missed_fraction)),
+            format!("{:.2} %", 100.0 * of_runs(|run| run.above_share)),
+            format!("{:.4}", of_runs(|run| run.flip)),
+            format!("{:.1}", of_runs(|run| run.makespan_ms_p50)),
+            format!("{:.0}", of_runs(|run| run.rung_changes as f64)),
+            difference(|a, b| 100.0 * (a.missed_fraction - b.missed_fraction), |points| format!("{points:+.2}")),
+            difference(|a, b| (a.flip / b.flip).ln(), |log| format!("{:.3}", log.exp())),
         ]
     };
-    Table {
-        headers: vec![
-            "controller",
-            "missed",
-            "above budget",
-            "FLIP",
-            "median ms",
-            "changes",
-            "missed, points more",
-            "FLIP ratio",
-        ],
-        rows: groups.iter().map(row).collect(),
-    }
+    let headers = [
+        "controller",
+        "runs",
+        "missed",
+        "above budget",
+        "FLIP",
+        "median ms",
+        "changes",
+        "missed, points more (95 %)",
+        "FLIP ratio (95 %)",
+    ];
+    Table { headers: headers.to_vec(), rows: groups.iter().map(row).collect() }
 }
 
 /// Draws missed display periods over FLIP, a line through all pinned rungs and a dot for each other controller.
@@ -209,26 +209,46 @@ mod tests {
         assert!(recovery_svg("recovery".to_owned(), &runs, 5000, 20.0).is_err());
     }
 
+    /// Draws means of few runs with normal scatter, and counts the intervals that contain the true mean.
     #[test]
-    fn intervals_cover_the_means_of_samples() {
-        assert_eq!(mean_and_interval(&[]), None);
-        assert_eq!(mean_and_interval(&[2.0; 5]), Some((2.0, [2.0; 2])));
-        // The standard error of the mean of 0, 1, …, 99 is 2.9, of which 1.96 are 5.7.
-        let values: Vec<f64> = (0..100).map(f64::from).collect();
-        let (mean, [low, high]) = mean_and_interval(&values).unwrap();
-        assert!((mean - 49.5).abs() < 1e-9);
-        assert!((mean - low - 5.7).abs() < 0.6 && (high - mean - 5.7).abs() < 0.6, "{low} to {high}");
+    fn intervals_cover_the_true_mean_in_95_of_100_cases() {
+        const CASES: usize = 20_000;
+        let mut state = 1_u64;
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
+        };
+        let mut normal = || (-2.0 * uniform().ln()).sqrt() * (std::f64::consts::TAU * uniform()).cos();
+        for runs in [2, 3, 4, 5, 8, 12, 40] {
+            let covered = (0..CASES).filter(|_| {
+                let values: Vec<f64> = (0..runs).map(|_| 7.0 + 3.0 * normal()).collect();
+                let [low, high] = interval(&values).unwrap();
+                (low..=high).contains(&7.0)
+            });
+            let share = covered.count() as f64 / CASES as f64;
+            // The standard error is 0.0015.
+            assert!((share - 0.95).abs() < 0.006, "{runs} runs: {share}");
+        }
+    }
+
+    #[test]
+    fn one_run_and_equal_runs_have_no_interval() {
+        assert_eq!([interval(&[]), interval(&[2.0]), interval(&[2.0; 5]), interval(&[1.0, f64::NAN])], [None; 4]);
+        let table = comparison_table(&[run("a", 0, 0.01, 0.1), run("b", 0, 0.02, 0.05)]);
+        assert_eq!(table.rows[1][7..], ["+1.00", "0.500"]);
     }
 
     #[test]
     fn differences_are_between_runs_of_the_same_number() {
         // The machine is slower in the second run, for both.
-        let runs = [run("a", 0, 0.01, 0.1), run("b", 0, 0.02, 0.05), run("a", 1, 0.21, 0.2), run("b", 1, 0.22, 0.1)];
+        let runs = [run("a", 0, 0.01, 0.1), run("b", 0, 0.02, 0.05), run("a", 1, 0.21, 0.2), run("b", 1, 0.221, 0.1)];
         let table = comparison_table(&runs);
-        assert_eq!(table.rows[0][6..], ["-", "-"]);
-        assert_eq!(table.rows[1][1], "12.00 %");
-        assert_eq!(table.rows[1][6..], ["+1.00 (+1.00 to +1.00)", "0.500 (0.500 to 0.500)"]);
-        assert_eq!(comparison_csv(&runs).value(3, "missed_fraction"), "0.220000");
+        assert_eq!(table.rows[0][1..3], ["2", "11.00 %"]);
+        assert_eq!(table.rows[0][7..], ["-", "-"]);
+        assert_eq!(table.rows[1][2], "12.05 %");
+        // The points are 1.00 and 1.10, whose mean has a standard error of 0.05.
+        assert_eq!(table.rows[1][7..], ["+1.05 (+0.41 to +1.69)", "0.500"]);
+        assert_eq!(comparison_csv(&runs).value(3, "missed_fraction"), "0.221000");
     }
 
     #[test]
