@@ -10,7 +10,7 @@ use super::failure::Failure;
 use super::options::RunOptions;
 use super::{
     bench, compare, devices, export, graph, manual, measure, play, ranks, render, scale, scenes, settings, sheet, shot,
-    trace, view,
+    stdout, trace, view,
 };
 
 /// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
@@ -120,7 +120,7 @@ impl Command {
 pub fn run_registered() -> ExitCode {
     let result = ranks::join().and_then(|()| if ranks::serves() { serve() } else { Ok(run_command()) });
     let status = result.unwrap_or_else(|failure| {
-        eprint!("{}", failure.message());
+        log!("{}", failure.message());
         failure.exit_status()
     });
     ranks::end(status);
@@ -148,18 +148,23 @@ fn parse() -> Result<Cli, clap::Error> {
 
 /// Runs the command and returns its exit status.
 fn run_command() -> u8 {
-    let cli = match parse() {
-        Ok(cli) => cli,
-        Err(error) => {
-            // The output may be a closed pipe.
+    let result = match parse() {
+        Ok(cli) => {
+            let checked = cli.command.run_options().map_or(Ok(()), |_| ranks::check_alone());
+            checked.and_then(|()| cli.command.run())
+        }
+        Err(error) if error.use_stderr() => {
             let _ = error.print();
             return error.exit_code() as u8;
         }
+        Err(help) => {
+            stdout::keep(help.print());
+            Ok(())
+        }
     };
-    let checked = cli.command.run_options().map_or(Ok(()), |_| ranks::check_alone());
-    checked.and_then(|()| cli.command.run()).map_or_else(
+    result.and_then(|()| stdout::finish()).map_or_else(
         |failure| {
-            eprint!("{}", failure.message());
+            log!("{}", failure.message());
             failure.exit_status()
         },
         |()| 0,

@@ -16,18 +16,17 @@ use super::{hints, signals};
 pub enum Failure {
     Input(anyhow::Error),
     Run(anyhow::Error),
-    /// Interrupted by Ctrl-C or SIGTERM.
+    /// Interrupted by a signal, such as Ctrl-C.
     Interrupted,
 }
 
 impl Failure {
     /// Formats the error on one line and each cause on a further line. Each is followed by the options that remedy it.
     pub fn message(&self) -> String {
-        let (Self::Input(error) | Self::Run(error)) = self else { return "interrupted\n".to_owned() };
+        let (Self::Input(error) | Self::Run(error)) = self else { return "interrupted".to_owned() };
         let begins = std::iter::once("error").chain(std::iter::repeat("  because"));
-        let lines =
-            begins.zip(error.chain()).map(|(begin, error)| format!("{begin}: {}\n", hints::with_options(error)));
-        lines.collect()
+        let lines = begins.zip(error.chain()).map(|(begin, error)| format!("{begin}: {}", hints::with_options(error)));
+        lines.collect::<Vec<_>>().join("\n")
     }
 
     /// Formats the error and its causes on a single line, without the prefix `error:`.
@@ -155,7 +154,7 @@ mod tests {
         let failure = Failure::Input(failed.context("cannot compare them").unwrap_err());
         let cause =
             "the images differ in size, 1x2 and 3x4: check that both were rendered at the same size (render --size)";
-        assert_eq!(failure.message(), format!("error: cannot compare them\n  because: {cause}\n"));
+        assert_eq!(failure.message(), format!("error: cannot compare them\n  because: {cause}"));
         assert_eq!(failure.line(), format!("cannot compare them: {cause}"));
     }
 }

@@ -1,9 +1,12 @@
-//! Ctrl-C and SIGTERM: the run finishes the current frame or pass and writes all files. A second signal exits at once.
+//! Ctrl-C, SIGTERM and SIGHUP: the run finishes the current frame or pass and writes all files. A second signal exits
+//! at once.
 
 use std::io;
 use std::sync::Arc;
 
 use anyhow::Context;
+#[cfg(unix)]
+use signal_hook::consts::SIGHUP;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
@@ -13,9 +16,23 @@ use super::signals::SIGNAL;
 pub use super::signals::raise;
 pub use super::signals::{INTERRUPTED, is_set, signal};
 
-/// Makes Ctrl-C and SIGTERM set [`INTERRUPTED`] instead of ending the process; a second one ends it.
+/// Makes Ctrl-C, SIGTERM and SIGHUP set [`INTERRUPTED`] instead of ending the process; a second one ends it. `nohup`
+/// starts processes that ignore SIGHUP, and they go on ignoring it.
 pub fn watch() -> Result<(), Failure> {
-    [SIGINT, SIGTERM].into_iter().try_for_each(watch_for).context("cannot watch for Ctrl-C").map_err(Failure::Run)
+    let watched = [SIGINT, SIGTERM].into_iter().try_for_each(watch_for);
+    #[cfg(unix)]
+    let watched = watched.and_then(|()| if is_ignored(SIGHUP) { Ok(()) } else { watch_for(SIGHUP) });
+    watched.context("cannot watch for Ctrl-C").map_err(Failure::Run)
+}
+
+/// True if this process ignores a signal.
+#[cfg(unix)]
+fn is_ignored(signal: i32) -> bool {
+    // SAFETY: all zeros are a valid `sigaction`, and the call only reads the present one.
+    unsafe {
+        let mut present: libc::sigaction = std::mem::zeroed();
+        libc::sigaction(signal, std::ptr::null(), &raw mut present) == 0 && present.sa_sigaction == libc::SIG_IGN
+    }
 }
 
 fn watch_for(signal: i32) -> Result<(), io::Error> {
@@ -28,7 +45,7 @@ fn watch_for(signal: i32) -> Result<(), io::Error> {
 /// Checks for an interruption.
 ///
 /// # Errors
-/// [`Failure::Interrupted`] once Ctrl-C was pressed or SIGTERM came.
+/// [`Failure::Interrupted`] once a signal came.
 pub fn check() -> Result<(), Failure> {
     if is_set() { Err(Failure::Interrupted) } else { Ok(()) }
 }

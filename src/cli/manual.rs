@@ -9,7 +9,7 @@ use clap::Command;
 use clap_complete::Shell;
 
 use super::failure::Failure;
-use super::output;
+use super::{output, stdout};
 
 #[derive(clap::Args)]
 pub struct CompletionArgs {
@@ -27,8 +27,7 @@ pub struct ManArgs {
 pub fn completions(args: &CompletionArgs, mut command: Command) -> Result<(), Failure> {
     let mut text = Vec::new();
     clap_complete::generate(args.shell, &mut command, "diptych", &mut text);
-    // A closed pipe is no error.
-    let _ = std::io::stdout().write_all(&text);
+    stdout::keep(std::io::stdout().write_all(&text));
     Ok(())
 }
 

@@ -97,12 +97,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let progress = Progress::new(steps as u64 + 2, args.quiet, args.json);
     let mut measuring = Measuring { args, begin: Instant::now(), progress, machine };
-    for adapter in &ready {
-        measuring.adapter(adapter, &loaded)?;
+    match measuring.all_adapters(&ready, &loaded) {
+        Err(Failure::Interrupted) if !measuring.machine.frames.is_empty() => {
+            measuring.machine.left_out.push("everything after the signal that ended this measurement".to_owned());
+        }
+        measured => measured?,
     }
-    let last = loaded.len() - 1;
-    measuring.scaling(&ready, (SCENES[last].name, &loaded[last]))?;
-    measuring.finish()
+    measuring.finish()?;
+    interrupt::check()
 }
 
 fn open(adapters: &[usize], traversal: TraversalChoice, each: usize, most: usize) -> Result<Devices, Failure> {
@@ -133,6 +135,12 @@ impl Measuring<'_> {
     fn leave_out(&mut self, what: String) {
         self.step(format!("{what}: left out"));
         self.machine.left_out.push(what);
+    }
+
+    fn all_adapters(&mut self, ready: &[AdapterReport], loaded: &[LoadedScene]) -> Result<(), Failure> {
+        ready.iter().try_for_each(|adapter| self.adapter(adapter, loaded))?;
+        let last = loaded.len() - 1;
+        self.scaling(ready, (SCENES[last].name, &loaded[last]))
     }
 
     /// Measures all scenes on one adapter.

@@ -1,14 +1,21 @@
 //! The commands of `diptych`, with the feature `cli`. Your own program can run the same commands and extend them
 //! through a [`Program`].
 //!
-//! Exit status: 0 done, 1 the run failed, 2 the command line or an input file is wrong, 130 Ctrl-C ended the run, 143
-//! SIGTERM did.
+//! Exit status: 0 done, 1 the run failed, 2 the command line or an input file is wrong, 129 SIGHUP ended the run, 130
+//! Ctrl-C did, 143 SIGTERM did.
 
-/// Prints like `println!`, but ignores a closed pipe, as `head` leaves behind.
+/// Prints a line like `println!`, but does not panic: [`stdout::finish`] reports errors.
 macro_rules! say {
+    ($($arg:tt)*) => {
+        $crate::cli::stdout::print_line(format_args!($($arg)*))
+    };
+}
+
+/// Prints a line like `eprintln!`, but ignores errors, which could be reported nowhere else.
+macro_rules! log {
     ($($arg:tt)*) => {{
         use std::io::Write;
-        let _ = writeln!(std::io::stdout(), $($arg)*);
+        let _ = writeln!(std::io::stderr(), $($arg)*);
     }};
 }
 
@@ -56,6 +63,7 @@ mod sheet;
 mod shot;
 mod signals;
 mod simulate;
+mod stdout;
 mod tev;
 mod trace;
 #[cfg_attr(not(feature = "view"), path = "no_view.rs")]

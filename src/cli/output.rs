@@ -36,7 +36,7 @@ pub fn prepare(dir: &Path, option: &str) -> Result<(), Failure> {
         .map_err(Failure::Run)?;
     if let Some(Unfinished { frames, kept }) = Unfinished::keep(dir)? {
         let names: Vec<_> = kept.iter().filter_map(|path| path.file_name()?.to_str()).collect();
-        eprintln!(
+        log!(
             "warning: the last run into '{}' did not finish: its {frames} frame(s) are kept in {}",
             dir.display(),
             names.join(" and ")

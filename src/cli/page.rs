@@ -11,7 +11,7 @@ use crate::report::Table;
 use crate::report::html::{Section, page};
 use crate::report::lanes::{LaneFrame, lanes};
 use crate::report::pictures::{Group, viewer};
-use crate::report::run::SceneSummary;
+use crate::report::run::{SceneSummary, command_line};
 
 use super::failure::Failure;
 use super::options::RunOptions;
@@ -19,8 +19,7 @@ use super::output;
 
 /// Writes the page, with this process's command line.
 pub fn write(dir: &Path, title: &str, sections: &[Section]) -> Result<(), Failure> {
-    let command: Vec<String> = std::env::args().collect();
-    output::write_text(dir, "report.html", &page(title, &command.join(" "), sections))
+    output::write_text(dir, "report.html", &page(title, &command_line(), sections))
 }
 
 /// Returns the page's entry in a list of files, if `--report` asks for it.

@@ -58,7 +58,7 @@ impl Pictures {
                 .with_context(|| format!("cannot remove {}, a picture of an earlier run", path.display()))?;
         }
         if !stale.is_empty() && !quiet {
-            eprintln!("note: removed {} picture(s) of an earlier run from {}", stale.len(), self.folder.display());
+            log!("note: removed {} picture(s) of an earlier run from {}", stale.len(), self.folder.display());
         }
         Ok(())
     }

@@ -121,7 +121,7 @@ impl Progress {
     fn line(&self, done: u64, message: &str) {
         let line = self.lines.as_ref().and_then(|lines| lines.borrow_mut().at(done, message, Instant::now()));
         if let Some(line) = line {
-            eprintln!("{line}");
+            log!("{line}");
         }
     }
 
@@ -136,7 +136,7 @@ impl Progress {
 
     /// Prints a warning, and draws the bar again below it.
     pub fn warn(&self, message: &str) {
-        self.beside_bar(|| eprintln!("warning: {message}"));
+        self.beside_bar(|| log!("warning: {message}"));
     }
 
     /// Prints a message, and draws the bar again below it.

@@ -152,6 +152,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     run.progress.finish();
     let Run { renderer, rows, pictures, .. } = run;
+    if rows.frames.is_empty() && rows.references.is_empty() {
+        // Only a signal ends a run before its first picture. The files of an earlier run remain.
+        interrupt::check()?;
+    }
     let devices = renderer.devices();
     let mut settings = settings::in_force(options, loaded.exposure_ev(), devices);
     settings.options.insert("warm_up".to_owned(), warm_up_frames.into());
@@ -162,8 +166,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         settings.options.insert("spp".to_owned(), plan.spp().into());
     }
     let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows.frames);
-    report.warm_up_s = warm_up_s;
-    report.warm_up_frames = warm_up_frames;
+    (report.warm_up_s, report.warm_up_frames) = (warm_up_s, warm_up_frames);
     report.references = rows.references;
     report.faults = renderer.faults().to_vec();
     report.pictures = pictures.names();
@@ -279,10 +282,7 @@ impl Run<'_> {
     fn references(&mut self, plan: &Plan) -> Result<(), Failure> {
         let mut faults = FaultLog::default();
         self.progress.finish();
-        for i in 0..plan.options.frames {
-            if interrupt::is_set() {
-                break;
-            }
+        for i in (0..plan.options.frames).take_while(|_| !interrupt::is_set()) {
             let (renderer, rows) = (&mut self.renderer, &mut self.rows);
             self.pictures.add(reference_frame(self.args, plan, self.loaded, renderer, i, self.tracing, rows)?);
             faults.say_new(&self.renderer, self.tracing, &self.progress);
@@ -344,9 +344,9 @@ fn reference_frame(
 fn conclude(options: &RenderOptions, report: &RunReport) {
     let median = report.median_makespan_ms();
     if options.json {
-        let out = options.out.display().to_string();
         let mut result = serde_json::json!({
-            "event": "result", "out": out, "warm_up_s": report.warm_up_s, "warm_up_frames": report.warm_up_frames,
+            "event": "result", "out": options.out.display().to_string(),
+            "warm_up_s": report.warm_up_s, "warm_up_frames": report.warm_up_frames,
             "median_makespan_ms": median, "devices_left": report.devices_left(),
         });
         if !report.references.is_empty() {
@@ -356,9 +356,7 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
     } else if !options.quiet {
         for reference in &report.references {
             say!("{reference}");
-            if let Some(noise) = &reference.noise {
-                say!("standard error of the mean: {noise}");
-            }
+            reference.noise.iter().for_each(|noise| say!("standard error of the mean: {noise}"));
         }
         if let Some(rays_per_s) = report.rays_per_s() {
             let devices = match (report.devices_left(), report.devices.len()) {

@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let loaded = setup::load(options)?;
     let last_s = args.time_s(args.warm_up + options.frames - 1);
     if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.time, last_s) {
-        eprintln!("warning: {warning}");
+        log!("warning: {warning}");
     }
     let one = of_one(&policies[0]);
     let mut gpus = setup::open_devices(&one, 1)?;
@@ -91,8 +91,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let measuring = Measuring { args, loaded: &loaded, progress: &progress, tracing: &tracing };
     let mut found = Results::default();
     let mut model = found.add(args, &loaded, measuring.run(&one, gpus, None)?)?;
-    for count in counts {
-        for options in &policies {
+    let measured = counts.into_iter().try_for_each(|count| {
+        policies.iter().try_for_each(|options| {
             let gpus = setup::open_devices(options, count)?;
             let measured = measuring.run(options, gpus, found.rows.first())?;
             let oversubscribed = measured.row.oversubscribed;
@@ -100,13 +100,18 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             if !oversubscribed {
                 model = costs;
             }
-        }
+            Ok(())
+        })
+    });
+    // A signal ends the measurement, and the results so far are written.
+    if !matches!(measured, Err(Failure::Interrupted)) {
+        measured?;
     }
     progress.finish();
     let figure = found.write_rows(options)?;
     tracing.finish()?;
     let mut files = "scale.csv, scale.svg, frames.csv and run.json";
-    if args.simulation.is_wanted() {
+    if args.simulation.is_wanted() && !interrupt::is_set() {
         files = "scale.csv, scale.svg, simulate.csv, frames.csv and run.json";
         for options in &policies {
             // The base comes first.
@@ -142,7 +147,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         }
         say!("{}{files}: {}", and_page(args.report), options.out.display());
     }
-    Ok(())
+    interrupt::check()
 }
 
 /// Returns a copy of the options for each requested policy, with only that policy.

@@ -29,8 +29,8 @@ use super::registry::registered;
 
 /// Prints the warnings of the scene's file, and notes on what was chosen for it.
 pub fn tell_remarks(scene: &Scene) {
-    scene.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
-    scene.notes.iter().for_each(|note| eprintln!("note: {note}"));
+    scene.warnings.iter().for_each(|warning| log!("warning: {warning}"));
+    scene.notes.iter().for_each(|note| log!("note: {note}"));
 }
 
 /// Loads the scene on all ranks, and head motion on this one.

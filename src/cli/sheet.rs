@@ -65,7 +65,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let progress = Progress::new(args.files.len() as u64, args.quiet, false);
     let (mut gpus, mut shown, mut failed) = (None, Vec::new(), 0);
     for file in &args.files {
-        interrupt::check()?;
+        if interrupt::is_set() {
+            break;
+        }
         let one = show(args, file, &mut gpus, &progress).unwrap_or_else(|failure| {
             failed += 1;
             progress.warn(&format!("{file}: {}", failure.line()));
@@ -76,6 +78,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         progress.step(name_of(file), &serde_json::Value::Null);
     }
     progress.finish();
+    if shown.is_empty() {
+        return interrupt::check();
+    }
     if let Some(folder) = args.out.parent() {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot write into '{}'", folder.display()))?;
     }
@@ -83,6 +88,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if !args.quiet {
         say!("{}", args.out.display());
     }
+    interrupt::check()?;
     if failed > 0 {
         let count = args.files.len();
         return Err(Failure::Input(anyhow!("{failed} of {count} file(s) cannot be shown: the warnings above say why")));

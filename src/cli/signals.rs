@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, LazyLock};
 
-/// True once Ctrl-C was pressed or SIGTERM came.
+/// True once Ctrl-C was pressed, or SIGTERM or SIGHUP came.
 pub static INTERRUPTED: LazyLock<Arc<AtomicBool>> = LazyLock::new(Default::default);
 
 /// Number of the received signal.

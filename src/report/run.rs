@@ -161,7 +161,7 @@ impl<Rows: FrameRows> RunReport<Rows> {
     ) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION"),
-            command: std::env::args().collect::<Vec<_>>().join(" "),
+            command: command_line(),
             settings,
             devices: devices.to_vec(),
             scene: SceneSummary::of(scene, needs, skips),
@@ -215,6 +215,11 @@ impl RunReport {
     pub fn median_makespan_ms(&self) -> f64 {
         median_of(self.frames.iter().map(|f| f.makespan_ms).collect())
     }
+}
+
+/// Returns the command line of this process. Bytes that are not UTF-8 become replacement characters.
+pub fn command_line() -> String {
+    std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
 }
 
 /// Returns the peak resident memory in MiB, from `VmHWM` in Linux's `/proc/self/status`.

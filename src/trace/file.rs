@@ -1,5 +1,6 @@
 //! The file of a run's trace. It is a valid document after every write, even if the run fails.
 
+use std::io::{self, Write};
 use std::path::Path;
 
 use super::growing::GrowingDocument;
@@ -57,7 +58,8 @@ impl Drop for TraceFile {
         if !self.is_finished
             && let Err(error) = self.recorder.close(false)
         {
-            eprintln!("trace: {error}");
+            // A panic would end a run that is unwinding already.
+            let _ = writeln!(io::stderr(), "trace: {error}");
         }
     }
 }

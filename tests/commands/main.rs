@@ -28,6 +28,8 @@ mod scale;
 mod schema;
 mod sheet;
 mod shots;
+mod signals;
+mod streams;
 mod studies;
 mod tools;
 mod trace_files;

@@ -66,7 +66,7 @@ pub fn measure(
     let (options, frames) = (&args.options, args.preset.frames);
     let last_s = options.time + f64::from(frames - 1) / FPS;
     let beyond = setup::beyond_path(&loaded.shot.rig, options.time, last_s);
-    loaded.scene.warnings.iter().cloned().chain(beyond).for_each(|warning| eprintln!("warning: {warning}"));
+    loaded.scene.warnings.iter().cloned().chain(beyond).for_each(|warning| log!("warning: {warning}"));
     let mut found: Vec<Found> = others.into_iter().map(|others| Found { others, ..Found::default() }).collect();
     let mut reports: Vec<Vec<FrameReport>> = found.iter().map(|_| Vec::new()).collect();
     let mut rows: Vec<Vec<FrameRow>> = found.iter().map(|_| Vec::new()).collect();

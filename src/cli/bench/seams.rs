@@ -39,7 +39,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let tracing = Tracing::start(&options)?;
     let loaded = setup::load(&options)?;
     for warning in &loaded.scene.warnings {
-        eprintln!("warning: {warning}");
+        log!("warning: {warning}");
     }
     let reference = match &args.reference {
         Some(folder) => given(folder, &options)?,

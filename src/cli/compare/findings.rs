@@ -58,7 +58,7 @@ pub(super) struct BothFindings {
 
 impl Findings {
     pub(super) fn warn(&self, of: &str) {
-        self.warnings.iter().for_each(|warning| eprintln!("warning: {of}{warning}"));
+        self.warnings.iter().for_each(|warning| log!("warning: {of}{warning}"));
     }
 }
 
@@ -66,9 +66,7 @@ impl Rings {
     pub(super) fn warn(&self) {
         if self.yfov_source == Source::Default {
             let assumed = self.viewing.yfov_deg;
-            eprintln!(
-                "warning: neither file stores its field of view, so --rings assumes {assumed} degrees: give --yfov"
-            );
+            log!("warning: neither file stores its field of view, so --rings assumes {assumed} degrees: give --yfov");
         }
     }
 }

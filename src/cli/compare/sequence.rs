@@ -168,7 +168,7 @@ impl EyeSums {
     fn add(&mut self, frame: u32, now: EyeFrame) -> Result<Option<Vec<Sighting>>, anyhow::Error> {
         // Most frames share their warnings, so report only those of the first frame that has some.
         if !self.has_warned {
-            now.warnings.iter().for_each(|warning| eprintln!("warning: frame {frame}, {} eye: {warning}", self.name));
+            now.warnings.iter().for_each(|warning| log!("warning: frame {frame}, {} eye: {warning}", self.name));
         }
         self.has_warned |= !now.warnings.is_empty();
         self.errors.push(now.pair.errors());

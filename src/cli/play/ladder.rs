@@ -59,7 +59,7 @@ impl Choice {
         if args.denoiser.is_none() && all.denoisers().len() > 1 {
             let counts: Vec<String> =
                 all.denoisers().iter().map(|(d, rungs)| format!("{rungs} of {}", Denoiser::name_of(*d))).collect();
-            eprintln!(
+            log!(
                 "warning: the rungs of {path} have several denoisers, {}: those of {name} are played; --denoiser chooses \
                  others, and `diptych bench` makes a ladder of each",
                 counts.join(", ")
@@ -74,11 +74,11 @@ impl Choice {
         let rungs = if args.foveated.is_on() { of(denoiser) } else { plain };
         ensure!(!rungs.is_empty(), "--ladder {path}: all rungs for --denoiser {name} need --foveation layers");
         if !args.foveated.is_on() && !foveated.is_empty() {
-            eprintln!("warning: {} rungs of {path} are left out: they need --foveation layers", foveated.len());
+            log!("warning: {} rungs of {path} are left out: they need --foveation layers", foveated.len());
         }
         if lack_path_times(&rungs) {
             let stage = path_trace::STAGE.name();
-            eprintln!("warning: not all rungs of {path} have a time of {stage}: their relative costs are estimated");
+            log!("warning: not all rungs of {path} have a time of {stage}: their relative costs are estimated");
         }
         let ladder = Ladder::new(all.origin().clone(), rungs)?.refined();
         let qualities = ladder.rungs().iter().map(|r| r.quality).collect();

@@ -1,6 +1,7 @@
 //! The thread of a rank that carries packets. Only this thread uses the link, and no other thread waits for it.
 
 use std::collections::HashMap;
+use std::io::{self, Write};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
@@ -283,7 +284,8 @@ impl<L: Link> Post<L> {
         }
         if self.lost_for > GRACE {
             if let Some(lost) = self.shared.lost() {
-                eprintln!("error: {lost}");
+                // Standard error may be closed, too.
+                let _ = writeln!(io::stderr(), "error: {lost}");
             }
             self.link.abort(1);
         }

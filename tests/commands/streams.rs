@@ -1,0 +1,134 @@
+//! Standard output and standard error that cannot be written, and names that are not UTF-8.
+#![cfg(target_os = "linux")]
+
+use std::ffi::{OsStr, OsString};
+use std::fs::File;
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+/// Runs the program in a folder with this standard output.
+fn run(folder: &Path, args: &[&OsStr], stdout: impl Into<Stdio>) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_diptych"));
+    command.current_dir(folder).args(args).stdout(stdout).stderr(Stdio::piped());
+    command.spawn().unwrap().wait_with_output().unwrap()
+}
+
+fn words(line: &str) -> Vec<&OsStr> {
+    line.split(' ').map(OsStr::new).collect()
+}
+
+fn errors(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Commands that print and need no images.
+const COMMANDS: [&str; 9] = [
+    "scenes",
+    "scenes builtin:cornell",
+    "scenes --json",
+    "devices",
+    "graph builtin:cornell --json",
+    "completions bash",
+    "man --out man",
+    "render --help",
+    "--version",
+];
+
+/// Returns a folder with the small frame `a` and its trace.
+fn rendered() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "render builtin:checker --size 16x9 --warm-up 0 --trace trace.json --out a";
+    let output = run(folder.path(), &words(line), Stdio::null());
+    assert!(output.status.success(), "{}", errors(&output));
+    folder
+}
+
+#[test]
+fn a_command_fails_if_the_disk_of_its_output_is_full() {
+    let folder = rendered();
+    let of_files = [
+        "compare a/left.exr a/left.exr --json",
+        "compare a/left.exr a/left.exr",
+        "trace trace.json",
+        "shot builtin:checker --out shot.toml",
+        "export builtin:checker --out exported",
+        "render builtin:checker --size 16x9 --warm-up 0 --json --out b",
+    ];
+    for line in of_files.into_iter().chain(COMMANDS) {
+        let full = File::options().write(true).open("/dev/full").unwrap();
+        let output = run(folder.path(), &words(line), full);
+        let said = errors(&output);
+        assert_eq!(output.status.code(), Some(1), "{line}: {said}");
+        assert!(said.contains("error: cannot write to standard output: No space left"), "{line}: {said}");
+    }
+    assert!(folder.path().join("b/run.json").exists(), "files do not depend on standard output");
+}
+
+#[test]
+fn a_closed_pipe_ends_no_command() {
+    let folder = tempfile::tempdir().unwrap();
+    for line in COMMANDS {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let output = run(folder.path(), &words(line), writer);
+        assert_eq!((output.status.code(), errors(&output)), (Some(0), String::new()), "{line}");
+    }
+}
+
+#[test]
+fn messages_that_cannot_be_written_end_no_command() {
+    let folder = tempfile::tempdir().unwrap();
+    for (line, status) in [
+        ("render builtin:checker --size 16x9 --warm-up 0 --exposure -9 --out a", 0),
+        ("render missing.glb --out b", 2),
+        ("render --unknown", 2),
+    ] {
+        let full = || File::options().write(true).open("/dev/full").unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_diptych"));
+        command.current_dir(folder.path()).args(words(line)).stdout(Stdio::null()).stderr(full());
+        assert_eq!(command.status().unwrap().code(), Some(status), "{line}");
+    }
+}
+
+/// Returns a name with a byte that is not UTF-8.
+fn bytes(name: &str) -> OsString {
+    OsStr::from_bytes(&[name.as_bytes(), b"-\xff"].concat()).to_owned()
+}
+
+#[test]
+fn a_folder_whose_name_is_not_utf8_gets_all_files() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, line) in [
+        ("render", "render builtin:checker --size 16x9 --warm-up 0 --out"),
+        ("scale", "scale builtin:checker --size 16x9 --frames 1 --report --counts 1 --warm-up 0 --out"),
+    ] {
+        let out = bytes(name);
+        let output = run(folder.path(), &[&words(line)[..], &[&out]].concat(), Stdio::null());
+        assert_eq!(output.status.code(), Some(0), "{name}: {}", errors(&output));
+        let text = std::fs::read_to_string(folder.path().join(&out).join("run.json")).unwrap();
+        let run: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert!(run["command"].as_str().unwrap().ends_with(&format!("--out {name}-\u{fffd}")), "{}", run["command"]);
+        assert_eq!(run["settings"]["out"], format!("{name}-\u{fffd}"));
+    }
+}
+
+#[test]
+fn every_path_may_have_bytes_that_are_not_utf8() {
+    let folder = rendered();
+    let name = bytes("name");
+    for line in [
+        "trace trace.json",
+        "compare a a --json --heatmap",
+        "graph builtin:checker --dot",
+        "man --out",
+        "shot builtin:checker --out",
+        "export builtin:checker --out",
+        "render builtin:checker --size 16x9 --out b --motion",
+        "render builtin:checker --size 16x9 --out b --trace",
+        "render",
+    ] {
+        let output = run(folder.path(), &[&words(line)[..], &[&name]].concat(), Stdio::null());
+        assert!(matches!(output.status.code(), Some(0..=2)), "{line}: {}", errors(&output));
+    }
+}
