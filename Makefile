@@ -1,8 +1,9 @@
 # make demo    renders eight frames of the built-in scene on two virtual devices, with a stereo picture and a
 #              trace-file; and eight frames of an animated scene, with all of them in one picture
 # make lint    checks the format, lints with clippy, builds the documentation and checks links between documents
-# make test    builds and runs the tests, in the profile `tests` of Cargo.toml
-# make test-long    runs all tests with full sweeps and many samples, and those that need third-party scenes or Chromium
+# make test    builds and runs the quick tests, in the profile `tests` of Cargo.toml
+# make test-full    runs all tests with full sweeps and many samples, also those of the presets, of the seam study and of
+#              `measure`, and those that need third-party scenes or Chromium
 # make test-view    tests the window of `diptych view`, which needs Xvfb and xdotool
 # make test-hardware-rays    tests the renderer with hardware ray queries; fails without a device that supports them
 # make test-mpi    builds the program with MPI and runs it on 1, 2 and 4 ranks of this machine, and again with MPICH if
@@ -53,7 +54,7 @@ ifneq ($(RUN),)
 export CARGO_TARGET_$(shell $(RUSTC) -vV | sed -n 's/^host: //p' | tr a-z- A-Z_)_RUNNER := $(RUN)
 endif
 
-.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr python golden gpu-kernels release-check peers peers-packages numbers docs deps clean
+.PHONY: demo lint test test-full test-view test-hardware-rays test-mpi test-xr python golden gpu-kernels release-check peers peers-packages numbers docs deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -83,8 +84,8 @@ test: deps
 	$(CARGO) test --profile tests --locked --lib --bins --tests
 	$(CARGO) test --profile tests --locked --doc
 
-test-long: deps
-	DIPTYCH_TEST_LONG=1 $(CARGO) test --release --locked --no-fail-fast -- --include-ignored
+test-full: deps
+	DIPTYCH_TEST_FULL=1 $(CARGO) test --release --locked --no-fail-fast -- --include-ignored
 	$(CARGO) run --release --locked --no-default-features --example render_frame
 
 test-view: deps

@@ -11,7 +11,7 @@
 set -eu
 
 cd "$(dirname "$0")/.."
-all="lint test hardware-rays mpi xr view python golden test-newer golden-newer golden-compare test-long test-long-newer"
+all="lint test hardware-rays mpi xr view python golden test-newer golden-newer golden-compare test-full test-full-newer"
 state=out/release-check
 report=docs/release-check.md
 make=${MAKE:-make}

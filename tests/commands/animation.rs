@@ -118,6 +118,7 @@ fn animations_are_played_as_asked_for_and_said_in_the_report() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn frames_of_a_sequence_are_of_their_times() {
     let case = Case::new();
     let sequence = case.render("sequence", &["--animation", "Push", "--time", "0.5", "--frames", "4", "--fps", "2"]);

@@ -26,6 +26,7 @@ fn event<'a>(events: &'a [Value], name: &str) -> &'a Value {
 const T: f64 = 6.0;
 
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn errors_fall_as_the_square_root_of_samples() {
     let folder = tempfile::tempdir().unwrap();
     for sampler in ["pcg", "sobol"] {

@@ -18,6 +18,7 @@ fn refused(args: &[&str], parts: &[&str]) {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn the_baseline_shares_out_path_tracing_alone() {
     let run = run("leria");
     let rows = run.rows();
@@ -60,6 +61,7 @@ fn the_baseline_shares_out_path_tracing_alone() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn dependent_features_are_left_out_beside_noise_and_svgf() {
     let run = run("bmfr");
     let rows = run.rows();
@@ -83,6 +85,7 @@ fn dependent_features_are_left_out_beside_noise_and_svgf() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn visual_polar_images_stand_beside_as_many_samples_elsewhere() {
     let run = run("koskela");
     let rows = run.rows();
@@ -122,6 +125,7 @@ fn visual_polar_images_stand_beside_as_many_samples_elsewhere() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn log_polar_images_stand_beside_every_pixel_by_rings() {
     let run = run("andersson");
     let rows = run.rows();
@@ -159,6 +163,7 @@ fn log_polar_images_stand_beside_every_pixel_by_rings() {
 
 /// A longer latency gives a larger error, and correction removes more of it.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn late_frames_are_off_and_corrected_ones_hardly() {
     let run = run("late");
     let rows = run.rows();
@@ -172,6 +177,20 @@ fn late_frames_are_off_and_corrected_ones_hardly() {
     assert!(number(&rows[2]["flip"]) > 1.3 * number(&rows[0]["flip"]), "{rows:?}");
     assert_eq!(run.text("late.csv").lines().count(), 1 + rows.len());
     assert!(run.text("report.html").contains("eyes are resampled from a frame that they share"));
+}
+
+/// The settings of all arrangements are read before the scene.
+#[test]
+fn every_preset_is_valid_up_to_its_scene() {
+    for preset in ["leria", "bmfr", "koskela", "andersson", "late", "peres"] {
+        let more = match preset {
+            "leria" => &["--virtual", "2"][..],
+            "late" => &["--motion", "missing.jsonl"],
+            _ => &["--shots", "missing.toml"],
+        };
+        let scene = if more[0] == "--shots" { &[][..] } else { &["missing.toml"] };
+        refused(&[&[preset], scene, more].concat(), &["missing."]);
+    }
 }
 
 #[test]

@@ -69,7 +69,7 @@ fn a_white_object_stands_out_on_a_ground_without_a_seam() {
         // The horizon is above the object.
         let above: Vec<f32> = rows[..9].iter().flatten().copied().collect();
         let (least, most) = above.iter().fold((1.0f32, 0.0f32), |(a, b), v| (a.min(*v), b.max(*v)));
-        assert!(most - least < 0.08, "{out}: {least} to {most}");
+        assert!(most - least < 0.06, "{out}: {least} to {most}");
     }
 }
 
@@ -93,6 +93,7 @@ fn the_metered_exposure_is_told_and_the_same_on_any_number_of_devices() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn views_and_tone_curves_are_chosen() {
     let case = Case::new();
     let render = |out: &str, options: &[&str]| shown(&case.render(out, &[options, &["--warm-up", "0"]].concat()).0);

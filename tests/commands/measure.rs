@@ -4,6 +4,7 @@ use crate::common::diptych;
 use serde_json::Value;
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn a_machine_is_measured_and_its_images_are_right() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();

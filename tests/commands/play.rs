@@ -377,6 +377,7 @@ fn a_replay_repeats_the_rungs_and_the_bytes_of_a_run() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn controllers_are_compared_in_turns() {
     let folder = tempfile::tempdir().unwrap();
     let (out, ladder) = (folder.path().join("out"), folder.path().join("ladder.toml"));

@@ -278,6 +278,7 @@ fn the_time_limit_ends_with_what_was_reached() {
 
 /// Half of the picture is sky or the white sphere's front, which show radiance 1 in every sample.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn constant_radiance_does_not_drift_in_65536_samples() {
     let case = Case::new();
     let out = case.path("furnace");
@@ -352,6 +353,7 @@ fn block_error(image: &RgbImage, reference: &RgbImage, size: u32) -> f64 {
 }
 
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn errors_of_a_frame_s_neighbouring_pixels_cancel() {
     let case = Case::new();
     let common = ["--size", "96x54", "--bounces", "2"];

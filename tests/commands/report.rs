@@ -1,4 +1,4 @@
-//! `--report` writes one self-contained page. `make test-long` runs its script in Chromium.
+//! `--report` writes one self-contained page. `make test-full` runs its script in Chromium.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -87,6 +87,7 @@ fn sequences_have_rivalry_that_flickers() {
 /// A mirror ball shows its surroundings at another depth than its own, also in frames whose right eye is reprojected. The
 /// eyes' errors there agree where both show the same surface, not where both show the same point of the mirror.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn reflections_lie_where_the_reference_has_them() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
@@ -109,7 +110,8 @@ fn reflections_lie_where_the_reference_has_them() {
     std::fs::remove_file(eye("left.virtual_position.exr")).unwrap();
     let of_mirrors = rivalry();
     println!("rivalry {of_shown}, {of_mirrors} if mirrors are matched");
-    assert!(of_shown < 0.985 * of_mirrors, "{of_shown}, {of_mirrors}");
+    // It is 0.978 of it for two seeds, with and without a radiance cache. A mirror fills only a fifth of the picture.
+    assert!(of_shown < 0.98 * of_mirrors, "{of_shown}, {of_mirrors}");
     std::fs::copy(eye("left.exr"), eye("right.exr")).unwrap();
     let flat = off();
     println!("{followed} px, {flat} px if both eyes have one picture");

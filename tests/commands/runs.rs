@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 
-use crate::common::diptych;
+use crate::common::{diptych, is_thorough};
 
 /// Names and arguments of the runs.
 const RUNS: [(&str, &str); 13] = [
@@ -57,8 +57,12 @@ const RUNS: [(&str, &str); 13] = [
 /// File that `HEAD` stands for.
 const HEAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/head.jsonl");
 
+/// Runs of which quick tests have one each: every command, but no study and no preset.
+const QUICK: usize = 6;
+
+/// Returns the names of the runs: of all under `make test-full`.
 pub fn names() -> impl Iterator<Item = &'static str> {
-    RUNS.iter().map(|(name, _)| *name)
+    RUNS.iter().take(if is_thorough() { RUNS.len() } else { QUICK }).map(|(name, _)| *name)
 }
 
 /// Files and results of a run.

@@ -73,6 +73,7 @@ fn seen(folder: &Path, file: &Path) -> [f32; 2] {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn every_material_stands_out_from_its_background() {
     let folder = tempfile::tempdir().unwrap();
     let glass = Material { transmission: 1.0, roughness: 0.0, ..plastic(1.0, 0.0) };

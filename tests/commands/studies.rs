@@ -30,6 +30,7 @@ fn refused(args: &[&str], parts: &[&str]) {
 }
 
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn noise_flickers_and_filtering_calms_it() {
     let folder = tempfile::tempdir().unwrap();
     let [right, noisy, filtered] = ["right", "noisy", "filtered"].map(|name| folder.path().join(name));
@@ -91,6 +92,7 @@ fn sequences_that_lack_something_are_refused_by_its_name() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn only_the_halo_leaves_no_seam() {
     let run = run("seams");
     let rows = run.rows();
@@ -114,14 +116,23 @@ fn only_the_halo_leaves_no_seam() {
         let row = format!("<td>{setting}</td><td>{value}</td>");
         assert!(page.contains(&row), "no {row}");
     }
+}
 
+#[test]
+fn studies_refuse_what_does_not_go_with_them() {
     let fixed = ["bench", "builtin:checker", "--out", "unused"];
     refused(&[&fixed[..], &["--seam-study", "--denoiser", "none"]].concat(), &["no seam"]);
     refused(&[&fixed[..], &["--denoiser", "none", "--iterations", "3"]].concat(), &["--iterations", "--denoiser"]);
     refused(&[&fixed[..], &["--seam-study", "--counts", "1"]].concat(), &["--counts"]);
+    let fixed = ["bench", "--out", "unused", "--preset", "peres"];
+    refused(&[&fixed[..], &["--seam-study"]].concat(), &["--preset", "--seam-study"]);
+    refused(&[&fixed[..], &["--bounces", "2"]].concat(), &["--preset", "--bounces"]);
+    refused(&[&fixed[..], &["--shots", "a,b,c,d"]].concat(), &["--shots"]);
+    refused(&[&fixed[..], &["--size-factor", "0"]].concat(), &["--size-factor"]);
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn the_thesis_stands_beside_what_was_measured() {
     let run = run("peres");
     let rows = run.rows();
@@ -153,10 +164,4 @@ fn the_thesis_stands_beside_what_was_measured() {
     assert!(csv.lines().count() == 7 && csv.contains("builtin:cornell,Pink Room,NH3LD"), "{csv}");
     let page = run.text("report.html");
     assert!(["27.619", "12.81", "builtin:cornell"].iter().all(|part| page.contains(part)));
-
-    let fixed = ["bench", "--out", "unused", "--preset", "peres"];
-    refused(&[&fixed[..], &["--seam-study"]].concat(), &["--preset", "--seam-study"]);
-    refused(&[&fixed[..], &["--bounces", "2"]].concat(), &["--preset", "--bounces"]);
-    refused(&[&fixed[..], &["--shots", "a,b,c,d"]].concat(), &["--shots"]);
-    refused(&[&fixed[..], &["--size-factor", "0"]].concat(), &["--size-factor"]);
 }

@@ -121,7 +121,7 @@ fn a_release_is_checked_to_the_end_and_fails_if_a_step_does() {
     assert_eq!(release.row("test"), "passed 43 0 1");
     assert_eq!(release.row("test-newer"), "skipped – – – NEWER_MESA names no command");
     assert_eq!(release.row("golden-compare"), "skipped – – – there are no images of both drivers");
-    assert_eq!(release.row("test-long"), "not run – – –");
+    assert_eq!(release.row("test-full"), "not run – – –");
 }
 
 #[test]

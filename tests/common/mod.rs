@@ -1,6 +1,6 @@
 //! Helpers of the renderer's tests: load a subject, and create a renderer for it.
 
-#![allow(dead_code)] // Each test binary uses a part.
+#![allow(dead_code, unused_imports)] // Each test binary uses a part.
 
 mod effort;
 
@@ -26,7 +26,7 @@ use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::schedule::{Even, Policy};
 use diptych::stages::{Foveation, SceneTables};
-pub use effort::is_thorough;
+pub use effort::{is_thorough, sampled};
 
 /// A scene ready for upload, and its camera.
 pub struct Subject {

@@ -60,6 +60,7 @@ fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
 
 /// Path tracing takes three dispatches over lists of pixels.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn samples_of_lists_in_small_portions_have_the_bytes_of_whole_frames() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);

@@ -76,6 +76,7 @@ fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
 /// The white sphere is darker near the rim, where it faces the others. A sphere of radius r at a distance d covers (r /
 /// d)² cos θ of the cosine-weighted view of a point, and absorbs 1 − its albedo of the light from there.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn the_white_sphere_lacks_what_the_grey_ones_take() {
     let subject = Subject::load("builtin:furnace");
     let mut settings = subject.settings(WIDTH, HEIGHT);
@@ -111,6 +112,7 @@ fn the_white_sphere_lacks_what_the_grey_ones_take() {
 }
 
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn a_white_environment_image_is_as_good_as_a_constant_one() {
     let mut subject = Subject::load("builtin:furnace");
     let white = Image::filled(Extent::new(16, 8), [1.0; 3]);
@@ -228,6 +230,7 @@ fn white_materials_never_shine_and_lose_what_single_scattering_loses() {
 }
 
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn white_glass_never_shines() {
     hold_in_the_furnace(glass_balls(), 16);
 }

@@ -148,6 +148,7 @@ fn an_opaque_surface_with_a_volume_is_opaque() {
 /// Behind dark glass, a surface is hardly seen. The filter shares its light with what is seen of it beside the glass,
 /// where noise of a pixel of the glass would be bright.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn dark_glass_sheds_no_light_on_its_surroundings() {
     let mut scene = floor();
     scene.environment = Environment::Constant(Vec3::ONE);

@@ -327,7 +327,7 @@ fn a_frame_shorter_than_its_halo_or_than_its_devices_gives_the_bytes_of_one_devi
 }
 
 #[test]
-#[ignore = "needs scenes of others: `make test-long` says which are there"]
+#[ignore = "needs scenes of others: `make test-full` says which are there"]
 fn scenes_from_files_give_the_bytes_of_one_device() {
     for name in ["garage", "ww2-cityscene"] {
         if let Some(shot) = shared_shot(name) {

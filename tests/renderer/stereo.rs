@@ -45,6 +45,7 @@ fn files_hold_the_eye_that_they_are_named_after() {
 
 /// Specular radiance depends on the eye. The right eye reuses the left one's only where the difference is small.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn glossy_surfaces_look_reprojected_as_they_look_traced() {
     let all = ["dielectrics", "metals", "clearcoats"];
     for name in all.into_iter().take(if is_thorough() { 3 } else { 1 }) {

@@ -57,6 +57,7 @@ fn still_frames_converge_and_keep_their_energy() {
 
 /// Without history, the variance of a frame's samples tells the filter how noisy it is.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn a_frame_of_many_samples_is_blurred_little() {
     let subject = Subject::load("builtin:cornell");
     let right = reference(&subject, 0.0, 128);
@@ -71,6 +72,7 @@ fn a_frame_of_many_samples_is_blurred_little() {
 
 /// The error of frames with a moving camera falls with the number of samples.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn more_samples_make_moving_frames_better() {
     let subject = Subject::load("builtin:cornell");
     let time_s = 0.2;
@@ -87,6 +89,7 @@ fn more_samples_make_moving_frames_better() {
 
 /// Frames that are noisier than earlier ones do not count as a change of light.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn frames_of_fewer_samples_keep_their_history() {
     const FRAMES: u32 = 16;
     const MANY: u32 = 16;
@@ -157,6 +160,7 @@ fn history_is_found_across_rows() {
 /// A black board passes in front of a wall that is lit from behind the board. Where the board was in the previous
 /// frame, the wall has no history, and must not use the board's.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn what_a_passing_board_uncovers_has_its_own_light() {
     const STEP: f64 = 0.03;
     let mut scene = empty("board before a lit wall");
@@ -245,6 +249,7 @@ fn lag_px(right: &RgbImage, found: &RgbImage) -> f64 {
 
 /// However slowly the eyes turn, the picture does not lag: it equals that of eyes which were always there.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn a_creeping_camera_drags_nothing_behind() {
     let (frames, speeds_px) = if is_thorough() { (256, &[0.002, 0.009, 0.03][..]) } else { (64, &[0.004][..]) };
     let picture = |speed_px: f64| {

@@ -114,6 +114,7 @@ fn surfaces_that_move_keep_their_history() {
 
 /// Repeated resampling of history does not blur thin geometry.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn thin_things_that_move_stay_sharp() {
     let subject = watched(fences());
     let right = reference(&subject, f64::from(FRAMES - 1) / FPS, 64);

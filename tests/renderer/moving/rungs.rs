@@ -1,6 +1,6 @@
 //! A change of quality does not count as a change of light: history is kept as at constant quality.
 
-use crate::common::{Stage, Subject, with_outputs};
+use crate::common::{Stage, Subject, sampled, with_outputs};
 use crate::reference::scenes::moving;
 use diptych::graph::Resource;
 use diptych::quality::{Denoiser, Quality};
@@ -58,14 +58,15 @@ const USUAL: Rung = (1.0, 6, 1.0);
 #[test]
 fn a_change_of_bounces_or_scale_changes_no_gradient() {
     let subject = watched(moving::everything());
-    for (before, after) in [
+    let changes = [
+        (USUAL, (1.0, 2, 0.7)),
         (USUAL, (1.0, 1, 1.0)),
         ((1.0, 2, 1.0), (1.0, 6, 1.0)),
+        (USUAL, (1.5, 6, 1.0)),
         (USUAL, (1.0, 6, 0.5)),
         ((1.0, 6, 0.5), USUAL),
-        (USUAL, (1.0, 2, 0.7)),
-        (USUAL, (1.5, 6, 1.0)),
-    ] {
+    ];
+    for (before, after) in sampled(changes, 3) {
         let [constant, changed] = [before, after].map(|last| play(&subject, Denoiser::SVGF, [before, last], 1));
         println!("{before:?} to {after:?}: drops {:.4} instead of {:.4}", changed.dropped, constant.dropped);
         assert!(constant.gradients.iter().any(|bits| *bits != 0), "there are no gradients");
@@ -89,7 +90,7 @@ fn a_change_of_samples_drops_no_more_history_than_none() {
         let [fewer, as_many] = [[many, USUAL], [many; 2]].map(|rungs| dropped(rungs, 1));
         println!("after more samples {fewer:.4}, and as many again {as_many:.4}");
         assert!(fewer.min(as_many) > 0.0, "{denoiser:?}: frames of several samples have no gradients");
-        assert!(fewer.max(as_many) < 3.0 * constant, "{denoiser:?}: {fewer} and {as_many} instead of {constant}");
+        assert!(fewer.max(as_many) < 2.0 * constant, "{denoiser:?}: {fewer} and {as_many} instead of {constant}");
     }
 }
 

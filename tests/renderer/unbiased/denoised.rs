@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::LazyLock;
 
-use super::{EXTENT, QUICK, RENDERS, Renders, estimates, renders, subject};
-use crate::common::{Stage, Subject};
+use super::{EXTENT, QUICK, RENDERS, Renders, detected, estimates, renders, subject};
+use crate::common::{Stage, Subject, sampled};
 use crate::reference::scenes::{lit, matte};
 use crate::reference::ztest::assert_agrees;
 use diptych::RunConfig;
@@ -58,8 +58,9 @@ fn assert_mean_stays(name: &str, subject: &Subject, bounces: u32, change: fn(&mu
             change(&mut settings, is_on);
             move |numbers: Range<u64>, _| renders(subject, 0.0, &settings, numbers)
         };
-        let [without, with] = estimates(QUICK.resolution, [&mut side(false, 1), &mut side(true, 2)]);
-        assert_agrees(&format!("{name}, {spp} spp"), &without, &with, QUICK.resolution);
+        let resolution = detected(QUICK.resolution);
+        let [without, with] = estimates(resolution, [&mut side(false, 1), &mut side(true, 2)]);
+        assert_agrees(&format!("{name}, {spp} spp"), &without, &with, resolution);
         if spp == 1 {
             let [without, with] =
                 [false, true].map(|is_on| variance_of_pixels(&side(is_on, 3)(0..2 * RENDERS.start, spp)));
@@ -72,7 +73,7 @@ fn assert_mean_stays(name: &str, subject: &Subject, bounces: u32, change: fn(&mu
 /// Add rows in [`lit::HARD`].
 #[test]
 fn hard_shadows_outside_the_denoiser_change_the_noise_and_not_the_mean() {
-    for (name, light) in lit::HARD {
+    for (name, light) in sampled(lit::HARD, 2) {
         let subject = subject(lit::things(name, light));
         assert!(subject.needs.hard_lights, "{name}");
         let noise = assert_mean_stays(name, &subject, 2, |settings, is_on| settings.hard_shadows = is_on);
@@ -85,7 +86,7 @@ fn hard_shadows_outside_the_denoiser_change_the_noise_and_not_the_mean() {
 /// Add rows in [`lit::MIRRORS`]. Few reflections end in the middle of a chain of mirrors.
 #[test]
 fn following_mirrors_changes_the_noise_and_not_the_mean() {
-    for ((name, mirrors), bounces) in lit::MIRRORS.into_iter().zip([4, 2, 3, 3, 5, 3]) {
+    for ((name, mirrors), bounces) in sampled(lit::MIRRORS.into_iter().zip([4, 2, 3, 3, 5, 3]), 3) {
         let subject = subject(lit::things(name, mirrors));
         assert!(subject.needs.mirrors, "{name}");
         let noise = assert_mean_stays(name, &subject, bounces, |settings, is_on| settings.follow_mirrors = is_on);
@@ -96,7 +97,7 @@ fn following_mirrors_changes_the_noise_and_not_the_mean() {
 /// Add rows in [`lit::POLISHED`].
 #[test]
 fn following_reflections_in_polish_changes_the_noise_and_not_the_mean() {
-    for ((name, polished), bounces) in lit::POLISHED.into_iter().zip([2, 3, 3, 2]) {
+    for ((name, polished), bounces) in sampled(lit::POLISHED.into_iter().zip([2, 3, 3, 2]), 3) {
         let subject = subject(lit::things(name, polished));
         assert!(subject.needs.polish, "{name}");
         let noise = assert_mean_stays(name, &subject, bounces, |settings, is_on| settings.follow_mirrors = is_on);
@@ -107,7 +108,7 @@ fn following_reflections_in_polish_changes_the_noise_and_not_the_mean() {
 /// Add rows in [`lit::NARROW`].
 #[test]
 fn light_of_narrow_lobes_outside_the_denoiser_changes_no_mean() {
-    for (name, add_balls) in lit::NARROW.into_iter().chain([lit::MIRRORS[2]]) {
+    for (name, add_balls) in sampled(lit::NARROW.into_iter().chain([lit::MIRRORS[2]]), 2) {
         let subject = subject(lit::things(name, add_balls));
         assert!(subject.needs.narrow_lobes, "{name}");
         let noise = assert_mean_stays(name, &subject, 2, |settings, is_on| settings.bypass_narrow_lobes = is_on);
