@@ -131,14 +131,18 @@ fn arrow(frame: &Frame, number: u32) -> u64 {
     frame.time.frame << 32 | u64::from(number)
 }
 
-/// Records an arrow per transfer, from the end of its download to the end of its upload. Viewers draw arrows forwards in
-/// time, and an upload may begin before its download ends.
+/// Records an arrow per transfer, from the end of its download to the end of its upload, which is later if their clocks
+/// agree. Viewers take an arrow's direction from its times.
 fn record_transfers(recorder: &Recorder, frame: &Frame) {
     let on = |lane| frame.tasks.iter().filter(move |t| t.lane == lane);
     let sent: HashMap<u64, &Task> = on(Lane::Download).filter_map(|&t| Some((t.transfer?, t))).collect();
     for task in on(Lane::Upload) {
         let Some((transfer, from)) = task.transfer.and_then(|t| Some((t, sent.get(&t)?))) else { continue };
-        recorder.flow(arrow(frame, transfer as u32), "transfer", &[from, task].map(|t| point(t, t.end_us)));
+        recorder.flow(
+            arrow(frame, transfer as u32),
+            "transfer",
+            &[point(from, from.end_us), point(task, task.end_us.max(from.end_us))],
+        );
     }
 }
 
@@ -226,14 +230,20 @@ mod tests {
         Task { pid, lane, name, begin_us, end_us, frame, rows, transfer, bytes, submissions, order: Some(order) }
     }
 
-    /// The upload begins first, since it waits for the download.
+    /// The upload begins before the download by the clock of another rank, and ends before it in the second case.
     #[test]
     fn arrows_lead_forwards_if_transfers_overlap() {
+        for upload_end_us in [410.0, 395.0] {
+            assert_leads_forwards(upload_end_us);
+        }
+    }
+
+    fn assert_leads_forwards(upload_end_us: f64) {
         let [sender, receiver] = [FIRST_DEVICE_PID, FIRST_DEVICE_PID + 1];
         let after = |number, after| Order { number, after };
         let tasks = [
             task(sender, Lane::Left, [0.0, 300.0], after(0, vec![])),
-            task(receiver, Lane::Upload, [10.0, 410.0], after(0, vec![(sender, 1)])),
+            task(receiver, Lane::Upload, [10.0, upload_end_us], after(0, vec![(sender, 1)])),
             task(sender, Lane::Download, [290.0, 400.0], after(1, vec![(sender, 0)])),
             task(receiver, Lane::Left, [405.0, 700.0], after(1, vec![(receiver, 0)])),
         ];

@@ -325,6 +325,7 @@ fn passes_take_the_samples_of_one_frame() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn a_single_sample_of_a_reference_is_spread_over_the_pixel() {
     let case = Case::new();
     case.render("reference", &["--spp", "1"]);

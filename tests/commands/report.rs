@@ -117,6 +117,7 @@ fn a_play_shows_its_frames_and_its_picture_beside_a_reference() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn a_grid_shows_its_front_and_other_renderers() {
     let folder = tempfile::tempdir().unwrap();
     let peers = folder.path().join("peers.toml");

@@ -65,6 +65,11 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     RUNS.iter().take(if is_thorough() { RUNS.len() } else { QUICK }).map(|(name, _)| *name)
 }
 
+/// True if tests look at the files of this run.
+pub fn is_looked_at(run: &str) -> bool {
+    names().any(|name| name == run)
+}
+
 /// Files and results of a run.
 pub struct Run {
     name: &'static str,

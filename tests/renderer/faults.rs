@@ -89,6 +89,7 @@ fn devices_come_back_with_what_was_compiled_on_them_unless_they_failed() {
 
 /// Frames in flight behind a failed frame restart as well.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn frames_in_flight_keep_their_bytes_when_devices_fail() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
@@ -114,6 +115,7 @@ fn frames_in_flight_keep_their_bytes_when_devices_fail() {
 /// With frames in flight, those behind the failed frame may have overwritten history. All rows restart without history,
 /// like a run that begins there.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn history_begins_anew_when_a_device_fails_with_frames_in_flight() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
@@ -160,6 +162,7 @@ fn history_of_other_devices_survives_a_fault() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn two_devices_may_fail_in_one_frame() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);

@@ -222,6 +222,7 @@ fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
     let subject = Subject::load("builtin:cornell");
     for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(Some) {
@@ -261,6 +262,7 @@ fn mean(image: &RgbImage, counts: impl Fn(usize) -> bool) -> f64 {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn polar_images_show_what_the_screen_does() {
     let subject = Subject::load("builtin:cornell");
     let mut plain = subject.settings(WIDTH, HEIGHT);

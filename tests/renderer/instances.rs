@@ -310,6 +310,7 @@ fn no_light_leaks_into_a_closed_instance() {
 
 /// 2,000 balls of 5,000 triangles: the flattened tables of ten million triangles would take a gibibyte.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn scenes_load_that_are_too_large_flattened() {
     const RINGS: usize = 36;
     let mut scene = empty_scene("ten million");

@@ -53,6 +53,7 @@ fn what_is_shown_late_is_corrected_on_any_number_of_devices() {
 
 /// Polar images have fewer pixels than the display image, so the margins are smaller.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn polar_images_are_corrected_as_well() {
     for space in [PolarSpace::Visual, PolarSpace::Log(LogPolar::COMPOSITE)] {
         let mut seen = subject(24);
@@ -147,6 +148,7 @@ fn the_last_pose_is_the_one_that_frames_are_shown_from() {
 
 /// Two frames are in flight, and each asks for a pose of its own.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn frames_in_flight_have_poses_of_their_own() {
     let seen = subject(1);
     let later_s = |frame: u32| 0.2 * f64::from(frame);

@@ -88,6 +88,7 @@ fn many_lamps(scale: f32) -> (Scene, Pinhole) {
 }
 
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn many_lamps_of_every_kind_are_unbiased() {
     let (scene, camera) = many_lamps(1.0);
     let subject = subject(scene, &camera);
@@ -103,6 +104,7 @@ fn many_lamps_of_every_kind_are_unbiased() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn the_scale_of_a_scene_does_not_change_its_picture() {
     let estimate = |scale| {
         let (scene, camera) = many_lamps(scale);

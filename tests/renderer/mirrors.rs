@@ -277,11 +277,13 @@ fn mirrors_and_panes_show_a_room_as_well_as_an_opening_would() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn mirrors_and_panes_show_a_moving_room_as_well_as_an_opening_would() {
     assert_as_good_as_an_opening(&WALLS.map(moving_room), true);
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn a_mirror_that_turns_shows_a_room_as_well_as_an_opening_would() {
     assert_as_good_as_an_opening(&[Wall::Mirror, Wall::Opening].map(turning_room), true);
 }
@@ -304,6 +306,7 @@ fn lacquer_shows_the_room_sharply() {
 
 /// The room has the noise of one sample per pixel, so `bmfr` gains little.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn denoisers_that_would_blur_a_brushed_mirror_leave_its_light_alone() {
     let subject = room(Wall::Brushed);
     let expected = reference(&subject, false);

@@ -200,6 +200,7 @@ fn history_that_crosses_stripes_gives_the_bytes_of_one_device() {
 
 /// Blocks of 32 rows are displaced in each frame, larger than some stripes, and straddle others.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn blocks_that_straddle_stripes_give_the_bytes_of_one_device() {
     let subject = Subject::load("builtin:cornell");
     for denoiser in [Denoiser::BMFR, Denoiser::BMFR_NOISE] {
@@ -232,6 +233,7 @@ fn hold_history_against_one_device(subject: &Subject, denoiser: Denoiser) {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn layers_around_a_moving_gaze_give_the_bytes_of_one_device() {
     let subject = Subject::load("builtin:checker");
     let path = vec![[0.0, 0.1, 0.9], [2.0, 0.9, 0.0]];
@@ -349,6 +351,7 @@ fn shader_checks_change_no_byte() {
 
 /// Tables in buffers, as on GPUs, and in textures, as on lavapipe, give the same bytes.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn tables_in_a_buffer_or_a_texture_give_the_same_bytes() {
     // Instances in animated scenes are covered by the test of tables that change.
     for shot in ["builtin:atrium", "builtin:forest"].into_iter().take(if is_thorough() { 2 } else { 1 }) {
@@ -371,6 +374,7 @@ fn tables_in_a_buffer_or_a_texture_give_the_same_bytes() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn files_of_one_device_and_of_three_with_frames_in_flight_are_equal() {
     let folder = tempfile::tempdir().unwrap();
     let render = |devices: &str, in_flight: &str| {

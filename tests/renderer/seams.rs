@@ -64,6 +64,7 @@ fn stripes_filtered_apart_differ_within_the_halo_and_nowhere_else() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn fewer_iterations_make_a_narrower_halo() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, 120);

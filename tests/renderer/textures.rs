@@ -79,6 +79,7 @@ fn distant_textures_are_averaged_over_pixels() {
 
 /// A dark polished floor reflects a tiled ceiling.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn distant_textures_in_polish_are_averaged_over_pixels() {
     let mut scene = empty("polish");
     let checker = Pictures::add(&mut scene).checker;

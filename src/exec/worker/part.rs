@@ -183,8 +183,9 @@ impl Part {
         let begin_ms = device.now_ms();
         let rows = device.finish(back)?;
         let bytes = Some(rows.len() as u64);
-        send(Bytes::Mapped(rows));
+        // The upload may begin and end before `send` returns.
         self.times.push(TaskTime { task, begin_ms, end_ms: device.now_ms(), bytes, submissions: 1 });
+        send(Bytes::Mapped(rows));
         Ok(())
     }
 

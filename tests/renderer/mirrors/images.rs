@@ -172,6 +172,7 @@ fn balls_show_surfaces_where_a_search_finds_them() {
 /// The images of surfaces in balls that roll past were where the previous frame saw the surfaces. A search over all of its
 /// pixels tells where that is.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn balls_that_roll_showed_surfaces_where_a_search_finds_them() {
     const EXTENT: Extent = Extent::new(320, 240);
     let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };

@@ -97,6 +97,7 @@ fn the_image_of_motion_is_where_surfaces_were() {
 
 /// In the second scene, only the eyes and a lamp move.
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn the_image_of_motion_knows_eyes_that_move_as_well() {
     let mut lit = moving::switched();
     for light in &mut lit.lights {

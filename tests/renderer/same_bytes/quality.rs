@@ -65,6 +65,7 @@ fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
     let subject = Subject::load("builtin:atrium");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
