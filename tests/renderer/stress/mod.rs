@@ -88,7 +88,7 @@ fn every_sample_of_every_row_is_finite() {
 /// Accumulation, filters and TAA give a valid radiance everywhere, even from few samples.
 #[test]
 fn every_row_is_finite_through_history_and_filters() {
-    for row in sampled(rows::all(), 8) {
+    for row in sampled(rows::all(), 24) {
         let subject = subject(row.name, row.scene, row.camera);
         let [width, height] = row.effort.size;
         let mut settings = subject.accumulated(width, height);
