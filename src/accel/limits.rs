@@ -5,6 +5,10 @@ use crate::scene::budget::Exceeded;
 /// Deepest tree that the shaders' traversal stack holds.
 pub const MAX_DEPTH: usize = 32;
 
+/// Depth above which the tree over instances is replaced by a balanced one. A tree over triangles may take the rest of
+/// [`MAX_DEPTH`].
+pub(super) const MAX_INSTANCE_DEPTH: usize = 12;
+
 /// Maximum number of stored triangles. Each takes 112 bytes in the tables, which are then 7 GiB on the host and on
 /// every device.
 pub(super) const MAX_TRIANGLES: usize = 1 << 26;

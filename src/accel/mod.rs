@@ -4,6 +4,7 @@
 //!
 //! Triangles are stored in tree order, so a leaf's triangle index is the triangle's row in every table.
 
+mod boxes;
 mod build;
 mod built;
 mod cache;

@@ -3,10 +3,10 @@
 use glam::{Affine3A, DAffine3, DVec3, Mat3, Mat4, Vec3, Vec3A, Vec4};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
-use obvhs::cwbvh::builder::build_cwbvh;
 
+use super::boxes::tree_over_boxes;
 use super::instances::{Instance, box_in, farthest, is_undone_well};
-use super::limits::MAX_REACH;
+use super::limits::{MAX_INSTANCE_DEPTH, MAX_REACH};
 use super::skins::Skins;
 use super::tree::{Node, Tree, depth, nodes_from};
 use crate::scene::motion::Motion;
@@ -93,10 +93,12 @@ impl Placed {
             return out;
         }
         let params = if poses.is_some() { BvhBuildParams::fast_build() } else { BvhBuildParams::slow_build() };
-        let bvh = build_cwbvh(&boxes, BvhBuildParams { max_prims_per_leaf: 1, ..params }, &mut Default::default());
-        out.levels = depth(&bvh.nodes);
-        out.nodes.extend(nodes_from(&bvh.nodes, root, 1));
-        for (place, &i) in (1..).zip(&bvh.primitive_indices) {
+        let params = BvhBuildParams { max_prims_per_leaf: 1, ..params };
+        let order = (0..boxes.len() as u32).collect();
+        let built = tree_over_boxes(boxes, order, &params, MAX_INSTANCE_DEPTH);
+        out.levels = depth(&built.nodes);
+        out.nodes.extend(nodes_from(&built.nodes, root, 1));
+        for (place, &i) in (1..).zip(&built.order) {
             let (number, instance) = &there[i as usize];
             out.instances.push(*instance);
             out.numbers.push([placements[*number].first_prim, place, 0, 0]);

@@ -2,16 +2,15 @@
 
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
 use obvhs::cwbvh::node::CwBvhNode;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance};
+use obvhs::ploc::PlocSearchDistance;
 use obvhs::splits::split_aabbs_preset;
 
+use super::boxes::tree_over_boxes;
 use super::built::Built;
 use super::cache::TreeCache;
 use super::flatten::Flat;
-use super::limits::AccelError;
+use super::limits::{AccelError, MAX_DEPTH, MAX_INSTANCE_DEPTH};
 use crate::scene::budget::Budget;
 
 /// Upper bound on the bytes per triangle that a build takes in addition to the tables. `NODE_BYTES` is the bound for
@@ -80,20 +79,14 @@ pub fn tree_over(flat: &Flat<'_>, splits: bool, room: &Room) -> Result<Built, Ac
     let making = copies * (2 * room.row_bytes + BUILD_BYTES);
     let refused = |exceeded| AccelError::Memory { triangles: room.triangles, exceeded };
     let _reserved = room.budget.reserve(making as u64).map_err(refused)?;
-    let distance = if count > LARGE { PlocSearchDistance::VeryHigh } else { PARAMS.ploc_search_distance };
-    let mut bvh2 = PlocBuilder::with_capacity(boxes.len()).build(
-        distance,
-        &boxes,
-        indices,
-        PARAMS.sort_precision,
-        PARAMS.search_depth_threshold,
-    );
-    drop(boxes);
-    bvh2.uses_spatial_splits = copies > 0;
-    let fraction = PARAMS.reinsertion_batch_ratio * (LARGE as f32 / count as f32).clamp(LEAST_REINSERTED, 1.0);
-    ReinsertionOptimizer::default().run(&mut bvh2, fraction, None);
-    let bvh = bvh2_to_cwbvh(&bvh2, MOST_IN_A_LEAF, true, false);
-    Ok(Built { nodes: bvh.nodes, order: bvh.primitive_indices })
+    let params = BvhBuildParams {
+        ploc_search_distance: if count > LARGE { PlocSearchDistance::VeryHigh } else { PARAMS.ploc_search_distance },
+        reinsertion_batch_ratio: PARAMS.reinsertion_batch_ratio
+            * (LARGE as f32 / count as f32).clamp(LEAST_REINSERTED, 1.0),
+        max_prims_per_leaf: MOST_IN_A_LEAF,
+        ..PARAMS
+    };
+    Ok(tree_over_boxes(boxes, indices, &params, MAX_DEPTH - MAX_INSTANCE_DEPTH))
 }
 
 /// Returns the tree's depth, without recursion.
