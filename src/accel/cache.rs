@@ -2,8 +2,9 @@
 //! new one.
 //!
 //! Files are complete when they appear under their names, so several processes may share a folder. Damaged files are
-//! ignored with a note and written again. When the folder exceeds its limit, the trees that were used longest ago go
-//! first.
+//! ignored with a note and written again; files that cannot be read are ignored with a note. When the folder exceeds its
+//! limit, the trees that were used longest ago go first. Files whose names are not of this module's form are the user's
+//! and stay.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
@@ -27,9 +28,10 @@ const LEAST_BUILD: Duration = Duration::from_secs(1);
 const MOST_BYTES: u64 = 4 << 30;
 /// Age of a file that a run has not finished writing, after which the run must have been killed.
 const LONGEST_WRITE: Duration = Duration::from_secs(24 * 3600);
-const EXTENSION: &str = "tree";
-/// First bytes of a file. They change with the format and with the builder.
+/// First bytes of a file. They change with the format.
 const MAGIC: [u8; 16] = *b"diptych tree 1\0\0";
+/// Builders of trees, which are part of the key: other versions may build other trees.
+const BUILDERS: &str = concat!("diptych ", env!("CARGO_PKG_VERSION"), ", obvhs 0.4.0");
 
 /// A folder of trees, or none.
 #[derive(Debug, Default)]
@@ -90,11 +92,19 @@ impl TreeCache {
             let _span = tracing::info_span!("hash triangles").entered();
             Key::of(flat, splits)
         };
-        let path = folder.join(format!("{:032x}.{EXTENSION}", key.0));
+        let path = folder.join(format!("{:032x}.tree", key.0));
         match read(&path, key, flat.len()) {
             Ok(built) => return Ok(built),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            Err(error) => self.note(&path, &format!("is damaged and is built again: {error}")),
+            Err(error) => match error.kind() {
+                io::ErrorKind::NotFound => {}
+                io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
+                    self.note(&path, &format!("is damaged and is built again: {error}"));
+                }
+                _ => {
+                    self.note(&path, &format!("cannot be read: {error}"));
+                    return build();
+                }
+            },
         }
         let begin = std::time::Instant::now();
         let built = build()?;
@@ -117,13 +127,18 @@ impl TreeCache {
     fn remove_oldest(&self, folder: &Path, newest: &Path) -> io::Result<()> {
         let mut trees: Vec<(SystemTime, u64, PathBuf)> = Vec::new();
         for entry in fs::read_dir(folder)? {
-            let path = entry?.path();
+            let entry = entry?;
+            let path = entry.path();
+            let name = entry.file_name();
+            let Some(name) = name.to_str().map(Name::of).filter(|name| *name != Name::Other) else { continue };
             // Another process may have removed it.
             let Ok(metadata) = fs::symlink_metadata(&path) else { continue };
-            let is = |extension: &str| metadata.is_file() && path.extension().is_some_and(|e| e == extension);
-            if is(EXTENSION) {
+            if !metadata.is_file() {
+                continue;
+            }
+            if name == Name::Tree {
                 trees.push((metadata.modified()?, metadata.len(), path));
-            } else if is("part") && metadata.modified()?.elapsed().is_ok_and(|age| age > LONGEST_WRITE) {
+            } else if metadata.modified()?.elapsed().is_ok_and(|age| age > LONGEST_WRITE) {
                 let _ = fs::remove_file(path);
             }
         }
@@ -142,10 +157,38 @@ impl TreeCache {
     }
 }
 
+/// Kinds of files in the folder, by their names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Name {
+    Tree,
+    /// The temporary file of a tree that a run has not finished writing.
+    Part,
+    Other,
+}
+
+impl Name {
+    fn of(name: &str) -> Self {
+        let is_tree = |name: &str| {
+            let is_hex = |digit: u8| digit.is_ascii_digit() || (b'a'..=b'f').contains(&digit);
+            name.strip_suffix(".tree").is_some_and(|key| key.len() == 32 && key.bytes().all(is_hex))
+        };
+        let part = || {
+            let (tree, random) = name.strip_prefix('.')?.strip_suffix(".part")?.split_at_checked(32 + ".tree".len())?;
+            Some(is_tree(tree) && random.bytes().all(|byte| byte.is_ascii_alphanumeric()))
+        };
+        match is_tree(name) {
+            true => Self::Tree,
+            false if part() == Some(true) => Self::Part,
+            false => Self::Other,
+        }
+    }
+}
+
 impl Key {
     fn of(flat: &Flat<'_>, splits: bool) -> Self {
         let mut hasher = XxHash3_128::new();
         hasher.write(&MAGIC);
+        hasher.write(BUILDERS.as_bytes());
         hasher.write(&[u8::from(splits)]);
         let mut batch = Vec::with_capacity(1024);
         for first in (0..flat.len()).step_by(batch.capacity()) {
@@ -200,8 +243,8 @@ fn write(mut file: impl Write, key: Key, Built { nodes, order }: &Built) -> io::
     file.write_all(cast_slice(order))
 }
 
-/// Reads a tree over `triangles` triangles. The file must be as long as its header says, so that no more memory is
-/// reserved than the file has bytes.
+/// Reads a tree over `triangles` triangles. A header that claims more than such a tree can have is refused before memory
+/// is allocated: the length of the file proves nothing, since a sparse file is as long as it likes.
 fn read(path: &Path, key: Key, triangles: usize) -> io::Result<Built> {
     let mut file = File::open(path)?;
     let _span = tracing::info_span!("read tree").entered();
@@ -211,6 +254,11 @@ fn read(path: &Path, key: Key, triangles: usize) -> io::Result<Built> {
     let header = Header::read(&file)?;
     if magic != MAGIC || header.key != key {
         return Err(damaged("it is of another tree"));
+    }
+    // Splits add at most one entry per triangle, and each node but the root has at least two children or entries.
+    let triangles = triangles as u64;
+    if !(triangles..=2 * triangles).contains(&header.indices) || header.nodes > header.indices {
+        return Err(damaged("it has another number of nodes than it should"));
     }
     let bytes = u128::from(header.nodes) * size_of::<CwBvhNode>() as u128 + u128::from(header.indices) * 4;
     if u128::from(file.metadata()?.len()) != (MAGIC.len() + Header::BYTES) as u128 + bytes {
@@ -224,7 +272,7 @@ fn read(path: &Path, key: Key, triangles: usize) -> io::Result<Built> {
         return Err(damaged("its bytes have changed"));
     }
     let built = Built { nodes, order };
-    if !built.is_sound(triangles) {
+    if !built.is_sound(triangles as usize) {
         return Err(damaged("its nodes refer to others that do not exist"));
     }
     // Trees that are used stay.

@@ -98,12 +98,54 @@ fn nodes_that_do_not_exist_are_refused() {
     };
     let mut far = good.clone();
     far.order[0] = count as u32;
-    let empty = Built { nodes: Vec::new(), order: Vec::new() };
+    let empty = Built { nodes: Vec::new(), order: good.order.clone() };
     for bad in [with_child(inner as u32), with_child(good.nodes.len() as u32), with_child(u32::MAX), far, empty] {
         write(File::create(&file).unwrap(), key, &bad).unwrap();
         let error = read(&file, key, count).unwrap_err().to_string();
         assert!(error.contains("do not exist"), "{error}");
     }
+}
+
+#[test]
+fn a_long_file_claims_no_more_than_its_tree_needs() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, cache) = (checker(), cache(folder.path()));
+    let first = built(&scene, &cache);
+    let path = files(folder.path()).remove(0);
+    let flat = crate::accel::flatten::flatten(&scene, scene.instances.iter(), first.origin);
+    let (key, triangles) = (Key::of(&flat, true), flat.len() as u64);
+    for (nodes, indices) in [(1 << 29, 1), (1 << 29, triangles), (1, 10 << 30), (1, triangles - 1), (1, u64::MAX)] {
+        let file = File::create(&path).unwrap();
+        let header = Header { key, nodes, indices, content: 0 };
+        (&file).write_all(&[&MAGIC[..], &header.bytes()].concat()).unwrap();
+        // A sparse file: it takes a few kilobytes of the disk.
+        let length = u128::from(nodes) * size_of::<CwBvhNode>() as u128 + u128::from(indices) * 4;
+        let _ = file.set_len(length.min(1 << 40) as u64 + (MAGIC.len() + Header::BYTES) as u64);
+        let error = read(&path, key, flat.len()).unwrap_err().to_string();
+        assert!(error.contains("another number of nodes"), "{error}");
+    }
+}
+
+/// A folder stands for a file that cannot be read, since permissions do not bind the superuser.
+#[test]
+fn a_file_that_cannot_be_read_is_not_damaged() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, cache) = (checker(), cache(folder.path()));
+    let first = built(&scene, &cache);
+    let path = files(folder.path()).remove(0);
+    fs::remove_file(&path).unwrap();
+    fs::create_dir(&path).unwrap();
+    assert_same(&first, &built(&scene, &cache));
+    let notes = cache.take_notes();
+    assert!(matches!(&notes[..], [note] if note.contains("cannot be read")), "{notes:?}");
+    assert!(path.is_dir());
+}
+
+#[test]
+fn the_key_names_the_version_of_the_builder_in_use() {
+    let lock = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.lock")).unwrap();
+    let version = BUILDERS.split(' ').next_back().unwrap();
+    assert!(lock.contains(&format!("name = \"obvhs\"\nversion = \"{version}\"\n")), "{BUILDERS}");
 }
 
 #[test]
@@ -123,17 +165,25 @@ fn trees_used_longest_ago_go_first() {
     }
     // A tree that is used again stays, and what a killed run has left does not.
     let bytes = fs::metadata(&made[0]).unwrap().len();
-    let left = folder.path().join("trees/.a.tree.1234.part");
-    let old = File::create(&left).unwrap();
-    old.set_modified(SystemTime::now() - Duration::from_secs(48 * 3600)).unwrap();
-    fs::write(folder.path().join("trees/notes.txt"), "mine").unwrap();
+    let old = |name: &str| {
+        let path = folder.path().join("trees").join(name);
+        let file = File::create(&path).unwrap();
+        file.set_modified(SystemTime::now() - Duration::from_secs(48 * 3600)).unwrap();
+        path
+    };
+    let name = made[0].file_name().unwrap().to_str().unwrap();
+    let left = old(&format!(".{name}x1Y2z3.part"));
+    let upper = name.to_uppercase().replace(".TREE", ".tree");
+    let of_user = ["notes.txt", "film.mkv.part", ".film.part", "oak.tree", "0.tree", &upper, &format!("{name}.part")];
+    let of_user = of_user.map(old);
     let narrow = TreeCache { most_bytes: 3 * bytes, ..cache(folder.path()) };
     built(&scene, &wide);
     scene.meshes[0].positions[0].x += 1e-3;
     built(&scene, &narrow);
     assert!(!left.exists());
     assert!(!made[1].exists() && made[0].exists() && made[2].exists());
-    assert_eq!(files(folder.path()).len(), 4);
+    assert!(of_user.iter().all(|path| path.exists()), "files of other names are the user's");
+    assert_eq!(files(folder.path()).len(), 3 + of_user.len());
 }
 
 #[test]
