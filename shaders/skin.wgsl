@@ -63,8 +63,9 @@ fn normal_vector(m: Affine, n: vec3<f32>) -> vec3<f32> {
 }
 
 fn unit_or(v: vec3<f32>, otherwise: vec3<f32>) -> vec3<f32> {
-    let size2 = dot(v, v);
-    return select(otherwise, v * inverseSqrt(max(size2, 1e-37)), size2 > 1e-37);
+    let scaled = v * power_scale(v);
+    let size2 = dot(scaled, scaled);
+    return select(otherwise, scaled * inverseSqrt(max(size2, 1.0)), size2 >= 1.0);
 }
 
 fn bring(at: u32) -> Skinned {

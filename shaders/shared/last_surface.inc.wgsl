@@ -28,7 +28,12 @@ fn last_triangle(place: Placed) -> array<vec3<f32>, 3> {
 
 // Transfers a vector from one triangle to another, by its components along two edges and the normal, so that it turns
 // and stretches with the triangle.
-fn brought_along(v: vec3<f32>, e1: vec3<f32>, e2: vec3<f32>, to1: vec3<f32>, to2: vec3<f32>) -> vec3<f32> {
+fn brought_along(v: vec3<f32>, edge1: vec3<f32>, edge2: vec3<f32>, to_edge1: vec3<f32>, to_edge2: vec3<f32>) -> vec3<f32> {
+    let scale = power_scale(max(max(abs(edge1), abs(edge2)), max(abs(to_edge1), abs(to_edge2))));
+    let e1 = edge1 * scale;
+    let e2 = edge2 * scale;
+    let to1 = to_edge1 * scale;
+    let to2 = to_edge2 * scale;
     let n = cross(e1, e2);
     let last_n = cross(to1, to2);
     let size2 = dot(n, n);

@@ -35,13 +35,14 @@ fn curvature_of(f: FirstHit) -> f32 {
     let place = placed(f.hit.prim);
     let tri = triangle_at(place);
     let shade = shading_at(place);
-    let e1 = tri.v1 - tri.v0;
-    let e2 = tri.v2 - tri.v0;
+    let edges = scaled_edges(tri);
+    let e1 = edges.e1;
+    let e2 = edges.e2;
     let turn1 = shade.n1 - shade.n0;
     let turn2 = shade.n2 - shade.n0;
     let n = cross(e1, e2);
     let trace = dot(turn1, e1) * dot(e2, e2) - (dot(turn1, e2) + dot(turn2, e1)) * dot(e1, e2) + dot(turn2, e2) * dot(e1, e1);
-    let curvature = trace / max(dot(n, n), 1e-37);
+    let curvature = edges.scale * (trace / max(dot(n, n), 1e-37));
     return select(-curvature, curvature, f.surface.is_front);
 }
 

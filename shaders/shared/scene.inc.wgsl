@@ -75,6 +75,20 @@ fn triangle_at(place: Placed) -> Triangle {
     return tri;
 }
 
+// Two edges of a triangle from its first corner, times a power of two that brings the longer one to a length of about 1.
+struct Edges {
+    e1: vec3<f32>,
+    e2: vec3<f32>,
+    scale: f32,
+}
+
+fn scaled_edges(tri: Triangle) -> Edges {
+    let e1 = tri.v1 - tri.v0;
+    let e2 = tri.v2 - tri.v0;
+    let scale = power_scale(max(abs(e1), abs(e2)));
+    return Edges(e1 * scale, e2 * scale, scale);
+}
+
 // Transforms a stored unit normal to world space.
 fn normal_in_world(place: Placed, n: vec3<f32>) -> vec3<f32> {
     if !HAS_INSTANCES || !place.is_moved {

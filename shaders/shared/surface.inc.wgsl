@@ -119,7 +119,9 @@ struct Located {
 const ROUNDING: f32 = 0x1p-24;
 
 fn unit_normal(tri: Triangle, otherwise: vec3<f32>) -> vec3<f32> {
-    let n = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
+    let edges = scaled_edges(tri);
+    let cross_ = cross(edges.e1, edges.e2);
+    let n = cross_ * power_scale(cross_);
     let size = length(n);
     return select(otherwise, n / size, size > 0.0);
 }
@@ -135,8 +137,9 @@ fn locate(tri: Triangle, bary: vec2<f32>, ng: vec3<f32>, origin: vec3<f32>, dire
     let b0 = 1.0 - bary.x - bary.y;
     let mixed = b0 * tri.v0 + bary.x * tri.v1 + bary.y * tri.v2;
     let magnitude = abs(b0 * tri.v0) + abs(bary.x * tri.v1) + abs(bary.y * tri.v2);
-    let e1 = tri.v1 - tri.v0;
-    let e2 = tri.v2 - tri.v0;
+    let edges = scaled_edges(tri);
+    let e1 = edges.e1;
+    let e2 = edges.e2;
     // The relative error of the normal is 3 roundings of the products that it is made of.
     let products = abs(e1.yzx * e2.zxy) + abs(e1.zxy * e2.yzx);
     let size = length(cross(e1, e2));
@@ -145,7 +148,7 @@ fn locate(tri: Triangle, bary: vec2<f32>, ng: vec3<f32>, origin: vec3<f32>, dire
     let t = dot(ng, corner) / cosine;
     let on_ray = origin + direction * t;
     let projected = on_ray - ng * dot(ng, on_ray - tri.v0);
-    let mixed_bound = 7.0 * max3(magnitude) + 6.0 * (products.x + products.y + products.z) / (size * abs(cosine)) * max3(abs(e1) + abs(e2));
+    let mixed_bound = 7.0 * max3(magnitude) + 6.0 * (products.x + products.y + products.z) / (size * abs(cosine)) * (max3(abs(e1) + abs(e2)) / edges.scale);
     let ray_bound = max3(abs(origin)) + 3.0 * abs(t) + 8.0 * dot(products, abs(corner)) / (size * abs(cosine));
     let is_projected = ray_bound < mixed_bound;
     let position = select(mixed, projected, is_projected);

@@ -8,10 +8,10 @@ const MOST_TAPS: f32 = 2.0;
 
 // Change of the barycentrics of `tri` for a step in its plane.
 fn barycentric_step(tri: Triangle, step: vec3<f32>) -> vec2<f32> {
-    let e1 = tri.v1 - tri.v0;
-    let e2 = tri.v2 - tri.v0;
-    let n = cross(e1, e2);
-    return vec2<f32>(dot(cross(step, e2), n), dot(cross(e1, step), n)) / max(dot(n, n), 1e-37);
+    let edges = scaled_edges(tri);
+    let n = cross(edges.e1, edges.e2);
+    let v = step * edges.scale;
+    return vec2<f32>(dot(cross(v, edges.e2), n), dot(cross(edges.e1, v), n)) / max(dot(n, n), 1e-37);
 }
 
 // Change of a ray's end on a surface, for a change perpendicular to the ray.

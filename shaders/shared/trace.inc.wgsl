@@ -120,7 +120,8 @@ fn intersect_triangle(ray: Traversal, row: u32, t_max: f32) -> vec3<f32> {
         return vec3<f32>(-1.0);
     }
     let bary = weights / sum;
-    let normal = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
+    let cross_ = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
+    let normal = cross_ * power_scale(cross_);
     let plane = dot(normal, corner) / dot(normal, ray.direction);
     let rounding = 0x1p-20 * (abs(a.x) + abs(a.y) + abs(a.z));
     let is_between = plane >= min(min(a.z, b.z), c.z) - rounding && plane <= max(max(a.z, b.z), c.z) + rounding;

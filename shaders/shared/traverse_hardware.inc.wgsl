@@ -38,7 +38,8 @@ fn meet(world: Traversal, found: RayIntersection, t_max: f32) -> Found {
         return Found(Hit(own.x, prim, own.yz), row);
     }
     let tri = stored_triangle(row);
-    let normal = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
+    let cross_ = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
+    let normal = cross_ * power_scale(cross_);
     let plane = dot(normal, tri.v0 - ray.origin) / dot(normal, ray.direction);
     let is_ahead = plane > 0.0 && plane <= t_max;
     return Found(Hit(found.t, select(NO_PRIM, prim, is_ahead), found.barycentrics), row);

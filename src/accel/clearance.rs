@@ -4,6 +4,7 @@ use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::node::CwBvhNode;
 
+use super::triangle::power_scale;
 use super::{Accel, Instance, Triangle};
 
 impl Accel {
@@ -68,19 +69,21 @@ fn box_distance(bounds: &Aabb, point: Vec3) -> f32 {
 /// Returns the distance to a triangle by the feature whose Voronoi region holds the point (Ericson, "Real-Time
 /// Collision Detection", 2005, 5.1.5).
 fn distance(t: &Triangle, p: Vec3) -> f32 {
-    let (ab, ac, ap) = (t.v1 - t.v0, t.v2 - t.v0, p - t.v0);
-    let (bp, cp) = (p - t.v1, p - t.v2);
+    // Relative to the first corner and scaled, since products of four lengths overflow and underflow.
+    let scale = power_scale((t.v1 - t.v0).abs().max((t.v2 - t.v0).abs()).max((p - t.v0).abs()));
+    let (ab, ac, ap) = ((t.v1 - t.v0) * scale, (t.v2 - t.v0) * scale, (p - t.v0) * scale);
+    let (bp, cp) = (ap - ab, ap - ac);
     let [d1, d2, d3, d4, d5, d6] = [ab.dot(ap), ac.dot(ap), ab.dot(bp), ac.dot(bp), ab.dot(cp), ac.dot(cp)];
     let [va, vb, vc] = [d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2];
     let along = |from: Vec3, edge: Vec3| {
-        let s = (p - from).dot(edge) / edge.length_squared();
-        p.distance(from + edge * s.clamp(0.0, 1.0))
+        let s = (ap - from).dot(edge) / edge.length_squared();
+        ap.distance(from + edge * s.clamp(0.0, 1.0))
     };
     let inside = va + vb + vc;
     if va > 0.0 && vb > 0.0 && vc > 0.0 && inside.is_normal() {
-        return p.distance(t.v0 + ab * (vb / inside) + ac * (vc / inside));
+        return ap.distance(ab * (vb / inside) + ac * (vc / inside)) / scale;
     }
-    along(t.v0, ab).min(along(t.v0, ac)).min(along(t.v1, t.v2 - t.v1))
+    along(Vec3::ZERO, ab).min(along(Vec3::ZERO, ac)).min(along(ab, ac - ab)) / scale
 }
 
 #[cfg(test)]
@@ -105,6 +108,15 @@ mod tests {
             let p = Vec3::new(unit(0.618), unit(0.414), unit(0.732));
             let (exact, about) = (distance(&t, p), sampled(&t, p));
             assert!(exact <= about + 1e-6 && exact >= about - 0.03, "{p}: {exact} against {about}");
+        }
+    }
+
+    #[test]
+    fn triangles_of_any_size_have_a_distance() {
+        for size in [1e-12, 1.0, 1e14] {
+            let t = Triangle { v0: Vec3::ZERO, v1: Vec3::X * size, v2: Vec3::Y * size, ..Default::default() };
+            let found = distance(&t, Vec3::new(0.25, 0.25, 0.5) * size);
+            assert!((found / size - 0.5).abs() < 1e-6, "{size:e}: {found:e}");
         }
     }
 

@@ -3,7 +3,7 @@
 
 use glam::{Affine3A, DVec3, Mat3, Vec2, Vec3};
 
-use super::triangle::{Shading, TRIANGLE_ALPHA, Triangle};
+use super::triangle::{Shading, TRIANGLE_ALPHA, Triangle, unit_normal};
 use crate::scene::{AlphaMode, Instance, Material, Mesh, Scene};
 
 /// A list of triangles.
@@ -184,9 +184,7 @@ impl<'a> Placed<'a> {
 
     /// Returns the unit normal of a triangle, or `None` if the triangle has no area.
     fn normal(&self, triangle: usize) -> Option<Vec3> {
-        let [v0, v1, v2] = self.vertices(triangle);
-        let cross = (v1 - v0).cross(v2 - v0);
-        (cross.length() > 0.0 && cross.is_finite()).then(|| cross.normalize_or(Vec3::Z))
+        unit_normal(self.vertices(triangle))
     }
 
     fn uvs(&self, triangle: usize, set: usize) -> [Vec2; 3] {

@@ -38,9 +38,25 @@ shared_structs! {
     }
 }
 
+/// Returns the power of two that scales a vector's largest component to 1 … 2. Scaling by it is exact, and squares of
+/// scaled vectors neither overflow nor underflow.
+pub(super) fn power_scale(v: Vec3) -> f32 {
+    f32::from_bits((254 - (v.abs().max_element().to_bits() >> 23).clamp(1, 253)) << 23)
+}
+
+/// Returns the unit normal of a triangle, or `None` if the triangle has no area.
+pub(super) fn unit_normal([v0, v1, v2]: [Vec3; 3]) -> Option<Vec3> {
+    let (e1, e2) = (v1 - v0, v2 - v0);
+    let scale = power_scale(e1.abs().max(e2.abs()));
+    let cross = (e1 * scale).cross(e2 * scale);
+    (cross * power_scale(cross)).try_normalize()
+}
+
 impl Triangle {
     pub fn area(&self) -> f32 {
-        0.5 * (self.v1 - self.v0).cross(self.v2 - self.v0).length()
+        let cross = (self.v1 - self.v0).cross(self.v2 - self.v0);
+        let scale = power_scale(cross);
+        0.5 * ((cross * scale).length() / scale)
     }
 
     pub fn asks_alpha(&self) -> bool {
