@@ -1,14 +1,14 @@
 //! Decides which instances keep a shared mesh in local space, which transformed rays traverse, and which are flattened
 //! to world space.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, DMat3, DVec3, Mat3, Mat4, Vec3, Vec3A, Vec4};
 use obvhs::aabb::Aabb;
 
 use super::tree::Tree;
-use crate::scene::{self, Material, Mesh, Scene};
+use crate::scene::{self, AlphaMode, Material, Mesh, Scene};
 
 /// Largest number of triangles that is flattened even if instancing would take less memory. Their widest table then
 /// fills 128 MiB, the largest storage buffer binding that every device supports. Rays traverse flattened triangles 1.2
@@ -123,7 +123,8 @@ impl Division {
         if layout == Layout::Auto && is_small { Self::of_layout(scene, true) } else { divided }
     }
 
-    /// Divides the instances. If `flattens`, all static ones are flattened.
+    /// Divides the instances. If `flattens`, all static ones are flattened. Static copies of an opaque instance at the same
+    /// place are left out, since they cannot be seen, and rays would test all of them.
     fn of_layout(scene: &Scene, flattens: bool) -> Self {
         let mut moving = vec![None; scene.instances.len()];
         for (number, body) in scene.motion.bodies.iter().enumerate() {
@@ -131,9 +132,15 @@ impl Division {
         }
         let mut sharing: BTreeMap<(usize, bool), Vec<usize>> = BTreeMap::new();
         let (mut flat, mut deforming) = (Vec::new(), Vec::new());
+        let mut places = HashSet::new();
         for (i, instance) in scene.instances.iter().enumerate() {
-            let stays =
-                glows(scene, scene.meshes[instance.mesh].material) || !is_undone_well(&instance.world_from_local);
+            let material = scene.meshes[instance.mesh].material;
+            let place = instance.world_from_local.to_cols_array().map(f32::to_bits);
+            let is_opaque = scene.materials[material].alpha_mode == AlphaMode::Opaque;
+            if moving[i].is_none() && is_opaque && !places.insert((instance.mesh, place)) {
+                continue;
+            }
+            let stays = glows(scene, material) || !is_undone_well(&instance.world_from_local);
             match moving[i] {
                 Some((number, body)) if stays || body.deforms() => deforming.push(number),
                 None if stays || flattens => flat.push(i),

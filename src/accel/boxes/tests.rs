@@ -6,7 +6,7 @@ use obvhs::cwbvh::builder::build_cwbvh;
 use super::*;
 use crate::accel::limits::MAX_DEPTH;
 use crate::accel::{Accel, Layout};
-use crate::scene::{Instance, Material, Mesh, Scene};
+use crate::scene::{AlphaMode, Instance, Material, Mesh, Scene};
 
 const PARAMS: BvhBuildParams = BvhBuildParams { max_prims_per_leaf: 3, ..BvhBuildParams::slow_build() };
 
@@ -75,19 +75,32 @@ fn a_tree_that_is_too_deep_is_balanced() {
     assert!(depth(&balanced.nodes) <= 6 && balanced.is_sound(boxes.len()));
 }
 
-#[test]
-fn instances_at_one_place_are_not_too_deep() {
+fn copies(alpha_mode: AlphaMode) -> Scene {
     let mesh = Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]], ..Mesh::default() };
     let instance = Instance { mesh: 0, world_from_local: Affine3A::IDENTITY };
-    let scene = Scene {
+    Scene {
         meshes: vec![mesh],
         instances: vec![instance; MANY as usize],
-        materials: vec![Material::default()],
+        materials: vec![Material { alpha_mode, ..Material::default() }],
         ..Scene::empty("copies")
-    };
+    }
+}
+
+#[test]
+fn instances_at_one_place_are_not_too_deep() {
     for layout in [Layout::Flat, Layout::TwoLevel] {
         let begin = Instant::now();
-        Accel::build_with(&scene, layout).unwrap();
+        // Each copy that light may pass counts.
+        let accel = Accel::build_with(&copies(AlphaMode::Blend), layout).unwrap();
+        // The first instance stands for the flattened triangles.
+        assert_eq!(accel.triangles.len().max(accel.instances.len() - 1), MANY as usize);
         assert!(begin.elapsed() < Duration::from_secs(10), "{layout:?}: {:?}", begin.elapsed());
+    }
+}
+
+#[test]
+fn opaque_copies_of_an_instance_are_stored_once() {
+    for layout in [Layout::Flat, Layout::TwoLevel] {
+        assert_eq!(Accel::build_with(&copies(AlphaMode::Opaque), layout).unwrap().triangles.len(), 1);
     }
 }
