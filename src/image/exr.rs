@@ -111,8 +111,8 @@ pub fn read_rgb(path: &Path) -> Result<RgbImage, ImageError> {
 /// level.
 ///
 /// Takes the first part with channels R, G and B. If there is none, takes the first layer that has them (`diffuse.R`
-/// …). If there is none either, takes Y or a single channel as grey. The image is the whole data window; alpha is
-/// ignored.
+/// …). If there is none either, takes Y or a single channel as grey. The image is the display window: pixels outside of it
+/// are dropped, and those that the file lacks are black. Alpha is ignored.
 ///
 /// # Errors
 /// [`ImageError::Read`], [`ImageError::Decode`] for a damaged file, [`ImageError::Unsupported`] for deep data,
@@ -235,15 +235,17 @@ fn decode(bytes: &[u8], max_memory: u64, find: impl Fn(&[Header]) -> Option<Colo
     check_headers(reader.headers(), bytes.len())?;
     let colour = find(reader.headers()).ok_or_else(|| Refusal::NotThere(channel_names(reader.headers())))?;
     let source = colour.source(reader.headers());
-
     let header = &reader.headers()[colour.part];
     let tags = Tags::of(header);
+    let picture = header.shared_attributes.display_window;
     let needed = decoding_bytes(header, bytes.len());
     if needed > max_memory {
         return Err(Refusal::TooLarge(needed));
     }
-    let size = header.layer_size;
-    let mut image = Image::filled(Extent::new(size.0 as u32, size.1 as u32), [0.0; 3]);
+    let mut image = Image::filled(Extent::new(picture.size.0 as u32, picture.size.1 as u32), [0.0; 3]);
+    let data = header.own_attributes.layer_position;
+    let axes = [(data.0, picture.position.0), (data.1, picture.position.1)];
+    let offset = axes.map(|(to, from)| i64::from(to) - i64::from(from));
     let mut seen = HashSet::new();
     reader
         .filter_chunks(false, |_, tile, block| block.layer == colour.part && tile.is_largest_resolution_level())?
@@ -253,25 +255,30 @@ fn decode(bytes: &[u8], max_memory: u64, find: impl Fn(&[Header]) -> Option<Colo
             if !of_this_image || !seen.insert(block.index.pixel_position) {
                 return Err(ExrError::Invalid("the offset table leads to a wrong block".into()));
             }
-            colour.copy_block(&meta.headers[colour.part], &block, &mut image)
+            colour.copy_block(&meta.headers[colour.part], &block, offset, &mut image)
         })?;
     Ok(ColourFile { image, source, tags })
 }
 
 /// Rejects headers that claim far more data than the file can hold, before they cause allocations: deflate, the
-/// strongest of the lossless compressions, compresses by at most 1032:1. Rejects DWA because the decoder of the exr
-/// crate allocates as much memory as a damaged block asks for.
+/// strongest of the lossless compressions, compresses by at most 1032:1. Pictures larger than their data are bounded as
+/// well. Rejects DWA because the decoder of the exr crate allocates as much memory as a damaged block asks for.
 fn check_headers(headers: &[Header], file_bytes: usize) -> Result<(), Refusal> {
     const LARGEST_SIDE: usize = 1 << 16;
+    const LARGEST_BLACK: usize = 1 << 26;
     let allowed = 2048 * file_bytes as u128;
     for header in headers {
         if matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)) {
             return Err(Refusal::Unsupported("DWA compression".into()));
         }
-        let (width, height) = (header.layer_size.0, header.layer_size.1);
-        let claimed = width as u128 * height as u128 * header.channels.bytes_per_pixel as u128;
-        if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) || claimed > allowed {
-            return Err(Refusal::Unreadable(format!("{width}x{height} pixels in {file_bytes} bytes")));
+        let (data, picture) = (header.layer_size, header.shared_attributes.display_window.size);
+        let claimed = data.0 as u128 * data.1 as u128 * header.channels.bytes_per_pixel as u128;
+        let is_image = |size: Vec2<usize>| [size.0, size.1].iter().all(|side| (1..=LARGEST_SIDE).contains(side));
+        if !is_image(data) || claimed > allowed {
+            return Err(Refusal::Unreadable(format!("{}x{} pixels in {file_bytes} bytes", data.0, data.1)));
+        }
+        if !is_image(picture) || picture.area() > LARGEST_BLACK.max(data.area()) {
+            return Err(Refusal::Unreadable(format!("its display window has {}x{} pixels", picture.0, picture.1)));
         }
     }
     Ok(())
@@ -282,10 +289,9 @@ fn check_headers(headers: &[Header], file_bytes: usize) -> Result<(), Refusal> {
 fn decoding_bytes(header: &Header, file_bytes: usize) -> u64 {
     const STATES_OF_BLOCK: usize = 4;
     const LISTS_PER_FILE_BYTE: usize = 24;
-    let pixels = header.layer_size.area().saturating_mul(size_of::<[f32; 3]>());
+    let pixels = header.shared_attributes.display_window.size.area().saturating_mul(size_of::<[f32; 3]>());
     let block = header.max_block_byte_size().saturating_mul(STATES_OF_BLOCK);
-    let lists = file_bytes.saturating_mul(LISTS_PER_FILE_BYTE);
-    pixels.saturating_add(block).saturating_add(lists) as u64
+    pixels.saturating_add(block).saturating_add(file_bytes.saturating_mul(LISTS_PER_FILE_BYTE)) as u64
 }
 
 fn channel_names(headers: &[Header]) -> String {
@@ -323,14 +329,21 @@ impl Colour {
         }
     }
 
-    fn copy_block(&self, header: &Header, block: &UncompressedBlock, image: &mut RgbImage) -> Result<(), ExrError> {
+    /// Copies a block of the data window, whose corner is at `offset` in the image.
+    fn copy_block(
+        &self,
+        header: &Header,
+        block: &UncompressedBlock,
+        offset: [i64; 2],
+        image: &mut RgbImage,
+    ) -> Result<(), ExrError> {
         for line in block.lines(&header.channels) {
             let channel = line.location.channel;
             if self.channels.contains(&channel) {
                 match header.channels.list[channel].sample_type {
-                    SampleType::F16 => self.copy_line::<f16>(line, f16::to_f32, image)?,
-                    SampleType::F32 => self.copy_line::<f32>(line, |v| v, image)?,
-                    SampleType::U32 => self.copy_line::<u32>(line, |v| v as f32, image)?,
+                    SampleType::F16 => self.copy_line::<f16>(line, f16::to_f32, offset, image)?,
+                    SampleType::F32 => self.copy_line::<f32>(line, |v| v, offset, image)?,
+                    SampleType::U32 => self.copy_line::<u32>(line, |v| v as f32, offset, image)?,
                 }
             }
         }
@@ -341,12 +354,16 @@ impl Colour {
         &self,
         line: LineRef<'_>,
         value: fn(T) -> f32,
+        [right, down]: [i64; 2],
         image: &mut RgbImage,
     ) -> Result<(), ExrError> {
         let at = line.location;
-        let start = at.position.1 * image.extent.width as usize + at.position.0;
-        let pixels = &mut image.pixels[start..start + at.sample_count];
-        for (pixel, sample) in pixels.iter_mut().zip(line.read_samples::<T>()) {
+        let (left, width) = (at.position.0 as i64 + right, image.extent.width as usize);
+        let row = usize::try_from(at.position.1 as i64 + down).unwrap_or(usize::MAX);
+        let Some(pixels) = image.pixels.chunks_exact_mut(width).nth(row) else { return Ok(()) };
+        let Some(pixels) = pixels.get_mut(left.max(0) as usize..) else { return Ok(()) };
+        let hidden = left.min(0).unsigned_abs() as usize;
+        for (pixel, sample) in pixels.iter_mut().zip(line.read_samples::<T>().skip(hidden)) {
             let sample = value(sample?);
             for (c, slot) in pixel.iter_mut().enumerate() {
                 if self.channels[c] == at.channel {

@@ -1,5 +1,6 @@
 use ::exr::image::{Layer, Layers, Levels};
 use ::exr::math::RoundingMode;
+use ::exr::meta::attribute::IntegerBounds;
 use ::exr::meta::header::{ImageAttributes, LayerAttributes};
 
 use super::*;
@@ -154,6 +155,47 @@ fn tiles_and_any_lossless_compression_are_read() {
 }
 
 #[test]
+fn the_picture_is_the_display_window() {
+    let extent = Extent::new(5, 4);
+    let planes = [1, 2, 3].map(|seed| noise(extent.area(), seed).collect::<Vec<f32>>());
+    let channels = [("R", f32s(&planes[0])), ("G", f32s(&planes[1])), ("B", f32s(&planes[2]))];
+    let read = |blocks, data: Vec2<i32>, picture: (Vec2<i32>, Vec2<usize>)| {
+        let mut layer = part("", extent, &channels, Encoding { blocks, ..PLAIN });
+        layer.attributes.layer_position = data;
+        let layer_data: Layers<_> = vec![layer].into();
+        let attributes = ImageAttributes::new(IntegerBounds { position: picture.0, size: picture.1 });
+        let mut bytes = Vec::new();
+        let image = ::exr::image::Image { attributes, layer_data };
+        image.write().to_buffered(Cursor::new(&mut bytes)).unwrap();
+        decode_colour(&bytes).map(|file| file.image)
+    };
+    // Overscan, a crop, both, a window far off, and windows that do not meet.
+    let far = Vec2(-1_000_000, 1_000_000_000);
+    for (data, position, size) in [
+        (Vec2(-1, -2), Vec2(0, 0), Vec2(3, 1)),
+        (Vec2(2, 1), Vec2(0, 0), Vec2(9, 7)),
+        (Vec2(-3, 2), Vec2(0, 0), Vec2(4, 4)),
+        (Vec2(far.0 - 2, far.1 + 1), far, Vec2(6, 3)),
+        (Vec2(7, 0), Vec2(0, 0), Vec2(5, 4)),
+        (far, Vec2(0, 0), Vec2(5, 4)),
+    ] {
+        for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(2, 2))] {
+            let Ok(image) = read(blocks, data, (position, size)) else { panic!("{data:?} {size:?}") };
+            assert_eq!(image.extent, Extent::new(size.0 as u32, size.1 as u32));
+            for (i, pixel) in image.pixels.iter().enumerate() {
+                let x = (i % size.0) as i64 + i64::from(position.0) - i64::from(data.0);
+                let y = (i / size.0) as i64 + i64::from(position.1) - i64::from(data.1);
+                let is_there = (0..5).contains(&x) && (0..4).contains(&y);
+                let expected = [0, 1, 2].map(|c: usize| if is_there { planes[c][(5 * y + x) as usize] } else { 0.0 });
+                assert_eq!(*pixel, expected, "{data:?} {size:?} pixel {i}");
+            }
+        }
+    }
+    let huge = read(Blocks::ScanLines, Vec2(0, 0), (Vec2(0, 0), Vec2(60_000, 60_000)));
+    assert!(matches!(huge, Err(Refusal::Unreadable(why)) if why.contains("60000x60000")));
+}
+
+#[test]
 fn the_first_part_with_plain_rgb_is_taken_then_a_layer_then_luminance() {
     let extent = Extent::new(1, 1);
     let one = |name: &'static str, v: f32| (name, f32s(&[v]));
@@ -248,12 +290,21 @@ fn missing_empty_and_foreign_files_are_errors() {
 }
 
 /// Written by OpenEXR 3.5.3 through its Python binding: RGBA half, 32x32 tiles, ZIP, data window (-3, 5) to (4, 10).
-/// Value n of the 8x6x3 colours, in row order, is n / 16.
+/// Value n of the 8x6x3 colours, in row order, is n / 16. The display window is (0, 0) to (7, 5).
 #[test]
 fn a_file_by_the_reference_library_is_read() {
-    let image = decoded(include_bytes!("openexr_tiled_half.exr"));
+    let mut bytes = include_bytes!("openexr_tiled_half.exr").to_vec();
+    let image = decoded(&bytes);
     assert_eq!(image.extent, Extent::new(8, 6));
-    for (n, value) in image.pixels.as_flattened().iter().enumerate() {
+    for (i, pixel) in image.pixels.iter().enumerate() {
+        let n = |c: usize| if i >= 5 * 8 && i % 8 < 5 { 3 * (i % 8 + 3) + c } else { 0 };
+        assert_eq!(*pixel, [0, 1, 2].map(|c| n(c) as f32 / 16.0), "{i}");
+    }
+    // The same with the data window as display window.
+    let value = |name: &[u8]| bytes.windows(name.len()).position(|w| w == name).unwrap() + name.len() + 4;
+    let (from, to) = (value(b"dataWindow\0box2i\0"), value(b"displayWindow\0box2i\0"));
+    bytes.copy_within(from..from + 16, to);
+    for (n, value) in decoded(&bytes).pixels.as_flattened().iter().enumerate() {
         assert_eq!(*value, n as f32 / 16.0);
     }
 }
