@@ -64,7 +64,13 @@ fn read_hdr(name: &str, bytes: &[u8], budget: &Budget) -> Result<RgbImage, Scene
         other => invalid(other.to_string()),
     };
     // The decoder keeps all header lines, which take more memory than their length.
-    if !bytes[..bytes.len().min(LONGEST_HEADER)].windows(2).any(|pair| pair == b"\n\n") {
+    let header = &bytes[..bytes.len().min(LONGEST_HEADER)];
+    if !header.windows(2).any(|pair| pair == b"\n\n") {
+        if header.windows(4).any(|four| four == b"\r\n\r\n") {
+            let what =
+                "its lines end in CR LF, but those of a Radiance file end in LF: a transfer as text has changed it";
+            return Err(invalid(format!("{what}, so copy it again as a binary file")));
+        }
         return Err(invalid(format!("its header has no end within {LONGEST_HEADER} bytes")));
     }
     let decoder = HdrDecoder::new(Cursor::new(bytes)).map_err(decode_error)?;
@@ -115,6 +121,17 @@ mod tests {
         let (image, bad) = read_latlong(&path, 0.5, Access::of(&Budget::unlimited())).unwrap();
         assert_eq!(image.pixels, [[0.5, 1.0, 1.5], [0.0, 0.5, 0.5], [0.0, 0.0, 1.0]]);
         assert_eq!(bad, 2);
+    }
+
+    #[test]
+    fn files_with_the_lines_of_windows_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sky.hdr");
+        let bytes: Vec<u8> =
+            hdr_bytes().into_iter().flat_map(|b| if b == b'\n' { vec![b'\r', b'\n'] } else { vec![b] }).collect();
+        std::fs::write(&path, bytes).unwrap();
+        let error = read_latlong(&path, 1.0, Access::of(&Budget::unlimited())).unwrap_err().to_string();
+        assert!(error.contains("sky.hdr") && error.contains("CR LF") && error.contains("binary"), "{error}");
     }
 
     #[test]
