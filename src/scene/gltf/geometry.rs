@@ -91,7 +91,8 @@ impl<'a, 'b> Geometry<'a, 'b> {
         warnings: &mut Warnings,
     ) -> Outcome<Option<Mesh>> {
         let Checked::Valid(mode) = primitive.mode else {
-            return Err(Fault::Invalid("its mode is none of 0 to 6".into()));
+            warnings.note("primitives whose mode is none of 0 to 6 are left out", place);
+            return Ok(None);
         };
         if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
             warnings.note("points and lines are left out", place);
@@ -110,14 +111,11 @@ impl<'a, 'b> Geometry<'a, 'b> {
         }
         let budget = self.buffers.budget();
         let _lists = budget.reserve(corner_count as u64 * CORNER_BYTES + positions.count as u64 * VERTEX_BYTES)?;
-        let is_indexed = indices.is_some();
-        let mut corners = corners(indices, positions.count)?;
-        let rest = corners.len() % 3;
-        if mode == Mode::Triangles && !is_indexed && rest > 0 {
+        let corners = corners(indices, positions.count)?;
+        if mode == Mode::Triangles && !corners.len().is_multiple_of(3) {
             warnings.note("vertices after the last whole triangle are left out", place);
-            corners.truncate(corners.len() - rest);
         }
-        let mut triangles = assemble(mode, &corners)?;
+        let mut triangles = assemble(mode, &corners);
         if triangles.is_empty() {
             warnings.note("primitives without triangles are left out", place);
             return Ok(None);

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::accessor::Elements;
 use super::buffers::Buffers;
-use super::fault::{Fault, Outcome, Within};
+use super::fault::{Fault, Outcome, Within, lookup};
 
 /// Returns the transforms from the instances of a node's mesh to the node; `None` if the node is not instanced.
 pub fn places(buffers: &Buffers, node: &Node) -> Outcome<Option<Vec<DAffine3>>> {
@@ -17,10 +17,14 @@ pub fn places(buffers: &Buffers, node: &Node) -> Outcome<Option<Vec<DAffine3>>> 
 }
 
 fn read(buffers: &Buffers, extension: &Value) -> Outcome<Vec<DAffine3>> {
-    let open = |name: &str, width: usize| {
-        let Some(index) = extension.get("attributes").and_then(|a| a.get(name)) else { return Ok(None) };
+    let attributes = extension.get("attributes").and_then(Value::as_object);
+    let number = |name: &str, index: &Value| {
         let index = index.as_u64().and_then(|i| usize::try_from(i).ok());
-        let index = index.ok_or_else(|| Fault::Invalid(format!("{name} is not the number of an accessor")))?;
+        index.ok_or_else(|| Fault::Invalid(format!("{name} is not the number of an accessor")))
+    };
+    let open = |name: &str, width: usize| {
+        let Some(index) = attributes.and_then(|a| a.get(name)) else { return Ok(None) };
+        let index = number(name, index)?;
         let elements = Elements::open(buffers, index).within(|| name.to_owned())?;
         if elements.width != width || ![F32, I8, I16].contains(&elements.component) {
             return Err(Fault::Invalid(format!(
@@ -30,11 +34,16 @@ fn read(buffers: &Buffers, extension: &Value) -> Outcome<Vec<DAffine3>> {
         Ok(Some(elements))
     };
     let [translations, rotations, scales] = [open("TRANSLATION", 3)?, open("ROTATION", 4)?, open("SCALE", 3)?];
-    let counts = [&translations, &rotations, &scales].map(|e| e.as_ref().map(|e| e.count));
-    let count = counts.into_iter().flatten().next().unwrap_or(0);
-    if counts.into_iter().flatten().any(|other| other != count) {
+    // Attributes of applications, whose names begin with `_`, count the instances too.
+    let counts = attributes.into_iter().flatten().map(|(name, index)| {
+        let accessors = &buffers.root.accessors;
+        number(name, index).and_then(|index| lookup(accessors, "accessor", index)).within(|| name.clone())
+    });
+    let counts: Vec<u64> = counts.map(|accessor| accessor.map(|accessor| accessor.count.0)).collect::<Outcome<_>>()?;
+    if counts.windows(2).any(|pair| pair[0] != pair[1]) {
         return Err(Fault::Invalid("its attributes have different counts".into()));
     }
+    let count = counts.first().map_or(0, |&count| usize::try_from(count).unwrap_or(usize::MAX));
     if count > super::MAX_INSTANCES {
         return Err(super::too_many_instances());
     }

@@ -2,6 +2,7 @@
 
 use ::gltf::json::accessor::ComponentType::{F32, U8, U16};
 use ::gltf::json::mesh::Semantic;
+use ::gltf::json::validation::Checked;
 use glam::Affine3A;
 
 use super::accessor::Elements;
@@ -71,6 +72,10 @@ pub fn influences(vertices: &Vertices, place: &str, warnings: &mut Warnings) -> 
     }
     if sets.is_empty() {
         return Ok(Vec::new());
+    }
+    let is_more = |semantic: &Checked<Semantic>| matches!(semantic, Checked::Valid(Semantic::Joints(SETS..)));
+    if vertices.primitive.attributes.keys().any(is_more) {
+        warnings.note("joints after the first eight of a vertex are left out", place);
     }
     let (mut bad, mut unbound) = (false, false);
     let gather = |&vertex: &u32| {

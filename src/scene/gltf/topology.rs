@@ -19,26 +19,20 @@ pub fn corners(indices: Option<(Elements, usize)>, vertex_count: usize) -> Outco
 }
 
 /// Assembles triangles from corners, in the order of section 3.7.2.1 of glTF 2.0. Degenerate triangles of strips and
-/// fans, which jump to another part of the mesh, are dropped.
-pub fn assemble(mode: Mode, corners: &[u32]) -> Outcome<Vec<[u32; 3]>> {
+/// fans, which jump to another part of the mesh, are dropped, and so are corners after the last whole triangle.
+pub fn assemble(mode: Mode, corners: &[u32]) -> Vec<[u32; 3]> {
     let has_area = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
     match mode {
         Mode::TriangleStrip => {
             let turned = |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
-            Ok(corners.windows(3).enumerate().map(turned).filter(has_area).collect())
+            corners.windows(3).enumerate().map(turned).filter(has_area).collect()
         }
         Mode::TriangleFan => {
             let hub = corners.first().copied().unwrap_or_default();
             let rim = corners.get(1..).unwrap_or_default();
-            Ok(rim.windows(2).map(|w| [w[0], w[1], hub]).filter(has_area).collect())
+            rim.windows(2).map(|w| [w[0], w[1], hub]).filter(has_area).collect()
         }
-        _ => {
-            let (triangles, rest) = corners.as_chunks::<3>();
-            if !rest.is_empty() {
-                return Err(Fault::Invalid(format!("{} corners do not make whole triangles", corners.len())));
-            }
-            Ok(triangles.to_vec())
-        }
+        _ => corners.as_chunks::<3>().0.to_vec(),
     }
 }
 

@@ -15,10 +15,11 @@ fn vertices_after_the_last_whole_triangle_are_left_out() {
     assert_eq!((scene.triangle_count(), scene.meshes[0].positions.len()), (1, 3));
     assert_mentions(&scene.warnings[0], &["last whole triangle", "mesh 0"]);
 
-    // Indices that make no whole triangle are more likely damage.
     let indices = draft.packed(super::U16, "SCALAR", 4, &[0, 0, 1, 0, 2, 0, 1, 0]);
     draft.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
-    assert_mentions(&draft.complaint(), &["4 corners"]);
+    let scene = draft.scene();
+    assert_eq!((scene.triangle_count(), scene.meshes[0].positions.len()), (1, 3));
+    assert_mentions(&scene.warnings[0], &["last whole triangle", "mesh 0"]);
 }
 
 #[test]
@@ -80,6 +81,23 @@ fn instances_of_a_node_are_placed() {
     let at = |i: usize, p: Vec3| scene.instances[i].world_from_local.transform_point3(p);
     assert!(at(0, Vec3::X).abs_diff_eq(Vec3::new(1.0, 5.0, 0.0), 1e-5));
     assert!(at(1, Vec3::X).abs_diff_eq(Vec3::new(8.0, 5.0, 0.0), 1e-5), "{}", at(1, Vec3::X));
+}
+
+#[test]
+fn instances_are_counted_by_any_attribute() {
+    let mut draft = instanced();
+    let ids = draft.floats("SCALAR", &[7.0, 8.0, 9.0]);
+    let extension = |draft: &mut Draft, attributes| {
+        draft.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"] = json!({"attributes": attributes});
+    };
+    extension(&mut draft, json!({"_ID": ids}));
+    let scene = draft.scene();
+    assert_eq!((scene.instances.len(), scene.warnings.len()), (3, 0));
+    assert_eq!(scene.instances[2].world_from_local.translation, glam::Vec3A::new(0.0, 5.0, 0.0));
+    extension(&mut draft, json!({"_ID": ids, "SCALE": ids - 1}));
+    assert_mentions(&draft.complaint(), &["node 0", "different counts"]);
+    extension(&mut draft, json!({"_ID": 99}));
+    assert_mentions(&draft.complaint(), &["node 0", "_ID", "accessor 99"]);
 }
 
 #[test]
