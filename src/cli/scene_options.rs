@@ -83,6 +83,9 @@ pub struct SceneOptions {
     /// Allow shots and scenes to name files outside their folders
     #[arg(hide_short_help = true, long)]
     pub allow_outside: bool,
+    /// Refuse scenes with faulty textures or animations, instead of a warning
+    #[arg(hide_short_help = true, long)]
+    pub strict: bool,
 }
 
 impl SceneOptions {
@@ -129,7 +132,11 @@ impl SceneOptions {
             variant: self.variant.clone(),
             time_s,
         };
-        load_shot_within(shot, &overrides, Access { budget, allow_outside: self.allow_outside, source })
+        load_shot_within(
+            shot,
+            &overrides,
+            Access { budget, allow_outside: self.allow_outside, strict: self.strict, source },
+        )
     }
 }
 

@@ -16,13 +16,15 @@ pub struct Access<'a> {
     pub budget: &'a Budget,
     /// Allows files outside the folder of the file that names them.
     pub allow_outside: bool,
+    /// Refuses a scene with a fault in a texture or an animation, instead of leaving that part out with a warning.
+    pub strict: bool,
     pub source: Source<'a>,
 }
 
 impl<'a> Access<'a> {
     /// Grants access to files on disk below the folder of the file that names them.
     pub fn of(budget: &'a Budget) -> Self {
-        Self { budget, allow_outside: false, source: Source::Disk }
+        Self { budget, allow_outside: false, strict: false, source: Source::Disk }
     }
 
     /// Returns the canonical path if files are read from disk, so that all names of a file give the same path. Files
@@ -86,19 +88,26 @@ impl<'a> Folder<'a> {
         Self { path: path.parent().unwrap_or(Path::new("")).to_owned(), access }
     }
 
-    /// Returns the path of a named file. The name's parts are separated by `/`.
+    /// Returns the path of a named file. The name's parts are separated by `/`, or by the `\` of Windows.
     ///
     /// # Errors
     /// [`AccessError`] if access is denied, or if there is no such file.
     pub fn find(&self, name: &str) -> Result<PathBuf, AccessError> {
         let outside = || AccessError::Refused(Refusal::Outside(shorten(name)));
-        let path = self.path.join(name);
+        let slashed = name.replace('\\', "/");
+        let path = self.path.join(&slashed);
         if self.access.allow_outside || matches!(self.access.source, Source::Sent(_)) {
-            return Ok(path);
+            // On other systems, a file may have a backslash in its name.
+            let literal = self.path.join(name);
+            let exists = match self.access.source {
+                Source::Sent(files) => files.contains_key(&literal),
+                _ => literal.exists(),
+            };
+            return Ok(if exists { literal } else { path });
         }
         // Checks the name before asking the file system: whether a file exists elsewhere is private, and on Windows a
         // lookup of a network share reveals the user to its owner.
-        if !leads_down(name) {
+        if !leads_down(&slashed) {
             return Err(outside());
         }
         let real = |at: &Path| {
@@ -110,8 +119,8 @@ impl<'a> Folder<'a> {
     }
 }
 
-/// Returns true if a name stays below its folder, judged by its text alone. Drives, network shares and backslashes are
-/// rejected on every system, even where they have no special meaning.
+/// Returns true if a name stays below its folder, judged by its text alone. Drives and network shares are rejected on
+/// every system, even where they have no special meaning.
 fn leads_down(name: &str) -> bool {
     let is_drive = name.as_bytes().get(1) == Some(&b':');
     let mut depth = 0usize;
@@ -130,7 +139,7 @@ fn leads_down(name: &str) -> bool {
         },
         Component::RootDir | Component::Prefix(_) => false,
     };
-    !is_drive && !name.contains(['\\', '\0']) && Path::new(name).components().all(steps_down)
+    !is_drive && !name.contains('\0') && Path::new(name).components().all(steps_down)
 }
 
 /// Reads a whole regular file. Rejects pipes and devices, which may never end.
@@ -195,6 +204,12 @@ mod tests {
                 assert_eq!(found, Ok(outer.path().join("inner").join(name)), "{name}");
             }
         }
+        for name in ["below\\own.bin", ".\\below\\..\\own.bin", "below\\..\\below/own.bin"] {
+            for allow_outside in [false, true] {
+                let found = folder(&outer, &budget, allow_outside, name);
+                assert_eq!(found, Ok(outer.path().join("inner").join(name.replace('\\', "/"))), "{name}");
+            }
+        }
         assert!(folder(&outer, &budget, false, "lost.bin").unwrap_err().contains("lost.bin"));
     }
 
@@ -208,7 +223,9 @@ mod tests {
             assert!(folder(&outer, &budget, true, name).is_ok_and(|found| found.exists()), "{name}");
         }
         let elsewhere = ["/", "..", "../inner/own.bin", "//host/share/a.bin", "C:/a.bin", "C:a.bin", "a\0b"];
-        for name in elsewhere.into_iter().chain(["\\\\host\\share\\a.bin", "..\\secret.bin", "below\\own.bin"]) {
+        for name in
+            elsewhere.into_iter().chain(["\\\\host\\share\\a.bin", "..\\secret.bin", "below\\..\\..\\secret.bin"])
+        {
             let error = folder(&outer, &budget, false, name).unwrap_err();
             assert!(error.contains("allow files outside"), "{name}: {error}");
         }

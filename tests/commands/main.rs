@@ -25,6 +25,7 @@ mod report;
 mod rivalry;
 mod runs;
 mod scale;
+mod scene_files;
 mod schema;
 mod sheet;
 mod shots;

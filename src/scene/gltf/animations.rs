@@ -5,6 +5,7 @@ use std::collections::HashSet;
 
 use ::gltf::json::accessor::ComponentType::{self, F32, I8, I16, U8, U16};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 use super::accessor::Elements;
 use super::buffers::Buffers;
@@ -18,16 +19,33 @@ use crate::scene::motion::{Animation, Channel, Target};
 #[derive(Default, Deserialize)]
 pub struct Animations {
     #[serde(default)]
-    animations: Vec<AnimationJson>,
+    animations: Vec<Part<AnimationJson>>,
+}
+
+/// A part of the JSON that has a fault of its own if it does not have the form that it should.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Part<T> {
+    Sound(T),
+    Broken(IgnoredAny),
+}
+
+impl<T> Part<T> {
+    fn sound(&self) -> Outcome<&T> {
+        match self {
+            Self::Sound(part) => Ok(part),
+            Self::Broken(_) => Err(Fault::Invalid("its JSON is not valid glTF 2.0".into())),
+        }
+    }
 }
 
 #[derive(Deserialize)]
 struct AnimationJson {
     name: Option<String>,
     #[serde(default)]
-    channels: Vec<ChannelJson>,
+    channels: Vec<Part<ChannelJson>>,
     #[serde(default)]
-    samplers: Vec<SamplerJson>,
+    samplers: Vec<Part<SamplerJson>>,
 }
 
 #[derive(Deserialize)]
@@ -83,25 +101,25 @@ impl Reader<'_, '_> {
         let moves = self.moves()?;
         let moved: HashSet<Target> = moves.iter().flat_map(|a| &a.channels).map(|c| c.target).collect();
         let (mut taken, mut covered) = (HashSet::new(), false);
-        let mut played = Vec::new();
-        for (index, json) in self.chosen(file)? {
+        let (mut played, strict) = (Vec::new(), self.buffers.folder.access.strict);
+        for (index, json) in self.chosen(file, warnings)? {
             let place = label("animation", index, &json.name);
             let mut animation =
                 Animation { name: json.name.clone().unwrap_or_default(), channels: Vec::new(), duration_s: 0.0 };
             for (number, channel) in json.channels.iter().enumerate() {
-                let within = || format!("{place} channel {number}");
-                let Some(target) = self.target(&channel.target, &within(), warnings).within(within)? else { continue };
-                let sampler = lookup(&json.samplers, "sampler", channel.sampler).within(within)?;
-                let keys = self.keys(sampler, target).within(within)?;
-                animation.duration_s = animation.duration_s.max(keys.end_s());
-                if moved.contains(&target) {
+                let place = format!("{place} channel {number}");
+                let read = channel.sound().and_then(|channel| self.channel(json, channel, &place, warnings));
+                let channel = warnings.tolerate(read, "animation channels with faults are left out", &place, strict)?;
+                let Some(channel) = channel.flatten() else { continue };
+                animation.duration_s = animation.duration_s.max(channel.keys.end_s());
+                if moved.contains(&channel.target) {
                     continue;
                 }
-                if !taken.insert(target) {
+                if !taken.insert(channel.target) {
                     covered = true;
                     continue;
                 }
-                animation.channels.push(Channel { target, keys });
+                animation.channels.push(channel);
             }
             played.push(animation);
         }
@@ -115,14 +133,34 @@ impl Reader<'_, '_> {
         Ok(played)
     }
 
-    fn chosen<'f>(&self, file: &'f Animations) -> Outcome<Vec<(usize, &'f AnimationJson)>> {
-        let mut all = file.animations.iter().enumerate();
-        let Choice::Named(wanted) = &self.play.animation else {
-            return Ok(if self.play.animation == Choice::None { Vec::new() } else { all.collect() });
-        };
-        let found = all.find(|(_, a)| a.name.as_ref() == Some(wanted));
-        found.map(|one| vec![one]).ok_or_else(|| {
-            let names: Vec<_> = file.animations.iter().filter_map(|a| a.name.as_deref()).take(MOST_NAMES).collect();
+    /// Reads a channel. Returns `None` if its target isn't in the scene or isn't supported.
+    fn channel(
+        &self,
+        animation: &AnimationJson,
+        json: &ChannelJson,
+        place: &str,
+        warnings: &mut Warnings,
+    ) -> Outcome<Option<Channel>> {
+        let Some(target) = self.target(&json.target, place, warnings)? else { return Ok(None) };
+        let sampler = lookup(&animation.samplers, "sampler", json.sampler)?.sound()?;
+        Ok(Some(Channel { target, keys: self.keys(sampler, target)? }))
+    }
+
+    fn chosen<'f>(&self, file: &'f Animations, warnings: &mut Warnings) -> Outcome<Vec<(usize, &'f AnimationJson)>> {
+        if self.play.animation == Choice::None {
+            return Ok(Vec::new());
+        }
+        let mut all = Vec::with_capacity(file.animations.len());
+        for (index, animation) in file.animations.iter().enumerate() {
+            let place = format!("animation {index}");
+            let strict = self.buffers.folder.access.strict;
+            let sound = warnings.tolerate(animation.sound(), "animations with faults are left out", &place, strict)?;
+            all.extend(sound.map(|animation| (index, animation)));
+        }
+        let Choice::Named(wanted) = &self.play.animation else { return Ok(all) };
+        let found = all.iter().find(|(_, a)| a.name.as_ref() == Some(wanted));
+        found.map(|one| vec![*one]).ok_or_else(|| {
+            let names: Vec<_> = all.iter().filter_map(|(_, a)| a.name.as_deref()).take(MOST_NAMES).collect();
             let hint = if names.is_empty() { "none with a name".into() } else { names.join(", ") };
             Fault::Invalid(format!("it has no animation named '{wanted}': it has {hint}"))
         })

@@ -1,5 +1,7 @@
 //! Containers: splits a `.gltf` or `.glb` into its parsed JSON and its binary chunk.
 
+use std::borrow::Cow;
+
 use ::gltf::json::{Material, Root};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
@@ -33,11 +35,17 @@ pub fn parse<'a, 'b>(bytes: &'a [u8], budget: &'b Budget) -> Outcome<Container<'
     let (json, bin) = if bytes.starts_with(MAGIC) { split_chunks(bytes)? } else { (bytes, None) };
     let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
     let reserved = budget.reserve(parsing_bytes(json))?;
+    let json = &*with_whole_numbers(json);
     let root: Root = Root::from_slice(json).or_else(|error| {
+        let invalid = |error: String| Fault::Invalid(format!("its JSON is not valid glTF 2.0: {error}"));
         // The plain JSON values take memory in addition to the parsed structure.
         let _values = budget.reserve(parsing_bytes(json))?;
-        let lenient = serde_json::from_slice(json).ok().and_then(|value| serde_json::from_value(complete(value)).ok());
-        lenient.ok_or_else(|| Fault::Invalid(format!("its JSON is not valid glTF 2.0: {error}")))
+        let value = serde_json::from_slice(json).map_err(|_| invalid(error.to_string()))?;
+        // The first error knows its line, but may be about a part that is completed.
+        serde_json::from_value(complete(value)).map_err(|second| {
+            let is_same = error.to_string().starts_with(&second.to_string());
+            invalid(if is_same { error.to_string() } else { second.to_string() })
+        })
     })?;
     check_version(&root)?;
     let animations = serde_json::from_slice(json);
@@ -64,7 +72,31 @@ fn parsing_bytes(json: &[u8]) -> u64 {
         }
     }
     let materials = serde_json::from_slice::<Lists>(json).unwrap_or_default().materials.len() as u64;
-    2 * json.len() as u64 + objects * OBJECT_BYTES + elements * ELEMENT_BYTES + materials * MATERIAL_BYTES
+    3 * json.len() as u64 + objects * OBJECT_BYTES + elements * ELEMENT_BYTES + materials * MATERIAL_BYTES
+}
+
+/// Replaces fractions of zeros by spaces: some programs write whole numbers with a fraction, as in `"count": 3.0`, which the
+/// parser does not take for an index or a count. The text keeps its length, so that errors name the right column.
+fn with_whole_numbers(json: &[u8]) -> Cow<'_, [u8]> {
+    let mut text = Cow::Borrowed(json);
+    let (mut at, mut in_string) = (0, false);
+    while at < json.len() {
+        match json[at] {
+            b'\\' if in_string => at += 1,
+            b'"' => in_string = !in_string,
+            b'.' if !in_string && at > 0 && json[at - 1].is_ascii_digit() => {
+                let zeros = json[at + 1..].iter().take_while(|byte| **byte == b'0').count();
+                let end = at + 1 + zeros;
+                let goes_on = |byte: &u8| byte.is_ascii_digit() || matches!(byte, b'e' | b'E');
+                if zeros > 0 && !json.get(end).is_some_and(goes_on) {
+                    text.to_mut()[at..end].fill(b' ');
+                }
+            }
+            _ => {}
+        }
+        at += 1;
+    }
+    text
 }
 
 /// Changes the JSON so that the parser accepts it. Adds an empty list of nodes to scenes without one, which glTF allows

@@ -124,6 +124,18 @@ impl Warnings {
         self.entries.push(Entry { text: text.to_owned(), first_place: place.to_owned(), count: 1 });
     }
 
+    /// Returns `None` for a part with a fault, and adds the warning `text`, unless `strict`. Requests that are not allowed
+    /// or exceed the budget stay errors.
+    pub fn tolerate<T>(&mut self, part: Outcome<T>, text: &str, place: &str, strict: bool) -> Outcome<Option<T>> {
+        let what = match part {
+            Err(Fault::Invalid(what)) if !strict => what,
+            Err(Fault::Read { path, source }) if !strict => format!("cannot read '{path}': {source}"),
+            part => return part.map(Some).within(|| place.to_owned()),
+        };
+        self.note(text, &format!("{place}: {what}"));
+        Ok(None)
+    }
+
     pub fn into_texts(self) -> Vec<String> {
         self.entries
             .into_iter()

@@ -66,10 +66,31 @@ impl Reader<'_, '_, '_> {
             name: json.name.clone().unwrap_or_default(),
             base_color: self.clamp(Vec4::from_array(pbr.base_color_factor.0), 1.0, "base colour")?,
             base_color_texture: self.texture(pbr.base_color_texture.as_ref())?,
-            alpha_mode: alpha_mode(json)?,
+            alpha_mode: self.alpha_mode(json)?,
             double_sided: json.double_sided,
             ..Material::default()
         })
+    }
+
+    /// Reads how alpha is used. A mode that glTF does not know counts as OPAQUE, with a warning.
+    fn alpha_mode(&mut self, json: &JsonMaterial) -> Outcome<AlphaMode> {
+        match json.alpha_mode {
+            Checked::Valid(JsonAlphaMode::Opaque) => Ok(AlphaMode::Opaque),
+            Checked::Valid(JsonAlphaMode::Blend) => Ok(AlphaMode::Blend),
+            Checked::Valid(JsonAlphaMode::Mask) => {
+                let cutoff = json.alpha_cutoff.unwrap_or_default().0;
+                if cutoff.is_finite() && cutoff >= 0.0 {
+                    Ok(AlphaMode::Mask { cutoff })
+                } else {
+                    Err(Fault::Invalid(format!("its alphaCutoff {cutoff} is negative or not finite")))
+                }
+            }
+            Checked::Invalid => {
+                self.warnings
+                    .note("materials whose alphaMode is none of OPAQUE, MASK and BLEND are opaque", self.place);
+                Ok(AlphaMode::Opaque)
+            }
+        }
     }
 
     fn metallic_roughness(&mut self, json: &JsonMaterial, material: &mut Material) -> Outcome<()> {
@@ -149,20 +170,4 @@ fn info_of(json: &NormalTexture) -> Outcome<Info> {
     let extensions = json.extensions.as_ref().map(|e| parse(&e.others)).transpose();
     let extensions = extensions.map_err(|e| Fault::Invalid(format!("the extensions of its normal map: {e}")))?;
     Ok(Info { index: json.index, tex_coord: json.tex_coord, extensions, extras: Default::default() })
-}
-
-fn alpha_mode(json: &JsonMaterial) -> Outcome<AlphaMode> {
-    match json.alpha_mode {
-        Checked::Valid(JsonAlphaMode::Opaque) => Ok(AlphaMode::Opaque),
-        Checked::Valid(JsonAlphaMode::Blend) => Ok(AlphaMode::Blend),
-        Checked::Valid(JsonAlphaMode::Mask) => {
-            let cutoff = json.alpha_cutoff.unwrap_or_default().0;
-            if cutoff.is_finite() && cutoff >= 0.0 {
-                Ok(AlphaMode::Mask { cutoff })
-            } else {
-                Err(Fault::Invalid(format!("its alphaCutoff {cutoff} is negative or not finite")))
-            }
-        }
-        Checked::Invalid => Err(Fault::Invalid("its alphaMode is none of OPAQUE, MASK and BLEND".into())),
-    }
 }

@@ -41,7 +41,8 @@ pub fn lights(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Out
     Ok(lights)
 }
 
-/// Reads a light. Returns `None`, with a warning, if the light needs a direction but its node has scale 0.
+/// Reads a light. Returns `None`, with a warning, if its type is unknown, or if it needs a direction but its node has scale
+/// 0.
 fn read_light(light: &JsonLight, placed: &PlacedNode, place: &str, warnings: &mut Warnings) -> Outcome<Option<Light>> {
     let strength = Vec3::from_array(light.color) * light.intensity;
     if !strength.is_finite() || strength.min_element() < 0.0 {
@@ -51,7 +52,8 @@ fn read_light(light: &JsonLight, placed: &PlacedNode, place: &str, warnings: &mu
         warnings.note("the range of lights is ignored: their falloff is the inverse square of the distance", place);
     }
     let Checked::Valid(kind) = light.type_ else {
-        return Err(Fault::Invalid("its type is none of directional, point and spot".into()));
+        warnings.note("lights whose type is none of directional, point and spot are left out", place);
+        return Ok(None);
     };
     let position = placed.world_from_node.translation.as_vec3();
     let direction = placed.world_from_node.transform_vector3(DVec3::NEG_Z).try_normalize().map(DVec3::as_vec3);
@@ -91,12 +93,10 @@ pub fn cameras(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Ou
             continue;
         };
         let yfov_rad = camera.perspective.as_ref().map(|p| p.yfov).filter(|yfov| *yfov > 0.0 && *yfov < PI);
-        let yfov_rad = yfov_rad.ok_or_else(|| {
-            Fault::Invalid(format!(
-                "{}: its yfov is not between 0 and pi",
-                label("camera", index.value(), &camera.name)
-            ))
-        })?;
+        let Some(yfov_rad) = yfov_rad else {
+            warnings.note("cameras whose yfov is not between 0 and pi are left out", &place);
+            continue;
+        };
         match without_scale(&placed.world_from_node) {
             Some(world_from_view) => cameras.push((Camera { world_from_view, yfov_rad }, at)),
             None => warnings.note("cameras on nodes of scale 0 have no direction and are left out", &place),

@@ -22,8 +22,8 @@ pub struct TextureTable<'a, 'b> {
     pub images: Vec<Arc<TexelImage>>,
     /// Index in `textures` by the texture's index in the file.
     texture_of: HashMap<usize, usize>,
-    /// Index in `images` by location of the encoded bytes.
-    image_of: HashMap<Encoded<'b>, usize>,
+    /// Index in `images` by location of the encoded bytes; `None` for an image that cannot be read.
+    image_of: HashMap<Encoded<'b>, Option<usize>>,
     /// Index in `images` of each image that [`roughness_of`](Self::roughness_of) made, by the index of its source image
     /// and the bits of the glossiness factor.
     roughness_of: HashMap<(usize, u32), usize>,
@@ -91,34 +91,44 @@ impl<'a, 'b> TextureTable<'a, 'b> {
             return Ok(None);
         };
         let within = || label("texture", index, &texture.name);
-        let image = self.image(source).within(within)?;
+        let Some(image) = self.image(source, warnings).within(within)? else { return Ok(None) };
         let sampler = match texture.sampler {
-            Some(sampler) => read_sampler(lookup(&root.samplers, "sampler", sampler.value()).within(within)?)
-                .within(|| format!("sampler {sampler}"))?,
-            None => read_sampler(&Sampler::default())?,
+            Some(sampler) => {
+                let json = lookup(&root.samplers, "sampler", sampler.value()).within(within)?;
+                read_sampler(json, &format!("sampler {sampler}"), warnings)
+            }
+            None => read_sampler(&Sampler::default(), "", warnings),
         };
         self.textures.push(Texture { image, ..sampler });
         self.texture_of.insert(index, self.textures.len() - 1);
         Ok(Some(self.textures.len() - 1))
     }
 
-    fn image(&mut self, index: usize) -> Outcome<usize> {
+    /// Returns the index of an image; `None`, with a warning, if its bytes cannot be read, unless faults are to be refused.
+    fn image(&mut self, index: usize, warnings: &mut Warnings) -> Outcome<Option<usize>> {
         let image = lookup(&self.buffers.root.images, "image", index)?;
         let place = || match &image.uri {
             Some(uri) if image.name.is_none() => format!("image {index} '{}'", shorten(uri)),
             _ => label("image", index, &image.name),
         };
         let encoded = match (&image.uri, image.buffer_view) {
-            (Some(uri), _) => Encoded::Target(Target::of(uri, self.buffers.folder).within(place)?),
-            (None, Some(view)) => Encoded::View(view.value()),
-            (None, None) => return Err(Fault::Invalid("it has neither a URI nor a buffer view".into())).within(place),
+            (Some(uri), _) => Target::of(uri, self.buffers.folder).map(Encoded::Target),
+            (None, Some(view)) => Ok(Encoded::View(view.value())),
+            (None, None) => Err(Fault::Invalid("it has neither a URI nor a buffer view".into())),
         };
+        const LOST: &str = "images that cannot be read are left out, and materials have their factors alone";
+        let strict = self.buffers.folder.access.strict;
+        let Some(encoded) = warnings.tolerate(encoded, LOST, &place(), strict)? else { return Ok(None) };
         if let Some(&known) = self.image_of.get(&encoded) {
             return Ok(known);
         }
-        self.images.push(Arc::new(self.decode(&encoded).within(place)?));
-        self.image_of.insert(encoded, self.images.len() - 1);
-        Ok(self.images.len() - 1)
+        let decoded = warnings.tolerate(self.decode(&encoded), LOST, &place(), strict)?;
+        let number = decoded.map(|image| {
+            self.images.push(Arc::new(image));
+            self.images.len() - 1
+        });
+        self.image_of.insert(encoded, number);
+        Ok(number)
     }
 
     fn decode(&self, encoded: &Encoded) -> Outcome<TexelImage> {
@@ -141,20 +151,25 @@ fn source_of(texture: &JsonTexture) -> Option<usize> {
     extension.or(Some(texture.source.value()).filter(|&source| source != absent))
 }
 
-/// Converts a sampler. The caller sets the [`Texture::image`] of the result, which is 0.
-fn read_sampler(sampler: &Sampler) -> Outcome<Texture> {
-    let wrap = |mode: Checked<WrappingMode>| match mode {
-        Checked::Valid(WrappingMode::Repeat) => Ok(Wrap::Repeat),
-        Checked::Valid(WrappingMode::MirroredRepeat) => Ok(Wrap::MirroredRepeat),
-        Checked::Valid(WrappingMode::ClampToEdge) => Ok(Wrap::ClampToEdge),
-        Checked::Invalid => Err(Fault::Invalid("its wrapS or wrapT is unknown".into())),
+/// Converts a sampler. The caller sets the [`Texture::image`] of the result, which is 0. Values that glTF does not know
+/// count as the default, with a warning.
+fn read_sampler(sampler: &Sampler, place: &str, warnings: &mut Warnings) -> Texture {
+    let mut is_known = true;
+    let mut wrap = |mode: Checked<WrappingMode>| match mode {
+        Checked::Valid(WrappingMode::Repeat) => Wrap::Repeat,
+        Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::MirroredRepeat,
+        Checked::Valid(WrappingMode::ClampToEdge) => Wrap::ClampToEdge,
+        Checked::Invalid => {
+            is_known = false;
+            Wrap::Repeat
+        }
     };
-    let linear = match sampler.mag_filter {
-        Some(Checked::Valid(MagFilter::Nearest)) => false,
-        Some(Checked::Valid(MagFilter::Linear)) | None => true,
-        Some(Checked::Invalid) => return Err(Fault::Invalid("its magFilter is unknown".into())),
-    };
-    Ok(Texture { image: 0, wrap_u: wrap(sampler.wrap_s)?, wrap_v: wrap(sampler.wrap_t)?, linear })
+    let (wrap_u, wrap_v) = (wrap(sampler.wrap_s), wrap(sampler.wrap_t));
+    if !is_known || sampler.mag_filter == Some(Checked::Invalid) {
+        warnings.note("samplers have the default for filters and wrap modes that glTF does not know", place);
+    }
+    let linear = sampler.mag_filter != Some(Checked::Valid(MagFilter::Nearest));
+    Texture { image: 0, wrap_u, wrap_v, linear }
 }
 
 /// Converts a `KHR_texture_transform`, which applies scale, then rotation, then translation. Since v points down the

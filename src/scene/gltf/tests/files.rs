@@ -111,6 +111,104 @@ fn required_extensions_are_all_named_with_a_way_out() {
 }
 
 #[test]
+fn extras_may_have_any_type() {
+    fn put(value: &mut serde_json::Value, extras: &serde_json::Value) {
+        match value {
+            serde_json::Value::Object(object) => {
+                object.values_mut().for_each(|part| put(part, extras));
+                object.insert("extras".into(), extras.clone());
+            }
+            serde_json::Value::Array(array) => array.iter_mut().for_each(|part| put(part, extras)),
+            _ => {}
+        }
+    }
+    let nested = serde_json::from_str(&("[".repeat(100) + &"]".repeat(100))).unwrap();
+    for extras in [json!([1, "a"]), json!("text"), json!(1.5), json!(null), json!(true), json!({"a": {}}), nested] {
+        let mut draft = animated();
+        // The list of attributes has no extras.
+        let attributes = draft.json["meshes"][0]["primitives"][0]["attributes"].take();
+        put(&mut draft.json, &extras);
+        draft.json["meshes"][0]["primitives"][0]["attributes"] = attributes;
+        let scene = draft.scene();
+        assert_eq!((scene.triangle_count(), scene.cameras.len(), scene.lights.len()), (1, 1, 1), "{extras}");
+        assert!(!scene.motion.is_empty());
+    }
+}
+
+/// Returns a triangle that moves, with a material, a camera and a light.
+fn animated() -> Draft {
+    let mut draft = Draft::triangle();
+    draft.push("materials", json!({"pbrMetallicRoughness": {"metallicFactor": 0.5}}));
+    draft.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    draft.push("cameras", json!({"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}}));
+    draft.json["nodes"][0]["camera"] = json!(0);
+    draft.json["extensions"] = json!({"KHR_lights_punctual": {"lights": [{"type": "point"}]}});
+    draft.json["nodes"][0]["extensions"] = json!({"KHR_lights_punctual": {"light": 0}});
+    let input = draft.floats("SCALAR", &[0.0, 1.0]);
+    let output = draft.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
+    let channel = json!({"sampler": 0, "target": {"node": 0, "path": "translation"}});
+    draft.push("animations", json!({"channels": [channel], "samplers": [{"input": input, "output": output}]}));
+    draft
+}
+
+#[test]
+fn whole_numbers_may_have_a_fraction_of_zeros() {
+    let mut draft = animated();
+    draft.json["nodes"][0]["name"] = json!("a \"1.0\" \\");
+    draft.json["buffers"] = json!([{"byteLength": draft.bin.len()}]);
+    let plain = draft.scene();
+    let text = draft.json.to_string();
+    // Writes each whole number with a fraction, but not those in strings.
+    let mut floats = String::new();
+    let mut parts = text.split('"');
+    while let Some(part) = parts.next() {
+        let digits = |c: char| c.is_ascii_digit() || c == '.';
+        let mut rest = part;
+        while let Some(at) = rest.find(|c: char| c.is_ascii_digit()) {
+            let end = rest[at..].find(|c| !digits(c)).map_or(rest.len(), |len| at + len);
+            let fraction = if rest[at..end].contains('.') { "" } else { ".00" };
+            floats += &format!("{}{fraction}", &rest[..end]);
+            rest = &rest[end..];
+        }
+        floats += rest;
+        if let Some(string) = parts.next() {
+            floats += &format!("\"{string}\"");
+        }
+    }
+    assert!(floats.contains("\"count\":3.00"), "{floats}");
+    let mut glb = draft.glb();
+    let bin = glb.split_off(12 + 8 + text.len().next_multiple_of(4));
+    floats.extend(std::iter::repeat_n(' ', floats.len().next_multiple_of(4) - floats.len()));
+    let mut changed = b"glTF".to_vec();
+    for word in [2, (12 + 8 + floats.len() + bin.len()) as u32, floats.len() as u32] {
+        changed.extend(word.to_le_bytes());
+    }
+    changed.extend(b"JSON");
+    changed.extend(floats.as_bytes());
+    changed.extend(bin);
+    assert_eq!(format!("{:?}", read(&changed).unwrap()), format!("{plain:?}"));
+    draft.json["accessors"][0]["count"] = json!(2.5);
+    assert_mentions(&draft.complaint(), &["JSON", "2.5"]);
+}
+
+#[test]
+fn backslashes_separate_folders() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut draft = Draft::triangle();
+    fs::create_dir(folder.path().join("data")).unwrap();
+    fs::write(folder.path().join("data/a.bin"), &draft.bin).unwrap();
+    let path = folder.path().join("scene.gltf");
+    for uri in ["data\\a.bin", ".\\data\\a.bin", "data%5Ca.bin"] {
+        draft.json["buffers"] = json!([{"byteLength": draft.bin.len(), "uri": uri}]);
+        fs::write(&path, draft.json.to_string()).unwrap();
+        assert_eq!(load(&path).unwrap().triangle_count(), 1, "{uri}");
+    }
+    draft.json["buffers"][0]["uri"] = json!("data\\..\\..\\a.bin");
+    fs::write(&path, draft.json.to_string()).unwrap();
+    assert_mentions(&load(&path).unwrap_err().to_string(), &["buffer 0", "allow files outside"]);
+}
+
+#[test]
 fn optional_extensions_are_warned_of_once() {
     let mut draft = Draft::triangle();
     draft.json["extensionsUsed"] = json!(["EXT_lights_ies", "KHR_lights_punctual", "EXT_lights_ies", "KHR_xmp"]);

@@ -9,6 +9,8 @@ use image::{DynamicImage, ImageFormat, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
 use super::{Draft, assert_mentions, load};
+use crate::scene::budget::Budget;
+use crate::scene::folder::Access;
 use crate::scene::{AlphaMode, Material, NormalMap, TextureRef, Wrap};
 
 /// Two texels in a row.
@@ -90,7 +92,6 @@ fn factors_out_of_range_are_clamped_or_named() {
             "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 1e39}},
         }),
         json!({"alphaMode": "MASK", "alphaCutoff": -1}),
-        json!({"alphaMode": "GLASS"}),
     ];
     for case in cases {
         assert_mentions(&with_material(case).complaint(), &["material 0"]);
@@ -157,16 +158,72 @@ fn images_beside_the_file_are_found_and_bad_ones_named() {
     let mut draft = with_texture(json!({"emissiveTexture": {"index": 0}}));
     draft.json["images"][0] = json!({"uri": "a%20wall.png"});
     fs::write(&path, draft.glb()).unwrap();
-    assert_mentions(&load(&path).unwrap_err().to_string(), &["a wall.png"]);
+    let mentions = |words: &[&str]| {
+        let scene = load(&path).unwrap();
+        assert_eq!((scene.images.len(), scene.textures.len(), scene.warnings.len()), (0, 0, 1));
+        assert_mentions(&scene.warnings[0], &["images that cannot be read are left out", "image 0 'a%20wall.png'"]);
+        assert_mentions(&scene.warnings[0], words);
+        let budget = Budget::unlimited();
+        let strict = crate::scene::gltf::load(&path, Access { strict: true, ..Access::of(&budget) });
+        assert_mentions(&strict.unwrap_err().to_string(), words);
+    };
+    mentions(&["a wall.png", "cannot read"]);
     fs::write(folder.path().join("a wall.png"), encoded(ImageFormat::Png)).unwrap();
     assert_eq!(load(&path).unwrap().images.len(), 1);
     fs::write(folder.path().join("a wall.png"), b"no picture").unwrap();
-    let error = load(&path).unwrap_err().to_string();
-    assert_mentions(&error, &["material 0", "image 0", "a%20wall.png"]);
+    mentions(&["not a PNG, JPEG, WebP or KTX2 image"]);
 
     let mut cut = with_texture(json!({"emissiveTexture": {"index": 0}}));
     cut.json["bufferViews"][2]["byteLength"] = json!(50);
     assert_mentions(&cut.complaint(), &["material 0", "image 0 'Bricks'"]);
+}
+
+#[test]
+fn a_material_without_its_image_has_its_factor() {
+    let texture = |index: u32| json!({"index": index});
+    let mut draft = with_texture(json!({
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [0.1, 0.2, 0.3, 1], "baseColorTexture": texture(1), "metallicFactor": 0,
+        },
+        "normalTexture": texture(0),
+    }));
+    for image in [
+        json!({"uri": "no-such.png"}),
+        json!({"uri": "https://example.com/wall.png"}),
+        json!({"uri": "data:image/png;base64,AAAA"}),
+        json!({"bufferView": 0}),
+        json!({"mimeType": "image/png"}),
+    ] {
+        draft.json["images"] = json!([draft.json["images"][0], image]);
+        draft.json["textures"] = json!([{"source": 0}, {"source": 1}]);
+        let scene = draft.scene();
+        let material = &scene.materials[0];
+        assert_eq!((material.base_color, material.base_color_texture), (Vec4::new(0.1, 0.2, 0.3, 1.0), None));
+        assert!(material.normal_map.is_some(), "{image}");
+        assert!(scene.warnings.iter().any(|w| w.contains("image 1")), "{image}: {:?}", scene.warnings);
+        let said = draft.complaint();
+        assert!(said.contains("material 0: texture 1: image 1") || said.contains("no-such.png"), "{said}");
+    }
+    // What a file may not do stays an error, which says how to allow it.
+    draft.json["images"][1] = json!({"uri": "../outside.png"});
+    assert_mentions(&draft.read().unwrap_err().to_string(), &["material 0", "allow files outside"]);
+}
+
+#[test]
+fn values_that_gltf_does_not_know_count_as_the_default() {
+    let mut draft = with_texture(json!({
+        "alphaMode": "GLASS",
+        "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
+    }));
+    draft.push("samplers", json!({"magFilter": 1, "wrapS": 2, "wrapT": 33071}));
+    draft.json["textures"][0]["sampler"] = json!(0);
+    draft.primitive(json!({"attributes": {"POSITION": 0}, "mode": 9}));
+    let scene = draft.scene();
+    assert_eq!((scene.materials[0].alpha_mode, scene.meshes.len()), (AlphaMode::Opaque, 1));
+    let texture = &scene.textures[0];
+    assert_eq!((texture.wrap_u, texture.wrap_v, texture.linear), (Wrap::Repeat, Wrap::ClampToEdge, true));
+    let warnings = scene.warnings.join("\n");
+    assert_mentions(&warnings, &["alphaMode", "sampler 0", "mode is none of 0 to 6", "primitive 1"]);
 }
 
 #[test]

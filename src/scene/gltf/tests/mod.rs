@@ -21,6 +21,7 @@ use serde_json::{Value, json};
 
 use crate::scene::budget::Budget;
 use crate::scene::folder::Access;
+use crate::scene::motion::play::Play;
 use crate::scene::{Scene, SceneError};
 
 const F32: u32 = 5126;
@@ -133,9 +134,12 @@ impl Draft {
         self.read().unwrap()
     }
 
-    /// Returns the error's message; panics if there is no error.
+    /// Returns the message of the error, also of faults that are otherwise left out; panics if there is no error.
     fn complaint(&self) -> String {
-        self.read().unwrap_err().to_string()
+        let (path, budget) = (Path::new("draft.glb"), Budget::unlimited());
+        let access = Access { strict: true, ..any(&budget) };
+        let read = super::parse(&self.glb(), path, &Play::default(), None, access);
+        read.map_err(|fault| fault.in_file(path)).unwrap_err().to_string()
     }
 }
 
@@ -145,8 +149,7 @@ fn read(bytes: &[u8]) -> Result<Scene, SceneError> {
 }
 
 fn read_variant(bytes: &[u8], variant: Option<&str>) -> super::Outcome<Scene> {
-    let play = crate::scene::motion::play::Play::default();
-    super::parse(bytes, Path::new("draft.glb"), &play, variant, any(&Budget::unlimited()))
+    super::parse(bytes, Path::new("draft.glb"), &Play::default(), variant, any(&Budget::unlimited()))
 }
 
 /// Grants default access, for tests that don't limit memory.

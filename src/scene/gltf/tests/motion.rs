@@ -151,6 +151,19 @@ fn weights_are_made_to_sum_to_one() {
 }
 
 #[test]
+fn a_third_set_of_joints_is_warned_of() {
+    let mut draft = skinned(&WEIGHTS, &JOINTS);
+    let attributes = draft.json["meshes"][0]["primitives"][0]["attributes"].clone();
+    for set in [1, 2] {
+        assert_eq!(draft.scene().warnings, [""; 0]);
+        for name in ["JOINTS", "WEIGHTS"] {
+            draft.attribute(&format!("{name}_{set}"), attributes[format!("{name}_0")].as_u64().unwrap() as usize);
+        }
+    }
+    assert_mentions(&draft.scene().warnings[0], &["joints after the first eight", "mesh 0 'Thing' primitive 0"]);
+}
+
+#[test]
 fn joints_outside_the_scene_move_its_skins() {
     let inside = skinned(&WEIGHTS, &JOINTS);
     let mut outside = inside.clone();
@@ -296,7 +309,44 @@ fn broken_animations_are_named() {
     mentions(with(&[0.0, 1.0], "VEC3", &zeros, "translation", set("")), "'NEAREST'");
     let mut odd = hierarchy();
     odd.json["animations"] = json!([{"channels": [{"sampler": -1, "target": {"path": "scale"}}]}]);
-    assert_mentions(&odd.complaint(), &["JSON"]);
+    assert_mentions(&odd.complaint(), &["animation 0 channel 0", "JSON"]);
+}
+
+fn channels(scene: &Scene) -> usize {
+    scene.motion.animations.iter().map(|animation| animation.channels.len()).sum()
+}
+
+#[test]
+fn faulty_channels_are_left_out_and_others_play() {
+    for (times, says) in [
+        (&[-1.0, 1.0][..], "time of key 0 is negative"),
+        (&[0.0, 1.0, 1.0], "key 2 is not later"),
+        (&[], "at least one key"),
+    ] {
+        let mut draft = hierarchy();
+        rising(&mut draft, "Good", 0, 4.0);
+        let values = vec![0.0; 3 * times.len()];
+        animate(&mut draft, "Bad", json!({"node": 1, "path": "translation"}), times, "VEC3", &values);
+        let scene = draft.scene();
+        assert_eq!(scene.triangle_count(), hierarchy().scene().triangle_count());
+        assert_eq!(channels(&scene), 1);
+        assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+        assert_mentions(
+            &scene.warnings[0],
+            &["channels with faults are left out", "animation 1 'Bad' channel 0", says],
+        );
+        assert_mentions(&draft.complaint(), &["animation 1 'Bad' channel 0", says]);
+    }
+    let mut draft = hierarchy();
+    rising(&mut draft, "Good", 0, 4.0);
+    draft.json["animations"].as_array_mut().unwrap().insert(0, json!({"name": 7}));
+    draft.json["animations"][1]["channels"].as_array_mut().unwrap().push(json!({"sampler": "first"}));
+    draft.json["animations"][1]["samplers"].as_array_mut().unwrap().push(json!([]));
+    let scene = draft.scene();
+    assert_eq!(channels(&scene), 1);
+    assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
+    let chosen = playing(&draft, &Play { animation: Choice::Named("Good".into()), ..Play::default() });
+    assert_eq!(channels(&chosen.unwrap()), 1);
 }
 
 #[test]
