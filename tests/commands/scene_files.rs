@@ -66,7 +66,7 @@ fn render(folder: &Path, file: &Path, options: &[&str]) -> (RgbImage, String) {
 #[test]
 fn a_floor_of_any_size_is_lit() {
     let folder = tempfile::tempdir().unwrap();
-    for unit in [1e-15, 1e-12, 1e-10, 1.0, 1e9, 1.2e9, 1e12, 2e13] {
+    for unit in [1e-15, 1e-12, 1.0, 1.2e9, 2e13] {
         let file = floor(folder.path(), unit, |_| ());
         let (image, said) = render(folder.path(), &file, &[]);
         let is_lit = |pixel: &[f32; 3]| pixel.iter().all(|channel| (channel - 0.5).abs() < 1e-3);
