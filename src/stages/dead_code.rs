@@ -271,7 +271,7 @@ impl Blocks<'_> {
     fn fold(&mut self, block: &mut Block) -> bool {
         let mut statements = mem::take(block).span_into_iter();
         let mut ends = false;
-        while let Some((mut statement, span)) = statements.next() {
+        for (mut statement, span) in statements.by_ref() {
             match &mut statement {
                 Statement::Emit(range) => {
                     emit(range.clone(), self.expressions, |range| block.push(Statement::Emit(range), span));
