@@ -6,7 +6,7 @@
 
 //!include frame grid projection motion pack mirrored display light_change bindings
 
-// `resolved` holds linear light in RGB, and in alpha the number of frames that are averaged in it.
+// `resolved` holds linear light in RGB, which may be negative, and in alpha the number of frames that are averaged in it.
 
 // Maximum history in frames, of a pixel that moved and of one that did not. For moving pixels it is lowered for two
 // reasons. Frames of several samples are already antialiased, so a long history would only blur them by interpolation.
@@ -175,7 +175,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 
     let half = mix(ALLOWED_DEVIATIONS, ALLOWED_DEVIATIONS_CARRIED, carried) * deviation;
-    let clamped = mix(clamp(old.rgb, max(mean - half, vec3<f32>(0.0)), mean + half), max(old.rgb, vec3<f32>(0.0)), stillness);
+    // Cubic interpolation overshoots on both sides of an edge. History may be negative, since raising it to 0 would
+    // brighten black surfaces beside bright ones in every frame.
+    let clamped = mix(clamp(old.rgb, mean - half, mean + half), old.rgb, stillness);
     let past = select(vec3<f32>(0.0), select(clamped, old.rgb, is_still), is_known);
     let was_dropped = now.a == DROPPED;
     let total = frames + select(1.0, 0.0, was_dropped);
@@ -183,7 +185,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let is_sound = is_finite(joined);
     let color = select(now.rgb, joined, is_sound);
     resolved[at] = vec4<f32>(color, total);
-    linear[at] = vec4<f32>(color, 1.0);
+    linear[at] = vec4<f32>(max(color, vec3<f32>(0.0)), 1.0);
     display[at] = display_code(color);
     if was_dropped || (has_history && !is_known) || !is_sound {
         tally_image[at] = add_tally(tally_image[at], 0u, 1u);

@@ -16,7 +16,7 @@ struct PathSample {
     gloss: vec3<f32>,
     rays: u32,
     // Record for the radiance cache.
-    record: vec2<u32>,
+    record: vec3<u32>,
 }
 
 fn clamp_indirect(c: vec3<f32>, most: f32) -> vec3<f32> {

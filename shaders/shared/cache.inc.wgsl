@@ -70,8 +70,8 @@ fn cell_key(p: vec3<f32>, n: vec3<f32>, width: f32) -> u32 {
     return max(hash_combine(place, kind), 1u);
 }
 
-// Packs light as RGB9E5: 9 bits per channel and a shared exponent. Brighter light than that of half floats is clamped.
-fn pack_cell_light(light: vec3<f32>) -> u32 {
+// Packs light or albedo as RGB9E5: 9 bits per channel and a shared exponent. Brighter light than that of half floats is clamped.
+fn pack_cell(light: vec3<f32>) -> u32 {
     let c = clamp(light, vec3<f32>(0.0), vec3<f32>(65408.0));
     let exponent = u32(clamp(frexp(max3(c)).exp + 15, 0, 31));
     let m = vec3<u32>(min(round(ldexp(c, vec3<i32>(24 - i32(exponent)))), vec3<f32>(511.0)));
@@ -125,12 +125,14 @@ fn enter_cell(path: ptr<function, CachePath>, s: Surface, b: BsdfSample, t: f32,
     return Cached();
 }
 
-// Record of a path that has ended: cell and packed light. Light is in units of white at the run's exposure.
-fn record_of(path: CachePath, light: vec3<f32>) -> vec2<u32> {
+// Record of a path that has ended: cell, and the light and the albedo of its surface, packed. Light is in units of white
+// at the run's exposure.
+fn record_of(path: CachePath, light: vec3<f32>) -> vec3<u32> {
     let least = min(min(path.throughput.x, path.throughput.y), path.throughput.z);
     if path.cell == NO_CELL || least < LEAST_THROUGHPUT {
-        return vec2<u32>(NO_CELL, 0u);
+        return vec3<u32>(NO_CELL, 0u, 0u);
     }
-    let found = over((light - path.light) / path.throughput, path.albedo) * frame.display.storage_scale;
-    return select(vec2<u32>(NO_CELL, 0u), vec2<u32>(path.cell, pack_cell_light(found)), is_finite(found));
+    let found = (light - path.light) / path.throughput * frame.display.storage_scale;
+    let record = vec3<u32>(path.cell, pack_cell(found), pack_cell(path.albedo));
+    return select(vec3<u32>(NO_CELL, 0u, 0u), record, is_finite(found));
 }

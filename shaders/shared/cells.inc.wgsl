@@ -6,39 +6,44 @@
 // Key of no cell, and of an empty slot.
 const NO_CELL: u32 = 0u;
 
-// Factor from light, in units of white at the run's exposure, to the integers that are summed.
-const LIGHT_UNITS: f32 = 0x1p24;
+// Factor from albedo, and from light in units of white at the run's exposure, to the integers that are summed.
+const RECORD_UNITS: f32 = 0x1p24;
 
 // Slot of a cell. The key has 32 bits and the slot is its lowest bits, so with 2^17 slots an unknown cell is taken for the
 // one in its slot with a probability of 2^-15.
 fn cell_slot(key: u32) -> u32 {
-    return key % (arrayLength(&last_cache) / 2u);
+    return key % (arrayLength(&last_cache) / 3u);
 }
 
-// A slot of the cache takes two rows. The first has the key, the number of samples and the number of frames since the
-// latest; the second has the mean light.
+// A slot of the cache takes three rows. The first has the key, the number of samples, the number of frames since the
+// latest, and the number of reflections of the paths. The second has the sum of light over the sum of albedo, and the
+// third has that sum of albedo.
 struct Cell {
     key: u32,
     samples: f32,
     age: u32,
+    reflections: u32,
     light: vec3<f32>,
+    albedo: vec3<f32>,
 }
 
-// The cell in a slot after the previous frame.
-fn last_cell(slot: u32) -> Cell {
-    let a = last_cache[2u * slot];
-    let b = last_cache[2u * slot + 1u];
-    return Cell(a.x, bitcast<f32>(a.y), a.z, bitcast<vec3<f32>>(b.xyz));
-}
-
-// Frames after which a cell without new samples loses its slot.
+// Frames after which a cell without new samples loses its slot. Another cell may take it sooner if no path of this frame
+// can end in it, because they have another number of reflections.
 const MOST_AGE: u32 = 64u;
+const MOST_AGE_OF_OTHERS: u32 = 4u;
 
-// The cell of earlier frames that keeps a slot; none if the slot is empty or its cell is too old.
+// The cell in a slot after the previous frame; none if the slot is empty or its cell is too old.
 fn live_cell(slot: u32) -> Cell {
-    let cell = last_cell(slot);
-    if frame.history.rows == NO_HISTORY || cell.age >= MOST_AGE {
+    let a = last_cache[3u * slot];
+    if frame.history.rows == NO_HISTORY || a.z >= MOST_AGE {
         return Cell();
     }
-    return cell;
+    let light = bitcast<vec3<f32>>(last_cache[3u * slot + 1u].xyz);
+    let albedo = bitcast<vec3<f32>>(last_cache[3u * slot + 2u].xyz);
+    return Cell(a.x, bitcast<f32>(a.y), a.z, a.w, light, albedo);
+}
+
+// Whether a new cell may take the slot of `cell`.
+fn yields(cell: Cell) -> bool {
+    return cell.key == NO_CELL || (cell.reflections != frame.sampling.reflections && cell.age >= MOST_AGE_OF_OTHERS);
 }

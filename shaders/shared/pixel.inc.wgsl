@@ -145,7 +145,10 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         let ok = is_sound(&first) && is_finite(with_radiance) && is_finite(with_gloss) && is_finite(with_emission + with_narrow) && !was_cut_short;
         tally = add_tally(tally, rays + path.rays, select(1u, 0u, ok));
         if HAS_CACHE && ok && path.record.x != NO_CELL {
-            records[record_index(pixel)] = path.record;
+            let record = RECORD_WORDS * record_index(pixel);
+            records[record] = path.record.x;
+            records[record + 1u] = path.record.y;
+            records[record + 2u] = path.record.z;
         }
         if ok {
             albedo += first.albedo;

@@ -16,6 +16,6 @@ fn enter_cell(path: ptr<function, CachePath>, s: Surface, b: BsdfSample, t: f32,
     return Cached();
 }
 
-fn record_of(path: CachePath, light: vec3<f32>) -> vec2<u32> {
-    return vec2<u32>(0u);
+fn record_of(path: CachePath, light: vec3<f32>) -> vec3<u32> {
+    return vec3<u32>(0u);
 }

@@ -2,7 +2,7 @@
 
 use super::FrameSpec;
 use super::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
-use super::radiance_cache::{self, RECORD_SEGMENT};
+use super::radiance_cache::{self, RECORD_SEGMENT, RECORD_WORDS};
 use super::reproject::PARTITION as REPROJECT;
 use super::resources::HOLES;
 use crate::graph::{Dispatch, Kernel, Launch, Partition, Pass, Stage, Use, Work};
@@ -23,7 +23,7 @@ const PATHS_PER_LAUNCH: u32 = 4;
 const LISTED_ONLY: u32 = 1;
 
 /// Kernel that both stages share, since drivers take seconds to compile it.
-const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![LISTED_ONLY, RECORD_SEGMENT]);
+const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![LISTED_ONLY, RECORD_SEGMENT, RECORD_WORDS]);
 
 fn trace(spec: &FrameSpec, stage: Stage, view: Eye, cut: Partition, is_listed: bool) -> Pass {
     let (radiance, dispatch, third) = match is_listed {

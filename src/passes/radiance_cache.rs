@@ -2,10 +2,10 @@
 //! sampling lights and bouncing on.
 //!
 //! A frame reads the table of the previous frame. Some paths of the left eye record the light that they find in a cell;
-//! the devices exchange these records, and each adds all of them to its own table. Since light is summed in integers,
-//! all devices have the same table.
+//! the devices exchange these records, and each adds all of them to its own table. Since light and albedo are summed in
+//! integers, all devices have the same table.
 
-use glam::{UVec2, UVec4};
+use glam::UVec4;
 
 use super::FrameSpec;
 use crate::graph::{Grid, Kernel, Launch, Partition, Pass, Reach, Resource, Size, Stage, Use};
@@ -18,6 +18,9 @@ const PARTITION: Partition = Partition("radiance_cache");
 
 /// Number of pixels in a row of which half may record a path.
 pub const RECORD_SEGMENT: u32 = 16;
+
+/// Number of words of a record: cell, packed light and packed albedo.
+pub const RECORD_WORDS: u32 = 3;
 
 /// Number of invocations in a workgroup.
 const GROUP: u32 = 64;
@@ -36,12 +39,12 @@ const ADD: u32 = 1;
 /// Number of 32-bit words in the [`Sums`] of a slot.
 const SUM_WORDS: u32 = size_of::<Sums>() as u32 / 4;
 
-const SUM: Kernel = Kernel::new("cache_sums").workgroup([GROUP, 1, 1]).with(constants![CLAIM, SUM_WORDS]);
+const SUM: Kernel = Kernel::new("cache_sums").workgroup([GROUP, 1, 1]).with(constants![CLAIM, SUM_WORDS, RECORD_WORDS]);
 const RENEW: Kernel = Kernel::new("radiance_cache").workgroup([GROUP, 1, 1]);
 
-/// Sums of the records of a slot: the key of the new cell, the number of records, and for each channel the low and the
-/// high word of the sum of their light.
-struct Sums(#[expect(dead_code, reason = "only its size is used")] [u32; 8]);
+/// Sums of the records of a slot: the key of the new cell, the number of records, and the low and the high word of the
+/// sum of each channel of their light and of their albedo. Two words are not used.
+struct Sums(#[expect(dead_code, reason = "only its size is used")] [u32; 16]);
 
 /// Invocations add to sums concurrently.
 impl Texel for Sums {
@@ -65,12 +68,13 @@ fn of_slots<T: Texel>(spec: &FrameSpec, name: &'static str) -> Resource {
 }
 
 fn table(spec: &FrameSpec) -> Resource {
-    of_slots::<[UVec4; 2]>(spec, "cache")
+    of_slots::<[UVec4; 3]>(spec, "cache")
 }
 
-/// Returns the image of the records of paths: the cell and the packed light of half of the pixels.
+/// Returns the image of the records of half of the pixels' paths.
 fn records(spec: &FrameSpec) -> Resource {
-    let lanes = Resource::image::<[UVec2; RECORD_SEGMENT as usize / 2]>("cache_records").bound_as("records");
+    let lanes =
+        Resource::image::<[u32; (RECORD_WORDS * RECORD_SEGMENT / 2) as usize]>("cache_records").bound_as("records");
     if_used(spec, lanes.on(Grid::table(Size::FrameColumnsOver(RECORD_SEGMENT))))
 }
 

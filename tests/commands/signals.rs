@@ -20,8 +20,7 @@ fn count(folder: &Path) -> usize {
 
 /// Runs the command until `is_under_way`, sends it the signal and returns its exit status.
 fn interrupted(args: &[&str], signal: libc::c_int, is_under_way: impl Fn() -> bool) -> Option<i32> {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_diptych"));
-    let mut run = command.args(args).stdout(Stdio::null()).spawn().unwrap();
+    let mut run = program(args).stdout(Stdio::null()).spawn().unwrap();
     while !is_under_way() {
         assert_eq!(run.try_wait().unwrap(), None, "it has ended already");
         std::thread::sleep(Duration::from_millis(5));
@@ -47,10 +46,22 @@ fn interrupted_at(text: &str, command: &mut Command, signal: libc::c_int) -> (Op
     (output.status.code(), after.join("\n") + &String::from_utf8_lossy(&output.stderr))
 }
 
+/// Returns the program with these arguments. It heeds SIGHUP even if these tests run under `nohup`.
 fn program(args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_diptych"));
     command.args(args);
+    on_hangup(&mut command, libc::SIG_DFL);
     command
+}
+
+fn on_hangup(command: &mut Command, action: libc::sighandler_t) {
+    // SAFETY: `signal` is safe between fork and exec.
+    unsafe {
+        command.pre_exec(move || {
+            libc::signal(libc::SIGHUP, action);
+            Ok(())
+        });
+    }
 }
 
 #[test]
@@ -110,13 +121,7 @@ fn a_process_that_ignores_hangups_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let mut command = program(&["render", "builtin:checker", "--size", "16x9", "--json", "--out", out]);
-    // SAFETY: `signal` is safe between fork and exec.
-    unsafe {
-        command.pre_exec(|| {
-            libc::signal(libc::SIGHUP, libc::SIG_IGN);
-            Ok(())
-        });
-    }
+    on_hangup(&mut command, libc::SIG_IGN);
     let (status, said) = interrupted_at("loading", &mut command, libc::SIGHUP);
     assert_eq!(status, Some(0), "{said}");
 }

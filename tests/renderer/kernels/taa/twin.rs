@@ -146,8 +146,8 @@ impl Twin<'_> {
             frames = old.w.round_ties_even().clamp(0.0, longest);
             let half = around.deviation * ALLOWED_DEVIATIONS;
             let color = old.truncate();
-            let clamped = color.max((around.mean - half).max(DVec3::ZERO)).min(around.mean + half);
-            past = if is_still { color } else { clamped.lerp(color.max(DVec3::ZERO), stillness) };
+            let clamped = color.max(around.mean - half).min(around.mean + half);
+            past = if is_still { color } else { clamped.lerp(color, stillness) };
         } else {
             cases.meet(if old.is_some() { "history that is not finite" } else { "no history" });
         }
