@@ -147,7 +147,9 @@ fn pack_albedo(albedo: Albedo) -> vec4<u32> {
 // Demodulates light by albedo. Channels that the surface does not reflect have no light.
 fn over(light: vec3<f32>, albedo: vec3<f32>) -> vec3<f32> {
     const BLACK: vec3<f32> = vec3<f32>(1e-6);
-    return select(absent_light(), light / max(albedo, BLACK), albedo > BLACK);
+    // Rounding may leave slightly negative light.
+    let lit = select(light, vec3<f32>(0.0), light < vec3<f32>(0.0));
+    return select(absent_light(), lit / max(albedo, BLACK), albedo > BLACK);
 }
 
 // Light without marks: absent light is black.
@@ -163,6 +165,9 @@ fn remodulated(light: SplitLight, albedo: Albedo) -> vec3<f32> {
     }
     return matte * albedo.matte + unmarked(light.gloss) * max(albedo.all - albedo.matte, vec3<f32>(0.0));
 }
+
+// Sum of weights up to which a filter leaves a channel absent: the light is that of other surfaces.
+const LEAST_WEIGHT: f32 = 1e-6;
 
 // Weighted mean of light. Absent channels have no weight.
 struct MeanLight {

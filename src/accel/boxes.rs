@@ -16,8 +16,7 @@ use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
 use obvhs::ploc::PlocBuilder;
 use obvhs::ploc::morton::morton_encode_u64_unorm;
 
-use super::built::Built;
-use super::tree::depth;
+use super::built::{Built, depth};
 
 /// Largest number of boxes at one place that the builder of obvhs joins.
 const MOST_TOGETHER: usize = 16;

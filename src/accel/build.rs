@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 
-use super::built::Built;
+use super::built::{Built, depth};
 use super::cache::TreeCache;
 use super::flatten::{self, Flat, Present};
 use super::instances::{self, Division, Layout, Shared};
@@ -12,7 +12,7 @@ use super::moving::{By, Placement, Poses};
 use super::origin::{check_reach, checked_origin};
 use super::skins::Skins;
 use super::tables::Accel;
-use super::tree::{BUILD_BYTES, Node, Room, Tree, depth, nodes_from, tree_over};
+use super::tree::{BUILD_BYTES, Node, Room, Tree, nodes_from, tree_over};
 use super::triangle::{Shading, Triangle};
 use crate::scene::Scene;
 use crate::scene::budget::Budget;

@@ -33,3 +33,16 @@ impl Built {
         is_within && self.order.len() >= triangles && self.nodes.iter().enumerate().all(&mut is_parent)
     }
 }
+
+/// Returns the tree's depth, without recursion.
+pub fn depth(nodes: &[CwBvhNode]) -> usize {
+    let mut deepest = 0;
+    let mut open = vec![(0u32, 1usize)];
+    while let Some((index, level)) = open.pop() {
+        deepest = deepest.max(level);
+        let node = &nodes[index as usize];
+        let children = node.imask.count_ones();
+        open.extend((0..children).map(|c| (node.child_base_idx + c, level + 1)));
+    }
+    deepest
+}

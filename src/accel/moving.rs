@@ -5,10 +5,11 @@ use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 
 use super::boxes::tree_over_boxes;
+use super::built::depth;
 use super::instances::{Instance, box_in, farthest, is_undone_well};
 use super::limits::{MAX_INSTANCE_DEPTH, MAX_REACH};
 use super::skins::Skins;
-use super::tree::{Node, Tree, depth, nodes_from};
+use super::tree::{Node, Tree, nodes_from};
 use crate::scene::motion::Motion;
 use crate::scene::motion::pose::{Pose, narrow};
 

@@ -89,19 +89,6 @@ pub fn tree_over(flat: &Flat<'_>, splits: bool, room: &Room) -> Result<Built, Ac
     Ok(tree_over_boxes(boxes, indices, &params, MAX_DEPTH - MAX_INSTANCE_DEPTH))
 }
 
-/// Returns the tree's depth, without recursion.
-pub fn depth(nodes: &[CwBvhNode]) -> usize {
-    let mut deepest = 0;
-    let mut open = vec![(0u32, 1usize)];
-    while let Some((index, level)) = open.pop() {
-        deepest = deepest.max(level);
-        let node = &nodes[index as usize];
-        let children = node.imask.count_ones();
-        open.extend((0..children).map(|c| (node.child_base_idx + c, level + 1)));
-    }
-    deepest
-}
-
 /// Returns a tree's nodes for a table in which its root has index `root` and its leaf indices start at `first`.
 pub fn nodes_from(nodes: &[CwBvhNode], root: u32, first: u32) -> impl Iterator<Item = Node> {
     nodes.iter().map(move |node| {

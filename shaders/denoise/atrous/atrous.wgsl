@@ -95,5 +95,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             return;
         }
     }
-    filtered[at] = vec4<u32>(pack_light(SplitLight(mean_light(matte, 0.0), mean_light(gloss, 0.0), vec2<f32>(0.0))).xyz, mark);
+    let least_weight = select(0.0, LEAST_WEIGHT, has_light);
+    let light = SplitLight(mean_light(matte, least_weight), mean_light(gloss, least_weight), vec2<f32>(0.0));
+    filtered[at] = vec4<u32>(pack_light(light).xyz, mark);
 }

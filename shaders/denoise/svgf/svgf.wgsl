@@ -73,7 +73,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         filtered[at] = source[at];
         return;
     }
-    let scale = select(vec2<f32>(0.0), 1.0 / lobes, lobes > vec2<f32>(0.0));
+    let least = select(LEAST_WEIGHT, 0.0, is_missing);
+    let scale = select(vec2<f32>(0.0), 1.0 / lobes, lobes > vec2<f32>(least));
     let known = select(vec2<f32>(MISSING), variance * scale * scale, weight > 0.0);
-    filtered[at] = pack_light(SplitLight(mean_light(matte, 0.0), mean_light(gloss, 0.0), known));
+    filtered[at] = pack_light(SplitLight(mean_light(matte, least), mean_light(gloss, least), known));
 }

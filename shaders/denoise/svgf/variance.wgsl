@@ -75,14 +75,15 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             lobes += lobes_of(value) * w;
         }
     }
-    let scale = select(vec2<f32>(0.0), 1.0 / lobes, lobes > vec2<f32>(0.0));
+    let least_weight = select(LEAST_WEIGHT, 0.0, is_missing);
+    let scale = select(vec2<f32>(0.0), 1.0 / lobes, lobes > vec2<f32>(least_weight));
     let mean = first * scale;
     let spatial = DOUBT * max(second * scale - mean * mean, vec2<f32>(0.0));
     let smooth_variance = smooth_sum / max(smooth_weight, vec2<f32>(0.0625));
     let variance = select(spatial, smooth_variance, is_known);
     filtered[at] = pack_light(SplitLight(
-        select(mean_light(matte, 0.0), centre.matte, is_known),
-        select(mean_light(gloss, 0.0), centre.gloss, is_known),
+        select(mean_light(matte, least_weight), centre.matte, is_known),
+        select(mean_light(gloss, least_weight), centre.gloss, is_known),
         select(vec2<f32>(MISSING), variance, weight > 0.0),
     ));
 }

@@ -6,7 +6,7 @@ use super::camera::Constants;
 use super::edges::{Surface, comparable};
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{Format, Light, MeanLight, SAMPLED, is_absent};
+use super::pack::{Format, LEAST_WEIGHT, Light, MeanLight, SAMPLED, is_absent};
 
 /// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const REACH: f64 = 0.02;
@@ -86,7 +86,8 @@ impl Twin<'_> {
             gloss.add(value.gloss, k * similarity(|light| light.gloss));
             weight += w;
         }
-        let light = Light { matte: matte.above(0.0), gloss: gloss.above(0.0), ..centre };
+        let least = if is_empty { 0.0 } else { LEAST_WEIGHT };
+        let light = Light { matte: matte.above(least), gloss: gloss.above(least), ..centre };
         if is_absent(light.matte) || is_absent(centre.matte) {
             cases.meet("an absent lobe");
         }

@@ -119,6 +119,9 @@ impl Counts {
 /// Light of a channel that the surface does not reflect. Any negative light means the same.
 pub const ABSENT: f64 = -1.0;
 
+/// Sum of weights up to which a filter leaves a channel absent.
+pub const LEAST_WEIGHT: f64 = 1e-6;
+
 /// Returns light in which each channel that `is_absent` accepts is absent.
 fn without(light: DVec3, is_absent: impl Fn(usize) -> bool) -> DVec3 {
     DVec3::from_array(std::array::from_fn(|c| if is_absent(c) { ABSENT } else { light[c] }))

@@ -6,7 +6,7 @@ use super::camera::Constants;
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{FINISHED, Format, Light, MISSING, MeanLight, UNKNOWN, is_absent};
+use super::pack::{FINISHED, Format, LEAST_WEIGHT, Light, MISSING, MeanLight, UNKNOWN, is_absent};
 
 /// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const REACH: f64 = 0.02;
@@ -95,8 +95,9 @@ impl Twin<'_> {
             found += k;
             weight += if is_absent(light(value).0) { 0.0 } else { k };
         }
-        let variance = if weight > 0.0 { variances / (weight * weight) } else { 0.0 };
-        (mean.above(0.0), if found > 0.0 { variance } else { MISSING })
+        let least = if is_missing { 0.0 } else { LEAST_WEIGHT };
+        let variance = if weight > least { variances / (weight * weight) } else { 0.0 };
+        (mean.above(least), if found > 0.0 { variance } else { MISSING })
     }
 }
 

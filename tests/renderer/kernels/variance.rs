@@ -6,7 +6,7 @@ use super::camera::Constants;
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{FINISHED, Format, Light, MISSING, MeanLight, UNKNOWN};
+use super::pack::{FINISHED, Format, LEAST_WEIGHT, Light, MISSING, MeanLight, UNKNOWN};
 
 /// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const REACH: f64 = 0.02;
@@ -69,7 +69,8 @@ impl Twin<'_> {
             weight += w;
             lobes += light.lobes() * w;
         }
-        let (matte, gloss) = (matte.above(0.0), gloss.above(0.0));
+        let least = if is_missing { 0.0 } else { LEAST_WEIGHT };
+        let (matte, gloss) = (matte.above(least), gloss.above(least));
         if weight == 0.0 {
             cases.meet("nothing around");
             return Some(Light { matte, gloss, variance: DVec2::splat(MISSING) });
@@ -79,7 +80,7 @@ impl Twin<'_> {
         }
         cases.meet(if is_missing { "missing" } else { "unknown" });
         let of_lobes =
-            |sum: DVec2| DVec2::from_array([0, 1].map(|i| if lobes[i] > 0.0 { sum[i] / lobes[i] } else { 0.0 }));
+            |sum: DVec2| DVec2::from_array([0, 1].map(|i| if lobes[i] > least { sum[i] / lobes[i] } else { 0.0 }));
         let mean = of_lobes(first);
         let variance = DOUBT * (of_lobes(second) - mean * mean).max(DVec2::ZERO);
         Some(Light { matte, gloss, variance })
