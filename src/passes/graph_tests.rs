@@ -128,8 +128,8 @@ fn a_device_that_had_no_rows_receives_the_radiance_cache_once() {
         };
         let uploads: Vec<&Task> = graph.dag.node_weights().filter(is_table).collect();
         let sent: Vec<_> = uploads.iter().map(|task| (task.device, graph.bytes(task))).collect();
-        // 64x180 pixels have 16,384 slots of 32 bytes.
-        assert_eq!(sent, if cache { vec![(1, 1 << 19)] } else { Vec::new() });
+        // 64x180 pixels have 16,384 slots of 48 bytes.
+        assert_eq!(sent, if cache { vec![(1, 16_384 * 48)] } else { Vec::new() });
     }
 }
 
