@@ -71,9 +71,9 @@ struct Fold<'a> {
 /// Facts about the boolean local variables of a function.
 #[derive(Default)]
 struct Locals {
-    /// Those that hold the same value wherever they are loaded.
+    /// Variables that hold the same value wherever they are loaded.
     known: HashMap<Handle<LocalVariable>, bool>,
-    /// Those that are never loaded.
+    /// Variables that are never loaded.
     unread: HashSet<Handle<LocalVariable>>,
 }
 
@@ -217,7 +217,7 @@ fn binary(op: BinaryOperator, left: Option<bool>, right: Option<bool>) -> Option
 struct Uses {
     loaded: HashSet<Handle<LocalVariable>>,
     stored: HashMap<Handle<LocalVariable>, Vec<Handle<Expression>>>,
-    /// Those whose pointers go to functions.
+    /// Variables whose pointers go to functions.
     passed: HashSet<Handle<LocalVariable>>,
 }
 

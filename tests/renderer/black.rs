@@ -39,7 +39,7 @@ fn lit(mut scene: Scene) -> Subject {
 
 /// Returns the subject with a camera that moves by about two pixels a frame.
 fn moving(mut subject: Subject) -> Subject {
-    let start = subject.rig.keys[0].clone();
+    let start = subject.rig.keys[0];
     let way = DVec3::new(0.5, -0.1, -0.3);
     let end = RigKey { time_s: 1.0, position: start.position + way, target: start.target + way, ..start };
     subject.rig.keys = vec![start, end];
