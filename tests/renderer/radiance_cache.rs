@@ -1,18 +1,18 @@
 //! Paths that end in the radiance cache: the light that they find, on any number of devices.
 
-use glam::{Affine3A, DVec3, Quat, Vec3, vec3, vec4};
+use glam::{Affine2, Affine3A, DVec3, Quat, Vec2, Vec3, vec2, vec3, vec4};
 
 use super::moving::watched;
 use crate::common::{Frame, Stage, Subject, devices_to_lose, still_rig};
 use crate::reference::scenes::moving::everything;
-use crate::reference::scenes::{add_material, add_matte, add_mesh, block, empty, instance, matte, place, quad};
+use crate::reference::scenes::{add_image, add_material, add_mesh, block, empty, instance, matte, place, quad};
 use crate::same_bytes::{HEIGHT, Script, assert_same, ratios};
 use diptych::RunConfig;
 use diptych::graph::{HaloPlan, Seam};
-use diptych::image::RgbImage;
+use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics;
-use diptych::scene::Material;
 use diptych::scene::rig::{Rig, RigKey};
+use diptych::scene::{Material, Scene, Texture, TextureRef, Wrap};
 use diptych::schedule::{Even, Measured};
 
 const WIDTH: u32 = 128;
@@ -140,25 +140,64 @@ fn cached_frames_keep_the_mean_and_the_error() {
     }
 }
 
-/// Two rooms side by side, open towards the camera, with a wall of 5 cm between them. A lamp lights the left one; no
-/// light reaches the right one.
-fn rooms() -> Subject {
-    let mut scene = empty("two rooms");
-    let white = add_matte(&mut scene, Vec3::splat(0.7));
+/// A room of 6 x 2.5 x 3 m that is open towards the camera, with a lamp at its ceiling.
+fn room(name: &str, material: impl FnOnce(&mut Scene) -> Material) -> Scene {
+    let mut scene = empty(name);
+    let material = material(&mut scene);
+    let walls = add_material(&mut scene, material);
     let lamp = Material { base_color: vec4(0.0, 0.0, 0.0, 1.0), emissive: Vec3::splat(20.0), ..matte() };
     let lamp = add_material(&mut scene, lamp);
     let (x, y, z) = (6.0 * Vec3::X, 2.5 * Vec3::Y, 3.0 * Vec3::Z);
     let corner = vec3(-3.0, 0.0, -3.0);
-    place(&mut scene, quad(corner, z, x, white)); // floor
-    place(&mut scene, quad(corner + y, x, z, white)); // ceiling
-    place(&mut scene, quad(corner, x, y, white)); // back
-    place(&mut scene, quad(corner, y, z, white)); // left
-    place(&mut scene, quad(corner + x, z, y, white)); // right
+    let [floor, ceiling] = [quad(corner, z, x, walls), quad(corner + y, x, z, walls)];
+    let [back, left, right] = [quad(corner, x, y, walls), quad(corner, y, z, walls), quad(corner + x, z, y, walls)];
+    for mut wall in [floor, ceiling, back, left, right] {
+        let edges = [1, 3].map(|i| wall.positions[i].distance(wall.positions[0]));
+        wall.uvs[0] = vec![Vec2::ZERO, vec2(edges[0], 0.0), Vec2::from(edges), vec2(0.0, edges[1])];
+        place(&mut scene, wall);
+    }
     place(&mut scene, quad(vec3(-2.0, 2.45, -2.0), Vec3::X, Vec3::Z, lamp));
-    let wall = add_mesh(&mut scene, block(white));
+    scene
+}
+
+fn looked_into(scene: Scene) -> Subject {
+    let name = scene.name.clone();
+    Subject::new(&name, scene, still_rig(vec3(0.0, 1.25, 3.5), -Vec3::Z, Vec3::Y, 0.4))
+}
+
+/// A cell covers several tiles. Its light is that over the albedo of all, not a mean that counts black tiles as dark.
+#[test]
+fn cells_keep_the_light_of_tiles() {
+    for texels in [[[0, 0, 0, 255], [230, 230, 230, 255]], [[230, 0, 0, 255], [230, 230, 230, 255]]] {
+        let subject = looked_into(room("tiled room", |scene| {
+            let [a, b] = texels;
+            let image = add_image(scene, Image { extent: Extent::new(2, 2), pixels: vec![a, b, b, a] });
+            scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: false });
+            let uv_from_uv = Affine2::from_scale(Vec2::splat(8.0));
+            Material { base_color_texture: Some(TextureRef { texture: 0, uv_set: 0, uv_from_uv }), ..matte() }
+        }));
+        let [off, on] = [false, true].map(|cache| {
+            let mut stage = Stage::alone(&subject, &settings(&subject, cache));
+            let frames: Vec<Frame> = (0..2 * FRAMES as u32).map(|i| stage.frame(i)).collect();
+            let pixels = frames[FRAMES..].iter().flat_map(|frame| &frame.linear.left.pixels);
+            let light = pixels.map(|pixel| DVec3::from_array(pixel.map(f64::from))).sum::<DVec3>();
+            (light, rays(&frames[frames.len() - 1]))
+        });
+        let ratio = on.0 / off.0;
+        println!("{texels:?}: {ratio:.5} of the light, {} rays without and {} with a cache", off.1, on.1);
+        assert!(on.1 * 20 < off.1 * 19, "{} rays without and {} with a cache", off.1, on.1);
+        // The brightest channel has 1.002 to 1.004 of its light. Black tiles that count as dark cost 0.008.
+        assert!((ratio - 1.0).abs().max_element() < 0.006, "{texels:?}: {ratio} of the light");
+    }
+}
+
+/// Two rooms side by side with a wall of 5 cm between them. The lamp is in the left one; no light reaches the right one.
+fn rooms() -> Subject {
+    let mut scene = room("two rooms", |_| Material { base_color: Vec3::splat(0.7).extend(1.0), ..matte() });
+    let wall = add_mesh(&mut scene, block(0));
     let at = Affine3A::from_scale_rotation_translation(vec3(0.05, 2.5, 3.0), Quat::IDENTITY, vec3(0.0, 1.25, -1.5));
     instance(&mut scene, wall, at);
-    Subject::new("two rooms", scene, still_rig(vec3(0.0, 1.25, 3.5), -Vec3::Z, Vec3::Y, 0.4))
+    looked_into(scene)
 }
 
 #[test]
