@@ -3,7 +3,7 @@
 use glam::{Affine2, Affine3A, DVec3, Quat, Vec2, Vec3, vec2, vec3, vec4};
 
 use super::moving::watched;
-use crate::common::{Frame, Stage, Subject, devices_to_lose, still_rig};
+use crate::common::{Frame, Stage, Subject, devices_to_lose, sampled, still_rig};
 use crate::reference::scenes::moving::everything;
 use crate::reference::scenes::{add_image, add_material, add_mesh, block, empty, instance, matte, place, quad};
 use crate::same_bytes::{HEIGHT, Script, assert_same, ratios};
@@ -119,7 +119,7 @@ fn mean(image: &RgbImage) -> f64 {
 
 #[test]
 fn cached_frames_keep_the_mean_and_the_error() {
-    for name in ["builtin:cornell", "builtin:gallery"] {
+    for name in sampled(["builtin:cornell", "builtin:gallery"], 2) {
         let subject = Subject::load(name);
         let mut reference = subject.settings(WIDTH, HEIGHT);
         (reference.seed, reference.envelope.most.spp) = (99, 64);

@@ -6,7 +6,7 @@ use diptych::passes::Aov;
 use diptych::stages::Sampler;
 
 use super::*;
-use crate::common::with;
+use crate::common::{sampled, with};
 
 fn quality(denoiser: Denoiser, (spp, bounces, iterations, scale, fovea): Numbers) -> Quality {
     let (spp, extra) = (spp as u32, spp.fract());
@@ -81,7 +81,7 @@ fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
 #[test]
 fn exposures_of_frames_change_their_pictures_alone() {
     let subject = Subject::load("builtin:studio");
-    for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
+    for denoiser in sampled([Denoiser::SVGF, Denoiser::BMFR], 2) {
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
         settings.envelope.most.denoiser = Some(denoiser);
         let images = |ev_of: &dyn Fn(u32) -> f32| {
@@ -165,7 +165,7 @@ fn pixels_of_tiles_that_differ_have_the_bytes_of_frames_of_their_samples() {
         let counts = stage.aov(0);
         [(image.left, counts.left), (image.right, counts.right)]
     };
-    for least in [1.0, 4.0] {
+    for least in sampled([1.0, 4.0], 2) {
         let [few, many, between] = [0.0, 1.0, 0.5].map(|extra| frame(least + extra, 2));
         for (eye, (image, counts)) in between.iter().enumerate() {
             for (i, (pixel, &count)) in image.pixels.iter().zip(&counts[0]).enumerate() {

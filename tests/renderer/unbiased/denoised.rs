@@ -97,7 +97,7 @@ fn following_mirrors_changes_the_noise_and_not_the_mean() {
 /// Add rows in [`lit::POLISHED`].
 #[test]
 fn following_reflections_in_polish_changes_the_noise_and_not_the_mean() {
-    for ((name, polished), bounces) in sampled(lit::POLISHED.into_iter().zip([2, 3, 3, 2]), 3) {
+    for ((name, polished), bounces) in sampled(lit::POLISHED.into_iter().zip([2, 3, 3, 2]), 4) {
         let subject = subject(lit::things(name, polished));
         assert!(subject.needs.polish, "{name}");
         let noise = assert_mean_stays(name, &subject, bounces, |settings, is_on| settings.follow_mirrors = is_on);
@@ -108,7 +108,7 @@ fn following_reflections_in_polish_changes_the_noise_and_not_the_mean() {
 /// Add rows in [`lit::NARROW`].
 #[test]
 fn light_of_narrow_lobes_outside_the_denoiser_changes_no_mean() {
-    for (name, add_balls) in sampled(lit::NARROW.into_iter().chain([lit::MIRRORS[2]]), 2) {
+    for (name, add_balls) in sampled(lit::NARROW.into_iter().chain([lit::MIRRORS[2]]), 3) {
         let subject = subject(lit::things(name, add_balls));
         assert!(subject.needs.narrow_lobes, "{name}");
         let noise = assert_mean_stays(name, &subject, 2, |settings, is_on| settings.bypass_narrow_lobes = is_on);
