@@ -44,6 +44,7 @@ pub mod image;
 pub mod scene;
 pub mod wgsl;
 pub mod projection;
+pub mod frame;
 pub mod accel;
 pub mod graph;
 pub mod passes;

@@ -1,7 +1,6 @@
 //! Quality settings of a frame: the types that ladders, reports, traces, `bench` and the renderer share.
 
 mod envelope;
-mod spp;
 
 use std::fmt::{self, Display};
 use std::ops::RangeInclusive;
@@ -11,10 +10,10 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::passes::denoise;
 use crate::projection::within;
 
+pub use crate::frame::Spp;
 pub use crate::passes::denoise::Denoiser;
 pub use crate::projection::{LogPolar, PolarSpace};
 pub use envelope::Envelope;
-pub use spp::Spp;
 
 /// Settings that determine the quality of a frame. Ladder files call them `knobs`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

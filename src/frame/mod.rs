@@ -1,0 +1,5 @@
+//! What a frame is made from. Nothing here needs a device.
+
+pub mod samples;
+
+pub use samples::Spp;
