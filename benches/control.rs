@@ -7,6 +7,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use diptych::control::{Budget, Control, Controller, Ladder, Origin, Rung};
+use diptych::frame::Samples;
 use diptych::quality::Quality;
 
 fn options() -> (usize, usize) {
@@ -33,8 +34,7 @@ fn ladder(rungs: usize) -> Ladder {
         relmse: None,
         is_estimated: false,
         quality: Quality {
-            spp: 1,
-            extra: 0.0,
+            spp: Samples::ONE,
             bounces: 6,
             denoiser: None,
             iterations: [0; 3],

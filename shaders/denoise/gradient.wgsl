@@ -43,7 +43,7 @@ struct Retraced {
 
 // Whether a frame has probes: whether pixels have several samples.
 fn has_probes(sampling: Sampling) -> bool {
-    return sampling.is_jittered != 0u || sampling.extra_fraction > 0.0;
+    return sampling.samples.is_jittered != 0u || sampling.samples.extra > 0.0;
 }
 
 // Whether a frame with probes has one in a tile. Rows of tiles take turns, so that lanes that run together do the same

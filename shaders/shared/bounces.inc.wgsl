@@ -123,7 +123,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, medium_in: Medium, sampli
             s = surface_at(hit.prim, hit.bary, origin, direction);
             if IS_REGULARIZED {
                 is_wide = is_wide || (!b.is_delta && b.pdf < NARROW_PDF);
-                regularize(&s, is_wide, sampling.spp);
+                regularize(&s, is_wide, sampling.samples.least);
             }
             if HAS_TRANSMISSION {
                 medium = medium_before(s, medium);

@@ -19,7 +19,7 @@ fn launched_samples(pixel: vec2<u32>) -> vec2<u32> {
     }
     let count = samples_of(pixel);
     // Pixels of one sample, at the centre, and of several have launches of their own.
-    let is_of_launch = frame.sampling.is_jittered != 0u || JITTER == (count > 1u);
+    let is_of_launch = frame.sampling.samples.is_jittered != 0u || JITTER == (count > 1u);
     return vec2<u32>(begin, select(begin, max(begin, min(pass_.args[1], count)), is_of_launch));
 }
 

@@ -8,7 +8,7 @@ const MOST_FLOAT: f32 = 3.0e38;
 
 // Mean samples per pixel of this frame.
 fn mean_samples() -> f32 {
-    return f32(frame.sampling.spp) + frame.sampling.extra_fraction;
+    return f32(frame.sampling.samples.least) + frame.sampling.samples.extra;
 }
 
 fn luminance(c: vec3<f32>) -> f32 {

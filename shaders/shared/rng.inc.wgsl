@@ -37,10 +37,10 @@ fn rng_for(pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
 // Generator for a sample of a pixel in a frame with the constants `sampling`.
 fn rng_in(sampling: Sampling, pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
     let key = hash_combine(hash_combine(sampling.seed, sampling.index), view);
-    let number = sampling.sample_base + sample;
-    if SOBOL && sampling.curve_shift < NO_CURVE {
+    let number = sampling.samples.first + sample;
+    if SOBOL && sampling.samples.curve_shift < NO_CURVE {
         let place = spread_bits(pixel.x) | (spread_bits(pixel.y) << 1u);
-        return Rng(key, (place << sampling.curve_shift) | number, 0u);
+        return Rng(key, (place << sampling.samples.curve_shift) | number, 0u);
     }
     return Rng(hash_combine(hash_combine(key, pixel.x), pixel.y), number, 0u);
 }

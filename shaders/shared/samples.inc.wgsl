@@ -10,12 +10,12 @@ const SAMPLES_TILE = vec2<u32>(8u, 4u);
 // every aligned block of 2^k tiles has as many extra samples as it should. It advances from frame to frame like that of
 // the sampling mask.
 fn samples_of(pixel: vec2<u32>) -> u32 {
-    let sampling = frame.sampling;
+    let samples = frame.sampling.samples;
     if !VARIES_SAMPLES {
-        return sampling.spp;
+        return samples.least;
     }
     let tile = pixel / SAMPLES_TILE;
     let place = spread_bits(tile.x) | (spread_bits(tile.y) << 1u);
-    let threshold = reverseBits(laine_karras(place, 0x7f4a7c15u)) + sampling.mask_turn;
-    return sampling.spp + select(0u, 1u, unit_float(threshold) < sampling.extra_fraction);
+    let threshold = reverseBits(laine_karras(place, 0x7f4a7c15u)) + frame.sampling.mask_turn;
+    return samples.least + select(0u, 1u, unit_float(threshold) < samples.extra);
 }

@@ -1,6 +1,7 @@
 //! Auxiliary images that determine the kinds of pixels, and which pixels of the eyes show the same surface.
 
 use crate::exec::ranks::Devices;
+use crate::frame::Samples;
 use crate::image::{Image, RgbImage};
 use crate::loaded::LoadedScene;
 use crate::metrics::kinds::{Guides, KindMap};
@@ -20,16 +21,8 @@ pub const AOVS: [Aov; 6] =
 
 /// Quality at which auxiliary images are rendered: the cheapest, since they do not depend on light, with all the mirrors
 /// and panes that a chain may have.
-const QUALITY: Quality = Quality {
-    spp: 1,
-    extra: 0.0,
-    bounces: 8,
-    denoiser: None,
-    iterations: [0; 3],
-    fovea: None,
-    polar: None,
-    scale: 1.0,
-};
+const QUALITY: Quality =
+    Quality { spp: Samples::ONE, bounces: 8, denoiser: None, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
 
 /// Collects the images that `read` returns for each of [`AOVS`].
 pub fn guides<E>(mut read: impl FnMut(Aov) -> Result<RgbImage, E>) -> Result<Guides, E> {

@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use crate::device::{ShaderChecks, TraversalChoice};
+use crate::frame::Samples;
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::passes::Aov;
-use crate::quality::{Quality, Spp};
+use crate::quality::Quality;
 use crate::report::once;
 use crate::schedule::RatioRule;
 use crate::stages::Sampler;
@@ -246,7 +247,7 @@ pub struct RenderOptions {
     ///
     /// Between two whole numbers, each tile of 8x4 pixels takes one of them.
     #[arg(long, default_value = "1", value_name = "N", value_parser = spp, help_heading = QUALITY)]
-    pub spp: Spp,
+    pub spp: Samples,
     /// Maximum bounces
     ///
     /// Direct light is always included, so 0 and 1 are equivalent.
@@ -299,12 +300,12 @@ fn max_dispatch_ms(text: &str) -> Result<f64, String> {
 
 /// Maximum samples per pixel of one frame; --reference accumulates more in passes.
 /// Parses a number of samples per pixel.
-pub fn spp(text: &str) -> Result<Spp, String> {
+pub fn spp(text: &str) -> Result<Samples, String> {
     text.parse()
 }
 
 /// Parses a number of samples per pixel that a single frame may have.
-pub fn frame_spp(text: &str) -> Result<Spp, String> {
+pub fn frame_spp(text: &str) -> Result<Samples, String> {
     let spp = spp(text)?;
     spp.check().map(|()| spp)
 }
@@ -314,8 +315,7 @@ const MAX_FRAME_SPP: u32 = 1 << 20;
 impl RenderOptions {
     /// Returns the options of one frame of this quality, with [`FoveationOptions::for_quality`].
     pub fn single(run: RunOptions, quality: &Quality) -> Self {
-        let Quality { bounces, denoiser, scale, .. } = *quality;
-        let spp = quality.samples();
+        let Quality { spp, bounces, denoiser, scale, .. } = *quality;
         let foveated = FoveationOptions::for_quality(quality);
         let (frames, fps, frames_in_flight, aov) = (1, 1.0, 1, Vec::new());
         Self { run, spp, bounces, scale, denoiser, foveated, frames, fps, frames_in_flight, aov, is_late: false }
@@ -323,11 +323,11 @@ impl RenderOptions {
 
     /// Returns the quality of every frame. If all layers have 0 iterations, there is no denoiser.
     pub fn quality(&self) -> Quality {
-        let Self { spp: Spp { least: spp, extra }, bounces, denoiser, ref foveated, scale, .. } = *self;
+        let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
         let iterations = denoiser.map_or([0; 3], |d| foveated.layer_iterations().map(|n| n.min(d.most_iterations())));
         let denoiser = denoiser.filter(|_| iterations != [0; 3]);
         let (fovea, polar) = (foveated.radii(), foveated.space());
-        Quality { spp, extra, bounces, denoiser, iterations, fovea, polar, scale }
+        Quality { spp, bounces, denoiser, iterations, fovea, polar, scale }
     }
 
     /// Returns the requested auxiliary images without duplicates.

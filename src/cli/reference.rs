@@ -88,7 +88,7 @@ pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
         }
     }
     let spp = if given.typed("spp").is_some() { options.spp } else { SPP.into() };
-    if spp.extra > 0.0 {
+    if spp.varies() {
         return Err(Failure::Input(anyhow::anyhow!("--reference takes a whole number of samples, not --spp {spp}")));
     }
     Ok(RenderOptions { spp, ..options.clone() })

@@ -332,7 +332,7 @@ fn reference_frame(
             let rectified = shot.rig.optics.as_ref().zip(renderer.rectified());
             images.overlay(report.stripe_edges(), rectified);
         }
-        let quality = Quality { spp: done.row.spp, extra: 0.0, ..options.quality() };
+        let quality = Quality { spp: done.row.spp.into(), ..options.quality() };
         rows.frames.push(args.row(&report, &quality, &shot.rig, plan.time_s(index)));
     }
     let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, plan.time_s(index), index);

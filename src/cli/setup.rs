@@ -193,7 +193,7 @@ pub fn renderer_with(
 
 /// Returns the configuration of all frames.
 pub fn config(options: &RenderOptions, loaded: &LoadedScene, envelope: &Envelope) -> Result<RunConfig, Failure> {
-    let most = Quality { extra: envelope.most.extra, ..options.quality() };
+    let most = Quality { spp: envelope.most.spp, ..options.quality() };
     let envelope = Envelope { most, mixes_spp: envelope.mixes_spp };
     let config = RunConfig::for_envelope(loaded, options.size, envelope);
     let mut config = config.map_err(|what| Failure::Input(anyhow!("{what}")))?;

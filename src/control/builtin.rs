@@ -3,10 +3,11 @@
 use std::f64::consts::PI;
 
 use super::Rung;
+use crate::frame::Samples;
 use crate::graph::Stage;
 use crate::passes::gbuffer::STAGE as GBUFFER;
 use crate::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
-use crate::quality::{Denoiser, Quality, Spp};
+use crate::quality::{Denoiser, Quality};
 use crate::schedule::RelativeCost;
 
 /// Maximum samples per pixel of the candidates.
@@ -30,10 +31,10 @@ pub const FOVEAE: [[f64; 2]; 3] = [[0.3, 0.6], [0.15, 0.3], [0.1, 0.2]];
 pub const TRACING: [Stage; 3] = [GBUFFER, PATH_TRACE, HOLE_FILL];
 
 /// Returns the samples per pixel of the candidates: from 1 to [`MOST_SPP`], in even ratios.
-fn samples() -> impl Iterator<Item = Spp> {
+fn samples() -> impl Iterator<Item = Samples> {
     (0..=MOST_SPP.ilog2() * STEPS).map(|step| {
         let mean = (2f64.powf(f64::from(step) / f64::from(STEPS)) * PARTS).round() / PARTS;
-        Spp { least: mean as u32, extra: mean.fract() }
+        Samples::of_mean(mean)
     })
 }
 
@@ -46,12 +47,11 @@ pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
     let mut all = Vec::new();
     for (&iterations, &fovea) in iterations.iter().flat_map(|i| foveae.iter().map(move |f| (i, f))) {
         let iterations = [iterations; 3];
-        for Spp { least: spp, extra } in samples() {
-            let sparse = if (spp, extra) == (1, 0.0) && filters { &SPARSE_SCALES[..] } else { &[] };
+        for spp in samples() {
+            let sparse = if spp == Samples::ONE && filters { &SPARSE_SCALES[..] } else { &[] };
             for &scale in sparse.iter().chain(&[1.0]) {
                 all.extend(BOUNCES.map(|bounces| Quality {
                     spp,
-                    extra,
                     bounces,
                     denoiser,
                     iterations,
@@ -81,7 +81,7 @@ fn sampled_fraction(quality: &Quality) -> f64 {
 /// light with noise and blur, for which each denoiser has its own formula. `missing_light` is the fraction of light
 /// that further bounces would add.
 pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
-    let samples = quality.samples().mean() * sampled_fraction(quality);
+    let samples = quality.spp.mean() * sampled_fraction(quality);
     let iterations = quality.most_iterations();
     let noise = match quality.denoiser {
         Some(denoiser) if iterations > 0 => denoiser.method().estimated_flip(samples, iterations, rows),
@@ -94,7 +94,7 @@ pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
 /// Estimates the relative cost of path tracing without measurements. Russian roulette ends most paths after four
 /// bounces.
 pub fn guessed_paths(quality: &Quality) -> f64 {
-    quality.samples().mean() * sampled_fraction(quality) * f64::from(1 + quality.bounces.clamp(1, 4))
+    quality.spp.mean() * sampled_fraction(quality) * f64::from(1 + quality.bounces.clamp(1, 4))
 }
 
 /// Estimates the relative cost of tracing at a quality without measurements.
@@ -153,7 +153,7 @@ mod tests {
     fn rung(spp: u32, bounces: u32, path_ms: Option<f64>) -> Rung {
         let denoiser = Some(Denoiser::SVGF);
         let quality =
-            Quality { spp, extra: 0.0, bounces, denoiser, iterations: [3; 3], fovea: None, polar: None, scale: 1.0 };
+            Quality { spp: spp.into(), bounces, denoiser, iterations: [3; 3], fovea: None, polar: None, scale: 1.0 };
         let stage_ms = path_ms.map(|ms| ("path_trace".to_owned(), ms)).into_iter().collect();
         let rays = Default::default();
         let (flip, flicker, relmse, is_estimated) = (None, None, None, true);
@@ -171,7 +171,7 @@ mod tests {
                 assert!((0.0..1.0).contains(&error(a)));
                 let more = |b: &&Quality| {
                     let wider = b.fovea.zip(a.fovea).is_none_or(|([b, _], [a, _])| b >= a);
-                    let numbers = |q: &Quality| (q.samples().mean(), q.bounces, q.iterations);
+                    let numbers = |q: &Quality| (q.spp.mean(), q.bounces, q.iterations);
                     let ((bs, bb, bi), (s, bounces, i)) = (numbers(b), numbers(a));
                     bs >= s && bb >= bounces && bi == i && b.scale >= a.scale && wider && *b != a
                 };

@@ -7,9 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use super::rung::{FileRung, Measure, Rung};
 use super::{front, mean_error};
+use crate::frame::Samples;
 use crate::image::ImageError;
 use crate::image::file::atomic_write;
-use crate::quality::{Denoiser, Spp};
+use crate::quality::Denoiser;
 
 /// Relative difference in time below which measurements cannot distinguish two rungs of a front.
 pub const MIN_STEP: f64 = 0.03;
@@ -124,11 +125,11 @@ impl Ladder {
             }
             let ratio = above.time_ms / rung.time_ms;
             let steps = (ratio.ln() / FINE_STEP.ln_1p()).ceil();
-            let [low, high] = [rung, above].map(|r| r.quality.samples().mean());
+            let [low, high] = [rung, above].map(|r| r.quality.spp.mean());
             let samples = (1..steps as u32).map(|step| {
                 let part = (ratio.powf(f64::from(step) / steps) - 1.0) / (ratio - 1.0);
                 let mean = low + (high - low) * part;
-                Spp { least: mean as u32, extra: mean.fract() }
+                Samples::of_mean(mean)
             });
             rungs.extend(samples.filter_map(|samples| rung.between(above, samples)));
         }

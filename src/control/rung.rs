@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::frame::Samples;
 use crate::projection::within;
-use crate::quality::{Quality, Spp};
+use crate::quality::Quality;
 
 /// The measure of the errors of a ladder's rungs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -132,11 +133,10 @@ pub fn mix(a: &BTreeMap<String, f64>, b: &BTreeMap<String, f64>, part: f64) -> B
 impl Rung {
     /// Returns the rung with `samples` per pixel between this one and `above`; `None` unless these differ in nothing but
     /// their samples and `samples` is between theirs. Times grow linearly with samples, errors fall as a power of them.
-    pub fn between(&self, above: &Self, samples: Spp) -> Option<Self> {
-        let Spp { least: spp, extra } = samples;
-        let [low, high, mean] = [self.quality.samples(), above.quality.samples(), samples].map(Spp::mean);
-        let quality = Quality { spp, extra, ..self.quality };
-        if quality != (Quality { spp, extra, ..above.quality }) || !(low < mean && mean < high) {
+    pub fn between(&self, above: &Self, spp: Samples) -> Option<Self> {
+        let [low, high, mean] = [self.quality.spp, above.quality.spp, spp].map(Samples::mean);
+        let quality = Quality { spp, ..self.quality };
+        if quality != (Quality { spp, ..above.quality }) || !(low < mean && mean < high) {
             return None;
         }
         let part = (mean - low) / (high - low);

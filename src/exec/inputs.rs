@@ -38,8 +38,6 @@ impl Inputs {
     /// Returns the number of samples in the images of both eyes.
     pub(super) fn samples(&self) -> u64 {
         let layout::Frame { camera, sampling, .. } = self.constants;
-        2 * u64::from(camera.width)
-            * u64::from(camera.height)
-            * u64::from(sampling.spp.max(1) + u32::from(sampling.extra_fraction > 0.0))
+        2 * u64::from(camera.width) * u64::from(camera.height) * u64::from(sampling.samples.most())
     }
 }

@@ -22,7 +22,7 @@ const MOST_COUNTED: u64 = 0xfffff;
 /// through the pixel's centre.
 fn most_rays(constants: &Frame) -> u64 {
     let Frame { sampling, lights, .. } = constants;
-    let samples = u64::from(sampling.spp.max(1)) + u64::from(sampling.extra_fraction > 0.0);
+    let samples = u64::from(sampling.samples.most());
     let suns = if lights.has_hard_suns == 0 { 0 } else { lights.directional_count };
     let shadow = 1 + MOST_PANES;
     let first = 1 + MOST_LINKS + 2 + 3 * (u64::from(lights.hard_count) + u64::from(suns)) * shadow;
@@ -55,11 +55,12 @@ pub fn check(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::samples::PixelSamples;
     use crate::stages::layout::{Lights, Sampling};
     use crate::stages::shader_text_of;
 
     fn frame(spp: u32, reflections: u32, hard_count: u32) -> Frame {
-        let sampling = Sampling { spp, reflections, ..Default::default() };
+        let sampling = Sampling { samples: PixelSamples::own(0..spp, true), reflections, ..Default::default() };
         Frame { sampling, lights: Lights { hard_count, ..Default::default() }, ..Default::default() }
     }
 

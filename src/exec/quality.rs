@@ -7,15 +7,7 @@ use crate::stages::RunConfig;
 pub(super) fn check(quality: &Quality, config: &RunConfig) -> Result<(), String> {
     let most = config.quality();
     let (iterations, most_iterations) = (quality.most_iterations(), most.most_iterations());
-    if quality.spp == 0 || quality.spp > most.spp {
-        return Err(format!("{} samples per pixel are outside the range 1 to {}", quality.spp, most.spp));
-    }
-    if quality.extra > most.extra {
-        return Err("it has no pipelines for pixels that differ in samples".to_owned());
-    }
-    if (quality.spp > 1) != config.jitter(quality.spp) {
-        return Err("it has no pipelines for one sample per pixel".to_owned());
-    }
+    quality.spp.check_within(most.spp, config.envelope.centres_one())?;
     if !(quality.scale > 0.0 && quality.scale <= 1.0) || (quality.scale < 1.0 && !config.leaves_pixels()) {
         return Err(format!("it has no pipelines for a render scale of {}", quality.scale));
     }

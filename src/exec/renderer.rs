@@ -14,12 +14,13 @@ use super::ranks::Devices;
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, costs, quality};
 use crate::device::{DeviceFailure, DeviceInfo, Traversal};
+use crate::frame::samples::PixelSamples;
 use crate::graph::{Assignment, FrameGraph, Resource};
 use crate::image::Extent;
 use crate::projection::Polar;
 use crate::scene::rig::Rig;
 use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, cuts, simulate};
-use crate::stages::frame_constants::{Samples, constants};
+use crate::stages::frame_constants::constants;
 use crate::stages::search_range::history_rows;
 use crate::stages::{Foveation, Place, RunConfig, SceneTables, StageError, layout};
 
@@ -205,7 +206,7 @@ impl Renderer {
     /// # Errors
     /// Those of [`Self::finish`].
     pub fn render_samples(&mut self, params: &FrameParams, samples: Range<u32>) -> Result<FrameReport, ExecError> {
-        self.begin_with(params, &Samples::Own(samples), &[])?;
+        self.begin_with(params, PixelSamples::own(samples, self.config.envelope.centres_one()), &[])?;
         self.finish_last()
     }
 
@@ -218,10 +219,11 @@ impl Renderer {
     /// Those of [`Self::check`], and of [`Self::finish`] if the oldest frame is finished first.
     pub fn begin(&mut self, params: &FrameParams, reads: &[Resource]) -> Result<(), ExecError> {
         self.check(params)?;
-        self.begin_with(params, &Samples::First(params.quality.spp), reads)
+        let centres_one = self.config.envelope.centres_one();
+        self.begin_with(params, params.quality.spp.shared(self.config.grid(), centres_one), reads)
     }
 
-    fn begin_with(&mut self, params: &FrameParams, samples: &Samples, reads: &[Resource]) -> Result<(), ExecError> {
+    fn begin_with(&mut self, params: &FrameParams, samples: PixelSamples, reads: &[Resource]) -> Result<(), ExecError> {
         let FrameParams { time_s, quality, .. } = *params;
         let mut constants = constants(&self.config, params, &self.tables, samples);
         if self.frames.is_full() {
@@ -375,7 +377,7 @@ impl Renderer {
             pixel_centre: inputs.constants.camera.centre.to_array(),
             shown_from: None,
         };
-        let samples = self.config.sample_counts(&inputs.constants.sampling);
+        let samples = inputs.constants.sampling.samples;
         let cuts = |device: usize| {
             let bound_ms = self.max_dispatch_ms[device];
             bound_ms.map_or_else(Vec::new, |ms| cuts(&graph, &self.costs, device, ms, samples))

@@ -2,4 +2,4 @@
 
 pub mod samples;
 
-pub use samples::Spp;
+pub use samples::Samples;

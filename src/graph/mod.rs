@@ -7,7 +7,6 @@
 
 mod build;
 mod halo;
-mod launch;
 mod transfer_batches;
 mod pass;
 mod program;
@@ -17,9 +16,9 @@ mod stripes;
 mod task;
 mod uses;
 
+pub use crate::frame::samples::Launch;
 pub use build::FrameGraph;
 pub use halo::{HaloPlan, Seam};
-pub use launch::{Launch, Run, SampleCounts, runs};
 pub use pass::{Chain, Dispatch, Kernel, Partition, Pass, SceneUse, Stage, Work};
 pub use program::{Bound, Linked, Program, ProgramError};
 pub use resource::{Format, Grid, Image, LIST_HEADER, Life, Projection, Resource, Scope, Size};

@@ -1,9 +1,9 @@
 //! The declaration of a pass: its shader, its bindings, and where it runs. Everything else is derived from it: bind
 //! groups and their order, images, transfers, history, units of cost, and names in reports.
 
-use super::launch::Launch;
 use super::resource::{Grid, Resource, Scope};
 use super::uses::Use;
+use crate::frame::samples::Launch;
 use crate::scene::rig::Eye;
 use crate::wgsl::Constant;
 

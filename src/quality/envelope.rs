@@ -3,12 +3,14 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Denoiser, PolarSpace, Quality};
+use crate::frame::Samples;
+use crate::frame::samples;
 use crate::passes::denoise;
 
 /// The bounds of the qualities that the frames of a run may have.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope {
-    /// Maximum samples, extra samples, bounces and iterations, and minimum render scale. All frames have the denoiser and the polar
+    /// Maximum samples, bounces and iterations, and minimum render scale. All frames have the denoiser and the polar
     /// projection that are set here.
     #[serde(with = "AllFields")]
     pub most: Quality,
@@ -21,8 +23,8 @@ pub struct Envelope {
 #[derive(Serialize, Deserialize)]
 #[serde(remote = "Quality")]
 struct AllFields {
-    spp: u32,
-    extra: f64,
+    #[serde(with = "samples::pair")]
+    spp: Samples,
     bounces: u32,
     #[serde(serialize_with = "denoise::serialize", deserialize_with = "denoise::deserialize")]
     denoiser: Option<Denoiser>,
@@ -39,8 +41,7 @@ impl Envelope {
         let Some(first) = qualities.first() else { return Self::from(Quality::default()) };
         let most = |number: fn(&Quality) -> u32| qualities.iter().map(number).fold(0, u32::max);
         let most = Quality {
-            spp: most(|q| q.spp),
-            extra: qualities.iter().map(|q| q.extra).fold(0.0, f64::max),
+            spp: qualities.iter().map(|q| q.spp).fold(first.spp, Samples::max),
             bounces: most(|q| q.bounces),
             denoiser: qualities.iter().fold(first.denoiser, |denoiser: Option<Denoiser>, q| denoiser.or(q.denoiser)),
             iterations: [most(Quality::most_iterations); 3],
@@ -48,14 +49,30 @@ impl Envelope {
             polar: qualities.iter().find_map(|q| q.polar),
             scale: qualities.iter().map(|q| q.scale).fold(1.0, f64::min),
         };
-        let mixes_spp = qualities.iter().any(|q| q.spp == 1 && (most.spp > 1 || most.extra > 0.0));
+        let mixes_spp = qualities.iter().any(|q| q.spp.least == 1 && most.spp != Samples::ONE);
         Self { most, mixes_spp }
     }
 }
 
 impl From<Quality> for Envelope {
     fn from(most: Quality) -> Self {
-        Self { most, mixes_spp: most.spp == 1 && most.extra > 0.0 }
+        Self { most, mixes_spp: most.spp.is_between_one_and_two() }
+    }
+}
+
+impl Envelope {
+    /// Returns true if a pixel's only sample is at its centre. Several are always jittered.
+    pub fn centres_one(&self) -> bool {
+        self.mixes_spp || self.most.spp.least == 1
+    }
+
+    /// Returns whether samples are jittered, in each kind of launch that frames may have.
+    pub fn jitters(&self) -> &'static [bool] {
+        match (self.centres_one(), self.mixes_spp) {
+            (_, true) => &[false, true],
+            (false, false) => &[true],
+            (true, false) => &[false],
+        }
     }
 }
 
@@ -66,9 +83,10 @@ mod tests {
     #[test]
     fn an_envelope_holds_its_qualities() {
         let basic = Quality::default();
-        let all = [Quality { spp: 4, iterations: [2, 3, 4], ..basic }, Quality { scale: 0.5, bounces: 2, ..basic }];
+        let all =
+            [Quality { spp: 4.into(), iterations: [2, 3, 4], ..basic }, Quality { scale: 0.5, bounces: 2, ..basic }];
         let Envelope { most, mixes_spp } = Envelope::of(&all);
-        assert_eq!((most.spp, most.bounces, most.iterations, most.scale, mixes_spp), (4, 6, [5; 3], 0.5, true));
+        assert_eq!((most.spp.least, most.bounces, most.iterations, most.scale, mixes_spp), (4, 6, [5; 3], 0.5, true));
         assert!(!Envelope::of(&all[..1]).mixes_spp);
         assert_eq!(Envelope::of(&[]), Envelope::from(basic));
     }

@@ -7,10 +7,11 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use crate::frame::Samples;
+use crate::frame::samples;
 use crate::passes::denoise;
 use crate::projection::within;
 
-pub use crate::frame::Spp;
 pub use crate::passes::denoise::Denoiser;
 pub use crate::projection::{LogPolar, PolarSpace};
 pub use envelope::Envelope;
@@ -19,11 +20,9 @@ pub use envelope::Envelope;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quality {
-    /// Samples per pixel, at least 1.
-    pub spp: u32,
-    /// Fraction of tiles of 8x4 pixels, at least 0 and less than 1, that take one more sample per pixel.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub extra: f64,
+    /// Samples per traced pixel.
+    #[serde(flatten, serialize_with = "samples::as_members")]
+    pub spp: Samples,
     /// Maximum bounces. Direct light is always included, so 0 and 1 are equivalent.
     pub bounces: u32,
     #[serde(serialize_with = "denoise::serialize", deserialize_with = "denoise::deserialize")]
@@ -48,7 +47,7 @@ impl Default for Quality {
     /// Returns the quality of `diptych render` by default: 1 sample, 6 bounces, and svgf with 5 iterations.
     fn default() -> Self {
         let (denoiser, iterations) = (Some(Denoiser::SVGF), [Denoiser::DEFAULT_ITERATIONS; 3]);
-        Self { spp: 1, extra: 0.0, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 }
+        Self { spp: Samples::ONE, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 }
     }
 }
 
@@ -62,17 +61,12 @@ impl Quality {
         inner.max(middle).max(outer)
     }
 
-    /// Returns the samples per traced pixel.
-    pub fn samples(&self) -> Spp {
-        Spp { least: self.spp, extra: self.extra }
-    }
-
     /// Checks whether all settings are valid.
     ///
     /// # Errors
     /// A message that names the invalid setting.
     pub fn check(&self) -> Result<(), String> {
-        self.samples().check()?;
+        self.spp.check()?;
         within("bounces", self.bounces, 0..=1024)?;
         within(
             "iterations",
@@ -96,17 +90,12 @@ impl Quality {
 
 impl Display for Quality {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { bounces, denoiser, scale, .. } = *self;
-        let spp = self.samples();
+        let Self { spp, bounces, denoiser, scale, .. } = *self;
         write!(f, "{} x{}, {bounces} bounces, {spp} spp", Denoiser::name_of(denoiser), self.most_iterations())?;
         let scale = if scale < 1.0 { format!(", scale {scale}") } else { String::new() };
         let polar = self.polar.map_or(String::new(), |space| format!(", {space}"));
         write!(f, "{scale}{}{polar}", layers_name(self.fovea))
     }
-}
-
-fn is_zero(value: &f64) -> bool {
-    *value == 0.0
 }
 
 /// Iterations in the format of files: one number if all foveal layers have the same, else one per layer.
@@ -135,10 +124,10 @@ fn deserialize_iterations<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameQuality {
-    pub spp: u32,
-    /// Fraction of tiles of 8x4 pixels that take one sample more than `spp`.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub extra: f64,
+    /// Samples per traced pixel.
+    #[serde(flatten, serialize_with = "samples::as_members")]
+    #[cfg_attr(test, schemars(with = "samples::Members"))]
+    pub spp: Samples,
     pub bounces: u32,
     pub iterations: u32,
     /// Per-axis render scale. 1 is full size.
@@ -149,29 +138,23 @@ pub struct FrameQuality {
 }
 
 impl FrameQuality {
-    /// Returns the samples per traced pixel.
-    pub fn per_pixel(&self) -> Spp {
-        Spp { least: self.spp, extra: self.extra }
-    }
-
     /// Returns the mean number of samples per pixel at this render scale. Foveation, which would reduce it further, is
     /// not taken into account.
     pub fn samples(&self) -> f64 {
-        self.per_pixel().mean() * self.scale * self.scale
+        self.spp.mean() * self.scale * self.scale
     }
 }
 
 impl From<&Quality> for FrameQuality {
     fn from(quality: &Quality) -> Self {
-        let Quality { spp, extra, bounces, fovea, scale, .. } = *quality;
-        Self { spp, extra, bounces, iterations: quality.most_iterations(), scale, fovea }
+        let Quality { spp, bounces, fovea, scale, .. } = *quality;
+        Self { spp, bounces, iterations: quality.most_iterations(), scale, fovea }
     }
 }
 
 impl Display for FrameQuality {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { bounces, iterations, scale, fovea, .. } = *self;
-        let spp = self.per_pixel();
+        let Self { spp, bounces, iterations, scale, fovea } = *self;
         let layers = layers_name(fovea);
         write!(f, "{spp} spp, {bounces} bounces, {iterations} iterations, scale {scale}{layers}")
     }
@@ -188,7 +171,7 @@ mod tests {
     #[test]
     fn files_have_one_number_of_iterations_where_layers_are_alike() {
         let (denoiser, fovea) = (Some(Denoiser::SVGF), Some([0.15, 0.3]));
-        let quality = Quality { spp: 2, denoiser, iterations: [5; 3], fovea, scale: 0.5, ..Quality::default() };
+        let quality = Quality { spp: 2.into(), denoiser, iterations: [5; 3], fovea, scale: 0.5, ..Quality::default() };
         let text = r#"{"spp":2,"bounces":6,"denoiser":"svgf","iterations":5,"fovea":[0.15,0.3],"scale":0.5}"#;
         assert_eq!(serde_json::to_string(&quality).unwrap(), text);
         assert_eq!(serde_json::from_str::<Quality>(text).unwrap(), quality);

@@ -70,7 +70,7 @@ const COLUMNS: [Column<FrameLine>; 21] = [
     ("plan_ms", |l| format!("{:.4}", l.plan_ms)),
     ("aov_ms", |l| format!("{:.4}", l.aov_ms)),
     ("busy_ms", |l| format!("{:.4}", l.busy_ms)),
-    ("spp", |l| l.quality.per_pixel().to_string()),
+    ("spp", |l| l.quality.spp.to_string()),
     ("bounces", |l| l.quality.bounces.to_string()),
     ("iterations", |l| l.quality.iterations.to_string()),
     ("scale", |l| l.quality.scale.to_string()),
@@ -139,6 +139,7 @@ fn columns_of_rows(devices: usize) -> impl Iterator<Item = String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::Samples;
 
     /// Programs also read columns by position, so the order stays and new columns come last.
     #[test]
@@ -154,8 +155,7 @@ mod tests {
             aov_ms: 7.0,
             busy_ms: 8.0,
             quality: FrameQuality {
-                spp: 9,
-                extra: 0.25,
+                spp: Samples::of_mean(9.25),
                 bounces: 10,
                 iterations: 11,
                 scale: 0.5,

@@ -243,7 +243,7 @@ impl PlaySummary {
         let row = |u: &RungUse| {
             let FrameQuality { bounces, iterations, scale, fovea, .. } = u.quality;
             let mut line = vec![u.rung.to_string()];
-            line.extend([u.quality.per_pixel().to_string(), bounces.to_string()]);
+            line.extend([u.quality.spp.to_string(), bounces.to_string()]);
             line.extend([u.denoiser.to_owned(), iterations.to_string(), scale.to_string()]);
             line.push(fovea.map_or("none".to_owned(), |[inner, outer]| format!("{inner}, {outer}")));
             line.extend([format!("{:.1}", u.expected_ms), cell(u.error.or(u.estimated_error), 4)]);

@@ -6,7 +6,8 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use super::cost::CostModel;
-use crate::graph::{Dispatch, FrameGraph, Pass, SampleCounts, SceneUse, TaskKind, runs};
+use crate::frame::samples::PixelSamples;
+use crate::graph::{Dispatch, FrameGraph, Pass, SceneUse, TaskKind};
 
 /// Position in a task, which runs its kernel one or more times: right before row `row` of the run with the index `run`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -47,7 +48,7 @@ const UNKNOWN_PIXEL_MS: f64 = 1e-4;
 
 /// Returns the cuts that split a device's tasks into the fewest submissions of at most `bound_ms` each, in a frame of
 /// these samples per pixel. Work that exceeds the bound and cannot be split becomes a submission of its own.
-pub fn cuts(graph: &FrameGraph, model: &CostModel, device: usize, bound_ms: f64, counts: SampleCounts) -> Vec<Cut> {
+pub fn cuts(graph: &FrameGraph, model: &CostModel, device: usize, bound_ms: f64, samples: PixelSamples) -> Vec<Cut> {
     let (own, _) = graph.parts_of(device);
     let mut cuts = Vec::new();
     let mut left_ms = bound_ms;
@@ -59,7 +60,7 @@ pub fn cuts(graph: &FrameGraph, model: &CostModel, device: usize, bound_ms: f64,
         };
         let pass = &graph.program.passes()[pass].pass;
         let width = pass.grid.extent(graph.program.extent).width;
-        let samples: Vec<u32> = runs(&pass.launches, counts).map(|run| run.samples).collect();
+        let samples: Vec<u32> = samples.runs(&pass.launches).map(|run| run.samples).collect();
         let all_samples = f64::from(samples.iter().sum::<u32>());
         for (run, samples) in (0..).zip(samples) {
             let ms = |rows: Range<u32>| {
@@ -126,10 +127,6 @@ mod tests {
 
     const EXTENT: Extent = Extent::new(64, 360);
 
-    fn counts(spp: u32) -> SampleCounts {
-        SampleCounts { least: spp, most: spp, centres_one: true }
-    }
-
     fn frame(devices: usize) -> (FrameGraph, CostModel) {
         let seam = Seam::Halo(HaloPlan::RECOMPUTE);
         let spec = FrameSpec { iterations: 3, seam, ..FrameSpec::new(EXTENT, devices) };
@@ -163,7 +160,8 @@ mod tests {
                 continue;
             };
             let launches = &graph.program.passes()[pass].pass.launches;
-            let samples: Vec<f64> = runs(launches, counts(spp)).map(|run| run.samples.into()).collect();
+            let samples: Vec<f64> =
+                PixelSamples::own(0..spp, true).runs(launches).map(|run| run.samples.into()).collect();
             let rows_to = |at: Position| {
                 let begun = &samples[..samples.len().min(at.run as usize)];
                 let here = samples.get(at.run as usize).map_or(0.0, |s| s * f64::from(at.row - task.rows.start));
@@ -185,8 +183,8 @@ mod tests {
     fn a_frame_that_fits_is_not_cut() {
         let (graph, model) = frame(2);
         let model = learned(&graph, model, 2);
-        assert_eq!(cuts(&graph, &model, 0, 1e5, counts(1)), []);
-        assert_eq!(cuts(&graph, &model, 1, 1e5, counts(1)), []);
+        assert_eq!(cuts(&graph, &model, 0, 1e5, PixelSamples::own(0..1, true)), []);
+        assert_eq!(cuts(&graph, &model, 1, 1e5, PixelSamples::own(0..1, true)), []);
     }
 
     #[test]
@@ -198,7 +196,7 @@ mod tests {
                 let whole: f64 = submissions(&graph, device, &[], spp).iter().sum();
                 let uncut = submissions(&graph, device, &[], spp).len() as f64;
                 for bound_ms in [9.0, 40.0, 101.0, 500.0] {
-                    let cuts = cuts(&graph, &model, device, bound_ms, counts(spp));
+                    let cuts = cuts(&graph, &model, device, bound_ms, PixelSamples::own(0..spp, true));
                     let all = submissions(&graph, device, &cuts, spp);
                     let what = format!("{devices} devices, {spp} samples, {bound_ms} ms: {all:?}");
                     assert!((all.iter().sum::<f64>() - whole).abs() < 1e-6, "{what}");
@@ -213,7 +211,7 @@ mod tests {
     #[test]
     fn what_nothing_is_known_of_is_cut_by_its_paths() {
         let (graph, model) = frame(1);
-        let cuts_of = |bound_ms| cuts(&graph, &model, 0, bound_ms, counts(4));
+        let cuts_of = |bound_ms| cuts(&graph, &model, 0, bound_ms, PixelSamples::own(0..4, true));
         let paths = 4.0 * f64::from(EXTENT.width * EXTENT.height);
         let of_paths = |cuts: &[Cut]| {
             let is_traced = |cut: &&Cut| match graph.parts_of(0).0[cut.task].kind {
@@ -233,7 +231,7 @@ mod tests {
     fn what_is_too_long_by_itself_is_cut_into_its_smallest_parts() {
         let (graph, model) = frame(1);
         let model = learned(&graph, model, 1);
-        let cuts = cuts(&graph, &model, 0, 1e-6, counts(1));
+        let cuts = cuts(&graph, &model, 0, 1e-6, PixelSamples::own(0..1, true));
         for (number, task) in graph.parts_of(0).0.iter().enumerate() {
             let parts = parts(&cuts, number, &task.rows);
             let rows: Vec<u32> = parts.iter().map(|p| p.start.row).collect();

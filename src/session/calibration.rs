@@ -8,10 +8,11 @@ use crate::control::{
     relative_costs,
 };
 use crate::exec::{ExecError, FrameParams, FrameReport, Renderer, Stereo};
+use crate::frame::Samples;
 use crate::graph::Stage;
 use crate::image::RgbImage;
 use crate::passes::gbuffer;
-use crate::quality::{Quality, Spp};
+use crate::quality::Quality;
 use crate::scene::rig::Rig;
 
 /// Time limit of calibration. Once it has passed, only the qualities with the fewest bounces are still timed: every
@@ -108,7 +109,7 @@ impl<'a> Calibration<'a> {
 
     fn ladder(mut self, qualities: &[Quality], mut origin: Origin) -> Result<Ladder, CalibrationError> {
         let quality = |spp, bounces| {
-            let is_it = |q: &&Quality| (q.samples(), q.bounces, q.scale) == (Spp::from(spp), bounces, 1.0);
+            let is_it = |q: &&Quality| (q.spp, q.bounces, q.scale) == (Samples::from(spp), bounces, 1.0);
             qualities.iter().find(is_it)
         };
         let [few, most] = [BOUNCES[0], BOUNCES[BOUNCES.len() - 1]];
@@ -162,7 +163,7 @@ impl<'a> Calibration<'a> {
                 }
             }
         }
-        self.timed.insert((quality.spp, quality.bounces), Timed { quality: *quality, stage_ms, rays, light });
+        self.timed.insert((quality.spp.least, quality.bounces), Timed { quality: *quality, stage_ms, rays, light });
         Ok(())
     }
 
@@ -206,7 +207,7 @@ impl<'a> Calibration<'a> {
 
     /// Returns the measurement with as many bounces as `quality`, or else with the fewest.
     fn near(&self, quality: &Quality) -> Option<&Timed> {
-        let spp = quality.spp.min(2);
+        let spp = quality.spp.least.min(2);
         [quality.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)))
     }
 
@@ -216,13 +217,13 @@ impl<'a> Calibration<'a> {
         quality: &Quality,
         estimate: fn(&Self, &Quality) -> BTreeMap<String, f64>,
     ) -> BTreeMap<String, f64> {
-        let [one, two] = [1, 2].map(|spp| estimate(self, &Quality { spp, extra: 0.0, ..*quality }));
-        mix(&one, &two, quality.extra)
+        let [one, two] = [1, 2].map(|spp| estimate(self, &Quality { spp: Samples::from(spp), ..*quality }));
+        mix(&one, &two, quality.spp.fraction())
     }
 
     /// Estimates the rays per pixel of stages that trace paths, in proportion to [`guessed_paths`].
     fn rays(&self, quality: &Quality) -> BTreeMap<String, f64> {
-        if quality.spp == 1 && quality.extra > 0.0 {
+        if quality.spp.is_between_one_and_two() {
             return self.between(quality, Self::rays);
         }
         let Some(near) = self.near(quality) else { return BTreeMap::new() };
@@ -235,10 +236,10 @@ impl<'a> Calibration<'a> {
     /// [`guessed_paths`]. If the G-buffer averages several samples per pixel, its time is that of one sample plus a
     /// time proportional to the number of samples.
     fn stage_ms(&self, quality: &Quality) -> BTreeMap<String, f64> {
-        if quality.spp == 1 && quality.extra > 0.0 {
+        if quality.spp.is_between_one_and_two() {
             return self.between(quality, Self::stage_ms);
         }
-        let spp = quality.spp.min(2);
+        let spp = quality.spp.least.min(2);
         let Some(Timed { quality: near, stage_ms: timed, .. }) = self.near(quality) else { return BTreeMap::new() };
         let paths = guessed_paths(quality) / guessed_paths(near);
         let centre_ms = self.timed.get(&(1, near.bounces)).and_then(|t| t.stage_ms.get(gbuffer::STAGE.name())).copied();
@@ -249,7 +250,7 @@ impl<'a> Calibration<'a> {
                 match stage {
                     gbuffer::STAGE => {
                         let centre_ms = centre_ms.unwrap_or(ms).min(ms);
-                        centre_ms + (ms - centre_ms) * quality.samples().mean() / f64::from(spp)
+                        centre_ms + (ms - centre_ms) * quality.spp.mean() / f64::from(spp)
                     }
                     _ => ms * paths,
                 },
@@ -292,7 +293,7 @@ mod tests {
         const MISSING: [f64; 5] = [0.213, 0.100, 0.0455, 0.0195, 0.0];
         let scene = LoadedScene::load("builtin:cornell").unwrap();
         let all = candidates(Some(Denoiser::SVGF), false);
-        let is_timed = |q: &&Quality| (q.spp <= 2, q.extra, q.scale, q.iterations[0]) == (true, 0.0, 1.0, 1);
+        let is_timed = |q: &&Quality| q.spp.least <= 2 && !q.spp.varies() && (q.scale, q.iterations[0]) == (1.0, 1);
         let qualities: Vec<Quality> = all.iter().filter(is_timed).copied().collect();
         for (width, height) in [(48, 32), (64, 36), (96, 54)] {
             let builder = Renderer::builder(&scene).size(width, height).envelope(Envelope::of(&qualities));

@@ -54,7 +54,7 @@ pub fn build(
         };
         Ok(Built { kernel, jitter: kind, pipeline })
     };
-    match config.jitters() {
+    match config.envelope.jitters() {
         &[jitter] => Ok(vec![one(None, jitter)?]),
         _ if !declared.contains(&"JITTER") => Ok(vec![one(None, false)?]),
         kinds => kinds.iter().map(|&jitter| one(Some(jitter), jitter)).collect(),

@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 use super::Foveation;
 use super::layout;
 use crate::device::ShaderChecks;
-use crate::graph::{HaloPlan, SampleCounts, Seam};
+use crate::frame::samples::PixelSamples;
+use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::image::tone::ToneCurve;
 use crate::passes::{Aov, Declarations, Display, ImageChain, Moving};
@@ -191,38 +192,11 @@ impl RunConfig {
         self.envelope.most.polar.map_or(self.grid().area() as u64, pixels)
     }
 
-    /// True if a frame with `spp` samples per pixel jitters them over the pixel. Otherwise its single sample goes
-    /// through [`Self::centre`].
-    pub fn jitter(&self, spp: u32) -> bool {
-        if self.envelope.mixes_spp { spp > 1 } else { self.envelope.most.spp > 1 }
-    }
-
-    /// Returns all values of [`Self::jitter`] that frames may have.
-    pub(super) fn jitters(&self) -> &'static [bool] {
-        match (self.envelope.most.spp > 1, self.envelope.mixes_spp) {
-            (_, true) => &[false, true],
-            (true, false) => &[true],
-            (false, false) => &[false],
-        }
-    }
-
-    /// True if a pixel's only sample is at its centre.
-    pub(super) fn centres_one(&self) -> bool {
-        !self.jitter(1)
-    }
-
-    /// Returns the samples of a frame with these constants.
-    pub fn sample_counts(&self, &layout::Sampling { spp, extra_fraction, .. }: &layout::Sampling) -> SampleCounts {
-        let most = spp + u32::from(extra_fraction > 0.0);
-        SampleCounts { least: spp, most, centres_one: self.centres_one() }
-    }
-
-    /// Returns the sub-pixel position, 0 to 1, of the rays that represent the whole pixel in frame number `frame` with
-    /// `spp` samples per pixel. It is the pixel's centre, unless frames keep a history and this one is not jittered:
-    /// then it follows the R2 sequence (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).
+    /// Returns the sub-pixel position, 0 to 1, of the rays that represent the whole pixel in frame number `frame`. It is
+    /// the pixel's centre, unless frames keep a history and this one is not jittered: then it follows the R2 sequence (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).
     /// Frames before frame 0 have numbers that count down from 2^32 - 1.
-    pub fn centre(&self, frame: u32, spp: u32) -> Vec2 {
-        if self.jitter(spp) || !self.keeps_history() {
+    pub fn centre(&self, frame: u32, samples: PixelSamples) -> Vec2 {
+        if samples.is_jittered != 0 || !self.keeps_history() {
             return Vec2::splat(0.5);
         }
         let at = |step: f64| (0.5 + f64::from(frame.cast_signed()) * step).rem_euclid(1.0) as f32;
@@ -282,7 +256,7 @@ impl RunConfig {
         constants.push(("HAS_MOTION", self.buffers.moving.is_some()));
         constants.push(("FOVEATED", self.envelope.most.fovea.is_some()));
         constants.push(("SPARSE", self.leaves_pixels()));
-        constants.push(("VARIES_SAMPLES", self.envelope.most.extra > 0.0));
+        constants.push(("VARIES_SAMPLES", self.envelope.most.spp.varies()));
         constants
     }
 }

@@ -1,40 +1,27 @@
 //! Frame constants, which all shaders of a frame read.
 
-use std::ops::Range;
-
 use glam::{DMat3, DVec3};
 
 use super::{FrameParams, RunConfig, SceneTables, layout};
+use crate::frame::samples::PixelSamples;
 use crate::image::Extent;
 use crate::passes::Display;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
 
-/// Samples that a frame takes from the sequences of its pixels.
-pub enum Samples {
-    /// This many samples per pixel, from sequences that pixels share (see [`layout::Sampling::curve_shift`]).
-    First(u32),
-    /// This range of samples. Each pixel has its own sequence, since an accumulation does not know its final sample
-    /// count.
-    Own(Range<u32>),
-}
-
 /// Returns the constants of a frame. They declare that there is no history; a caller that has one sets `history`.
-pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables, samples: &Samples) -> layout::Frame {
+pub fn constants(
+    config: &RunConfig,
+    params: &FrameParams,
+    tables: &SceneTables,
+    samples: PixelSamples,
+) -> layout::Frame {
     let FrameParams { time_s, index, seed, ref quality, ref gaze, .. } = *params;
     let extent = config.buffers.extent;
     let aspect = f64::from(extent.width) / f64::from(extent.height);
     let Extent { width, height } = config.grid();
     let rig = params.rig.at(time_s).relative_to(tables.origin());
     let later = params.shown_from.as_ref().map_or(rig.clone(), |later| later.relative_to(tables.origin()));
-    let (samples, extra, curve_shift) = match samples {
-        Samples::First(spp) => {
-            let most = spp + u32::from(quality.extra > 0.0);
-            (0..*spp, quality.extra, curve_shift(config.grid(), most))
-        }
-        Samples::Own(samples) => (samples.clone(), 0.0, layout::NO_CURVE),
-    };
-    let spp = samples.end - samples.start;
     let screen = config.screen();
     let optics = rig.optics.as_ref().filter(|_| config.buffers.display != Display::Direct);
     let rectified = optics.map(|optics| (optics, screen));
@@ -55,7 +42,7 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
     let mut frame = layout::Frame {
         camera: layout::Camera {
             views: Eye::ALL.map(view),
-            centre: config.centre(index, spp),
+            centre: config.centre(index, samples),
             width,
             height,
             display_maps: optics.map_or_else(Default::default, |optics| {
@@ -70,16 +57,12 @@ pub fn constants(config: &RunConfig, params: &FrameParams, tables: &SceneTables,
         sampling: layout::Sampling {
             index,
             seed,
-            spp,
-            sample_base: samples.start,
-            curve_shift,
+            samples,
             reflections: quality.bounces.max(1),
             indirect_clamp: config.indirect_clamp,
             sampled_fraction: (quality.scale * quality.scale) as f32,
             // If frames keep a history, the sampling mask changes, so that it covers every pixel over several frames.
             mask_turn: if config.keeps_history() { index.wrapping_mul(GOLDEN_RATIO) } else { 0 },
-            is_jittered: config.jitter(spp).into(),
-            extra_fraction: extra as f32,
             ..Default::default()
         },
         foveation: layout::Foveation { layer_iterations: quality.iterations.into(), ..layers.unwrap_or_default() },
@@ -125,12 +108,3 @@ fn display_map(columns: DMat3, moved: DVec3) -> layout::DisplayMap {
 
 /// The fractional part of the golden ratio, times 2^32.
 const GOLDEN_RATIO: u32 = 0x9e37_79b9;
-
-/// Returns the [`layout::Sampling::curve_shift`] for images of this size with `spp` samples per pixel, or
-/// [`layout::NO_CURVE`] if the indices into the shared sequences would need more than 32 bits.
-fn curve_shift(extent: Extent, spp: u32) -> u32 {
-    let bits_for = |count: u32| u32::BITS - count.saturating_sub(1).leading_zeros();
-    let shift = bits_for(spp);
-    let numbers = 2 * bits_for(extent.width.max(extent.height)) + shift;
-    if numbers > u32::BITS { layout::NO_CURVE } else { shift }
-}

@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use glam::{DVec3, UVec3, Vec2};
 
-use super::layout::{Camera, Display, Foveation, Frame, History, NO_CURVE, Previous, Sampling, View};
+use super::layout::{Camera, Display, Foveation, Frame, History, Previous, Sampling, View};
 use super::{DeviceStages, Place, RunConfig, SceneTables, StageTask, Stamps};
 use crate::accel::Accel;
 use crate::device::{self, GpuDevice, Selection};
+use crate::frame::samples::PixelSamples;
 use crate::graph::{Assignment, Bound, FrameGraph, Program, Stripes, TaskKind};
 use crate::image::Extent;
 use crate::passes::{Declarations, FrameSpec, RowTally, Views};
@@ -101,10 +102,9 @@ impl Bench {
             },
             sampling: Sampling {
                 index: self.frames,
-                spp: 1,
                 reflections: 2,
-                curve_shift: NO_CURVE,
                 sampled_fraction: 1.0,
+                samples: PixelSamples::own(0..1, true),
                 ..Default::default()
             },
             foveation: Foveation { layer_iterations: UVec3::splat(ITERATIONS), ..Default::default() },

@@ -10,6 +10,8 @@ use glam::{UVec3, Vec2, Vec3, Vec4};
 pub use self::tables::*;
 use self::tables::{ROLES, TABLES};
 use crate::accel::{self, SPHERE, TRIANGLE_ALPHA};
+use crate::frame::samples;
+use crate::frame::samples::PixelSamples;
 use crate::graph::LIST_HEADER;
 use crate::image::tone::{TONE_ACES, TONE_AGX, TONE_NEUTRAL, TONE_NONE};
 use crate::passes::SKIPPED;
@@ -51,13 +53,6 @@ shared_structs! {
         /// Number of the frame.
         pub index: u32,
         pub seed: u32,
-        /// Samples per pixel.
-        pub spp: u32,
-        /// Number of the frame's first sample. Successive passes of an accumulation continue the sequences.
-        pub sample_base: u32,
-        /// Number of low bits of the index into a shared sequence that hold the sample's number. The bits above hold
-        /// the pixel's index on the Z-order curve. With [`NO_CURVE`], each pixel has its own sequences.
-        pub curve_shift: u32,
         /// Maximum number of reflections of a path.
         pub reflections: u32,
         /// Clamp of indirect radiance; 0 disables it.
@@ -66,11 +61,9 @@ shared_structs! {
         pub sampled_fraction: f32,
         /// Value added to the sampling threshold of every pixel, modulo 2^32. It changes the mask from frame to frame.
         pub mask_turn: u32,
-        /// 1 if all samples are jittered over their pixels, 0 if the only one of a pixel goes through [`Camera::centre`].
-        pub is_jittered: u32,
-        /// Fraction of tiles, 0 to 1, whose pixels take one sample more than `spp`.
-        pub extra_fraction: f32,
+        pub pad0: u32,
         pub pad1: u32,
+        pub samples: PixelSamples,
     }
 
     /// Positions of the lights in the tables, and their counts.
@@ -221,15 +214,14 @@ impl History {
 }
 
 shared_constants! {
-    /// Value of [`Sampling::curve_shift`] with which each pixel has its own sequences.
-    pub const NO_CURVE: u32 = 32;
     /// Value of [`History::rows`] of a frame without history.
     pub const NO_HISTORY: u32 = u32::MAX;
 }
 
 /// Returns all structs shared with shaders.
 pub fn all_structs() -> Vec<Declaration> {
-    [accel::structs(), accel::skin_structs(), projection::structs(), tables::structs(), structs()].concat()
+    [accel::structs(), accel::skin_structs(), projection::structs(), samples::structs(), tables::structs(), structs()]
+        .concat()
 }
 
 /// Returns the WGSL functions that read entries of the scene's tables.
@@ -247,7 +239,8 @@ pub fn declarations() -> String {
     let structs: String = all_structs().iter().map(ToString::to_string).collect();
     let of_others =
         constants![SKIPPED, LIST_HEADER, SPHERE, TRIANGLE_ALPHA, TONE_NEUTRAL, TONE_AGX, TONE_ACES, TONE_NONE];
-    let constants = [CONSTANTS, accel::SKIN_CONSTANTS, tables::CONSTANTS, ROLES, of_others].concat();
+    let constants =
+        [CONSTANTS, samples::CONSTANTS, accel::SKIN_CONSTANTS, tables::CONSTANTS, ROLES, of_others].concat();
     let floats = [("SMOOTH", SMOOTH), ("LEAST_SHEEN_ROUGHNESS", LEAST_SHEEN_ROUGHNESS)];
     let floats: String = floats.iter().map(|(name, value)| format!("const {name}: f32 = {value:?}f;\n")).collect();
     structs + &declare(&constants) + &floats

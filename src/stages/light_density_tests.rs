@@ -3,11 +3,12 @@
 use glam::{Affine3A, Vec3};
 use wgpu::util::DeviceExt;
 
-use super::layout::{Frame, NO_CURVE, Sampling};
+use super::layout::{Frame, Sampling};
 use super::scene_tables::{SceneBuffers, SceneTables, layout_entries};
 use super::shader::Shader;
 use crate::accel::Accel;
 use crate::device::{self, Selection, ShaderChecks};
+use crate::frame::samples::PixelSamples;
 use crate::graph::Kernel;
 use crate::image::{Extent, RgbImage};
 use crate::scene::{Environment, Instance, Light, LightKind, Material, Mesh, Scene};
@@ -83,7 +84,7 @@ fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
     let gpus = device::open(&selection).expect("this test needs an adapter");
     let (gpu, accel) = (&gpus[0], Accel::build(scene).unwrap());
     let tables = SceneTables::new(scene, accel).unwrap();
-    let sampling = Sampling { seed: 5, curve_shift: NO_CURVE, ..Default::default() };
+    let sampling = Sampling { seed: 5, samples: PixelSamples::own(0..0, true), ..Default::default() };
     let mut frame = Frame { sampling, ..Frame::default() };
     frame.camera.views[0].origin = p;
     frame.camera.views[0].forward = n;

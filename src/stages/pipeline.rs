@@ -13,7 +13,8 @@ use super::scene_tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entri
 use super::task::{StageTask, Stamps};
 use super::workgroups::{Groups, workgroups};
 use crate::device::GpuDevice;
-use crate::graph::{Access, Bound, Format, Kernel, Program, Resource, SampleCounts, SceneUse, Use, runs};
+use crate::frame::samples::PixelSamples;
+use crate::graph::{Access, Bound, Format, Kernel, Program, Resource, SceneUse, Use};
 use crate::image::Extent;
 use crate::passes::{Moving, PREVIOUS};
 use crate::scene::rig::Eye;
@@ -25,7 +26,7 @@ type GroupKey = (&'static str, Vec<(Bound, Eye)>, Place);
 pub struct DeviceStages {
     config: RunConfig,
     /// Samples per pixel of the current frame, and the [`Place`] that selects its buffers.
-    samples: SampleCounts,
+    samples: PixelSamples,
     place: Place,
     pub images: Images,
     built: Vec<Built>,
@@ -126,7 +127,7 @@ impl DeviceStages {
             gpu.queue.write_buffer(input(&images, resource), 0, bytes);
         }
         Ok(Self {
-            samples: SampleCounts { least: 1, most: 1, centres_one: config.centres_one() },
+            samples: PixelSamples::own(0..1, config.envelope.centres_one()),
             place: Place::default(),
             images,
             built,
@@ -159,7 +160,7 @@ impl DeviceStages {
             self.program = Some(Arc::clone(program));
             self.of_passes.clear();
         }
-        (self.samples, self.place) = (self.config.sample_counts(&frame.sampling), place);
+        (self.samples, self.place) = (frame.sampling.samples, place);
         gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         if self.images.has(&PREVIOUS) {
             gpu.queue.write_buffer(input(&self.images, PREVIOUS), 0, bytemuck::bytes_of(previous));
@@ -193,12 +194,13 @@ impl DeviceStages {
             for (number, linked) in program.passes().iter().enumerate() {
                 let kernel = linked.pass.kernel;
                 let of_kernel = self.built.iter().filter(|b| b.kernel.name == kernel.name);
-                let kinds: Vec<bool> = of_kernel.map(|b| b.jitter.unwrap_or(!self.config.centres_one())).collect();
+                let kinds: Vec<bool> =
+                    of_kernel.map(|b| b.jitter.unwrap_or(!self.config.envelope.centres_one())).collect();
                 for jitter in kinds {
                     if !warm.contains(&(kernel.name, jitter)) {
                         warm.push((kernel.name, jitter));
                         let count = if jitter { 2 } else { 1 };
-                        self.samples = SampleCounts { least: count, most: count, centres_one: !jitter };
+                        self.samples = PixelSamples::own(0..count, !jitter);
                         self.record(gpu, &mut encoder, stamps, &StageTask::new(number, 0..0, 0..0), 1);
                     }
                 }
@@ -312,7 +314,7 @@ impl DeviceStages {
         pass.set_bind_group(1, &*group, &[]);
         pass.set_bind_group(2, self.projection.as_ref(), &[]);
         let extent = declared.grid.extent(program.extent);
-        for (number, run) in (0..).zip(runs(&declared.launches, self.samples)) {
+        for (number, run) in (0..).zip(self.samples.runs(&declared.launches)) {
             let rows = task.rows_of(number);
             if rows.is_empty() && !task.rows.is_empty() {
                 continue;

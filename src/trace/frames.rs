@@ -27,7 +27,7 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality
         return;
     }
     let (tasks, time) = (tasks_from(std::slice::from_ref(report)), time_from(report));
-    let spp = ("spp", quality.samples().mean());
+    let spp = ("spp", quality.spp.mean());
     let mut args = args_from(&[("frame", time.frame as f64), spp]);
     args.insert("devices".to_owned(), numbers_text(&report.devices).as_str().into());
     recorder.frame(report.slot, time.begin_us, time.end_us, args);
@@ -170,7 +170,7 @@ fn record_counters(recorder: &Recorder, frame: &FrameReport, quality: &Quality, 
     if let Some(age_ms) = frame.pose_age_ms() {
         recorder.counter("age of the pose (ms)", at_us, &[("age", age_ms)]);
     }
-    recorder.counter("spp", at_us, &[("spp", quality.samples().mean())]);
+    recorder.counter("spp", at_us, &[("spp", quality.spp.mean())]);
     recorder.counter("bounces", at_us, &[("bounces", f64::from(quality.bounces))]);
     recorder.counter("iterations", at_us, &[("iterations", f64::from(quality.most_iterations()))]);
     recorder.counter("render scale", at_us, &[("scale", quality.scale)]);

@@ -202,7 +202,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
     for rung in rungs {
         let row = rows.iter().find(|r| r["time_ms"] == rung.time_ms).unwrap();
         let denoiser = Denoiser::name_of(rung.quality.denoiser);
-        assert_eq!((&row["spp"], &row["denoiser"]), (&rung.quality.spp.into(), &denoiser.into()));
+        assert_eq!((&row["spp"], &row["denoiser"]), (&rung.quality.spp.least.into(), &denoiser.into()));
         for (name, found) in [("flip", rung.flip), ("flicker", rung.flicker), ("flip_flicker", Some(rung.error))] {
             let [left, right] = ["left", "right"].map(|eye| row["errors"][eye][name].as_f64().unwrap());
             assert!((found.unwrap() - (left + right) / 2.0).abs() < 1e-12, "{name}");
@@ -242,7 +242,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
     let [spp, bounces, iterations] = ["spp", "bounces", "iterations"].map(|name| worst[name].as_u64().unwrap() as u32);
     let denoiser = Denoiser::from_name(worst["denoiser"].as_str().unwrap()).unwrap();
     let (iterations, scale) = ([iterations; 3], worst["scale"].as_f64().unwrap());
-    let quality = Quality { spp, extra: 0.0, bounces, denoiser, iterations, fovea: None, polar: None, scale };
+    let quality = Quality { spp: spp.into(), bounces, denoiser, iterations, fovea: None, polar: None, scale };
     let alone = Ladder::new(ladder.origin().clone(), vec![Rung { quality, ..rungs[0].clone() }]).unwrap();
     alone.write(&path).unwrap();
     let judged = bench(folder.path(), &[&options[..], &["--ladder", path.to_str().unwrap()]].concat());

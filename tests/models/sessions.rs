@@ -46,7 +46,7 @@ fn row(index: u32) -> FrameRow {
         predicted_ms: Some(15.0),
         aov_ms: 0.0,
         plan_ms: 0.125,
-        quality: FrameQuality { spp: 1 + rung as u32, scale: 1.0, ..FrameQuality::default() },
+        quality: FrameQuality { spp: (1 + rung as u32).into(), scale: 1.0, ..FrameQuality::default() },
         rays: 1_000_000,
         right_eye: None,
         nonfinite_samples: 0,

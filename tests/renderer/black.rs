@@ -99,7 +99,7 @@ const MASK: [[u8; 4]; 2] = [[0, 255, 0, 255], [0, 255, 255, 255]];
 
 fn settings(subject: &Subject, denoiser: Denoiser, spp: u32) -> RunConfig {
     let mut settings = subject.accumulated(EXTENT.width, EXTENT.height);
-    (settings.envelope.most.denoiser, settings.envelope.most.spp) = (Some(denoiser), spp);
+    (settings.envelope.most.denoiser, settings.envelope.most.spp) = (Some(denoiser), spp.into());
     // Without history, more iterations would spread highlights over the edges of these small images.
     settings.envelope.most.iterations = [if denoiser == Denoiser::ATROUS { 3 } else { 5 }; 3];
     settings
@@ -129,7 +129,7 @@ fn assert_light_is_kept(subjects: impl IntoIterator<Item = Subject>, denoisers: 
     let mut lost = Vec::new();
     for subject in subjects {
         let mut plain = subject.settings(EXTENT.width, EXTENT.height);
-        (plain.seed, plain.envelope.most.spp) = (7, 32);
+        (plain.seed, plain.envelope.most.spp) = (7, 32.into());
         let expected = means(&subject, &plain, FRAMES - COMPARED..FRAMES);
         for &(denoiser, spp) in denoisers {
             let found = means(&subject, &settings(&subject, denoiser, spp), 0..FRAMES);

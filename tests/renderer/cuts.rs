@@ -64,7 +64,7 @@ fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
 fn samples_of_lists_in_small_portions_have_the_bytes_of_whole_frames() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
-    settings.envelope.most.spp = 9;
+    settings.envelope.most.spp = 9.into();
     foveate(&mut settings, &Foveation::new([0, 1].map(|_| Gaze { path: vec![[0.0, 0.4, 0.5]] })), [2, 3, 5]);
     hold_cut_frames_against_whole_ones("layers", &subject, &settings);
     settings.buffers.reproject = false;
@@ -76,7 +76,7 @@ fn samples_of_lists_in_small_portions_have_the_bytes_of_whole_frames() {
 fn slow_devices_run_each_portion_again() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
-    settings.envelope.most.spp = 5;
+    settings.envelope.most.spp = 5.into();
     let whole = Stage::alone(&subject, &settings).frame(0);
     settings.execution.max_dispatch_ms = Some(1e-6);
     let mut two = Stage::on(devices(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));

@@ -101,8 +101,7 @@ fn light_too_bright_for_half_floats_is_cut_and_counted() {
         let clipped = frame.report.tallies.map(|tally| tally.clipped);
         let iterations = settings.envelope.most.iterations;
         let denoiser = settings.envelope.most.denoiser;
-        let quality =
-            Quality { spp: 1, extra: 0.0, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
+        let quality = Quality { spp: 1.into(), bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
         let row = FrameRow::new(&frame.report, &quality, &subject.rig, 0.0);
         assert_eq!(row.clipped_pixels, clipped[0] + clipped[1]);
         (clipped, brightest)

@@ -48,7 +48,7 @@ fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
     for (spp, bounces, sampler) in [(1, 6, Sampler::Sobol), (1, 1, Sampler::Pcg), (16, 12, Sampler::Pcg)] {
         let mut settings = subject.settings(WIDTH, HEIGHT);
         settings.envelope.most.bounces = bounces;
-        settings.envelope.most.spp = spp;
+        settings.envelope.most.spp = spp.into();
         settings.sampler = sampler;
         let (image, albedo) = render(&subject, &settings);
         let brightest = image.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
@@ -80,7 +80,7 @@ fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
 fn the_white_sphere_lacks_what_the_grey_ones_take() {
     let subject = Subject::load("builtin:furnace");
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    settings.envelope.most.spp = 64;
+    settings.envelope.most.spp = 64.into();
     settings.buffers.aovs = vec![Aov::Albedo, Aov::Position];
     let mut stage = Stage::alone(&subject, &settings);
     let image = stage.frame(0).linear.left;
@@ -120,7 +120,7 @@ fn a_white_environment_image_is_as_good_as_a_constant_one() {
         Scene { environment: Environment::Map { image: white.into(), rotation_deg: 40.0 }, ..subject.scene.clone() };
     subject = Subject::new("furnace, image", scene, subject.rig);
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    settings.envelope.most.spp = 64;
+    settings.envelope.most.spp = 64.into();
     settings.sampler = Sampler::Pcg;
     let (image, albedo) = render(&subject, &settings);
     let pixels = inner(&pixels_of(&albedo, 1.0), WIDTH as usize);
@@ -208,7 +208,7 @@ fn hold_in_the_furnace((scene, camera): (Scene, Pinhole), bounces: u32) {
     let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
     let subject = Subject::new(&scene.name.clone(), scene, rig);
     let mut settings = subject.settings(extent.width, extent.height);
-    (settings.envelope.most.bounces, settings.envelope.most.spp, settings.sampler) = (bounces, 64, Sampler::Pcg);
+    (settings.envelope.most.bounces, settings.envelope.most.spp, settings.sampler) = (bounces, 64.into(), Sampler::Pcg);
     let mut stage = Stage::alone(&subject, &settings);
     let renders: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
     let found = mean_and_variance(&renders);

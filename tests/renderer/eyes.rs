@@ -63,7 +63,7 @@ fn shown(shot: &str, per_tan: u32, spp: u32) -> (Subject, RunConfig) {
     let mut settings = subject.settings(size.width, size.height);
     let projection = subject.rig.optics.unwrap().grid(size, 1.25).unwrap();
     settings.buffers.display = Display::Resampled { projection, is_late: false };
-    settings.envelope.most.spp = spp;
+    settings.envelope.most.spp = spp.into();
     (subject, settings)
 }
 
@@ -83,7 +83,7 @@ fn traced(shot: &str, eye: Eye, per_tan: u32, spp: u32) -> [RgbImage; 2] {
     subject.rig = still_rig(origin, axes(turned * DVec3::NEG_Z), axes(turned * DVec3::Y), half[1] as f32);
     let [width, height] = half.map(|tan| (2.0 * tan * f64::from(per_tan)).round() as u32);
     let mut settings = subject.settings(width, height);
-    (settings.envelope.most.spp, settings.seed) = (spp, 7);
+    (settings.envelope.most.spp, settings.seed) = (spp.into(), 7);
     let whole = Stage::alone(&subject, &settings).frame(0).linear;
     let [first, above] = [tan[0] + half[0], half[1] - tan[2]].map(|tan| (tan * f64::from(per_tan)).round() as u32);
     let extent = size(per_tan);
@@ -223,7 +223,7 @@ fn images_around_the_gaze_are_sharp_where_each_eye_looks() {
         // The field of view is similar to that of the other eyes.
         subject.rig.yfov_rad = 2.0;
         let mut settings = subject.settings(size.width, size.height);
-        settings.envelope.most.spp = 16;
+        settings.envelope.most.spp = 16.into();
         (subject, settings)
     };
     // Differences by eye: near the gaze and far from it.

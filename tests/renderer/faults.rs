@@ -204,7 +204,7 @@ fn a_frame_whose_primary_is_lost_before_it_was_read_is_made_again() {
 fn slow_devices_change_neither_bytes_nor_counts() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
-    settings.envelope.most.spp = 5; // Two dispatches; the second one accumulates.
+    settings.envelope.most.spp = 5.into(); // Two dispatches; the second one accumulates.
     let one = Stage::alone(&subject, &settings).frame(0);
     let mut two = Stage::on(devices_to_lose(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
     let mut busy_ms = |slowdown: &[u32], injections: &[&str]| {

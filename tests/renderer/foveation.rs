@@ -73,7 +73,7 @@ fn what_is_sampled_is_what_it_is_without_foveation() {
     let foveation = Foveation::new(towards(0.4, 0.5));
     for spp in [1, 3] {
         let mut foveated = settings(&subject, &foveation, [0; 3]);
-        foveated.envelope.most.spp = spp;
+        foveated.envelope.most.spp = spp.into();
         let mut plain = foveated.clone();
         plain.envelope.most.fovea = None;
         let all = Stage::alone(&subject, &plain).frame(0);
@@ -98,7 +98,7 @@ fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
     let foveation = Foveation { unsampled_fraction: 0.0, ..Foveation::new(towards(0.5, 0.5)) };
     for (spp, reproject) in [(1, false), (3, true)] {
         let mut foveated = settings(&subject, &foveation, [5; 3]);
-        (foveated.envelope.most.spp, foveated.buffers.reproject) = (spp, reproject);
+        (foveated.envelope.most.spp, foveated.buffers.reproject) = (spp.into(), reproject);
         let mut plain = foveated.clone();
         plain.envelope.most.fovea = None;
         let expected = Stage::alone(&subject, &plain).frame(0);
@@ -151,7 +151,7 @@ fn narrow_visual_polar_images_are_close_to_those_of_the_screen() {
     for yfov_deg in [1.0f64, 3.0, 20.0] {
         subject.rig.yfov_rad = yfov_deg.to_radians();
         let mut settings = with(subject.settings(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 1);
-        settings.envelope.most.spp = 8;
+        settings.envelope.most.spp = 8.into();
         let expected = Stage::alone(&subject, &settings).frame(0);
         for (x, y) in [(0.5, 0.5), (0.2, 0.3), (1.0, 0.9)] {
             project(&mut settings, Polar { gaze: towards(x, y), space: PolarSpace::Visual });
@@ -266,7 +266,8 @@ fn mean(image: &RgbImage, counts: impl Fn(usize) -> bool) -> f64 {
 fn polar_images_show_what_the_screen_does() {
     let subject = Subject::load("builtin:cornell");
     let mut plain = subject.settings(WIDTH, HEIGHT);
-    (plain.envelope.most.denoiser, plain.envelope.most.spp, plain.buffers.aovs) = (None, 32, vec![Aov::Position]);
+    (plain.envelope.most.denoiser, plain.envelope.most.spp, plain.buffers.aovs) =
+        (None, 32.into(), vec![Aov::Position]);
     let render = |space: Option<PolarSpace>| {
         let mut settings = plain.clone();
         (settings.gaze, settings.envelope.most.polar) = (towards(0.4, 0.6), space);

@@ -165,7 +165,7 @@ fn dark_glass_sheds_no_light_on_its_surroundings() {
         image.pixels.chunks(width as usize).flat_map(|row| row[26..].iter().map(|p| p[1])).collect()
     };
     let mut thorough = subject.settings(width, height);
-    thorough.envelope.most.spp = 256;
+    thorough.envelope.most.spp = 256.into();
     let expected = beside(Stage::alone(&subject, &thorough).frame(0).linear.left);
     let mut stage = Stage::alone(&subject, &subject.accumulated(width, height));
     for index in 0..12 {

@@ -251,7 +251,7 @@ fn pictures_are_those_of_flattened_scenes() {
         let render = |layout| {
             let subject = subject(&scene, layout, by);
             let mut settings = subject.settings(extent.width, extent.height);
-            settings.envelope.most.spp = spp;
+            settings.envelope.most.spp = spp.into();
             Stage::alone(&subject, &settings).frame(0).linear
         };
         let (flat, shared) = (render(Layout::Flat), render(Layout::TwoLevel));
@@ -298,7 +298,7 @@ fn no_light_leaks_into_a_closed_instance() {
         let subject = Subject::laid_out("inside", scene, still_rig(at, Vec3::X, Vec3::Y, 1.0), Layout::TwoLevel);
         let (extent, spp) = (Extent::new(48, 32), 16);
         let mut settings = subject.settings(extent.width, extent.height);
-        settings.envelope.most.spp = spp;
+        settings.envelope.most.spp = spp.into();
         let frame = Stage::alone(&subject, &settings).frame(0);
         assert!(frame.report.tallies[0].rays > 4 * u64::from(spp) * extent.area() as u64, "paths end early");
         for image in [&frame.linear.left, &frame.linear.right] {

@@ -30,7 +30,7 @@ fn subject(spp: u32) -> (Subject, RunConfig) {
     let mut settings = subject.settings(SIZE.width, SIZE.height);
     let projection = optics.grid(SIZE, 1.25).unwrap();
     settings.buffers.display = Display::Resampled { projection, is_late: true };
-    settings.envelope.most.spp = spp;
+    settings.envelope.most.spp = spp.into();
     (subject, settings)
 }
 

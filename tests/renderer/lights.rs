@@ -47,7 +47,7 @@ fn rendered(subject: &Subject, bounces: u32, spp: u32) -> Estimate {
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.envelope.most.bounces = bounces;
     settings.sampler = Sampler::Pcg;
-    settings.envelope.most.spp = spp;
+    settings.envelope.most.spp = spp.into();
     let mut stage = Stage::alone(subject, &settings);
     let frames: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
     mean_and_variance(&frames)
@@ -147,7 +147,7 @@ fn a_sun_of_one_texel_lights_with_little_noise_and_its_own_power() {
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.envelope.most.bounces = 1;
     settings.sampler = Sampler::Pcg;
-    settings.envelope.most.spp = 16;
+    settings.envelope.most.spp = 16.into();
     let image = Stage::alone(&subject, &settings).frame(0).linear.left;
     let values: Vec<f64> = image.pixels.iter().map(|p| f64::from(p[0])).collect();
     let mean = values.iter().sum::<f64>() / values.len() as f64;

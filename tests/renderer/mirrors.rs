@@ -215,7 +215,7 @@ fn time_s(index: u32, is_moving: bool) -> f64 {
 fn reference(subject: &Subject, is_moving: bool) -> [RgbImage; 2] {
     const PARTS: u32 = 8;
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    (settings.seed, settings.envelope.most.spp, settings.envelope.most.bounces) = (99, 16, BOUNCES);
+    (settings.seed, settings.envelope.most.spp, settings.envelope.most.bounces) = (99, 16.into(), BOUNCES);
     let mut stage = Stage::alone(subject, &settings);
     let parts = (0..PARTS).map(|index| stage.frame_at(time_s(FRAMES - 1, is_moving), index).linear);
     let sum = parts.map(|eyes| [within(&eyes.left), within(&eyes.right)]).reduce(|mut sum, part| {
@@ -371,7 +371,7 @@ fn frames_that_follow_mirrors_have_the_bytes_of_one_device() {
     let of_moving = [(&moving, Denoiser::SVGF, 1), (&moving, Denoiser::BMFR, 1)];
     for (subject, denoiser, spp) in sampled(of_still.into_iter().chain(of_moving), 2) {
         let mut settings = settings(subject, denoiser);
-        settings.envelope.most.spp = spp;
+        settings.envelope.most.spp = spp.into();
         let [one, three] = [1, 3].map(|devices| {
             let mut stage = Stage::even(subject, &settings, devices);
             (0..3).map(|index| stage.frame_at(f64::from(index) / FPS, index)).collect::<Vec<_>>()

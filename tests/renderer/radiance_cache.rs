@@ -122,7 +122,7 @@ fn cached_frames_keep_the_mean_and_the_error() {
     for name in sampled(["builtin:cornell", "builtin:gallery"], 2) {
         let subject = Subject::load(name);
         let mut reference = subject.settings(WIDTH, HEIGHT);
-        (reference.seed, reference.envelope.most.spp) = (99, 64);
+        (reference.seed, reference.envelope.most.spp) = (99, 64.into());
         let reference = Stage::alone(&subject, &reference).frame(0).linear.left;
         let [off, on] = [false, true].map(|cache| {
             let mut stage = Stage::alone(&subject, &settings(&subject, cache));

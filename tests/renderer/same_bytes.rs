@@ -241,7 +241,7 @@ fn layers_around_a_moving_gaze_give_the_bytes_of_one_device() {
     for (spp, reproject, plan) in [(1, true, HaloPlan::RECOMPUTE), (3, false, HaloPlan::EXCHANGE)] {
         let mut settings = subject.denoised(WIDTH, HEIGHT);
         foveate(&mut settings, &Foveation::new(gaze.clone()), [2, 3, 5]);
-        (settings.envelope.most.spp, settings.buffers.reproject) = (spp, reproject);
+        (settings.envelope.most.spp, settings.buffers.reproject) = (spp.into(), reproject);
         (settings.execution.seam, settings.execution.adapts_halo) = (Seam::Halo(plan), false);
         let frames = |devices: usize| {
             let mut stage = Stage::with(&subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
@@ -306,7 +306,7 @@ fn every_seed_sampler_and_sample_count_gives_the_bytes_of_one_device() {
     {
         let mut settings = subject.denoised(WIDTH, HEIGHT);
         settings.seed = seed;
-        settings.envelope.most.spp = spp;
+        settings.envelope.most.spp = spp.into();
         settings.sampler = sampler;
         settings.buffers.reproject = reproject;
         let one = Stage::even(&subject, &settings, 1).frame(0).linear;

@@ -15,7 +15,7 @@ use glam::{DVec3, Vec3};
 fn a_reprojected_eye_looks_like_a_traced_one() {
     let subject = Subject::load("builtin:cornell");
     let mut settings = with(subject.settings(64, 36), |config| config.envelope.most.bounces = 2);
-    settings.envelope.most.spp = 512;
+    settings.envelope.most.spp = 512.into();
     let traced = Stage::alone(&subject, &settings).frame(0);
     settings.buffers.reproject = true;
     let reprojected = Stage::alone(&subject, &settings).frame(0);
@@ -55,7 +55,7 @@ fn glossy_surfaces_look_reprojected_as_they_look_traced() {
         rig.baseline_m = 0.064;
         let subject = Subject::new(name, scene, rig);
         let mut settings = with(subject.settings(64, 36), |config| config.envelope.most.bounces = 3);
-        settings.envelope.most.spp = 256;
+        settings.envelope.most.spp = 256.into();
         let traced = Stage::alone(&subject, &settings).frame(0).linear.right;
         settings.buffers.reproject = true;
         let frame = Stage::alone(&subject, &settings).frame(0);
@@ -94,7 +94,7 @@ fn eyes_in_one_place_see_the_same() {
         assert!(found.psnr > 60.0, "{shot}: reprojection onto itself\n{found}");
 
         settings.buffers.reproject = false;
-        settings.envelope.most.spp = 16;
+        settings.envelope.most.spp = 16.into();
         let mut stage = Stage::alone(&subject, &settings);
         let frames: Vec<_> = (0..8).map(|i| stage.frame(i).linear).collect();
         let lefts: Vec<_> = frames.iter().map(|f| f.left.clone()).collect();

@@ -24,7 +24,7 @@ const FPS: f64 = 72.0;
 fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.seed = 99;
-    settings.envelope.most.spp = spp;
+    settings.envelope.most.spp = spp.into();
     Stage::alone(subject, &settings).frame_at(time_s, 0).linear
 }
 
@@ -62,7 +62,7 @@ fn a_frame_of_many_samples_is_blurred_little() {
     let subject = Subject::load("builtin:cornell");
     let right = reference(&subject, 0.0, 128);
     let flip = |mut settings: RunConfig| {
-        settings.envelope.most.spp = 64;
+        settings.envelope.most.spp = 64.into();
         errors(&right, &Stage::alone(&subject, &settings).frame(0).linear)[0].flip
     };
     let (filtered, traced) = (flip(subject.accumulated(WIDTH, HEIGHT)), flip(subject.settings(WIDTH, HEIGHT)));
@@ -79,7 +79,7 @@ fn more_samples_make_moving_frames_better() {
     let right = reference(&subject, time_s, if is_thorough() { 512 } else { 128 });
     let flip = |spp: u32| {
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
-        settings.envelope.most.spp = spp;
+        settings.envelope.most.spp = spp.into();
         errors(&right, &arrived(&subject, &settings, time_s, 12)).iter().map(|e| 0.5 * e.flip).sum::<f64>()
     };
     let [one, four] = [flip(1), flip(4)];
@@ -95,7 +95,7 @@ fn frames_of_fewer_samples_keep_their_history() {
     const MANY: u32 = 16;
     let subject = Subject::load("builtin:cornell");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
-    (settings.envelope.most.spp, settings.envelope.mixes_spp) = (MANY, true);
+    (settings.envelope.most.spp, settings.envelope.mixes_spp) = (MANY.into(), true);
     settings.buffers.declarations = with_outputs(&["moments"]);
     let (denoiser, iterations) = (settings.envelope.most.denoiser, settings.envelope.most.iterations);
     // Returns the mean history length of all pixels.
@@ -104,7 +104,7 @@ fn frames_of_fewer_samples_keep_their_history() {
         for i in 0..FRAMES {
             let spp = spp_of(i);
             let quality =
-                Quality { spp, extra: 0.0, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
+                Quality { spp: spp.into(), bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
             stage.set(move |params| params.quality = quality);
             stage.frame(i);
         }
@@ -197,7 +197,7 @@ fn what_a_passing_board_uncovers_has_its_own_light() {
         config.envelope.most.bounces = 1;
         config.seed = 99
     });
-    settings.envelope.most.spp = 32;
+    settings.envelope.most.spp = 32.into();
     let mut stage = Stage::alone(&subject, &settings);
     for (i, pair) in (1..).zip(frames.windows(2)).skip(7) {
         let [(_, before), (linear, now)] = pair else { unreachable!("windows of two") };

@@ -49,7 +49,7 @@ fn settings(subject: &Subject, denoiser: Denoiser, filter_textures: bool) -> Run
 
 fn reference(subject: &Subject) -> RgbImage {
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
-    settings.envelope.most.spp = 64;
+    settings.envelope.most.spp = 64.into();
     Stage::alone(subject, &settings).frame(0).linear.left
 }
 

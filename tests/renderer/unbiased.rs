@@ -135,8 +135,8 @@ fn against(row: usize, (subject, time_s): (&Subject, f64), effort: &Effort) -> V
             };
             let mut settings = subject.settings(EXTENT.width, EXTENT.height);
             (settings.envelope.most.bounces, settings.seed, settings.sampler) = (bounces, seed, sampler);
-            let mut find = |numbers, spp| {
-                settings.envelope.most.spp = spp;
+            let mut find = |numbers, spp: u32| {
+                settings.envelope.most.spp = spp.into();
                 renders(subject, time_s, &settings, numbers)
             };
             let resolution = detected(effort.resolution);
@@ -306,7 +306,7 @@ fn samples_of_a_frame_and_of_several_frames_have_one_mean() {
     (settings.envelope.most.bounces, settings.sampler) = (2, Sampler::Pcg);
     let render = |spp: u32, count: u64| {
         let mut settings = settings.clone();
-        (settings.seed, settings.envelope.most.spp) = (spp, spp);
+        (settings.seed, settings.envelope.most.spp) = (spp, spp.into());
         Estimate::from_renders(EXTENT, renders(&subject, 0.0, &settings, 0..count))
     };
     // 100 samples make four batches, the last of them incomplete.

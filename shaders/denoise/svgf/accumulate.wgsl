@@ -258,7 +258,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     frames += select(0.0, 1.0, sampled);
     // Light has changed if the recent mean differs from the long one by more than the variance of both explains. Recent
     // frames may have fewer samples than others, so the smallest known sample count is assumed for each.
-    let fewest = min(total / frames, f32(min(frame.sampling.spp, previous.sampling.spp)));
+    let fewest = min(total / frames, f32(min(frame.sampling.samples.least, previous.sampling.samples.least)));
     let spread = variance.x * (1.0 / ((2.0 * RECENT_FRAMES - 1.0) * fewest) + 1.0 / total);
     let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, unseen_square());
     let trust = select(1.0, max(1.0 / off, min(FEW_FRAMES / frames, 1.0)), off > 1.0 && frames > FEW_FRAMES);

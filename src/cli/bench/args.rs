@@ -11,7 +11,8 @@ use crate::cli::foveation::FoveationMode;
 use crate::cli::options::{self, DenoiserChoice, RunOptions, render_scale};
 use crate::cli::reference::{PASS_SPP, seconds};
 use crate::cli::settings::Given;
-use crate::quality::{Denoiser, LogPolar, Spp};
+use crate::frame::Samples;
+use crate::quality::{Denoiser, LogPolar};
 use crate::report::once;
 
 #[derive(clap::Args, Clone, Debug)]
@@ -23,7 +24,7 @@ pub struct Args {
     pub(super) virtual_devices: u16,
     /// Samples per pixel to measure [default: 1,2,4,8,16]
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = options::frame_spp, help_heading = options::QUALITY)]
-    pub(super) spp: Vec<Spp>,
+    pub(super) spp: Vec<Samples>,
     /// Maximum bounces to measure [default: 2,6]
     ///
     /// The reference uses the largest of these numbers.

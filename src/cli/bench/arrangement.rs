@@ -8,6 +8,7 @@ use super::axes::FPS;
 use crate::cli::balance::Balance;
 use crate::cli::foveation::FoveationMode;
 use crate::cli::options::{self, RenderOptions, RunOptions};
+use crate::frame::Samples;
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::passes::partitions;
@@ -20,8 +21,7 @@ use crate::stages::Foveation;
 
 /// Quality of arrangements, unless an experiment's options change it.
 pub const QUALITY: Quality = Quality {
-    spp: 1,
-    extra: 0.0,
+    spp: Samples::ONE,
     bounces: 6,
     denoiser: Some(Denoiser::SVGF),
     iterations: [Denoiser::DEFAULT_ITERATIONS; 3],
@@ -206,7 +206,7 @@ mod tests {
         let text = include_str!("experiments/koskela.toml");
         let text = text.replace("spp = 1\n", "spp = 2\nreproject = 'off'\nratios = [1, 2]\nbalance = 'static'\n");
         let all = options_of(&text).unwrap();
-        let quality = Quality { spp: 2, ..QUALITY };
+        let quality = Quality { spp: 2.into(), ..QUALITY };
         assert_eq!(all[0].quality(), quality);
         assert_eq!(all[3].quality(), Quality { polar: Some(PolarSpace::Visual), ..quality });
         assert_eq!(all[2].quality(), Quality { fovea: Some(Foveation::RADII), ..quality });

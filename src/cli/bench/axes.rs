@@ -10,7 +10,8 @@ use crate::cli::foveation::FoveationMode;
 use crate::cli::options::DenoiserChoice;
 use crate::cli::{settings, setup};
 use crate::control::Ladder;
-use crate::quality::{Denoiser, Quality, Spp};
+use crate::frame::Samples;
+use crate::quality::{Denoiser, Quality};
 use crate::report::once;
 use crate::stages::Foveation;
 
@@ -26,10 +27,13 @@ const MEASURED: [DenoiserChoice; 3] = [None, Some(Denoiser::ATROUS), Some(Denois
 pub const FRAMES_MAX: u32 = 10_000;
 
 impl Args {
-    fn spp(&self) -> Vec<Spp> {
+    fn spp(&self) -> Vec<Samples> {
         chosen(
             &self.spp,
-            &if self.quick { vec![1, 4] } else { vec![1, 2, 4, 8, 16] }.into_iter().map(Spp::from).collect::<Vec<_>>(),
+            &if self.quick { vec![1, 4] } else { vec![1, 2, 4, 8, 16] }
+                .into_iter()
+                .map(Samples::from)
+                .collect::<Vec<_>>(),
         )
     }
 
@@ -105,16 +109,7 @@ impl Args {
             for (&iterations, foveation) in iterations.iter().flat_map(|i| foveations.iter().map(move |f| (i, f))) {
                 let (iterations, fovea, polar) = ([iterations; 3], foveation.radii(), foveation.space(self.polar));
                 for (bounces, &scale) in self.bounces().iter().flat_map(|b| scales.iter().map(move |s| (*b, s))) {
-                    let quality = |Spp { least: spp, extra }| Quality {
-                        spp,
-                        extra,
-                        bounces,
-                        denoiser,
-                        iterations,
-                        fovea,
-                        polar,
-                        scale,
-                    };
+                    let quality = |spp| Quality { spp, bounces, denoiser, iterations, fovea, polar, scale };
                     settings.extend(self.samples(scale).into_iter().map(quality));
                 }
             }
@@ -124,7 +119,7 @@ impl Args {
 
     /// Returns the sample counts to measure at a render scale. A scale below 1 is a cheaper alternative to the lowest
     /// sample count, so only that count is measured.
-    fn samples(&self, scale: f64) -> Vec<Spp> {
+    fn samples(&self, scale: f64) -> Vec<Samples> {
         let mut spp = self.spp();
         if scale < 1.0 {
             spp = spp.into_iter().min_by(|a, b| a.mean().total_cmp(&b.mean())).into_iter().collect();

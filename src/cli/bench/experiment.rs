@@ -6,8 +6,9 @@ use std::path::Path;
 use anyhow::{Context, anyhow};
 
 use crate::device::DeviceInfo;
+use crate::frame::Samples;
 use crate::loaded::LoadedScene;
-use crate::quality::{Quality, Spp};
+use crate::quality::Quality;
 use crate::report::experiment::{
     Camera, Experiment, ExperimentRow, FOVEA, Found, FrameTimes, OtherMeasures, RINGS, Texts, text_of,
 };
@@ -201,7 +202,7 @@ impl Results {
                 measures.extend(arrangement::sample_as_visual_polar(&mut own, &loaded));
             }
             if arrangement.late_frames.is_some() {
-                (own.is_late, own.spp) = (true, args.reference_spp.map_or(own.spp, Spp::from));
+                (own.is_late, own.spp) = (true, args.reference_spp.map_or(own.spp, Samples::from));
             }
             measures.insert("dispatched", arrangement::dispatched(&own, &loaded));
             beside.push(measures);

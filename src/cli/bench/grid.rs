@@ -26,7 +26,7 @@ use crate::cli::setup::{self, Tracing};
 
 /// Estimates the relative cost of a frame: one unit for each sample per pixel, plus one for the rest of the frame.
 fn work(quality: &Quality) -> u64 {
-    u64::from(quality.spp) + 1
+    u64::from(quality.spp.least) + 1
 }
 
 /// A grid of settings, with the inputs and devices that they share.

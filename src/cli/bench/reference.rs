@@ -83,7 +83,7 @@ pub fn plan(args: &Args) -> Result<Plan, Failure> {
     let judged = args.judged()?;
     let bounces = args.bounces().into_iter().chain(judged.iter().map(|k| k.bounces)).max().unwrap_or(0);
     let quality =
-        Quality { spp, extra: 0.0, bounces, denoiser: None, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
+        Quality { spp: spp.into(), bounces, denoiser: None, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
     Plan::new(&RenderOptions::single(run, &quality), passes)
 }
 

@@ -5,11 +5,12 @@ use clap::ValueEnum;
 
 use crate::device::DeviceInfo;
 use crate::exec::Stereo;
+use crate::frame::Samples;
 use crate::image::{ImageError, RgbImage};
 use crate::loaded::LoadedScene;
 use crate::metrics::Pair;
 use crate::passes::denoise;
-use crate::quality::{Denoiser, Quality, Spp};
+use crate::quality::{Denoiser, Quality};
 use crate::report::frames::FrameLine;
 use crate::report::html::Section;
 use crate::report::run::{FrameRow, RunReport};
@@ -64,11 +65,11 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     }
     let denoiser = args.denoiser.first().copied().unwrap_or(Some(Denoiser::ATROUS));
     let first = |asked: &[u32], default| asked.first().copied().unwrap_or(default);
-    let Spp { least: spp, extra } = args.spp.first().copied().unwrap_or(Spp::from(1));
+    let spp = args.spp.first().copied().unwrap_or(Samples::ONE);
     let bounces = first(&args.bounces, 6);
     let iterations =
         [denoiser.map_or(0, |d| first(&args.iterations, Denoiser::DEFAULT_ITERATIONS).min(d.most_iterations())); 3];
-    let quality = Quality { spp, extra, bounces, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
+    let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
     let options = RenderOptions::single(run, &quality);
     options.check().map_err(Failure::Input)?;
     if denoiser.is_none() {

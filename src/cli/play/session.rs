@@ -176,10 +176,10 @@ impl Session {
     /// Announces a frame on the terminal or as a JSON line. Call it after recording the frame's row.
     pub fn announce(&mut self, row: &FrameRow, frame: &FrameReport) {
         let Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, .. }) = row.control else { return };
-        let FrameQuality { spp, extra, bounces, iterations, scale, fovea } = row.quality;
+        let FrameQuality { spp, bounces, iterations, scale, fovea } = row.quality;
         self.progress.event(|| {
             serde_json::json!({
-                "event": "frame", "index": row.index, "rung": rung, "spp": spp, "extra": extra, "bounces": bounces,
+                "event": "frame", "index": row.index, "rung": rung, "spp": spp.least, "extra": spp.fraction(), "bounces": bounces,
                 "iterations": iterations, "scale": scale, "fovea": fovea, "predicted_ms": row.predicted_ms, "expected_ms": expected_ms,
                 "fits": fits, "makespan_ms": row.makespan_ms, "in_band": in_band, "late_ms": late_ms,
             })

@@ -133,7 +133,7 @@ pub(super) mod tests {
     pub fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> SettingRow {
         let denoiser = Denoiser::from_name(denoiser).unwrap();
         let quality =
-            Quality { spp, extra: 0.0, bounces: 6, denoiser, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
+            Quality { spp: spp.into(), bounces: 6, denoiser, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
         let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
         let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 70.0 };
         let flat = |v: f64| {

@@ -52,16 +52,17 @@ pub fn slopes(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Vec<Slope> 
     let rows: Vec<&SettingRow> = rows
         .iter()
         .filter(|r| {
-            let Quality { extra, scale, fovea, polar, .. } = r.quality;
-            extra == 0.0 && scale == 1.0 && fovea.is_none() && polar.is_none()
+            let Quality { spp, scale, fovea, polar, .. } = r.quality;
+            !spp.varies() && scale == 1.0 && fovea.is_none() && polar.is_none()
         })
         .collect();
     let bounces = rows.iter().map(|r| r.quality.bounces).max();
     let rows: Vec<&SettingRow> = rows.into_iter().filter(|r| Some(r.quality.bounces) == bounces).collect();
     let filters = once(rows.iter().map(|r| filter(r)));
     let of = |name: &(&'static str, u32)| {
-        let own = || rows.iter().filter(|r| filter(r) == *name && r.quality.spp > 1);
-        let eye = |of: fn(&Measured) -> &Vec<f64>| own().map(|r| (r.quality.spp, of(&r.measured).as_slice())).collect();
+        let own = || rows.iter().filter(|r| filter(r) == *name && r.quality.spp.least > 1);
+        let eye =
+            |of: fn(&Measured) -> &Vec<f64>| own().map(|r| (r.quality.spp.least, of(&r.measured).as_slice())).collect();
         let noises = noise.map_or([0.0; 2], |n| [n.left.relmse, n.right.relmse]);
         [
             slope(*name, "left", eye(|m| &m.relmse_repeats.left), noises[0]),

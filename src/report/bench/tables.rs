@@ -69,7 +69,7 @@ pub(super) fn cells_of(quality: &Quality) -> [String; 6] {
         (None, None) => "none",
     };
     let [iterations, bounces] = [iterations, bounces].map(|n| n.to_string());
-    let spp = quality.samples().to_string();
+    let spp = quality.spp.to_string();
     [Denoiser::name_of(quality.denoiser).to_owned(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
 }
 

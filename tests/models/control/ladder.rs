@@ -148,8 +148,8 @@ fn settings_without_finite_numbers_are_on_no_front() {
 #[test]
 fn rungs_between_others_differ_from_them_in_samples_alone() {
     let mut rungs = ladder(&times(10.0, &[2.0, 1.5])).rungs().to_vec();
-    rungs[1].quality.spp = 4;
-    (rungs[2].quality.spp, rungs[2].quality.bounces) = (6, 2);
+    rungs[1].quality.spp = 4.into();
+    (rungs[2].quality.spp, rungs[2].quality.bounces) = (6.into(), 2);
     for (rung, rays) in rungs.iter_mut().zip([2.0, 8.0, 9.0]) {
         rung.rays.insert("path_trace".into(), rays);
         rung.stage_ms.insert("path_trace".into(), rung.time_ms / 2.0);
@@ -164,7 +164,7 @@ fn rungs_between_others_differ_from_them_in_samples_alone() {
         assert!(1.0 < step && step <= 1.05 + 1e-9 && high.error < low.error, "{low:?} {high:?}");
     }
     for rung in added {
-        let mean = rung.quality.samples().mean();
+        let mean = rung.quality.spp.mean();
         let part = (mean - 1.0) / 3.0;
         assert!(rung.is_estimated && rung.flip.is_none() && 1.0 < mean && mean < 4.0, "{rung:?}");
         let off = [rung.time_ms - (10.0 + 10.0 * part), rung.rays["path_trace"] - (2.0 + 6.0 * part)];

@@ -19,8 +19,7 @@ pub fn ladder(times_ms: &[f64]) -> Ladder {
         relmse: Some(0.1),
         is_estimated: false,
         quality: Quality {
-            spp: i as u32 + 1,
-            extra: 0.0,
+            spp: (i as u32 + 1).into(),
             bounces: 6,
             denoiser: None,
             iterations: [0; 3],

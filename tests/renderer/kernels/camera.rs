@@ -1,5 +1,6 @@
 //! Frame constants for kernels without a scene, and the pinhole camera.
 
+use diptych::frame::samples::PixelSamples;
 use diptych::stages::layout::{self, Camera, Display, Frame, History, Previous, Sampling, View};
 use glam::{DQuat, DVec2, DVec3, Vec2, Vec3, Vec4};
 
@@ -164,7 +165,13 @@ impl Constants {
                 height: self.height,
                 ..Default::default()
             },
-            sampling: Sampling { index: self.index, spp: self.spp, mask_turn, sampled_fraction, ..Default::default() },
+            sampling: Sampling {
+                index: self.index,
+                samples: PixelSamples { least: self.spp, ..Default::default() },
+                mask_turn,
+                sampled_fraction,
+                ..Default::default()
+            },
             foveation: layout::Foveation {
                 gaze: Vec4::new(gaze[0].x, gaze[0].y, gaze[1].x, gaze[1].y),
                 layer_iterations: layer_iterations.into(),

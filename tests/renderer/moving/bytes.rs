@@ -6,6 +6,7 @@ use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
 use diptych::RunConfig;
 use diptych::device::{Tables, Traversal};
 use diptych::exec::InjectedFaults;
+use diptych::frame::Samples;
 use diptych::graph::{HaloPlan, Seam};
 use diptych::quality::Denoiser;
 use diptych::scene::motion::{Attached, Motion};
@@ -30,16 +31,16 @@ fn assert_all_same(what: &str, expected: &[Frame], found: &[Frame]) {
 
 #[test]
 fn moving_scenes_have_the_bytes_of_one_device_on_ragged_stripes_that_move() {
-    for (denoiser, extra) in sampled([(Denoiser::SVGF, 0.5), (Denoiser::SVGF, 0.0), (Denoiser::BMFR, 0.0)], 2) {
-        hold_motion_against_one_device(denoiser, extra);
+    for (denoiser, spp) in sampled([(Denoiser::SVGF, 1.5), (Denoiser::SVGF, 1.0), (Denoiser::BMFR, 1.0)], 2) {
+        hold_motion_against_one_device(denoiser, spp);
     }
 }
 
-fn hold_motion_against_one_device(denoiser: Denoiser, extra: f64) {
+fn hold_motion_against_one_device(denoiser: Denoiser, spp: f64) {
     let subject = watched(moving::everything());
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     settings.envelope.most.denoiser = Some(denoiser);
-    (settings.envelope.most.extra, settings.envelope.mixes_spp) = (extra, extra > 0.0);
+    (settings.envelope.most.spp, settings.envelope.mixes_spp) = (Samples::of_mean(spp), spp > 1.0);
     settings.envelope.most.iterations = settings.envelope.most.iterations.map(|n| n.min(denoiser.most_iterations()));
     let times_s = times_s();
     let one = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);

@@ -67,7 +67,7 @@ fn error(right: &Stereo<RgbImage>, found: &Stereo<RgbImage>, pixels: &[usize]) -
 
 fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    (settings.seed, settings.envelope.most.spp) = (99, spp);
+    (settings.seed, settings.envelope.most.spp) = (99, spp.into());
     settings.envelope.most.bounces = 2;
     Stage::alone(subject, &settings).frame_at(time_s, 0).linear
 }

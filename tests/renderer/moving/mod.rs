@@ -9,6 +9,7 @@ mod twins;
 
 use crate::common::{Stage, Subject, still_rig};
 use crate::reference::scenes::{add_matte, add_mesh, moving, quad};
+use diptych::frame::Samples;
 use diptych::quality::Quality;
 use diptych::report::run::FrameRow;
 use diptych::scene::Scene;
@@ -40,8 +41,7 @@ fn bodies_that_are_left_out_of_a_frame_are_counted() {
     let subject = watched(draft.done());
     let settings = subject.settings(32, 24);
     let quality = Quality {
-        spp: 1,
-        extra: 0.0,
+        spp: Samples::ONE,
         bounces: 6,
         denoiser: None,
         iterations: [0; 3],

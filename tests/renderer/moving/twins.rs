@@ -17,7 +17,7 @@ fn psnr(stage: &mut Stage, subject: &Subject, time_s: f64, spp: u32) -> f64 {
     let found = stage.frame_at(time_s, 5).linear;
     let twin = watched(subject.scene.at(time_s));
     let mut settings = twin.settings(WIDTH, HEIGHT);
-    settings.envelope.most.spp = spp;
+    settings.envelope.most.spp = spp.into();
     let expected = Stage::alone(&twin, &settings).frame(5).linear;
     let eyes = [(expected.left, found.left), (expected.right, found.right)];
     eyes.map(|(a, b)| metrics::compare(&a, &b).unwrap().psnr).into_iter().fold(f64::INFINITY, f64::min)
@@ -27,7 +27,7 @@ fn psnr(stage: &mut Stage, subject: &Subject, time_s: f64, spp: u32) -> f64 {
 fn hold_against_twins(scene: Scene, times_s: &[f64], spp: u32, least_db: f64) {
     let subject = watched(scene);
     let mut settings = subject.settings(WIDTH, HEIGHT);
-    settings.envelope.most.spp = spp;
+    settings.envelope.most.spp = spp.into();
     let mut stage = Stage::alone(&subject, &settings);
     let found: Vec<f64> = times_s.iter().map(|&time_s| psnr(&mut stage, &subject, time_s, spp)).collect();
     println!("{}: {found:.1?} dB", subject.name);

@@ -91,7 +91,7 @@ fn code_that_a_scene_does_not_need_changes_no_byte() {
     }
     for (subject, spp) in &cases {
         let mut settings = subject.denoised(32, 18);
-        settings.envelope.most.spp = *spp;
+        settings.envelope.most.spp = (*spp).into();
         let [needed, all] = [needs(subject), needs(subject).widened()].map(|needs| {
             settings.buffers.needs = needs;
             let mut stage = Stage::alone(subject, &settings);

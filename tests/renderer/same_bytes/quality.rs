@@ -2,6 +2,7 @@
 
 use diptych::RunConfig;
 use diptych::exec::FrameParams;
+use diptych::frame::Samples;
 use diptych::passes::Aov;
 use diptych::stages::Sampler;
 
@@ -9,8 +10,15 @@ use super::*;
 use crate::common::{sampled, with};
 
 fn quality(denoiser: Denoiser, (spp, bounces, iterations, scale, fovea): Numbers) -> Quality {
-    let (spp, extra) = (spp as u32, spp.fract());
-    Quality { spp, extra, bounces, denoiser: Some(denoiser), iterations: [iterations; 3], scale, fovea, polar: None }
+    Quality {
+        spp: Samples::of_mean(spp),
+        bounces,
+        denoiser: Some(denoiser),
+        iterations: [iterations; 3],
+        scale,
+        fovea,
+        polar: None,
+    }
 }
 
 const QUALITIES: [Numbers; 8] = [
@@ -31,8 +39,8 @@ fn layers() -> Foveation {
 /// Renders frames of all [`QUALITIES`].
 fn play(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Stereo<RgbImage>> {
     let mut settings = settings.clone();
-    (settings.envelope.most.spp, settings.envelope.mixes_spp, settings.envelope.most.scale) = (3, true, 0.5);
-    settings.envelope.most.extra = 0.5;
+    (settings.envelope.most.spp, settings.envelope.mixes_spp, settings.envelope.most.scale) =
+        (Samples::of_mean(3.5), true, 0.5);
     foveate(&mut settings, &layers(), [4; 3]);
     let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
     let denoiser = settings.envelope.most.denoiser.unwrap();
@@ -55,7 +63,7 @@ fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
             config.envelope.most.scale = scale
         });
         let most = &mut fixed.envelope.most;
-        (most.spp, most.extra, most.iterations) = (spp as u32, spp.fract(), [iterations; 3]);
+        (most.spp, most.iterations) = (Samples::of_mean(spp), [iterations; 3]);
         fixed.envelope.mixes_spp = spp == 1.5;
         (fixed.gaze, fixed.envelope.most.fovea) = (layers().gaze, fovea);
         let expected = Stage::even(&subject, &fixed, 1).frame_at(i as f64 * 0.05, i as u32).linear;
@@ -111,7 +119,7 @@ fn exposures_of_frames_change_their_pictures_alone() {
 fn qualities_that_nothing_was_made_ready_for_are_refused() {
     let subject = Subject::load("builtin:cornell");
     let mut settings = subject.denoised(32, 18);
-    (settings.envelope.most.spp, settings.envelope.most.iterations) = (3, [4; 3]);
+    (settings.envelope.most.spp, settings.envelope.most.iterations) = (3.into(), [4; 3]);
     let mut stage = Stage::even(&subject, &settings, 1);
     let frame = stage.params(0.0, 0);
     let mut set = |denoiser, numbers| {
@@ -157,7 +165,7 @@ fn pixels_of_tiles_that_differ_have_the_bytes_of_frames_of_their_samples() {
     });
     let frame = |spp: f64, devices: usize| {
         let settings = with(settings.clone(), |config| {
-            (config.envelope.most.spp, config.envelope.most.extra) = (spp as u32, spp.fract());
+            config.envelope.most.spp = Samples::of_mean(spp);
             config.envelope.mixes_spp = spp == 1.5;
         });
         let mut stage = Stage::even(&subject, &settings, devices);

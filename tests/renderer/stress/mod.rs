@@ -53,7 +53,7 @@ fn renders(subject: &Subject, effort: Effort, sampler: Sampler, frames: u32) -> 
     let mut settings = subject.settings(effort.size[0], effort.size[1]);
     settings.envelope.most.bounces = effort.bounces;
     settings.seed = effort.seed;
-    settings.envelope.most.spp = effort.spp;
+    settings.envelope.most.spp = effort.spp.into();
     settings.sampler = sampler;
     let mut stage = Stage::alone(subject, &settings);
     let images: Vec<_> = (0..frames).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
@@ -115,7 +115,7 @@ fn rays_that_are_cut_short_are_counted() {
         let subject = subject(&format!("{count} layers"), scene, camera);
         for spp in [1, 8] {
             let mut settings = subject.settings(8, 8);
-            settings.envelope.most.spp = spp;
+            settings.envelope.most.spp = spp.into();
             let frame = Stage::alone(&subject, &settings).frame_with_drops(0);
             let wrong = frame.linear.left.pixels.iter().filter(|pixel| **pixel != [1.0; 3]).count();
             let dropped = frame.report.tallies[0].nonfinite;
@@ -135,7 +135,7 @@ fn light_that_overflows_is_dropped_and_counted() {
     for (name, settings) in [("plain", plain), ("denoised", denoised), ("accumulated", accumulated)] {
         for (spp, gloss) in sampled([(1, true), (1, false), (4, true)], 2) {
             let mut settings = settings(&subject, WIDTH, HEIGHT);
-            settings.envelope.most.spp = spp;
+            settings.envelope.most.spp = spp.into();
             settings.buffers.needs.gloss = gloss;
             let mut stage = Stage::alone(&subject, &settings);
             for frame in 0..3 {

@@ -54,7 +54,7 @@ fn assert_mean_stays(name: &str, subject: &Subject, bounces: u32, change: fn(&mu
             let mut settings = subject.settings(EXTENT.width, EXTENT.height);
             settings.seed = seed;
             let most = &mut settings.envelope.most;
-            (most.denoiser, most.iterations, most.spp, most.bounces) = (Some(identity()), [1; 3], spp, bounces);
+            (most.denoiser, most.iterations, most.spp, most.bounces) = (Some(identity()), [1; 3], spp.into(), bounces);
             change(&mut settings, is_on);
             move |numbers: Range<u64>, _| renders(subject, 0.0, &settings, numbers)
         };

@@ -6,9 +6,10 @@ use std::f64::consts::PI;
 use std::ops::Range;
 
 use diptych::accel::{Accel, Layout, SPHERE};
+use diptych::frame::samples::{NO_CURVE, PixelSamples};
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::{Environment, Light as Lamp, LightKind, Material, Scene};
-use diptych::stages::layout::{Frame, History, NO_CURVE, PassConstants, Previous, Sampling};
+use diptych::stages::layout::{Frame, History, PassConstants, Previous, Sampling};
 use glam::{DVec3, Vec3};
 
 use self::twin::{Before, TILE, Twin, World};
@@ -91,7 +92,13 @@ fn seen(world: &World, constants: &Constants, eye: &Eye) -> (Vec<[u32; 4]>, Vec<
 
 /// Returns settings of one path for each pixel.
 fn sampling(index: u32, reflections: u32) -> Sampling {
-    Sampling { index, reflections, spp: 1, sampled_fraction: 1.0, ..Default::default() }
+    let samples = PixelSamples { least: 1, ..Default::default() };
+    Sampling { index, reflections, samples, sampled_fraction: 1.0, ..Default::default() }
+}
+
+fn with_samples(mut sampling: Sampling, change: impl FnOnce(&mut PixelSamples)) -> Sampling {
+    change(&mut sampling.samples);
+    sampling
 }
 
 /// Computes the gradients of a frame whose settings all differ from those of the previous frame.
@@ -103,7 +110,8 @@ fn gradients(
     stripe: &Stripe,
     (images, probes): ([&[[u32; 4]]; 4], &[f32]),
 ) -> Vec<[f32; 2]> {
-    let own = Sampling { seed: 77, spp: 4, sample_base: 3, curve_shift: 2, ..sampling(constants.index, 5) };
+    let samples = PixelSamples { least: 4, first: 3, curve_shift: 2, ..Default::default() };
+    let own = Sampling { seed: 77, samples, ..sampling(constants.index, 5) };
     run(subject, format, (constants, history), own, previous, stripe, (images, probes), "gradient")
 }
 
@@ -192,7 +200,7 @@ fn compare(case: &Case, cases: &mut Cases) {
     let eye = constants.eyes[0].moved(case.step.0, 0.01, case.step.1);
     let previous = Constants { eyes: [eye; 2], ..constants.clone() };
     let views = previous.frame().camera.views;
-    let settings = Sampling { is_jittered: case.is_jittered.into(), ..sampling(7, 1) };
+    let settings = with_samples(sampling(7, 1), |samples| samples.is_jittered = case.is_jittered.into());
     let mut unclear = 0;
     let inside = [(0..7, 0..7), (2..5, 1..6), (3..4, 3..4), (4..7, 3..7), (0..2, 0..3)];
     for stripe in inside.map(|(rows, valid)| Stripe { rows, valid }) {
@@ -388,8 +396,10 @@ fn after_probes(gloss: bool, settings: Sampling, factor: f32) -> Vec<[f32; 2]> {
 #[test]
 fn probes_find_light_that_changes_and_only_that() {
     for gloss in [false, true] {
-        let settings = Sampling { is_jittered: 1, spp: 2, curve_shift: 1, ..sampling(8, 3) };
-        let between = Sampling { is_jittered: 0, spp: 1, extra_fraction: 0.5, ..settings };
+        let two = PixelSamples { is_jittered: 1, least: 2, curve_shift: 1, ..Default::default() };
+        let settings = Sampling { samples: two, ..sampling(8, 3) };
+        let between = PixelSamples { is_jittered: 0, least: 1, extra: 0.5, ..two };
+        let between = Sampling { samples: between, ..settings };
         for settings in [settings, between] {
             let still = after_probes(gloss, settings, 1.0);
             assert_same(&still, gloss);
@@ -397,7 +407,7 @@ fn probes_find_light_that_changes_and_only_that() {
             let brighter = after_probes(gloss, settings, 3.0);
             assert!(brighter.iter().filter(|[change, light]| *change > 0.3 * light).count() > 3, "{brighter:?}");
         }
-        let one = Sampling { is_jittered: 0, spp: 1, ..settings };
+        let one = Sampling { samples: PixelSamples { is_jittered: 0, least: 1, ..two }, ..settings };
         assert!(after_probes(gloss, one, 3.0).iter().all(|v| *v == [0.0; 2]), "frames of one sample have no probes");
     }
 }
@@ -454,17 +464,18 @@ fn samples_that_are_dropped_are_no_change() {
 #[test]
 fn paths_are_those_of_the_frame_before() {
     for gloss in [false, true] {
-        let settings = Sampling { seed: 3, sample_base: 1, indirect_clamp: 0.05, ..sampling(5, 3) };
+        let settings = Sampling { seed: 3, indirect_clamp: 0.05, ..sampling(5, 3) };
+        let settings = with_samples(settings, |samples| samples.first = 1);
         let others = [
             Sampling { index: 6, ..settings },
             Sampling { seed: 4, ..settings },
-            Sampling { sample_base: 2, ..settings },
-            Sampling { curve_shift: 1, ..settings },
-            Sampling { curve_shift: NO_CURVE, ..settings },
+            with_samples(settings, |samples| samples.first = 2),
+            with_samples(settings, |samples| samples.curve_shift = 1),
+            with_samples(settings, |samples| samples.curve_shift = NO_CURVE),
             Sampling { reflections: 2, ..settings },
             Sampling { indirect_clamp: 0.0, ..settings },
         ];
-        let same = Sampling { is_jittered: 1, ..settings };
+        let same = with_samples(settings, |samples| samples.is_jittered = 1);
         let all: Vec<_> = [settings, same].into_iter().chain(others).collect();
         let found = after(lit_screen(gloss), gloss, settings, &all);
         let changed = |found: &[[f32; 2]]| found.iter().filter(|[change, light]| change.abs() > 1e-3 * light).count();
