@@ -17,7 +17,7 @@ use crate::metrics::heatmap::number_colour;
 use crate::passes::Aov;
 use crate::passes::aov_image;
 use crate::passes::tonemap::{DISPLAY, LINEAR};
-use crate::projection::Polar;
+use crate::projection::PolarSpace;
 use crate::report::record::Unfinished;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
@@ -201,9 +201,9 @@ impl FrameImages {
     }
 
     /// Draws the outer borders of the inner and the middle foveal layer on the display images.
-    pub fn overlay_layers(&mut self, foveation: &Foveation, time_s: f64, rectified: Rectified) {
+    pub fn overlay_layers(&mut self, foveation: Foveation, gaze: [[f64; 2]; 2], rectified: Rectified) {
         for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
-            let (radii, gaze) = foveation.circles_rendered(foveation.radii, time_s, image.extent, rectified);
+            let (radii, gaze) = foveation.circles_rendered(gaze, image.extent, rectified);
             let [x, y] = gaze[eye as usize];
             let points = rendered_points(eye, image.extent, rectified);
             for (pixel, ([column, row], density)) in image.pixels.iter_mut().zip(points) {
@@ -217,9 +217,9 @@ impl FrameImages {
 
     /// Draws the seams between stripes of polar images, and contours where the density of polar pixels on the screen
     /// halves.
-    pub fn overlay_rings(&mut self, polar: &Polar, rig: &Rig, time_s: f64, edges: &[u32]) {
+    pub fn overlay_rings(&mut self, polar: PolarSpace, gaze: [[f64; 2]; 2], rig: &Rig, time_s: f64, edges: &[u32]) {
         for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
-            let places = polar.places(eye, time_s, &rig.view(time_s, eye), image.extent);
+            let places = polar.places(gaze[eye as usize], &rig.view(time_s, eye), image.extent);
             let stripe = |i: usize| edges.iter().filter(|&&edge| places[i].row >= f64::from(edge)).count();
             let octave = |i: usize| places[i].density.log2().floor();
             let width = image.extent.width as usize;

@@ -212,12 +212,13 @@ impl Run<'_> {
             self.tracing.record(&options.quality(), None, &frame);
             if self.args.overlay {
                 let rectified = shot.rig.optics.as_ref().zip(self.renderer.rectified());
+                let gaze = self.renderer.gaze_at(time_s);
                 match self.renderer.polar() {
-                    Some(polar) => images.overlay_rings(&polar, &shot.rig, time_s, frame.stripe_edges()),
+                    Some(polar) => images.overlay_rings(polar, gaze, &shot.rig, time_s, frame.stripe_edges()),
                     None => images.overlay(frame.stripe_edges(), rectified),
                 }
                 if let Some(foveation) = self.renderer.foveation() {
-                    images.overlay_layers(&foveation, time_s, rectified);
+                    images.overlay_layers(foveation, gaze, rectified);
                 }
             }
             let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, time_s, frame.index);

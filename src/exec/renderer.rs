@@ -17,7 +17,7 @@ use crate::device::{DeviceFailure, DeviceInfo, Traversal};
 use crate::frame::samples::PixelSamples;
 use crate::graph::{Assignment, FrameGraph, Resource};
 use crate::image::Extent;
-use crate::projection::Polar;
+use crate::projection::PolarSpace;
 use crate::scene::rig::Rig;
 use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, cuts, simulate};
 use crate::stages::frame_constants::constants;
@@ -137,8 +137,13 @@ impl Renderer {
     }
 
     /// Returns the polar projection of traced images, if they have one.
-    pub fn polar(&self) -> Option<Polar> {
-        self.config.polar()
+    pub fn polar(&self) -> Option<PolarSpace> {
+        self.config.envelope.most.polar
+    }
+
+    /// Returns the gaze of both eyes at `time_s` by the configuration, in fractions of their images.
+    pub fn gaze_at(&self, time_s: f64) -> [[f64; 2]; 2] {
+        self.config.gaze_at(time_s)
     }
 
     /// Returns the extent of the rectified images, if the displayed images are resampled from such.
@@ -176,7 +181,8 @@ impl Renderer {
     pub fn frame(&self, rig: &Rig, time_s: f64, index: u32) -> FrameParams {
         let (rig, quality) = (rig.clone(), self.config.quality());
         let RunConfig { seed, exposure_ev, .. } = self.config;
-        FrameParams { rig, time_s, index, seed, quality, gaze: None, shown_from: None, exposure_ev }
+        let gaze = self.config.gaze_at(time_s);
+        FrameParams { rig, time_s, index, seed, quality, gaze, shown_from: None, exposure_ev }
     }
 
     /// Checks whether a frame can have these parameters.

@@ -20,7 +20,6 @@ use visual_polar::VisualPolar;
 pub use log_polar::{LogPolar, LogPolarMap};
 pub(crate) use method::within;
 pub use method::{PolarPoint, Project};
-pub use polar::Polar;
 pub use view::{View, structs};
 
 /// Projections whose pixels are arranged around the gaze. Files contain the names of the variants.

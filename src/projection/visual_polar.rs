@@ -160,19 +160,13 @@ fn row_length(view: &View, grid: Extent, row: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::projection::{Polar, PolarSpace};
-    use crate::scene::rig::{self, Eye};
-    use crate::scene::shot::Gaze;
+    use crate::projection::PolarSpace;
+    use crate::scene::rig;
 
     fn view(yfov_deg: f32, aspect: f32) -> View {
         let tan_half_y = (yfov_deg.to_radians() / 2.0).tan();
         let (right, up, forward) = (Vec3::X, Vec3::Y, -Vec3::Z);
         View { tan_half_x: tan_half_y * aspect, tan_half_y, right, up, forward, ..View::default() }
-    }
-
-    fn towards(gaze: [f64; 2]) -> Polar {
-        let [x, y] = gaze;
-        Polar { gaze: [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] }), space: PolarSpace::Visual }
     }
 
     /// Checks the paper's constant for 80 degrees, and fractions that follow from its formulas.
@@ -189,9 +183,8 @@ mod tests {
         let screen = Extent::new(96, 90);
         for tan_half_yfov in [0.8, 0.1, 0.02] {
             let eye = rig::View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: -Vec3::Z, tan_half_yfov };
-            let polar = towards([0.5, 0.5]);
-            let places = polar.places(Eye::Left, 0.0, &eye, screen);
-            let (grid, seen) = (polar.grid(screen), polar.seen(Eye::Left, 0.0, &eye, screen));
+            let places = PolarSpace::Visual.places([0.5; 2], &eye, screen);
+            let (grid, seen) = (VisualPolar.grid(screen), PolarSpace::Visual.seen([0.5; 2], &eye, screen));
             // Rows within the circle that touches the upper and the lower side of the screen.
             let rows = f64::from(seen.fovea_rows) * rings_within(f64::from(tan_half_yfov).atan().to_degrees());
             let within: f64 = places.iter().filter(|p| p.row < rows).map(|p| p.density).sum();
@@ -209,7 +202,7 @@ mod tests {
         for yfov_deg in [1e-6, 0.01, 1.0, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 20.0] {
             let eye = view(yfov_deg, 16.0 / 9.0);
             for gaze in [[0.5, 0.5], [0.3, 0.6], [0.0, 0.0], [1.0, 0.5], [0.62, 0.97]] {
-                let seen = towards(gaze).look(0, 0.0, eye, screen);
+                let seen = PolarSpace::Visual.look(gaze, eye, screen);
                 let share = VisualPolar.pixels(&seen, screen) as f64 / screen.area() as f64;
                 let told = format!("{yfov_deg} degrees, {gaze:?}: {} rows, {share} of the pixels", seen.rows);
                 assert!(seen.rows >= 0.8 * grid.height as f32 && seen.rows <= grid.height as f32, "{told}");
@@ -243,7 +236,7 @@ mod tests {
             let grid = VisualPolar.grid(screen);
             let eye = view(yfov_deg, screen.width as f32 / screen.height as f32);
             let share = |gaze| {
-                let seen = towards(gaze).look(0, 0.0, eye, screen);
+                let seen = PolarSpace::Visual.look(gaze, eye, screen);
                 assert!(seen.rows <= grid.height as f32 && seen.fovea_rows > 0.0 && seen.fovea_rows < seen.rows);
                 VisualPolar.pixels(&seen, screen) as f64 / screen.area() as f64
             };

@@ -194,7 +194,7 @@ impl Session {
         self.renderer.set_relative_cost(relative_cost);
         let frame = self.renderer.frame(rig, time_s, index);
         let exposure_ev = self.exposure_ev.unwrap_or(frame.exposure_ev);
-        let params = FrameParams { quality, gaze: self.gaze, exposure_ev, ..frame };
+        let params = FrameParams { quality, gaze: self.gaze.unwrap_or(frame.gaze), exposure_ev, ..frame };
         let begin = Instant::now();
         let frame = self.renderer.render(&params)?;
         let whole_ms = begin.elapsed().as_secs_f64() * 1e3;

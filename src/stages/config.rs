@@ -11,7 +11,7 @@ use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::image::tone::ToneCurve;
 use crate::passes::{Aov, Declarations, Display, ImageChain, Moving};
-use crate::projection::{Polar, PolarSpace};
+use crate::projection::PolarSpace;
 use crate::quality::{Denoiser, Envelope, Quality};
 use crate::scene::needs::SceneNeeds;
 use crate::scene::shot::Gaze;
@@ -162,12 +162,12 @@ impl RunConfig {
     /// Returns the foveal layers; `None` if all pixels are sampled and filtered alike.
     pub fn foveation(&self) -> Option<Foveation> {
         let radii = self.envelope.most.fovea?;
-        Some(Foveation { gaze: self.gaze.clone(), radii, unsampled_fraction: self.unsampled_fraction })
+        Some(Foveation { radii, unsampled_fraction: self.unsampled_fraction })
     }
 
-    /// Returns the polar projection of the traced images; `None` if the screen image is traced directly.
-    pub fn polar(&self) -> Option<Polar> {
-        Some(Polar { gaze: self.gaze.clone(), space: self.envelope.most.polar? })
+    /// Returns the gaze of both eyes at `time_s`, in fractions of their images.
+    pub fn gaze_at(&self, time_s: f64) -> [[f64; 2]; 2] {
+        self.gaze.each_ref().map(|gaze| gaze.at(time_s))
     }
 
     /// Returns the chain of images of an eye, from the traced to the displayed one.

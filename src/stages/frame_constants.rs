@@ -2,7 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
-use super::{FrameParams, RunConfig, SceneTables, layout};
+use super::foveation::EVERYWHERE;
+use super::{Foveation, FrameParams, RunConfig, SceneTables, layout};
 use crate::frame::samples::PixelSamples;
 use crate::image::Extent;
 use crate::passes::Display;
@@ -16,7 +17,7 @@ pub fn constants(
     tables: &SceneTables,
     samples: PixelSamples,
 ) -> layout::Frame {
-    let FrameParams { time_s, index, seed, ref quality, ref gaze, .. } = *params;
+    let FrameParams { time_s, index, seed, ref quality, gaze, .. } = *params;
     let extent = config.buffers.extent;
     let aspect = f64::from(extent.width) / f64::from(extent.height);
     let Extent { width, height } = config.grid();
@@ -26,18 +27,17 @@ pub fn constants(
     let optics = rig.optics.as_ref().filter(|_| config.buffers.display != Display::Direct);
     let rectified = optics.map(|optics| (optics, screen));
     let layers = config.foveation().map(|layers| {
-        let layers = gaze.map_or(layers.clone(), |eyes| layers.looking(eyes));
-        layers.describe(extent, time_s, quality.fovea, rectified)
+        let radii = quality.fovea.unwrap_or(EVERYWHERE);
+        Foveation { radii, ..layers }.describe(gaze, extent, rectified)
     });
-    let polar = config.polar();
     let view = |eye: Eye| {
         let mut view = layout::View::new(&rig.view(time_s, eye), aspect);
         if let Some(optics) = optics {
             [view.tan_half_x, view.tan_half_y] = optics.rendered_tan_half(screen).map(|tan| tan as f32);
         }
-        let Some(polar) = &polar else { return view };
-        let gaze = gaze.map_or_else(|| polar.gaze[eye as usize].at(time_s), |eyes| eyes[eye as usize]);
-        polar.look_at(optics.map_or(gaze, |optics| on_screen(optics, eye, [extent, screen], gaze)), view, screen)
+        let Some(polar) = config.envelope.most.polar else { return view };
+        let gaze = gaze[eye as usize];
+        polar.look(optics.map_or(gaze, |optics| on_screen(optics, eye, [extent, screen], gaze)), view, screen)
     };
     let mut frame = layout::Frame {
         camera: layout::Camera {

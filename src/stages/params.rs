@@ -19,9 +19,9 @@ pub struct FrameParams {
     /// The seed of random numbers.
     pub seed: u32,
     pub quality: Quality,
-    /// Gaze of the left and the right eye, in fractions of each eye's image from the top left. `None` uses the gaze of
-    /// the configuration at `time_s`. Only foveated frames depend on it.
-    pub gaze: Option<[[f64; 2]; 2]>,
+    /// Gaze of the left and the right eye, in fractions of each eye's image from the top left. Only foveated frames
+    /// depend on it.
+    pub gaze: [[f64; 2]; 2],
     /// Later camera, with a single key, that the displayed image is reprojected to. `None` displays the frame from its
     /// own pose. Used only if [`crate::passes::Display::is_late`].
     pub shown_from: Option<Rig>,

@@ -18,12 +18,13 @@ use diptych::graph::{Life, Pass};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::tonemap::LINEAR;
 use diptych::passes::{Declarations, declare};
-use diptych::projection::Polar;
+use diptych::projection::PolarSpace;
 use diptych::quality::Denoiser;
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::{Rig, RigKey};
+use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Policy};
 use diptych::stages::{Foveation, SceneTables};
 pub use effort::{is_thorough, sampled};
@@ -92,15 +93,15 @@ pub fn with(mut config: RunConfig, change: impl FnOnce(&mut RunConfig)) -> RunCo
     config
 }
 
-/// Adds foveal layers that are filtered with these iterations.
-pub fn foveate(config: &mut RunConfig, layers: &Foveation, iterations: [u32; 3]) {
-    let Foveation { gaze, radii, unsampled_fraction } = layers.clone();
+/// Adds foveal layers around the gaze that are filtered with these iterations.
+pub fn foveate(config: &mut RunConfig, gaze: [Gaze; 2], layers: Foveation, iterations: [u32; 3]) {
+    let Foveation { radii, unsampled_fraction } = layers;
     (config.gaze, config.unsampled_fraction) = (gaze, unsampled_fraction);
     (config.envelope.most.fovea, config.envelope.most.iterations) = (Some(radii), iterations);
 }
 
-/// Traces images in this polar projection.
-pub fn project(config: &mut RunConfig, Polar { gaze, space }: Polar) {
+/// Traces images in this polar projection around the gaze.
+pub fn project(config: &mut RunConfig, gaze: [Gaze; 2], space: PolarSpace) {
     (config.gaze, config.envelope.most.polar) = (gaze, Some(space));
 }
 

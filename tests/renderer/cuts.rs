@@ -65,7 +65,7 @@ fn samples_of_lists_in_small_portions_have_the_bytes_of_whole_frames() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     settings.envelope.most.spp = 9.into();
-    foveate(&mut settings, &Foveation::new([0, 1].map(|_| Gaze { path: vec![[0.0, 0.4, 0.5]] })), [2, 3, 5]);
+    foveate(&mut settings, [0, 1].map(|_| Gaze { path: vec![[0.0, 0.4, 0.5]] }), Foveation::default(), [2, 3, 5]);
     hold_cut_frames_against_whole_ones("layers", &subject, &settings);
     settings.buffers.reproject = false;
     settings.envelope.most.fovea = None;

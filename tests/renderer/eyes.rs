@@ -6,7 +6,7 @@ use diptych::RunConfig;
 use diptych::image::display::display_value;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::{Aov, Display};
-use diptych::projection::{LogPolar, Polar, PolarSpace};
+use diptych::projection::{LogPolar, PolarSpace};
 use diptych::quality::Denoiser;
 use diptych::scene::head::HeadMotion;
 use diptych::scene::optics::Fov;
@@ -155,10 +155,10 @@ fn what_eyes_show_is_of_one_device_on_any_number() {
     settings.envelope.most.denoiser = Some(Denoiser::SVGF);
     (settings.buffers.reproject, settings.envelope.most.iterations) = (true, [3; 3]);
     let kinds: [(_, fn(&mut RunConfig)); 4] = [
-        ("layers", |config| foveate(config, &Foveation::new(gaze()), [1, 2, 3])),
-        ("visual-polar", |config| project(config, Polar { gaze: gaze(), space: PolarSpace::Visual })),
+        ("layers", |config| foveate(config, gaze(), Foveation::default(), [1, 2, 3])),
+        ("visual-polar", |config| project(config, gaze(), PolarSpace::Visual)),
         ("all alike", |_| ()),
-        ("log-polar", |config| project(config, Polar { gaze: gaze(), space: LOG_POLAR })),
+        ("log-polar", |config| project(config, gaze(), LOG_POLAR)),
     ];
     for (what, change) in if is_thorough() { &kinds[..] } else { &kinds[..2] } {
         let mut settings = settings.clone();
@@ -180,15 +180,15 @@ fn what_eyes_show_is_of_one_device_on_any_number() {
 #[test]
 fn layers_are_around_the_gaze_of_each_eye() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);
-    let foveation = Foveation::new(gaze());
+    let foveation = Foveation::default();
     settings.buffers.aovs = vec![Aov::Spp];
-    foveate(&mut settings, &foveation, [0; 3]);
+    foveate(&mut settings, gaze(), foveation, [0; 3]);
     let mut stage = Stage::alone(&subject, &settings);
     stage.frame(0);
     let sampled = stage.aov(0);
     let extent = size(40);
     for (eye, sampled) in Eye::ALL.into_iter().zip([&sampled.left[0], &sampled.right[0]]) {
-        let ([inner, outer], _) = foveation.circles(eye as usize, 0.0, extent.width, extent.height);
+        let ([inner, outer], _) = foveation.circles(GAZE[eye as usize], extent);
         let share = |is_counted: &dyn Fn(f64) -> bool| {
             let counted = from_gaze(eye, extent).into_iter().zip(sampled).filter(|(off, _)| is_counted(*off));
             let (pixels, sum) = counted.fold((0.0, 0.0), |(n, sum), (_, spp)| (n + 1.0, sum + f64::from(*spp)));
@@ -228,14 +228,14 @@ fn images_around_the_gaze_are_sharp_where_each_eye_looks() {
     };
     // Differences by eye: near the gaze and far from it.
     let errors = |(subject, settings): &(Subject, RunConfig), space: PolarSpace| {
-        let render = |polar: Option<Polar>| {
+        let render = |polar: Option<PolarSpace>| {
             let mut settings = settings.clone();
             if let Some(polar) = polar {
-                project(&mut settings, polar);
+                project(&mut settings, gaze(), polar);
             }
             Stage::alone(subject, &settings).frame(0).linear
         };
-        let [whole, found] = [None, Some(Polar { gaze: gaze(), space })].map(render);
+        let [whole, found] = [None, Some(space)].map(render);
         [(Eye::Left, [&whole.left, &found.left]), (Eye::Right, [&whole.right, &found.right])].map(|(eye, images)| {
             let off = from_gaze(eye, size);
             [difference(images, |i| off[i] < 10.0), difference(images, |i| off[i] > 40.0)]

@@ -5,7 +5,7 @@ use diptych::RunConfig;
 use diptych::exec::Stereo;
 use diptych::image::RgbImage;
 use diptych::passes::Aov;
-use diptych::projection::{LogPolar, Polar, PolarSpace};
+use diptych::projection::{LogPolar, PolarSpace};
 use diptych::quality::Denoiser;
 use diptych::scene::shot::Gaze;
 use diptych::stages::Foveation;
@@ -17,16 +17,17 @@ fn towards(x: f64, y: f64) -> [Gaze; 2] {
     [x, 1.0 - x].map(|x| Gaze { path: vec![[0.0, x, y]] })
 }
 
-fn settings(subject: &Subject, foveation: &Foveation, iterations: [u32; 3]) -> RunConfig {
+fn settings(subject: &Subject, gaze: [Gaze; 2], foveation: Foveation, iterations: [u32; 3]) -> RunConfig {
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.buffers.aovs = vec![Aov::Spp];
-    foveate(&mut settings, foveation, iterations);
+    foveate(&mut settings, gaze, foveation, iterations);
     settings
 }
 
 /// Returns the distance of each pixel's centre from an eye's gaze, in pixels.
-fn distances(foveation: &Foveation, eye: usize) -> Vec<f64> {
-    let (_, [x, y]) = foveation.circles(eye, 0.0, WIDTH, HEIGHT);
+fn distances(gaze: &Gaze) -> Vec<f64> {
+    let [x, y] = gaze.at(0.0);
+    let [x, y] = [x * f64::from(WIDTH), y * f64::from(HEIGHT)];
     let centre = |i: u32| (f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5);
     (0..WIDTH * HEIGHT).map(|i| f64::hypot(centre(i).0 - x, centre(i).1 - y)).collect()
 }
@@ -44,14 +45,14 @@ fn the_mask_has_the_density_of_its_ring() {
     const RINGS: usize = 12;
     let subject = Subject::load("builtin:cornell");
     for (x, unsampled_fraction) in [(0.5, 0.5), (0.3, 0.75)] {
-        let foveation = Foveation { unsampled_fraction, ..Foveation::new(towards(x, 0.4)) };
-        let mut stage = Stage::alone(&subject, &settings(&subject, &foveation, [0; 3]));
+        let (gaze, foveation) = (towards(x, 0.4), Foveation { unsampled_fraction, ..Default::default() });
+        let mut stage = Stage::alone(&subject, &settings(&subject, gaze.clone(), foveation, [0; 3]));
         stage.frame(0);
         let spp = stage.aov(0);
         for (eye, spp) in eyes(&spp).into_iter().enumerate() {
             let [r0, r1] = foveation.radii.map(|r| r * f64::from(WIDTH));
             let mut rings = [(0.0, 0.0, 0.0); RINGS];
-            for (&d, &spp) in distances(&foveation, eye).iter().zip(&spp[0]) {
+            for (&d, &spp) in distances(&gaze[eye]).iter().zip(&spp[0]) {
                 let expected = 1.0 - unsampled_fraction * ((d - r0) / (r1 - r0)).clamp(0.0, 1.0);
                 assert!(spp == 0.0 || spp == 1.0);
                 assert!(d >= r0 || spp == 1.0, "a pixel of the inner layer is not sampled");
@@ -70,9 +71,8 @@ fn the_mask_has_the_density_of_its_ring() {
 #[test]
 fn what_is_sampled_is_what_it_is_without_foveation() {
     let subject = Subject::load("builtin:checker");
-    let foveation = Foveation::new(towards(0.4, 0.5));
     for spp in [1, 3] {
-        let mut foveated = settings(&subject, &foveation, [0; 3]);
+        let mut foveated = settings(&subject, towards(0.4, 0.5), Foveation::default(), [0; 3]);
         foveated.envelope.most.spp = spp.into();
         let mut plain = foveated.clone();
         plain.envelope.most.fovea = None;
@@ -95,9 +95,9 @@ fn what_is_sampled_is_what_it_is_without_foveation() {
 #[test]
 fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
     let subject = Subject::load("builtin:checker");
-    let foveation = Foveation { unsampled_fraction: 0.0, ..Foveation::new(towards(0.5, 0.5)) };
+    let foveation = Foveation { unsampled_fraction: 0.0, ..Default::default() };
     for (spp, reproject) in [(1, false), (3, true)] {
-        let mut foveated = settings(&subject, &foveation, [5; 3]);
+        let mut foveated = settings(&subject, towards(0.5, 0.5), foveation, [5; 3]);
         (foveated.envelope.most.spp, foveated.buffers.reproject) = (spp.into(), reproject);
         let mut plain = foveated.clone();
         plain.envelope.most.fovea = None;
@@ -154,7 +154,7 @@ fn narrow_visual_polar_images_are_close_to_those_of_the_screen() {
         settings.envelope.most.spp = 8.into();
         let expected = Stage::alone(&subject, &settings).frame(0);
         for (x, y) in [(0.5, 0.5), (0.2, 0.3), (1.0, 0.9)] {
-            project(&mut settings, Polar { gaze: towards(x, y), space: PolarSpace::Visual });
+            project(&mut settings, towards(x, y), PolarSpace::Visual);
             let found = Stage::alone(&subject, &settings).frame(0);
             for (found, expected) in eyes(&found.linear).into_iter().zip(eyes(&expected.linear)) {
                 let [found, expected] = [found, expected].map(|image| block_means(image, BLOCK));
@@ -201,8 +201,9 @@ fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
     let subject = Subject::load("builtin:cornell");
     for gaze in [towards(0.0, 0.0), towards(1.0, 1.0), towards(0.5, 0.5)] {
         for unsampled_fraction in [0.5, 1.0] {
-            let foveation = Foveation { unsampled_fraction, ..Foveation::new(gaze.clone()) };
-            let (mut foveated, distances) = (settings(&subject, &foveation, [2, 3, 5]), distances(&foveation, 0));
+            let foveation = Foveation { unsampled_fraction, ..Default::default() };
+            let mut foveated = settings(&subject, gaze.clone(), foveation, [2, 3, 5]);
+            let distances = distances(&gaze[0]);
             foveated.buffers.reproject = true;
             let mut plain = foveated.clone();
             plain.envelope.most.fovea = None;
@@ -226,7 +227,7 @@ fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
 fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
     let subject = Subject::load("builtin:cornell");
     for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(Some) {
-        let mut settings = settings(&subject, &Foveation::new(towards(0.5, 0.5)), [1; 3]);
+        let mut settings = settings(&subject, towards(0.5, 0.5), Foveation::default(), [1; 3]);
         (settings.envelope.most.denoiser, settings.envelope.most.iterations) = (filter, [1; 3]);
         let mut stage = Stage::alone(&subject, &settings);
         let mut sampled = vec![0.0; (WIDTH * HEIGHT) as usize];
@@ -244,8 +245,8 @@ fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
 fn a_gaze_that_is_set_is_each_eyes_own() {
     let subject = Subject::load("builtin:cornell");
     let sampled = |at_first, later: Option<[[f64; 2]; 2]>| {
-        let mut stage = Stage::alone(&subject, &settings(&subject, &Foveation::new(at_first), [0; 3]));
-        stage.set(move |params| params.gaze = later);
+        let mut stage = Stage::alone(&subject, &settings(&subject, at_first, Foveation::default(), [0; 3]));
+        stage.set(move |params| params.gaze = later.unwrap_or(params.gaze));
         stage.frame(0);
         let spp = stage.aov(0);
         [spp.left, spp.right]

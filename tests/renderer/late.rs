@@ -10,10 +10,9 @@ use diptych::exec::{InjectedFaults, PoseSource, Stereo, TimedTask};
 use diptych::image::{Extent, RgbImage};
 use diptych::metrics::Pair;
 use diptych::passes::Display;
-use diptych::projection::{LogPolar, Polar, PolarSpace};
+use diptych::projection::{LogPolar, PolarSpace};
 use diptych::scene::optics::Optics;
 use diptych::scene::rig::{Rig, RigKey};
-use diptych::scene::shot::Gaze;
 use glam::DVec3;
 
 const SIZE: Extent = Extent { width: 64, height: 48 };
@@ -57,8 +56,7 @@ fn what_is_shown_late_is_corrected_on_any_number_of_devices() {
 fn polar_images_are_corrected_as_well() {
     for space in [PolarSpace::Visual, PolarSpace::Log(LogPolar::COMPOSITE)] {
         let mut seen = subject(24);
-        let gaze = Gaze { path: vec![[0.0, 0.5, 0.5]] };
-        project(&mut seen.1, Polar { gaze: [gaze.clone(), gaze], space });
+        project(&mut seen.1, Default::default(), space);
         corrects(&seen, [3.0, 0.8], &[2]);
     }
 }

@@ -13,7 +13,7 @@ use diptych::RunConfig;
 use diptych::device::GpuDevice;
 use diptych::exec::InjectedFaults;
 use diptych::exec::ranks::{ChannelLink, Devices, Host, Link, Load, Loading, Node, Request, Way, channel_links, serve};
-use diptych::projection::{LogPolar, Polar, PolarSpace};
+use diptych::projection::{LogPolar, PolarSpace};
 use diptych::quality::Denoiser;
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured, Policy};
@@ -161,11 +161,11 @@ fn cases<'a>(checker: &'a Subject, moving: &'a Subject) -> Vec<(&'static str, &'
     let polar = |space| {
         let gaze = [0.4, 0.3].map(|x| Gaze { path: vec![[0.0, x, 0.4], [0.2, x + 0.1, 0.5]] });
         let mut settings = checker.accumulated(WIDTH, HEIGHT);
-        project(&mut settings, Polar { gaze, space });
+        project(&mut settings, gaze, space);
         settings
     };
     let mut layers = checker.accumulated(WIDTH, HEIGHT);
-    foveate(&mut layers, &Foveation::new([Gaze::default(), Gaze::default()]), [2, 3, 5]);
+    foveate(&mut layers, Default::default(), Foveation::default(), [2, 3, 5]);
     let mut bmfr = checker.accumulated(WIDTH, HEIGHT);
     bmfr.envelope.most.denoiser = Some(Denoiser::BMFR);
     bmfr.envelope.most.iterations = [1; 3];

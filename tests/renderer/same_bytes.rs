@@ -10,7 +10,7 @@ use diptych::device::{ShaderChecks, Tables};
 use diptych::exec::Stereo;
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
-use diptych::projection::{LogPolar, Polar, PolarSpace};
+use diptych::projection::{LogPolar, PolarSpace};
 use diptych::quality::{Denoiser, Quality};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{CostModel, Even, Heft, Measured, Policy, Static};
@@ -83,7 +83,7 @@ fn polar_images_are_those_of_one_device_while_the_gaze_moves() {
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
         let towards = |x: f64| Gaze { path: vec![[0.0, x, 0.4], [0.05, x + 0.1, 0.5], [0.06, 0.9, 0.1]] };
         let gaze = [towards(0.4), towards(0.3)];
-        project(&mut settings, Polar { gaze, space });
+        project(&mut settings, gaze, space);
         (settings.buffers.reproject, settings.envelope.most.denoiser) = (reproject, Some(denoiser));
         settings.envelope.most.iterations =
             settings.envelope.most.iterations.map(|n| n.min(denoiser.most_iterations()));
@@ -240,7 +240,7 @@ fn layers_around_a_moving_gaze_give_the_bytes_of_one_device() {
     let gaze = [Gaze { path }, Gaze { path: vec![[0.0, 0.4, 0.2]] }];
     for (spp, reproject, plan) in [(1, true, HaloPlan::RECOMPUTE), (3, false, HaloPlan::EXCHANGE)] {
         let mut settings = subject.denoised(WIDTH, HEIGHT);
-        foveate(&mut settings, &Foveation::new(gaze.clone()), [2, 3, 5]);
+        foveate(&mut settings, gaze.clone(), Foveation::default(), [2, 3, 5]);
         (settings.envelope.most.spp, settings.buffers.reproject) = (spp.into(), reproject);
         (settings.execution.seam, settings.execution.adapts_halo) = (Seam::Halo(plan), false);
         let frames = |devices: usize| {

@@ -12,7 +12,6 @@ use crate::frame::Samples;
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::passes::partitions;
-use crate::projection::Polar;
 use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
 use crate::report::experiment::{Arrangement, Experiment, OtherMeasures};
 use crate::scene::rig::Eye;
@@ -126,16 +125,16 @@ fn text(value: &Value) -> Result<String, anyhow::Error> {
 /// falloff if there are foveal layers, σ of log-polar images, or otherwise the render scale. Returns the floor or σ
 /// under its name.
 pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene) -> OtherMeasures {
-    let gaze = || [0, 1].map(|_| loaded.shot.gaze.clone());
     let (time_s, size) = (options.time, options.size);
+    let gaze = loaded.shot.gaze.at(time_s);
     let view = loaded.shot.rig.view(time_s, Eye::Left);
-    let share = Polar { gaze: gaze(), space: PolarSpace::Visual }.share(Eye::Left, time_s, &view, size).min(1.0);
+    let share = PolarSpace::Visual.share(gaze, &view, size).min(1.0);
     match options.foveated.foveation {
         FoveationMode::Layers => {
             let [tan, _] = tan_half(loaded, size);
             let radii = FALLOFF_DEG.map(|degrees| degrees.to_radians().tan() / (2.0 * tan));
-            let falloff = Foveation { radii, ..Foveation::new(gaze()) };
-            let unsampled = falloff.unsampled_fraction_for(share, time_s, size);
+            let falloff = Foveation { radii, ..Default::default() };
+            let unsampled = falloff.unsampled_fraction_for(share, gaze, size);
             (options.foveated.layer_radii, options.foveated.unsampled_fraction) = (Some(radii), Some(unsampled));
             OtherMeasures::from([("floor", 1.0 - unsampled)])
         }
@@ -145,8 +144,7 @@ pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene)
             // The number of pixels is proportional to 1 / σ², except for a margin around the screen, so a few
             // iterations suffice.
             for _ in 0..4 {
-                let polar = Polar { gaze: gaze(), space: PolarSpace::Log(map) };
-                map.sigma *= (polar.traced_fraction(Eye::Left, time_s, &view, size) / share).sqrt();
+                map.sigma *= (PolarSpace::Log(map).traced_fraction(gaze, &view, size) / share).sqrt();
             }
             options.foveated.polar = Some(map);
             OtherMeasures::from([("sigma", map.sigma)])
@@ -160,9 +158,8 @@ pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene)
 
 /// Returns the number of pixels in the left eye's image as a fraction of those on its screen.
 pub fn dispatched(options: &RenderOptions, loaded: &LoadedScene) -> f64 {
-    let polar = |space| Polar { gaze: [0, 1].map(|_| loaded.shot.gaze.clone()), space };
-    let view = loaded.shot.rig.view(options.time, Eye::Left);
-    options.quality().polar.map_or(1.0, |space| polar(space).share(Eye::Left, options.time, &view, options.size))
+    let (view, gaze) = (loaded.shot.rig.view(options.time, Eye::Left), loaded.shot.gaze.at(options.time));
+    options.quality().polar.map_or(1.0, |space| space.share(gaze, &view, options.size))
 }
 
 /// Returns the tangents of half the horizontal and half the vertical field of view.

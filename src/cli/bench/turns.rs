@@ -72,7 +72,7 @@ impl<'a> Turns<'a> {
         let mut frames = Vec::new();
         for which in (0..count).map(|i| (index as usize + i) % count) {
             let params = self.renderers[which].frame(&self.loaded.shot.rig, time_s, index);
-            let frame = self.frame(which, &FrameParams { gaze: self.gaze, ..params })?;
+            let frame = self.frame(which, &FrameParams { gaze: self.gaze.unwrap_or(params.gaze), ..params })?;
             frames.push((which, frame));
         }
         frames.sort_by_key(|(which, _)| *which);
@@ -113,7 +113,8 @@ impl<'a> Turns<'a> {
         let mut paths = frame.traced_pixels().map(|pixels| pixels as f64 / options.size.area() as f64);
         if let Some(polar) = self.renderers[which].polar() {
             for eye in Eye::ALL.into_iter().filter(|eye| *eye == Eye::Left || !options.reprojects()) {
-                paths[eye as usize] = polar.traced_fraction(eye, time_s, &shot.rig.view(time_s, eye), options.size);
+                let gaze = self.renderers[which].gaze_at(time_s)[eye as usize];
+                paths[eye as usize] = polar.traced_fraction(gaze, &shot.rig.view(time_s, eye), options.size);
             }
         }
         paths

@@ -95,10 +95,8 @@ impl Session {
 
     /// Returns the gaze of the left and the right eye at `time_s`; `None` without foveation.
     pub fn gaze(&self, time_s: f64) -> Option<[[f64; 2]; 2]> {
-        let of_layers = self.renderer.foveation().map(|layers| layers.gaze);
-        let of_polar = self.renderer.polar().map(|polar| polar.gaze);
-        let of_settings = of_layers.or(of_polar).map(|eyes| eyes.each_ref().map(|gaze| gaze.at(time_s)));
-        of_settings.map(|eyes| self.inner.gaze.unwrap_or(eyes))
+        let is_foveated = self.renderer.foveation().is_some() || self.renderer.polar().is_some();
+        is_foveated.then(|| self.inner.gaze.unwrap_or_else(|| self.renderer.gaze_at(time_s)))
     }
 
     /// Returns the radii of a frame's foveal layers, if it has any.

@@ -19,6 +19,7 @@ use crate::cli::metering::Adaptation;
 use crate::cli::play::{Pace, Prepared, Session};
 use crate::cli::progress::Progress;
 use crate::cli::setup::Tracing;
+use crate::stages::Foveation;
 
 /// Maximum time step of the camera between two frames, seconds.
 const LONGEST_STEP_S: f64 = 0.25;
@@ -72,9 +73,8 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         }
         session.announce(&row, &report);
         let layers = session.renderer.foveation().zip(session.fovea(decided));
-        let circles = layers.map(|(foveation, radii)| {
-            let foveation = session.inner.gaze.map_or(foveation.clone(), |eyes| foveation.looking(eyes));
-            [0, 1].map(|eye| foveation.circles_of(radii, eye, time_s, options.size.width, options.size.height))
+        let circles = layers.zip(session.gaze(time_s)).map(|((foveation, radii), gaze)| {
+            gaze.map(|gaze| Foveation { radii, ..foveation }.circles(gaze, options.size))
         });
         shared.show(picture, frame_status(row, now), |status| {
             (status.rungs, status.follows_path, status.circles) =

@@ -5,11 +5,10 @@ use glam::{Affine3A, DAffine3, DQuat};
 use super::*;
 use crate::accel::Accel;
 use crate::image::Extent;
-use crate::projection::{LogPolar, Polar, PolarSpace};
+use crate::projection::{LogPolar, PolarSpace};
 use crate::scene::motion::keys::{Interpolation, Keys};
 use crate::scene::motion::{Animation, Body, Channel, Influence, Node, Placement, Skin, Target};
 use crate::scene::rig::{Eye, Rig, RigKey};
-use crate::scene::shot::Gaze;
 use crate::scene::{Instance, Material, Mesh, Scene, builtin};
 
 fn eyes(rig: &Rig, time_s: f64) -> [View; 2] {
@@ -223,11 +222,7 @@ fn no_point_beyond_the_clearance_moves_by_more_rings() {
     let scene = (builtin::find("cornell").unwrap().build)();
     let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
     let screen = Extent::new(160, 90);
-    let at = |[x, y]: [f64; 2]| {
-        let gaze = [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] });
-        Polar { gaze, space: PolarSpace::Visual }
-    };
-    let grid = at([0.5; 2]).grid(screen);
+    let grid = PolarSpace::Visual.method().grid(screen);
     let row = |view: &View, p: DVec3| {
         let place = PolarSpace::Visual.method().places(*view, screen);
         place(DVec2::ZERO, p - view.origin.as_dvec3()).row
@@ -239,7 +234,7 @@ fn no_point_beyond_the_clearance_moves_by_more_rings() {
         (DVec3::X * 0.05, [[0.2, 0.3], [0.7, 0.4]]),
     ] {
         let rig = rig(to, DVec3::new(0.05, 0.0, 0.0));
-        let [last, now] = [0.0, 1.0].map(|t| at(gazes[t as usize]).look(0, 0.0, eyes(&rig, t)[0], screen));
+        let [last, now] = [0.0, 1.0].map(|t| PolarSpace::Visual.look(gazes[t as usize], eyes(&rig, t)[0], screen));
         let camera = Camera { views: [now; 2], width: grid.width, height: grid.height, ..Default::default() };
         let bound = history_rows(Some(PolarSpace::Visual), &camera, &[last; 2], &tables, &[]).unwrap();
         let clearance = f64::from(tables.clearance(now.origin));

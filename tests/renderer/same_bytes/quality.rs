@@ -32,8 +32,8 @@ const QUALITIES: [Numbers; 8] = [
     (1.0, 3, 4, 1.0, None),
 ];
 
-fn layers() -> Foveation {
-    Foveation::new([0.4, 0.6].map(|x| Gaze { path: vec![[0.0, x, 0.5]] }))
+fn gaze() -> [Gaze; 2] {
+    [0.4, 0.6].map(|x| Gaze { path: vec![[0.0, x, 0.5]] })
 }
 
 /// Renders frames of all [`QUALITIES`].
@@ -41,7 +41,7 @@ fn play(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Stereo<R
     let mut settings = settings.clone();
     (settings.envelope.most.spp, settings.envelope.mixes_spp, settings.envelope.most.scale) =
         (Samples::of_mean(3.5), true, 0.5);
-    foveate(&mut settings, &layers(), [4; 3]);
+    foveate(&mut settings, gaze(), Foveation::default(), [4; 3]);
     let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
     let denoiser = settings.envelope.most.denoiser.unwrap();
     let frame = |(i, numbers): (usize, &Numbers)| {
@@ -65,7 +65,7 @@ fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
         let most = &mut fixed.envelope.most;
         (most.spp, most.iterations) = (Samples::of_mean(spp), [iterations; 3]);
         fixed.envelope.mixes_spp = spp == 1.5;
-        (fixed.gaze, fixed.envelope.most.fovea) = (layers().gaze, fovea);
+        (fixed.gaze, fixed.envelope.most.fovea) = (gaze(), fovea);
         let expected = Stage::even(&subject, &fixed, 1).frame_at(i as f64 * 0.05, i as u32).linear;
         assert_same(&format!("frame {i} on one device"), &expected, &one[i]);
         assert_same(&format!("frame {i} on two devices"), &expected, &two[i]);

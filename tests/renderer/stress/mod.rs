@@ -9,7 +9,6 @@ use crate::common::{Stage, Subject, foveate, is_thorough, sampled, still_rig};
 use crate::reference::Pinhole;
 use diptych::image::RgbImage;
 use diptych::scene::needs::SceneNeeds;
-use diptych::scene::shot::Gaze;
 use diptych::scene::{AlphaMode, Scene};
 use diptych::stages::{Foveation, Sampler};
 
@@ -95,8 +94,7 @@ fn every_row_is_finite_through_history_and_filters() {
         settings.envelope.most.bounces = row.effort.bounces;
         // All rows use the same shaders, with specular radiance.
         settings.buffers.needs = SceneNeeds::ALL;
-        let gaze = Gaze { path: vec![[0.0, 0.5, 0.5]] };
-        foveate(&mut settings, &Foveation::new([gaze.clone(), gaze]), [2, 3, 5]);
+        foveate(&mut settings, Default::default(), Foveation::default(), [2, 3, 5]);
         let mut stage = Stage::alone(&subject, &settings);
         for frame in 0..3 {
             let linear = stage.frame(frame).linear;
