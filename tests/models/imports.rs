@@ -9,12 +9,13 @@ use std::str::FromStr;
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 
 /// Modules with decision logic, which are tested without a device.
-const WITHOUT_WGPU: [&str; 14] = [
+const WITHOUT_WGPU: [&str; 15] = [
     "image",
     "scene",
     "quality",
     "wgsl",
     "projection",
+    "frame",
     "accel",
     "graph",
     "passes",
