@@ -7,7 +7,6 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use diptych::control::{Budget, Control, Controller, Ladder, Origin, Rung};
-use diptych::frame::Samples;
 use diptych::quality::Quality;
 
 fn options() -> (usize, usize) {
@@ -33,15 +32,7 @@ fn ladder(rungs: usize) -> Ladder {
         flicker: None,
         relmse: None,
         is_estimated: false,
-        quality: Quality {
-            spp: Samples::ONE,
-            bounces: 6,
-            denoiser: None,
-            iterations: [0; 3],
-            fovea: None,
-            polar: None,
-            scale: 1.0,
-        },
+        quality: Quality { filter: None, ..Quality::default() },
         stage_ms: Default::default(),
         rays: Default::default(),
     };

@@ -186,7 +186,7 @@ fn write_results(
     let best = &ladders[0];
     best.write(&options.out.join("ladder.toml")).context("cannot write the ladder")?;
     for ladder in ladders.iter().filter(|_| ladders.len() > 1) {
-        let name = format!("ladder.{}.toml", Denoiser::name_of(ladder.rungs()[0].quality.denoiser));
+        let name = format!("ladder.{}.toml", Denoiser::name_of(ladder.rungs()[0].quality.denoiser()));
         ladder.write(&options.out.join(name)).context("cannot write the ladder")?;
     }
     let climb = ladder_svg(format!("Quality ladder, {} at {}", options.shot, options.size), rows, &[], best)
@@ -221,7 +221,7 @@ fn ladders(
 /// Returns a line of output with the denoiser of ladder.toml and the files of the other denoisers' ladders.
 fn ladders_note(ladders: &[Ladder]) -> String {
     let of = |ladder: &Ladder| {
-        let (denoiser, rungs) = (ladder.rungs()[0].quality.denoiser, ladder.rungs().len());
+        let (denoiser, rungs) = (ladder.rungs()[0].quality.denoiser(), ladder.rungs().len());
         (Denoiser::name_of(denoiser), format!("{rungs} rung{}", if rungs == 1 { "" } else { "s" }))
     };
     let (best, rungs) = of(&ladders[0]);

@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
 
-use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
+use crate::quality::{Denoiser, Filter, LogPolar, PolarSpace, Quality};
 use crate::scene::shot::Gaze;
 use crate::stages::Foveation;
 
@@ -106,7 +106,7 @@ impl FoveationOptions {
             _ => None,
         };
         let limits = Self { foveation, polar, layer_radii: quality.fovea, ..Self::default() };
-        Self { iterations: Some(limits.limit(quality).iterations), ..limits }
+        Self { iterations: Some(limits.limit(quality).iterations()), ..limits }
     }
 
     /// True if frames have foveal layers.
@@ -138,7 +138,8 @@ impl FoveationOptions {
             (None, Some([inner, middle, outer])) => [inner.max(middle).max(outer); 3],
             (None, None) => return *quality,
         };
-        Quality { iterations: limits.map(|limit| limit.min(quality.most_iterations())), ..*quality }
+        let iterations = limits.map(|limit| limit.min(quality.most_iterations()));
+        Quality { filter: Filter::in_effect(quality.denoiser(), iterations), ..*quality }
     }
 
     /// Returns the gaze of each eye: that of `--gaze`, or else the shot's.

@@ -21,8 +21,7 @@ pub const AOVS: [Aov; 6] =
 
 /// Quality at which auxiliary images are rendered: the cheapest, since they do not depend on light, with all the mirrors
 /// and panes that a chain may have.
-const QUALITY: Quality =
-    Quality { spp: Samples::ONE, bounces: 8, denoiser: None, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
+const QUALITY: Quality = Quality { spp: Samples::ONE, bounces: 8, filter: None, fovea: None, polar: None, scale: 1.0 };
 
 /// Collects the images that `read` returns for each of [`AOVS`].
 pub fn guides<E>(mut read: impl FnMut(Aov) -> Result<RgbImage, E>) -> Result<Guides, E> {

@@ -257,7 +257,7 @@ impl Measuring<'_> {
         stored: &[f64],
         devices: Devices,
     ) -> Result<Devices, Failure> {
-        let quality = Quality { spp: CHECKED_SPP.into(), denoiser: None, iterations: [0; 3], ..Quality::default() };
+        let quality = Quality { spp: CHECKED_SPP.into(), filter: None, ..Quality::default() };
         let mut renderer = renderer(loaded, CHECKED, quality, devices)?;
         let mut means = vec![0.0; stored.len()];
         for index in 0..CHECKED_FRAMES {

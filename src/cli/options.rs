@@ -10,7 +10,7 @@ use crate::frame::Samples;
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::passes::Aov;
-use crate::quality::Quality;
+use crate::quality::{Denoiser, Filter, Quality};
 use crate::report::once;
 use crate::schedule::RatioRule;
 use crate::stages::Sampler;
@@ -315,19 +315,19 @@ const MAX_FRAME_SPP: u32 = 1 << 20;
 impl RenderOptions {
     /// Returns the options of one frame of this quality, with [`FoveationOptions::for_quality`].
     pub fn single(run: RunOptions, quality: &Quality) -> Self {
-        let Quality { spp, bounces, denoiser, scale, .. } = *quality;
-        let foveated = FoveationOptions::for_quality(quality);
+        let Quality { spp, bounces, scale, .. } = *quality;
+        let (denoiser, foveated) = (quality.denoiser(), FoveationOptions::for_quality(quality));
         let (frames, fps, frames_in_flight, aov) = (1, 1.0, 1, Vec::new());
         Self { run, spp, bounces, scale, denoiser, foveated, frames, fps, frames_in_flight, aov, is_late: false }
     }
 
-    /// Returns the quality of every frame. If all layers have 0 iterations, there is no denoiser.
+    /// Returns the quality of every frame. If all layers have 0 iterations, there is no filter.
     pub fn quality(&self) -> Quality {
         let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
-        let iterations = denoiser.map_or([0; 3], |d| foveated.layer_iterations().map(|n| n.min(d.most_iterations())));
-        let denoiser = denoiser.filter(|_| iterations != [0; 3]);
+        let most = denoiser.map_or(0, Denoiser::most_iterations);
+        let filter = Filter::in_effect(denoiser, foveated.layer_iterations().map(|n| n.min(most)));
         let (fovea, polar) = (foveated.radii(), foveated.space());
-        Quality { spp, bounces, denoiser, iterations, fovea, polar, scale }
+        Quality { spp, bounces, filter, fovea, polar, scale }
     }
 
     /// Returns the requested auxiliary images without duplicates.
@@ -345,7 +345,7 @@ impl RenderOptions {
         );
         self.faults.check(self.frames)?;
         anyhow::ensure!(
-            self.scale == 1.0 || self.quality().denoiser.is_some(),
+            self.scale == 1.0 || self.quality().filter.is_some(),
             "--render-scale below 1 needs a denoiser to fill in the pixels that are not traced"
         );
         self.foveated.check(self.denoiser)?;

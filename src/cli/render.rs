@@ -73,7 +73,7 @@ impl Args {
     /// Returns the number of warm-up frames before the first saved frame.
     fn warm_up_frames(&self) -> u32 {
         let options = &self.options;
-        let is_still = options.frames == 1 && options.quality().denoiser.is_some_and(Denoiser::keeps_history);
+        let is_still = options.frames == 1 && options.quality().denoiser().is_some_and(Denoiser::keeps_history);
         let default = if is_still && !self.reference { STILL_SPP.div_ceil(options.spp.least) - 1 } else { 0 };
         self.warm_up.unwrap_or(default)
     }

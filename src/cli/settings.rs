@@ -10,7 +10,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use serde_json::{Map, Value, json};
 
 use crate::device::DeviceInfo;
-use crate::quality::{Denoiser, Quality};
+use crate::quality::Denoiser;
 use crate::report::once;
 use crate::report::run::RunSettings;
 
@@ -125,7 +125,7 @@ pub fn balance(policies: &[Balance]) -> Value {
 /// except where a preset, --reference or another option determines the value. `devices` is empty if not all frames were
 /// rendered on the same devices.
 pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo]) -> RunSettings {
-    let Quality { denoiser, iterations, .. } = options.quality();
+    let quality = options.quality();
     let is_layered = options.foveated.foveation == FoveationMode::Layers;
     let mut known = vec![
         ("out", json!(options.out.display().to_string())),
@@ -133,8 +133,8 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
         ("spp", json!(options.spp)),
         ("bounces", json!(options.bounces)),
         ("scale", json!(options.scale)),
-        ("denoiser", json!(Denoiser::name_of(denoiser))),
-        ("iterations", if is_layered { json!(iterations) } else { json!(iterations[0]) }),
+        ("denoiser", json!(Denoiser::name_of(quality.denoiser()))),
+        ("iterations", if is_layered { json!(quality.iterations()) } else { json!(quality.iterations()[0]) }),
         ("foveation", json!(name(&options.foveated.foveation))),
         ("reproject", json!(name(&options.reproject))),
         ("balance", balance(&options.balances())),

@@ -7,7 +7,7 @@ use crate::frame::Samples;
 use crate::graph::Stage;
 use crate::passes::gbuffer::STAGE as GBUFFER;
 use crate::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
-use crate::quality::{Denoiser, Quality};
+use crate::quality::{Denoiser, Filter, Quality};
 use crate::schedule::RelativeCost;
 
 /// Maximum samples per pixel of the candidates.
@@ -40,25 +40,16 @@ fn samples() -> impl Iterator<Item = Samples> {
 
 /// Returns all candidates for the built-in ladder, including those with foveal layers if `foveated`.
 pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
-    let filters = denoiser.is_some();
-    let iterations =
-        denoiser.map_or(&[0][..], |d| &ITERATIONS[..ITERATIONS.partition_point(|n| *n <= d.most_iterations())]);
+    let filters = denoiser.map_or(vec![None], |d| {
+        ITERATIONS.into_iter().filter(|n| *n <= d.most_iterations()).map(|n| Some(Filter::new(d, n))).collect()
+    });
     let foveae = if foveated { FOVEAE.map(Some).to_vec() } else { vec![None] };
     let mut all = Vec::new();
-    for (&iterations, &fovea) in iterations.iter().flat_map(|i| foveae.iter().map(move |f| (i, f))) {
-        let iterations = [iterations; 3];
+    for (&filter, &fovea) in filters.iter().flat_map(|i| foveae.iter().map(move |f| (i, f))) {
         for spp in samples() {
-            let sparse = if spp == Samples::ONE && filters { &SPARSE_SCALES[..] } else { &[] };
+            let sparse = if spp == Samples::ONE && filter.is_some() { &SPARSE_SCALES[..] } else { &[] };
             for &scale in sparse.iter().chain(&[1.0]) {
-                all.extend(BOUNCES.map(|bounces| Quality {
-                    spp,
-                    bounces,
-                    denoiser,
-                    iterations,
-                    fovea,
-                    polar: None,
-                    scale,
-                }));
+                all.extend(BOUNCES.map(|bounces| Quality { spp, bounces, filter, fovea, polar: None, scale }));
             }
         }
     }
@@ -82,10 +73,9 @@ fn sampled_fraction(quality: &Quality) -> f64 {
 /// that further bounces would add.
 pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
     let samples = quality.spp.mean() * sampled_fraction(quality);
-    let iterations = quality.most_iterations();
-    let noise = match quality.denoiser {
-        Some(denoiser) if iterations > 0 => denoiser.method().estimated_flip(samples, iterations, rows),
-        _ => 0.3 * samples.powf(-0.35),
+    let noise = match quality.filter {
+        Some(filter) => filter.denoiser.method().estimated_flip(samples, filter.most_iterations(), rows),
+        None => 0.3 * samples.powf(-0.35),
     };
     let dark = 1.55 * missing_light.powf(0.78);
     noise.hypot(dark).min(1.0)
@@ -151,9 +141,8 @@ mod tests {
     use super::*;
 
     fn rung(spp: u32, bounces: u32, path_ms: Option<f64>) -> Rung {
-        let denoiser = Some(Denoiser::SVGF);
-        let quality =
-            Quality { spp: spp.into(), bounces, denoiser, iterations: [3; 3], fovea: None, polar: None, scale: 1.0 };
+        let filter = Some(Filter::new(Denoiser::SVGF, 3));
+        let quality = Quality { spp: spp.into(), bounces, filter, ..Quality::default() };
         let stage_ms = path_ms.map(|ms| ("path_trace".to_owned(), ms)).into_iter().collect();
         let rays = Default::default();
         let (flip, flicker, relmse, is_estimated) = (None, None, None, true);
@@ -171,7 +160,7 @@ mod tests {
                 assert!((0.0..1.0).contains(&error(a)));
                 let more = |b: &&Quality| {
                     let wider = b.fovea.zip(a.fovea).is_none_or(|([b, _], [a, _])| b >= a);
-                    let numbers = |q: &Quality| (q.spp.mean(), q.bounces, q.iterations);
+                    let numbers = |q: &Quality| (q.spp.mean(), q.bounces, q.iterations());
                     let ((bs, bb, bi), (s, bounces, i)) = (numbers(b), numbers(a));
                     bs >= s && bb >= bounces && bi == i && b.scale >= a.scale && wider && *b != a
                 };
@@ -179,8 +168,8 @@ mod tests {
             }
         }
         let fitted = candidates(Some(Denoiser::BMFR), true);
-        assert!(fitted.len() == 1020 && fitted.iter().all(|q| q.iterations == [1; 3] && q.check().is_ok()));
-        assert!(candidates(None, false).iter().all(|q| q.iterations == [0; 3] && q.scale == 1.0));
+        assert!(fitted.len() == 1020 && fitted.iter().all(|q| q.iterations() == [1; 3] && q.check().is_ok()));
+        assert!(candidates(None, false).iter().all(|q| q.filter.is_none() && q.scale == 1.0));
     }
 
     #[test]

@@ -153,7 +153,7 @@ impl Ladder {
         let worst = all.iter().map(|p| p.1).fold(0.0, f64::max);
         let mut ladders: Vec<(f64, Self)> = Vec::new();
         for denoiser in Denoiser::choices() {
-            let own: Vec<Rung> = measured.iter().filter(|r| r.quality.denoiser == denoiser).cloned().collect();
+            let own: Vec<Rung> = measured.iter().filter(|r| r.quality.denoiser() == denoiser).cloned().collect();
             if let Ok(ladder) = Self::of_measured(origin.clone(), &own) {
                 ladders.push((mean_error(&points(&own), [fastest, slowest], worst), ladder));
             }
@@ -211,9 +211,9 @@ impl Ladder {
     pub fn denoisers(&self) -> Vec<(Option<Denoiser>, usize)> {
         let mut counts: Vec<(Option<Denoiser>, usize)> = Vec::new();
         for rung in &self.rungs {
-            match counts.iter_mut().find(|(denoiser, _)| *denoiser == rung.quality.denoiser) {
+            match counts.iter_mut().find(|(denoiser, _)| *denoiser == rung.quality.denoiser()) {
                 Some((_, count)) => *count += 1,
-                None => counts.push((rung.quality.denoiser, 1)),
+                None => counts.push((rung.quality.denoiser(), 1)),
             }
         }
         counts

@@ -48,7 +48,7 @@ impl RunConfig {
         FrameSpec {
             views: if buffers.reproject { Views::Reprojected } else { Views::Traced },
             filter_once: self.filter_once,
-            filter: most.denoiser,
+            filter: most.denoiser(),
             sparse: self.leaves_pixels(),
             iterations: most.most_iterations(),
             history_rows: self.keeps_history().then_some(0),

@@ -17,11 +17,11 @@ pub(super) fn check(quality: &Quality, config: &RunConfig) -> Result<(), String>
     if quality.polar != most.polar {
         return Err("the polar mapping differs from the renderer's".to_owned());
     }
-    if quality.denoiser != most.denoiser {
-        let [asked, had] = [quality.denoiser, most.denoiser].map(Denoiser::name_of);
+    if quality.denoiser() != most.denoiser() {
+        let [asked, had] = [quality.denoiser(), most.denoiser()].map(Denoiser::name_of);
         return Err(format!("the denoiser is {asked}, but the renderer was built for {had}"));
     }
-    let least = u32::from(most.denoiser.is_some());
+    let least = u32::from(most.filter.is_some());
     if !(least..=most_iterations).contains(&iterations) {
         return Err(format!("{iterations} denoiser iterations are outside the range {least} to {most_iterations}"));
     }

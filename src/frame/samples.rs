@@ -139,13 +139,13 @@ impl Serialize for Samples {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct Members {
     /// Samples per pixel, at least 1.
-    spp: u32,
+    pub spp: u32,
     /// Fraction of tiles of 8x4 pixels, at least 0 and less than 1, that take one more sample per pixel.
     #[serde(default, skip_serializing_if = "is_zero")]
-    extra: f64,
+    pub extra: f64,
 }
 
-fn is_zero(value: &f64) -> bool {
+pub(crate) fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }
 

@@ -2,10 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Denoiser, PolarSpace, Quality};
+use super::{Filter, PolarSpace, Quality};
 use crate::frame::Samples;
 use crate::frame::samples;
-use crate::passes::denoise;
 
 /// The bounds of the qualities that the frames of a run may have.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,9 +25,7 @@ struct AllFields {
     #[serde(with = "samples::pair")]
     spp: Samples,
     bounces: u32,
-    #[serde(serialize_with = "denoise::serialize", deserialize_with = "denoise::deserialize")]
-    denoiser: Option<Denoiser>,
-    iterations: [u32; 3],
+    filter: Option<Filter>,
     fovea: Option<[f64; 2]>,
     polar: Option<PolarSpace>,
     scale: f64,
@@ -40,11 +37,11 @@ impl Envelope {
     pub fn of(qualities: &[Quality]) -> Self {
         let Some(first) = qualities.first() else { return Self::from(Quality::default()) };
         let most = |number: fn(&Quality) -> u32| qualities.iter().map(number).fold(0, u32::max);
+        let iterations = [most(Quality::most_iterations); 3];
         let most = Quality {
             spp: qualities.iter().map(|q| q.spp).fold(first.spp, Samples::max),
             bounces: most(|q| q.bounces),
-            denoiser: qualities.iter().fold(first.denoiser, |denoiser: Option<Denoiser>, q| denoiser.or(q.denoiser)),
-            iterations: [most(Quality::most_iterations); 3],
+            filter: qualities.iter().find_map(|q| q.filter).map(|filter| Filter { iterations, ..filter }),
             fovea: qualities.iter().find_map(|q| q.fovea),
             polar: qualities.iter().find_map(|q| q.polar),
             scale: qualities.iter().map(|q| q.scale).fold(1.0, f64::min),
@@ -83,10 +80,10 @@ mod tests {
     #[test]
     fn an_envelope_holds_its_qualities() {
         let basic = Quality::default();
-        let all =
-            [Quality { spp: 4.into(), iterations: [2, 3, 4], ..basic }, Quality { scale: 0.5, bounces: 2, ..basic }];
+        let filter = Some(Filter { iterations: [2, 3, 4], ..Filter::DEFAULT });
+        let all = [Quality { spp: 4.into(), filter, ..basic }, Quality { scale: 0.5, bounces: 2, ..basic }];
         let Envelope { most, mixes_spp } = Envelope::of(&all);
-        assert_eq!((most.spp.least, most.bounces, most.iterations, most.scale, mixes_spp), (4, 6, [5; 3], 0.5, true));
+        assert_eq!((most.spp.least, most.bounces, most.iterations(), most.scale, mixes_spp), (4, 6, [5; 3], 0.5, true));
         assert!(!Envelope::of(&all[..1]).mixes_spp);
         assert_eq!(Envelope::of(&[]), Envelope::from(basic));
     }

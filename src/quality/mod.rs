@@ -1,42 +1,35 @@
 //! Quality settings of a frame: the types that ladders, reports, traces, `bench` and the renderer share.
 
 mod envelope;
+mod file;
 
 use std::fmt::{self, Display};
 use std::ops::RangeInclusive;
 
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 
 use crate::frame::Samples;
 use crate::frame::samples;
-use crate::passes::denoise;
 use crate::projection::within;
 
-pub use crate::passes::denoise::Denoiser;
+pub use crate::passes::denoise::{Denoiser, Filter};
 pub use crate::projection::{LogPolar, PolarSpace};
 pub use envelope::Envelope;
 
 /// Settings that determine the quality of a frame. Ladder files call them `knobs`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(from = "file::Members", into = "file::Members")]
 pub struct Quality {
     /// Samples per traced pixel.
-    #[serde(flatten, serialize_with = "samples::as_members")]
     pub spp: Samples,
     /// Maximum bounces. Direct light is always included, so 0 and 1 are equivalent.
     pub bounces: u32,
-    #[serde(serialize_with = "denoise::serialize", deserialize_with = "denoise::deserialize")]
-    pub denoiser: Option<Denoiser>,
-    /// Iterations of the denoiser in the inner, middle and outer foveal layer, 0 without a denoiser. Files store one
-    /// number if all layers have the same.
-    #[serde(serialize_with = "serialize_iterations", deserialize_with = "deserialize_iterations")]
-    pub iterations: [u32; 3],
+    /// How frames are denoised, if they are.
+    pub filter: Option<Filter>,
     /// Radii at which the inner and the middle foveal layer end, in increasing order, as fractions of the eye's width.
     /// Without them, the whole image belongs to the inner layer.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fovea: Option<[f64; 2]>,
     /// Polar projection that is traced instead of the screen's pixels, if any.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub polar: Option<PolarSpace>,
     /// Per-axis render scale, within [`Self::SCALES`]. Scale² of the pixels are path traced, and the denoiser fills in
     /// the rest, guided by a full-resolution G-buffer.
@@ -46,8 +39,7 @@ pub struct Quality {
 impl Default for Quality {
     /// Returns the quality of `diptych render` by default: 1 sample, 6 bounces, and svgf with 5 iterations.
     fn default() -> Self {
-        let (denoiser, iterations) = (Some(Denoiser::SVGF), [Denoiser::DEFAULT_ITERATIONS; 3]);
-        Self { spp: Samples::ONE, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 }
+        Self { spp: Samples::ONE, bounces: 6, filter: Some(Filter::DEFAULT), fovea: None, polar: None, scale: 1.0 }
     }
 }
 
@@ -55,10 +47,19 @@ impl Quality {
     /// Valid render scales.
     pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
 
-    /// Returns the largest number of iterations of any foveal layer.
+    /// Returns the denoiser, if frames are denoised.
+    pub fn denoiser(&self) -> Option<Denoiser> {
+        self.filter.map(|filter| filter.denoiser)
+    }
+
+    /// Returns the filter's iterations in the inner, middle and outer foveal layer, 0 without a filter.
+    pub fn iterations(&self) -> [u32; 3] {
+        self.filter.map_or([0; 3], |filter| filter.iterations)
+    }
+
+    /// Returns the largest number of iterations of any foveal layer, 0 without a filter.
     pub fn most_iterations(&self) -> u32 {
-        let [inner, middle, outer] = self.iterations;
-        inner.max(middle).max(outer)
+        self.filter.map_or(0, Filter::most_iterations)
     }
 
     /// Checks whether all settings are valid.
@@ -68,11 +69,9 @@ impl Quality {
     pub fn check(&self) -> Result<(), String> {
         self.spp.check()?;
         within("bounces", self.bounces, 0..=1024)?;
-        within(
-            "iterations",
-            self.most_iterations(),
-            0..=self.denoiser.map_or(Denoiser::MAX_ITERATIONS, Denoiser::most_iterations),
-        )?;
+        if let Some(filter) = self.filter {
+            within("iterations", filter.most_iterations(), 1..=filter.denoiser.most_iterations())?;
+        }
         within("scale", self.scale, Self::SCALES)?;
         if self.polar.is_some() && self.fovea.is_some() {
             return Err("polar and fovea cannot be combined".to_owned());
@@ -90,33 +89,12 @@ impl Quality {
 
 impl Display for Quality {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { spp, bounces, denoiser, scale, .. } = *self;
-        write!(f, "{} x{}, {bounces} bounces, {spp} spp", Denoiser::name_of(denoiser), self.most_iterations())?;
+        let Self { spp, bounces, scale, .. } = *self;
+        write!(f, "{} x{}, {bounces} bounces, {spp} spp", Denoiser::name_of(self.denoiser()), self.most_iterations())?;
         let scale = if scale < 1.0 { format!(", scale {scale}") } else { String::new() };
         let polar = self.polar.map_or(String::new(), |space| format!(", {space}"));
         write!(f, "{scale}{}{polar}", layers_name(self.fovea))
     }
-}
-
-/// Iterations in the format of files: one number if all foveal layers have the same, else one per layer.
-#[derive(Serialize, Deserialize)]
-#[serde(untagged)]
-enum FileIterations {
-    Alike(u32),
-    Layers([u32; 3]),
-}
-
-fn serialize_iterations<S: Serializer>(layers: &[u32; 3], serializer: S) -> Result<S::Ok, S::Error> {
-    let [inner, middle, outer] = *layers;
-    let is_alike = inner == middle && middle == outer;
-    if is_alike { FileIterations::Alike(inner) } else { FileIterations::Layers(*layers) }.serialize(serializer)
-}
-
-fn deserialize_iterations<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[u32; 3], D::Error> {
-    FileIterations::deserialize(deserializer).map(|iterations| match iterations {
-        FileIterations::Alike(all) => [all; 3],
-        FileIterations::Layers(layers) => layers,
-    })
 }
 
 /// The part of [`Quality`] that `run.json`, `frames.csv` and journals record for each frame. It leaves out the denoiser
@@ -170,12 +148,12 @@ mod tests {
 
     #[test]
     fn files_have_one_number_of_iterations_where_layers_are_alike() {
-        let (denoiser, fovea) = (Some(Denoiser::SVGF), Some([0.15, 0.3]));
-        let quality = Quality { spp: 2.into(), denoiser, iterations: [5; 3], fovea, scale: 0.5, ..Quality::default() };
+        let quality = Quality { spp: 2.into(), fovea: Some([0.15, 0.3]), scale: 0.5, ..Quality::default() };
         let text = r#"{"spp":2,"bounces":6,"denoiser":"svgf","iterations":5,"fovea":[0.15,0.3],"scale":0.5}"#;
         assert_eq!(serde_json::to_string(&quality).unwrap(), text);
         assert_eq!(serde_json::from_str::<Quality>(text).unwrap(), quality);
-        let layers = Quality { iterations: [2, 3, 5], ..quality };
+        let filter = Some(Filter { iterations: [2, 3, 5], ..Filter::DEFAULT });
+        let layers = Quality { filter, ..quality };
         let text = text.replace(":5,", ":[2,3,5],");
         assert_eq!(serde_json::to_string(&layers).unwrap(), text);
         assert_eq!(serde_json::from_str::<Quality>(&text).unwrap(), layers);

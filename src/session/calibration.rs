@@ -293,7 +293,7 @@ mod tests {
         const MISSING: [f64; 5] = [0.213, 0.100, 0.0455, 0.0195, 0.0];
         let scene = LoadedScene::load("builtin:cornell").unwrap();
         let all = candidates(Some(Denoiser::SVGF), false);
-        let is_timed = |q: &&Quality| q.spp.least <= 2 && !q.spp.varies() && (q.scale, q.iterations[0]) == (1.0, 1);
+        let is_timed = |q: &&Quality| q.spp.least <= 2 && !q.spp.varies() && (q.scale, q.most_iterations()) == (1.0, 1);
         let qualities: Vec<Quality> = all.iter().filter(is_timed).copied().collect();
         for (width, height) in [(48, 32), (64, 36), (96, 54)] {
             let builder = Renderer::builder(&scene).size(width, height).envelope(Envelope::of(&qualities));

@@ -151,12 +151,12 @@ impl RunConfig {
 
     /// Returns the default quality of frames.
     pub fn quality(&self) -> Quality {
-        Quality { denoiser: self.denoiser(), ..self.envelope.most }
+        self.envelope.most
     }
 
     /// Returns the denoiser of all frames, if they are denoised.
     pub fn denoiser(&self) -> Option<Denoiser> {
-        self.envelope.most.denoiser.filter(|_| self.envelope.most.most_iterations() > 0)
+        self.envelope.most.denoiser()
     }
 
     /// Returns the foveal layers; `None` if all pixels are sampled and filtered alike.

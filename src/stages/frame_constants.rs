@@ -65,7 +65,7 @@ pub fn constants(
             mask_turn: if config.keeps_history() { index.wrapping_mul(GOLDEN_RATIO) } else { 0 },
             ..Default::default()
         },
-        foveation: layout::Foveation { layer_iterations: quality.iterations.into(), ..layers.unwrap_or_default() },
+        foveation: layout::Foveation { layer_iterations: quality.iterations().into(), ..layers.unwrap_or_default() },
         history: layout::History::new(None, 0..0),
         display: layout::Display {
             exposure: params.exposure_ev.exp2(),

@@ -13,6 +13,7 @@ use crate::frame::samples::PixelSamples;
 use crate::graph::{Assignment, Bound, FrameGraph, Program, Stripes, TaskKind};
 use crate::image::Extent;
 use crate::passes::{Declarations, FrameSpec, RowTally, Views};
+use crate::quality::{Denoiser, Filter};
 use crate::scene::builtin;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::{Eye, Rig, RigKey};
@@ -55,7 +56,7 @@ impl Bench {
         let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
         let needs = SceneNeeds { gloss, ..SceneNeeds::of(&scene) };
         let mut config = RunConfig::new(EXTENT, needs);
-        config.envelope.most.iterations = [ITERATIONS; 3];
+        config.envelope.most.filter = Some(Filter::new(Denoiser::SVGF, ITERATIONS));
         config.buffers.reproject = false;
         let stages = DeviceStages::new(&mut gpu, config, &tables, &[program(Some(0))]).unwrap();
         let stamps = Stamps::new(&gpu.device);

@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 
 use crate::common::{diptych, is_thorough};
 use diptych::control::{Ladder, MIN_STEP, Measure, Rung};
-use diptych::quality::{Denoiser, Quality};
+use diptych::quality::{Denoiser, Filter, Quality};
 use serde_json::Value;
 
 fn bench(out: &Path, options: &[&str]) -> Vec<Value> {
@@ -201,7 +201,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
     assert_eq!((ladder.origin().shot.as_str(), ladder.origin().size.as_str()), ("builtin:cornell", "48x27"));
     for rung in rungs {
         let row = rows.iter().find(|r| r["time_ms"] == rung.time_ms).unwrap();
-        let denoiser = Denoiser::name_of(rung.quality.denoiser);
+        let denoiser = Denoiser::name_of(rung.quality.denoiser());
         assert_eq!((&row["spp"], &row["denoiser"]), (&rung.quality.spp.least.into(), &denoiser.into()));
         for (name, found) in [("flip", rung.flip), ("flicker", rung.flicker), ("flip_flicker", Some(rung.error))] {
             let [left, right] = ["left", "right"].map(|eye| row["errors"][eye][name].as_f64().unwrap());
@@ -216,7 +216,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
     let others = [None, Some(Denoiser::ATROUS), Some(Denoiser::SVGF)].map(|denoiser| {
         let name = Denoiser::name_of(denoiser);
         let ladder = Ladder::read(&folder.path().join(format!("ladder.{name}.toml"))).unwrap();
-        assert!(ladder.rungs().iter().all(|r| r.quality.denoiser == denoiser), "{ladder:?}");
+        assert!(ladder.rungs().iter().all(|r| r.quality.denoiser() == denoiser), "{ladder:?}");
         ladder
     });
     assert!(others.contains(&ladder));
@@ -241,8 +241,9 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
     let worst = rows.iter().max_by(|a, b| error(a).total_cmp(&error(b))).unwrap();
     let [spp, bounces, iterations] = ["spp", "bounces", "iterations"].map(|name| worst[name].as_u64().unwrap() as u32);
     let denoiser = Denoiser::from_name(worst["denoiser"].as_str().unwrap()).unwrap();
-    let (iterations, scale) = ([iterations; 3], worst["scale"].as_f64().unwrap());
-    let quality = Quality { spp: spp.into(), bounces, denoiser, iterations, fovea: None, polar: None, scale };
+    let filter = denoiser.map(|denoiser| Filter::new(denoiser, iterations));
+    let scale = worst["scale"].as_f64().unwrap();
+    let quality = Quality { spp: spp.into(), bounces, filter, scale, ..Quality::default() };
     let alone = Ladder::new(ladder.origin().clone(), vec![Rung { quality, ..rungs[0].clone() }]).unwrap();
     alone.write(&path).unwrap();
     let judged = bench(folder.path(), &[&options[..], &["--ladder", path.to_str().unwrap()]].concat());

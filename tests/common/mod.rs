@@ -19,7 +19,7 @@ use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::tonemap::LINEAR;
 use diptych::passes::{Declarations, declare};
 use diptych::projection::PolarSpace;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Filter};
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
@@ -61,7 +61,7 @@ impl Subject {
         let mut settings = RunConfig::of_scene(Extent::new(width, height), &self.scene, &self.tables);
         settings.buffers.needs = if is_thorough() { self.needs } else { shared_shaders(self.needs) };
         settings.buffers.reproject = false;
-        (settings.envelope.most.denoiser, settings.envelope.most.iterations) = (Some(Denoiser::ATROUS), [0; 3]);
+        settings.envelope.most.filter = None;
         settings
     }
 
@@ -75,14 +75,14 @@ impl Subject {
     pub fn denoised(&self, width: u32, height: u32) -> RunConfig {
         let mut settings = self.settings(width, height);
         settings.buffers.reproject = true;
-        settings.envelope.most.iterations = [5; 3];
+        settings.envelope.most.filter = Some(Filter::new(Denoiser::ATROUS, 5));
         settings
     }
 
     /// Returns [`Self::denoised`] with temporal accumulation.
     pub fn accumulated(&self, width: u32, height: u32) -> RunConfig {
         let mut settings = self.denoised(width, height);
-        settings.envelope.most.denoiser = Some(Denoiser::SVGF);
+        settings.envelope.most.filter = Some(Filter::new(Denoiser::SVGF, 5));
         settings
     }
 }
@@ -93,11 +93,13 @@ pub fn with(mut config: RunConfig, change: impl FnOnce(&mut RunConfig)) -> RunCo
     config
 }
 
-/// Adds foveal layers around the gaze that are filtered with these iterations.
+/// Adds foveal layers around the gaze that are filtered with these iterations, of à-trous if there is no denoiser yet.
 pub fn foveate(config: &mut RunConfig, gaze: [Gaze; 2], layers: Foveation, iterations: [u32; 3]) {
     let Foveation { radii, unsampled_fraction } = layers;
     (config.gaze, config.unsampled_fraction) = (gaze, unsampled_fraction);
-    (config.envelope.most.fovea, config.envelope.most.iterations) = (Some(radii), iterations);
+    let denoiser = config.denoiser().or(Some(Denoiser::ATROUS));
+    let filter = Filter::in_effect(denoiser, iterations);
+    (config.envelope.most.fovea, config.envelope.most.filter) = (Some(radii), filter);
 }
 
 /// Traces images in this polar projection around the gaze.

@@ -8,7 +8,7 @@ use crate::reference::scenes::{add_image, add_material, empty, matte, place, qua
 use diptych::RunConfig;
 use diptych::exec::Stereo;
 use diptych::image::{Extent, Image, RgbImage};
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Filter};
 use diptych::scene::rig::RigKey;
 use diptych::scene::{Clearcoat, Environment, Light, LightKind, Material, Scene, Texture, TextureRef, Wrap};
 use glam::{Affine2, DVec3, Vec2, Vec3, vec3};
@@ -99,9 +99,9 @@ const MASK: [[u8; 4]; 2] = [[0, 255, 0, 255], [0, 255, 255, 255]];
 
 fn settings(subject: &Subject, denoiser: Denoiser, spp: u32) -> RunConfig {
     let mut settings = subject.accumulated(EXTENT.width, EXTENT.height);
-    (settings.envelope.most.denoiser, settings.envelope.most.spp) = (Some(denoiser), spp.into());
     // Without history, more iterations would spread highlights over the edges of these small images.
-    settings.envelope.most.iterations = [if denoiser == Denoiser::ATROUS { 3 } else { 5 }; 3];
+    let iterations = [if denoiser == Denoiser::ATROUS { 3 } else { 5 }; 3];
+    (settings.envelope.most.filter, settings.envelope.most.spp) = (Some(Filter { denoiser, iterations }), spp.into());
     settings
 }
 

@@ -3,7 +3,7 @@
 use crate::common::{Frame, Stage, Subject, devices, foveate, is_thorough, with};
 use diptych::RunConfig;
 use diptych::exec::{InjectedFaults, TimedTask};
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Filter};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured};
 use diptych::stages::Foveation;
@@ -54,7 +54,7 @@ fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
     if is_thorough() {
         hold_cut_frames_against_whole_ones("in flight", &subject, &settings);
     }
-    (settings.envelope.most.denoiser, settings.envelope.most.iterations) = (Some(Denoiser::BMFR), [1; 3]);
+    settings.envelope.most.filter = Some(Filter::new(Denoiser::BMFR, 1));
     hold_cut_frames_against_whole_ones("fitted in flight", &subject, &settings);
 }
 

@@ -7,7 +7,7 @@ use diptych::image::display::display_value;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::{Aov, Display};
 use diptych::projection::{LogPolar, PolarSpace};
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Filter};
 use diptych::scene::head::HeadMotion;
 use diptych::scene::optics::Fov;
 use diptych::scene::rig::Eye;
@@ -152,8 +152,7 @@ const LOG_POLAR: PolarSpace = PolarSpace::Log(LogPolar::COMPOSITE);
 #[test]
 fn what_eyes_show_is_of_one_device_on_any_number() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);
-    settings.envelope.most.denoiser = Some(Denoiser::SVGF);
-    (settings.buffers.reproject, settings.envelope.most.iterations) = (true, [3; 3]);
+    (settings.buffers.reproject, settings.envelope.most.filter) = (true, Some(Filter::new(Denoiser::SVGF, 3)));
     let kinds: [(_, fn(&mut RunConfig)); 4] = [
         ("layers", |config| foveate(config, gaze(), Foveation::default(), [1, 2, 3])),
         ("visual-polar", |config| project(config, gaze(), PolarSpace::Visual)),

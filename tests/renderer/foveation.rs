@@ -6,7 +6,7 @@ use diptych::exec::Stereo;
 use diptych::image::RgbImage;
 use diptych::passes::Aov;
 use diptych::projection::{LogPolar, PolarSpace};
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Filter};
 use diptych::scene::shot::Gaze;
 use diptych::stages::Foveation;
 
@@ -117,10 +117,10 @@ fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
 #[test]
 fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
     let subject = Subject::load("builtin:cornell");
-    for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(Some) {
+    for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(|denoiser| Some(Filter::new(denoiser, 5))) {
         let render = |scale: f64| {
             let mut settings = with(subject.denoised(WIDTH, HEIGHT), |config| config.envelope.most.scale = scale);
-            (settings.envelope.most.denoiser, settings.buffers.aovs) = (filter, vec![Aov::Spp]);
+            (settings.envelope.most.filter, settings.buffers.aovs) = (filter, vec![Aov::Spp]);
             let mut stage = Stage::alone(&subject, &settings);
             let frames: Vec<_> = (0..8).map(|i| stage.frame(i)).collect();
             (frames, stage.aov(0))
@@ -180,10 +180,10 @@ fn block_means(image: &RgbImage, size: usize) -> Vec<f64> {
 #[test]
 fn a_full_render_scale_changes_no_byte_where_others_are_possible() {
     let subject = Subject::load("builtin:checker");
-    for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(Some) {
+    for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(|denoiser| Some(Filter::new(denoiser, 5))) {
         let render = |sparse: bool| {
             let mut settings = subject.denoised(WIDTH, HEIGHT);
-            (settings.envelope.most.denoiser, settings.envelope.most.scale) = (filter, if sparse { 0.5 } else { 1.0 });
+            (settings.envelope.most.filter, settings.envelope.most.scale) = (filter, if sparse { 0.5 } else { 1.0 });
             let mut stage = Stage::alone(&subject, &settings);
             stage.set(|params| params.quality.scale = 1.0);
             (0..3).map(|i| stage.frame(i).linear).collect::<Vec<_>>()
@@ -226,9 +226,9 @@ fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
 #[ignore = "renders many pictures: `make test-full` runs it"]
 fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
     let subject = Subject::load("builtin:cornell");
-    for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(Some) {
+    for denoiser in [Denoiser::SVGF, Denoiser::ATROUS] {
         let mut settings = settings(&subject, towards(0.5, 0.5), Foveation::default(), [1; 3]);
-        (settings.envelope.most.denoiser, settings.envelope.most.iterations) = (filter, [1; 3]);
+        settings.envelope.most.filter = Some(Filter::new(denoiser, 1));
         let mut stage = Stage::alone(&subject, &settings);
         let mut sampled = vec![0.0; (WIDTH * HEIGHT) as usize];
         for frame in 0..3 {
@@ -236,7 +236,7 @@ fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
             sampled.iter_mut().zip(&stage.aov(0).left[0]).for_each(|(sum, spp)| *sum += spp);
         }
         let never = sampled.iter().filter(|s| **s == 0.0).count();
-        assert_eq!(never == 0, filter == Some(Denoiser::SVGF), "{never} pixels were never sampled");
+        assert_eq!(never == 0, denoiser == Denoiser::SVGF, "{never} pixels were never sampled");
     }
 }
 
@@ -267,8 +267,7 @@ fn mean(image: &RgbImage, counts: impl Fn(usize) -> bool) -> f64 {
 fn polar_images_show_what_the_screen_does() {
     let subject = Subject::load("builtin:cornell");
     let mut plain = subject.settings(WIDTH, HEIGHT);
-    (plain.envelope.most.denoiser, plain.envelope.most.spp, plain.buffers.aovs) =
-        (None, 32.into(), vec![Aov::Position]);
+    (plain.envelope.most.spp, plain.buffers.aovs) = (32.into(), vec![Aov::Position]);
     let render = |space: Option<PolarSpace>| {
         let mut settings = plain.clone();
         (settings.gaze, settings.envelope.most.polar) = (towards(0.4, 0.6), space);

@@ -14,7 +14,7 @@ use diptych::graph::Resource;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics::{self, Errors};
 use diptych::passes::Aov;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Filter};
 use diptych::scene::motion::Target;
 use diptych::scene::motion::keys::Interpolation;
 use diptych::scene::rig::{Eye, Rig, RigKey, View};
@@ -192,8 +192,7 @@ fn turning_room(wall: Wall) -> Subject {
 
 fn settings(subject: &Subject, denoiser: Denoiser) -> RunConfig {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
-    (settings.envelope.most.denoiser, settings.envelope.most.bounces) = (Some(denoiser), BOUNCES);
-    settings.envelope.most.iterations = [denoiser.most_iterations().min(5); 3];
+    (settings.envelope.most.filter, settings.envelope.most.bounces) = (Some(Filter::new(denoiser, 5)), BOUNCES);
     settings
 }
 

@@ -8,7 +8,7 @@ use diptych::graph::{
 };
 use diptych::image::Extent;
 use diptych::passes::{Declarations, FrameSpec};
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Filter};
 use diptych::scene::rig::Eye;
 use diptych::schedule::{CostModel, Policy};
 use diptych::stages::verify;
@@ -66,7 +66,7 @@ fn check(
     };
     let mut settings = subject.settings(WIDTH, HEIGHT);
     // This denoiser makes the previous frame available.
-    (settings.envelope.most.denoiser, settings.envelope.most.iterations) = (Some(Denoiser::SVGF), [1; 3]);
+    settings.envelope.most.filter = Some(Filter::new(Denoiser::SVGF, 1));
     settings.buffers.declarations = Declarations::new(move |spec| {
         let passes = declare(spec);
         passes.iter().for_each(|p| verify(p).unwrap_or_else(|e| panic!("{}: {e}", p.stage.name())));

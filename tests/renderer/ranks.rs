@@ -14,7 +14,7 @@ use diptych::device::GpuDevice;
 use diptych::exec::InjectedFaults;
 use diptych::exec::ranks::{ChannelLink, Devices, Host, Link, Load, Loading, Node, Request, Way, channel_links, serve};
 use diptych::projection::{LogPolar, PolarSpace};
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Filter};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured, Policy};
 use diptych::stages::{Foveation, SceneTables};
@@ -167,8 +167,7 @@ fn cases<'a>(checker: &'a Subject, moving: &'a Subject) -> Vec<(&'static str, &'
     let mut layers = checker.accumulated(WIDTH, HEIGHT);
     foveate(&mut layers, Default::default(), Foveation::default(), [2, 3, 5]);
     let mut bmfr = checker.accumulated(WIDTH, HEIGHT);
-    bmfr.envelope.most.denoiser = Some(Denoiser::BMFR);
-    bmfr.envelope.most.iterations = [1; 3];
+    bmfr.envelope.most.filter = Some(Filter::new(Denoiser::BMFR, 1));
     let mut all = vec![
         ("a scene that moves", moving, moving.accumulated(WIDTH, HEIGHT), 2),
         ("a radiance cache", checker, RunConfig { cache: true, ..checker.accumulated(WIDTH, HEIGHT) }, 2),

@@ -11,7 +11,7 @@ use diptych::exec::Stereo;
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
 use diptych::projection::{LogPolar, PolarSpace};
-use diptych::quality::{Denoiser, Quality};
+use diptych::quality::{Denoiser, Filter, Quality};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{CostModel, Even, Heft, Measured, Policy, Static};
 use diptych::stages::{Foveation, Sampler};
@@ -84,9 +84,7 @@ fn polar_images_are_those_of_one_device_while_the_gaze_moves() {
         let towards = |x: f64| Gaze { path: vec![[0.0, x, 0.4], [0.05, x + 0.1, 0.5], [0.06, 0.9, 0.1]] };
         let gaze = [towards(0.4), towards(0.3)];
         project(&mut settings, gaze, space);
-        (settings.buffers.reproject, settings.envelope.most.denoiser) = (reproject, Some(denoiser));
-        settings.envelope.most.iterations =
-            settings.envelope.most.iterations.map(|n| n.min(denoiser.most_iterations()));
+        (settings.buffers.reproject, settings.envelope.most.filter) = (reproject, Some(Filter::new(denoiser, 5)));
         let [one, several] = [1, devices].map(|devices| {
             let mut stage = Stage::even(&subject, &settings, devices);
             (0..6).map(|index| stage.frame_at(f64::from(index) * 0.015, index)).collect::<Vec<_>>()
@@ -210,8 +208,7 @@ fn blocks_that_straddle_stripes_give_the_bytes_of_one_device() {
 
 fn hold_history_against_one_device(subject: &Subject, denoiser: Denoiser) {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
-    settings.envelope.most.denoiser = Some(denoiser);
-    settings.envelope.most.iterations = settings.envelope.most.iterations.map(|n| n.min(denoiser.most_iterations()));
+    settings.envelope.most.filter = Some(Filter::new(denoiser, 5));
     let times_s: Vec<f64> = (0..6).map(|i| f64::from(i) * 0.05).collect();
     let one = Stage::with(subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
     let history: Vec<_> = one.iter().map(|f| f.report.spec.history_rows).collect();
@@ -286,7 +283,7 @@ fn all_halo_plans_give_the_same_bytes() {
     const ITERATIONS: u32 = 3;
     let render = |plan, devices| {
         let mut settings = subject.denoised(WIDTH, HEIGHT);
-        settings.envelope.most.iterations = [ITERATIONS; 3];
+        settings.envelope.most.filter = Some(Filter::new(Denoiser::ATROUS, ITERATIONS));
         settings.execution.seam = Seam::Halo(plan);
         settings.execution.adapts_halo = false;
         Stage::even(&subject, &settings, devices).frame(0).linear

@@ -4,6 +4,7 @@ use crate::common::{Stage, Subject, with};
 use diptych::exec::Stereo;
 use diptych::graph::{HaloPlan, Seam};
 use diptych::image::RgbImage;
+use diptych::quality::{Denoiser, Filter};
 use diptych::schedule::Static;
 
 const WIDTH: u32 = 32;
@@ -69,7 +70,7 @@ fn fewer_iterations_make_a_narrower_halo() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, 120);
     settings.execution.seam = Seam::None;
-    settings.envelope.most.iterations = [2; 3];
+    settings.envelope.most.filter = Some(Filter::new(Denoiser::ATROUS, 2));
     let one = Stage::even(&subject, &settings, 1).frame(0).linear;
     let two = Stage::even(&subject, &settings, 2).frame(0).linear;
     for (one, two) in [(&one.left, &two.left), (&one.right, &two.right)] {

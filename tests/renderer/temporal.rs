@@ -10,7 +10,7 @@ use diptych::metrics::surfaces::{Sighting, Surfaces};
 use diptych::metrics::temporal::MovingSurfaces;
 use diptych::metrics::{self, Errors};
 use diptych::passes::Aov;
-use diptych::quality::Quality;
+use diptych::quality::{Denoiser, Filter, Quality};
 use diptych::scene::load::load_shot;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::scene::{Light, LightKind};
@@ -97,14 +97,12 @@ fn frames_of_fewer_samples_keep_their_history() {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     (settings.envelope.most.spp, settings.envelope.mixes_spp) = (MANY.into(), true);
     settings.buffers.declarations = with_outputs(&["moments"]);
-    let (denoiser, iterations) = (settings.envelope.most.denoiser, settings.envelope.most.iterations);
+    let most = settings.quality();
     // Returns the mean history length of all pixels.
     let kept = |spp_of: &dyn Fn(u32) -> u32| {
         let mut stage = Stage::alone(&subject, &settings);
         for i in 0..FRAMES {
-            let spp = spp_of(i);
-            let quality =
-                Quality { spp: spp.into(), bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
+            let quality = Quality { spp: spp_of(i).into(), ..most };
             stage.set(move |params| params.quality = quality);
             stage.frame(i);
         }
@@ -255,7 +253,7 @@ fn a_creeping_camera_drags_nothing_behind() {
     let picture = |speed_px: f64| {
         let subject = unlit(turning(speed_px * f64::from(frames - 1), DVec3::X));
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
-        settings.envelope.most.iterations = [1; 3];
+        settings.envelope.most.filter = Some(Filter::new(Denoiser::SVGF, 1));
         let mut stage = Stage::alone(&subject, &settings);
         (0..frames - 1).for_each(|i| drop(stage.frame_at(f64::from(i) / f64::from(frames - 1), i)));
         stage.frame_at(1.0, frames - 1).linear.left

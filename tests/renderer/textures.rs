@@ -8,7 +8,7 @@ use diptych::RunConfig;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics;
 use diptych::passes::Aov;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Filter};
 use diptych::scene::{AlphaMode, Environment, Material, Mesh, Scene, Texture, TextureRef, Wrap};
 use glam::{Affine2, Vec2, Vec3, vec3};
 
@@ -43,7 +43,7 @@ fn floor(name: &str, change: fn(&mut Material)) -> Subject {
 
 fn settings(subject: &Subject, denoiser: Denoiser, filter_textures: bool) -> RunConfig {
     let mut settings = RunConfig { filter_textures, ..subject.accumulated(EXTENT.width, EXTENT.height) };
-    settings.envelope.most.denoiser = Some(denoiser);
+    settings.envelope.most.filter = Some(Filter::new(denoiser, 5));
     settings
 }
 

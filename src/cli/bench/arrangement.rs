@@ -8,26 +8,14 @@ use super::axes::FPS;
 use crate::cli::balance::Balance;
 use crate::cli::foveation::FoveationMode;
 use crate::cli::options::{self, RenderOptions, RunOptions};
-use crate::frame::Samples;
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::passes::partitions;
-use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
+use crate::quality::{LogPolar, PolarSpace, Quality};
 use crate::report::experiment::{Arrangement, Experiment, OtherMeasures};
 use crate::scene::rig::Eye;
 use crate::schedule::RatioRule;
 use crate::stages::Foveation;
-
-/// Quality of arrangements, unless an experiment's options change it.
-pub const QUALITY: Quality = Quality {
-    spp: Samples::ONE,
-    bounces: 6,
-    denoiser: Some(Denoiser::SVGF),
-    iterations: [Denoiser::DEFAULT_ITERATIONS; 3],
-    fovea: None,
-    polar: None,
-    scale: 1.0,
-};
 
 /// Options that an arrangement may set in addition to the quality options.
 const OTHERS: [&str; 4] = ["balance", "ratios", "seam", "halo"];
@@ -40,7 +28,7 @@ const LOG_POLAR_ALPHA: f64 = 4.0;
 
 /// Returns the options of all arrangements for a number of frames.
 pub fn of(experiment: &Experiment, run: &RunOptions, frames: u32) -> Result<Vec<RenderOptions>, anyhow::Error> {
-    let mut common = RenderOptions { frames, fps: FPS, ..RenderOptions::single(run.clone(), &QUALITY) };
+    let mut common = RenderOptions { frames, fps: FPS, ..RenderOptions::single(run.clone(), &Quality::default()) };
     common.foveated.iterations = None;
     let mut shared = experiment.options.clone();
     if !run.balance.is_empty() || !run.ratios.is_empty() {
@@ -60,7 +48,7 @@ pub fn of(experiment: &Experiment, run: &RunOptions, frames: u32) -> Result<Vec<
             bail!("distribute: there is no group '{unknown}': choose of {}", known.join(", "));
         }
         let quality = options.quality();
-        let has_mode = quality.polar != Some(PolarSpace::Visual) && quality.denoiser.is_some();
+        let has_mode = quality.polar != Some(PolarSpace::Visual) && quality.filter.is_some();
         ensure!(
             !arrangement.as_visual_polar || has_mode,
             "as_visual_polar needs a denoiser, and a foveation other than visual-polar"
@@ -203,7 +191,7 @@ mod tests {
         let text = include_str!("experiments/koskela.toml");
         let text = text.replace("spp = 1\n", "spp = 2\nreproject = 'off'\nratios = [1, 2]\nbalance = 'static'\n");
         let all = options_of(&text).unwrap();
-        let quality = Quality { spp: 2.into(), ..QUALITY };
+        let quality = Quality { spp: 2.into(), ..Quality::default() };
         assert_eq!(all[0].quality(), quality);
         assert_eq!(all[3].quality(), Quality { polar: Some(PolarSpace::Visual), ..quality });
         assert_eq!(all[2].quality(), Quality { fovea: Some(Foveation::RADII), ..quality });

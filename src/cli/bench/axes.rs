@@ -11,7 +11,7 @@ use crate::cli::options::DenoiserChoice;
 use crate::cli::{settings, setup};
 use crate::control::Ladder;
 use crate::frame::Samples;
-use crate::quality::{Denoiser, Quality};
+use crate::quality::{Denoiser, Filter, Quality};
 use crate::report::once;
 use crate::stages::Foveation;
 
@@ -78,7 +78,7 @@ impl Args {
     /// Returns the number of warm-up frames, in which the camera approaches along its path. They suffice to fill the
     /// history of denoisers that keep one.
     pub fn warm_up_of(&self, quality: &Quality) -> u32 {
-        if quality.denoiser.is_some_and(Denoiser::keeps_history) {
+        if quality.denoiser().is_some_and(Denoiser::keeps_history) {
             self.warm_up.max(HISTORY_FRAMES)
         } else {
             self.warm_up
@@ -101,15 +101,14 @@ impl Args {
     pub(super) fn settings(&self) -> Vec<Quality> {
         let mut settings = Vec::new();
         for denoiser in self.denoisers() {
-            let filters = denoiser.is_some();
-            let iterations =
-                denoiser.map_or(vec![0], |d| once(self.iterations().into_iter().map(|n| n.min(d.most_iterations()))));
-            let foveations = if filters { self.foveations() } else { vec![FoveationMode::None] };
-            let scales = if filters { self.scales() } else { vec![1.0] };
-            for (&iterations, foveation) in iterations.iter().flat_map(|i| foveations.iter().map(move |f| (i, f))) {
-                let (iterations, fovea, polar) = ([iterations; 3], foveation.radii(), foveation.space(self.polar));
+            let filters =
+                denoiser.map_or(vec![None], |d| once(self.iterations().into_iter().map(|n| Some(Filter::new(d, n)))));
+            let foveations = if denoiser.is_some() { self.foveations() } else { vec![FoveationMode::None] };
+            let scales = if denoiser.is_some() { self.scales() } else { vec![1.0] };
+            for (&filter, foveation) in filters.iter().flat_map(|i| foveations.iter().map(move |f| (i, f))) {
+                let (fovea, polar) = (foveation.radii(), foveation.space(self.polar));
                 for (bounces, &scale) in self.bounces().iter().flat_map(|b| scales.iter().map(move |s| (*b, s))) {
-                    let quality = |spp| Quality { spp, bounces, denoiser, iterations, fovea, polar, scale };
+                    let quality = |spp| Quality { spp, bounces, filter, fovea, polar, scale };
                     settings.extend(self.samples(scale).into_iter().map(quality));
                 }
             }
@@ -147,10 +146,7 @@ fn chosen<T: Copy + PartialEq>(asked: &[T], default: &[T]) -> Vec<T> {
 
 /// Returns true if command-line options can express this quality.
 fn is_of_options(quality: &Quality) -> bool {
-    let Quality { denoiser, iterations, fovea, scale, .. } = *quality;
-    let is_whole = match denoiser {
-        Some(_) => iterations != [0; 3],
-        None => iterations == [0; 3] && scale == 1.0 && fovea.is_none(),
-    };
-    is_whole && fovea.is_none_or(|radii| radii == Foveation::RADII)
+    let Quality { filter, fovea, scale, .. } = *quality;
+    let is_whole = scale == 1.0 && fovea.is_none();
+    (filter.is_some() || is_whole) && fovea.is_none_or(|radii| radii == Foveation::RADII)
 }

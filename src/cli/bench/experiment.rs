@@ -131,7 +131,7 @@ fn arrangements(args: &Args, experiment: &Experiment) -> Result<Vec<RenderOption
 /// Returns the quality that needs the most warm-up frames. All arrangements render that many.
 fn slowest(args: &Args, all: &[RenderOptions]) -> Quality {
     let qualities = all.iter().map(RenderOptions::quality);
-    qualities.max_by_key(|quality| args.warm_up_of(quality)).unwrap_or(arrangement::QUALITY)
+    qualities.max_by_key(|quality| args.warm_up_of(quality)).unwrap_or_default()
 }
 
 struct Results {

@@ -157,8 +157,8 @@ impl GridProgress {
     fn frame(&mut self, setting: &Quality, makespan_ms: f64) {
         self.done += work(setting);
         let event = serde_json::json!({ "event": "frame", "knobs": setting, "makespan_ms": makespan_ms });
-        let Quality { denoiser, iterations: [iterations, ..], bounces, spp, scale, .. } = *setting;
-        let denoiser = Denoiser::name_of(denoiser);
+        let Quality { bounces, spp, scale, .. } = *setting;
+        let (denoiser, [iterations, ..]) = (Denoiser::name_of(setting.denoiser()), setting.iterations());
         let (number, settings, left_s) = (self.rows + 1, self.settings, self.left_s());
         let what =
             format!("{number} of {settings}: {denoiser} x{iterations}, {bounces} bounces, {spp} spp, scale {scale}");

@@ -120,7 +120,7 @@ impl Page<'_> {
         let notes = format!(
             "ladder.toml has {rungs} rungs, all with {}, the denoiser with the best front. It omits settings that are \
              less than 3 % apart in time, or that save little time for much error.",
-            Denoiser::name_of(self.ladder.rungs()[0].quality.denoiser)
+            Denoiser::name_of(self.ladder.rungs()[0].quality.denoiser())
         );
         let table = Some(ladder_table(self.ladder));
         Ok(Section { heading: "Fronts and quality ladder", notes: vec![notes], table, figure: Some(figure) })

@@ -10,7 +10,7 @@ use crate::image::{ImageError, RgbImage};
 use crate::loaded::LoadedScene;
 use crate::metrics::Pair;
 use crate::passes::denoise;
-use crate::quality::{Denoiser, Quality};
+use crate::quality::{Denoiser, Filter, Quality};
 use crate::report::frames::FrameLine;
 use crate::report::html::Section;
 use crate::report::run::{FrameRow, RunReport};
@@ -67,9 +67,8 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     let first = |asked: &[u32], default| asked.first().copied().unwrap_or(default);
     let spp = args.spp.first().copied().unwrap_or(Samples::ONE);
     let bounces = first(&args.bounces, 6);
-    let iterations =
-        [denoiser.map_or(0, |d| first(&args.iterations, Denoiser::DEFAULT_ITERATIONS).min(d.most_iterations())); 3];
-    let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
+    let filter = denoiser.map(|d| Filter::new(d, first(&args.iterations, Denoiser::DEFAULT_ITERATIONS)));
+    let quality = Quality { spp, bounces, filter, ..Quality::default() };
     let options = RenderOptions::single(run, &quality);
     options.check().map_err(Failure::Input)?;
     if denoiser.is_none() {

@@ -42,10 +42,7 @@ impl Choice {
         let all = Ladder::read(path).context("cannot use --ladder")?;
         let polar = args.foveated.space();
         let of = |denoiser: DenoiserChoice| -> Vec<Rung> {
-            let has = |q: &Quality| {
-                let is_filtered = q.iterations != [0; 3];
-                q.denoiser == denoiser && is_filtered == denoiser.is_some() && q.polar == polar
-            };
+            let has = |q: &Quality| q.denoiser() == denoiser && q.polar == polar;
             all.rungs().iter().filter(|r| has(&r.quality)).cloned().collect()
         };
         let most = Denoiser::choices().into_iter().filter(|d| !of(*d).is_empty()).max_by_key(|d| of(*d).len());
@@ -94,14 +91,14 @@ impl Choice {
         }
         let all_bounces = self.qualities.iter().filter(|q| q.bounces == BOUNCES[BOUNCES.len() - 1]);
         let fewest = all_bounces
-            .min_by(|a, b| guessed_paths(a).total_cmp(&guessed_paths(b)).then(a.iterations.cmp(&b.iterations)));
+            .min_by(|a, b| guessed_paths(a).total_cmp(&guessed_paths(b)).then(a.iterations().cmp(&b.iterations())));
         fewest.map(|quality| (limits.limit(quality), guessed_relative_cost(quality)))
     }
 
     /// Returns the bounds of all qualities, without the radii of foveal layers.
     pub fn envelope(&self) -> Envelope {
         let Envelope { most, mixes_spp } = Envelope::of(&self.qualities);
-        Envelope { most: Quality { denoiser: self.denoiser, fovea: None, ..most }, mixes_spp }
+        Envelope { most: Quality { fovea: None, ..most }, mixes_spp }
     }
 }
 

@@ -16,7 +16,7 @@ impl LoopOptions {
     fn render_options(&self, choice: &Choice, frames: u32) -> RenderOptions {
         let most = self.foveated.limit(&Quality { fovea: self.foveated.radii(), ..choice.envelope().most });
         RenderOptions {
-            foveated: FoveationOptions { iterations: Some(most.iterations), ..self.foveated.clone() },
+            foveated: FoveationOptions { iterations: Some(most.iterations()), ..self.foveated.clone() },
             frames,
             fps: self.fps.unwrap_or(1e3 / self.budget_ms.hi_ms()),
             ..RenderOptions::single(self.run.clone(), &most)
@@ -26,7 +26,7 @@ impl LoopOptions {
     /// Checks constraints that clap cannot express.
     fn check(&self, choice: &Choice, options: &RenderOptions) -> Result<(), anyhow::Error> {
         self.foveated.check(choice.denoiser)?;
-        let (is_asked, filters) = (choice.denoiser.is_some(), options.quality().denoiser.is_some());
+        let (is_asked, filters) = (choice.denoiser.is_some(), options.quality().filter.is_some());
         ensure!(filters || !is_asked, "--iterations 0 filters nothing: choose --denoiser none");
         let what = "--foveation layers needs a denoiser to fill in pixels: choose another than none";
         ensure!(filters || !self.foveated.is_on(), what);

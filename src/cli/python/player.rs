@@ -103,7 +103,7 @@ impl Playing {
 /// Begins a sequence on the devices of a renderer.
 fn begin(renderer: &Renderer, devices: Devices, budget: Budget, rig: &Rig) -> Result<Session, Failure> {
     let options = &renderer.options.render;
-    let qualities = candidates(options.quality().denoiser, false);
+    let qualities = candidates(options.quality().denoiser(), false);
     let envelope = Envelope::of(&qualities);
     let most = RenderOptions { aov: options.aov.clone(), ..RenderOptions::single(options.run.clone(), &envelope.most) };
     let loaded = renderer.scene.get().loaded();

@@ -5,6 +5,7 @@ mod atrous;
 mod bmfr;
 mod denoised;
 mod denoiser;
+mod filter;
 mod gradient;
 mod method;
 mod registry;
@@ -14,6 +15,7 @@ mod svgf;
 pub(super) use denoised::Denoised;
 pub use denoiser::Denoiser;
 pub(crate) use denoiser::serialize;
+pub use filter::Filter;
 pub use method::{Denoise, Light, PARTITION};
 pub(crate) use registry::deserialize;
 

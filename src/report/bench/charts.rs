@@ -32,9 +32,9 @@ pub(super) fn time_chart(title: String, error: &str, series: &[Series]) -> Resul
 
 /// Returns the Pareto front of each denoiser's settings.
 pub(super) fn fronts(rows: &[SettingRow], error: &str) -> Vec<Series> {
-    let denoisers = once(rows.iter().map(|r| r.quality.denoiser));
+    let denoisers = once(rows.iter().map(|r| r.quality.denoiser()));
     let series = |denoiser: &Option<Denoiser>| {
-        let points = points(&rows.iter().filter(|r| r.quality.denoiser == *denoiser).collect::<Vec<_>>(), error);
+        let points = points(&rows.iter().filter(|r| r.quality.denoiser() == *denoiser).collect::<Vec<_>>(), error);
         let points = front(&points).into_iter().map(|i| points[i]).collect();
         Series { name: Denoiser::name_of(*denoiser).to_owned(), points, band: None, guide: false }
     };

@@ -127,13 +127,12 @@ pub(super) mod tests {
     use crate::image::{Extent, RgbImage};
     use crate::metrics::Pair;
     use crate::metrics::rings::Viewing;
-    use crate::quality::{Denoiser, FrameQuality};
+    use crate::quality::{Denoiser, Filter, FrameQuality};
 
     /// Makes a row whose repeats have these values of RMSE in the left eye and twice these in the right eye.
     pub fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> SettingRow {
-        let denoiser = Denoiser::from_name(denoiser).unwrap();
-        let quality =
-            Quality { spp: spp.into(), bounces: 6, denoiser, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
+        let filter = Denoiser::from_name(denoiser).unwrap().map(|denoiser| Filter::new(denoiser, 1));
+        let quality = Quality { spp: spp.into(), filter, ..Quality::default() };
         let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
         let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 70.0 };
         let flat = |v: f64| {

@@ -73,7 +73,7 @@ pub fn slopes(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Vec<Slope> 
 }
 
 fn filter(row: &SettingRow) -> (&'static str, u32) {
-    (Denoiser::name_of(row.quality.denoiser), row.quality.most_iterations())
+    (Denoiser::name_of(row.quality.denoiser()), row.quality.most_iterations())
 }
 
 /// Fits a slope of √relMSE over samples per pixel to each repeat, and averages the slopes.

@@ -69,8 +69,8 @@ pub(super) fn cells_of(quality: &Quality) -> [String; 6] {
         (None, None) => "none",
     };
     let [iterations, bounces] = [iterations, bounces].map(|n| n.to_string());
-    let spp = quality.spp.to_string();
-    [Denoiser::name_of(quality.denoiser).to_owned(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
+    let (denoiser, spp) = (Denoiser::name_of(quality.denoiser()).to_owned(), quality.spp.to_string());
+    [denoiser, iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
 }
 
 /// Returns a table with a line per setting and eye. The last column marks settings on the Pareto front, and errors that

@@ -18,15 +18,7 @@ pub fn ladder(times_ms: &[f64]) -> Ladder {
         flicker: Some(0.1 / (i + 1) as f64),
         relmse: Some(0.1),
         is_estimated: false,
-        quality: Quality {
-            spp: (i as u32 + 1).into(),
-            bounces: 6,
-            denoiser: None,
-            iterations: [0; 3],
-            fovea: None,
-            polar: None,
-            scale: 1.0,
-        },
+        quality: Quality { spp: (i as u32 + 1).into(), filter: None, ..Quality::default() },
         stage_ms: Default::default(),
         rays: Default::default(),
     };

@@ -154,7 +154,7 @@ fn is_ladder(path: &Path) -> bool {
 
 fn spec(quality: &Quality, extent: Extent) -> FrameSpec {
     FrameSpec {
-        filter: quality.denoiser,
+        filter: quality.denoiser(),
         sparse: true,
         iterations: quality.most_iterations(),
         history_rows: Some(0),

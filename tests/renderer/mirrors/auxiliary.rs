@@ -26,9 +26,9 @@ fn auxiliary_images_show_the_mirrors_themselves() {
 const EXTENT: Extent = Extent::new(160, 120);
 
 /// Returns auxiliary images of a room, per eye, as vectors.
-fn vectors<const N: usize>(subject: &Subject, denoiser: Option<Denoiser>, aovs: [Aov; N]) -> [[RgbImage; N]; 2] {
+fn vectors<const N: usize>(subject: &Subject, filter: Option<Filter>, aovs: [Aov; N]) -> [[RgbImage; N]; 2] {
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
-    (settings.envelope.most.denoiser, settings.envelope.most.bounces) = (denoiser, BOUNCES);
+    (settings.envelope.most.filter, settings.envelope.most.bounces) = (filter, BOUNCES);
     settings.buffers.aovs = aovs.to_vec();
     let mut stage = Stage::alone(subject, &settings);
     stage.frame(0);
@@ -51,7 +51,7 @@ fn mirrors_show_surfaces_where_an_opening_has_their_copies() {
     let shown = [Aov::ShownPosition, Aov::ShownNormal, Aov::VirtualPosition];
     let expected = vectors(&room(Wall::Opening), None, [Aov::Position, Aov::Normal]);
     let of_mirror = vectors(&room(Wall::Mirror), None, shown);
-    assert!(of_mirror == vectors(&room(Wall::Mirror), Some(Denoiser::SVGF), shown));
+    assert!(of_mirror == vectors(&room(Wall::Mirror), Some(Filter::new(Denoiser::SVGF, 1)), shown));
     let over = |[x, y, z]: [f32; 3]| if z < MIRROR_Z { [x, y, 2.0 * MIRROR_Z - z] } else { [x, y, z] };
     for (found, expected) in of_mirror.iter().zip(&expected) {
         let [positions, normals, images] = found.each_ref().map(|image| &image.pixels);

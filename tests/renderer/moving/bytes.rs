@@ -8,7 +8,7 @@ use diptych::device::{Tables, Traversal};
 use diptych::exec::InjectedFaults;
 use diptych::frame::Samples;
 use diptych::graph::{HaloPlan, Seam};
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Filter};
 use diptych::scene::motion::{Attached, Motion};
 use diptych::schedule::{Even, Measured, Policy};
 
@@ -39,9 +39,8 @@ fn moving_scenes_have_the_bytes_of_one_device_on_ragged_stripes_that_move() {
 fn hold_motion_against_one_device(denoiser: Denoiser, spp: f64) {
     let subject = watched(moving::everything());
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
-    settings.envelope.most.denoiser = Some(denoiser);
+    settings.envelope.most.filter = Some(Filter::new(denoiser, 5));
     (settings.envelope.most.spp, settings.envelope.mixes_spp) = (Samples::of_mean(spp), spp > 1.0);
-    settings.envelope.most.iterations = settings.envelope.most.iterations.map(|n| n.min(denoiser.most_iterations()));
     let times_s = times_s();
     let one = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
     assert!(one.windows(2).all(|w| w[0].linear.left != w[1].linear.left), "nothing moves");
@@ -133,7 +132,7 @@ fn what_stands_still_has_no_pass_for_what_moves_and_the_light_of_what_could_move
     let moving = frames(could.clone(), |_| {});
     assert!(moving.iter().all(|frame| stages(frame) == ["motion"; 2]), "{:?}", stages(&moving[0]));
     assert_all_same("lights that could move", &still[..1], &moving[..1]);
-    let filter = |settings: &mut RunConfig| settings.envelope.most.denoiser = Some(Denoiser::ATROUS);
+    let filter = |settings: &mut RunConfig| settings.envelope.most.filter = Some(Filter::new(Denoiser::ATROUS, 5));
     let unfiltered = frames(could, filter);
     assert_all_same("lights that could move, without history", &frames(scene.at(0.0), filter), &unfiltered);
     assert!(unfiltered.iter().all(|frame| stages(frame).is_empty()), "nothing reads where surfaces were");

@@ -9,7 +9,6 @@ mod twins;
 
 use crate::common::{Stage, Subject, still_rig};
 use crate::reference::scenes::{add_matte, add_mesh, moving, quad};
-use diptych::frame::Samples;
 use diptych::quality::Quality;
 use diptych::report::run::FrameRow;
 use diptych::scene::Scene;
@@ -40,15 +39,7 @@ fn bodies_that_are_left_out_of_a_frame_are_counted() {
     }
     let subject = watched(draft.done());
     let settings = subject.settings(32, 24);
-    let quality = Quality {
-        spp: Samples::ONE,
-        bounces: 6,
-        denoiser: None,
-        iterations: [0; 3],
-        fovea: None,
-        polar: None,
-        scale: 1.0,
-    };
+    let quality = Quality { filter: None, ..Quality::default() };
     let mut stage = Stage::alone(&subject, &settings);
     for (index, (time_s, expected)) in (0..).zip([(0.0, 0), (0.5, 0), (1.0, 1), (1.5, 0), (3.0, 1)]) {
         let report = stage.frame_at(time_s, index).report;

@@ -4,7 +4,7 @@ use crate::common::{Stage, Subject, sampled, with_outputs};
 use crate::reference::scenes::moving;
 use diptych::frame::Samples;
 use diptych::graph::Resource;
-use diptych::quality::{Denoiser, Quality};
+use diptych::quality::{Denoiser, Filter, Quality};
 
 use super::watched;
 
@@ -33,15 +33,14 @@ fn play(subject: &Subject, denoiser: Denoiser, rungs: [Rung; 2], stride: u32) ->
 fn play_at(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], stride: u32, fps: f64) -> Last {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     let most = &mut settings.envelope.most;
-    (most.denoiser, most.spp, most.scale) = (Some(denoiser), Samples::of_mean(3.5), 0.5);
-    let iterations = most.iterations;
+    let filter = Some(Filter { denoiser, iterations: [5; 3] });
+    (most.filter, most.spp, most.scale) = (filter, Samples::of_mean(3.5), 0.5);
     settings.envelope.mixes_spp = true;
     settings.buffers.declarations = with_outputs(&["gradient", "light_change"]);
     let mut stage = Stage::alone(subject, &settings);
     for (i, (spp, bounces, scale)) in (0..).zip([rung; BEFORE].into_iter().chain([last])) {
-        let denoiser = Some(denoiser);
         let spp = Samples::of_mean(spp);
-        let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, polar: None, scale };
+        let quality = Quality { spp, bounces, filter, fovea: None, polar: None, scale };
         stage.set(move |params| params.quality = quality);
         stage.frame_at(0.3 + f64::from(i) / fps, stride * i);
     }

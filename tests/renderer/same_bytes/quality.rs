@@ -13,8 +13,7 @@ fn quality(denoiser: Denoiser, (spp, bounces, iterations, scale, fovea): Numbers
     Quality {
         spp: Samples::of_mean(spp),
         bounces,
-        denoiser: Some(denoiser),
-        iterations: [iterations; 3],
+        filter: Some(Filter { denoiser, iterations: [iterations; 3] }),
         scale,
         fovea,
         polar: None,
@@ -43,7 +42,7 @@ fn play(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Stereo<R
         (Samples::of_mean(3.5), true, 0.5);
     foveate(&mut settings, gaze(), Foveation::default(), [4; 3]);
     let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
-    let denoiser = settings.envelope.most.denoiser.unwrap();
+    let denoiser = settings.denoiser().unwrap();
     let frame = |(i, numbers): (usize, &Numbers)| {
         let quality = quality(denoiser, *numbers);
         stage.set(move |params| params.quality = quality);
@@ -63,7 +62,7 @@ fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
             config.envelope.most.scale = scale
         });
         let most = &mut fixed.envelope.most;
-        (most.spp, most.iterations) = (Samples::of_mean(spp), [iterations; 3]);
+        (most.spp, most.filter) = (Samples::of_mean(spp), Some(Filter::new(Denoiser::ATROUS, iterations)));
         fixed.envelope.mixes_spp = spp == 1.5;
         (fixed.gaze, fixed.envelope.most.fovea) = (gaze(), fovea);
         let expected = Stage::even(&subject, &fixed, 1).frame_at(i as f64 * 0.05, i as u32).linear;
@@ -78,7 +77,7 @@ fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
     let subject = Subject::load("builtin:atrium");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
-        settings.envelope.most.denoiser = Some(denoiser);
+        settings.envelope.most.filter = Some(Filter { denoiser, iterations: [5; 3] });
         let (one, three) = (play(&subject, &settings, 1), play(&subject, &settings, 3));
         for (i, (one, three)) in one.iter().zip(&three).enumerate() {
             assert_same(&format!("{denoiser:?}, frame {i}"), one, three);
@@ -91,7 +90,7 @@ fn exposures_of_frames_change_their_pictures_alone() {
     let subject = Subject::load("builtin:studio");
     for denoiser in sampled([Denoiser::SVGF, Denoiser::BMFR], 2) {
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
-        settings.envelope.most.denoiser = Some(denoiser);
+        settings.envelope.most.filter = Some(Filter { denoiser, iterations: [5; 3] });
         let images = |ev_of: &dyn Fn(u32) -> f32| {
             let mut stage = Stage::even(&subject, &settings, 2);
             let frame = |index: u32| {
@@ -119,7 +118,7 @@ fn exposures_of_frames_change_their_pictures_alone() {
 fn qualities_that_nothing_was_made_ready_for_are_refused() {
     let subject = Subject::load("builtin:cornell");
     let mut settings = subject.denoised(32, 18);
-    (settings.envelope.most.spp, settings.envelope.most.iterations) = (3.into(), [4; 3]);
+    (settings.envelope.most.spp, settings.envelope.most.filter) = (3.into(), Some(Filter::new(Denoiser::ATROUS, 4)));
     let mut stage = Stage::even(&subject, &settings, 1);
     let frame = stage.params(0.0, 0);
     let mut set = |denoiser, numbers| {

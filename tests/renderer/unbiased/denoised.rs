@@ -10,7 +10,7 @@ use crate::reference::scenes::{lit, matte};
 use crate::reference::ztest::assert_agrees;
 use diptych::RunConfig;
 use diptych::passes::denoise::Denoise;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Filter};
 
 /// A denoiser that leaves light as it was traced.
 struct Identity;
@@ -54,7 +54,7 @@ fn assert_mean_stays(name: &str, subject: &Subject, bounces: u32, change: fn(&mu
             let mut settings = subject.settings(EXTENT.width, EXTENT.height);
             settings.seed = seed;
             let most = &mut settings.envelope.most;
-            (most.denoiser, most.iterations, most.spp, most.bounces) = (Some(identity()), [1; 3], spp.into(), bounces);
+            (most.filter, most.spp, most.bounces) = (Some(Filter::new(identity(), 1)), spp.into(), bounces);
             change(&mut settings, is_on);
             move |numbers: Range<u64>, _| renders(subject, 0.0, &settings, numbers)
         };
@@ -125,7 +125,7 @@ fn regularization_calms_caustics_and_keeps_most_of_their_light() {
     assert!(caustics.needs.narrow_lobes && !matte.needs.narrow_lobes);
     let settings = |subject: &Subject, regularize| {
         let mut settings = RunConfig { regularize, ..subject.accumulated(EXTENT.width, EXTENT.height) };
-        (settings.envelope.most.denoiser, settings.envelope.most.iterations) = (Some(identity()), [1; 3]);
+        settings.envelope.most.filter = Some(Filter::new(identity(), 1));
         settings.envelope.most.bounces = 3;
         settings
     };
