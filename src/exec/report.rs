@@ -175,7 +175,7 @@ impl FrameReport {
     }
 
     /// Returns the number of pixels of each eye's image that start paths. For log-polar images it includes pixels
-    /// outside the screen, which start none ([`crate::projection::Polar::traced_fraction`]).
+    /// outside the screen, which start none ([`crate::projection::PolarSpace::traced_fraction`]).
     pub fn traced_pixels(&self) -> [u64; 2] {
         let sampled = |eye: usize| self.pixels[eye] - self.tallies[eye].unsampled;
         match self.spec.views {

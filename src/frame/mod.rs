@@ -1,4 +1,4 @@
-//! What a frame is made from. Nothing here needs a device.
+//! Values that make a frame. Nothing here needs a device.
 
 pub mod samples;
 
