@@ -310,7 +310,7 @@ pub fn frame_spp(text: &str) -> Result<Samples, String> {
     spp.check().map(|()| spp)
 }
 
-const MAX_FRAME_SPP: u32 = 1 << 20;
+const MAX_FRAME_SPP: u32 = *Samples::VALID.end();
 
 impl RenderOptions {
     /// Returns the options of one frame of this quality, with [`FoveationOptions::for_quality`].

@@ -212,12 +212,12 @@ impl Run<'_> {
             self.tracing.record(&options.quality(), None, &frame);
             if self.args.overlay {
                 let rectified = shot.rig.optics.as_ref().zip(self.renderer.rectified());
-                let gaze = self.renderer.gaze_at(time_s);
-                match self.renderer.polar() {
+                let gaze = self.renderer.config().gaze_at(time_s);
+                match self.renderer.config().envelope.most.polar {
                     Some(polar) => images.overlay_rings(polar, gaze, &shot.rig, time_s, frame.stripe_edges()),
                     None => images.overlay(frame.stripe_edges(), rectified),
                 }
-                if let Some(foveation) = self.renderer.foveation() {
+                if let Some(foveation) = self.renderer.config().foveation() {
                     images.overlay_layers(foveation, gaze, rectified);
                 }
             }

@@ -17,12 +17,11 @@ use crate::device::{DeviceFailure, DeviceInfo, Traversal};
 use crate::frame::samples::PixelSamples;
 use crate::graph::{Assignment, FrameGraph, Resource};
 use crate::image::Extent;
-use crate::projection::PolarSpace;
 use crate::scene::rig::Rig;
 use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, cuts, simulate};
 use crate::stages::frame_constants::constants;
 use crate::stages::search_range::history_rows;
-use crate::stages::{Foveation, Place, RunConfig, SceneTables, StageError, layout};
+use crate::stages::{Place, RunConfig, SceneTables, StageError, layout};
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
@@ -131,19 +130,9 @@ impl Renderer {
         self.begins_anew = true;
     }
 
-    /// Returns the foveal layers, if there are any.
-    pub fn foveation(&self) -> Option<Foveation> {
-        self.config.foveation()
-    }
-
-    /// Returns the polar projection of traced images, if they have one.
-    pub fn polar(&self) -> Option<PolarSpace> {
-        self.config.envelope.most.polar
-    }
-
-    /// Returns the gaze of both eyes at `time_s` by the configuration, in fractions of their images.
-    pub fn gaze_at(&self, time_s: f64) -> [[f64; 2]; 2] {
-        self.config.gaze_at(time_s)
+    /// Returns the configuration of all frames.
+    pub fn config(&self) -> &RunConfig {
+        &self.config
     }
 
     /// Returns the extent of the rectified images, if the displayed images are resampled from such.

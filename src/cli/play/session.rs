@@ -95,8 +95,9 @@ impl Session {
 
     /// Returns the gaze of the left and the right eye at `time_s`; `None` without foveation.
     pub fn gaze(&self, time_s: f64) -> Option<[[f64; 2]; 2]> {
-        let is_foveated = self.renderer.foveation().is_some() || self.renderer.polar().is_some();
-        is_foveated.then(|| self.inner.gaze.unwrap_or_else(|| self.renderer.gaze_at(time_s)))
+        let config = self.renderer.config();
+        let is_foveated = config.foveation().is_some() || config.envelope.most.polar.is_some();
+        is_foveated.then(|| self.inner.gaze.unwrap_or_else(|| config.gaze_at(time_s)))
     }
 
     /// Returns the radii of a frame's foveal layers, if it has any.

@@ -72,7 +72,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
             motion.add(time_s, &rig, time_s, session.gaze(time_s))?;
         }
         session.announce(&row, &report);
-        let layers = session.renderer.foveation().zip(session.fovea(decided));
+        let layers = session.renderer.config().foveation().zip(session.fovea(decided));
         let circles = layers.zip(session.gaze(time_s)).map(|((foveation, radii), gaze)| {
             gaze.map(|gaze| Foveation { radii, ..foveation }.circles(gaze, options.size))
         });
