@@ -3,7 +3,7 @@
 use crate::accel::AccelError;
 use crate::accumulation::{AccumulateError, CheckpointError};
 use crate::device::DeviceError;
-use crate::exec::BuildError;
+use crate::exec::{BuildError, ExecError};
 use crate::graph::StripesError;
 use crate::image::ImageError;
 use crate::loaded::LoadError;
@@ -86,9 +86,12 @@ impl From<DeviceError> for Failure {
     }
 }
 
-impl From<crate::exec::ExecError> for Failure {
-    fn from(error: crate::exec::ExecError) -> Self {
-        Self::Run(error.into())
+impl From<ExecError> for Failure {
+    fn from(error: ExecError) -> Self {
+        match error {
+            ExecError::Setting(error) => Self::Input(error.into()),
+            error => Self::Run(error.into()),
+        }
     }
 }
 

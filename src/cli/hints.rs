@@ -8,6 +8,7 @@ use crate::exec::ranks::{DeviceMismatch, RankError};
 use crate::exec::{BuildError, ExecError};
 use crate::image::ImageError;
 use crate::loaded::LoadError;
+use crate::quality::SettingError;
 use crate::scene::{Refusal, SceneError, Setting};
 use crate::stages::{LimitExceeded, Remedy, StageError, TableError};
 use crate::trace::TraceError;
@@ -29,6 +30,11 @@ fn options(error: &(dyn Error + 'static)) -> Option<&'static str> {
     }
     if let Some(TableError::Memory(_)) = error.downcast_ref::<TableError>() {
         return Some(MEMORY);
+    }
+    match error.downcast_ref::<SettingError>() {
+        Some(SettingError::ScaleWithoutDenoiser) => return Some("--render-scale, --denoiser"),
+        Some(SettingError::LayersWithoutDenoiser) => return Some("--foveation, --denoiser"),
+        _ => {}
     }
     if let Some(error) = error.downcast_ref::<LimitExceeded>() {
         return Some(of_limit(error.remedy()));
@@ -72,6 +78,7 @@ fn inner<'a>(error: &'a (dyn Error + 'static)) -> Option<&'a (dyn Error + 'stati
         _ => {}
     }
     match error.downcast_ref::<ExecError>() {
+        Some(ExecError::Setting(error)) => return Some(error),
         Some(ExecError::Stage(error)) => return Some(error),
         Some(ExecError::Rank(error)) => return Some(error),
         _ => {}

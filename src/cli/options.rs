@@ -307,7 +307,7 @@ pub fn spp(text: &str) -> Result<Samples, String> {
 /// Parses a number of samples per pixel that a single frame may have.
 pub fn frame_spp(text: &str) -> Result<Samples, String> {
     let spp = spp(text)?;
-    spp.check().map(|()| spp)
+    spp.check().map(|()| spp).map_err(|error| error.to_string())
 }
 
 const MAX_FRAME_SPP: u32 = *Samples::VALID.end();
@@ -344,10 +344,7 @@ impl RenderOptions {
             self.spp
         );
         self.faults.check(self.frames)?;
-        anyhow::ensure!(
-            self.scale == 1.0 || self.quality().filter.is_some(),
-            "--render-scale below 1 needs a denoiser to fill in the pixels that are not traced"
-        );
+        self.quality().check()?;
         self.foveated.check(self.denoiser)?;
         self.run.check()
     }

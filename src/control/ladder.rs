@@ -84,7 +84,8 @@ impl Ladder {
         }
         for (i, rung) in rungs.iter().enumerate() {
             let below = i.checked_sub(1).map(|i| &rungs[i]);
-            let check = rung.check().and_then(|()| below.map_or(Ok(()), |below| rung.check_above(below)));
+            let check = rung.check().map_err(|error| error.to_string());
+            let check = check.and_then(|()| below.map_or(Ok(()), |below| rung.check_above(below)));
             check.map_err(|what| LadderError::Rung { number: i + 1, what })?;
         }
         Ok(Self { origin, rungs })

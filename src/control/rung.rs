@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::frame::Samples;
 use crate::projection::within;
-use crate::quality::Quality;
+use crate::quality::{Quality, SettingError};
 
 /// The measure of the errors of a ladder's rungs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -155,7 +155,7 @@ impl Rung {
         })
     }
 
-    pub(super) fn check(&self) -> Result<(), String> {
+    pub(super) fn check(&self) -> Result<(), SettingError> {
         self.quality.check()?;
         let [time_ms, error] = match self.is_estimated {
             true => ["estimated_ms", "estimated_error"],
@@ -169,7 +169,7 @@ impl Rung {
             value.map_or(Ok(()), |value| within(name, value, 0.0..=most))?;
         }
         let mut by_stage = self.stage_ms.iter().chain(&self.rays);
-        by_stage.try_for_each(|(stage, &value)| within(stage, value, 0.0..=f64::MAX))
+        Ok(by_stage.try_for_each(|(stage, &value)| within(stage, value, 0.0..=f64::MAX))?)
     }
 
     pub(super) fn check_above(&self, below: &Self) -> Result<(), String> {

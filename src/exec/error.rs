@@ -1,6 +1,7 @@
 //! Errors of execution.
 
 use super::ranks::RankError;
+use crate::quality::SettingError;
 use crate::stages::StageError;
 
 #[derive(Debug, thiserror::Error)]
@@ -11,8 +12,8 @@ pub enum ExecError {
     NoneLeft { device: usize, what: String },
     #[error("no image to read: no frame has been rendered yet, or the image was not requested")]
     NoFrame,
-    #[error("the renderer cannot render a frame of this quality: {0}")]
-    Quality(String),
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     #[error(
         "devices mix compute and hardware traversal, which do not give the same bytes: open all with one traversal"
     )]

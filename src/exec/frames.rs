@@ -54,12 +54,10 @@ pub struct CompleteFrame {
 
 /// Outcome of the oldest frame in flight.
 pub enum Finished {
-    CompleteFrame(Box<InFlight>),
+    /// The frame's report, and the number of its attempt.
+    Complete(Box<FrameReport>, u32),
     /// The devices in `failures` failed, so the frames in `frames` must be begun again, oldest first.
-    Failed {
-        failures: BTreeMap<usize, DeviceFailure>,
-        frames: Vec<InFlight>,
-    },
+    Failed { failures: BTreeMap<usize, DeviceFailure>, frames: Vec<InFlight> },
 }
 
 /// Combined answers of the workers to a frame's orders.
@@ -197,8 +195,7 @@ impl Frames {
         if !collected.is_whole {
             return Err(ExecError::Stuck);
         }
-        self.complete(&mut frame, collected)?;
-        Ok(Some(Finished::CompleteFrame(Box::new(frame))))
+        self.complete(frame, collected).map(Some)
     }
 
     fn collect(&mut self, frame: &mut InFlight) -> Collected {
@@ -253,10 +250,10 @@ impl Frames {
         Finished::Failed { failures, frames }
     }
 
-    fn complete(&mut self, frame: &mut InFlight, collected: Collected) -> Result<(), ExecError> {
+    fn complete(&mut self, frame: InFlight, collected: Collected) -> Result<Finished, ExecError> {
         let Collected { begin_ms, end_ms, mut images, buffers, .. } = collected;
-        let report = &mut frame.report;
-        if report.overlapped && frame.attempt.number == 1 {
+        let InFlight { inputs, mut report, attempt, .. } = frame;
+        if report.overlapped && attempt.number == 1 {
             report.begin_ms = begin_ms;
         }
         report.makespan_ms = end_ms - report.begin_ms;
@@ -267,15 +264,15 @@ impl Frames {
         }
         report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
         let times = report.tasks.iter().flat_map(|task| [task.begin_ms, task.end_ms]);
-        check(&frame.inputs.constants, report.pixels, &report.tallies, times.chain([begin_ms, end_ms]))
+        check(&inputs.constants, report.pixels, &report.tallies, times.chain([begin_ms, end_ms]))
             .map_err(|what| ExecError::Implausible { frame: report.index, what })?;
-        if frame.attempt.number == 1 {
-            self.limits.learn(frame.inputs.samples(), report.makespan_ms);
+        if attempt.number == 1 {
+            self.limits.learn(inputs.samples(), report.makespan_ms);
         }
         let primary = report.assignment.primary();
-        self.recovered(frame.attempt, end_ms);
-        self.whole = Some(CompleteFrame { inputs: frame.inputs.clone(), primary, end_ms, images, buffers });
-        Ok(())
+        self.recovered(attempt, end_ms);
+        self.whole = Some(CompleteFrame { inputs, primary, end_ms, images, buffers });
+        Ok(Finished::Complete(Box::new(report), attempt.number))
     }
 
     /// Marks the faults of a frame as recovered by this attempt, which was complete at `end_ms`.

@@ -23,8 +23,6 @@ pub struct Inputs {
     /// Bounds of each moving body, relative to the tables' origin, and its maximum displacement since the previous
     /// frame, in scene units.
     pub moved: Vec<Moved>,
-    /// Time in the scene, in seconds.
-    pub time_s: f64,
     pub place: Place,
     /// Images that the primary returns with its answer, in addition to the row tallies.
     pub reads: Arc<[Output]>,

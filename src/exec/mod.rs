@@ -18,7 +18,6 @@ mod planner;
 mod plausibility;
 mod pose_source;
 mod prediction;
-mod quality;
 pub mod ranks;
 mod read;
 mod renderer;

@@ -12,7 +12,7 @@ use super::plan::{History, Plan};
 use super::planner::{Graphs, Planner};
 use super::ranks::Devices;
 use super::worker_pool::WorkerPool;
-use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, costs, quality};
+use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, costs};
 use crate::device::{DeviceFailure, DeviceInfo, Traversal};
 use crate::frame::samples::PixelSamples;
 use crate::graph::{Assignment, FrameGraph, Resource};
@@ -26,8 +26,6 @@ use crate::stages::{Place, RunConfig, SceneTables, StageError, layout};
 /// Renders frames on a set of devices.
 pub struct Renderer {
     pub(super) config: RunConfig,
-    /// Relative cost of the stages of frames that begin from now on.
-    relative_cost: RelativeCost,
     pub(super) tables: Arc<SceneTables>,
     devices: Vec<DeviceInfo>,
     /// Maximum predicted time of a submission in milliseconds, by device; `None` if it is not bounded.
@@ -37,8 +35,8 @@ pub struct Renderer {
     /// The latest plan and its graph.
     pub(super) planned: Option<(Plan, Arc<FrameGraph>)>,
     pub(super) frames: Frames,
-    /// Inputs of the last frame that was begun.
-    last: Option<Inputs>,
+    /// Constants of the last frame that was begun, and its time in the scene, in seconds.
+    last: Option<(layout::Previous, f64)>,
     /// Images that frames gather on the primary; `None` gathers all outputs.
     outputs: Option<Vec<Output>>,
     pub(super) pose_source: Option<Arc<PoseSource>>,
@@ -51,7 +49,7 @@ impl Renderer {
     /// Starts a worker per device and warms up every pipeline. Times in reports count from `origin`.
     ///
     /// # Errors
-    /// [`ExecError`] if devices have different traversals, a device fails at once, has too little memory or cannot
+    /// [`ExecError`] if a setting is invalid, devices have different traversals, a device fails at once, has too little memory or cannot
     /// compile a stage, a thread cannot be started, or another rank cannot take part.
     pub fn new(
         devices: impl Into<Devices>,
@@ -60,6 +58,7 @@ impl Renderer {
         policy: Box<dyn Policy>,
         origin: Instant,
     ) -> Result<Self, ExecError> {
+        config.check()?;
         let devices: Devices = devices.into();
         let infos = devices.infos();
         if infos.iter().any(|info| info.traversal != infos[0].traversal) {
@@ -77,7 +76,6 @@ impl Renderer {
         let max_dispatch_ms = bounds_ms.map(|bound_ms| config.execution.max_dispatch_ms.or(bound_ms)).collect();
         let (workers, devices) = WorkerPool::start(devices, &config, &tables, &graphs, origin)?;
         Ok(Self {
-            relative_cost: RelativeCost::default(),
             config,
             tables,
             devices,
@@ -140,12 +138,6 @@ impl Renderer {
         self.config.chain().projection()
     }
 
-    /// Sets the relative cost of the stages of frames begun from now on. With it, the cost model can compare frames of
-    /// different quality.
-    pub fn set_relative_cost(&mut self, relative_cost: RelativeCost) {
-        self.relative_cost = relative_cost;
-    }
-
     /// Returns the faults of the dropped devices, in order.
     pub fn faults(&self) -> &[Fault] {
         &self.frames.faults
@@ -171,18 +163,19 @@ impl Renderer {
         let (rig, quality) = (rig.clone(), self.config.quality());
         let RunConfig { seed, exposure_ev, .. } = self.config;
         let gaze = self.config.gaze_at(time_s);
-        FrameParams { rig, time_s, index, seed, quality, gaze, shown_from: None, exposure_ev }
+        let relative_cost = RelativeCost::default();
+        FrameParams { rig, time_s, index, seed, quality, gaze, shown_from: None, exposure_ev, relative_cost }
     }
 
     /// Checks whether a frame can have these parameters.
     ///
     /// # Errors
-    /// [`ExecError::Quality`] if the frame's quality is outside the [`RunConfig::envelope`]: more samples or denoiser
-    /// iterations, another denoiser or polar mapping, a denoiser with no iteration, one sample per pixel without
+    /// [`ExecError::Setting`] if the frame's quality is invalid or outside the [`RunConfig::envelope`]: more samples or
+    /// denoiser iterations, another denoiser or polar projection, one sample per pixel without
     /// [`crate::quality::Envelope::mixes_spp`], a render scale below 1 if the envelope has neither such a scale nor
     /// foveal layers, or foveal layers if the envelope has none.
     pub fn check(&self, params: &FrameParams) -> Result<(), ExecError> {
-        quality::check(&params.quality, &self.config).map_err(ExecError::Quality)
+        Ok(self.config.envelope.check(&params.quality)?)
     }
 
     /// Renders a frame.
@@ -219,23 +212,21 @@ impl Renderer {
     }
 
     fn begin_with(&mut self, params: &FrameParams, samples: PixelSamples, reads: &[Resource]) -> Result<(), ExecError> {
-        let FrameParams { time_s, quality, .. } = *params;
+        let FrameParams { time_s, quality, ref relative_cost, .. } = *params;
         let mut constants = constants(&self.config, params, &self.tables, samples);
         if self.frames.is_full() {
             self.finish()?;
         }
-        let previous = self.last.as_ref().map_or(&constants, |last| &last.constants).into();
-        let last_s = self.last.as_ref().map_or(time_s, |l| l.time_s);
+        let (previous, last_s) = self.last.unwrap_or_else(|| ((&constants).into(), time_s));
         let (update, moved) = self.tables.update(&mut constants, time_s, last_s);
         let place = Place::of(self.begun, self.config.execution.frames_in_flight);
         self.begun += 1;
         let reads: Arc<[Output]> = reads.iter().map(|image| Output::from(*image)).collect();
-        let relative_cost = self.relative_cost.clone();
+        let relative_cost = relative_cost.clone();
         let outputs = self.outputs.as_ref().map(|outputs| outputs.iter().chain(&*reads).cloned().collect());
         let late = self.late(params);
-        let inputs =
-            Inputs { constants, quality, relative_cost, previous, update, moved, time_s, place, reads, outputs, late };
-        self.last = Some(inputs.clone());
+        self.last = Some(((&constants).into(), time_s));
+        let inputs = Inputs { constants, quality, relative_cost, previous, update, moved, place, reads, outputs, late };
         self.dispatch_frame(inputs, None);
         Ok(())
     }
@@ -263,9 +254,9 @@ impl Renderer {
         while let Some(index) = self.frames.oldest() {
             let _span = tracing::info_span!("finish frame", frame = index).entered();
             match self.frames.finish()? {
-                Some(Finished::CompleteFrame(frame)) => {
-                    self.learn(&frame);
-                    return Ok(Some(frame.report));
+                Some(Finished::Complete(report, attempt)) => {
+                    self.learn(&report, attempt);
+                    return Ok(Some(*report));
                 }
                 Some(Finished::Failed { failures, frames }) => {
                     self.drop_device(index, failures)?;
@@ -277,14 +268,15 @@ impl Renderer {
         Ok(None)
     }
 
-    fn learn(&mut self, frame: &InFlight) {
-        let report = &frame.report;
+    /// Learns from the frame that was completed last.
+    fn learn(&mut self, report: &FrameReport, attempt: u32) {
         for &(device, residual_us) in &report.clock_residuals_us {
             let known = &mut self.devices[device].clock_residual_us;
             *known = known.max(residual_us);
         }
-        let begun_ms = (!report.overlapped && frame.attempt.number == 1).then_some(report.begin_ms);
-        let relative_cost = frame.inputs.relative_cost.clone();
+        let begun_ms = (!report.overlapped && attempt == 1).then_some(report.begin_ms);
+        let whole = self.frames.whole.as_ref();
+        let relative_cost = whole.map(|whole| whole.inputs.relative_cost.clone()).unwrap_or_default();
         self.costs.network = self.frames.network();
         self.costs.learn(&FrameCosts { relative_cost, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
     }

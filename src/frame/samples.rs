@@ -7,7 +7,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize, Serializer};
 
 use crate::image::Extent;
-use crate::projection::within;
+use crate::projection::{OutOfRange, within};
 use crate::wgsl::{shared_constants, shared_structs};
 
 /// A mean number of samples per pixel. Between two whole numbers, each tile of 8x4 pixels takes one of them.
@@ -60,31 +60,16 @@ impl Samples {
     }
 
     /// # Errors
-    /// A message that names the number outside its range.
-    pub fn check(self) -> Result<(), String> {
+    /// The number outside its range.
+    pub fn check(self) -> Result<(), OutOfRange> {
         within("spp", self.least, Self::VALID)?;
-        match (0.0..1.0).contains(&self.extra) {
-            true => Ok(()),
-            false => Err(format!("extra {} is not a fraction of at least 0 and less than 1", self.extra)),
-        }
+        within("extra", self.extra, 0.0..=1.0f64.next_down())
     }
 
-    /// Checks that a run made ready for `most` samples can take these. `centres_one` is as in
+    /// Returns true if a run of up to `most` samples has frames with these. `centres_one` is as in
     /// [`Envelope`](crate::quality::Envelope).
-    ///
-    /// # Errors
-    /// A message that says what is not ready.
-    pub fn check_within(self, most: Self, centres_one: bool) -> Result<(), String> {
-        if !(1..=most.least).contains(&self.least) {
-            return Err(format!("{} samples per pixel are outside the range 1 to {}", self.least, most.least));
-        }
-        if self.extra > most.extra {
-            return Err("it has no pipelines for pixels that differ in samples".to_owned());
-        }
-        if self.least == 1 && !centres_one {
-            return Err("it has no pipelines for one sample per pixel".to_owned());
-        }
-        Ok(())
+    pub fn is_within(self, most: Self, centres_one: bool) -> bool {
+        (1..=most.least).contains(&self.least) && self.extra <= most.extra && (self.least > 1 || centres_one)
     }
 
     /// Returns the constants of a frame that takes these samples from sequences that pixels share. `grid` is the size of

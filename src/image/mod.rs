@@ -12,7 +12,7 @@ pub mod tone;
 pub use error::{ImageError, check_same_size};
 
 use std::fmt;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::str::FromStr;
 
 /// Size of one eye's image in pixels.
@@ -23,6 +23,9 @@ pub struct Extent {
 }
 
 impl Extent {
+    /// Valid widths and heights of rendered images.
+    pub const SIDES: RangeInclusive<u32> = 1..=16384;
+
     pub const fn new(width: u32, height: u32) -> Self {
         Self { width, height }
     }
@@ -49,7 +52,7 @@ impl FromStr for Extent {
     fn from_str(text: &str) -> Result<Self, String> {
         let parsed = text.split_once(['x', 'X']).and_then(|(w, h)| Some(Self::new(w.parse().ok()?, h.parse().ok()?)));
         match parsed {
-            Some(e) if (1..=16384).contains(&e.width) && (1..=16384).contains(&e.height) => Ok(e),
+            Some(e) if Self::SIDES.contains(&e.width) && Self::SIDES.contains(&e.height) => Ok(e),
             _ => Err(format!("'{text}' is not a size: give WIDTHxHEIGHT, each 1 to 16384, e.g. 640x360")),
         }
     }

@@ -13,7 +13,7 @@ use std::str::FromStr;
 use glam::{DVec2, DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
-use super::method::{PolarPoint, Project, within};
+use super::method::{OutOfRange, PolarPoint, Project, within};
 use super::view::View;
 use crate::image::Extent;
 use crate::wgsl::{Declaration, shared_structs};
@@ -104,7 +104,7 @@ impl FromStr for LogPolar {
             return Err(format!("expected {names}, or four numbers"));
         };
         let read = Self::new(sigma, alpha, gaze, aspect);
-        read.check().map(|()| read)
+        read.check().map(|()| read).map_err(|error| error.to_string())
     }
 }
 
@@ -169,7 +169,7 @@ impl Project for LogPolar {
         format!("{} {self}", self.name())
     }
 
-    fn check(&self) -> Result<(), String> {
+    fn check(&self) -> Result<(), OutOfRange> {
         within("sigma", self.sigma, 0.25..=16.0)?;
         within("alpha", self.alpha, 0.25..=8.0)?;
         within("gaze", self.gaze, 0.0..=0.6)?;

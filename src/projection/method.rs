@@ -55,7 +55,7 @@ pub trait Project {
     ///
     /// # Errors
     /// A message that names the invalid parameter.
-    fn check(&self) -> Result<(), String> {
+    fn check(&self) -> Result<(), OutOfRange> {
         Ok(())
     }
 
@@ -87,7 +87,22 @@ pub trait Project {
     }
 }
 
-/// Checks that a value is in its range. The error names the value.
-pub(crate) fn within<T: PartialOrd + Display>(name: &str, value: T, range: RangeInclusive<T>) -> Result<(), String> {
-    if range.contains(&value) { Ok(()) } else { Err(format!("{name} {value} is out of range")) }
+/// A number outside its range.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{name} {value} is out of range")]
+pub struct OutOfRange {
+    pub name: String,
+    pub value: String,
+}
+
+/// Checks that a value is in its range.
+pub(crate) fn within<T: PartialOrd + Display>(
+    name: &str,
+    value: T,
+    range: RangeInclusive<T>,
+) -> Result<(), OutOfRange> {
+    match range.contains(&value) {
+        true => Ok(()),
+        false => Err(OutOfRange { name: name.to_owned(), value: value.to_string() }),
+    }
 }

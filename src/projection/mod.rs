@@ -19,7 +19,7 @@ use visual_polar::VisualPolar;
 
 pub use log_polar::{LogPolar, LogPolarMap};
 pub(crate) use method::within;
-pub use method::{PolarPoint, Project};
+pub use method::{OutOfRange, PolarPoint, Project};
 pub use view::{View, structs};
 
 /// Projections whose pixels are arranged around the gaze. Files contain the names of the variants.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Filter, PolarSpace, Quality};
+use super::{Denoiser, Filter, PolarSpace, Quality, SettingError};
 use crate::frame::Samples;
 use crate::frame::samples;
 
@@ -58,6 +58,35 @@ impl From<Quality> for Envelope {
 }
 
 impl Envelope {
+    /// Checks that a frame of a run with these bounds can have a quality.
+    ///
+    /// # Errors
+    /// [`SettingError`]
+    pub fn check(&self, quality: &Quality) -> Result<(), SettingError> {
+        quality.check()?;
+        let Self { most, .. } = self;
+        let outside = |is_outside: bool, what: String| match is_outside {
+            true => Err(SettingError::OutsideEnvelope(what)),
+            false => Ok(()),
+        };
+        outside(
+            !quality.spp.is_within(most.spp, self.centres_one()),
+            format!("{} samples per pixel, but for up to {}", quality.spp, most.spp),
+        )?;
+        outside(quality.scale < 1.0 && !self.leaves_pixels(), format!("a render scale of {}", quality.scale))?;
+        outside(quality.fovea.is_some() && most.fovea.is_none(), "foveal layers".to_owned())?;
+        outside(quality.polar != most.polar, "this polar projection".to_owned())?;
+        let [asked, built] = [quality, most].map(|quality| Denoiser::name_of(quality.denoiser()));
+        outside(asked != built, format!("the denoiser {asked}, but for {built}"))?;
+        let (asked, built) = (quality.most_iterations(), most.most_iterations());
+        outside(asked > built, format!("{asked} denoiser iterations, but for up to {built}"))
+    }
+
+    /// Whether pixels may be left unsampled for the filter to fill. A stage then lists the sampled ones.
+    pub fn leaves_pixels(&self) -> bool {
+        self.most.scale < 1.0 || self.most.fovea.is_some()
+    }
+
     /// Returns true if a pixel's only sample is at its centre. Several are always jittered.
     pub fn centres_one(&self) -> bool {
         self.mixes_spp || self.most.spp.least == 1

@@ -1,6 +1,7 @@
 //! Quality settings of a frame: the types that ladders, reports, traces, `bench` and the renderer share.
 
 mod envelope;
+mod error;
 mod file;
 
 use std::fmt::{self, Display};
@@ -15,6 +16,7 @@ use crate::projection::within;
 pub use crate::passes::denoise::{Denoiser, Filter};
 pub use crate::projection::{LogPolar, PolarSpace};
 pub use envelope::Envelope;
+pub use error::SettingError;
 
 /// Settings that determine the quality of a frame. Ladder files call them `knobs`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -62,11 +64,11 @@ impl Quality {
         self.filter.map_or(0, Filter::most_iterations)
     }
 
-    /// Checks whether all settings are valid.
+    /// Checks whether all settings are valid, alone and together.
     ///
     /// # Errors
-    /// A message that names the invalid setting.
-    pub fn check(&self) -> Result<(), String> {
+    /// [`SettingError`], except for [`SettingError::OutsideEnvelope`].
+    pub fn check(&self) -> Result<(), SettingError> {
         self.spp.check()?;
         within("bounces", self.bounces, 0..=1024)?;
         if let Some(filter) = self.filter {
@@ -74,7 +76,7 @@ impl Quality {
         }
         within("scale", self.scale, Self::SCALES)?;
         if self.polar.is_some() && self.fovea.is_some() {
-            return Err("polar and fovea cannot be combined".to_owned());
+            return Err(SettingError::PolarWithFovea);
         }
         if let Some(space) = self.polar {
             space.method().check()?;
@@ -82,6 +84,12 @@ impl Quality {
         if let Some([inner, outer]) = self.fovea {
             within("fovea's inner radius", inner, f64::MIN_POSITIVE..=1.0)?;
             within("fovea's outer radius", outer, inner..=1.0)?;
+        }
+        if self.filter.is_none() && self.scale < 1.0 {
+            return Err(SettingError::ScaleWithoutDenoiser);
+        }
+        if self.filter.is_none() && self.fovea.is_some() {
+            return Err(SettingError::LayersWithoutDenoiser);
         }
         Ok(())
     }

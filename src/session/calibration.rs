@@ -14,6 +14,7 @@ use crate::image::RgbImage;
 use crate::passes::gbuffer;
 use crate::quality::Quality;
 use crate::scene::rig::Rig;
+use crate::schedule::RelativeCost;
 
 /// Time limit of calibration. Once it has passed, only the qualities with the fewest bounces are still timed: every
 /// extrapolation can fall back on them.
@@ -127,8 +128,7 @@ impl<'a> Calibration<'a> {
         // Relative costs now come from measurements instead of guesses. Render one more frame, so that the cost model
         // learns times per unit of the new costs.
         if let Some((quality, relative_cost)) = qualities.first().zip(relative_costs.first()) {
-            self.renderer.set_relative_cost(relative_cost.clone());
-            self.render(quality, self.first_frame)?;
+            self.render(quality, relative_cost, self.first_frame)?;
         }
         for (rung, relative_cost) in rungs.iter_mut().zip(relative_costs) {
             let quality = (self.limit)(&rung.quality);
@@ -142,7 +142,7 @@ impl<'a> Calibration<'a> {
     fn time(&mut self, quality: Option<&Quality>, fill_until: Duration) -> Result<(), CalibrationError> {
         let Some(quality) = quality else { return Ok(()) };
         let least_warm_up = if self.timed.is_empty() { WARM_UP } else { 0 };
-        self.renderer.set_relative_cost(guessed_relative_cost(quality));
+        let relative_cost = guessed_relative_cost(quality);
         self.renderer.begin_anew();
         let mut stage_ms: BTreeMap<String, f64> = BTreeMap::new();
         let (mut rays, mut light, mut untimed) = (BTreeMap::new(), 0.0, least_warm_up);
@@ -150,7 +150,7 @@ impl<'a> Calibration<'a> {
             if i == untimed + FRAMES {
                 break;
             }
-            let frame = self.render(quality, self.first_frame + i)?;
+            let frame = self.render(quality, &relative_cost, self.first_frame + i)?;
             rays = frame.stage_rays();
             if i + 1 == FRAMES {
                 light = mean_light(&self.renderer.read_linear()?);
@@ -167,12 +167,18 @@ impl<'a> Calibration<'a> {
         Ok(())
     }
 
-    fn render(&mut self, quality: &Quality, index: u32) -> Result<FrameReport, CalibrationError> {
+    fn render(
+        &mut self,
+        quality: &Quality,
+        relative_cost: &RelativeCost,
+        index: u32,
+    ) -> Result<FrameReport, CalibrationError> {
         if (self.stop)() {
             return Err(CalibrationError::Stopped);
         }
         let frame = self.renderer.frame(self.view.rig, self.view.time_s, index);
-        Ok(self.renderer.render(&FrameParams { quality: (self.limit)(quality), ..frame })?)
+        let (quality, relative_cost) = ((self.limit)(quality), relative_cost.clone());
+        Ok(self.renderer.render(&FrameParams { quality, relative_cost, ..frame })?)
     }
 
     /// Returns, for each number of bounces, the fraction of all light that is missing because paths end there. Where the fraction was not measured, it is extrapolated from that of the fewest bounces and halves with each further

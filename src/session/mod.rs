@@ -191,10 +191,10 @@ impl Session {
     pub fn render(&mut self, decided: Decided, rig: &Rig, time_s: f64, index: u32) -> Result<FrameReport, ExecError> {
         let rung = decided.decision.rung;
         let (quality, relative_cost) = self.qualities[rung].clone();
-        self.renderer.set_relative_cost(relative_cost);
         let frame = self.renderer.frame(rig, time_s, index);
         let exposure_ev = self.exposure_ev.unwrap_or(frame.exposure_ev);
-        let params = FrameParams { quality, gaze: self.gaze.unwrap_or(frame.gaze), exposure_ev, ..frame };
+        let params =
+            FrameParams { quality, gaze: self.gaze.unwrap_or(frame.gaze), exposure_ev, relative_cost, ..frame };
         let begin = Instant::now();
         let frame = self.renderer.render(&params)?;
         let whole_ms = begin.elapsed().as_secs_f64() * 1e3;

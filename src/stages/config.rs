@@ -11,8 +11,8 @@ use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::image::tone::ToneCurve;
 use crate::passes::{Aov, Declarations, Display, ImageChain, Moving};
-use crate::projection::PolarSpace;
-use crate::quality::{Denoiser, Envelope, Quality};
+use crate::projection::{PolarSpace, within};
+use crate::quality::{Denoiser, Envelope, Quality, SettingError};
 use crate::scene::needs::SceneNeeds;
 use crate::scene::shot::Gaze;
 
@@ -149,6 +149,22 @@ impl RunConfig {
         }
     }
 
+    /// Checks whether all settings are valid, alone and together.
+    ///
+    /// # Errors
+    /// [`SettingError`], except for [`SettingError::OutsideEnvelope`].
+    pub fn check(&self) -> Result<(), SettingError> {
+        self.envelope.most.check()?;
+        let Extent { width, height } = self.buffers.extent;
+        within("width", width, Extent::SIDES)?;
+        within("height", height, Extent::SIDES)?;
+        within("frames in flight", self.execution.frames_in_flight, 1..=usize::MAX)?;
+        within("clamp", self.indirect_clamp, 0.0..=f32::MAX)?;
+        within("unsampled fraction", self.unsampled_fraction, 0.0..=1.0)?;
+        let max_dispatch_ms = self.execution.max_dispatch_ms.unwrap_or(1.0);
+        Ok(within("max_dispatch_ms", max_dispatch_ms, f64::MIN_POSITIVE..=f64::MAX)?)
+    }
+
     /// Returns the default quality of frames.
     pub fn quality(&self) -> Quality {
         self.envelope.most
@@ -205,7 +221,7 @@ impl RunConfig {
 
     /// Whether pixels may be left unsampled for the filter to fill. A stage then lists the sampled ones.
     pub fn leaves_pixels(&self) -> bool {
-        self.envelope.most.scale < 1.0 || self.envelope.most.fovea.is_some()
+        self.envelope.leaves_pixels()
     }
 
     /// Whether frames keep a history for the next.
@@ -258,5 +274,42 @@ impl RunConfig {
         constants.push(("SPARSE", self.leaves_pixels()));
         constants.push(("VARIES_SAMPLES", self.envelope.most.spp.varies()));
         constants
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::projection::OutOfRange;
+
+    fn refused(change: impl FnOnce(&mut RunConfig)) -> Option<SettingError> {
+        let mut config = RunConfig::new(Extent::new(8, 6), SceneNeeds::ALL);
+        change(&mut config);
+        config.check().err()
+    }
+
+    #[test]
+    fn settings_that_leave_pixels_or_frames_without_a_place_are_refused() {
+        assert_eq!(refused(|_| ()), None);
+        let most = |change: fn(&mut Quality)| refused(|config| change(&mut config.envelope.most));
+        let unfiltered = |change: fn(&mut Quality)| {
+            refused(|config| {
+                config.envelope.most.filter = None;
+                change(&mut config.envelope.most);
+            })
+        };
+        assert_eq!(most(|quality| quality.scale = 0.5), None);
+        assert_eq!(unfiltered(|_| ()), None);
+        assert_eq!(unfiltered(|quality| quality.scale = 0.5), Some(SettingError::ScaleWithoutDenoiser));
+        let layers = |quality: &mut Quality| quality.fovea = Some(Foveation::RADII);
+        assert_eq!((most(layers), unfiltered(layers)), (None, Some(SettingError::LayersWithoutDenoiser)));
+        let out_of_range = |change: fn(&mut RunConfig)| match refused(change) {
+            Some(SettingError::OutOfRange(OutOfRange { name, .. })) => name,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(out_of_range(|config| config.execution.frames_in_flight = 0), "frames in flight");
+        assert_eq!(out_of_range(|config| config.buffers.extent.height = 0), "height");
+        assert_eq!(out_of_range(|config| config.indirect_clamp = f32::NAN), "clamp");
+        assert_eq!(out_of_range(|config| config.execution.max_dispatch_ms = Some(0.0)), "max_dispatch_ms");
     }
 }

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::quality::Quality;
 use crate::scene::rig::Rig;
+use crate::schedule::RelativeCost;
 
 /// Parameters that determine a frame, together with its scene and the configuration of its renderer.
 /// [`Renderer::frame`](crate::exec::Renderer::frame) fills in defaults. Frames with the same parameters and the same
@@ -27,4 +28,8 @@ pub struct FrameParams {
     pub shown_from: Option<Rig>,
     /// Exposure of displayed images, in stops. No other image depends on it.
     pub exposure_ev: f32,
+    /// Cost of the frame's stages relative to frames of other quality, with which the cost model compares them. No image
+    /// depends on it.
+    #[serde(skip)]
+    pub relative_cost: RelativeCost,
 }

@@ -61,8 +61,8 @@ fn frames_are_predicted_by_the_costs_of_those_before_and_their_own_work() {
         let mut ahead: Option<([Option<f64>; 2], Seam)> = None;
         for (index, factor) in [3.0, 2.0, 0.5, 1.0].into_iter().enumerate() {
             let relative_cost = work(factor);
-            stage.set(move |params| params.quality = quality);
-            stage.renderer().set_relative_cost(relative_cost.clone());
+            let of_frame = relative_cost.clone();
+            stage.set(move |params| (params.quality, params.relative_cost) = (quality, of_frame.clone()));
             let before = stage.renderer().costs().clone();
             let report = stage.frame(index as u32).report;
             let graph = FrameGraph::build(&report.program, &report.assignment, None);

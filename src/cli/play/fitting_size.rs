@@ -89,9 +89,6 @@ pub fn start(
 /// Returns the median makespan of frames of the cheapest rung. Afterwards, discards their history.
 fn cheapest_ms(prepared: &Prepared, loaded: &LoadedScene, renderer: &mut Renderer) -> Result<f64, Failure> {
     let cheapest = prepared.choice.cheapest(&prepared.options.foveated);
-    if let Some((_, relative_cost)) = &cheapest {
-        renderer.set_relative_cost(relative_cost.clone());
-    }
     let (begin, mut makespans_ms) = (Instant::now(), Vec::new());
     for i in 0..=FRAMES {
         if i > 1 && begin.elapsed() > TIME_LIMIT {
@@ -99,7 +96,9 @@ fn cheapest_ms(prepared: &Prepared, loaded: &LoadedScene, renderer: &mut Rendere
         }
         interrupt::check()?;
         let mut params = renderer.frame(&loaded.shot.rig, prepared.render.time, FIRST_FRAME + i);
-        params.quality = cheapest.as_ref().map_or(params.quality, |(quality, _)| *quality);
+        if let Some((quality, relative_cost)) = &cheapest {
+            (params.quality, params.relative_cost) = (*quality, relative_cost.clone());
+        }
         makespans_ms.push(renderer.render(&params)?.makespan_ms);
     }
     renderer.begin_anew();
