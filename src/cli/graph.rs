@@ -46,7 +46,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let config = setup::config(options, &loaded, &options.quality().into())?;
     let spec = config.spec(devices, loaded.tables.has_surfaces());
     let spec = FrameSpec { history_rows: spec.history_rows.map(|_| HISTORY_ROWS), ..spec };
-    let model = CostModel::new(&spec, &config.buffers.declarations);
+    let model = CostModel::new(&config.buffers.declarations.program(&spec), devices);
     let assignment = setup::policy(options, config.grid(), devices)?.assign(&model);
     let graph = FrameGraph::build(model.program(), &assignment, spec.history_rows.map(|_| &assignment));
     let left_out = left_out_table(&declare(&spec).left_out);

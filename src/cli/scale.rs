@@ -11,6 +11,7 @@ use crate::device::DeviceInfo;
 use crate::exec::ranks::Devices;
 use crate::exec::{FrameReport, Renderer};
 use crate::loaded::LoadedScene;
+use crate::passes::FrameSpec;
 use crate::passes::tonemap::LINEAR;
 use crate::report::frames::FrameLine;
 use crate::report::html::Section;
@@ -130,7 +131,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         say!("{}", serde_json::json!({ "event": "result", "rows": rows, "simulated": simulated }));
     } else if !options.quiet {
         say!("{}", scale_table(rows).text().trim_end());
-        let Network { latency_ms, ms_per_byte, .. } = model.network;
+        let Network { latency_ms, ms_per_byte, .. } = model.1.network;
         if latency_ms > 0.0 {
             let speed = match 8e-3 / ms_per_byte {
                 mbps if mbps < 1e3 => format!(", {mbps:.0} Mbit/s"),
@@ -284,8 +285,13 @@ struct Results {
 }
 
 impl Results {
-    /// Adds the results for a number of devices and returns their cost model.
-    fn add(&mut self, args: &Args, loaded: &LoadedScene, measured: Measured) -> Result<CostModel, Failure> {
+    /// Adds the results for a number of devices, and returns the spec of their last frame and their cost model.
+    fn add(
+        &mut self,
+        args: &Args,
+        loaded: &LoadedScene,
+        measured: Measured,
+    ) -> Result<(FrameSpec, CostModel), Failure> {
         let Measured { row, mut renderer, warm_up_s, frames } = measured;
         let options = &args.options;
         let quality = options.quality();
@@ -293,6 +299,7 @@ impl Results {
             let row = FrameRow::new(f, &quality, &loaded.shot.rig, args.time_s(f.index));
             FrameRow { index: f.index - args.warm_up, ..row }
         };
+        let spec = frames.last().map(|frame| frame.spec.clone()).context("no frame was timed")?;
         self.frames.extend(frames.iter().map(row_of));
         self.policies.extend(frames.iter().map(|_| row.policy.clone()));
         self.rows.push(row);
@@ -303,7 +310,7 @@ impl Results {
             let shown = frames.into_iter().nth(median_frame(&makespans_ms));
             self.seen.add(renderer.read_linear()?, shown);
         }
-        Ok(renderer.costs().clone())
+        Ok((spec, renderer.costs().clone()))
     }
 
     /// Writes frames.csv and run.json with all timed frames and the devices of the largest count, which include those

@@ -3,11 +3,13 @@
 use std::str::FromStr;
 
 use crate::graph::FrameGraph;
+use crate::passes::FrameSpec;
 use crate::report::simulation::SimulationRow;
 use crate::schedule::{CostModel, Network, Prediction, simulate};
 
 use super::failure::Failure;
 use super::options::RenderOptions;
+use super::registry::registered;
 use super::setup;
 
 #[derive(clap::Args, Debug)]
@@ -83,12 +85,12 @@ impl Args {
         }
     }
 
-    /// Predicts all requested counts. `measured` lists device counts with their makespans in milliseconds; speedups are
+    /// Predicts frames of `spec` on all requested counts. `model` has learned from such frames, and `measured` lists device counts with their makespans in milliseconds; speedups are
     /// relative to the first.
     pub fn run(
         &self,
         options: &RenderOptions,
-        model: &CostModel,
+        (spec, model): &(FrameSpec, CostModel),
         measured: &[(usize, f64)],
     ) -> Result<Vec<SimulationRow>, Failure> {
         let Some(&(_, base_ms)) = measured.first() else { return Ok(Vec::new()) };
@@ -96,7 +98,8 @@ impl Args {
         for &Nodes { nodes, each } in &self.simulate {
             let devices = nodes * each;
             let speeds: Vec<f64> = self.speeds.iter().copied().cycle().take(devices).collect();
-            let mut simulated = model.on_devices(&speeds);
+            let program = registered().passes.program(&FrameSpec { devices, ..spec.clone() });
+            let mut simulated = model.on_devices(&program, &speeds);
             if nodes > 1 {
                 simulated.network = self.network(&model.network, nodes, each);
             }
@@ -131,7 +134,7 @@ const SETTLING_FRAMES: u32 = 32;
 
 /// Predicts the times of a frame after the stripes have settled. Returns the frame's graph, too.
 pub fn predict(options: &RenderOptions, model: &CostModel) -> Result<(FrameGraph, Prediction), Failure> {
-    let mut policy = setup::policy(options, model.spec().extent, model.spec().devices)?;
+    let mut policy = setup::policy(options, model.program().extent, model.devices())?;
     let mut assignment = policy.assign(model);
     for _ in 0..SETTLING_FRAMES {
         let next = policy.assign(model);

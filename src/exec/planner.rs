@@ -8,36 +8,39 @@ use super::plan::{History, Plan};
 use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Resource, Seam};
 use crate::passes::{Declarations, FrameSpec, LATE_PARTITION, ROW_TALLY};
 use crate::quality::Denoiser;
-use crate::schedule::{CostModel, Policy, choose_halo};
+use crate::schedule::{CostModel, Policy, RelativeCost, choose_halo};
 use crate::stages::RunConfig;
 
 /// Number of cached graphs in addition to those of the frames in flight: one for each number of denoiser iterations
 /// that predictions may use.
 const OTHER_GRAPHS: usize = Denoiser::MAX_ITERATIONS as usize + 1;
+/// Number of cached programs. Frames of a run need several, since the number of denoiser iterations, the halo plan and
+/// the search range of history vary.
+const PROGRAMS: usize = 32;
 
-/// Cache of the graphs of the latest plans. The renderer and the workers of a process share it, so each graph is built
-/// once.
+/// The programs of a run's frames, and the graphs of their plans. The renderer and the workers of a process share the
+/// latest of both, so each is built once.
 pub struct Graphs {
     /// Spec of the run's frames. [`Self::spec()`] replaces the fields that depend on the plan.
     spec: FrameSpec,
     declarations: Declarations,
-    /// Cached graphs, the most recently used last.
-    latest: Mutex<Vec<(Plan, Arc<FrameGraph>)>>,
-    capacity: usize,
+    programs: Mutex<Latest<FrameSpec, Arc<Program>>>,
+    graphs: Mutex<Latest<Plan, Arc<FrameGraph>>>,
 }
 
 impl Graphs {
-    /// Creates a cache of up to `capacity` graphs. `capacity` must be at least the number of frames in flight.
+    /// Creates the programs and graphs of frames of this spec. Up to `capacity` graphs are kept, which must be at least
+    /// the number of frames in flight.
     ///
     /// # Errors
     /// [`ProgramError`] if the declared passes of some frame contradict one another.
     pub fn new(spec: FrameSpec, declarations: Declarations, capacity: usize) -> Result<Self, ProgramError> {
         declarations.programs(&spec)?;
-        Ok(Self { spec, declarations, latest: Mutex::default(), capacity })
+        let (programs, graphs) = (Latest::new(PROGRAMS).into(), Latest::new(capacity).into());
+        Ok(Self { spec, declarations, programs, graphs })
     }
 
-    /// Creates the graph cache of a run on `devices` devices. `has_surfaces` is true if anything in the scene reflects
-    /// light.
+    /// Creates the graphs of a run on `devices` devices. `has_surfaces` is true if anything in the scene reflects light.
     ///
     /// # Errors
     /// Those of [`Self::new`].
@@ -54,27 +57,65 @@ impl Graphs {
     /// Returns the spec of a frame of this plan.
     pub fn spec(&self, plan: &Plan) -> FrameSpec {
         let history_rows = plan.history.as_ref().map(|history| history.rows);
-        FrameSpec { seam: plan.seam, iterations: plan.iterations, history_rows, ..self.spec.clone() }
+        FrameSpec { history_rows, ..self.planned_spec(plan.seam, plan.iterations) }
     }
 
-    /// Returns the graph of a plan, which is built unless it is cached.
+    /// Returns the spec of frames that are being planned: the search range of history is not known yet.
+    fn planned_spec(&self, seam: Seam, iterations: u32) -> FrameSpec {
+        FrameSpec { seam, iterations, ..self.spec.clone() }
+    }
+
+    /// Returns the program of frames that are being planned.
+    pub fn planned_program(&self, seam: Seam, iterations: u32) -> Arc<Program> {
+        self.program(self.planned_spec(seam, iterations))
+    }
+
+    fn program(&self, spec: FrameSpec) -> Arc<Program> {
+        let mut programs = self.programs.lock().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(programs.get(spec, |spec| self.declarations.program(spec)))
+    }
+
+    /// Returns the graph of a plan.
     pub fn of(&self, plan: &Plan) -> Arc<FrameGraph> {
-        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = latest.iter().position(|(old, _)| old == plan).map(|place| latest.remove(place));
-        let (plan, graph) = found.unwrap_or_else(|| {
-            let program = self.declarations.program(&self.spec(plan));
+        let mut graphs = self.graphs.lock().unwrap_or_else(PoisonError::into_inner);
+        let graph = graphs.get(plan.clone(), |plan| {
+            let program = self.program(self.spec(plan));
             let before = plan.history.as_ref().map(|history| (&history.before, &history.lost[..]));
             let is_read = |image: &Resource| {
                 let is_listed = |outputs: &Vec<Output>| outputs.contains(&Output::from(*image));
                 *image == ROW_TALLY || plan.outputs.as_ref().is_none_or(is_listed)
             };
-            (plan.clone(), Arc::new(FrameGraph::build_for(&program, &plan.assignment, before, is_read)))
+            Arc::new(FrameGraph::build_for(&program, &plan.assignment, before, is_read))
         });
-        latest.push((plan, Arc::clone(&graph)));
-        if latest.len() > self.capacity {
-            latest.remove(0);
+        Arc::clone(graph)
+    }
+}
+
+/// The values that were used last, with their keys.
+struct Latest<K, V> {
+    /// The most recently used value is last.
+    values: Vec<(K, V)>,
+    capacity: usize,
+}
+
+impl<K: PartialEq, V> Latest<K, V> {
+    fn new(capacity: usize) -> Self {
+        Self { values: Vec::new(), capacity: capacity.max(1) }
+    }
+
+    /// Returns the value of a key, which `make` creates unless it is among the latest.
+    fn get(&mut self, key: K, make: impl FnOnce(&K) -> V) -> &V {
+        match self.values.iter().position(|(known, _)| *known == key) {
+            Some(place) => self.values[place..].rotate_left(1),
+            None => {
+                let value = make(&key);
+                if self.values.len() == self.capacity {
+                    self.values.remove(0);
+                }
+                self.values.push((key, value));
+            }
         }
-        graph
+        &self.values[self.values.len() - 1].1
     }
 }
 
@@ -153,8 +194,13 @@ impl Planner {
         history: Option<History>,
     ) -> (Plan, Arc<FrameGraph>) {
         let iterations = inputs.quality.most_iterations();
-        costs.set_quality(iterations, &inputs.relative_cost);
-        self.plan_halo(costs, left);
+        self.cost_frame(costs, iterations, &inputs.relative_cost);
+        if let Seam::Halo(now) = self.seam
+            && self.adapts_halo
+        {
+            self.seam = Seam::Halo(choose_halo(&costs.of_devices(left), now));
+            self.cost_frame(costs, iterations, &inputs.relative_cost);
+        }
         let mut assignment = self.take_assignment(costs, left);
         if inputs.late.is_some() {
             // Only the primary asks for the pose, so it executes all passes of late reprojection.
@@ -166,15 +212,9 @@ impl Planner {
         (plan, graph)
     }
 
-    fn plan_halo(&mut self, costs: &mut CostModel, left: &[usize]) {
-        let Seam::Halo(now) = self.seam else { return };
-        if self.adapts_halo {
-            let next = Seam::Halo(choose_halo(&costs.of_devices(left), now));
-            if next != self.seam {
-                self.seam = next;
-                costs.set_seam(next);
-            }
-        }
+    /// Makes `costs` those of the frame to plan.
+    fn cost_frame(&self, costs: &mut CostModel, iterations: u32, relative_cost: &RelativeCost) {
+        costs.plan_for(&self.graphs.planned_program(self.seam, iterations), relative_cost);
     }
 }
 

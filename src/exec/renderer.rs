@@ -70,7 +70,8 @@ impl Renderer {
         let frames_in_flight = config.execution.frames_in_flight;
         let graphs = Graphs::of_config(&config, devices.len(), tables.has_surfaces());
         let graphs = Arc::new(graphs.map_err(StageError::Program)?);
-        let costs = CostModel::new(&config.spec(devices.len(), tables.has_surfaces()), &config.buffers.declarations);
+        let program = graphs.planned_program(config.execution.seam, config.quality().most_iterations());
+        let costs = CostModel::new(&program, devices.len());
         let planner = Planner::new(policy, &config, devices.len(), Arc::clone(&graphs));
         let bounds_ms = devices.max_dispatch_ms().into_iter();
         let max_dispatch_ms = bounds_ms.map(|bound_ms| config.execution.max_dispatch_ms.or(bound_ms)).collect();

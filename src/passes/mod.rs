@@ -22,7 +22,7 @@ mod tally;
 pub mod tonemap;
 
 use std::fmt;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 pub use aov::Aov;
 pub use auxiliary::{STAGES as AOVS, image as aov_image};
@@ -121,20 +121,9 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
 
 type Declare = dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync;
 
-/// Function that declares the passes of a frame, and a cache of the programs built from such passes. Clones share the
-/// function and the cache.
+/// Function that declares the passes of a frame.
 #[derive(Clone)]
-pub struct Declarations(Arc<Shared>);
-
-struct Shared {
-    declare: Box<Declare>,
-    /// Cached programs, each with the spec that it was built for. The most recently used one is last.
-    programs: Mutex<Vec<(FrameSpec, Arc<Program>)>>,
-}
-
-/// Maximum number of programs that [`Declarations`] caches. Frames of a run need different programs, because the number
-/// of denoiser iterations and the search range of history vary.
-const KEPT_PROGRAMS: usize = 32;
+pub struct Declarations(Arc<Declare>);
 
 impl Default for Declarations {
     /// Returns the declarations of the built-in passes ([`declare`]).
@@ -151,7 +140,7 @@ impl fmt::Debug for Declarations {
 
 impl Declarations {
     pub fn new(declare: impl Fn(&FrameSpec) -> Vec<Pass> + Send + Sync + 'static) -> Self {
-        Self(Arc::new(Shared { declare: Box::new(declare), programs: Mutex::default() }))
+        Self(Arc::new(declare))
     }
 
     /// Builds the program of a frame.
@@ -159,25 +148,15 @@ impl Declarations {
     /// # Errors
     /// [`ProgramError`] if passes contradict one another.
     pub fn check(&self, spec: &FrameSpec) -> Result<Program, ProgramError> {
-        Program::new(spec.extent, spec.seam, (self.0.declare)(spec))
+        Program::new(spec.extent, spec.seam, (self.0)(spec))
     }
 
-    /// Returns the program of a frame: from the cache, or else newly built. The declarations must have been checked.
+    /// Builds the program of a frame. The declarations must have been checked.
     ///
     /// # Panics
     /// If passes contradict one another.
     pub fn program(&self, spec: &FrameSpec) -> Arc<Program> {
-        let mut programs = self.0.programs.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = programs.iter().position(|(known, _)| known == spec).map(|place| programs.remove(place));
-        let (spec, program) = found.unwrap_or_else(|| {
-            let program = self.check(spec).unwrap_or_else(|e| panic!("passes contradict one another: {e}"));
-            (spec.clone(), Arc::new(program))
-        });
-        programs.push((spec, Arc::clone(&program)));
-        if programs.len() > KEPT_PROGRAMS {
-            programs.remove(0);
-        }
-        program
+        Arc::new(self.check(spec).unwrap_or_else(|e| panic!("passes contradict one another: {e}")))
     }
 
     /// Builds a program for each number of denoiser iterations up to that of `most`. Together, the programs contain

@@ -250,16 +250,3 @@ fn tracing_and_filter_are_cut_apart() {
     let one = [vec!["gbuffer", "path_trace", "reproject", "tonemap"]];
     assert_eq!(sets(&FrameSpec { filter: None, ..spec(2, halo) }), one);
 }
-
-/// Checks that planner and cost model, which have clones, work on one program.
-#[test]
-fn clones_of_declarations_share_programs_of_the_latest_specs() {
-    let declarations = Declarations::default();
-    let first = spec(2, Seam::None);
-    let program = declarations.program(&first);
-    assert!(Arc::ptr_eq(&program, &declarations.clone().program(&first)));
-    for devices in 3..3 + KEPT_PROGRAMS {
-        declarations.program(&spec(devices, Seam::None));
-    }
-    assert!(!Arc::ptr_eq(&program, &declarations.program(&first)));
-}

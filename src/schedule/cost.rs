@@ -19,14 +19,12 @@ use self::transfer::Transfer;
 use super::learned::{Line, Mean};
 use super::network::Network;
 use super::relative_cost::RelativeCost;
-use crate::graph::{Pass, Program, Seam, Stage, Work};
-use crate::passes::{Declarations, FrameSpec};
+use crate::graph::{Pass, Program, Stage, Work};
 use crate::scene::rig::Eye;
 
 #[derive(Clone, Debug)]
 pub struct CostModel {
-    spec: FrameSpec,
-    declarations: Declarations,
+    /// Program of the frames being planned.
     program: Arc<Program>,
     /// All pairs of stage and view that were ever planned. Learned times are stored by the index of the pair.
     stages: Vec<StageOfView>,
@@ -84,17 +82,15 @@ struct DeviceCost {
 }
 
 impl CostModel {
-    /// Creates a model that has learned nothing yet, for frames with the declared passes.
-    pub fn new(spec: &FrameSpec, declarations: &Declarations) -> Self {
-        let height = spec.extent.height as usize;
+    /// Creates a model that has learned nothing yet, for frames of this program on this many devices.
+    pub fn new(program: &Arc<Program>, devices: usize) -> Self {
+        let height = program.extent.height as usize;
         let mut model = Self {
-            spec: spec.clone(),
-            declarations: declarations.clone(),
-            program: declarations.program(spec),
+            program: Arc::clone(program),
             stages: Vec::new(),
             idle_rays: Vec::new(),
             relative_cost: RelativeCost::default(),
-            devices: vec![DeviceCost::default(); spec.devices],
+            devices: vec![DeviceCost::default(); devices],
             rays_above: [vec![0.0; height + 1], vec![0.0; height + 1]],
             tail: Mean::default(),
             frames: 0,
@@ -104,8 +100,9 @@ impl CostModel {
         model
     }
 
-    pub fn spec(&self) -> &FrameSpec {
-        &self.spec
+    /// Returns the number of devices.
+    pub fn devices(&self) -> usize {
+        self.devices.len()
     }
 
     /// Returns the program of the frames being planned.
@@ -113,24 +110,13 @@ impl CostModel {
         &self.program
     }
 
-    /// Sets the seam policy, on which the margins depend.
-    pub fn set_seam(&mut self, seam: Seam) {
-        self.spec.seam = seam;
-        self.declare();
-    }
-
-    /// Sets the number of filter iterations and the relative cost of the frames being planned.
-    pub fn set_quality(&mut self, iterations: u32, relative_cost: &RelativeCost) {
+    /// Sets the program and the relative cost of the frames being planned.
+    pub fn plan_for(&mut self, program: &Arc<Program>, relative_cost: &RelativeCost) {
         self.relative_cost.clone_from(relative_cost);
-        if iterations != self.spec.iterations {
-            self.spec.iterations = iterations;
-            self.declare();
+        if !Arc::ptr_eq(&self.program, program) {
+            self.program = Arc::clone(program);
+            self.know_stages();
         }
-    }
-
-    fn declare(&mut self) {
-        self.program = self.declarations.program(&self.spec);
-        self.know_stages();
     }
 
     fn know_stages(&mut self) {
@@ -162,7 +148,7 @@ impl CostModel {
     pub fn learn(&mut self, costs: &FrameCosts) {
         for (eye, rays) in Eye::ALL.into_iter().zip(&costs.rays) {
             let relative_cost = self.traces(eye).map_or(1.0, |stage| costs.relative_cost.of(stage));
-            sum_rows(&mut self.rays_above[eye as usize], rays, self.spec.extent.width, relative_cost);
+            sum_rows(&mut self.rays_above[eye as usize], rays, self.program.extent.width, relative_cost);
         }
         self.learn_stages(costs);
         self.learn_transfers(&costs.transfers);
@@ -241,9 +227,10 @@ impl CostModel {
         }
     }
 
-    /// Returns a model with one device per entry of `speeds`, all on one machine. The stages of a device take the mean
-    /// time of the measured devices, divided by its speed. Transfers run on the host and cost the same at any speed.
-    pub fn on_devices(&self, speeds: &[f64]) -> Self {
+    /// Returns a model of frames of this program with one device per entry of `speeds`, all on one machine. The stages of
+    /// a device take the mean time of the measured devices, divided by its speed. Transfers run on the host and cost the
+    /// same at any speed.
+    pub fn on_devices(&self, program: &Arc<Program>, speeds: &[f64]) -> Self {
         let (mut down, mut up) = (Line::default(), Line::default());
         for device in &self.devices {
             down.add(&device.download.line);
@@ -261,7 +248,10 @@ impl CostModel {
             gap,
             wait,
         };
-        Self { network: Network::default(), ..self.with_devices(speeds.iter().map(on).collect()) }
+        let devices = speeds.iter().map(on).collect();
+        let mut model = Self { network: Network::default(), devices, ..self.clone() };
+        model.plan_for(program, &self.relative_cost);
+        model
     }
 
     /// Returns the model of a subset of the devices, given by their numbers in increasing order. The devices are
@@ -270,13 +260,8 @@ impl CostModel {
         if devices.len() == self.devices.len() {
             return Cow::Borrowed(self);
         }
-        let of_these = self.with_devices(devices.iter().map(|&d| self.devices[d].clone()).collect());
-        Cow::Owned(Self { network: self.network.of_devices(devices), ..of_these })
-    }
-
-    fn with_devices(&self, devices: Vec<DeviceCost>) -> Self {
-        let spec = FrameSpec { devices: devices.len(), ..self.spec.clone() };
-        Self { program: self.declarations.program(&spec), spec, devices, ..self.clone() }
+        let of_these = devices.iter().map(|&d| self.devices[d].clone()).collect();
+        Cow::Owned(Self { network: self.network.of_devices(devices), devices: of_these, ..self.clone() })
     }
 
     /// Returns the mean of a learned time over all devices for which it is known; `None` if there are none.
@@ -310,7 +295,7 @@ impl CostModel {
     /// Returns the number of pixels that have a fixed cost in a pass on these rows.
     fn pixels(&self, number: usize, rows: &Range<u32>) -> f64 {
         match self.stages[number].work {
-            Work::Rays => f64::from(rows.end - rows.start) * f64::from(self.spec.extent.width),
+            Work::Rays => f64::from(rows.end - rows.start) * f64::from(self.program.extent.width),
             _ => 0.0,
         }
     }

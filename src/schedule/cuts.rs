@@ -121,8 +121,8 @@ mod tests {
     use super::*;
     use crate::graph::{Assignment, HaloPlan, Seam, Stripes};
     use crate::image::Extent;
+    use crate::passes::FrameSpec;
     use crate::passes::graph_tests::graph;
-    use crate::passes::{Declarations, FrameSpec};
     use crate::schedule::{FrameCosts, StageCost};
 
     const EXTENT: Extent = Extent::new(64, 360);
@@ -131,7 +131,9 @@ mod tests {
         let seam = Seam::Halo(HaloPlan::RECOMPUTE);
         let spec = FrameSpec { iterations: 3, seam, ..FrameSpec::new(EXTENT, devices) };
         let assignment = Assignment::uniform(Stripes::even(EXTENT.height, devices));
-        (graph(&spec, &assignment, None), CostModel::new(&spec, &Declarations::default()))
+        let graph = graph(&spec, &assignment, None);
+        let model = CostModel::new(&graph.program, devices);
+        (graph, model)
     }
 
     /// Teaches the model that every pass takes 1 ms per row, over all its runs.

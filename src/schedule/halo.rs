@@ -11,9 +11,8 @@ const HYSTERESIS: f64 = 0.2;
 
 /// Returns the halo plan of the next frame: the cheapest plan if it saves enough, else the current plan `now`.
 pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
-    let spec = model.spec();
     let links = model.program().links();
-    if !model.has_learned() || spec.devices < 2 || links < 2 {
+    if !model.has_learned() || model.devices() < 2 || links < 2 {
         return now;
     }
     let costs = HaloCosts::of(model);
@@ -64,7 +63,7 @@ struct FilterPass {
 
 impl Link {
     fn of(model: &CostModel) -> Self {
-        let devices = model.spec().devices;
+        let devices = model.devices();
         let transfer_ms = |bytes| mean(devices, |d| model.download_ms(d, bytes) + model.upload_ms(d, bytes));
         const MANY_BYTES: u64 = 1 << 20;
         let latency_ms = transfer_ms(0);
@@ -107,7 +106,7 @@ impl Link {
 
 impl HaloCosts {
     fn of(model: &CostModel) -> Self {
-        let ms_per_row = |pass: &Pass| mean(model.spec().devices, |d| model.pass_ms(pass, d, &(0..1)));
+        let ms_per_row = |pass: &Pass| mean(model.devices(), |d| model.pass_ms(pass, d, &(0..1)));
         Self::new(Link::of(model), &filter_passes(model.program(), ms_per_row))
     }
 

@@ -34,7 +34,7 @@ impl Policy for Heft {
     }
 
     fn assign(&mut self, model: &CostModel) -> Assignment {
-        let shares = if model.has_learned() && model.spec().devices > 1 { place(model) } else { Vec::new() };
+        let shares = if model.has_learned() && model.devices() > 1 { place(model) } else { Vec::new() };
         self.stripes.follow(model, |group, costs| cut(costs, &shares[group]))
     }
 
@@ -53,29 +53,29 @@ type Blocks = Vec<Vec<f64>>;
 
 /// Returns the total time in milliseconds of the blocks that HEFT places on each device, by set, then by device.
 fn place(model: &CostModel) -> Vec<Vec<f64>> {
-    let spec = model.spec();
-    let count = (spec.devices * BLOCKS_PER_DEVICE).max(LEAST_BLOCKS).min(spec.extent.height as usize);
-    let rows = Stripes::even(spec.extent.height, count);
+    let (devices, height) = (model.devices(), model.program().extent.height);
+    let count = (devices * BLOCKS_PER_DEVICE).max(LEAST_BLOCKS).min(height as usize);
+    let rows = Stripes::even(height, count);
     let blocks_of = |costs: StripeCosts<'_>| (0..count).map(|b| costs.own_ms(&rows.rows(b))).collect();
     let sets: Vec<Blocks> = model.program().partition_sets().iter().map(|s| blocks_of(model.stripes_of(s))).collect();
     let reach_rows = filter_reach_rows(model.program());
-    let reach = (reach_rows as usize * count).div_ceil(spec.extent.height as usize);
+    let reach = (reach_rows as usize * count).div_ceil(height as usize);
     let transfer_ms = crossing_ms(model, reach_rows);
     let ranks = ranked(&sets, reach, transfer_ms);
-    let mut free_ms = vec![0.0; spec.devices];
+    let mut free_ms = vec![0.0; devices];
     // Time at which a block's inputs have arrived, for each device and block.
-    let mut ready_ms = vec![vec![0.0; count]; spec.devices];
+    let mut ready_ms = vec![vec![0.0; count]; devices];
     let mut shares = Vec::with_capacity(sets.len());
     for (blocks, ranks) in sets.iter().zip(&ranks) {
         let mut order: Vec<usize> = (0..count).collect();
         // The sort is stable: blocks of equal ranks keep their order.
         order.sort_by(|&a, &b| ranks[b].total_cmp(&ranks[a]));
-        let mut share = vec![0.0; spec.devices];
-        let mut ends_ms = vec![vec![f64::NEG_INFINITY; count]; spec.devices];
+        let mut share = vec![0.0; devices];
+        let mut ends_ms = vec![vec![f64::NEG_INFINITY; count]; devices];
         for index in order {
             let end = |d: usize| f64::max(free_ms[d], ready_ms[d][index]) + blocks[index][d];
             // There is at least one device.
-            let device = (0..spec.devices).min_by(|&a, &b| end(a).total_cmp(&end(b))).unwrap_or(0);
+            let device = (0..devices).min_by(|&a, &b| end(a).total_cmp(&end(b))).unwrap_or(0);
             free_ms[device] = end(device);
             ends_ms[device][index] = free_ms[device];
             share[device] += blocks[index][device];
@@ -148,14 +148,14 @@ fn filter_reach_rows(program: &Program) -> u32 {
 
 /// Returns the mean time to transfer this many rows of all inputs of the filter's first pass between two devices.
 fn crossing_ms(model: &CostModel, rows: u32) -> f64 {
-    let spec = model.spec();
+    let devices = model.devices();
     let first = model.program().passes().iter().find(|p| p.link == Some(0));
     let images = first.iter().flat_map(|p| p.pass.uses.iter().filter(|u| u.is_read()));
     let image_ms = |bytes: u64| {
         let ends_ms = |d| model.download_ms(d, bytes) + model.upload_ms(d, bytes);
-        (0..spec.devices).map(ends_ms).sum::<f64>() / spec.devices as f64
+        (0..devices).map(ends_ms).sum::<f64>() / devices as f64
     };
-    images.map(|u| image_ms(u.image.resource.row_bytes(spec.extent) * u64::from(rows))).sum()
+    images.map(|u| image_ms(u.image.resource.row_bytes(model.program().extent) * u64::from(rows))).sum()
 }
 
 #[cfg(test)]

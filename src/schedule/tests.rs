@@ -20,6 +20,11 @@ fn spec(height: u32, devices: usize, iterations: u32, seam: Seam) -> FrameSpec {
     FrameSpec { filter: Some(Denoiser::ATROUS), iterations, seam, ..frame }
 }
 
+/// Returns a model that has learned nothing yet.
+fn model(spec: &FrameSpec) -> CostModel {
+    CostModel::new(&Declarations::default().program(spec), spec.devices)
+}
+
 /// A scene and devices whose true costs are known.
 #[derive(Debug)]
 struct World {
@@ -103,7 +108,7 @@ impl World {
 
     /// Renders frames, learning from each; returns the assignments and the model.
     fn play(&self, policy: &mut dyn Policy, frames: usize) -> (Vec<Assignment>, CostModel) {
-        let mut model = CostModel::new(&self.spec, &Declarations::default());
+        let mut model = model(&self.spec);
         let mut assignments = Vec::new();
         for _ in 0..frames {
             let assignment = policy.assign(&model);
@@ -230,7 +235,7 @@ fn a_frame_without_its_first_device_ends_on_the_next_one() {
     let (_, model) = world.play(&mut Even::new(180, 3), 3);
     let two = model.of_devices(&[1, 2]);
     let assignment = Assignment::uniform(Stripes::even(180, 2));
-    let expected = simulate(&graph(two.spec(), &assignment, None), &two).unwrap();
+    let expected = simulate(&graph(&FrameSpec { devices: 2, ..world.spec.clone() }, &assignment, None), &two).unwrap();
     let graph = graph(&world.spec, &assignment.renumbered(&[1, 2], 3), None);
     let played = simulate(&graph, &model).unwrap();
     assert!((played.makespan_ms - expected.makespan_ms).abs() < 1e-9, "{played:?} instead of {expected:?}");
@@ -259,7 +264,7 @@ fn rows_between_machines_are_on_their_way_for_what_the_network_takes() {
 fn dear_transfers_limit_a_frame() {
     let world = World::sky_over_city(spec(180, 2, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 1.0]);
     let mut policy = Measured::new(180, 2);
-    let mut model = CostModel::new(&world.spec, &Declarations::default());
+    let mut model = model(&world.spec);
     for _ in 0..8 {
         let mut costs = world.costs(&graph(&world.spec, &policy.assign(&model), None));
         costs.transfers.iter_mut().for_each(|t| t.ms *= 200.0);
@@ -280,7 +285,7 @@ fn simulated_devices_take_as_long_as_real_ones() {
         let (assignments, own) = world.play(&mut Measured::new(360, speeds.len()), 12);
         let graph = graph(&world.spec, &assignments[11], None);
         let expected = simulate(&graph, &own).unwrap().makespan_ms;
-        let predicted = simulate(&graph, &measured.on_devices(speeds)).unwrap().makespan_ms;
+        let predicted = simulate(&graph, &measured.on_devices(&graph.program, speeds)).unwrap().makespan_ms;
         assert!((predicted / expected - 1.0).abs() < 0.01, "{speeds:?}: {predicted} for {expected}");
     }
 }
@@ -302,7 +307,7 @@ fn a_model_knows_the_cost_of_stripes_that_it_has_not_seen() {
 #[test]
 fn a_device_without_a_stripe_is_taken_to_be_like_the_others() {
     let world = World::sky_over_city(spec(40, 2, 0, Seam::None), &[1.0, 1.0]);
-    let mut model = CostModel::new(&world.spec, &Declarations::default());
+    let mut model = model(&world.spec);
     assert!(!model.has_learned());
     let all_to_one = Assignment::uniform(Stripes::from_edges(40, &[40]));
     model.learn(&world.costs(&graph(&world.spec, &all_to_one, None)));
@@ -317,9 +322,7 @@ fn a_device_without_a_stripe_is_taken_to_be_like_the_others() {
 fn ratio_rules_narrow_to_stage_and_view() {
     let rule: RatioRule = "path_trace.left=5,1,2".parse().unwrap();
     assert_eq!((rule.group, rule.view), (Some(PARTITION), Some(Eye::Left)));
-    let a = Static::new(80, 3, &[rule])
-        .unwrap()
-        .assign(&CostModel::new(&spec(80, 3, 5, Seam::None), &Declarations::default()));
+    let a = Static::new(80, 3, &[rule]).unwrap().assign(&model(&spec(80, 3, 5, Seam::None)));
     assert_eq!(a.stripes(PARTITION, Eye::Left).inner_edges(), &[50, 60]);
     assert_eq!(a.stripes(PARTITION, Eye::Right).inner_edges(), &[26, 53]);
     assert!("shade=1,2".parse::<RatioRule>().is_err());
@@ -357,7 +360,7 @@ fn devices_that_are_left_cover_every_row_and_even_out_again() {
 fn ratios_of_those_left_stay() {
     let mut policy = Static::new(80, 3, &["5,1,2".parse().unwrap(), "atrous=0,1,0".parse().unwrap()]).unwrap();
     policy.remove_device(1);
-    let assignment = policy.assign(&CostModel::new(&spec(80, 2, 0, Seam::None), &Declarations::default()));
+    let assignment = policy.assign(&model(&spec(80, 2, 0, Seam::None)));
     assert_eq!(assignment.stripes(PARTITION, Eye::Left).inner_edges(), &[57]);
     assert_eq!(assignment.stripes(denoise::PARTITION, Eye::Left).inner_edges(), &[40]);
 }
@@ -370,7 +373,7 @@ fn halo_rows_are_received_where_that_costs_less() {
         let mut costs = costs.clone();
         costs.transfers.iter_mut().for_each(|t| t.ms *= factor);
         costs.wait_ms = (0..4).map(|d| (d, GAP_MS * factor)).collect();
-        let mut model = CostModel::new(&world.spec, &Declarations::default());
+        let mut model = model(&world.spec);
         (0..2).for_each(|_| model.learn(&costs));
         model
     };
@@ -384,8 +387,5 @@ fn halo_rows_are_received_where_that_costs_less() {
     assert_eq!(exchanges(100.0), [0]);
     let between: Vec<usize> = [1e-6, 0.1, 1.0, 10.0, 100.0].map(|f| exchanges(f).len()).into();
     assert!(between.is_sorted_by(|a, b| a >= b) && between.iter().any(|n| (2..5).contains(n)), "{between:?}");
-    assert_eq!(
-        choose_halo(&CostModel::new(&world.spec, &Declarations::default()), HaloPlan::EXCHANGE),
-        HaloPlan::EXCHANGE
-    );
+    assert_eq!(choose_halo(&model(&world.spec), HaloPlan::EXCHANGE), HaloPlan::EXCHANGE);
 }

@@ -12,11 +12,13 @@ use crate::cli::failure::Failure;
 use crate::cli::options::RenderOptions;
 use crate::cli::output::same_bits;
 use crate::cli::page;
+use crate::cli::registry::registered;
 use crate::cli::settings;
 use crate::cli::setup;
 use crate::cli::simulate::predict;
 use crate::exec::FrameReport;
 use crate::loaded::LoadedScene;
+use crate::passes::FrameSpec;
 use crate::report::experiment::{Camera, Experiment, Found, FrameTimes, OtherMeasures};
 use crate::report::frames::FrameLine;
 use crate::report::html::Section;
@@ -84,9 +86,11 @@ pub fn measure(
         }
     }
     let model = turns.renderers.last().context("there is no arrangement")?.costs().clone();
+    let spec = reports.last().and_then(|reports| reports.last()).context("there is no frame")?.spec.clone();
     let mut simulated = Vec::new();
     for devices in args.preset.simulated() {
-        let model = model.on_devices(&vec![1.0; devices]);
+        let program = registered().passes.program(&FrameSpec { devices, ..spec.clone() });
+        let model = model.on_devices(&program, &vec![1.0; devices]);
         let mut of_count = Vec::new();
         for (arrangement, own) in experiment.all.iter().zip(prepared) {
             let own = distributed(arrangement, own.clone(), devices);

@@ -75,7 +75,7 @@ impl Function {
 /// Predicts the time in milliseconds of each row of both eyes on each device, all rows of the first device first. Before
 /// the model has learned from a frame, all rows cost the same.
 fn costs(model: &CostModel, rows: u32) -> Vec<f64> {
-    let devices = model.spec().devices;
+    let devices = model.devices();
     if !model.has_learned() {
         return vec![1.0; devices * rows as usize];
     }

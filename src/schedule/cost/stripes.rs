@@ -14,7 +14,7 @@ impl CostModel {
             let Some(number) = self.number_of(linked.pass.stage, linked.pass.view) else { continue };
             let (stage, margin_rows) = (self.stages[number], linked.margin_rows);
             let mut add = |unit: (Work, Eye), units: f64| {
-                let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(number, d) * units);
+                let ms = (0..self.devices()).map(|d| self.ms_per_unit(number, d) * units);
                 match parts.iter_mut().find(|p| p.unit == unit && p.margin_rows == margin_rows) {
                     Some(part) => part.ms_per_unit.iter_mut().zip(ms).for_each(|(sum, ms)| *sum += ms),
                     None => parts.push(Part { unit, margin_rows, ms_per_unit: ms.collect() }),
@@ -24,7 +24,7 @@ impl CostModel {
             let view = if stage.work == Work::Rays { stage.view } else { Eye::Left };
             add((stage.work, view), self.relative_cost.of(stage.stage));
             if stage.work == Work::Rays {
-                let pixels_per_row = f64::from(self.spec.extent.width);
+                let pixels_per_row = f64::from(self.program.extent.width);
                 add((Work::Rows, Eye::Left), self.idle_rays[number].per_pixel() * pixels_per_row);
             }
         }
@@ -48,11 +48,11 @@ struct Part {
 
 impl StripeCosts<'_> {
     pub fn devices(&self) -> usize {
-        self.model.spec.devices
+        self.model.devices()
     }
 
     pub fn height(&self) -> u32 {
-        self.model.spec.extent.height
+        self.model.program.extent.height
     }
 
     /// Returns the time that a device takes for a stripe, including the margins that it computes around its own rows.

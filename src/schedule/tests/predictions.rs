@@ -13,7 +13,7 @@ fn frames_of_another_quality_are_predicted_with_their_fixed_cost() {
     let many = World { rays: few.rays.each_ref().map(more), ..sky() };
     let relative_cost = |rays: f64| RelativeCost::new([(PATH_TRACE, rays), (HOLE_FILL, rays)]);
     let graph = graph(&few.spec, &Assignment::uniform(Stripes::even(HEIGHT, 1)), None);
-    let mut model = CostModel::new(&few.spec, &Declarations::default());
+    let mut model = model(&few.spec);
     for (world, rays) in [(&few, 1.0), (&many, 4.0)].repeat(6) {
         for _ in 0..5 {
             model.learn(&FrameCosts { relative_cost: relative_cost(rays), ..world.costs(&graph) });

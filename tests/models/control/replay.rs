@@ -58,8 +58,8 @@ impl Replay<'_> {
     pub fn run(&self, controller: &mut dyn Control, frames: usize) -> Vec<Step> {
         let Self { recording, schedule, .. } = *self;
         let rungs = recording.ladder.rungs();
-        let mut model = CostModel::new(&recording.spec(0), &Declarations::default());
         let graphs: Vec<Arc<FrameGraph>> = (0..rungs.len()).map(|rung| graph(recording, rung)).collect();
+        let mut model = CostModel::new(&graphs[0].program, recording.spec(0).devices);
         let mut random = Random(self.seed);
         let mut places = Places::new(recording);
         let mut steps = Vec::with_capacity(frames);
@@ -87,7 +87,7 @@ impl Replay<'_> {
             let sample = disturbed(recording.sample(repeat, place, rung), disturbance);
             let ms = sample.ms();
             steps.push(Step { rung, ms, predicted_ms, budget_ms, error: rungs[rung].error });
-            model.set_quality(rungs[rung].quality.most_iterations(), &recording.relative_costs[rung]);
+            model.plan_for(&graphs[rung].program, &recording.relative_costs[rung]);
             model.learn(&recording.costs(rung, &sample));
             controller.observe(rung, ms);
         }
