@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
 
-use super::messages::{Command, Message, Reply};
+use super::messages::{Message, Order, Reply};
 use super::transport::{RendererTransport, WorkerTransport};
 use super::watchdog::{Heartbeat, LifeSign};
 
@@ -17,7 +17,7 @@ pub struct RendererChannels {
 /// The renderer's channels to one worker, and the heartbeat of that worker.
 struct WorkerLine {
     /// `None` once closed.
-    commands: Option<Sender<Command>>,
+    orders: Option<Sender<Order>>,
     inbox: Sender<Message>,
     heartbeat: Arc<Heartbeat>,
     /// Disconnected once the worker has ended.
@@ -26,7 +26,7 @@ struct WorkerLine {
 
 pub struct WorkerChannels {
     device: usize,
-    commands: Receiver<Command>,
+    orders: Receiver<Order>,
     inbox: Receiver<Message>,
     /// Inboxes of all workers, by device.
     inboxes: Vec<Sender<Message>>,
@@ -42,19 +42,19 @@ pub fn channels(devices: usize) -> (RendererChannels, Vec<WorkerChannels>) {
     let (inboxes, receivers): (Vec<_>, Vec<_>) = (0..devices).map(|_| unbounded()).unzip();
     let (mut lines, mut workers) = (Vec::new(), Vec::new());
     for (device, inbox) in receivers.into_iter().enumerate() {
-        let (commands, orders) = unbounded();
+        let (sender, orders) = unbounded();
         let (here, ended) = unbounded();
         let heartbeat = Arc::<Heartbeat>::default();
         workers.push(WorkerChannels {
             device,
-            commands: orders,
+            orders,
             inbox,
             inboxes: inboxes.clone(),
             replies: reply.clone(),
             heartbeat: Arc::clone(&heartbeat),
             _here: here,
         });
-        lines.push(WorkerLine { commands: Some(commands), inbox: inboxes[device].clone(), heartbeat, ended });
+        lines.push(WorkerLine { orders: Some(sender), inbox: inboxes[device].clone(), heartbeat, ended });
     }
     (RendererChannels { workers: lines, replies }, workers)
 }
@@ -67,9 +67,9 @@ impl RendererChannels {
 }
 
 impl WorkerChannels {
-    /// Returns the receivers of commands and messages, for a thread that forwards them to a worker on another rank.
-    pub fn receivers(&self) -> (&Receiver<Command>, &Receiver<Message>) {
-        (&self.commands, &self.inbox)
+    /// Returns the receivers of orders and messages, for a thread that forwards them to a worker on another rank.
+    pub fn receivers(&self) -> (&Receiver<Order>, &Receiver<Message>) {
+        (&self.orders, &self.inbox)
     }
 
     /// Returns the senders to the inboxes of all workers, and to the renderer.
@@ -79,12 +79,12 @@ impl WorkerChannels {
 }
 
 impl RendererTransport for RendererChannels {
-    fn command(&self, device: usize, command: Command) -> bool {
-        self.workers[device].commands.as_ref().is_some_and(|commands| commands.send(command).is_ok())
+    fn order(&self, device: usize, order: Order) -> bool {
+        self.workers[device].orders.as_ref().is_some_and(|orders| orders.send(order).is_ok())
     }
 
     fn close(&mut self, device: usize) {
-        self.workers[device].commands = None;
+        self.workers[device].orders = None;
     }
 
     fn reply(&self, limit: Duration) -> Option<Reply> {
@@ -108,8 +108,8 @@ impl RendererTransport for RendererChannels {
 }
 
 impl WorkerTransport for WorkerChannels {
-    fn command(&self, waits: bool) -> Option<Command> {
-        if waits { self.commands.recv().ok() } else { self.commands.try_recv().ok() }
+    fn order(&self, waits: bool) -> Option<Order> {
+        if waits { self.orders.recv().ok() } else { self.orders.try_recv().ok() }
     }
 
     fn message(&self, limit: Duration) -> Option<Message> {

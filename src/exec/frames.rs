@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::inputs::Inputs;
-use super::messages::{Answer, FrameJob, Order, Pixels, Stop};
+use super::messages::{Answer, FrameJob, Pixels, Stop, Work};
 use super::output::Output;
 use super::plan::Plan;
 use super::plausibility::check;
@@ -155,7 +155,7 @@ impl Frames {
             let (cuts, plan) = (cuts(device), plan.clone());
             let late = inputs.late.clone().filter(|_| device == plan.assignment.primary());
             let job = FrameJob { plan, constants, previous, update, place, reads, cuts, late, runs, injected };
-            orders.push((device, Order::Frame(Box::new(job))));
+            orders.push((device, Work::Frame(Box::new(job))));
         }
         let limit = self.limit(&inputs);
         let ticket = self.workers.ask(orders, limit);
@@ -328,7 +328,7 @@ impl Frames {
         let CompleteFrame { primary, inputs: Inputs { place, .. }, .. } = *whole;
         let limit = self.limit(&whole.inputs);
         let (_, injected) = self.injected.take(primary, whole.inputs.constants.sampling.index);
-        let ticket = self.workers.ask(vec![(primary, Order::Read { image, place, injected })], limit);
+        let ticket = self.workers.ask(vec![(primary, Work::Read { image, place, injected })], limit);
         match self.workers.answers(ticket, limit).pop() {
             Some((_, Ok(Answer::Pixels(pixels)))) => Ok(Ok(pixels)),
             Some((_, Err(Stop::Device(failure)))) => Ok(Err(failure)),

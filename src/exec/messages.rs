@@ -16,19 +16,19 @@ use crate::device::DeviceFailure;
 use crate::schedule::Cut;
 use crate::stages::{Place, SceneUpdate, layout};
 
-/// Command from the renderer to a worker.
+/// Order from the renderer to a worker.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
-pub struct Command {
-    /// Number that the answer repeats. All commands of one attempt at a frame have the same ticket, which no other
-    /// command of the run has.
+pub struct Order {
+    /// Number that the answer repeats. All orders of one attempt at a frame have the same ticket, which no other
+    /// order of the run has.
     pub ticket: u64,
     /// Timeout of each wait on the device.
     pub limit: Duration,
-    pub order: Order,
+    pub work: Work,
 }
 
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
-pub enum Order {
+pub enum Work {
     Frame(Box<FrameJob>),
     /// Send back an image for both eyes, from the buffers that `place` selects. If `injected` is given, inject this
     /// fault first.
@@ -66,7 +66,7 @@ pub struct FrameJob {
     pub injected: Option<InjectedKind>,
 }
 
-/// Answer of a worker to a command.
+/// Answer of a worker to an order.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reply {
     pub ticket: u64,
@@ -226,19 +226,19 @@ pub(super) mod tests {
         }
     }
 
-    /// Returns commands of every kind.
-    pub fn commands() -> Vec<Command> {
+    /// Returns orders of every kind.
+    pub fn orders() -> Vec<Order> {
         let limit = Duration::from_micros(10_000_001);
-        let command = |order| Command { ticket: u64::MAX, limit, order };
-        let frame = |seam, history| command(Order::Frame(Box::new(job(seam, history))));
+        let order = |work| Order { ticket: u64::MAX, limit, work };
+        let frame = |seam, history| order(Work::Frame(Box::new(job(seam, history))));
         let halos = (0..3).flat_map(HaloPlan::all).chain([HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE]);
         let seams = [Seam::None, Seam::Filter].into_iter().chain(halos.map(Seam::Halo));
-        let mut commands: Vec<_> = seams.map(|seam| frame(seam, None)).collect();
+        let mut orders: Vec<_> = seams.map(|seam| frame(seam, None)).collect();
         let before = Assignment::uniform(Stripes::even(90, 4));
-        commands.push(frame(Seam::None, Some(History { before, rows: 12, lost: vec![1] })));
+        orders.push(frame(Seam::None, Some(History { before, rows: 12, lost: vec![1] })));
         let place = Place { slot: 0, turn: 1 };
-        commands.push(command(Order::Read { image: ROW_TALLY.into(), place, injected: None }));
-        commands
+        orders.push(order(Work::Read { image: ROW_TALLY.into(), place, injected: None }));
+        orders
     }
 
     /// Returns replies of every kind.
@@ -258,7 +258,7 @@ pub(super) mod tests {
 
     #[test]
     fn messages_come_out_of_their_text_as_they_went_in() {
-        commands().iter().for_each(round_trip);
+        orders().iter().for_each(round_trip);
         replies().iter().for_each(round_trip);
         round_trip(&Message::Rows { ticket: 1, transfer: u32::MAX, rows: Bytes::Owned((0..=255).collect()) });
         round_trip(&Message::<Bytes>::Abort { ticket: 9 });

@@ -34,7 +34,7 @@ mod worker_pool;
 pub mod protocol {
     pub use super::ledger::Ledger;
     pub use super::messages::Message;
-    pub use super::worker::action::{Action, Command, Outcome};
+    pub use super::worker::action::{Action, Ordered, Outcome};
     pub use super::worker::protocol::Protocol;
     pub use super::worker::script::{Outgoing, Script, Step};
 }

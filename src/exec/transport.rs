@@ -1,17 +1,17 @@
-//! Communication of the renderer and its workers: commands and answers between the renderer and each worker, rows and
+//! Communication of the renderer and its workers: orders and answers between the renderer and each worker, rows and
 //! aborts among workers, and signs of life. Sending never blocks.
 
 use std::time::Duration;
 
-use super::messages::{Command, Message, Reply};
+use super::messages::{Message, Order, Reply};
 use super::watchdog::{Heartbeat, LifeSign};
 
 /// The renderer's end. Methods identify a worker by the number of its device in the run.
 pub trait RendererTransport: Send {
-    /// Sends a command to a device's worker; returns false if the worker has ended.
-    fn command(&self, device: usize, command: Command) -> bool;
+    /// Sends an order to a device's worker; returns false if the worker has ended.
+    fn order(&self, device: usize, order: Order) -> bool;
 
-    /// Closes the command channel of this device's worker, which makes the worker end.
+    /// Closes the order channel of this device's worker, which makes the worker end.
     fn close(&mut self, device: usize);
 
     /// Returns the next answer of any worker, if one arrives within `limit`.
@@ -29,9 +29,9 @@ pub trait RendererTransport: Send {
 
 /// A worker's end. The worker counts as ended once this is dropped.
 pub trait WorkerTransport: Send {
-    /// Returns the next command. With `waits`, it blocks until there is one, and `None` means that there will be no
+    /// Returns the next order. With `waits`, it blocks until there is one, and `None` means that there will be no
     /// more.
-    fn command(&self, waits: bool) -> Option<Command>;
+    fn order(&self, waits: bool) -> Option<Order>;
 
     /// Returns the next message, if one arrives within `limit`.
     fn message(&self, limit: Duration) -> Option<Message>;

@@ -13,13 +13,13 @@ use std::time::Duration;
 
 use tracing::span::EnteredSpan;
 
-use super::messages::{Answer, Bytes, Command, Message, Order, Reply, Stop};
+use super::messages::{Answer, Bytes, Message, Order, Reply, Stop, Work};
 use super::output::Output;
 use super::planner::Graphs;
 use super::transport::WorkerTransport;
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice, WAIT_SLICES, panic_text};
 use crate::stages::Place;
-use action::{Action, Outcome};
+use action::{Action, Ordered, Outcome};
 use device::WorkerDevice;
 use part::Part;
 use protocol::Protocol;
@@ -51,7 +51,7 @@ impl Worker {
         &self.device.gpu.info
     }
 
-    /// Executes commands until the renderer closes the command channel; returns the device if it has not failed.
+    /// Executes orders until the renderer closes the order channel; returns the device if it has not failed.
     pub fn run(mut self) -> Option<GpuDevice> {
         let mut spans = Spans::default();
         loop {
@@ -88,7 +88,7 @@ impl Worker {
                 spans.rows = Some(span.entered());
             }
             Action::Write { .. } | Action::Answer { .. } => spans.rows = None,
-            Action::TakeCommand { .. } => *spans = Spans::default(),
+            Action::TakeOrder { .. } => *spans = Spans::default(),
             _ => {}
         }
     }
@@ -97,10 +97,10 @@ impl Worker {
     fn perform(&mut self, action: Action<Bytes>) -> Result<bool, DeviceFailure> {
         let Self { device, transport, protocol, parts, .. } = self;
         match action {
-            Action::TakeCommand { waits } => match transport.command(waits) {
-                Some(command) => self.obey(command),
+            Action::TakeOrder { waits } => match transport.order(waits) {
+                Some(order) => self.obey(order),
                 None if waits => return Ok(false),
-                None => protocol.no_command(),
+                None => protocol.no_order(),
             },
             Action::Begin { ticket } => part_of(parts, ticket)?.begin(device),
             Action::Record { ticket, task } => part_of(parts, ticket)?.record(device, task),
@@ -142,19 +142,19 @@ impl Worker {
         Ok(true)
     }
 
-    fn obey(&mut self, Command { ticket, limit, order }: Command) {
+    fn obey(&mut self, Order { ticket, limit, work }: Order) {
         let Self { device, protocol, parts, .. } = self;
         device.gpu.patience = limit;
-        protocol.command(ticket, || match order {
-            Order::Frame(job) => {
+        protocol.order(ticket, || match work {
+            Work::Frame(job) => {
                 let part = Part::new(*job, &self.graphs, device);
                 let script = Arc::new(part.script(ticket));
                 parts.insert(ticket, part);
-                action::Command::Frame(script)
+                Ordered::Frame(script)
             }
-            Order::Read { image, place, injected } => {
+            Work::Read { image, place, injected } => {
                 self.read = Some((image, place));
-                action::Command::Read { injected }
+                Ordered::Read { injected }
             }
         });
     }

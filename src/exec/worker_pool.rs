@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use super::ExecError;
 use super::channels::channels;
 use super::ledger::Ledger;
-use super::messages::{Answer, Command, Order, Stop};
+use super::messages::{Answer, Order, Stop, Work};
 use super::planner::Graphs;
 use super::ranks::{Devices, Others, RankError};
 use super::transport::RendererTransport;
@@ -18,7 +18,7 @@ use crate::device::{DeviceFailure, DeviceInfo, FailureKind, GpuDevice};
 use crate::schedule::Network;
 use crate::stages::{RunConfig, SceneTables};
 
-/// Time that a worker may take to end once its command channel is closed.
+/// Time that a worker may take to end once its order channel is closed.
 pub const END_LIMIT: Duration = Duration::from_secs(5);
 
 /// The workers: one per device, including devices that were dropped.
@@ -92,7 +92,7 @@ impl WorkerPool {
         (0..self.members.len()).filter(|&d| self.members[d].is_left).collect()
     }
 
-    /// Drops a device: it gets no more commands, and its worker ends unless it hangs.
+    /// Drops a device: it gets no more orders, and its worker ends unless it hangs.
     pub fn drop_device(&mut self, device: usize) {
         self.members[device].is_left = false;
         self.transport.close(device);
@@ -100,10 +100,10 @@ impl WorkerPool {
 
     /// Sends each order to its device. All orders get one new ticket, which is returned. `limit` is the
     /// device's time limit for each operation that its worker waits for.
-    pub fn ask(&mut self, orders: Vec<(usize, Order)>, limit: Duration) -> u64 {
+    pub fn ask(&mut self, orders: Vec<(usize, Work)>, limit: Duration) -> u64 {
         let ticket = self.ledger.ask(orders.iter().map(|(device, _)| *device).collect());
-        for (device, order) in orders {
-            if !self.transport.command(device, Command { ticket, limit, order }) {
+        for (device, work) in orders {
+            if !self.transport.order(device, Order { ticket, limit, work }) {
                 self.answer_for(device, gone());
             }
         }

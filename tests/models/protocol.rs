@@ -6,7 +6,7 @@ use std::collections::{BTreeSet, HashSet, VecDeque};
 use std::sync::Arc;
 
 use crate::effort::is_thorough;
-use diptych::exec::protocol::{Action, Command, Ledger, Message, Outcome, Outgoing, Protocol, Script, Step};
+use diptych::exec::protocol::{Action, Ledger, Message, Ordered, Outcome, Outgoing, Protocol, Script, Step};
 
 type Device = usize;
 type Ticket = u64;
@@ -16,7 +16,7 @@ type Ticket = u64;
 struct Worker {
     /// State machine; its rows carry no bytes.
     protocol: Protocol<()>,
-    commands: VecDeque<(Ticket, Arc<Script>)>,
+    orders: VecDeque<(Ticket, Arc<Script>)>,
     hangs: bool,
 }
 
@@ -138,7 +138,7 @@ enum Wrong {
 
 impl World {
     fn new(rules: Rules) -> Self {
-        let worker = Worker { protocol: Protocol::new(rules.submit_blocks), commands: VecDeque::new(), hangs: false };
+        let worker = Worker { protocol: Protocol::new(rules.submit_blocks), orders: VecDeque::new(), hangs: false };
         let mut world = Self {
             workers: vec![worker; rules.devices],
             replies: VecDeque::new(),
@@ -166,7 +166,7 @@ impl World {
         let told = if rules.fresh_tickets { asked } else { Ticket::from(frame) };
         for &device in &self.left {
             let script = script(told, device, &self.left, rules);
-            self.workers[device].commands.push_back((told, script));
+            self.workers[device].orders.push_back((told, script));
         }
         self.attempts.push_back(Attempt { asked, told, frame, answers: None });
     }
@@ -183,7 +183,7 @@ impl World {
         let mut next = Vec::new();
         for (device, worker) in self.workers.iter().enumerate() {
             next.extend(self.worker_steps(device));
-            let is_idle = worker.protocol.clone().next_action() == Action::TakeCommand { waits: true };
+            let is_idle = worker.protocol.clone().next_action() == Action::TakeOrder { waits: true };
             if self.faults > 0 && !is_idle && !worker.hangs {
                 next.extend(self.mishaps(device));
             }
@@ -263,10 +263,10 @@ impl World {
             return vec![after];
         }
         match worker.protocol.next_action() {
-            Action::TakeCommand { waits } => match worker.commands.pop_front() {
-                Some((ticket, script)) => worker.protocol.command(ticket, || Command::Frame(script)),
+            Action::TakeOrder { waits } => match worker.orders.pop_front() {
+                Some((ticket, script)) => worker.protocol.order(ticket, || Ordered::Frame(script)),
                 None if waits => return Vec::new(),
-                None => worker.protocol.no_command(),
+                None => worker.protocol.no_order(),
             },
             Action::AwaitMessage => return Vec::new(),
             Action::End { waits, .. } | Action::TakeImages { waits, .. } => {

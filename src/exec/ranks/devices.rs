@@ -220,7 +220,7 @@ impl Others {
         self.set.node.lost()
     }
 
-    /// Ends the workers of the other ranks, whose command channels must be closed already. Returns this process's
+    /// Ends the workers of the other ranks, whose order channels must be closed already. Returns this process's
     /// devices `own`, followed by the devices of other ranks, without those that have failed.
     pub fn end(mut self, own: Vec<GpuDevice>) -> Devices {
         let renderer = self.renderer;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::agree::Identity;
 use super::device_card::DeviceCard;
 use super::link::Way;
-use crate::exec::messages::{Bytes, Command, Message, Reply};
+use crate::exec::messages::{Bytes, Message, Order, Reply};
 use crate::exec::watchdog::LifeSign;
 use crate::scene::folder::Files;
 use crate::stages::RunConfig;
@@ -14,9 +14,9 @@ use crate::stages::RunConfig;
 /// renderer's devices.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Packet {
-    /// Command from rank 0 to the rank of the device.
-    Command { renderer: u32, device: usize, command: Box<Command> },
-    /// No more commands follow for this device.
+    /// Order from rank 0 to the rank of the device.
+    Order { renderer: u32, device: usize, order: Box<Order> },
+    /// No more orders follow for this device.
     Close { renderer: u32, device: usize },
     /// Message from a worker or the renderer to the worker of this device.
     Message { renderer: u32, device: usize, message: Message },
@@ -210,7 +210,7 @@ impl Packet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::exec::messages::tests::{commands, replies};
+    use crate::exec::messages::tests::{orders, replies};
 
     fn assert_comes_back(packet: Packet) {
         let bytes = packet.encode().unwrap();
@@ -219,8 +219,8 @@ mod tests {
 
     #[test]
     fn packets_come_out_of_their_bytes_as_they_went_in() {
-        for command in commands() {
-            assert_comes_back(Packet::Command { renderer: 3, device: 63, command: Box::new(command) });
+        for order in orders() {
+            assert_comes_back(Packet::Order { renderer: 3, device: 63, order: Box::new(order) });
         }
         for reply in replies() {
             assert_comes_back(Packet::Reply { renderer: u32::MAX, reply: Box::new(reply) });

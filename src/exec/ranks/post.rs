@@ -176,9 +176,9 @@ impl<L: Link> Post<L> {
             self.rows_came_ms = self.now_ms();
         }
         match packet {
-            Packet::Command { renderer, device, command } => {
+            Packet::Order { renderer, device, order } => {
                 if let Some(renderer) = self.renderers.get(&renderer) {
-                    renderer.command(device, *command);
+                    renderer.order(device, *order);
                 }
             }
             Packet::Close { renderer, device } => {

@@ -8,7 +8,7 @@ use crossbeam::channel::{Receiver, Select, Sender, TryRecvError};
 
 use super::packet::Packet;
 use crate::exec::channels::{RendererChannels, WorkerChannels};
-use crate::exec::messages::{Command, Message, Reply};
+use crate::exec::messages::{Message, Order, Reply};
 use crate::exec::transport::{RendererTransport, WorkerTransport};
 use crate::exec::watchdog::LifeSign;
 
@@ -18,7 +18,7 @@ pub struct RendererDevices {
     inboxes: Vec<Sender<Message>>,
     /// Sender to the renderer, if it is on this rank.
     replies: Sender<Reply>,
-    /// Channels that command this rank's workers, if the renderer is on another rank.
+    /// Channels that give orders to this rank's workers, if the renderer is on another rank.
     commander: Option<RendererChannels>,
     own: Vec<usize>,
     others: Vec<Other>,
@@ -61,18 +61,18 @@ impl RendererDevices {
         (Self { number, inboxes, replies, commander, own, others, origin_ms }, own_ends)
     }
 
-    /// Passes all pending commands, messages and replies for other ranks to `send`, each with the number of the
+    /// Passes all pending orders, messages and replies for other ranks to `send`, each with the number of the
     /// receiving rank. Returns true if there were any.
     pub fn pass_on(&mut self, send: &mut impl FnMut(usize, Packet)) -> bool {
         let renderer = self.number;
         let mut any = false;
         for other in &mut self.others {
-            let (commands, inbox) = other.end.receivers();
+            let (orders, inbox) = other.end.receivers();
             let device = other.device;
             let mut packets = Vec::new();
             while !other.is_closed {
-                match commands.try_recv() {
-                    Ok(command) => packets.push(Packet::Command { renderer, device, command: Box::new(command) }),
+                match orders.try_recv() {
+                    Ok(order) => packets.push(Packet::Order { renderer, device, order: Box::new(order) }),
                     Err(TryRecvError::Empty) => break,
                     Err(TryRecvError::Disconnected) => {
                         other.is_closed = true;
@@ -96,9 +96,9 @@ impl RendererDevices {
     /// Makes `select` wake up for everything that [`Self::pass_on`] forwards.
     pub fn watch<'a>(&'a self, select: &mut Select<'a>) {
         for other in &self.others {
-            let (commands, inbox): (&Receiver<Command>, &Receiver<Message>) = other.end.receivers();
+            let (orders, inbox): (&Receiver<Order>, &Receiver<Message>) = other.end.receivers();
             if !other.is_closed {
-                select.recv(commands);
+                select.recv(orders);
             }
             select.recv(inbox);
         }
@@ -107,9 +107,9 @@ impl RendererDevices {
         }
     }
 
-    pub fn command(&self, device: usize, command: Command) {
+    pub fn order(&self, device: usize, order: Order) {
         if let Some(commander) = self.commander.as_ref().filter(|_| self.own.contains(&device)) {
-            commander.command(device, command);
+            commander.order(device, order);
         }
     }
 

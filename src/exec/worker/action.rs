@@ -1,13 +1,13 @@
-//! Commands, outcomes and actions of a worker: the input and output of `Protocol`.
+//! Ordered work, outcomes and actions of a worker: the input and output of `Protocol`.
 
 use std::sync::Arc;
 
 use super::script::{Outgoing, Script};
 use crate::exec::InjectedKind;
 
-/// Command to a worker, reduced to the parts that determine the order of its actions.
+/// Work of an order, reduced to what determines the sequence of the actions.
 #[derive(Clone, Debug)]
-pub enum Command {
+pub enum Ordered {
     Frame(Arc<Script>),
     Read { injected: Option<InjectedKind> },
 }
@@ -25,9 +25,9 @@ pub enum Outcome {
 /// Next action of a worker. `B` holds the bytes of rows.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Action<B> {
-    /// Take a command if there is one, and wait for it if `waits`; then call `Protocol::command` or
-    /// `Protocol::no_command`. The worker ends if it waits and there will be no more commands.
-    TakeCommand {
+    /// Take an order if there is one, and wait for it if `waits`; then call `Protocol::order` or
+    /// `Protocol::no_order`. The worker ends if it waits and there will be no more orders.
+    TakeOrder {
         waits: bool,
     },
     /// Begin a new frame.

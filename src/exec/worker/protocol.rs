@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
-use super::action::{Action, Command, Outcome};
+use super::action::{Action, Ordered, Outcome};
 use super::script::{Operation, Outgoing, Script};
 use crate::exec::messages::Message;
 
@@ -36,9 +36,9 @@ enum Progress {
 /// Position in the worker's loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum At {
-    /// Between two steps, the worker takes a new command if there is one. A new frame takes priority over the remaining
+    /// Between two steps, the worker takes a new order if there is one. A new frame takes priority over the remaining
     /// operations of older frames, so that the device stays busy while the host waits for rows of the older frames.
-    Commands,
+    Orders,
     /// The worker executes the newest frame's own tasks.
     Newest,
     /// If `waits`, the worker advances the oldest frame by one step, for which it may wait. Otherwise it advances the
@@ -56,7 +56,7 @@ pub struct Protocol<B> {
     open: VecDeque<Frame>,
     /// Rows to send to other devices: their copies to the host have been submitted, in this order.
     outgoing: VecDeque<Outgoing>,
-    /// Tickets of the commands that have not been answered, oldest first.
+    /// Tickets of the orders that have not been answered, oldest first.
     unanswered: Vec<u64>,
     /// Rows that arrived before they were needed, by ticket and transfer.
     early: BTreeMap<(u64, u32), B>,
@@ -85,7 +85,7 @@ impl<B> Protocol<B> {
             aborted: BTreeSet::new(),
             floor: 0,
             has_failed: false,
-            at: At::Commands,
+            at: At::Orders,
             receiving: None,
             due: VecDeque::new(),
         }
@@ -101,7 +101,7 @@ impl<B> Protocol<B> {
                 return action;
             }
             let action = match self.at {
-                At::Commands => return Action::TakeCommand { waits: self.open.is_empty() },
+                At::Orders => return Action::TakeOrder { waits: self.open.is_empty() },
                 At::Newest => self.step_newest(),
                 At::Oldest { waits } => self.step_oldest(waits),
             };
@@ -111,28 +111,28 @@ impl<B> Protocol<B> {
         }
     }
 
-    /// Accepts the command with this ticket, which `make` creates. `make` is not called if the device has failed. If
-    /// the device fails before the command is answered, the answer reports the failure.
-    pub fn command(&mut self, ticket: u64, make: impl FnOnce() -> Command) {
+    /// Accepts the order with this ticket, which `make` creates. `make` is not called if the device has failed. If
+    /// the device fails before the order is answered, the answer reports the failure.
+    pub fn order(&mut self, ticket: u64, make: impl FnOnce() -> Ordered) {
         self.unanswered.push(ticket);
         if self.has_failed {
             return self.fail();
         }
         self.forget_below(self.open.front().map_or(ticket, |f| f.ticket));
         match make() {
-            Command::Frame(script) => {
+            Ordered::Frame(script) => {
                 self.open.push_back(Frame { ticket, script, progress: Progress::Own(0) });
                 self.at = At::Newest;
             }
-            Command::Read { injected } => {
+            Ordered::Read { injected } => {
                 self.due.extend(injected.map(|kind| Action::Inject { kind }));
                 self.due.extend([Action::Read { ticket }, Action::Answer { ticket, outcome: Outcome::Done }]);
             }
         }
     }
 
-    /// Continues with the frames in progress. Call this after [`Action::TakeCommand`] if no command has arrived yet.
-    pub fn no_command(&mut self) {
+    /// Continues with the frames in progress. Call this after [`Action::TakeOrder`] if no order has arrived yet.
+    pub fn no_order(&mut self) {
         self.at = At::Oldest { waits: true };
     }
 
@@ -178,7 +178,7 @@ impl<B> Protocol<B> {
     /// Notes that the device can no longer be used, and fails all open attempts.
     pub fn fail(&mut self) {
         self.has_failed = true;
-        self.at = At::Commands;
+        self.at = At::Orders;
         self.receiving = None;
         self.due.clear();
         self.open.clear();
@@ -197,7 +197,7 @@ impl<B> Protocol<B> {
         self.receiving = None;
         self.due.push_back(Action::Answer { ticket, outcome: Outcome::Aborted });
         if self.at != (At::Oldest { waits: false }) {
-            self.at = At::Commands;
+            self.at = At::Orders;
         }
     }
 
@@ -209,14 +209,14 @@ impl<B> Protocol<B> {
 
     fn end_step(&mut self, waits: bool) {
         if waits {
-            self.at = At::Commands;
+            self.at = At::Orders;
         }
     }
 
     /// Returns the next action of the newest frame's own tasks, or `None` if only the state has changed.
     fn step_newest(&mut self) -> Option<Action<B>> {
         let Some(Frame { ticket, script, progress: Progress::Own(at) }) = self.open.back() else {
-            self.at = At::Commands;
+            self.at = At::Orders;
             return None;
         };
         let (ticket, at, script) = (*ticket, *at, Arc::clone(script));
@@ -237,7 +237,7 @@ impl<B> Protocol<B> {
             Some(Operation::RecordTimestamps) => Some(Action::RecordTimestamps { ticket }),
             Some(&Operation::Inject(kind)) => Some(Action::Inject { kind }),
             None => {
-                self.at = At::Commands;
+                self.at = At::Orders;
                 None
             }
         };
@@ -328,7 +328,7 @@ mod tests {
     fn rows_that_never_come_are_waited_for_for_so_many_slices() {
         let mut worker = Protocol::<()>::new(false);
         let script = Arc::new(Script::new(1, &[Step::Upload { transfer: 0 }], &[], None));
-        worker.command(1, || Command::Frame(script));
+        worker.order(1, || Ordered::Frame(script));
         assert_eq!(worker.next_action(), Action::Begin { ticket: 1 });
         assert_eq!(worker.next_action(), Action::Receive { ticket: 1, transfer: 0 });
         for _ in 0..DEPENDENT_SLICES {
@@ -338,16 +338,16 @@ mod tests {
         assert_eq!(worker.next_action(), Action::AwaitMessage);
         worker.timed_out();
         assert_eq!(worker.next_action(), Action::Answer { ticket: 1, outcome: Outcome::Aborted });
-        assert_eq!(worker.next_action(), Action::TakeCommand { waits: true });
+        assert_eq!(worker.next_action(), Action::TakeOrder { waits: true });
     }
 
     #[test]
     fn a_device_that_has_failed_makes_nothing_of_commands() {
         let mut worker = Protocol::<()>::new(false);
         worker.fail();
-        worker.command(5, || unreachable!("the device can no longer be used"));
+        worker.order(5, || unreachable!("the device can no longer be used"));
         assert_eq!(worker.next_action(), Action::CallOff { ticket: 5 });
         assert_eq!(worker.next_action(), Action::Answer { ticket: 5, outcome: Outcome::Failed });
-        assert_eq!(worker.next_action(), Action::TakeCommand { waits: true });
+        assert_eq!(worker.next_action(), Action::TakeOrder { waits: true });
     }
 }
