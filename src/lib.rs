@@ -51,6 +51,7 @@ pub mod passes;
 pub mod quality;
 pub mod schedule;
 pub mod control;
+pub mod plan;
 pub mod device;
 pub mod stages;
 pub mod loaded;

@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::str::FromStr;
 
 use crate::device::FailureKind;
+pub use crate::plan::InjectedKind;
 
 /// A dropped device, and how the frame recovered.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -24,28 +25,6 @@ pub struct Fault {
     /// Time at which the fault was detected, in milliseconds since the renderer's origin.
     #[serde(skip)]
     pub noticed_ms: f64,
-}
-
-/// Fault to inject into a device in the middle of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-pub enum InjectedKind {
-    /// The device is destroyed.
-    Loss,
-    /// Its worker blocks for ever.
-    Hang,
-    /// Its dispatches run twice.
-    Slow,
-    /// It reports that it is out of memory.
-    Oom,
-}
-
-impl InjectedKind {
-    const ALL: [(&str, Self); 4] =
-        [("loss", Self::Loss), ("hang", Self::Hang), ("oom", Self::Oom), ("slow", Self::Slow)];
-
-    pub fn name(self) -> &'static str {
-        Self::ALL.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
-    }
 }
 
 /// A fault to inject, written `KIND:devI@FRAME`, or `slow:devI@FROM..TO`.

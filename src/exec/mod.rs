@@ -36,7 +36,6 @@ pub mod protocol {
     pub use super::messages::Message;
     pub use super::worker::action::{Action, Ordered, Outcome};
     pub use super::worker::protocol::Protocol;
-    pub use super::worker::script::{Outgoing, Script, Step};
 }
 
 pub use crate::stages::FrameParams;

@@ -4,7 +4,6 @@ pub mod action;
 pub mod device;
 mod part;
 pub mod protocol;
-pub mod script;
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -18,12 +17,12 @@ use super::output::Output;
 use super::planner::Graphs;
 use super::transport::WorkerTransport;
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice, WAIT_SLICES, panic_text};
+use crate::plan::Outgoing;
 use crate::stages::Place;
 use action::{Action, Ordered, Outcome};
 use device::WorkerDevice;
 use part::Part;
 use protocol::Protocol;
-use script::Outgoing;
 
 pub struct Worker {
     device: WorkerDevice,
@@ -80,7 +79,8 @@ impl Worker {
     fn follow(&self, action: &Action<Bytes>, spans: &mut Spans) {
         let frame = |ticket: &u64| self.parts.get(ticket).map(Part::frame);
         match action {
-            Action::Begin { ticket } => {
+            // The first command begins the frame.
+            Action::Execute { ticket, at: 0 } => {
                 spans.frame = Some(tracing::info_span!("device frame", frame = frame(ticket)).entered())
             }
             Action::Receive { ticket, transfer } => {
@@ -102,13 +102,7 @@ impl Worker {
                 None if waits => return Ok(false),
                 None => protocol.no_order(),
             },
-            Action::Begin { ticket } => part_of(parts, ticket)?.begin(device),
-            Action::Record { ticket, task } => part_of(parts, ticket)?.record(device, task),
-            Action::RecordTimestamps { ticket } => part_of(parts, ticket)?.record_stamps(device),
-            Action::Ask { ticket } => part_of(parts, ticket)?.ask(device)?,
-            Action::Close { ticket } => part_of(parts, ticket)?.close(),
-            Action::Submit { ticket } => part_of(parts, ticket)?.submit(device),
-            Action::SubmitUploads { ticket } => part_of(parts, ticket)?.submit_uploads(device),
+            Action::Execute { ticket, at } => part_of(parts, ticket)?.execute(device, at)?,
             Action::Inject { kind } => device.inject(kind),
             Action::Send(Outgoing { ticket, transfer, to }) => {
                 let part = part_of(parts, ticket)?;
@@ -124,7 +118,7 @@ impl Worker {
                     None => protocol.timed_out(),
                 }
             }
-            Action::Write { ticket, task, rows } => part_of(parts, ticket)?.write(device, task, rows)?,
+            Action::Write { ticket, at, rows } => part_of(parts, ticket)?.write(device, at, rows)?,
             Action::End { ticket, waits } => protocol.ended(part_of(parts, ticket)?.end(device, waits)?),
             Action::TakeImages { ticket, waits } => {
                 self.done = part_of(parts, ticket)?.take_images(device, waits)?.map(Answer::Frame);
@@ -147,10 +141,10 @@ impl Worker {
         device.gpu.patience = limit;
         protocol.order(ticket, || match work {
             Work::Frame(job) => {
-                let part = Part::new(*job, &self.graphs, device);
-                let script = Arc::new(part.script(ticket));
+                let part = Part::new(ticket, *job, &self.graphs, device);
+                let commands = Arc::clone(part.commands());
                 parts.insert(ticket, part);
-                Ordered::Frame(script)
+                Ordered::Frame(commands)
             }
             Work::Read { image, place, injected } => {
                 self.read = Some((image, place));

@@ -6,13 +6,14 @@ use std::sync::Arc;
 use glam::{DVec3, UVec3, Vec2};
 
 use super::layout::{Camera, Display, Foveation, Frame, History, Previous, Sampling, View};
-use super::{DeviceStages, Place, RunConfig, SceneTables, StageTask, Stamps};
+use super::{DeviceStages, Place, Recording, RunConfig, SceneTables};
 use crate::accel::Accel;
 use crate::device::{self, GpuDevice, Selection};
 use crate::frame::samples::PixelSamples;
-use crate::graph::{Assignment, Bound, FrameGraph, Program, Stripes, TaskKind};
+use crate::graph::{Assignment, Bound, FrameGraph, Program, Stripes};
 use crate::image::Extent;
 use crate::passes::{Declarations, FrameSpec, RowTally, Views};
+use crate::plan::{Command, Commands, Share};
 use crate::quality::{Denoiser, Filter};
 use crate::scene::builtin;
 use crate::scene::needs::SceneNeeds;
@@ -29,7 +30,7 @@ const NAN: u32 = 0x7fc0_7fc0;
 struct Bench {
     gpu: GpuDevice,
     stages: DeviceStages,
-    stamps: Stamps,
+    queries: wgpu::QuerySet,
     tables: SceneTables,
     frames: u32,
     before: Option<Previous>,
@@ -59,8 +60,12 @@ impl Bench {
         config.envelope.most.filter = Some(Filter::new(Denoiser::SVGF, ITERATIONS));
         config.buffers.reproject = false;
         let stages = DeviceStages::new(&mut gpu, config, &tables, &[program(Some(0))]).unwrap();
-        let stamps = Stamps::new(&gpu.device);
-        Self { gpu, stages, stamps, tables, frames: 0, before: None }
+        let queries = gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+            label: None,
+            ty: wgpu::QueryType::Timestamp,
+            count: 2,
+        });
+        Self { gpu, stages, queries, tables, frames: 0, before: None }
     }
 
     /// Renders the next frame, with both eyes moved `step` to the right since the previous one. Returns the colours of
@@ -72,16 +77,23 @@ impl Bench {
         let program = Arc::new(program(before.map(|_| HISTORY_ROWS)));
         let graph = FrameGraph::build(&program, &assignment, before.map(|_| &assignment));
         let previous = before.unwrap_or(Previous::from(&frame));
-        self.stages.set_frame(&self.gpu, &program, &frame, &previous, &Default::default(), place);
+        self.stages.begin(&self.gpu, &frame, &previous, &Default::default());
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        for task in graph.tasks_of(0) {
-            if let TaskKind::Dispatch { pass, valid } = task.kind.clone() {
-                let task = StageTask::new(pass, task.rows.clone(), valid);
-                self.stages.record(&self.gpu, &mut encoder, &mut self.stamps, &task, 1);
+        let (gpu, queries, program) = (&self.gpu, &self.queries, &program);
+        let mut to = Recording { gpu, queries, encoder: &mut encoder, program, place };
+        let samples = frame.sampling.samples;
+        let (ticket, device, repeats, injected) = (0, 0, 1, None);
+        let share = Share { ticket, device, samples, cuts: &[], repeats, injected, asks: false };
+        for command in Commands::new(&graph, &share).list {
+            match command {
+                Command::Clear(image) => self.stages.clear(&mut to, &image),
+                Command::Dispatch { pass, launches, .. } => {
+                    self.stages.dispatch(&mut to, pass, &launches, [None; 2]);
+                }
+                _ => {}
             }
         }
         self.gpu.queue.submit([encoder.finish()]);
-        self.stamps.reset();
         self.frames += 1;
         let [colors, rows] =
             ["linear", "row_tally"].map(|name| Eye::ALL.map(|eye| self.read(&image(name), eye, place)).concat());

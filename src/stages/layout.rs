@@ -15,6 +15,8 @@ use crate::frame::samples::PixelSamples;
 use crate::graph::LIST_HEADER;
 use crate::image::tone::{TONE_ACES, TONE_AGX, TONE_NEUTRAL, TONE_NONE};
 use crate::passes::SKIPPED;
+use crate::plan::commands;
+pub use crate::plan::commands::PassConstants;
 use crate::projection;
 pub use crate::projection::View;
 use crate::wgsl::{Declaration, Table, constants, declare, shared_constants, shared_structs};
@@ -179,24 +181,6 @@ shared_structs! {
         pub views: [View; 2],
         pub sampling: Sampling,
     }
-
-    /// Constants of a dispatch.
-    pub struct PassConstants {
-        pub view: u32,
-        /// The rows to compute: the first, and the one after the last.
-        pub row_begin: u32,
-        pub row_end: u32,
-        /// Rows that may be read: the stripe plus the received or recomputed rows around it.
-        pub valid_begin: u32,
-        pub valid_end: u32,
-        /// Arguments of the kernel; their meaning depends on the pass.
-        pub args: [u32; 3],
-        /// Columns and rows of the pass's grid.
-        pub width: u32,
-        pub height: u32,
-        /// Number of the device.
-        pub device: u32,
-    }
 }
 
 impl From<&Frame> for Previous {
@@ -220,8 +204,16 @@ shared_constants! {
 
 /// Returns all structs shared with shaders.
 pub fn all_structs() -> Vec<Declaration> {
-    [accel::structs(), accel::skin_structs(), projection::structs(), samples::structs(), tables::structs(), structs()]
-        .concat()
+    [
+        accel::structs(),
+        accel::skin_structs(),
+        projection::structs(),
+        samples::structs(),
+        tables::structs(),
+        commands::structs(),
+        structs(),
+    ]
+    .concat()
 }
 
 /// Returns the WGSL functions that read entries of the scene's tables.

@@ -4,10 +4,10 @@ use std::borrow::Cow;
 use std::fmt;
 
 use super::layout::{PAGE, PassConstants, TABLE_WIDTH};
-use super::workgroups::{Groups, workgroups};
 use crate::device::Tables;
 use crate::graph::{Format, Pass, Program, SceneUse};
 use crate::image::Extent;
+use crate::plan::{Groups, groups};
 use crate::wgsl::ROW_BYTES;
 
 /// A WebGPU limit.
@@ -224,7 +224,7 @@ fn of_pass(pass: &Pass, frame: Extent, scene_buffers: usize) -> [Need; 5] {
     let own = pass.uses.iter().filter(|u| !matches!(u.image.resource.format, Format::Uniform { .. })).count();
     let buffers = own + if pass.kernel.scene == SceneUse::No { 0 } else { scene_buffers };
     let extent = pass.grid.extent(frame);
-    let [columns, rows] = match workgroups(pass.dispatch, pass.kernel.workgroup, extent.width, &extent.rows()) {
+    let [columns, rows] = match groups(pass.dispatch, pass.kernel.workgroup, extent.width, &extent.rows()) {
         Groups::Direct([x, y, z]) => [x, y.max(z)],
         // The shader that fills a list requests at most as many workgroups as every device supports.
         Groups::Listed(_) => [1; 2],

@@ -1,6 +1,6 @@
 //! The renderer's passes on one device: their images, their pipelines, and the scene as shaders read it.
 //!
-//! [`DeviceStages`] creates the resources that passes bind, and records tasks with them. It knows of no other devices.
+//! [`DeviceStages`] creates the resources that passes bind, and records commands with them. It knows of no other devices.
 
 mod albedo_table;
 mod alias;
@@ -22,8 +22,6 @@ mod scene_tables;
 pub(crate) mod search_range;
 mod shader;
 mod specialization;
-mod task;
-mod workgroups;
 
 pub use compile::StageError;
 pub use config::{Buffers, Execution, RunConfig, Sampler};
@@ -31,7 +29,7 @@ pub use foveation::Foveation;
 pub use images::{Images, Place};
 pub use limits::{LimitExceeded, Remedy};
 pub use params::FrameParams;
-pub use pipeline::DeviceStages;
+pub use pipeline::{DeviceStages, Recording};
 pub use reflect::{Mismatch, verify};
 #[doc(hidden)] // For benchmarks.
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
@@ -39,7 +37,6 @@ pub use scene_tables::{SceneTables, SceneUpdate, TableError};
 pub use shader::{ShaderVariant, all_shader_text, override_names, shader_text, shader_text_of};
 #[doc(hidden)] // For tests and benchmarks of single kernels.
 pub use specialization::Specialization;
-pub use task::{StageTask, Stamps};
 
 #[cfg(test)]
 mod dead_code_tests;

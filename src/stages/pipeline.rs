@@ -1,4 +1,4 @@
-//! Records tasks with a device's pipelines.
+//! Records commands with a device's pipelines.
 
 use std::collections::HashMap;
 use std::mem::offset_of;
@@ -7,32 +7,29 @@ use std::sync::Arc;
 use super::RunConfig;
 use super::compile::{Built, StageError, buffer_entry, build, projection_layout};
 use super::images::{Images, Place};
-use super::layout::{Camera, DisplayMap, Frame, PassConstants, Previous};
+use super::layout::{Camera, DisplayMap, Frame, Previous};
 use super::limits;
 use super::scene_tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entries, layout_entries, scene_buffers};
-use super::task::{StageTask, Stamps};
-use super::workgroups::{Groups, workgroups};
 use crate::device::GpuDevice;
 use crate::frame::samples::PixelSamples;
-use crate::graph::{Access, Bound, Format, Kernel, Program, Resource, SceneUse, Use};
+use crate::graph::{Bound, Format, Kernel, Program, Resource, SceneUse, Stage};
 use crate::image::Extent;
 use crate::passes::{Moving, PREVIOUS};
+use crate::plan::{EyeImage, Groups, Launched, launched};
 use crate::scene::rig::Eye;
+use crate::schedule::Position;
 
 /// Key of a bind group: the kernel's name, the bound images, and the [`Place`] that selects their buffers.
 type GroupKey = (&'static str, Vec<(Bound, Eye)>, Place);
 
-/// Pipelines, images and scene of one device, with which it records tasks.
+/// Pipelines, images and scene of one device, with which it records commands.
 pub struct DeviceStages {
     config: RunConfig,
-    /// Samples per pixel of the current frame, and the [`Place`] that selects its buffers.
-    samples: PixelSamples,
-    place: Place,
     pub images: Images,
     built: Vec<Built>,
     /// Bind groups of kernels, by bound images.
     groups: HashMap<GroupKey, wgpu::BindGroup>,
-    /// Bind groups by index of the pass in the current program. They are clones of those in `groups`.
+    /// Bind groups by index of the pass in `program`, the latest one. They are clones of those in `groups`.
     of_passes: HashMap<(usize, Place), wgpu::BindGroup>,
     program: Option<Arc<Program>>,
     frame_only: wgpu::BindGroup,
@@ -43,8 +40,8 @@ pub struct DeviceStages {
     projection: Option<wgpu::BindGroup>,
     scene: SceneBuffers,
     frame: wgpu::Buffer,
-    /// Snapshots of the images that repeated tasks add to, taken before the task, by binding and size in bytes.
-    found: HashMap<(usize, u64), wgpu::Buffer>,
+    /// Copies of images that repeated dispatches add to, by binding and size in bytes.
+    saved: HashMap<(usize, u64), wgpu::Buffer>,
 }
 
 fn find<'a>(built: &'a [Built], kernel: &Kernel, jitter: bool) -> Option<&'a Built> {
@@ -127,8 +124,6 @@ impl DeviceStages {
             gpu.queue.write_buffer(input(&images, resource), 0, bytes);
         }
         Ok(Self {
-            samples: PixelSamples::own(0..1, config.envelope.centres_one()),
-            place: Place::default(),
             images,
             built,
             groups: HashMap::new(),
@@ -141,26 +136,12 @@ impl DeviceStages {
             config,
             scene,
             frame,
-            found: HashMap::new(),
+            saved: HashMap::new(),
         })
     }
 
-    /// Sets the program and the constants for the tasks of the next submission. `place` selects the buffers that they
-    /// write.
-    pub fn set_frame(
-        &mut self,
-        gpu: &GpuDevice,
-        program: &Arc<Program>,
-        frame: &Frame,
-        previous: &Previous,
-        update: &SceneUpdate,
-        place: Place,
-    ) {
-        if !self.program.as_ref().is_some_and(|p| Arc::ptr_eq(p, program)) {
-            self.program = Some(Arc::clone(program));
-            self.of_passes.clear();
-        }
-        (self.samples, self.place) = (frame.sampling.samples, place);
+    /// Writes the constants of a frame, and updates the scene's tables, for the next submission.
+    pub fn begin(&mut self, gpu: &GpuDevice, frame: &Frame, previous: &Previous, update: &SceneUpdate) {
         gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         if self.images.has(&PREVIOUS) {
             gpu.queue.write_buffer(input(&self.images, PREVIOUS), 0, bytemuck::bytes_of(previous));
@@ -184,14 +165,13 @@ impl DeviceStages {
 
     /// Runs every pipeline of these programs once on no rows, so that drivers compile it now rather than in the first
     /// frame.
-    pub fn warm_up(&mut self, gpu: &GpuDevice, stamps: &mut Stamps, programs: Vec<Program>) {
+    pub fn warm_up(&mut self, gpu: &GpuDevice, queries: &wgpu::QuerySet, programs: &[Program]) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let mut warm: Vec<(&str, bool)> = Vec::new();
         for program in programs {
-            let program = Arc::new(program);
-            (self.program, self.place) = (Some(Arc::clone(&program)), Place::default());
-            self.of_passes.clear();
-            for (number, linked) in program.passes().iter().enumerate() {
+            let program = &Arc::new(program.clone());
+            let mut recording = Recording { gpu, queries, encoder: &mut encoder, program, place: Place::default() };
+            for (pass, linked) in program.passes().iter().enumerate() {
                 let kernel = linked.pass.kernel;
                 let of_kernel = self.built.iter().filter(|b| b.kernel.name == kernel.name);
                 let kinds: Vec<bool> =
@@ -199,9 +179,10 @@ impl DeviceStages {
                 for jitter in kinds {
                     if !warm.contains(&(kernel.name, jitter)) {
                         warm.push((kernel.name, jitter));
-                        let count = if jitter { 2 } else { 1 };
-                        self.samples = PixelSamples::own(0..count, !jitter);
-                        self.record(gpu, &mut encoder, stamps, &StageTask::new(number, 0..0, 0..0), 1);
+                        let samples = PixelSamples::own(0..if jitter { 2 } else { 1 }, !jitter);
+                        let all = Position::start(&(0..0))..Position::END;
+                        let launches = launched(program, pass, &(0..0), &(0..0), &all, samples, gpu.info.index);
+                        self.dispatch(&mut recording, pass, &launches, [None; 2]);
                     }
                 }
             }
@@ -209,140 +190,107 @@ impl DeviceStages {
         gpu.queue.submit([encoder.finish()]);
     }
 
-    /// Records a task, or a part of one. Returns the index of the pair of timestamps around the whole task; `None` if
-    /// all pairs are in use. To simulate a slow device, the task is repeated until it has run `runs` times. This
-    /// changes no byte of the images: those that the task adds to are restored before each repetition.
-    pub fn record(
-        &mut self,
-        gpu: &GpuDevice,
-        encoder: &mut wgpu::CommandEncoder,
-        stamps: &mut Stamps,
-        task: &StageTask,
-        runs: u32,
-    ) -> Option<u32> {
-        let program = Arc::clone(self.program.as_ref()?);
-        let linked = &program.passes()[task.pass];
-        let pair = if task.begins() { stamps.begin() } else { stamps.current() };
-        let builds_from = linked.pass.builds_from.filter(|_| task.ends() && !task.rows.is_empty());
-        let added_to = if runs > 1 { self.keep_found(gpu, encoder, &program, task) } else { Vec::new() };
-        for run in 0..runs {
-            for (image, found) in added_to.iter().filter(|_| run > 0) {
-                encoder.copy_buffer_to_buffer(found, 0, image, 0, image.size());
-            }
-            let begin = pair.filter(|_| run == 0 && task.begins()).map(|p| 2 * p);
-            let end = pair.filter(|_| run + 1 == runs && task.ends()).map(|p| 2 * p + 1);
-            let times = |begin: Option<u32>, end: Option<u32>| {
-                begin.or(end).map(|_| wgpu::ComputePassTimestampWrites {
-                    query_set: &stamps.queries,
-                    beginning_of_pass_write_index: begin,
-                    end_of_pass_write_index: end,
-                })
-            };
-            self.record_once(gpu, encoder, times(begin, end.filter(|_| builds_from.is_none())), &program, task)?;
-            if let Some(resource) = builds_from {
-                let bound = Bound { resource, buffer: 0, is_before: false };
-                let vertices = self.images.buffer(&bound, Eye::Left, self.place);
-                self.scene.build_structures(encoder, vertices);
-                // Acceleration structure builds belong to no pass, so an empty pass after them writes the end
-                // timestamp.
-                let (label, timestamp_writes) = (Some(linked.pass.stage.name()), times(None, end));
-                drop(encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label, timestamp_writes }));
-            }
-        }
-        pair
+    /// Records that an image is set to zero; of a list, only the counts of pixels and workgroups.
+    pub fn clear(&self, to: &mut Recording<'_>, image: &EyeImage) {
+        let bytes = (image.bound.resource.format == Format::List).then_some(8);
+        to.encoder.clear_buffer(self.images.buffer(&image.bound, image.eye, to.place), 0, bytes);
     }
 
-    /// Saves copies of the images that a task adds to, and returns the images with their copies. Later parts of a task
-    /// may add to any image that the first part wrote.
-    fn keep_found(
-        &mut self,
-        gpu: &GpuDevice,
-        encoder: &mut wgpu::CommandEncoder,
-        program: &Program,
-        task: &StageTask,
-    ) -> Vec<(wgpu::Buffer, wgpu::Buffer)> {
-        let linked = &program.passes()[task.pass];
-        let is_added_to = |used: &Use| used.access == Access::Add || (used.access.writes() && !task.begins());
-        let mut kept = Vec::new();
-        let uses = linked.pass.uses.iter().zip(&linked.images).enumerate();
-        for (binding, (used, &image)) in uses.filter(|(_, (u, _))| is_added_to(u)) {
-            let image = self.images.buffer(&program.images()[image], linked.pass.eye_of(used), self.place).clone();
-            let found = self.found.entry((binding, image.size())).or_insert_with(|| scratch(gpu, image.size())).clone();
-            encoder.copy_buffer_to_buffer(&image, 0, &found, 0, image.size());
-            kept.push((image, found));
-        }
-        kept
+    /// Records a copy of an image that a pass binds at this number.
+    pub fn save(&mut self, to: &mut Recording<'_>, binding: usize, image: &EyeImage) {
+        let image = self.images.buffer(&image.bound, image.eye, to.place);
+        let saved = self.saved.entry((binding, image.size())).or_insert_with(|| scratch(to.gpu, image.size()));
+        to.encoder.copy_buffer_to_buffer(image, 0, saved, 0, image.size());
     }
 
-    fn record_once(
+    /// Records that the copy which [`Self::save`] made last is brought back.
+    pub fn restore(&self, to: &mut Recording<'_>, binding: usize, image: &EyeImage) {
+        let image = self.images.buffer(&image.bound, image.eye, to.place);
+        if let Some(saved) = self.saved.get(&(binding, image.size())) {
+            to.encoder.copy_buffer_to_buffer(saved, 0, image, 0, image.size());
+        }
+    }
+
+    /// Records that the acceleration structures of dynamic geometry are built from the vertices that a pass wrote, and
+    /// the timestamp `ends` behind it.
+    pub fn build(&self, to: &mut Recording<'_>, pass: usize, ends: Option<u32>) {
+        let pass = &to.program.passes()[pass].pass;
+        let Some(resource) = pass.builds_from else { return };
+        let bound = Bound { resource, buffer: 0, is_before: false };
+        self.scene.build_structures(to.encoder, self.images.buffer(&bound, Eye::Left, to.place));
+        // Acceleration structure builds belong to no pass, so an empty pass after them writes the timestamp.
+        drop(to.begin_pass(pass.stage, [None, ends]));
+    }
+
+    /// Records the launches of a pass, between the timestamps of these indices.
+    pub fn dispatch(
         &mut self,
-        gpu: &GpuDevice,
-        encoder: &mut wgpu::CommandEncoder,
-        times: Option<wgpu::ComputePassTimestampWrites<'_>>,
-        program: &Program,
-        task: &StageTask,
-    ) -> Option<()> {
-        let linked = &program.passes()[task.pass];
+        to: &mut Recording<'_>,
+        pass: usize,
+        launches: &[Launched],
+        [begins, ends]: [Option<u32>; 2],
+    ) {
+        let Recording { gpu, program, place, .. } = *to;
+        if !self.program.as_ref().is_some_and(|latest| Arc::ptr_eq(latest, program)) {
+            self.program = Some(Arc::clone(program));
+            self.of_passes.clear();
+        }
+        let linked = &program.passes()[pass];
         let (declared, kernel) = (&linked.pass, &linked.pass.kernel);
         // All pipelines of a kernel have the same layout.
-        let of_kernel = |jitter| find(&self.built, kernel, jitter);
-        let first = of_kernel(false).or(of_kernel(true))?;
-        let images = &self.images;
-        let cleared = declared.uses.iter().zip(&linked.images).filter(|(u, _)| u.is_cleared && task.begins());
-        for (used, &image) in cleared {
-            // Clear only the counts of pixels and workgroups of a list.
-            let bytes = (used.image.resource.format == Format::List).then_some(8);
-            encoder.clear_buffer(images.buffer(&program.images()[image], declared.eye_of(used), self.place), 0, bytes);
-        }
-        let groups = &mut self.groups;
-        let group = self.of_passes.entry((task.pass, self.place)).or_insert_with(|| {
+        let Some(first) = self.built.iter().find(|built| built.kernel == *kernel) else { return };
+        let (images, groups) = (&self.images, &mut self.groups);
+        let group = self.of_passes.entry((pass, place)).or_insert_with(|| {
             let uses = declared.uses.iter().zip(&linked.images);
             let bound: Vec<_> = uses.map(|(used, &i)| (program.images()[i], declared.eye_of(used))).collect();
-            let new = |key: &(_, Vec<_>, _)| bind(gpu, first, images, &key.1, self.place);
-            groups.entry((kernel.name, bound, self.place)).or_insert_with_key(new).clone()
+            let new = |key: &(_, Vec<_>, _)| bind(gpu, first, images, &key.1, place);
+            groups.entry((kernel.name, bound, place)).or_insert_with_key(new).clone()
         });
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(declared.stage.name()),
-            timestamp_writes: times,
-        });
+        let mut recorded = to.begin_pass(declared.stage, [begins, ends]);
         let group0 = match kernel.scene {
             SceneUse::No => &self.frame_only,
             SceneUse::Read => &self.with_scene,
             SceneUse::Write => &self.changing_scene,
         };
-        pass.set_bind_group(0, group0, &[]);
-        pass.set_bind_group(1, &*group, &[]);
-        pass.set_bind_group(2, self.projection.as_ref(), &[]);
-        let extent = declared.grid.extent(program.extent);
-        for (number, run) in (0..).zip(self.samples.runs(&declared.launches)) {
-            let rows = task.rows_of(number);
-            if rows.is_empty() && !task.rows.is_empty() {
-                continue;
-            }
-            // Kernels that change the scene do nothing if their arguments are 0.
-            let is_idle = rows.is_empty() && kernel.scene == SceneUse::Write;
-            let constants = PassConstants {
-                view: declared.view as u32,
-                row_begin: rows.start,
-                row_end: rows.end,
-                valid_begin: task.valid.start,
-                valid_end: task.valid.end,
-                args: if is_idle { [0; 3] } else { run.args },
-                width: extent.width,
-                height: extent.height,
-                device: gpu.info.index as u32,
-            };
-            pass.set_pipeline(&of_kernel(run.jitter)?.pipeline.compute);
-            pass.set_immediates(0, bytemuck::bytes_of(&constants));
-            match workgroups(declared.dispatch, kernel.workgroup, extent.width, &rows) {
-                Groups::Direct([x, y, z]) => pass.dispatch_workgroups(x, y, z),
-                Groups::Listed(list) => {
-                    let bound = Bound { resource: list, buffer: 0, is_before: false };
-                    pass.dispatch_workgroups_indirect(images.buffer(&bound, declared.view, self.place), 4);
+        recorded.set_bind_group(0, group0, &[]);
+        recorded.set_bind_group(1, &*group, &[]);
+        recorded.set_bind_group(2, self.projection.as_ref(), &[]);
+        for Launched { jitter, constants, groups } in launches {
+            let Some(built) = find(&self.built, kernel, *jitter) else { continue };
+            recorded.set_pipeline(&built.pipeline.compute);
+            recorded.set_immediates(0, bytemuck::bytes_of(constants));
+            match *groups {
+                Groups::Direct([x, y, z]) => recorded.dispatch_workgroups(x, y, z),
+                Groups::Listed(resource) => {
+                    let bound = Bound { resource, buffer: 0, is_before: false };
+                    recorded.dispatch_workgroups_indirect(images.buffer(&bound, declared.view, place), 4);
                 }
             }
         }
-        Some(())
+    }
+}
+
+/// An encoder to record to, and what all commands of a frame have in common.
+pub struct Recording<'a> {
+    pub gpu: &'a GpuDevice,
+    /// Timestamps around the dispatches.
+    pub queries: &'a wgpu::QuerySet,
+    pub encoder: &'a mut wgpu::CommandEncoder,
+    pub program: &'a Arc<Program>,
+    /// Selects the buffers that the frame writes.
+    pub place: Place,
+}
+
+impl Recording<'_> {
+    /// Begins a pass between the timestamps of these indices.
+    fn begin_pass(&mut self, stage: Stage, [begins, ends]: [Option<u32>; 2]) -> wgpu::ComputePass<'_> {
+        let times = begins.or(ends).map(|_| wgpu::ComputePassTimestampWrites {
+            query_set: self.queries,
+            beginning_of_pass_write_index: begins,
+            end_of_pass_write_index: ends,
+        });
+        let label = Some(stage.name());
+        self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label, timestamp_writes: times })
     }
 }
 
@@ -353,7 +301,7 @@ fn input(images: &Images, resource: Resource) -> &wgpu::Buffer {
 
 fn scratch(gpu: &GpuDevice, size: u64) -> wgpu::Buffer {
     gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("found"),
+        label: Some("saved"),
         size,
         usage: wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 
 /// Modules with decision logic, which are tested without a device.
-const WITHOUT_WGPU: [&str; 15] = [
+const WITHOUT_WGPU: [&str; 16] = [
     "image",
     "scene",
     "quality",
@@ -21,6 +21,7 @@ const WITHOUT_WGPU: [&str; 15] = [
     "passes",
     "schedule",
     "control",
+    "plan",
     "metrics",
     "accumulation",
     "trace",

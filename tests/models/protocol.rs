@@ -6,7 +6,11 @@ use std::collections::{BTreeSet, HashSet, VecDeque};
 use std::sync::Arc;
 
 use crate::effort::is_thorough;
-use diptych::exec::protocol::{Action, Ledger, Message, Ordered, Outcome, Outgoing, Protocol, Script, Step};
+use diptych::exec::protocol::{Action, Ledger, Message, Ordered, Outcome, Protocol};
+use diptych::graph::Bound;
+use diptych::passes::tonemap::LINEAR;
+use diptych::plan::{Builder, Command, Commands, EyeImage, Outgoing, Rows};
+use diptych::scene::rig::Eye;
 
 type Device = usize;
 type Ticket = u64;
@@ -16,7 +20,7 @@ type Ticket = u64;
 struct Worker {
     /// State machine; its rows carry no bytes.
     protocol: Protocol<()>,
-    orders: VecDeque<(Ticket, Arc<Script>)>,
+    orders: VecDeque<(Ticket, Arc<Commands>)>,
     hangs: bool,
 }
 
@@ -27,49 +31,56 @@ impl Worker {
         loop {
             let mut after = self.protocol.clone();
             match after.next_action() {
-                Action::Begin { .. }
-                | Action::Record { .. }
-                | Action::RecordTimestamps { .. }
-                | Action::Ask { .. }
-                | Action::Close { .. }
-                | Action::Submit { .. }
-                | Action::SubmitUploads { .. }
-                | Action::Receive { .. } => self.protocol = after,
+                Action::Execute { .. } | Action::Receive { .. } => self.protocol = after,
                 _ => return,
             }
         }
     }
 }
 
-/// Returns the tasks of a frame on a device. Every device needs rows of every other. The primary needs all of them for
-/// the stitch, or, if it `asks` for a pose, to show the frame. With `in_order`, rows are sent before others are
+/// Returns the commands of a frame on a device. Every device needs rows of every other. The primary needs all of them
+/// for the stitch, or, if it `asks` for a pose, to show the frame. With `in_order`, rows are sent before others are
 /// awaited, as in the common order of tasks.
-fn script(ticket: Ticket, device: Device, left: &[Device], rules: Rules) -> Arc<Script> {
+fn commands(ticket: Ticket, device: Device, left: &[Device], rules: Rules) -> Arc<Commands> {
     let Rules { submits_often, in_order, asks, .. } = rules;
     let others = || left.iter().copied().filter(move |d| *d != device);
     let transfer = |round: u32, from: Device, to: Device| round * 100 + from as u32 * 10 + to as u32;
-    let sends = others().map(|to| Step::Download { transfer: transfer(0, device, to), to });
-    let receives = others().map(|from| Step::Upload { transfer: transfer(0, from, device) });
-    let mut own = vec![Step::Dispatch];
-    if in_order {
-        own.extend(sends.flat_map(|send| [Some(send), submits_often.then_some(Step::Dispatch)]).flatten());
-        own.extend(receives);
-    } else {
-        own.extend(receives.chain(sends));
+    let rows = |task| {
+        let bound = Bound { resource: LINEAR, buffer: 0, is_before: false };
+        Rows { task, image: EyeImage { bound, eye: Eye::Left }, rows: 0..1 }
+    };
+    let dispatch = || Command::Dispatch { pass: 0, launches: Vec::new(), begins: None, ends: None };
+    let mut builder = Builder::new(ticket);
+    builder.record(dispatch());
+    if !in_order {
+        others().for_each(|from| builder.copy_in(transfer(0, from, device), rows(0)));
     }
-    let mut stitch = Vec::new();
-    if device == left[0] {
-        let last = others().map(|from| Step::Upload { transfer: transfer(1, from, device) });
-        if asks {
-            own.extend(last.chain([Step::LateDispatch { is_cut: false }; 2]));
-        } else {
-            stitch.extend(last);
+    for to in others() {
+        builder.copy_out(transfer(0, device, to), to, rows(0));
+        if submits_often && in_order {
+            builder.record(dispatch());
         }
-        stitch.push(Step::Stitch);
-    } else {
-        own.extend([Step::Dispatch, Step::Download { transfer: transfer(1, device, left[0]), to: left[0] }]);
     }
-    Arc::new(Script::new(ticket, &own, &stitch, None))
+    if in_order {
+        others().for_each(|from| builder.copy_in(transfer(0, from, device), rows(0)));
+    }
+    let last = others().map(|from| (transfer(1, from, device), rows(0)));
+    let mut stitch = Vec::new();
+    if device != left[0] {
+        builder.record(dispatch());
+        builder.copy_out(transfer(1, device, left[0]), left[0], rows(0));
+    } else if asks {
+        last.for_each(|(transfer, rows)| builder.copy_in(transfer, rows));
+        builder.ask();
+        builder.record(dispatch());
+        builder.record(dispatch());
+    } else {
+        stitch.extend(last.map(|(transfer, rows)| Command::CopyIn { transfer, rows }));
+    }
+    let mut commands = builder.end_own();
+    commands.list.extend(stitch);
+    commands.end();
+    Arc::new(commands)
 }
 
 /// An attempt at a frame from the renderer's point of view.
@@ -165,8 +176,8 @@ impl World {
         let asked = self.ledger.ask(self.left.clone());
         let told = if rules.fresh_tickets { asked } else { Ticket::from(frame) };
         for &device in &self.left {
-            let script = script(told, device, &self.left, rules);
-            self.workers[device].orders.push_back((told, script));
+            let commands = commands(told, device, &self.left, rules);
+            self.workers[device].orders.push_back((told, commands));
         }
         self.attempts.push_back(Attempt { asked, told, frame, answers: None });
     }
@@ -264,7 +275,7 @@ impl World {
         }
         match worker.protocol.next_action() {
             Action::TakeOrder { waits } => match worker.orders.pop_front() {
-                Some((ticket, script)) => worker.protocol.order(ticket, || Ordered::Frame(script)),
+                Some((ticket, commands)) => worker.protocol.order(ticket, || Ordered::Frame(commands)),
                 None if waits => return Vec::new(),
                 None => worker.protocol.no_order(),
             },

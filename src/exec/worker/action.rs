@@ -2,13 +2,12 @@
 
 use std::sync::Arc;
 
-use super::script::{Outgoing, Script};
-use crate::exec::InjectedKind;
+use crate::plan::{Commands, InjectedKind, Outgoing};
 
 /// Work of an order, reduced to what determines the sequence of the actions.
 #[derive(Clone, Debug)]
 pub enum Ordered {
-    Frame(Arc<Script>),
+    Frame(Arc<Commands>),
     Read { injected: Option<InjectedKind> },
 }
 
@@ -30,34 +29,10 @@ pub enum Action<B> {
     TakeOrder {
         waits: bool,
     },
-    /// Begin a new frame.
-    Begin {
+    /// Execute the frame's command with the index `at`, which is no [`Command::CopyIn`](crate::plan::Command::CopyIn).
+    Execute {
         ticket: u64,
-    },
-    /// Record a dispatch or a copy of rows.
-    Record {
-        ticket: u64,
-        task: usize,
-    },
-    /// Record a copy of the timestamps.
-    RecordTimestamps {
-        ticket: u64,
-    },
-    /// Wait until the device has completed all submissions, then ask for the late-latched pose.
-    Ask {
-        ticket: u64,
-    },
-    /// End the command encoder. This takes host time, since wgpu encodes only now.
-    Close {
-        ticket: u64,
-    },
-    /// Submit the recorded commands.
-    Submit {
-        ticket: u64,
-    },
-    /// Make an empty submission, so that the device executes pending writes.
-    SubmitUploads {
-        ticket: u64,
+        at: usize,
     },
     Inject {
         kind: InjectedKind,
@@ -72,10 +47,10 @@ pub enum Action<B> {
     /// Wait for a message for at most one slice of the time limit; then call `Protocol::message` or
     /// `Protocol::timed_out`.
     AwaitMessage,
-    /// Write rows to the device.
+    /// Write rows to the device, as the [`Command::CopyIn`](crate::plan::Command::CopyIn) with the index `at` demands.
     Write {
         ticket: u64,
-        task: usize,
+        at: usize,
         rows: B,
     },
     /// Check whether the frame's last submission has completed; with `waits`, wait until it has. If it has completed,

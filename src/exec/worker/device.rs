@@ -9,15 +9,15 @@ use crate::exec::messages::{Bytes, FrameJob, Pixels};
 use crate::exec::output::Output;
 use crate::exec::staging::{Mapped, Pool, ReadBack, Recorded};
 use crate::exec::{ExecError, InjectedKind};
-use crate::graph::{Bound, Program, Task, TaskKind};
+use crate::graph::{Bound, Program};
+use crate::plan::{EyeImage, MOST_TIMED, Rows};
 use crate::scene::rig::Eye;
-use crate::schedule::Position;
-use crate::stages::{DeviceStages, Place, RunConfig, SceneTables, StageTask, Stamps, layout};
+use crate::stages::{DeviceStages, Place, Recording, RunConfig, SceneTables, layout};
 
 pub struct WorkerDevice {
     pub gpu: GpuDevice,
     stages: DeviceStages,
-    stamps: Stamps,
+    queries: wgpu::QuerySet,
     stamp_buffer: wgpu::Buffer,
     clock: GpuClock,
     pool: Pool,
@@ -41,17 +41,21 @@ impl WorkerDevice {
         let device = gpu.info.index;
         let failed = |failure: DeviceFailure| ExecError::Device { device, what: failure.what };
         let mut stages = DeviceStages::new(&mut gpu, config.clone(), tables, programs)?;
-        let mut stamps = Stamps::new(&gpu.device);
-        stages.warm_up(&gpu, &mut stamps, programs.to_vec());
+        let queries = gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+            label: Some("stamps"),
+            ty: wgpu::QueryType::Timestamp,
+            count: 2 * MOST_TIMED as u32,
+        });
+        stages.warm_up(&gpu, &queries, programs);
         gpu.wait(None).map_err(failed)?;
         let stamp_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("stamps"),
-            size: u64::from(2 * Stamps::CAPACITY) * 8,
+            size: 2 * MOST_TIMED as u64 * 8,
             usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
             mapped_at_creation: false,
         });
         let clock = GpuClock::of(&gpu);
-        Ok(Self { gpu, stages, stamps, stamp_buffer, clock, pool: Pool::default(), origin })
+        Ok(Self { gpu, stages, queries, stamp_buffer, clock, pool: Pool::default(), origin })
     }
 
     /// Measures the offset of the device's clock. Call this directly before the first frame: the clocks may have
@@ -83,10 +87,9 @@ impl WorkerDevice {
         }
     }
 
-    /// Prepares a frame: resets the timestamps and sets the program, the constants and the scene's update.
-    pub fn begin(&mut self, job: &FrameJob, program: &Arc<Program>) {
-        self.stamps.reset();
-        self.stages.set_frame(&self.gpu, program, &job.constants, &job.previous, &job.update, job.place);
+    /// Writes the constants of a frame, and updates the scene's tables, for the next submission.
+    pub fn begin(&mut self, job: &FrameJob) {
+        self.stages.begin(&self.gpu, &job.constants, &job.previous, &job.update);
     }
 
     /// Sets each eye's mapping for the display resampling in later submissions of the frame.
@@ -98,53 +101,44 @@ impl WorkerDevice {
         self.gpu.device.create_command_encoder(&Default::default())
     }
 
-    /// Records a part of a dispatch, `runs` times; returns the index of the dispatch's pair of timestamps.
-    pub fn record(
-        &mut self,
-        encoder: &mut wgpu::CommandEncoder,
-        task: &Task,
-        part: Range<Position>,
-        runs: u32,
-    ) -> Option<u32> {
-        let TaskKind::Dispatch { pass, valid } = &task.kind else { return None };
-        let stage_task = StageTask { part, ..StageTask::new(*pass, task.rows.clone(), valid.clone()) };
-        self.stages.record(&self.gpu, encoder, &mut self.stamps, &stage_task, runs)
+    /// Returns the stages, and a recording of their commands to an encoder.
+    pub fn recording<'a>(
+        &'a mut self,
+        encoder: &'a mut wgpu::CommandEncoder,
+        program: &'a Arc<Program>,
+        place: Place,
+    ) -> (&'a mut DeviceStages, Recording<'a>) {
+        let Self { gpu, stages, queries, .. } = self;
+        (stages, Recording { gpu, queries, encoder, program, place })
     }
 
-    /// Records a copy of the task's rows of `image` to a readback buffer.
-    pub fn record_copy(
-        &mut self,
-        encoder: &mut wgpu::CommandEncoder,
-        task: &Task,
-        image: &Bound,
-        place: Place,
-    ) -> Recorded {
-        let (offset, size) = self.stages.images.span(&image.resource, &task.rows);
-        let source = self.stages.images.buffer(image, task.view, place);
+    /// Records a copy of rows to a readback buffer.
+    pub fn record_copy(&mut self, encoder: &mut wgpu::CommandEncoder, rows: &Rows, place: Place) -> Recorded {
+        let Rows { image: EyeImage { bound, eye }, rows, .. } = rows;
+        let (offset, size) = self.stages.images.span(&bound.resource, rows);
+        let source = self.stages.images.buffer(bound, *eye, place);
         self.pool.record(&self.gpu, encoder, source, offset, size)
     }
 
-    /// Records a copy of this frame's timestamps to a readback buffer, since the next frame overwrites them. Returns
-    /// `None` if the frame has no timestamps.
-    pub fn record_stamps(&mut self, encoder: &mut wgpu::CommandEncoder) -> Option<Recorded> {
-        let written = self.stamps.written();
-        (written > 0).then(|| {
-            encoder.resolve_query_set(&self.stamps.queries, 0..written, &self.stamp_buffer, 0);
-            self.pool.record(&self.gpu, encoder, &self.stamp_buffer, 0, u64::from(written) * 8)
-        })
+    /// Records a copy of the first `count` pairs of timestamps to a readback buffer.
+    pub fn record_stamps(&mut self, encoder: &mut wgpu::CommandEncoder, count: usize) -> Recorded {
+        let written = 2 * count as u32;
+        encoder.resolve_query_set(&self.queries, 0..written, &self.stamp_buffer, 0);
+        self.pool.record(&self.gpu, encoder, &self.stamp_buffer, 0, u64::from(written) * 8)
     }
 
-    /// Writes the task's rows of an image; returns their size in bytes. The device executes the write at the head of
-    /// its next submission.
+    /// Writes rows of an image; returns their size in bytes. The device executes the write at the head of its next
+    /// submission.
     ///
     /// # Errors
-    /// [`DeviceFailure`] if the number of bytes is not that of the task's rows.
-    pub fn write(&self, task: &Task, image: &Bound, place: Place, rows: &Bytes) -> Result<u64, DeviceFailure> {
-        let (offset, size) = self.stages.images.span(&image.resource, &task.rows);
-        if rows.len() as u64 != size {
-            return Err(format!("{} bytes of rows arrived instead of {size}", rows.len()).into());
+    /// [`DeviceFailure`] if the number of bytes is not that of the rows.
+    pub fn write(&self, to: &Rows, place: Place, bytes: &Bytes) -> Result<u64, DeviceFailure> {
+        let Rows { image: EyeImage { bound, eye }, rows, .. } = to;
+        let (offset, size) = self.stages.images.span(&bound.resource, rows);
+        if bytes.len() as u64 != size {
+            return Err(format!("{} bytes of rows arrived instead of {size}", bytes.len()).into());
         }
-        self.gpu.queue.write_buffer(self.stages.images.buffer(image, task.view, place), offset, rows);
+        self.gpu.queue.write_buffer(self.stages.images.buffer(bound, *eye, place), offset, bytes);
         Ok(size)
     }
 
@@ -156,20 +150,13 @@ impl WorkerDevice {
         self.pool.finish(&self.gpu, back)
     }
 
-    /// Returns the begin and end of tasks in milliseconds since the origin. `back` is the readback of all timestamps,
-    /// and `pairs` holds the index of each task's pair of timestamps. `bracket_ms` lasts from the submission of the
-    /// first task to the observed end of the last.
+    /// Returns the begin and end of all timed dispatches in milliseconds since the origin. `back` is the readback of
+    /// their timestamps. `bracket_ms` lasts from the first submission to the observed end of the last.
     ///
     /// # Errors
     /// [`DeviceFailure`] if the readback failed.
-    pub fn times(
-        &mut self,
-        back: ReadBack,
-        pairs: &[u32],
-        bracket_ms: &Range<f64>,
-    ) -> Result<Vec<[f64; 2]>, DeviceFailure> {
-        let all = bytemuck::pod_collect_to_vec::<u8, u64>(&self.finish(back)?);
-        let ticks: Vec<u64> = pairs.iter().flat_map(|&pair| [0, 1].map(|end| all[2 * pair as usize + end])).collect();
+    pub fn times(&mut self, back: ReadBack, bracket_ms: &Range<f64>) -> Result<Vec<[f64; 2]>, DeviceFailure> {
+        let ticks = bytemuck::pod_collect_to_vec::<u8, u64>(&self.finish(back)?);
         Ok(self.clock.host_ms(&ticks, bracket_ms).chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect())
     }
 

@@ -4,21 +4,21 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::device::WorkerDevice;
-use super::script::{Script, Step};
 use crate::device::DeviceFailure;
 use crate::exec::late_latching::SampledPose;
 use crate::exec::messages::{Bytes, FrameJob, FrameReply, TaskTime};
 use crate::exec::output::Output;
 use crate::exec::planner::Graphs;
 use crate::exec::staging::{ReadBack, Recorded};
-use crate::graph::{FrameGraph, Task, TaskKind};
-use crate::passes::LATE_PARTITION;
-use crate::schedule::parts;
+use crate::graph::FrameGraph;
+use crate::plan::{Command, Commands, Share, Timed};
+use crate::stages::{DeviceStages, Recording};
 
 /// State of a frame on a worker until it is answered. Task numbers are indices among the device's tasks.
 pub struct Part {
     job: FrameJob,
     graph: Arc<FrameGraph>,
+    commands: Arc<Commands>,
     device: usize,
     /// Time at which the worker began the frame, and time at which it saw that the frame's last submission had ended,
     /// in milliseconds since the origin.
@@ -28,7 +28,7 @@ pub struct Part {
     submitted_ms: Option<f64>,
     encoder: Option<wgpu::CommandEncoder>,
     /// Commands of the finished encoder that have not been submitted.
-    commands: Option<wgpu::CommandBuffer>,
+    recorded: Option<wgpu::CommandBuffer>,
     /// Copies that are recorded but not submitted: rows for other devices, each with task and transfer number, and the
     /// timestamps.
     copies: Vec<(usize, u32, Recorded)>,
@@ -38,31 +38,39 @@ pub struct Part {
     stamps: Option<ReadBack>,
     last: Option<wgpu::SubmissionIndex>,
     times: Vec<TaskTime>,
-    /// Task, index of the pair of timestamps and number of submissions of each dispatch.
-    stamped: Vec<(usize, u32, u32)>,
     /// Readbacks of images in progress.
     images: Vec<[ReadBack; 2]>,
     shown_from: Option<Box<SampledPose>>,
 }
 
 impl Part {
-    pub fn new(job: FrameJob, graphs: &Graphs, device: &WorkerDevice) -> Self {
+    pub fn new(ticket: u64, job: FrameJob, graphs: &Graphs, device: &WorkerDevice) -> Self {
+        let (begin_ms, graph) = (device.now_ms(), graphs.of(&job.plan));
+        let share = Share {
+            ticket,
+            device: device.gpu.info.index,
+            samples: job.constants.sampling.samples,
+            cuts: &job.cuts,
+            repeats: job.runs,
+            injected: job.injected,
+            asks: job.late.is_some(),
+        };
         Self {
-            begin_ms: device.now_ms(),
-            graph: graphs.of(&job.plan),
+            begin_ms,
+            commands: Arc::new(Commands::new(&graph, &share)),
+            graph,
             job,
             device: device.gpu.info.index,
             end_ms: 0.0,
             submitted_ms: None,
             encoder: None,
-            commands: None,
+            recorded: None,
             copies: Vec::new(),
             stamps_copy: None,
             outgoing: HashMap::new(),
             stamps: None,
             last: None,
             times: Vec::new(),
-            stamped: Vec::new(),
             images: Vec::new(),
             shown_from: None,
         }
@@ -73,54 +81,56 @@ impl Part {
         self.job.constants.sampling.index
     }
 
-    /// Returns the operations that the worker runs for the frame.
-    pub fn script(&self, ticket: u64) -> Script {
-        let is_cut = |number: usize| self.job.cuts.iter().any(|cut| cut.task == number);
-        let shows = |task: &Task| self.graph.pass(task).is_some_and(|linked| linked.pass.partition == LATE_PARTITION);
-        let is_late = |task: &Task| self.job.late.is_some() && shows(task);
-        let step = |(i, task): (usize, &Task)| step(task, is_cut(i), is_late(task));
-        let steps = |tasks: &[Task]| tasks.iter().enumerate().map(step).collect::<Vec<_>>();
-        let (own, stitch) = self.graph.parts_of(self.device);
-        Script::new(ticket, &steps(own), &steps(stitch), self.job.injected)
+    /// Returns the commands of the device's share of the frame.
+    pub fn commands(&self) -> &Arc<Commands> {
+        &self.commands
     }
 
-    pub fn begin(&self, device: &mut WorkerDevice) {
-        device.begin(&self.job, &self.graph.program);
-    }
-
-    /// Records a dispatch or a copy of rows. Submits all parts of a split dispatch except the last.
-    pub fn record(&mut self, device: &mut WorkerDevice, task: usize) {
-        let graph = Arc::clone(&self.graph);
-        let work = &graph.tasks_of(self.device)[task];
-        if let TaskKind::Download { image, transfer, .. } = work.kind {
-            let encoder = self.encoder.get_or_insert_with(|| device.encoder());
-            let copy = device.record_copy(encoder, work, &graph.program.images()[image], self.job.place);
-            self.copies.push((task, transfer, copy));
-            return;
-        }
-        let (mut pair, mut submissions) = (None, 0);
-        for (i, part) in parts(&self.job.cuts, task, &work.rows).into_iter().enumerate() {
-            if i > 0 {
-                self.submit(device);
+    /// Executes the command with this index. A [`Command::CopyIn`] is executed by [`Self::write`].
+    ///
+    /// # Errors
+    /// [`DeviceFailure`] if the device failed or took too long.
+    pub fn execute(&mut self, device: &mut WorkerDevice, at: usize) -> Result<(), DeviceFailure> {
+        let commands = Arc::clone(&self.commands);
+        match &commands.list[at] {
+            Command::Begin => device.begin(&self.job),
+            Command::Clear(image) => self.record(device, |stages, to| stages.clear(to, image)),
+            Command::Dispatch { pass, launches, begins, ends } => {
+                self.record(device, |stages, to| stages.dispatch(to, *pass, launches, [*begins, *ends]));
             }
-            if part.start < part.end {
+            Command::Build { pass, ends } => self.record(device, |stages, to| stages.build(to, *pass, *ends)),
+            Command::Save { binding, image } => self.record(device, |stages, to| stages.save(to, *binding, image)),
+            Command::Restore { binding, image } => {
+                self.record(device, |stages, to| stages.restore(to, *binding, image));
+            }
+            Command::CopyOut { transfer, rows } => {
+                let place = self.job.place;
+                let copy = device.record_copy(self.encoder.get_or_insert_with(|| device.encoder()), rows, place);
+                self.copies.push((rows.task, *transfer, copy));
+            }
+            Command::CopyIn { .. } => {}
+            Command::Stamps => {
                 let encoder = self.encoder.get_or_insert_with(|| device.encoder());
-                pair = device.record(encoder, work, part, self.job.runs);
-                submissions += 1;
+                self.stamps_copy = Some(device.record_stamps(encoder, commands.timed.len()));
             }
+            Command::Ask => self.ask(device)?,
+            Command::Close => self.close(),
+            Command::Submit(_) => self.submit(device),
+            Command::Inject(kind) => device.inject(*kind),
         }
-        self.stamped.extend(pair.map(|pair| (task, pair, submissions)));
+        Ok(())
     }
 
-    pub fn record_stamps(&mut self, device: &mut WorkerDevice) {
+    fn record(&mut self, device: &mut WorkerDevice, record: impl FnOnce(&mut DeviceStages, &mut Recording<'_>)) {
         let encoder = self.encoder.get_or_insert_with(|| device.encoder());
-        self.stamps_copy = device.record_stamps(encoder);
+        let (stages, mut to) = device.recording(encoder, &self.graph.program, self.job.place);
+        record(stages, &mut to);
     }
 
     /// Ends the encoder. Only then does wgpu encode the recorded commands for the driver.
-    pub fn close(&mut self) {
+    fn close(&mut self) {
         let _span = tracing::info_span!("encode").entered();
-        self.commands = self.encoder.take().map(wgpu::CommandEncoder::finish);
+        self.recorded = self.encoder.take().map(wgpu::CommandEncoder::finish);
     }
 
     /// Waits until the device has completed all submissions, then asks for the late-latched pose, which the next
@@ -128,7 +138,7 @@ impl Part {
     ///
     /// # Errors
     /// [`DeviceFailure`] if the device failed or took too long.
-    pub fn ask(&mut self, device: &WorkerDevice) -> Result<(), DeviceFailure> {
+    fn ask(&mut self, device: &WorkerDevice) -> Result<(), DeviceFailure> {
         let Some(late) = &self.job.late else { return Ok(()) };
         if let Some(last) = &self.last {
             device.has_ended(last, true, self.frame())?;
@@ -140,15 +150,11 @@ impl Part {
         Ok(())
     }
 
-    /// Submits the recorded commands.
-    pub fn submit(&mut self, device: &WorkerDevice) {
-        if self.encoder.is_some() {
-            self.close();
-        }
-        let Some(commands) = self.commands.take() else { return };
+    /// Submits the recorded commands. If there are none, the device only executes pending writes.
+    fn submit(&mut self, device: &WorkerDevice) {
         let _span = tracing::info_span!("submit").entered();
         self.submitted_ms.get_or_insert_with(|| device.now_ms());
-        let submission = device.gpu.queue.submit([commands]);
+        let submission = device.gpu.queue.submit(self.recorded.take());
         for (task, transfer, copy) in self.copies.drain(..) {
             self.outgoing.insert(transfer, (task, copy.submitted(submission.clone())));
         }
@@ -156,11 +162,6 @@ impl Part {
             self.stamps = Some(copy.submitted(submission.clone()));
         }
         self.last = Some(submission);
-    }
-
-    /// Makes an empty submission, so that the device executes uploads that no further commands follow.
-    pub fn submit_uploads(&mut self, device: &WorkerDevice) {
-        self.last = Some(device.gpu.queue.submit([]));
     }
 
     /// Waits for the copy of a transfer's rows, maps it and passes it to `send`.
@@ -189,16 +190,15 @@ impl Part {
         Ok(())
     }
 
-    /// Writes received rows to the device.
+    /// Executes the [`Command::CopyIn`] with this index: writes received rows to the device.
     ///
     /// # Errors
-    /// [`DeviceFailure`] if `rows` does not have the size of the task's rows.
-    pub fn write(&mut self, device: &WorkerDevice, task: usize, rows: Bytes) -> Result<(), DeviceFailure> {
+    /// [`DeviceFailure`] if the number of bytes is not that of the rows.
+    pub fn write(&mut self, device: &WorkerDevice, at: usize, bytes: Bytes) -> Result<(), DeviceFailure> {
         let begin_ms = device.now_ms();
-        let work = &self.graph.tasks_of(self.device)[task];
-        let TaskKind::Upload { image, .. } = work.kind else { return Ok(()) };
-        let bytes = Some(device.write(work, &self.graph.program.images()[image], self.job.place, &rows)?);
-        self.times.push(TaskTime { task, begin_ms, end_ms: device.now_ms(), bytes, submissions: 1 });
+        let Command::CopyIn { rows, .. } = &self.commands.list[at] else { return Ok(()) };
+        let bytes = Some(device.write(rows, self.job.place, &bytes)?);
+        self.times.push(TaskTime { task: rows.task, begin_ms, end_ms: device.now_ms(), bytes, submissions: 1 });
         Ok(())
     }
 
@@ -215,11 +215,9 @@ impl Part {
         }
         self.end_ms = device.now_ms();
         if let Some(back) = self.stamps.take() {
-            let stamped = std::mem::take(&mut self.stamped);
-            let pairs: Vec<u32> = stamped.iter().map(|(_, pair, _)| *pair).collect();
             let bracket_ms = self.submitted_ms.unwrap_or(self.begin_ms)..self.end_ms;
-            let times = device.times(back, &pairs, &bracket_ms)?;
-            for ((task, _, submissions), [begin_ms, end_ms]) in stamped.into_iter().zip(times) {
+            let times = device.times(back, &bracket_ms)?;
+            for (&Timed { task, submissions }, [begin_ms, end_ms]) in self.commands.timed.iter().zip(times) {
                 self.times.push(TaskTime { task, begin_ms, end_ms, bytes: None, submissions });
             }
         }
@@ -247,17 +245,5 @@ impl Part {
         let is_primary = self.device == self.graph.primary;
         let buffers = if is_primary { device.buffers(&self.graph.program, self.job.place) } else { Vec::new() };
         Ok(Some(FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from, buffers }))
-    }
-}
-
-/// Returns the properties of a task that determine the order of the worker's operations.
-fn step(task: &Task, is_cut: bool, is_late: bool) -> Step {
-    match task.kind {
-        TaskKind::Dispatch { .. } if is_late => Step::LateDispatch { is_cut },
-        TaskKind::Dispatch { .. } if is_cut => Step::CutDispatch,
-        TaskKind::Dispatch { .. } => Step::Dispatch,
-        TaskKind::Download { transfer, to, .. } => Step::Download { transfer, to },
-        TaskKind::Upload { transfer, .. } => Step::Upload { transfer },
-        TaskKind::Stitch => Step::Stitch,
     }
 }

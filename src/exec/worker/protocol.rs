@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use super::action::{Action, Ordered, Outcome};
-use super::script::{Operation, Outgoing, Script};
 use crate::exec::messages::Message;
+use crate::plan::{Command, Commands, Outgoing};
 
 /// Number of time slices without a message after which a worker stops waiting for rows of other workers and abandons
 /// the frame. A slice is an eighth of the device's time limit. The renderer detects a hung worker in fewer slices.
@@ -16,17 +16,15 @@ const DEPENDENT_SLICES: u32 = 32;
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Frame {
     ticket: u64,
-    script: Arc<Script>,
+    commands: Arc<Commands>,
     progress: Progress,
 }
 
 /// Progress of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Progress {
-    /// The operations of `Script::own` are being executed; holds the index of the next one.
-    Own(usize),
-    /// The uploads of `Script::stitch` are being executed; holds the index of the next one.
-    Stitch(usize),
+    /// The commands are being executed; holds the index of the next one.
+    Command(usize),
     /// All tasks are submitted.
     Submitted,
     /// All tasks have ended, and images are being read back to the host.
@@ -37,7 +35,7 @@ enum Progress {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum At {
     /// Between two steps, the worker takes a new order if there is one. A new frame takes priority over the remaining
-    /// operations of older frames, so that the device stays busy while the host waits for rows of the older frames.
+    /// commands of older frames, so that the device stays busy while the host waits for rows of the older frames.
     Orders,
     /// The worker executes the newest frame's own tasks.
     Newest,
@@ -120,8 +118,8 @@ impl<B> Protocol<B> {
         }
         self.forget_below(self.open.front().map_or(ticket, |f| f.ticket));
         match make() {
-            Ordered::Frame(script) => {
-                self.open.push_back(Frame { ticket, script, progress: Progress::Own(0) });
+            Ordered::Frame(commands) => {
+                self.open.push_back(Frame { ticket, commands, progress: Progress::Command(0) });
                 self.at = At::Newest;
             }
             Ordered::Read { injected } => {
@@ -215,35 +213,27 @@ impl<B> Protocol<B> {
 
     /// Returns the next action of the newest frame's own tasks, or `None` if only the state has changed.
     fn step_newest(&mut self) -> Option<Action<B>> {
-        let Some(Frame { ticket, script, progress: Progress::Own(at) }) = self.open.back() else {
+        let newest = self.open.back().and_then(|frame| match frame.progress {
+            Progress::Command(at) if at < frame.commands.own => Some((frame.ticket, at, &frame.commands.list[at])),
+            _ => None,
+        });
+        let Some((ticket, at, command)) = newest else {
             self.at = At::Orders;
             return None;
         };
-        let (ticket, at, script) = (*ticket, *at, Arc::clone(script));
-        let action = match script.own.get(at) {
-            Some(Operation::Write { task, transfer }) => return self.receive(ticket, *task, *transfer),
-            Some(Operation::Submit(_)) if self.submit_blocks && !self.outgoing.is_empty() => return self.send(),
+        match command {
+            &Command::CopyIn { transfer, .. } => return self.receive(ticket, at, transfer),
+            Command::Submit(_) if self.submit_blocks && !self.outgoing.is_empty() => return self.send(),
             // Send outgoing rows before waiting for the pose, so that other workers need not wait meanwhile.
-            Some(Operation::Ask) if !self.outgoing.is_empty() => return self.send(),
-            Some(Operation::Ask) => Some(Action::Ask { ticket }),
-            Some(Operation::Submit(copies)) => {
+            Command::Ask if !self.outgoing.is_empty() => return self.send(),
+            Command::Submit(copies) => {
                 self.outgoing.extend(copies);
                 self.at = At::Oldest { waits: false };
-                Some(Action::Submit { ticket })
             }
-            Some(Operation::Begin) => Some(Action::Begin { ticket }),
-            Some(&Operation::Record(task)) => Some(Action::Record { ticket, task }),
-            Some(Operation::Close) => Some(Action::Close { ticket }),
-            Some(Operation::RecordTimestamps) => Some(Action::RecordTimestamps { ticket }),
-            Some(&Operation::Inject(kind)) => Some(Action::Inject { kind }),
-            None => {
-                self.at = At::Orders;
-                None
-            }
-        };
-        let progress = if action.is_some() { Progress::Own(at + 1) } else { Progress::Stitch(0) };
-        self.set_progress(ticket, progress);
-        action
+            _ => {}
+        }
+        self.set_progress(ticket, Progress::Command(at + 1));
+        Some(Action::Execute { ticket, at })
     }
 
     /// Advances the oldest frame, once its own tasks are submitted: sends rows that others wait for, receives rows of
@@ -253,13 +243,13 @@ impl<B> Protocol<B> {
             self.at = At::Newest;
             return None;
         };
-        let (ticket, script) = (frame.ticket, Arc::clone(&frame.script));
+        let (ticket, commands) = (frame.ticket, Arc::clone(&frame.commands));
         let at = match frame.progress {
-            Progress::Own(_) => {
+            Progress::Command(at) if at < commands.own => {
                 self.at = At::Newest;
                 return None;
             }
-            Progress::Stitch(at) => at,
+            Progress::Command(at) => at,
             Progress::Submitted => return Some(Action::End { ticket, waits }),
             Progress::Read => return Some(Action::TakeImages { ticket, waits }),
         };
@@ -271,22 +261,26 @@ impl<B> Protocol<B> {
             self.give_up(ticket);
             return None;
         }
-        let is_here = |(_, transfer): &(usize, u32)| self.early.contains_key(&(ticket, *transfer));
-        if !waits && (has_rows_to_send || !script.stitch[at..].iter().all(is_here)) {
+        let is_here = |command: &Command| match command {
+            Command::CopyIn { transfer, .. } => self.early.contains_key(&(ticket, *transfer)),
+            _ => true,
+        };
+        if !waits && (has_rows_to_send || !commands.list[at..].iter().all(is_here)) {
             self.at = At::Newest;
             return None;
         }
-        if let Some(&(task, transfer)) = script.stitch.get(at) {
-            return self.receive(ticket, task, transfer);
+        if let Some(&Command::CopyIn { transfer, .. }) = commands.list.get(at) {
+            return self.receive(ticket, at, transfer);
         }
+        // What may follow the uploads is their submission.
         self.set_progress(ticket, Progress::Submitted);
         self.end_step(waits);
-        script.ends_with_uploads().then_some(Action::SubmitUploads { ticket })
+        (at < commands.list.len()).then_some(Action::Execute { ticket, at })
     }
 
     /// Receives the rows of an upload. Before waiting for them, sends all outgoing rows. Outgoing rows precede this
     /// upload in the order of tasks that all devices follow, so workers cannot wait for one another in a cycle.
-    fn receive(&mut self, ticket: u64, task: usize, transfer: u32) -> Option<Action<B>> {
+    fn receive(&mut self, ticket: u64, at: usize, transfer: u32) -> Option<Action<B>> {
         if self.receiving.is_none() {
             self.receiving = Some(0);
             return Some(Action::Receive { ticket, transfer });
@@ -299,14 +293,8 @@ impl<B> Protocol<B> {
             return self.send().or(Some(Action::AwaitMessage));
         };
         self.receiving = None;
-        for frame in self.open.iter_mut().filter(|f| f.ticket == ticket) {
-            frame.progress = match frame.progress {
-                Progress::Own(at) => Progress::Own(at + 1),
-                Progress::Stitch(at) => Progress::Stitch(at + 1),
-                other => other,
-            };
-        }
-        Some(Action::Write { ticket, task, rows })
+        self.set_progress(ticket, Progress::Command(at + 1));
+        Some(Action::Write { ticket, at, rows })
     }
 
     /// Returns the action that sends the oldest outgoing rows, or `None` if there are none.
@@ -321,15 +309,17 @@ impl<B> Protocol<B> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::script::Step;
     use super::*;
+    use crate::plan::Builder;
+    use crate::plan::tests::rows;
 
     #[test]
     fn rows_that_never_come_are_waited_for_for_so_many_slices() {
         let mut worker = Protocol::<()>::new(false);
-        let script = Arc::new(Script::new(1, &[Step::Upload { transfer: 0 }], &[], None));
-        worker.order(1, || Ordered::Frame(script));
-        assert_eq!(worker.next_action(), Action::Begin { ticket: 1 });
+        let mut builder = Builder::new(1);
+        builder.copy_in(0, rows(0));
+        worker.order(1, || Ordered::Frame(Arc::new(builder.end_own())));
+        assert_eq!(worker.next_action(), Action::Execute { ticket: 1, at: 0 });
         assert_eq!(worker.next_action(), Action::Receive { ticket: 1, transfer: 0 });
         for _ in 0..DEPENDENT_SLICES {
             assert_eq!(worker.next_action(), Action::AwaitMessage);

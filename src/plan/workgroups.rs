@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use crate::graph::{Dispatch, Resource};
 
+#[derive(Clone, Debug, PartialEq)]
 pub enum Groups {
     Direct([u32; 3]),
     /// Indirect dispatch, with the workgroup counts in the header of this list.
@@ -12,7 +13,7 @@ pub enum Groups {
 
 /// Returns the workgroups of a dispatch over `rows` of a grid that has `width` columns. Tiles that are several rows
 /// high begin at multiples of their height.
-pub fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Range<u32>) -> Groups {
+pub fn groups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Range<u32>) -> Groups {
     let tiles = |[columns, height]: [u32; 2]| {
         let (columns, height) = (columns.max(1), height.max(1));
         [width.div_ceil(columns), (rows.end.div_ceil(height) - rows.start / height).max(1)]

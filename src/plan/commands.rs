@@ -1,0 +1,240 @@
+//! The commands of a device, and their form as text.
+
+use std::fmt::{self, Write};
+use std::hash::{Hash, Hasher};
+use std::ops::Range;
+
+use super::workgroups::Groups;
+use crate::graph::{Bound, Linked, Program};
+use crate::scene::rig::Eye;
+use crate::wgsl::shared_structs;
+
+/// One step of a device's share of a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Command {
+    /// Set the frame's constants, and update the scene's tables.
+    Begin,
+    /// Set an image to zero; of a list, only the counts of pixels and workgroups.
+    Clear(EyeImage),
+    /// Run the kernel of the pass with this index in the program. `begins` and `ends` are the indices of the timestamps
+    /// to write at its begin and its end.
+    Dispatch {
+        pass: usize,
+        launches: Vec<Launched>,
+        begins: Option<u32>,
+        ends: Option<u32>,
+    },
+    /// Build the acceleration structures of dynamic geometry from the vertices that the pass with this index wrote.
+    Build {
+        pass: usize,
+        ends: Option<u32>,
+    },
+    /// Keep a copy of an image that a pass binds at this number.
+    Save {
+        binding: usize,
+        image: EyeImage,
+    },
+    /// Bring the image back that the last [`Command::Save`] of this number kept.
+    Restore {
+        binding: usize,
+        image: EyeImage,
+    },
+    /// Copy rows for another device. They are sent once the copy has been submitted.
+    CopyOut {
+        transfer: u32,
+        rows: Rows,
+    },
+    /// Wait for rows of another device, and write them.
+    CopyIn {
+        transfer: u32,
+        rows: Rows,
+    },
+    /// Copy the timestamps, which the next frame overwrites.
+    Stamps,
+    /// Wait until the device has completed all submissions, then ask for the late-latched pose, which the next
+    /// submission uses.
+    Ask,
+    /// End the command encoder. This takes host time, since wgpu encodes only now.
+    Close,
+    /// Submit what is recorded, including copies of these rows. The device first executes pending writes.
+    Submit(Vec<Outgoing>),
+    Inject(InjectedKind),
+}
+
+/// Fault to inject into a device in the middle of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+pub enum InjectedKind {
+    /// The device is destroyed.
+    Loss,
+    /// Its worker blocks for ever.
+    Hang,
+    /// Its dispatches run twice.
+    Slow,
+    /// It reports that it is out of memory.
+    Oom,
+}
+
+impl InjectedKind {
+    pub const ALL: [(&str, Self); 4] =
+        [("loss", Self::Loss), ("hang", Self::Hang), ("oom", Self::Oom), ("slow", Self::Slow)];
+
+    pub fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
+    }
+}
+
+/// Rows that have been copied for another device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Outgoing {
+    pub ticket: u64,
+    pub transfer: u32,
+    pub to: usize,
+}
+
+/// The image of an eye.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EyeImage {
+    pub bound: Bound,
+    pub eye: Eye,
+}
+
+/// Rows of an image that a task moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rows {
+    /// Index of the task among those of its device.
+    pub task: usize,
+    pub image: EyeImage,
+    pub rows: Range<u32>,
+}
+
+/// One run of a pass's kernel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Launched {
+    /// Selects the pipeline, where kernels of jittered and of unjittered frames differ.
+    pub jitter: bool,
+    pub constants: PassConstants,
+    pub groups: Groups,
+}
+
+shared_structs! {
+    /// Constants of a dispatch.
+    pub struct PassConstants {
+        pub view: u32,
+        /// The rows to compute: the first, and the one after the last.
+        pub row_begin: u32,
+        pub row_end: u32,
+        /// Rows that may be read: the stripe plus the received or recomputed rows around it.
+        pub valid_begin: u32,
+        pub valid_end: u32,
+        /// Arguments of the kernel; their meaning depends on the pass.
+        pub args: [u32; 3],
+        /// Columns and rows of the pass's grid.
+        pub width: u32,
+        pub height: u32,
+        /// Number of the device.
+        pub device: u32,
+    }
+}
+
+/// A dispatch that is timed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Timed {
+    /// Index of the task among those of its device.
+    pub task: usize,
+    /// Number of submissions that the task is split into.
+    pub submissions: u32,
+}
+
+/// A device's share of a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Commands {
+    /// The commands of the device's own tasks, whose results other devices may wait for, then those of the stitch.
+    pub list: Vec<Command>,
+    /// Number of commands of the device's own tasks.
+    pub own: usize,
+    /// The timed dispatches: that with the index i writes the timestamps 2 i and 2 i + 1.
+    pub timed: Vec<Timed>,
+}
+
+impl Eq for Commands {}
+
+/// Lists of equal length have the same hash: a state machine that holds lists only needs to tell its states apart.
+impl Hash for Commands {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.list.len().hash(state);
+    }
+}
+
+impl Commands {
+    /// Returns the commands as text, one per line, and one for each launch of a dispatch.
+    pub fn text(&self, program: &Program) -> String {
+        let mut out = String::new();
+        for (i, command) in self.list.iter().enumerate() {
+            if i == self.own {
+                out += "stitch\n";
+            }
+            // Writing to a string cannot fail.
+            let _ = write_command(&mut out, command, program);
+        }
+        out
+    }
+}
+
+fn write_command(out: &mut String, command: &Command, program: &Program) -> fmt::Result {
+    match command {
+        Command::Begin => writeln!(out, "begin"),
+        Command::Clear(image) => writeln!(out, "clear {image}"),
+        Command::Dispatch { pass, launches, begins, ends } => {
+            let stamps: Vec<String> = begins.iter().chain(ends).map(|stamp| format!(" @{stamp}")).collect();
+            writeln!(out, "dispatch {}{}", pass_name(&program.passes()[*pass]), stamps.concat())?;
+            launches.iter().try_for_each(|launched| writeln!(out, "    {launched}"))
+        }
+        Command::Build { pass, ends } => {
+            let stamp = ends.map(|stamp| format!(" @{stamp}")).unwrap_or_default();
+            writeln!(out, "build after {}{stamp}", pass_name(&program.passes()[*pass]))
+        }
+        Command::Save { image, .. } => writeln!(out, "save {image}"),
+        Command::Restore { image, .. } => writeln!(out, "restore {image}"),
+        Command::CopyOut { transfer, rows } => writeln!(out, "copy out #{transfer} {rows}"),
+        Command::CopyIn { transfer, rows } => writeln!(out, "copy in #{transfer} {rows}"),
+        Command::Stamps => writeln!(out, "copy timestamps"),
+        Command::Ask => writeln!(out, "ask for the pose"),
+        Command::Close => writeln!(out, "close"),
+        Command::Submit(copies) => {
+            let copies: Vec<String> =
+                copies.iter().map(|Outgoing { transfer, to, .. }| format!(" #{transfer} to {to}")).collect();
+            writeln!(out, "submit{}", copies.join(","))
+        }
+        Command::Inject(kind) => writeln!(out, "inject {}", kind.name()),
+    }
+}
+
+fn pass_name(linked: &Linked) -> String {
+    format!("{}[{}] {}", linked.pass.stage.name(), linked.pass.index, linked.pass.view)
+}
+
+impl fmt::Display for EyeImage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Bound { buffer, .. } = self.bound;
+        let version = if buffer == 0 { String::new() } else { format!("/{buffer}") };
+        write!(f, "{}{version} {}", self.bound.name(), self.eye)
+    }
+}
+
+impl fmt::Display for Rows {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} rows {}..{}", self.image, self.rows.start, self.rows.end)
+    }
+}
+
+impl fmt::Display for Launched {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let PassConstants { row_begin, row_end, valid_begin, valid_end, args, .. } = self.constants;
+        let jitter = if self.jitter { ", jittered" } else { "" };
+        write!(f, "rows {row_begin}..{row_end} of {valid_begin}..{valid_end}, args {args:?}{jitter}, ")?;
+        match &self.groups {
+            Groups::Direct([x, y, z]) => write!(f, "{x}x{y}x{z} groups"),
+            Groups::Listed(list) => write!(f, "groups listed in {}", list.name),
+        }
+    }
+}
