@@ -14,8 +14,8 @@ fn eyes(shot: &str, out: &Path) -> [Vec<u8>; 2] {
 
 #[test]
 fn an_exported_shot_renders_to_the_same_bytes() {
-    // Its normals lie along axes, so reading them does not round.
-    let shot = "builtin:cornell";
+    // It has spheres, whose normals lie along no axes.
+    let shot = "builtin:gallery";
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let output = diptych(&["export", shot, "--out", path("files").to_str().unwrap()]);

@@ -170,8 +170,11 @@ pub fn attribute<'a>(
     Ok(Some(elements))
 }
 
+/// Returns the direction of a vector; `None` if it has none. A vector that has unit length in single precision keeps its
+/// bits, so that an exported scene is read back as it was.
 fn unit(v: DVec3) -> Option<Vec3> {
-    v.try_normalize().map(DVec3::as_vec3)
+    let is_unit = (v.length_squared() - 1.0).abs() < 4.0 * f64::from(f32::EPSILON);
+    if is_unit { Some(v.as_vec3()) } else { v.try_normalize().map(DVec3::as_vec3) }
 }
 
 /// Gives each `broken` vertex the area-weighted normal of its triangles.
