@@ -29,7 +29,7 @@ fn options() -> (usize, usize) {
 
 /// Returns copies of a mesh that each move back and forth.
 fn scene(bodies: usize) -> Scene {
-    let mut scene = (builtin::find("cornell").expect("it is built in").build)();
+    let mut scene = builtin::find("cornell").expect("it is built in").build();
     let mesh = scene.instances.iter().map(|i| i.mesh).max_by_key(|m| scene.meshes[*m].triangles.len()).unwrap_or(0);
     scene.materials[scene.meshes[mesh].material].emissive = Vec3::ZERO;
     let mut motion = Motion { loops: true, ..Motion::default() };

@@ -244,7 +244,7 @@ mod tests {
 
     #[test]
     fn building_keeps_every_triangle_with_area() {
-        let scene = (builtin::find("cornell").unwrap().build)();
+        let scene = builtin::find("cornell").unwrap().build();
         let accel = Accel::build(&scene).unwrap();
         let is_first = |&(row, t): &(usize, &Triangle)| t.is_first(row);
         let firsts = accel.triangles.iter().enumerate().filter(is_first).count();
@@ -254,7 +254,7 @@ mod tests {
 
     #[test]
     fn more_triangles_than_numbers_are_refused() {
-        let mut scene = (builtin::find("cornell").unwrap().build)();
+        let mut scene = builtin::find("cornell").unwrap().build();
         let mesh = scene.instances[0].mesh;
         scene.meshes[mesh].triangles = vec![[0, 1, 2]; 1 << 20];
         scene.instances = vec![scene.instances[0]; 1 << 11];
@@ -263,7 +263,7 @@ mod tests {
 
     #[test]
     fn bodies_out_of_reach_are_refused_or_left_out() {
-        let studio = (builtin::find("studio").unwrap().build)();
+        let studio = builtin::find("studio").unwrap().build();
         let accel = Accel::build(&studio).unwrap();
         let with_joints = |scale: f32| {
             let mut scene = studio.clone();
@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn building_twice_gives_the_same_tree() {
-        let scene = (builtin::find("checker").unwrap().build)();
+        let scene = builtin::find("checker").unwrap().build();
         let (a, b) = (Accel::build(&scene).unwrap(), Accel::build(&scene).unwrap());
         assert_eq!(a.nodes, b.nodes);
         assert_eq!(bytemuck::cast_slice::<_, u32>(&a.triangles), bytemuck::cast_slice::<_, u32>(&b.triangles));

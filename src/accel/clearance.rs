@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn the_tree_finds_the_nearest_triangle() {
         for (layout, name) in [(Layout::Flat, "atrium"), (Layout::Flat, "cornell"), (Layout::TwoLevel, "forest")] {
-            let scene = (builtin::find(name).unwrap().build)();
+            let scene = builtin::find(name).unwrap().build();
             let flat = Accel::build_with(&scene, Layout::Flat).unwrap();
             let accel = Accel::build_with(&scene, layout).unwrap();
             let bounds = scene.bounds();

@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn large_triangles_are_split_among_leaves_and_named_by_their_first_row() {
-        let scene = (builtin::find("atrium").unwrap().build)();
+        let scene = builtin::find("atrium").unwrap().build();
         let accel = Accel::build(&scene).unwrap();
         let firsts = accel.triangles.iter().enumerate().filter(|(row, t)| t.is_first(*row)).count();
         assert_eq!(firsts + accel.dropped, scene.triangle_count());

@@ -113,7 +113,7 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder, access: Access) -> Re
             let builtin = builtin::find(&name)?;
             let is_seen = !draft.rig.keys.is_empty();
             let draft = if is_seen { draft } else { draft.or(Draft::parse(builtin.shot, &name)?) };
-            let mut scene = (builtin.build)();
+            let mut scene = builtin.build();
             play_builtin(&mut scene, &draft.play(), arg)?;
             Ok((draft, scene))
         }

@@ -1,6 +1,6 @@
 //! Scene description: geometry, materials, lights and environment, in scene units and linear colour.
 //!
-//! A [`Scene`] is plain, validated data. It comes from a glTF file or from a built-in generator, plus the lights and
+//! A [`Scene`] is plain, validated data. It comes from a glTF file or is [built in](builtin), plus the lights and
 //! environment of a [shot](shot::Shot). It is independent of devices.
 
 pub mod budget;

@@ -304,7 +304,7 @@ fn known_branches(module: &Module) -> Vec<&str> {
 
 #[test]
 fn no_kernel_branches_on_a_known_constant() {
-    let of = |name| SceneNeeds::of(&(builtin::find(name).unwrap().build)());
+    let of = |name| SceneNeeds::of(&builtin::find(name).unwrap().build());
     let scenes = ["cornell", "atrium", "gallery", "studio"].map(|name| (name, of(name)));
     for (scene, needs) in scenes.into_iter().chain([("all needs", SceneNeeds::ALL)]) {
         let config = RunConfig::new(Extent::new(64, 36), needs);

@@ -51,7 +51,7 @@ fn image(name: &str) -> Bound {
 
 impl Bench {
     fn new(gloss: bool) -> Self {
-        let scene = (builtin::find("checker").unwrap().build)();
+        let scene = builtin::find("checker").unwrap().build();
         let selection = Selection { virtual_devices: 1, ..Selection::default() };
         let mut gpu = device::open(&selection).expect("this test needs an adapter").swap_remove(0);
         let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();

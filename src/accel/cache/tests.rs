@@ -13,7 +13,7 @@ fn built(scene: &Scene, cache: &TreeCache) -> Accel {
 }
 
 fn checker() -> Scene {
-    (builtin::find("checker").unwrap().build)()
+    builtin::find("checker").unwrap().build()
 }
 
 fn files(folder: &Path) -> Vec<PathBuf> {

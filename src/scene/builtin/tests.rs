@@ -1,14 +1,18 @@
-//! Tests of all built-in scenes and of the shapes they are made of.
+//! Tests of all built-in scenes, and of the files of static ones.
+
+use std::io::Write;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use glam::{Vec2, Vec3};
+use serde_json::json;
 
 use super::super::{Environment, Mesh, Scene};
-use super::geometry::{Outline, Surface};
-use super::shapes::*;
 use super::*;
-use glam::Vec3;
 
 fn each(mut check: impl FnMut(&Builtin, &Scene)) {
     for builtin in BUILTINS {
-        check(builtin, &(builtin.build)());
+        check(builtin, &builtin.build());
     }
 }
 
@@ -36,7 +40,7 @@ fn triangle_counts_are_as_advertised() {
         ("studio", 4_000..=6_000),
         ("towers", 21_202..=21_202),
     ] {
-        let count = (find(name).unwrap().build)().triangle_count();
+        let count = find(name).unwrap().build().triangle_count();
         assert!(range.contains(&count), "{name}: {count}");
     }
 }
@@ -126,7 +130,7 @@ fn fingerprint(scene: &Scene) -> u64 {
 
 #[test]
 fn building_twice_gives_the_same_bits() {
-    each(|b, s| assert_eq!(fingerprint(s), fingerprint(&(b.build)()), "{}", b.name));
+    each(|b, s| assert_eq!(fingerprint(s), fingerprint(&b.build()), "{}", b.name));
 }
 
 #[test]
@@ -157,60 +161,80 @@ fn the_camera_starts_inside_what_it_looks_at() {
     });
 }
 
-/// Returns the volume enclosed by a closed surface; negative if it is inside out.
-fn signed_volume(surface: &Surface) -> f32 {
-    let corner = |i: u32| surface.vertices[i as usize].position.as_dvec3();
-    let six: f64 = surface.triangles.iter().map(|t| corner(t[0]).dot(corner(t[1]).cross(corner(t[2])))).sum();
-    (six / 6.0) as f32
+#[test]
+fn lanterns_of_the_forest_hang_above_the_ground() {
+    let forest = find("forest").unwrap();
+    let shot: toml::Table = forest.shot.parse().unwrap();
+    let lanterns = shot["light"].as_array().unwrap();
+    assert_eq!(lanterns.len(), 80);
+    let scene = forest.build();
+    let is_ground = |mesh: &&Mesh| scene.materials[mesh.material].name == "forest floor";
+    let ground = scene.meshes.iter().find(is_ground).unwrap();
+    for lantern in lanterns {
+        let position: Vec<f32> =
+            lantern["position"].as_array().unwrap().iter().map(|v| v.as_float().unwrap() as f32).collect();
+        let (at, y) = (Vec2::new(position[0], position[2]), position[1]);
+        let height = ground.triangles.iter().find_map(|t| height_in(t.map(|i| ground.positions[i as usize]), at));
+        assert!(y > height.unwrap() + 0.3, "{position:?} above {height:?}");
+        assert!((0.3..=3.0).contains(&lantern["intensity"].as_float().unwrap()));
+    }
 }
 
-fn solids() -> Vec<(&'static str, Surface, f32)> {
-    use std::f32::consts::PI;
-    let square = Outline::rectangle([0.5, -0.1], [0.7, 0.1]);
-    vec![
-        ("cuboid", cuboid([-1.0, 0.0, 2.0], [1.0, 3.0, 2.5]), 3.0),
-        ("block", block([1.0, 0.0, 0.0], [1.0, 2.0, 3.0]), 6.0),
-        ("sphere", sphere(0.5, 96, 48), PI / 6.0),
-        ("cylinder", cylinder(0.5, 2.0, 128), PI / 2.0),
-        ("torus", torus(1.0, 0.25, 96, 48), 2.0 * PI * PI / 16.0),
-        ("extrusion", extrude(&Outline::rectangle([0.0; 2], [1.0, 2.0]), 3.0), 6.0),
-        ("arch", arch(&square, 96), PI * 0.6 * 0.04),
-        ("limb", limb(&[(Vec3::ZERO, 0.2), (Vec3::Y, 0.2), (Vec3::Y * 2.0, 0.2)], 64), PI * 0.08),
-    ]
+/// Returns the height of a triangle at a point of the x-z plane; `None` outside it.
+fn height_in(corners: [Vec3; 3], at: Vec2) -> Option<f32> {
+    let [a, b, c] = corners.map(|p| Vec2::new(p.x, p.z));
+    let area = (b - a).perp_dot(c - a);
+    let weights = [(b, c), (c, a), (a, b)].map(|(from, to)| (to - from).perp_dot(at - from) / area);
+    let is_inside = weights.iter().all(|w| *w >= 0.0);
+    is_inside.then(|| corners.iter().zip(weights).map(|(p, w)| p.y * w).sum())
+}
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
+    gzip.write_all(bytes).unwrap();
+    gzip.finish().unwrap()
 }
 
 #[test]
-fn solids_have_the_volume_of_their_formula() {
-    for (name, surface, volume) in solids() {
-        let got = signed_volume(&surface);
-        assert!((got - volume).abs() < 0.01 * volume, "{name}: {got}, not {volume}");
+fn embedded_files_are_plain_glb_below_the_limit() {
+    let files = BUILTINS.iter().filter_map(|b| match b.content {
+        Content::File(compressed) => Some((b.name, compressed)),
+        Content::Code(_) => None,
+    });
+    assert_eq!(files.clone().count(), BUILTINS.len() - 1);
+    for (name, compressed) in files {
+        let scene = read(name, compressed).unwrap();
+        assert_eq!((scene.name.as_str(), scene.motion.is_empty()), (name, true));
+        let mut bytes = Vec::new();
+        GzDecoder::new(compressed).read_to_end(&mut bytes).unwrap();
+        assert!(bytes.starts_with(b"glTF") && (bytes.len() as u64) < MAX_BYTES / 2, "{name}");
     }
 }
 
 #[test]
-fn solids_are_watertight() {
-    for (name, surface, _) in solids() {
-        let key = |i: u32| surface.vertices[i as usize].position.to_array().map(|c| (c * 1e5).round() as i64);
-        let mut open = std::collections::HashMap::new();
-        for t in &surface.triangles {
-            for k in 0..3 {
-                let (a, b) = (key(t[k]), key(t[(k + 1) % 3]));
-                *open.entry(if a < b { (a, b) } else { (b, a) }).or_insert(0) += if a < b { 1 } else { -1 };
-            }
-        }
-        assert!(open.values().all(|&n| n == 0), "{name}");
+fn damaged_and_endless_files_are_refused() {
+    let Content::File(cornell) = find("cornell").unwrap().content else { panic!("cornell is a file") };
+    let mut damaged = cornell.to_vec();
+    damaged[cornell.len() / 2] ^= 1;
+    for bytes in [&damaged, &cornell[..cornell.len() - 4], b"glTF", b""] {
+        assert!(matches!(read("cornell", bytes), Err(SceneError::Read { .. })));
     }
+    let endless = gzip(&vec![b' '; 2 * MAX_BYTES as usize]);
+    assert!(matches!(read("endless", &endless), Err(SceneError::Invalid { .. })));
 }
 
 #[test]
-fn flipping_turns_a_solid_inside_out() {
-    let ball = sphere(1.0, 16, 8);
-    assert_eq!(signed_volume(&ball.clone().flipped()), -signed_volume(&ball));
-}
-
-#[test]
-fn a_vault_is_seen_from_below() {
-    let vault = groin_vault(3.0, 2.0, 1.0, 6).into_mesh(0);
-    assert!(vault.triangles.iter().all(|t| geometric_normal(&vault, t).y <= 1e-6));
-    assert!(vault.positions.iter().all(|p| (0.0..=1.0 + 1e-6).contains(&p.y)));
+fn an_embedded_file_reads_no_other_file() {
+    let here = concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml");
+    for uri in ["Cargo.toml", "../Cargo.toml", here] {
+        assert!(uri.starts_with("..") || std::path::Path::new(uri).exists());
+        let file = json!({
+            "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
+            "buffers": [{ "uri": uri, "byteLength": 36 }], "bufferViews": [{ "buffer": 0, "byteLength": 36 }],
+            "accessors": [{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3" }],
+            "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
+        });
+        let error = read("curious", &gzip(file.to_string().as_bytes())).unwrap_err();
+        assert!(matches!(&error, SceneError::Read { path, .. } if path.ends_with("Cargo.toml")), "{error}");
+    }
 }

@@ -52,7 +52,7 @@ fn no_point_beyond_the_clearance_moves_by_more_rows() {
 
 /// Makes a scene with two blocks that move at random. One of them is skinned to two joints.
 fn moving_blocks(random: &mut impl FnMut() -> f64) -> Scene {
-    let mut scene = (builtin::find("cornell").unwrap().build)();
+    let mut scene = builtin::find("cornell").unwrap().build();
     let mesh = scene.instances.last().unwrap().mesh;
     let mut skinned = scene.meshes[mesh].clone();
     let joint = |p: &Vec3| u16::from(p.x > scene.bounds().min.x + 1.0);
@@ -155,7 +155,7 @@ fn no_image_in_a_mirror_moves_by_more_rows_than_the_bound_says() {
     };
     let mut bounded = 0;
     for round in 0..20 {
-        let mut scene = (builtin::find("cornell").unwrap().build)();
+        let mut scene = builtin::find("cornell").unwrap().build();
         scene.materials.push(Material { metallic: 1.0, roughness: 0.0, ..scene.materials[0].clone() });
         let corners = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]];
         scene.meshes.push(Mesh {
@@ -219,7 +219,7 @@ fn no_image_in_a_mirror_moves_by_more_rows_than_the_bound_says() {
 /// Covers visual-polar images, for motion of gaze and eyes.
 #[test]
 fn no_point_beyond_the_clearance_moves_by_more_rings() {
-    let scene = (builtin::find("cornell").unwrap().build)();
+    let scene = builtin::find("cornell").unwrap().build();
     let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
     let screen = Extent::new(160, 90);
     let grid = PolarSpace::Visual.method().grid(screen);
@@ -255,7 +255,7 @@ fn no_point_beyond_the_clearance_moves_by_more_rings() {
 
 #[test]
 fn eyes_that_turn_away_have_no_history() {
-    let scene = (builtin::find("cornell").unwrap().build)();
+    let scene = builtin::find("cornell").unwrap().build();
     let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
     let camera = |rig: &Rig| Camera { views: eyes(rig, 1.0), width: 160, height: 90, ..Default::default() };
     let still = rig(DVec3::ZERO, DVec3::ZERO);

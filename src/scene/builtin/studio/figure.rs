@@ -1,12 +1,12 @@
 //! A figure of tubes around a skeleton, in metres. It stands upright and looks along +z, with its left at +x.
 
 use glam::{DVec3, Vec2, Vec3};
-
-use super::super::super::Mesh;
-use super::super::super::motion::Influence;
-use super::super::geometry::{Surface, Vertex};
-use super::super::maths::{sin_cos, turn_x};
 use std::f32::consts::{FRAC_PI_2, TAU};
+
+use super::maths::{sin_cos, turn_x};
+use super::surface::{Surface, Vertex};
+use crate::scene::Mesh;
+use crate::scene::motion::Influence;
 
 /// Name of a joint, index of its parent, and position in the mesh.
 pub struct Joint {

@@ -1,26 +1,29 @@
 //! A room with every kind of dynamic geometry and light: a skinned walking figure, two swinging lamps, a fan with rigid
 //! blades, a banner with morph targets, and a sign that switches off. Everything repeats after four seconds.
 
+mod assembly;
 mod figure;
+mod maths;
+mod shapes;
 mod staging;
+mod surface;
 mod walk;
 
 #[cfg(test)]
 mod tests;
 
-use glam::{DQuat, DVec3, Vec3};
-
-use self::figure::JOINTS;
-use self::staging::{Staging, turned, wave};
-use self::walk::Stride;
-use super::super::motion::{Attached, Emitter, Morph, Target};
-use super::super::{Light, LightKind, Mesh, Scene};
-use super::assembly::{emitter, glossy, matte, metal, sheet};
-use super::geometry::{Outline, Surface};
-use super::maths::{shift, sin_cos};
-use super::shapes::{block, cylinder, lathe, sphere};
-use super::texels::checker;
+use glam::{DQuat, DVec3, Vec2, Vec3};
 use std::f64::consts::FRAC_PI_2;
+
+use self::assembly::{checker, emitter, glossy, matte, metal, sheet, textured};
+use self::figure::JOINTS;
+use self::maths::{shift, sin_cos, turn_x, turn_z};
+use self::shapes::{block, cylinder, lathe, sphere};
+use self::staging::{Staging, turned, wave};
+use self::surface::Surface;
+use self::walk::Stride;
+use crate::scene::motion::{Attached, Emitter, Morph, Target};
+use crate::scene::{Light, LightKind, Mesh, Scene};
 
 /// Half the room's width, its height, and z of its back and its open front, metres.
 const HALF: f32 = 2.2;
@@ -48,11 +51,11 @@ fn room(s: &mut Staging) {
     let white = a.material(matte("plaster", [0.72, 0.7, 0.66]));
     let blue = a.material(matte("blue wall", [0.2, 0.3, 0.42]));
     let ochre = a.material(matte("ochre wall", [0.6, 0.4, 0.16]));
-    let tiles = a.texture(checker(64, 8, 200, 140), false);
-    let floor = a.material(super::assembly::textured("floor", tiles));
+    let tiles = a.texture(checker(64, 8, 200, 140));
+    let floor = a.material(textured("floor", tiles));
     let (x, y, z) = (Vec3::X * 2.0 * HALF, Vec3::Y * HEIGHT, Vec3::Z * (FRONT - BACK));
     let corner = Vec3::new(-HALF, 0.0, BACK);
-    a.add(Surface::quad(corner + z, x, -z).uv_scaled(glam::Vec2::splat(0.5)), floor);
+    a.add(Surface::quad(corner + z, x, -z).uv_scaled(Vec2::splat(0.5)), floor);
     a.add(Surface::quad(corner + y, x, z), white);
     a.add(Surface::quad(corner, x, y), white);
     a.add(Surface::quad(corner + z, -z, y), blue);
@@ -99,7 +102,7 @@ fn lamps(s: &mut Staging) {
     let bulb = s.still.material(emitter("bulb", [110.0, 82.0, 52.0]));
     let meshes = [
         s.still.mesh(cylinder(0.006, DROP - 0.17, 6).moved(0.0, 0.17 - DROP, 0.0), cord),
-        s.still.mesh(lathe(&Outline::open([[0.18, -DROP], [0.12, 0.1 - DROP], [0.03, 0.17 - DROP]]), 24), enamel),
+        s.still.mesh(lathe(&[[0.18, -DROP], [0.12, 0.1 - DROP], [0.03, 0.17 - DROP]], 24), enamel),
         s.still.mesh(sphere(0.05, 12, 6).moved(0.0, 0.05 - DROP, 0.0), bulb),
     ];
     let places = [([-1.25, -0.7], DVec3::Z, 0.3, 0.0), ([1.0, 0.5], DVec3::new(0.6, 0.0, 0.8), 0.25, 0.3)];
@@ -130,7 +133,7 @@ fn fan(s: &mut Staging) {
     let brass = s.still.material(sheet(metal("blade", [0.85, 0.68, 0.35], 0.3)));
     let [x, y, z] = AT;
     s.still.add(cylinder(0.2, 0.03, 24).with(cylinder(0.022, y, 12)).moved(x, 0.0, z), dark);
-    let along_z = super::maths::turn_x(std::f32::consts::FRAC_PI_2);
+    let along_z = turn_x(std::f32::consts::FRAC_PI_2);
     let motor = s.still.mesh(cylinder(0.07, 0.2, 20).transformed(shift(0.0, 0.0, -0.12) * along_z), dark);
     let hub = s.still.mesh(sphere(0.05, 16, 8), brass);
     let blade = s.still.mesh(blade(), brass);
@@ -164,7 +167,7 @@ fn banner(s: &mut Staging) {
     const TOP: [f32; 3] = [-0.75, 2.45, BACK + 0.25];
     let red = s.still.material(sheet(matte("banner", RED)));
     let wood = s.still.material(glossy("rod", [0.3, 0.17, 0.08], 0.35));
-    let across = super::maths::turn_z(std::f32::consts::FRAC_PI_2);
+    let across = turn_z(std::f32::consts::FRAC_PI_2);
     let [x, y, z] = TOP;
     s.still.add(cylinder(0.018, WIDTH + 0.2, 10).transformed(shift(x + 0.5 * WIDTH + 0.1, y, z) * across), wood);
     let mesh = s.still.raw_mesh(cloth(red));

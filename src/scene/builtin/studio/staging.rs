@@ -2,11 +2,11 @@
 
 use glam::{Affine3A, DQuat, DVec3};
 
-use super::super::super::Scene;
-use super::super::super::motion::keys::{Interpolation, Keys};
-use super::super::super::motion::{Animation, Body, Channel, Motion, Node, Placement, Skin, Target};
-use super::super::assembly::Assembly;
-use super::super::maths::sin_cos;
+use super::assembly::Assembly;
+use super::maths::sin_cos;
+use crate::scene::Scene;
+use crate::scene::motion::keys::{Interpolation, Keys};
+use crate::scene::motion::{Animation, Body, Channel, Motion, Node, Placement, Skin, Target};
 
 /// Period of the animation, seconds.
 pub const PERIOD_S: f64 = 4.0;

@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
-use super::super::{AlphaMode, Instance, Light, Material, Mesh, Scene, TexelImage, Texture, TextureRef, Wrap};
-use super::geometry::Surface;
-use glam::{Affine3A, Vec3};
+use glam::{Affine2, Affine3A, Vec3};
+
+use super::surface::Surface;
+use crate::image::{Extent, Image};
+use crate::scene::{Instance, Light, Material, Mesh, Scene, TexelImage, Texture, TextureRef, Wrap};
 
 /// A scene under construction. Its shot adds the environment and static lights.
 pub struct Assembly {
@@ -21,12 +23,12 @@ impl Assembly {
         self.scene.materials.len() - 1
     }
 
-    /// Adds a repeating texture that uses texture coordinate set 0.
-    pub fn texture(&mut self, image: TexelImage, linear: bool) -> TextureRef {
+    /// Adds a repeating texture that uses texture coordinate set 0, with nearest filtering.
+    pub fn texture(&mut self, image: TexelImage) -> TextureRef {
         self.scene.images.push(Arc::new(image));
         let (image, wrap) = (self.scene.images.len() - 1, Wrap::Repeat);
-        self.scene.textures.push(Texture { image, wrap_u: wrap, wrap_v: wrap, linear });
-        TextureRef { texture: self.scene.textures.len() - 1, uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY }
+        self.scene.textures.push(Texture { image, wrap_u: wrap, wrap_v: wrap, linear: false });
+        TextureRef { texture: self.scene.textures.len() - 1, uv_set: 0, uv_from_uv: Affine2::IDENTITY }
     }
 
     /// Adds a mesh to be placed later. Returns its index.
@@ -37,10 +39,6 @@ impl Assembly {
     pub fn raw_mesh(&mut self, mesh: Mesh) -> usize {
         self.scene.meshes.push(mesh);
         self.scene.meshes.len() - 1
-    }
-
-    pub fn place(&mut self, mesh: usize, world_from_local: Affine3A) {
-        self.instance(mesh, world_from_local);
     }
 
     /// Places a mesh. Returns the instance's index.
@@ -55,15 +53,10 @@ impl Assembly {
         self.scene.lights.len() - 1
     }
 
-    pub fn place_all<'a>(&mut self, mesh: usize, places: impl IntoIterator<Item = &'a Affine3A>) {
-        places.into_iter().for_each(|&place| self.place(mesh, place));
-    }
-
     /// Adds a mesh and places it untransformed.
-    pub fn add(&mut self, surface: Surface, material: usize) -> usize {
+    pub fn add(&mut self, surface: Surface, material: usize) {
         let mesh = self.mesh(surface, material);
-        self.place(mesh, Affine3A::IDENTITY);
-        mesh
+        self.instance(mesh, Affine3A::IDENTITY);
     }
 
     pub fn finish(self) -> Scene {
@@ -95,12 +88,18 @@ pub fn sheet(material: Material) -> Material {
     Material { double_sided: true, ..material }
 }
 
-/// Makes a material double-sided and cut out by its texture's alpha channel.
-pub fn cut_out(material: Material) -> Material {
-    Material { alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..sheet(material) }
-}
-
 /// Returns an emitter that reflects almost nothing.
 pub fn emitter(name: &str, radiance: [f32; 3]) -> Material {
     Material { emissive: radiance.into(), ..matte(name, [0.0; 3]) }
+}
+
+/// Returns a checkerboard of `squares` × `squares` squares in two greys, as 8-bit sRGB values.
+pub fn checker(size: u32, squares: u32, light: u8, dark: u8) -> TexelImage {
+    let texel = |i: u32| {
+        let (x, y) = (i % size, i / size);
+        let odd = (x * squares / size + y * squares / size) % 2 == 1;
+        let grey = if odd { dark } else { light };
+        [grey, grey, grey, 255]
+    };
+    Image { extent: Extent::new(size, size), pixels: (0..size * size).map(texel).collect() }
 }
