@@ -48,7 +48,7 @@ pub fn parse<'a, 'b>(bytes: &'a [u8], budget: &'b Budget) -> Outcome<Container<'
         })
     })?;
     check_version(&root)?;
-    let animations = serde_json::from_slice(json);
+    let animations = if root.animations.is_empty() { Ok(Animations::default()) } else { serde_json::from_slice(json) };
     let animations = animations.map_err(|error| Fault::Invalid(format!("its JSON is not valid glTF 2.0: {error}")))?;
     Ok(Container { root, animations, bin, _reserved: reserved })
 }
