@@ -1,10 +1,5 @@
 // Microfacets: GGX distributions, which may be wider along the tangent than across, and Fresnel terms.
 
-// True if the width of the facets depends on the direction.
-fn is_brushed(s: Surface) -> bool {
-    return s.alpha_along > s.alpha;
-}
-
 // Tangent, bitangent and normal.
 fn brushed_frame(s: Surface) -> mat3x3<f32> {
     return mat3x3<f32>(s.tangent, cross(s.normal, s.tangent), s.normal);

@@ -5,60 +5,11 @@
 // cosine-weighted bounces find it with less noise. At the first vertex of a path (`is_first`), lights with hard shadows
 // are left out if `hard_light` (see `path`) computes their light.
 
-override HAS_EMISSIVE: bool = true;
 override HAS_LOCAL_LIGHTS: bool = true;
 override HAS_DIRECTIONAL: bool = true;
 // Whether emissive triangles are masked or blended, and whether some are under a clear coat.
 override HAS_ALPHA_EMITTERS: bool = true;
 override HAS_COATED_EMITTERS: bool = true;
-// Whether `hard_light` computes the light of lights with hard shadows at the first vertices of paths.
-override HAS_HARD_LIGHTS: bool = false;
-
-const PI: f32 = 3.14159265358979;
-
-struct LightSample {
-    direction: vec3<f32>,
-    // 3e38 if infinitely far.
-    distance: f32,
-    radiance: vec3<f32>,
-    // Solid-angle density, or for delta lights the probability of the pick; 0 if nothing was sampled.
-    pdf: f32,
-    is_delta: bool,
-    // Spherical light that the shadow ray ignores.
-    sphere: u32,
-    // Fraction of the distance that must be unoccluded: all but the error of the hit point on the light.
-    reach: f32,
-}
-
-fn no_light() -> LightSample {
-    return LightSample(vec3<f32>(0.0, 1.0, 0.0), 0.0, vec3<f32>(0.0), 0.0, false, NO_LIGHT, 1.0);
-}
-
-// Whether local lights are sampled.
-fn samples_local(is_first: bool) -> bool {
-    return frame.lights.local_count > select(0u, frame.lights.hard_count, HAS_HARD_LIGHTS && is_first);
-}
-
-// Whether directional lights are sampled.
-fn samples_directional(is_first: bool) -> bool {
-    let are_left_out = HAS_HARD_LIGHTS && is_first && frame.lights.has_hard_suns != 0u;
-    return frame.lights.directional_count > 0u && !are_left_out;
-}
-
-// Number of groups that are sampled.
-fn group_count(is_first: bool) -> u32 {
-    var count = frame.lights.group_count;
-    if HAS_HARD_LIGHTS && is_first {
-        count -= select(0u, 1u, frame.lights.local_count > 0u && !samples_local(true));
-        count -= select(0u, 1u, frame.lights.directional_count > 0u && !samples_directional(true));
-    }
-    return count;
-}
-
-// Probability of picking one of the groups that are sampled.
-fn group_probability(is_first: bool) -> f32 {
-    return 1.0 / f32(group_count(is_first));
-}
 
 fn spot_factor(light: Light, away: vec3<f32>) -> f32 {
     if (light.kind & LIGHT_SPOT) == 0u {
@@ -99,18 +50,6 @@ fn sphere_cap(light: Light, origin: vec3<f32>) -> f32 {
     }
     // sin² / (1 + cos) does not cancel for distant spheres.
     return sin2 / (1.0 + sqrt(1.0 - sin2));
-}
-
-fn frame_around(n: vec3<f32>) -> mat3x3<f32> {
-    // Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.
-    let s = select(-1.0, 1.0, n.z >= 0.0);
-    let a = -1.0 / (s + n.z);
-    let b = n.x * n.y * a;
-    return mat3x3<f32>(
-        vec3<f32>(1.0 + s * n.x * n.x * a, s * b, -s * n.x),
-        vec3<f32>(b, s + n.y * n.y * a, -n.y),
-        n,
-    );
 }
 
 // Samples a direction in the cap 1 - cos <= `cap` around `axis`.

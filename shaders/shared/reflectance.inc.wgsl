@@ -32,10 +32,6 @@ fn sheen_albedo(cosine: f32, roughness: f32) -> f32 {
     return layer_albedo(sqrt(max(cosine, 0.0)), roughness).towards.z;
 }
 
-fn max3(c: vec3<f32>) -> f32 {
-    return max(max(c.r, c.g), c.b);
-}
-
 fn schlick_weight(cosine: f32) -> f32 {
     let m = clamp(1.0 - cosine, 0.0, 1.0);
     let m2 = m * m;

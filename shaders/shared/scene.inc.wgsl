@@ -4,6 +4,7 @@ override HAS_TEXTURES: bool = true;
 override HAS_SECOND_UVS: bool = true;
 override HAS_VERTEX_COLORS: bool = true;
 override HAS_ALPHA: bool = true;
+override HAS_EMISSIVE: bool = true;
 // Whether any triangles are instanced.
 override HAS_INSTANCES: bool = true;
 

@@ -75,6 +75,11 @@ fn all_are_lambertian() -> bool {
     return !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_DIFFUSE_TRANSMISSION || HAS_CLEARCOAT || HAS_SHEEN);
 }
 
+// True if the width of the facets depends on the direction.
+fn is_brushed(s: Surface) -> bool {
+    return s.alpha_along > s.alpha;
+}
+
 struct Tangents {
     t: vec3<f32>,
     b: vec3<f32>,
