@@ -22,7 +22,7 @@ fn goes_around(place: f32, eye_fovea_rows: f32) -> bool {
 }
 
 fn column_beside(column: i32, from_row: i32, row: i32, fovea_rows: f32) -> i32 {
-    return column_held(fovea_rows, row, column);
+    return column;
 }
 
 // Position of the gaze on the screen, pixels.

@@ -1,5 +1,5 @@
 // Functions that all polar projections share. Besides the functions of `grid`, a polar projection defines
-// `column_beside`: the column of a row that is next to the given column of another row.
+// `column_beside`: the column of a row that is next to the given column of another row, not yet wrapped.
 
 const IS_POLAR: bool = true;
 
@@ -18,7 +18,8 @@ fn beside(pixel: vec2<u32>, offset: vec2<i32>) -> Beside {
         let column = column_held(fovea_rows, row, there.x);
         return Beside(vec2<i32>(column, row), row == there.y && column == there.x);
     }
-    return Beside(vec2<i32>(column_beside(there.x, i32(pixel.y), row, fovea_rows), row), row == there.y);
+    let column = column_held(fovea_rows, row, column_beside(there.x, i32(pixel.y), row, fovea_rows));
+    return Beside(vec2<i32>(column, row), row == there.y);
 }
 
 // Wraps a column around its ring, by at most one turn. Columns of the square are clamped.

@@ -34,12 +34,12 @@ fn goes_around(place: f32, eye_fovea_rows: f32) -> bool {
 
 fn column_beside(column: i32, from_row: i32, row: i32, fovea_rows: f32) -> i32 {
     if f32(min(row, from_row)) >= fovea_rows {
-        return column_held(fovea_rows, row, column);
+        return column;
     }
     // Map to the same direction in a ring of another length.
     let length = row_length(fovea_rows, row);
     let scaled = (f32(column) + 0.5) * length / row_length(fovea_rows, from_row);
-    return column_held(fovea_rows, row, i32(floor(scaled - length * floor(scaled / length))));
+    return i32(floor(scaled - length * floor(scaled / length)));
 }
 
 fn acuity_part(degrees: f32) -> f32 {
