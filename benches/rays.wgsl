@@ -1,5 +1,6 @@
-// Traces given rays, one invocation per pixel: its path's segments one after another, as path tracing meets them. Stands
-// behind what `path_trace.wgsl` includes up to `hits`.
+// Traces given rays, one invocation per pixel: its path's segments one after another, as path tracing meets them.
+
+//!include frame hits
 
 struct BenchRay {
     origin: vec3<f32>,

@@ -2,7 +2,7 @@
 // slot, the one with the largest key gets it, so that the order of the records does not matter; for the same reason,
 // light is summed in integers.
 
-//!include frame grid projection cells bindings
+//!include frame cells bindings
 
 // A channel of packed light or albedo as a 64-bit integer in RECORD_UNITS: low and high word.
 fn record_units(packed: u32, channel: u32) -> vec2<u32> {

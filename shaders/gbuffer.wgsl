@@ -3,7 +3,7 @@
 // light with hard shadows counts as emission if the denoiser leaves it out. Perfect mirrors and clear glass may be
 // replaced by the surfaces that they show, and what polished surfaces reflect may be part of albedo and emission.
 
-//!include frame grid projection rng math scene light_tree light_groups environment lights trace traverse hits reflectance parameters surface facets bsdf split path motion last_surface mirror_motion mirror texture_filter pack mirrored samples footprint foveation bindings
+//!include frame grid projection rng math light_groups trace hits surface split path pack samples foveation mirrored mirror texture_filter footprint bindings
 
 // Changes of the direction from pixel to pixel.
 fn steps_at(pixel: vec2<u32>) -> Footprint {

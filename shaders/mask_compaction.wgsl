@@ -3,7 +3,7 @@
 // gaze. Here the gaze moves with every frame, so each device lists the pixels of its own rows, without waiting for the
 // host. Pixels that are not listed get radiance with alpha 0, by which the filter knows that they were not sampled.
 
-//!include frame grid projection rng pack foveation bindings
+//!include frame grid projection pack foveation bindings
 
 var<workgroup> wanted_here: atomic<u32>;
 var<workgroup> first_slot: u32;

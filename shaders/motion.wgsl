@@ -3,7 +3,7 @@
 // of the mirrors has moved, the pixel's ray is traced again to find the point. If the point is unknown, the surface gets
 // the opposite normal, which no surface of the previous frame has.
 
-//!include frame grid projection rng math scene light_tree light_groups environment lights trace traverse hits reflectance parameters surface facets bsdf split path pack mirrored motion last_surface mirror_motion mirror bindings
+//!include frame grid projection rng hits path pack last_surface mirror_motion mirrored mirror bindings
 
 // Where the previous frame saw a mirrored surface, in the format of `last_image`.
 fn traced_again(pixel: vec2<u32>, image: vec3<f32>, position: vec3<f32>, last: vec3<f32>) -> vec4<f32> {

@@ -3,7 +3,7 @@
 // Leria et al. name as the limit of their hole filling. Both cases share one pipeline, since drivers take seconds to
 // compile it.
 
-//!include frame grid projection rng math scene light_tree light_groups environment lights trace traverse hits reflectance parameters surface facets bsdf split path cells cache bounces motion last_surface mirror_motion mirror pack mirrored samples footprint pixel bindings
+//!include frame grid projection pixel bindings
 
 // `holes` holds the number of listed pixels, then the three workgroup counts of the indirect dispatch, then the indices
 // of the pixels.

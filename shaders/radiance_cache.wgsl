@@ -1,6 +1,6 @@
 // Adds the sums of a frame's records to the means of the radiance cache.
 
-//!include frame grid projection cells bindings
+//!include frame cells bindings
 
 // Samples that the mean of a cell remembers.
 const MOST_SAMPLES: f32 = 256.0;

@@ -3,7 +3,7 @@
 // sampling mask leaves pixels to the filter, left pixels that were not sampled are invalid taps, and only right pixels in
 // the right eye's own mask become holes. With foveation, taps may differ more from the surface in the outer layers.
 
-//!include frame grid projection split rng pack mirrored foveation reprojection bindings
+//!include frame grid projection split pack foveation reprojection bindings
 
 // Returns the reason that a tap is not valid; 0 if it is valid.
 fn why_not(tap: Tap, wanted: Wanted) -> u32 {

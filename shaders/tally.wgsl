@@ -1,6 +1,6 @@
 // Sums per-pixel counts over each row. The sums tell the scheduler the work per row, and add up to the run's totals.
 
-//!include frame grid projection pack bindings
+//!include frame projection pack bindings
 
 // `row_tally` has COUNTS counters per row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the
 // filter, clipped pixels.

@@ -45,19 +45,18 @@ impl Version {
     }
 }
 
-/// Returns the source of path tracing up to surfaces, with the version's traversal, and the entry point.
+/// Returns the source of the kernel, with the version's traversal.
 fn source(version: &Version, access: SceneAccess) -> String {
-    let stage = include_str!("../../shaders/path_trace.wgsl");
-    let includes = stage.lines().find(|l| l.starts_with("//!include ")).expect("path_trace includes its parts");
-    let before = includes.split_once(" trace ").expect("path_trace includes the traversal").0;
-    let traverse = match version {
-        Version::Present(_) => "//!include trace traverse".to_owned(),
-        Version::Of(file) => std::fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display())),
-    };
-    let text =
-        [before, &traverse, "//!include hits reflectance parameters surface facets bsdf", include_str!("../rays.wgsl")]
-            .join("\n");
-    shader_text(&Kernel::from_text("rays", text.leak()).reading_scene(), &[], access)
+    let text = shader_text(&Kernel::from_text("rays", include_str!("../rays.wgsl")).reading_scene(), &[], access);
+    let Version::Of(file) = version else { return text };
+    let replacement = std::fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display()));
+    let [trace, traverse] = [
+        include_str!("../../shaders/shared/trace.inc.wgsl"),
+        include_str!("../../shaders/shared/traverse_compute.inc.wgsl"),
+    ]
+    .map(|file| file.split_inclusive('\n').filter(|line| !line.starts_with("//!include ")).collect::<String>());
+    assert!(text.contains(&trace) && text.contains(&traverse), "the text includes the traversal");
+    text.replacen(&trace, &replacement, 1).replacen(&traverse, "", 1)
 }
 
 fn entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {

@@ -9,7 +9,7 @@
 //   which the next frame traces again.
 // - There are no gradients in mirrors and behind glass.
 
-//!include frame grid projection rng math scene light_tree light_groups environment lights trace traverse hits reflectance parameters surface facets bsdf split path uncached bounces pack mirrored motion bindings
+//!include frame grid projection rng tables trace surface split path cache bounces pack motion mirrored bindings
 
 // `gradient` compares the luminance of demodulated illumination between the two frames. Component x: current minus
 // previous luminance. Component y: the larger of both.

@@ -1,7 +1,7 @@
 // Computes the outdated fraction of each tile's history: the change of light divided by the light, both smoothed over
 // tiles.
 
-//!include frame grid projection bindings
+//!include frame grid bindings
 
 const REACH_TILES: i32 = i32(REACH);
 // Relative change of light up to which no history is dropped. When any light moves, the light tree may pick other

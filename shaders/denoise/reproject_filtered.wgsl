@@ -3,7 +3,7 @@
 // are FINISHED: the right eye's own filter leaves them alone and uses them for the pixels around them, the holes. Pixels
 // that reflect what the surfaces in the left eye do not, for example beside a black texel, are left to the filter.
 
-//!include frame grid projection split rng pack mirrored foveation variance reprojection bindings
+//!include frame grid projection split pack foveation variance reprojection bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {

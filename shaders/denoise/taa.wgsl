@@ -4,7 +4,7 @@
 // so that bright edges keep their energy; history is looked up by cubic interpolation of whole pixels; the length of
 // history is counted in frames, and bounded by motion.
 
-//!include frame grid projection motion pack mirrored display light_change bindings
+//!include frame grid projection pack motion mirrored light_change display bindings
 
 // `resolved` holds linear light in RGB, which may be negative, and in alpha the number of frames that are averaged in it.
 

@@ -1,7 +1,7 @@
 // Late reprojection of an auxiliary image, for an eye that has moved since the image was rendered. Each displayed pixel
 // takes the value of the nearest rectified pixel, unchanged.
 
-//!include frame grid projection display_resampling late_reprojection bindings
+//!include frame display_resampling late_reprojection bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {

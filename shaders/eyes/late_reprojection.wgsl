@@ -1,6 +1,6 @@
 // Late reprojection: resamples a rectified image for display by an eye that has moved since the image was rendered.
 
-//!include frame grid projection display display_resampling late_reprojection resampled bindings
+//!include frame display late_reprojection resampled bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {

@@ -1,6 +1,6 @@
 // Maps a polar auxiliary image to the screen: each screen pixel takes the value of the polar pixel in its direction.
 
-//!include frame grid projection bindings
+//!include frame projection bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {

@@ -2,7 +2,7 @@
 // distance from the gaze (Andersson & Hansson 2020, section 3.5). Departure: the image is blurred before it is mapped
 // to the screen, while it has fewer pixels.
 
-//!include frame grid grid_polar grid_log_polar bindings
+//!include frame grid grid_log_polar grid_polar bindings
 
 // Blends a pixel with its two neighbours. At full blur, the weights are 1/4, 1/2 and 1/4, a Gaussian of three taps.
 fn blurred_by_next(pixel: vec2<u32>, along_columns: bool) -> vec3<f32> {

@@ -3,7 +3,7 @@
 // 2020: near the gaze, where the image is finer than the screen, all polar pixels in a screen pixel's footprint are
 // averaged, instead of sampling smaller images with half the columns, or the nearest pixel.
 
-//!include frame grid projection display bindings
+//!include frame projection display bindings
 
 // Maximum footprint: polar pixels between the centres of adjacent screen pixels.
 const MOST_FOOTPRINT: f32 = 6.0;

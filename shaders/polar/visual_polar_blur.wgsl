@@ -2,7 +2,7 @@
 // in the fovea, and from there on by a Gaussian whose deviation grows up to BLUR_FULL_DEG. Departure: the image is
 // blurred before it is mapped to the screen, while it has fewer pixels.
 
-//!include frame grid grid_polar grid_visual_polar bindings
+//!include frame grid grid_visual_polar grid_polar bindings
 
 // Maximum standard deviation of the blur, relative to the tangent of half the vertical field of view. It is 6.8 pixels
 // of an image 1440 pixels high, whose height is 2 in this unit.

@@ -1,6 +1,8 @@
 // Path tracing with at most `Sampling::reflections` reflections: next-event estimation and bounces, combined by
 // multiple importance sampling with the balance heuristic (Veach 1997). Paths may end in the radiance cache.
 
+//!include frame rng math tables scene environment lights trace hits surface bsdf path cache
+
 // Whether smooth lobes behind a wide bounce are made rougher.
 override IS_REGULARIZED: bool = false;
 

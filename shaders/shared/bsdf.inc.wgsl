@@ -9,6 +9,8 @@
 // angles: 50 % more for a smooth white surface at a cosine of 0.1. The weight here never exceeds that of Kelemen &
 // Szirmay-Kalos (2001), which conserves energy exactly.
 
+//!include math reflectance surface facets
+
 struct Scattering {
     // BSDF times cosine.
     value: vec3<f32>,

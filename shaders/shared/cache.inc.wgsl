@@ -4,6 +4,8 @@
 // over more than a cell and if earlier frames have filled the cell. Some paths record the light that they find in a
 // cell, and the next frame reads it.
 
+//!include frame rng math tables surface bsdf cells pack
+
 override HAS_CACHE: bool = false;
 
 // Recording mode of a path. It records nothing, the light in its first cell if the cache does not know it, or that light

@@ -3,6 +3,8 @@
 // A cell holds the surface points in a cube whose geometric normals have the same largest component, with the same sign.
 // Cubes are larger the farther they are from the left eye, so that scenes of any scale have about as many cells.
 
+//!include frame bindings
+
 // Key of no cell, and of an empty slot.
 const NO_CELL: u32 = 0u;
 

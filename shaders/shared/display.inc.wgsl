@@ -1,5 +1,7 @@
 // Display encoding of linear light: exposure, tone curve, sRGB. `image/tone.rs` cites the sources of the curves.
 
+//!include frame
+
 fn tone_neutral(exposed: vec3<f32>) -> vec3<f32> {
     const START = 0.76;
     let least = min(exposed.r, min(exposed.g, exposed.b));

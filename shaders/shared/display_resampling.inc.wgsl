@@ -1,5 +1,7 @@
 // Display resampling: maps a displayed pixel to the rectified image of the pass's eye.
 
+//!include frame
+
 struct ShownPlace {
     // Position in the rectified image, pixels.
     point: vec2<f32>,

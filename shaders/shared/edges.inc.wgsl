@@ -1,5 +1,7 @@
 // Edge-stopping weights that the spatial filters share.
 
+//!include frame pack
+
 struct Guide {
     position: vec3<f32>,
     normal: vec3<f32>,

@@ -1,5 +1,7 @@
 // The environment image: look-up, and importance sampling by luminance. See `emitters/env_grid.rs`.
 
+//!include frame math tables light_groups
+
 override HAS_ENV_MAP: bool = true;
 
 @group(0) @binding(3) var env_map: texture_2d<f32>;

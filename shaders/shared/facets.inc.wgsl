@@ -1,5 +1,7 @@
 // Microfacets: GGX distributions, which may be wider along the tangent than across, and Fresnel terms.
 
+//!include frame math reflectance surface
+
 // Tangent, bitangent and normal.
 fn brushed_frame(s: Surface) -> mat3x3<f32> {
     return mat3x3<f32>(s.tangent, cross(s.normal, s.tangent), s.normal);

@@ -7,6 +7,8 @@
 // depend on the gaze, so a moving gaze only changes the mask where it changes the probability. Each eye has its own
 // gaze.
 
+//!include frame rng
+
 override FOVEATED: bool = false;
 // True if pixels may be left to the denoiser, because of the render scale or of foveation.
 override SPARSE: bool = false;

@@ -21,6 +21,8 @@
 // traced_index       index of the pixel that shows a point of the screen, or of the nearest one
 // density_on_screen  columns and rows per screen pixel at a point of the screen, which the image shows at `point`
 
+//!include frame
+
 const TAU: f32 = 6.2831855;
 
 fn pixel_index(pixel: vec2<u32>) -> u32 {

@@ -1,6 +1,8 @@
 // Log-polar images (Andersson & Hansson 2020). The rows of a square of screen pixels around the gaze may precede the
 // rings.
 
+//!include frame grid
+
 fn is_in_square(eye_fovea_rows: f32, row: i32) -> bool {
     return f32(row) < eye_fovea_rows;
 }

@@ -1,5 +1,7 @@
 // Perspective images through an image plane in front of the eye.
 
+//!include frame grid
+
 const IS_POLAR: bool = false;
 
 fn is_outside(pixel: vec2<u32>) -> bool {

@@ -1,6 +1,8 @@
 // Functions that all polar projections share. Besides the functions of `grid`, a polar projection defines
 // `column_beside`: the column of a row that is next to the given column of another row, not yet wrapped.
 
+//!include frame grid rings
+
 const IS_POLAR: bool = true;
 
 fn is_outside(pixel: vec2<u32>) -> bool {

@@ -1,5 +1,7 @@
 // Visual-polar images, in which the density of rings follows visual acuity (Koskela et al. 2019).
 
+//!include frame grid
+
 // Eccentricity at which acuity begins to fall, degrees; area of the fovea within it, square degrees; and factor of the
 // integral of acuity outside the fovea.
 const FOVEA_DEG: f32 = 5.79;

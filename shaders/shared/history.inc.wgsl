@@ -1,6 +1,8 @@
 // Finds the pixels of the previous frame that show a pixel's surface: the four around the image point where the surface
 // was, each validated by position and normal.
 
+//!include frame projection pack motion mirrored
+
 // Minimum sum of the weights of valid pixels that counts as history.
 const LEAST_FOUND: f32 = 0.01;
 

@@ -1,3 +1,5 @@
+//!include frame math tables scene light_groups lights trace traverse surface bsdf
+
 // Barycentrics (b1, b2) of a hit, from edge functions on vertices relative to the hit point. With vertices relative to
 // the ray's origin, rounding errors would grow with the square of the distance, visibly so on small and distant
 // triangles.

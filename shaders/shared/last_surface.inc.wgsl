@@ -1,5 +1,7 @@
 // Position of a surface point in the previous frame.
 
+//!include frame tables scene
+
 struct LastSurface {
     position: vec3<f32>,
     normal: vec3<f32>,

@@ -1,7 +1,9 @@
 // Late reprojection: maps a displayed pixel of an eye that has moved since the image was rendered to the rectified
 // image of the pass's eye. Each pixel searches the rendered depths for the surface that it sees, by fixed-point
 // iteration (Yang et al. 2011, "Image-based bidirectional scene reprojection", section 3). Disocclusions show the light
-// of adjacent surfaces. The shader binds the depths as `emission_image`.
+// of adjacent surfaces. The pass binds the depths as `emission_image`.
+
+//!include frame grid projection display_resampling bindings
 
 const ITERATIONS: i32 = 8;
 

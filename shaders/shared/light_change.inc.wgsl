@@ -1,4 +1,6 @@
-// Fraction by which light in the left eye has changed since the previous frame, per tile. The shader binds the image.
+// Fraction by which light in the left eye has changed since the previous frame, per tile. The pass binds the image.
+
+//!include frame projection bindings
 
 // Tile in which the left eye sees this pixel's surface, which is at `position`.
 fn tile_of(pixel: vec2<u32>, position: vec3<f32>) -> u32 {

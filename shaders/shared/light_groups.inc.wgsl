@@ -1,5 +1,7 @@
 // Groups of lights and their probabilities, and samples of lights (see `lights`).
 
+//!include frame
+
 // Whether `hard_light` computes the light of lights with hard shadows at the first vertices of paths.
 override HAS_HARD_LIGHTS: bool = false;
 

@@ -1,6 +1,8 @@
 // The light tree, which samples one of many lights by its importance to a point (Conty Estevez & Kulla, "Importance
 // Sampling of Many Lights with Adaptive Tree Splitting", HPG 2018). See `emitters/light_tree.rs`.
 
+//!include frame tables
+
 // A node of the light tree has two rows: (centre, radius) and (power, axis, cosines, next). This mask selects the index
 // in `next`.
 const LIGHT_INDEX: u32 = ~(LIGHT_LEAF | LIGHT_TWO_SIDED);

@@ -5,6 +5,8 @@
 // cosine-weighted bounces find it with less noise. At the first vertex of a path (`is_first`), lights with hard shadows
 // are left out if `hard_light` (see `path`) computes their light.
 
+//!include frame math tables scene light_tree light_groups environment surface
+
 override HAS_LOCAL_LIGHTS: bool = true;
 override HAS_DIRECTIONAL: bool = true;
 // Whether emissive triangles are masked or blended, and whether some are under a clear coat.

@@ -6,6 +6,8 @@
 // Zimmer et al.: the image of a surface is assumed where paraxial rays meet, instead of searched for. In plane mirrors and
 // behind thin panes, this is exact.
 
+//!include frame rng math tables scene light_groups hits surface facets bsdf path motion last_surface mirror_motion mirrored
+
 // Maximum number of mirrors and glass surfaces between the eye and the surface. A chain of more ends at one of them.
 const MOST_LINKS: u32 = 8u;
 

@@ -1,5 +1,7 @@
 // Where the previous frame saw a surface in mirrors or behind glass, if the surface or one of these has moved since.
 
+//!include frame scene path last_surface
+
 // How a chain of mirrors and glass maps the surface to its image: x becomes turn * x + shift. If all links are plane
 // mirrors and thin panes, this is a product of reflections. Curved links and solid glass only contribute to `turn`.
 struct Mapping {

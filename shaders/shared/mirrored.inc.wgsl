@@ -1,5 +1,7 @@
 // Pixels that show a surface in mirrors or behind clear glass, and polished surfaces.
 
+//!include frame projection pack
+
 // Whether perfect mirrors and clear glass are replaced by the surfaces that they show (see `mirror.inc.wgsl`).
 override HAS_MIRRORS: bool = false;
 

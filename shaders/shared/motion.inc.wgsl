@@ -1,5 +1,7 @@
 // Motion since the previous frame, and its limits on history.
 
+//!include frame
+
 // Whether the scene is dynamic. Eyes may move in any scene.
 override HAS_MOTION: bool = false;
 

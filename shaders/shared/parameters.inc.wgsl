@@ -1,5 +1,7 @@
 // A material's parameters at a hit.
 
+//!include tables scene
+
 // Factors times textures.
 struct Parameters {
     base: vec3<f32>,

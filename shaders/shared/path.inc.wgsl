@@ -1,5 +1,7 @@
 // The start of paths: the first hit of a ray from the eye, media, and light from sampled lights.
 
+//!include frame rng math tables light_groups environment lights trace hits surface bsdf split
+
 override HAS_CONSTANT_ENV: bool = true;
 
 // Whether specular light of view-dependent pixels counts as emission, so that no filter blurs it.

@@ -1,4 +1,6 @@
-// Traces the samples of a pixel that one dispatch covers. The including shader binds the images.
+// Traces the samples of a pixel that one dispatch covers. The pass binds the images.
+
+//!include frame grid projection rng tables light_groups trace hits surface split path cells cache bounces pack samples mirrored mirror footprint bindings
 
 // Whether the variance of samples is stored along with their mean.
 override MEASURES_VARIANCE: bool = false;

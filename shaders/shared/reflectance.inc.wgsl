@@ -1,5 +1,7 @@
 // Reflectances: Schlick's Fresnel term, directional albedos of lobes, and thin films.
 
+//!include frame math tables
+
 // Directional albedo of GGX reflection over cosine and perceptual roughness, as (scale of f0, scale of f90), and that of
 // a white sheen: a grid of ALBEDO_GRID x ALBEDO_GRID nodes, followed by the means over directions per roughness. See
 // `stages::albedo_table`.

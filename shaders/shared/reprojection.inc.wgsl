@@ -2,6 +2,8 @@
 // Polar images use four taps, at most `args[0]` rows away. Surfaces in plane mirrors are looked up at their image, which
 // lies on the same row in both eyes; other mirrors give holes.
 
+//!include frame projection pack mirrored bindings
+
 // Whether pixels that show several surfaces take over light, for a filter that blends light at edges anyway. Their mean
 // albedo is that of all surfaces.
 override ACCEPTS_MIXED: bool = false;

@@ -1,9 +1,11 @@
-// Resamples a rectified image, which the shader binds as `rectified`. Its size is `rectified_size`, and its pixels are
+// Resamples a rectified image, which the pass binds as `rectified`. Its size is `rectified_size`, and its pixels are
 // means over their area. To conserve light, the light along each axis of a pixel is modelled by a parabola that has the
 // pixel's mean and does not overshoot, and the parabolas are integrated over the displayed pixel (Colella & Woodward
 // 1984, section 1: the piecewise parabolic method). A pixel between two flat sides gets a sharp edge instead, at the
 // position that keeps its mean (Harten 1989, "ENO schemes with subcell resolution"): next to lamps, even a little
 // misplaced light is visible.
+
+//!include display_resampling bindings
 
 // Maximum and minimum number of rectified pixels that a displayed pixel covers along an axis.
 const WIDEST: f32 = 8.0;

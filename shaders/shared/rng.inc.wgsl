@@ -11,6 +11,8 @@
 // each pixel has its own sequences. `pcg`: independent numbers by hashing (Jarzynski & Olano, "Hash Functions for GPU
 // Rendering", JCGT 9(3), 2020).
 
+//!include frame
+
 override SOBOL: bool = true;
 
 struct Rng {

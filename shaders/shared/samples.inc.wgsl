@@ -2,6 +2,8 @@
 // n + 1 samples per pixel, the others n. Samples vary by tiles, not by pixels, so that the lanes of a device that run
 // together do the same work.
 
+//!include frame rng
+
 override VARIES_SAMPLES: bool = false;
 
 const SAMPLES_TILE = vec2<u32>(8u, 4u);

@@ -1,5 +1,7 @@
 // The scene's tables, and look-ups at a hit.
 
+//!include frame rng tables
+
 override HAS_TEXTURES: bool = true;
 override HAS_SECOND_UVS: bool = true;
 override HAS_VERTEX_COLORS: bool = true;

@@ -2,6 +2,8 @@
 // filtered separately if the scene has gloss. Both are then packed into one pixel of half floats, scaled so that
 // white is 1 at the exposure of the run (`storage_scale`). Otherwise `matte` holds all radiance, as floats.
 
+//!include frame
+
 override HAS_GLOSS: bool = true;
 
 // Whether light of channels that a surface does not reflect is ABSENT. Filters then give these channels no weight: as

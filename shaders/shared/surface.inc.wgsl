@@ -1,5 +1,7 @@
 // Surface at a ray's hit on a triangle: position, normals, and scattering lobes.
 
+//!include frame math tables scene reflectance parameters
+
 override HAS_NORMAL_MAPS: bool = true;
 override HAS_SPECULAR: bool = true;
 override HAS_TRANSMISSION: bool = true;

@@ -1,3 +1,5 @@
+//!include frame
+
 // All tables of the scene, stored consecutively in rows of 16 bytes, in a texture. Some drivers turn each read of a
 // storage buffer into a loop over lanes, but not reads of texels. A storage texture needs no look-up of a mip level or
 // a sampler.

@@ -1,6 +1,8 @@
 // Mean of the base colour's texture over a pixel's footprint, for frames of one sample per pixel. Light is stored
 // without albedo, so that the albedo of a pixel may be a mean without any change of the light.
 
+//!include frame math tables scene parameters surface path mirror
+
 override FILTERS_TEXTURES: bool = false;
 
 // Maximum number of taps along each side of the footprint.

@@ -5,6 +5,8 @@
 // A group is (base index, mask). Node groups carry hit children in bits 24..31 and the node's imask in bits 0..7;
 // triangle groups carry up to 24 hit triangles in bits 0..23.
 
+//!include frame math tables scene
+
 struct Hit {
     t: f32,
     // Number of the triangle, or SPHERE | number of the sphere light, or NO_PRIM. Triangle numbers follow the tree

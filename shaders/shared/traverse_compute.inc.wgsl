@@ -1,3 +1,5 @@
+//!include frame math tables scene trace
+
 // Returns the nearest hit up to `t_max` that passes its alpha test (the lowest triangle number among equal distances),
 // or any such hit if `any`. `any` is always a literal, so that each kind of call is specialised. `key` identifies the
 // ray for `is_covered`.

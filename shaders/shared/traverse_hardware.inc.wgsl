@@ -6,6 +6,8 @@
 // errors. In the device's arithmetic, a ray that starts on a triangle may hit that triangle. The ray is then traced
 // once more, with a test of every triangle on its way. The device decides the order of equally distant hits.
 
+//!include frame math tables scene trace
+
 @group(0) @binding(4) var scene_tree: acceleration_structure;
 
 const TERMINATE_ON_FIRST_HIT: u32 = 4u;

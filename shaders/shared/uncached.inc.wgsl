@@ -1,5 +1,7 @@
 // Paths that neither end in the radiance cache nor record anything for it.
 
+//!include surface bsdf
+
 const HAS_CACHE: bool = false;
 const NO_RECORD: u32 = 0u;
 

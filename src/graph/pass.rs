@@ -54,8 +54,8 @@ impl Kernel {
     }
 
     /// Makes a kernel from a shader outside the library. It has workgroups of 8 x 8 and does not read the scene.
-    /// `//!include` lines in its text include shared parts of the library's shaders. The shader is compiled with all
-    /// run-time checks, such as bounds checks.
+    /// `//!include` lines in its text include shared parts of the library's shaders, with all parts that these use. The
+    /// shader is compiled with all run-time checks, such as bounds checks.
     pub const fn from_text(name: &'static str, text: &'static str) -> Self {
         Self { foreign_text: Some(text), ..Self::new(name) }
     }

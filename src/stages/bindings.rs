@@ -15,7 +15,7 @@ pub fn bindings(uses: &[Use]) -> String {
 }
 
 /// Returns the name of the variable of a binding.
-fn variable(used: &Use) -> Cow<'static, str> {
+pub fn variable(used: &Use) -> Cow<'static, str> {
     let Resource { name, variable, .. } = used.image.resource;
     let prefix = match used.eye {
         _ if used.name.is_some() => "",

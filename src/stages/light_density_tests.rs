@@ -20,7 +20,7 @@ const COUNT: usize = 1 << 18;
 const BINS: [usize; 2] = [12, 24];
 
 const PROBE: &str = "
-//!include frame rng math scene light_tree light_groups environment lights trace traverse hits reflectance parameters surface facets bsdf
+//!include frame rng math tables environment lights hits
 struct Answer {
     // A direction that was sampled, and the density that came with it; 0: none.
     sampled: vec4<f32>,

@@ -11,7 +11,7 @@
 // - Pixels that were not sampled stay empty until enough of their surface is within reach.
 // - Pixels that are still empty in the last iteration take the mean of any surfaces within reach.
 
-//!include frame grid projection split rng pack edges foveation bindings
+//!include frame grid projection split pack foveation edges bindings
 
 // Threshold for filling an empty pixel: the sum of its taps' weights must exceed this value times the sampling
 // probability. Below it, the pixel waits for the closer taps of a later iteration, since it would pass on the light of

@@ -5,7 +5,7 @@
 // and channels that a surface does not reflect keep their history, and the accumulations before and after the fit count
 // their frames separately.
 
-//!include frame grid projection split motion pack mirrored history light_change bindings
+//!include frame grid projection split pack motion history light_change bindings
 
 // Variables:
 // - `guide_image`: each pixel's surface in the previous frame: `guide` or, in dynamic scenes, `last_surface`.

@@ -14,7 +14,7 @@
 // - Specular and diffuse radiance are fitted one after the other if the scene has gloss. Pixels take part in the fit of the
 //   channels that their surfaces reflect. If these differ, each channel is fitted alone.
 
-//!include frame grid projection split pack rng bindings
+//!include frame projection rng split pack bindings
 
 // Variables:
 // - `source`: demodulated illumination. The upper 8 bits of the last word hold the number of accumulated frames.

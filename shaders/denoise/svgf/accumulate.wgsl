@@ -13,7 +13,7 @@
 // - Channels that a surface does not reflect keep their history, and pixels without a lobe are no history of pixels with
 //   it.
 
-//!include frame grid projection rng split motion pack mirrored samples variance history light_change bindings
+//!include frame grid projection split pack samples motion mirrored variance history light_change bindings
 
 // Variables:
 // - `guide_image`: each pixel's surface in the previous frame: `guide` or, in dynamic scenes, `last_surface`.

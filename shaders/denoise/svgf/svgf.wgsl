@@ -12,7 +12,7 @@
 // - The first iteration, whose result becomes the history, tolerates larger differences than the others, since its taps
 //   are the nearest.
 
-//!include frame grid projection split rng pack edges foveation variance bindings
+//!include frame grid projection split pack foveation edges variance bindings
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
