@@ -1,15 +1,18 @@
 //! Validates every shader that a device may be given, in all its variants, without a device. wgpu runs the same
 //! validation before it calls the driver.
 
+use std::collections::HashSet;
+
 use naga::back::pipeline_constants::process_overrides;
 use naga::front::wgsl::{Frontend, Options};
 use naga::valid::{ModuleInfo, ValidationFlags, Validator};
 use naga::{Module, ShaderStage};
 
-use super::shader::pass_text;
+use super::shader::{Expansion, FILES, pass_text};
 use super::specialization::capabilities;
 use super::*;
 use crate::device::{SceneAccess, Tables, Traversal};
+use crate::graph::{Kernel, SceneUse};
 use crate::image::Extent;
 use crate::passes;
 use crate::projection::PolarSpace;
@@ -74,6 +77,49 @@ fn every_variant_of_every_shader_is_valid() {
             validate_variants(&text, traversal).unwrap_or_else(|e| panic!("{of}: {e}"));
             texts.push(text);
         }
+    }
+}
+
+/// Compiles every include with nothing but what it includes. Bindings are those of a pass that includes it.
+#[test]
+fn every_include_is_valid_alone() {
+    let accesses = [(Tables::Buffer, Traversal::Compute), (Tables::Texture, Traversal::Hardware)];
+    let accesses = accesses.map(|(tables, traversal)| SceneAccess { tables, traversal });
+    let polar = PolarSpace::ALL.iter().copied().map(Some);
+    let variants =
+        std::iter::once(None).chain(polar).flat_map(|polar| accesses.map(|a| ShaderVariant { access: a, polar }));
+    let (mut files, mut texts) = (HashSet::new(), HashSet::new());
+    for (variant, pass) in variants.flat_map(|v| passes::pass_of_each_kernel().into_iter().map(move |pass| (v, pass))) {
+        for include in Expansion::of(&pass.kernel, &pass.uses, variant).done {
+            // Kernels of polar images include their projection themselves.
+            if include == "bindings" || (include == "grid_polar" && variant.polar.is_none()) {
+                continue;
+            }
+            let text = format!("//!include {include}").leak();
+            let kernel = Kernel::from_text("alone", text).with(pass.kernel.constants);
+            let kernel = if pass.kernel.scene == SceneUse::Read { kernel.reading_scene() } else { kernel };
+            let text = shader_text(&kernel, &pass.uses, variant);
+            if !texts.contains(&text) {
+                validated(&text, variant.access.traversal)
+                    .unwrap_or_else(|e| panic!("{include} with {variant:?}: {e}"));
+                texts.insert(text);
+            }
+            files.insert(format!("{include}.inc"));
+        }
+    }
+    let unused: Vec<_> = FILES.iter().filter(|(n, _)| n.ends_with(".inc") && !files.contains(*n)).collect();
+    assert!(unused.is_empty(), "no pass includes {unused:?}");
+}
+
+#[test]
+fn a_list_of_all_parts_inserts_each_once() {
+    const PARTS: &str = "//!include frame grid projection rng scene light_tree environment lights trace traverse hits
+//!include reflectance parameters surface facets bsdf split path motion last_surface mirror_motion mirror pack mirrored
+//!include mirrored grid frame";
+    for polar in [None, Some(PolarSpace::ALL[0])] {
+        let kernel = Kernel::from_text("foreign", PARTS).reading_scene();
+        let text = shader_text(&kernel, &[], ShaderVariant { polar, ..Default::default() });
+        validated(&text, Traversal::Compute).unwrap_or_else(|e| panic!("{e}"));
     }
 }
 
