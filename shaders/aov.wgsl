@@ -1,7 +1,7 @@
 // Renders one auxiliary image per dispatch, from the hit at the pixel's centre. If the G-buffer follows mirrors, the
 // centre's ray is traced again, since most auxiliary images show the mirrors themselves.
 
-//!include frame grid projection rng tables scene trace hits reflectance parameters surface split path pack samples motion last_surface mirrored mirror bindings
+//!include frame grid projection rng tables scene trace reflectance parameters surface split path pack samples motion last_surface mirrored mirror first_surface bindings
 
 fn centre_hit(pixel: vec2<u32>, hit: vec4<u32>) -> FirstHit {
     let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
@@ -41,20 +41,17 @@ fn seen_at(p: vec3<f32>, centre: vec2<f32>) -> vec2<f32> {
 // The surface that the pixel shows in mirrors and behind clear glass, whether the denoiser follows these or not. It is 0
 // if the pixel shows the sky or a light, unless glass before it reflects: then it is the glass.
 fn shown_value(kind: u32, pixel: vec2<u32>) -> vec3<f32> {
-    let origin = frame.camera.views[pass_.view].origin;
     let ahead = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
     let rng = rng_for(pixel, pass_.view, 0u);
-    var direction = ahead;
-    var shown = first_hit(trace_closest(origin, direction, alpha_key(rng)), origin, direction);
-    var rays = 0u;
-    let links = follow_mirrors(&shown, &direction, rng, &rays);
+    let seen = shown_surface(pass_.view, primary_hit(pass_.view, ahead, rng), ahead, rng, 1u);
+    let shown = seen.first;
     if (shown.hit.prim & SPHERE) != 0u {
         return vec3<f32>(0.0);
     }
     if kind == SHOWN_NORMAL {
         return shown.surface.normal;
     }
-    let image = origin + ahead * links.surface_distance;
+    let image = frame.camera.views[pass_.view].origin + ahead * seen.links.surface_distance;
     return select(image, shown.surface.position, kind == SHOWN_POSITION) + frame.geometry.world_origin;
 }
 
@@ -69,8 +66,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var depth = emission_image[at].a;
     if HAS_MIRRORS {
         let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
-        let key = alpha_key(rng_for(pixel, pass_.view, 0u));
-        let first = trace_closest(frame.camera.views[pass_.view].origin, direction, key);
+        let first = primary_hit(pass_.view, direction, rng_for(pixel, pass_.view, 0u));
         hit = vec4<u32>(first.prim, bitcast<vec2<u32>>(first.bary), hit.w);
         depth = select(first.t, 0.0, first.prim == NO_PRIM);
     }

@@ -3,7 +3,7 @@
 // light with hard shadows counts as emission if the denoiser leaves it out. Perfect mirrors and clear glass may be
 // replaced by the surfaces that they show, and what polished surfaces reflect may be part of albedo and emission.
 
-//!include frame grid projection rng math light_groups trace hits surface split path pack samples foveation mirrored mirror texture_filter footprint bindings
+//!include frame grid projection rng math light_groups trace surface split pack samples foveation mirrored texture_filter footprint first_surface bindings
 
 // Changes of the direction from pixel to pixel.
 fn steps_at(pixel: vec2<u32>) -> Footprint {
@@ -39,37 +39,34 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             return;
         }
     }
-    let origin = frame.camera.views[pass_.view].origin;
-    var direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
-    var rng = rng_for(pixel, pass_.view, 0u);
-    var first = first_hit(trace_closest(origin, direction, alpha_key(rng)), origin, direction);
-    var rays = 1u;
-    var links = Links();
-    if HAS_MIRRORS {
-        links = follow_mirrors(&first, &direction, rng, &rays);
-    }
+    let ahead = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
+    let rng = rng_for(pixel, pass_.view, 0u);
+    var seen = surface_in_mirrors(pass_.view, primary_hit(pass_.view, ahead, rng), ahead, rng, 1u);
     if FILTERS_TEXTURES && !JITTER {
         let steps = steps_at(pixel);
+        var first = seen.first;
         var footprint = Footprint(steps.across * first.hit.t, steps.down * first.hit.t);
-        if HAS_MIRRORS && links.count > 0u {
-            footprint = turned(steps, links.pencil.apart.y, direction);
+        if HAS_MIRRORS && seen.links.count > 0u {
+            footprint = turned(steps, seen.links.pencil.apart.y, seen.direction);
         }
-        filter_texture(&first, direction, footprint);
+        filter_texture(&first, seen.direction, footprint);
+        seen.first = first;
     }
-    var polish = Polish();
-    if HAS_POLISH {
-        polish = follow_polish(&first, direction, links, rng, &rays);
-        if FILTERS_TEXTURES && !JITTER {
-            var reflected = polish.hit;
-            filter_texture(&reflected, polish.direction, turned(steps_at(pixel), polish.spread, polish.direction));
-            first.albedo += (reflected.albedo - polish.hit.albedo) * polish.weight;
-            first.emission += (reflected.emission - polish.hit.emission) * polish.weight;
-        }
+    add_polish(&seen, rng);
+    let polish = seen.polish;
+    if HAS_POLISH && FILTERS_TEXTURES && !JITTER {
+        var reflected = polish.hit;
+        filter_texture(&reflected, polish.direction, turned(steps_at(pixel), polish.spread, polish.direction));
+        seen.first.albedo += (reflected.albedo - polish.hit.albedo) * polish.weight;
+        seen.first.emission += (reflected.emission - polish.hit.emission) * polish.weight;
     }
     if HAS_HARD_LIGHTS && !JITTER && (!VARIES_SAMPLES || samples_of(pixel) == 1u) {
-        first.emission += hard_light_of(first, direction, links, polish, rng, &rays);
+        add_hard_light(&seen, rng);
     }
+    let links = seen.links;
+    var first = seen.first;
     let ok = is_sound(&first) && !was_cut_short;
+    seen.first = first;
     let hit = first.hit;
     let is_surface = (hit.prim & SPHERE) == 0u;
     // Reflections in clear glass are specular light, as narrow as possible.
@@ -78,7 +75,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var tag = MATERIAL_NONE;
     if is_surface {
         tag = seen_material(first, links.count);
-        tag |= select(0u, FLAG_VIEW_DEPENDENT, is_view_dependent_over(first, links, polish));
+        tag |= select(0u, FLAG_VIEW_DEPENDENT, is_view_dependent_over(seen));
         if HAS_GLOSS {
             tag |= u32(round(roughness * ROUGHNESS_STEPS)) << ROUGHNESS_SHIFT;
         }
@@ -97,7 +94,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let depth = select(select(hit.t, 0.0, hit.prim == NO_PRIM), links.distance, HAS_MIRRORS);
     albedo_image[at] = pack_albedo(Albedo(first.albedo, first.matte, roughness));
     emission_image[at] = vec4<f32>(first.emission, depth);
-    tally_image[at] = add_tally(0u, rays, select(1u, 0u, ok));
+    tally_image[at] = add_tally(0u, seen.rays, select(1u, 0u, ok));
 }
 
 // Adds samples [begin, end) to the running means of albedo and emission.
@@ -111,23 +108,13 @@ fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
     var dropped = 0u;
     for (var i = begin; i < end; i += 1u) {
         var rng = rng_for(pixel, pass_.view, i);
-        var direction = ray_of(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
-        let origin = frame.camera.views[pass_.view].origin;
-        var first = first_hit(trace_closest(origin, direction, alpha_key(rng)), origin, direction);
-        rays += 1u;
-        var links = Links();
-        if HAS_MIRRORS {
-            links = follow_mirrors(&first, &direction, rng, &rays);
-        }
-        var polish = Polish();
-        if HAS_POLISH {
-            polish = follow_polish(&first, direction, links, rng, &rays);
-        }
-        if HAS_HARD_LIGHTS {
-            first.emission += hard_light_of(first, direction, links, polish, rng, &rays);
-        }
+        let direction = ray_of(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
+        var seen = first_surface(pass_.view, primary_hit(pass_.view, direction, rng), direction, rng, 1u);
+        add_hard_light(&seen, rng);
+        var first = seen.first;
+        rays += seen.rays;
         dropped += select(1u, 0u, is_sound(&first));
-        mixed = mixed || is_elsewhere(at, first, links.count);
+        mixed = mixed || is_elsewhere(at, first, seen.links.count);
         let step = 1.0 / f32(i + 1u);
         albedo += (first.albedo - albedo) * step;
         matte += (first.matte - matte) * step;

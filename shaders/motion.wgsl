@@ -3,17 +3,13 @@
 // of the mirrors has moved, the pixel's ray is traced again to find the point. If the point is unknown, the surface gets
 // the opposite normal, which no surface of the previous frame has.
 
-//!include frame grid projection rng hits path pack last_surface mirror_motion mirrored mirror bindings
+//!include frame grid projection rng pack last_surface mirror_motion mirrored first_surface bindings
 
 // Where the previous frame saw a mirrored surface, in the format of `last_image`.
 fn traced_again(pixel: vec2<u32>, image: vec3<f32>, position: vec3<f32>, last: vec3<f32>) -> vec4<f32> {
-    let origin = frame.camera.views[pass_.view].origin;
     let ray = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
-    var direction = ray;
     let rng = rng_for(pixel, pass_.view, 0u);
-    var first = first_hit(trace_closest(origin, direction, alpha_key(rng)), origin, direction);
-    var rays = 0u;
-    follow_mirrors(&first, &direction, rng, &rays);
+    shown_surface(pass_.view, primary_hit(pass_.view, ray, rng), ray, rng, 1u);
     return last_image(mirror_motion, image, ray, position, last);
 }
 

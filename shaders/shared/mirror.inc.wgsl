@@ -6,7 +6,7 @@
 // Zimmer et al.: the image of a surface is assumed where paraxial rays meet, instead of searched for. In plane mirrors and
 // behind thin panes, this is exact.
 
-//!include frame rng math tables scene light_groups hits surface facets bsdf path motion last_surface mirror_motion mirrored
+//!include frame rng math tables scene hits surface facets bsdf path motion last_surface mirror_motion
 
 // Maximum number of mirrors and glass surfaces between the eye and the surface. A chain of more ends at one of them.
 const MOST_LINKS: u32 = 8u;
@@ -108,13 +108,6 @@ struct Links {
     depth: u32,
     weight: vec3<f32>,
 }
-
-// Minimum fraction of a polished surface's paths that start at what it reflects.
-const LEAST_REFLECTED: f32 = 0.25;
-
-// Minimum fraction of the paths through glass that start at the surface behind it. Dark glass shows little of its light,
-// but the filter shares it with pixels beside the glass, which show the same surface brightly.
-const LEAST_FOLLOWED: f32 = 0.25;
 
 // What a polished surface reflects. Beside the delta lobes that reflect it, such a surface has others.
 struct Polish {
@@ -286,68 +279,4 @@ fn follow_polish(f: ptr<function, FirstHit>, direction: vec3<f32>, links: Links,
     let sum = odds.x + odds.y + odds.z;
     (*f).surface.odds = select(vec3<f32>(0.0), odds / sum, sum > 0.0);
     return polish;
-}
-
-// Light from lights with hard shadows that reaches the eye from a first surface and from what it reflects.
-fn hard_light_of(f: FirstHit, direction: vec3<f32>, links: Links, polish: Polish, rng: Rng, rays: ptr<function, u32>) -> vec3<f32> {
-    var sum = hard_light(f, direction, links.count, rng, rays);
-    if HAS_POLISH && max3(polish.albedo) > 0.0 {
-        sum += polish.weight * hard_light(polish.hit, polish.direction, links.count + 1u, rng, rays);
-    }
-    return sum;
-}
-
-// Whether the other eye sees a different radiance, on the first surface or reflected by it or by glass on the way to it.
-fn is_view_dependent_over(f: FirstHit, links: Links, polish: Polish) -> bool {
-    let least = VIEW_DEPENDENT_FRACTION * luminance(f.albedo);
-    let reflected = HAS_MIRRORS && HAS_TRANSMISSION && luminance(links.albedo) > least;
-    return reflected || (HAS_POLISH && luminance(polish.albedo) > least) || is_view_dependent(f.surface);
-}
-
-// Start of a pixel's path: its first surface, what this reflects, or what a reflection in glass on the way hits.
-struct PathStart {
-    hit: FirstHit,
-    direction: vec3<f32>,
-    links: u32,
-    // Factor of the path's light.
-    weight: vec3<f32>,
-    // Light that the reflection finds at once, weighted.
-    found: vec3<f32>,
-    is_reflection: bool,
-}
-
-// Chooses between the first surface, what it reflects, and a reflection in glass, by their parts of the albedo, and
-// traces the last.
-fn start_of_path(first: FirstHit, direction: vec3<f32>, links: Links, polish: Polish, rng: ptr<function, Rng>, rays: ptr<function, u32>) -> PathStart {
-    var rest = luminance(first.albedo);
-    var pick = random_at(rng, 1u, LOBE_CHOICE).y;
-    // 1 over the probability of not choosing what was offered so far.
-    var unchosen = 1.0;
-    if HAS_POLISH {
-        let part = luminance(polish.albedo);
-        let least = select(LEAST_REFLECTED, 0.0, part <= 0.0);
-        let most = select(1.0 - LEAST_REFLECTED, 1.0, part >= rest);
-        let odds = clamp(part / max(rest, 1e-20), least, most);
-        if pick < odds {
-            let weight = polish.hit.transmittance * polish.weight / odds;
-            return PathStart(polish.hit, polish.direction, links.count + 1u, weight, vec3<f32>(0.0), true);
-        }
-        unchosen = 1.0 / max(1.0 - odds, 1e-7);
-        pick = (pick - odds) * unchosen;
-        rest -= part;
-    }
-    let reflected = luminance(links.albedo);
-    let most = select(1.0 - LEAST_FOLLOWED, 1.0, reflected >= rest);
-    let odds = select(0.0, min(reflected / max(rest, 1e-20), most), reflected > 0.0);
-    if pick >= odds {
-        let weight = first.transmittance * (unchosen / max(1.0 - odds, 1e-7));
-        return PathStart(first, direction, links.count, weight, vec3<f32>(0.0), false);
-    }
-    var hit = first_hit_in(links.medium, trace_closest(links.origin, links.direction, alpha_key(*rng)), links.origin, links.direction);
-    *rays += 1u;
-    if HAS_HARD_LIGHTS {
-        hit.emission += hard_light(hit, links.direction, links.depth, *rng, rays);
-    }
-    let weight = links.weight * (unchosen / odds);
-    return PathStart(hit, links.direction, links.depth, hit.transmittance * weight, hit.emission * weight, true);
 }

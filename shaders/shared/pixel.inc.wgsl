@@ -1,6 +1,6 @@
 // Traces the samples of a pixel that one dispatch covers. The pass binds the images.
 
-//!include frame grid projection rng tables light_groups trace hits surface split path cells cache bounces pack samples mirrored mirror footprint bindings
+//!include frame grid projection rng tables trace split path cells cache bounces pack samples mirrored footprint first_surface bindings
 
 // Whether the variance of samples is stored along with their mean.
 override MEASURES_VARIANCE: bool = false;
@@ -92,35 +92,23 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     for (; i < end; i += 1u) {
         was_cut_short = false;
         var rng = rng_for(pixel, view, i);
-        var direction = ray_of(view, vec2<f32>(pixel) + sample_offset(&rng));
-        let origin = frame.camera.views[view].origin;
+        let direction = ray_of(view, vec2<f32>(pixel) + sample_offset(&rng));
         var rays = 0u;
         var hit: Hit;
         if JITTER || is_mirrored(hit_image[at]) {
-            hit = trace_closest(origin, direction, alpha_key(rng));
+            hit = primary_hit(view, direction, rng);
             rays = 1u;
         } else {
             hit = stored_hit(at);
         }
-        var first = first_hit(hit, origin, direction);
-        var links = Links();
-        if HAS_MIRRORS {
-            links = follow_mirrors(&first, &direction, rng, &rays);
-        }
-        var polish = Polish();
-        if HAS_POLISH {
-            polish = follow_polish(&first, direction, links, rng, &rays);
-        }
+        var seen = first_surface(view, hit, direction, rng, rays);
         if JITTER {
-            mixed = mixed || is_elsewhere(at, first, links.count);
-            if HAS_HARD_LIGHTS {
-                first.emission += hard_light_of(first, direction, links, polish, rng, &rays);
-            }
+            mixed = mixed || is_elsewhere(at, seen.first, seen.links.count);
+            add_hard_light(&seen, rng);
         }
-        var start = PathStart(first, direction, links.count, first.transmittance, vec3<f32>(0.0), false);
-        if (HAS_MIRRORS && HAS_TRANSMISSION) || HAS_POLISH {
-            start = start_of_path(first, direction, links, polish, &rng, &rays);
-        }
+        rays = seen.rays;
+        let start = start_of_path(seen, &rng, &rays);
+        var first = seen.first;
         var path = PathSample();
         if (start.hit.hit.prim & SPHERE) == 0u {
             path = trace_path(start.hit.surface, start.direction, start.hit.medium, frame.sampling, start.links, recording_of(pixel, view, i), &rng);
