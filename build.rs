@@ -18,8 +18,9 @@ fn main() -> io::Result<()> {
             return Err(io::Error::other(format!("two shaders have the name {name}")));
         }
         // The path is relative to the checkout, so that build outputs stay valid if the checkout is moved.
-        let path = format!("/{}", path.strip_prefix(&root).unwrap_or(path).display());
-        let _ = write!(table, "({name:?}, include_str!(concat!(env!(\"CARGO_MANIFEST_DIR\"), {path:?}))),");
+        let path = path.strip_prefix(root.join("shaders")).unwrap_or(path).display().to_string();
+        let text = format!("/shaders/{path}");
+        let _ = write!(table, "({name:?}, {path:?}, include_str!(concat!(env!(\"CARGO_MANIFEST_DIR\"), {text:?}))),");
     }
     table.push(']');
     let out = env::var("OUT_DIR").map_err(io::Error::other)?;

@@ -12,6 +12,7 @@ use super::{
     bench, compare, devices, export, graph, manual, measure, play, ranks, render, scale, scenes, settings, sheet, shot,
     stdout, trace, view,
 };
+use crate::stages::check_shaders;
 
 /// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
 ///
@@ -118,7 +119,9 @@ impl Command {
 
 /// Runs the command that this process was started with and returns its exit status.
 pub fn run_registered() -> ExitCode {
-    let result = ranks::join().and_then(|()| if ranks::serves() { serve() } else { Ok(run_command()) });
+    let checked = check_shaders().map_err(|error| Failure::Input(error.into()));
+    let joined = checked.and_then(|()| ranks::join());
+    let result = joined.and_then(|()| if ranks::serves() { serve() } else { Ok(run_command()) });
     let status = result.unwrap_or_else(|failure| {
         log!("{}", failure.message());
         failure.exit_status()

@@ -4,6 +4,7 @@ use super::RunConfig;
 use super::layout::PassConstants;
 use super::limits::LimitExceeded;
 use super::shader::{Shader, ShaderVariant, override_names};
+use super::shader_files::ShaderError;
 use crate::device::{GpuDevice, Pipeline, PipelineKey};
 use crate::graph::{Access, Format, Kernel, Pass, ProgramError, Use};
 
@@ -15,6 +16,8 @@ pub enum StageError {
     Limit(#[from] LimitExceeded),
     #[error(transparent)]
     Program(#[from] ProgramError),
+    #[error(transparent)]
+    Shader(#[from] ShaderError),
     #[error("device {device} refused the shader {shader}: {what}")]
     Pipeline { device: usize, shader: &'static str, what: String },
 }
@@ -37,12 +40,12 @@ pub fn build(
 ) -> Result<Vec<Built>, StageError> {
     let kernel = pass.kernel;
     let variant = ShaderVariant { access: gpu.scene_access(), polar: config.envelope.most.polar };
-    let shader = Shader::new(&kernel, &pass.uses, variant);
+    let shader = Shader::new(&kernel, &pass.uses, variant)?;
     let declared = override_names(shader.text());
     let mut one = |kind: Option<bool>, jitter| {
         let constants = config.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
         // Foreign shaders (from outside the library) may share a name, so their text is the key.
-        let name = if kernel.foreign_text().is_some() { shader.text() } else { kernel.name };
+        let name = if shader.is_foreign() { shader.text() } else { kernel.name };
         let (name, checks) = (name.to_owned(), shader.checks(config.execution.checks));
         let key = PipelineKey { shader: name, projection: shader.projection, checks, constants };
         let pipeline = match gpu.pipelines.get(&key) {

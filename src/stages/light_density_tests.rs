@@ -137,7 +137,7 @@ fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
 }
 
 fn probe(gpu: &device::GpuDevice, layouts: &[Option<&wgpu::BindGroupLayout>]) -> wgpu::ComputePipeline {
-    let shader = Shader::new(&Kernel::from_text("probe", PROBE).reading_scene(), &[], gpu.scene_access());
+    let shader = Shader::new(&Kernel::from_text("probe", PROBE).reading_scene(), &[], gpu.scene_access()).unwrap();
     let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
         bind_group_layouts: layouts,

@@ -21,6 +21,7 @@ mod reflect;
 mod scene_tables;
 pub(crate) mod search_range;
 mod shader;
+mod shader_files;
 mod specialization;
 
 pub use compile::StageError;
@@ -34,7 +35,8 @@ pub use reflect::{Mismatch, verify};
 #[doc(hidden)] // For benchmarks.
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, SceneUpdate, TableError};
-pub use shader::{ShaderVariant, all_shader_text, override_names, shader_text, shader_text_of};
+pub use shader::{ShaderVariant, all_shader_text, check_shaders, override_names, shader_text, shader_text_of};
+pub use shader_files::ShaderError;
 #[doc(hidden)] // For tests and benchmarks of single kernels.
 pub use specialization::Specialization;
 

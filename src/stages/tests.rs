@@ -101,12 +101,12 @@ fn foreign_shaders_have_all_checks_and_own_ones_those_that_are_set() {
     for (name, text) in [("outline", "fn main() {}"), ("tally", include), ("gbuffer", own.leak())] {
         let foreign = Kernel::from_text(name, text);
         for kernel in [foreign, foreign.with(&[("COUNT", 1)]), foreign.reading_scene().workgroup([1; 3])] {
-            let shader = Shader::new(&kernel, &[], SceneAccess::default());
+            let shader = Shader::new(&kernel, &[], SceneAccess::default()).unwrap();
             assert_eq!([ShaderChecks::Fast, ShaderChecks::Full].map(|set| shader.checks(set)), [ShaderChecks::Full; 2]);
         }
     }
     for Pass { kernel, uses, .. } in passes {
-        let shader = Shader::new(&kernel, &uses, SceneAccess::default());
+        let shader = Shader::new(&kernel, &uses, SceneAccess::default()).unwrap();
         for set in [ShaderChecks::Fast, ShaderChecks::Full] {
             assert_eq!(shader.checks(set), set, "{}", kernel.name);
         }

@@ -2,17 +2,19 @@
 //! validation before it calls the driver.
 
 use std::collections::HashSet;
+use std::path::Path;
 
 use naga::back::pipeline_constants::process_overrides;
 use naga::front::wgsl::{Frontend, Options};
 use naga::valid::{ModuleInfo, ValidationFlags, Validator};
 use naga::{Module, ShaderStage};
 
-use super::shader::{Expansion, FILES, pass_text};
+use super::shader::{Expansion, pass_text};
+use super::shader_files::FILES;
 use super::specialization::capabilities;
 use super::*;
 use crate::device::{SceneAccess, Tables, Traversal};
-use crate::graph::{Kernel, SceneUse};
+use crate::graph::{Kernel, SceneUse, Use};
 use crate::image::Extent;
 use crate::passes;
 use crate::projection::PolarSpace;
@@ -90,7 +92,7 @@ fn every_include_is_valid_alone() {
         std::iter::once(None).chain(polar).flat_map(|polar| accesses.map(|a| ShaderVariant { access: a, polar }));
     let (mut files, mut texts) = (HashSet::new(), HashSet::new());
     for (variant, pass) in variants.flat_map(|v| passes::pass_of_each_kernel().into_iter().map(move |pass| (v, pass))) {
-        for include in Expansion::of(&pass.kernel, &pass.uses, variant).done {
+        for include in Expansion::of(&pass.kernel, &pass.uses, variant, None).unwrap().done {
             // Kernels of polar images include their projection themselves.
             if include == "bindings" || (include == "grid_polar" && variant.polar.is_none()) {
                 continue;
@@ -107,7 +109,8 @@ fn every_include_is_valid_alone() {
             files.insert(format!("{include}.inc"));
         }
     }
-    let unused: Vec<_> = FILES.iter().filter(|(n, _)| n.ends_with(".inc") && !files.contains(*n)).collect();
+    let unused: Vec<_> =
+        FILES.iter().filter(|(n, ..)| n.ends_with(".inc") && !files.contains(*n)).map(|(n, ..)| n).collect();
     assert!(unused.is_empty(), "no pass includes {unused:?}");
 }
 
@@ -143,4 +146,29 @@ fn texts_that_are_not_valid_are_refused() {
     let sized = |size: &str| format!("override ON: bool = true;\n@compute @workgroup_size({size}) fn main() {{}}");
     assert_eq!(validate_variants(&sized("4u * u32(ON) + 4u"), Traversal::Compute), Ok(2));
     refused(&sized("4u / u32(ON)"), Traversal::Compute, "with []");
+}
+
+#[test]
+fn a_folder_replaces_the_files_of_the_binary() {
+    let shaders = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders"));
+    let text = |kernel: &Kernel, uses: &[Use], folder| {
+        Ok::<_, String>(Expansion::of(kernel, uses, ShaderVariant::default(), folder).map_err(|e| e.to_string())?.text)
+    };
+    for pass in passes::pass_of_each_kernel() {
+        assert_eq!(text(&pass.kernel, &pass.uses, Some(shaders)), text(&pass.kernel, &pass.uses, None));
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| {
+        std::fs::create_dir_all(folder.path().join("shared")).unwrap();
+        std::fs::write(folder.path().join("shared").join(name), text).unwrap();
+    };
+    let refused =
+        |include: &'static str| text(&Kernel::from_text("mine", include), &[], Some(folder.path())).unwrap_err();
+    write("a.inc.wgsl", "//!include b");
+    write("b.inc.wgsl", "//!include a");
+    assert!(refused("//!include a").ends_with("form a cycle: a > b > a"), "{}", refused("//!include a"));
+    assert!(refused("//!include rng").contains("shared/rng.inc.wgsl"), "{}", refused("//!include rng"));
+    write("c.inc.wgsl", "const C: u32 = 1u;");
+    let own = text(&Kernel::from_text("mine", "//!include c"), &[], Some(folder.path()));
+    assert!(own.unwrap().contains("const C: u32 = 1u;"));
 }
