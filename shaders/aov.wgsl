@@ -1,7 +1,8 @@
 // Renders one auxiliary image per dispatch, from the hit at the pixel's centre. If the G-buffer follows mirrors, the
 // centre's ray is traced again, since most auxiliary images show the mirrors themselves.
 
-//!include frame grid projection rng tables scene trace reflectance parameters surface split path pack samples motion last_surface mirrored mirror first_surface bindings
+//!include frame grid projection rng tables scene trace reflectance parameters surface split path pack samples motion
+//!include last_surface mirrored mirror first_surface bindings
 
 fn centre_hit(pixel: vec2<u32>, hit: vec4<u32>) -> FirstHit {
     let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);

@@ -3,7 +3,8 @@
 // light with hard shadows counts as emission if the denoiser leaves it out. Perfect mirrors and clear glass may be
 // replaced by the surfaces that they show, and what polished surfaces reflect may be part of albedo and emission.
 
-//!include frame grid projection rng math light_groups trace surface split pack samples foveation mirrored texture_filter footprint first_surface bindings
+//!include frame grid projection rng math light_groups trace surface split pack samples foveation mirrored
+//!include texture_filter footprint first_surface bindings
 
 // Changes of the direction from pixel to pixel.
 fn steps_at(pixel: vec2<u32>) -> Footprint {

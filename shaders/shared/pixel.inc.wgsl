@@ -1,6 +1,7 @@
 // Traces the samples of a pixel that one dispatch covers. The pass binds the images.
 
-//!include frame grid projection rng tables trace split path cells cache bounces pack samples mirrored footprint first_surface bindings
+//!include frame grid projection rng tables trace split path cells cache bounces pack samples mirrored footprint
+//!include first_surface bindings
 
 // Whether the variance of samples is stored along with their mean.
 override MEASURES_VARIANCE: bool = false;

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::device::WAIT_SLICES;
+use crate::stages::shader_folder;
 
 /// Time limit before the first frame: `UNKNOWN_BASE` plus this time per sample, which exceeds that of any useful device
 /// by far.
@@ -37,9 +38,11 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Returns the limit for a frame that has `samples` samples in the images of both eyes.
+    /// Returns the limit for a frame that has `samples` samples in the images of both eyes. If shaders are read from a
+    /// folder, each frame may have to compile them.
     pub fn limit(&self, samples: u64) -> Duration {
-        self.fixed.unwrap_or_else(|| match (self.ms_per_sample, self.budget_ms) {
+        let reloads = || shader_folder().map(|_| UNKNOWN_BASE);
+        self.fixed.or_else(reloads).unwrap_or_else(|| match (self.ms_per_sample, self.budget_ms) {
             (None, _) => UNKNOWN_BASE + UNKNOWN_SAMPLE.mul_f64(samples as f64),
             (Some(ms), None) => FLOOR.max(Duration::from_secs_f64(TOLERANCE * ms * samples as f64 * 1e-3)),
             (Some(_), Some(budget_ms)) => {

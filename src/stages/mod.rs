@@ -13,6 +13,7 @@ mod emitters;
 mod foveation;
 pub(crate) mod frame_constants;
 mod images;
+mod kernels;
 pub mod layout;
 mod limits;
 mod params;
@@ -37,6 +38,7 @@ pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, SceneUpdate, TableError};
 pub use shader::{ShaderVariant, all_shader_text, check_shaders, override_names, shader_text, shader_text_of};
 pub use shader_files::ShaderError;
+pub(crate) use shader_files::folder as shader_folder;
 #[doc(hidden)] // For tests and benchmarks of single kernels.
 pub use specialization::Specialization;
 

@@ -5,8 +5,9 @@ use std::mem::offset_of;
 use std::sync::Arc;
 
 use super::RunConfig;
-use super::compile::{Built, StageError, buffer_entry, build, projection_layout};
+use super::compile::{Built, StageError, buffer_entry, projection_layout};
 use super::images::{Images, Place};
+use super::kernels::Kernels;
 use super::layout::{Camera, DisplayMap, Frame, Previous};
 use super::limits;
 use super::scene_tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entries, layout_entries, scene_buffers};
@@ -27,6 +28,7 @@ pub struct DeviceStages {
     config: RunConfig,
     pub images: Images,
     built: Vec<Built>,
+    kernels: Kernels,
     /// Bind groups of kernels, by bound images.
     groups: HashMap<GroupKey, wgpu::BindGroup>,
     /// Bind groups by index of the pass in `program`, the latest one. They are clones of those in `groups`.
@@ -107,25 +109,15 @@ impl DeviceStages {
             bind(&scene_layout, &std::iter::once(first.clone()).chain(scene.entries()).collect::<Vec<_>>());
         let tables_entry = std::iter::once(first).chain(scene.tables_entry()).collect::<Vec<_>>();
         let changing_scene = bind(&changing_layout, &tables_entry);
-        let mut built: Vec<Built> = Vec::new();
-        for pass in programs.iter().flat_map(Program::passes).map(|p| &p.pass) {
-            if built.iter().any(|b| b.kernel == pass.kernel) {
-                continue;
-            }
-            let group0 = match pass.kernel.scene {
-                SceneUse::No => &frame_layout,
-                SceneUse::Read => &scene_layout,
-                SceneUse::Write => &changing_layout,
-            };
-            let _span = tracing::info_span!("build pipeline", shader = pass.kernel.name).entered();
-            built.extend(build(gpu, pass, group0, &config)?);
-        }
+        let kernels = Kernels::new(programs, [frame_layout, scene_layout, changing_layout]);
+        let built = kernels.build(gpu, &config)?;
         for (resource, bytes) in tables.skin_inputs().into_iter().filter(|(resource, _)| images.has(resource)) {
             gpu.queue.write_buffer(input(&images, resource), 0, bytes);
         }
         Ok(Self {
             images,
             built,
+            kernels,
             groups: HashMap::new(),
             of_passes: HashMap::new(),
             program: None,
@@ -138,6 +130,15 @@ impl DeviceStages {
             frame,
             saved: HashMap::new(),
         })
+    }
+
+    /// Builds the pipelines again if shaders are read from a folder and have changed.
+    pub fn reload(&mut self, gpu: &mut GpuDevice) {
+        if let Some(built) = self.kernels.rebuild(gpu, &self.config) {
+            self.built = built;
+            self.groups.clear();
+            self.of_passes.clear();
+        }
     }
 
     /// Writes the constants of a frame, and updates the scene's tables, for the next submission.

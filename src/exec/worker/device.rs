@@ -89,6 +89,7 @@ impl WorkerDevice {
 
     /// Writes the constants of a frame, and updates the scene's tables, for the next submission.
     pub fn begin(&mut self, job: &FrameJob) {
+        self.stages.reload(&mut self.gpu);
         self.stages.begin(&self.gpu, &job.constants, &job.previous, &job.update);
     }
 

@@ -1,0 +1,57 @@
+//! Pipelines of all kernels of a run, built again when a file changes in the folder that shaders are read from.
+
+use std::time::SystemTime;
+
+use super::RunConfig;
+use super::compile::{Built, StageError, build};
+use super::shader_files::newest_change;
+use crate::device::GpuDevice;
+use crate::graph::{Pass, Program, SceneUse};
+
+/// Passes of all kernels, with what their pipelines are built from.
+pub struct Kernels {
+    /// One pass for each kernel.
+    passes: Vec<Pass>,
+    /// Layouts of bind group 0, for kernels that do not use the scene, read it, and change it.
+    layouts: [wgpu::BindGroupLayout; 3],
+    /// Newest change of the files that the pipelines are built from.
+    changed: Option<SystemTime>,
+}
+
+impl Kernels {
+    pub fn new(programs: &[Program], layouts: [wgpu::BindGroupLayout; 3]) -> Self {
+        let mut passes: Vec<Pass> = Vec::new();
+        for pass in programs.iter().flat_map(Program::passes).map(|linked| &linked.pass) {
+            if !passes.iter().any(|known| known.kernel == pass.kernel) {
+                passes.push(pass.clone());
+            }
+        }
+        Self { passes, layouts, changed: newest_change() }
+    }
+
+    /// Returns the pipelines that the device has cached, and builds the others.
+    pub fn build(&self, gpu: &mut GpuDevice, config: &RunConfig) -> Result<Vec<Built>, StageError> {
+        let mut built = Vec::new();
+        for pass in &self.passes {
+            let group0 = match pass.kernel.scene {
+                SceneUse::No => &self.layouts[0],
+                SceneUse::Read => &self.layouts[1],
+                SceneUse::Write => &self.layouts[2],
+            };
+            let _span = tracing::info_span!("build pipeline", shader = pass.kernel.name).entered();
+            built.extend(build(gpu, pass, group0, config)?);
+        }
+        Ok(built)
+    }
+
+    /// Builds the pipelines again if a file has changed in the folder that shaders are read from. A shader with an error
+    /// keeps the former pipelines; standard error has its message.
+    pub fn rebuild(&mut self, gpu: &mut GpuDevice, config: &RunConfig) -> Option<Vec<Built>> {
+        let changed = newest_change();
+        if changed == self.changed {
+            return None;
+        }
+        self.changed = changed;
+        self.build(gpu, config).inspect_err(|error| eprintln!("{error}")).ok()
+    }
+}
