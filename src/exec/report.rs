@@ -128,7 +128,7 @@ impl FrameReport {
 
     /// Returns the rows at which the left eye's stripes of path tracing meet.
     pub fn stripe_edges(&self) -> &[u32] {
-        self.assignment.stripes(PARTITION, Eye::Left).inner_edges()
+        self.assignment.stripes(PARTITION, Eye::MAIN).inner_edges()
     }
 
     /// Returns the busy time by stage in milliseconds, summed over views and devices.

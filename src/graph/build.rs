@@ -189,13 +189,13 @@ impl<'a> Builder<'a> {
         let works = before.works();
         for (number, bound) in self.program.images().iter().enumerate().filter(|(_, b)| b.is_before) {
             if bound.resource.scope == Scope::Device {
-                if self.program.writer(&bound.resource, Eye::Left).is_none() {
+                if self.program.writer(&bound.resource, Eye::MAIN).is_none() {
                     continue;
                 }
                 let rows = bound.resource.extent(self.program.extent).rows();
                 let kept = (0..before.devices()).filter(|d| works[*d] && !lost.contains(d));
                 let holding = |device| Holding { rows: rows.clone(), device, node: None };
-                self.versions[number][Eye::Left as usize].owned = kept.map(holding).collect();
+                self.versions[number][Eye::MAIN as usize].owned = kept.map(holding).collect();
                 continue;
             }
             for view in Eye::ALL {
@@ -260,7 +260,7 @@ impl<'a> Builder<'a> {
     /// previous frame has no copy of that frame's tables, and receives one.
     fn need_table(&mut self, image: usize, consumer: NodeIndex, pass: u32) {
         let device = self.dag[consumer].device;
-        let version = &self.versions[image][Eye::Left as usize];
+        let version = &self.versions[image][Eye::MAIN as usize];
         let held = version.owned.iter().chain(&version.copies).find(|h| h.device == device);
         match (held, version.owned.first().cloned()) {
             (Some(held), _) => {
@@ -269,8 +269,8 @@ impl<'a> Builder<'a> {
                 }
             }
             (None, Some(owner)) => {
-                let copy = self.transfer((image, Eye::Left), owner.rows.clone(), &owner, consumer, pass);
-                self.versions[image][Eye::Left as usize].copies.push(copy);
+                let copy = self.transfer((image, Eye::MAIN), owner.rows.clone(), &owner, consumer, pass);
+                self.versions[image][Eye::MAIN as usize].copies.push(copy);
             }
             (None, None) => {}
         }
@@ -340,7 +340,7 @@ impl<'a> Builder<'a> {
     fn stitch(&mut self, pass: u32, primary: usize, is_read: impl Fn(&Resource) -> bool) {
         let key = Key { pass, phase: DISPATCH, serial: u32::MAX };
         let rows = self.program.extent.rows();
-        let task = Task { kind: TaskKind::Stitch, view: Eye::Left, device: primary, rows, key };
+        let task = Task { kind: TaskKind::Stitch, view: Eye::MAIN, device: primary, rows, key };
         let node = self.dag.add_node(task);
         let is_read = |image: &usize| is_read(&self.program.images()[*image].resource);
         let outputs: Vec<usize> = self.program.outputs().filter(is_read).collect();

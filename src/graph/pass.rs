@@ -138,7 +138,7 @@ pub enum Chain {
 #[derive(Clone, Debug)]
 pub struct Pass {
     pub stage: Stage,
-    /// [`Eye::Left`] if [`Self::scope`] is [`Scope::Device`].
+    /// [`Eye::MAIN`] if [`Self::scope`] is [`Scope::Device`].
     pub view: Eye,
     pub scope: Scope,
     /// Index among the repetitions of its stage, from 0.
@@ -180,7 +180,7 @@ impl Pass {
     /// Makes a pass that every device runs in full, with this number of workgroups along x, y and z.
     pub fn once(stage: Stage, partition: Partition, kernel: Kernel, workgroups: [u32; 3]) -> Self {
         let (dispatch, scope) = (Dispatch::Once(workgroups), Scope::Device);
-        Self { scope, dispatch, work: Work::Once, ..Self::new(stage, Eye::Left, partition, kernel) }
+        Self { scope, dispatch, work: Work::Once, ..Self::new(stage, Eye::MAIN, partition, kernel) }
     }
 
     pub fn uses(mut self, uses: impl IntoIterator<Item = Use>) -> Self {
@@ -226,7 +226,7 @@ impl Pass {
     pub fn eye_of(&self, used: &Use) -> Eye {
         match used.image.resource.scope {
             Scope::View => used.eye.unwrap_or(self.view),
-            Scope::Device => Eye::Left,
+            Scope::Device => Eye::MAIN,
         }
     }
 

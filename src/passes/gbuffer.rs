@@ -2,7 +2,7 @@
 
 use glam::{UVec4, Vec4};
 
-use super::{FrameSpec, Views};
+use super::FrameSpec;
 use crate::graph::{Kernel, Launch, Partition, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
@@ -35,7 +35,7 @@ const KERNEL: Kernel = Kernel::with_scene("gbuffer").with(constants![UNSAMPLED_O
 pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
     // In jittered frames, albedo and emission are averaged over the samples of a pixel. Path tracing writes these means
     // for the pixels that it samples. This pass writes them for all other pixels, and for a whole reprojected view.
-    let reprojected = spec.views == Views::Reprojected && view == Eye::Right;
+    let reprojected = spec.source(view).is_some();
     let third = if reprojected { 0 } else { UNSAMPLED_ONLY };
     let means = Launch::Samples { most: RAYS_PER_LAUNCH, third, only_jittered: true };
     let means = (reprojected || spec.sparse).then_some(means);

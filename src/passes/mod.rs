@@ -46,35 +46,39 @@ pub fn declare(spec: &FrameSpec) -> Declared {
     for view in Eye::ALL {
         frame.add(gbuffer::pass(spec, view));
         motion::follow(spec, view, &mut frame);
-        let is_traced = view == Eye::Left || spec.views == Views::Traced;
+        let is_traced = spec.source(view).is_none();
         let surfaces = |frame: &mut Declared, is_needed: bool, why_not, pass| match spec.has_surfaces {
             true => frame.add_if(is_needed, why_not, pass),
             false => frame.add_if(false, "the scene has no surfaces", pass),
         };
         surfaces(&mut frame, is_traced && spec.sparse, "no pixel is left to the denoiser", mask_compaction::pass(view));
-        surfaces(&mut frame, is_traced, "the right eye is reprojected", path_trace::pass(spec, view));
-        if view == Eye::Right {
-            surfaces(&mut frame, !is_traced, "both eyes are path traced", reproject::pass(spec));
-            surfaces(&mut frame, !is_traced, "both eyes are path traced", path_trace::hole_fill(spec));
+        surfaces(&mut frame, is_traced, "the view is reprojected", path_trace::pass(spec, view));
+        if !view.is_main() {
+            let why_not = "the view is path traced";
+            surfaces(&mut frame, !is_traced, why_not, reproject::pass(spec, view));
+            surfaces(&mut frame, !is_traced, why_not, path_trace::hole_fill(spec, view));
         }
     }
     let denoiser = denoise::of(spec.denoiser());
-    let denoised = |view, left_light| denoise::Denoised::new(denoiser, spec, view, left_light);
-    let left = denoised(Eye::Left, None);
-    let left_light = spec.takes_over_filtered_light().then(|| left.light.image());
-    let mut views = [left, denoised(Eye::Right, left_light)];
+    let mut views: Vec<denoise::Denoised> = Vec::new();
+    for view in Eye::ALL {
+        let source = spec.source(view).filter(|_| spec.takes_over_filtered_light());
+        let source_light = source.and_then(|source| views.iter().find(|v| v.view == source)).map(|v| v.light.image());
+        views.push(denoise::Denoised::new(denoiser, spec, view, source_light));
+    }
     views.iter_mut().for_each(|view| frame.passes.append(&mut view.before));
     let links = views[0].filter.len();
     let runs = match spec.seam {
         Seam::Halo(plan) if links > 0 => plan.runs(links),
         _ => std::iter::once(0..links).collect(),
     };
-    if let Some(pass) = views[1].taken_over.take() {
-        // The right eye needs the left eye's filtered light.
-        let [left, right] = &mut views;
-        frame.passes.append(&mut left.filter);
-        frame.passes.push(pass);
-        for view in [left, right] {
+    if views.iter().any(|view| view.taken_over.is_some()) {
+        // Reprojected views need the filtered light of their sources.
+        for view in views.iter_mut().filter(|view| view.taken_over.is_none()) {
+            frame.passes.append(&mut view.filter);
+        }
+        frame.passes.extend(views.iter_mut().filter_map(|view| view.taken_over.take()));
+        for view in &mut views {
             frame.passes.append(&mut view.filter);
             finish(spec, denoiser, view.view, &mut view.light, &mut frame);
         }

@@ -46,6 +46,6 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
 }
 
 /// Returns the pass that path traces the pixels that reprojection could not fill.
-pub fn hole_fill(spec: &FrameSpec) -> Pass {
-    trace(spec, HOLE_FILL, Eye::Right, REPROJECT, true)
+pub fn hole_fill(spec: &FrameSpec, view: Eye) -> Pass {
+    trace(spec, HOLE_FILL, view, REPROJECT, true)
 }

@@ -81,7 +81,7 @@ fn records(spec: &FrameSpec) -> Resource {
 /// Returns the bindings of passes that path trace a view. Paths of the right eye record nothing.
 pub fn uses(spec: &FrameSpec, view: Eye) -> [Use; 2] {
     let records = Use::write(records(spec));
-    [read_table(spec), Use { is_cleared: spec.caches() && view == Eye::Left, ..records }]
+    [read_table(spec), Use { is_cleared: spec.caches() && view.is_main(), ..records }]
 }
 
 fn read_table(spec: &FrameSpec) -> Use {
@@ -101,7 +101,7 @@ pub fn passes(spec: &FrameSpec) -> [Pass; 2] {
             .uses([
                 read_table(spec),
                 Use::write_then_read(sums).cleared(),
-                Use::read(records).of(Eye::Left).reaching(Reach::All).named("records"),
+                Use::read(records).of(Eye::MAIN).reaching(Reach::All).named("records"),
             ])
             .launches([CLAIM, ADD].map(|step| Launch::Once([step, count, 0])).into()),
         of_device(RENEW).uses([read_table(spec), Use::read(sums).viewed_as::<UVec4>(), Use::write(table(spec))]),

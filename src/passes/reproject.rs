@@ -1,4 +1,4 @@
-//! Spatial reprojection of the left eye into the right, and the compacted list of the pixels that it cannot fill.
+//! Spatial reprojection of a view from its source, and the compacted list of the pixels that it cannot fill.
 
 use super::FrameSpec;
 use super::denoise::{self, Light};
@@ -27,49 +27,48 @@ const REASONS: &[(&str, u32)] = &[
     ("VIEW", code(HoleReason::View)),
 ];
 
-/// Returns the number of rows above and below its own in which a pixel's surface may lie in the left eye.
+/// Returns the number of rows above and below its own in which a pixel's surface may lie in the source.
 fn reach(spec: &FrameSpec) -> u32 {
     if spec.chain.polar.is_some() { spec.extent.height.div_ceil(POLAR_REACH) } else { 0 }
 }
 
-/// Returns the pass that replaces the right eye's light by the left eye's filtered light, `left_light`, wherever the eyes
-/// see the same surface.
-pub fn filtered(spec: &FrameSpec, left_light: Image, light: &mut Light) -> Pass {
-    let left = |image: Image| Use::read(image).of(Eye::Left).halo(spec.halo(reach(spec)));
-    let (source, target) = light.advance();
-    Pass::new(
-        Stage("reproject_filtered"),
-        Eye::Right,
-        denoise::PARTITION,
-        Kernel::new("reproject_filtered").with(REASONS),
-    )
-    .uses([
-        left(HIT.into()),
-        left(GUIDE.into()),
-        left(left_light).named("left_light"),
-        Use::read(HIT),
-        Use::read(GUIDE),
-        Use::read(ALBEDO),
-        Use::read(TALLY),
-        Use::read(source).named("source"),
-        Use::write(target).named("filtered"),
-    ])
-    .args([reach(spec), 0, 0])
+/// Returns the binding of an image of the view from which `view` is reprojected.
+fn of_source(spec: &FrameSpec, view: Eye, image: impl Into<Image>) -> Use {
+    Use::read(image).of(spec.source(view).unwrap_or(Eye::MAIN)).halo(spec.halo(reach(spec)))
 }
 
-pub fn pass(spec: &FrameSpec) -> Pass {
-    let reach = reach(spec);
-    let left = |image| Use::read(image).of(Eye::Left).halo(spec.halo(reach));
-    Pass::new(Stage("reproject"), Eye::Right, PARTITION, Kernel::new("reproject").with(REASONS))
+/// Returns the pass that replaces a view's light by the filtered light of its source, `source_light`, wherever both see
+/// the same surface.
+pub fn filtered(spec: &FrameSpec, view: Eye, source_light: Image, light: &mut Light) -> Pass {
+    let left = |image: Image| of_source(spec, view, image);
+    let (source, target) = light.advance();
+    let kernel = Kernel::new("reproject_filtered").with(REASONS);
+    Pass::new(Stage("reproject_filtered"), view, denoise::PARTITION, kernel)
         .uses([
-            left(HIT),
-            left(GUIDE),
-            left(RADIANCE),
+            left(HIT.into()),
+            left(GUIDE.into()),
+            left(source_light).named("left_light"),
+            Use::read(HIT),
+            Use::read(GUIDE),
+            Use::read(ALBEDO),
+            Use::read(TALLY),
+            Use::read(source).named("source"),
+            Use::write(target).named("filtered"),
+        ])
+        .args([reach(spec), 0, 0])
+}
+
+pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
+    Pass::new(Stage("reproject"), view, PARTITION, Kernel::new("reproject").with(REASONS))
+        .uses([
+            of_source(spec, view, HIT),
+            of_source(spec, view, GUIDE),
+            of_source(spec, view, RADIANCE),
             Use::read(HIT),
             Use::read(GUIDE),
             Use::write(RADIANCE),
             Use::update(TALLY),
             Use::write_then_read(HOLES).cleared(),
         ])
-        .args([reach, 0, 0])
+        .args([reach(spec), 0, 0])
 }

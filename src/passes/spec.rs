@@ -5,6 +5,7 @@ use super::{Aov, Moving};
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::projection::PolarSpace;
+use crate::scene::rig::Eye;
 
 /// How the two eyes are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,7 +131,12 @@ impl FrameSpec {
         self.filter.filter(|_| self.has_surfaces && self.iterations > 0)
     }
 
-    /// Returns true if the right eye takes over the left eye's filtered light.
+    /// Returns the view from which a view is reprojected; `None` if it is path traced.
+    pub fn source(&self, view: Eye) -> Option<Eye> {
+        (self.views == Views::Reprojected && !view.is_main()).then_some(Eye::MAIN)
+    }
+
+    /// Returns true if reprojected views take over the filtered light of their source.
     pub fn takes_over_filtered_light(&self) -> bool {
         let can = self.denoiser().is_some_and(|denoiser| denoiser.method().leaves_finished_light());
         self.filter_once && self.views == Views::Reprojected && can

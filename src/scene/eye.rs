@@ -13,7 +13,15 @@ pub enum Eye {
 }
 
 impl Eye {
+    /// The views of a rig, the main one first.
     pub const ALL: [Eye; 2] = [Eye::Left, Eye::Right];
+    /// The view that is path traced in every frame. Other views may take over its light and its history, and it holds
+    /// what all views share.
+    pub const MAIN: Self = Self::Left;
+
+    pub fn is_main(self) -> bool {
+        self == Self::MAIN
+    }
 
     /// Returns the sign of the eye's offset along the rig's right vector.
     pub(super) fn side(self) -> f64 {

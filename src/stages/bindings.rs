@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 
 use crate::graph::{Access, Format, Resource, Use};
-use crate::scene::rig::Eye;
 
 /// Returns the declarations of the variables that a pass binds, in order.
 pub fn bindings(uses: &[Use]) -> String {
@@ -17,16 +16,11 @@ pub fn bindings(uses: &[Use]) -> String {
 /// Returns the name of the variable of a binding.
 pub fn variable(used: &Use) -> Cow<'static, str> {
     let Resource { name, variable, .. } = used.image.resource;
-    let prefix = match used.eye {
-        _ if used.name.is_some() => "",
-        Some(Eye::Left) => "left_",
-        Some(Eye::Right) => "right_",
-        None if used.is_before => "last_",
-        None => "",
-    };
-    match prefix {
-        "" => used.name.or(variable).unwrap_or(name).into(),
-        _ => format!("{prefix}{name}").into(),
+    match (used.name, used.eye) {
+        (Some(own), _) => own.into(),
+        (None, Some(eye)) => format!("{eye}_{name}").into(),
+        (None, None) if used.is_before => format!("last_{name}").into(),
+        (None, None) => variable.unwrap_or(name).into(),
     }
 }
 
@@ -53,6 +47,7 @@ fn type_name(used: &Use) -> String {
 mod tests {
     use super::*;
     use crate::image::Extent;
+    use crate::scene::rig::Eye;
 
     /// Checks names, address spaces and types.
     #[test]

@@ -218,7 +218,7 @@ impl DeviceStages {
         let pass = &to.program.passes()[pass].pass;
         let Some(resource) = pass.builds_from else { return };
         let bound = Bound { resource, buffer: 0, is_before: false };
-        self.scene.build_structures(to.encoder, self.images.buffer(&bound, Eye::Left, to.place));
+        self.scene.build_structures(to.encoder, self.images.buffer(&bound, Eye::MAIN, to.place));
         // Acceleration structure builds belong to no pass, so an empty pass after them writes the timestamp.
         drop(to.begin_pass(pass.stage, [None, ends]));
     }
@@ -297,7 +297,7 @@ impl Recording<'_> {
 
 /// Returns the buffer of a resource that the host writes.
 fn input(images: &Images, resource: Resource) -> &wgpu::Buffer {
-    images.buffer(&Bound { resource, buffer: 0, is_before: false }, Eye::Left, Place::default())
+    images.buffer(&Bound { resource, buffer: 0, is_before: false }, Eye::MAIN, Place::default())
 }
 
 fn scratch(gpu: &GpuDevice, size: u64) -> wgpu::Buffer {

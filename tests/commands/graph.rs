@@ -24,12 +24,12 @@ fn it_prints_passes_transfers_and_what_is_left_out() {
         text.lines().any(|line| line.starts_with(stage) && line.trim_end().ends_with(why))
     };
     assert!(left_out(&text, "select", "no pixel is left to the denoiser"), "{text}");
-    assert!(left_out(&text, "path_trace", "the right eye is reprojected"), "{text}");
+    assert!(left_out(&text, "path_trace", "the view is reprojected"), "{text}");
     assert!(text.contains("last_guide") && text.contains("2 device(s)"), "{text}");
 
     let alone = graph(&["--denoiser", "none", "--reproject", "off"]);
     assert!(lines(&alone, "svgf").is_empty() && lines(&alone, "path_trace").len() == 2);
-    assert!(left_out(&alone, "reproject", "both eyes are path traced"), "{alone}");
+    assert!(left_out(&alone, "reproject", "the view is path traced"), "{alone}");
     assert!(alone.contains("0.00 MiB cross between devices"), "{alone}");
 }
 
@@ -84,7 +84,7 @@ fn passes_and_what_is_left_out_are_shown_and_tasks_are_written_for_graphviz() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.lines().next().is_some_and(|line| line.contains("stripes of")), "{text}");
-    assert!(text.contains("path_trace      right  the right eye is reprojected"), "{text}");
+    assert!(text.contains("path_trace      right  the view is reprojected"), "{text}");
     let dot = std::fs::read_to_string(file).unwrap();
     assert!(dot.starts_with("digraph {") && dot.contains("rows 90..180"), "{dot}");
     // The documentation quotes a part of this output.

@@ -9,18 +9,18 @@ use crate::scene::rig::Eye;
 pub struct Denoised {
     pub view: Eye,
     pub before: Vec<Pass>,
-    /// The pass that takes over the other eye's filtered light, between the passes before the filter and the filter.
+    /// The pass that takes over the filtered light of the view's source, between the passes before the filter and the filter.
     pub taken_over: Option<Pass>,
     pub filter: Vec<Pass>,
     pub light: Light,
 }
 
 impl Denoised {
-    /// `left_light` is the left eye's filtered light, if this eye takes it over.
-    pub fn new(denoiser: &dyn Denoise, spec: &FrameSpec, view: Eye, left_light: Option<Image>) -> Self {
+    /// `source_light` is the filtered light of the view's source, if this view takes it over.
+    pub fn new(denoiser: &dyn Denoise, spec: &FrameSpec, view: Eye, source_light: Option<Image>) -> Self {
         let mut light = Light::traced();
         let before = denoiser.before(spec, view, &mut light);
-        let taken_over = left_light.map(|left_light| reproject::filtered(spec, left_light, &mut light));
+        let taken_over = source_light.map(|from| reproject::filtered(spec, view, from, &mut light));
         let filter = denoiser.filter(spec, view, &mut light);
         Self { view, before, taken_over, filter, light }
     }

@@ -51,13 +51,13 @@ fn change(spec: &FrameSpec) -> Resource {
 
 /// Returns the binding of the image `light_change`, which holds the fraction of each tile's history to drop.
 pub fn read_change(spec: &FrameSpec) -> Use {
-    Use::read(change(spec)).of(Eye::Left).if_written().named("light_change")
+    Use::read(change(spec)).of(Eye::MAIN).if_written().named("light_change")
 }
 
 /// Returns the passes that compute gradients. They run before the left eye's accumulation; there are none for the right
 /// eye.
 pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
-    if !is_found(spec) || view != Eye::Left {
+    if !is_found(spec) || !view.is_main() {
         return Vec::new();
     }
     let last = |resource| Use::read(resource).before(spec.history_halo());
