@@ -27,7 +27,7 @@ fn material_value(kind: u32, s: Surface, hit: vec4<u32>, to_viewer: vec3<f32>) -
 
 // Screen position, in pixels, at which `eye` sees `p`.
 fn on_screen(p: vec3<f32>, eye: View) -> vec2<f32> {
-    return pinhole_point(p - eye.origin, eye, vec2<f32>(f32(pass_.args[1]), f32(pass_.args[2]))).xy;
+    return pinhole_point(p - eye.origin, eye, vec2<f32>(f32(pass_.args.width), f32(pass_.args.height))).xy;
 }
 
 // Screen position, in pixels, at which this frame sees `p`. If the image is not polar, this is the centre of the pixel
@@ -72,7 +72,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         depth = select(first.t, 0.0, first.prim == NO_PRIM);
     }
     var value = vec3<f32>(0.0);
-    switch pass_.args[0] {
+    switch pass_.args.kind {
         case ALBEDO: {
             value = unpack_albedo(albedo_image[at]).all;
             // The packed albedo may be rounded, filtered or that of another surface, so recompute it from the surface.
@@ -101,7 +101,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             value = vec3<f32>(f32(pass_.device));
         }
         case SHOWN_POSITION, SHOWN_NORMAL, VIRTUAL_POSITION: {
-            value = shown_value(pass_.args[0], pixel);
+            value = shown_value(pass_.args.kind, pixel);
         }
         default: {
             let centre = vec2<f32>(pixel) + frame.camera.centre;
@@ -109,11 +109,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let origin = frame.camera.views[pass_.view].origin;
             if (hit.x & SPHERE) == 0u {
                 let s = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
-                if pass_.args[0] >= BASE_COLOR {
-                    value = material_value(pass_.args[0], s, hit, -direction);
-                } else if pass_.args[0] == NORMAL {
+                if pass_.args.kind >= BASE_COLOR {
+                    value = material_value(pass_.args.kind, s, hit, -direction);
+                } else if pass_.args.kind == NORMAL {
                     value = s.normal;
-                } else if pass_.args[0] == POSITION {
+                } else if pass_.args.kind == POSITION {
                     value = s.position + frame.geometry.world_origin;
                 } else {
                     var was_at = s.position;
@@ -121,16 +121,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                         was_at = last_surface(hit.x, bitcast<vec2<f32>>(hit.yz), s.position, s.normal).position;
                     }
                     let motion = vec3<f32>(on_screen(was_at, previous.views[pass_.view]) - seen_at(s.position, centre), 0.0);
-                    value = select(motion, was_at + frame.geometry.world_origin, pass_.args[0] == LAST_POSITION);
+                    value = select(motion, was_at + frame.geometry.world_origin, pass_.args.kind == LAST_POSITION);
                 }
             } else if hit.x != NO_PRIM {
                 let p = origin + direction * depth;
                 let light = stored_light(hit.x & ~SPHERE);
-                if pass_.args[0] >= BASE_COLOR {
+                if pass_.args.kind >= BASE_COLOR {
                     value = vec3<f32>(0.0);
-                } else if pass_.args[0] == NORMAL {
+                } else if pass_.args.kind == NORMAL {
                     value = normalize(p - light.position);
-                } else if pass_.args[0] == POSITION || pass_.args[0] == LAST_POSITION {
+                } else if pass_.args.kind == POSITION || pass_.args.kind == LAST_POSITION {
                     value = p + frame.geometry.world_origin;
                 } else {
                     value = vec3<f32>(on_screen(p, previous.views[pass_.view]) - seen_at(p, centre), 0.0);

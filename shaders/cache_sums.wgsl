@@ -36,12 +36,12 @@ fn add(slot: u32, key: u32, light: u32, albedo: u32) {
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    for (var i = id.x; i < pass_.args[1]; i += groups.x * 64u) {
+    for (var i = id.x; i < pass_.args.count; i += groups.x * 64u) {
         let key = records[RECORD_WORDS * i];
         if key == NO_CELL {
             continue;
         }
-        if pass_.args[0] == CLAIM {
+        if pass_.args.adds == 0u {
             claim(cell_slot(key), key);
         } else {
             add(cell_slot(key), key, records[RECORD_WORDS * i + 1u], records[RECORD_WORDS * i + 2u]);

@@ -29,8 +29,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     if JITTER {
-        if pass_.args[1] > 0u {
-            if SPARSE && pass_.args[2] == UNSAMPLED_ONLY && is_sampled(pixel, pass_.view) {
+        if pass_.args.end_sample > 0u {
+            if SPARSE && pass_.args.unsampled_only != 0u && is_sampled(pixel, pass_.view) {
                 return;
             }
             let launched = launched_samples(pixel);

@@ -17,7 +17,7 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let listed_only = pass_.args[2] == LISTED_ONLY;
+    let listed_only = pass_.args.listed_only != 0u;
     var pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
     var i = 0u;
     var end = select(1u, 0u, is_outside(pixel));

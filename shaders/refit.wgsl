@@ -25,9 +25,9 @@ fn quantized(low: vec3<f32>, high: vec3<f32>, corner: vec3<f32>, unit: vec3<f32>
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let first_node = pass_.args[2];
-    let i = pass_.args[0] + id.x + id.y * COLUMNS;
-    if i >= pass_.args[1] {
+    let first_node = pass_.args.first_node;
+    let i = pass_.args.begin + id.x + id.y * COLUMNS;
+    if i >= pass_.args.end {
         return;
     }
     let node = tree_order[i];

@@ -99,14 +99,14 @@ fn set_row(row: u32, v: vec3<f32>, w: u32) {
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = id.x + id.y * COLUMNS;
-    if i >= pass_.args[0] {
+    if i >= pass_.args.count {
         return;
     }
-    if pass_.args[2] == VERTICES {
+    if pass_.args.of_vertices != 0u {
         skinned[i] = bring(i);
         return;
     }
-    let first_box = pass_.args[1];
+    let first_box = pass_.args.first_box;
     let t = skin_triangles[i];
     let a = skinned[t.corners.x];
     let b = skinned[t.corners.y];

@@ -167,6 +167,58 @@ macro_rules! shared_structs {
     };
 }
 
+/// Arguments of a kernel: up to three numbers of 32 bits, with names that its shader uses.
+pub trait Arguments: bytemuck::Pod {
+    /// Names and WGSL types, in order.
+    const MEMBERS: &'static [(&'static str, &'static str)];
+
+    /// Returns the arguments as words; those that the kernel does not have are 0.
+    fn words(self) -> Words {
+        let mut words = Words::default();
+        bytemuck::bytes_of_mut(&mut words)[..size_of::<Self>()].copy_from_slice(bytemuck::bytes_of(&self));
+        words
+    }
+}
+
+/// Arguments of any kernel. In WGSL, they are the struct `Arguments` of the kernel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct Words(pub [u32; 3]);
+
+impl Shared for Words {
+    fn name() -> String {
+        "Arguments".to_owned()
+    }
+}
+
+/// Returns the WGSL declaration of a kernel's arguments. If they have no names, they are an array.
+pub fn declare_arguments(members: &[(&str, &str)]) -> String {
+    let lines = members.iter().map(|(name, of)| format!("    {name}: {of},\n"));
+    // Every kernel's arguments fill three words.
+    let pads = (members.len()..3).map(|i| format!("    pad{i}: u32,\n"));
+    match members {
+        [] => "alias Arguments = array<u32, 3>;\n".to_owned(),
+        _ => format!("struct Arguments {{\n{}}}\n", lines.chain(pads).collect::<String>()),
+    }
+}
+
+/// Declares the arguments of a kernel.
+macro_rules! arguments {
+    ($(#[$about:meta])* $visible:vis struct $name:ident { $($(#[$what:meta])* pub $member:ident: $type:ident,)* }) => {
+        $(#[$about])*
+        #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+        #[repr(C)]
+        $visible struct $name {
+            $($(#[$what])* pub $member: $type,)*
+        }
+
+        impl $crate::wgsl::Arguments for $name {
+            const MEMBERS: &'static [(&'static str, &'static str)] =
+                &[$((stringify!($member), stringify!($type))),*];
+        }
+    };
+}
+
 /// Name and value of a shader constant.
 pub type Constant = (&'static str, u32);
 
@@ -185,7 +237,7 @@ macro_rules! shared_constants {
     };
 }
 
-pub(crate) use {constants, shared_constants, shared_structs};
+pub(crate) use {arguments, constants, shared_constants, shared_structs};
 
 /// Returns the WGSL declarations of constants.
 pub fn declare(constants: &[Constant]) -> String {

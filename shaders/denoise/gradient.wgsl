@@ -157,9 +157,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(tile);
-    let size = vec2<u32>(pass_.args[0], pass_.args[1]);
+    let size = vec2<u32>(pass_.args.width, pass_.args.height);
     let pixel = picked(frame.sampling.index, tile, size);
-    let is_probe = pass_.args[2] == PROBES;
+    let is_probe = pass_.args.of_probes != 0u;
     var path = Retraced();
     if is_probe {
         probe[at] = NO_PROBE;

@@ -24,7 +24,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.01);
     let colour = comparable(unmarked(centre.matte) + unmarked(centre.gloss));
-    let inverse_sigma2 = bitcast<f32>(pass_.args[1]);
+    let inverse_sigma2 = pass_.args.inverse_sigma2;
     var matte = MeanLight();
     var gloss = MeanLight();
     for (var dy = -REACH; dy <= REACH; dy += 1) {

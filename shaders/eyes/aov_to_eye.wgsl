@@ -29,5 +29,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let point = shown_place(vec2<f32>(pixel) + 0.5).point;
     let value = rectified[rectified_index(point)];
-    aov[pixel.y * pass_.width + pixel.x] = select(value, shown_motion(point, value), pass_.args[2] != 0u);
+    aov[pixel.y * pass_.width + pixel.x] = select(value, shown_motion(point, value), pass_.args.is_motion != 0u);
 }

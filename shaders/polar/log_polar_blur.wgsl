@@ -26,5 +26,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if is_outside(pixel) {
         return;
     }
-    blurred[pixel_index(pixel)] = vec4<f32>(blurred_by_next(pixel, pass_.args[0] == 0u), 1.0);
+    blurred[pixel_index(pixel)] = vec4<f32>(blurred_by_next(pixel, pass_.args.axis == 0u), 1.0);
 }

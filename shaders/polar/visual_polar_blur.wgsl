@@ -19,7 +19,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
-    let along_columns = pass_.args[0] == 0u;
+    let along_columns = pass_.args.axis == 0u;
     let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
     let e = eccentricity_near(f32(pixel.y) + 0.5, fovea_rows);
     let share = clamp((e - FOVEA_DEG) / (BLUR_FULL_DEG - FOVEA_DEG), 0.0, 1.0);
@@ -29,7 +29,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         blurred[at] = source[at];
         return;
     }
-    let reach = min(i32(ceil(REACH * deviation)), i32(pass_.args[1]));
+    let reach = min(i32(ceil(REACH * deviation)), i32(pass_.args.reach));
     var sum = vec3<f32>(0.0);
     var weight = 0.0;
     for (var i = -reach; i <= reach; i += 1) {

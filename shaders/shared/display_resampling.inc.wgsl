@@ -12,7 +12,7 @@ struct ShownPlace {
 
 // Size of the rectified image, from the pass's arguments.
 fn rectified_size() -> vec2<u32> {
-    return vec2<u32>(pass_.args[0], pass_.args[1]);
+    return vec2<u32>(pass_.args.width, pass_.args.height);
 }
 
 // Index of the rectified pixel at a point, or of the nearest one.

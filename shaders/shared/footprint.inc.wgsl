@@ -15,14 +15,14 @@ fn sample_offset(rng: ptr<function, Rng>) -> vec2<f32> {
 
 // Returns the first sample of `pixel` that this launch takes, and the one after the last; no samples if both are equal.
 fn launched_samples(pixel: vec2<u32>) -> vec2<u32> {
-    let begin = pass_.args[0];
+    let begin = pass_.args.first_sample;
     if !VARIES_SAMPLES {
-        return vec2<u32>(begin, pass_.args[1]);
+        return vec2<u32>(begin, pass_.args.end_sample);
     }
     let count = samples_of(pixel);
     // Pixels of one sample, at the centre, and of several have launches of their own.
     let is_of_launch = frame.sampling.samples.is_jittered != 0u || JITTER == (count > 1u);
-    return vec2<u32>(begin, select(begin, max(begin, min(pass_.args[1], count)), is_of_launch));
+    return vec2<u32>(begin, select(begin, max(begin, min(pass_.args.end_sample, count)), is_of_launch));
 }
 
 // First hit through the pixel's centre, from the G-buffer.

@@ -1,5 +1,5 @@
 // Look-up of a right pixel's surface in the left image. The eyes are rectified, so both taps lie on the pixel's own row.
-// Polar images use four taps, at most `args[0]` rows away. Surfaces in plane mirrors are looked up at their image, which
+// Polar images use four taps, at most `reach` rows away. Surfaces in plane mirrors are looked up at their image, which
 // lies on the same row in both eyes; other mirrors give holes.
 
 //!include frame projection pack mirrored bindings
@@ -91,8 +91,8 @@ fn tap_around(seen: vec2<f32>, row: u32, i: i32) -> Tap {
         let y = clamp(seen.y - frame.camera.centre.y, -2.0, eye.rows + 1.0);
         let there = i32(floor(y)) + (i >> 1u);
         let rows = rows_around(seen.y, eye.fovea_rows, eye.rows);
-        let low = max(max(i32(pass_.valid_begin), rows.x), i32(row) - i32(pass_.args[0]));
-        let high = min(min(i32(pass_.valid_end), rows.y), i32(row) + i32(pass_.args[0]) + 1);
+        let low = max(max(i32(pass_.valid_begin), rows.x), i32(row) - i32(pass_.args.reach));
+        let high = min(min(i32(pass_.valid_end), rows.y), i32(row) + i32(pass_.args.reach) + 1);
         let x = column_in(there, seen.x, eye.fovea_rows) - frame.camera.centre.x;
         let column = column_held(eye.fovea_rows, there, i32(floor(x)) + (i & 1));
         let near = abs(vec2<f32>(f32(1 - (i & 1)), f32(1 - (i >> 1u))) - fract(vec2<f32>(x, y)));

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use crate::image::Extent;
 use crate::projection::{OutOfRange, within};
-use crate::wgsl::{shared_constants, shared_structs};
+use crate::wgsl::{Words, shared_constants, shared_structs};
 
 /// A mean number of samples per pixel. Between two whole numbers, each tile of 8x4 pixels takes one of them.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
@@ -206,14 +206,14 @@ impl PixelSamples {
             let (centres, jittered, most, third) = match *launch {
                 Launch::Once(args) => (Some(Run { args, samples: 1, jitter: !has_centres }), 0, 1, 0),
                 Launch::Samples { most, third, only_jittered } => {
-                    let centres = Run { args: [0, 1, third], samples: 1, jitter: false };
+                    let centres = Run { args: Words([0, 1, third]), samples: 1, jitter: false };
                     let jittered = if has_centres && of_all == 1 { 0 } else { of_all };
                     (Some(centres).filter(|_| has_centres && !only_jittered), jittered, most, third)
                 }
             };
             let batch = move |i: u32| {
                 let (begin, end) = (i * most, (i * most + most).min(jittered));
-                Run { args: [begin, end, third], samples: end - begin, jitter: true }
+                Run { args: Words([begin, end, third]), samples: end - begin, jitter: true }
             };
             centres.into_iter().chain((0..jittered.div_ceil(most)).map(batch))
         })
@@ -232,7 +232,7 @@ fn curve_shift(extent: Extent, count: u32) -> u32 {
 /// Runs of a kernel over the rows of a pass, with the kernel's three arguments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Launch {
-    Once([u32; 3]),
+    Once(Words),
     /// One run per batch of at most `most` samples per pixel. The arguments are the index of the first sample, the
     /// index after the last sample, and `third`.
     Samples {
@@ -246,7 +246,7 @@ pub enum Launch {
 /// One run of a kernel in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
-    pub args: [u32; 3],
+    pub args: Words,
     /// Samples per pixel that this run takes; 1 for [`Launch::Once`].
     pub samples: u32,
     /// True if the samples are jittered over their pixels.
@@ -277,9 +277,9 @@ mod tests {
         let always = Launch::Samples { most: 4, third: 0, only_jittered: false };
         let all = |mean: f64, centres_one| {
             let samples = Samples::of_mean(mean).shared(Extent::new(8, 8), centres_one);
-            samples.runs(&[Launch::Once([1, 2, 3]), means, always]).collect::<Vec<_>>()
+            samples.runs(&[Launch::Once(Words([1, 2, 3])), means, always]).collect::<Vec<_>>()
         };
-        let run = |jitter, args, samples| Run { args, samples, jitter };
+        let run = |jitter, args, samples| Run { args: Words(args), samples, jitter };
         let once = |jitter| run(jitter, [1, 2, 3], 1);
         assert_eq!(all(1.0, true), [once(false), run(false, [0, 1, 0], 1)]);
         assert_eq!(all(1.0, false), [once(true), run(true, [0, 1, 7], 1), run(true, [0, 1, 0], 1)]);

@@ -5,7 +5,7 @@ use super::resource::{Grid, Resource, Scope};
 use super::uses::Use;
 use crate::frame::samples::Launch;
 use crate::scene::rig::Eye;
-use crate::wgsl::Constant;
+use crate::wgsl::{Arguments, Constant, Words};
 
 /// A kind of pass. All iterations of a filter on both views are one stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
@@ -45,12 +45,14 @@ pub struct Kernel {
     pub(crate) scene: SceneUse,
     /// Constants to declare in the shader's text: names and values.
     pub(crate) constants: &'static [Constant],
+    /// Names and WGSL types of the arguments that passes give it.
+    pub(crate) arguments: &'static [(&'static str, &'static str)],
 }
 
 impl Kernel {
     /// Makes a kernel from a file in `shaders/`. It has workgroups of 8 x 8 and does not read the scene.
     pub(crate) const fn new(name: &'static str) -> Self {
-        Self { name, foreign_text: None, workgroup: [8, 8, 1], scene: SceneUse::No, constants: &[] }
+        Self { name, foreign_text: None, workgroup: [8, 8, 1], scene: SceneUse::No, constants: &[], arguments: &[] }
     }
 
     /// Makes a kernel from a shader outside the library. It has workgroups of 8 x 8 and does not read the scene.
@@ -169,7 +171,7 @@ impl Pass {
             grid: Grid::FRAME,
             uses: Vec::new(),
             dispatch: Dispatch::PIXELS,
-            launches: vec![Launch::Once([0; 3])],
+            launches: vec![Launch::Once(Words::default())],
             work: Work::Rows,
             partition,
             chain: Chain::No,
@@ -200,11 +202,19 @@ impl Pass {
         Self { dispatch, ..self }
     }
 
+    /// Sets the arguments of the kernel as words without names, which its shader reads as an array.
     pub fn args(self, args: [u32; 3]) -> Self {
-        Self { launches: vec![Launch::Once(args)], ..self }
+        Self { launches: vec![Launch::Once(Words(args))], ..self }
     }
 
-    pub fn launches(self, launches: Vec<Launch>) -> Self {
+    /// Runs the kernel once with each of these arguments, one after another.
+    pub fn with<A: Arguments>(self, all: impl IntoIterator<Item = A>) -> Self {
+        self.launches::<A>(all.into_iter().map(|arguments| Launch::Once(arguments.words())).collect())
+    }
+
+    /// Sets the launches of a kernel whose arguments have this type.
+    pub fn launches<A: Arguments>(mut self, launches: Vec<Launch>) -> Self {
+        self.kernel.arguments = A::MEMBERS;
         Self { launches, ..self }
     }
 

@@ -10,6 +10,7 @@ use super::{Aov, Display, FrameSpec, ImageChain, PREVIOUS};
 use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
+use crate::wgsl::arguments;
 
 /// Stages of auxiliary images: the images themselves, their mapping from polar images to the screen, and their display
 /// resampling. Their time does not count as frame time.
@@ -42,6 +43,26 @@ const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
     ("VIRTUAL_POSITION", Aov::VirtualPosition as u32),
 ]);
 
+arguments! {
+    struct AovArguments {
+        /// Number of the [`Aov`].
+        pub kind: u32,
+        /// Size of the screen image, pixels.
+        pub width: u32,
+        pub height: u32,
+    }
+}
+
+arguments! {
+    struct ToEyeArguments {
+        /// Size of the shared projection, pixels.
+        pub width: u32,
+        pub height: u32,
+        /// 1 if the image holds motion, which is mapped as well.
+        pub is_motion: u32,
+    }
+}
+
 /// Returns the passes of an auxiliary image.
 pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
     let [polar, rectified, last] = [POLAR.numbered(index), RECTIFIED.numbered(index), image(index)];
@@ -61,7 +82,8 @@ pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
     };
     let first = if space.is_some() { polar } else { rectified };
     let (from, to) = (rectified.on(screen(screen_size)), last.on(screen(displayed)));
-    let args = [screen_size.width, screen_size.height, u32::from(aov == Aov::Motion)];
+    let Extent { width, height } = screen_size;
+    let to_eye_arguments = ToEyeArguments { width, height, is_motion: (aov == Aov::Motion).into() };
     let to_eye = match is_late {
         false => map(STAGES[2], from, to),
         true => {
@@ -70,7 +92,7 @@ pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
         }
     };
     let first = pass(view, index, aov, first, screen_size);
-    std::iter::once(first).chain(to_screen(rectified)).chain([to_eye.args(args)]).collect()
+    std::iter::once(first).chain(to_screen(rectified)).chain([to_eye.with([to_eye_arguments])]).collect()
 }
 
 fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pass {
@@ -84,5 +106,5 @@ fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pas
             Use::write(target).named("aov"),
             Use::read(PREVIOUS),
         ])
-        .args([aov as u32, screen.width, screen.height])
+        .with([AovArguments { kind: aov as u32, width: screen.width, height: screen.height }])
 }

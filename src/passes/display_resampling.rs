@@ -7,10 +7,19 @@ use super::{Display, FrameSpec};
 use crate::graph::{Kernel, Partition, Pass, Reach, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
+use crate::wgsl::arguments;
 
 const PARTITION: Partition = Partition("to_eye");
 /// Partition of the late reprojection passes of both eyes, which are the last passes of a frame.
 pub const LATE_PARTITION: Partition = Partition("to_later_eye");
+
+arguments! {
+    /// Size of the shared projection, pixels.
+    struct SizeArguments {
+        pub width: u32,
+        pub height: u32,
+    }
+}
 
 const LATE: Kernel = Kernel::new("late_reprojection");
 
@@ -21,7 +30,7 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
     let (stage, cut, kernel) =
         if is_late { ("to_later_eye", LATE_PARTITION, LATE) } else { ("to_eye", PARTITION, Kernel::new("to_eye")) };
     let Extent { width, height } = projection;
-    let pass = Pass::new(Stage(stage), view, cut, kernel).on(grid).args([width, height, 0]).uses([
+    let pass = Pass::new(Stage(stage), view, cut, kernel).on(grid).with([SizeArguments { width, height }]).uses([
         Use::read(RECTIFIED.on(screen(projection))).reaching(Reach::All),
         Use::write(LINEAR.on(grid)),
         Use::write(DISPLAY.on(grid)),

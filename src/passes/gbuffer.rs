@@ -5,7 +5,7 @@ use glam::{UVec4, Vec4};
 use super::FrameSpec;
 use crate::graph::{Kernel, Launch, Partition, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
-use crate::wgsl::constants;
+use crate::wgsl::{Words, arguments};
 
 pub const STAGE: Stage = Stage("gbuffer");
 pub const PARTITION: Partition = Partition("gbuffer");
@@ -26,21 +26,28 @@ pub const TALLY: Resource = Resource::image::<u32>("tally").bound_as("tally_imag
 /// Primary rays per pixel in one launch.
 const RAYS_PER_LAUNCH: u32 = 64;
 
-/// Third kernel argument: skip the pixels that path tracing samples. For these, path tracing writes the mean albedo and
-/// emission over the samples.
-const UNSAMPLED_ONLY: u32 = 1;
+arguments! {
+    /// The first launch, whose arguments are 0, finds the surfaces at pixels' centres.
+    struct MeanArguments {
+        /// The samples of a launch: the first, and the one after the last.
+        pub first_sample: u32,
+        pub end_sample: u32,
+        /// 1 to skip the pixels that path tracing samples. For these, path tracing writes the mean albedo and emission
+        /// over the samples.
+        pub unsampled_only: u32,
+    }
+}
 
-const KERNEL: Kernel = Kernel::with_scene("gbuffer").with(constants![UNSAMPLED_ONLY]);
+const KERNEL: Kernel = Kernel::with_scene("gbuffer");
 
 pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
     // In jittered frames, albedo and emission are averaged over the samples of a pixel. Path tracing writes these means
     // for the pixels that it samples. This pass writes them for all other pixels, and for a whole reprojected view.
     let reprojected = spec.source(view).is_some();
-    let third = if reprojected { 0 } else { UNSAMPLED_ONLY };
-    let means = Launch::Samples { most: RAYS_PER_LAUNCH, third, only_jittered: true };
+    let means = Launch::Samples { most: RAYS_PER_LAUNCH, third: (!reprojected).into(), only_jittered: true };
     let means = (reprojected || spec.sparse).then_some(means);
     let images = [HIT, ALBEDO, EMISSION, TALLY, GUIDE];
     Pass::new(STAGE, view, PARTITION, KERNEL)
         .uses(images.map(Use::write_then_read))
-        .launches(std::iter::once(Launch::Once([0; 3])).chain(means).collect())
+        .launches::<MeanArguments>(std::iter::once(Launch::Once(Words::default())).chain(means).collect())
 }

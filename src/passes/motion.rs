@@ -8,17 +8,36 @@ use super::gbuffer::{GUIDE, HIT, PARTITION};
 use super::resources::last_surface;
 use super::{Declared, FrameSpec, Moving};
 use crate::accel::COLUMNS;
-use crate::graph::{Kernel, Launch, Pass, Stage, Use};
+use crate::graph::{Kernel, Pass, Stage, Use};
 use crate::scene::rig::Eye;
-use crate::wgsl::constants;
+use crate::wgsl::arguments;
 
 /// Number of invocations in a workgroup.
 const GROUP: u32 = 64;
 
-/// Third kernel argument: transform vertices instead of triangles.
-const VERTICES: u32 = 1;
+const SKIN: Kernel = Kernel::changing_scene("skin");
 
-const SKIN: Kernel = Kernel::changing_scene("skin").with(constants![VERTICES]);
+arguments! {
+    struct SkinArguments {
+        /// Number of vertices or triangles.
+        pub count: u32,
+        /// Index of the first triangle's bounding box.
+        pub first_box: u32,
+        /// 1 to transform vertices, 0 to bound triangles.
+        pub of_vertices: u32,
+    }
+}
+
+arguments! {
+    /// A level of the BVHs of deforming bodies.
+    struct RefitArguments {
+        /// Its nodes: the first, and the one after the last.
+        pub begin: u32,
+        pub end: u32,
+        /// Index of the BVHs' first node in the scene's table.
+        pub first_node: u32,
+    }
+}
 
 /// Returns the number of workgroups along x, y and z for `count` invocations, arranged in rows of at most [`COLUMNS`].
 fn groups(count: u32) -> [u32; 3] {
@@ -32,7 +51,10 @@ pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
     let moving = spec.moving.as_ref().unwrap_or(&still);
     let why_not = if spec.moving.is_some() { "no geometry is deformed" } else { "nothing in the scene moves" };
     let most = groups(moving.triangles.max(moving.vertices));
-    let launches = [[moving.vertices, 0, VERTICES], [moving.triangles, 2 * moving.nodes, 0]].map(Launch::Once);
+    let launches = [
+        SkinArguments { count: moving.vertices, first_box: 0, of_vertices: 1 },
+        SkinArguments { count: moving.triangles, first_box: 2 * moving.nodes, of_vertices: 0 },
+    ];
     let skin = Pass::once(Stage("skin"), PARTITION, SKIN, most)
         .uses([
             Use::read(moving.skin_triangles()),
@@ -42,18 +64,19 @@ pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
             Use::write_then_read(moving.skinned()),
             Use::write(moving.boxes()),
         ])
-        .launches(launches.to_vec());
+        .with(launches);
     let skin = if moving.hardware { skin.builds_from(moving.skinned()) } else { skin };
     let begins = std::iter::once(0).chain(moving.levels.iter().copied());
-    let levels = begins.zip(&moving.levels).map(|(begin, &end)| [begin, end, moving.first_node]);
-    let widest = levels.clone().map(|[begin, end, _]| end - begin).max().unwrap_or(0);
+    let first_node = moving.first_node;
+    let levels = begins.zip(&moving.levels).map(|(begin, &end)| RefitArguments { begin, end, first_node });
+    let widest = levels.clone().map(|level| level.end - level.begin).max().unwrap_or(0);
     let refit = Pass::once(Stage("refit"), PARTITION, Kernel::changing_scene("refit"), groups(widest))
         .uses([
             Use::read(moving.tree_nodes()).viewed_as::<UVec4>(),
             Use::read(moving.tree_order()),
             Use::update(moving.boxes()),
         ])
-        .launches(levels.map(Launch::Once).collect());
+        .with(levels);
     frame.add_if(moving.triangles > 0 || (moving.hardware && moving.bodies), why_not, skin);
     let why_not = if moving.hardware { "devices rebuild hardware structures" } else { why_not };
     frame.add_if(moving.triangles > 0 && !moving.hardware, why_not, refit);

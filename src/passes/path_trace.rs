@@ -7,7 +7,7 @@ use super::reproject::PARTITION as REPROJECT;
 use super::resources::HOLES;
 use crate::graph::{Dispatch, Kernel, Launch, Partition, Pass, Stage, Use, Work};
 use crate::scene::rig::Eye;
-use crate::wgsl::constants;
+use crate::wgsl::{arguments, constants};
 
 pub use super::resources::RADIANCE;
 
@@ -19,15 +19,22 @@ pub const PARTITION: Partition = Partition("path_trace");
 /// total, and a path of 13 rays takes some thousands. Short launches also satisfy drivers that abort long dispatches.
 const PATHS_PER_LAUNCH: u32 = 4;
 
-/// Third kernel argument: trace only the pixels that an earlier pass listed.
-const LISTED_ONLY: u32 = 1;
+arguments! {
+    struct PathArguments {
+        /// The samples of a launch: the first, and the one after the last.
+        pub first_sample: u32,
+        pub end_sample: u32,
+        /// 1 to trace only the pixels that an earlier pass listed.
+        pub listed_only: u32,
+    }
+}
 
 /// Kernel that both stages share, since drivers take seconds to compile it.
-const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![LISTED_ONLY, RECORD_SEGMENT, RECORD_WORDS]);
+const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![RECORD_SEGMENT, RECORD_WORDS]);
 
 fn trace(spec: &FrameSpec, stage: Stage, view: Eye, cut: Partition, is_listed: bool) -> Pass {
     let (radiance, dispatch, third) = match is_listed {
-        true => (Use::update(RADIANCE), Dispatch::List(HOLES), LISTED_ONLY),
+        true => (Use::update(RADIANCE), Dispatch::List(HOLES), 1),
         false => (Use::write_then_read(RADIANCE), Dispatch::PIXELS, 0),
     };
     let [hit, albedo] = [HIT, ALBEDO].map(Use::update);
@@ -37,7 +44,7 @@ fn trace(spec: &FrameSpec, stage: Stage, view: Eye, cut: Partition, is_listed: b
         .uses([hit, albedo, emission, radiance, Use::add(TALLY), Use::read(GUIDE), Use::read(HOLES).if_written()])
         .uses(radiance_cache::uses(spec, view))
         .dispatch(dispatch)
-        .launches(vec![Launch::Samples { most: PATHS_PER_LAUNCH, third, only_jittered: false }])
+        .launches::<PathArguments>(vec![Launch::Samples { most: PATHS_PER_LAUNCH, third, only_jittered: false }])
         .counted_by(Work::Rays)
 }
 

@@ -7,12 +7,22 @@ use super::{Declared, Display, FrameSpec, tonemap};
 use crate::graph::{Grid, Kernel, Partition, Pass, Projection, Reach, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
+use crate::wgsl::arguments;
 
 const PARTITION: Partition = Partition("to_screen");
 
 /// Results of the separable blur: along the rings (`AROUND`), and then also across them (`BLURRED`).
 const AROUND: Resource = Resource::image::<Vec4>("polar_around");
 const BLURRED: Resource = Resource::image::<Vec4>("polar_blurred");
+
+arguments! {
+    struct BlurArguments {
+        /// 0 along the rows, 1 across them.
+        pub axis: u32,
+        /// Maximum radius, pixels.
+        pub reach: u32,
+    }
+}
 
 /// Returns the maximum blur radius in pixels for a polar image with `rows` rows.
 fn blur_reach(rows: u32) -> u32 {
@@ -31,7 +41,9 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
     let reach = blur_reach(spec.extent.height);
     let blur = |axis, read: Use, target| {
         let pass = Pass::new(Stage("polar_blur"), view, tonemap::PARTITION, Kernel::new(kernel.unwrap_or_default()));
-        pass.index(axis).uses([read.named("source"), Use::write(target).named("blurred")]).args([axis, reach, 0])
+        pass.index(axis)
+            .uses([read.named("source"), Use::write(target).named("blurred")])
+            .with([BlurArguments { axis, reach }])
     };
     for pass in [blur(0, Use::read(POLAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)] {
         frame.add_if(kernel.is_some(), "the polar image is not blurred", pass);

@@ -8,10 +8,10 @@
 use glam::UVec4;
 
 use super::FrameSpec;
-use crate::graph::{Grid, Kernel, Launch, Partition, Pass, Reach, Resource, Size, Stage, Use};
+use crate::graph::{Grid, Kernel, Partition, Pass, Reach, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
-use crate::wgsl::{Texel, constants};
+use crate::wgsl::{Texel, arguments, constants};
 
 /// Partition of its own: passes that all devices run in full must not move path tracing to another set of partitions.
 const PARTITION: Partition = Partition("radiance_cache");
@@ -31,15 +31,19 @@ const SLOTS: [u32; 2] = [1 << 12, 1 << 17];
 /// Columns of the table, which are arbitrary.
 const COLUMNS: u32 = 64;
 
-/// First kernel argument: new cells claim empty slots. Otherwise, records are added to the sums of their cells. The
-/// second argument is the number of records.
-const CLAIM: u32 = 0;
-const ADD: u32 = 1;
+arguments! {
+    struct SumArguments {
+        /// 0 to let new cells claim empty slots, 1 to add records to the sums of their cells.
+        pub adds: u32,
+        /// Number of records.
+        pub count: u32,
+    }
+}
 
 /// Number of 32-bit words in the [`Sums`] of a slot.
 const SUM_WORDS: u32 = size_of::<Sums>() as u32 / 4;
 
-const SUM: Kernel = Kernel::new("cache_sums").workgroup([GROUP, 1, 1]).with(constants![CLAIM, SUM_WORDS, RECORD_WORDS]);
+const SUM: Kernel = Kernel::new("cache_sums").workgroup([GROUP, 1, 1]).with(constants![SUM_WORDS, RECORD_WORDS]);
 const RENEW: Kernel = Kernel::new("radiance_cache").workgroup([GROUP, 1, 1]);
 
 /// Sums of the records of a slot: the key of the new cell, the number of records, and the low and the high word of the
@@ -103,7 +107,7 @@ pub fn passes(spec: &FrameSpec) -> [Pass; 2] {
                 Use::write_then_read(sums).cleared(),
                 Use::read(records).of(Eye::MAIN).reaching(Reach::All).named("records"),
             ])
-            .launches([CLAIM, ADD].map(|step| Launch::Once([step, count, 0])).into()),
+            .with([0, 1].map(|adds| SumArguments { adds, count })),
         of_device(RENEW).uses([read_table(spec), Use::read(sums).viewed_as::<UVec4>(), Use::write(table(spec))]),
     ]
 }

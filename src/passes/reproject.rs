@@ -7,6 +7,7 @@ use super::resources::{HOLES, RADIANCE};
 use super::tally::HoleReason;
 use crate::graph::{Image, Kernel, Partition, Pass, Stage, Use};
 use crate::scene::rig::Eye;
+use crate::wgsl::arguments;
 
 pub const PARTITION: Partition = Partition("reproject");
 
@@ -26,6 +27,13 @@ const REASONS: &[(&str, u32)] = &[
     ("MIXED", code(HoleReason::Mixed)),
     ("VIEW", code(HoleReason::View)),
 ];
+
+arguments! {
+    struct ReachArguments {
+        /// Rows above and below its own in which a pixel's surface may lie in the source.
+        pub reach: u32,
+    }
+}
 
 /// Returns the number of rows above and below its own in which a pixel's surface may lie in the source.
 fn reach(spec: &FrameSpec) -> u32 {
@@ -55,7 +63,7 @@ pub fn filtered(spec: &FrameSpec, view: Eye, source_light: Image, light: &mut Li
             Use::read(source).named("source"),
             Use::write(target).named("filtered"),
         ])
-        .args([reach(spec), 0, 0])
+        .with([ReachArguments { reach: reach(spec) }])
 }
 
 pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
@@ -70,5 +78,5 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
             Use::update(TALLY),
             Use::write_then_read(HOLES).cleared(),
         ])
-        .args([reach(spec), 0, 0])
+        .with([ReachArguments { reach: reach(spec) }])
 }

@@ -7,7 +7,7 @@ use std::ops::Range;
 use super::workgroups::Groups;
 use crate::graph::{Bound, Linked, Program};
 use crate::scene::rig::Eye;
-use crate::wgsl::shared_structs;
+use crate::wgsl::{Words, shared_structs};
 
 /// One step of a device's share of a frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -127,7 +127,7 @@ shared_structs! {
         pub valid_begin: u32,
         pub valid_end: u32,
         /// Arguments of the kernel; their meaning depends on the pass.
-        pub args: [u32; 3],
+        pub args: Words,
         /// Columns and rows of the pass's grid.
         pub width: u32,
         pub height: u32,
@@ -187,7 +187,9 @@ fn write_command(out: &mut String, command: &Command, program: &Program) -> fmt:
         Command::Dispatch { pass, launches, begins, ends } => {
             let stamps: Vec<String> = begins.iter().chain(ends).map(|stamp| format!(" @{stamp}")).collect();
             writeln!(out, "dispatch {}{}", pass_name(&program.passes()[*pass]), stamps.concat())?;
-            launches.iter().try_for_each(|launched| writeln!(out, "    {launched}"))
+            launches
+                .iter()
+                .try_for_each(|launched| write_launch(out, launched, program.passes()[*pass].pass.kernel.arguments))
         }
         Command::Build { pass, ends } => {
             let stamp = ends.map(|stamp| format!(" @{stamp}")).unwrap_or_default();
@@ -227,14 +229,20 @@ impl fmt::Display for Rows {
     }
 }
 
-impl fmt::Display for Launched {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let PassConstants { row_begin, row_end, valid_begin, valid_end, args, .. } = self.constants;
-        let jitter = if self.jitter { ", jittered" } else { "" };
-        write!(f, "rows {row_begin}..{row_end} of {valid_begin}..{valid_end}, args {args:?}{jitter}, ")?;
-        match &self.groups {
-            Groups::Direct([x, y, z]) => write!(f, "{x}x{y}x{z} groups"),
-            Groups::Listed(list) => write!(f, "groups listed in {}", list.name),
+fn write_launch(out: &mut String, launched: &Launched, arguments: &[(&str, &str)]) -> fmt::Result {
+    let PassConstants { row_begin, row_end, valid_begin, valid_end, args: Words(words), .. } = launched.constants;
+    write!(out, "    rows {row_begin}..{row_end} of {valid_begin}..{valid_end}, ")?;
+    for ((name, of), word) in arguments.iter().zip(words) {
+        match *of {
+            "f32" => write!(out, "{name} {}, ", f32::from_bits(word))?,
+            _ => write!(out, "{name} {word}, ")?,
         }
+    }
+    if launched.jitter {
+        write!(out, "jittered, ")?;
+    }
+    match &launched.groups {
+        Groups::Direct([x, y, z]) => writeln!(out, "{x}x{y}x{z} groups"),
+        Groups::Listed(list) => writeln!(out, "groups listed in {}", list.name),
     }
 }

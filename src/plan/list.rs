@@ -9,6 +9,7 @@ use crate::frame::samples::PixelSamples;
 use crate::graph::{Access, FrameGraph, Linked, Program, SceneUse, Task, TaskKind, Use};
 use crate::passes::LATE_PARTITION;
 use crate::schedule::{Cut, Position, parts};
+use crate::wgsl::Words;
 
 /// A device's share of a frame, with what its commands depend on besides the frame's graph.
 #[derive(Clone, Copy, Debug)]
@@ -265,7 +266,7 @@ pub fn launched(
                 row_end: part.end,
                 valid_begin: valid.start,
                 valid_end: valid.end,
-                args: if is_idle { [0; 3] } else { run.args },
+                args: if is_idle { Words::default() } else { run.args },
                 width: extent.width,
                 height: extent.height,
                 device: device as u32,

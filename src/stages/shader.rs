@@ -26,7 +26,7 @@ use crate::device::{SceneAccess, ShaderChecks, Tables, Traversal};
 use crate::graph::{Kernel, Pass, SceneUse, Use};
 use crate::passes;
 use crate::projection::PolarSpace;
-use crate::wgsl::declare;
+use crate::wgsl::{declare, declare_arguments};
 
 /// Start of a line that inserts files.
 const INCLUDE: &str = "//!include ";
@@ -171,7 +171,7 @@ impl<'a> Expansion<'a> {
             variant,
             folder,
             rings: named.unwrap_or(projection(variant.polar)),
-            text: layout::declarations() + &declare(kernel.constants),
+            text: layout::declarations() + &declare_arguments(kernel.arguments) + &declare(kernel.constants),
             has_projection: false,
             done: Vec::new(),
             open: Vec::new(),

@@ -98,7 +98,8 @@ fn every_include_is_valid_alone() {
                 continue;
             }
             let text = format!("//!include {include}").leak();
-            let kernel = Kernel::from_text("alone", text).with(pass.kernel.constants);
+            let mut kernel = Kernel::from_text("alone", text).with(pass.kernel.constants);
+            kernel.arguments = pass.kernel.arguments;
             let kernel = if pass.kernel.scene == SceneUse::Read { kernel.reading_scene() } else { kernel };
             let text = shader_text(&kernel, &pass.uses, variant);
             if !texts.contains(&text) {

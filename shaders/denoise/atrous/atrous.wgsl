@@ -34,8 +34,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let centre = unpack_light(source[at]);
     let has_light = source[at].w != 0u;
-    let step = i32(pass_.args[0]);
-    var inverse_sigma2 = bitcast<f32>(pass_.args[1]);
+    let step = i32(pass_.args.step);
+    var inverse_sigma2 = pass_.args.inverse_sigma2;
     let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.02);
     let colour = comparable(unmarked(centre.matte));
     let gloss_colour = comparable(unmarked(centre.gloss));
@@ -45,14 +45,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var last_dy = 2;
     var least = 0.0;
     if SPARSE {
-        let left = firstTrailingBit(pass_.args[0]) + 1u;
+        let left = firstTrailingBit(pass_.args.step) + 1u;
         var own = frame.foveation.layer_iterations[INNER];
         if FOVEATED {
             own = frame.foveation.layer_iterations[layer_of(pixel, pass_.view)];
             last_dy = select(-3, 2, left <= own);
         }
         // An empty pixel has no radiance to compare with.
-        inverse_sigma2 = select(0.0, inverse_sigma2, has_light && own - left >= pass_.args[2]);
+        inverse_sigma2 = select(0.0, inverse_sigma2, has_light && own - left >= pass_.args.blind);
         weight = select(0.0, weight, has_light);
         least = select(LAST_RESORT, 0.0, has_light || step != 1);
     }

@@ -86,7 +86,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         frames *= kept_in_light(tile_of(pixel, before.image), frames, 1.0);
     }
     // Minimum blend weight of this frame.
-    let least = bitcast<f32>(pass_.args[0]);
+    let least = pass_.args.least_fraction;
     let share = select(0.0, select(1.0, max(1.0 / (frames + 1.0), least), found), is_new);
     var matte = vec3<f32>(0.0);
     var gloss = vec3<f32>(0.0);

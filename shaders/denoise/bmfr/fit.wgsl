@@ -242,7 +242,7 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         for (var channel = 0u; channel < channels; channel += 1u) {
             // Columns of the system: the features, then the colour channels. Each invocation holds four rows of every column.
             var columns: array<vec4<f32>, ENTRIES>;
-            let amplitude = bitcast<f32>(pass_.args[0]);
+            let amplitude = pass_.args.noise;
             let per_light = select(0.0, 1.0 / max(brightest[lobe], DARK), brightest[lobe] > DARK);
             for (var s = 0u; s < PIXELS; s += 1u) {
                 let row = origin.y + i32(t / BLOCK + s * ROWS_APART);

@@ -31,13 +31,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         filtered[at] = source[at];
         return;
     }
-    let step = i32(pass_.args[0]);
+    let step = i32(pass_.args.step);
     let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.02);
     let is_missing = centre.a.x < 0.0;
     let own = luminances(centre);
     // A lobe without light takes any light of its surface.
     let takes_any = vec2<bool>(is_missing || is_absent(centre.matte), is_missing || is_absent(centre.gloss));
-    let sigma2 = bitcast<f32>(pass_.args[1]);
+    let sigma2 = pass_.args.sigma2;
     var kernel = array<f32, 3>(0.25, 0.5, 0.25);
     var weight = select(0.25, 0.0, is_missing);
     var matte = MeanLight();
@@ -48,7 +48,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var variance = max(centre.a, vec2<f32>(0.0)) * weight * weight;
     var last_dy = 1;
     if FOVEATED {
-        last_dy = select(-2, 1, pass_.args[2] < frame.foveation.layer_iterations[layer_of(pixel, pass_.view)]);
+        last_dy = select(-2, 1, pass_.args.iteration < frame.foveation.layer_iterations[layer_of(pixel, pass_.view)]);
     }
     for (var dy = -1; dy <= last_dy; dy += 1) {
         for (var dx = -1; dx <= 1; dx += 1) {

@@ -5,13 +5,13 @@
 use glam::Vec2;
 
 use super::PARTITION;
-use crate::graph::{Grid, Kernel, Launch, Pass, Resource, Size, Stage, Use};
+use crate::graph::{Grid, Kernel, Pass, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::passes::gbuffer::{GUIDE, HIT};
 use crate::passes::resources::{RADIANCE, last_surface};
 use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;
-use crate::wgsl::{Constant, constants};
+use crate::wgsl::{Constant, arguments, constants};
 
 /// Edge length of a tile in pixels. One pixel per tile is traced again.
 const TILE: u32 = 3;
@@ -23,10 +23,17 @@ const REACH: u32 = 2;
 /// Constants of shaders that bind [`read_change`].
 pub const CONSTANTS: &[Constant] = constants![TILE];
 
-/// Third kernel argument: trace the probes of this frame. Otherwise, trace paths of the previous frame again.
-const PROBES: u32 = 1;
+arguments! {
+    struct GradientArguments {
+        /// Size of the frame, pixels.
+        pub width: u32,
+        pub height: u32,
+        /// 1 to trace this frame's probes, 0 to trace those of the previous frame again.
+        pub of_probes: u32,
+    }
+}
 
-const TRACE: Kernel = Kernel::with_scene("gradient").with(constants![TILE, PROBES]);
+const TRACE: Kernel = Kernel::with_scene("gradient").with(constants![TILE]);
 const SMOOTH: Kernel = Kernel::new("gradient_smooth").with(constants![REACH]);
 
 /// Two values for the retraced pixel of each tile: its luminance minus that in the previous frame, and the larger of
@@ -61,6 +68,7 @@ pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
         return Vec::new();
     }
     let last = |resource| Use::read(resource).before(spec.history_halo());
+    let Extent { width, height } = spec.extent;
     let trace = Pass::new(Stage("gradient"), view, PARTITION, TRACE)
         .on(TILES)
         .uses([
@@ -75,7 +83,7 @@ pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
             Use::write(GRADIENT),
             Use::read(PREVIOUS),
         ])
-        .launches([0, PROBES].map(|third| Launch::Once([spec.extent.width, spec.extent.height, third])).into());
+        .with([0, 1].map(|of_probes| GradientArguments { width, height, of_probes }));
     let smooth = Pass::new(Stage("gradient_smooth"), view, PARTITION, SMOOTH)
         .on(TILES)
         .uses([Use::read(GRADIENT).halo(spec.halo(REACH)), Use::write(change(spec))]);

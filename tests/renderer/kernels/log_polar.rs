@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 
 use diptych::projection::{LogPolar, LogPolarMap, PolarSpace};
 use diptych::stages::layout::{Camera, Frame, PassConstants, View};
+use diptych::wgsl::Words;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
 use super::camera::Eye;
@@ -225,7 +226,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if is_outside(id.xy) {
         return;
     }
-    let there = beside(id.xy, vec2<i32>(i32(pass_.args[0]), i32(pass_.args[1])));
+    let there = beside(id.xy, vec2<i32>(i32(pass_.args.axis), i32(pass_.args.reach)));
     found[pixel_index(id.xy)] = vec4<i32>(there.pixel, select(0, 1, there.is_there), 1);
 }
 ";
@@ -233,7 +234,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let (rim, columns, rows) = (image.square() as i32, image.columns() as i32, image.rows() as i32);
     let kernel = Kernel::beside("log_polar_blur", &[], NEIGHBOURS);
     for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (3, -2), (-16, 16), (16, -1)] {
-        let pass = PassConstants { args: [dx as u32, dy as u32, 0], valid_begin: 3, ..image.pass() };
+        let pass = PassConstants { args: Words([dx as u32, dy as u32, 0]), valid_begin: 3, ..image.pass() };
         let nothing = vec![[0i32; 4]; (image.width() * image.rows()) as usize];
         let found = kernel.run_frame(
             &image.frame(),

@@ -72,7 +72,7 @@ fn compare(gloss: bool, seed: u64) {
         let before = random.rubbish::<4>(constants.area());
         let outputs = Kernel::new("seam_filter", &[("HAS_GLOSS", gloss), ("MARKS_ABSENT", true)]).run(
             &constants,
-            stripe.pass(view, [0, INVERSE_SIGMA2.to_bits(), 0]),
+            stripe.pass(view, [INVERSE_SIGMA2.to_bits(), 0, 0]),
             WIDTH,
             &[
                 ("guide_image", Buffer::image(&only_in(&stripe.valid, WIDTH, &guide))),

@@ -5,6 +5,7 @@ use crate::graph::{Chain, Kernel, Pass, Stage, Use};
 use crate::passes::FrameSpec;
 use crate::passes::gbuffer::GUIDE;
 use crate::scene::rig::Eye;
+use crate::wgsl::arguments;
 
 const STAGE: Stage = Stage("atrous");
 
@@ -20,9 +21,20 @@ fn step(index: u32, count: u32) -> u32 {
     1 << (count - 1 - index)
 }
 
-/// Returns 1 / σ² of iteration `index`, as bits.
-pub(super) fn inverse_sigma2_bits(index: u32) -> u32 {
-    if index < BLIND_ITERATIONS { 0 } else { (1.0 / (SIGMA * SIGMA)).to_bits() }
+/// Returns 1 / σ² of iteration `index`.
+pub(super) fn inverse_sigma2(index: u32) -> f32 {
+    if index < BLIND_ITERATIONS { 0.0 } else { 1.0 / (SIGMA * SIGMA) }
+}
+
+arguments! {
+    struct AtrousArguments {
+        /// Distance between taps, pixels.
+        pub step: u32,
+        /// 1 / σ² of the edge-stopping weight for differences in radiance.
+        pub inverse_sigma2: f32,
+        /// Number of the layer's first iterations that ignore differences in radiance.
+        pub blind: u32,
+    }
 }
 
 pub struct Atrous;
@@ -51,9 +63,9 @@ impl Denoise for Atrous {
             let halo = spec.halo(2 * step);
             // If the filter fills in pixels that are not path traced, a foveal layer may take part only in the last
             // iterations. The shader then counts the blind iterations of each layer.
-            let args = match spec.sparse {
-                true => [step, inverse_sigma2_bits(u32::MAX), BLIND_ITERATIONS],
-                false => [step, inverse_sigma2_bits(index), 0],
+            let (inverse_sigma2, blind) = match spec.sparse {
+                true => (inverse_sigma2(u32::MAX), BLIND_ITERATIONS),
+                false => (inverse_sigma2(index), 0),
             };
             let uses = [
                 Use::read(GUIDE).halo(halo),
@@ -61,7 +73,7 @@ impl Denoise for Atrous {
                 Use::write(target).named("filtered"),
             ];
             let pass = Pass::new(STAGE, view, PARTITION, Kernel::new("atrous")).index(index);
-            pass.uses(uses).args(args).chain(Chain::Planned)
+            pass.uses(uses).with([AtrousArguments { step, inverse_sigma2, blind }]).chain(Chain::Planned)
         };
         (0..spec.iterations).map(iteration).collect()
     }

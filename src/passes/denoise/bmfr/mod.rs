@@ -13,7 +13,7 @@ use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
 use crate::passes::resources::last_surface;
 use crate::passes::{FrameSpec, PREVIOUS, tonemap};
 use crate::scene::rig::Eye;
-use crate::wgsl::constants;
+use crate::wgsl::{arguments, constants};
 
 /// Accumulated illumination before the fit, with the material and the number of frames.
 const ACCUMULATED: Resource = Resource::image::<UVec4>("accumulated");
@@ -29,6 +29,20 @@ const FIT: Kernel = Kernel::new("fit").with(constants![BLOCK]).workgroup([256, 1
 /// Minimum blend weight of the current frame, before and after the fit.
 const LEAST_SHARE: f32 = 0.2;
 const LEAST_FITTED_SHARE: f32 = 0.1;
+
+arguments! {
+    struct BlendArguments {
+        /// Minimum blend weight of the current frame.
+        pub least_fraction: f32,
+    }
+}
+
+arguments! {
+    struct FitArguments {
+        /// Amplitude of the noise that is added to features, 0 to 1.
+        pub noise: f32,
+    }
+}
 
 pub struct Bmfr {
     /// Amplitude of the noise that is added to features, 0 to 1. With 0, dependent features are dropped.
@@ -60,7 +74,7 @@ fn accumulate(spec: &FrameSpec, pass: Pass, light: &mut Light, kept: Resource, l
         Use::add(TALLY),
         gradient::read_change(spec),
     ];
-    pass.uses(uses).args([least_fraction.to_bits(), 0, 0])
+    pass.uses(uses).with([BlendArguments { least_fraction }])
 }
 
 impl Denoise for Bmfr {
@@ -113,7 +127,7 @@ impl Denoise for Bmfr {
                 Use::write(target).named("fitted"),
             ])
             .dispatch(Dispatch::Displaced([BLOCK; 2]))
-            .args([self.noise.to_bits(), 0, 0])
+            .with([FitArguments { noise: self.noise }])
             .chain(Chain::Planned);
         vec![pass]
     }

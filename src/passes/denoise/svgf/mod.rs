@@ -10,7 +10,7 @@ use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
 use crate::passes::resources::last_surface;
 use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;
-use crate::wgsl::constants;
+use crate::wgsl::{arguments, constants};
 
 const STAGE: Stage = Stage("svgf");
 const VARIANCE: Stage = Stage("variance");
@@ -35,6 +35,16 @@ const SIGMA: f32 = 0.8;
 /// iteration, whose result becomes the history, blurs least.
 fn step(index: u32) -> u32 {
     1 << index
+}
+
+arguments! {
+    struct SvgfArguments {
+        /// Distance between taps, pixels.
+        pub step: u32,
+        /// Squared width of the luminance edge-stopping function.
+        pub sigma2: f32,
+        pub iteration: u32,
+    }
 }
 
 pub struct Svgf;
@@ -112,8 +122,8 @@ impl Denoise for Svgf {
         for index in 0..spec.iterations {
             let images = if index == 0 { light.advance_to(HISTORY.into()) } else { light.advance() };
             let sigma = if index == 0 { FIRST_SIGMA } else { SIGMA };
-            let args = [step(index), (sigma * sigma).to_bits(), index];
-            passes.push(link(STAGE, Kernel::new("svgf"), step(index), images).index(index).args(args));
+            let arguments = SvgfArguments { step: step(index), sigma2: sigma * sigma, iteration: index };
+            passes.push(link(STAGE, Kernel::new("svgf"), step(index), images).index(index).with([arguments]));
         }
         passes
     }

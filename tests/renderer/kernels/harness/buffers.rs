@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use bytemuck::Pod;
 use diptych::stages::layout::PassConstants;
+use diptych::wgsl::Words;
 
 /// The rows that a dispatch computes, and the rows that it may read.
 #[derive(Clone, Debug)]
@@ -21,7 +22,7 @@ impl Stripe {
             row_end: self.rows.end,
             valid_begin: self.valid.start,
             valid_end: self.valid.end,
-            args,
+            args: Words(args),
             ..PassConstants::default()
         }
     }

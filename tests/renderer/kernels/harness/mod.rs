@@ -15,6 +15,7 @@ use diptych::stages::layout::{Frame, PassConstants};
 use diptych::stages::{
     SceneBuffers, SceneTables, ShaderVariant, Specialization, override_names, scene_layout_entries, shader_text_of,
 };
+use diptych::wgsl::Words;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 pub use self::buffers::{Buffer, Outputs, Stripe, only_in};
@@ -109,7 +110,7 @@ impl Kernel {
 
     /// Dispatches workgroups of a pass without rows.
     pub fn run_once(&self, frame: &Frame, args: [u32; 3], groups: [u32; 2], buffers: &[(&str, Buffer)]) -> Outputs {
-        self.run_frame(frame, PassConstants { args, ..Default::default() }, groups, buffers)
+        self.run_frame(frame, PassConstants { args: Words(args), ..Default::default() }, groups, buffers)
     }
 
     /// Dispatches workgroups with these frame constants. Output images have the rows of the pass.

@@ -7,6 +7,7 @@ use std::f64::consts::{PI, TAU};
 
 use diptych::projection::PolarSpace;
 use diptych::stages::layout::{Camera, Display, Frame, PassConstants, View};
+use diptych::wgsl::Words;
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec3Swizzles};
 
 use super::camera::Eye;
@@ -196,7 +197,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = id.y * frame.camera.width + id.x;
-    let there = beside(id.xy, vec2<i32>(i32(pass_.args[0]), i32(pass_.args[1])));
+    let there = beside(id.xy, vec2<i32>(i32(pass_.args.axis), i32(pass_.args.reach)));
     found[at] = vec4<i32>(there.pixel, select(0, 1, there.is_there), 1);
 }
 ";
@@ -210,7 +211,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             row_end: height,
             valid_begin: valid.start,
             valid_end: valid.end,
-            args: [dx as u32, dy as u32, 0],
+            args: Words([dx as u32, dy as u32, 0]),
             width: polar.columns,
             height,
             ..Default::default()
