@@ -1,4 +1,4 @@
-//! What a device does for a frame, as plain data: a list of commands, which is derived from the frame's graph.
+//! Lists what a device does for a frame: commands as plain data, which follow from the graph of the frame.
 
 pub mod commands;
 mod list;
