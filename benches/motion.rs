@@ -6,11 +6,11 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use diptych::accel::Accel;
+use diptych::layout::Frame;
 use diptych::scene::motion::keys::{Interpolation, Keys};
 use diptych::scene::motion::{Animation, Body, Channel, Motion, Node, Placement, Target};
 use diptych::scene::{Instance, Scene, builtin};
-use diptych::stages::SceneTables;
-use diptych::stages::layout::Frame;
+use diptych::tables::SceneTables;
 use glam::{Affine3A, DQuat, DVec3, Vec3};
 
 fn options() -> (usize, usize) {

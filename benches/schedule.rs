@@ -14,7 +14,7 @@ use diptych::image::Extent;
 use diptych::passes::{Declarations, FrameSpec};
 use diptych::quality::Denoiser;
 use diptych::schedule::{
-    CostModel, FrameCosts, Heft, Measured, Policy, StageCost, TransferCost, choose_halo, simulate,
+    CostModel, FrameCosts, Heft, Measured, Policy, RelativeCost, StageCost, TransferCost, choose_halo, simulate,
 };
 
 struct Options {
@@ -87,7 +87,8 @@ fn main() {
 }
 
 fn measure(mut policy: Box<dyn Policy>, spec: &FrameSpec, reps: usize) {
-    let mut model = CostModel::new(spec, &Declarations::default());
+    let declarations = Declarations::default();
+    let mut model = CostModel::new(&declarations.program(spec), spec.devices);
     let mut halo = HaloPlan::RECOMPUTE;
     let mut planned: Option<(Assignment, Arc<FrameGraph>)> = None;
     let [mut learn, mut choose, mut assign, mut predict, mut plan, mut build] = [const { Vec::new() }; 6];
@@ -97,7 +98,8 @@ fn measure(mut policy: Box<dyn Policy>, spec: &FrameSpec, reps: usize) {
         let next = choose_halo(&model, halo);
         if next != halo {
             halo = next;
-            model.set_seam(Seam::Halo(halo));
+            let program = declarations.program(&FrameSpec { seam: Seam::Halo(halo), ..spec.clone() });
+            model.plan_for(&program, &RelativeCost::default());
             planned = None;
         }
         let choose_ms = ms(begin);

@@ -7,7 +7,7 @@
 //! The modules are declared in the order in which a frame flows through them, and a module uses only those above it.
 //!
 //! 1. [`LoadedScene::load`] reads a shot: a [`scene::Scene`] and the stereo camera, a [`scene::rig::Rig`].
-//!    [`accel::Accel`] builds the acceleration structure, and [`stages::SceneTables`] lays out the scene and the
+//!    [`accel::Accel`] builds the acceleration structure, and [`tables::SceneTables`] lays out the scene and the
 //!    acceleration structure for shaders.
 //! 2. [`passes::declare`] declares the passes of a frame as plain data: a [`graph::Pass`] names its shader and the
 //!    images that it reads and writes.
@@ -44,7 +44,7 @@ pub mod image;
 pub mod scene;
 pub mod wgsl;
 pub mod projection;
-pub mod frame;
+pub mod samples;
 pub mod accel;
 pub mod graph;
 pub mod passes;
@@ -53,6 +53,9 @@ pub mod schedule;
 pub mod control;
 pub mod plan;
 pub mod device;
+pub mod layout;
+pub mod tables;
+pub mod frame;
 pub mod stages;
 pub mod loaded;
 pub mod exec;
@@ -70,6 +73,7 @@ pub mod cli;
 pub use control::{Budget, Controller, Ladder};
 pub use device::Selection;
 pub use exec::{FrameReport, Renderer, Stereo};
+pub use frame::RunConfig;
 pub use image::Extent;
 pub use loaded::{LoadError, LoadedScene};
 pub use quality::{Denoiser, Quality};
@@ -77,7 +81,6 @@ pub use scene::Scene;
 pub use scene::rig::Rig;
 pub use schedule::{CostModel, Policy};
 pub use session::Session;
-pub use stages::RunConfig;
 
 /// Markdown documents whose example programs are compiled as doctests.
 #[cfg(doctest)]

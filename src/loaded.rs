@@ -13,7 +13,7 @@ use crate::scene::load::load_shot_within;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::shot::{Gaze, Shot};
 use crate::scene::{Scene, SceneError};
-use crate::stages::{SceneTables, TableError};
+use crate::tables::{SceneTables, TableError};
 
 /// An error of [`LoadedScene::load`].
 #[derive(Debug, thiserror::Error)]

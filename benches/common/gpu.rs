@@ -6,8 +6,9 @@ use diptych::accel::Layout;
 use diptych::device::{self, GpuDevice, SceneAccess, Selection, ShaderChecks, Traversal, TraversalChoice};
 use diptych::graph::Kernel;
 use diptych::image::Extent;
-use diptych::stages::layout::{Camera, Frame};
-use diptych::stages::{SceneBuffers, Specialization, override_names, scene_layout_entries, shader_text};
+use diptych::layout::{Camera, Frame};
+use diptych::stages::{Specialization, override_names, shader_text};
+use diptych::tables::{SceneBuffers, layout_entries as scene_layout_entries};
 use wgpu::util::DeviceExt;
 
 use super::{BenchRay, Case, Workload};

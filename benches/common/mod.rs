@@ -12,7 +12,7 @@ use diptych::image::Extent;
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
 use diptych::scene::rig::Eye;
-use diptych::stages::SceneTables;
+use diptych::tables::SceneTables;
 use glam::{DVec3, Vec3};
 
 /// `BenchRay` in `rays.wgsl`.

@@ -4,7 +4,7 @@
 
 // Directional albedo of GGX reflection over cosine and perceptual roughness, as (scale of f0, scale of f90), and that of
 // a white sheen: a grid of ALBEDO_GRID x ALBEDO_GRID nodes, followed by the means over directions per roughness. See
-// `stages::albedo_table`.
+// `tables::albedo_table`.
 fn albedo_node(at: u32) -> vec3<f32> {
     return bitcast<vec3<f32>>(table_row(frame.tables.albedo + at).xyz);
 }

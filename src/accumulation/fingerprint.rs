@@ -8,10 +8,11 @@ use serde::{Deserialize, Serialize};
 
 use super::fnv::Fnv;
 use crate::device::{SceneAccess, Traversal};
+use crate::frame::Sampler;
 use crate::image::{Extent, Image};
 use crate::scene::rig::{Eye, Rig};
 use crate::scene::{Environment, Mesh, Scene};
-use crate::stages::{Sampler, shader_text_of};
+use crate::stages::shader_text_of;
 
 /// Everything that decides an accumulation's samples.
 #[derive(Clone, Copy, Debug)]

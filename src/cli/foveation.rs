@@ -6,9 +6,9 @@ use std::sync::LazyLock;
 use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
 
+use crate::frame::Foveation;
 use crate::quality::{Denoiser, Filter, LogPolar, PolarSpace, Quality};
 use crate::scene::shot::Gaze;
-use crate::stages::Foveation;
 
 use super::denoisers::DenoiserChoice;
 

@@ -10,7 +10,8 @@ use crate::image::ImageError;
 use crate::loaded::LoadError;
 use crate::quality::SettingError;
 use crate::scene::{Refusal, SceneError, Setting};
-use crate::stages::{LimitExceeded, Remedy, StageError, TableError};
+use crate::stages::StageError;
+use crate::tables::{LimitExceeded, Remedy, TableError};
 use crate::trace::TraceError;
 
 /// Formats an error without its causes, followed by the options that remedy it, if there are any.

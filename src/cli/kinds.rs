@@ -1,13 +1,13 @@
 //! Auxiliary images that determine the kinds of pixels, and which pixels of the eyes show the same surface.
 
 use crate::exec::ranks::Devices;
-use crate::frame::Samples;
 use crate::image::{Image, RgbImage};
 use crate::loaded::LoadedScene;
 use crate::metrics::kinds::{Guides, KindMap};
 use crate::metrics::surfaces::{Sighting, Surfaces};
 use crate::passes::Aov;
 use crate::quality::Quality;
+use crate::samples::Samples;
 use crate::scene::rig::Eye;
 
 use super::failure::Failure;

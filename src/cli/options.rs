@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use crate::device::{ShaderChecks, TraversalChoice};
-use crate::frame::Samples;
+use crate::frame::Sampler;
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::passes::Aov;
 use crate::quality::{Denoiser, Filter, Quality};
 use crate::report::once;
+use crate::samples::Samples;
 use crate::schedule::RatioRule;
-use crate::stages::Sampler;
 
 use super::balance::Balance;
 pub use super::denoisers::{DenoiserChoice, denoiser_parser};

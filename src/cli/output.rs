@@ -7,6 +7,7 @@ use std::path::Path;
 use anyhow::Context;
 
 use crate::exec::{Renderer, Stereo};
+use crate::frame::Foveation;
 use crate::graph::Resource;
 use crate::image::display::{DisplayImage, write_png};
 use crate::image::exr::{self, Tags};
@@ -21,7 +22,6 @@ use crate::projection::PolarSpace;
 use crate::report::record::Unfinished;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
-use crate::stages::Foveation;
 
 use super::failure::Failure;
 use super::options::OUTPUT;

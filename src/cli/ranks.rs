@@ -8,7 +8,7 @@ use crate::device::GpuDevice;
 use crate::exec::ranks::{Host, Load};
 use crate::passes::Declarations;
 use crate::scene::folder::Source;
-use crate::stages::SceneTables;
+use crate::tables::SceneTables;
 use crate::trace::HostSpans;
 
 use super::failure::Failure;

@@ -3,11 +3,11 @@
 use std::f64::consts::PI;
 
 use super::Rung;
-use crate::frame::Samples;
 use crate::graph::Stage;
 use crate::passes::gbuffer::STAGE as GBUFFER;
 use crate::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
 use crate::quality::{Denoiser, Filter, Quality};
+use crate::samples::Samples;
 use crate::schedule::RelativeCost;
 
 /// Maximum samples per pixel of the candidates.

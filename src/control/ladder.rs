@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use super::rung::{FileRung, Measure, Rung};
 use super::{front, mean_error};
-use crate::frame::Samples;
 use crate::image::ImageError;
 use crate::image::file::atomic_write;
 use crate::quality::Denoiser;
+use crate::samples::Samples;
 
 /// Relative difference in time below which measurements cannot distinguish two rungs of a front.
 pub const MIN_STEP: f64 = 0.03;

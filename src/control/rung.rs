@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::frame::Samples;
 use crate::projection::within;
 use crate::quality::{Quality, SettingError};
+use crate::samples::Samples;
 
 /// The measure of the errors of a ladder's rungs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

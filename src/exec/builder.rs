@@ -6,12 +6,12 @@ use std::time::Instant;
 use super::ranks::Devices;
 use super::{ExecError, Renderer};
 use crate::device::{self, DeviceError, Selection};
+use crate::frame::RunConfig;
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::quality::{Envelope, Quality};
 use crate::scene::rig::Rig;
 use crate::schedule::{Measured, Policy};
-use crate::stages::RunConfig;
 
 /// An error of [`Builder::build`].
 #[derive(Debug, thiserror::Error)]

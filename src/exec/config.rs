@@ -1,5 +1,6 @@
 //! Builds run configurations from scenes, and frame specs from run configurations.
 
+use crate::frame::RunConfig;
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::passes::{Display, FrameSpec, Views};
@@ -7,7 +8,7 @@ use crate::quality::Envelope;
 use crate::scene::Scene;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::studio;
-use crate::stages::{RunConfig, SceneTables};
+use crate::tables::SceneTables;
 
 impl RunConfig {
     /// Returns the defaults of `diptych render`: one sample per pixel, six bounces, a reprojected right eye, SVGF, and a

@@ -5,9 +5,11 @@ use std::sync::Arc;
 use super::late_latching::Late;
 use super::output::Output;
 use crate::accel::Moved;
+use crate::layout;
 use crate::quality::Quality;
 use crate::schedule::RelativeCost;
-use crate::stages::{Place, SceneUpdate, layout};
+use crate::stages::Place;
+use crate::tables::SceneUpdate;
 
 /// Inputs of a frame. They are kept so that it can be rendered again after a device failure.
 #[derive(Clone)]

@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use crate::frame::constants::late_display_maps;
 use crate::image::Extent;
+use crate::layout;
 use crate::scene::rig::Rig;
-use crate::stages::frame_constants::late_display_maps;
-use crate::stages::layout;
 
 /// Function that takes a frame number and returns a rig at the head pose predicted for the frame's display time. Only
 /// the first key of the rig is used. `None` means that no pose is newer than the one that the frame was rendered from.

@@ -13,8 +13,10 @@ use super::plan::Plan;
 use super::staging::Mapped;
 use super::wire;
 use crate::device::DeviceFailure;
+use crate::layout;
 use crate::schedule::Cut;
-use crate::stages::{Place, SceneUpdate, layout};
+use crate::stages::Place;
+use crate::tables::SceneUpdate;
 
 /// Order from the renderer to a worker.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]

@@ -38,7 +38,7 @@ pub mod protocol {
     pub use super::worker::protocol::Protocol;
 }
 
-pub use crate::stages::FrameParams;
+pub use crate::frame::FrameParams;
 pub use builder::{BuildError, Builder};
 pub use error::ExecError;
 #[cfg(feature = "cli")]

@@ -5,11 +5,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::inputs::Inputs;
 use super::output::Output;
 use super::plan::{History, Plan};
+use crate::frame::RunConfig;
 use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Resource, Seam};
 use crate::passes::{Declarations, FrameSpec, LATE_PARTITION, ROW_TALLY};
 use crate::quality::Denoiser;
 use crate::schedule::{CostModel, Policy, RelativeCost, choose_halo};
-use crate::stages::RunConfig;
 
 /// Number of cached graphs in addition to those of the frames in flight: one for each number of denoiser iterations
 /// that predictions may use.

@@ -2,7 +2,7 @@
 //! whatever memory holds.
 
 use super::Tally;
-use crate::stages::layout::Frame;
+use crate::layout::Frame;
 
 /// Most mirrors and glass surfaces that a first surface is seen in (`MOST_LINKS` of `mirror.inc.wgsl`).
 const MOST_LINKS: u64 = 8;
@@ -55,8 +55,8 @@ pub fn check(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::samples::PixelSamples;
-    use crate::stages::layout::{Lights, Sampling};
+    use crate::layout::{Lights, Sampling};
+    use crate::samples::PixelSamples;
     use crate::stages::shader_text_of;
 
     fn frame(spp: u32, reflections: u32, hard_count: u32) -> Frame {

@@ -14,14 +14,17 @@ use super::ranks::Devices;
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, costs};
 use crate::device::{DeviceFailure, DeviceInfo, Traversal};
-use crate::frame::samples::PixelSamples;
+use crate::frame::RunConfig;
+use crate::frame::constants::constants;
+use crate::frame::search_range::history_rows;
 use crate::graph::{Assignment, FrameGraph, Resource};
 use crate::image::Extent;
+use crate::layout;
+use crate::samples::PixelSamples;
 use crate::scene::rig::Rig;
 use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, cuts, simulate};
-use crate::stages::frame_constants::constants;
-use crate::stages::search_range::history_rows;
-use crate::stages::{Place, RunConfig, SceneTables, StageError, layout};
+use crate::stages::{Place, StageError};
+use crate::tables::SceneTables;
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
@@ -200,7 +203,7 @@ impl Renderer {
     }
 
     /// Begins a frame like [`Self::render`], but does not wait for it; [`Self::finish`] waits for frames in the order
-    /// in which they were begun. If [`crate::stages::Execution::frames_in_flight`] frames are in flight, first finishes
+    /// in which they were begun. If [`crate::frame::Execution::frames_in_flight`] frames are in flight, first finishes
     /// the oldest and discards its report. `reads` are the images of this frame that can be read while later frames are
     /// in flight.
     ///

@@ -15,8 +15,9 @@ use super::watchdog::Watchdog;
 use super::worker::Worker;
 use super::worker::device::WorkerDevice;
 use crate::device::{DeviceFailure, DeviceInfo, FailureKind, GpuDevice};
+use crate::frame::RunConfig;
 use crate::schedule::Network;
-use crate::stages::{RunConfig, SceneTables};
+use crate::tables::SceneTables;
 
 /// Time that a worker may take to end once its order channel is closed.
 pub const END_LIMIT: Duration = Duration::from_secs(5);

@@ -1,5 +1,11 @@
-//! Values that make a frame. Nothing here needs a device.
+//! Settings of a run and parameters of a frame, and the constants that shaders read of them. Nothing here needs a device.
 
-pub mod samples;
+mod config;
+pub mod constants;
+mod foveation;
+mod params;
+pub mod search_range;
 
-pub use samples::Samples;
+pub use config::{Buffers, Execution, RunConfig, Sampler};
+pub use foveation::Foveation;
+pub use params::FrameParams;

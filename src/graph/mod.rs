@@ -16,7 +16,7 @@ mod stripes;
 mod task;
 mod uses;
 
-pub use crate::frame::samples::Launch;
+pub use crate::samples::Launch;
 pub use build::FrameGraph;
 pub use halo::{HaloPlan, Seam};
 pub use pass::{Chain, Dispatch, Kernel, Partition, Pass, SceneUse, Stage, Work};

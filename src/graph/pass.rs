@@ -3,7 +3,7 @@
 
 use super::resource::{Grid, Resource, Scope};
 use super::uses::Use;
-use crate::frame::samples::Launch;
+use crate::samples::Launch;
 use crate::scene::rig::Eye;
 use crate::wgsl::{Arguments, Constant, Words};
 

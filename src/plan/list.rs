@@ -5,9 +5,9 @@ use std::ops::Range;
 
 use super::commands::{Command, Commands, EyeImage, InjectedKind, Launched, Outgoing, PassConstants, Rows, Timed};
 use super::workgroups::groups;
-use crate::frame::samples::PixelSamples;
 use crate::graph::{Access, FrameGraph, Linked, Program, SceneUse, Task, TaskKind, Use};
 use crate::passes::LATE_PARTITION;
+use crate::samples::PixelSamples;
 use crate::schedule::{Cut, Position, parts};
 use crate::wgsl::Words;
 

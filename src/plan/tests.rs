@@ -4,13 +4,13 @@ use std::fs;
 use std::path::Path;
 
 use super::*;
-use crate::frame::Samples;
 use crate::graph::{Assignment, FrameGraph, HaloPlan, Seam, Stripes, TaskKind};
 use crate::image::Extent;
 use crate::passes::tonemap::LINEAR;
 use crate::passes::{Aov, Declarations, Display, FrameSpec, ImageChain, Moving, Views};
 use crate::projection::PolarSpace;
 use crate::quality::Denoiser;
+use crate::samples::Samples;
 use crate::scene::rig::Eye;
 use crate::schedule::{Cut, Position};
 

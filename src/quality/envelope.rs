@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Denoiser, Filter, PolarSpace, Quality, SettingError};
-use crate::frame::Samples;
-use crate::frame::samples;
+use crate::samples;
+use crate::samples::Samples;
 
 /// The bounds of the qualities that the frames of a run may have.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

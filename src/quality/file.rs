@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Denoiser, Filter, PolarSpace, Quality};
-use crate::frame::samples;
 use crate::passes::denoise;
+use crate::samples;
 
 /// The members of a [`Quality`]. Without a filter, the denoiser is `none` and has 0 iterations.
 #[derive(Serialize, Deserialize)]

@@ -9,9 +9,9 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
-use crate::frame::Samples;
-use crate::frame::samples;
 use crate::projection::within;
+use crate::samples;
+use crate::samples::Samples;
 
 pub use crate::passes::denoise::{Denoiser, Filter};
 pub use crate::projection::{LogPolar, PolarSpace};

@@ -139,7 +139,7 @@ fn columns_of_rows(devices: usize) -> impl Iterator<Item = String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::Samples;
+    use crate::samples::Samples;
 
     /// Programs also read columns by position, so the order stays and new columns come last.
     #[test]

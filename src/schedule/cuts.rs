@@ -6,8 +6,8 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use super::cost::CostModel;
-use crate::frame::samples::PixelSamples;
 use crate::graph::{Dispatch, FrameGraph, Pass, SceneUse, TaskKind};
+use crate::samples::PixelSamples;
 
 /// Position in a task, which runs its kernel one or more times: right before row `row` of the run with the index `run`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

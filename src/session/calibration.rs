@@ -8,11 +8,11 @@ use crate::control::{
     relative_costs,
 };
 use crate::exec::{ExecError, FrameParams, FrameReport, Renderer, Stereo};
-use crate::frame::Samples;
 use crate::graph::Stage;
 use crate::image::RgbImage;
 use crate::passes::gbuffer;
 use crate::quality::Quality;
+use crate::samples::Samples;
 use crate::scene::rig::Rig;
 use crate::schedule::RelativeCost;
 

@@ -1,12 +1,12 @@
 //! Compiles the pipelines of passes on a device.
 
-use super::RunConfig;
-use super::layout::PassConstants;
-use super::limits::LimitExceeded;
 use super::shader::{Shader, ShaderVariant, override_names};
 use super::shader_files::ShaderError;
 use crate::device::{GpuDevice, Pipeline, PipelineKey};
+use crate::frame::RunConfig;
 use crate::graph::{Access, Format, Kernel, Pass, ProgramError, Use};
+use crate::layout::PassConstants;
+use crate::tables::LimitExceeded;
 
 const PASS_BYTES: u32 = size_of::<PassConstants>() as u32;
 

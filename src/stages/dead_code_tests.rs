@@ -13,6 +13,7 @@ use super::shader::pass_text;
 use super::specialization::Specialization;
 use super::*;
 use crate::device::{self, SceneAccess, Selection, Traversal};
+use crate::frame::RunConfig;
 use crate::graph::{Kernel, Pass, Resource, Stage, Use};
 use crate::image::Extent;
 use crate::passes::{self, tonemap};

@@ -5,19 +5,21 @@ use std::sync::Arc;
 
 use glam::{DVec3, UVec3, Vec2};
 
-use super::layout::{Camera, Display, Foveation, Frame, History, Previous, Sampling, View};
-use super::{DeviceStages, Place, Recording, RunConfig, SceneTables};
+use super::{DeviceStages, Place, Recording};
 use crate::accel::Accel;
 use crate::device::{self, GpuDevice, Selection};
-use crate::frame::samples::PixelSamples;
+use crate::frame::RunConfig;
 use crate::graph::{Assignment, Bound, FrameGraph, Program, Stripes};
 use crate::image::Extent;
+use crate::layout::{Camera, Display, Foveation, Frame, History, Previous, Sampling, View};
 use crate::passes::{Declarations, FrameSpec, RowTally, Views};
 use crate::plan::{Command, Commands, Share};
 use crate::quality::{Denoiser, Filter};
+use crate::samples::PixelSamples;
 use crate::scene::builtin;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::{Eye, Rig, RigKey};
+use crate::tables::SceneTables;
 
 const EXTENT: Extent = Extent { width: 48, height: 32 };
 const ITERATIONS: u32 = 3;

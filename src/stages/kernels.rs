@@ -2,10 +2,10 @@
 
 use std::time::SystemTime;
 
-use super::RunConfig;
 use super::compile::{Built, StageError, build};
 use super::shader_files::newest_change;
 use crate::device::GpuDevice;
+use crate::frame::RunConfig;
 use crate::graph::{Pass, Program, SceneUse};
 
 /// Passes of all kernels, with what their pipelines are built from.

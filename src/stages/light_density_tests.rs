@@ -3,15 +3,15 @@
 use glam::{Affine3A, Vec3};
 use wgpu::util::DeviceExt;
 
-use super::layout::{Frame, Sampling};
-use super::scene_tables::{SceneBuffers, SceneTables, layout_entries};
 use super::shader::Shader;
 use crate::accel::Accel;
 use crate::device::{self, Selection, ShaderChecks};
-use crate::frame::samples::PixelSamples;
 use crate::graph::Kernel;
 use crate::image::{Extent, RgbImage};
+use crate::layout::{Frame, Sampling};
+use crate::samples::PixelSamples;
 use crate::scene::{Environment, Instance, Light, LightKind, Material, Mesh, Scene};
+use crate::tables::{SceneBuffers, SceneTables, layout_entries};
 
 /// Number of directions to sample, and of uniform directions: a multiple of 64 within one row of workgroups.
 const COUNT: usize = 1 << 18;

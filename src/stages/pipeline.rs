@@ -4,21 +4,20 @@ use std::collections::HashMap;
 use std::mem::offset_of;
 use std::sync::Arc;
 
-use super::RunConfig;
 use super::compile::{Built, StageError, buffer_entry, projection_layout};
 use super::images::{Images, Place};
 use super::kernels::Kernels;
-use super::layout::{Camera, DisplayMap, Frame, Previous};
-use super::limits;
-use super::scene_tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entries, layout_entries, scene_buffers};
 use crate::device::GpuDevice;
-use crate::frame::samples::PixelSamples;
+use crate::frame::RunConfig;
 use crate::graph::{Bound, Format, Kernel, Program, Resource, SceneUse, Stage};
 use crate::image::Extent;
+use crate::layout::{Camera, DisplayMap, Frame, Previous};
 use crate::passes::{Moving, PREVIOUS};
 use crate::plan::{EyeImage, Groups, Launched, launched};
+use crate::samples::PixelSamples;
 use crate::scene::rig::Eye;
 use crate::schedule::Position;
+use crate::tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entries, layout_entries, limits, scene_buffers};
 
 /// Key of a bind group: the kernel's name, the bound images, and the [`Place`] that selects their buffers.
 type GroupKey = (&'static str, Vec<(Bound, Eye)>, Place);

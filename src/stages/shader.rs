@@ -19,11 +19,11 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use super::bindings::{bindings, variable};
-use super::layout;
 use super::shader_files::{ShaderError, file, folder};
 use super::specialization::Specialization;
 use crate::device::{SceneAccess, ShaderChecks, Tables, Traversal};
 use crate::graph::{Kernel, Pass, SceneUse, Use};
+use crate::layout;
 use crate::passes;
 use crate::projection::PolarSpace;
 use crate::wgsl::{declare, declare_arguments};

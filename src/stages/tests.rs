@@ -1,11 +1,11 @@
 use super::bindings::bindings;
-use super::layout;
 use super::shader::{Shader, pass_text};
 use super::*;
 use crate::accel::{Instance, Node};
 use crate::device::{SceneAccess, ShaderChecks, Traversal};
 use crate::graph::{Kernel, Pass, SceneUse, Stage};
 use crate::image::Extent;
+use crate::layout;
 use crate::passes::{self, tests::all_specs};
 use crate::projection::PolarSpace;
 use crate::scene::needs::SceneNeeds;

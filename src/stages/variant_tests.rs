@@ -14,6 +14,7 @@ use super::shader_files::FILES;
 use super::specialization::capabilities;
 use super::*;
 use crate::device::{SceneAccess, Tables, Traversal};
+use crate::frame::RunConfig;
 use crate::graph::{Kernel, SceneUse, Use};
 use crate::image::Extent;
 use crate::passes;

@@ -14,6 +14,7 @@ use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::ranks::Devices;
 use diptych::exec::{ExecError, FrameParams, FrameReport, Renderer, Stereo};
+use diptych::frame::Foveation;
 use diptych::graph::{Life, Pass};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::tonemap::LINEAR;
@@ -26,7 +27,7 @@ use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Policy};
-use diptych::stages::{Foveation, SceneTables};
+use diptych::tables::SceneTables;
 pub use effort::{is_thorough, sampled};
 
 /// A scene ready for upload, and its camera.

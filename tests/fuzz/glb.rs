@@ -11,7 +11,7 @@ use diptych::scene::complete::Overrides;
 use diptych::scene::folder::Access;
 use diptych::scene::load::{load_shot, load_shot_within};
 use diptych::scene::rig::Eye;
-use diptych::stages::SceneTables;
+use diptych::tables::SceneTables;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 use serde_json::{Value, json};

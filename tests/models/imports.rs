@@ -9,19 +9,21 @@ use std::str::FromStr;
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 
 /// Modules with decision logic, which are tested without a device.
-const WITHOUT_WGPU: [&str; 16] = [
+const WITHOUT_WGPU: [&str; 18] = [
     "image",
     "scene",
     "quality",
     "wgsl",
     "projection",
-    "frame",
+    "samples",
     "accel",
     "graph",
     "passes",
     "schedule",
     "control",
     "plan",
+    "layout",
+    "frame",
     "metrics",
     "accumulation",
     "trace",

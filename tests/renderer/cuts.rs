@@ -3,10 +3,10 @@
 use crate::common::{Frame, Stage, Subject, devices, foveate, is_thorough, with};
 use diptych::RunConfig;
 use diptych::exec::{InjectedFaults, TimedTask};
+use diptych::frame::Foveation;
 use diptych::quality::{Denoiser, Filter};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured};
-use diptych::stages::Foveation;
 
 const WIDTH: u32 = 40;
 const HEIGHT: u32 = 60;

@@ -5,10 +5,10 @@ use crate::reference::scenes::{add_material, add_mesh, empty, icosphere, instanc
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use crate::reference::{Pinhole, Reference};
 use diptych::RunConfig;
+use diptych::frame::Sampler;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::Aov;
 use diptych::scene::{Clearcoat, Environment, Material, Scene, Volume};
-use diptych::stages::Sampler;
 use glam::{Vec3, vec3};
 
 const WIDTH: u32 = 160;

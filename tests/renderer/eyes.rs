@@ -3,6 +3,7 @@
 
 use crate::common::{Stage, Subject, foveate, is_thorough, project, sampled, still_rig};
 use diptych::RunConfig;
+use diptych::frame::Foveation;
 use diptych::image::display::display_value;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::{Aov, Display};
@@ -12,7 +13,6 @@ use diptych::scene::head::HeadMotion;
 use diptych::scene::optics::Fov;
 use diptych::scene::rig::Eye;
 use diptych::scene::shot::Gaze;
-use diptych::stages::Foveation;
 use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot};
 use serde_json::json;
 

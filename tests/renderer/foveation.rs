@@ -3,12 +3,12 @@
 use crate::common::{Stage, Subject, foveate, project, with};
 use diptych::RunConfig;
 use diptych::exec::Stereo;
+use diptych::frame::Foveation;
 use diptych::image::RgbImage;
 use diptych::passes::Aov;
 use diptych::projection::{LogPolar, PolarSpace};
 use diptych::quality::{Denoiser, Filter};
 use diptych::scene::shot::Gaze;
-use diptych::stages::Foveation;
 
 const WIDTH: u32 = 128;
 const HEIGHT: u32 = 96;

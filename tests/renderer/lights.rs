@@ -3,9 +3,9 @@
 use crate::common::{Stage, Subject, is_thorough, still_rig};
 use crate::reference::ztest::{Estimate, assert_agrees, mean_and_variance};
 use crate::reference::{Emitters, Pinhole, Reference, scenes};
+use diptych::frame::Sampler;
 use diptych::image::{Extent, RgbImage};
 use diptych::scene::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene};
-use diptych::stages::Sampler;
 use glam::{DVec3, Vec3, vec3};
 
 const WIDTH: u32 = 32;

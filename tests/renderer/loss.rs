@@ -7,7 +7,7 @@ use crate::common::{Stage, Subject, devices_to_lose};
 use diptych::accel::Accel;
 use diptych::exec::{ExecError, Renderer};
 use diptych::schedule::Even;
-use diptych::stages::SceneTables;
+use diptych::tables::SceneTables;
 
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 36;

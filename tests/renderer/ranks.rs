@@ -13,11 +13,12 @@ use diptych::RunConfig;
 use diptych::device::GpuDevice;
 use diptych::exec::InjectedFaults;
 use diptych::exec::ranks::{ChannelLink, Devices, Host, Link, Load, Loading, Node, Request, Way, channel_links, serve};
+use diptych::frame::Foveation;
 use diptych::projection::{LogPolar, PolarSpace};
 use diptych::quality::{Denoiser, Filter};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured, Policy};
-use diptych::stages::{Foveation, SceneTables};
+use diptych::tables::SceneTables;
 
 /// Instant before all ranks start.
 static BEGIN: LazyLock<Instant> = LazyLock::new(Instant::now);

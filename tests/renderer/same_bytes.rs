@@ -8,13 +8,13 @@ use crate::common::{Stage, Subject, devices_to_lose, diptych, foveate, is_thorou
 use diptych::RunConfig;
 use diptych::device::{ShaderChecks, Tables};
 use diptych::exec::Stereo;
+use diptych::frame::{Foveation, Sampler};
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
 use diptych::projection::{LogPolar, PolarSpace};
 use diptych::quality::{Denoiser, Filter, Quality};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{CostModel, Even, Heft, Measured, Policy, Static};
-use diptych::stages::{Foveation, Sampler};
 
 pub const WIDTH: u32 = 64;
 pub const HEIGHT: u32 = 72;

@@ -10,12 +10,12 @@ use crate::reference::tangents;
 use crate::reference::ztest::{Estimate, assert_agrees, compare, verdict};
 use crate::reference::{Pinhole, Reference};
 use diptych::RunConfig;
+use diptych::frame::Sampler;
 use diptych::image::{Extent, RgbImage};
 use diptych::scene::Scene;
 use diptych::scene::gltf;
 use diptych::scene::load::load_shot;
 use diptych::scene::rig::Eye;
-use diptych::stages::Sampler;
 use glam::{Vec3, vec3};
 
 /// Few pixels with many samples each. Powers of two suit low-discrepancy points and workgroups.

@@ -8,9 +8,10 @@ use crate::reference::sampling::Rng;
 use crate::reference::scenes::{add_matte, empty, icosphere, place};
 use diptych::accel::Accel;
 use diptych::device::{GpuDevice, Traversal};
+use diptych::layout::Frame;
 use diptych::scene::Mesh;
-use diptych::stages::layout::Frame;
-use diptych::stages::{SceneBuffers, SceneTables, Specialization, scene_layout_entries, shader_text_of};
+use diptych::stages::{Specialization, shader_text_of};
+use diptych::tables::{SceneBuffers, SceneTables, layout_entries as scene_layout_entries};
 use glam::{Vec3, vec3};
 use wgpu::util::DeviceExt;
 

@@ -11,9 +11,9 @@ use crate::cli::foveation::FoveationMode;
 use crate::cli::options::{self, DenoiserChoice, RunOptions, render_scale};
 use crate::cli::reference::{PASS_SPP, seconds};
 use crate::cli::settings::Given;
-use crate::frame::Samples;
 use crate::quality::{Denoiser, LogPolar};
 use crate::report::once;
+use crate::samples::Samples;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {

@@ -8,6 +8,7 @@ use super::axes::FPS;
 use crate::cli::balance::Balance;
 use crate::cli::foveation::FoveationMode;
 use crate::cli::options::{self, RenderOptions, RunOptions};
+use crate::frame::Foveation;
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::passes::partitions;
@@ -15,7 +16,6 @@ use crate::quality::{LogPolar, PolarSpace, Quality};
 use crate::report::experiment::{Arrangement, Experiment, OtherMeasures};
 use crate::scene::rig::Eye;
 use crate::schedule::RatioRule;
-use crate::stages::Foveation;
 
 /// Options that an arrangement may set in addition to the quality options.
 const OTHERS: [&str; 4] = ["balance", "ratios", "seam", "halo"];

@@ -10,10 +10,10 @@ use crate::cli::foveation::FoveationMode;
 use crate::cli::options::DenoiserChoice;
 use crate::cli::{settings, setup};
 use crate::control::Ladder;
-use crate::frame::Samples;
+use crate::frame::Foveation;
 use crate::quality::{Denoiser, Filter, Quality};
 use crate::report::once;
-use crate::stages::Foveation;
+use crate::samples::Samples;
 
 /// Frame rate at which the camera approaches the compared instant.
 pub const FPS: f64 = 72.0;

@@ -6,7 +6,6 @@ use std::path::Path;
 use anyhow::{Context, anyhow};
 
 use crate::device::DeviceInfo;
-use crate::frame::Samples;
 use crate::loaded::LoadedScene;
 use crate::quality::Quality;
 use crate::report::experiment::{
@@ -18,6 +17,7 @@ use crate::report::pictures::Group;
 use crate::report::rectified::RectifiedFrame;
 use crate::report::rings::{self, FrameRings, RingRow, ring_charts, ring_csv, ring_table};
 use crate::report::{Csv, Table};
+use crate::samples::Samples;
 use crate::scene::optics::Optics;
 use crate::scene::shot::Gaze;
 

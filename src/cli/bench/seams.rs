@@ -5,7 +5,6 @@ use clap::ValueEnum;
 
 use crate::device::DeviceInfo;
 use crate::exec::Stereo;
-use crate::frame::Samples;
 use crate::image::{ImageError, RgbImage};
 use crate::loaded::LoadedScene;
 use crate::metrics::Pair;
@@ -18,6 +17,7 @@ use crate::report::study::{
     LERIA_NOTE, ONE_DEVICE, SEAM_NOTE, SeamErrors, SeamRow, leria_table, quartiles, seam_csv, seam_table,
 };
 use crate::report::{Csv, Table};
+use crate::samples::Samples;
 use crate::scene::rig::Eye;
 
 use super::args::Args;

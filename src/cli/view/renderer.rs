@@ -19,7 +19,7 @@ use crate::cli::metering::Adaptation;
 use crate::cli::play::{Pace, Prepared, Session};
 use crate::cli::progress::Progress;
 use crate::cli::setup::Tracing;
-use crate::stages::Foveation;
+use crate::frame::Foveation;
 
 /// Maximum time step of the camera between two frames, seconds.
 const LONGEST_STEP_S: f64 = 0.25;

@@ -11,9 +11,9 @@ use super::packet::{Load, Request, Response, Start};
 use super::transport::RendererDevices;
 use crate::device::{DeviceInfo, GpuDevice, MAX_DEVICES, RankName};
 use crate::exec::channels::WorkerChannels;
+use crate::frame::RunConfig;
 use crate::schedule::Network;
-use crate::stages::RunConfig;
-use crate::stages::SceneTables;
+use crate::tables::SceneTables;
 
 /// Open devices that no renderer uses at the moment. Devices of this process come first, then those of the other ranks
 /// in order of rank.

@@ -7,8 +7,8 @@ use super::device_card::DeviceCard;
 use super::link::Way;
 use crate::exec::messages::{Bytes, Message, Order, Reply};
 use crate::exec::watchdog::LifeSign;
+use crate::frame::RunConfig;
 use crate::scene::folder::Files;
-use crate::stages::RunConfig;
 
 /// Data that one rank sends to another. `renderer` is the number of a renderer, and `device` the number of one of this
 /// renderer's devices.
@@ -123,7 +123,7 @@ pub struct Start {
     /// The rank of each device of the renderer.
     pub ranks: Vec<usize>,
     pub config: RunConfig,
-    /// Fingerprint of the scene to render, see [`crate::stages::SceneTables::fingerprint`].
+    /// Fingerprint of the scene to render, see [`crate::tables::SceneTables::fingerprint`].
     pub scene: u64,
 }
 

@@ -19,7 +19,7 @@ use crate::exec::worker::Worker;
 use crate::exec::worker::device::WorkerDevice;
 use crate::exec::worker_pool::{END_LIMIT, start_worker};
 use crate::passes::Declarations;
-use crate::stages::SceneTables;
+use crate::tables::SceneTables;
 
 /// Environment of a rank: opens its devices, loads scenes and records trace spans.
 pub trait Host {

@@ -9,10 +9,13 @@ use crate::exec::messages::{Bytes, FrameJob, Pixels};
 use crate::exec::output::Output;
 use crate::exec::staging::{Mapped, Pool, ReadBack, Recorded};
 use crate::exec::{ExecError, InjectedKind};
+use crate::frame::RunConfig;
 use crate::graph::{Bound, Program};
+use crate::layout;
 use crate::plan::{EyeImage, MOST_TIMED, Rows};
 use crate::scene::rig::Eye;
-use crate::stages::{DeviceStages, Place, Recording, RunConfig, SceneTables, layout};
+use crate::stages::{DeviceStages, Place, Recording};
+use crate::tables::SceneTables;
 
 pub struct WorkerDevice {
     pub gpu: GpuDevice,

@@ -196,7 +196,7 @@ fn what_was_not_measured_leaves_the_cited_numbers_alone() {
 fn layers_are_those_of_table_2() {
     let peres = experiment(PERES);
     let [fhd, quest] = &peres.resolutions[..] else { panic!("{:?}", peres.resolutions) };
-    assert_eq!(fhd.layer_radii(), Some(crate::stages::Foveation::RADII));
+    assert_eq!(fhd.layer_radii(), Some(crate::frame::Foveation::RADII));
     let [inner, middle] = quest.layer_radii().unwrap();
     assert!((inner - 0.1447).abs() < 1e-4 && (middle - 0.2893).abs() < 1e-4, "{inner}, {middle}");
     assert_eq!(quest.size(0.04).to_string(), "73x77");

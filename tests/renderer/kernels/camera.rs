@@ -1,7 +1,7 @@
 //! Frame constants for kernels without a scene, and the pinhole camera.
 
-use diptych::frame::samples::PixelSamples;
-use diptych::stages::layout::{self, Camera, Display, Frame, History, Previous, Sampling, View};
+use diptych::layout::{self, Camera, Display, Frame, History, Previous, Sampling, View};
+use diptych::samples::PixelSamples;
 use glam::{DQuat, DVec2, DVec3, Vec2, Vec3, Vec4};
 
 /// A pinhole. Its numbers are f32, as on the device; derived values are computed in f64.

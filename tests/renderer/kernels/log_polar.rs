@@ -3,8 +3,8 @@
 
 use std::f64::consts::TAU;
 
+use diptych::layout::{Camera, Frame, PassConstants, View};
 use diptych::projection::{LogPolar, LogPolarMap, PolarSpace};
-use diptych::stages::layout::{Camera, Frame, PassConstants, View};
 use diptych::wgsl::Words;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 

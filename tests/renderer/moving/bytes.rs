@@ -6,9 +6,9 @@ use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
 use diptych::RunConfig;
 use diptych::device::{Tables, Traversal};
 use diptych::exec::InjectedFaults;
-use diptych::frame::Samples;
 use diptych::graph::{HaloPlan, Seam};
 use diptych::quality::{Denoiser, Filter};
+use diptych::samples::Samples;
 use diptych::scene::motion::{Attached, Motion};
 use diptych::schedule::{Even, Measured, Policy};
 

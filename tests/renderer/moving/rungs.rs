@@ -2,9 +2,9 @@
 
 use crate::common::{Stage, Subject, sampled, with_outputs};
 use crate::reference::scenes::moving;
-use diptych::frame::Samples;
 use diptych::graph::Resource;
 use diptych::quality::{Denoiser, Filter, Quality};
+use diptych::samples::Samples;
 
 use super::watched;
 

@@ -2,9 +2,9 @@
 
 use diptych::RunConfig;
 use diptych::exec::FrameParams;
-use diptych::frame::Samples;
+use diptych::frame::Sampler;
 use diptych::passes::Aov;
-use diptych::stages::Sampler;
+use diptych::samples::Samples;
 
 use super::*;
 use crate::common::{sampled, with};

@@ -7,10 +7,10 @@ mod surfaces;
 
 use crate::common::{Stage, Subject, foveate, is_thorough, sampled, still_rig};
 use crate::reference::Pinhole;
+use diptych::frame::{Foveation, Sampler};
 use diptych::image::RgbImage;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::{AlphaMode, Scene};
-use diptych::stages::{Foveation, Sampler};
 
 const WIDTH: u32 = 32;
 const HEIGHT: u32 = 18;

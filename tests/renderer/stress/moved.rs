@@ -1,8 +1,8 @@
 //! A scene looks the same at every scale and position.
 
+use diptych::frame::Sampler;
 use diptych::image::RgbImage;
 use diptych::scene::{Environment, Light, LightKind, Material, Scene};
-use diptych::stages::Sampler;
 use glam::{Affine3A, Vec3, vec3, vec4};
 
 use super::{Effort, image, renders, subject};

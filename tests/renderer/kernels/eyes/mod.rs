@@ -2,8 +2,8 @@
 
 mod twin;
 
+use diptych::layout::{Camera, Frame, PassConstants};
 use diptych::projection::PolarSpace;
-use diptych::stages::layout::{Camera, Frame, PassConstants};
 use glam::{DMat3, DVec2, DVec3, Vec2};
 
 use self::twin::{Place, Shown, depth, resampled};

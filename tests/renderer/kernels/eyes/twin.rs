@@ -1,6 +1,6 @@
 //! Display resampling by definition, in f64.
 
-use diptych::stages::layout;
+use diptych::layout;
 use glam::{DMat3, DVec2, DVec3, Vec3, Vec3Swizzles};
 
 use crate::kernels::camera::Eye;

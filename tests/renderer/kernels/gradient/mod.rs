@@ -6,10 +6,10 @@ use std::f64::consts::PI;
 use std::ops::Range;
 
 use diptych::accel::{Accel, Layout, SPHERE};
-use diptych::frame::samples::{NO_CURVE, PixelSamples};
+use diptych::layout::{Frame, History, PassConstants, Previous, Sampling};
+use diptych::samples::{NO_CURVE, PixelSamples};
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::{Environment, Light as Lamp, LightKind, Material, Scene};
-use diptych::stages::layout::{Frame, History, PassConstants, Previous, Sampling};
 use glam::{DVec3, Vec3};
 
 use self::twin::{Before, TILE, Twin, World};

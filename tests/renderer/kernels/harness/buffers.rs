@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use bytemuck::Pod;
-use diptych::stages::layout::PassConstants;
+use diptych::layout::PassConstants;
 use diptych::wgsl::Words;
 
 /// The rows that a dispatch computes, and the rows that it may read.

@@ -10,11 +10,10 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use diptych::device::GpuDevice;
 use diptych::device::SceneAccess;
+use diptych::layout::{Frame, PassConstants};
 use diptych::projection::PolarSpace;
-use diptych::stages::layout::{Frame, PassConstants};
-use diptych::stages::{
-    SceneBuffers, SceneTables, ShaderVariant, Specialization, override_names, scene_layout_entries, shader_text_of,
-};
+use diptych::stages::{ShaderVariant, Specialization, override_names, shader_text_of};
+use diptych::tables::{SceneBuffers, SceneTables, layout_entries as scene_layout_entries};
 use diptych::wgsl::Words;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 

@@ -4,10 +4,10 @@ mod refit;
 mod skin;
 
 use diptych::accel::{Accel, COLUMNS};
+use diptych::layout::Frame;
 use diptych::scene::motion::pose::Pose;
 use diptych::scene::{Material, Scene};
-use diptych::stages::SceneTables;
-use diptych::stages::layout::Frame;
+use diptych::tables::SceneTables;
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3, Vec4};
 
 use super::harness::{Buffer, Kernel, Outputs};

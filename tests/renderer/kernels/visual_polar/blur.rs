@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use diptych::stages::layout::PassConstants;
+use diptych::layout::PassConstants;
 use glam::DVec3;
 
 use super::{FOVEA_DEG, GAZES, Polar};

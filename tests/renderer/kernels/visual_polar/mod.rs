@@ -5,8 +5,8 @@ mod blur;
 
 use std::f64::consts::{PI, TAU};
 
+use diptych::layout::{Camera, Display, Frame, PassConstants, View};
 use diptych::projection::PolarSpace;
-use diptych::stages::layout::{Camera, Display, Frame, PassConstants, View};
 use diptych::wgsl::Words;
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec3Swizzles};
 

@@ -6,7 +6,7 @@
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
-use super::layout::{ALBEDO_GRID, LEAST_SHEEN_ROUGHNESS, SMOOTH};
+use crate::layout::{ALBEDO_GRID, LEAST_SHEEN_ROUGHNESS, SMOOTH};
 
 const GRID: usize = ALBEDO_GRID as usize;
 /// Number of strata per dimension. Each node of the table is integrated with `STRATA`² samples.

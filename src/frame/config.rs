@@ -4,15 +4,15 @@ use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
 use super::Foveation;
-use super::layout;
 use crate::device::ShaderChecks;
-use crate::frame::samples::PixelSamples;
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::image::tone::ToneCurve;
+use crate::layout;
 use crate::passes::{Aov, Declarations, Display, ImageChain, Moving};
 use crate::projection::{PolarSpace, within};
 use crate::quality::{Denoiser, Envelope, Quality, SettingError};
+use crate::samples::PixelSamples;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::shot::Gaze;
 
@@ -253,7 +253,7 @@ impl RunConfig {
         self.bypass_narrow_lobes && self.buffers.needs.narrow_lobes && leaves_out && !self.leaves_pixels()
     }
 
-    pub(super) fn constants(&self, jitter: bool) -> Vec<(&'static str, bool)> {
+    pub(crate) fn constants(&self, jitter: bool) -> Vec<(&'static str, bool)> {
         let mut constants = Vec::from(self.buffers.needs.constants());
         constants.push(("SOBOL", self.sampler == Sampler::Sobol));
         constants.push(("HAS_GLOSS", self.buffers.needs.gloss && self.filters_lobes()));

@@ -16,7 +16,7 @@ use wgpu::util::DeviceExt;
 use super::SceneUpdate;
 use crate::accel::{Accel, Instance, SkinTriangle, Skinned, Triangle};
 use crate::device::GpuDevice;
-use crate::stages::limits::{self, LimitExceeded};
+use crate::tables::limits::{self, LimitExceeded};
 
 /// Stride of corners, which are stored within triangles, bytes.
 const CORNER_BYTES: u64 = size_of::<Triangle>() as u64 / 3;

@@ -4,11 +4,11 @@ use glam::Vec4;
 use serde::{Deserialize, Serialize};
 
 use super::moves::Moves;
-use super::tables::{SceneTables, bytes_of};
+use super::scene_tables::{SceneTables, bytes_of};
 use crate::accel::{Moved, Poses, Triangle};
+use crate::layout;
 use crate::scene::Material;
-use crate::stages::emitters::Emitters;
-use crate::stages::layout;
+use crate::tables::emitters::Emitters;
 use crate::wgsl::ROW_BYTES;
 
 /// Changes of a frame: plain data, the same for every device.

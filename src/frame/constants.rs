@@ -3,12 +3,14 @@
 use glam::{DMat3, DVec3};
 
 use super::foveation::EVERYWHERE;
-use super::{Foveation, FrameParams, RunConfig, SceneTables, layout};
-use crate::frame::samples::PixelSamples;
+use super::{Foveation, FrameParams, RunConfig};
 use crate::image::Extent;
+use crate::layout;
 use crate::passes::Display;
+use crate::samples::PixelSamples;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
+use crate::tables::SceneTables;
 
 /// Returns the constants of a frame. They declare that there is no history; a caller that has one sets `history`.
 pub fn constants(

@@ -3,7 +3,7 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::stages::layout::NO_LIGHT;
+use crate::layout::NO_LIGHT;
 
 /// Rows of the shader's table that a node takes.
 pub(super) const ROWS: u32 = 2;

@@ -1,11 +1,17 @@
 //! The scene as shaders read it: tables built once per scene, and their copy on a device.
 
 mod acceleration;
+mod albedo_table;
+mod alias;
 mod buffers;
+mod color;
+mod emitters;
+pub mod limits;
 mod moves;
-mod tables;
+mod scene_tables;
 mod update;
 
 pub use buffers::{SceneBuffers, changing_entries, layout_entries, scene_buffers};
-pub use tables::{SceneTables, TableError};
+pub use limits::{LimitExceeded, Remedy};
+pub use scene_tables::{SceneTables, TableError};
 pub use update::SceneUpdate;

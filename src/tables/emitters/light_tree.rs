@@ -9,7 +9,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use glam::{DVec3, Vec2, Vec3};
 
-use crate::stages::layout::{LIGHT_LEAF, LIGHT_LEVELS, LIGHT_TWO_SIDED};
+use crate::layout::{LIGHT_LEAF, LIGHT_LEVELS, LIGHT_TWO_SIDED};
 
 const BINS: usize = 12;
 

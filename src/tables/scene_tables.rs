@@ -11,17 +11,17 @@ use crate::accel;
 use crate::accel::Accel;
 use crate::graph::Resource;
 use crate::image::Extent;
-use crate::passes::Moving;
-use crate::scene::budget::{Budget, Exceeded};
-use crate::scene::{self, AlphaMode, Environment, Scene, TexelImage, Wrap};
-use crate::stages::albedo_table;
-use crate::stages::color::linear_from_srgb;
-use crate::stages::emitters::{self, Emitters, Sources};
-use crate::stages::layout::{
+use crate::layout::{
     self, ALPHA_BLEND, ALPHA_MASK, BASE_COLOR_TEXTURE, CLEAR_GLASS, CLEARCOAT_NORMAL_MAP, DOUBLE_SIDED,
     EMISSIVE_TEXTURE, MIRROR, NORMAL_MAP, POLISHED, ROLE_SHIFT, TEXTURE_LINEAR, TEXTURE_SECOND_UVS, TEXTURE_SRGB,
     THICK, TextureInfo, TextureRole, UNLIT, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, WRAP_U_SHIFT, WRAP_V_SHIFT,
 };
+use crate::passes::Moving;
+use crate::scene::budget::{Budget, Exceeded};
+use crate::scene::{self, AlphaMode, Environment, Scene, TexelImage, Wrap};
+use crate::tables::albedo_table;
+use crate::tables::color::linear_from_srgb;
+use crate::tables::emitters::{self, Emitters, Sources};
 use crate::wgsl::ROW_BYTES;
 
 #[derive(Debug, thiserror::Error)]
@@ -209,7 +209,7 @@ impl SceneTables {
     }
 
     /// Returns the inputs of the motion passes, with their contents.
-    pub(in crate::stages) fn skin_inputs(&self) -> [(Resource, &[u8]); 5] {
+    pub(crate) fn skin_inputs(&self) -> [(Resource, &[u8]); 5] {
         let skins = &self.accel.skins;
         let bytes: [&[u8]; 5] = [
             bytemuck::cast_slice(&skins.triangles),

@@ -3,10 +3,10 @@
 use std::borrow::Cow;
 use std::fmt;
 
-use super::layout::{PAGE, PassConstants, TABLE_WIDTH};
 use crate::device::Tables;
 use crate::graph::{Format, Pass, Program, SceneUse};
 use crate::image::Extent;
+use crate::layout::{PAGE, PassConstants, TABLE_WIDTH};
 use crate::plan::{Groups, groups};
 use crate::wgsl::ROW_BYTES;
 
@@ -260,7 +260,7 @@ impl Pages {
 mod tests {
     use super::*;
     use crate::passes::{Declarations, FrameSpec};
-    use crate::stages::scene_tables::scene_buffers;
+    use crate::tables::scene_buffers;
 
     fn programs(width: u32, height: u32) -> Vec<Program> {
         Declarations::default().programs(&FrameSpec::new(Extent::new(width, height), 2)).unwrap()

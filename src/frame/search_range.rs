@@ -4,10 +4,10 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3, Vec3};
 
-use super::SceneTables;
-use super::layout::{Camera, View};
 use crate::accel::Moved;
+use crate::layout::{Camera, View};
 use crate::projection::{PolarSpace, Project};
+use crate::tables::SceneTables;
 
 /// Granularity of the search range, rows. It lets successive frames reuse a frame graph while the camera moves.
 const STEP_ROWS: u32 = 4;

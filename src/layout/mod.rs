@@ -10,8 +10,6 @@ use glam::{UVec3, Vec2, Vec3, Vec4};
 pub use self::tables::*;
 use self::tables::{ROLES, TABLES};
 use crate::accel::{self, SPHERE, TRIANGLE_ALPHA};
-use crate::frame::samples;
-use crate::frame::samples::PixelSamples;
 use crate::graph::LIST_HEADER;
 use crate::image::tone::{TONE_ACES, TONE_AGX, TONE_NEUTRAL, TONE_NONE};
 use crate::passes::SKIPPED;
@@ -19,6 +17,8 @@ use crate::plan::commands;
 pub use crate::plan::commands::PassConstants;
 use crate::projection;
 pub use crate::projection::View;
+use crate::samples;
+use crate::samples::PixelSamples;
 use crate::wgsl::{Declaration, Table, constants, declare, shared_constants, shared_structs};
 
 shared_structs! {

@@ -2,8 +2,8 @@
 
 use glam::{Vec2, Vec4};
 
-use super::layout;
 use crate::image::Extent;
+use crate::layout;
 use crate::scene::optics::Optics;
 use crate::scene::rig::Eye;
 

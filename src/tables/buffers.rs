@@ -8,7 +8,7 @@ use super::{SceneTables, SceneUpdate};
 use crate::device::{GpuDevice, SceneAccess, Tables, Traversal};
 use crate::image::{Extent, RgbImage};
 use crate::scene::{Environment, TexelImage};
-use crate::stages::limits::{self, LimitExceeded, Pages, SceneSizes, table_size};
+use crate::tables::limits::{self, LimitExceeded, Pages, SceneSizes, table_size};
 use crate::wgsl::ROW_BYTES;
 
 /// A scene's tables on a device: bind group 0 of the tracing stages, except for the frame's constants at binding 0.

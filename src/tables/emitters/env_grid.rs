@@ -3,9 +3,9 @@
 //! follows the luminance on the sphere, however small a sun is.
 
 use crate::image::RgbImage;
-use crate::stages::alias;
-use crate::stages::color::luminance;
-use crate::stages::layout::EnvCell;
+use crate::layout::EnvCell;
+use crate::tables::alias;
+use crate::tables::color::luminance;
 
 /// Maximum number of cells: 2^23 of 16 bytes are 128 MiB. Texels of larger images share cells.
 pub(super) const MOST_CELLS: usize = 1 << 23;

@@ -14,8 +14,8 @@ use self::env_grid::EnvGrid;
 use self::light_tree::{Bounds, Cone, LightTree};
 use super::alias;
 use super::color::{linear_from_srgb, luminance};
-use super::layout::{EnvCell, LIGHT_SPOT, LIGHT_TRIANGLE, Light, Lights};
 use crate::accel::{Accel, Node, Triangle};
+use crate::layout::{EnvCell, LIGHT_SPOT, LIGHT_TRIANGLE, Light, Lights};
 use crate::scene::{self, AlphaMode, LightKind, Material, Scene};
 use crate::wgsl::ROW_BYTES;
 
