@@ -39,7 +39,7 @@ use crate::report::run::{FrameRow, RunReport};
 use crate::stages::all_shader_text;
 
 use super::failure::Failure;
-use super::foveation::FoveationOptions;
+use super::foveation::FoveationFlags;
 use super::interrupt;
 use super::kinds;
 use super::options::{RunOptions, Switch};
@@ -55,7 +55,7 @@ use reference::Reference;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let iterations = args.iterations.first().map(|n| [*n; 3]);
-    let foveated = FoveationOptions { iterations, ..FoveationOptions::default() };
+    let foveated = FoveationFlags { iterations, ..FoveationFlags::default() };
     foveated
         .check(args.denoisers().into_iter().max_by_key(|d| d.map(Denoiser::most_iterations)).flatten())
         .map_err(Failure::Input)?;

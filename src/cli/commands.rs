@@ -86,10 +86,10 @@ impl Command {
     /// Returns the run options of commands that render.
     fn run_options(&self) -> Option<&RunOptions> {
         match self {
-            Self::Render(args) => Some(&args.options),
+            Self::Render(args) => Some(&args.flags.run),
             Self::Play(args) => Some(&args.options.run),
             Self::View(args) => args.run_options(),
-            Self::Scale(args) => Some(&args.options),
+            Self::Scale(args) => Some(&args.flags.run),
             Self::Bench(args) => Some(&args.options),
             _ => None,
         }
@@ -140,7 +140,7 @@ fn parse() -> Result<Cli, clap::Error> {
         Command::Render(args) => {
             let source = matches.subcommand_matches("render").and_then(|render| render.value_source("out"));
             if source == Some(ValueSource::DefaultValue) {
-                args.options.run.choose_out();
+                args.flags.run.choose_out();
             }
         }
         Command::Scale(args) => args.share_cores(),

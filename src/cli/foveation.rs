@@ -59,19 +59,11 @@ impl FoveationMode {
     pub fn is_log_polar(self) -> bool {
         matches!(self, Self::Polar(PolarSpace::Log(_)))
     }
-
-    fn of(quality: &Quality) -> Self {
-        match (quality.polar, quality.fovea) {
-            (Some(space), _) => Self::Polar(space),
-            (None, Some(_)) => Self::Layers,
-            (None, None) => Self::None,
-        }
-    }
 }
 
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = super::headings::QUALITY)]
-pub struct FoveationOptions {
+pub struct FoveationFlags {
     /// Foveated rendering
     #[arg(long, default_value = "none")]
     pub foveation: FoveationMode,
@@ -87,37 +79,12 @@ pub struct FoveationOptions {
     /// Denoiser iterations, also per layer as M,N,P [default: 5; 2,3,5 with layers]
     #[arg(long, value_name = "M[,N,P]", value_parser = iterations)]
     pub iterations: Option<[u32; 3]>,
-    /// Radii of the inner and the middle foveal layer, as fractions of the image width; `None` for
-    /// [`Foveation::RADII`].
-    #[arg(skip)]
-    pub layer_radii: Option<[f64; 2]>,
-    /// Fraction of the outer layer's pixels left unsampled; `None` for the default.
-    #[arg(skip)]
-    pub unsampled_fraction: Option<f64>,
 }
 
-impl FoveationOptions {
-    /// Returns the options of a frame of this quality. The iterations of foveal layers are at most those of Peres
-    /// ([`LAYER_ITERATIONS`]).
-    pub fn for_quality(quality: &Quality) -> Self {
-        let foveation = FoveationMode::of(quality);
-        let polar = match quality.polar {
-            Some(PolarSpace::Log(map)) => Some(map),
-            _ => None,
-        };
-        let limits = Self { foveation, polar, layer_radii: quality.fovea, ..Self::default() };
-        Self { iterations: Some(limits.limit(quality).iterations()), ..limits }
-    }
-
+impl FoveationFlags {
     /// True if frames have foveal layers.
     pub fn is_on(&self) -> bool {
         self.foveation == FoveationMode::Layers
-    }
-
-    /// Returns the radii of the inner and the middle foveal layer, as fractions of the image width; `None` without
-    /// layers.
-    pub fn radii(&self) -> Option<[f64; 2]> {
-        self.foveation.radii().map(|usual| self.layer_radii.unwrap_or(usual))
     }
 
     /// Returns the polar space that replaces the screen's pixel grid, if any.
@@ -130,11 +97,11 @@ impl FoveationOptions {
         self.iterations.unwrap_or(if self.is_on() { LAYER_ITERATIONS } else { [Denoiser::DEFAULT_ITERATIONS; 3] })
     }
 
-    /// Caps the iterations of a quality at those of the options. Without foveal layers, the largest of the layers' caps
-    /// applies to the whole image.
+    /// Caps the iterations of a quality: in foveal layers at those of the flags or else of Peres ([`LAYER_ITERATIONS`]).
+    /// Without layers, the largest of the flags' caps applies to the whole image.
     pub fn limit(&self, quality: &Quality) -> Quality {
         let limits = match (quality.fovea, self.iterations) {
-            (Some(_), _) => self.layer_iterations(),
+            (Some(_), layers) => layers.unwrap_or(LAYER_ITERATIONS),
             (None, Some([inner, middle, outer])) => [inner.max(middle).max(outer); 3],
             (None, None) => return *quality,
         };
@@ -142,12 +109,9 @@ impl FoveationOptions {
         Quality { filter: Filter::in_effect(quality.denoiser(), iterations), ..*quality }
     }
 
-    /// Returns the gaze of each eye: that of `--gaze`, or else the shot's.
-    pub fn gaze(&self, shot: &[Gaze; 2]) -> [Gaze; 2] {
-        match self.gaze {
-            None => shot.clone(),
-            Some(GazeOption(eyes)) => eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }),
-        }
+    /// Returns the gaze of each eye that `--gaze` sets in place of the shot's.
+    pub fn gaze(&self) -> Option<[Gaze; 2]> {
+        self.gaze.map(|GazeOption(eyes)| eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }))
     }
 
     /// Checks constraints that clap cannot express.

@@ -11,14 +11,14 @@ use crate::report::program::{dot, left_out_table, passes_table, transfers_table}
 use crate::schedule::CostModel;
 
 use super::failure::Failure;
-use super::options::{self, RenderOptions};
+use super::options::{self, RenderFlags};
 use super::setup;
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(mut_arg("out", |out| out.required(false).default_value(".").hide(true)))]
 pub struct Args {
     #[command(flatten)]
-    options: RenderOptions,
+    flags: RenderFlags,
     /// Number of devices to distribute the frame over; no adapter is opened
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,
@@ -39,11 +39,11 @@ fn show(table: &Table) {
 const HISTORY_ROWS: u32 = 4;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let Args { options, virtual_devices, dot: file } = args;
-    options.check().map_err(Failure::Input)?;
+    let Args { flags, virtual_devices, dot: file } = args;
+    let options = &flags.options().map_err(Failure::Input)?;
     let devices = usize::from(*virtual_devices);
     let loaded = setup::load(options)?;
-    let config = setup::config(options, &loaded, &options.quality().into())?;
+    let config = setup::config(options, &loaded)?;
     let spec = config.spec(devices, loaded.tables.has_surfaces());
     let spec = FrameSpec { history_rows: spec.history_rows.map(|_| HISTORY_ROWS), ..spec };
     let model = CostModel::new(&config.buffers.declarations.program(&spec), devices);

@@ -7,7 +7,6 @@ use crate::metrics::kinds::{Guides, KindMap};
 use crate::metrics::surfaces::{Sighting, Surfaces};
 use crate::passes::Aov;
 use crate::quality::Quality;
-use crate::samples::Samples;
 use crate::scene::rig::Eye;
 
 use super::failure::Failure;
@@ -18,10 +17,6 @@ use crate::exec::Stereo;
 /// Auxiliary images of [`Guides`], in the order of its fields.
 pub const AOVS: [Aov; 6] =
     [Aov::Depth, Aov::Normal, Aov::BaseColor, Aov::DiffuseAlbedo, Aov::SpecularAlbedo, Aov::Roughness];
-
-/// Quality at which auxiliary images are rendered: the cheapest, since they do not depend on light, with all the mirrors
-/// and panes that a chain may have.
-const QUALITY: Quality = Quality { spp: Samples::ONE, bounces: 8, filter: None, fovea: None, polar: None, scale: 1.0 };
 
 /// Collects the images that `read` returns for each of [`AOVS`].
 pub fn guides<E>(mut read: impl FnMut(Aov) -> Result<RgbImage, E>) -> Result<Guides, E> {
@@ -56,7 +51,10 @@ pub fn of_shot(
 ) -> Result<(Seen, Devices), Failure> {
     let mut aovs = if by_kind { AOVS.to_vec() } else { Vec::new() };
     aovs.extend([Aov::ShownPosition, Aov::ShownNormal, Aov::VirtualPosition]);
-    let options = RenderOptions { aov: aovs.clone(), ..RenderOptions::single(run.clone(), &QUALITY) };
+    // The cheapest frames, since auxiliary images do not depend on light, with all the mirrors and panes that a chain may
+    // have.
+    let quality = Quality { bounces: 8, filter: None, ..Quality::default() };
+    let options = RenderOptions { aovs: aovs.clone(), ..RenderOptions::new(run.clone(), quality) };
     let mut renderer = setup::renderer(&options, loaded, gpus, tracing.recorder.origin())?;
     let frame = renderer.frame(&loaded.shot.rig, options.time, 0);
     let pixel_centre = renderer.render(&frame)?.pixel_centre;

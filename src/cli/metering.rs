@@ -115,7 +115,7 @@ fn small(options: &RenderOptions) -> RenderOptions {
     run.size = Extent::new(narrow, (height * narrow / width).max(1));
     run.faults.disturbances.clear();
     run.faults.slowdown.clear();
-    RenderOptions::single(run, &Quality { fovea: None, polar: None, scale: 1.0, ..options.quality() })
+    RenderOptions::new(run, Quality { fovea: None, polar: None, scale: 1.0, ..options.quality() })
 }
 
 /// Side of the blocks whose means are metered, pixels. Means of blocks are less noisy than pixels.

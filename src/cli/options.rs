@@ -3,22 +3,23 @@
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::{Parser, ValueEnum};
 
 use crate::device::{ShaderChecks, TraversalChoice};
-use crate::frame::Sampler;
+use crate::frame::{Foveation, Sampler};
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::passes::Aov;
-use crate::quality::{Denoiser, Filter, Quality};
+use crate::quality::{Denoiser, Envelope, Filter, Quality};
 use crate::report::once;
 use crate::samples::Samples;
+use crate::scene::shot::Gaze;
 use crate::schedule::RatioRule;
 
 use super::balance::Balance;
 pub use super::denoisers::{DenoiserChoice, denoiser_parser};
 use super::fault_options::FaultOptions;
-use super::foveation::FoveationOptions;
+use super::foveation::FoveationFlags;
 pub use super::headings::{DEVICES, OUTPUT, QUALITY, SCENE, TESTS};
 use super::scene_options::SceneOptions;
 
@@ -49,7 +50,7 @@ pub enum Switch {
 }
 
 /// Options of every command that renders.
-#[derive(Args, Clone, Debug)]
+#[derive(Parser, Clone, Debug)]
 pub struct RunOptions {
     /// A shot (.toml), a .gltf/.glb, or builtin:NAME
     #[arg(default_value = "builtin:atrium")]
@@ -238,9 +239,9 @@ impl RunOptions {
     }
 }
 
-/// Options of commands that render all frames at the same quality.
-#[derive(Args, Clone, Debug)]
-pub struct RenderOptions {
+/// Flags of commands that render all frames at the same quality.
+#[derive(Parser, Clone, Debug)]
+pub struct RenderFlags {
     #[command(flatten)]
     pub run: RunOptions,
     /// Samples per pixel, such as 2 or 1.25
@@ -262,7 +263,7 @@ pub struct RenderOptions {
     #[arg(long, default_value = "svgf", value_parser = denoiser_parser(), help_heading = QUALITY)]
     pub denoiser: DenoiserChoice,
     #[command(flatten)]
-    pub foveated: FoveationOptions,
+    pub foveated: FoveationFlags,
     /// Frames to render
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = SCENE)]
     pub frames: u32,
@@ -275,9 +276,86 @@ pub struct RenderOptions {
     /// Auxiliary images (AOVs) to write, such as albedo,normal
     #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = OUTPUT)]
     pub aov: Vec<Aov>,
+}
+
+impl RenderFlags {
+    /// Checks the flags and returns the options that they ask for.
+    pub fn options(&self) -> Result<RenderOptions, anyhow::Error> {
+        anyhow::ensure!(
+            self.spp.least <= MAX_FRAME_SPP,
+            "--spp {} exceeds the limit of {MAX_FRAME_SPP} per frame: use --reference to accumulate more",
+            self.spp
+        );
+        self.foveated.check(self.denoiser)?;
+        let options = RenderOptions {
+            gaze: self.foveated.gaze(),
+            frames: self.frames,
+            fps: self.fps,
+            frames_in_flight: self.frames_in_flight,
+            aovs: once(self.aov.iter().copied()),
+            ..RenderOptions::new(self.run.clone(), self.quality())
+        };
+        options.check()?;
+        Ok(options)
+    }
+
+    /// Returns the quality of every frame. If all layers have 0 iterations, there is no filter.
+    fn quality(&self) -> Quality {
+        let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
+        let most = denoiser.map_or(0, Denoiser::most_iterations);
+        let filter = Filter::in_effect(denoiser, foveated.layer_iterations().map(|n| n.min(most)));
+        let (fovea, polar) = (foveated.foveation.radii(), foveated.space());
+        Quality { spp, bounces, filter, fovea, polar, scale }
+    }
+}
+
+/// Options of a run, and the settings that all its frames share.
+#[derive(Clone, Debug)]
+pub struct RenderOptions {
+    pub run: RunOptions,
+    /// Bounds of the qualities of frames. Most commands render all frames at the upper bound.
+    pub envelope: Envelope,
+    /// Fraction of the outer foveal layer's pixels that is not sampled.
+    pub unsampled_fraction: f64,
+    /// Gaze of the left and the right eye, in place of the shot's.
+    pub gaze: Option<[Gaze; 2]>,
+    pub frames: u32,
+    pub fps: f64,
+    pub frames_in_flight: u8,
+    /// Auxiliary images, without duplicates.
+    pub aovs: Vec<Aov>,
     /// True if late reprojection shows frames from a later pose than the one they were rendered from.
-    #[arg(skip)]
     pub is_late: bool,
+}
+
+impl RenderOptions {
+    /// Returns the options of one frame.
+    pub fn new(run: RunOptions, envelope: impl Into<Envelope>) -> Self {
+        Self {
+            run,
+            envelope: envelope.into(),
+            unsampled_fraction: Foveation::UNSAMPLED_FRACTION,
+            gaze: None,
+            frames: 1,
+            fps: 1.0,
+            frames_in_flight: 1,
+            aovs: Vec::new(),
+            is_late: false,
+        }
+    }
+
+    /// Returns the highest quality of frames, which is that of all frames unless they vary.
+    pub fn quality(&self) -> Quality {
+        self.envelope.most
+    }
+
+    /// Checks constraints that clap cannot express.
+    pub fn check(&self) -> Result<(), anyhow::Error> {
+        anyhow::ensure!(self.fps.is_finite() && self.fps > 0.0, "--fps {} is not a rate above 0", self.fps);
+        self.faults.check(self.frames)?;
+        self.quality().check()?;
+        self.run.check()
+    }
 }
 
 impl Deref for RenderOptions {
@@ -298,7 +376,6 @@ fn max_dispatch_ms(text: &str) -> Result<f64, String> {
     ms.ok_or_else(|| "give a number of milliseconds above 0".to_owned())
 }
 
-/// Maximum samples per pixel of one frame; --reference accumulates more in passes.
 /// Parses a number of samples per pixel.
 pub fn spp(text: &str) -> Result<Samples, String> {
     text.parse()
@@ -310,42 +387,5 @@ pub fn frame_spp(text: &str) -> Result<Samples, String> {
     spp.check().map(|()| spp).map_err(|error| error.to_string())
 }
 
+/// Maximum samples per pixel of one frame; --reference accumulates more in passes.
 const MAX_FRAME_SPP: u32 = *Samples::VALID.end();
-
-impl RenderOptions {
-    /// Returns the options of one frame of this quality, with [`FoveationOptions::for_quality`].
-    pub fn single(run: RunOptions, quality: &Quality) -> Self {
-        let Quality { spp, bounces, scale, .. } = *quality;
-        let (denoiser, foveated) = (quality.denoiser(), FoveationOptions::for_quality(quality));
-        let (frames, fps, frames_in_flight, aov) = (1, 1.0, 1, Vec::new());
-        Self { run, spp, bounces, scale, denoiser, foveated, frames, fps, frames_in_flight, aov, is_late: false }
-    }
-
-    /// Returns the quality of every frame. If all layers have 0 iterations, there is no filter.
-    pub fn quality(&self) -> Quality {
-        let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
-        let most = denoiser.map_or(0, Denoiser::most_iterations);
-        let filter = Filter::in_effect(denoiser, foveated.layer_iterations().map(|n| n.min(most)));
-        let (fovea, polar) = (foveated.radii(), foveated.space());
-        Quality { spp, bounces, filter, fovea, polar, scale }
-    }
-
-    /// Returns the requested auxiliary images without duplicates.
-    pub fn aovs(&self) -> Vec<Aov> {
-        once(self.aov.iter().copied())
-    }
-
-    /// Checks constraints that clap cannot express.
-    pub fn check(&self) -> Result<(), anyhow::Error> {
-        anyhow::ensure!(self.fps.is_finite() && self.fps > 0.0, "--fps {} is not a rate above 0", self.fps);
-        anyhow::ensure!(
-            self.spp.least <= MAX_FRAME_SPP,
-            "--spp {} exceeds the limit of {MAX_FRAME_SPP} per frame: use --reference to accumulate more",
-            self.spp
-        );
-        self.faults.check(self.frames)?;
-        self.quality().check()?;
-        self.foveated.check(self.denoiser)?;
-        self.run.check()
-    }
-}

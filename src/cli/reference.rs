@@ -9,13 +9,15 @@ use crate::exec::{FrameReport, Renderer, Stereo};
 use crate::image::display::{DisplayImage, tonemap, write_png};
 use crate::image::stereo;
 use crate::loaded::LoadedScene;
+use crate::quality::Quality;
 use crate::report::run::{ReferenceRow, aov_ms};
+use crate::samples::Samples;
 use crate::scene::shot::Shot;
 
 use super::failure::Failure;
-use super::foveation::{FoveationMode, FoveationOptions};
+use super::foveation::FoveationMode;
 use super::interrupt::INTERRUPTED;
-use super::options::{RenderOptions, RunOptions, Switch};
+use super::options::{RenderFlags, RenderOptions, RunOptions, Switch};
 use super::output;
 use super::progress::Progress;
 use super::settings::Given;
@@ -65,35 +67,6 @@ pub const OVERRULED: [(&str, &str); 8] = [
     ("frames_in_flight", "is made in passes, one after another"),
 ];
 
-/// Returns the options of a reference: as typed, with [`SPP`] samples per pixel by default.
-///
-/// # Errors
-/// [`Failure::Input`] if the command line sets an option in [`OVERRULED`] to a value that a reference cannot have.
-pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
-    let Some(given) = Given::here() else { return Ok(options.clone()) };
-    for (id, why) in OVERRULED {
-        let agrees = match id {
-            "denoiser" => options.denoiser.is_none(),
-            "foveation" => options.foveated.foveation == FoveationMode::None,
-            "scale" => options.scale == 1.0,
-            "reproject" => !options.reprojects(),
-            "frames_in_flight" => options.frames_in_flight == 1,
-            _ => false,
-        };
-        if let Some(option) = given.typed(id).filter(|_| !agrees) {
-            let what = anyhow::anyhow!(
-                "{option} conflicts with --reference, since a reference {why}: leave it or --reference out"
-            );
-            return Err(Failure::Input(what));
-        }
-    }
-    let spp = if given.typed("spp").is_some() { options.spp } else { SPP.into() };
-    if spp.varies() {
-        return Err(Failure::Input(anyhow::anyhow!("--reference takes a whole number of samples, not --spp {spp}")));
-    }
-    Ok(RenderOptions { spp, ..options.clone() })
-}
-
 /// Settings of the accumulation, the same for every frame.
 pub struct Plan {
     /// Options of a pass: its sample count, and no denoiser, reprojection or clamp.
@@ -108,27 +81,53 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Plans a reference with these options.
+    /// Plans the reference that flags ask for, of [`SPP`] samples per pixel by default.
+    ///
+    /// # Errors
+    /// As for [`Plan::new`], and [`Failure::Input`] if the command line sets an option in [`OVERRULED`] to a value that
+    /// a reference cannot have.
+    pub fn asked_for(flags: &RenderFlags, passes: PassOptions) -> Result<Self, Failure> {
+        let typed = |id| Given::here().and_then(|given| given.typed(id));
+        let wrong = |what: String| Err(Failure::Input(anyhow::anyhow!(what)));
+        for (id, why) in OVERRULED {
+            let agrees = match id {
+                "denoiser" => flags.denoiser.is_none(),
+                "foveation" => flags.foveated.foveation == FoveationMode::None,
+                "scale" => flags.scale == 1.0,
+                "reproject" => !flags.run.reprojects(),
+                "frames_in_flight" => flags.frames_in_flight == 1,
+                _ => false,
+            };
+            if let Some(option) = typed(id).filter(|_| !agrees) {
+                return wrong(format!(
+                    "{option} conflicts with --reference, since a reference {why}: leave it or --reference out"
+                ));
+            }
+        }
+        let spp = if typed("spp").is_some() { flags.spp } else { SPP.into() };
+        if spp.varies() {
+            return wrong(format!("--reference takes a whole number of samples, not --spp {spp}"));
+        }
+        // Passes have other numbers of samples, within the limit of a frame.
+        let of_pass = RenderFlags { spp: Samples::ONE, ..flags.clone() };
+        Self::new(of_pass.options().map_err(Failure::Input)?, spp.least, passes)
+    }
+
+    /// Plans a reference with `spp` samples per pixel. `options` may have any quality; only their bounces count.
     ///
     /// # Errors
     /// [`Failure::Input`] for options that a reference cannot have, and for devices that do not exist.
-    pub fn new(options: &RenderOptions, passes: PassOptions) -> Result<Self, Failure> {
+    pub fn new(mut options: RenderOptions, spp: u32, passes: PassOptions) -> Result<Self, Failure> {
         if options.clamp.is_some() {
             let what = anyhow::anyhow!("--clamp is biased, --reference is not: leave one out");
             return Err(Failure::Input(what));
         }
-        let run = RunOptions { reproject: Switch::Off, ..options.run.clone() };
-        let unbiased = RenderOptions {
-            run,
-            foveated: FoveationOptions::default(),
-            scale: 1.0,
-            denoiser: None,
-            spp: passes.pass_spp.into(),
-            ..options.clone()
-        };
-        let traversal = setup::traversal(options)?;
+        let bounces = options.quality().bounces;
+        let quality = Quality { spp: passes.pass_spp.into(), bounces, filter: None, ..Quality::default() };
+        (options.envelope, options.run.reproject, options.gaze) = (quality.into(), Switch::Off, None);
+        let traversal = setup::traversal(&options)?;
         let PassOptions { time_limit, passes_out, .. } = passes;
-        Ok(Self { options: unbiased, spp: options.spp.least, time_limit, folder: passes_out, traversal })
+        Ok(Self { options, spp, time_limit, folder: passes_out, traversal })
     }
 
     pub fn spp(&self) -> u32 {
@@ -161,8 +160,8 @@ impl Plan {
             seed: options.seed,
             frame,
             sampler: options.sampler,
-            bounces: options.bounces,
-            pass_spp: options.spp.least,
+            bounces: options.quality().bounces,
+            pass_spp: options.quality().spp.least,
             traversal: self.traversal,
         })
     }
@@ -206,7 +205,7 @@ impl Plan {
             rig: &loaded.shot.rig,
             time_s: self.time_s(frame),
             frame,
-            pass_spp: self.options.spp.least,
+            pass_spp: self.options.quality().spp.least,
             spp: self.spp,
             time_limit: self.time_limit,
             checkpoint: checkpoint.as_ref(),
@@ -236,7 +235,7 @@ impl Plan {
             spp: done.accumulation.samples(),
             spp_wanted: self.spp,
             spp_resumed: resumed_spp,
-            pass_spp: self.options.spp.least,
+            pass_spp: self.options.quality().spp.least,
             passes: done.passes,
             elapsed_s: done.elapsed_s,
             out_of_time: done.out_of_time,

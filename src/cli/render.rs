@@ -19,7 +19,7 @@ use super::faults::FaultLog;
 use super::foveation::Preset;
 use super::interrupt;
 use super::metering;
-use super::options::{self, RenderOptions};
+use super::options::{self, RenderFlags, RenderOptions};
 use super::output::{self, Forms, FrameImages, SHEET, Sheet};
 use super::pictures::Pictures;
 use super::progress::Progress;
@@ -31,7 +31,7 @@ use super::tev::Viewer;
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
-    pub options: RenderOptions,
+    pub flags: RenderFlags,
     /// Virtual devices on each adapter
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,
@@ -71,22 +71,22 @@ const STILL_SPP: u32 = 16;
 
 impl Args {
     /// Returns the number of warm-up frames before the first saved frame.
-    fn warm_up_frames(&self) -> u32 {
-        let options = &self.options;
-        let is_still = options.frames == 1 && options.quality().denoiser().is_some_and(Denoiser::keeps_history);
-        let default = if is_still && !self.reference { STILL_SPP.div_ceil(options.spp.least) - 1 } else { 0 };
+    fn warm_up_frames(&self, options: &RenderOptions) -> u32 {
+        let quality = options.quality();
+        let is_still = options.frames == 1 && quality.denoiser().is_some_and(Denoiser::keeps_history);
+        let default = if is_still { STILL_SPP.div_ceil(quality.spp.least) - 1 } else { 0 };
         self.warm_up.unwrap_or(default)
     }
 
-    /// Returns the arguments with the options of the preset applied.
-    fn preset(&self) -> Self {
-        let mut args = self.clone();
+    /// Returns the flags with those of the preset applied.
+    fn preset(&self) -> RenderFlags {
+        let mut flags = self.flags.clone();
         if let Some(preset) = self.preset {
-            args.options.spp = Preset::SPP.into();
+            flags.spp = Preset::SPP.into();
             let (foveation, iterations) = preset.layers();
-            (args.options.foveated.foveation, args.options.foveated.iterations) = (foveation, Some(iterations));
+            (flags.foveated.foveation, flags.foveated.iterations) = (foveation, Some(iterations));
         }
-        args
+        flags
     }
 
     /// Returns a frame's entry in run.json.
@@ -104,21 +104,20 @@ struct Rows {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let args = &args.preset();
-    let plan = |options| Plan::new(&reference::asked_for(options)?, args.passes.clone());
-    let plan = args.reference.then(|| plan(&args.options)).transpose()?;
-    let options = plan.as_ref().map_or(&args.options, |p| &p.options);
-    options.check().map_err(Failure::Input)?;
+    let flags = args.preset();
+    let plan = args.reference.then(|| Plan::asked_for(&flags, args.passes.clone())).transpose()?;
+    let options = plan.as_ref().map_or_else(|| flags.options(), |plan| Ok(plan.options.clone()));
+    let options = &options.map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let viewer = args.forms.viewer()?;
     let tracing = Tracing::start(options)?;
-    let warm_up_frames = args.warm_up_frames();
+    let warm_up_frames = args.warm_up_frames(options);
     let progress = Progress::new(u64::from(warm_up_frames + options.frames), options.quiet, options.json);
     progress.phase("loading");
     let mut loaded = setup::load(options)?;
     setup::tell_remarks(&loaded.scene);
-    if args.overlay && loaded.shot.rig.optics.is_some() && options.foveated.space().is_some() {
+    if args.overlay && loaded.shot.rig.optics.is_some() && options.quality().polar.is_some() {
         let what =
             "--overlay does not support polar --foveation with the eye projections of --motion: drop one of them";
         return Err(Failure::Input(anyhow::anyhow!(what)));
@@ -145,7 +144,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let warm_up_s = warm_up.elapsed().as_secs_f64();
     let (rows, pictures) = (Rows::default(), Pictures::of_folder(&options.out));
     let mut run =
-        Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows, pictures, viewer };
+        Run { args, options, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows, pictures, viewer };
     match &plan {
         None => run.frames()?,
         Some(plan) => run.references(plan)?,
@@ -182,6 +181,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// State of a run.
 struct Run<'a> {
     args: &'a Args,
+    options: &'a RenderOptions,
     loaded: &'a LoadedScene,
     renderer: Renderer,
     tracing: &'a Tracing,
@@ -195,11 +195,11 @@ struct Run<'a> {
 
 impl Run<'_> {
     fn frames(&mut self) -> Result<(), Failure> {
-        let (options, shot) = (&self.args.options, &self.loaded.shot);
+        let (options, shot) = (self.options, &self.loaded.shot);
         let (mut faults, mut sheet) = (FaultLog::default(), Sheet::default());
         self.begin_frames()?;
         while let Some(frame) = self.renderer.finish()? {
-            let mut images = FrameImages::read(&mut self.renderer, &options.aovs())?;
+            let mut images = FrameImages::read(&mut self.renderer, &options.aovs)?;
             let time_s = time_s(options, frame.index);
             if self.rows.frames.is_empty() {
                 self.warn_of_nothing_seen(&images.linear);
@@ -266,11 +266,11 @@ impl Run<'_> {
 
     /// Submits frames to the devices until the maximum is in flight.
     fn begin_frames(&mut self) -> Result<(), Failure> {
-        let options = &self.args.options;
+        let options = self.options;
         let most = usize::from(options.frames_in_flight);
         // If several frames may be in flight, each frame downloads its own images. Otherwise, the images are read from
         // the devices when the frame is finished.
-        let reads = if most > 1 { FrameImages::on_devices(&options.aovs()) } else { Vec::new() };
+        let reads = if most > 1 { FrameImages::on_devices(&options.aovs) } else { Vec::new() };
         while self.begun < options.frames && self.renderer.in_flight() < most && !interrupt::is_set() {
             let at_s = time_s(options, self.begun);
             let params = self.renderer.frame(&self.loaded.shot.rig, at_s, self.begun);
@@ -320,10 +320,10 @@ fn reference_frame(
         aovs: Vec::new(),
         pixel_centre: [0.5; 2],
     };
-    if !options.aov.is_empty() {
+    if !options.aovs.is_empty() {
         let params = renderer.frame(&shot.rig, plan.time_s(index), index);
         images.pixel_centre = renderer.render(&params)?.pixel_centre;
-        images.aovs = FrameImages::read(renderer, &options.aovs())?.aovs;
+        images.aovs = FrameImages::read(renderer, &options.aovs)?.aovs;
         for (_, spp) in images.aovs.iter_mut().filter(|(aov, _)| *aov == Aov::Spp) {
             spp.left.iter_mut().chain(&mut spp.right).for_each(|plane| plane.fill(done.row.spp as f32));
         }

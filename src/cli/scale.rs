@@ -27,7 +27,7 @@ use super::balance::Balance;
 use super::failure::Failure;
 use super::faults::refuse_faults;
 use super::interrupt;
-use super::options::{self, RenderOptions};
+use super::options::{self, RenderFlags, RenderOptions};
 use super::output;
 use super::page::{self, and_page};
 use super::progress::Progress;
@@ -44,7 +44,7 @@ const THREADS: &str = "Threads per software device [default: cores / devices of 
 #[command(mut_arg("threads_per_device", |threads| threads.help(THREADS)))]
 pub struct Args {
     #[command(flatten)]
-    pub options: RenderOptions,
+    pub flags: RenderFlags,
     /// Virtual devices on each adapter; one device is always measured
     #[arg(long, value_delimiter = ',', default_value = "1,2", value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     counts: Vec<u16>,
@@ -61,18 +61,18 @@ pub struct Args {
 impl Args {
     /// Makes all counts have the same default of threads per device, on all ranks.
     pub fn share_cores(&mut self) {
-        self.options.run.most_virtual_devices = self.counts.iter().copied().max().unwrap_or(1);
+        self.flags.run.most_virtual_devices = self.counts.iter().copied().max().unwrap_or(1);
     }
 
     /// Returns the instant of a frame in seconds. `number` counts frames from the first warm-up frame.
     fn time_s(&self, number: u32) -> f64 {
-        self.options.time + f64::from(number.saturating_sub(self.warm_up)) / self.options.fps
+        self.flags.run.time + f64::from(number.saturating_sub(self.warm_up)) / self.flags.fps
     }
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let options = &args.options;
-    let policies = of_policies(options)?;
+    let policies = of_policies(&args.flags)?;
+    let options = &RenderOptions { run: args.flags.run.clone(), ..policies[0].clone() };
     args.simulation.check(options)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
@@ -89,15 +89,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let steps =
         (1 + counts.len() * policies.len()) as u64 * u64::from(args.warm_up + options.frames + followers(options));
     let progress = Progress::new(steps, options.quiet, options.json);
-    let measuring = Measuring { args, loaded: &loaded, progress: &progress, tracing: &tracing };
+    let measuring = Measuring { args, options, loaded: &loaded, progress: &progress, tracing: &tracing };
     let mut found = Results::default();
-    let mut model = found.add(args, &loaded, measuring.run(&one, gpus, None)?)?;
+    let mut model = found.add(&measuring, measuring.run(&one, gpus, None)?)?;
     let measured = counts.into_iter().try_for_each(|count| {
         policies.iter().try_for_each(|options| {
             let gpus = setup::open_devices(options, count)?;
             let measured = measuring.run(options, gpus, found.rows.first())?;
             let oversubscribed = measured.row.oversubscribed;
-            let costs = found.add(args, &loaded, measured)?;
+            let costs = found.add(&measuring, measured)?;
             if !oversubscribed {
                 model = costs;
             }
@@ -124,7 +124,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     found.write_run(options, &loaded)?;
     if args.report {
-        found.write_page(args, &loaded, figure)?;
+        found.write_page(options, &loaded, figure)?;
     }
     let Results { rows, simulated, .. } = &found;
     if options.json {
@@ -152,16 +152,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Returns a copy of the options for each requested policy, with only that policy.
-fn of_policies(options: &RenderOptions) -> Result<Vec<RenderOptions>, Failure> {
-    let policies = options.balances();
+fn of_policies(flags: &RenderFlags) -> Result<Vec<RenderOptions>, Failure> {
+    let policies = flags.run.balances();
     let with = |policy: &Balance| {
-        let mut one = options.clone();
+        let mut one = flags.clone();
         one.run.balance = vec![*policy];
         if *policy != Balance::Static && policies.contains(&Balance::Static) {
             one.run.ratios.clear();
         }
-        one.check().map_err(Failure::Input)?;
-        Ok(one)
+        one.options().map_err(Failure::Input)
     };
     policies.iter().map(with).collect()
 }
@@ -202,6 +201,8 @@ fn followers(options: &RenderOptions) -> u32 {
 /// Inputs that the measurements of all counts share.
 struct Measuring<'a> {
     args: &'a Args,
+    /// Options with all requested policies.
+    options: &'a RenderOptions,
     loaded: &'a LoadedScene,
     progress: &'a Progress,
     tracing: &'a Tracing,
@@ -218,13 +219,13 @@ struct Measured {
 impl Measuring<'_> {
     /// Returns the index of the options' policy among the requested ones.
     fn place(&self, options: &RenderOptions) -> u32 {
-        let policies = self.args.options.balances();
+        let policies = self.options.balances();
         policies.iter().position(|policy| *policy == options.balance()).unwrap_or_default() as u32
     }
 
     /// Measures frames on these devices. `base` is the row that the speed-up refers to; `None` for that row itself.
     fn run(&self, options: &RenderOptions, gpus: Devices, base: Option<&ScaleRow>) -> Result<Measured, Failure> {
-        let Self { args, loaded, progress, tracing } = self;
+        let Self { args, loaded, progress, tracing, .. } = self;
         let infos = gpus.infos();
         // Count the threads of the devices on this machine.
         let host = |info: &DeviceInfo| info.rank.as_ref().map(|rank| rank.host.clone());
@@ -286,14 +287,9 @@ struct Results {
 
 impl Results {
     /// Adds the results for a number of devices, and returns the spec of their last frame and their cost model.
-    fn add(
-        &mut self,
-        args: &Args,
-        loaded: &LoadedScene,
-        measured: Measured,
-    ) -> Result<(FrameSpec, CostModel), Failure> {
+    fn add(&mut self, of: &Measuring<'_>, measured: Measured) -> Result<(FrameSpec, CostModel), Failure> {
+        let Measuring { args, options, loaded, .. } = of;
         let Measured { row, mut renderer, warm_up_s, frames } = measured;
-        let options = &args.options;
         let quality = options.quality();
         let row_of = |f: &FrameReport| {
             let row = FrameRow::new(f, &quality, &loaded.shot.rig, args.time_s(f.index));
@@ -338,8 +334,7 @@ impl Results {
         Ok(figure)
     }
 
-    fn write_page(&self, args: &Args, loaded: &LoadedScene, figure: String) -> Result<(), Failure> {
-        let options = &args.options;
+    fn write_page(&self, options: &RenderOptions, loaded: &LoadedScene, figure: String) -> Result<(), Failure> {
         let title = format!("{} at {} over device counts", options.shot, options.size);
         let mut sections: Vec<Section> = self.seen.pictures(loaded)?.into_iter().collect();
         sections.extend(scale_sections(&self.rows, figure));

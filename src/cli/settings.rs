@@ -15,7 +15,6 @@ use crate::report::once;
 use crate::report::run::RunSettings;
 
 use super::balance::Balance;
-use super::foveation::FoveationMode;
 use super::options::RenderOptions;
 use super::setup::name;
 
@@ -126,16 +125,17 @@ pub fn balance(policies: &[Balance]) -> Value {
 /// rendered on the same devices.
 pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo]) -> RunSettings {
     let quality = options.quality();
-    let is_layered = options.foveated.foveation == FoveationMode::Layers;
+    let is_layered = quality.fovea.is_some();
+    let grid = if is_layered { "layers" } else { "none" };
     let mut known = vec![
         ("out", json!(options.out.display().to_string())),
         ("size", json!(options.size.to_string())),
-        ("spp", json!(options.spp)),
-        ("bounces", json!(options.bounces)),
-        ("scale", json!(options.scale)),
+        ("spp", json!(quality.spp)),
+        ("bounces", json!(quality.bounces)),
+        ("scale", json!(quality.scale)),
         ("denoiser", json!(Denoiser::name_of(quality.denoiser()))),
         ("iterations", if is_layered { json!(quality.iterations()) } else { json!(quality.iterations()[0]) }),
-        ("foveation", json!(name(&options.foveated.foveation))),
+        ("foveation", json!(quality.polar.map_or(grid, |space| space.method().name()))),
         ("reproject", json!(name(&options.reproject))),
         ("balance", balance(&options.balances())),
         ("fps", json!(options.fps)),

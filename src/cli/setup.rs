@@ -11,7 +11,7 @@ use crate::frame::{Execution, RunConfig};
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::passes::Display;
-use crate::quality::{Envelope, Quality};
+use crate::quality::Quality;
 use crate::scene::complete::Look;
 use crate::scene::folder::Source;
 use crate::scene::head::HeadMotion;
@@ -143,7 +143,7 @@ pub fn open_here(options: &RunOptions, virtual_devices: usize) -> Result<Vec<Gpu
 }
 
 /// Creates the policy that the options request, for traced images of this size.
-pub fn policy(options: &RenderOptions, grid: Extent, devices: usize) -> Result<Box<dyn Policy>, Failure> {
+pub fn policy(options: &RunOptions, grid: Extent, devices: usize) -> Result<Box<dyn Policy>, Failure> {
     options.balance().policy(grid.height, devices, &options.ratios)
 }
 
@@ -153,33 +153,20 @@ pub fn renderer(
     gpus: Devices,
     origin: Instant,
 ) -> Result<Renderer, Failure> {
-    varying_renderer(options, loaded, gpus, origin, &options.quality().into())
+    renderer_with(options, loaded, gpus, origin, |grid, devices| policy(options, grid, devices))
 }
 
-/// Creates a renderer of frames with at most the options' samples and iterations, whose samples may vary as
-/// `envelope` says.
-pub fn varying_renderer(
-    options: &RenderOptions,
-    loaded: &LoadedScene,
-    gpus: Devices,
-    origin: Instant,
-    envelope: &Envelope,
-) -> Result<Renderer, Failure> {
-    renderer_with(options, loaded, gpus, origin, envelope, |grid, devices| policy(options, grid, devices))
-}
-
-/// Creates a renderer like [`varying_renderer`] with another policy, which `policy` makes for traced images of a size
+/// Creates a renderer like [`renderer`] with another policy, which `policy` makes for traced images of a size
 /// and a number of devices.
 pub fn renderer_with(
     options: &RenderOptions,
     loaded: &LoadedScene,
     gpus: Devices,
     origin: Instant,
-    envelope: &Envelope,
     policy: impl FnOnce(Extent, usize) -> Result<Box<dyn Policy>, Failure>,
 ) -> Result<Renderer, Failure> {
     let injected = options.faults.injected(gpus.len())?;
-    let config = config(options, loaded, envelope)?;
+    let config = config(options, loaded)?;
     let policy = policy(config.grid(), gpus.len())?;
     let _span = tracing::info_span!("start renderer").entered();
     let builder = Renderer::builder(loaded).config(config).policy(|_, _| policy);
@@ -192,10 +179,8 @@ pub fn renderer_with(
 }
 
 /// Returns the configuration of all frames.
-pub fn config(options: &RenderOptions, loaded: &LoadedScene, envelope: &Envelope) -> Result<RunConfig, Failure> {
-    let most = Quality { spp: envelope.most.spp, ..options.quality() };
-    let envelope = Envelope { most, mixes_spp: envelope.mixes_spp };
-    let config = RunConfig::for_envelope(loaded, options.size, envelope);
+pub fn config(options: &RenderOptions, loaded: &LoadedScene) -> Result<RunConfig, Failure> {
+    let config = RunConfig::for_envelope(loaded, options.size, options.envelope);
     let mut config = config.map_err(|what| Failure::Input(anyhow!("{what}")))?;
     let buffers = &mut config.buffers;
     if options.no_skip {
@@ -205,14 +190,13 @@ pub fn config(options: &RenderOptions, loaded: &LoadedScene, envelope: &Envelope
     if let Display::Resampled { is_late, .. } = &mut buffers.display {
         *is_late = options.is_late;
     }
-    buffers.aovs = options.aovs();
+    buffers.aovs.clone_from(&options.aovs);
     buffers.declarations = registered().passes.clone();
     // A renderer replaces this with the traversal of its devices. `diptych graph` has no devices and uses the requested
     // one.
     if let Some(moving) = &mut buffers.moving {
         moving.hardware = options.traversal == TraversalChoice::Hardware;
     }
-    let foveated = &options.foveated;
     Ok(RunConfig {
         execution: Execution {
             seam: options.seam(),
@@ -229,8 +213,8 @@ pub fn config(options: &RenderOptions, loaded: &LoadedScene, envelope: &Envelope
         regularize: options.regularize == Switch::On,
         filter_textures: options.filter_textures == Switch::On,
         cache: options.cache.map_or(config.cache, |switch| switch == Switch::On),
-        unsampled_fraction: foveated.unsampled_fraction.unwrap_or(config.unsampled_fraction),
-        gaze: foveated.gaze(&loaded.gaze),
+        unsampled_fraction: options.unsampled_fraction,
+        gaze: options.gaze.clone().unwrap_or(config.gaze),
         seed: options.seed,
         ..config
     })

@@ -10,10 +10,11 @@ use crate::exec::ranks::Devices;
 use crate::image::display::{DisplayImage, write_png};
 use crate::image::key::with_caption;
 use crate::image::{Extent, sheet};
+use crate::quality::Quality;
 use crate::scene::studio;
 
 use super::failure::Failure;
-use super::options::RenderOptions;
+use super::options::{RenderOptions, RunOptions};
 use super::output::FrameImages;
 use super::progress::Progress;
 use super::scene_options::SceneOptions;
@@ -40,16 +41,9 @@ pub struct Args {
     scene: SceneOptions,
 }
 
-/// Options of `render` for one file.
-#[derive(Parser)]
-struct One {
-    #[command(flatten)]
-    options: RenderOptions,
-}
-
 /// Frames of a picture; all but the last give the denoiser a history. Together they have 16 samples per pixel.
 const FRAMES: u32 = 4;
-const SPP: &str = "4";
+const SPP: u32 = 4;
 
 /// A picture and its caption.
 struct Shown {
@@ -99,9 +93,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// Renders a file. Takes the devices and puts them back, so that they keep their compiled pipelines.
 fn show(args: &Args, file: &str, gpus: &mut Option<Devices>, progress: &Progress) -> Result<Shown, Failure> {
     let size = args.size.to_string();
-    let line = ["render", file, "--size", &size, "--spp", SPP, "--out", ".", "--quiet"];
-    let One { mut options } = One::try_parse_from(line).map_err(|error| Failure::Input(error.into()))?;
-    options.run.scene = args.scene.clone();
+    let line = ["render", file, "--size", &size, "--out", ".", "--quiet"];
+    let mut run = RunOptions::try_parse_from(line).map_err(|error| Failure::Input(error.into()))?;
+    run.scene = args.scene.clone();
+    let options = RenderOptions::new(run, Quality { spp: SPP.into(), ..Quality::default() });
     let mut loaded = setup::load(&options)?;
     let warnings = loaded.scene.warnings.len();
     let count =

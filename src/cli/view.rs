@@ -56,7 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         eye: options.size,
         band_ms: [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()],
         devices: gpus.infos().iter().map(|info| format!("dev{} {}", info.index, info.name)).collect(),
-        is_foveated: options.foveated.is_on(),
+        is_foveated: options.quality().fovea.is_some(),
     };
     let shared = Arc::new(Shared::default());
     let start = Start { prepared, loaded, gpus, tracing, progress };

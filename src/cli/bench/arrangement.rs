@@ -1,18 +1,17 @@
 //! Options of an experiment's arrangements, which are the variants that the experiment compares.
 
 use anyhow::{Context, anyhow, bail, ensure};
-use clap::{Args as _, Command, FromArgMatches};
+use clap::{Args as _, Command, FromArgMatches, Parser};
 use toml::Value;
 
 use super::axes::FPS;
 use crate::cli::balance::Balance;
-use crate::cli::foveation::FoveationMode;
-use crate::cli::options::{self, RenderOptions, RunOptions};
+use crate::cli::options::{self, RenderFlags, RenderOptions, RunOptions};
 use crate::frame::Foveation;
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::passes::partitions;
-use crate::quality::{LogPolar, PolarSpace, Quality};
+use crate::quality::{LogPolar, PolarSpace};
 use crate::report::experiment::{Arrangement, Experiment, OtherMeasures};
 use crate::scene::rig::Eye;
 use crate::schedule::RatioRule;
@@ -28,20 +27,20 @@ const LOG_POLAR_ALPHA: f64 = 4.0;
 
 /// Returns the options of all arrangements for a number of frames.
 pub fn of(experiment: &Experiment, run: &RunOptions, frames: u32) -> Result<Vec<RenderOptions>, anyhow::Error> {
-    let mut common = RenderOptions { frames, fps: FPS, ..RenderOptions::single(run.clone(), &Quality::default()) };
-    common.foveated.iterations = None;
+    let defaults = RenderFlags::try_parse_from(["arrangement", "--out=."])?;
+    let common = RenderFlags { run: run.clone(), frames, fps: FPS, ..defaults };
     let mut shared = experiment.options.clone();
     if !run.balance.is_empty() || !run.ratios.is_empty() {
         shared.retain(|name, _| !["balance", "ratios"].contains(&name));
     }
     let common = with(common, &shared).context("options")?;
     let of = |arrangement: &Arrangement| {
-        let mut options = with(common.clone(), &arrangement.options)?;
+        let mut flags = with(common.clone(), &arrangement.options)?;
         if let Some(blur) = arrangement.blur {
-            ensure!(options.foveated.foveation.is_log_polar(), "blur needs log-polar images");
-            options.foveated.polar.get_or_insert(LogPolar::COMPOSITE).blur = blur;
+            ensure!(flags.foveated.foveation.is_log_polar(), "blur needs log-polar images");
+            flags.foveated.polar.get_or_insert(LogPolar::COMPOSITE).blur = blur;
         }
-        options.check()?;
+        let options = flags.options()?;
         let known: Vec<&str> = partitions().into_iter().map(|group| group.0).collect();
         let unknown = arrangement.distribute.iter().flatten().find(|name| !known.contains(&name.as_str()));
         if let Some(unknown) = unknown {
@@ -77,11 +76,11 @@ pub fn distributed(arrangement: &Arrangement, mut options: RenderOptions, device
     options
 }
 
-/// Returns `options`, changed by the entries of a table, whose keys are names of command-line options.
-fn with(mut options: RenderOptions, table: &toml::Table) -> Result<RenderOptions, anyhow::Error> {
+/// Returns `flags`, changed by the entries of a table, whose keys are names of command-line options.
+fn with(mut flags: RenderFlags, table: &toml::Table) -> Result<RenderFlags, anyhow::Error> {
     let command = Command::new("arrangement").no_binary_name(true).disable_help_flag(true);
     // Options that the table lacks keep their values.
-    let command = RenderOptions::augment_args_for_update(command).mut_args(|arg| arg.default_value(None));
+    let command = RenderFlags::augment_args_for_update(command).mut_args(|arg| arg.default_value(None));
     let mut words = Vec::new();
     for (name, value) in table {
         let is_allowed = command.get_arguments().any(|arg| {
@@ -95,8 +94,8 @@ fn with(mut options: RenderOptions, table: &toml::Table) -> Result<RenderOptions
         let text = error.to_string();
         anyhow!("{}", text.lines().next().unwrap_or_default().trim_start_matches("error: "))
     })?;
-    options.update_from_arg_matches(&matches)?;
-    Ok(options)
+    flags.update_from_arg_matches(&matches)?;
+    Ok(flags)
 }
 
 /// Formats a TOML value as an argument of the command line.
@@ -117,16 +116,17 @@ pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene)
     let gaze = loaded.shot.gaze.at(time_s);
     let view = loaded.shot.rig.view(time_s, Eye::Left);
     let share = PolarSpace::Visual.share(gaze, &view, size).min(1.0);
-    match options.foveated.foveation {
-        FoveationMode::Layers => {
+    let most = &mut options.envelope.most;
+    match (most.polar, most.fovea) {
+        (None, Some(_)) => {
             let [tan, _] = tan_half(loaded, size);
             let radii = FALLOFF_DEG.map(|degrees| degrees.to_radians().tan() / (2.0 * tan));
             let falloff = Foveation { radii, ..Default::default() };
             let unsampled = falloff.unsampled_fraction_for(share, gaze, size);
-            (options.foveated.layer_radii, options.foveated.unsampled_fraction) = (Some(radii), Some(unsampled));
+            (most.fovea, options.unsampled_fraction) = (Some(radii), unsampled);
             OtherMeasures::from([("floor", 1.0 - unsampled)])
         }
-        FoveationMode::Polar(PolarSpace::Log(_)) => {
+        (Some(PolarSpace::Log(_)), _) => {
             let aspect = f64::from(size.width) / f64::from(size.height);
             let mut map = LogPolar { sigma: 1.0, alpha: LOG_POLAR_ALPHA, gaze: 0.0, aspect, blur: true };
             // The number of pixels is proportional to 1 / σ², except for a margin around the screen, so a few
@@ -134,11 +134,11 @@ pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene)
             for _ in 0..4 {
                 map.sigma *= (PolarSpace::Log(map).traced_fraction(gaze, &view, size) / share).sqrt();
             }
-            options.foveated.polar = Some(map);
+            most.polar = Some(PolarSpace::Log(map));
             OtherMeasures::from([("sigma", map.sigma)])
         }
         _ => {
-            options.scale = share.sqrt();
+            most.scale = share.sqrt();
             OtherMeasures::new()
         }
     }
@@ -158,18 +158,11 @@ pub fn tan_half(loaded: &LoadedScene, size: Extent) -> [f64; 2] {
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
-
     use super::*;
-
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        run: RunOptions,
-    }
+    use crate::quality::Quality;
 
     fn options_of(text: &str) -> Result<Vec<RenderOptions>, String> {
-        let run = Line::parse_from(["diptych", "builtin:cornell", "--seed", "7", "--out", "unused"]).run;
+        let run = RunOptions::parse_from(["diptych", "builtin:cornell", "--seed", "7", "--out", "unused"]);
         of(&Experiment::parse(text)?, &run, 1).map_err(|error| format!("{error:#}"))
     }
 

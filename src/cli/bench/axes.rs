@@ -107,8 +107,9 @@ impl Args {
             let scales = if denoiser.is_some() { self.scales() } else { vec![1.0] };
             for (&filter, foveation) in filters.iter().flat_map(|i| foveations.iter().map(move |f| (i, f))) {
                 let (fovea, polar) = (foveation.radii(), foveation.space(self.polar));
+                let grid = Quality { filter, fovea, polar, ..Quality::default() };
                 for (bounces, &scale) in self.bounces().iter().flat_map(|b| scales.iter().map(move |s| (*b, s))) {
-                    let quality = |spp| Quality { spp, bounces, filter, fovea, polar, scale };
+                    let quality = |spp| Quality { spp, bounces, scale, ..grid };
                     settings.extend(self.samples(scale).into_iter().map(quality));
                 }
             }

@@ -89,7 +89,7 @@ pub fn run_text(args: &Args, text: &str, origin: &str) -> Result<(), Failure> {
     let all = arrangements(&args, experiment).with_context(|| format!("{origin}: wrong options"));
     let all = all.map_err(Failure::Input)?;
     // The reference uses the largest number of bounces of all arrangements.
-    args.bounces = all.iter().map(|options| options.bounces).max().into_iter().collect();
+    args.bounces = all.iter().map(|options| options.quality().bounces).max().into_iter().collect();
     run(&args, experiment, &all)
 }
 
@@ -195,14 +195,16 @@ impl Results {
         let (mut beside, mut prepared) = (Vec::new(), Vec::new());
         for (arrangement, mut own) in experiment.all.iter().zip(arranged) {
             let mut measures = OtherMeasures::from([("exposure_ev", loaded.exposure_ev())]);
-            if own.foveated.is_on() {
-                own.foveated.layer_radii = subject.layer_radii;
+            if own.envelope.most.fovea.is_some() {
+                own.envelope.most.fovea = subject.layer_radii.or(own.envelope.most.fovea);
             }
             if arrangement.as_visual_polar {
                 measures.extend(arrangement::sample_as_visual_polar(&mut own, &loaded));
             }
             if arrangement.late_frames.is_some() {
-                (own.is_late, own.spp) = (true, args.reference_spp.map_or(own.spp, Samples::from));
+                let quality = own.quality();
+                let spp = args.reference_spp.map_or(quality.spp, Samples::from);
+                (own.is_late, own.envelope) = (true, Quality { spp, ..quality }.into());
             }
             measures.insert("dispatched", arrangement::dispatched(&own, &loaded));
             beside.push(measures);

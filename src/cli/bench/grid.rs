@@ -19,6 +19,7 @@ use super::judge::Judge;
 use super::reference::Reference;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
+use crate::cli::foveation::FoveationFlags;
 use crate::cli::interrupt;
 use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
@@ -102,7 +103,7 @@ impl<'a> Grid<'a> {
 
     fn renderer(&self, setting: &Quality) -> Result<(Renderer, RenderOptions), Failure> {
         let Self { args, loaded, tracing, .. } = self;
-        let options = RenderOptions::single(args.options.clone(), setting);
+        let options = RenderOptions::new(args.options.clone(), FoveationFlags::default().limit(setting));
         let begin = Instant::now();
         let renderer = setup::renderer(&options, loaded, self.gpus.take(), tracing.recorder.origin())?;
         self.warm_up_s.set(self.warm_up_s.get() + begin.elapsed().as_secs_f64());

@@ -82,8 +82,7 @@ pub fn plan(args: &Args) -> Result<Plan, Failure> {
     let spp = args.reference_spp.unwrap_or(if args.quick { 256 } else { 1024 });
     let judged = args.judged()?;
     let bounces = args.bounces().into_iter().chain(judged.iter().map(|k| k.bounces)).max().unwrap_or(0);
-    let quality = Quality { spp: spp.into(), bounces, filter: None, ..Quality::default() };
-    Plan::new(&RenderOptions::single(run, &quality), passes)
+    Plan::new(RenderOptions::new(run, Quality { bounces, ..Quality::default() }), spp, passes)
 }
 
 /// Returns the stored reference for this shot and these settings. Renders or resumes it if it has too few samples,

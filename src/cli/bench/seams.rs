@@ -69,7 +69,7 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     let bounces = first(&args.bounces, 6);
     let filter = denoiser.map(|d| Filter::new(d, first(&args.iterations, Denoiser::DEFAULT_ITERATIONS)));
     let quality = Quality { spp, bounces, filter, ..Quality::default() };
-    let options = RenderOptions::single(run, &quality);
+    let options = RenderOptions::new(run, quality);
     options.check().map_err(Failure::Input)?;
     if denoiser.is_none() {
         return Err(Failure::Input(anyhow!("--seam-study needs a denoiser: without one there are no seams")));

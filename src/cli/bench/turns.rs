@@ -6,6 +6,7 @@ use std::time::Instant;
 use crate::exec::ranks::Devices;
 use crate::exec::{FrameParams, FrameReport, Renderer};
 use crate::loaded::LoadedScene;
+use crate::quality::Quality;
 use crate::report::run::FrameRow;
 use crate::scene::rig::Eye;
 use crate::trace::frames::record_devices;
@@ -13,7 +14,6 @@ use crate::trace::frames::record_devices;
 use super::axes::FRAMES_MAX;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
-use crate::cli::foveation::FoveationMode;
 use crate::cli::interrupt;
 use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
@@ -53,7 +53,8 @@ impl<'a> Turns<'a> {
     /// Adds a renderer with a name, on devices that no other renderer uses.
     pub fn add(&mut self, name: String, options: RenderOptions, gpus: Devices) -> Result<(), Failure> {
         let begin = Instant::now();
-        if self.loaded.shot.rig.optics.is_some() && options.foveated.foveation != FoveationMode::None {
+        let Quality { fovea, polar, .. } = options.quality();
+        if self.loaded.shot.rig.optics.is_some() && (fovea.is_some() || polar.is_some()) {
             let what = "--motion: the experiment needs equal projections for both eyes, but the recording sets its own";
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }

@@ -47,7 +47,7 @@ pub fn start(
     let of_size = |prepared: &Prepared, size: Extent, gpus: Devices| {
         let run = RunOptions { size, ..prepared.render.run.clone() };
         let options = RenderOptions { run, ..prepared.render.clone() };
-        setup::varying_renderer(&options, loaded, gpus, tracing.recorder.origin(), &prepared.choice.envelope())
+        setup::renderer(&options, loaded, gpus, tracing.recorder.origin())
     };
     let (asked, budget) = (prepared.render.size, prepared.options.budget_ms);
     let mut renderer = of_size(prepared, asked, gpus)?;

@@ -9,12 +9,12 @@ use crate::control::{
     BOUNCES, Ladder, Rung, candidates, guessed_paths, guessed_relative_cost, lack_path_times, relative_costs,
 };
 use crate::passes::path_trace;
-use crate::quality::{Denoiser, Envelope, PolarSpace, Quality};
+use crate::quality::{Denoiser, PolarSpace, Quality};
 use crate::schedule::RelativeCost;
 
 use super::options::LoopOptions;
 use crate::cli::failure::Failure;
-use crate::cli::foveation::FoveationOptions;
+use crate::cli::foveation::FoveationFlags;
 use crate::cli::options::DenoiserChoice;
 
 /// Settings that a run may use, before their costs are known.
@@ -85,25 +85,14 @@ impl Choice {
     /// Returns the quality and relative cost of a frame on the cheapest rung; `None` if there are no rungs. Among the
     /// built-in candidates, only those with the maximum bounces count, since the light that fewer bounces lose is not
     /// known yet.
-    pub fn cheapest(&self, limits: &FoveationOptions) -> Option<(Quality, RelativeCost)> {
+    pub fn cheapest(&self, limits: &FoveationFlags) -> Option<(Quality, RelativeCost)> {
         if let Some(ladder) = &self.ladder {
-            return qualities(ladder, limits).into_iter().next();
+            let costs = relative_costs(ladder.rungs());
+            return ladder.rungs().iter().map(|rung| limits.limit(&rung.quality)).zip(costs).next();
         }
         let all_bounces = self.qualities.iter().filter(|q| q.bounces == BOUNCES[BOUNCES.len() - 1]);
         let fewest = all_bounces
             .min_by(|a, b| guessed_paths(a).total_cmp(&guessed_paths(b)).then(a.iterations().cmp(&b.iterations())));
         fewest.map(|quality| (limits.limit(quality), guessed_relative_cost(quality)))
     }
-
-    /// Returns the bounds of all qualities, without the radii of foveal layers.
-    pub fn envelope(&self) -> Envelope {
-        let Envelope { most, mixes_spp } = Envelope::of(&self.qualities);
-        Envelope { most: Quality { fovea: None, ..most }, mixes_spp }
-    }
-}
-
-/// Returns the quality of each rung, with the iterations that `limits` allow, and the relative costs of its stages.
-pub fn qualities(ladder: &Ladder, limits: &FoveationOptions) -> Vec<(Quality, RelativeCost)> {
-    let rungs = ladder.rungs();
-    rungs.iter().map(|rung| limits.limit(&rung.quality)).zip(relative_costs(rungs)).collect()
 }

@@ -6,7 +6,7 @@ use crate::control::{Budget, ControllerKind, Ladder, Measure, Origin};
 use crate::scene::head::{Recording, Space};
 
 use crate::cli::failure::Failure;
-use crate::cli::foveation::FoveationOptions;
+use crate::cli::foveation::FoveationFlags;
 use crate::cli::options::{DEVICES, DenoiserChoice, OUTPUT, QUALITY, RunOptions, SCENE, denoiser_parser};
 use crate::cli::progress::Progress;
 
@@ -36,7 +36,7 @@ pub struct LoopOptions {
     #[arg(long, value_parser = denoiser_parser(), help_heading = QUALITY)]
     pub denoiser: Option<DenoiserChoice>,
     #[command(flatten)]
-    pub foveated: FoveationOptions,
+    pub foveated: FoveationFlags,
     /// Frames per second [default: as fast as the budget allows]
     ///
     /// The camera follows its path to the end and back.

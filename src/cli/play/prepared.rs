@@ -7,19 +7,19 @@ use anyhow::ensure;
 use super::ladder::Choice;
 use super::options::LoopOptions;
 use crate::cli::failure::Failure;
-use crate::cli::foveation::FoveationOptions;
 use crate::cli::options::RenderOptions;
-use crate::quality::Quality;
+use crate::quality::{Envelope, Quality};
 
 impl LoopOptions {
     /// Returns render options with the maximum quality of any frame.
     fn render_options(&self, choice: &Choice, frames: u32) -> RenderOptions {
-        let most = self.foveated.limit(&Quality { fovea: self.foveated.radii(), ..choice.envelope().most });
+        let Envelope { most, mixes_spp } = Envelope::of(&choice.qualities);
+        let most = self.foveated.limit(&Quality { fovea: self.foveated.foveation.radii(), ..most });
         RenderOptions {
-            foveated: FoveationOptions { iterations: Some(most.iterations()), ..self.foveated.clone() },
+            gaze: self.foveated.gaze(),
             frames,
             fps: self.fps.unwrap_or(1e3 / self.budget_ms.hi_ms()),
-            ..RenderOptions::single(self.run.clone(), &most)
+            ..RenderOptions::new(self.run.clone(), Envelope { most, mixes_spp })
         }
     }
 

@@ -43,8 +43,7 @@ impl References {
         let run = RunOptions { faults, trace, clamp, seed, ..options.run.clone() };
         let time_limit = spp.is_none().then_some(TIME_LIMIT);
         let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
-        let spp = spp.unwrap_or(SPP_MAX).into();
-        let plan = Plan::new(&RenderOptions { run, spp, frames: 1, ..options.clone() }, passes)?;
+        let plan = Plan::new(RenderOptions { run, frames: 1, ..options.clone() }, spp.unwrap_or(SPP_MAX), passes)?;
         // The passes of the references stay out of the run's trace.
         let tracing = Tracing::start(&plan.options)?;
         let gpus = setup::open_devices(&plan.options, usize::from(args.options.virtual_devices))?;

@@ -7,16 +7,14 @@ use pyo3::types::{PyBool, PyDict, PyString};
 
 use super::failure::exception;
 use crate::cli::failure::Failure;
-use crate::cli::options::RenderOptions;
+use crate::cli::options::{RenderFlags, RenderOptions};
 use crate::cli::scene_options::SceneOptions;
 
 /// Options of a scene and of a renderer.
-#[derive(Args, Clone, Debug)]
+#[derive(Clone, Debug)]
 pub struct Options {
-    #[command(flatten)]
     pub render: RenderOptions,
-    /// Virtual devices on each adapter
-    #[arg(long = "virtual", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    /// Virtual devices on each adapter.
     pub virtual_devices: u16,
 }
 
@@ -33,7 +31,9 @@ pub struct Given {
 }
 
 fn parser() -> Command {
-    Options::augment_args(Command::new("diptych").no_binary_name(true))
+    let devices = Arg::new("virtual_devices").long("virtual").default_value("1");
+    let devices = devices.value_parser(clap::value_parser!(u16).range(1..=64));
+    RenderFlags::augment_args(Command::new("diptych").no_binary_name(true)).arg(devices)
 }
 
 /// Returns the name of a keyword argument, such as `render_scale` for `--render-scale`.
@@ -122,16 +122,13 @@ impl Options {
         let fixed = ["--out=out", "--quiet"].map(str::to_owned);
         let given = given.into_iter().map(|given| given.text.clone());
         let line = fixed.into_iter().chain(given).chain(["--".to_owned(), shot.to_owned()]);
-        let parsed = parser().try_get_matches_from(line).and_then(|matches| Self::from_arg_matches(&matches));
-        let mut options = parsed.map_err(|error| PyValueError::new_err(shortened(&error.to_string())))?;
+        let parsed = parser().try_get_matches_from(line);
+        let parsed = parsed.and_then(|matches| Ok((RenderFlags::from_arg_matches(&matches)?, matches)));
+        let (mut render, matches) = parsed.map_err(|error| PyValueError::new_err(shortened(&error.to_string())))?;
         // Disturbances may name any frame.
-        options.render.frames = u32::MAX;
-        options.render.check().map_err(|error| exception(Failure::Input(error)))?;
-        Ok(options)
-    }
-
-    pub fn devices(&self) -> usize {
-        usize::from(self.virtual_devices)
+        render.frames = u32::MAX;
+        let render = render.options().map_err(|error| exception(Failure::Input(error)))?;
+        Ok(Self { render, virtual_devices: matches.get_one("virtual_devices").copied().unwrap_or(1) })
     }
 }
 
@@ -159,8 +156,8 @@ mod tests {
     fn defaults_are_those_of_the_command_line() {
         let Options { render, virtual_devices } = Options::parse("builtin:cornell", []).unwrap();
         assert_eq!(
-            (render.shot.as_str(), render.spp.least, render.bounces, virtual_devices),
-            ("builtin:cornell", 1, 6, 1)
+            (render.shot.as_str(), render.quality(), virtual_devices),
+            ("builtin:cornell", crate::quality::Quality::default(), 1)
         );
         assert_eq!(render.size.to_string(), "640x360");
     }

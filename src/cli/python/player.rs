@@ -104,10 +104,10 @@ impl Playing {
 fn begin(renderer: &Renderer, devices: Devices, budget: Budget, rig: &Rig) -> Result<Session, Failure> {
     let options = &renderer.options.render;
     let qualities = candidates(options.quality().denoiser(), false);
-    let envelope = Envelope::of(&qualities);
-    let most = RenderOptions { aov: options.aov.clone(), ..RenderOptions::single(options.run.clone(), &envelope.most) };
+    let most = RenderOptions::new(options.run.clone(), Envelope::of(&qualities));
+    let most = RenderOptions { aovs: options.aovs.clone(), ..most };
     let loaded = renderer.scene.get().loaded();
-    let inner = start(&most, &loaded, devices, &envelope, renderer.policy.as_ref())?;
+    let inner = start(&most, &loaded, devices, renderer.policy.as_ref())?;
     Ok(Session::calibrated(inner, rig, options.size, &qualities, budget)?)
 }
 

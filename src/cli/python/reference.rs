@@ -16,6 +16,7 @@ use crate::accumulation::{Accumulation, Job, accumulate};
 use crate::cli::failure::Failure;
 use crate::cli::reference::{OVERRULED, PASS_SPP, PassOptions, Plan, seconds};
 use crate::cli::{output, setup};
+use crate::samples::Samples;
 
 /// Renders a reference: both eyes are traced, nothing is filtered. `progress` is called after each pass with the number
 /// of samples per pixel so far and their total.
@@ -38,12 +39,13 @@ pub fn reference(
         return Err(PyTypeError::new_err(format!("a reference {why}: leave '{id}' out")));
     }
     let mut options = Options::parse(&scene.shot, scene.given.iter().chain(&own))?;
-    (options.render.spp, options.render.run.time, options.render.frames) = (spp.into(), time, 1);
-    options.render.check().map_err(|error| exception(Failure::Input(error)))?;
+    (options.render.run.time, options.render.frames) = (time, 1);
+    let checked = options.render.check().and_then(|()| Ok(Samples::from(spp).check()?));
+    checked.map_err(|error| exception(Failure::Input(error)))?;
     let time_limit = time_limit.map(|limit| seconds(&limit.to_string())).transpose();
     let time_limit = time_limit.map_err(|what| PyTypeError::new_err(format!("time_limit: {what}")))?;
     let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
-    let plan = Plan::new(&options.render, passes).map_err(exception)?;
+    let plan = Plan::new(options.render.clone(), spp, passes).map_err(exception)?;
     let devices = open_devices(py, &options).map_err(exception)?;
     let (stop, mut raised) = (AtomicBool::new(false), Ok(()));
     let accumulated = py.detach(|| -> Result<_, Failure> {
@@ -79,7 +81,7 @@ pub fn reference(
         })?;
         let row = serde_json::to_string(&plan.row(index, 0, &done)).map_err(anyhow::Error::from)?;
         let tags = output::tags(&rig, look.exposure_ev, options.render.size, time, index);
-        let mut images = Images::read(&mut renderer, &options.render.aovs(), tags)?;
+        let mut images = Images::read(&mut renderer, &plan.options.aovs, tags)?;
         images.linear = done.accumulation.mean();
         Ok((images, look, row))
     });

@@ -24,7 +24,6 @@ use crate::exec::{Renderer as Inner, Stereo};
 use crate::image::exr::Tags;
 use crate::loaded::LoadedScene;
 use crate::passes::Aov;
-use crate::quality::Envelope;
 use crate::report::run::FrameRow;
 use crate::scene::rig::{Rig, RigKey};
 
@@ -48,7 +47,7 @@ pub(super) fn open_devices(_: Python<'_>, options: &Options) -> Result<Devices, 
     // SAFETY: as with an assignment to `os.environ`, the interpreter's lock keeps other Python code from accessing the
     // environment. Other native threads must not access it while a renderer is created, as `docs/python.md` says.
     unsafe { let_devices_set_environment() };
-    setup::open_devices(&options.render, options.devices())
+    setup::open_devices(&options.render, usize::from(options.virtual_devices))
 }
 
 fn pose(position: [f64; 3], target: [f64; 3], up: [f64; 3]) -> PyResult<Rig> {
@@ -77,7 +76,7 @@ impl Renderer {
         let options = Options::parse(&scene.get().shot, scene.get().given.iter().chain(&own))?;
         let devices = open_devices(py, &options).map_err(exception)?;
         let make = |loaded: &LoadedScene, devices: Devices| {
-            let inner = start(&options.render, loaded, devices, &options.render.quality().into(), policy.as_ref())?;
+            let inner = start(&options.render, loaded, devices, policy.as_ref())?;
             Ok((inner, loaded.shot.rig.clone(), Look::of(&loaded.shot)))
         };
         let made = py.detach(|| scene.get().metered(&options.render, devices, make));
@@ -161,7 +160,7 @@ impl Renderer {
 
 impl Renderer {
     pub(super) fn aovs(&self) -> Vec<Aov> {
-        self.options.render.aovs()
+        self.options.render.aovs.clone()
     }
 
     /// Asks the policy in Python, if there is one, for the rows of the next frame. Returns the time in milliseconds that
@@ -182,8 +181,7 @@ impl Renderer {
     }
 
     pub(super) fn put_back(&self, devices: Devices) -> Result<(), Failure> {
-        let (options, scene) = (&self.options.render, self.scene.get().loaded());
-        let inner = start(options, &scene, devices, &options.quality().into(), self.policy.as_ref())?;
+        let inner = start(&self.options.render, &self.scene.get().loaded(), devices, self.policy.as_ref())?;
         *self.lock()? = Some(inner);
         Ok(())
     }
@@ -194,10 +192,9 @@ pub(super) fn start(
     options: &RenderOptions,
     loaded: &LoadedScene,
     devices: Devices,
-    envelope: &Envelope,
     policy: Option<&Arc<Function>>,
 ) -> Result<Inner, Failure> {
-    setup::renderer_with(options, loaded, devices, Instant::now(), envelope, |grid, devices| match policy {
+    setup::renderer_with(options, loaded, devices, Instant::now(), |grid, devices| match policy {
         Some(function) => Ok(function.policy(grid.height, devices)),
         None => setup::policy(options, grid, devices),
     })

@@ -74,7 +74,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         prepared.render.fps = 1e3 / first.period_ms();
     }
     if headset.takes_depth() {
-        prepared.render.aov = vec![Aov::Depth];
+        prepared.render.aovs = vec![Aov::Depth];
     }
     let world = Placement::new(&mut loaded, first.eyes, prepared.render.size, args.late_border)?;
     prepared.render.is_late = args.late_border > 0.0;
@@ -95,7 +95,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         eye: prepared.render.size,
         band_ms: [prepared.options.budget_ms.lo_ms(), prepared.options.budget_ms.hi_ms()],
         devices: session.renderer.devices().iter().map(|info| format!("dev{} {}", info.index, info.name)).collect(),
-        is_foveated: prepared.render.foveated.is_on(),
+        is_foveated: prepared.render.quality().fovea.is_some(),
     };
     let (status, board) = (Status::default(), None);
     let mut show = Show { session, headset, world, late, motion, record, look, status, board, opens_board: args.panel };
