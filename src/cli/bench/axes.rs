@@ -10,7 +10,6 @@ use crate::cli::foveation::FoveationMode;
 use crate::cli::options::DenoiserChoice;
 use crate::cli::{settings, setup};
 use crate::control::Ladder;
-use crate::frame::Foveation;
 use crate::quality::{Denoiser, Filter, Quality};
 use crate::report::once;
 use crate::samples::Samples;
@@ -131,23 +130,11 @@ impl Args {
     pub(super) fn judged(&self) -> Result<Vec<Quality>, Failure> {
         let Some(path) = &self.ladder else { return Ok(Vec::new()) };
         let ladder = Ladder::read(path).context("cannot use --ladder").map_err(Failure::Input)?;
-        let qualities: Vec<Quality> = ladder.rungs().iter().map(|r| r.quality).collect();
-        if let Some((i, other)) = qualities.iter().enumerate().find(|(_, quality)| !is_of_options(quality)) {
-            let what = format!("--ladder {}: no command-line options describe rung {}, {other}", path.display(), i + 1);
-            return Err(Failure::Input(anyhow::anyhow!(what)));
-        }
-        Ok(qualities)
+        Ok(ladder.rungs().iter().map(|rung| rung.quality).collect())
     }
 }
 
 /// Returns the requested values without duplicates, or the default if none are requested.
 fn chosen<T: Copy + PartialEq>(asked: &[T], default: &[T]) -> Vec<T> {
     once(if asked.is_empty() { default } else { asked }.iter().copied())
-}
-
-/// Returns true if command-line options can express this quality.
-fn is_of_options(quality: &Quality) -> bool {
-    let Quality { filter, fovea, scale, .. } = *quality;
-    let is_whole = scale == 1.0 && fovea.is_none();
-    (filter.is_some() || is_whole) && fovea.is_none_or(|radii| radii == Foveation::RADII)
 }
