@@ -66,10 +66,9 @@ impl Samples {
         within("extra", self.extra, 0.0..=1.0f64.next_down())
     }
 
-    /// Returns true if a run of up to `most` samples has frames with these. `centres_one` is as in
-    /// [`Envelope`](crate::quality::Envelope).
-    pub fn is_within(self, most: Self, centres_one: bool) -> bool {
-        (1..=most.least).contains(&self.least) && self.extra <= most.extra && (self.least > 1 || centres_one)
+    /// Returns true if these samples vary by more than `most`.
+    pub fn varies_more_than(self, most: Self) -> bool {
+        self.extra > most.extra
     }
 
     /// Returns the constants of a frame that takes these samples from sequences that pixels share. `grid` is the size of

@@ -8,7 +8,8 @@ import pathlib
 import re
 import sys
 
-ENGINE = "accel control device exec frame graph passes plan projection quality schedule session stages tables".split()
+ENGINE = """accel control device exec frame graph layout passes plan projection quality samples schedule session stages
+tables""".split()
 
 
 def is_test(path: pathlib.Path) -> bool:

@@ -1,5 +1,4 @@
-// Samples over a pixel's footprint, and the surface at its centre from the G-buffer. The pass binds the
-// images.
+// Samples over a pixel's footprint, and the surface at its centre from the G-buffer. The pass binds the images.
 
 //!include frame rng trace path pack samples bindings
 

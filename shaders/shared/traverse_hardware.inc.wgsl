@@ -1,5 +1,5 @@
 // Closest-hit and any-hit traversal by hardware ray queries, over the acceleration structures that
-// `stages/scene_tables/acceleration.rs` builds. An instance's custom data is its number, and primitives are numbered
+// `tables/acceleration.rs` builds. An instance's custom data is its number, and primitives are numbered
 // like the triangles of its tree.
 //
 // The device finds the triangle, and `intersect_triangle` computes the hit, since later code relies on its rounding

@@ -96,6 +96,9 @@ impl Command {
     }
 
     fn run(&self) -> Result<(), Failure> {
+        if self.run_options().is_some() {
+            check_shaders().map_err(|error| Failure::Input(error.into()))?;
+        }
         match self {
             Self::Render(args) => render::run(args),
             Self::Play(args) => play::run(args),
@@ -119,8 +122,7 @@ impl Command {
 
 /// Runs the command that this process was started with and returns its exit status.
 pub fn run_registered() -> ExitCode {
-    let checked = check_shaders().map_err(|error| Failure::Input(error.into()));
-    let joined = checked.and_then(|()| ranks::join());
+    let joined = ranks::join();
     let result = joined.and_then(|()| if ranks::serves() { serve() } else { Ok(run_command()) });
     let status = result.unwrap_or_else(|failure| {
         log!("{}", failure.message());

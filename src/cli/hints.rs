@@ -32,10 +32,8 @@ fn options(error: &(dyn Error + 'static)) -> Option<&'static str> {
     if let Some(TableError::Memory(_)) = error.downcast_ref::<TableError>() {
         return Some(MEMORY);
     }
-    match error.downcast_ref::<SettingError>() {
-        Some(SettingError::ScaleWithoutDenoiser) => return Some("--render-scale, --denoiser"),
-        Some(SettingError::LayersWithoutDenoiser) => return Some("--foveation, --denoiser"),
-        _ => {}
+    if let Some(SettingError::ScaleWithoutDenoiser) = error.downcast_ref::<SettingError>() {
+        return Some("--render-scale, --denoiser");
     }
     if let Some(error) = error.downcast_ref::<LimitExceeded>() {
         return Some(of_limit(error.remedy()));

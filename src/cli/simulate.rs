@@ -85,7 +85,8 @@ impl Args {
         }
     }
 
-    /// Predicts frames of `spec` on all requested counts. `model` has learned from such frames, and `measured` lists device counts with their makespans in milliseconds; speedups are
+    /// Predicts frames of `spec` on all requested counts. `model` has learned from such frames, and `measured` lists
+    /// device counts with their makespans in milliseconds; speedups are
     /// relative to the first.
     pub fn run(
         &self,

@@ -85,6 +85,15 @@ struct Trial {
     open_from: u64,
 }
 
+/// A decision whose frame has not been observed.
+#[derive(Clone, Copy, Debug)]
+struct Predicted {
+    rung: usize,
+    ms: f64,
+    /// Number of changes of the rung until the decision.
+    changes: u64,
+}
+
 #[derive(Clone, Debug)]
 pub struct Controller {
     budget: Budget,
@@ -94,11 +103,13 @@ pub struct Controller {
     scatter: VecDeque<f64>,
     /// Logarithm of the factor by which a predicted time must stay below the budget.
     headroom: f64,
-    /// Rungs and predicted times of the last decisions.
-    predicted: VecDeque<(usize, f64)>,
+    /// The last decisions whose frames have not been observed.
+    predicted: VecDeque<Predicted>,
     /// The rung of the last frame, `None` before the first.
     rung: Option<usize>,
-    /// Measured times of the last frames on this rung since the last change, the newest last.
+    /// Number of changes of the rung.
+    changes: u64,
+    /// Measured times of the last frames that were decided on since the last change, the newest last.
     recent_ms: Vec<f64>,
     trials: Vec<Trial>,
     decisions: u64,
@@ -115,6 +126,7 @@ impl Controller {
             headroom: FIRST_SCATTER[1].0,
             predicted: VecDeque::with_capacity(IN_FLIGHT),
             rung: None,
+            changes: 0,
             recent_ms: Vec::with_capacity(QUIET),
             trials: vec![Trial::default(); times_ms.len()],
             decisions: 0,
@@ -173,6 +185,7 @@ impl Controller {
         self.decisions += 1;
         let before = self.rung.replace(chosen);
         if before != Some(chosen) {
+            self.changes += 1;
             self.recent_ms.clear();
         }
         if before.is_some_and(|before| chosen > before) {
@@ -207,24 +220,23 @@ impl Control for Controller {
         let expected_ms = |rung: usize| predicted_ms(rung) * excess;
         let chosen = self.choose(expected_ms);
         let expected_ms = expected_ms(chosen);
+        self.take(chosen);
         if self.predicted.len() == IN_FLIGHT {
             self.predicted.pop_front();
         }
-        self.predicted.push_back((chosen, expected_ms));
-        self.take(chosen);
+        self.predicted.push_back(Predicted { rung: chosen, ms: expected_ms, changes: self.changes });
         Decision { rung: chosen, expected_ms, fits: chosen > 0 || expected_ms <= self.budget.hi_ms() }
     }
 
     fn observe(&mut self, rung: usize, makespan_ms: f64) {
+        let decided = self.predicted.iter().position(|predicted| predicted.rung == rung);
+        let predicted = decided.and_then(|at| self.predicted.remove(at));
         if !(makespan_ms.is_finite() && makespan_ms > 0.0) || rung >= self.times_ms.len() {
             return;
         }
         let is_late = makespan_ms > self.budget.hi_ms();
-        let decided = self.predicted.iter().position(|(of, _)| *of == rung);
-        if let Some((_, predicted_ms)) = decided.and_then(|at| self.predicted.remove(at))
-            && self.decisions > self.settled_from
-        {
-            self.learn_scatter((makespan_ms / predicted_ms).ln());
+        if let Some(predicted) = predicted.filter(|_| self.decisions > self.settled_from) {
+            self.learn_scatter((makespan_ms / predicted.ms).ln());
         }
         let trial = &mut self.trials[rung];
         if is_late && self.decisions <= trial.climbed_at + LOCKED && trial.climbed_at > 0 {
@@ -233,7 +245,8 @@ impl Control for Controller {
                 *trial = Trial { open_from: self.decisions + LOCKED, ..Trial::default() };
             }
         }
-        if self.rung == Some(rung) {
+        // A frame may be of an earlier stay on this rung.
+        if self.rung == Some(rung) && predicted.is_none_or(|predicted| predicted.changes == self.changes) {
             if self.recent_ms.len() == QUIET {
                 self.recent_ms.remove(0);
             }

@@ -50,7 +50,7 @@ impl RunConfig {
             views: if buffers.reproject { Views::Reprojected } else { Views::Traced },
             filter_once: self.filter_once,
             filter: most.denoiser(),
-            sparse: self.leaves_pixels(),
+            sparse: self.envelope.leaves_pixels(),
             iterations: most.most_iterations(),
             history_rows: self.keeps_history().then_some(0),
             seam: self.execution.seam,

@@ -52,7 +52,8 @@ impl Renderer {
     /// Starts a worker per device and warms up every pipeline. Times in reports count from `origin`.
     ///
     /// # Errors
-    /// [`ExecError`] if a setting is invalid, devices have different traversals, a device fails at once, has too little memory or cannot
+    /// [`ExecError`] if a setting is invalid, devices have different traversals, a device fails at once, has too little
+    /// memory or cannot
     /// compile a stage, a thread cannot be started, or another rank cannot take part.
     pub fn new(
         devices: impl Into<Devices>,
@@ -174,10 +175,8 @@ impl Renderer {
     /// Checks whether a frame can have these parameters.
     ///
     /// # Errors
-    /// [`ExecError::Setting`] if the frame's quality is invalid or outside the [`RunConfig::envelope`]: more samples or
-    /// denoiser iterations, another denoiser or polar projection, one sample per pixel without
-    /// [`crate::quality::Envelope::mixes_spp`], a render scale below 1 if the envelope has neither such a scale nor
-    /// foveal layers, or foveal layers if the envelope has none.
+    /// [`ExecError::Setting`] if the frame's quality is invalid or outside the [`RunConfig::envelope`], see
+    /// [`crate::quality::Envelope::check`].
     pub fn check(&self, params: &FrameParams) -> Result<(), ExecError> {
         Ok(self.config.envelope.check(&params.quality)?)
     }

@@ -41,15 +41,20 @@ impl Limits {
     /// Returns the limit for a frame that has `samples` samples in the images of both eyes. If shaders are read from a
     /// folder, each frame may have to compile them.
     pub fn limit(&self, samples: u64) -> Duration {
-        let reloads = || shader_folder().map(|_| UNKNOWN_BASE);
-        self.fixed.or_else(reloads).unwrap_or_else(|| match (self.ms_per_sample, self.budget_ms) {
+        let compiles = if shader_folder().is_some() { UNKNOWN_BASE } else { Duration::ZERO };
+        self.fixed.unwrap_or_else(|| compiles.max(self.derived(samples)))
+    }
+
+    /// Returns the limit that follows from the times of frames.
+    fn derived(&self, samples: u64) -> Duration {
+        match (self.ms_per_sample, self.budget_ms) {
             (None, _) => UNKNOWN_BASE + UNKNOWN_SAMPLE.mul_f64(samples as f64),
             (Some(ms), None) => FLOOR.max(Duration::from_secs_f64(TOLERANCE * ms * samples as f64 * 1e-3)),
             (Some(_), Some(budget_ms)) => {
                 let limit_s = INTERACTIVE_TOLERANCE * self.recent_ms.max(budget_ms) * 1e-3;
                 INTERACTIVE_FLOOR.max(Duration::from_secs_f64(limit_s.min(DAY_S)))
             }
-        })
+        }
     }
 
     /// Learns from a frame's makespan.

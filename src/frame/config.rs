@@ -86,7 +86,7 @@ pub struct RunConfig {
     pub sampler: Sampler,
     /// Upper bound of indirect radiance; 0 disables it.
     pub indirect_clamp: f32,
-    /// True if the right eye takes over the left eye's light after the denoiser's filter instead of before, so that both
+    /// True if a reprojected view takes over the light of its source after the denoiser's filter instead of before, so that both
     /// eyes see the same noise and blur. Has no effect if both eyes are traced, or with denoisers other than `svgf`.
     pub filter_once: bool,
     /// True if direct light with hard shadows bypasses the denoiser: it is traced at the first surfaces without noise,
@@ -219,12 +219,7 @@ impl RunConfig {
         Vec2::new(at(0.754_877_666_246_692_8), at(0.569_840_290_998_053_3))
     }
 
-    /// Whether pixels may be left unsampled for the filter to fill. A stage then lists the sampled ones.
-    pub fn leaves_pixels(&self) -> bool {
-        self.envelope.leaves_pixels()
-    }
-
-    /// Whether frames keep a history for the next.
+    /// Returns true if frames keep a history for the next.
     pub fn keeps_history(&self) -> bool {
         self.denoiser().is_some_and(Denoiser::keeps_history)
     }
@@ -250,7 +245,7 @@ impl RunConfig {
     /// fill in their specular light as well.
     fn bypasses_narrow_lobes(&self) -> bool {
         let leaves_out = self.denoiser().is_some_and(|denoiser| denoiser.method().leaves_out_narrow_lobes());
-        self.bypass_narrow_lobes && self.buffers.needs.narrow_lobes && leaves_out && !self.leaves_pixels()
+        self.bypass_narrow_lobes && self.buffers.needs.narrow_lobes && leaves_out && !self.envelope.leaves_pixels()
     }
 
     pub(crate) fn constants(&self, jitter: bool) -> Vec<(&'static str, bool)> {
@@ -271,7 +266,7 @@ impl RunConfig {
         constants.push(("MEASURES_VARIANCE", jitter && self.is_guided_by_variance()));
         constants.push(("HAS_MOTION", self.buffers.moving.is_some()));
         constants.push(("FOVEATED", self.envelope.most.fovea.is_some()));
-        constants.push(("SPARSE", self.leaves_pixels()));
+        constants.push(("SPARSE", self.envelope.leaves_pixels()));
         constants.push(("VARIES_SAMPLES", self.envelope.most.spp.varies()));
         constants
     }
@@ -301,8 +296,6 @@ mod tests {
         assert_eq!(most(|quality| quality.scale = 0.5), None);
         assert_eq!(unfiltered(|_| ()), None);
         assert_eq!(unfiltered(|quality| quality.scale = 0.5), Some(SettingError::ScaleWithoutDenoiser));
-        let layers = |quality: &mut Quality| quality.fovea = Some(Foveation::RADII);
-        assert_eq!((most(layers), unfiltered(layers)), (None, Some(SettingError::LayersWithoutDenoiser)));
         let out_of_range = |change: fn(&mut RunConfig)| match refused(change) {
             Some(SettingError::OutOfRange(OutOfRange { name, .. })) => name,
             other => panic!("{other:?}"),

@@ -203,19 +203,26 @@ impl Pass {
     }
 
     /// Sets the arguments of the kernel as words without names, which its shader reads as an array.
-    pub fn args(self, args: [u32; 3]) -> Self {
+    pub fn args(mut self, args: [u32; 3]) -> Self {
+        self.kernel.arguments = &[];
         Self { launches: vec![Launch::Once(Words(args))], ..self }
     }
 
     /// Runs the kernel once with each of these arguments, one after another.
     pub fn with<A: Arguments>(self, all: impl IntoIterator<Item = A>) -> Self {
-        self.launches::<A>(all.into_iter().map(|arguments| Launch::Once(arguments.words())).collect())
+        let launches = all.into_iter().map(|arguments| Launch::Once(arguments.words())).collect();
+        self.launches(launches).taking::<A>()
     }
 
-    /// Sets the launches of a kernel whose arguments have this type.
-    pub fn launches<A: Arguments>(mut self, launches: Vec<Launch>) -> Self {
-        self.kernel.arguments = A::MEMBERS;
+    /// Sets the launches of the kernel, one after another.
+    pub fn launches(self, launches: Vec<Launch>) -> Self {
         Self { launches, ..self }
+    }
+
+    /// Gives the kernel's arguments the names and types of `A`.
+    pub fn taking<A: Arguments>(mut self) -> Self {
+        self.kernel.arguments = A::MEMBERS;
+        self
     }
 
     pub fn counted_by(self, work: Work) -> Self {

@@ -49,5 +49,6 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
     let images = [HIT, ALBEDO, EMISSION, TALLY, GUIDE];
     Pass::new(STAGE, view, PARTITION, KERNEL)
         .uses(images.map(Use::write_then_read))
-        .launches::<MeanArguments>(std::iter::once(Launch::Once(Words::default())).chain(means).collect())
+        .launches(std::iter::once(Launch::Once(Words::default())).chain(means).collect())
+        .taking::<MeanArguments>()
 }

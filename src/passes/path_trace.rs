@@ -44,7 +44,8 @@ fn trace(spec: &FrameSpec, stage: Stage, view: Eye, cut: Partition, is_listed: b
         .uses([hit, albedo, emission, radiance, Use::add(TALLY), Use::read(GUIDE), Use::read(HOLES).if_written()])
         .uses(radiance_cache::uses(spec, view))
         .dispatch(dispatch)
-        .launches::<PathArguments>(vec![Launch::Samples { most: PATHS_PER_LAUNCH, third, only_jittered: false }])
+        .launches(vec![Launch::Samples { most: PATHS_PER_LAUNCH, third, only_jittered: false }])
+        .taking::<PathArguments>()
         .counted_by(Work::Rays)
 }
 

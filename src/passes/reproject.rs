@@ -48,14 +48,13 @@ fn of_source(spec: &FrameSpec, view: Eye, image: impl Into<Image>) -> Use {
 /// Returns the pass that replaces a view's light by the filtered light of its source, `source_light`, wherever both see
 /// the same surface.
 pub fn filtered(spec: &FrameSpec, view: Eye, source_light: Image, light: &mut Light) -> Pass {
-    let left = |image: Image| of_source(spec, view, image);
     let (source, target) = light.advance();
     let kernel = Kernel::new("reproject_filtered").with(REASONS);
     Pass::new(Stage("reproject_filtered"), view, denoise::PARTITION, kernel)
         .uses([
-            left(HIT.into()),
-            left(GUIDE.into()),
-            left(source_light).named("left_light"),
+            of_source(spec, view, HIT),
+            of_source(spec, view, GUIDE),
+            of_source(spec, view, source_light).named("left_light"),
             Use::read(HIT),
             Use::read(GUIDE),
             Use::read(ALBEDO),

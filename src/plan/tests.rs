@@ -154,6 +154,8 @@ fn kinds() -> Vec<Kind> {
         of("moving", &FrameSpec { moving: Some(moving.clone()), ..plain(None) }),
         Kind { repeats: 2, ..of("slow", &FrameSpec { moving: Some(moving), ..plain(None) }) },
         Kind { samples: Samples::of_mean(5.5), cuts: true, ..of("cut", &spec) },
+        Kind { asks: true, cuts: true, ..of("late_cut", &chain(late)) },
+        Kind { repeats: 2, cuts: true, ..of("slow_cut", &plain(None)) },
         Kind { injected: Some(InjectedKind::Hang), ..of("injected", &plain(None)) },
     ]
 }
@@ -177,7 +179,7 @@ impl Kind {
                     Cut { task, at: Position { run: 0, row: rows.start.midpoint(rows.end) } },
                 ]
             };
-            let all = dispatches.step_by(5).flat_map(|(task, of)| at(task, &of.rows));
+            let all = dispatches.step_by(if self.asks { 1 } else { 5 }).flat_map(|(task, of)| at(task, &of.rows));
             let cuts: Vec<Cut> = all.filter(|_| self.cuts).collect();
             let share = Share {
                 ticket: TICKET,
@@ -206,8 +208,8 @@ fn commands_are_those_that_are_recorded() {
         for devices in 1..=4 {
             let (graph, lists) = kind.lists(devices);
             for (device, commands) in lists.iter().enumerate() {
-                let own = commands.text(&graph.program);
-                let hash = own.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+                let (own, all) = (commands.text(&graph.program), format!("{:?}", commands.list));
+                let hash = all.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
                     (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
                 });
                 text += &format!("device {device} of {devices}: {} commands, {hash:016x}\n", commands.list.len());
@@ -226,7 +228,8 @@ fn commands_are_those_that_are_recorded() {
     }
 }
 
-/// Every task is executed once, in an order in which rows arrive before they are read and leave once they are computed.
+/// Every task is executed once. Rows arrive before the submission of work that reads them, and leave once the work that
+/// writes them is recorded.
 #[test]
 fn a_list_executes_all_tasks_of_its_device() {
     for (kind, devices) in kinds().iter().flat_map(|kind| [1, 2, 4].map(|devices| (kind, devices))) {
@@ -260,9 +263,44 @@ fn a_list_executes_all_tasks_of_its_device() {
             }
             assert_eq!((open, asked), (0, u32::from(kind.asks && device == 0)), "{}", kind.name);
             commands.timed.iter().for_each(|timed| done[timed.task] += 1);
+            assert_order(kind.name, &graph, device, commands);
             for (task, done) in graph.tasks_of(device).iter().zip(done) {
                 assert_eq!(done, u32::from(task.kind != TaskKind::Stitch), "{}: {task:?}", kind.name);
             }
+        }
+    }
+}
+
+/// Asserts that commands follow the dependencies between the tasks of their device.
+fn assert_order(name: &str, graph: &FrameGraph, device: usize, commands: &Commands) {
+    let tasks = graph.tasks_of(device);
+    // For each task, the index of its first and of its last command.
+    let mut places = vec![None; tasks.len()];
+    for (at, command) in commands.list.iter().enumerate() {
+        let task = match command {
+            Command::CopyOut { rows, .. } | Command::CopyIn { rows, .. } => rows.task,
+            Command::Dispatch { begins: Some(stamp), .. } | Command::Dispatch { ends: Some(stamp), .. } => {
+                commands.timed[*stamp as usize / 2].task
+            }
+            Command::Build { ends: Some(stamp), .. } => commands.timed[*stamp as usize / 2].task,
+            _ => continue,
+        };
+        places[task] = Some((places[task].map_or(at, |(first, _)| first), at));
+    }
+    let submission = |at: usize| {
+        let is_submission = |command: &Command| matches!(command, Command::Submit(_));
+        at + commands.list[at..].iter().position(is_submission).expect("everything is submitted")
+    };
+    let place = |node| {
+        let task = tasks.iter().position(|task| *task == graph.dag[node]);
+        task.and_then(|task| Some((task, places[task]?)))
+    };
+    for (from, to) in graph.dag.edge_indices().filter_map(|edge| graph.dag.edge_endpoints(edge)) {
+        let (Some((task, (_, end))), Some((_, (begin, _)))) = (place(from), place(to)) else { continue };
+        match tasks[task].kind {
+            // The device writes rows at the start of a submission.
+            TaskKind::Upload { .. } => assert!(submission(end) <= submission(begin), "{name}: {from:?} {to:?}"),
+            _ => assert!(end < begin, "{name}: {from:?} {to:?}"),
         }
     }
 }

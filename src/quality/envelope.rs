@@ -61,7 +61,9 @@ impl Envelope {
     /// Checks that a frame of a run with these bounds can have a quality.
     ///
     /// # Errors
-    /// [`SettingError`]
+    /// Those of [`Quality::check`], and [`SettingError::OutsideEnvelope`] if there are more samples or denoiser
+    /// iterations, another denoiser or polar projection, one sample per pixel where all pixels have several, a render
+    /// scale below 1 if the envelope has neither such a scale nor foveal layers, or foveal layers if it has none.
     pub fn check(&self, quality: &Quality) -> Result<(), SettingError> {
         quality.check()?;
         let Self { most, .. } = self;
@@ -69,10 +71,10 @@ impl Envelope {
             true => Err(SettingError::OutsideEnvelope(what)),
             false => Ok(()),
         };
-        outside(
-            !quality.spp.is_within(most.spp, self.centres_one()),
-            format!("{} samples per pixel, but for up to {}", quality.spp, most.spp),
-        )?;
+        let (spp, most_spp) = (quality.spp, most.spp);
+        outside(spp.least > most_spp.least, format!("{spp} samples per pixel, but for up to {most_spp}"))?;
+        outside(spp.varies_more_than(most_spp), "pixels that differ in samples".to_owned())?;
+        outside(spp.least == 1 && !self.centres_one(), "one sample per pixel".to_owned())?;
         outside(quality.scale < 1.0 && !self.leaves_pixels(), format!("a render scale of {}", quality.scale))?;
         outside(quality.fovea.is_some() && most.fovea.is_none(), "foveal layers".to_owned())?;
         outside(quality.polar != most.polar, "this polar projection".to_owned())?;
@@ -82,7 +84,7 @@ impl Envelope {
         outside(asked > built, format!("{asked} denoiser iterations, but for up to {built}"))
     }
 
-    /// Whether pixels may be left unsampled for the filter to fill. A stage then lists the sampled ones.
+    /// Returns true if pixels may be left unsampled for the filter to fill. A stage then lists the sampled ones.
     pub fn leaves_pixels(&self) -> bool {
         self.most.scale < 1.0 || self.most.fovea.is_some()
     }

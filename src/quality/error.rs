@@ -12,8 +12,6 @@ pub enum SettingError {
     PolarWithFovea,
     #[error("a render scale below 1 needs a denoiser to fill in the pixels that are not traced")]
     ScaleWithoutDenoiser,
-    #[error("foveal layers need a denoiser to fill in the pixels that are not traced")]
-    LayersWithoutDenoiser,
     /// The quality of a frame is outside the [`Envelope`](super::Envelope) of its renderer.
     #[error("the renderer was not built for {0}")]
     OutsideEnvelope(String),

@@ -88,9 +88,6 @@ impl Quality {
         if self.filter.is_none() && self.scale < 1.0 {
             return Err(SettingError::ScaleWithoutDenoiser);
         }
-        if self.filter.is_none() && self.fovea.is_some() {
-            return Err(SettingError::LayersWithoutDenoiser);
-        }
         Ok(())
     }
 }

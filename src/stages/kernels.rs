@@ -1,9 +1,10 @@
 //! Pipelines of all kernels of a run, built again when a file changes in the folder that shaders are read from.
 
+use std::path::PathBuf;
 use std::time::SystemTime;
 
 use super::compile::{Built, StageError, build};
-use super::shader_files::newest_change;
+use super::shader_files::state;
 use crate::device::GpuDevice;
 use crate::frame::RunConfig;
 use crate::graph::{Pass, Program, SceneUse};
@@ -14,8 +15,8 @@ pub struct Kernels {
     passes: Vec<Pass>,
     /// Layouts of bind group 0, for kernels that do not use the scene, read it, and change it.
     layouts: [wgpu::BindGroupLayout; 3],
-    /// Newest change of the files that the pipelines are built from.
-    changed: Option<SystemTime>,
+    /// State of the files that the pipelines are built from.
+    state: Vec<(PathBuf, Option<SystemTime>, u64)>,
 }
 
 impl Kernels {
@@ -26,7 +27,7 @@ impl Kernels {
                 passes.push(pass.clone());
             }
         }
-        Self { passes, layouts, changed: newest_change() }
+        Self { passes, layouts, state: state() }
     }
 
     /// Returns the pipelines that the device has cached, and builds the others.
@@ -47,11 +48,11 @@ impl Kernels {
     /// Builds the pipelines again if a file has changed in the folder that shaders are read from. A shader with an error
     /// keeps the former pipelines; standard error has its message.
     pub fn rebuild(&mut self, gpu: &mut GpuDevice, config: &RunConfig) -> Option<Vec<Built>> {
-        let changed = newest_change();
-        if changed == self.changed {
+        let state = state();
+        if state == self.state {
             return None;
         }
-        self.changed = changed;
+        self.state = state;
         self.build(gpu, config).inspect_err(|error| eprintln!("{error}")).ok()
     }
 }

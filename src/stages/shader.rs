@@ -9,7 +9,7 @@
 //! | include | inserts |
 //! | --- | --- |
 //! | `bindings` | the variables of group 1, which are generated from the declaration of the pass |
-//! | `tables`, `changed_tables` | the file for the device's storage of the scene's tables; with `tables`, also the generated functions that read entries |
+//! | `tables`, `changed_tables` | the file for the device's storage of the scene's tables; `tables` also has readers |
 //! | `traverse` | the file for the device's traversal |
 //! | `projection` | `grid_perspective`, or `grid_polar` in a polar projection |
 //! | `rings` | the file of the polar projection: that of the run, or the one that the kernel includes |

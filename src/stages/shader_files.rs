@@ -25,7 +25,7 @@ pub enum ShaderError {
 /// Returns the folder that shaders are read from; `None` if they are those in the binary.
 pub fn folder() -> Option<&'static Path> {
     static NAMED: OnceLock<Option<PathBuf>> = OnceLock::new();
-    NAMED.get_or_init(|| env::var_os(FOLDER).map(PathBuf::from)).as_deref()
+    NAMED.get_or_init(|| env::var_os(FOLDER).filter(|name| !name.is_empty()).map(PathBuf::from)).as_deref()
 }
 
 /// Returns the text of a file that `by` needs, from this folder or the binary.
@@ -35,20 +35,29 @@ pub fn file(name: &str, by: &str, folder: Option<&Path>) -> Result<Cow<'static, 
     let Some(folder) = folder else {
         return embedded.map(|(.., text)| Cow::Borrowed(*text)).ok_or_else(missing);
     };
+    if name.contains(['/', '\\']) {
+        return Err(missing());
+    }
     // Includes may be new.
     let path = folder.join(embedded.map_or_else(|| format!("shared/{name}.wgsl"), |(_, path, _)| (*path).to_owned()));
     fs::read_to_string(&path).map(Cow::Owned).map_err(|error| ShaderError::Read { path, error })
 }
 
-/// Returns the time of the newest change of a file in the folder; `None` for the shaders in the binary.
-pub fn newest_change() -> Option<SystemTime> {
-    folder().and_then(newest_in)
+/// Returns paths, times and lengths of the folder's shaders; nothing for the shaders in the binary.
+pub fn state() -> Vec<(PathBuf, Option<SystemTime>, u64)> {
+    let mut files = Vec::new();
+    folder().into_iter().for_each(|folder| collect(folder, &mut files));
+    files.sort();
+    files
 }
 
-fn newest_in(folder: &Path) -> Option<SystemTime> {
-    let newest = |entry: fs::DirEntry| {
-        let about = entry.metadata().ok()?;
-        if about.is_dir() { newest_in(&entry.path()) } else { about.modified().ok() }
-    };
-    fs::read_dir(folder).ok()?.flatten().filter_map(newest).max()
+fn collect(folder: &Path, files: &mut Vec<(PathBuf, Option<SystemTime>, u64)>) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let (path, Ok(about)) = (entry.path(), entry.metadata()) else { continue };
+        if about.is_dir() {
+            collect(&path, files);
+        } else if path.extension().is_some_and(|extension| extension == "wgsl") {
+            files.push((path, about.modified().ok(), about.len()));
+        }
+    }
 }

@@ -100,8 +100,8 @@ const MASK: [[u8; 4]; 2] = [[0, 255, 0, 255], [0, 255, 255, 255]];
 fn settings(subject: &Subject, denoiser: Denoiser, spp: u32) -> RunConfig {
     let mut settings = subject.accumulated(EXTENT.width, EXTENT.height);
     // Without history, more iterations would spread highlights over the edges of these small images.
-    let iterations = [if denoiser == Denoiser::ATROUS { 3 } else { 5 }; 3];
-    (settings.envelope.most.filter, settings.envelope.most.spp) = (Some(Filter { denoiser, iterations }), spp.into());
+    let filter = Filter::new(denoiser, if denoiser == Denoiser::ATROUS { 3 } else { 5 });
+    (settings.envelope.most.filter, settings.envelope.most.spp) = (Some(filter), spp.into());
     settings
 }
 

@@ -181,7 +181,7 @@ fn layers_are_around_the_gaze_of_each_eye() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);
     let foveation = Foveation::default();
     settings.buffers.aovs = vec![Aov::Spp];
-    foveate(&mut settings, gaze(), foveation, [1; 3]);
+    foveate(&mut settings, gaze(), foveation, [0; 3]);
     let mut stage = Stage::alone(&subject, &settings);
     stage.frame(0);
     let sampled = stage.aov(0);

@@ -28,6 +28,8 @@ impl LoopOptions {
         self.foveated.check(choice.denoiser)?;
         let (is_asked, filters) = (choice.denoiser.is_some(), options.quality().filter.is_some());
         ensure!(filters || !is_asked, "--iterations 0 filters nothing: choose --denoiser none");
+        let what = "--foveation layers needs a denoiser to fill in pixels: choose another than none";
+        ensure!(filters || !self.foveated.is_on(), what);
         if let Some(path) = &self.record_motion {
             let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
             let is_file = path.file_name().is_some() && !path.is_dir() && folder.is_none_or(Path::is_dir);

@@ -9,7 +9,8 @@ use crate::scene::rig::Eye;
 pub struct Denoised {
     pub view: Eye,
     pub before: Vec<Pass>,
-    /// The pass that takes over the filtered light of the view's source, between the passes before the filter and the filter.
+    /// The pass that takes over the filtered light of the view's source, between the passes before the filter and the
+    /// filter.
     pub taken_over: Option<Pass>,
     pub filter: Vec<Pass>,
     pub light: Light,

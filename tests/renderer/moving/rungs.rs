@@ -33,7 +33,7 @@ fn play(subject: &Subject, denoiser: Denoiser, rungs: [Rung; 2], stride: u32) ->
 fn play_at(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], stride: u32, fps: f64) -> Last {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     let most = &mut settings.envelope.most;
-    let filter = Some(Filter { denoiser, iterations: [5; 3] });
+    let filter = Some(Filter::new(denoiser, 5));
     (most.filter, most.spp, most.scale) = (filter, Samples::of_mean(3.5), 0.5);
     settings.envelope.mixes_spp = true;
     settings.buffers.declarations = with_outputs(&["gradient", "light_change"]);
