@@ -72,13 +72,13 @@ impl Graphs {
 
     fn program(&self, spec: FrameSpec) -> Arc<Program> {
         let mut programs = self.programs.lock().unwrap_or_else(PoisonError::into_inner);
-        Arc::clone(programs.get(spec, |spec| self.declarations.program(spec)))
+        Arc::clone(programs.get(&spec, || self.declarations.program(&spec)))
     }
 
     /// Returns the graph of a plan.
     pub fn of(&self, plan: &Plan) -> Arc<FrameGraph> {
         let mut graphs = self.graphs.lock().unwrap_or_else(PoisonError::into_inner);
-        let graph = graphs.get(plan.clone(), |plan| {
+        let graph = graphs.get(plan, || {
             let program = self.program(self.spec(plan));
             let before = plan.history.as_ref().map(|history| (&history.before, &history.lost[..]));
             let is_read = |image: &Resource| {
@@ -98,21 +98,21 @@ struct Latest<K, V> {
     capacity: usize,
 }
 
-impl<K: PartialEq, V> Latest<K, V> {
+impl<K: Clone + PartialEq, V> Latest<K, V> {
     fn new(capacity: usize) -> Self {
         Self { values: Vec::new(), capacity: capacity.max(1) }
     }
 
     /// Returns the value of a key, which `make` creates unless it is among the latest.
-    fn get(&mut self, key: K, make: impl FnOnce(&K) -> V) -> &V {
-        match self.values.iter().position(|(known, _)| *known == key) {
+    fn get(&mut self, key: &K, make: impl FnOnce() -> V) -> &V {
+        match self.values.iter().position(|(known, _)| known == key) {
             Some(place) => self.values[place..].rotate_left(1),
             None => {
-                let value = make(&key);
+                let value = make();
                 if self.values.len() == self.capacity {
                     self.values.remove(0);
                 }
-                self.values.push((key, value));
+                self.values.push((key.clone(), value));
             }
         }
         &self.values[self.values.len() - 1].1
@@ -128,6 +128,8 @@ pub struct Planner {
     /// Number of devices at the start.
     devices: usize,
     graphs: Arc<Graphs>,
+    /// Seam, iterations and program of the frame whose costs were set last.
+    costed: Option<(Seam, u32, Arc<Program>)>,
     /// Assignment of the next frame, if it was already needed for a prediction.
     ahead: Option<Assignment>,
 }
@@ -140,6 +142,7 @@ impl Planner {
             adapts_halo: config.execution.adapts_halo,
             devices,
             graphs,
+            costed: None,
             ahead: None,
         }
     }
@@ -198,8 +201,11 @@ impl Planner {
         if let Seam::Halo(now) = self.seam
             && self.adapts_halo
         {
-            self.seam = Seam::Halo(choose_halo(&costs.of_devices(left), now));
-            self.cost_frame(costs, iterations, &inputs.relative_cost);
+            let next = choose_halo(&costs.of_devices(left), now);
+            if next != now {
+                self.seam = Seam::Halo(next);
+                self.cost_frame(costs, iterations, &inputs.relative_cost);
+            }
         }
         let mut assignment = self.take_assignment(costs, left);
         if inputs.late.is_some() {
@@ -213,8 +219,13 @@ impl Planner {
     }
 
     /// Makes `costs` those of the frame to plan.
-    fn cost_frame(&self, costs: &mut CostModel, iterations: u32, relative_cost: &RelativeCost) {
-        costs.plan_for(&self.graphs.planned_program(self.seam, iterations), relative_cost);
+    fn cost_frame(&mut self, costs: &mut CostModel, iterations: u32, relative_cost: &RelativeCost) {
+        if self.costed.as_ref().is_none_or(|(seam, number, _)| (*seam, *number) != (self.seam, iterations)) {
+            self.costed = Some((self.seam, iterations, self.graphs.planned_program(self.seam, iterations)));
+        }
+        if let Some((_, _, program)) = &self.costed {
+            costs.plan_for(program, relative_cost);
+        }
     }
 }
 
