@@ -84,7 +84,7 @@ impl Plan {
     /// Plans the reference that flags ask for, of [`SPP`] samples per pixel by default.
     ///
     /// # Errors
-    /// As for [`Plan::new`], and [`Failure::Input`] if the command line sets an option in [`OVERRULED`] to a value that
+    /// The errors of [`Plan::new`], and [`Failure::Input`] if the command line sets an option in [`OVERRULED`] to a value that
     /// a reference cannot have.
     pub fn asked_for(flags: &RenderFlags, passes: PassOptions) -> Result<Self, Failure> {
         let typed = |id| Given::here().and_then(|given| given.typed(id));

@@ -1,4 +1,4 @@
-//! Lists what a device does for a frame: commands as plain data, which follow from the graph of the frame.
+//! Lists the steps of a device's share of a frame: commands as plain data, which follow from the graph of the frame.
 
 pub mod commands;
 mod list;

@@ -61,27 +61,27 @@ impl Envelope {
     /// Checks that a frame of a run with these bounds can have a quality.
     ///
     /// # Errors
-    /// Those of [`Quality::check`], and [`SettingError::OutsideEnvelope`] if there are more samples or denoiser
+    /// The errors of [`Quality::check`], and [`SettingError::OutsideEnvelope`] if there are more samples or denoiser
     /// iterations, another denoiser or polar projection, one sample per pixel where all pixels have several, a render
     /// scale below 1 if the envelope has neither such a scale nor foveal layers, or foveal layers if it has none.
     pub fn check(&self, quality: &Quality) -> Result<(), SettingError> {
         quality.check()?;
         let Self { most, .. } = self;
-        let outside = |is_outside: bool, what: String| match is_outside {
-            true => Err(SettingError::OutsideEnvelope(what)),
+        let outside = |is_outside: bool, setting: &dyn Fn() -> String| match is_outside {
+            true => Err(SettingError::OutsideEnvelope(setting())),
             false => Ok(()),
         };
         let (spp, most_spp) = (quality.spp, most.spp);
-        outside(spp.least > most_spp.least, format!("{spp} samples per pixel, but for up to {most_spp}"))?;
-        outside(spp.varies_more_than(most_spp), "pixels that differ in samples".to_owned())?;
-        outside(spp.least == 1 && !self.centres_one(), "one sample per pixel".to_owned())?;
-        outside(quality.scale < 1.0 && !self.leaves_pixels(), format!("a render scale of {}", quality.scale))?;
-        outside(quality.fovea.is_some() && most.fovea.is_none(), "foveal layers".to_owned())?;
-        outside(quality.polar != most.polar, "this polar projection".to_owned())?;
+        outside(spp.least > most_spp.least, &|| format!("{spp} samples per pixel, but for up to {most_spp}"))?;
+        outside(spp.varies_more_than(most_spp), &|| "pixels that differ in samples".to_owned())?;
+        outside(spp.least == 1 && !self.centres_one(), &|| "one sample per pixel".to_owned())?;
+        outside(quality.scale < 1.0 && !self.leaves_pixels(), &|| format!("a render scale of {}", quality.scale))?;
+        outside(quality.fovea.is_some() && most.fovea.is_none(), &|| "foveal layers".to_owned())?;
+        outside(quality.polar != most.polar, &|| "this polar projection".to_owned())?;
         let [asked, built] = [quality, most].map(|quality| Denoiser::name_of(quality.denoiser()));
-        outside(asked != built, format!("the denoiser {asked}, but for {built}"))?;
+        outside(asked != built, &|| format!("the denoiser {asked}, but for {built}"))?;
         let (asked, built) = (quality.most_iterations(), most.most_iterations());
-        outside(asked > built, format!("{asked} denoiser iterations, but for up to {built}"))
+        outside(asked > built, &|| format!("{asked} denoiser iterations, but for up to {built}"))
     }
 
     /// Returns true if pixels may be left unsampled for the filter to fill. A stage then lists the sampled ones.
