@@ -56,7 +56,7 @@ pub enum Command {
     Ask,
     /// End the command encoder. This takes host time, since wgpu encodes only now.
     Close,
-    /// Submit what is recorded, including copies of these rows. The device first executes pending writes.
+    /// Submit the recorded commands, including copies of these rows. The device first executes pending writes.
     Submit(Vec<Outgoing>),
     Inject(InjectedKind),
 }

@@ -11,7 +11,7 @@ use crate::samples::PixelSamples;
 use crate::schedule::{Cut, Position, parts};
 use crate::wgsl::Words;
 
-/// A device's share of a frame, with what its commands depend on besides the frame's graph.
+/// A device's share of a frame: the inputs of its commands, in addition to the frame's graph.
 #[derive(Clone, Copy, Debug)]
 pub struct Share<'a> {
     pub ticket: u64,

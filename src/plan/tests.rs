@@ -106,7 +106,7 @@ fn uploads_are_submitted_where_nothing_follows_them() {
     assert_eq!(ends(&[], false), ["submit"]);
 }
 
-/// A frame, and what its commands depend on besides.
+/// A frame, and the other inputs of its commands.
 struct Kind {
     name: &'static str,
     spec: FrameSpec,

@@ -16,7 +16,7 @@ impl Eye {
     /// The views of a rig, the main one first.
     pub const ALL: [Eye; 2] = [Eye::Left, Eye::Right];
     /// The view that is path traced in every frame. Other views may take over its light and its history, and it holds
-    /// what all views share.
+    /// the images that all views share.
     pub const MAIN: Self = Self::Left;
 
     pub fn is_main(self) -> bool {

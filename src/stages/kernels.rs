@@ -9,7 +9,7 @@ use crate::device::GpuDevice;
 use crate::frame::RunConfig;
 use crate::graph::{Pass, Program, SceneUse};
 
-/// Passes of all kernels, with what their pipelines are built from.
+/// Passes of all kernels, with the layouts and files that their pipelines are built from.
 pub struct Kernels {
     /// One pass for each kernel.
     passes: Vec<Pass>,

@@ -270,7 +270,7 @@ impl DeviceStages {
     }
 }
 
-/// An encoder to record to, and what all commands of a frame have in common.
+/// An encoder to record to, and the data that all commands of a frame share.
 pub struct Recording<'a> {
     pub gpu: &'a GpuDevice,
     /// Timestamps around the dispatches.

@@ -83,7 +83,7 @@ fn every_variant_of_every_shader_is_valid() {
     }
 }
 
-/// Compiles every include with nothing but what it includes. Bindings are those of a pass that includes it.
+/// Compiles every include with its own includes alone. Bindings are those of a pass that includes it.
 #[test]
 fn every_include_is_valid_alone() {
     let accesses = [(Tables::Buffer, Traversal::Compute), (Tables::Texture, Traversal::Hardware)];

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::plan::{Commands, InjectedKind, Outgoing};
 
-/// Work of an order, reduced to what determines the sequence of the actions.
+/// Work of an order, reduced to the parts that determine the sequence of the actions.
 #[derive(Clone, Debug)]
 pub enum Ordered {
     Frame(Arc<Commands>),

@@ -272,7 +272,7 @@ impl<B> Protocol<B> {
         if let Some(&Command::CopyIn { transfer, .. }) = commands.list.get(at) {
             return self.receive(ticket, at, transfer);
         }
-        // What may follow the uploads is their submission.
+        // Only their submission may follow the uploads.
         self.set_progress(ticket, Progress::Submitted);
         self.end_step(waits);
         (at < commands.list.len()).then_some(Action::Execute { ticket, at })
