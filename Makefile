@@ -61,7 +61,7 @@ demo: deps
 	"$(DIPTYCH)" render builtin:atrium --virtual 2 --frames 8 --out $(DEMO)/frames --trace $(DEMO)/trace.json
 	cp $(DEMO)/frames/stereo.0007.png $(DEMO)/stereo.png
 	"$(DIPTYCH)" trace $(DEMO)/trace.json
-	"$(DIPTYCH)" render builtin:studio --size 320x180 --frames 8 --fps 2 --sheet --out $(DEMO)/motion
+	"$(DIPTYCH)" render builtin:studio --size 320x180 --frames 8 --fps 2 --also sheet --out $(DEMO)/motion
 	cp $(DEMO)/motion/sheet.png $(DEMO)/motion.png
 	@echo
 	@echo "the eighth frame, both eyes side by side: $(DEMO)/stereo.png"
@@ -93,7 +93,7 @@ test-view: deps
 
 test-hardware-rays: deps
 	$(CARGO) build --release --locked
-	@$(RUN) "$(DIPTYCH)" devices --json | grep -q '"ray_queries": true' || { \
+	@$(RUN) "$(DIPTYCH)" info --json | grep -q '"ray_queries": true' || { \
 		echo "no adapter here has ray queries, which these tests are of: Mesa's software driver has them in version 25" >&2; exit 1; }
 	DIPTYCH_TRAVERSAL=hardware $(CARGO) test --release --locked --test renderer
 

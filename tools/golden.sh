@@ -49,14 +49,14 @@ for count in 1 2 3; do
         run "spp3-d$count" $atrium --spp 3 --frames 2 --warm-up 0
         run "spp3-none-d$count" $atrium --spp 3 --denoiser none
         run "traced-d$count" $atrium --reproject off --frames 2 --warm-up 0
-        run "scale-d$count" $atrium --render-scale 0.6 --frames 2 --warm-up 0
-        run "scale-atrous-d$count" $atrium --render-scale 0.6 --denoiser atrous
+        run "scale-d$count" $atrium --set render_scale=0.6 --frames 2 --warm-up 0
+        run "scale-atrous-d$count" $atrium --set render_scale=0.6 --denoiser atrous
         run "foveation-d$count" $atrium --foveation layers --gaze 0.4,0.6 --frames 2 --warm-up 0
         run "foveation-atrous-d$count" $atrium --foveation layers --denoiser atrous --spp 3
         run "iterations-d$count" $atrium --iterations 2 --frames 2 --warm-up 0
-        run "recompute-d$count" $atrium --halo recompute --frames 2 --warm-up 0
-        run "exchange-d$count" $atrium --halo exchange --frames 2 --warm-up 0
-        run "exchange-atrous-d$count" $atrium --halo exchange --denoiser atrous
+        run "recompute-d$count" $atrium --set halo=recompute --frames 2 --warm-up 0
+        run "exchange-d$count" $atrium --set halo=exchange --frames 2 --warm-up 0
+        run "exchange-atrous-d$count" $atrium --set halo=exchange --denoiser atrous
         run "seam-none-d$count" $atrium --seam none --frames 2 --warm-up 0
         run "seam-none-atrous-d$count" $atrium --seam none --denoiser atrous
         run "seam-filter-d$count" $atrium --seam filter --frames 2 --warm-up 0
@@ -71,7 +71,7 @@ for count in 1 2 3; do
         run "furnace-d$count" builtin:furnace $divided --frames 2 --warm-up 0
         run "visual-polar-d$count" $atrium --foveation visual-polar --gaze 0.4,0.6 --frames 2 --warm-up 0
         for mode in fov composite-kernel; do
-            run "log-polar-$mode-d$count" $atrium --foveation log-polar --polar $mode --frames 2 --warm-up 0
+            run "log-polar-$mode-d$count" $atrium --foveation log-polar --set polar=$mode --frames 2 --warm-up 0
         done
         run "moving-d$count" builtin:studio $divided --frames 3 --fps 8 --warm-up 0 --aov motion,last_position
         run "moving-bmfr-d$count" builtin:studio $divided --denoiser bmfr --frames 3 --fps 8 --warm-up 0
@@ -81,7 +81,7 @@ for count in 1 2 3; do
         run "gltf-d$count" "$folder/gltf/studio.toml" $divided --frames 2 --warm-up 0
     }
 done
-run "flight" builtin:cornell --virtual 2 --threads-per-device 1 --frames 4 --frames-in-flight 2 --warm-up 0
+run "flight" builtin:cornell --virtual 2 --threads-per-device 1 --frames 4 --set frames_in_flight=2 --warm-up 0
 run "static" builtin:cornell --virtual 2 --threads-per-device 1 --ratios 5,3 --frames 2 --warm-up 0
 run "uneven" builtin:cornell --virtual 2 --threads-per-device 1 --ratios 1,1 --ratios atrous=3,1 --ratios tonemap=1,4 --ratios path_trace.left=2,3 --frames 3 --warm-up 0
 late="$folder/late"

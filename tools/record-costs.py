@@ -83,7 +83,7 @@ def main():
 
         def play(count, fps, controller):
             run([options.diptych, "play", options.shot, "--size", options.size, "--virtual", "1", "--ladder", ladder,
-                 "--frames", str(count), "--budget-ms", "1..10000", "--fps", str(fps), "--controller", controller,
+                 "--frames", str(count), "--budget-ms", "1..10000", "--fps", str(fps), "--set", f"controller={controller}",
                  "--quiet", "--out", folder + "/play", *more])
             return rungs(open(folder + "/play/ladder.toml").read())
 

@@ -59,7 +59,7 @@ program() {
 devices() {
     # The command may have arguments.
     # shellcheck disable=SC2086
-    $1 "$(program)" devices --json 2>/dev/null | sed -n "s/.*\"$2\": \"\{0,1\}\([^\"]*[^\",]\)\"\{0,1\},*\$/\1/p" | sort -u
+    $1 "$(program)" info --json 2>/dev/null | sed -n "s/.*\"$2\": \"\{0,1\}\([^\"]*[^\",]\)\"\{0,1\},*\$/\1/p" | sort -u
 }
 
 hardware_rays() {

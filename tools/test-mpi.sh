@@ -55,11 +55,11 @@ case_of() {
 }
 
 case_of history builtin:checker --frames 4
-case_of ragged builtin:checker --frames 4 --ratios 5,1,2,1 --frames-in-flight 3
+case_of ragged builtin:checker --frames 4 --ratios 5,1,2,1 --set frames_in_flight=3
 case_of layers builtin:checker --frames 3 --foveation layers
 case_of visual-polar builtin:checker --frames 3 --foveation visual-polar
 case_of log-polar builtin:checker --frames 3 --foveation log-polar
-case_of moving builtin:studio --frames 3 --fps 10 --frames-in-flight 2
+case_of moving builtin:studio --frames 3 --fps 10 --set frames_in_flight=2
 
 # Each run below must print one line that names the error, and leave no process behind.
 refused() {
@@ -100,7 +100,7 @@ refused() {
     echo "broadcast: same bytes with the scene that rank 0 sends"
 }
 
-on 2 2 render builtin:checker --frames 4 --inject loss:dev3@frame2 --denoiser atrous --out "$out/loss" 2>"$out/loss.log"
+on 2 2 render builtin:checker --frames 4 --disturb loss:dev3@frame2 --denoiser atrous --out "$out/loss" 2>"$out/loss.log"
 on 1 1 render builtin:checker --frames 4 --denoiser atrous --out "$out/whole"
 same_files "$out/whole" "$out/loss" "a device that rank 1 loses changes bytes"
 grep -q "device 3" "$out/loss.log" || fail "nothing says that device 3 is lost"

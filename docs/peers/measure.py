@@ -32,7 +32,7 @@ PEER, FAST, GUIDED = "Mitsuba", "Mitsuba + OIDN, fast", "Mitsuba + OIDN, high, a
 
 # Settings of diptych: name, options, and True if the first frame of a path is measured beside the last.
 OURS = (
-    ("1 spp, render scale 0.5", ("--spp", "1", "--render-scale", "0.5"), False),
+    ("1 spp, render scale 0.5", ("--spp", "1", "--set", "render_scale=0.5"), False),
     *((f"{spp} spp", ("--spp", str(spp)), True) for spp in (1, 2, 4, 8)),
     ("4 spp, not denoised", ("--spp", "4", "--denoiser", "none", "--reproject", "off"), False),
 )

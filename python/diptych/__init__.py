@@ -8,7 +8,7 @@
     frame.left, frame.right  # float32 of the shape (height, width, 3), scene-referred linear RGB
 
 Options have the names and the defaults of the command line, with underscores: `render_scale=0.5` is
-`--render-scale 0.5`.
+`--set render_scale=0.5`.
 """
 
 from __future__ import annotations

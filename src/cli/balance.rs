@@ -35,7 +35,8 @@ impl Balance {
             .try_map(|name| Self::from_name(&name).ok_or_else(|| format!("there is no policy {name}")))
     }
 
-    fn from_name(name: &str) -> Option<Self> {
+    /// Returns the policy with this name.
+    pub fn from_name(name: &str) -> Option<Self> {
         let built_in = BUILT_IN.iter().find(|(_, own, _)| *own == name).map(|(balance, ..)| *balance);
         built_in.or_else(|| registered().policies.iter().position(|p| p.name == name).map(Self::Registered))
     }

@@ -22,11 +22,12 @@ mod turns;
 
 use std::path::PathBuf;
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 
 use crate::accumulation::hash_of;
 use crate::control::{Ladder, Measure, Origin};
 use crate::device::{DeviceInfo, SceneAccess};
+use crate::frame::settings::Value;
 use crate::loaded::LoadedScene;
 use crate::quality::Denoiser;
 use crate::report::Table;
@@ -39,10 +40,9 @@ use crate::report::run::{FrameRow, RunReport};
 use crate::stages::all_shader_text;
 
 use super::failure::Failure;
-use super::foveation::FoveationFlags;
 use super::interrupt;
 use super::kinds;
-use super::options::{RunOptions, Switch};
+use super::options::RunOptions;
 use super::output;
 use super::page::and_page;
 use super::settings;
@@ -54,11 +54,10 @@ use page::Page;
 use reference::Reference;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let iterations = args.iterations.first().map(|n| [*n; 3]);
-    let foveated = FoveationFlags { iterations, ..FoveationFlags::default() };
-    foveated
-        .check(args.denoisers().into_iter().max_by_key(|d| d.map(Denoiser::most_iterations)).flatten())
-        .map_err(Failure::Input)?;
+    let most = args.denoisers().into_iter().map(|d| d.map_or(0, Denoiser::most_iterations)).max().unwrap_or(0);
+    if let Some(n) = args.iterations.iter().find(|n| **n > most) {
+        return Err(Failure::Input(anyhow!("--iterations {n}: no denoiser of --denoiser takes more than {most}")));
+    }
     if args.seams.is_wanted() {
         return seams::run(args);
     }
@@ -99,9 +98,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Page { args, loaded, reference, devices, peers, rows, slopes, regrets, ladder }.write(&grid, figure, shared)?;
     }
     frames(&rows).write(&options.out.join("frames.csv"))?;
-    let settings = settings::of_command_line(exposure_ev, args.measured());
-    let mut report =
-        RunReport::new(settings, &devices, &loaded.scene, loaded.needs, !options.no_skip, Vec::<FrameRow>::new());
+    let settings = settings::of_command_line(exposure_ev, &options.settings, args.measured());
+    let mut report = RunReport::new(
+        settings,
+        &devices,
+        &loaded.scene,
+        loaded.needs,
+        options.settings.skip_unused,
+        Vec::<FrameRow>::new(),
+    );
     report.warm_up_s = warm_up_s;
     report.write(&options.out.join("run.json"))?;
     tracing.finish()?;
@@ -171,16 +176,15 @@ fn write_results(
     reference: &Reference,
 ) -> Result<(String, Shared), Failure> {
     let options = &args.options;
-    let reproject = if options.reproject == Switch::On { "on" } else { "off" };
     let shared = vec![
-        ("size", options.size.to_string()),
+        ("size", options.settings.size.to_string()),
         ("exposure_ev", exposure_ev.to_string()),
-        ("sampler", setup::name(&options.sampler)),
-        ("reproject", reproject.to_owned()),
+        ("sampler", options.settings.sampler.text()),
+        ("reproject", options.settings.reproject.text()),
         ("virtual_devices", args.virtual_devices.to_string()),
     ];
     csv(&shared, rows).write(&options.out.join("bench.csv"))?;
-    let title = format!("Time against error, {} at {}", options.shot, options.size);
+    let title = format!("Time against error, {} at {}", options.shot, options.settings.size);
     let figure = svg(title, rows, reference.noise.as_ref()).context("cannot draw the plot")?;
     output::write_text(&options.out, "bench.svg", &figure)?;
     let best = &ladders[0];
@@ -189,7 +193,7 @@ fn write_results(
         let name = format!("ladder.{}.toml", Denoiser::name_of(ladder.rungs()[0].quality.denoiser()));
         ladder.write(&options.out.join(name)).context("cannot write the ladder")?;
     }
-    let climb = ladder_svg(format!("Quality ladder, {} at {}", options.shot, options.size), rows, &[], best)
+    let climb = ladder_svg(format!("Quality ladder, {} at {}", options.shot, options.settings.size), rows, &[], best)
         .context("cannot draw the ladder")?;
     output::write_text(&options.out, "ladder.svg", &climb)?;
     Ok((figure, shared))
@@ -208,7 +212,7 @@ fn ladders(
     };
     let origin = Origin {
         shot: options.shot.clone(),
-        size: options.size.to_string(),
+        size: options.settings.size.to_string(),
         exposure_ev,
         measure: Measure::FlipFlicker,
         devices: devices.iter().map(name).collect(),

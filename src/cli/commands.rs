@@ -3,15 +3,15 @@
 use std::ffi::OsString;
 use std::process::ExitCode;
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use super::failure::Failure;
 use super::options::RunOptions;
-use super::{
-    bench, compare, devices, export, graph, manual, measure, play, ranks, render, scale, scenes, settings, sheet, shot,
-    stdout, trace, view,
-};
+use super::setting_flags::{FLAGS, with_flags};
+use super::{bench, compare, export, graph, info, manual, play, ranks, render, scale, settings, stdout, trace, view};
+use crate::frame::settings::Setting;
 use crate::stages::check_shaders;
 
 /// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
@@ -36,28 +36,19 @@ pub enum Command {
     Scale(scale::Args),
     /// Measure time against error over a grid of settings
     Bench(bench::Args),
-    /// Measure how fast this machine is and whether its images are right
-    Measure(measure::Args),
     /// Compare images or sequences with a reference: RMSE, PSNR, SSIM, FLIP, …
     Compare(compare::Args),
     /// Summarise a trace file, or compare two
     Trace(trace::Args),
     /// Print the passes of a frame, their images and transfers
     Graph(graph::Args),
-    /// List adapters, drivers and limits
-    Devices(devices::Args),
-    /// List the built-in scenes, or describe one scene
-    Scenes(scenes::Args),
-    /// Write a contact sheet of scenes
-    Sheet(sheet::Args),
-    /// Write a commented shot file for a scene, to edit
-    Shot(shot::Args),
-    /// Export a shot as plain glTF for other programs
+    /// List adapters, scenes and settings, describe a shot, or measure what fits
+    Info(info::Args),
+    /// Export a scene for other programs, a shot to edit, or a contact sheet
     Export(export::Args),
-    /// Print shell completions
-    Completions(manual::CompletionArgs),
-    /// Write manual pages
-    Man(manual::ManArgs),
+    /// Print shell completions, or write manual pages
+    #[command(hide = true)]
+    Generate(manual::Args),
 }
 
 /// Returns the definition of the command line.
@@ -67,7 +58,11 @@ pub fn command() -> clap::Command {
         let help = "Folder for output files [default: out/ and the name of the scene]";
         out.required(false).default_value("out").hide_default_value(true).help(help)
     };
-    Cli::command().mut_subcommand("render", |render| render.mut_arg("out", out))
+    let command = Cli::command().mut_subcommand("render", |render| render.mut_arg("out", out));
+    let with = |command: clap::Command, (name, keys): (&'static str, &'static [&'static str])| {
+        command.mut_subcommand(name, |sub| with_flags(sub, keys))
+    };
+    FLAGS.into_iter().fold(command, with)
 }
 
 /// Inserts `render` before a shot or a scene in place of a command.
@@ -95,6 +90,22 @@ impl Command {
         }
     }
 
+    /// Takes over the settings of the shot that the command line leaves open.
+    fn complete(&mut self) -> Result<(), Failure> {
+        let (name, run) = match self {
+            Self::Render(args) => ("render", Some(&mut args.flags.run)),
+            Self::Graph(args) => ("graph", Some(&mut args.flags.run)),
+            Self::Play(args) => ("play", Some(&mut args.options.run)),
+            Self::View(args) => ("view", args.run_options_mut()),
+            Self::Scale(args) => ("scale", Some(&mut args.flags.run)),
+            Self::Bench(args) => ("bench", Some(&mut args.options)),
+            _ => return Ok(()),
+        };
+        let Some(run) = run else { return Ok(()) };
+        run.settings.check_command(name).map_err(|error| Failure::Input(error.into()))?;
+        run.complete()
+    }
+
     fn run(&self) -> Result<(), Failure> {
         if self.run_options().is_some() {
             check_shaders().map_err(|error| Failure::Input(error.into()))?;
@@ -105,17 +116,12 @@ impl Command {
             Self::View(args) => view::run(args),
             Self::Scale(args) => scale::run(args),
             Self::Bench(args) => bench::run(args),
-            Self::Measure(args) => measure::run(args),
             Self::Compare(args) => compare::run(args),
             Self::Trace(args) => trace::run(args),
             Self::Graph(args) => graph::run(args),
-            Self::Devices(args) => devices::run(args),
-            Self::Scenes(args) => scenes::run(args),
-            Self::Sheet(args) => sheet::run(args),
-            Self::Shot(args) => shot::run(args),
+            Self::Info(args) => info::run(args),
             Self::Export(args) => export::run(args),
-            Self::Completions(args) => manual::completions(args, command()),
-            Self::Man(args) => manual::man(args, command()),
+            Self::Generate(args) => manual::run(args, command()),
         }
     }
 }
@@ -132,10 +138,22 @@ pub fn run_registered() -> ExitCode {
     ExitCode::from(status)
 }
 
+/// Adds how to give a setting that has no flag.
+fn with_tip(mut error: clap::Error) -> clap::Error {
+    let flag = error.get(ContextKind::InvalidArg).map(ToString::to_string).unwrap_or_default();
+    let key = flag.trim_start_matches('-').replace('-', "_");
+    if error.kind() == ErrorKind::UnknownArgument && Setting::of_key(&key).is_some() {
+        let tip = format!("give this setting with --set {key}=VALUE");
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+    }
+    error
+}
+
 /// Parses the command line and keeps its options for reports.
 fn parse() -> Result<Cli, clap::Error> {
     let command = command();
-    let matches = command.clone().try_get_matches_from(with_command(std::env::args_os().collect()))?;
+    let matches = command.clone().try_get_matches_from(with_command(std::env::args_os().collect()));
+    let matches = matches.map_err(with_tip)?;
     settings::keep(&command, &matches);
     let mut cli = Cli::from_arg_matches(&matches)?;
     match &mut cli.command {
@@ -154,9 +172,9 @@ fn parse() -> Result<Cli, clap::Error> {
 /// Runs the command and returns its exit status.
 fn run_command() -> u8 {
     let result = match parse() {
-        Ok(cli) => {
+        Ok(mut cli) => {
             let checked = cli.command.run_options().map_or(Ok(()), |_| ranks::check_alone());
-            checked.and_then(|()| cli.command.run())
+            checked.and_then(|()| cli.command.complete()).and_then(|()| cli.command.run())
         }
         Err(error) if error.use_stderr() => {
             let _ = error.print();
@@ -215,26 +233,8 @@ mod tests {
         for scene in ["a.glb", "b/c.GLTF", "shot.toml", "builtin:cornell"] {
             assert_eq!(with(&["diptych", scene, "--quiet"]), ["diptych", "render", scene, "--quiet"]);
         }
-        for args in [&["diptych"][..], &["diptych", "scenes", "a.glb"], &["diptych", "--help"]] {
+        for args in [&["diptych"][..], &["diptych", "info", "a.glb"], &["diptych", "--help"]] {
             assert_eq!(with(args), args);
-        }
-    }
-
-    /// Option names of earlier versions, which the help hides.
-    #[test]
-    fn former_names_are_understood() {
-        for line in [
-            "render x --out o --scale 0.5",
-            "render x --out o --preset base",
-            "scale x --out o --scale 0.5",
-            "bench x --out o --seams --counts 2",
-            "bench x --out o --reference d --scale 0.5",
-            "bench x --out o --reference-dir d",
-            "compare a b --seams 4",
-        ] {
-            let args = ["diptych"].into_iter().chain(line.split(' '));
-            let result = command().try_get_matches_from(args);
-            assert!(result.is_ok(), "{line}: {}", result.unwrap_err());
         }
     }
 }

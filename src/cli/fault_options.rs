@@ -1,6 +1,4 @@
-//! Options for fault injection and for the watchdog.
-
-use std::time::Duration;
+//! The option for fault injection.
 
 use anyhow::ensure;
 
@@ -16,17 +14,8 @@ pub struct FaultOptions {
     /// Write KIND:devI@FRAME for a fault of device I. KIND is loss, hang, oom (out of memory) or slow, which runs each
     /// dispatch twice; slow:devI@FROM..TO lasts until before frame TO. scene-cut@FRAME makes the camera of `play` jump.
     /// Repeat the option for several disturbances.
-    #[arg(hide_short_help = true, long = "disturb", visible_alias = "inject", value_name = "WHAT@WHEN")]
+    #[arg(hide_short_help = true, long = "disturb", value_name = "WHAT@WHEN")]
     pub disturbances: Vec<Disturbance>,
-    /// Repeat each device's work N times: one number, or one per device
-    #[arg(hide_short_help = true, long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=64))]
-    pub slowdown: Vec<u32>,
-    /// Drop a device that is silent for MS milliseconds [default: by frame times]
-    ///
-    /// A device is silent while its worker shows no progress. The default follows from the times of past frames; it is
-    /// at least 10 s, or 0.6 s in play and view.
-    #[arg(hide_short_help = true, long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=86_400_000))]
-    pub watchdog_ms: Option<u64>,
     /// True if the command makes scene cuts.
     #[arg(skip)]
     pub makes_cuts: bool,
@@ -34,18 +23,18 @@ pub struct FaultOptions {
 
 impl FaultOptions {
     /// Returns the faults to inject into this number of devices.
-    pub fn injected(&self, devices: usize) -> Result<InjectedFaults, Failure> {
+    pub fn injected(&self, slowdown: &[u32], devices: usize) -> Result<InjectedFaults, Failure> {
         let refuse = |what: String| Err(Failure::Input(anyhow::anyhow!(what)));
         let injections: Vec<Injection> = self.disturbances.iter().filter_map(|d| d.injection().cloned()).collect();
         if let Some(i) = injections.iter().find(|i| i.device >= devices) {
             let device = i.device;
             return refuse(format!("--disturb {i}: there is no device {device}: there are {devices}, numbered from 0"));
         }
-        let slowdown = match &self.slowdown[..] {
+        let slowdown = match slowdown {
             [] => Vec::new(),
             [all] => vec![*all; devices],
             each if each.len() == devices => each.to_vec(),
-            each => return refuse(format!("--slowdown: {} numbers for {devices} devices: give one each", each.len())),
+            each => return refuse(format!("slowdown: {} numbers for {devices} devices: give one each", each.len())),
         };
         Ok(InjectedFaults { injections, slowdown })
     }
@@ -59,9 +48,5 @@ impl FaultOptions {
             ensure!(is_made, "--disturb {disturbance}: only `diptych play` makes scene cuts: leave it out");
         }
         Ok(())
-    }
-
-    pub fn watchdog(&self) -> Option<Duration> {
-        self.watchdog_ms.map(Duration::from_millis)
     }
 }

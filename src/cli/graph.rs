@@ -18,7 +18,7 @@ use super::setup;
 #[command(mut_arg("out", |out| out.required(false).default_value(".").hide(true)))]
 pub struct Args {
     #[command(flatten)]
-    flags: RenderFlags,
+    pub flags: RenderFlags,
     /// Number of devices to distribute the frame over; no adapter is opened
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,

@@ -33,7 +33,7 @@ fn options(error: &(dyn Error + 'static)) -> Option<&'static str> {
         return Some(MEMORY);
     }
     if let Some(SettingError::ScaleWithoutDenoiser) = error.downcast_ref::<SettingError>() {
-        return Some("--render-scale, --denoiser");
+        return Some("render_scale, denoiser");
     }
     if let Some(error) = error.downcast_ref::<LimitExceeded>() {
         return Some(of_limit(error.remedy()));
@@ -59,7 +59,7 @@ fn options(error: &(dyn Error + 'static)) -> Option<&'static str> {
 
 /// Option that chooses another adapter.
 pub const ADAPTER: &str = "--devices";
-const MEMORY: &str = "--max-scene-memory";
+const MEMORY: &str = "--set max_scene_memory=SIZE";
 const TRAVERSAL_OR_ADAPTER: &str = "--traversal compute, --devices";
 
 /// Returns the inner error of a `#[error(transparent)]` variant. Such a variant returns the cause of the inner error as

@@ -56,7 +56,7 @@ pub fn of_shot(
     let quality = Quality { bounces: 8, filter: None, ..Quality::default() };
     let options = RenderOptions { aovs: aovs.clone(), ..RenderOptions::new(run.clone(), quality) };
     let mut renderer = setup::renderer(&options, loaded, gpus, tracing.recorder.origin())?;
-    let frame = renderer.frame(&loaded.shot.rig, options.time, 0);
+    let frame = renderer.frame(&loaded.shot.rig, options.settings.time, 0);
     let pixel_centre = renderer.render(&frame)?.pixel_centre;
     let mut images: [Vec<RgbImage>; 2] = Default::default();
     for i in 0..aovs.len() {
@@ -64,7 +64,8 @@ pub fn of_shot(
         for (images, channels) in images.iter_mut().zip([left, right]) {
             let last = channels.len() - 1;
             let pixel = |p: usize| [0, 1, 2].map(|c: usize| channels[c.min(last)][p]);
-            images.push(Image { extent: run.size, pixels: (0..run.size.area()).map(pixel).collect() });
+            images
+                .push(Image { extent: run.settings.size, pixels: (0..run.settings.size.area()).map(pixel).collect() });
         }
     }
     let image = |eye: usize, aov: Aov| -> Result<RgbImage, Failure> {
@@ -81,7 +82,7 @@ pub fn of_shot(
         let shown = Surfaces::new(image(eye, Aov::ShownPosition)?, image(eye, Aov::ShownNormal)?)?;
         Ok(shown.seen_at(image(eye, Aov::VirtualPosition)?)?)
     };
-    let world_to_ndc = loaded.shot.rig.matrices(options.time, Eye::Right, run.size).world_to_ndc;
+    let world_to_ndc = loaded.shot.rig.matrices(options.settings.time, Eye::Right, run.settings.size).world_to_ndc;
     let in_right = surfaces(0)?.in_other_eye(&surfaces(1)?, &world_to_ndc, pixel_centre)?;
     Ok((Seen { kinds, in_right }, renderer.into_devices()))
 }

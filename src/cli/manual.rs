@@ -1,40 +1,52 @@
-//! `diptych completions` and `diptych man`: shell completions and manual pages, generated from the command line's
-//! definition.
+//! `diptych generate`: shell completions and manual pages, generated from the command line's definition.
 
 use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::Context;
-use clap::Command;
+use clap::{Command, ValueEnum};
 use clap_complete::Shell;
 
 use super::failure::Failure;
 use super::{output, stdout};
 
 #[derive(clap::Args)]
-pub struct CompletionArgs {
-    /// Shell to complete for
-    shell: Shell,
-}
-
-#[derive(clap::Args)]
-pub struct ManArgs {
+pub struct Args {
+    /// man, or the shell to print completions for
+    #[arg(value_parser = what)]
+    what: What,
     /// Folder for the manual pages; created if missing
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", default_value = "out/man")]
     out: PathBuf,
 }
 
-pub fn completions(args: &CompletionArgs, mut command: Command) -> Result<(), Failure> {
-    let mut text = Vec::new();
-    clap_complete::generate(args.shell, &mut command, "diptych", &mut text);
-    stdout::keep(std::io::stdout().write_all(&text));
-    Ok(())
+#[derive(Clone, Copy)]
+enum What {
+    Man,
+    Completions(Shell),
 }
 
-pub fn man(args: &ManArgs, command: Command) -> Result<(), Failure> {
-    output::prepare(&args.out, "--out")?;
-    clap_mangen::generate_to(command, &args.out)
-        .with_context(|| format!("cannot write into '{}'", args.out.display()))?;
-    say!("manual pages: {} (read one with `man -l FILE`)", args.out.display());
+fn what(text: &str) -> Result<What, String> {
+    let shells = || Shell::value_variants().iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    match text {
+        "man" => Ok(What::Man),
+        shell => shell.parse().map(What::Completions).map_err(|_| format!("neither man nor one of {}", shells())),
+    }
+}
+
+pub fn run(args: &Args, mut command: Command) -> Result<(), Failure> {
+    match args.what {
+        What::Completions(shell) => {
+            let mut text = Vec::new();
+            clap_complete::generate(shell, &mut command, "diptych", &mut text);
+            stdout::keep(std::io::stdout().write_all(&text));
+        }
+        What::Man => {
+            output::prepare(&args.out, "--out")?;
+            clap_mangen::generate_to(command, &args.out)
+                .with_context(|| format!("cannot write into '{}'", args.out.display()))?;
+            say!("manual pages: {} (read one with `man -l FILE`)", args.out.display());
+        }
+    }
     Ok(())
 }

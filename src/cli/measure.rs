@@ -1,8 +1,7 @@
-//! `diptych measure`: how fast this machine renders, and whether its images are right.
+//! `diptych info --check`: how fast this machine renders, and whether its images are right.
 
 mod means;
 
-use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use crate::device::{self, AdapterReport, DeviceError, Selection, Traversal, TraversalChoice};
@@ -12,38 +11,15 @@ use crate::image::{Extent, RgbImage, display};
 use crate::loaded::LoadedScene;
 use crate::quality::Quality;
 use crate::report::machine::{FrameTimes, ImageCheck, LargestSize, Machine, Scaled};
-use crate::report::median_of;
+use crate::report::{median_of, text_table};
 
 use super::failure::Failure;
 use super::faults::refuse_faults;
+use super::info::Args;
 use super::play::fitting_size;
 use super::progress::Progress;
 use super::{interrupt, output, page};
 use means::{BLOCKS, MOST_OFF, SCENES};
-
-#[derive(clap::Args)]
-pub struct Args {
-    /// Folder for report.html and machine.json
-    #[arg(long, default_value = "out/machine", value_name = "DIR")]
-    out: PathBuf,
-    /// Time to spend, in minutes; measurements that do not fit are left out
-    #[arg(long, default_value_t = 10.0, value_name = "M", value_parser = minutes)]
-    minutes: f64,
-    /// Sizes of each eye's image to time
-    #[arg(long, value_delimiter = ',', default_value = "320x180,640x360,1280x720", value_name = "WxH,…")]
-    sizes: Vec<Extent>,
-    /// Print no progress and no tables
-    #[arg(long)]
-    quiet: bool,
-    /// Print JSON
-    #[arg(long)]
-    json: bool,
-}
-
-fn minutes(text: &str) -> Result<f64, String> {
-    let minutes = text.parse().ok().filter(|m| (0.05..=600.0).contains(m));
-    minutes.ok_or_else(|| "give a time from 0.05 to 600 minutes".to_owned())
-}
 
 /// Frames before the timed ones, and timed frames.
 const WARM_UP: u32 = 3;
@@ -68,35 +44,14 @@ struct Measuring<'a> {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let adapters = device::adapters();
-    let is_ready = |a: &&AdapterReport| a.missing.is_empty();
-    // GPUs come first.
-    let mut ready: Vec<_> = adapters.iter().filter(is_ready).cloned().collect();
-    ready.sort_by_key(|a| !a.kind.ends_with("GPU"));
-    if ready.is_empty() {
-        return Err(DeviceError::NoAdapter.into());
-    }
+    let (ready, adapters) = ready()?;
     output::prepare(&args.out, "--out")?;
-    interrupt::watch()?;
     let loaded = SCENES.iter().map(|scene| Ok(LoadedScene::load(&format!("builtin:{}", scene.name))?));
     let loaded = loaded.collect::<Result<Vec<_>, Failure>>()?;
     let per_scene = args.sizes.len() + WITHIN_MS.len() + 1;
     let other = |a: &AdapterReport| if a.ray_queries { 2 * SCENES.len() } else { 0 };
     let steps: usize = ready.iter().map(|a| SCENES.len() * per_scene + other(a)).sum();
-    let machine = Machine {
-        diptych: env!("CARGO_PKG_VERSION"),
-        cores: std::thread::available_parallelism().map_or(1, usize::from),
-        adapters,
-        quality: Quality::default(),
-        frames: Vec::new(),
-        largest: Vec::new(),
-        scaling: Vec::new(),
-        images: Vec::new(),
-        left_out: Vec::new(),
-        seconds: 0.0,
-    };
-    let progress = Progress::new(steps as u64 + 2, args.quiet, args.json);
-    let mut measuring = Measuring { args, begin: Instant::now(), progress, machine };
+    let mut measuring = Measuring::begin(args, steps + 2, adapters)?;
     match measuring.all_adapters(&ready, &loaded) {
         Err(Failure::Interrupted) if !measuring.machine.frames.is_empty() => {
             measuring.machine.left_out.push("everything after the signal that ended this measurement".to_owned());
@@ -105,6 +60,57 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     measuring.finish()?;
     interrupt::check()
+}
+
+/// Measures which sizes of a shot's images fit frame budgets on the first adapter, at the default quality.
+pub fn shot(args: &Args, loaded: &LoadedScene) -> Result<(), Failure> {
+    let (ready, adapters) = ready()?;
+    let mut measuring = Measuring::begin(args, args.sizes.len() + WITHIN_MS.len(), adapters)?;
+    let (adapter, name) = (ready[0].index, loaded.shot.name.as_str());
+    let mut devices = open(&[adapter], TraversalChoice::Auto, 1, 1)?;
+    let traversal = devices.infos()[0].traversal;
+    devices = measuring.sizes((adapter, traversal), (name, loaded), &args.sizes, devices)?;
+    for within_ms in WITHIN_MS {
+        devices = measuring.largest(adapter, (name, loaded), within_ms, devices)?;
+    }
+    measuring.progress.finish();
+    let Machine { frames, largest, left_out, .. } = &measuring.machine;
+    if args.json {
+        say!("{}", serde_json::json!({ "shot": name, "frames": frames, "largest": largest, "left_out": left_out }));
+        return Ok(());
+    }
+    let fits = |ms: f64, within_ms: f64| match ms / within_ms {
+        factor if factor <= 1.0 => "fits".to_owned(),
+        factor => format!("{factor:.1} times too slow"),
+    };
+    let row = |frame: &FrameTimes| {
+        let ms = frame.median_ms;
+        let in_budgets = WITHIN_MS.map(|within_ms| fits(ms, within_ms));
+        [vec![frame.size.clone(), format!("{ms:.1}")], in_budgets.to_vec()].concat()
+    };
+    let rows: Vec<_> = frames.iter().map(row).collect();
+    let headers = ["size of each eye", "frame, ms", "in 11 ms", "in 20 ms"];
+    say!("{}", text_table(&headers, &rows).trim_end());
+    for found in largest {
+        let within_ms = found.within_ms;
+        match (&found.size, found.median_ms) {
+            (Some(size), Some(ms)) => say!("within {within_ms} ms: {size}, {ms:.1} ms"),
+            _ => say!("within {within_ms} ms: no size"),
+        }
+    }
+    left_out.iter().for_each(|what| say!("left out: {what}"));
+    Ok(())
+}
+
+/// Returns the adapters that can render, GPUs first, and all adapters.
+fn ready() -> Result<(Vec<AdapterReport>, Vec<AdapterReport>), Failure> {
+    let adapters = device::adapters();
+    let mut ready: Vec<_> = adapters.iter().filter(|a| a.missing.is_empty()).cloned().collect();
+    ready.sort_by_key(|a| !a.kind.ends_with("GPU"));
+    if ready.is_empty() {
+        return Err(DeviceError::NoAdapter.into());
+    }
+    Ok((ready, adapters))
 }
 
 fn open(adapters: &[usize], traversal: TraversalChoice, each: usize, most: usize) -> Result<Devices, Failure> {
@@ -118,7 +124,25 @@ fn renderer(loaded: &LoadedScene, size: Extent, quality: Quality, devices: Devic
     Ok(Renderer::builder(loaded).size(size.width, size.height).quality(quality).on(devices).build()?)
 }
 
-impl Measuring<'_> {
+impl<'a> Measuring<'a> {
+    fn begin(args: &'a Args, steps: usize, adapters: Vec<AdapterReport>) -> Result<Self, Failure> {
+        interrupt::watch()?;
+        let machine = Machine {
+            diptych: env!("CARGO_PKG_VERSION"),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            adapters,
+            quality: Quality::default(),
+            frames: Vec::new(),
+            largest: Vec::new(),
+            scaling: Vec::new(),
+            images: Vec::new(),
+            left_out: Vec::new(),
+            seconds: 0.0,
+        };
+        let progress = Progress::new(steps as u64, args.quiet, args.json);
+        Ok(Self { args, begin: Instant::now(), progress, machine })
+    }
+
     fn all(&self) -> Duration {
         Duration::from_secs_f64(60.0 * self.args.minutes)
     }

@@ -33,7 +33,7 @@ pub fn meter(
         let before_ev = loaded.shot.exposure_ev;
         let options = small(options);
         let mut renderer = setup::renderer(&options, loaded, gpus, Instant::now())?;
-        renderer.render(&renderer.frame(&loaded.shot.rig, options.time, 0))?;
+        renderer.render(&renderer.frame(&loaded.shot.rig, options.settings.time, 0))?;
         let image = renderer.read_linear()?.left;
         gpus = renderer.into_devices();
         loaded.shot.exposure_ev = wanted_ev(&loaded.scene, &image).unwrap_or(0.0);
@@ -110,11 +110,11 @@ const REDUCTION: u32 = 4;
 /// Returns the options of a small frame without foveation or injected faults.
 fn small(options: &RenderOptions) -> RenderOptions {
     let mut run = options.run.clone();
-    let Extent { width, height } = run.size;
+    let Extent { width, height } = run.settings.size;
     let narrow = (width / REDUCTION).max(LEAST_WIDTH).min(width);
-    run.size = Extent::new(narrow, (height * narrow / width).max(1));
+    run.settings.size = Extent::new(narrow, (height * narrow / width).max(1));
     run.faults.disturbances.clear();
-    run.faults.slowdown.clear();
+    run.settings.slowdown.clear();
     RenderOptions::new(run, Quality { fovea: None, polar: None, scale: 1.0, ..options.quality() })
 }
 

@@ -16,6 +16,10 @@ impl Args {
     pub fn run_options(&self) -> Option<&RunOptions> {
         None
     }
+
+    pub fn run_options_mut(&mut self) -> Option<&mut RunOptions> {
+        None
+    }
 }
 
 pub fn run(_: &Args) -> Result<(), Failure> {

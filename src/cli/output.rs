@@ -24,8 +24,7 @@ use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
 
 use super::failure::Failure;
-use super::options::OUTPUT;
-use super::tev::{ADDRESS, Viewer};
+use super::tev::Viewer;
 
 /// Creates the folder that `option` names and checks that it is writable, before the run renders anything. Renames
 /// files that a killed run left there, with a warning.
@@ -90,30 +89,23 @@ impl Sheet {
     }
 }
 
-/// Forms of the files of a frame, as options of `render`.
-#[derive(clap::Args, Clone, Debug, Default)]
-pub struct Forms {
-    /// Also write a red-cyan anaglyph
-    #[arg(hide_short_help = true, long, help_heading = OUTPUT)]
-    anaglyph: bool,
-    /// Put the left eye above the right in stereo.png, not beside it
-    #[arg(hide_short_help = true, long, help_heading = OUTPUT)]
-    over_under: bool,
-    /// Write auxiliary images as layers of left.exr and right.exr
-    ///
-    /// They have no files of their own then. Channels are named as in normal.X.
-    #[arg(hide_short_help = true, long, help_heading = OUTPUT)]
-    layers: bool,
-    /// Show frames in the viewer tev, which listens at this address
-    #[arg(hide_short_help = true, long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = ADDRESS, conflicts_with = "reference", help_heading = OUTPUT)]
-    tev: Option<String>,
-}
-
-impl Forms {
-    /// Connects to tev if frames are shown there.
-    pub fn viewer(&self) -> Result<Option<Viewer>, Failure> {
-        self.tev.as_deref().map(Viewer::connect).transpose()
-    }
+/// Outputs of `render` in addition to the images of each frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Also {
+    /// Each task, in run.json
+    Details,
+    /// The left eye's frames as a contact sheet, sheet.png
+    Sheet,
+    /// Stripes and foveal layers, drawn on stereo.png
+    Overlay,
+    /// A red-cyan anaglyph
+    Anaglyph,
+    /// The left eye above the right in stereo.png, not beside it
+    OverUnder,
+    /// Auxiliary images as layers of left.exr and right.exr, such as normal.X, and not as files of their own
+    Layers,
+    /// Frames in the viewer tev, which listens at 127.0.0.1:14158 or at $TEV
+    Tev,
 }
 
 /// A frame's images, read back from the devices.
@@ -239,7 +231,7 @@ impl FrameImages {
         &self,
         dir: &Path,
         number: Option<u32>,
-        forms: &Forms,
+        also: &[Also],
         tags: &Stereo<Tags>,
     ) -> Result<Vec<String>, Failure> {
         let _span = tracing::info_span!("write files").entered();
@@ -249,13 +241,13 @@ impl FrameImages {
             dir.join(&names[names.len() - 1])
         };
         let extent = self.linear.left.extent;
-        if forms.layers {
+        if also.contains(&Also::Layers) {
             self.write_layers([&name("left", "exr"), &name("right", "exr")], tags)?;
         } else {
             exr::write_tagged_rgb(&name("left", "exr"), &self.linear.left, &tags.left)?;
             exr::write_tagged_rgb(&name("right", "exr"), &self.linear.right, &tags.right)?;
         }
-        for (aov, images) in self.aovs.iter().filter(|_| !forms.layers) {
+        for (aov, images) in self.aovs.iter().filter(|_| !also.contains(&Also::Layers)) {
             for (eye, planes, tags) in [("left", &images.left, &tags.left), ("right", &images.right, &tags.right)] {
                 let tags = Tags { exposure_ev: None, pixel_centre: Some(self.pixel_centre), ..tags.clone() };
                 let channels: Vec<_> = aov.channels().iter().zip(planes).map(|(n, p)| (*n, p.as_slice())).collect();
@@ -272,9 +264,9 @@ impl FrameImages {
         write_png(&name("left", "png"), &self.display.left)?;
         write_png(&name("right", "png"), &self.display.right)?;
         let Stereo { left, right } = &self.display;
-        let arrange = if forms.over_under { stereo::over_under } else { stereo::side_by_side };
+        let arrange = if also.contains(&Also::OverUnder) { stereo::over_under } else { stereo::side_by_side };
         write_png(&name("stereo", "png"), &arrange(left, right)?)?;
-        if forms.anaglyph {
+        if also.contains(&Also::Anaglyph) {
             write_png(&name("anaglyph", "png"), &stereo::anaglyph(left, right)?)?;
         }
         Ok(names)

@@ -68,7 +68,7 @@ pub fn swimlanes(note: String, frames: &[LaneFrame<'_>], shown: usize) -> Result
 
 /// Returns a section with statistics of the scene.
 pub fn scene(options: &RunOptions, loaded: &LoadedScene) -> Section {
-    let summary = SceneSummary::of(&loaded.scene, loaded.needs, !options.no_skip);
+    let summary = SceneSummary::of(&loaded.scene, loaded.needs, options.settings.skip_unused);
     let mut table = Table::of_fields(&summary);
     table.rows.retain(|row| {
         row.first().is_none_or(|name| !["needs", "warnings", "notes", "skipped"].contains(&name.as_str()))

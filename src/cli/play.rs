@@ -30,7 +30,7 @@ use super::failure::Failure;
 use super::interrupt;
 use super::metering;
 use super::options::RenderOptions;
-use super::output::{self, Forms, FrameImages};
+use super::output::{self, FrameImages};
 use super::page::and_page;
 use super::pictures::Pictures;
 use super::progress::Progress;
@@ -88,7 +88,7 @@ fn play(args: &Args) -> Result<(), Failure> {
         session.progress.tell(&format!(
             "{} at {}, denoiser {}, {times}; ladder: {}; ready after {:.1} s",
             options.shot,
-            options.size,
+            options.settings.size,
             Denoiser::name_of(prepared.choice.denoiser),
             args.options.ladder_name(session.ladder()),
             session.warm_up_s
@@ -218,7 +218,7 @@ impl<'a> Run<'a> {
 
     /// Returns the instant of a frame, seconds.
     fn time_s(&self, index: u32) -> f64 {
-        self.options.time + f64::from(index) / self.options.fps
+        self.options.settings.time + f64::from(index) / self.options.fps
     }
 
     /// Returns the camera of a frame.
@@ -236,9 +236,9 @@ impl<'a> Run<'a> {
     fn save(&mut self, number: Option<u32>) -> Result<(), Failure> {
         let Some((index, time_s)) = self.newest else { return Ok(()) };
         let exposure_ev = self.loaded.shot.exposure_ev;
-        let tags = output::tags(&self.rig(index), exposure_ev, self.options.size, time_s, index);
+        let tags = output::tags(&self.rig(index), exposure_ev, self.options.settings.size, time_s, index);
         let images = FrameImages::read(&mut self.session.renderer, &[])?;
-        self.pictures.add(images.write(&self.options.out, number, &Forms::default(), &tags)?);
+        self.pictures.add(images.write(&self.options.out, number, &[], &tags)?);
         Ok(())
     }
 }

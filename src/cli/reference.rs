@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use crate::accumulation::{Accumulation, Checkpoint, Done, Fingerprint, Job, Subject, accumulate};
 use crate::device::Traversal;
 use crate::exec::{FrameReport, Renderer, Stereo};
+use crate::frame::settings::FoveationMode;
 use crate::image::display::{DisplayImage, tonemap, write_png};
 use crate::image::stereo;
 use crate::loaded::LoadedScene;
@@ -15,29 +16,22 @@ use crate::samples::Samples;
 use crate::scene::shot::Shot;
 
 use super::failure::Failure;
-use super::foveation::FoveationMode;
 use super::interrupt::INTERRUPTED;
-use super::options::{RenderFlags, RenderOptions, RunOptions, Switch};
+use super::options::{RenderFlags, RenderOptions, RunOptions};
 use super::output;
 use super::progress::Progress;
-use super::settings::Given;
 use super::setup::{self, Tracing};
 
 /// Default samples per pixel of a pass: few enough that even a slow device soon ends a pass, after which it can stop,
 /// and enough that readback after each pass takes a fast device little time.
 pub const PASS_SPP: u32 = 8;
 
-#[derive(clap::Args, Clone, Debug)]
-#[command(next_help_heading = super::options::QUALITY)]
+/// How a reference is accumulated.
+#[derive(Clone, Debug)]
 pub struct PassOptions {
-    /// With --reference: time limit per frame, seconds; at least one pass is made
-    #[arg(hide_short_help = true, long, value_name = "S", requires = "reference", value_parser = seconds)]
     pub time_limit: Option<Duration>,
-    /// With --reference: keep the accumulation in DIR and resume from it
-    #[arg(hide_short_help = true, long, value_name = "DIR", requires = "reference")]
+    /// Folder that keeps the accumulation, to resume from it.
     pub passes_out: Option<PathBuf>,
-    /// With --reference: samples per pass, a power of two
-    #[arg(hide_short_help = true, long, value_name = "N", requires = "reference", default_value_t = PASS_SPP, value_parser = pass_spp)]
     pub pass_spp: u32,
 }
 
@@ -47,22 +41,18 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
     seconds.filter(|s| !s.is_zero()).ok_or_else(|| "give a number of seconds above 0".to_owned())
 }
 
-fn pass_spp(text: &str) -> Result<u32, String> {
-    let samples = text.parse().ok().filter(|n: &u32| n.is_power_of_two() && (2..=4096).contains(n));
-    samples.ok_or_else(|| "give a power of two, 2 to 4096".to_owned())
-}
-
 /// Default samples per pixel of a reference.
 const SPP: u32 = 256;
 
-/// Options that a reference overrides: the name of the field, and the reason, which follows the words "a reference".
-pub const OVERRULED: [(&str, &str); 8] = [
+/// Settings that a reference overrides, and the reasons, which follow the words "a reference".
+const OVERRULED: [(&str, &str); 9] = [
+    ("clamp", "is unbiased"),
     ("denoiser", "is not filtered"),
     ("iterations", "is not filtered"),
     ("foveation", "samples every pixel alike"),
     ("gaze", "samples every pixel alike"),
     ("polar", "samples every pixel alike"),
-    ("scale", "samples every pixel"),
+    ("render_scale", "samples every pixel"),
     ("reproject", "traces both eyes"),
     ("frames_in_flight", "is made in passes, one after another"),
 ];
@@ -86,31 +76,36 @@ impl Plan {
     /// # Errors
     /// The errors of [`Plan::new`], and [`Failure::Input`] if the command line sets an option in [`OVERRULED`] to a value that
     /// a reference cannot have.
-    pub fn asked_for(flags: &RenderFlags, passes: PassOptions) -> Result<Self, Failure> {
-        let typed = |id| Given::here().and_then(|given| given.typed(id));
+    pub fn asked_for(flags: &RenderFlags, passes_out: Option<PathBuf>) -> Result<Self, Failure> {
+        let mut flags = flags.clone();
+        let settings = &mut flags.run.settings;
         let wrong = |what: String| Err(Failure::Input(anyhow::anyhow!(what)));
-        for (id, why) in OVERRULED {
-            let agrees = match id {
-                "denoiser" => flags.denoiser.is_none(),
-                "foveation" => flags.foveated.foveation == FoveationMode::None,
-                "scale" => flags.scale == 1.0,
-                "reproject" => !flags.run.reprojects(),
-                "frames_in_flight" => flags.frames_in_flight == 1,
+        for (key, why) in OVERRULED {
+            let agrees = match key {
+                "denoiser" => settings.denoiser.is_none(),
+                "foveation" => settings.foveation == FoveationMode::None,
+                "render_scale" => settings.render_scale == 1.0,
+                "reproject" => !settings.reproject,
+                "frames_in_flight" => settings.frames_in_flight == 1,
+                "clamp" => settings.clamp == 0.0,
                 _ => false,
             };
-            if let Some(option) = typed(id).filter(|_| !agrees) {
+            if settings.is_given(key) && !agrees {
                 return wrong(format!(
-                    "{option} conflicts with --reference, since a reference {why}: leave it or --reference out"
+                    "{key} conflicts with --reference, since a reference {why}: leave one of them out"
                 ));
             }
         }
-        let spp = if typed("spp").is_some() { flags.spp } else { SPP.into() };
+        let spp = if settings.is_given("spp") { settings.spp } else { SPP.into() };
         if spp.varies() {
             return wrong(format!("--reference takes a whole number of samples, not --spp {spp}"));
         }
         // Passes have other numbers of samples, within the limit of a frame.
-        let of_pass = RenderFlags { spp: Samples::ONE, ..flags.clone() };
-        Self::new(of_pass.options().map_err(Failure::Input)?, spp.least, passes)
+        (settings.spp, settings.denoiser, settings.foveation) = (Samples::ONE, None, FoveationMode::None);
+        (settings.render_scale, settings.reproject) = (1.0, false);
+        let time_limit = settings.time_limit.map(Duration::from_secs_f64);
+        let passes = PassOptions { time_limit, passes_out, pass_spp: settings.pass_spp };
+        Self::new(flags.options().map_err(Failure::Input)?, spp.least, passes)
     }
 
     /// Plans a reference with `spp` samples per pixel. `options` may have any quality; only their bounces count.
@@ -118,13 +113,11 @@ impl Plan {
     /// # Errors
     /// [`Failure::Input`] for options that a reference cannot have, and for devices that do not exist.
     pub fn new(mut options: RenderOptions, spp: u32, passes: PassOptions) -> Result<Self, Failure> {
-        if options.clamp.is_some() {
-            let what = anyhow::anyhow!("--clamp is biased, --reference is not: leave one out");
-            return Err(Failure::Input(what));
-        }
         let bounces = options.quality().bounces;
         let quality = Quality { spp: passes.pass_spp.into(), bounces, filter: None, ..Quality::default() };
-        (options.envelope, options.run.reproject, options.gaze) = (quality.into(), Switch::Off, None);
+        (options.envelope, options.gaze) = (quality.into(), None);
+        let settings = &mut options.run.settings;
+        (settings.reproject, settings.clamp) = (false, 0.0);
         let traversal = setup::traversal(&options)?;
         let PassOptions { time_limit, passes_out, .. } = passes;
         Ok(Self { options, spp, time_limit, folder: passes_out, traversal })
@@ -146,7 +139,7 @@ impl Plan {
     }
 
     pub fn time_s(&self, frame: u32) -> f64 {
-        self.options.time + f64::from(frame) / self.options.fps
+        self.options.settings.time + f64::from(frame) / self.options.fps
     }
 
     /// Returns the fingerprint of the inputs that a frame's samples depend on.
@@ -156,10 +149,10 @@ impl Plan {
             scene: &loaded.at(self.time_s(frame)),
             rig: &loaded.shot.rig,
             time_s: self.time_s(frame),
-            extent: options.size,
-            seed: options.seed,
+            extent: options.settings.size,
+            seed: options.settings.seed,
             frame,
-            sampler: options.sampler,
+            sampler: options.settings.sampler,
             bounces: options.quality().bounces,
             pass_spp: options.quality().spp.least,
             traversal: self.traversal,
@@ -173,7 +166,7 @@ impl Plan {
             _ => format!("reference.{frame:04}.state"),
         };
         let fingerprint = self.fingerprint(loaded, frame);
-        Some(Checkpoint { path: folder.join(name), fingerprint, extent: self.options.size })
+        Some(Checkpoint { path: folder.join(name), fingerprint, extent: self.options.settings.size })
     }
 
     /// Creates the folder of the checkpoints, which `option` names. Fails before anything is rendered if a checkpoint
@@ -186,7 +179,7 @@ impl Plan {
     /// Loads a frame's checkpoint, or begins an empty accumulation.
     pub fn begun(&self, loaded: &LoadedScene, frame: u32) -> Result<Accumulation, Failure> {
         let there = self.checkpoint(loaded, frame).map_or(Ok(None), |c| c.load())?;
-        Ok(there.unwrap_or_else(|| Accumulation::new(self.options.size)))
+        Ok(there.unwrap_or_else(|| Accumulation::new(self.options.settings.size)))
     }
 
     /// Accumulates passes of a frame on top of `begun` until the requested samples are reached, the time is up or the

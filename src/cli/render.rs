@@ -1,5 +1,6 @@
 //! `diptych render`.
 
+use std::path::PathBuf;
 use std::time::Instant;
 
 use crate::exec::{FrameReport, Renderer, Stereo};
@@ -16,14 +17,13 @@ use crate::trace::frames::record_devices;
 
 use super::failure::Failure;
 use super::faults::FaultLog;
-use super::foveation::Preset;
 use super::interrupt;
 use super::metering;
 use super::options::{self, RenderFlags, RenderOptions};
-use super::output::{self, Forms, FrameImages, SHEET, Sheet};
+use super::output::{self, Also, FrameImages, SHEET, Sheet};
 use super::pictures::Pictures;
 use super::progress::Progress;
-use super::reference::{self, PassOptions, Plan};
+use super::reference::{self, Plan};
 use super::settings;
 use super::setup::{self, Tracing};
 use super::tev::Viewer;
@@ -40,36 +40,41 @@ pub struct Args {
     /// Samples are accumulated in passes, so their number is not limited. --spp defaults to 256.
     #[arg(long, help_heading = options::QUALITY)]
     reference: bool,
-    #[command(flatten)]
-    passes: PassOptions,
-    /// Also write each task to run.json
-    #[arg(hide_short_help = true, long, help_heading = options::OUTPUT)]
-    details: bool,
-    #[command(flatten)]
-    forms: Forms,
-    /// Also write the left eye's frames as a contact sheet, sheet.png
-    #[arg(long, conflicts_with = "reference", help_heading = options::OUTPUT)]
-    sheet: bool,
-    /// Preset of Peres 2022: samples, foveation and denoiser
-    ///
-    /// The thesis is "Non-homogeneous denoising for virtual reality in real-time path tracing rendering".
-    #[arg(hide_short_help = true, long = "peres", alias = "preset", conflicts_with_all = ["spp", "scale", "foveation", "iterations", "denoiser", "reference"], help_heading = options::QUALITY)]
-    preset: Option<Preset>,
+    /// With --reference: keep the accumulation in DIR and resume from it
+    #[arg(hide_short_help = true, long, value_name = "DIR", requires = "reference", help_heading = options::QUALITY)]
+    passes_out: Option<PathBuf>,
+    /// More to write or show, such as sheet,details
+    #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = options::OUTPUT)]
+    also: Vec<Also>,
     /// Warm-up frames, not saved [default: 0; enough for 16 spp if --frames is 1]
     ///
     /// These frames give the denoiser a history. A single frame with svgf or bmfr follows enough frames of the same
     /// instant to give each pixel 16 samples in total. In all other cases the default is 0.
     #[arg(long, value_name = "N", conflicts_with = "reference", value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
     warm_up: Option<u32>,
-    /// Draw stripes and foveal layers on stereo.png
-    #[arg(hide_short_help = true, long, help_heading = options::OUTPUT)]
-    overlay: bool,
 }
 
 /// Samples per pixel that a single frame with history accumulates by default.
 const STILL_SPP: u32 = 16;
 
 impl Args {
+    fn has(&self, what: Also) -> bool {
+        self.also.contains(&what)
+    }
+
+    /// Checks constraints that clap cannot express.
+    fn check(&self) -> Result<(), Failure> {
+        let settings = &self.flags.run.settings;
+        let needs = ["time_limit", "pass_spp"].into_iter().find(|key| settings.is_given(key) && !self.reference);
+        if let Some(key) = needs {
+            return Err(Failure::Input(anyhow::anyhow!("{key} has no effect without --reference")));
+        }
+        match [Also::Sheet, Also::Tev].into_iter().find(|what| self.has(*what) && self.reference) {
+            Some(what) => Err(Failure::Input(anyhow::anyhow!("--reference cannot be combined with --also {what:?}"))),
+            None => Ok(()),
+        }
+    }
+
     /// Returns the number of warm-up frames before the first saved frame.
     fn warm_up_frames(&self, options: &RenderOptions) -> u32 {
         let quality = options.quality();
@@ -78,21 +83,10 @@ impl Args {
         self.warm_up.unwrap_or(default)
     }
 
-    /// Returns the flags with those of the preset applied.
-    fn preset(&self) -> RenderFlags {
-        let mut flags = self.flags.clone();
-        if let Some(preset) = self.preset {
-            flags.spp = Preset::SPP.into();
-            let (foveation, iterations) = preset.layers();
-            (flags.foveated.foveation, flags.foveated.iterations) = (foveation, Some(iterations));
-        }
-        flags
-    }
-
     /// Returns a frame's entry in run.json.
     fn row(&self, frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> FrameRow {
         let row = FrameRow::new(frame, quality, rig, time_s);
-        if self.details { row.with_tasks(frame) } else { row }
+        if self.has(Also::Details) { row.with_tasks(frame) } else { row }
     }
 }
 
@@ -104,25 +98,28 @@ struct Rows {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let flags = args.preset();
-    let plan = args.reference.then(|| Plan::asked_for(&flags, args.passes.clone())).transpose()?;
+    args.check()?;
+    let flags = &args.flags;
+    let plan = args.reference.then(|| Plan::asked_for(flags, args.passes_out.clone())).transpose()?;
     let options = plan.as_ref().map_or_else(|| flags.options(), |plan| Ok(plan.options.clone()));
     let options = &options.map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
-    let viewer = args.forms.viewer()?;
+    let viewer = args.has(Also::Tev).then(Viewer::connect).transpose()?;
     let tracing = Tracing::start(options)?;
     let warm_up_frames = args.warm_up_frames(options);
     let progress = Progress::new(u64::from(warm_up_frames + options.frames), options.quiet, options.json);
     progress.phase("loading");
     let mut loaded = setup::load(options)?;
     setup::tell_remarks(&loaded.scene);
-    if args.overlay && loaded.shot.rig.optics.is_some() && options.quality().polar.is_some() {
+    if args.has(Also::Overlay) && loaded.shot.rig.optics.is_some() && options.quality().polar.is_some() {
         let what =
-            "--overlay does not support polar --foveation with the eye projections of --motion: drop one of them";
+            "--also overlay does not support polar --foveation with the eye projections of --motion: drop one of them";
         return Err(Failure::Input(anyhow::anyhow!(what)));
     }
-    if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.time, time_s(options, options.frames - 1)) {
+    if let Some(warning) =
+        setup::beyond_path(&loaded.shot.rig, options.settings.time, time_s(options, options.frames - 1))
+    {
         progress.warn(&warning);
     }
     if let Some(plan) = &plan {
@@ -164,12 +161,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(plan) = &plan {
         settings.options.insert("spp".to_owned(), plan.spp().into());
     }
-    let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows.frames);
+    let mut report =
+        RunReport::new(settings, devices, &loaded.scene, loaded.needs, options.settings.skip_unused, rows.frames);
     (report.warm_up_s, report.warm_up_frames) = (warm_up_s, warm_up_frames);
     report.references = rows.references;
     report.faults = renderer.faults().to_vec();
     report.pictures = pictures.names();
-    report.rectified = renderer.rectified().map(|frame| RectifiedFrame::new(frame, options.size));
+    report.rectified = renderer.rectified().map(|frame| RectifiedFrame::new(frame, options.settings.size));
     FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
     report.write(&options.out.join("run.json"))?;
     pictures.remove_earlier(options.quiet)?;
@@ -206,11 +204,11 @@ impl Run<'_> {
             }
             // With several frames in flight, submit the next ones before writing files. With only one, submit the next
             // frame after writing files, so that file output does not disturb its timing.
-            if options.frames_in_flight > 1 {
+            if options.settings.frames_in_flight > 1 {
                 self.begin_frames()?;
             }
             self.tracing.record(&options.quality(), None, &frame);
-            if self.args.overlay {
+            if self.args.has(Also::Overlay) {
                 let rectified = shot.rig.optics.as_ref().zip(self.renderer.rectified());
                 let gaze = self.renderer.config().gaze_at(time_s);
                 match self.renderer.config().envelope.most.polar {
@@ -221,14 +219,14 @@ impl Run<'_> {
                     images.overlay_layers(foveation, gaze, rectified);
                 }
             }
-            let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, time_s, frame.index);
+            let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, time_s, frame.index);
             images.pixel_centre = frame.pixel_centre;
             let number = (options.frames > 1).then_some(frame.index);
             if let Some(viewer) = &mut self.viewer {
                 images.show(viewer, &options.shot)?;
             }
-            self.pictures.add(images.write(&options.out, number, &self.args.forms, &tags)?);
-            if self.args.sheet {
+            self.pictures.add(images.write(&options.out, number, &self.args.also, &tags)?);
+            if self.args.has(Also::Sheet) {
                 sheet.add(&images);
             }
             let row = self.args.row(&frame, &options.quality(), &shot.rig, time_s);
@@ -238,7 +236,7 @@ impl Run<'_> {
             faults.say_new(&self.renderer, self.tracing, &self.progress);
             self.begin_frames()?;
         }
-        if self.args.sheet {
+        if self.args.has(Also::Sheet) {
             sheet.write(&options.out)?;
             self.pictures.add([SHEET.to_owned()]);
         }
@@ -267,7 +265,7 @@ impl Run<'_> {
     /// Submits frames to the devices until the maximum is in flight.
     fn begin_frames(&mut self) -> Result<(), Failure> {
         let options = self.options;
-        let most = usize::from(options.frames_in_flight);
+        let most = options.settings.frames_in_flight as usize;
         // If several frames may be in flight, each frame downloads its own images. Otherwise, the images are read from
         // the devices when the frame is finished.
         let reads = if most > 1 { FrameImages::on_devices(&options.aovs) } else { Vec::new() };
@@ -297,7 +295,7 @@ const EVS_OFF: f64 = 4.0;
 
 /// Returns the time of a frame on the camera path, seconds.
 fn time_s(options: &RenderOptions, frame: u32) -> f64 {
-    options.time + f64::from(frame) / options.fps
+    options.settings.time + f64::from(frame) / options.fps
 }
 
 /// Renders a reference and returns the names of its pictures. Auxiliary images are those of the first pass, even in a
@@ -329,16 +327,16 @@ fn reference_frame(
         }
     }
     if let Some(report) = done.report {
-        if args.overlay {
+        if args.has(Also::Overlay) {
             let rectified = shot.rig.optics.as_ref().zip(renderer.rectified());
             images.overlay(report.stripe_edges(), rectified);
         }
         let quality = Quality { spp: done.row.spp.into(), ..options.quality() };
         rows.frames.push(args.row(&report, &quality, &shot.rig, plan.time_s(index)));
     }
-    let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, plan.time_s(index), index);
+    let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, plan.time_s(index), index);
     rows.references.push(done.row);
-    images.write(&options.out, (options.frames > 1).then_some(index), &args.forms, &tags)
+    images.write(&options.out, (options.frames > 1).then_some(index), &args.also, &tags)
 }
 
 /// Prints the results and the output folder.
@@ -364,7 +362,7 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
                 (left, all) if left < all => format!("{left} of {all}"),
                 (_, all) => all.to_string(),
             };
-            let in_flight = options.frames_in_flight;
+            let in_flight = options.settings.frames_in_flight;
             let pace = match report.median_interval_ms(in_flight).filter(|_| in_flight > 1) {
                 Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
                 None => String::new(),

@@ -27,7 +27,7 @@ use super::balance::Balance;
 use super::failure::Failure;
 use super::faults::refuse_faults;
 use super::interrupt;
-use super::options::{self, RenderFlags, RenderOptions};
+use super::options::{self, DEFAULT_FPS, RenderFlags, RenderOptions};
 use super::output;
 use super::page::{self, and_page};
 use super::progress::Progress;
@@ -66,7 +66,8 @@ impl Args {
 
     /// Returns the instant of a frame in seconds. `number` counts frames from the first warm-up frame.
     fn time_s(&self, number: u32) -> f64 {
-        self.flags.run.time + f64::from(number.saturating_sub(self.warm_up)) / self.flags.fps
+        self.flags.run.settings.time
+            + f64::from(number.saturating_sub(self.warm_up)) / self.flags.run.settings.fps.unwrap_or(DEFAULT_FPS)
     }
 }
 
@@ -79,7 +80,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let tracing = Tracing::start(options)?;
     let loaded = setup::load(options)?;
     let last_s = args.time_s(args.warm_up + options.frames - 1);
-    if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.time, last_s) {
+    if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.settings.time, last_s) {
         log!("warning: {warning}");
     }
     let one = of_one(&policies[0]);
@@ -177,7 +178,7 @@ fn of_one(options: &RenderOptions) -> RenderOptions {
     let mut one = options.clone();
     let run = &mut one.run;
     run.threads_per_device.iter_mut().for_each(|threads| threads.truncate(1));
-    run.faults.slowdown.truncate(1);
+    run.settings.slowdown.truncate(1);
     run.faults.disturbances.retain(|d| d.injection().is_some_and(|i| i.device == 0));
     if run.balance() == Balance::Static {
         run.balance = vec![Balance::Even];
@@ -195,7 +196,7 @@ fn common_threads(devices: &[DeviceInfo]) -> Option<usize> {
 /// Returns the number of untimed frames after the timed ones. They keep the devices loaded, since the last timed frames
 /// would otherwise finish sooner.
 fn followers(options: &RenderOptions) -> u32 {
-    u32::from(options.frames_in_flight).saturating_sub(1)
+    options.settings.frames_in_flight.saturating_sub(1)
 }
 
 /// Inputs that the measurements of all counts share.
@@ -239,7 +240,8 @@ impl Measuring<'_> {
         let (mut frames, mut begun) = (Vec::new(), 0);
         let timed = args.warm_up..args.warm_up + options.frames;
         loop {
-            while begun < timed.end + followers(options) && renderer.in_flight() < usize::from(options.frames_in_flight)
+            while begun < timed.end + followers(options)
+                && renderer.in_flight() < options.settings.frames_in_flight as usize
             {
                 let time_s = args.time_s(begun);
                 begun += 1;
@@ -315,7 +317,8 @@ impl Results {
         let settings = self.settings(options, loaded.exposure_ev());
         let devices = self.devices.last().map_or(&[][..], Vec::as_slice);
         let frames = std::mem::take(&mut self.frames);
-        let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, frames);
+        let mut report =
+            RunReport::new(settings, devices, &loaded.scene, loaded.needs, options.settings.skip_unused, frames);
         report.warm_up_s = self.warm_up_s;
         let mut csv = FrameLine::csv_of(&report.frames);
         if options.balances().len() > 1 {
@@ -328,14 +331,14 @@ impl Results {
     /// Writes scale.csv and scale.svg; returns the plot.
     fn write_rows(&self, options: &RenderOptions) -> Result<String, Failure> {
         scale_csv(&self.rows).write(&options.out.join("scale.csv"))?;
-        let title = format!("Speed-up of {} at {}", options.shot, options.size);
+        let title = format!("Speed-up of {} at {}", options.shot, options.settings.size);
         let figure = scale_svg(title, &self.rows).context("cannot draw the plot")?;
         output::write_text(&options.out, "scale.svg", &figure)?;
         Ok(figure)
     }
 
     fn write_page(&self, options: &RenderOptions, loaded: &LoadedScene, figure: String) -> Result<(), Failure> {
-        let title = format!("{} at {} over device counts", options.shot, options.size);
+        let title = format!("{} at {} over device counts", options.shot, options.settings.size);
         let mut sections: Vec<Section> = self.seen.pictures(loaded)?.into_iter().collect();
         sections.extend(scale_sections(&self.rows, figure));
         if !self.simulated.is_empty() {
@@ -367,7 +370,7 @@ impl Results {
     }
 
     fn simulation(&self, options: &RenderOptions) -> Result<Section, Failure> {
-        let title = format!("Simulated speed-up of {} at {}", options.shot, options.size);
+        let title = format!("Simulated speed-up of {} at {}", options.shot, options.settings.size);
         let figure = simulation_svg(title, &self.simulated).context("cannot draw the plot of the simulation")?;
         let notes = "Frames simulated on a virtual clock, with the costs measured on the largest number of devices \
             that does not exceed the cores. Speed-up: relative to the measured frames of one device, as in the table \

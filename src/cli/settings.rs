@@ -10,13 +10,14 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use serde_json::{Map, Value, json};
 
 use crate::device::DeviceInfo;
+use crate::frame::settings::Chosen;
 use crate::quality::Denoiser;
 use crate::report::once;
 use crate::report::run::RunSettings;
 
 use super::balance::Balance;
 use super::options::RenderOptions;
-use super::setup::name;
+use super::setting_flags::SETTING;
 
 /// The options of a command line.
 pub struct Given {
@@ -60,19 +61,14 @@ impl Given {
     /// numbers. An omitted option has its default; without one it is null, or an empty list.
     fn values(&self) -> Map<String, Value> {
         let arguments = self.command.get_arguments().filter(|arg| {
-            !matches!(
-                arg.get_action(),
-                ArgAction::Help | ArgAction::HelpShort | ArgAction::HelpLong | ArgAction::Version
-            )
+            let is_setting = arg.get_id().as_str().starts_with(SETTING) || arg.get_id() == "set";
+            !is_setting
+                && !matches!(
+                    arg.get_action(),
+                    ArgAction::Help | ArgAction::HelpShort | ArgAction::HelpLong | ArgAction::Version
+                )
         });
         arguments.map(|arg| (setting(arg), self.value(arg))).collect()
-    }
-
-    /// Sets the value of the option with this id, if the command has it.
-    fn set(&self, settings: &mut RunSettings, id: &str, value: Value) {
-        if let Some(arg) = self.arg(id) {
-            settings.options.insert(setting(arg), value);
-        }
     }
 
     fn value(&self, arg: &Arg) -> Value {
@@ -103,13 +99,21 @@ fn scalar(text: &str) -> Value {
     whole.or_else(|| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Value::from)).unwrap_or_else(|| text.into())
 }
 
-/// Returns every option of this command line, as typed or by default. `known` holds the values of options that other
-/// options determine, by field name; they replace what was typed.
-pub fn of_command_line(exposure_ev: f64, known: impl IntoIterator<Item = (&'static str, Value)>) -> RunSettings {
-    let Some(given) = Given::here() else { return RunSettings { exposure_ev, options: Map::new() } };
-    let mut settings = RunSettings { exposure_ev, options: given.values() };
-    known.into_iter().for_each(|(id, value)| given.set(&mut settings, id, value));
-    settings
+/// Returns all settings, and all options of this command line as typed or by default. `known` holds the values of those
+/// options that others determine; they replace what was typed.
+pub fn of_command_line(
+    exposure_ev: f64,
+    settings: &Chosen,
+    known: impl IntoIterator<Item = (&'static str, Value)>,
+) -> RunSettings {
+    let mut options = Given::here().map(Given::values).unwrap_or_default();
+    options.extend(settings.json());
+    for (name, value) in known {
+        if let Some(option) = options.get_mut(name) {
+            *option = value;
+        }
+    }
+    RunSettings { exposure_ev, options }
 }
 
 /// Returns the name of the policy, or a list of several names.
@@ -129,16 +133,14 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
     let grid = if is_layered { "layers" } else { "none" };
     let mut known = vec![
         ("out", json!(options.out.display().to_string())),
-        ("size", json!(options.size.to_string())),
+        ("balance", balance(&options.balances())),
+        ("fps", json!(options.fps)),
         ("spp", json!(quality.spp)),
         ("bounces", json!(quality.bounces)),
-        ("scale", json!(quality.scale)),
+        ("render_scale", json!(quality.scale)),
         ("denoiser", json!(Denoiser::name_of(quality.denoiser()))),
         ("iterations", if is_layered { json!(quality.iterations()) } else { json!(quality.iterations()[0]) }),
         ("foveation", json!(quality.polar.map_or(grid, |space| space.method().name()))),
-        ("reproject", json!(name(&options.reproject))),
-        ("balance", balance(&options.balances())),
-        ("fps", json!(options.fps)),
     ];
     if !devices.is_empty() {
         let threads: Vec<Option<usize>> = devices.iter().map(|d| d.threads).collect();
@@ -146,7 +148,7 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
         known.push(("threads_per_device", json!(threads)));
         known.push(("traversal", json!(devices[0].traversal)));
     }
-    of_command_line(exposure_ev, known)
+    of_command_line(exposure_ev, &options.settings, known)
 }
 
 #[cfg(test)]
@@ -161,19 +163,17 @@ mod tests {
 
     #[test]
     fn every_option_of_every_command_has_its_value() {
-        let typed = ["render", "a.glb", "--out", "7", "--aov", "depth,normal", "--clamp", "2.5", "--no-skip"];
+        let typed = ["render", "a.glb", "--out", "7", "--aov", "depth,normal", "--slowdown", "2", "--details"];
         let values = given(&typed).values();
         for (option, value) in [
             ("shot", json!("a.glb")),
             ("out", json!("7")),
-            ("size", json!("640x360")),
             ("virtual", json!(1)),
             ("aov", json!(["depth", "normal"])),
             ("ratios", json!([])),
-            ("clamp", json!(2.5)),
             ("watchdog_ms", json!(null)),
-            ("no_skip", json!(true)),
-            ("details", json!(false)),
+            ("slowdown", json!([2])),
+            ("details", json!(true)),
         ] {
             assert_eq!(values.get(option), Some(&value), "{option}");
         }
@@ -181,44 +181,19 @@ mod tests {
         for command in ["render", "play", "scale", "bench"] {
             let given = given(&[command, "--out", "o"]);
             let values = given.values();
-            let options: Vec<&str> = given.command.get_arguments().filter_map(Arg::get_long).collect();
-            let missing = options.iter().filter(|o| **o != "help" && !values.contains_key(&o.replace('-', "_")));
+            let is_option = |arg: &&Arg| !arg.get_id().as_str().starts_with(SETTING);
+            let options: Vec<&str> =
+                given.command.get_arguments().filter(is_option).filter_map(Arg::get_long).collect();
+            let missing =
+                options.iter().filter(|o| **o != "help" && **o != "set" && !values.contains_key(&o.replace('-', "_")));
             assert_eq!(missing.collect::<Vec<_>>(), Vec::<&&str>::new(), "{command}");
         }
     }
 
     #[test]
-    fn what_is_in_force_stands_under_the_options_long_name() {
-        let given = given(&["scale", "--out", "o", "--no-skip"]);
-        let mut settings = RunSettings { exposure_ev: 0.0, options: given.values() };
-        given.set(&mut settings, "no_skip", json!("other"));
-        given.set(&mut settings, "reference", json!(true));
-        assert_eq!(settings.options.get("no_skip"), Some(&json!("other")));
-        assert_eq!(settings.options.len(), given.values().len());
-    }
-
-    /// Guards against looking up an option that does not exist.
-    #[test]
-    fn options_that_decide_something_are_there() {
-        let given = given(&["render", "--out", "o"]);
-        let of_references = crate::cli::reference::OVERRULED.map(|(id, _)| id);
-        for id in of_references.into_iter().chain([
-            "spp",
-            "bounces",
-            "balance",
-            "fps",
-            "devices",
-            "threads_per_device",
-            "traversal",
-        ]) {
-            assert!(given.arg(id).is_some(), "{id}");
-        }
-    }
-
-    #[test]
     fn defaults_are_not_given() {
-        let given = given(&["render", "--out", "o", "--denoiser", "svgf"]);
-        assert_eq!(given.typed("denoiser").as_deref(), Some("--denoiser"));
-        assert_eq!(["spp", "iterations", "nonsense"].map(|id| given.typed(id)), [None, None, None]);
+        let given = given(&["render", "--out", "o", "--fps", "72"]);
+        assert_eq!(given.typed("fps").as_deref(), Some("--fps"));
+        assert_eq!(["frames", "nonsense", "time"].map(|id| given.typed(id)), [None, None, None]);
     }
 }

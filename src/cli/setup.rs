@@ -2,12 +2,13 @@
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crate::device::{self, DeviceError, GpuDevice, Selection, Traversal, TraversalChoice, Wanted};
 use crate::exec::ranks::{Devices, Load, Loading, Recorded, Request};
 use crate::exec::{FrameReport, Renderer};
-use crate::frame::{Execution, RunConfig};
+use crate::frame::RunConfig;
+use crate::frame::settings::Settings;
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::passes::Display;
@@ -24,8 +25,9 @@ use anyhow::anyhow;
 
 use super::failure::Failure;
 use super::node;
-use super::options::{HaloOption, RenderOptions, RunOptions, Switch};
+use super::options::{RenderOptions, RunOptions};
 use super::registry::registered;
+use super::scene_loading::{budget, load_from, tree_cache};
 
 /// Prints the warnings of the scene's file, and notes on what was chosen for it.
 pub fn tell_remarks(scene: &Scene) {
@@ -40,9 +42,9 @@ pub fn load(options: &RunOptions) -> Result<LoadedScene, Failure> {
         if let Some(what) = not_motion(path) {
             return Err(Failure::Input(anyhow!("--motion {}: {what}", path.display())));
         }
-        let motion = HeadMotion::read(path, &options.scene.budget())?;
+        let motion = HeadMotion::read(path, &budget(&options.settings))?;
         let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
-        loaded.follow(&motion, options.size).map_err(invalid)?;
+        loaded.follow(&motion, options.settings.size).map_err(invalid)?;
     }
     Ok(loaded)
 }
@@ -58,7 +60,7 @@ fn not_motion(path: &Path) -> Option<&'static str> {
 
 /// Loads the scene on all ranks, without head motion, which only rank 0 needs.
 fn load_scene(options: &RunOptions) -> Result<LoadedScene, Failure> {
-    let what = Load { shot: options.shot.clone(), time_s: options.time, files: None };
+    let what = Load { shot: options.shot.clone(), time_s: options.settings.time, files: None };
     let Some(node) = node::others() else { return load_here(options, &what, Source::Disk) };
     if !options.broadcasts_scene() {
         let loading = Loading::begin(node, &what);
@@ -85,9 +87,18 @@ const MOST_SENT_BYTES: usize = i32::MAX as usize - (1 << 20);
 /// Loads a scene in this process, without head motion.
 pub fn load_here(options: &RunOptions, what: &Load, source: Source) -> Result<LoadedScene, Failure> {
     let _span = tracing::info_span!("load scene").entered();
-    let budget = options.scene.budget();
-    let (shot, scene) = options.scene.load_from(source, Look::Studio, &what.shot, what.time_s, &budget)?;
-    Ok(LoadedScene::new(shot, scene, &budget, &options.scene.tree_cache())?)
+    let budget = budget(&options.settings);
+    let (shot, scene) = load_from(&options.settings, source, (&what.shot, Look::Studio), what.time_s, &budget)?;
+    Ok(LoadedScene::new(shot, scene, &budget, &tree_cache(&options.settings))?)
+}
+
+/// Loads a scene in this process, for the defaults of all but these settings.
+pub fn load_alone(shot: &str, settings: &Settings) -> Result<LoadedScene, Failure> {
+    settings.check_scene().map_err(|error| Failure::Input(error.into()))?;
+    let budget = budget(settings);
+    let (shot, scene) = load_from(settings, Source::Disk, (shot, Look::Studio), settings.time, &budget)?;
+    tell_remarks(&scene);
+    Ok(LoadedScene::new(shot, scene, &budget, &tree_cache(settings))?)
 }
 
 /// Returns a warning if frames between these times lie beyond the ends of the camera's path.
@@ -107,7 +118,7 @@ fn selection(options: &RunOptions, virtual_devices: usize) -> Selection {
         virtual_devices,
         most_virtual_devices: usize::from(options.most_virtual_devices),
         threads_per_device: options.threads_per_device.as_ref().map(|t| t.iter().copied().map(usize::from).collect()),
-        traversal: options.traversal,
+        traversal: options.settings.traversal,
     }
 }
 
@@ -165,28 +176,28 @@ pub fn renderer_with(
     origin: Instant,
     policy: impl FnOnce(Extent, usize) -> Result<Box<dyn Policy>, Failure>,
 ) -> Result<Renderer, Failure> {
-    let injected = options.faults.injected(gpus.len())?;
+    let injected = options.faults.injected(&options.settings.slowdown, gpus.len())?;
     let config = config(options, loaded)?;
     let policy = policy(config.grid(), gpus.len())?;
     let _span = tracing::info_span!("start renderer").entered();
     let builder = Renderer::builder(loaded).config(config).policy(|_, _| policy);
     let mut renderer = builder.on(gpus).origin(origin).build()?;
     renderer.set_injected_faults(injected);
-    if let Some(limit) = options.faults.watchdog() {
-        renderer.set_watchdog(limit);
+    if let Some(ms) = options.settings.watchdog_ms {
+        renderer.set_watchdog(Duration::from_millis(ms.into()));
     }
     Ok(renderer)
 }
 
 /// Returns the configuration of all frames.
 pub fn config(options: &RenderOptions, loaded: &LoadedScene) -> Result<RunConfig, Failure> {
-    let config = RunConfig::for_envelope(loaded, options.size, options.envelope);
+    let config = RunConfig::for_envelope(loaded, options.settings.size, options.envelope);
     let mut config = config.map_err(|what| Failure::Input(anyhow!("{what}")))?;
+    config.apply(&options.settings);
     let buffers = &mut config.buffers;
-    if options.no_skip {
+    if !options.settings.skip_unused {
         buffers.needs = loaded.needs.widened();
     }
-    buffers.reproject = options.reprojects();
     if let Display::Resampled { is_late, .. } = &mut buffers.display {
         *is_late = options.is_late;
     }
@@ -195,29 +206,12 @@ pub fn config(options: &RenderOptions, loaded: &LoadedScene) -> Result<RunConfig
     // A renderer replaces this with the traversal of its devices. `diptych graph` has no devices and uses the requested
     // one.
     if let Some(moving) = &mut buffers.moving {
-        moving.hardware = options.traversal == TraversalChoice::Hardware;
+        moving.hardware = options.settings.traversal == TraversalChoice::Hardware;
     }
-    Ok(RunConfig {
-        execution: Execution {
-            seam: options.seam(),
-            adapts_halo: options.halo == HaloOption::Cost,
-            max_dispatch_ms: options.max_dispatch_ms,
-            frames_in_flight: usize::from(options.frames_in_flight),
-            checks: options.shader_checks,
-        },
-        sampler: options.sampler,
-        indirect_clamp: options.clamp.unwrap_or(0.0),
-        hard_shadows: options.hard_shadows == Switch::On,
-        follow_mirrors: options.follow_mirrors == Switch::On,
-        filter_once: options.filter_once == Switch::On,
-        regularize: options.regularize == Switch::On,
-        filter_textures: options.filter_textures == Switch::On,
-        cache: options.cache.map_or(config.cache, |switch| switch == Switch::On),
-        unsampled_fraction: options.unsampled_fraction,
-        gaze: options.gaze.clone().unwrap_or(config.gaze),
-        seed: options.seed,
-        ..config
-    })
+    if let Some(gaze) = &options.gaze {
+        config.gaze.clone_from(gaze);
+    }
+    Ok(config)
 }
 
 /// Trace file of a run, and its recorder.
@@ -261,9 +255,4 @@ impl Tracing {
         }
         Ok(self.file.map_or(Ok(()), TraceFile::finish)?)
     }
-}
-
-/// Returns an option's value as it is typed.
-pub fn name(value: &impl clap::ValueEnum) -> String {
-    value.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
 }

@@ -1,6 +1,6 @@
-//! `diptych sheet`: a contact sheet of files, each with its name, its size and its warnings.
+//! `diptych export -o FILE.png`: a contact sheet of files, each with its name, its size and its warnings.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, anyhow};
@@ -9,37 +9,16 @@ use clap::Parser;
 use crate::exec::ranks::Devices;
 use crate::image::display::{DisplayImage, write_png};
 use crate::image::key::with_caption;
-use crate::image::{Extent, sheet};
+use crate::image::sheet;
 use crate::quality::Quality;
 use crate::scene::studio;
 
+use super::export::Args;
 use super::failure::Failure;
 use super::options::{RenderOptions, RunOptions};
 use super::output::FrameImages;
 use super::progress::Progress;
-use super::scene_options::SceneOptions;
 use super::{interrupt, metering, setup};
-
-#[derive(clap::Args)]
-pub struct Args {
-    /// Scenes or shots to show
-    #[arg(required = true, value_name = "FILE")]
-    files: Vec<String>,
-    /// Picture to write
-    #[arg(long, value_name = "FILE.png")]
-    out: PathBuf,
-    /// Size of each picture in pixels, WIDTHxHEIGHT
-    #[arg(long, default_value = "320x240")]
-    size: Extent,
-    /// Pictures per row
-    #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
-    columns: u8,
-    /// Print no progress
-    #[arg(long)]
-    quiet: bool,
-    #[command(flatten)]
-    scene: SceneOptions,
-}
 
 /// Frames of a picture; all but the last give the denoiser a history. Together they have 16 samples per pixel.
 const FRAMES: u32 = 4;
@@ -51,14 +30,12 @@ struct Shown {
     caption: Vec<String>,
 }
 
-pub fn run(args: &Args) -> Result<(), Failure> {
-    if args.out.extension().is_none_or(|e| !e.eq_ignore_ascii_case("png")) {
-        return Err(Failure::Input(anyhow!("--out {}: the name of the sheet must end in .png", args.out.display())));
-    }
+/// Writes a contact sheet.
+pub fn write(args: &Args) -> Result<(), Failure> {
     interrupt::watch()?;
-    let progress = Progress::new(args.files.len() as u64, args.quiet, false);
+    let progress = Progress::new(args.shots.len() as u64, args.quiet, false);
     let (mut gpus, mut shown, mut failed) = (None, Vec::new(), 0);
-    for file in &args.files {
+    for file in &args.shots {
         if interrupt::is_set() {
             break;
         }
@@ -84,7 +61,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     interrupt::check()?;
     if failed > 0 {
-        let count = args.files.len();
+        let count = args.shots.len();
         return Err(Failure::Input(anyhow!("{failed} of {count} file(s) cannot be shown: the warnings above say why")));
     }
     Ok(())
@@ -92,10 +69,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 /// Renders a file. Takes the devices and puts them back, so that they keep their compiled pipelines.
 fn show(args: &Args, file: &str, gpus: &mut Option<Devices>, progress: &Progress) -> Result<Shown, Failure> {
-    let size = args.size.to_string();
-    let line = ["render", file, "--size", &size, "--out", ".", "--quiet"];
+    let line = ["render", file, "--out", ".", "--quiet"];
     let mut run = RunOptions::try_parse_from(line).map_err(|error| Failure::Input(error.into()))?;
-    run.scene = args.scene.clone();
+    run.settings = args.settings.clone();
+    run.settings.size = args.size;
     let options = RenderOptions::new(run, Quality { spp: SPP.into(), ..Quality::default() });
     let mut loaded = setup::load(&options)?;
     let warnings = loaded.scene.warnings.len();
@@ -108,7 +85,7 @@ fn show(args: &Args, file: &str, gpus: &mut Option<Devices>, progress: &Progress
     let devices = metering::meter(&options, &mut loaded, devices, progress)?;
     let mut renderer = setup::renderer(&options, &loaded, devices, Instant::now())?;
     for index in 0..FRAMES {
-        renderer.render(&renderer.frame(&loaded.shot.rig, options.time, index))?;
+        renderer.render(&renderer.frame(&loaded.shot.rig, options.settings.time, index))?;
     }
     let picture = FrameImages::read(&mut renderer, &[])?.display.left;
     *gpus = Some(renderer.into_devices());

@@ -1,7 +1,7 @@
-//! `diptych shot`.
+//! `diptych export -o FILE.toml`.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, anyhow};
 use pathdiff::diff_paths;
@@ -9,37 +9,24 @@ use pathdiff::diff_paths;
 use crate::image::file::atomic_write;
 use crate::scene::shot::{SceneSource, Sky};
 
+use super::export::Args;
 use super::failure::Failure;
-use super::scene_options::SceneOptions;
+use super::scene_loading;
 use super::setup;
 
-#[derive(clap::Args)]
-pub struct Args {
-    /// Scene: .gltf/.glb, builtin:NAME or a shot (.toml)
-    #[arg(value_name = "SCENE")]
-    scene_file: String,
-    /// Shot file to write; it must not exist yet
-    #[arg(long, value_name = "FILE.toml")]
-    out: PathBuf,
-    #[command(flatten)]
-    scene: SceneOptions,
-}
-
-pub fn run(args: &Args) -> Result<(), Failure> {
+/// Writes a shot file that the user may edit.
+pub fn write(args: &Args, file: &str) -> Result<(), Failure> {
     let out = &args.out;
-    if out.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
-        return Err(Failure::Input(anyhow!("--out {}: a shot's file name must end in .toml", out.display())));
-    }
     if out.exists() {
         let what = anyhow!("--out {}: the file exists and may have been edited: give another name", out.display());
         return Err(Failure::Input(what));
     }
-    let (mut shot, scene) = args.scene.load(&args.scene_file, 0.0, &args.scene.budget())?;
+    let (mut shot, scene) = scene_loading::load(&args.settings, file)?;
     setup::tell_remarks(&scene);
     let here = folder_of(out);
     std::fs::create_dir_all(here)
         .with_context(|| format!("cannot write into '{}': choose another --out", here.display()))?;
-    let origin = folder_of(Path::new(&args.scene_file));
+    let origin = folder_of(Path::new(file));
     let mut is_outside = false;
     let mut moved = |name: &mut String, from: &Path| -> Result<(), Failure> {
         *name = relative(&from.join(&*name), here).with_context(|| format!("cannot find '{name}'"))?;
@@ -50,7 +37,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         moved(name, origin)?;
     }
     if let Some(Sky::Image(name)) = shot.environment.as_mut().map(|e| &mut e.sky) {
-        moved(name, if args.scene.environment.is_some() { Path::new("") } else { origin })?;
+        moved(name, if args.settings.environment.is_some() { Path::new("") } else { origin })?;
     }
     atomic_write(out, |file| file.write_all(shot.text().as_bytes()))?;
     say!("{}", out.display());

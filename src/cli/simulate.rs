@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 
+use crate::frame::settings::Settings;
 use crate::graph::FrameGraph;
 use crate::passes::FrameSpec;
 use crate::report::simulation::SimulationRow;
@@ -18,15 +19,6 @@ pub struct Args {
     /// Predict these device counts from measured costs; 2x4 is two nodes of four
     #[arg(long, value_delimiter = ',', value_name = "N,MxN,…")]
     simulate: Vec<Nodes>,
-    /// Relative speeds of simulated devices, repeated as needed
-    #[arg(long, value_delimiter = ',', value_name = "S,S,…", default_value = "1", requires = "simulate")]
-    speeds: Vec<f64>,
-    /// Latency between nodes, microseconds [default: as measured, else 2]
-    #[arg(hide_short_help = true, long, value_name = "US", requires = "simulate")]
-    network_us: Option<f64>,
-    /// Bandwidth between nodes, Gbit/s [default: as measured, else 100]
-    #[arg(hide_short_help = true, long, value_name = "GBPS", requires = "simulate")]
-    network_gbps: Option<f64>,
 }
 
 /// A number of nodes with the same number of devices each.
@@ -68,19 +60,14 @@ impl Args {
 
     /// Checks constraints that clap cannot express.
     pub fn check(&self, options: &RenderOptions) -> Result<(), Failure> {
-        if self.is_wanted() && options.frames_in_flight > 1 {
-            let what = "--simulate runs one frame at a time: leave --frames-in-flight out";
+        if self.is_wanted() && options.settings.frames_in_flight > 1 {
+            let what = "--simulate runs one frame at a time: leave frames_in_flight out";
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
-        for (name, value) in [("--network-us", self.network_us), ("--network-gbps", self.network_gbps)] {
-            let (least, range) =
-                if name == "--network-us" { (0.0, "at least 0") } else { (f64::MIN_POSITIVE, "above 0") };
-            if let Some(value) = value.filter(|value| !(value.is_finite() && *value >= least)) {
-                return Err(Failure::Input(anyhow::anyhow!("{name} {value} is not usable: give a number {range}")));
-            }
-        }
-        match self.speeds.iter().find(|s| !s.is_finite() || **s <= 0.0) {
-            Some(speed) => Err(Failure::Input(anyhow::anyhow!("--speeds {speed} is not a speed above 0"))),
+        let simulation =
+            ["speeds", "network_us", "network_gbps"].into_iter().find(|key| options.settings.is_given(key));
+        match simulation.filter(|_| !self.is_wanted()) {
+            Some(key) => Err(Failure::Input(anyhow::anyhow!("{key} has no effect without --simulate"))),
             None => Ok(()),
         }
     }
@@ -98,11 +85,11 @@ impl Args {
         let mut rows = Vec::new();
         for &Nodes { nodes, each } in &self.simulate {
             let devices = nodes * each;
-            let speeds: Vec<f64> = self.speeds.iter().copied().cycle().take(devices).collect();
+            let speeds: Vec<f64> = options.settings.speeds.iter().copied().cycle().take(devices).collect();
             let program = registered().passes.program(&FrameSpec { devices, ..spec.clone() });
             let mut simulated = model.on_devices(&program, &speeds);
             if nodes > 1 {
-                simulated.network = self.network(&model.network, nodes, each);
+                simulated.network = network(&options.settings, &model.network, nodes, each);
             }
             let (_, prediction) = predict(options, &simulated)?;
             let is_alike = speeds.iter().all(|&s| s == 1.0);
@@ -117,15 +104,15 @@ impl Args {
         }
         Ok(rows)
     }
+}
 
-    /// Returns the network between nodes: as requested, else as measured, else with default values.
-    fn network(&self, measured: &Network, nodes: usize, each: usize) -> Network {
-        let known = |value: f64, otherwise: f64| if value > 0.0 { value } else { otherwise };
-        Network {
-            ranks: (0..nodes * each).map(|device| device / each).collect(),
-            latency_ms: self.network_us.map_or(known(measured.latency_ms, LATENCY_MS), |us| us * 1e-3),
-            ms_per_byte: self.network_gbps.map_or(known(measured.ms_per_byte, ms_per_byte(GBPS)), ms_per_byte),
-        }
+/// Returns the network between nodes: as requested, else as measured, else with default values.
+fn network(settings: &Settings, measured: &Network, nodes: usize, each: usize) -> Network {
+    let known = |value: f64, otherwise: f64| if value > 0.0 { value } else { otherwise };
+    Network {
+        ranks: (0..nodes * each).map(|device| device / each).collect(),
+        latency_ms: settings.network_us.map_or(known(measured.latency_ms, LATENCY_MS), |us| us * 1e-3),
+        ms_per_byte: settings.network_gbps.map_or(known(measured.ms_per_byte, ms_per_byte(GBPS)), ms_per_byte),
     }
 }
 

@@ -12,7 +12,7 @@ use super::failure::Failure;
 use crate::image::Extent;
 
 /// Address at which tev listens by default.
-pub const ADDRESS: &str = "127.0.0.1:14158";
+const ADDRESS: &str = "127.0.0.1:14158";
 /// Time to wait for tev, when connecting and for each packet.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Values per packet at most, unless a row has more.
@@ -25,11 +25,12 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// Connects to the viewer at `HOST:PORT`.
+    /// Connects to the viewer at [`ADDRESS`], or at the HOST:PORT of the environment variable `TEV`.
     ///
     /// # Errors
     /// [`Failure::Run`] if nothing listens there.
-    pub fn connect(address: &str) -> Result<Self, Failure> {
+    pub fn connect() -> Result<Self, Failure> {
+        let address = &std::env::var("TEV").unwrap_or_else(|_| ADDRESS.to_owned());
         let connect = || -> io::Result<TcpStream> {
             let mut failed = io::Error::new(io::ErrorKind::NotFound, "the host is unknown");
             for place in address.to_socket_addrs()? {
@@ -40,7 +41,9 @@ impl Viewer {
             }
             Err(failed)
         };
-        let stream = connect().with_context(|| format!("--tev {address}: start tev first, or name its --hostname"));
+        let stream = connect().with_context(|| {
+            format!("--also tev: cannot reach {address}: start tev first, or set TEV to its HOST:PORT")
+        });
         Ok(Self { client: TevClient::wrap(stream.map_err(Failure::Run)?), created: BTreeSet::new() })
     }
 

@@ -53,7 +53,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let gpus = metering::meter(options, &mut loaded, gpus, &progress)?;
     let look = ViewStatus {
         scene: loaded.shot.name.clone(),
-        eye: options.size,
+        eye: options.settings.size,
         band_ms: [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()],
         devices: gpus.infos().iter().map(|info| format!("dev{} {}", info.index, info.name)).collect(),
         is_foveated: options.quality().fovea.is_some(),

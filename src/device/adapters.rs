@@ -25,7 +25,7 @@ const FAST_MESA: u32 = 25;
 pub struct DeviceInfo {
     /// Number of the device in the run, from 0.
     pub index: usize,
-    /// Number of the adapter as listed by `diptych devices`.
+    /// Number of the adapter as listed by `diptych info`.
     pub adapter: usize,
     pub name: String,
     pub driver: String,
@@ -58,7 +58,7 @@ pub struct RankName {
     pub host: String,
 }
 
-/// An adapter as `diptych devices` lists it.
+/// An adapter as `diptych info` lists it.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct AdapterReport {
     pub index: usize,

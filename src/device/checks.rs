@@ -1,6 +1,5 @@
 /// Run-time checks that wgpu adds to shaders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 pub enum ShaderChecks {
     /// All checks: bounds, loops, integer division.

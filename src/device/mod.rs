@@ -44,7 +44,7 @@ use failure::lost_on_panic;
 pub enum DeviceError {
     #[error("no graphics adapter was found: {}", adapters::INSTALL_HINT)]
     NoAdapter,
-    #[error("there is no adapter {index}: `diptych devices` lists 0 to {last}")]
+    #[error("there is no adapter {index}: `diptych info` lists 0 to {last}")]
     UnknownAdapter { index: usize, last: usize },
     #[error("adapter {index} ({name}) lacks {missing}: {hint}")]
     Lacks { index: usize, name: String, missing: String, hint: &'static str },

@@ -4,6 +4,7 @@ use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
 use super::Foveation;
+use super::settings::{HaloMode, Settings};
 use crate::device::ShaderChecks;
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
@@ -18,7 +19,6 @@ use crate::scene::shot::Gaze;
 
 /// Source of random numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 pub enum Sampler {
     /// Owen-scrambled Sobol'.
@@ -163,6 +163,29 @@ impl RunConfig {
         within("unsampled fraction", self.unsampled_fraction, 0.0..=1.0)?;
         let max_dispatch_ms = self.execution.max_dispatch_ms.unwrap_or(1.0);
         Ok(within("max_dispatch_ms", max_dispatch_ms, f64::MIN_POSITIVE..=f64::MAX)?)
+    }
+
+    /// Applies settings, except for those of quality, which [`Self::envelope`] bounds.
+    pub fn apply(&mut self, settings: &Settings) {
+        self.buffers.reproject = settings.reproject;
+        self.execution = Execution {
+            seam: settings.seam(),
+            adapts_halo: settings.halo == HaloMode::Cost,
+            max_dispatch_ms: settings.max_dispatch_ms,
+            frames_in_flight: settings.frames_in_flight as usize,
+            checks: settings.shader_checks,
+        };
+        self.sampler = settings.sampler;
+        self.indirect_clamp = settings.clamp;
+        self.hard_shadows = settings.hard_shadows;
+        self.follow_mirrors = settings.follow_mirrors;
+        self.bypass_narrow_lobes = settings.bypass_narrow_lobes;
+        self.filter_once = settings.filter_once;
+        self.regularize = settings.regularize;
+        self.filter_textures = settings.filter_textures;
+        self.cache = settings.cache.unwrap_or(self.cache);
+        self.unsampled_fraction = settings.unsampled_fraction;
+        self.seed = settings.seed;
     }
 
     /// Returns the default quality of frames.

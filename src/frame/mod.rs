@@ -5,6 +5,7 @@ pub mod constants;
 mod foveation;
 mod params;
 pub mod search_range;
+pub mod settings;
 
 pub use config::{Buffers, Execution, RunConfig, Sampler};
 pub use foveation::Foveation;

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 /// Tone curve of displayed images. Image metrics always use [`ToneCurve::Reinhard`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 pub enum ToneCurve {
     /// c / (1 + c) per channel (Reinhard et al. 2002, eq. 3)

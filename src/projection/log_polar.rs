@@ -146,7 +146,7 @@ impl Project for LogPolar {
     }
 
     fn help(&self) -> &'static str {
-        "Log-polar space, set by --polar"
+        "Log-polar space, set by polar"
     }
 
     fn include(&self) -> &'static str {

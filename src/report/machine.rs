@@ -1,4 +1,4 @@
-//! The report of `diptych measure`: how fast a machine renders, and whether its images are right.
+//! The report of `diptych info --check`: how fast a machine renders, and whether its images are right.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use crate::exec::FrameReport;
 use crate::image::Extent;
 use crate::quality::Quality;
 
-/// The results of `diptych measure`, written as `machine.json`.
+/// The results of `diptych info --check`, written as `machine.json`.
 #[derive(Debug, Serialize)]
 pub struct Machine {
     pub diptych: &'static str,

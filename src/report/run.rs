@@ -204,8 +204,8 @@ impl RunReport {
 
     /// Returns the median time between the ends of consecutive frames, ms. The last `frames_in_flight` − 1 frames do
     /// not count, because no further frames competed with them for the devices.
-    pub fn median_interval_ms(&self, frames_in_flight: u8) -> Option<f64> {
-        let alone = usize::from(frames_in_flight).saturating_sub(1);
+    pub fn median_interval_ms(&self, frames_in_flight: u32) -> Option<f64> {
+        let alone = (frames_in_flight as usize).saturating_sub(1);
         let frames = &self.frames[..self.frames.len().saturating_sub(alone)];
         let intervals: Vec<f64> = frames.iter().filter_map(|f| f.interval_ms).collect();
         median(intervals)

@@ -9,14 +9,13 @@ use super::{Environment, Light, LightKind, Scene, SceneError, gltf};
 use crate::image::exr;
 use crate::image::file::atomic_write;
 
-/// Writes `NAME.glb`, `NAME.toml` and, if the environment is an image, `NAME.exr` into `folder`, named after the shot.
+/// Writes `NAME.glb`, `NAME.toml` and, if the environment is an image, `NAME.exr` into `folder`, for the given name.
 /// Returns the path of the TOML file. Loading it gives the same scene; the shot then holds all lights, including those
 /// of the scene file. Motion is not exported: for a dynamic scene, pass the result of [`Scene::at`].
 ///
 /// # Errors
 /// [`SceneError`] if a file cannot be written.
-pub fn export(shot: &Shot, scene: &Scene, folder: &Path) -> Result<PathBuf, SceneError> {
-    let name = file_name(&shot.name);
+pub fn export(shot: &Shot, scene: &Scene, folder: &Path, name: &str) -> Result<PathBuf, SceneError> {
     let scene_file = format!("{name}.glb");
     gltf::write(&folder.join(&scene_file), scene)?;
     let (sky, rotation_deg) = match &scene.environment {
@@ -40,8 +39,8 @@ pub fn export(shot: &Shot, scene: &Scene, folder: &Path) -> Result<PathBuf, Scen
     Ok(path)
 }
 
-/// Returns a safe file name, since a shot may have any name, even `../x`.
-fn file_name(shot: &str) -> String {
+/// Returns a safe file name of a shot, which may have any name, even `../x`.
+pub fn file_name(shot: &str) -> String {
     let name: String = shot.chars().map(|c| if c.is_alphanumeric() || c == '_' { c } else { '-' }).collect();
     if name.is_empty() { "shot".into() } else { name }
 }
@@ -84,7 +83,7 @@ mod tests {
 
     fn round_trip(shot: &Shot, scene: &Scene) -> (Shot, Scene) {
         let folder = tempfile::tempdir().unwrap();
-        let path = export(shot, scene, folder.path()).unwrap();
+        let path = export(shot, scene, folder.path(), &file_name(&shot.name)).unwrap();
         assert_eq!(path.parent(), Some(folder.path()), "{}", shot.name);
         load_shot(path.to_str().unwrap()).unwrap_or_else(|e| panic!("{}: {e}", shot.name))
     }

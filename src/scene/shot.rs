@@ -12,6 +12,7 @@ mod write;
 use std::ops::RangeInclusive;
 
 use glam::Vec3;
+use serde_json::{Map, Value};
 
 use super::motion::play::{Choice, Move, Play};
 use super::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
@@ -140,6 +141,14 @@ pub struct Draft {
     pub lights: Vec<ShotLight>,
     pub gaze: Option<Gaze>,
     pub exposure: Option<Exposure>,
+    /// Settings of the table `[render]`, unchecked.
+    pub settings: Map<String, Value>,
+}
+
+/// Returns the settings of the table `[render]` of a shot's text. There are none if the text is invalid, which loading
+/// the shot reports.
+pub fn settings_of(text: &str) -> Map<String, Value> {
+    Draft::parse(text, "").map(|draft| draft.settings).unwrap_or_default()
 }
 
 /// Exposure of pictures.
@@ -173,6 +182,7 @@ impl Draft {
             lights: Vec::new(),
             gaze: None,
             exposure: None,
+            settings: Map::new(),
         }
     }
 

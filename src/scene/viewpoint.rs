@@ -40,6 +40,9 @@ impl Orbit {
     pub const FRONT: Self = Self::from(0.0, 8.0);
     pub const THREE_QUARTER: Self = Self::from(30.0, 20.0);
     pub const TOP: Self = Self::from(0.0, 89.0);
+    /// Views of the whole scene from outside, with their names.
+    pub const NAMED: [(&str, Self); 3] =
+        [("front", Self::FRONT), ("three-quarter", Self::THREE_QUARTER), ("top", Self::TOP)];
 
     const fn from(azimuth_deg: f32, elevation_deg: f32) -> Self {
         Self { azimuth_deg, elevation_deg, zoom: 1.0 }

@@ -230,7 +230,7 @@ fn glb_files_that_contradict_themselves_are_named() {
         assert_ne!(json, TRIANGLE, "{name}");
         let file = case.file(&format!("{name}.glb"), &glb_of(&json));
         // Without this option, images that cannot be read are left out.
-        case.refused(&file, &["--strict"], 2, parts);
+        case.refused(&file, &["--set", "strict=on"], 2, parts);
     }
 }
 
@@ -286,15 +286,15 @@ fn skies_that_do_not_decode_are_named() {
 fn scenes_that_take_more_memory_than_they_may_are_refused() {
     let case = Case::new();
     let scene = case.file("scene.glb", &glb());
-    let says = ["scene.glb", "--max-scene-memory", "500 bytes"];
-    case.refused(&scene, &["--max-scene-memory", "0.5kB"], 2, &says);
+    let says = ["scene.glb", "max_scene_memory", "500 bytes"];
+    case.refused(&scene, &["--set", "max_scene_memory=0.5kB"], 2, &says);
     // The file fits, but the scene made from it does not.
-    case.refused(&scene, &["--max-scene-memory", "3kB"], 2, &["--max-scene-memory", "2.9 KiB"]);
+    case.refused(&scene, &["--set", "max_scene_memory=3kB"], 2, &["max_scene_memory", "2.9 KiB"]);
     let output =
-        case.render_into(&case.path("good"), &scene, &["--max-scene-memory", "1MiB", "--environment", "white"]);
+        case.render_into(&case.path("good"), &scene, &["--set", "max_scene_memory=1MiB", "--environment", "white"]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     for size in ["0", "much", "4G", "-1GiB"] {
-        assert_option_refused(&[&format!("--max-scene-memory={size}")], &["--max-scene-memory", size]);
+        assert_option_refused(&["--set", &format!("max_scene_memory={size}")], &["max_scene_memory", size]);
     }
 }
 
@@ -331,7 +331,7 @@ fn no_display_server_is_looked_for_in_a_shared_folder() {
     let planted = std::os::unix::net::UnixListener::bind(shared.path().join("wayland-0")).unwrap();
     planted.set_nonblocking(true).unwrap();
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_diptych"));
-    command.arg("devices").env("TMPDIR", shared.path());
+    command.arg("info").env("TMPDIR", shared.path());
     for variable in ["XDG_RUNTIME_DIR", "WAYLAND_DISPLAY", "WAYLAND_SOCKET", "NODEVICE_SELECT"] {
         command.env_remove(variable);
     }

@@ -49,8 +49,8 @@ fn errors_fall_as_the_square_root_of_samples() {
                 "0",
                 "--reference-spp",
                 "512",
-                "--sampler",
-                sampler,
+                "--set",
+                &format!("sampler={sampler}"),
             ],
         );
         let origin = event(&events, "reference")["origin"].as_str().unwrap();

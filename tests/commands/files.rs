@@ -254,6 +254,6 @@ fn frames_beyond_the_cameras_path_are_warned_of() {
 fn devices_that_were_taken_out_are_not_counted() {
     let two = ["--virtual", "2", "--threads-per-device", "1"];
     assert!(said(&two).contains(" on 2 device(s): "));
-    let text = said(&[&two[..], &["--inject", "loss:dev1@frame0"]].concat());
+    let text = said(&[&two[..], &["--disturb", "loss:dev1@frame0"]].concat());
     assert!(text.contains(" on 1 of 2 device(s): "), "{text}");
 }

@@ -17,7 +17,7 @@ fn lines<'a>(text: &'a str, pass: &str) -> Vec<Vec<&'a str>> {
 
 #[test]
 fn it_prints_passes_transfers_and_what_is_left_out() {
-    let text = graph(&["--virtual", "2", "--halo", "exchange"]);
+    let text = graph(&["--virtual", "2", "--set", "halo=exchange"]);
     assert_eq!(lines(&text, "svgf").len(), 2 * 5);
     assert_eq!(lines(&text, "path_trace")[0][2..4], ["left", "64x36"]);
     let left_out = |text: &str, stage: &str, why: &str| {
@@ -35,7 +35,7 @@ fn it_prints_passes_transfers_and_what_is_left_out() {
 
 #[test]
 fn it_prints_the_same_as_json() {
-    let options = ["--virtual", "2", "--halo", "exchange"];
+    let options = ["--virtual", "2", "--set", "halo=exchange"];
     let (text, json) = (graph(&options), graph(&[&options[..], &["--json"]].concat()));
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     let passes = json["passes"].as_array().unwrap();

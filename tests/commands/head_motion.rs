@@ -95,7 +95,7 @@ fn eyes_that_are_not_alike_have_a_gaze() {
     std::fs::write(&motion, EYES).unwrap();
     let run = ["render", "builtin:cornell", "--motion", &motion, "--size", "36x40", "--frames", "1", "--warm-up", "0"];
     let with = |more: &[&'static str], out| [&run[..], more, &["--out", out]].concat();
-    ran(&with(&["--foveation", "layers", "--overlay", "--aov", "motion", "--virtual", "2"], &layers));
+    ran(&with(&["--foveation", "layers", "--also", "overlay", "--aov", "motion", "--virtual", "2"], &layers));
     ran(&with(&["--foveation", "visual-polar"], &polar));
     let drawn = image::open(Path::new(&layers).join("stereo.png")).unwrap().to_rgb8();
     let of_colour = |colour: [u8; 3], columns: std::ops::Range<u32>| {
@@ -109,7 +109,7 @@ fn eyes_that_are_not_alike_have_a_gaze() {
         assert!(of_colour([255, 160, 0], columns).len() >= 20, "stripes meet somewhere");
     }
     assert!(run_json(Path::new(&polar))["rectified"]["pixels_ratio"].as_f64().unwrap() > 1.0);
-    let output = diptych(&with(&["--foveation", "visual-polar", "--overlay"], &polar));
+    let output = diptych(&with(&["--foveation", "visual-polar", "--also", "overlay"], &polar));
     let text = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(2) && text.contains("--overlay") && text.lines().count() == 1, "{text}");
+    assert!(output.status.code() == Some(2) && text.contains("--also overlay") && text.lines().count() == 1, "{text}");
 }

@@ -92,7 +92,7 @@ fn most_of_what_is_traced_again_is_at_edges_unless_a_filter_blends_them() {
 #[test]
 fn edges_that_are_antialiased_are_no_holes() {
     let folder = tempfile::tempdir().unwrap();
-    let options = ["--spp", "4", "--render-scale", "0.8", "--aov", "holes"];
+    let options = ["--spp", "4", "--set", "render_scale=0.8", "--aov", "holes"];
     let (said, run) = render("builtin:checker", folder.path(), &options);
     let holes = read_rgb(&folder.path().join("right.holes.exr")).unwrap();
     let count = |value: f32| holes.pixels.iter().filter(|p| p[0] == value).count();
@@ -142,7 +142,7 @@ fn auxiliary_images_may_be_layers() {
     let [files, layers] = ["files", "layers"].map(|name| folder.path().join(name));
     let options = ["--frames", "2", "--aov", "motion,position,normal"];
     render("builtin:cornell", &files, &options);
-    render("builtin:cornell", &layers, &[&options[..], &["--layers", "--over-under"]].concat());
+    render("builtin:cornell", &layers, &[&options[..], &["--also", "layers", "--also", "over-under"]].concat());
     let names = |folder: &Path| std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect::<Vec<_>>();
     assert!(!names(&layers).iter().any(|name| name.to_string_lossy().contains("normal")), "{:?}", names(&layers));
     for eye in ["left", "right"] {

@@ -98,14 +98,16 @@ fn views_and_tone_curves_are_chosen() {
     let case = Case::new();
     let render = |out: &str, options: &[&str]| shown(&case.render(out, &[options, &["--warm-up", "0"]].concat()).0);
     let first = render("first", &[]);
-    assert!(first == render("view", &["--view", "three-quarter"]));
-    assert!(first == render("orbit", &["--orbit", "30,20"]));
-    assert!(first != render("top", &["--view", "top"]) && first != render("near", &["--orbit", "30,20,1.5"]));
-    assert!(first == render("neutral", &["--tonemap", "neutral"]) && first != render("agx", &["--tonemap", "agx"]));
+    assert!(first == render("view", &["--set", "orbit=three-quarter"]));
+    assert!(first == render("orbit", &["--set", "orbit=30,20"]));
+    assert!(first != render("top", &["--set", "orbit=top"]) && first != render("near", &["--set", "orbit=30,20,1.5"]));
+    assert!(
+        first == render("neutral", &["--set", "tonemap=neutral"]) && first != render("agx", &["--set", "tonemap=agx"])
+    );
     let file = case.path("block.glb");
     let out = case.path("out");
     let args = ["render", file.to_str().unwrap(), "--out", out.to_str().unwrap()];
-    let output = diptych(&[&args[..], &["--view", "top", "--position", "0,0,9"]].concat());
+    let output = diptych(&[&args[..], &["--set", "orbit=top", "--position", "0,0,9"]].concat());
     assert_eq!(output.status.code(), Some(2));
 }
 
@@ -148,7 +150,7 @@ fn a_shot_in_place_of_head_motion_is_told_as_that() {
 #[test]
 fn an_unknown_variant_is_refused_with_those_there_are() {
     let case = Case::new();
-    let (status, said) = run_in(case.folder.path(), &["block.glb", "--variant", "night"]);
+    let (status, said) = run_in(case.folder.path(), &["block.glb", "--set", "variant=night"]);
     assert!(status == Some(2) && said.contains("no variant named 'night'"), "{said}");
 }
 

@@ -1,4 +1,4 @@
-//! `measure` times built-in scenes on each adapter and checks their images.
+//! `info --check` times built-in scenes on each adapter and checks their images.
 
 use crate::common::diptych;
 use serde_json::Value;
@@ -8,7 +8,7 @@ use serde_json::Value;
 fn a_machine_is_measured_and_its_images_are_right() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let output = diptych(&["measure", "--minutes", "2", "--sizes", "16x9,32x18", "--json", "--out", out]);
+    let output = diptych(&["info", "--check", "--minutes", "2", "--sizes", "16x9,32x18", "--json", "--out", out]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let machine = std::fs::read_to_string(folder.path().join("machine.json")).unwrap();
     let machine: Value = serde_json::from_str(&machine).unwrap();
@@ -43,11 +43,11 @@ fn a_machine_is_measured_and_its_images_are_right() {
 fn what_does_not_fit_the_time_is_left_out_and_named() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let output = diptych(&["measure", "--minutes", "0.05", "--sizes", "64x36,128x72,256x144", "--out", out]);
+    let output = diptych(&["info", "--check", "--minutes", "0.05", "--sizes", "64x36,128x72,256x144", "--out", out]);
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(text.contains("left out: atrium at 256x144"), "{text}");
-    let wrong = diptych(&["measure", "--minutes", "0", "--out", out]);
+    let wrong = diptych(&["info", "--check", "--minutes", "0", "--out", out]);
     let message = String::from_utf8(wrong.stderr).unwrap();
     assert!(wrong.status.code() == Some(2) && message.contains("from 0.05 to 600 minutes"), "{message}");
 }

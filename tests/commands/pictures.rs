@@ -22,14 +22,14 @@ fn names(out: &Path) -> BTreeSet<String> {
 fn pictures_that_a_later_run_does_not_write_are_removed() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
-    render(out, &["--frames", "3", "--aov", "holes,depth", "--anaglyph"]);
+    render(out, &["--frames", "3", "--aov", "holes,depth", "--also", "anaglyph"]);
     let long = names(out);
     assert!(long.contains("left.holes.0002.exr") && long.contains("holes.0002.png"), "{long:?}");
     let kept = ["notes.txt", "left.png", "left.7.exr", "left.mine.0001.exr", "stereo.0001.png.bak", "my.left.0001.exr"];
     kept.iter().for_each(|name| std::fs::write(out.join(name), name).unwrap());
 
     // The same run again replaces all of them.
-    assert!(!render(out, &["--frames", "3", "--aov", "holes,depth", "--anaglyph"]).contains("earlier run"));
+    assert!(!render(out, &["--frames", "3", "--aov", "holes,depth", "--also", "anaglyph"]).contains("earlier run"));
     assert!(names(out).is_superset(&long));
 
     // Frame 2 had 11 pictures; each of the others had an anaglyph and 5 auxiliary ones.

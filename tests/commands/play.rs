@@ -112,7 +112,7 @@ fn quality_falls_when_a_device_slows_down_and_comes_back() {
         // The limit for hung devices is high enough for a device with 64 times the work on a busy machine.
         play(
             &folder.path().join("slow"),
-            &[&ladder[..], &slow, &["--budget-ms", &budget, "--frames", "90", "--watchdog-ms", "600000"]].concat(),
+            &[&ladder[..], &slow, &["--budget-ms", &budget, "--frames", "90", "--set", "watchdog_ms=600000"]].concat(),
         );
     let rungs: Vec<u64> = run["frames"].as_array().unwrap().iter().map(|r| r["rung"].as_u64().unwrap()).collect();
     assert!(rungs[..30].contains(&1), "{rungs:?}");
@@ -154,7 +154,7 @@ fn rungs_are_taken_by_predictions_and_not_by_the_ladders_times() {
 #[test]
 fn a_hung_device_costs_a_second_and_a_slow_one_stays() {
     let folder = tempfile::tempdir().unwrap();
-    let devices = ["--virtual", "3", "--inject", "hang:dev1@frame12", "--disturb", "slow:dev2@18..28"];
+    let devices = ["--virtual", "3", "--disturb", "hang:dev1@frame12", "--disturb", "slow:dev2@18..28"];
     let (_, run) = play(folder.path(), &[&devices[..], &["--budget-ms", "0.01..60", "--frames", "32"]].concat());
     let rows = run["frames"].as_array().unwrap();
     let ms = |row: &Value| row["makespan_ms"].as_f64().unwrap();

@@ -67,9 +67,10 @@ fn a_run_that_cannot_fit_stops_unless_it_is_to_go_on() {
     assert_eq!((status, frames), (Some(1), 30), "{stderr}");
     let error = stderr.lines().last().unwrap();
     assert!(error.starts_with("error: nothing fits the budget of 0.001 to 0.002 ms at 48x32: each of the"), "{stderr}");
-    assert!(error.ends_with("raise --budget-ms, or --keep-going to play on"), "{stderr}");
+    assert!(error.ends_with("raise --budget-ms, or --set keep_going=on to play on"), "{stderr}");
     assert!(folder.path().join("out/left.exr").is_file() && !folder.path().join("out/run.json.rows.part").exists());
-    for (frames, more) in [("31", &["--keep-going"][..]), ("30", &[]), ("31", &["--disturb", "slow:dev0@3"])] {
+    for (frames, more) in [("31", &["--set", "keep_going=on"][..]), ("30", &[]), ("31", &["--disturb", "slow:dev0@3"])]
+    {
         let (status, played, stderr) = run(frames, more);
         assert_eq!((status, played.to_string().as_str()), (Some(0), frames), "{more:?}: {stderr}");
     }

@@ -138,16 +138,15 @@ fn options_that_a_reference_overrules_are_refused_where_they_are_given() {
         ["--iterations", "3"],
         ["--foveation", "layers"],
         ["--foveation", "visual-polar"],
-        ["--polar", "kernel"],
-        ["--gaze", "0.5,0.5"],
-        ["--render-scale", "0.5"],
+        ["--set", "polar=kernel"],
+        ["--set", "render_scale=0.5"],
         ["--reproject", "on"],
-        ["--frames-in-flight", "2"],
+        ["--set", "frames_in_flight=2"],
     ] {
-        case.refused(&["--reference", given[0], given[1]], &[given[0], "a reference", "leave it or --reference out"]);
+        case.refused(&["--reference", given[0], given[1]], &["a reference"]);
     }
-    let agreed = ["--denoiser", "none", "--foveation", "none", "--render-scale", "1", "--reproject", "off"];
-    case.render("agreed", &[&agreed[..], &["--spp", "2", "--frames-in-flight", "1"]].concat());
+    let agreed = ["--denoiser", "none", "--foveation", "none", "--set", "render_scale=1", "--reproject", "off"];
+    case.render("agreed", &[&agreed[..], &["--spp", "2", "--set", "frames_in_flight=1"]].concat());
 }
 
 /// The rays of all passes must not be divided by the time of the last pass alone.
@@ -202,10 +201,10 @@ fn checkpoints_of_another_traversal_are_refused() {
     };
     let (case, adapter) = (Case::new(), able.index.to_string());
     let kept = case.kept();
-    let with = |traversal: &'static str| ["--devices", &adapter, "--traversal", traversal, "--passes-out", &kept];
-    case.render("compute", &[&["--spp", "8"], &with("compute")[..]].concat());
+    let with = |traversal: &'static str| ["--devices", &adapter, "--set", traversal, "--passes-out", &kept];
+    case.render("compute", &[&["--spp", "8"], &with("traversal=compute")[..]].concat());
     case.refused(
-        &[&["--reference", "--spp", "16"], &with("hardware")[..]].concat(),
+        &[&["--reference", "--spp", "16"], &with("traversal=hardware")[..]].concat(),
         &["traversal is compute there and hardware here"],
     );
     let run = std::fs::read(case.path("compute/run.json")).unwrap();
@@ -226,8 +225,8 @@ fn checkpoints_of_other_renders_are_refused() {
         (["--seed", "5"], "seed is 0 there and 5 here"),
         (["--size", "16x16"], "size is 24x14 there and 16x16 here"),
         (["--bounces", "2"], "bounces is 6 there and 2 here"),
-        (["--sampler", "pcg"], "sampler is sobol there and pcg here"),
-        (["--pass-spp", "16"], "pass_spp is 8 there and 16 here"),
+        (["--set", "sampler=pcg"], "sampler is sobol there and pcg here"),
+        (["--set", "pass_spp=16"], "pass_spp is 8 there and 16 here"),
         (["--time", "1"], "camera is"),
     ] {
         let mut all = with(&[]);
@@ -268,7 +267,7 @@ fn damaged_checkpoints_are_refused() {
 #[test]
 fn the_time_limit_ends_with_what_was_reached() {
     let case = Case::new();
-    let row = case.render("limited", &["--spp", "1000000000", "--time-limit", "0.5"]);
+    let row = case.render("limited", &["--spp", "1000000000", "--set", "time_limit=0.5"]);
     assert_eq!(row["out_of_time"], true, "{row}");
     let spp = row["spp"].as_u64().unwrap();
     assert!((8..1_000_000).contains(&spp) && spp.is_multiple_of(8), "{row}");
@@ -288,8 +287,8 @@ fn constant_radiance_does_not_drift_in_65536_samples() {
         "--reference",
         "--spp",
         "65536",
-        "--pass-spp",
-        "1024",
+        "--set",
+        "pass_spp=1024",
         "--bounces",
         "1",
         "--size",
@@ -312,7 +311,7 @@ fn constant_radiance_does_not_drift_in_65536_samples() {
 fn passes_take_the_samples_of_one_frame() {
     let case = Case::new();
     // In a frame, pixels share Sobol sequences; in a reference they do not. PCG is the same for both.
-    let sampled = ["--spp", "28", "--sampler", "pcg"];
+    let sampled = ["--spp", "28", "--set", "sampler=pcg"];
     case.render("passes", &sampled);
     case.render_frame("frame", &sampled);
     for eye in ["left", "right"] {
@@ -378,13 +377,13 @@ fn errors_of_a_frame_s_neighbouring_pixels_cancel() {
 #[test]
 fn limits_that_are_none_are_refused() {
     let case = Case::new();
-    case.refused(&["--time-limit", "5"], &["--reference"]);
+    case.refused(&["--set", "time_limit=5"], &["--reference"]);
     case.refused(&["--passes-out", "x"], &["--reference"]);
     for limit in ["0", "-1", "nan", "soon"] {
-        case.refused(&["--reference", &format!("--time-limit={limit}")], &["--time-limit"]);
+        case.refused(&["--reference", "--set", &format!("time_limit={limit}")], &["time_limit"]);
     }
     for pass in ["0", "1", "12", "8192"] {
-        case.refused(&["--reference", "--pass-spp", pass], &["--pass-spp", pass]);
+        case.refused(&["--reference", "--set", &format!("pass_spp={pass}")], &["pass_spp"]);
     }
     case.refused(&["--spp", "2000000"], &["--spp", "--reference"]);
     assert!(!Path::new("x").exists());

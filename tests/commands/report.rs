@@ -76,7 +76,7 @@ fn a_play_shows_its_frames_and_its_picture_beside_a_reference() {
     let folder = tempfile::tempdir().unwrap();
     let shape =
         ["--budget-ms", "0.01..30000", "--frames", "12", "--fps", "1000", "--virtual", "2", "--report-spp", "64"];
-    let disturbed = ["--disturb", "slow:dev1@4..6", "--disturb", "scene-cut@8", "--inject", "loss:dev1@frame10"];
+    let disturbed = ["--disturb", "slow:dev1@4..6", "--disturb", "scene-cut@8", "--disturb", "loss:dev1@frame10"];
     let page = report(folder.path(), &[&["play", "builtin:cornell"], &shape[..], &disturbed].concat());
     stands_alone(&page);
     lanes_are_sound(&data(&page, "lanes"), 12);

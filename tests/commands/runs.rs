@@ -9,13 +9,13 @@ use crate::common::{diptych, is_thorough};
 
 /// Names and arguments of the runs.
 const RUNS: [(&str, &str); 13] = [
-    ("render", "render builtin:cornell --size 40x24 --frames 3 --virtual 2 --aov depth,albedo --details"),
+    ("render", "render builtin:cornell --size 40x24 --frames 3 --virtual 2 --aov depth,albedo --also details"),
     ("reference", "render builtin:cornell --size 40x24 --reference --spp 16 --frames 2"),
     ("play", "play builtin:cornell --size 40x24 --frames 8 --budget-ms 0.01..30000 --fps 1000"),
     ("scale", "scale builtin:checker --size 48x32 --counts 1,2 --threads-per-device 1 --simulate 1,2,4 --report"),
     (
         "in flight",
-        "scale builtin:checker --size 48x32 --counts 1,2 --threads-per-device 1 --frames-in-flight 2 --report",
+        "scale builtin:checker --size 48x32 --counts 1,2 --threads-per-device 1 --set frames_in_flight=2 --report",
     ),
     (
         "bench",

@@ -90,7 +90,7 @@ fn speed_up_is_over_one_device() {
 #[test]
 fn options_of_each_device_leave_the_base_its_own() {
     let folder = tempfile::tempdir().unwrap();
-    let each = ["--counts", "2", "--slowdown", "1,2", "--ratios", "2,1"];
+    let each = ["--counts", "2", "--set", "slowdown=1,2", "--ratios", "2,1"];
     let result = scale(folder.path(), &each);
     let devices: Vec<_> = result["rows"].as_array().unwrap().iter().map(|row| &row["devices"]).collect();
     assert_eq!(devices, [1, 2]);
@@ -117,7 +117,7 @@ fn a_page_has_all_of_it_and_needs_nothing_else() {
 #[test]
 fn frames_in_flight_are_not_simulated() {
     let folder = tempfile::tempdir().unwrap();
-    let args = ["scale", "builtin:checker", "--size", "48x32", "--frames-in-flight", "2", "--simulate", "1,2"];
+    let args = ["scale", "builtin:checker", "--size", "48x32", "--set", "frames_in_flight=2", "--simulate", "1,2"];
     let output = diptych(&[&args[..], &["--out", folder.path().to_str().unwrap()]].concat());
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");

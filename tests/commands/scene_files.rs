@@ -56,7 +56,7 @@ fn floor(folder: &Path, unit: f64, change: impl FnOnce(&mut Value)) -> PathBuf {
 fn render(folder: &Path, file: &Path, options: &[&str]) -> (RgbImage, String) {
     let out = folder.join("out");
     let args = ["render", file.to_str().unwrap(), "--size", "16x9", "--spp", "1", "--exposure", "0"];
-    let plain = ["--denoiser", "none", "--environment", "0,0,0", "--baseline", "0", "--out", out.to_str().unwrap()];
+    let plain = ["--denoiser", "none", "--environment", "0,0,0", "--set", "baseline=0", "--out", out.to_str().unwrap()];
     let output = diptych(&[&args[..], &plain, options].concat());
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{said}");
@@ -86,7 +86,7 @@ fn copies_at_one_place_look_like_one() {
             json["scenes"][0]["nodes"] = (0..2000).collect();
         });
         let begin = Instant::now();
-        let (image, said) = render(folder.path(), &file, &["--scene-cache", "off"]);
+        let (image, said) = render(folder.path(), &file, &["--set", "scene_cache=off"]);
         assert!(begin.elapsed() < Duration::from_secs(60), "{alpha_mode}: {:?}", begin.elapsed());
         assert_eq!(image, one, "{alpha_mode} {said}");
     }
@@ -103,7 +103,7 @@ fn a_missing_texture_is_warned_of_or_refused() {
     let (image, said) = render(folder.path(), &file, &[]);
     assert!(image.pixels.iter().flatten().all(|channel| (channel - 0.5).abs() < 1e-3));
     assert!(said.contains("images that cannot be read are left out"), "{said}");
-    let strict = diptych(&["scenes", file.to_str().unwrap(), "--strict"]);
+    let strict = diptych(&["info", file.to_str().unwrap(), "--set", "strict=on"]);
     let said = String::from_utf8(strict.stderr).unwrap();
     assert!(strict.status.code() == Some(2) && said.contains("cannot read") && said.contains("grey.png"), "{said}");
 }

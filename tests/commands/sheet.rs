@@ -105,7 +105,7 @@ fn a_sheet_shows_what_can_be_shown_and_names_the_rest() {
     let bad = folder.path().join("bad.glb");
     let out = folder.path().join("sheets/all.png");
     let [good, bad, to] = [&good, &bad, &out].map(|path| path.to_str().unwrap());
-    let output = diptych(&["sheet", good, bad, good, "--size", "64x48", "--columns", "2", "--out", to]);
+    let output = diptych(&["export", good, bad, good, "--size", "64x48", "--columns", "2", "--out", to]);
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{errors}");
     assert!(errors.contains("bad.glb") && errors.contains("1 of 3 file(s)"), "{errors}");
@@ -115,6 +115,6 @@ fn a_sheet_shows_what_can_be_shown_and_names_the_rest() {
     let brightest = |x: u32, y: u32| (0..48).map(|dy| sheet.get_pixel(x + 32, y + dy).0[0]).max();
     assert!(brightest(0, 0) > Some(100) && brightest(68, 0) == Some(0), "the second picture is missing");
     assert!(brightest(0, 96) > Some(100));
-    let output = diptych(&["sheet", good, "--out", folder.path().join("sheet.jpg").to_str().unwrap()]);
+    let output = diptych(&["export", good, "--out", folder.path().join("sheet.jpg").to_str().unwrap()]);
     assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains(".png"));
 }

@@ -49,19 +49,21 @@ fn bytes(folder: &Path) -> [Vec<u8>; 3] {
 }
 
 /// Camera in front of the box, and an environment.
-const OPTIONS: [&str; 14] = [
-    "--position",
-    "0,1,4",
-    "--target=-0.1,1,0",
-    "--yfov=40",
-    "--baseline",
-    "0.1",
-    "--exposure",
-    "-1",
+const OPTIONS: [&str; 16] = [
+    "--set",
+    "position=0,1,4",
+    "--set",
+    "target=-0.1,1,0",
+    "--set",
+    "yfov=40",
+    "--set",
+    "baseline=0.1",
+    "--set",
+    "exposure=-1",
     "--environment",
     "0.5,0.25,0.125",
-    "--tonemap",
-    "reinhard",
+    "--set",
+    "tonemap=reinhard",
     "--warm-up",
     "0",
 ];
@@ -82,11 +84,11 @@ fn options_say_what_a_shot_would() {
 
     // Write a shot to edit, in another folder than its scene.
     let written = case.path("shots/box.toml");
-    let said = case.run(&[&["shot", &file, "--out", &written], &OPTIONS[..10]].concat());
+    let said = case.run(&[&["export", &file, "--out", &written], &OPTIONS[..12]].concat());
     assert!(said.contains("--allow-outside"), "{said}");
     let (by_written, _) = case.render(&written, "by-written", &["--warm-up", "0", "--allow-outside"]);
     assert!(bytes(&by_options) == bytes(&by_written));
-    let output = diptych(&["shot", &file, "--out", &written]);
+    let output = diptych(&["export", &file, "--out", &written]);
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.code() == Some(2) && errors.contains("the file exists"), "{errors}");
 }
@@ -95,7 +97,7 @@ fn options_say_what_a_shot_would() {
 fn a_scene_alone_is_seen_and_what_shows_nothing_is_told() {
     let case = Case::new();
     let file = case.path("box/cornell.glb");
-    let plain = ["--environment", "white", "--exposure", "0", "--tonemap", "reinhard", "--warm-up", "0"];
+    let plain = ["--environment", "white", "--exposure", "0", "--set", "tonemap=reinhard", "--warm-up", "0"];
     let (alone, said) = case.render(&file, "alone", &plain);
     assert!(said.contains("no camera in the file: placed"), "{said}");
     assert!(!said.contains("picture is"), "{said}");
@@ -145,10 +147,10 @@ fn options_that_give_no_view_are_refused() {
         (&["--position", "1,2"][..], "three numbers"),
         (&["--yfov", "180"], "below 180"),
         (&["--exposure", "25"], "-24 to 24"),
-        (&["--baseline=-1"], "0 or a number above"),
+        (&["--set", "baseline=-1"], "0 or a number above"),
         (&["--environment", "sky.png"], ".hdr"),
         (&["--environment", "no-such-sky.hdr"], "no-such-sky.hdr"),
-        (&["--camera", "0"], "no camera (--camera)"),
+        (&["--set", "camera=0"], "no camera (--camera)"),
         (&["--position", "1,1,1", "--target", "1,1,1"], "same point"),
         (&["--position", "1,1,1", "--target", "1,1,1"], "(--position, --target)"),
     ] {

@@ -103,7 +103,7 @@ fn ctrl_c_ends_a_reference_with_the_samples_it_has() {
 fn a_run_without_a_picture_names_and_replaces_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let args = ["render", "builtin:checker", "--size", "16x9", "--warm-up", "0", "--sheet", "--out", out];
+    let args = ["render", "builtin:checker", "--size", "16x9", "--warm-up", "0", "--also", "sheet", "--out", out];
     assert!(program(&args).stdout(Stdio::null()).status().unwrap().success());
     let before = json(&folder.path().join("run.json"));
     let again = [&args[..], &["--json", "--frames", "4"]].concat();
@@ -132,7 +132,7 @@ fn an_interrupted_sheet_shows_the_files_so_far() {
     let sheet = folder.path().join("sheet.png");
     let scenes = ["builtin:checker"; 40];
     let options = ["--size", "40x30", "--out", sheet.to_str().unwrap()];
-    let mut command = program(&[&["sheet"], &scenes[..], &options].concat());
+    let mut command = program(&[&["export"], &scenes[..], &options].concat());
     let mut run = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     // The first line of progress comes after some seconds.
     let mut lines = BufReader::new(run.stderr.take().unwrap()).lines().map(Result::unwrap);
@@ -163,7 +163,7 @@ fn an_interrupted_scaling_has_its_rows_so_far() {
 fn an_interrupted_measurement_has_its_results_so_far() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let mut command = program(&["measure", "--json", "--sizes", "16x9,1280x720", "--out", out]);
+    let mut command = program(&["info", "--check", "--json", "--sizes", "16x9,1280x720", "--out", out]);
     let (status, said) = interrupted_at("measured", &mut command, libc::SIGINT);
     assert_eq!(status, Some(130), "{said}");
     let machine = json(&folder.path().join("machine.json"));

@@ -24,13 +24,13 @@ fn errors(output: &Output) -> String {
 
 /// Commands that print and need no images.
 const COMMANDS: [&str; 9] = [
-    "scenes",
-    "scenes builtin:cornell",
-    "scenes --json",
-    "devices",
+    "info",
+    "info builtin:cornell",
+    "info --json",
+    "info --settings",
     "graph builtin:cornell --json",
-    "completions bash",
-    "man --out man",
+    "generate bash",
+    "generate man --out man",
     "render --help",
     "--version",
 ];
@@ -121,8 +121,7 @@ fn every_path_may_have_bytes_that_are_not_utf8() {
         "trace trace.json",
         "compare a a --json --heatmap",
         "graph builtin:checker --dot",
-        "man --out",
-        "shot builtin:checker --out",
+        "generate man --out",
         "export builtin:checker --out",
         "render builtin:checker --size 16x9 --out b --motion",
         "render builtin:checker --size 16x9 --out b --trace",

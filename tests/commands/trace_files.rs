@@ -137,7 +137,7 @@ fn a_run_tells_sums_of_its_tasks_and_each_of_them_where_asked() {
     let warm_up = format!("warm-up {:.1} s; 4 frame(s)", number(&brief["warm_up_s"]));
     assert!(text.contains(&said) && text.contains(&warm_up), "{text} without {said} or {warm_up}");
 
-    let (detailed, _) = run("detailed", &["--details"]);
+    let (detailed, _) = run("detailed", &["--also", "details"]);
     let detailed: Value = serde_json::from_str(&detailed).unwrap();
     for frame in detailed["frames"].as_array().unwrap() {
         let (stages, tasks) = (frame["stages"].as_array().unwrap(), frame["tasks"].as_array().unwrap());

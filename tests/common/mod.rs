@@ -8,13 +8,13 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use clap::ValueEnum;
 use diptych::RunConfig;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::ranks::Devices;
 use diptych::exec::{ExecError, FrameParams, FrameReport, Renderer, Stereo};
 use diptych::frame::Foveation;
+use diptych::frame::settings::Value as _;
 use diptych::graph::{Life, Pass};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::tonemap::LINEAR;
@@ -147,7 +147,7 @@ fn idle() -> MutexGuard<'static, Vec<GpuDevice>> {
 pub fn traversal() -> TraversalChoice {
     let Some(name) = std::env::var_os("DIPTYCH_TRAVERSAL") else { return TraversalChoice::Auto };
     let name = name.to_string_lossy();
-    TraversalChoice::from_str(&name, false).unwrap_or_else(|_| panic!("DIPTYCH_TRAVERSAL cannot be {name}"))
+    TraversalChoice::parse(&name).unwrap_or_else(|_| panic!("DIPTYCH_TRAVERSAL cannot be {name}"))
 }
 
 /// Returns `count` single-threaded devices of the first suitable adapter, which is the same for every count. Tests run

@@ -276,7 +276,7 @@ fn without_a_device_left_the_command_fails() {
     let folder = tempfile::tempdir().unwrap();
     let to = folder.path().to_str().unwrap();
     let args = ["render", "builtin:checker", "--size", "32x18", "--frames", "2", "--out", to];
-    let output = diptych(&[&args[..], &["--inject", "loss:dev0@frame1"]].concat());
+    let output = diptych(&[&args[..], &["--disturb", "loss:dev0@frame1"]].concat());
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("no device is left") && said.contains("device 0"), "{said}");
@@ -288,7 +288,7 @@ fn without_a_device_left_the_command_fails() {
 fn a_device_that_takes_too_long_is_out() {
     let folder = tempfile::tempdir().unwrap();
     let to = folder.path().to_str().unwrap();
-    let args = ["render", "builtin:checker", "--size", "320x180", "--spp", "16", "--watchdog-ms", "1", "--out", to];
+    let args = ["render", "builtin:checker", "--size", "320x180", "--spp", "16", "--set", "watchdog_ms=1", "--out", to];
     let output = diptych(&args);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
@@ -301,15 +301,15 @@ fn faults_that_cannot_be_made_are_refused() {
     let to = folder.path().to_str().unwrap();
     for (more, expected) in [
         (["--disturb", "loss"], "write KIND:devI@FRAME"),
-        (["--inject", "melt:dev0@frame0"], "choose loss, hang, oom or slow"),
-        (["--inject", "loss:dev0@frame7"], "--disturb loss:dev0@7: there is no frame 7: the last is frame 0"),
+        (["--disturb", "melt:dev0@frame0"], "choose loss, hang, oom or slow"),
+        (["--disturb", "loss:dev0@frame7"], "--disturb loss:dev0@7: there is no frame 7: the last is frame 0"),
         (["--disturb", "slow:dev3@0..2"], "--disturb slow:dev3@0..2: there is no device 3: there are 1"),
         (["--disturb", "scene-cut@0"], "only `diptych play` makes scene cuts"),
-        (["--slowdown", "1,2"], "2 numbers"),
-        (["--slowdown", "0"], "--slowdown"),
+        (["--set", "slowdown=1,2"], "2 numbers"),
+        (["--set", "slowdown=0"], "--slowdown"),
         (["--threads-per-device", "1,2"], "2 thread counts"),
-        (["--watchdog-ms", "0"], "--watchdog-ms"),
-        (["--max-dispatch-ms", "0"], "milliseconds above 0"),
+        (["--set", "watchdog_ms=0"], "--watchdog-ms"),
+        (["--set", "max_dispatch_ms=0"], "milliseconds above 0"),
     ] {
         let output = diptych(&[&["render", "builtin:checker", "--size", "16x9", "--out", to][..], &more].concat());
         let said = String::from_utf8_lossy(&output.stderr);

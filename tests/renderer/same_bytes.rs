@@ -380,12 +380,12 @@ fn files_of_one_device_and_of_three_with_frames_in_flight_are_equal() {
         let aovs = "albedo,normal,position,depth,motion,roughness,holes,spp";
         let mut args =
             vec!["render", "builtin:checker", "--size", "96x54", "--aov", aovs, "--frames", "2", "--fps", "2"];
-        args.extend(["--out", to, "--virtual", devices, "--frames-in-flight", in_flight]);
+        args.extend(["--out", to, "--virtual", devices, "--set", in_flight]);
         let output = diptych(&args);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         out
     };
-    let (one, three) = (render("1", "1"), render("3", "2"));
+    let (one, three) = (render("1", "frames_in_flight=1"), render("3", "frames_in_flight=2"));
     let mut names: Vec<_> = std::fs::read_dir(&one).unwrap().map(|f| f.unwrap().file_name()).collect();
     names.retain(|n| n != "run.json" && n != "frames.csv");
     assert_eq!(names.len(), 2 * (2 + 2 * 8 + 2 + 3), "{names:?}");

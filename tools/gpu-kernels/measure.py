@@ -98,7 +98,7 @@ def run(options, chip, scene, traversal):
     with tempfile.TemporaryDirectory(dir=options.out) as folder:
         command = [*options.under, "env", *(f"{name}={value}" for name, value in environment.items())]
         command += [options.diptych, "render", f"builtin:{scene}", "--size", "64x64", "--frames", "1", "--warm-up", "0"]
-        command += ["--traversal", traversal, "--quiet", "--out", folder]
+        command += ["--set", f"traversal={traversal}", "--quiet", "--out", folder]
         # The output of NAK is long, so only the last lines of it stay in memory.
         pipe = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "errors": "replace"}
         with subprocess.Popen(command, **pipe) as process:

@@ -7,10 +7,11 @@ use anyhow::anyhow;
 use clap::ValueEnum;
 
 use crate::cli::failure::Failure;
-use crate::cli::foveation::FoveationMode;
-use crate::cli::options::{self, DenoiserChoice, RunOptions, render_scale};
+use crate::cli::options::{self, DenoiserChoice, RunOptions};
 use crate::cli::reference::{PASS_SPP, seconds};
+use crate::cli::setting_flags::{foveation, render_scale};
 use crate::cli::settings::Given;
+use crate::frame::settings::FoveationMode;
 use crate::quality::{Denoiser, LogPolar};
 use crate::report::once;
 use crate::samples::Samples;
@@ -37,7 +38,7 @@ pub struct Args {
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=i64::from(Denoiser::MAX_ITERATIONS)), help_heading = options::QUALITY)]
     pub(super) iterations: Vec<u32>,
     /// Foveation modes to measure [default: none]
-    #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = foveation(), conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
     pub(super) foveation: Vec<FoveationMode>,
     /// Log-polar mode, e.g. fov, or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
     ///

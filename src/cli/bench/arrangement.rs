@@ -1,13 +1,13 @@
 //! Options of an experiment's arrangements, which are the variants that the experiment compares.
 
 use anyhow::{Context, anyhow, bail, ensure};
-use clap::{Args as _, Command, FromArgMatches, Parser};
-use toml::Value;
+use clap::Parser;
 
 use super::axes::FPS;
 use crate::cli::balance::Balance;
-use crate::cli::options::{self, RenderFlags, RenderOptions, RunOptions};
+use crate::cli::options::{RenderFlags, RenderOptions, RunOptions};
 use crate::frame::Foveation;
+use crate::frame::settings::{Setting, text_of};
 use crate::image::Extent;
 use crate::loaded::LoadedScene;
 use crate::passes::partitions;
@@ -16,8 +16,8 @@ use crate::report::experiment::{Arrangement, Experiment, OtherMeasures};
 use crate::scene::rig::Eye;
 use crate::schedule::RatioRule;
 
-/// Options that an arrangement may set in addition to the quality options.
-const OTHERS: [&str; 4] = ["balance", "ratios", "seam", "halo"];
+/// Settings of devices that an arrangement may have.
+const OTHERS: [&str; 2] = ["seam", "halo"];
 
 /// Degrees from the gaze at which the linear falloff begins and ends.
 const FALLOFF_DEG: [f64; 2] = [10.0, 20.0];
@@ -28,7 +28,8 @@ const LOG_POLAR_ALPHA: f64 = 4.0;
 /// Returns the options of all arrangements for a number of frames.
 pub fn of(experiment: &Experiment, run: &RunOptions, frames: u32) -> Result<Vec<RenderOptions>, anyhow::Error> {
     let defaults = RenderFlags::try_parse_from(["arrangement", "--out=."])?;
-    let common = RenderFlags { run: run.clone(), frames, fps: FPS, ..defaults };
+    let mut common = RenderFlags { run: run.clone(), frames, ..defaults };
+    common.run.settings.fps = Some(FPS);
     let mut shared = experiment.options.clone();
     if !run.balance.is_empty() || !run.ratios.is_empty() {
         shared.retain(|name, _| !["balance", "ratios"].contains(&name));
@@ -37,8 +38,10 @@ pub fn of(experiment: &Experiment, run: &RunOptions, frames: u32) -> Result<Vec<
     let of = |arrangement: &Arrangement| {
         let mut flags = with(common.clone(), &arrangement.options)?;
         if let Some(blur) = arrangement.blur {
-            ensure!(flags.foveated.foveation.is_log_polar(), "blur needs log-polar images");
-            flags.foveated.polar.get_or_insert(LogPolar::COMPOSITE).blur = blur;
+            let settings = &mut flags.run.settings;
+            let is_log_polar = matches!(settings.polar_space(), Some(PolarSpace::Log(_)));
+            ensure!(is_log_polar, "blur needs log-polar images");
+            settings.polar.get_or_insert(LogPolar::COMPOSITE).blur = blur;
         }
         let options = flags.options()?;
         let known: Vec<&str> = partitions().into_iter().map(|group| group.0).collect();
@@ -66,7 +69,7 @@ pub fn distributed(arrangement: &Arrangement, mut options: RenderOptions, device
     let on_primary: Vec<f64> = (0..devices).map(|device| if device == 0 { 1.0 } else { 0.0 }).collect();
     for group in partitions() {
         for view in Eye::ALL {
-            let is_traced = view == Eye::Left || !run.reprojects();
+            let is_traced = view == Eye::Left || !run.settings.reproject;
             if !(is_traced && distribute.iter().any(|name| name == group.0)) {
                 let ratios = on_primary.clone();
                 run.ratios.push(RatioRule { group: Some(group), view: Some(view), ratios });
@@ -76,43 +79,29 @@ pub fn distributed(arrangement: &Arrangement, mut options: RenderOptions, device
     options
 }
 
-/// Returns `flags`, changed by the entries of a table, whose keys are names of command-line options.
+/// Returns `flags`, changed by the entries of a table, whose keys are names of settings, `balance` and `ratios`.
 fn with(mut flags: RenderFlags, table: &toml::Table) -> Result<RenderFlags, anyhow::Error> {
-    let command = Command::new("arrangement").no_binary_name(true).disable_help_flag(true);
-    // Options that the table lacks keep their values.
-    let command = RenderFlags::augment_args_for_update(command).mut_args(|arg| arg.default_value(None));
-    let mut words = Vec::new();
+    let run = &mut flags.run;
     for (name, value) in table {
-        let is_allowed = command.get_arguments().any(|arg| {
-            let is_quality = arg.get_help_heading() == Some(options::QUALITY);
-            arg.get_long() == Some(name) && (is_quality || OTHERS.contains(&name.as_str()))
-        });
-        ensure!(is_allowed, "arrangements cannot have the option '{name}'");
-        words.push(format!("--{name}={}", text(value).with_context(|| name.clone())?));
+        let text = text_of(&serde_json::to_value(value)?).map_err(|what| anyhow!("{name}: {what}"))?;
+        match name.as_str() {
+            "balance" => run.balance = vec![Balance::from_name(&text).ok_or_else(|| anyhow!("no policy '{text}'"))?],
+            "ratios" => run.ratios = vec![text.parse().map_err(|what| anyhow!("ratios: {what}"))?],
+            _ => {
+                let is_allowed = Setting::of_key(name).is_none_or(|s| s.is_of_shots() || OTHERS.contains(&s.key));
+                ensure!(is_allowed, "arrangements cannot have the setting '{name}'");
+                run.settings.set(name, &text)?;
+            }
+        }
     }
-    let matches = command.try_get_matches_from(words).map_err(|error| {
-        let text = error.to_string();
-        anyhow!("{}", text.lines().next().unwrap_or_default().trim_start_matches("error: "))
-    })?;
-    flags.update_from_arg_matches(&matches)?;
     Ok(flags)
-}
-
-/// Formats a TOML value as an argument of the command line.
-fn text(value: &Value) -> Result<String, anyhow::Error> {
-    Ok(match value {
-        Value::String(text) => text.clone(),
-        Value::Array(values) => values.iter().map(text).collect::<Result<Vec<_>, _>>()?.join(","),
-        Value::Integer(_) | Value::Float(_) => value.to_string(),
-        _ => bail!("{value} is neither a text, a number nor a list of these"),
-    })
 }
 
 /// Changes options so that they trace about as many pixels as a visual-polar image has: adjusts the floor of a linear
 /// falloff if there are foveal layers, σ of log-polar images, or otherwise the render scale. Returns the floor or σ
 /// under its name.
 pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene) -> OtherMeasures {
-    let (time_s, size) = (options.time, options.size);
+    let (time_s, size) = (options.settings.time, options.settings.size);
     let gaze = loaded.shot.gaze.at(time_s);
     let view = loaded.shot.rig.view(time_s, Eye::Left);
     let share = PolarSpace::Visual.share(gaze, &view, size).min(1.0);
@@ -123,7 +112,8 @@ pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene)
             let radii = FALLOFF_DEG.map(|degrees| degrees.to_radians().tan() / (2.0 * tan));
             let falloff = Foveation { radii, ..Default::default() };
             let unsampled = falloff.unsampled_fraction_for(share, gaze, size);
-            (most.fovea, options.unsampled_fraction) = (Some(radii), unsampled);
+            most.fovea = Some(radii);
+            options.run.settings.unsampled_fraction = unsampled;
             OtherMeasures::from([("floor", 1.0 - unsampled)])
         }
         (Some(PolarSpace::Log(_)), _) => {
@@ -146,8 +136,9 @@ pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene)
 
 /// Returns the number of pixels in the left eye's image as a fraction of those on its screen.
 pub fn dispatched(options: &RenderOptions, loaded: &LoadedScene) -> f64 {
-    let (view, gaze) = (loaded.shot.rig.view(options.time, Eye::Left), loaded.shot.gaze.at(options.time));
-    options.quality().polar.map_or(1.0, |space| space.share(gaze, &view, options.size))
+    let (view, gaze) =
+        (loaded.shot.rig.view(options.settings.time, Eye::Left), loaded.shot.gaze.at(options.settings.time));
+    options.quality().polar.map_or(1.0, |space| space.share(gaze, &view, options.settings.size))
 }
 
 /// Returns the tangents of half the horizontal and half the vertical field of view.
@@ -162,7 +153,7 @@ mod tests {
     use crate::quality::Quality;
 
     fn options_of(text: &str) -> Result<Vec<RenderOptions>, String> {
-        let run = RunOptions::parse_from(["diptych", "builtin:cornell", "--seed", "7", "--out", "unused"]);
+        let run = RunOptions::parse_from(["diptych", "builtin:cornell", "--set", "seed=7", "--out", "unused"]);
         of(&Experiment::parse(text)?, &run, 1).map_err(|error| format!("{error:#}"))
     }
 
@@ -175,7 +166,7 @@ mod tests {
         texts.push(docs.split("```toml\n").nth(1).unwrap().split("```").next().unwrap().to_owned());
         for text in texts {
             let all = options_of(&text).unwrap_or_else(|error| panic!("{text}: {error}"));
-            assert!(all.len() > 1 && all.iter().all(|options| options.seed == 7), "{text}");
+            assert!(all.len() > 1 && all.iter().all(|options| options.settings.seed == 7), "{text}");
         }
     }
 
@@ -188,14 +179,14 @@ mod tests {
         assert_eq!(all[0].quality(), quality);
         assert_eq!(all[3].quality(), Quality { polar: Some(PolarSpace::Visual), ..quality });
         assert_eq!(all[2].quality(), Quality { fovea: Some(Foveation::RADII), ..quality });
-        assert!(all.iter().all(|options| !options.reprojects() && options.ratios[0].ratios == [1.0, 2.0]));
+        assert!(all.iter().all(|options| !options.settings.reproject && options.ratios[0].ratios == [1.0, 2.0]));
     }
 
     #[test]
     fn wrong_options_are_named_with_their_arrangement() {
         let text = include_str!("experiments/koskela.toml");
         for (old, new, says) in [
-            ("spp = 1", "spp = 0", &["options", "--spp", "0"][..]),
+            ("spp = 1", "spp = 0", &["options", "spp", "0"][..]),
             ("spp = 1", "spp = { a = 1 }", &["options", "spp"]),
             ("spp = 1", "frames = 3", &["options", "'frames'"]),
             (
@@ -203,9 +194,9 @@ mod tests {
                 "distribute = ['shade']",
                 &["'linear'", "distribute", "shade", "gbuffer"],
             ),
-            ("options.foveation = \"layers\"", "options.foveation = \"rings\"", &["'linear'", "--foveation", "rings"]),
+            ("options.foveation = \"layers\"", "options.foveation = \"rings\"", &["'linear'", "foveation", "rings"]),
             ("options.foveation = \"layers\"", "blur = false", &["'linear'", "blur"]),
-            ("options.foveation = \"layers\"", "options.polar = \"fov\"", &["'linear'", "--polar"]),
+            ("options.foveation = \"layers\"", "options.polar = \"fov\"", &["'linear'", "polar"]),
             (
                 "options.foveation = \"layers\"",
                 "options.foveation = \"visual-polar\"",

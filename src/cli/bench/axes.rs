@@ -2,14 +2,14 @@
 //! of each setting.
 
 use anyhow::Context;
-use serde_json::{Value, json};
+use serde_json::{Value as Json, json};
 
 use super::args::Args;
 use crate::cli::failure::Failure;
-use crate::cli::foveation::FoveationMode;
 use crate::cli::options::DenoiserChoice;
-use crate::cli::{settings, setup};
+use crate::cli::settings;
 use crate::control::Ladder;
+use crate::frame::settings::{FoveationMode, Settings, Value};
 use crate::quality::{Denoiser, Filter, Quality};
 use crate::report::once;
 use crate::samples::Samples;
@@ -57,14 +57,14 @@ impl Args {
     }
 
     /// Returns the measured values of each axis, under the name of its option's field.
-    pub fn measured(&self) -> [(&'static str, Value); 7] {
+    pub fn measured(&self) -> [(&'static str, Json); 7] {
         [
             ("spp", json!(self.spp())),
             ("bounces", json!(self.bounces())),
             ("iterations", json!(self.iterations())),
             ("denoiser", json!(self.denoisers().into_iter().map(Denoiser::name_of).collect::<Vec<_>>())),
-            ("foveation", json!(self.foveations().iter().map(setup::name).collect::<Vec<_>>())),
-            ("scale", json!(self.scales())),
+            ("foveation", json!(self.foveations().iter().map(Value::text).collect::<Vec<_>>())),
+            ("render_scale", json!(self.scales())),
             ("balance", settings::balance(&self.options.balances())),
         ]
     }
@@ -92,7 +92,7 @@ impl Args {
     /// Returns the instant of frame `i` in seconds. During the warm-up the camera moves along its path, so that the
     /// history comes from other views than the compared frames. Then it stands still.
     pub fn time_s(&self, quality: &Quality, i: u32) -> f64 {
-        self.options.time - f64::from(self.warm_up_of(quality).saturating_sub(i)) / FPS
+        self.options.settings.time - f64::from(self.warm_up_of(quality).saturating_sub(i)) / FPS
     }
 
     /// Returns the settings of the grid; the sample count varies fastest. Without a denoiser there is neither foveation
@@ -105,7 +105,8 @@ impl Args {
             let foveations = if denoiser.is_some() { self.foveations() } else { vec![FoveationMode::None] };
             let scales = if denoiser.is_some() { self.scales() } else { vec![1.0] };
             for (&filter, foveation) in filters.iter().flat_map(|i| foveations.iter().map(move |f| (i, f))) {
-                let (fovea, polar) = (foveation.radii(), foveation.space(self.polar));
+                let foveated = Settings { foveation: *foveation, polar: self.polar, ..Settings::default() };
+                let (fovea, polar) = (foveated.layer_radii(), foveated.polar_space());
                 let grid = Quality { filter, fovea, polar, ..Quality::default() };
                 for (bounces, &scale) in self.bounces().iter().flat_map(|b| scales.iter().map(move |s| (*b, s))) {
                     let quality = |spp| Quality { spp, bounces, scale, ..grid };

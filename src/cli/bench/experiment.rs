@@ -35,7 +35,7 @@ use super::subject::{Subject, subjects};
 use super::turns::Turns;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
-use crate::cli::options::{RenderOptions, RunOptions};
+use crate::cli::options::RenderOptions;
 use crate::cli::output;
 use crate::cli::page;
 use crate::cli::progress::Progress;
@@ -186,7 +186,7 @@ impl Results {
         if experiment.overscan_deg > 0.0 {
             let (rig, border_deg) = (&mut loaded.shot.rig, experiment.overscan_deg);
             let optics = rig.optics.map(|optics| optics.widened(border_deg));
-            rig.optics = Some(optics.unwrap_or_else(|| Optics::with_border(rig, options.size, border_deg)));
+            rig.optics = Some(optics.unwrap_or_else(|| Optics::with_border(rig, options.settings.size, border_deg)));
         }
         let arranged = arrangements(args, experiment).map_err(Failure::Input)?;
         let quality = slowest(args, &arranged);
@@ -214,7 +214,7 @@ impl Results {
             let own = arrangement::distributed(arrangement, own, gpus.len());
             turns.add(format!("{} of {}", arrangement.name, subject.name), own, gpus)?;
         }
-        let frame = turns.renderers[0].rectified().map(|frame| RectifiedFrame::new(frame, options.size));
+        let frame = turns.renderers[0].rectified().map(|frame| RectifiedFrame::new(frame, options.settings.size));
         self.notes.extend(frame.map(|frame| format!("{}: {frame}.", subject.name)));
         self.devices = turns.renderers[0].devices().to_vec();
         let mut texts = subject.texts.clone();
@@ -241,16 +241,17 @@ impl Results {
             let keys = &loaded.shot.rig.keys;
             let (instants, frames) = match camera {
                 Camera::Moving => (on_path(keys, args.preset.instants), 1),
-                Camera::Stepping => (from_end_to_end(keys, options.time, args.preset.instants), args.repeats),
-                _ => (vec![options.time], args.frames_of(&quality) - warm_up),
+                Camera::Stepping => (from_end_to_end(keys, options.settings.time, args.preset.instants), args.repeats),
+                _ => (vec![options.settings.time], args.frames_of(&quality) - warm_up),
             };
             let mut views = Vec::new();
             for time_s in instants {
-                let args = Args { options: RunOptions { time: time_s, ..options.clone() }, ..args.clone() };
+                let mut args = args.clone();
+                args.options.settings.time = time_s;
                 let reference = own(&args, &loaded, tracing, None)?;
                 interrupt::check()?;
                 let instant = experiment.cameras.as_ref().map_or(String::new(), |_| format!("{time_s} s: "));
-                self.notes.push(instant + &reference.note(&options.shot, options.size));
+                self.notes.push(instant + &reference.note(&options.shot, options.settings.size));
                 views.push(View { time_s, reference, frames });
             }
             if !views.is_empty() {
@@ -287,7 +288,7 @@ impl Results {
     ) -> Result<Vec<Found>, Failure> {
         let (options, experiment) = (&args.options, self.experiment);
         let total: u32 = views.iter().map(|view| view.frames).sum();
-        let seen = experiment.has_any(&RINGS).then(|| rings::viewing(options.size));
+        let seen = experiment.has_any(&RINGS).then(|| rings::viewing(options.settings.size));
         let mut found: Vec<Found> = beside.iter().map(|_| Found::default()).collect();
         let mut rings: Vec<Vec<FrameRings>> = beside.iter().map(|_| Vec::new()).collect();
         let mut number = 0;
@@ -372,7 +373,7 @@ impl Results {
             more.insert(0, by_ring);
         }
         let sizes = match &experiment.resolutions[..] {
-            [] => args.options.size.to_string(),
+            [] => args.options.settings.size.to_string(),
             of => of.iter().map(|of| of.size(args.preset.size_factor).to_string()).collect::<Vec<_>>().join(" and "),
         };
         let tables = experiment.tables(&self.rows, self.notes).into_iter();

@@ -66,15 +66,15 @@ pub fn measure(
     others: Vec<OtherMeasures>,
 ) -> Result<Followed, Failure> {
     let (options, frames) = (&args.options, args.preset.frames);
-    let last_s = options.time + f64::from(frames - 1) / FPS;
-    let beyond = setup::beyond_path(&loaded.shot.rig, options.time, last_s);
+    let last_s = options.settings.time + f64::from(frames - 1) / FPS;
+    let beyond = setup::beyond_path(&loaded.shot.rig, options.settings.time, last_s);
     loaded.scene.warnings.iter().cloned().chain(beyond).for_each(|warning| log!("warning: {warning}"));
     let mut found: Vec<Found> = others.into_iter().map(|others| Found { others, ..Found::default() }).collect();
     let mut reports: Vec<Vec<FrameReport>> = found.iter().map(|_| Vec::new()).collect();
     let mut rows: Vec<Vec<FrameRow>> = found.iter().map(|_| Vec::new()).collect();
     for i in 0..args.warm_up + frames {
         let number = i.checked_sub(args.warm_up);
-        let time_s = options.time + f64::from(number.unwrap_or(0)) / FPS;
+        let time_s = options.settings.time + f64::from(number.unwrap_or(0)) / FPS;
         let rendered = turns.render(time_s, i)?;
         let Some(number) = number else { continue };
         for (which, report) in rendered.into_iter().enumerate() {
@@ -103,7 +103,8 @@ pub fn measure(
     let names: Vec<&str> = experiment.all.iter().map(|arrangement| &arrangement.name[..]).collect();
     let more = if args.report { sections(args, loaded, turns, &names, &reports)? } else { Vec::new() };
     let (shown, devices) = (settings_of(turns, loaded), turns.renderers[0].devices());
-    let mut run = RunReport::new(shown, devices, &loaded.scene, loaded.needs, !options.no_skip, rows.concat());
+    let mut run =
+        RunReport::new(shown, devices, &loaded.scene, loaded.needs, options.settings.skip_unused, rows.concat());
     (run.warm_up_s, run.warm_up_frames) = (turns.warm_up_s, args.warm_up);
     let figure = makespans_svg(format!("{} on {} devices", options.shot, devices.len()), &names, &found)?;
     Ok(Followed { found, simulated, run, figure, more })

@@ -19,11 +19,11 @@ use super::judge::Judge;
 use super::reference::Reference;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
-use crate::cli::foveation::FoveationFlags;
 use crate::cli::interrupt;
 use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Tracing};
+use crate::frame::settings::Settings;
 
 /// Estimates the relative cost of a frame: one unit for each sample per pixel, plus one for the rest of the frame.
 fn work(quality: &Quality) -> u64 {
@@ -81,7 +81,7 @@ impl<'a> Grid<'a> {
         let Self { args, loaded, reference, tracing, .. } = self;
         let (mut renderer, options) = self.renderer(setting)?;
         record_devices(&tracing.recorder, renderer.devices());
-        let mut judge = Judge::new(loaded, reference, options.time);
+        let mut judge = Judge::new(loaded, reference, options.settings.time);
         let warm_up = args.warm_up_of(setting);
         for i in 0..args.frames_of(setting) {
             let frame = self.frame(&mut renderer, setting, i)?;
@@ -93,7 +93,7 @@ impl<'a> Grid<'a> {
                     None,
                     &FrameReport { index: number * FRAMES_MAX + i, ..frame.clone() },
                 );
-                let row = FrameRow::new(&frame, &options.quality(), &loaded.shot.rig, options.time);
+                let row = FrameRow::new(&frame, &options.quality(), &loaded.shot.rig, options.settings.time);
                 judge.add(&frame, &FrameRow { index: i - warm_up, ..row }, &renderer.read_linear()?)?;
             }
         }
@@ -103,7 +103,7 @@ impl<'a> Grid<'a> {
 
     fn renderer(&self, setting: &Quality) -> Result<(Renderer, RenderOptions), Failure> {
         let Self { args, loaded, tracing, .. } = self;
-        let options = RenderOptions::new(args.options.clone(), FoveationFlags::default().limit(setting));
+        let options = RenderOptions::new(args.options.clone(), Settings::default().limit(setting));
         let begin = Instant::now();
         let renderer = setup::renderer(&options, loaded, self.gpus.take(), tracing.recorder.origin())?;
         self.warm_up_s.set(self.warm_up_s.get() + begin.elapsed().as_secs_f64());

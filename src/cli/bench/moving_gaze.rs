@@ -44,14 +44,14 @@ pub fn with_moving_gaze(
     begun: &mut u32,
     [warm_up, all]: [u32; 2],
 ) -> Result<Vec<[Option<f64>; 2]>, Failure> {
-    let (rig, from) = (&loaded.shot.rig, loaded.shot.gaze.at(options.time));
+    let (rig, from) = (&loaded.shot.rig, loaded.shot.gaze.at(options.settings.time));
     let mut flips = vec![Some(0.0); turns.renderers.len()];
     let mut changes = vec![[Change::default(); 2]; flips.len()];
     let mut before: Vec<Option<([Pair; 2], Viewing)>> = flips.iter().map(|_| None).collect();
     for i in 0..all {
-        let gaze = turned(from, tan_half(loaded, options.size), GAZE_DEG_PER_S * f64::from(i + 1) / FPS);
+        let gaze = turned(from, tan_half(loaded, options.settings.size), GAZE_DEG_PER_S * f64::from(i + 1) / FPS);
         turns.gaze = Some([gaze; 2]);
-        turns.render(options.time, *begun)?;
+        turns.render(options.settings.time, *begun)?;
         *begun += 1;
         if i < warm_up {
             continue;

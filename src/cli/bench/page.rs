@@ -53,7 +53,7 @@ impl Page<'_> {
     pub fn write(&self, grid: &Grid, figure: String, shared: Shared) -> Result<(), Failure> {
         let Self { args, rows, reference, .. } = self;
         let options = &args.options;
-        let title = format!("Time against error, {} at {}", options.shot, options.size);
+        let title = format!("Time against error, {} at {}", options.shot, options.settings.size);
         let seen = self.seen(grid)?;
         let noise = reference.noise.as_ref();
         let errors = "Means over frames, by eye. Front: no other setting is both faster and better.".to_owned();
@@ -114,7 +114,7 @@ impl Page<'_> {
     }
 
     fn ladder(&self) -> Result<Section, Failure> {
-        let title = format!("Fronts of {} at {}", self.args.options.shot, self.args.options.size);
+        let title = format!("Fronts of {} at {}", self.args.options.shot, self.args.options.settings.size);
         let figure = ladder_svg(title, self.rows, self.peers, self.ladder).context("cannot draw the fronts")?;
         let rungs = self.ladder.rungs().len();
         let notes = format!(

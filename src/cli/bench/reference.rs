@@ -4,6 +4,7 @@ use std::path::Path;
 
 use crate::accumulation::{Noise, hash_of};
 use crate::exec::Stereo;
+use crate::frame::Sampler;
 use crate::image::{Extent, RgbImage, exr};
 use crate::loaded::LoadedScene;
 use crate::metrics::kinds::KindMap;
@@ -61,8 +62,13 @@ pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> 
     let read = |name: &str| -> Result<RgbImage, Failure> {
         let path = folder.join(name);
         let image = exr::read_rgb(&path).map_err(|e| Failure::Input(e.into()))?;
-        if image.extent != options.size {
-            let what = format!("{} is {}, not {}: give its size as --size", path.display(), image.extent, options.size);
+        if image.extent != options.settings.size {
+            let what = format!(
+                "{} is {}, not {}: give its size as --size",
+                path.display(),
+                image.extent,
+                options.settings.size
+            );
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
         Ok(image)
@@ -76,8 +82,9 @@ pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> 
 /// Returns the plan for rendering a reference.
 pub fn plan(args: &Args) -> Result<Plan, Failure> {
     let options = &args.options;
-    let seed = if options.seed == SEED { !SEED } else { SEED };
-    let run = RunOptions { seed, clamp: None, sampler: Default::default(), ..options.clone() };
+    let seed = if options.settings.seed == SEED { !SEED } else { SEED };
+    let mut run = options.clone();
+    (run.settings.seed, run.settings.sampler) = (seed, Sampler::default());
     let passes = PassOptions { time_limit: Some(args.reference_time_limit), passes_out: None, pass_spp: PASS_SPP };
     let spp = args.reference_spp.unwrap_or(if args.quick { 256 } else { 1024 });
     let judged = args.judged()?;
@@ -111,7 +118,7 @@ pub fn own(
             (done.accumulation, done.row.to_string())
         };
     let images = accumulation.mean();
-    let tags = output::tags(&loaded.shot.rig, loaded.shot.exposure_ev, options.size, plan.time_s(0), 0);
+    let tags = output::tags(&loaded.shot.rig, loaded.shot.exposure_ev, options.settings.size, plan.time_s(0), 0);
     exr::write_tagged_rgb(&folder.join("left.exr"), &images.left, &tags.left)?;
     exr::write_tagged_rgb(&folder.join("right.exr"), &images.right, &tags.right)?;
     let (origin, key) = (format!("{how}, in {}", folder.display()), key(accumulation.samples()));

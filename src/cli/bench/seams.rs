@@ -1,7 +1,6 @@
 //! `diptych bench --seam-study`: image errors at the seams between stripes, by seam policy and number of devices.
 
 use anyhow::anyhow;
-use clap::ValueEnum;
 
 use crate::device::DeviceInfo;
 use crate::exec::Stereo;
@@ -26,12 +25,13 @@ use super::timed::{Setting, Timed, TimedFrame, Warm};
 use crate::cli::balance::Balance;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
-use crate::cli::options::{RenderOptions, RunOptions, SeamOption};
+use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::output::{self, same_bits};
 use crate::cli::page::{self, and_page};
 use crate::cli::progress::Progress;
 use crate::cli::settings;
 use crate::cli::setup::{self, Tracing};
+use crate::frame::settings::{SeamMode, Value};
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = settings(args)?;
@@ -47,7 +47,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => own(args, &loaded, &tracing, None)?,
     };
     let frames = u64::from(args.warm_up + args.repeats);
-    let settings = 1 + args.seams.counts().len() * SeamOption::value_variants().len();
+    let settings = 1 + args.seams.counts().len() * SEAMS.len();
     let progress = Progress::new(settings as u64 * frames, options.quiet, options.json);
     let timed = Timed { args, loaded: &loaded, progress: &progress, tracing: &tracing };
     let found = Study { options, reference, loaded: &loaded }.measure(&timed)?;
@@ -80,6 +80,9 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     Ok(options)
 }
 
+/// All filtering across stripes, in the order of the tables.
+const SEAMS: [SeamMode; 3] = [SeamMode::None, SeamMode::Filter, SeamMode::Halo];
+
 struct Study<'a> {
     options: RenderOptions,
     reference: Reference,
@@ -110,17 +113,17 @@ impl<'a> Study<'a> {
         keep(ONE_DEVICE, &one);
         let (mut devices, mut warm_up_s, mut number) = (vec![one.devices.clone()], one.warm_up_s, 1);
         for count in timed.args.seams.counts() {
-            for &seam in SeamOption::value_variants() {
-                let policy = setup::name(&seam);
-                let run = RunOptions { seam, ..self.options.run.clone() };
-                let options = RenderOptions { run, ..self.options.clone() };
+            for seam in SEAMS {
+                let policy = seam.text();
+                let mut options = self.options.clone();
+                options.run.settings.seam = seam;
                 let name = format!("{count} devices, {policy}");
                 let warm = timed.frames(&Setting { number, name, options, virtual_devices: Some(count) })?;
                 rows.extend(self.rows(&policy, &warm, &one.frames)?);
                 keep(&policy, &warm);
                 warm_up_s += warm.warm_up_s;
                 number += 1;
-                if seam == SeamOption::Halo {
+                if seam == SeamMode::Halo {
                     devices.push(warm.devices);
                 }
             }
@@ -190,7 +193,7 @@ impl Results<'_> {
         let Self { study: Study { options, reference, .. }, rows, devices, .. } = self;
         seam_csv(rows).write(&options.out.join("seams.csv"))?;
         self.write_run()?;
-        let title = format!("Seams of {} at {}", options.shot, options.size);
+        let title = format!("Seams of {} at {}", options.shot, options.settings.size);
         let mut settings = Table::of_fields(&settings::in_force(options, self.study.loaded.exposure_ev(), &[]));
         settings.rows.retain(|row| row.first().is_none_or(|name| name != "seam"));
         let mut notes = vec![format!("Reference: {}.", reference.origin)];
@@ -226,7 +229,8 @@ impl Results<'_> {
         policy.beside(FrameLine::csv_of(&rows)).write(&options.out.join("frames.csv"))?;
         let settings = settings::in_force(options, loaded.exposure_ev(), &[]);
         let devices = devices.last().map_or(&[][..], Vec::as_slice);
-        let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows);
+        let mut report =
+            RunReport::new(settings, devices, &loaded.scene, loaded.needs, options.settings.skip_unused, rows);
         report.warm_up_s = *warm_up_s;
         Ok(report.write(&options.out.join("run.json"))?)
     }

@@ -24,7 +24,7 @@ pub fn subjects(args: &Args, experiment: &Experiment) -> Result<Vec<Subject>, an
     let (options, factor) = (&args.options, args.preset.size_factor);
     let shots = shots(args, experiment)?;
     let of = |(shot, resolution): (&Shot, Option<&Resolution>)| {
-        let size = resolution.map_or(options.size, |resolution| resolution.size(factor));
+        let size = resolution.map_or(options.settings.size, |resolution| resolution.size(factor));
         let texts = [
             ("source", Some("measured".to_owned())),
             ("scene", Some(shot.name.clone())),
@@ -33,8 +33,10 @@ pub fn subjects(args: &Args, experiment: &Experiment) -> Result<Vec<Subject>, an
             ("resolution", resolution.map(|resolution| resolution.name.clone())),
             ("size", Some(size.to_string())),
         ];
+        let mut options = RunOptions { shot: shot.name.clone(), ..options.clone() };
+        options.settings.size = size;
         Subject {
-            options: RunOptions { shot: shot.name.clone(), size, ..options.clone() },
+            options,
             texts: texts.into_iter().filter_map(|(label, text)| Some((label.to_owned(), text?.into()))).collect(),
             name: resolution.map_or(shot.name.clone(), |_| format!("{} at {size}", shot.name)),
             layer_radii: resolution.and_then(|resolution| resolution.layer_radii()),

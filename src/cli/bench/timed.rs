@@ -65,7 +65,7 @@ impl Timed<'_> {
         record_devices(&tracing.recorder, renderer.devices());
         let mut frames = Vec::new();
         for i in 0..args.warm_up + args.repeats {
-            let report = renderer.render(&renderer.frame(&loaded.shot.rig, options.time, i))?;
+            let report = renderer.render(&renderer.frame(&loaded.shot.rig, options.settings.time, i))?;
             refuse_faults(&renderer)?;
             interrupt::check()?;
             let makespan_ms = report.makespan_ms;
@@ -75,7 +75,7 @@ impl Timed<'_> {
                 // Frame numbers in the trace are unique across settings.
                 let report = FrameReport { index: number * FRAMES_MAX + i, ..report };
                 tracing.record(&options.quality(), None, &report);
-                let row = FrameRow::new(&report, &options.quality(), &loaded.shot.rig, options.time);
+                let row = FrameRow::new(&report, &options.quality(), &loaded.shot.rig, options.settings.time);
                 let row = FrameRow { index: i - args.warm_up, ..row };
                 frames.push(TimedFrame { report, row, linear: renderer.read_linear()? });
             }

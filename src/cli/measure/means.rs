@@ -1,4 +1,4 @@
-//! Scenes that `diptych measure` renders, with the mean luminance of blocks of their images.
+//! Scenes that `diptych info --check` renders, with the mean luminance of blocks of their images.
 
 /// Columns and rows of blocks.
 pub const BLOCKS: [u32; 2] = [4, 2];

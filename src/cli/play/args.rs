@@ -17,9 +17,6 @@ pub struct Args {
     /// If nothing fits the budget at --size, play at a smaller size
     #[arg(long, help_heading = SCENE)]
     pub(super) fit: bool,
-    /// Play on if the first 30 frames show that nothing fits the budget
-    #[arg(long, help_heading = SCENE)]
-    pub(super) keep_going: bool,
     /// Also write every Kth frame; the clock stops meanwhile
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..), help_heading = OUTPUT)]
     pub(super) save_every: Option<u32>,
@@ -32,12 +29,12 @@ pub struct Args {
     /// Repeat the decisions of an earlier run of the same shot, by its run.json
     ///
     /// Uses the ladder.toml beside it, and the run's frame rate, frames and scene cuts.
-    #[arg(hide_short_help = true, long, value_name = "FILE", conflicts_with_all = ["fit", "ladder", "fps", "frames", "controller"], help_heading = QUALITY)]
+    #[arg(hide_short_help = true, long, value_name = "FILE", conflicts_with_all = ["fit", "ladder", "frames"], help_heading = QUALITY)]
     pub(super) replay: Option<PathBuf>,
     /// Compare these controllers: play with each in turns
     ///
     /// See --controller for their names. Writes a folder per run, comparison.csv and comparison.svg.
-    #[arg(hide_short_help = true, long, value_delimiter = ',', value_name = "NAME,…", conflicts_with_all = ["report", "save_every", "trace", "record_motion", "controller", "replay"], help_heading = OUTPUT)]
+    #[arg(hide_short_help = true, long, value_delimiter = ',', value_name = "NAME,…", conflicts_with_all = ["report", "save_every", "trace", "record_motion", "replay"], help_heading = OUTPUT)]
     pub(super) compare_control: Vec<ControllerKind>,
     /// Runs per controller, for --compare-control
     #[arg(hide_short_help = true, long, value_name = "N", default_value_t = 3, requires = "compare_control", value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = OUTPUT)]

@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut references: Vec<Stereo<RgbImage>> = Vec::new();
     for number in 0..args.runs {
         for &kind in &args.compare_control {
-            prepared.options.controller = kind;
+            prepared.options.run.settings.controller = kind;
             prepared.render.run.out = out.join(format!("{}.{number}", kind.to_string().replace(':', "-")));
             let (play, frames, makespans) = play(args, &mut prepared, &loaded)?;
             interrupt::check()?;
@@ -69,12 +69,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             comparison_csv(&runs).write(&out.join("comparison.csv"))?;
         }
     }
-    let title = format!("Controllers: {} at {}", prepared.render.shot, prepared.render.size);
+    let title = format!("Controllers: {} at {}", prepared.render.shot, prepared.render.settings.size);
     let figure = comparison_svg(title, &runs).context("cannot draw the plot")?;
     output::write_text(&out, "comparison.svg", &figure)?;
     if let Some(at) = prepared.render.faults.disturbances.iter().map(Disturbance::first_frame).min() {
         let budget_ms = args.options.budget_ms.hi_ms();
-        let title = format!("Recovery: {} at {}", prepared.render.shot, prepared.render.size);
+        let title = format!("Recovery: {} at {}", prepared.render.shot, prepared.render.settings.size);
         let figure = recovery_svg(title, &runs, at, budget_ms).context("cannot draw the recovery")?;
         output::write_text(&out, "recovery.svg", &figure)?;
     }
@@ -107,7 +107,7 @@ fn play(args: &Args, prepared: &mut Prepared, loaded: &LoadedScene) -> Result<Pl
     report.write(&prepared.render.out.join("run.json"))?;
     record.finish()?;
     session.ladder().write(&prepared.render.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
-    let reason = |reason| Failure::Run(anyhow::anyhow!("{}: {reason}", prepared.options.controller));
+    let reason = |reason| Failure::Run(anyhow::anyhow!("{}: {reason}", prepared.options.run.settings.controller));
     stopped.map_or(Ok(()), |why| Err(reason(why)))?;
     let play = report.play.context("no frame was judged")?;
     let samples = samples.unwrap_or_default();

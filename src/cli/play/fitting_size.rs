@@ -16,7 +16,7 @@ use super::prepared::Prepared;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
 use crate::cli::interrupt;
-use crate::cli::options::{RenderOptions, RunOptions};
+
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Tracing};
 
@@ -45,11 +45,11 @@ pub fn start(
     progress: &Progress,
 ) -> Result<(Renderer, Option<SizeFit>), Failure> {
     let of_size = |prepared: &Prepared, size: Extent, gpus: Devices| {
-        let run = RunOptions { size, ..prepared.render.run.clone() };
-        let options = RenderOptions { run, ..prepared.render.clone() };
+        let mut options = prepared.render.clone();
+        options.run.settings.size = size;
         setup::renderer(&options, loaded, gpus, tracing.recorder.origin())
     };
-    let (asked, budget) = (prepared.render.size, prepared.options.budget_ms);
+    let (asked, budget) = (prepared.render.settings.size, prepared.options.budget_ms);
     let mut renderer = of_size(prepared, asked, gpus)?;
     let cheapest_ms = cheapest_ms(prepared, loaded, &mut renderer)?;
     if cheapest_ms <= budget.hi_ms() {
@@ -72,9 +72,9 @@ pub fn start(
                 "--fit: no size with the aspect ratio of {asked} fits the budget of {lo_ms} to {hi_ms} ms: raise it"
             )
         };
-        prepared.render.run.size = fitting.ok_or_else(nothing)?.0;
+        prepared.render.run.settings.size = fitting.ok_or_else(nothing)?.0;
     }
-    let played = prepared.render.size;
+    let played = prepared.render.settings.size;
     let fit = SizeFit {
         asked_size: asked.to_string(),
         asked_ms: cheapest_ms,
@@ -88,14 +88,14 @@ pub fn start(
 
 /// Returns the median makespan of frames of the cheapest rung. Afterwards, discards their history.
 fn cheapest_ms(prepared: &Prepared, loaded: &LoadedScene, renderer: &mut Renderer) -> Result<f64, Failure> {
-    let cheapest = prepared.choice.cheapest(&prepared.options.foveated);
+    let cheapest = prepared.choice.cheapest(&prepared.options.run.settings);
     let (begin, mut makespans_ms) = (Instant::now(), Vec::new());
     for i in 0..=FRAMES {
         if i > 1 && begin.elapsed() > TIME_LIMIT {
             break;
         }
         interrupt::check()?;
-        let mut params = renderer.frame(&loaded.shot.rig, prepared.render.time, FIRST_FRAME + i);
+        let mut params = renderer.frame(&loaded.shot.rig, prepared.render.settings.time, FIRST_FRAME + i);
         if let Some((quality, relative_cost)) = &cheapest {
             (params.quality, params.relative_cost) = (*quality, relative_cost.clone());
         }

@@ -14,8 +14,8 @@ use crate::schedule::RelativeCost;
 
 use super::options::LoopOptions;
 use crate::cli::failure::Failure;
-use crate::cli::foveation::FoveationFlags;
 use crate::cli::options::DenoiserChoice;
+use crate::frame::settings::Settings;
 
 /// Settings that a run may use, before their costs are known.
 pub struct Choice {
@@ -27,10 +27,11 @@ pub struct Choice {
 
 impl Choice {
     pub fn new(args: &LoopOptions) -> Result<Self, Failure> {
+        let settings = &args.run.settings;
         let Some(path) = &args.ladder else {
-            let denoiser = args.denoiser.unwrap_or(Some(Denoiser::SVGF));
-            let polar = args.foveated.space();
-            let all = candidates(denoiser, args.foveated.is_on()).into_iter();
+            let denoiser = settings.denoiser;
+            let polar = settings.polar_space();
+            let all = candidates(denoiser, settings.layer_radii().is_some()).into_iter();
             let qualities = all.map(|quality| Quality { polar, ..quality }).collect();
             return Ok(Self { denoiser, ladder: None, qualities });
         };
@@ -40,20 +41,22 @@ impl Choice {
     /// Selects the rungs of a ladder file that the run can use. All frames of a run have the same denoiser.
     fn from_file(args: &LoopOptions, path: &Path) -> Result<Self, anyhow::Error> {
         let all = Ladder::read(path).context("cannot use --ladder")?;
-        let polar = args.foveated.space();
+        let settings = &args.run.settings;
+        let (polar, is_layered) = (settings.polar_space(), settings.layer_radii().is_some());
         let of = |denoiser: DenoiserChoice| -> Vec<Rung> {
             let has = |q: &Quality| q.denoiser() == denoiser && q.polar == polar;
             all.rungs().iter().filter(|r| has(&r.quality)).cloned().collect()
         };
         let most = Denoiser::choices().into_iter().filter(|d| !of(*d).is_empty()).max_by_key(|d| of(*d).len());
-        let denoiser = args.denoiser.or(most).unwrap_or(Some(Denoiser::SVGF));
+        let is_asked = settings.is_given("denoiser");
+        let denoiser = most.filter(|_| !is_asked).unwrap_or(settings.denoiser);
         let (path, name) = (path.display(), Denoiser::name_of(denoiser));
         let space = match polar {
             None => String::new(),
-            Some(PolarSpace::Log(map)) => format!(" and --foveation log-polar --polar {map}"),
+            Some(PolarSpace::Log(map)) => format!(" and --foveation log-polar --set polar={map}"),
             Some(space) => format!(" and --foveation {}", space.method().name()),
         };
-        if args.denoiser.is_none() && all.denoisers().len() > 1 {
+        if !is_asked && all.denoisers().len() > 1 {
             let counts: Vec<String> =
                 all.denoisers().iter().map(|(d, rungs)| format!("{rungs} of {}", Denoiser::name_of(*d))).collect();
             log!(
@@ -68,9 +71,9 @@ impl Choice {
             "--ladder {path}: none of its {} rungs uses --denoiser {name}{space}: measure some with `diptych bench`",
             all.rungs().len(),
         );
-        let rungs = if args.foveated.is_on() { of(denoiser) } else { plain };
+        let rungs = if is_layered { of(denoiser) } else { plain };
         ensure!(!rungs.is_empty(), "--ladder {path}: all rungs for --denoiser {name} need --foveation layers");
-        if !args.foveated.is_on() && !foveated.is_empty() {
+        if !is_layered && !foveated.is_empty() {
             log!("warning: {} rungs of {path} are left out: they need --foveation layers", foveated.len());
         }
         if lack_path_times(&rungs) {
@@ -85,7 +88,7 @@ impl Choice {
     /// Returns the quality and relative cost of a frame on the cheapest rung; `None` if there are no rungs. Among the
     /// built-in candidates, only those with the maximum bounces count, since the light that fewer bounces lose is not
     /// known yet.
-    pub fn cheapest(&self, limits: &FoveationFlags) -> Option<(Quality, RelativeCost)> {
+    pub fn cheapest(&self, limits: &Settings) -> Option<(Quality, RelativeCost)> {
         if let Some(ladder) = &self.ladder {
             let costs = relative_costs(ladder.rungs());
             return ladder.rungs().iter().map(|rung| limits.limit(&rung.quality)).zip(costs).next();

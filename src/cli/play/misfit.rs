@@ -26,7 +26,7 @@ impl Misfit {
     /// which would not be reached, or if it ends with these frames.
     pub fn of_run(args: &Args, options: &RenderOptions) -> Self {
         let is_disturbed = !options.faults.disturbances.is_empty();
-        let is_cleared = args.keep_going || args.fit || options.frames <= FRAMES || is_disturbed;
+        let is_cleared = args.options.run.settings.keep_going || args.fit || options.frames <= FRAMES || is_disturbed;
         Self { makespans_ms: Vec::new(), is_cleared }
     }
 
@@ -53,7 +53,7 @@ pub fn reason(options: &RenderOptions, budget: Budget, fit: Option<&SizeFit>, me
     let [lo_ms, hi_ms] = [budget.lo_ms(), budget.hi_ms()];
     let size = match fit {
         Some(fit) => fit.fitting_size.clone(),
-        None => fitting_size::estimate(options.size, median_ms, budget).map(|size| size.to_string()),
+        None => fitting_size::estimate(options.settings.size, median_ms, budget).map(|size| size.to_string()),
     };
     let remedy = match size {
         Some(size) => format!("use --size {size} or --fit"),
@@ -62,7 +62,7 @@ pub fn reason(options: &RenderOptions, budget: Budget, fit: Option<&SizeFit>, me
     format!(
         "nothing fits the budget of {lo_ms} to {hi_ms} ms at {}: each of the first {FRAMES} frames took more than {} ms \
          at the cheapest rung (median {}): {remedy}, or --keep-going to play on",
-        options.size,
+        options.settings.size,
         FAR * hi_ms,
         fitting_size::duration(median_ms),
     )

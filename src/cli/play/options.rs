@@ -2,12 +2,11 @@
 
 use std::path::PathBuf;
 
-use crate::control::{Budget, ControllerKind, Ladder, Measure, Origin};
+use crate::control::{Budget, Ladder, Measure, Origin};
 use crate::scene::head::{Recording, Space};
 
 use crate::cli::failure::Failure;
-use crate::cli::foveation::FoveationFlags;
-use crate::cli::options::{DEVICES, DenoiserChoice, OUTPUT, QUALITY, RunOptions, SCENE, denoiser_parser};
+use crate::cli::options::{DEVICES, OUTPUT, QUALITY, RunOptions};
 use crate::cli::progress::Progress;
 
 #[derive(clap::Args, Clone, Debug)]
@@ -25,23 +24,6 @@ pub struct LoopOptions {
     /// For the built-in ladder some settings are timed at the start, and errors are estimated.
     #[arg(long, value_name = "FILE", help_heading = QUALITY)]
     pub ladder: Option<PathBuf>,
-    /// Controller, to compare with: diptych, vlachos, unreal, pid, pinned:N
-    ///
-    /// `vlachos` is the adaptive quality of Vlachos (GDC 2016), `unreal` works like the dynamic resolution of Unreal
-    /// Engine, `pid` is a PID controller, `pinned:N` stays on rung N, `turns:N` plays N frames on each rung in turn, and
-    /// `turns:N:STEP` on every STEPth rung.
-    #[arg(hide_short_help = true, long, default_value_t, value_name = "NAME", help_heading = QUALITY)]
-    pub controller: ControllerKind,
-    /// Denoiser of all frames [default: svgf; with --ladder, the one with most rungs]
-    #[arg(long, value_parser = denoiser_parser(), help_heading = QUALITY)]
-    pub denoiser: Option<DenoiserChoice>,
-    #[command(flatten)]
-    pub foveated: FoveationFlags,
-    /// Frames per second [default: as fast as the budget allows]
-    ///
-    /// The camera follows its path to the end and back.
-    #[arg(long, help_heading = SCENE)]
-    pub fps: Option<f64>,
     /// Record head poses to FILE, for --motion
     #[arg(long, value_name = "FILE", help_heading = OUTPUT)]
     pub record_motion: Option<PathBuf>,

@@ -32,7 +32,7 @@ pub fn write(
     last: &Kept,
 ) -> Result<(), Failure> {
     let [lo_ms, hi_ms] = [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()];
-    let title = format!("{} at {} in {lo_ms} to {hi_ms} ms a frame", options.shot, options.size);
+    let title = format!("{} at {} in {lo_ms} to {hi_ms} ms a frame", options.shot, options.settings.size);
     let mut sections = vec![pictures(args, options, loaded, last)?];
     if let Some(play) = &report.play {
         sections.extend(budget(options, play, &report.faults, samples)?);

@@ -11,25 +11,26 @@ use crate::cli::options::RenderOptions;
 use crate::quality::{Envelope, Quality};
 
 impl LoopOptions {
-    /// Returns render options with the maximum quality of any frame.
-    fn render_options(&self, choice: &Choice, frames: u32) -> RenderOptions {
+    /// Returns render options with the maximum quality of any frame, for the settings of all frames.
+    fn render_options(&self, choice: &Choice, frames: u32) -> Result<RenderOptions, anyhow::Error> {
+        let settings = &self.run.settings;
         let Envelope { most, mixes_spp } = Envelope::of(&choice.qualities);
-        let most = self.foveated.limit(&Quality { fovea: self.foveated.foveation.radii(), ..most });
-        RenderOptions {
-            gaze: self.foveated.gaze(),
+        let most = settings.limit(&Quality { fovea: settings.layer_radii(), ..most });
+        Ok(RenderOptions {
             frames,
-            fps: self.fps.unwrap_or(1e3 / self.budget_ms.hi_ms()),
+            fps: settings.fps.unwrap_or(1e3 / self.budget_ms.hi_ms()),
             ..RenderOptions::new(self.run.clone(), Envelope { most, mixes_spp })
-        }
+        })
     }
 
     /// Checks constraints that clap cannot express.
     fn check(&self, choice: &Choice, options: &RenderOptions) -> Result<(), anyhow::Error> {
-        self.foveated.check(choice.denoiser)?;
+        let settings = &self.run.settings;
+        settings.check()?;
         let (is_asked, filters) = (choice.denoiser.is_some(), options.quality().filter.is_some());
         ensure!(filters || !is_asked, "--iterations 0 filters nothing: choose --denoiser none");
         let what = "--foveation layers needs a denoiser to fill in pixels: choose another than none";
-        ensure!(filters || !self.foveated.is_on(), what);
+        ensure!(filters || settings.layer_radii().is_none(), what);
         if let Some(path) = &self.record_motion {
             let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
             let is_file = path.file_name().is_some() && !path.is_dir() && folder.is_none_or(Path::is_dir);
@@ -54,8 +55,10 @@ pub struct Prepared {
 impl Prepared {
     pub fn new(options: &LoopOptions, frames: Option<u32>) -> Result<Self, Failure> {
         let choice = Choice::new(options)?;
-        let render = options.render_options(&choice, frames.unwrap_or(u32::MAX));
+        let mut options = options.clone();
+        options.run.settings.denoiser = choice.denoiser;
+        let render = options.render_options(&choice, frames.unwrap_or(u32::MAX)).map_err(Failure::Input)?;
         options.check(&choice, &render).map_err(Failure::Input)?;
-        Ok(Self { options: options.clone(), choice, render, fits_size: None, frames })
+        Ok(Self { options, choice, render, fits_size: None, frames })
     }
 }

@@ -38,9 +38,10 @@ pub struct References {
 impl References {
     /// Prepares references with `spp` samples per pixel, or as many as [`TIME_LIMIT`] allows.
     pub fn new(args: &Args, options: &RenderOptions, loaded: &LoadedScene, spp: Option<u32>) -> Result<Self, Failure> {
-        let faults = FaultOptions { disturbances: Vec::new(), slowdown: Vec::new(), ..options.faults.clone() };
-        let (trace, clamp, seed) = (None, None, !options.seed);
-        let run = RunOptions { faults, trace, clamp, seed, ..options.run.clone() };
+        let faults = FaultOptions { disturbances: Vec::new(), ..options.faults.clone() };
+        let mut run = RunOptions { faults, trace: None, ..options.run.clone() };
+        run.settings.seed = !run.settings.seed;
+        run.settings.slowdown.clear();
         let time_limit = spp.is_none().then_some(TIME_LIMIT);
         let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
         let plan = Plan::new(RenderOptions { run, frames: 1, ..options.clone() }, spp.unwrap_or(SPP_MAX), passes)?;
@@ -55,7 +56,7 @@ impl References {
     pub fn of(&mut self, frame: &Kept, loaded: &mut LoadedScene) -> Result<(Stereo<RgbImage>, ReferenceRow), Failure> {
         let Self { plan, renderer, tracing } = self;
         loaded.shot.rig = frame.rig.clone();
-        plan.options.run.time = frame.time_s;
+        plan.options.run.settings.time = frame.time_s;
         let done = plan.accumulate(renderer, loaded, 0, plan.begun(loaded, 0)?, tracing)?;
         Ok((done.accumulation.mean(), done.row))
     }

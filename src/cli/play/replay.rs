@@ -92,10 +92,10 @@ impl Replay {
         ensure!(!frames.is_empty(), "it has no frames");
         let mut again = args.clone();
         again.frames = frames.len().try_into().context("it has too many frames")?;
-        again.keep_going = true;
+        again.options.run.settings.keep_going = true;
         let options_again = &mut again.options;
         options_again.ladder = Some(path.with_file_name("ladder.toml"));
-        options_again.fps = Some(play.fps);
+        options_again.run.settings.fps = Some(play.fps);
         for text in options.get("disturb").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str) {
             if let Ok(cut @ Disturbance::SceneCut { .. }) = text.parse() {
                 options_again.run.faults.disturbances.push(cut);

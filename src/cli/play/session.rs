@@ -71,9 +71,9 @@ impl Session {
         let ladder = find_ladder(prepared, loaded, &mut renderer, &progress)?;
         let Prepared { options, choice, .. } = prepared;
         let denoiser = Denoiser::name_of(choice.denoiser);
-        let qualities = ladder.rungs().iter().map(|rung| options.foveated.limit(&rung.quality)).collect();
+        let qualities = ladder.rungs().iter().map(|rung| options.run.settings.limit(&rung.quality)).collect();
         let mut inner = session::Session::with_qualities(renderer, ladder, qualities, options.budget_ms);
-        inner.set_controller(options.controller.start(inner.ladder(), options.budget_ms));
+        inner.set_controller(options.run.settings.controller.start(inner.ladder(), options.budget_ms));
         Ok(Self {
             fit,
             warm_up_s: begin.elapsed().as_secs_f64(),
@@ -143,12 +143,12 @@ impl Session {
         let mut settings = settings::in_force(render, loaded.exposure_ev(), devices);
         // The budget may come from the headset rather than from the option.
         settings.options.insert("budget_ms".to_owned(), format!("{}..{}", budget_ms[0], budget_ms[1]).into());
-        settings.options.insert("controller".to_owned(), options.controller.to_string().into());
         let rows = record.rows();
-        let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !render.no_skip, rows);
+        let mut report =
+            RunReport::new(settings, devices, &loaded.scene, loaded.needs, render.settings.skip_unused, rows);
         report.warm_up_s = self.warm_up_s;
         report.faults = self.renderer.faults().to_vec();
-        report.rectified = self.renderer.rectified().map(|frame| RectifiedFrame::new(frame, render.size));
+        report.rectified = self.renderer.rectified().map(|frame| RectifiedFrame::new(frame, render.settings.size));
         let play = Play {
             denoiser: Denoiser::name_of(choice.denoiser),
             ladder: options.ladder_name(self.ladder()),
@@ -201,13 +201,13 @@ fn find_ladder(
     progress.phase("timing settings");
     let origin = Origin {
         shot: render.shot.clone(),
-        size: render.size.to_string(),
+        size: render.settings.size.to_string(),
         exposure_ev: ESTIMATES_EV,
         measure: Measure::Estimate,
         devices: Vec::new(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
-    let view = View { rig: &loaded.shot.rig, time_s: render.time, rows: render.size.height };
-    let limit = |quality: &Quality| options.foveated.limit(quality);
+    let view = View { rig: &loaded.shot.rig, time_s: render.settings.time, rows: render.settings.size.height };
+    let limit = |quality: &Quality| options.run.settings.limit(quality);
     Ok(calibrate(renderer, &view, &choice.qualities, &limit, origin, &interrupt::is_set)?)
 }

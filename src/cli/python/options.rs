@@ -8,7 +8,8 @@ use pyo3::types::{PyBool, PyDict, PyString};
 use super::failure::exception;
 use crate::cli::failure::Failure;
 use crate::cli::options::{RenderFlags, RenderOptions};
-use crate::cli::scene_options::SceneOptions;
+use crate::cli::setting_flags::{setting_of, with_flags};
+use crate::frame::settings::{Group, Settings};
 
 /// Options of a scene and of a renderer.
 #[derive(Clone, Debug)]
@@ -19,7 +20,8 @@ pub struct Options {
 }
 
 /// Options of the command line that Python sets in another way: arguments of methods, files, and terminal output.
-const LEFT_OUT: [&str; 9] = ["fps", "frames", "frames_in_flight", "json", "motion", "out", "quiet", "time", "trace"];
+const LEFT_OUT: [&str; 10] =
+    ["fps", "frames", "frames_in_flight", "json", "motion", "out", "quiet", "set", "time", "trace"];
 
 /// An option that the caller has set.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,7 +35,9 @@ pub struct Given {
 fn parser() -> Command {
     let devices = Arg::new("virtual_devices").long("virtual").default_value("1");
     let devices = devices.value_parser(clap::value_parser!(u16).range(1..=64));
-    RenderFlags::augment_args(Command::new("diptych").no_binary_name(true)).arg(devices)
+    let flags = RenderFlags::augment_args(Command::new("diptych").no_binary_name(true));
+    let keys: Vec<&str> = Settings::TABLE.iter().map(|setting| setting.key).collect();
+    with_flags(flags, &keys).arg(devices)
 }
 
 /// Returns the name of a keyword argument, such as `render_scale` for `--render-scale`.
@@ -45,7 +49,7 @@ fn keyword(arg: &Arg) -> Option<String> {
 /// The options that keyword arguments may set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
-    /// Options of a scene, which [`SceneOptions`] lists.
+    /// Options of a scene, those of [`Group::Scene`].
     Scene,
     /// All other options.
     Renderer,
@@ -53,8 +57,7 @@ pub enum Scope {
 
 impl Scope {
     fn has(self, arg: &Arg) -> bool {
-        let of_scene = SceneOptions::augment_args(Command::new("scene"));
-        let is_of_scene = of_scene.get_arguments().any(|scene| scene.get_id() == arg.get_id());
+        let is_of_scene = setting_of(arg).is_some_and(|setting| setting.group == Group::Scene);
         is_of_scene == (self == Self::Scene)
     }
 }
@@ -159,7 +162,7 @@ mod tests {
             (render.shot.as_str(), render.quality(), virtual_devices),
             ("builtin:cornell", crate::quality::Quality::default(), 1)
         );
-        assert_eq!(render.size.to_string(), "640x360");
+        assert_eq!(render.settings.size.to_string(), "640x360");
     }
 
     #[test]

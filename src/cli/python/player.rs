@@ -14,6 +14,7 @@ use super::renderer::{Renderer, open_devices, start};
 use crate::cli::failure::Failure;
 use crate::cli::options::RenderOptions;
 use crate::cli::play::Pace;
+use crate::cli::scene_loading::budget;
 use crate::control::{Budget, Ladder, candidates};
 use crate::exec::ranks::Devices;
 use crate::quality::{Envelope, FrameQuality};
@@ -95,7 +96,7 @@ impl Playing {
         row.control = Some(ControlRow::new(decided, session.budget(), frame.makespan_ms, late_ms));
         row.miss(missed_periods);
         row.plan_ms += asked_ms;
-        let tags = tags(rig, renderer.look, &frame, renderer.options.render.size, time_s);
+        let tags = tags(rig, renderer.look, &frame, renderer.options.render.settings.size, time_s);
         Ok((Images::read(&mut session.renderer, &renderer.aovs(), tags)?, report(&row)?))
     }
 }
@@ -108,15 +109,15 @@ fn begin(renderer: &Renderer, devices: Devices, budget: Budget, rig: &Rig) -> Re
     let most = RenderOptions { aovs: options.aovs.clone(), ..most };
     let loaded = renderer.scene.get().loaded();
     let inner = start(&most, &loaded, devices, renderer.policy.as_ref())?;
-    Ok(Session::calibrated(inner, rig, options.size, &qualities, budget)?)
+    Ok(Session::calibrated(inner, rig, options.settings.size, &qualities, budget)?)
 }
 
 /// Returns the camera that follows recorded head motion.
 fn followed(renderer: &Renderer, path: &Path) -> Result<Rig, Failure> {
     let options = &renderer.options.render;
     let invalid = |what: String| Failure::Input(anyhow::anyhow!("{}: {what}", path.display()));
-    let motion = HeadMotion::read(path, &options.scene.budget())?;
-    let rig = motion.rig(&renderer.rig).map_err(invalid)?.plain_at(options.size);
+    let motion = HeadMotion::read(path, &budget(&options.settings))?;
+    let rig = motion.rig(&renderer.rig).map_err(invalid)?.plain_at(options.settings.size);
     if rig.optics.is_some() {
         return Err(invalid("the eyes have projections of their own, which only `diptych play` supports".to_owned()));
     }

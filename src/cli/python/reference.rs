@@ -39,7 +39,7 @@ pub fn reference(
         return Err(PyTypeError::new_err(format!("a reference {why}: leave '{id}' out")));
     }
     let mut options = Options::parse(&scene.shot, scene.given.iter().chain(&own))?;
-    (options.render.run.time, options.render.frames) = (time, 1);
+    (options.render.run.settings.time, options.render.frames) = (time, 1);
     let checked = options.render.check().and_then(|()| Ok(Samples::from(spp).check()?));
     checked.map_err(|error| exception(Failure::Input(error)))?;
     let time_limit = time_limit.map(|limit| seconds(&limit.to_string())).transpose();
@@ -63,7 +63,7 @@ pub fn reference(
             checkpoint: None,
             stop: &stop,
         };
-        let begun = Accumulation::new(options.render.size);
+        let begun = Accumulation::new(options.render.settings.size);
         let done = accumulate(&mut renderer, &job, begun, |pass| {
             // A pass follows the one in which `stop` is set.
             if raised.is_err() {
@@ -80,7 +80,7 @@ pub fn reference(
             }
         })?;
         let row = serde_json::to_string(&plan.row(index, 0, &done)).map_err(anyhow::Error::from)?;
-        let tags = output::tags(&rig, look.exposure_ev, options.render.size, time, index);
+        let tags = output::tags(&rig, look.exposure_ev, options.render.settings.size, time, index);
         let mut images = Images::read(&mut renderer, &plan.options.aovs, tags)?;
         images.linear = done.accumulation.mean();
         Ok((images, look, row))

@@ -115,7 +115,7 @@ impl Renderer {
             let params = inner.frame(&rig, time, index);
             let frame = inner.render(&params).map_err(exception)?;
             let row = FrameRow::new(&frame, &params.quality, &rig, time);
-            let tags = tags(&rig, self.look, &frame, self.options.render.size, time);
+            let tags = tags(&rig, self.look, &frame, self.options.render.settings.size, time);
             Ok((FrameRow { plan_ms: row.plan_ms + asked_ms, ..row }, tags))
         };
         let (images, report) = py.detach(|| {
@@ -153,7 +153,7 @@ impl Renderer {
     /// Width and height of each eye's image in pixels.
     #[getter]
     fn size(&self) -> (u32, u32) {
-        let size = self.options.render.size;
+        let size = self.options.render.settings.size;
         (size.width, size.height)
     }
 }

@@ -40,7 +40,7 @@ pub fn load(py: Python<'_>, shot: &Bound<'_, PyAny>, options: Option<&Bound<'_, 
     let load = || match &text {
         None => setup::load(&options.render),
         Some(text) => {
-            let what = Load { shot: shot.clone(), time_s: options.render.time, files: None };
+            let what = Load { shot: shot.clone(), time_s: options.render.settings.time, files: None };
             setup::load_here(&options.render, &what, Source::Shot(text))
         }
     };

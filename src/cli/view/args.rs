@@ -45,4 +45,8 @@ impl Args {
     pub fn run_options(&self) -> Option<&RunOptions> {
         Some(&self.options.run)
     }
+
+    pub fn run_options_mut(&mut self) -> Option<&mut RunOptions> {
+        Some(&mut self.options.run)
+    }
 }

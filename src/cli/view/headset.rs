@@ -40,7 +40,8 @@ const LEAST_SHARE: f64 = 0.55;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let typed = |id: &str| Given::here().and_then(|given| given.typed(id));
-    if let Some(option) = typed("motion").or_else(|| typed("fps")) {
+    let is_paced = args.options.run.settings.is_given("fps");
+    if let Some(option) = typed("motion").or_else(|| is_paced.then(|| "fps".to_owned())) {
         return Err(Failure::Input(anyhow!("{option} cannot be combined with --xr: the headset sets times and poses")));
     }
     // Create the folder first: --record-motion may name a file in it.
@@ -51,8 +52,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut prepared = Prepared::new(&args.options, args.frames)?;
     interrupt::watch()?;
     let runtime = Runtime::open()?;
-    if typed("size").is_none() {
-        prepared.render.run.size = runtime.recommended;
+    if !args.options.run.settings.is_given("size") {
+        prepared.render.run.settings.size = runtime.recommended;
     }
     let tracing = Tracing::start(&prepared.render)?;
     let progress = Progress::text(prepared.render.quiet, prepared.render.json);
@@ -64,7 +65,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Ok(device.insert(runtime.open_device(first)?).renderer())
     })?;
     let device = device.ok_or_else(|| anyhow!("no device was opened")).map_err(Failure::Run)?;
-    let mut headset = Headset::start(runtime, device, prepared.render.size)?;
+    let mut headset = Headset::start(runtime, device, prepared.render.settings.size)?;
     progress.phase("waiting for the headset");
     let Some(first) = first_frame(&mut headset)? else { return ended(&headset) };
     if typed("budget_ms").is_none() {
@@ -76,12 +77,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if headset.takes_depth() {
         prepared.render.aovs = vec![Aov::Depth];
     }
-    let world = Placement::new(&mut loaded, first.eyes, prepared.render.size, args.late_border)?;
+    let world = Placement::new(&mut loaded, first.eyes, prepared.render.settings.size, args.late_border)?;
     prepared.render.is_late = args.late_border > 0.0;
     tell(&headset, &prepared, first.period_ms(), &progress);
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     if let Some(rectified) = session.renderer.rectified().filter(|_| !prepared.render.quiet && !prepared.render.json) {
-        session.progress.tell(&RectifiedFrame::new(rectified, prepared.render.size).to_string());
+        session.progress.tell(&RectifiedFrame::new(rectified, prepared.render.settings.size).to_string());
     }
     headset.begin_anew();
     let late = Late::new(headset.locator());
@@ -92,7 +93,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let record = writes.then(|| session.record(&prepared.render.out)).transpose()?;
     let look = ViewStatus {
         scene: loaded.shot.name.clone(),
-        eye: prepared.render.size,
+        eye: prepared.render.settings.size,
         band_ms: [prepared.options.budget_ms.lo_ms(), prepared.options.budget_ms.hi_ms()],
         devices: session.renderer.devices().iter().map(|info| format!("dev{} {}", info.index, info.name)).collect(),
         is_foveated: prepared.render.quality().fovea.is_some(),
@@ -148,7 +149,7 @@ fn tell(headset: &Headset, prepared: &Prepared, period_ms: f64, progress: &Progr
         "{} ({}): {} for each eye, {} recommended, {}; display period {period_ms:.2} ms, budget {:.1} to {:.1} ms",
         runtime.headset,
         runtime.name,
-        options.size,
+        options.settings.size,
         runtime.recommended,
         if headset.renders() { "images stay on device 0" } else { "images are copied through the host" },
         budget.lo_ms(),
@@ -188,7 +189,7 @@ impl Show {
                 Next::Idle => {}
                 Next::Frame(frame) if is_over => self.headset.skip(&frame)?,
                 Next::Frame(frame) => {
-                    self.frame(&frame, index, prepared.render.time)?;
+                    self.frame(&frame, index, prepared.render.settings.time)?;
                     index += 1;
                 }
             }

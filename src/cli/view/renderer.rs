@@ -42,7 +42,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
     // The meter needs radiances.
     session.renderer.set_outputs(if adaptation.is_some() { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
     let options = &prepared.render;
-    let mut camera = Camera::new(&loaded.shot.rig, options.time, speed_per_s(&loaded.scene));
+    let mut camera = Camera::new(&loaded.shot.rig, options.settings.time, speed_per_s(&loaded.scene));
     let mut motion = prepared.options.recording(loaded.space, &session.progress)?;
     let mut pace = Pace::new(options.fps);
     let mut before = Instant::now();
@@ -74,7 +74,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         session.announce(&row, &report);
         let layers = session.renderer.config().foveation().zip(session.fovea(decided));
         let circles = layers.zip(session.gaze(time_s)).map(|((foveation, radii), gaze)| {
-            gaze.map(|gaze| Foveation { radii, ..foveation }.circles(gaze, options.size))
+            gaze.map(|gaze| Foveation { radii, ..foveation }.circles(gaze, options.settings.size))
         });
         shared.show(picture, frame_status(row, now), |status| {
             (status.rungs, status.follows_path, status.circles) =

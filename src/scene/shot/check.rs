@@ -37,6 +37,7 @@ pub fn draft(text: &str, origin: &str) -> Result<Draft> {
         lights: lights.map(|(i, table)| check.light(i, table, &rig)).collect::<Result<_>>()?,
         gaze: file.gaze.and_then(|table| table.path).map(|path| check.gaze(&path)).transpose()?,
         exposure: file.exposure.map_or(Ok(None), |table| check.exposure(&table))?,
+        settings: file.render,
         rig,
     })
 }

@@ -22,6 +22,8 @@ pub struct ShotFile {
     pub moves: Vec<Spanned<MoveTable>>,
     pub gaze: Option<GazeTable>,
     pub exposure: Option<ExposureTable>,
+    #[serde(default)]
+    pub render: serde_json::Map<String, serde_json::Value>,
 }
 
 #[derive(Deserialize)]

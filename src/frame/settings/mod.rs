@@ -1,0 +1,403 @@
+//! Settings of a run. One table names them all, with their defaults and their help: command-line flags, `--set`, the
+//! `[render]` table of shots, Python's keywords and `run.json` read it.
+
+mod chosen;
+mod table;
+mod value;
+
+use std::path::PathBuf;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::{Foveation, Sampler};
+use crate::control::ControllerKind;
+use crate::device::{ShaderChecks, TraversalChoice};
+use crate::graph::{HaloPlan, Seam};
+use crate::image::Extent;
+use crate::image::tone::ToneCurve;
+use crate::projection::{LogPolar, PolarSpace, within};
+use crate::quality::{Denoiser, Filter, Quality, SettingError};
+use crate::samples::Samples;
+use crate::scene::budget::ByteSize;
+use crate::scene::complete::{Look, Overrides};
+use crate::scene::motion::play::Choice;
+use crate::scene::shot::allowed::{ANY, Allowed, NOT_NEGATIVE, POSITIVE, YFOV};
+use crate::scene::shot::{Exposure, Gaze, ShotEnvironment};
+use crate::scene::viewpoint::Orbit;
+
+pub use chosen::Chosen;
+pub use table::{Group, Setting};
+pub use value::{EyePoints, FoveationMode, HaloMode, SeamMode, Value, Word, text_of};
+
+table::settings! {
+    local {
+    Scene {
+        /// Position of the eyes, scene units [default: the camera]
+        ///
+        /// Without a camera in the shot or the scene file, diptych chooses a viewpoint.
+        position: Option<DVec3> = None;
+        /// Point that the eyes look at, scene units
+        target: Option<DVec3> = None;
+        /// Camera of the scene file, from 0 [default: the first one]
+        camera: Option<u32> = None;
+        /// Vertical field of view, degrees [default: the camera's]
+        yfov: Option<f64> = None;
+        /// Interpupillary distance, metres [default: the shot's, else 0.064]
+        baseline: Option<f64> = None;
+        /// View of the whole scene: front, three-quarter, top or AZ,EL[,ZOOM]
+        ///
+        /// AZ is the azimuth in degrees: 0 is the front, +z, and 90 the side at +x. EL is the elevation, 90 above. Zoom 1
+        /// shows the whole scene; 2 shows it twice as large.
+        orbit: Option<Orbit> = None;
+        /// Gaze as fractions of the image, X,Y or LX,LY,RX,RY [default: the shot's]
+        gaze: Option<EyePoints> = None, needs foveated;
+        /// Exposure of pictures in stops, or auto; EXR files are not exposed
+        ///
+        /// auto meters a small frame before the run and prints the result. The default is the exposure of the shot, and
+        /// auto for a glTF file. `scale` and `bench` use 0 instead of auto.
+        exposure: Option<Exposure> = None;
+        /// Tone curve of pictures [default: neutral for a glTF file, reinhard for a shot]
+        ///
+        /// Image metrics such as FLIP always use reinhard.
+        tonemap: Option<ToneCurve> = None;
+        /// Environment: studio, white, sky, an .hdr or .exr file, or a radiance R,G,B
+        ///
+        /// The default is the shot's. A glTF file without lights gets the studio: soft boxes, and a ground below an object.
+        /// white is a radiance of 1 from all directions, which `export` uses instead of the studio.
+        environment: Option<ShotEnvironment> = None;
+        /// Animations to play: all, none, or a name [default: the shot's, else all]
+        animation: Option<Choice> = None;
+        /// Material variant of the scene file, by its name [default: its default look]
+        variant: Option<String> = None;
+        /// Time on the camera path and in animations, seconds
+        time: f64 = 0.0;
+        /// Frames per second of the camera path [default: 72; in play and view, as the budget allows]
+        fps: Option<f64> = None, of &["render", "scale", "play", "view"];
+        /// Maximum host memory for the scene, such as 4GiB [default: half the RAM]
+        max_scene_memory: Option<ByteSize> = None;
+        /// Folder that keeps the trees of large scenes for later runs, or off
+        ///
+        /// Trees that take over a second to build are kept, up to 4 GiB in all. The default is diptych in the user's
+        /// folder of caches.
+        scene_cache: Option<PathBuf> = None;
+        /// Allow shots and scenes to name files outside their folders
+        allow_outside: bool = false;
+        /// Refuse scenes with faulty textures or animations, instead of a warning
+        strict: bool = false;
+    }
+    Run {
+        /// With --reference: time limit per frame, seconds; at least one pass is made
+        time_limit: Option<f64> = None, of &["render"];
+        /// With --reference: samples per pass, a power of two
+        pass_spp: u32 = 8, of &["render"];
+        /// Controller of the quality: diptych, vlachos, unreal, pid, pinned:N
+        ///
+        /// `vlachos` is the adaptive quality of Vlachos (GDC 2016), `unreal` works like the dynamic resolution of Unreal
+        /// Engine, `pid` is a PID controller, `pinned:N` stays on rung N, `turns:N` plays N frames on each rung in turn,
+        /// and `turns:N:STEP` on every STEPth rung.
+        controller: ControllerKind = ControllerKind::default(), of &["play", "view"];
+        /// Play on if the first 30 frames show that nothing fits the budget
+        keep_going: bool = false, of &["play"];
+        /// Relative speeds of simulated devices, repeated as needed
+        speeds: Vec<f64> = vec![1.0], of &["scale"];
+        /// Latency between simulated nodes, microseconds [default: as measured, else 2]
+        network_us: Option<f64> = None, of &["scale"];
+        /// Bandwidth between simulated nodes, Gbit/s [default: as measured, else 100]
+        network_gbps: Option<f64> = None, of &["scale"];
+        /// Repeat each device's work N times: one number, or one per device
+        slowdown: Vec<u32> = Vec::new(), of &["render", "play", "view", "scale", "bench"];
+        /// Drop a device that is silent for this time, ms [default: by frame times]
+        ///
+        /// A device is silent while its worker shows no progress. The default follows from the times of past frames; it
+        /// is at least 10 s, or 0.6 s in play and view.
+        watchdog_ms: Option<u32> = None, of &["render", "play", "view", "scale", "bench"];
+    }
+    }
+    shared {
+    Picture {
+        /// Size of each eye in pixels, WIDTHxHEIGHT
+        size: Extent = Extent::new(640, 360);
+    }
+    Quality {
+        /// Samples per pixel, such as 2 or 1.25
+        ///
+        /// Between two whole numbers, each tile of 8x4 pixels takes one of them.
+        spp: Samples = Samples::ONE, of FIXED;
+        /// Maximum bounces
+        ///
+        /// Direct light is always included, so 0 and 1 are equivalent.
+        bounces: u32 = 6, of FIXED;
+        /// Per-axis render scale, 0.1 to 1
+        ///
+        /// F² of the pixels are path traced and the denoiser fills in the rest.
+        render_scale: f64 = 1.0, of FIXED;
+        /// Denoiser
+        denoiser: Option<Denoiser> = Some(Denoiser::SVGF), of SINGLE;
+        /// Denoiser iterations, also per layer as M,N,P [default: 5; 2,3,5 with layers]
+        iterations: Option<[u32; 3]> = None, needs denoiser, of SINGLE;
+        /// Foveated rendering
+        foveation: FoveationMode = FoveationMode::None, of SINGLE;
+        /// Log-polar mode, e.g. fov, or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
+        ///
+        /// Modes are fov, kernel, composite and composite-kernel. SIGMA: downsampling factor; ALPHA: kernel exponent;
+        /// GAZE: full-resolution radius, radians; ASPECT: rings / directions.
+        polar: Option<LogPolar> = None, needs log_polar, of SINGLE;
+        /// Fraction of the outer foveal layer's pixels that is not sampled, 0 to 1
+        unsampled_fraction: f64 = Foveation::UNSAMPLED_FRACTION, needs layers;
+        /// Reproject the right eye; off traces both eyes in full
+        reproject: bool = true;
+        /// Filter the left eye's light and reproject the result, for svgf
+        ///
+        /// Both eyes then see the same noise. With off, the right eye takes over the left eye's samples and filters
+        /// them.
+        filter_once: bool = true, needs finished_light;
+        /// Keep direct light with hard shadows out of the denoiser, for up to 4 lights
+        ///
+        /// Points and spots without a radius and suns with a radius of at most 1 degree have hard shadows.
+        hard_shadows: bool = true, needs denoiser;
+        /// Denoise what mirrors and clear glass show, not their own surfaces
+        follow_mirrors: bool = true, needs denoiser;
+        /// Keep specular light of narrow lobes out of denoisers that would blur it
+        bypass_narrow_lobes: bool = true, needs denoiser;
+        /// Roughen narrow lobes behind diffuse bounces in denoised frames (biased)
+        ///
+        /// Caustics are blurred and fireflies vanish. The bias shrinks with the number of samples.
+        regularize: bool = true, needs denoiser;
+        /// Average base colour textures over each pixel in denoised frames of 1 spp
+        ///
+        /// Frames of several samples average them by their samples.
+        filter_textures: bool = true, needs denoiser;
+        /// End paths in a cache of the light of earlier frames (biased)
+        ///
+        /// Needs a denoiser that keeps a history, two bounces or more, and a scene in which only the camera moves.
+        /// References never use it. It saves more time with more samples and bounces, and none around an object in the
+        /// studio, whose light comes directly. [default: on; off for objects on the studio's ground]
+        cache: Option<bool> = None, needs history;
+        /// Upper bound of indirect radiance (biased); 0 for none
+        clamp: f32 = 0.0, needs indirect_light;
+        /// Seed of all random numbers
+        seed: u32 = 0;
+        /// Random number generator
+        sampler: Sampler = Sampler::Sobol;
+    }
+    Devices {
+        /// Filtering across stripes
+        seam: SeamMode = SeamMode::Halo;
+        /// Source of the rows that filters read around a stripe
+        halo: HaloMode = HaloMode::Cost, needs halos;
+        /// Frames in flight, 1 to 3: more throughput, more latency
+        frames_in_flight: u32 = 1, of FIXED;
+        /// Longest predicted submission, ms [default: 200 on GPUs, none on CPUs]
+        ///
+        /// Longer work is split, because GPU watchdogs (TDR on Windows) reset devices that are busy for seconds.
+        max_dispatch_ms: Option<f64> = None;
+        /// Ray traversal by compute shaders or ray queries [default: automatic choice]
+        ///
+        /// run.json records the choice.
+        traversal: TraversalChoice = TraversalChoice::Auto;
+    }
+    Tests {
+        /// Leave out shader code that the scene does not need
+        skip_unused: bool = true;
+        /// Run-time checks in shaders
+        shader_checks: ShaderChecks = ShaderChecks::Fast;
+    }
+    }
+}
+
+/// Commands whose frames all have the quality of the settings.
+const FIXED: &[&str] = &["render", "scale", "graph"];
+/// Commands whose frames have one denoiser and one foveation. `bench` takes lists.
+const SINGLE: &[&str] = &["render", "scale", "graph", "play", "view"];
+
+/// What a setting needs in order to have an effect: nothing, or the assignment that would give it one.
+type Needs = Option<&'static str>;
+
+fn missing(has_effect: bool, assignment: &'static str) -> Needs {
+    (!has_effect).then_some(assignment)
+}
+
+fn denoiser(settings: &Settings) -> Needs {
+    missing(settings.denoiser.is_some(), "a denoiser")
+}
+
+fn history(settings: &Settings) -> Needs {
+    let keeps_history = settings.denoiser.is_some_and(Denoiser::keeps_history);
+    missing(keeps_history, "denoiser=svgf").or_else(|| missing(settings.bounces > 1, "bounces=2 or more"))
+}
+
+fn finished_light(settings: &Settings) -> Needs {
+    let leaves_it = settings.denoiser.is_some_and(|denoiser| denoiser.method().leaves_finished_light());
+    missing(leaves_it, "denoiser=svgf").or_else(|| missing(settings.reproject, "reproject=on"))
+}
+
+fn indirect_light(settings: &Settings) -> Needs {
+    missing(settings.bounces > 1, "bounces=2 or more")
+}
+
+fn layers(settings: &Settings) -> Needs {
+    missing(settings.foveation == FoveationMode::Layers, "foveation=layers")
+}
+
+fn log_polar(settings: &Settings) -> Needs {
+    missing(matches!(settings.foveation, FoveationMode::Polar(PolarSpace::Log(_))), "foveation=log-polar")
+}
+
+fn foveated(settings: &Settings) -> Needs {
+    missing(settings.foveation != FoveationMode::None, "foveation, for example foveation=layers")
+}
+
+fn halos(settings: &Settings) -> Needs {
+    missing(settings.seam == SeamMode::Halo, "seam=halo")
+}
+
+/// Iterations of the inner, middle and outer layer in the three-layer configuration of Peres, section 6.
+const LAYER_ITERATIONS: [u32; 3] = [2, 3, 5];
+
+impl Settings {
+    /// Returns the quality of every frame. If all layers have 0 iterations, there is no filter.
+    pub fn quality(&self) -> Quality {
+        let most = self.denoiser.map_or(0, Denoiser::most_iterations);
+        let filter = Filter::in_effect(self.denoiser, self.layer_iterations().map(|n| n.min(most)));
+        let Self { spp, bounces, render_scale, .. } = *self;
+        Quality { spp, bounces, filter, fovea: self.layer_radii(), polar: self.polar_space(), scale: render_scale }
+    }
+
+    /// Returns the radii of the inner and the middle foveal layer; `None` without layers.
+    pub fn layer_radii(&self) -> Option<[f64; 2]> {
+        (self.foveation == FoveationMode::Layers).then_some(Foveation::RADII)
+    }
+
+    /// Returns the polar space that replaces the screen's pixel grid, if any.
+    pub fn polar_space(&self) -> Option<PolarSpace> {
+        match (self.foveation, self.polar) {
+            (FoveationMode::None | FoveationMode::Layers, _) => None,
+            (FoveationMode::Polar(PolarSpace::Log(_)), Some(map)) => Some(PolarSpace::Log(map)),
+            (FoveationMode::Polar(space), _) => Some(space),
+        }
+    }
+
+    /// Returns the iterations of the inner, middle and outer layer.
+    fn layer_iterations(&self) -> [u32; 3] {
+        let default = if self.layer_radii().is_some() { LAYER_ITERATIONS } else { [Denoiser::DEFAULT_ITERATIONS; 3] };
+        self.iterations.unwrap_or(default)
+    }
+
+    /// Caps the iterations of a quality: in foveal layers at the settings' or else at those of Peres. Without layers, the
+    /// largest of the settings' caps applies to the whole image.
+    pub fn limit(&self, quality: &Quality) -> Quality {
+        let limits = match (quality.fovea, self.iterations) {
+            (Some(_), layers) => layers.unwrap_or(LAYER_ITERATIONS),
+            (None, Some([inner, middle, outer])) => [inner.max(middle).max(outer); 3],
+            (None, None) => return *quality,
+        };
+        let iterations = limits.map(|limit| limit.min(quality.most_iterations()));
+        Quality { filter: Filter::in_effect(quality.denoiser(), iterations), ..*quality }
+    }
+
+    /// Returns the filtering across stripes. With [`HaloMode::Cost`], the plan is the first one, and costs may change it.
+    pub fn seam(&self) -> Seam {
+        match (self.seam, self.halo) {
+            (SeamMode::None, _) => Seam::None,
+            (SeamMode::Filter, _) => Seam::Filter,
+            (SeamMode::Halo, HaloMode::Cost | HaloMode::Recompute) => Seam::Halo(HaloPlan::RECOMPUTE),
+            (SeamMode::Halo, HaloMode::Exchange) => Seam::Halo(HaloPlan::EXCHANGE),
+        }
+    }
+
+    /// Returns the gaze of each eye that replaces the shot's.
+    pub fn gaze(&self) -> Option<[Gaze; 2]> {
+        self.gaze.map(|EyePoints(eyes)| eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }))
+    }
+
+    /// Returns what replaces the shot's own camera, light and animation.
+    pub fn overrides(&self, look: Look, time_s: f64) -> Overrides {
+        Overrides {
+            yfov_rad: self.yfov.map(f64::to_radians),
+            baseline_m: self.baseline,
+            exposure: self.exposure,
+            orbit: self.orbit,
+            camera: self.camera.map(|camera| camera as usize),
+            position: self.position,
+            target: self.target,
+            environment: self.environment.clone(),
+            look,
+            tone: self.tonemap,
+            animation: self.animation.clone(),
+            variant: self.variant.clone(),
+            time_s,
+        }
+    }
+
+    /// Checks the settings of the scene.
+    ///
+    /// # Errors
+    /// [`SettingError::Invalid`], and [`SettingError::Conflict`].
+    pub fn check_scene(&self) -> Result<(), SettingError> {
+        let allowed = |key: &'static str, value: f64, allowed: &Allowed| match allowed.allows(value) {
+            true => Ok(()),
+            false => {
+                Err(SettingError::Invalid { key, value: value.to_string(), why: format!("give {}", allowed.what) })
+            }
+        };
+        allowed("time", self.time, &ANY)?;
+        self.fps.map_or(Ok(()), |fps| allowed("fps", fps, &POSITIVE))?;
+        self.yfov.map_or(Ok(()), |yfov| allowed("yfov", yfov, &YFOV))?;
+        self.baseline.map_or(Ok(()), |baseline| allowed("baseline", baseline, &NOT_NEGATIVE))?;
+        for (key, point) in [("position", self.position), ("target", self.target)] {
+            point.map_or([0.0; 3], |point| point.to_array()).into_iter().try_for_each(|c| allowed(key, c, &ANY))?;
+        }
+        let cameras = [
+            ("position", self.position.is_some()),
+            ("target", self.target.is_some()),
+            ("camera", self.camera.is_some()),
+        ];
+        let other = cameras.into_iter().find(|(_, is_given)| *is_given && self.orbit.is_some());
+        other.map_or(Ok(()), |(other, _)| Err(SettingError::Conflict("orbit", other)))
+    }
+
+    /// Checks the settings of the command.
+    fn check_run(&self) -> Result<(), SettingError> {
+        within("time_limit", self.time_limit.unwrap_or(1.0), f64::MIN_POSITIVE..=1e9)?;
+        if !self.pass_spp.is_power_of_two() || !(2..=4096).contains(&self.pass_spp) {
+            let (key, value, why) =
+                ("pass_spp", self.pass_spp.to_string(), "give a power of two, 2 to 4096".to_owned());
+            return Err(SettingError::Invalid { key, value, why });
+        }
+        for speed in &self.speeds {
+            within("speeds", *speed, f64::MIN_POSITIVE..=f64::MAX)?;
+        }
+        within("network_us", self.network_us.unwrap_or(0.0), 0.0..=f64::MAX)?;
+        within("network_gbps", self.network_gbps.unwrap_or(1.0), f64::MIN_POSITIVE..=f64::MAX)?;
+        for times in &self.slowdown {
+            within("slowdown", *times, 1..=64)?;
+        }
+        Ok(within("watchdog_ms", self.watchdog_ms.unwrap_or(1), 1..=86_400_000)?)
+    }
+
+    /// Checks all values, alone and together.
+    ///
+    /// # Errors
+    /// [`SettingError`], except for [`SettingError::OutsideEnvelope`] and [`SettingError::NoEffect`].
+    pub fn check(&self) -> Result<(), SettingError> {
+        self.check_scene()?;
+        let most = self.denoiser.map_or(Denoiser::MAX_ITERATIONS, Denoiser::most_iterations);
+        for iterations in self.iterations.into_iter().flatten() {
+            within("iterations", iterations, 0..=most)?;
+        }
+        if self.iterations.is_some_and(|[inner, middle, outer]| inner != middle || middle != outer) {
+            if let Some(needs) = layers(self) {
+                return Err(SettingError::NoEffect { key: "iterations per layer", needs });
+            }
+        }
+        within("size", self.size.width, Extent::SIDES)?;
+        within("size", self.size.height, Extent::SIDES)?;
+        within("clamp", self.clamp, 0.0..=f32::MAX)?;
+        within("unsampled_fraction", self.unsampled_fraction, 0.0..=1.0)?;
+        within("frames_in_flight", self.frames_in_flight, 1..=3)?;
+        self.check_run()?;
+        within("max_dispatch_ms", self.max_dispatch_ms.unwrap_or(1.0), f64::MIN_POSITIVE..=f64::MAX)?;
+        self.quality().check()
+    }
+}

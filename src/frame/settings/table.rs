@@ -1,0 +1,156 @@
+//! The table of all settings.
+
+use serde_json::Value as Json;
+
+use super::value::json_of;
+use super::{Settings, Value, Word};
+
+/// The kind of a setting, which decides where it may stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Group {
+    Scene,
+    Run,
+    Picture,
+    Quality,
+    Devices,
+    Tests,
+}
+
+/// A setting: its name, its help, and access to its value.
+pub struct Setting {
+    pub key: &'static str,
+    pub group: Group,
+    /// Lines of the help. The first one is a summary without a full stop.
+    pub help: &'static [&'static str],
+    /// Returns the form of a value, such as `N`.
+    pub form: fn() -> String,
+    /// Returns the words that the value may be; empty for numbers.
+    pub words: fn() -> Vec<Word>,
+    pub(super) parse: fn(&mut Settings, &str) -> Result<(), String>,
+    pub(super) value: fn(&Settings) -> String,
+    /// Returns the assignment without which the setting has no effect in any frame, unless it is there.
+    pub(super) needs: fn(&Settings) -> Option<&'static str>,
+    /// Commands in which the setting has an effect; empty for all.
+    pub(super) of: &'static [&'static str],
+}
+
+impl Setting {
+    /// Returns the setting with this name.
+    pub fn of_key(key: &str) -> Option<&'static Self> {
+        Settings::TABLE.iter().find(|setting| setting.key == key)
+    }
+
+    /// Returns the first line of the help.
+    pub fn summary(&self) -> &'static str {
+        self.help[0].trim()
+    }
+
+    /// Returns the whole help, with a paragraph after the summary.
+    pub fn text(&self) -> String {
+        let more: Vec<&str> = self.help[1..].iter().map(|line| line.trim()).filter(|line| !line.is_empty()).collect();
+        if more.is_empty() { self.summary().to_owned() } else { format!("{}\n\n{}", self.summary(), more.join(" ")) }
+    }
+
+    /// Returns the text of the default value.
+    pub fn default(&self) -> String {
+        (self.value)(&Settings::default())
+    }
+
+    /// Returns the value: numbers and lists as such, all others as text.
+    pub fn json(&self, settings: &Settings) -> Json {
+        json_of(&(self.value)(settings))
+    }
+
+    /// Checks the form of a text.
+    ///
+    /// # Errors
+    /// A message that follows the setting's name.
+    pub fn check(&self, text: &str) -> Result<(), String> {
+        (self.parse)(&mut Settings::default(), text)
+    }
+
+    /// Returns true if the setting can have an effect in a command.
+    pub fn is_of(&self, command: &str) -> bool {
+        self.of.is_empty() || self.of.contains(&command)
+    }
+
+    /// Returns true if a shot may have the setting. Devices are those of a machine, not of a shot.
+    pub fn is_of_shots(&self) -> bool {
+        matches!(self.group, Group::Picture | Group::Quality)
+    }
+}
+
+/// Access to a setting, which the table keeps as functions without captures.
+pub(super) fn parsed<T: Value>(to: &mut T, text: &str) -> Result<(), String> {
+    *to = T::parse(text)?;
+    Ok(())
+}
+
+/// Declares [`Settings`](super::Settings) and its table.
+macro_rules! settings {
+    (
+        local {$($local_group:ident {$(
+            $(#[doc = $local_help:literal])+
+            $local_key:ident: $local_type:ty = $local_default:expr $(, needs $local_needs:ident)? $(, of $local_of:expr)?;
+        )+})+}
+        shared {$($group:ident {$(
+            $(#[doc = $help:literal])+
+            $key:ident: $type:ty = $default:expr $(, needs $needs:ident)? $(, of $of:expr)?;
+        )+})+}
+    ) => {
+        /// All settings of a run. Other ranks get all but those of the scene, which this process loads.
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        pub struct Settings {
+            $($(
+                $(#[doc = $local_help])+
+                #[serde(skip)]
+                pub $local_key: $local_type,
+            )+)+
+            $($(
+                $(#[doc = $help])+
+                pub $key: $type,
+            )+)+
+        }
+
+        impl Default for Settings {
+            fn default() -> Self {
+                Self {
+                    $($($local_key: $local_default,)+)+
+                    $($($key: $default,)+)+
+                }
+            }
+        }
+
+        impl Settings {
+            /// All settings, in the order of their help.
+            pub const TABLE: &'static [Setting] = &[
+                $($(table::setting!(
+                    $local_group $local_key: $local_type, &[$($local_help),+], [$($local_needs)?], [$($local_of)?]
+                ),)+)+
+                $($(table::setting!($group $key: $type, &[$($help),+], [$($needs)?], [$($of)?]),)+)+
+            ];
+        }
+    };
+}
+
+/// An entry of the table.
+macro_rules! setting {
+    ($group:ident $key:ident: $type:ty, $help:expr, [$($needs:ident)?], [$($of:expr)?]) => {
+        Setting {
+            key: stringify!($key),
+            group: Group::$group,
+            help: $help,
+            form: <$type as Value>::form,
+            words: <$type as Value>::words,
+            parse: |settings, text| table::parsed(&mut settings.$key, text),
+            value: |settings| settings.$key.text(),
+            needs: |_settings| {
+                $(if let Some(needs) = $needs(_settings) { return Some(needs); })?
+                None
+            },
+            of: { let _of: &[&str] = &[]; $(let _of = $of;)? _of },
+        }
+    };
+}
+pub(super) use setting;
+pub(super) use settings;
