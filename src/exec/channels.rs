@@ -1,4 +1,5 @@
-//! The transport within one process: unbounded channels.
+//! Communication of the renderer and its workers within one process, over unbounded channels: orders and answers between
+//! the renderer and each worker, rows and aborts among workers, and signs of life. Sending never blocks.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -6,9 +7,9 @@ use std::time::Duration;
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
 
 use super::messages::{Message, Order, Reply};
-use super::transport::{RendererTransport, WorkerTransport};
 use super::watchdog::{Heartbeat, LifeSign};
 
+/// The renderer's end. Methods identify a worker by the number of its device in the run.
 pub struct RendererChannels {
     workers: Vec<WorkerLine>,
     replies: Receiver<Reply>,
@@ -24,6 +25,7 @@ struct WorkerLine {
     ended: Receiver<()>,
 }
 
+/// A worker's end. The worker counts as ended once this is dropped.
 pub struct WorkerChannels {
     device: usize,
     orders: Receiver<Order>,
@@ -64,6 +66,39 @@ impl RendererChannels {
     pub fn replies(&self) -> &Receiver<Reply> {
         &self.replies
     }
+
+    /// Sends an order to a device's worker; returns false if the worker has ended.
+    pub fn order(&self, device: usize, order: Order) -> bool {
+        self.workers[device].orders.as_ref().is_some_and(|orders| orders.send(order).is_ok())
+    }
+
+    /// Closes the order channel of this device's worker, which makes the worker end.
+    pub fn close(&mut self, device: usize) {
+        self.workers[device].orders = None;
+    }
+
+    /// Returns the next answer of any worker, if one arrives within `limit`.
+    pub fn reply(&self, limit: Duration) -> Option<Reply> {
+        self.replies.recv_timeout(limit).ok()
+    }
+
+    /// Tells all workers to stop waiting for rows of this attempt.
+    pub fn call_off(&self, ticket: u64) {
+        for worker in &self.workers {
+            // A worker that has ended needs no message.
+            let _ = worker.inbox.send(Message::Abort { ticket });
+        }
+    }
+
+    /// Returns the signs of life of all workers, by device.
+    pub fn signs(&self) -> Vec<LifeSign> {
+        self.workers.iter().map(|w| w.heartbeat.sign()).collect()
+    }
+
+    /// Returns true if a worker has ended, or ends within `limit`.
+    pub fn ends(&self, device: usize, limit: Duration) -> bool {
+        self.workers[device].ended.recv_timeout(limit) == Err(RecvTimeoutError::Disconnected)
+    }
 }
 
 impl WorkerChannels {
@@ -76,64 +111,40 @@ impl WorkerChannels {
     pub fn senders(&self) -> (Vec<Sender<Message>>, Sender<Reply>) {
         (self.inboxes.clone(), self.replies.clone())
     }
-}
 
-impl RendererTransport for RendererChannels {
-    fn order(&self, device: usize, order: Order) -> bool {
-        self.workers[device].orders.as_ref().is_some_and(|orders| orders.send(order).is_ok())
-    }
-
-    fn close(&mut self, device: usize) {
-        self.workers[device].orders = None;
-    }
-
-    fn reply(&self, limit: Duration) -> Option<Reply> {
-        self.replies.recv_timeout(limit).ok()
-    }
-
-    fn call_off(&self, ticket: u64) {
-        for worker in &self.workers {
-            // A worker that has ended needs no message.
-            let _ = worker.inbox.send(Message::Abort { ticket });
-        }
-    }
-
-    fn signs(&self) -> Vec<LifeSign> {
-        self.workers.iter().map(|w| w.heartbeat.sign()).collect()
-    }
-
-    fn ends(&self, device: usize, limit: Duration) -> bool {
-        self.workers[device].ended.recv_timeout(limit) == Err(RecvTimeoutError::Disconnected)
-    }
-}
-
-impl WorkerTransport for WorkerChannels {
-    fn order(&self, waits: bool) -> Option<Order> {
+    /// Returns the next order. With `waits`, it blocks until there is one, and `None` means that there will be no
+    /// more.
+    pub fn order(&self, waits: bool) -> Option<Order> {
         if waits { self.orders.recv().ok() } else { self.orders.try_recv().ok() }
     }
 
-    fn message(&self, limit: Duration) -> Option<Message> {
+    /// Returns the next message, if one arrives within `limit`.
+    pub fn message(&self, limit: Duration) -> Option<Message> {
         // With a limit of 0, this does not read the clock.
         if limit.is_zero() { self.inbox.try_recv().ok() } else { self.inbox.recv_timeout(limit).ok() }
     }
 
-    fn send(&self, to: usize, message: Message) {
+    /// Sends a message to another worker. Nothing happens if that worker has ended.
+    pub fn send(&self, to: usize, message: Message) {
         // Ignore the error: a worker that has ended needs no messages.
         let _ = self.inboxes[to].send(message);
     }
 
-    fn call_off(&self, ticket: u64) {
+    /// Tells all other workers to stop waiting for rows of this attempt.
+    pub fn call_off(&self, ticket: u64) {
         for to in (0..self.inboxes.len()).filter(|to| *to != self.device) {
             self.send(to, Message::Abort { ticket });
         }
     }
 
-    fn answer(&self, reply: Reply) {
+    /// Answers the renderer, if it still exists.
+    pub fn answer(&self, reply: Reply) {
         // The receiver is gone if the run has ended.
         let _ = self.replies.send(reply);
     }
 
-    fn heartbeat(&self) -> &Heartbeat {
+    /// Returns the heartbeat through which the worker gives signs of life.
+    pub fn heartbeat(&self) -> &Heartbeat {
         &self.heartbeat
     }
 }

@@ -24,7 +24,6 @@ mod renderer;
 mod report;
 mod config;
 mod staging;
-mod transport;
 mod watchdog;
 mod wire;
 mod worker;

@@ -12,10 +12,10 @@ use std::time::Duration;
 
 use tracing::span::EnteredSpan;
 
+use super::channels::WorkerChannels;
 use super::messages::{Answer, Bytes, Message, Order, Reply, Stop, Work};
 use super::output::Output;
 use super::planner::Graphs;
-use super::transport::WorkerTransport;
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice, WAIT_SLICES, panic_text};
 use crate::plan::Outgoing;
 use crate::stages::Place;
@@ -27,7 +27,7 @@ use protocol::Protocol;
 pub struct Worker {
     device: WorkerDevice,
     graphs: Arc<Graphs>,
-    transport: Box<dyn WorkerTransport>,
+    channels: WorkerChannels,
     protocol: Protocol<Bytes>,
     /// Frames that have not been answered, by ticket.
     parts: HashMap<u64, Part>,
@@ -40,10 +40,10 @@ pub struct Worker {
 }
 
 impl Worker {
-    pub fn new(device: WorkerDevice, graphs: Arc<Graphs>, transport: Box<dyn WorkerTransport>) -> Self {
+    pub fn new(device: WorkerDevice, graphs: Arc<Graphs>, channels: WorkerChannels) -> Self {
         let protocol = Protocol::new(device.gpu.quirks.submit_blocks);
         let parts = HashMap::new();
-        Self { device, graphs, transport, protocol, parts, read: None, done: None, failure: None }
+        Self { device, graphs, channels, protocol, parts, read: None, done: None, failure: None }
     }
 
     pub fn info(&self) -> &DeviceInfo {
@@ -54,8 +54,8 @@ impl Worker {
     pub fn run(mut self) -> Option<GpuDevice> {
         let mut spans = Spans::default();
         loop {
-            self.transport.heartbeat().beat();
-            while let Some(message) = self.transport.message(Duration::ZERO) {
+            self.channels.heartbeat().beat();
+            while let Some(message) = self.channels.message(Duration::ZERO) {
                 self.protocol.message(message);
             }
             let action = self.protocol.next_action();
@@ -95,9 +95,9 @@ impl Worker {
 
     /// Executes an action; returns false if the worker must end.
     fn perform(&mut self, action: Action<Bytes>) -> Result<bool, DeviceFailure> {
-        let Self { device, transport, protocol, parts, .. } = self;
+        let Self { device, channels, protocol, parts, .. } = self;
         match action {
-            Action::TakeOrder { waits } => match transport.order(waits) {
+            Action::TakeOrder { waits } => match channels.order(waits) {
                 Some(order) => self.obey(order),
                 None if waits => return Ok(false),
                 None => protocol.no_order(),
@@ -107,13 +107,13 @@ impl Worker {
             Action::Send(Outgoing { ticket, transfer, to }) => {
                 let part = part_of(parts, ticket)?;
                 let _span = tracing::info_span!("send rows", frame = part.frame(), ticket, transfer).entered();
-                let send = |rows| transport.send(to, Message::Rows { ticket, transfer, rows });
-                part.send(device, transfer, || transport.heartbeat().beat(), send)?;
+                let send = |rows| channels.send(to, Message::Rows { ticket, transfer, rows });
+                part.send(device, transfer, || channels.heartbeat().beat(), send)?;
             }
             Action::Receive { .. } => {}
             Action::AwaitMessage => {
                 let slice = device.gpu.patience / WAIT_SLICES;
-                match transport.heartbeat().depending(|| transport.message(slice)) {
+                match channels.heartbeat().depending(|| channels.message(slice)) {
                     Some(message) => protocol.message(message),
                     None => protocol.timed_out(),
                 }
@@ -130,7 +130,7 @@ impl Worker {
                     self.done = Some(Answer::Pixels(device.take(back)?));
                 }
             }
-            Action::CallOff { ticket } => transport.call_off(ticket),
+            Action::CallOff { ticket } => channels.call_off(ticket),
             Action::Answer { ticket, outcome } => self.answer(ticket, outcome),
         }
         Ok(true)
@@ -158,7 +158,7 @@ impl Worker {
         let done = self.done.take().filter(|_| outcome == Outcome::Done);
         let failure = self.failure.clone().filter(|_| outcome == Outcome::Failed);
         let answer = done.ok_or_else(|| failure.map_or(Stop::Aborted, Stop::Device));
-        self.transport.answer(Reply { ticket, device: self.device.gpu.info.index, answer });
+        self.channels.answer(Reply { ticket, device: self.device.gpu.info.index, answer });
     }
 }
 

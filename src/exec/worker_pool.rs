@@ -5,12 +5,11 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::ExecError;
-use super::channels::channels;
+use super::channels::{RendererChannels, channels};
 use super::ledger::Ledger;
 use super::messages::{Answer, Order, Stop, Work};
 use super::planner::Graphs;
 use super::ranks::{Devices, Others, RankError};
-use super::transport::RendererTransport;
 use super::watchdog::Watchdog;
 use super::worker::Worker;
 use super::worker::device::WorkerDevice;
@@ -24,7 +23,7 @@ pub const END_LIMIT: Duration = Duration::from_secs(5);
 
 /// The workers: one per device, including devices that were dropped.
 pub struct WorkerPool {
-    transport: Box<dyn RendererTransport>,
+    channels: RendererChannels,
     members: Vec<Member>,
     ledger: Ledger<Result<Answer, Stop>>,
     /// The devices of other ranks.
@@ -63,7 +62,7 @@ impl WorkerPool {
         let mut gpus = gpus.collect::<Result<Vec<_>, _>>()?;
         gpus.iter_mut().try_for_each(WorkerDevice::calibrate)?;
         let mut infos: Vec<DeviceInfo> = gpus.iter().map(|device| device.gpu.info.clone()).collect();
-        let (transport, mut ends) = channels(count);
+        let (channels, mut ends) = channels(count);
         if let Some((others, asked)) = others.as_mut().zip(asked) {
             let (of_others, own_ends) = others.join(asked, ends, origin)?;
             infos.extend(of_others);
@@ -71,11 +70,11 @@ impl WorkerPool {
         }
         let mut members = Vec::new();
         for (device, end) in gpus.into_iter().zip(ends) {
-            let worker = Worker::new(device, Arc::clone(graphs), Box::new(end));
+            let worker = Worker::new(device, Arc::clone(graphs), end);
             members.push(Member::of(Some(start_worker(worker)?)));
         }
         members.resize_with(count, || Member::of(None));
-        Ok((Self { transport: Box::new(transport), members, ledger: Ledger::default(), others }, infos))
+        Ok((Self { channels, members, ledger: Ledger::default(), others }, infos))
     }
 
     /// Returns the network between devices of different ranks.
@@ -96,7 +95,7 @@ impl WorkerPool {
     /// Drops a device: it gets no more orders, and its worker ends unless it hangs.
     pub fn drop_device(&mut self, device: usize) {
         self.members[device].is_left = false;
-        self.transport.close(device);
+        self.channels.close(device);
     }
 
     /// Sends each order to its device. All orders get one new ticket, which is returned. `limit` is the
@@ -104,7 +103,7 @@ impl WorkerPool {
     pub fn ask(&mut self, orders: Vec<(usize, Work)>, limit: Duration) -> u64 {
         let ticket = self.ledger.ask(orders.iter().map(|(device, _)| *device).collect());
         for (device, work) in orders {
-            if !self.transport.order(device, Order { ticket, limit, work }) {
+            if !self.channels.order(device, Order { ticket, limit, work }) {
                 self.answer_for(device, gone());
             }
         }
@@ -113,29 +112,29 @@ impl WorkerPool {
 
     /// Tells the workers to stop waiting for rows of this ticket.
     pub fn call_off(&self, ticket: u64) {
-        self.transport.call_off(ticket);
+        self.channels.call_off(ticket);
     }
 
     /// Waits for the answers to the orders under this ticket. If a worker shows no sign of life for longer than
     /// `limit`, the pool records a failure as its answer and tells the other workers to stop waiting for its rows.
     pub fn answers(&mut self, ticket: u64, limit: Duration) -> Answers {
-        let mut watchdog = Watchdog::new(limit, &self.transport.signs());
+        let mut watchdog = Watchdog::new(limit, &self.channels.signs());
         loop {
             if let Some(answers) = self.ledger.take(ticket) {
                 return answers;
             }
-            match self.transport.reply(watchdog.until_look()) {
+            match self.channels.reply(watchdog.until_look()) {
                 Some(reply) => self.ledger.answer(reply.ticket, reply.device, reply.answer),
                 None => {
                     for device in self.ledger.awaited(ticket).to_vec() {
-                        if self.transport.ends(device, Duration::ZERO) {
+                        if self.channels.ends(device, Duration::ZERO) {
                             self.answer_for(device, gone());
                         }
                     }
                 }
             }
             // A worker that has just answered does not hang.
-            for device in watchdog.silent(&self.transport.signs()) {
+            for device in watchdog.silent(&self.channels.signs()) {
                 if self.ledger.awaited(ticket).contains(&device) {
                     self.members[device].is_hung = true;
                     let what = format!("its worker gave no sign of life for more than {} ms", limit.as_millis());
@@ -147,10 +146,10 @@ impl WorkerPool {
 
     /// Ends all workers; returns the devices that have not failed.
     pub fn end(&mut self) -> Devices {
-        (0..self.members.len()).for_each(|device| self.transport.close(device));
+        (0..self.members.len()).for_each(|device| self.channels.close(device));
         let members = std::mem::take(&mut self.members).into_iter().enumerate();
         let own = members.filter_map(|(device, m)| Some((device, m.is_hung, m.thread?)));
-        let ended = own.filter(|(device, is_hung, _)| !is_hung && self.transport.ends(*device, END_LIMIT));
+        let ended = own.filter(|(device, is_hung, _)| !is_hung && self.channels.ends(*device, END_LIMIT));
         let gpus: Vec<GpuDevice> = ended.filter_map(|(.., thread)| thread.join().ok().flatten()).collect();
         match self.others.take() {
             None => gpus.into(),
@@ -161,7 +160,7 @@ impl WorkerPool {
     /// Answers all open orders of a device with this failure.
     fn answer_for(&mut self, device: usize, failure: DeviceFailure) {
         for ticket in self.ledger.answer_for(device, || Err(Stop::Device(failure.clone()))) {
-            self.transport.call_off(ticket);
+            self.channels.call_off(ticket);
         }
     }
 }

@@ -188,7 +188,7 @@ impl Server<'_> {
             let made = made.and_then(|mut device| device.calibrate().map(|()| device));
             let made = made.map_err(|e| self.host.describe(&e))?;
             cards.push(self.card(&made.gpu));
-            workers.push(Worker::new(made, Arc::clone(&graphs), Box::new(end)));
+            workers.push(Worker::new(made, Arc::clone(&graphs), end));
         }
         let start = |(device, worker)| start_worker(worker).map(|thread| (device, thread)).map_err(|e| e.to_string());
         let threads = own.into_iter().zip(workers).map(start).collect::<Result<_, _>>()?;

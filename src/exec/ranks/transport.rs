@@ -9,7 +9,6 @@ use crossbeam::channel::{Receiver, Select, Sender, TryRecvError};
 use super::packet::Packet;
 use crate::exec::channels::{RendererChannels, WorkerChannels};
 use crate::exec::messages::{Message, Order, Reply};
-use crate::exec::transport::{RendererTransport, WorkerTransport};
 use crate::exec::watchdog::LifeSign;
 
 pub struct RendererDevices {
