@@ -65,7 +65,7 @@ impl Accel {
         let bodies =
             division.deforming.iter().map(|&b| &scene.meshes[scene.instances[scene.motion.bodies[b].instance].mesh]);
         budget.reserve(bodies.map(Skins::bytes).sum()).map_err(refused)?.keep();
-        let mut accel = Self { origin, ..Self::empty() };
+        let mut accel = Self { origin, ..Self::default() };
         let room = Room { budget, row_bytes: present.row_bytes(), triangles: count, cache };
         let flat = flatten::flatten(scene, division.flat(scene), origin);
         let (flat, _) = accel.push_tree(&flat, &present, true, &room)?;

@@ -13,7 +13,7 @@ use crate::scene::motion::Motion;
 use crate::scene::motion::pose::Pose;
 
 /// A scene's triangles and the trees over them.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Accel {
     /// Nodes of all trees. The first is the root over the flattened triangles.
     pub nodes: Vec<Node>,
@@ -46,25 +46,6 @@ pub struct Accel {
 }
 
 impl Accel {
-    pub(super) fn empty() -> Self {
-        Self {
-            nodes: Vec::new(),
-            triangles: Vec::new(),
-            shadings: Vec::new(),
-            colors: Vec::new(),
-            second_uvs: Vec::new(),
-            tangents: Vec::new(),
-            instances: vec![Instance::STILL],
-            numbers: vec![[0; 4]],
-            instance_tree: 0,
-            placements: Vec::new(),
-            skins: Skins::default(),
-            trees: Vec::new(),
-            dropped: 0,
-            origin: DVec3::ZERO,
-        }
-    }
-
     /// Returns the placed instances and the tree over them. Without `poses`, only static instances are placed.
     pub fn placed_at(&self, poses: Option<&Poses>) -> Placed {
         Placed::new(&self.placements, &self.skins, poses, self.origin, self.instance_tree)
