@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
-use bytemuck::{Zeroable, cast_slice, cast_slice_mut};
+use bytemuck::{Pod, Zeroable, bytes_of, bytes_of_mut, cast_slice, cast_slice_mut};
 use obvhs::cwbvh::node::CwBvhNode;
 use twox_hash::XxHash3_128;
 
@@ -28,7 +28,7 @@ const LEAST_BUILD: Duration = Duration::from_secs(1);
 const MOST_BYTES: u64 = 4 << 30;
 /// Age of a file that a run has not finished writing, after which the run must have been killed.
 const LONGEST_WRITE: Duration = Duration::from_secs(24 * 3600);
-/// First bytes of a file. They change with the format.
+/// Begin of a file, which changes with the format.
 const MAGIC: [u8; 16] = *b"diptych tree 1\0\0";
 /// Builders of trees, which are part of the key: other versions may build other trees.
 const BUILDERS: &str = concat!("diptych ", env!("CARGO_PKG_VERSION"), ", obvhs 0.4.0");
@@ -44,7 +44,8 @@ pub struct TreeCache {
 }
 
 /// Hash of the triangles of a tree and of how it is built.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(transparent)]
 pub struct Key(u128);
 
 impl TreeCache {
@@ -200,31 +201,16 @@ impl Key {
     }
 }
 
-/// Numbers of a file, after [`MAGIC`].
-#[derive(Clone, Copy)]
+/// First bytes of a file.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
 struct Header {
+    magic: [u8; 16],
     key: Key,
     nodes: u64,
     indices: u64,
     /// Hash of all that follows.
     content: u128,
-}
-
-impl Header {
-    const BYTES: usize = 16 + 8 + 8 + 16;
-
-    fn bytes(&self) -> Vec<u8> {
-        let Self { key, nodes, indices, content } = self;
-        [&key.0.to_le_bytes()[..], &nodes.to_le_bytes(), &indices.to_le_bytes(), &content.to_le_bytes()].concat()
-    }
-
-    fn read(mut file: impl Read) -> io::Result<Self> {
-        let mut bytes = [0; Self::BYTES];
-        file.read_exact(&mut bytes)?;
-        let wide = |from: usize| u128::from_le_bytes(std::array::from_fn(|i| bytes[from + i]));
-        let number = |from: usize| u64::from_le_bytes(std::array::from_fn(|i| bytes[from + i]));
-        Ok(Self { key: Key(wide(0)), nodes: number(16), indices: number(24), content: wide(32) })
-    }
 }
 
 fn content(nodes: &[CwBvhNode], order: &[u32]) -> u128 {
@@ -236,9 +222,8 @@ fn content(nodes: &[CwBvhNode], order: &[u32]) -> u128 {
 
 fn write(mut file: impl Write, key: Key, Built { nodes, order }: &Built) -> io::Result<()> {
     let content = content(nodes, order);
-    let header = Header { key, nodes: nodes.len() as u64, indices: order.len() as u64, content };
-    file.write_all(&MAGIC)?;
-    file.write_all(&header.bytes())?;
+    let header = Header { magic: MAGIC, key, nodes: nodes.len() as u64, indices: order.len() as u64, content };
+    file.write_all(bytes_of(&header))?;
     file.write_all(cast_slice(nodes))?;
     file.write_all(cast_slice(order))
 }
@@ -249,10 +234,9 @@ fn read(path: &Path, key: Key, triangles: usize) -> io::Result<Built> {
     let mut file = File::open(path)?;
     let _span = tracing::info_span!("read tree").entered();
     let damaged = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what.to_owned());
-    let mut magic = [0; MAGIC.len()];
-    file.read_exact(&mut magic)?;
-    let header = Header::read(&file)?;
-    if magic != MAGIC || header.key != key {
+    let mut header = Header::zeroed();
+    file.read_exact(bytes_of_mut(&mut header))?;
+    if header.magic != MAGIC || header.key != key {
         return Err(damaged("it is of another tree"));
     }
     // Splits add at most one entry per triangle, and each node but the root has at least two children or entries.
@@ -261,7 +245,7 @@ fn read(path: &Path, key: Key, triangles: usize) -> io::Result<Built> {
         return Err(damaged("it has another number of nodes than it should"));
     }
     let bytes = u128::from(header.nodes) * size_of::<CwBvhNode>() as u128 + u128::from(header.indices) * 4;
-    if u128::from(file.metadata()?.len()) != (MAGIC.len() + Header::BYTES) as u128 + bytes {
+    if u128::from(file.metadata()?.len()) != size_of::<Header>() as u128 + bytes {
         return Err(damaged("it has another length than it should"));
     }
     let mut nodes = vec![CwBvhNode::zeroed(); header.nodes as usize];

@@ -70,7 +70,7 @@ fn damaged_files_are_built_again_with_a_note() {
     let longer = [&whole[..], &[0; 4]].concat();
     let cut = whole[..whole.len() / 2].to_vec();
     let (magic, nodes, last) = (flipped(0), flipped(MAGIC.len() + 23), flipped(whole.len() - 1));
-    for damaged in [Vec::new(), cut, longer, magic, nodes, last, flipped(MAGIC.len() + Header::BYTES + 20)] {
+    for damaged in [Vec::new(), cut, longer, magic, nodes, last, flipped(size_of::<Header>() + 20)] {
         fs::write(&file, damaged).unwrap();
         assert_same(&first, &built(&scene, &cache));
         let notes = cache.take_notes();
@@ -116,11 +116,11 @@ fn a_long_file_claims_no_more_than_its_tree_needs() {
     let (key, triangles) = (Key::of(&flat, true), flat.len() as u64);
     for (nodes, indices) in [(1 << 29, 1), (1 << 29, triangles), (1, 10 << 30), (1, triangles - 1), (1, u64::MAX)] {
         let file = File::create(&path).unwrap();
-        let header = Header { key, nodes, indices, content: 0 };
-        (&file).write_all(&[&MAGIC[..], &header.bytes()].concat()).unwrap();
+        let header = Header { magic: MAGIC, key, nodes, indices, content: 0 };
+        (&file).write_all(bytes_of(&header)).unwrap();
         // A sparse file: it takes a few kilobytes of the disk.
         let length = u128::from(nodes) * size_of::<CwBvhNode>() as u128 + u128::from(indices) * 4;
-        let _ = file.set_len(length.min(1 << 40) as u64 + (MAGIC.len() + Header::BYTES) as u64);
+        let _ = file.set_len(length.min(1 << 40) as u64 + size_of::<Header>() as u64);
         let error = read(&path, key, flat.len()).unwrap_err().to_string();
         assert!(error.contains("another number of nodes"), "{error}");
     }
