@@ -11,71 +11,37 @@ use crate::plan::{Groups, groups};
 use crate::wgsl::ROW_BYTES;
 
 /// A WebGPU limit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Limit {
-    StorageBinding,
-    Buffer,
-    UniformBinding,
-    StorageBuffers,
-    TextureEdge,
-    TextureLayers,
-    Workgroups,
-    Invocations,
-    Immediates,
-    Corners,
-    Instances,
+#[derive(Clone, Copy, Debug)]
+struct Limit {
+    /// Name in wgpu.
+    name: &'static str,
+    unit: &'static str,
+    value: fn(&wgpu::Limits) -> u64,
 }
 
-/// Maximum number of instances, since an instance's custom index has 24 bits.
-const MAX_INSTANCES: u32 = 1 << 24;
-
-impl Limit {
-    fn of(self, limits: &wgpu::Limits) -> u64 {
-        match self {
-            Self::StorageBinding => limits.max_storage_buffer_binding_size,
-            Self::Buffer => limits.max_buffer_size,
-            Self::UniformBinding => limits.max_uniform_buffer_binding_size,
-            Self::StorageBuffers => limits.max_storage_buffers_per_shader_stage.into(),
-            Self::TextureEdge => limits.max_texture_dimension_2d.into(),
-            Self::TextureLayers => limits.max_texture_array_layers.into(),
-            Self::Workgroups => limits.max_compute_workgroups_per_dimension.into(),
-            Self::Invocations => limits.max_compute_invocations_per_workgroup.into(),
-            Self::Immediates => limits.max_immediate_size.into(),
-            Self::Corners => limits.max_blas_primitive_count.into(),
-            Self::Instances => limits.max_tlas_instance_count.min(MAX_INSTANCES).into(),
-        }
-    }
-
-    /// Returns the limit's name in wgpu.
-    fn name(self) -> &'static str {
-        match self {
-            Self::StorageBinding => "max_storage_buffer_binding_size",
-            Self::Buffer => "max_buffer_size",
-            Self::UniformBinding => "max_uniform_buffer_binding_size",
-            Self::StorageBuffers => "max_storage_buffers_per_shader_stage",
-            Self::TextureEdge => "max_texture_dimension_2d",
-            Self::TextureLayers => "max_texture_array_layers",
-            Self::Workgroups => "max_compute_workgroups_per_dimension",
-            Self::Invocations => "max_compute_invocations_per_workgroup",
-            Self::Immediates => "max_immediate_size",
-            Self::Corners => "max_blas_primitive_count",
-            Self::Instances => "max_tlas_instance_count",
-        }
-    }
-
-    fn unit(self) -> &'static str {
-        match self {
-            Self::StorageBinding | Self::Buffer | Self::UniformBinding | Self::Immediates => "bytes",
-            Self::StorageBuffers => "storage buffers",
-            Self::TextureEdge => "texels an edge",
-            Self::TextureLayers => "texture layers",
-            Self::Workgroups => "workgroups a row or column",
-            Self::Invocations => "invocations a workgroup",
-            Self::Corners => "corners of triangles",
-            Self::Instances => "instances",
-        }
-    }
+/// Declares limits with the names that they have in wgpu.
+macro_rules! limits {
+    ($($constant:ident: $name:ident in $unit:literal;)*) => {
+        $(const $constant: Limit = Limit { name: stringify!($name), unit: $unit, value: |all| all.$name.into() };)*
+    };
 }
+
+limits! {
+    STORAGE_BINDING: max_storage_buffer_binding_size in "bytes";
+    BUFFER: max_buffer_size in "bytes";
+    UNIFORM_BINDING: max_uniform_buffer_binding_size in "bytes";
+    STORAGE_BUFFERS: max_storage_buffers_per_shader_stage in "storage buffers";
+    TEXTURE_EDGE: max_texture_dimension_2d in "texels an edge";
+    TEXTURE_LAYERS: max_texture_array_layers in "texture layers";
+    WORKGROUPS: max_compute_workgroups_per_dimension in "workgroups a row or column";
+    INVOCATIONS: max_compute_invocations_per_workgroup in "invocations a workgroup";
+    IMMEDIATES: max_immediate_size in "bytes";
+    CORNERS: max_blas_primitive_count in "corners of triangles";
+    TLAS_INSTANCES: max_tlas_instance_count in "instances";
+}
+
+/// An instance's custom index has 24 bits.
+const INSTANCES: Limit = Limit { value: |limits| (TLAS_INSTANCES.value)(limits).min(1 << 24), ..TLAS_INSTANCES };
 
 /// An amount that may exceed a device's limit.
 #[derive(Clone, Debug)]
@@ -133,12 +99,12 @@ impl std::error::Error for LimitExceeded {}
 impl fmt::Display for LimitExceeded {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { need: Need { what, limit, amount, remedy }, limit: most, device } = self;
-        let [amount, most] = [*amount, *most].map(|amount| match limit.unit() {
+        let [amount, most] = [*amount, *most].map(|amount| match limit.unit {
             "bytes" if amount >= 10 << 20 => format!("{} MiB", amount >> 20),
             unit => format!("{amount} {unit}"),
         });
         let verb = if what.ends_with('s') { "need" } else { "needs" };
-        write!(f, "{what} {verb} {amount}, and device {device} takes {most} (its {}): ", limit.name())?;
+        write!(f, "{what} {verb} {amount}, and device {device} takes {most} (its {}): ", limit.name)?;
         write!(f, "{}, or choose another adapter", remedy.text())
     }
 }
@@ -148,13 +114,13 @@ impl fmt::Display for LimitExceeded {
 /// # Errors
 /// [`LimitExceeded`] with the first need that exceeds its limit.
 pub fn check(limits: &wgpu::Limits, device: usize, needs: impl IntoIterator<Item = Need>) -> Result<(), LimitExceeded> {
-    let exceeding = needs.into_iter().find(|need| need.amount > need.limit.of(limits));
-    exceeding.map_or(Ok(()), |need| Err(LimitExceeded { limit: need.limit.of(limits), need, device }))
+    let exceeding = needs.into_iter().find(|need| need.amount > (need.limit.value)(limits));
+    exceeding.map_or(Ok(()), |need| Err(LimitExceeded { limit: (need.limit.value)(limits), need, device }))
 }
 
 fn storage(what: &str, bytes: u64, remedy: Remedy) -> [Need; 2] {
     let need = |limit| Need { what: what.to_owned().into(), limit, amount: bytes, remedy };
-    [Limit::StorageBinding, Limit::Buffer].map(need)
+    [STORAGE_BINDING, BUFFER].map(need)
 }
 
 /// Sizes of a scene's tables and images.
@@ -168,7 +134,7 @@ pub struct SceneSizes {
 
 pub fn of_scene(sizes: &SceneSizes) -> Vec<Need> {
     let edges = |what: &'static str, edges: [u32; 2], remedy| {
-        edges.map(|edge| Need { what: what.into(), limit: Limit::TextureEdge, amount: edge.into(), remedy })
+        edges.map(|edge| Need { what: what.into(), limit: TEXTURE_EDGE, amount: edge.into(), remedy })
     };
     let tables = "the scene's tables";
     let mut needs = match sizes.tables {
@@ -178,7 +144,7 @@ pub fn of_scene(sizes: &SceneSizes) -> Vec<Need> {
     let Pages { edge, count } = Pages::of(sizes.texels);
     let what = "the scene's textures";
     needs.extend(edges(what, [edge; 2], Remedy::SmallerTextures));
-    needs.push(Need { what: what.into(), limit: Limit::TextureLayers, amount: count, remedy: Remedy::SmallerTextures });
+    needs.push(Need { what: what.into(), limit: TEXTURE_LAYERS, amount: count, remedy: Remedy::SmallerTextures });
     let Extent { width, height } = sizes.environment;
     needs.extend(edges("the environment image", [width, height], Remedy::SmallerEnvironment));
     needs
@@ -189,8 +155,8 @@ pub fn of_structures(triangles: usize, instances: usize) -> [Need; 2] {
     let need =
         |what: &'static str, limit, amount| Need { what: what.into(), limit, amount, remedy: Remedy::ComputeTraversal };
     [
-        need("the scene's largest BLAS", Limit::Corners, 3 * triangles as u64),
-        need("the scene's instances", Limit::Instances, instances as u64),
+        need("the scene's largest BLAS", CORNERS, 3 * triangles as u64),
+        need("the scene's instances", INSTANCES, instances as u64),
     ]
 }
 
@@ -204,12 +170,7 @@ pub fn of_frames<'a>(programs: &'a [Program], scene_buffers: usize) -> impl Iter
         let bytes = resource.bytes(extent);
         match resource.format {
             Format::Uniform { .. } => {
-                vec![Need {
-                    what: what.into(),
-                    limit: Limit::UniformBinding,
-                    amount: bytes,
-                    remedy: Remedy::SmallerPass,
-                }]
+                vec![Need { what: what.into(), limit: UNIFORM_BINDING, amount: bytes, remedy: Remedy::SmallerPass }]
             }
             Format::Texels { .. } | Format::List => Vec::from(storage(&what, bytes, Remedy::SmallerSize)),
         }
@@ -230,11 +191,11 @@ fn of_pass(pass: &Pass, frame: Extent, scene_buffers: usize) -> [Need; 5] {
         Groups::Listed(_) => [1; 2],
     };
     [
-        need(Limit::StorageBuffers, buffers as u64, Remedy::SmallerPass),
-        need(Limit::Workgroups, columns.into(), Remedy::SmallerSize),
-        need(Limit::Workgroups, rows.into(), Remedy::SmallerSize),
-        need(Limit::Invocations, pass.kernel.workgroup.map(u64::from).iter().product(), Remedy::SmallerPass),
-        need(Limit::Immediates, size_of::<PassConstants>() as u64, Remedy::SmallerPass),
+        need(STORAGE_BUFFERS, buffers as u64, Remedy::SmallerPass),
+        need(WORKGROUPS, columns.into(), Remedy::SmallerSize),
+        need(WORKGROUPS, rows.into(), Remedy::SmallerSize),
+        need(INVOCATIONS, pass.kernel.workgroup.map(u64::from).iter().product(), Remedy::SmallerPass),
+        need(IMMEDIATES, size_of::<PassConstants>() as u64, Remedy::SmallerPass),
     ]
 }
 
