@@ -7,13 +7,13 @@ use super::compile::{Built, StageError, build};
 use super::shader_files::state;
 use crate::device::GpuDevice;
 use crate::frame::RunConfig;
-use crate::graph::{Pass, Program, SceneUse};
+use crate::graph::{Pass, Program};
 
 /// Passes of all kernels, with the layouts and files that their pipelines are built from.
 pub struct Kernels {
     /// One pass for each kernel.
     passes: Vec<Pass>,
-    /// Layouts of bind group 0, for kernels that do not use the scene, read it, and change it.
+    /// Layouts of bind group 0, by [`SceneUse`](crate::graph::SceneUse).
     layouts: [wgpu::BindGroupLayout; 3],
     /// State of the files that the pipelines are built from.
     state: Vec<(PathBuf, Option<SystemTime>, u64)>,
@@ -34,11 +34,7 @@ impl Kernels {
     pub fn build(&self, gpu: &mut GpuDevice, config: &RunConfig) -> Result<Vec<Built>, StageError> {
         let mut built = Vec::new();
         for pass in &self.passes {
-            let group0 = match pass.kernel.scene {
-                SceneUse::No => &self.layouts[0],
-                SceneUse::Read => &self.layouts[1],
-                SceneUse::Write => &self.layouts[2],
-            };
+            let group0 = &self.layouts[pass.kernel.scene as usize];
             let _span = tracing::info_span!("build pipeline", shader = pass.kernel.name).entered();
             built.extend(build(gpu, pass, group0, config)?);
         }

@@ -9,7 +9,7 @@ use super::images::{Images, Place};
 use super::kernels::Kernels;
 use crate::device::GpuDevice;
 use crate::frame::RunConfig;
-use crate::graph::{Bound, Format, Kernel, Program, Resource, SceneUse, Stage};
+use crate::graph::{Bound, Format, Kernel, Program, Resource, Stage};
 use crate::image::Extent;
 use crate::layout::{Camera, DisplayMap, Frame, Previous};
 use crate::passes::{Moving, PREVIOUS};
@@ -17,7 +17,7 @@ use crate::plan::{EyeImage, Groups, Launched, launched};
 use crate::samples::PixelSamples;
 use crate::scene::rig::Eye;
 use crate::schedule::Position;
-use crate::tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entries, layout_entries, limits, scene_buffers};
+use crate::tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entry, layout_entries, limits, scene_buffers};
 
 /// Key of a bind group: the kernel's name, the bound images, and the [`Place`] that selects their buffers.
 type GroupKey = (&'static str, Vec<(Bound, Eye)>, Place);
@@ -33,10 +33,9 @@ pub struct DeviceStages {
     /// Bind groups by index of the pass in `program`, the latest one. They are clones of those in `groups`.
     of_passes: HashMap<(usize, Place), wgpu::BindGroup>,
     program: Option<Arc<Program>>,
-    frame_only: wgpu::BindGroup,
-    with_scene: wgpu::BindGroup,
-    /// Bind group 0 of kernels that write the scene's tables: the frame's constants and these tables.
-    changing_scene: wgpu::BindGroup,
+    /// Bind group 0 by [`SceneUse`]: the frame's constants and, of the scene, all that kernels read or the tables that they
+    /// write.
+    frame_groups: [wgpu::BindGroup; 3],
     /// Bind group 2 of kernels that read constants of the projection.
     projection: Option<wgpu::BindGroup>,
     scene: SceneBuffers,
@@ -91,24 +90,19 @@ impl DeviceStages {
         let images = Images::new(gpu, programs, config.grid(), config.execution.frames_in_flight);
         let frame = uniform(gpu, "frame", size_of::<Frame>());
         let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
-        let all: Vec<_> = std::iter::once(constants).chain(layout_entries(gpu.scene_access())).collect();
-        let group_layout = |label, entries: &[_]| {
-            gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries })
-        };
-        let frame_layout = group_layout("frame", &[constants]);
-        let scene_layout = group_layout("frame and scene", &all);
-        let changing: Vec<_> = std::iter::once(constants).chain(changing_entries(gpu.quirks.tables)).collect();
-        let changing_layout = group_layout("frame and changed tables", &changing);
-        let bind = |layout, entries: &[_]| {
-            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("group 0"), layout, entries })
-        };
         let first = wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() };
-        let frame_only = bind(&frame_layout, std::slice::from_ref(&first));
-        let with_scene =
-            bind(&scene_layout, &std::iter::once(first.clone()).chain(scene.entries()).collect::<Vec<_>>());
-        let tables_entry = std::iter::once(first).chain(scene.tables_entry()).collect::<Vec<_>>();
-        let changing_scene = bind(&changing_layout, &tables_entry);
-        let kernels = Kernels::new(programs, [frame_layout, scene_layout, changing_layout]);
+        let group0 = |layout: Vec<_>, entries: Vec<_>| {
+            let (label, layout) = (Some("group 0"), [vec![constants], layout].concat());
+            let descriptor = wgpu::BindGroupLayoutDescriptor { label, entries: &layout };
+            let layout = gpu.device.create_bind_group_layout(&descriptor);
+            let entries = [vec![first.clone()], entries].concat();
+            let descriptor = wgpu::BindGroupDescriptor { label, layout: &layout, entries: &entries };
+            (gpu.device.create_bind_group(&descriptor), layout)
+        };
+        let (without_scene, without_layout) = group0(Vec::new(), Vec::new());
+        let (with_scene, with_layout) = group0(layout_entries(gpu.scene_access()), scene.entries());
+        let (changing, changing_layout) = group0(vec![changing_entry(gpu.quirks.tables)], vec![scene.tables_entry()]);
+        let kernels = Kernels::new(programs, [without_layout, with_layout, changing_layout]);
         let built = kernels.build(gpu, &config)?;
         for (resource, bytes) in tables.skin_inputs().into_iter().filter(|(resource, _)| images.has(resource)) {
             gpu.queue.write_buffer(input(&images, resource), 0, bytes);
@@ -120,9 +114,7 @@ impl DeviceStages {
             groups: HashMap::new(),
             of_passes: HashMap::new(),
             program: None,
-            frame_only,
-            with_scene,
-            changing_scene,
+            frame_groups: [without_scene, with_scene, changing],
             projection: bind_projection(gpu, &config),
             config,
             scene,
@@ -247,12 +239,7 @@ impl DeviceStages {
             groups.entry((kernel.name, bound, place)).or_insert_with_key(new).clone()
         });
         let mut recorded = to.begin_pass(declared.stage, [begins, ends]);
-        let group0 = match kernel.scene {
-            SceneUse::No => &self.frame_only,
-            SceneUse::Read => &self.with_scene,
-            SceneUse::Write => &self.changing_scene,
-        };
-        recorded.set_bind_group(0, group0, &[]);
+        recorded.set_bind_group(0, &self.frame_groups[kernel.scene as usize], &[]);
         recorded.set_bind_group(1, &*group, &[]);
         recorded.set_bind_group(2, self.projection.as_ref(), &[]);
         for Launched { jitter, constants, groups } in launches {

@@ -57,9 +57,9 @@ fn tables_entry(tables: Tables, read_only: bool) -> wgpu::BindGroupLayoutEntry {
     wgpu::BindGroupLayoutEntry { binding: TABLES, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None }
 }
 
-/// Returns the layout entries of passes that write the tables and read nothing of the scene.
-pub fn changing_entries(tables: Tables) -> [wgpu::BindGroupLayoutEntry; 1] {
-    [tables_entry(tables, false)]
+/// Returns the layout entry of passes that write the tables and read nothing of the scene.
+pub fn changing_entry(tables: Tables) -> wgpu::BindGroupLayoutEntry {
+    tables_entry(tables, false)
 }
 
 pub fn layout_entries(SceneAccess { tables, traversal }: SceneAccess) -> Vec<wgpu::BindGroupLayoutEntry> {
@@ -119,16 +119,16 @@ impl SceneBuffers {
         let textures = self.textures.iter().map(|(binding, v)| (*binding, wgpu::BindingResource::TextureView(v)));
         let top = self.structures.iter().map(|s| (INSTANCES, s.top().as_binding()));
         let others = textures.chain(top).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource });
-        self.tables_entry().into_iter().chain(others).collect()
+        std::iter::once(self.tables_entry()).chain(others).collect()
     }
 
     /// Returns the bind group entry of the tables without those of textures and of the TLAS.
-    pub fn tables_entry(&self) -> [wgpu::BindGroupEntry<'_>; 1] {
+    pub fn tables_entry(&self) -> wgpu::BindGroupEntry<'_> {
         let resource = match &self.tables {
             TableStore::Buffer(buffer) => buffer.as_entire_binding(),
             TableStore::Texture(_, view) => wgpu::BindingResource::TextureView(view),
         };
-        [wgpu::BindGroupEntry { binding: TABLES, resource }]
+        wgpu::BindGroupEntry { binding: TABLES, resource }
     }
 
     /// Uploads the changes of a frame. The device applies them at the start of its next submission.

@@ -11,7 +11,7 @@ mod moves;
 mod scene_tables;
 mod update;
 
-pub use buffers::{SceneBuffers, changing_entries, layout_entries, scene_buffers};
+pub use buffers::{SceneBuffers, changing_entry, layout_entries, scene_buffers};
 pub use limits::{LimitExceeded, Remedy};
 pub use scene_tables::{SceneTables, TableError};
 pub use update::SceneUpdate;
