@@ -38,6 +38,7 @@ pub mod protocol {
 }
 
 pub use crate::frame::FrameParams;
+pub use crate::graph::TimedTask;
 pub use builder::{BuildError, Builder};
 pub use error::ExecError;
 #[cfg(feature = "cli")]
@@ -45,4 +46,4 @@ pub(crate) use faults::frames_of;
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
 pub use late_latching::{PoseSource, SampledPose};
 pub use renderer::Renderer;
-pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
+pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming};

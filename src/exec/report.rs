@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use super::late_latching::SampledPose;
 use super::messages::TaskTime;
-use crate::graph::{Assignment, FrameGraph, Program, Stage, TaskKind, Work};
+use crate::graph::{Assignment, FrameGraph, Program, TaskKind, TimedTask, Work};
 use crate::passes::path_trace::PARTITION;
 use crate::passes::{FrameSpec, HoleReason, RowTally, Views};
 use crate::scene::rig::Eye;
@@ -45,14 +45,12 @@ impl TaskTiming {
     /// Describes a task whose execution time a device has measured. Returns `None` for the stitch, which takes no time.
     pub(super) fn of(graph: &FrameGraph, device: usize, time: &TaskTime) -> Option<Self> {
         let task = graph.tasks_of(device).get(time.task)?;
-        let name = |image: usize| graph.program.images()[image].name();
-        let (stage, kind, transfer) = match task.kind {
-            TaskKind::Dispatch { pass, .. } => {
-                let stage = graph.program.passes()[pass].pass.stage;
-                (stage.name().into(), TimedTask::Gpu(stage), None)
+        let kind = graph.timed(task)?;
+        let (stage, transfer) = match task.kind {
+            TaskKind::Download { image, transfer, .. } | TaskKind::Upload { image, transfer } => {
+                (graph.program.images()[image].name(), Some(transfer))
             }
-            TaskKind::Download { image, transfer, .. } => (name(image), TimedTask::Download, Some(transfer)),
-            TaskKind::Upload { image, transfer } => (name(image), TimedTask::Upload, Some(transfer)),
+            TaskKind::Dispatch { pass, .. } => (graph.program.passes()[pass].pass.stage.name().into(), None),
             TaskKind::Stitch => return None,
         };
         let TaskTime { begin_ms, end_ms, bytes, submissions, .. } = *time;
@@ -60,16 +58,6 @@ impl TaskTiming {
         let (number, after) = (time.task, graph.dependencies(device, time.task));
         Some(Self { stage, kind, view, device, rows, begin_ms, end_ms, bytes, submissions, transfer, number, after })
     }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TimedTask {
-    /// A stage, timed by the device's own clock.
-    Gpu(Stage),
-    /// Rows copied from the device's memory to the host's.
-    Download,
-    /// Rows copied from the host's memory to the device's.
-    Upload,
 }
 
 #[derive(Clone, Debug)]

@@ -10,7 +10,7 @@ use petgraph::graph::{DiGraph, NodeIndex};
 use super::program::{Linked, Program};
 use super::resource::{Resource, Scope};
 use super::rows::{overlap, scale, share, subtract, widen};
-use super::task::{Key, Task, TaskKind};
+use super::task::{Key, Task, TaskKind, TimedTask};
 use super::transfer_batches::{TransferBatch, schedule_batches};
 use super::{Assignment, Dispatch};
 use crate::scene::rig::Eye;
@@ -106,6 +106,16 @@ impl FrameGraph {
         match task.kind {
             TaskKind::Dispatch { pass, .. } => self.program.passes().get(pass),
             _ => None,
+        }
+    }
+
+    /// Returns the kind of a task; `None` for the stitch, which takes no time.
+    pub fn timed(&self, task: &Task) -> Option<TimedTask> {
+        match task.kind {
+            TaskKind::Dispatch { pass, .. } => Some(TimedTask::Gpu(self.program.passes()[pass].pass.stage)),
+            TaskKind::Download { .. } => Some(TimedTask::Download),
+            TaskKind::Upload { .. } => Some(TimedTask::Upload),
+            TaskKind::Stitch => None,
         }
     }
 

@@ -23,7 +23,7 @@ pub use pass::{Chain, Dispatch, Kernel, Partition, Pass, SceneUse, Stage, Work};
 pub use program::{Bound, Linked, Program, ProgramError};
 pub use resource::{Format, Grid, Image, LIST_HEADER, Life, Projection, Resource, Scope, Size};
 pub use stripes::{Stripes, StripesError};
-pub use task::{Key, Task, TaskKind};
+pub use task::{Key, Task, TaskKind, TimedTask};
 pub use uses::{Access, Reach, Use};
 
 use crate::scene::rig::Eye;

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::pass::Stage;
 use crate::scene::rig::Eye;
 
 /// Position of a task in the common order that all devices follow. A download comes after the task that produces its
@@ -37,6 +38,17 @@ pub enum TaskKind {
     },
     /// Marks the point at which both complete images are on the primary.
     Stitch,
+}
+
+/// Kind of a task that takes time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimedTask {
+    /// A stage, timed by the device's own clock.
+    Gpu(Stage),
+    /// Rows copied from the device's memory to the host's.
+    Download,
+    /// Rows copied from the host's memory to the device's.
+    Upload,
 }
 
 #[derive(Clone, Debug, PartialEq)]

@@ -5,7 +5,8 @@ use serde::Serialize;
 use super::csv::{Column, Csv, number};
 use super::plot::{Axis, Chart, Series, line_chart_svg};
 use super::{ReportError, Table, imbalance, once, shares_text};
-use crate::schedule::{Prediction, StepKind};
+use crate::graph::TimedTask;
+use crate::schedule::Prediction;
 
 /// One row of `simulate.csv`.
 #[derive(Clone, Debug, Serialize)]
@@ -49,9 +50,8 @@ impl SimulationRow {
         let mut critical_path: Vec<PathShare> = Vec::new();
         for step in &prediction.critical_path {
             let what = match step.kind {
-                StepKind::Stage(stage) => stage.name(),
-                StepKind::Download | StepKind::Upload => "transfers",
-                StepKind::Stitch => continue,
+                TimedTask::Gpu(stage) => stage.name(),
+                TimedTask::Download | TimedTask::Upload => "transfers",
             };
             let share = (step.end_ms - step.begin_ms) / prediction.makespan_ms;
             match critical_path.iter_mut().find(|part| part.what == what) {
@@ -212,10 +212,10 @@ mod tests {
     fn row() -> SimulationRow {
         let step = |kind, begin_ms, end_ms| Step { kind, view: Eye::Left, device: 0, begin_ms, end_ms };
         let critical_path = vec![
-            step(StepKind::Stage(Stage("path_trace")), 0.0, 40.0),
-            step(StepKind::Download, 40.0, 42.0),
-            step(StepKind::Upload, 42.0, 43.0),
-            step(StepKind::Stage(Stage("atrous")), 43.0, 50.0),
+            step(TimedTask::Gpu(Stage("path_trace")), 0.0, 40.0),
+            step(TimedTask::Download, 40.0, 42.0),
+            step(TimedTask::Upload, 42.0, 43.0),
+            step(TimedTask::Gpu(Stage("atrous")), 43.0, 50.0),
         ];
         let (makespan_ms, busy_ms, limit) = (50.0, vec![45.0, 15.0], Limit::Imbalance);
         SimulationRow::new(

@@ -26,7 +26,7 @@ pub use measured::Measured;
 pub use network::Network;
 pub use policy::{Even, Policy, RatioRule, Static};
 pub use relative_cost::RelativeCost;
-pub use simulate::{LOSS_SHARE, Limit, Prediction, Step, StepKind, Stuck, simulate, simulate_at, task_ms};
+pub use simulate::{LOSS_SHARE, Limit, Prediction, Step, Stuck, simulate, simulate_at, task_ms};
 
 #[cfg(test)]
 mod tests;

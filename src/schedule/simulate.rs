@@ -14,7 +14,7 @@ use petgraph::graph::NodeIndex;
 use super::cost::CostModel;
 use super::network::Traffic;
 use super::relative_cost::RelativeCost;
-use crate::graph::{FrameGraph, Stage, Task, TaskKind};
+use crate::graph::{FrameGraph, Task, TaskKind, TimedTask};
 use crate::scene::rig::Eye;
 
 /// A predicted frame.
@@ -25,7 +25,7 @@ pub struct Prediction {
     pub busy_ms: Vec<f64>,
     /// Host time in transfers, summed over all devices.
     pub transfer_ms: f64,
-    /// Critical path from the start of the frame to its stitch: tasks of which each waited for the previous one.
+    /// Critical path from the start of the frame to its end: tasks of which each waited for the previous one.
     pub critical_path: Vec<Step>,
     pub limit: Limit,
 }
@@ -33,19 +33,11 @@ pub struct Prediction {
 /// A task of the critical path. The time of a stage includes the gap before it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
-    pub kind: StepKind,
+    pub kind: TimedTask,
     pub view: Eye,
     pub device: usize,
     pub begin_ms: f64,
     pub end_ms: f64,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StepKind {
-    Stage(Stage),
-    Download,
-    Upload,
-    Stitch,
 }
 
 /// Bottleneck of a frame: the cause of the largest loss of time, compared with a frame in which all devices share the
@@ -227,8 +219,8 @@ impl<'a> Play<'a> {
 
     fn conclude(self) -> Prediction {
         let stitch = self.clocks[self.graph.primary].last;
+        let end_ms = stitch.and_then(|node| self.played[node.index()]).map_or(0.0, |stitch| stitch.end_ms);
         let critical_path = self.path_to(stitch);
-        let end_ms = critical_path.last().map_or(0.0, |step| step.end_ms);
         let makespan_ms = end_ms + self.model.tail_ms();
         let limit = self.limit(makespan_ms, &critical_path);
         Prediction { makespan_ms, busy_ms: self.busy_ms, transfer_ms: self.transfer_ms, critical_path, limit }
@@ -238,14 +230,9 @@ impl<'a> Play<'a> {
         let mut path = Vec::new();
         while let Some((node, played)) = at.and_then(|node| Some((node, self.played[node.index()]?))) {
             let task = &self.graph.dag[node];
-            let kind = match task.kind {
-                TaskKind::Dispatch { pass, .. } => StepKind::Stage(self.graph.program.passes()[pass].pass.stage),
-                TaskKind::Download { .. } => StepKind::Download,
-                TaskKind::Upload { .. } => StepKind::Upload,
-                TaskKind::Stitch => StepKind::Stitch,
-            };
             let Played { begin_ms, end_ms, cause } = played;
-            path.push(Step { kind, view: task.view, device: task.device, begin_ms, end_ms });
+            let step = |kind| Step { kind, view: task.view, device: task.device, begin_ms, end_ms };
+            path.extend(self.graph.timed(task).map(step));
             at = cause;
         }
         path.reverse();
@@ -259,8 +246,8 @@ impl<'a> Play<'a> {
         let (mut stages_ms, mut transfers_ms) = (0.0, 0.0);
         for step in path {
             match step.kind {
-                StepKind::Stage(_) => stages_ms += step.end_ms - step.begin_ms - self.model.gap_ms(step.device),
-                _ => transfers_ms += step.end_ms - step.begin_ms,
+                TimedTask::Gpu(_) => stages_ms += step.end_ms - step.begin_ms - self.model.gap_ms(step.device),
+                TimedTask::Download | TimedTask::Upload => transfers_ms += step.end_ms - step.begin_ms,
             }
         }
         let losses = [

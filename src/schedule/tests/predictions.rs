@@ -35,5 +35,5 @@ fn one_device_takes_the_sum_of_its_work() {
     let work_ms: f64 = world.costs(&graph).stages.iter().map(|c| c.busy_ms + GAP_MS).sum();
     let played = simulate(&graph, &model).unwrap();
     assert!((played.makespan_ms - work_ms - LEAD_MS - TAIL_MS).abs() < 1e-9 * work_ms, "{played:?}");
-    assert_eq!((played.limit, played.critical_path.len()), (Limit::Work, graph.tasks_of(0).len()));
+    assert_eq!((played.limit, played.critical_path.len()), (Limit::Work, graph.parts_of(0).0.len()));
 }
