@@ -38,7 +38,7 @@ impl GpuClock {
     /// # Errors
     /// [`DeviceFailure`] if the device fails.
     pub fn calibrate(&mut self, gpu: &GpuDevice, origin: Instant) -> Result<(), DeviceFailure> {
-        let probe = Probe::new(&gpu.device);
+        let probe = Probe::new(gpu);
         for _ in 0..TRIES {
             let (tick, begin, lasted) = probe.read(gpu)?;
             let begin_ms = begin.duration_since(origin).as_secs_f64() * 1e3;
@@ -76,23 +76,11 @@ struct Probe {
 }
 
 impl Probe {
-    fn new(device: &wgpu::Device) -> Self {
-        let buffer = |usage| {
-            device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("clock"),
-                size: 16,
-                usage,
-                mapped_at_creation: false,
-            })
-        };
+    fn new(gpu: &GpuDevice) -> Self {
         Self {
-            queries: device.create_query_set(&wgpu::QuerySetDescriptor {
-                label: Some("clock"),
-                ty: wgpu::QueryType::Timestamp,
-                count: 2,
-            }),
-            resolved: buffer(wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC),
-            readable: buffer(wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST),
+            queries: gpu.timestamps("clock", 2),
+            resolved: gpu.buffer("clock", 16, wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC),
+            readable: gpu.buffer("clock", 16, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST),
         }
     }
 

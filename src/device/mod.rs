@@ -124,6 +124,18 @@ impl GpuDevice {
     /// Timeout before the first frame, while drivers compile every shader.
     pub const START_PATIENCE: Duration = Duration::from_secs(300);
 
+    /// Creates a buffer of `size` bytes.
+    pub(crate) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        let label = Some(label);
+        self.device.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false })
+    }
+
+    /// Creates queries for `count` timestamps.
+    pub(crate) fn timestamps(&self, label: &str, count: u32) -> wgpu::QuerySet {
+        let (label, ty) = (Some(label), wgpu::QueryType::Timestamp);
+        self.device.create_query_set(&wgpu::QuerySetDescriptor { label, ty, count })
+    }
+
     /// Returns the failure of the device since it was opened, if any.
     pub fn failure(&self) -> Option<DeviceFailure> {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()

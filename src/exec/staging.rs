@@ -55,12 +55,8 @@ impl Pool {
         size: u64,
     ) -> Recorded {
         let buffer = self.take(size).unwrap_or_else(|| {
-            gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("read back"),
-                size: size.next_power_of_two().min(gpu.device.limits().max_buffer_size),
-                usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            })
+            let size = size.next_power_of_two().min(gpu.device.limits().max_buffer_size);
+            gpu.buffer("read back", size, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)
         });
         encoder.copy_buffer_to_buffer(source, offset, &buffer, 0, size);
         Recorded { buffer, size }

@@ -119,12 +119,7 @@ fn new_buffer(gpu: &GpuDevice, resource: &Resource, size: u64) -> wgpu::Buffer {
     // Passes write the vertices from which acceleration structures are built.
     let is_input = gpu.info.traversal == Traversal::Hardware && matches!(resource.format, Format::Texels { .. });
     let usage = if is_input { usage | Usage::BLAS_INPUT } else { usage };
-    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some(resource.name),
-        size,
-        usage: usage | Usage::COPY_SRC | Usage::COPY_DST,
-        mapped_at_creation: false,
-    });
+    let buffer = gpu.buffer(resource.name, size, usage | Usage::COPY_SRC | Usage::COPY_DST);
     if resource.format == Format::List {
         // Arguments of the indirect dispatch: the shader that fills the list counts the workgroups in x; y and z are
         // always 1.

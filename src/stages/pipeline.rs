@@ -48,14 +48,8 @@ fn find<'a>(built: &'a [Built], kernel: &Kernel, jitter: bool) -> Option<&'a Bui
     built.iter().find(|b| b.kernel == *kernel && b.jitter.is_none_or(|j| j == jitter))
 }
 
-fn uniform(gpu: &GpuDevice, label: &str, size: usize) -> wgpu::Buffer {
-    gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some(label),
-        size: size as u64,
-        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    })
-}
+const UNIFORM: wgpu::BufferUsages = wgpu::BufferUsages::UNIFORM.union(wgpu::BufferUsages::COPY_DST);
+const SCRATCH: wgpu::BufferUsages = wgpu::BufferUsages::COPY_SRC.union(wgpu::BufferUsages::COPY_DST);
 
 /// Creates the bind group of the projection's constants; `None` if it has none.
 fn bind_projection(gpu: &GpuDevice, config: &RunConfig) -> Option<wgpu::BindGroup> {
@@ -63,7 +57,7 @@ fn bind_projection(gpu: &GpuDevice, config: &RunConfig) -> Option<wgpu::BindGrou
     if bytes.is_empty() {
         return None;
     }
-    let buffer = uniform(gpu, "projection", bytes.len());
+    let buffer = gpu.buffer("projection", bytes.len() as u64, UNIFORM);
     gpu.queue.write_buffer(&buffer, 0, &bytes);
     Some(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some("projection"),
@@ -88,7 +82,7 @@ impl DeviceStages {
         )?;
         let scene = SceneBuffers::new(gpu, tables)?;
         let images = Images::new(gpu, programs, config.grid(), config.execution.frames_in_flight);
-        let frame = uniform(gpu, "frame", size_of::<Frame>());
+        let frame = gpu.buffer("frame", size_of::<Frame>() as u64, UNIFORM);
         let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
         let first = wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() };
         let group0 = |layout: Vec<_>, entries: Vec<_>| {
@@ -191,7 +185,8 @@ impl DeviceStages {
     /// Records a copy of an image that a pass binds at this number.
     pub fn save(&mut self, to: &mut Recording<'_>, binding: usize, image: &EyeImage) {
         let image = self.images.buffer(&image.bound, image.eye, to.place);
-        let saved = self.saved.entry((binding, image.size())).or_insert_with(|| scratch(to.gpu, image.size()));
+        let saved =
+            self.saved.entry((binding, image.size())).or_insert_with(|| to.gpu.buffer("saved", image.size(), SCRATCH));
         to.encoder.copy_buffer_to_buffer(image, 0, saved, 0, image.size());
     }
 
@@ -284,15 +279,6 @@ impl Recording<'_> {
 /// Returns the buffer of a resource that the host writes.
 fn input(images: &Images, resource: Resource) -> &wgpu::Buffer {
     images.buffer(&Bound { resource, buffer: 0, is_before: false }, Eye::MAIN, Place::default())
-}
-
-fn scratch(gpu: &GpuDevice, size: u64) -> wgpu::Buffer {
-    gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("saved"),
-        size,
-        usage: wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    })
 }
 
 fn bind(gpu: &GpuDevice, built: &Built, images: &Images, bound: &[(Bound, Eye)], place: Place) -> wgpu::BindGroup {

@@ -161,9 +161,7 @@ impl SceneBuffers {
 
 /// Creates a buffer that holds `parts`, whose total size is `bytes`.
 fn upload(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], bytes: usize) -> wgpu::Buffer {
-    let (size, usage) = (bytes as u64, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST);
-    let descriptor = wgpu::BufferDescriptor { label: Some("tables"), size, usage, mapped_at_creation: false };
-    let buffer = gpu.device.create_buffer(&descriptor);
+    let buffer = gpu.buffer("tables", bytes as u64, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST);
     let mut at = 0;
     for batch in parts.iter().flat_map(|part| part.chunks(UPLOAD_BYTES)) {
         gpu.queue.write_buffer(&buffer, at, batch);
@@ -206,23 +204,24 @@ fn write_texels(gpu: &GpuDevice, texture: &wgpu::Texture, first: u32, bytes: &[u
         let (columns, rows) =
             if x == 0 && texels >= width { (width, texels / width) } else { (texels.min(width - x), 1) };
         let (now, later) = rest.split_at((columns * rows) as usize * ROW_BYTES);
-        gpu.queue.write_texture(
-            wgpu::TexelCopyTextureInfo {
-                texture,
-                mip_level: 0,
-                origin: wgpu::Origin3d { x, y, z: 0 },
-                aspect: wgpu::TextureAspect::All,
-            },
-            now,
-            wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(columns * ROW_BYTES as u32),
-                rows_per_image: None,
-            },
-            wgpu::Extent3d { width: columns, height: rows, depth_or_array_layers: 1 },
-        );
+        write_texture(gpu, texture, wgpu::Origin3d { x, y, z: 0 }, [columns, rows], now);
         (at, rest) = (at + columns * rows, later);
     }
+}
+
+/// Writes a rectangle of a texture, whose rows follow one another in `bytes`.
+fn write_texture(gpu: &GpuDevice, texture: &wgpu::Texture, origin: wgpu::Origin3d, size: [u32; 2], bytes: &[u8]) {
+    let [width, height] = size;
+    gpu.queue.write_texture(
+        wgpu::TexelCopyTextureInfo { texture, mip_level: 0, origin, aspect: wgpu::TextureAspect::All },
+        bytes,
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(bytes.len() as u32 / height),
+            rows_per_image: None,
+        },
+        wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+    );
 }
 
 /// Uploads the texels of all images, one image after another, to the layers of a texture array. Each layer is a square
@@ -285,17 +284,7 @@ fn write_layer(gpu: &GpuDevice, texture: &wgpu::Texture, z: u32, width: u32, tex
     let rows = (UPLOAD_BYTES / row_bytes).max(1);
     for (i, part) in bytes.chunks(rows * row_bytes).enumerate() {
         let height = (part.len() / row_bytes) as u32;
-        gpu.queue.write_texture(
-            wgpu::TexelCopyTextureInfo {
-                texture,
-                mip_level: 0,
-                origin: wgpu::Origin3d { x: 0, y: (i * rows) as u32, z },
-                aspect: wgpu::TextureAspect::All,
-            },
-            part,
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width * texel_bytes), rows_per_image: None },
-            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-        );
+        write_texture(gpu, texture, wgpu::Origin3d { x: 0, y: (i * rows) as u32, z }, [width, height], part);
         finish_batch(gpu);
     }
 }

@@ -44,19 +44,11 @@ impl WorkerDevice {
         let device = gpu.info.index;
         let failed = |failure: DeviceFailure| ExecError::Device { device, what: failure.what };
         let mut stages = DeviceStages::new(&mut gpu, config.clone(), tables, programs)?;
-        let queries = gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
-            label: Some("stamps"),
-            ty: wgpu::QueryType::Timestamp,
-            count: 2 * MOST_TIMED as u32,
-        });
+        let queries = gpu.timestamps("stamps", 2 * MOST_TIMED as u32);
         stages.warm_up(&gpu, &queries, programs);
         gpu.wait(None).map_err(failed)?;
-        let stamp_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("stamps"),
-            size: 2 * MOST_TIMED as u64 * 8,
-            usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
-            mapped_at_creation: false,
-        });
+        let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
+        let stamp_buffer = gpu.buffer("stamps", 2 * MOST_TIMED as u64 * 8, usage);
         let clock = GpuClock::of(&gpu);
         Ok(Self { gpu, stages, queries, stamp_buffer, clock, pool: Pool::default(), origin })
     }
