@@ -170,7 +170,7 @@ impl SceneTables {
             ..Default::default()
         };
         frame.tables = self.first_rows;
-        frame.lights = self.emitters.describe();
+        frame.lights = self.emitters.constants;
         frame.environment = self.describe_environment();
     }
 

@@ -28,15 +28,8 @@ pub struct Emitters {
     pub env_cells: Vec<EnvCell>,
     /// Columns and rows of that grid; 0 without an image.
     pub env_size: [u32; 2],
-    /// Number of lights in the light tree.
-    local_count: u32,
-    /// Index of the first local light with hard shadows, and the number of these lights.
-    hard: [u32; 2],
-    /// True if there are directional lights and all have hard shadows.
-    has_hard_suns: bool,
-    /// Rows of the sphere tree in the table of nodes: the first, and the one after the last.
-    sphere_rows: [u32; 2],
-    light_tree: u32,
+    /// The shader constants that locate the lights.
+    pub constants: Lights,
     /// Nodes of the sphere tree and of the light tree, to be appended to the table of nodes.
     pub trees: Vec<Node>,
 }
@@ -195,6 +188,7 @@ impl Emitters {
         {
             out.env_size = [width, height];
             out.env_cells = cells;
+            out.constants.group_count += 1;
         }
         out
     }
@@ -208,7 +202,7 @@ impl Emitters {
         triangles: impl Iterator<Item = (u32, Triangle)>,
         first_row: u32,
     ) -> Self {
-        let mut out = Self::default();
+        let (mut out, mut constants) = (Self::default(), Lights::default());
         let dark = if sources.keeps_dark { DARK } else { 0.0 };
         let (mut spheres, mut local, mut directional) = (Vec::new(), Vec::new(), Vec::new());
         for light in scene.lights.iter().filter(|l| sources.keeps_dark || luminance(l.strength) > 0.0) {
@@ -219,8 +213,9 @@ impl Emitters {
                 _ => local.push((gpu_light(&light), local_bounds(&light))),
             }
         }
-        out.hard = [spheres.len(), local.len()].map(|count| count as u32);
-        out.has_hard_suns = !directional.is_empty() && scene::are_suns_hard(&scene.lights);
+        // Point and spot lights without a radius, whose shadows are hard, follow the spheres.
+        [constants.first_hard, constants.hard_count] = [spheres.len(), local.len()].map(|count| count as u32);
+        constants.has_hard_suns = (!directional.is_empty() && scene::are_suns_hard(&scene.lights)).into();
         let balls: Vec<_> = spheres.iter().map(|(l, _)| (l.position, l.radius)).collect();
         spheres.extend(local);
         for (prim, t) in triangles {
@@ -232,42 +227,25 @@ impl Emitters {
         }
         spheres.iter_mut().for_each(|(_, bounds)| bounds.power = bounds.power.max(dark));
         let (mut lights, bounds): (Vec<_>, Vec<_>) = spheres.into_iter().unzip();
-        out.local_count = lights.len() as u32;
+        [constants.local_count, constants.directional_count] = [lights.len(), directional.len()].map(|n| n as u32);
+        constants.group_count = u32::from(!lights.is_empty()) + u32::from(!directional.is_empty());
         let nodes = sphere_tree::build(&balls, first_row);
-        out.sphere_rows = [first_row, first_row + sphere_tree::ROWS * nodes.len() as u32];
+        constants.sphere_tree = first_row;
+        constants.sphere_tree_end = first_row + sphere_tree::ROWS * nodes.len() as u32;
         append(&mut out.trees, nodes.as_flattened());
         let LightTree { nodes, trails } = light_tree::build(&bounds);
-        out.light_tree = first_row + rows(&out.trees);
+        constants.tree = first_row + rows(&out.trees);
         append(&mut out.trees, nodes.as_flattened());
         lights.iter_mut().zip(trails).for_each(|(light, trail)| light.trail = trail);
-        set_picks(&mut directional, out.local_count);
+        set_picks(&mut directional, constants.local_count);
         lights.extend(directional);
-        out.lights = lights;
+        (out.lights, out.constants) = (lights, constants);
         out
     }
 
     /// Returns the first row of the trees in the table of nodes.
     pub fn first_row(&self) -> u32 {
-        self.sphere_rows[0]
-    }
-
-    /// Returns the shader constants that locate the lights.
-    pub fn describe(&self) -> Lights {
-        let (local_count, [sphere_tree, sphere_tree_end]) = (self.local_count, self.sphere_rows);
-        let directional_count = self.lights.len() as u32 - local_count;
-        let groups = [local_count, directional_count, self.env_size[0]];
-        Lights {
-            sphere_tree,
-            sphere_tree_end,
-            tree: self.light_tree,
-            group_count: groups.iter().map(|&n| u32::from(n > 0)).sum(),
-            local_count,
-            directional_count,
-            first_hard: self.hard[0],
-            hard_count: self.hard[1],
-            has_hard_suns: self.has_hard_suns.into(),
-            ..Lights::default()
-        }
+        self.constants.sphere_tree
     }
 }
 
