@@ -67,7 +67,8 @@ impl Accel {
         budget.reserve(bodies.map(Skins::bytes).sum()).map_err(refused)?.keep();
         let mut accel = Self { origin, ..Self::default() };
         let room = Room { budget, row_bytes: present.row_bytes(), triangles: count, cache };
-        let flat = flatten::flatten(scene, division.flat(scene), origin);
+        let still = division.flat.iter().map(|&i| &scene.instances[i]);
+        let flat = flatten::flatten(scene, still, origin);
         let (flat, _) = accel.push_tree(&flat, &present, true, &room)?;
         let deepest = accel.push_bodies(scene, &division.deforming, &present, &room)?;
         let deepest = deepest.max(accel.push_shared(scene, &division.shared, &present, &room)?);

@@ -8,7 +8,7 @@ use glam::{Affine3A, DMat3, DVec3, Mat3, Mat4, Vec3, Vec3A, Vec4};
 use obvhs::aabb::Aabb;
 
 use super::tree::Tree;
-use crate::scene::{self, AlphaMode, Material, Mesh, Scene};
+use crate::scene::{AlphaMode, Material, Mesh, Scene};
 
 /// Largest number of triangles that is flattened even if instancing would take less memory. Their widest table then
 /// fills 128 MiB, the largest storage buffer binding that every device supports. Rays traverse flattened triangles 1.2
@@ -66,11 +66,6 @@ impl Instance {
         is_moved: 0,
         last_world_from_local: [Vec4::X, Vec4::Y, Vec4::Z],
     };
-
-    /// Returns an instance for triangles stored in world space under their own tree.
-    pub(super) fn still(first_row: u32, root: u32) -> Self {
-        Self { first_prim: first_row, root, ..Self::STILL }
-    }
 
     pub(super) fn new(place: &Affine3A, last: &Affine3A, first_prim: u32, tree: &Tree) -> Self {
         let linear = Mat3::from(place.matrix3).as_dmat3();
@@ -163,10 +158,6 @@ impl Division {
         let bodies = self.deforming.iter().map(|&b| &scene.motion.bodies[b].instance);
         let flat = self.flat.iter().chain(bodies).map(|&i| scene.instances[i].mesh);
         flat.chain(self.shared.iter().map(|s| s.mesh)).map(|m| scene.meshes[m].triangles.len()).sum()
-    }
-
-    pub fn flat<'a>(&'a self, scene: &'a Scene) -> impl Iterator<Item = &'a scene::Instance> {
-        self.flat.iter().map(|&i| &scene.instances[i])
     }
 }
 

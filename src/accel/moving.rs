@@ -125,9 +125,10 @@ impl Placement {
                 is_there.then(|| (bounds, Instance::new(&now, &last, self.first_prim, &self.tree)))
             }
             (By::Skin(index), Some(poses)) => {
-                let bounds = skins.bounds(*index, poses.rows, 0);
-                let instance = || Instance::still(self.tree.first_row, self.tree.root);
-                is_within_reach(&bounds).then(|| (bounds, instance()))
+                let bounds = skins.bounds(*index, poses.rows);
+                // Its triangles are stored in world space.
+                let Tree { first_row: first_prim, root, .. } = self.tree;
+                is_within_reach(&bounds).then_some((bounds, Instance { first_prim, root, ..Instance::STILL }))
             }
             (By::Body { .. } | By::Skin(_), None) => None,
         }
@@ -143,7 +144,7 @@ impl Placement {
                 // The difference of two affine maps is affine, so it is largest at a corner of the box.
                 (box_in(&now, low, high), farthest(&box_in(&(now - last), low, high)), turned(&now, &last))
             }
-            By::Skin(index) => (skins.bounds(index, poses.rows, 0), skins.moved(index, poses.rows), f32::INFINITY),
+            By::Skin(index) => (skins.bounds(index, poses.rows), skins.moved(index, poses.rows), f32::INFINITY),
         };
         Some(Moved { bounds, by, mirrors_turned: self.is_mirror.then_some(turned) })
     }

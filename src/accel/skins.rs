@@ -240,16 +240,15 @@ impl Skins {
         (self.joints * JOINT_ROWS + self.weights).max(1)
     }
 
-    /// Returns bounds of body `index` in the current pose (`which` is 0) or the previous one (1). A skinned point is a
-    /// convex combination of points in its joints' boxes, so the box around these bounds it.
-    pub(super) fn bounds(&self, index: usize, pose: &[Vec4], which: usize) -> Aabb {
+    /// Returns bounds of body `index` in the current pose. A skinned point is a convex combination of points in its
+    /// joints' boxes, so the box around these bounds it.
+    pub(super) fn bounds(&self, index: usize, pose: &[Vec4]) -> Aabb {
         let body = &self.bodies[index];
-        let weight = |i: usize| pose[self.joints * JOINT_ROWS + body.first_weight + i][which].abs();
+        let weight = |i: usize| pose[self.joints * JOINT_ROWS + body.first_weight + i].x.abs();
         let grown: Vec3 = body.reach.iter().enumerate().map(|(i, reach)| *reach * weight(i)).sum();
         let mut out = Aabb::empty();
         for (j, joint) in body.boxes.iter().enumerate().filter(|(_, b)| b.valid()) {
-            let at = (body.first_joint + j) * JOINT_ROWS + 3 * which;
-            let m = Mat4::from_cols(pose[at], pose[at + 1], pose[at + 2], Vec4::W).transpose();
+            let m = matrix(&pose[(body.first_joint + j) * JOINT_ROWS..]);
             let (low, high) = (Vec3::from(joint.min) - grown, Vec3::from(joint.max) + grown);
             let joint = box_in(&m, low, high);
             if !(joint.min.is_finite() && joint.max.is_finite()) {
@@ -270,9 +269,8 @@ impl Skins {
         let morphed: Vec3 = reaches(&|i| weights(i).x - weights(i).y);
         let mut most: f32 = 0.0;
         for (j, joint) in body.boxes.iter().enumerate().filter(|(_, b)| b.valid()) {
-            let rows = &pose[(body.first_joint + j) * JOINT_ROWS..][..JOINT_ROWS];
-            let [now, last] =
-                [0, 3].map(|at| Mat4::from_cols(rows[at], rows[at + 1], rows[at + 2], Vec4::W).transpose());
+            let rows = &pose[(body.first_joint + j) * JOINT_ROWS..];
+            let [now, last] = [matrix(rows), matrix(&rows[3..])];
             let (low, high) = (Vec3::from(joint.min) - grown, Vec3::from(joint.max) + grown);
             let linear = Mat4 { w_axis: Vec4::W, ..now };
             let by_joint = farthest(&box_in(&(now - last), low, high));
@@ -323,6 +321,11 @@ fn boxes_of_joints(mesh: &Mesh, joints: usize) -> Vec<Aabb> {
         }
     }
     boxes
+}
+
+/// Returns the matrix whose first three rows begin `rows`.
+fn matrix(rows: &[Vec4]) -> Mat4 {
+    Mat4::from_cols(rows[0], rows[1], rows[2], Vec4::W).transpose()
 }
 
 /// Returns the rows of a matrix, with the translation in w.
