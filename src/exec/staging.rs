@@ -1,7 +1,7 @@
 //! Readback buffers, which are reused in later frames.
 
 use std::ops::Deref;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
 use crate::device::{DeviceFailure, GpuDevice};
 
@@ -12,14 +12,7 @@ pub struct Pool {
 }
 
 /// Mapped buffers that are no longer read.
-#[derive(Default)]
-struct FreeBuffers(Mutex<Vec<wgpu::Buffer>>);
-
-impl FreeBuffers {
-    fn lock(&self) -> MutexGuard<'_, Vec<wgpu::Buffer>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
+type FreeBuffers = Mutex<Vec<wgpu::Buffer>>;
 
 /// A submitted copy of rows to the host.
 pub struct ReadBack {
@@ -64,7 +57,7 @@ impl Pool {
 
     fn take(&self, size: u64) -> Option<wgpu::Buffer> {
         let fits = |b: &wgpu::Buffer| b.size() >= size && b.size() <= 4 * size.max(4096);
-        let mut free = self.free.lock();
+        let mut free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
         let place = free.iter().position(fits)?;
         let buffer = free.swap_remove(place);
         buffer.unmap();
@@ -94,7 +87,7 @@ impl Deref for Mapped {
 impl Drop for Mapped {
     fn drop(&mut self) {
         self.view = None;
-        self.free.lock().push(self.buffer.clone());
+        self.free.lock().unwrap_or_else(PoisonError::into_inner).push(self.buffer.clone());
     }
 }
 
