@@ -144,20 +144,6 @@ pub(crate) fn as_members<S: Serializer>(samples: &Samples, serializer: S) -> Res
     Members { spp: samples.least, extra: samples.extra }.serialize(serializer)
 }
 
-/// Serialization with both fields, for formats that need all.
-pub(crate) mod pair {
-    use super::{Deserialize, Samples, Serialize, Serializer};
-    use serde::Deserializer;
-
-    pub fn serialize<S: Serializer>(samples: &Samples, serializer: S) -> Result<S::Ok, S::Error> {
-        (samples.least, samples.extra).serialize(serializer)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Samples, D::Error> {
-        <(u32, f64)>::deserialize(deserializer).map(|(least, extra)| Samples { least, extra })
-    }
-}
-
 shared_constants! {
     /// Value of [`PixelSamples::curve_shift`] with which each pixel has its own sequences.
     pub const NO_CURVE: u32 = 32;

@@ -24,6 +24,21 @@ pub mod pod {
     }
 }
 
+/// Serializes types that omit absent fields, which the binary format of packets does not allow: as JSON text.
+pub mod as_text {
+    use serde::de::Error as _;
+    use serde::ser::Error as _;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwned};
+
+    pub fn serialize<T: Serialize, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error> {
+        serde_json::to_string(value).map_err(S::Error::custom)?.serialize(serializer)
+    }
+
+    pub fn deserialize<'de, T: DeserializeOwned, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
+        serde_json::from_str(&String::deserialize(deserializer)?).map_err(D::Error::custom)
+    }
+}
+
 /// Serialized form of an [`Assignment`]. `common` holds the inner edges of the stripes that most partitions share.
 /// `own` holds the inner edges for partitions with stripes of their own, each with partition name and eye number.
 #[derive(Serialize, Deserialize)]

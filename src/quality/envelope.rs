@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Denoiser, Filter, PolarSpace, Quality, SettingError};
-use crate::samples;
+use super::{Denoiser, Filter, Quality, SettingError};
 use crate::samples::Samples;
 
 /// The bounds of the qualities that the frames of a run may have.
@@ -11,24 +10,9 @@ use crate::samples::Samples;
 pub struct Envelope {
     /// Maximum samples, bounces and iterations, and minimum render scale. All frames have the denoiser and the polar
     /// projection that are set here.
-    #[serde(with = "AllFields")]
     pub most: Quality,
     /// True if pixels with one sample (at their centre) and with several (jittered) mix in one run.
     pub mixes_spp: bool,
-}
-
-/// Serialization of a [`Quality`] in messages between ranks. Their binary format needs all fields, whereas files omit
-/// optional ones.
-#[derive(Serialize, Deserialize)]
-#[serde(remote = "Quality")]
-struct AllFields {
-    #[serde(with = "samples::pair")]
-    spp: Samples,
-    bounces: u32,
-    filter: Option<Filter>,
-    fovea: Option<[f64; 2]>,
-    polar: Option<PolarSpace>,
-    scale: f64,
 }
 
 impl Envelope {

@@ -7,6 +7,7 @@ use super::device_card::DeviceCard;
 use super::link::Way;
 use crate::exec::messages::{Bytes, Message, Order, Reply};
 use crate::exec::watchdog::LifeSign;
+use crate::exec::wire;
 use crate::frame::RunConfig;
 use crate::scene::folder::Files;
 
@@ -122,6 +123,7 @@ pub struct Start {
     pub set: u32,
     /// The rank of each device of the renderer.
     pub ranks: Vec<usize>,
+    #[serde(with = "wire::as_text")]
     pub config: RunConfig,
     /// Fingerprint of the scene to render, see [`crate::tables::SceneTables::fingerprint`].
     pub scene: u64,

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use serde::{Serialize, Serializer};
+use serde::Serializer;
 
 /// A method that removes path tracing noise from a frame. Where denoising is optional, the type is an [`Option`] of
 /// this.
@@ -35,12 +35,6 @@ impl Denoiser {
 impl fmt::Debug for Denoiser {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.0)
-    }
-}
-
-impl Serialize for Denoiser {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self.0)
     }
 }
 

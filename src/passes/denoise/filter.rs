@@ -1,11 +1,9 @@
 //! The filter of a frame: a denoiser and its iterations.
 
-use serde::{Deserialize, Serialize};
-
 use super::denoiser::Denoiser;
 
 /// How a frame is denoised.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filter {
     pub denoiser: Denoiser,
     /// Iterations in the inner, middle and outer foveal layer; at least one in the layer that has the most.

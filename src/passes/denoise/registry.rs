@@ -71,14 +71,6 @@ impl Denoiser {
     }
 }
 
-impl<'de> Deserialize<'de> for Denoiser {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let name = String::deserialize(deserializer)?;
-        let choice = Self::from_name(&name).map_err(D::Error::custom)?;
-        choice.ok_or_else(|| D::Error::custom("the name of a denoiser is expected, not none"))
-    }
-}
-
 /// Deserializes a denoiser from its name; `none` gives `None`.
 ///
 /// # Errors
@@ -97,7 +89,6 @@ mod tests {
             let name = Denoiser::name_of(choice);
             assert_eq!(Denoiser::from_name(name).unwrap(), choice);
             assert!(choice.is_none_or(|denoiser| (1..=Denoiser::MAX_ITERATIONS).contains(&denoiser.most_iterations())));
-            assert!(choice.is_none_or(|denoiser| serde_json::to_value(denoiser).unwrap() == name));
         }
     }
 
