@@ -12,9 +12,9 @@
 
 use std::collections::VecDeque;
 
+use super::balance::{MovingStripes, cut};
 use super::cost::CostModel;
 use super::cost::stripes::StripeCosts;
-use super::cut::{MovingStripes, cut};
 use super::policy::Policy;
 use crate::graph::{Assignment, Program, Stripes};
 

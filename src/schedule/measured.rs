@@ -1,7 +1,7 @@
 //! The policy `measured`: stripes of equal predicted cost.
 
+use super::balance::{MovingStripes, cut};
 use super::cost::CostModel;
-use super::cut::{MovingStripes, cut};
 use super::policy::Policy;
 use crate::graph::Assignment;
 

@@ -5,8 +5,8 @@
 //! result may only affect the time to render, never an image.
 
 mod cost;
-mod cut;
-mod cuts;
+mod balance;
+mod splits;
 mod relative_cost;
 mod halo;
 mod heft;
@@ -16,10 +16,9 @@ mod network;
 mod policy;
 mod simulate;
 
+pub use balance::step_rows;
 pub use cost::stripes::StripeCosts;
 pub use cost::{CostModel, FrameCosts, StageCost, TransferCost};
-pub use cut::step_rows;
-pub use cuts::{Cut, Position, cuts, parts};
 pub use halo::choose_halo;
 pub use heft::Heft;
 pub use measured::Measured;
@@ -27,6 +26,7 @@ pub use network::Network;
 pub use policy::{Even, Policy, RatioRule, Static};
 pub use relative_cost::RelativeCost;
 pub use simulate::{LOSS_SHARE, Limit, Prediction, Step, Stuck, simulate, simulate_at, task_ms};
+pub use splits::{Cut, Position, cuts, parts};
 
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
-mod cuts;
+mod splits;
 mod black;
 mod budget;
 mod display;

@@ -8,7 +8,7 @@ use super::agree::{check_devices, check_scene};
 use super::device_card::DeviceCard;
 use super::node::{Asked, Node};
 use super::packet::{Load, Request, Response, Start};
-use super::transport::RendererDevices;
+use super::renderer_devices::RendererDevices;
 use crate::device::{DeviceInfo, GpuDevice, MAX_DEVICES, RankName};
 use crate::exec::channels::WorkerChannels;
 use crate::frame::RunConfig;

@@ -18,7 +18,7 @@ mod server;
 mod shared;
 #[cfg(all(feature = "mpi", target_os = "linux"))]
 mod slices;
-mod transport;
+mod renderer_devices;
 
 pub use agree::DeviceMismatch;
 pub(super) use devices::Others;

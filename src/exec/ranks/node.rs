@@ -12,8 +12,8 @@ use super::agree::Identity;
 use super::link::Link;
 use super::packet::{RankMessage, Request, Response};
 use super::post::Post;
+use super::renderer_devices::RendererDevices;
 use super::shared::{Control, Shared};
-use super::transport::RendererDevices;
 use super::{RankError, Recorded};
 use crate::schedule::Network;
 

@@ -12,8 +12,8 @@ use tracing::span::EnteredSpan;
 use super::link::Link;
 use super::packet::{Packet, RankMessage, RowsName};
 use super::peer::{Peer, Ping, TRIPS_TIME};
+use super::renderer_devices::RendererDevices;
 use super::shared::{Control, Shared};
-use super::transport::RendererDevices;
 use super::{RankError, Recorded};
 use crate::exec::messages::Bytes;
 

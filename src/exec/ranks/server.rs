@@ -10,7 +10,7 @@ use super::RankError;
 use super::device_card::DeviceCard;
 use super::node::Node;
 use super::packet::{Load, RankMessage, Request, Response, Start};
-use super::transport::RendererDevices;
+use super::renderer_devices::RendererDevices;
 use crate::device::{GpuDevice, RankName};
 use crate::exec::channels::channels;
 use crate::exec::messages::Bytes;

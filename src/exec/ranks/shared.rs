@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::RankError;
 use super::packet::RankMessage;
-use super::transport::RendererDevices;
+use super::renderer_devices::RendererDevices;
 
 /// Order to the post from the rank's other threads.
 pub enum Control {
