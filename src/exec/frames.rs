@@ -15,7 +15,7 @@ use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Tally, Tas
 use crate::device::DeviceFailure;
 use crate::graph::FrameGraph;
 use crate::passes::ROW_TALLY;
-use crate::schedule::{Cut, Network};
+use crate::schedule::{Network, Split};
 
 /// An attempt at a frame.
 #[derive(Clone, Copy)]
@@ -141,7 +141,7 @@ impl Frames {
         &mut self,
         inputs: Inputs,
         (plan, graph): (&Plan, Arc<FrameGraph>),
-        cuts: impl Fn(usize) -> Vec<Cut>,
+        splits: impl Fn(usize) -> Vec<Split>,
         report: FrameReport,
         attempt: Attempt,
     ) {
@@ -152,9 +152,9 @@ impl Frames {
             injections.extend(injected.map(|kind| Injection { kind, device, frames: index..index + 1 }));
             let Inputs { constants, previous, place, ref reads, .. } = inputs;
             let (reads, update) = (reads.to_vec(), inputs.update.clone());
-            let (cuts, plan) = (cuts(device), plan.clone());
+            let (splits, plan) = (splits(device), plan.clone());
             let late = inputs.late.clone().filter(|_| device == plan.assignment.primary());
-            let job = FrameJob { plan, constants, previous, update, place, reads, cuts, late, runs, injected };
+            let job = FrameJob { plan, constants, previous, update, place, reads, splits, late, runs, injected };
             orders.push((device, Work::Frame(Box::new(job))));
         }
         let limit = self.limit(&inputs);

@@ -14,7 +14,7 @@ use super::staging::Mapped;
 use super::wire;
 use crate::device::DeviceFailure;
 use crate::layout;
-use crate::schedule::Cut;
+use crate::schedule::Split;
 use crate::stages::Place;
 use crate::tables::SceneUpdate;
 
@@ -58,7 +58,7 @@ pub struct FrameJob {
     /// Images that the primary returns with its answer, in addition to the row tallies.
     pub reads: Vec<Output>,
     /// Submission splits on this device, in addition to those at transfers.
-    pub cuts: Vec<Cut>,
+    pub splits: Vec<Split>,
     /// Source of the late-latched pose, for the primary. It is not sent to other ranks.
     #[serde(skip)]
     pub late: Option<Late>,
@@ -221,7 +221,7 @@ pub(super) mod tests {
             update: SceneUpdate { rows: vec![(7, vec![1; 16])], pose: vec![[0.5; 4]], left_out: 3 },
             place: Place { slot: 2, turn: 1 },
             reads: vec![LINEAR.into(), DISPLAY.into(), aov_image(3).into()],
-            cuts: vec![Cut { task: 4, at: Position { run: 1, row: 16 } }],
+            splits: vec![Split { task: 4, at: Position { run: 1, row: 16 } }],
             late: None,
             runs: 2,
             injected: Some(InjectedKind::Hang),

@@ -22,7 +22,7 @@ use crate::image::Extent;
 use crate::layout;
 use crate::samples::PixelSamples;
 use crate::scene::rig::Rig;
-use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, cuts, simulate};
+use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, simulate, splits};
 use crate::stages::{Place, StageError};
 use crate::tables::SceneTables;
 
@@ -368,11 +368,11 @@ impl Renderer {
             shown_from: None,
         };
         let samples = inputs.constants.sampling.samples;
-        let cuts = |device: usize| {
+        let splits = |device: usize| {
             let bound_ms = self.max_dispatch_ms[device];
-            bound_ms.map_or_else(Vec::new, |ms| cuts(&graph, &self.costs, device, ms, samples))
+            bound_ms.map_or_else(Vec::new, |ms| splits(&graph, &self.costs, device, ms, samples))
         };
-        self.frames.dispatch_frame(inputs, (&plan, Arc::clone(&graph)), cuts, report, attempt);
+        self.frames.dispatch_frame(inputs, (&plan, Arc::clone(&graph)), splits, report, attempt);
         // The prediction runs while the devices are busy.
         let known = self.costs.has_learned() && !overlapped;
         let predicted = known.then(|| simulate(&graph, &self.costs).ok()).flatten();

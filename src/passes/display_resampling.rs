@@ -27,10 +27,11 @@ const LATE: Kernel = Kernel::new("late_reprojection");
 pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
     let Display::Resampled { projection, is_late } = spec.chain.display else { return None };
     let grid = screen(spec.chain.displayed);
-    let (stage, cut, kernel) =
+    let (stage, partition, kernel) =
         if is_late { ("to_later_eye", LATE_PARTITION, LATE) } else { ("to_eye", PARTITION, Kernel::new("to_eye")) };
     let Extent { width, height } = projection;
-    let pass = Pass::new(Stage(stage), view, cut, kernel).on(grid).with([SizeArguments { width, height }]).uses([
+    let pass = Pass::new(Stage(stage), view, partition, kernel).on(grid).with([SizeArguments { width, height }]);
+    let pass = pass.uses([
         Use::read(RECTIFIED.on(screen(projection))).reaching(Reach::All),
         Use::write(LINEAR.on(grid)),
         Use::write(DISPLAY.on(grid)),

@@ -32,7 +32,7 @@ arguments! {
 /// Kernel that both stages share, since drivers take seconds to compile it.
 const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![RECORD_SEGMENT, RECORD_WORDS]);
 
-fn trace(spec: &FrameSpec, stage: Stage, view: Eye, cut: Partition, is_listed: bool) -> Pass {
+fn trace(spec: &FrameSpec, stage: Stage, view: Eye, partition: Partition, is_listed: bool) -> Pass {
     let (radiance, dispatch, third) = match is_listed {
         true => (Use::update(RADIANCE), Dispatch::List(HOLES), 1),
         false => (Use::write_then_read(RADIANCE), Dispatch::PIXELS, 0),
@@ -40,7 +40,7 @@ fn trace(spec: &FrameSpec, stage: Stage, view: Eye, cut: Partition, is_listed: b
     let [hit, albedo] = [HIT, ALBEDO].map(Use::update);
     // Unfiltered specular light is added to the light that the G-buffer found.
     let emission = Use::add(EMISSION);
-    Pass::new(stage, view, cut, KERNEL)
+    Pass::new(stage, view, partition, KERNEL)
         .uses([hit, albedo, emission, radiance, Use::add(TALLY), Use::read(GUIDE), Use::read(HOLES).if_written()])
         .uses(radiance_cache::uses(spec, view))
         .dispatch(dispatch)

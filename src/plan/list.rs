@@ -8,7 +8,7 @@ use super::workgroups::groups;
 use crate::graph::{Access, FrameGraph, Linked, Program, SceneUse, Task, TaskKind, Use};
 use crate::passes::LATE_PARTITION;
 use crate::samples::PixelSamples;
-use crate::schedule::{Cut, Position, parts};
+use crate::schedule::{Position, Split, parts};
 use crate::wgsl::Words;
 
 /// A device's share of a frame: the inputs of its commands, in addition to the frame's graph.
@@ -18,7 +18,7 @@ pub struct Share<'a> {
     pub device: usize,
     pub samples: PixelSamples,
     /// Submission splits, in addition to those at transfers.
-    pub cuts: &'a [Cut],
+    pub splits: &'a [Split],
     /// Number of times that each dispatch runs; more than 1 only to simulate slow devices. The images of the device stay
     /// the same, byte for byte.
     pub repeats: u32,
@@ -31,7 +31,7 @@ pub struct Share<'a> {
 impl Commands {
     /// Lists a device's commands for a frame.
     ///
-    /// Commands are submitted as late as possible: before a wait for rows, at cuts, and at the end. Consecutive copies
+    /// Commands are submitted as late as possible: before a wait for rows, at splits, and at the end. Consecutive copies
     /// share a submission, right after the last of them is recorded. The worker waits for rows only when everything up
     /// to the next submission is recorded; the device then writes the rows at the start of that submission. The host
     /// thus records while the device is busy with earlier work. Late reprojection comes last, so that all rows have
@@ -173,7 +173,7 @@ impl Builder {
     fn dispatch(&mut self, work: &Work<'_>, share: &Share<'_>, task: usize) {
         let pair = (self.timed.len() < MOST_TIMED).then_some(2 * self.timed.len() as u32);
         let mut submissions = 0;
-        for (i, part) in parts(share.cuts, task, work.rows).into_iter().enumerate() {
+        for (i, part) in parts(share.splits, task, work.rows).into_iter().enumerate() {
             if i > 0 {
                 self.submit();
             }

@@ -12,7 +12,7 @@ use crate::projection::PolarSpace;
 use crate::quality::Denoiser;
 use crate::samples::Samples;
 use crate::scene::rig::Eye;
-use crate::schedule::{Cut, Position};
+use crate::schedule::{Position, Split};
 
 const TICKET: u64 = 7;
 const EXTENT: Extent = Extent::new(48, 40);
@@ -115,7 +115,7 @@ struct Kind {
     repeats: u32,
     injected: Option<InjectedKind>,
     asks: bool,
-    cuts: bool,
+    splits: bool,
 }
 
 /// Returns all kinds of frames.
@@ -134,7 +134,7 @@ fn kinds() -> Vec<Kind> {
         repeats: 1,
         injected: None,
         asks: false,
-        cuts: false,
+        splits: false,
     };
     let plain = |filter| FrameSpec { filter, ..spec.clone() };
     vec![
@@ -153,9 +153,9 @@ fn kinds() -> Vec<Kind> {
         Kind { asks: true, ..of("late", &chain(late)) },
         of("moving", &FrameSpec { moving: Some(moving.clone()), ..plain(None) }),
         Kind { repeats: 2, ..of("slow", &FrameSpec { moving: Some(moving), ..plain(None) }) },
-        Kind { samples: Samples::of_mean(5.5), cuts: true, ..of("cut", &spec) },
-        Kind { asks: true, cuts: true, ..of("late_cut", &chain(late)) },
-        Kind { repeats: 2, cuts: true, ..of("slow_cut", &plain(None)) },
+        Kind { samples: Samples::of_mean(5.5), splits: true, ..of("cut", &spec) },
+        Kind { asks: true, splits: true, ..of("late_cut", &chain(late)) },
+        Kind { repeats: 2, splits: true, ..of("slow_cut", &plain(None)) },
         Kind { injected: Some(InjectedKind::Hang), ..of("injected", &plain(None)) },
     ]
 }
@@ -175,17 +175,17 @@ impl Kind {
             let dispatches = graph.tasks_of(device).iter().enumerate().filter(|(_, task)| graph.pass(task).is_some());
             let at = |task: usize, rows: &std::ops::Range<u32>| {
                 [
-                    Cut { task, at: Position::start(rows) },
-                    Cut { task, at: Position { run: 0, row: rows.start.midpoint(rows.end) } },
+                    Split { task, at: Position::start(rows) },
+                    Split { task, at: Position { run: 0, row: rows.start.midpoint(rows.end) } },
                 ]
             };
             let all = dispatches.step_by(if self.asks { 1 } else { 5 }).flat_map(|(task, of)| at(task, &of.rows));
-            let cuts: Vec<Cut> = all.filter(|_| self.cuts).collect();
+            let splits: Vec<Split> = all.filter(|_| self.splits).collect();
             let share = Share {
                 ticket: TICKET,
                 device,
                 samples: self.samples.shared(EXTENT, true),
-                cuts: &cuts,
+                splits: &splits,
                 repeats: self.repeats,
                 injected: self.injected,
                 asks: self.asks && device == 0,

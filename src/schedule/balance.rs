@@ -26,7 +26,7 @@ const HALVINGS: u32 = 20;
 ///
 /// The method is bisection with a greedy probe (Pınar & Aykanat 2004, "Fast optimal load balancing algorithms for 1D
 /// partitioning", section 2.2), extended to costs that differ by device. Stripes follow the order of the devices.
-pub fn cut(costs: &StripeCosts<'_>, weights: &[f64]) -> Stripes {
+pub fn balanced(costs: &StripeCosts<'_>, weights: &[f64]) -> Stripes {
     let whole = 0..costs.height();
     let devices = 0..costs.devices();
     let dearest = |d: usize| if weights[d] > 0.0 { costs.ms(d, &whole) / weights[d] } else { 0.0 };

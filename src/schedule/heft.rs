@@ -12,7 +12,7 @@
 
 use std::collections::VecDeque;
 
-use super::balance::{MovingStripes, cut};
+use super::balance::{MovingStripes, balanced};
 use super::cost::CostModel;
 use super::cost::stripes::StripeCosts;
 use super::policy::Policy;
@@ -35,7 +35,7 @@ impl Policy for Heft {
 
     fn assign(&mut self, model: &CostModel) -> Assignment {
         let shares = if model.has_learned() && model.devices() > 1 { place(model) } else { Vec::new() };
-        self.stripes.follow(model, |group, costs| cut(costs, &shares[group]))
+        self.stripes.follow(model, |group, costs| balanced(costs, &shares[group]))
     }
 
     fn remove_device(&mut self, _device: usize) {

@@ -1,6 +1,6 @@
 //! The policy `measured`: stripes of equal predicted cost.
 
-use super::balance::{MovingStripes, cut};
+use super::balance::{MovingStripes, balanced};
 use super::cost::CostModel;
 use super::policy::Policy;
 use crate::graph::Assignment;
@@ -22,7 +22,7 @@ impl Policy for Measured {
     }
 
     fn assign(&mut self, model: &CostModel) -> Assignment {
-        self.stripes.follow(model, |_, costs| cut(costs, &vec![1.0; costs.devices()]))
+        self.stripes.follow(model, |_, costs| balanced(costs, &vec![1.0; costs.devices()]))
     }
 
     fn remove_device(&mut self, _device: usize) {

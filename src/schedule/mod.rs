@@ -26,7 +26,7 @@ pub use network::Network;
 pub use policy::{Even, Policy, RatioRule, Static};
 pub use relative_cost::RelativeCost;
 pub use simulate::{LOSS_SHARE, Limit, Prediction, Step, Stuck, simulate, simulate_at, task_ms};
-pub use splits::{Cut, Position, cuts, parts};
+pub use splits::{Position, Split, parts, splits};
 
 #[cfg(test)]
 mod tests;

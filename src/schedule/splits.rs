@@ -27,15 +27,15 @@ impl Position {
 
 /// End of a submission: position `at` in the task with the index `task` among the device's tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Cut {
+pub struct Split {
     pub task: usize,
     pub at: Position,
 }
 
-/// Splits the task with the index `task`, which computes `rows`, at its cuts. The first part is empty if a cut is at
+/// Divides the task with the index `task`, which computes `rows`, at its splits. The first part is empty if a split is at
 /// the task's start.
-pub fn parts(cuts: &[Cut], task: usize, rows: &Range<u32>) -> Vec<Range<Position>> {
-    let inner = cuts.iter().filter(|cut| cut.task == task).map(|cut| cut.at);
+pub fn parts(splits: &[Split], task: usize, rows: &Range<u32>) -> Vec<Range<Position>> {
+    let inner = splits.iter().filter(|split| split.task == task).map(|split| split.at);
     let mut ends: Vec<Position> = std::iter::once(Position::start(rows)).chain(inner).collect();
     ends.push(Position::END);
     ends.windows(2).map(|pair| pair[0]..pair[1]).collect()
@@ -46,11 +46,17 @@ pub fn parts(cuts: &[Cut], task: usize, rows: &Range<u32>) -> Vec<Range<Position
 const UNKNOWN_PATH_MS: f64 = 2e-3;
 const UNKNOWN_PIXEL_MS: f64 = 1e-4;
 
-/// Returns the cuts that split a device's tasks into the fewest submissions of at most `bound_ms` each, in a frame of
+/// Returns the splits of a device's tasks into the fewest submissions of at most `bound_ms` each, in a frame of
 /// these samples per pixel. Work that exceeds the bound and cannot be split becomes a submission of its own.
-pub fn cuts(graph: &FrameGraph, model: &CostModel, device: usize, bound_ms: f64, samples: PixelSamples) -> Vec<Cut> {
+pub fn splits(
+    graph: &FrameGraph,
+    model: &CostModel,
+    device: usize,
+    bound_ms: f64,
+    samples: PixelSamples,
+) -> Vec<Split> {
     let (own, _) = graph.parts_of(device);
-    let mut cuts = Vec::new();
+    let mut splits = Vec::new();
     let mut left_ms = bound_ms;
     for (number, task) in own.iter().enumerate() {
         let TaskKind::Dispatch { pass, .. } = task.kind else {
@@ -85,12 +91,12 @@ pub fn cuts(graph: &FrameGraph, model: &CostModel, device: usize, bound_ms: f64,
                     left_ms = 0.0;
                     break;
                 }
-                cuts.push(Cut { task: number, at: Position { run, row } });
+                splits.push(Split { task: number, at: Position { run, row } });
                 left_ms = bound_ms;
             }
         }
     }
-    cuts
+    splits
 }
 
 /// Returns the number of rows that a pass computes together; `None` if it cannot be split by rows.
@@ -154,7 +160,7 @@ mod tests {
 
     /// Returns the number of rows of each submission. Rows of one run count in proportion to the run's fraction of the
     /// pass's samples.
-    fn submissions(graph: &FrameGraph, device: usize, cuts: &[Cut], spp: u32) -> Vec<f64> {
+    fn submissions(graph: &FrameGraph, device: usize, splits: &[Split], spp: u32) -> Vec<f64> {
         let mut all = vec![0.0];
         for (number, task) in graph.parts_of(device).0.iter().enumerate() {
             let TaskKind::Dispatch { pass, .. } = task.kind else {
@@ -170,7 +176,7 @@ mod tests {
                 let height = f64::from(task.rows.end - task.rows.start);
                 (begun.iter().sum::<f64>() * height + here) / samples.iter().sum::<f64>()
             };
-            for (i, part) in parts(cuts, number, &task.rows).into_iter().enumerate() {
+            for (i, part) in parts(splits, number, &task.rows).into_iter().enumerate() {
                 if i > 0 {
                     all.push(0.0);
                 }
@@ -182,11 +188,11 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_that_fits_is_not_cut() {
+    fn a_frame_that_fits_is_not_split() {
         let (graph, model) = frame(2);
         let model = learned(&graph, model, 2);
-        assert_eq!(cuts(&graph, &model, 0, 1e5, PixelSamples::own(0..1, true)), []);
-        assert_eq!(cuts(&graph, &model, 1, 1e5, PixelSamples::own(0..1, true)), []);
+        assert_eq!(splits(&graph, &model, 0, 1e5, PixelSamples::own(0..1, true)), []);
+        assert_eq!(splits(&graph, &model, 1, 1e5, PixelSamples::own(0..1, true)), []);
     }
 
     #[test]
@@ -196,46 +202,46 @@ mod tests {
             let model = learned(&graph, model, devices);
             for device in 0..devices {
                 let whole: f64 = submissions(&graph, device, &[], spp).iter().sum();
-                let uncut = submissions(&graph, device, &[], spp).len() as f64;
+                let unsplit = submissions(&graph, device, &[], spp).len() as f64;
                 for bound_ms in [9.0, 40.0, 101.0, 500.0] {
-                    let cuts = cuts(&graph, &model, device, bound_ms, PixelSamples::own(0..spp, true));
-                    let all = submissions(&graph, device, &cuts, spp);
+                    let splits = splits(&graph, &model, device, bound_ms, PixelSamples::own(0..spp, true));
+                    let all = submissions(&graph, device, &splits, spp);
                     let what = format!("{devices} devices, {spp} samples, {bound_ms} ms: {all:?}");
                     assert!((all.iter().sum::<f64>() - whole).abs() < 1e-6, "{what}");
                     assert!(all.iter().all(|ms| *ms <= bound_ms + 1e-6), "{what}");
                     // Submissions are full, up to the 8 rows that are computed together.
-                    assert!(all.len() as f64 <= uncut + whole / (bound_ms - 8.0), "{what}");
+                    assert!(all.len() as f64 <= unsplit + whole / (bound_ms - 8.0), "{what}");
                 }
             }
         }
     }
 
     #[test]
-    fn what_nothing_is_known_of_is_cut_by_its_paths() {
+    fn what_nothing_is_known_of_is_split_by_its_paths() {
         let (graph, model) = frame(1);
-        let cuts_of = |bound_ms| cuts(&graph, &model, 0, bound_ms, PixelSamples::own(0..4, true));
+        let splits_of = |bound_ms| splits(&graph, &model, 0, bound_ms, PixelSamples::own(0..4, true));
         let paths = 4.0 * f64::from(EXTENT.width * EXTENT.height);
-        let of_paths = |cuts: &[Cut]| {
-            let is_traced = |cut: &&Cut| match graph.parts_of(0).0[cut.task].kind {
+        let of_paths = |splits: &[Split]| {
+            let is_traced = |split: &&Split| match graph.parts_of(0).0[split.task].kind {
                 TaskKind::Dispatch { pass, .. } => graph.program.passes()[pass].pass.kernel.name == "path_trace",
                 _ => false,
             };
-            cuts.iter().filter(is_traced).count() as f64
+            splits.iter().filter(is_traced).count() as f64
         };
         // Paths of the left eye, and of all pixels of the right eye, which may all be holes.
         let expected = 2.0 * paths * UNKNOWN_PATH_MS / 20.0;
-        let found = of_paths(&cuts_of(20.0));
+        let found = of_paths(&splits_of(20.0));
         assert!(found >= expected - 2.0 && found <= 1.2 * expected + 2.0, "{found} instead of {expected}");
-        assert_eq!(cuts_of(1e6), []);
+        assert_eq!(splits_of(1e6), []);
     }
 
     #[test]
-    fn what_is_too_long_by_itself_is_cut_into_its_smallest_parts() {
+    fn what_is_too_long_by_itself_is_split_into_its_smallest_parts() {
         let (graph, model) = frame(1);
         let model = learned(&graph, model, 1);
-        let cuts = cuts(&graph, &model, 0, 1e-6, PixelSamples::own(0..1, true));
+        let splits = splits(&graph, &model, 0, 1e-6, PixelSamples::own(0..1, true));
         for (number, task) in graph.parts_of(0).0.iter().enumerate() {
-            let parts = parts(&cuts, number, &task.rows);
+            let parts = parts(&splits, number, &task.rows);
             let rows: Vec<u32> = parts.iter().map(|p| p.start.row).collect();
             let expected: Vec<u32> = (0..EXTENT.height).step_by(8).collect();
             // A submission ends before every task but the first.
@@ -247,8 +253,8 @@ mod tests {
     fn parts_begin_and_end_where_their_task_does() {
         let at = |run, row| Position { run, row };
         assert_eq!(parts(&[], 3, &(5..9)), [at(0, 5)..Position::END]);
-        let cuts = [(3, at(0, 5)), (3, at(0, 8)), (4, at(0, 6)), (3, at(2, 6))].map(|(task, at)| Cut { task, at });
+        let splits = [(3, at(0, 5)), (3, at(0, 8)), (4, at(0, 6)), (3, at(2, 6))].map(|(task, at)| Split { task, at });
         let expected = [at(0, 5)..at(0, 5), at(0, 5)..at(0, 8), at(0, 8)..at(2, 6), at(2, 6)..Position::END];
-        assert_eq!(parts(&cuts, 3, &(5..9)), expected);
+        assert_eq!(parts(&splits, 3, &(5..9)), expected);
     }
 }

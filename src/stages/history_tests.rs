@@ -85,7 +85,7 @@ impl Bench {
         let mut to = Recording { gpu, queries, encoder: &mut encoder, program, place };
         let samples = frame.sampling.samples;
         let (ticket, device, repeats, injected) = (0, 0, 1, None);
-        let share = Share { ticket, device, samples, cuts: &[], repeats, injected, asks: false };
+        let share = Share { ticket, device, samples, splits: &[], repeats, injected, asks: false };
         for command in Commands::new(&graph, &share).list {
             match command {
                 Command::Clear(image) => self.stages.clear(&mut to, &image),

@@ -24,23 +24,23 @@ fn most_submissions(frame: &Frame) -> u32 {
     frame.report.tasks.iter().map(|t| t.submissions).max().unwrap()
 }
 
-fn hold_cut_frames_against_whole_ones(what: &str, subject: &Subject, settings: &RunConfig) {
+fn hold_split_frames_against_whole_ones(what: &str, subject: &Subject, settings: &RunConfig) {
     let whole = frames(subject, settings, 1);
     assert!(whole.iter().all(|f| most_submissions(f) == 1), "{what}: software devices need no bound");
     // The bounds mean the smallest possible portions, parts of a frame, and all of it.
     for (bound_ms, devices) in [(1e-6, 1), (2.0, 2), (1e9, 1)] {
         let settings = with(settings.clone(), |config| config.execution.max_dispatch_ms = Some(bound_ms));
-        for (one, cut) in whole.iter().zip(&frames(subject, &settings, devices)) {
+        for (one, split) in whole.iter().zip(&frames(subject, &settings, devices)) {
             let frame = one.report.index;
-            assert!(one.linear == cut.linear, "{what}, {bound_ms} ms, frame {frame}");
-            assert_eq!(one.report.tallies, cut.report.tallies, "{what}, {bound_ms} ms, frame {frame}");
+            assert!(one.linear == split.linear, "{what}, {bound_ms} ms, frame {frame}");
+            assert_eq!(one.report.tallies, split.report.tallies, "{what}, {bound_ms} ms, frame {frame}");
             match bound_ms {
-                1e-6 => assert!(most_submissions(cut) >= HEIGHT / 8, "{what}, frame {frame}"),
-                1e9 => assert_eq!(most_submissions(cut), 1, "{what}, frame {frame}"),
+                1e-6 => assert!(most_submissions(split) >= HEIGHT / 8, "{what}, frame {frame}"),
+                1e9 => assert_eq!(most_submissions(split), 1, "{what}, frame {frame}"),
                 _ => {}
             }
             let is_timed = |t: &diptych::exec::TaskTiming| t.begin_ms < t.end_ms || t.kind == TimedTask::Upload;
-            assert!(cut.report.tasks.iter().all(is_timed), "{what}, {bound_ms} ms, frame {frame}");
+            assert!(split.report.tasks.iter().all(is_timed), "{what}, {bound_ms} ms, frame {frame}");
         }
     }
 }
@@ -49,13 +49,13 @@ fn hold_cut_frames_against_whole_ones(what: &str, subject: &Subject, settings: &
 fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
     let subject = Subject::load("builtin:atrium");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
-    hold_cut_frames_against_whole_ones("over frames", &subject, &settings);
+    hold_split_frames_against_whole_ones("over frames", &subject, &settings);
     settings.execution.frames_in_flight = 2;
     if is_thorough() {
-        hold_cut_frames_against_whole_ones("in flight", &subject, &settings);
+        hold_split_frames_against_whole_ones("in flight", &subject, &settings);
     }
     settings.envelope.most.filter = Some(Filter::new(Denoiser::BMFR, 1));
-    hold_cut_frames_against_whole_ones("fitted in flight", &subject, &settings);
+    hold_split_frames_against_whole_ones("fitted in flight", &subject, &settings);
 }
 
 /// Path tracing takes three dispatches over lists of pixels.
@@ -66,10 +66,10 @@ fn samples_of_lists_in_small_portions_have_the_bytes_of_whole_frames() {
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     settings.envelope.most.spp = 9.into();
     foveate(&mut settings, [0, 1].map(|_| Gaze { path: vec![[0.0, 0.4, 0.5]] }), Foveation::default(), [2, 3, 5]);
-    hold_cut_frames_against_whole_ones("layers", &subject, &settings);
+    hold_split_frames_against_whole_ones("layers", &subject, &settings);
     settings.buffers.reproject = false;
     settings.envelope.most.fovea = None;
-    hold_cut_frames_against_whole_ones("traced", &subject, &settings);
+    hold_split_frames_against_whole_ones("traced", &subject, &settings);
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn slow_devices_run_each_portion_again() {
     settings.execution.max_dispatch_ms = Some(1e-6);
     let mut two = Stage::on(devices(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
     two.renderer().set_injected_faults(InjectedFaults { slowdown: vec![2, 1], ..Default::default() });
-    let cut = two.frame(0);
-    assert!(whole.linear == cut.linear);
-    assert_eq!(whole.report.tallies, cut.report.tallies);
+    let split = two.frame(0);
+    assert!(whole.linear == split.linear);
+    assert_eq!(whole.report.tallies, split.report.tallies);
 }

@@ -50,7 +50,7 @@ impl Part {
             ticket,
             device: device.gpu.info.index,
             samples: job.constants.sampling.samples,
-            cuts: &job.cuts,
+            splits: &job.splits,
             repeats: job.runs,
             injected: job.injected,
             asks: job.late.is_some(),
