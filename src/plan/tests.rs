@@ -1,5 +1,7 @@
 //! Tests of lists of commands.
 
+mod text;
+
 use std::fs;
 use std::path::Path;
 
@@ -13,6 +15,7 @@ use crate::quality::Denoiser;
 use crate::samples::Samples;
 use crate::scene::rig::Eye;
 use crate::schedule::{Position, Split};
+use text::text_of;
 
 const TICKET: u64 = 7;
 const EXTENT: Extent = Extent::new(48, 40);
@@ -208,7 +211,7 @@ fn commands_are_those_that_are_recorded() {
         for devices in 1..=4 {
             let (graph, lists) = kind.lists(devices);
             for (device, commands) in lists.iter().enumerate() {
-                let (own, all) = (commands.text(&graph.program), format!("{:?}", commands.list));
+                let (own, all) = (text_of(commands, &graph.program), format!("{:?}", commands.list));
                 let hash = all.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
                     (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
                 });

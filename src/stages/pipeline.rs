@@ -10,7 +10,6 @@ use super::kernels::Kernels;
 use crate::device::GpuDevice;
 use crate::frame::RunConfig;
 use crate::graph::{Bound, Format, Kernel, Program, Resource, Stage};
-use crate::image::Extent;
 use crate::layout::{Camera, DisplayMap, Frame, Previous};
 use crate::passes::{Moving, PREVIOUS};
 use crate::plan::{EyeImage, Groups, Launched, launched};
@@ -143,10 +142,6 @@ impl DeviceStages {
     pub fn show(&self, gpu: &GpuDevice, maps: &[DisplayMap; 2]) {
         let at = offset_of!(Frame, camera) + offset_of!(Camera, display_maps);
         gpu.queue.write_buffer(&self.frame, at as u64, bytemuck::cast_slice(maps));
-    }
-
-    pub fn extent(&self) -> Extent {
-        self.config.buffers.extent
     }
 
     /// Runs every pipeline of these programs once on no rows, so that drivers compile it now rather than in the first
