@@ -162,11 +162,6 @@ impl Planner {
         self.graphs.spec(plan)
     }
 
-    /// Returns the graph of a plan.
-    pub fn graph(&self, plan: &Plan) -> Arc<FrameGraph> {
-        self.graphs.of(plan)
-    }
-
     /// Returns the rows of each device in the next frame on the devices in `left`. The policy decides once per frame, at
     /// the quality of the frame before if a prediction comes first.
     fn take_assignment(&mut self, costs: &CostModel, left: &[usize]) -> Assignment {
@@ -185,7 +180,7 @@ impl Planner {
         let history = last.history.as_ref().map(|history| History { before, ..history.clone() });
         let assignment = self.take_assignment(costs, left);
         self.ahead = Some(assignment.clone());
-        self.graph(&Plan { seam: self.seam, iterations, assignment, history, outputs: last.outputs.clone() })
+        self.graphs.of(&Plan { seam: self.seam, iterations, assignment, history, outputs: last.outputs.clone() })
     }
 
     /// Plans the next frame on the devices in `left`.

@@ -19,7 +19,7 @@ pub struct ReadBack {
     buffer: wgpu::Buffer,
     size: u64,
     mapped: mpsc::Receiver<Result<(), wgpu::BufferAsyncError>>,
-    submission: wgpu::SubmissionIndex,
+    pub submission: wgpu::SubmissionIndex,
 }
 
 /// A copy that is recorded but not submitted.
@@ -88,12 +88,6 @@ impl Drop for Mapped {
     fn drop(&mut self) {
         self.view = None;
         self.free.lock().unwrap_or_else(PoisonError::into_inner).push(self.buffer.clone());
-    }
-}
-
-impl ReadBack {
-    pub fn submission(&self) -> wgpu::SubmissionIndex {
-        self.submission.clone()
     }
 }
 

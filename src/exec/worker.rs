@@ -6,8 +6,10 @@ mod part;
 pub mod protocol;
 
 use std::collections::HashMap;
+use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use tracing::span::EnteredSpan;
@@ -16,7 +18,7 @@ use super::channels::WorkerChannels;
 use super::messages::{Answer, Bytes, Message, Order, Reply, Stop, Work};
 use super::output::Output;
 use super::planner::Graphs;
-use crate::device::{DeviceFailure, DeviceInfo, GpuDevice, WAIT_SLICES, panic_text};
+use crate::device::{DeviceFailure, GpuDevice, WAIT_SLICES, panic_text};
 use crate::plan::Outgoing;
 use crate::stages::Place;
 use action::{Action, Ordered, Outcome};
@@ -46,12 +48,18 @@ impl Worker {
         Self { device, graphs, channels, protocol, parts, read: None, done: None, failure: None }
     }
 
-    pub fn info(&self) -> &DeviceInfo {
-        &self.device.gpu.info
+    /// Starts a thread that runs the worker. When the worker ends, the thread returns the worker's device, or `None` if
+    /// the device has failed.
+    ///
+    /// # Errors
+    /// An I/O error if the thread cannot be started.
+    pub fn start(self) -> io::Result<JoinHandle<Option<GpuDevice>>> {
+        let name = format!("device {}", self.device.gpu.info.index);
+        thread::Builder::new().name(name).spawn(move || self.run())
     }
 
     /// Executes orders until the renderer closes the order channel; returns the device if it has not failed.
-    pub fn run(mut self) -> Option<GpuDevice> {
+    fn run(mut self) -> Option<GpuDevice> {
         let mut spans = Spans::default();
         loop {
             self.channels.heartbeat().beat();

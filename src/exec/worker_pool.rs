@@ -37,9 +37,6 @@ struct Member {
     is_hung: bool,
 }
 
-/// Answers to the orders under one ticket: pairs of a device and its answer.
-pub type Answers = Vec<(usize, Result<Answer, Stop>)>;
-
 impl WorkerPool {
     /// Warms up every device and starts its worker; also returns the info of the devices. All reported times count from
     /// `origin`.
@@ -71,7 +68,7 @@ impl WorkerPool {
         let mut members = Vec::new();
         for (device, end) in gpus.into_iter().zip(ends) {
             let worker = Worker::new(device, Arc::clone(graphs), end);
-            members.push(Member::of(Some(start_worker(worker)?)));
+            members.push(Member::of(Some(worker.start()?)));
         }
         members.resize_with(count, || Member::of(None));
         Ok((Self { channels, members, ledger: Ledger::default(), others }, infos))
@@ -115,9 +112,9 @@ impl WorkerPool {
         self.channels.call_off(ticket);
     }
 
-    /// Waits for the answers to the orders under this ticket. If a worker shows no sign of life for longer than
+    /// Waits for the answers to the orders under this ticket, each with its device. If a worker shows no sign of life for longer than
     /// `limit`, the pool records a failure as its answer and tells the other workers to stop waiting for its rows.
-    pub fn answers(&mut self, ticket: u64, limit: Duration) -> Answers {
+    pub fn answers(&mut self, ticket: u64, limit: Duration) -> Vec<(usize, Result<Answer, Stop>)> {
         let mut watchdog = Watchdog::new(limit, &self.channels.signs());
         loop {
             if let Some(answers) = self.ledger.take(ticket) {
@@ -169,16 +166,6 @@ impl Member {
     fn of(thread: Option<JoinHandle<Option<GpuDevice>>>) -> Self {
         Self { thread, is_left: true, is_hung: false }
     }
-}
-
-/// Starts a thread that runs the worker. When the worker ends, the thread returns the worker's device, or `None` if the
-/// device has failed.
-///
-/// # Errors
-/// An I/O error if the thread cannot be started.
-pub fn start_worker(worker: Worker) -> std::io::Result<JoinHandle<Option<GpuDevice>>> {
-    let name = format!("device {}", worker.info().index);
-    std::thread::Builder::new().name(name).spawn(move || worker.run())
 }
 
 fn gone() -> DeviceFailure {

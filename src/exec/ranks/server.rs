@@ -17,7 +17,7 @@ use crate::exec::messages::Bytes;
 use crate::exec::planner::Graphs;
 use crate::exec::worker::Worker;
 use crate::exec::worker::device::WorkerDevice;
-use crate::exec::worker_pool::{END_LIMIT, start_worker};
+use crate::exec::worker_pool::END_LIMIT;
 use crate::passes::Declarations;
 use crate::tables::SceneTables;
 
@@ -190,7 +190,9 @@ impl Server<'_> {
             cards.push(self.card(&made.gpu));
             workers.push(Worker::new(made, Arc::clone(&graphs), end));
         }
-        let start = |(device, worker)| start_worker(worker).map(|thread| (device, thread)).map_err(|e| e.to_string());
+        let start = |(device, worker): (usize, Worker)| {
+            worker.start().map(|thread| (device, thread)).map_err(|e| e.to_string())
+        };
         let threads = own.into_iter().zip(workers).map(start).collect::<Result<_, _>>()?;
         self.renderers.insert(number, Working { set, threads });
         self.node.attach(number, renderer);

@@ -11,7 +11,6 @@ use crate::exec::staging::{Mapped, Pool, ReadBack, Recorded};
 use crate::exec::{ExecError, InjectedKind};
 use crate::frame::RunConfig;
 use crate::graph::{Bound, Program};
-use crate::layout;
 use crate::plan::{EyeImage, MOST_TIMED, Rows};
 use crate::scene::rig::Eye;
 use crate::stages::{DeviceStages, Place, Recording};
@@ -19,10 +18,10 @@ use crate::tables::SceneTables;
 
 pub struct WorkerDevice {
     pub gpu: GpuDevice,
-    stages: DeviceStages,
+    pub stages: DeviceStages,
     queries: wgpu::QuerySet,
     stamp_buffer: wgpu::Buffer,
-    clock: GpuClock,
+    pub clock: GpuClock,
     pool: Pool,
     origin: Instant,
 }
@@ -88,11 +87,6 @@ impl WorkerDevice {
         self.stages.begin(&self.gpu, &job.constants, &job.previous, &job.update);
     }
 
-    /// Sets each eye's mapping for the display resampling in later submissions of the frame.
-    pub fn show(&self, maps: &[layout::DisplayMap; 2]) {
-        self.stages.show(&self.gpu, maps);
-    }
-
     pub fn encoder(&self) -> wgpu::CommandEncoder {
         self.gpu.device.create_command_encoder(&Default::default())
     }
@@ -154,11 +148,6 @@ impl WorkerDevice {
     pub fn times(&mut self, back: ReadBack, bracket_ms: &Range<f64>) -> Result<Vec<[f64; 2]>, DeviceFailure> {
         let ticks = bytemuck::pod_collect_to_vec::<u8, u64>(&self.finish(back)?);
         Ok(self.clock.host_ms(&ticks, bracket_ms).chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect())
-    }
-
-    /// Returns the maximum error of the device's times so far, in microseconds.
-    pub fn clock_residual_us(&self) -> f64 {
-        self.clock.residual_us
     }
 
     /// Submits copies of both eyes of `images` to the host; returns their readbacks.

@@ -144,7 +144,7 @@ impl Part {
             device.has_ended(last, true, self.frame())?;
         }
         if let Some((pose, shown)) = late.ask(device.now_ms()) {
-            device.show(&shown);
+            device.stages.show(&device.gpu, &shown);
             self.shown_from = Some(Box::new(pose));
         }
         Ok(())
@@ -178,7 +178,7 @@ impl Part {
         let Some((task, back)) = self.outgoing.remove(&transfer) else { return Ok(()) };
         {
             let _span = tracing::info_span!("wait for own rows").entered();
-            device.gpu.wait(Some(back.submission()))?;
+            device.gpu.wait(Some(back.submission.clone()))?;
         }
         beat();
         let begin_ms = device.now_ms();
@@ -234,13 +234,13 @@ impl Part {
     /// [`DeviceFailure`] if the device failed or took too long.
     pub fn take_images(&mut self, device: &mut WorkerDevice, waits: bool) -> Result<Option<FrameReply>, DeviceFailure> {
         if let Some([_, last]) = self.images.last()
-            && !device.has_ended(&last.submission(), waits, self.frame())?
+            && !device.has_ended(&last.submission, waits, self.frame())?
         {
             return Ok(None);
         }
         let images = self.images.drain(..).map(|back| device.take(back)).collect::<Result<_, _>>()?;
         let times = std::mem::take(&mut self.times);
-        let clock_residual_us = device.clock_residual_us();
+        let clock_residual_us = device.clock.residual_us;
         let (begin_ms, end_ms, shown_from) = (self.begin_ms, self.end_ms, self.shown_from.take());
         let is_primary = self.device == self.graph.primary;
         let buffers = if is_primary { device.buffers(&self.graph.program, self.job.place) } else { Vec::new() };
