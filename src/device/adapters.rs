@@ -44,6 +44,22 @@ pub struct DeviceInfo {
 }
 
 impl DeviceInfo {
+    /// Describes the only device of a run, which has been opened on this adapter.
+    pub(super) fn new(adapter: &wgpu::AdapterInfo, device: &wgpu::Device) -> Self {
+        Self {
+            index: 0,
+            adapter: 0,
+            name: adapter.name.clone(),
+            driver: driver_name(adapter),
+            kind: kind_name(adapter.device_type).to_owned(),
+            threads: None,
+            traversal: Traversal::Compute,
+            max_storage_bytes: device.limits().max_storage_buffer_binding_size,
+            clock_residual_us: 0.0,
+            rank: None,
+        }
+    }
+
     /// Returns true if the device is on the first rank, which renders and gathers frames.
     pub fn is_on_first_rank(&self) -> bool {
         self.rank.as_ref().is_none_or(|rank| rank.number == 0)
@@ -144,11 +160,11 @@ pub(super) fn enumerate(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
 }
 
-pub(super) fn driver_name(info: &wgpu::AdapterInfo) -> String {
+fn driver_name(info: &wgpu::AdapterInfo) -> String {
     format!("{} {}", info.driver, info.driver_info).trim().to_owned()
 }
 
-pub(super) fn kind_name(kind: wgpu::DeviceType) -> &'static str {
+fn kind_name(kind: wgpu::DeviceType) -> &'static str {
     match kind {
         wgpu::DeviceType::DiscreteGpu => "discrete GPU",
         wgpu::DeviceType::IntegratedGpu => "integrated GPU",

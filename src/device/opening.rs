@@ -100,20 +100,10 @@ impl Wanted<'_> {
 
     /// Wraps the opened wgpu device.
     pub(super) fn opened(&self, device: wgpu::Device, queue: wgpu::Queue, instance: wgpu::Instance) -> GpuDevice {
-        let AdapterReport { index, name, driver, kind, quirks, .. } = self.adapter;
-        let info = DeviceInfo {
-            index: self.index,
-            adapter: *index,
-            name: name.clone(),
-            driver: driver.clone(),
-            kind: kind.clone(),
-            threads: self.threads,
-            traversal: self.traversal,
-            max_storage_bytes: device.limits().max_storage_buffer_binding_size,
-            clock_residual_us: 0.0,
-            rank: None,
-        };
-        watched(info, *quirks, device, queue, instance)
+        let Self { index, adapter, threads, traversal } = *self;
+        let about = DeviceInfo::new(&adapter.info, &device);
+        let info = DeviceInfo { index, adapter: adapter.index, threads, traversal, ..about };
+        watched(info, adapter.quirks, device, queue, instance)
     }
 }
 

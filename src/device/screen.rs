@@ -2,9 +2,9 @@
 
 use std::sync::PoisonError;
 
-use super::adapters::{DeviceInfo, OPENING, driver_name, kind_name, new_instance};
+use super::adapters::{DeviceInfo, OPENING, new_instance};
 use super::opening::watched;
-use super::{DeviceError, GpuDevice, Quirks, Traversal, environment};
+use super::{DeviceError, GpuDevice, Quirks, environment};
 
 /// Device that presents images in a window. To take little performance from the rendering devices, it prefers an
 /// integrated GPU, and on a software adapter it has one worker thread.
@@ -60,17 +60,7 @@ pub(super) fn watched_screen(
     instance: wgpu::Instance,
 ) -> GpuDevice {
     let quirks = Quirks::of(&described);
-    let info = DeviceInfo {
-        index: 0,
-        adapter: 0,
-        driver: driver_name(&described),
-        name: described.name,
-        kind: kind_name(described.device_type).to_owned(),
-        threads: (quirks.threads_by_environment && environment::is_settable()).then_some(1),
-        traversal: Traversal::Compute,
-        max_storage_bytes: device.limits().max_storage_buffer_binding_size,
-        clock_residual_us: 0.0,
-        rank: None,
-    };
+    let threads = (quirks.threads_by_environment && environment::is_settable()).then_some(1);
+    let info = DeviceInfo { threads, ..DeviceInfo::new(&described, &device) };
     watched(info, quirks, device, queue, instance)
 }
