@@ -142,27 +142,38 @@ pub(super) const TABLES: &[Table] = &[
     Table { entry: "EnvCell", reader: "stored_env_cell", first_row: "env_cells" },
 ];
 
-/// Purpose of a material's texture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum TextureRole {
-    BaseColor,
-    Emissive,
-    MetallicRoughness,
-    Normal,
-    Specular,
-    SpecularColor,
-    Transmission,
-    Clearcoat,
-    ClearcoatRoughness,
-    ClearcoatNormal,
-    SheenColor,
-    SheenRoughness,
-    DiffuseTransmission,
-    DiffuseTransmissionColor,
-    Iridescence,
-    FilmThickness,
-    Anisotropy,
+/// Declares the purposes of a material's texture, with the names of their constants in shaders.
+macro_rules! texture_roles {
+    ($($role:ident $constant:literal,)*) => {
+        /// Purpose of a material's texture.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[repr(u32)]
+        pub enum TextureRole {
+            $($role,)*
+        }
+
+        pub(super) const ROLES: &[Constant] = &[$(($constant, TextureRole::$role as u32),)*];
+    };
+}
+
+texture_roles! {
+    BaseColor "ROLE_BASE_COLOR",
+    Emissive "ROLE_EMISSIVE",
+    MetallicRoughness "ROLE_METALLIC_ROUGHNESS",
+    Normal "ROLE_NORMAL",
+    Specular "ROLE_SPECULAR",
+    SpecularColor "ROLE_SPECULAR_COLOR",
+    Transmission "ROLE_TRANSMISSION",
+    Clearcoat "ROLE_CLEARCOAT",
+    ClearcoatRoughness "ROLE_CLEARCOAT_ROUGHNESS",
+    ClearcoatNormal "ROLE_CLEARCOAT_NORMAL",
+    SheenColor "ROLE_SHEEN_COLOR",
+    SheenRoughness "ROLE_SHEEN_ROUGHNESS",
+    DiffuseTransmission "ROLE_DIFFUSE_TRANSMISSION",
+    DiffuseTransmissionColor "ROLE_DIFFUSE_TRANSMISSION_COLOR",
+    Iridescence "ROLE_IRIDESCENCE",
+    FilmThickness "ROLE_FILM_THICKNESS",
+    Anisotropy "ROLE_ANISOTROPY",
 }
 
 impl TextureRole {
@@ -243,23 +254,3 @@ shared_constants! {
 pub const SMOOTH: f32 = 1e-4;
 /// Minimum roughness of a sheen: below it, only light at grazing angles would be scattered.
 pub const LEAST_SHEEN_ROUGHNESS: f32 = 0.07;
-
-pub(super) const ROLES: &[Constant] = &[
-    ("ROLE_BASE_COLOR", TextureRole::BaseColor as u32),
-    ("ROLE_EMISSIVE", TextureRole::Emissive as u32),
-    ("ROLE_METALLIC_ROUGHNESS", TextureRole::MetallicRoughness as u32),
-    ("ROLE_NORMAL", TextureRole::Normal as u32),
-    ("ROLE_SPECULAR", TextureRole::Specular as u32),
-    ("ROLE_SPECULAR_COLOR", TextureRole::SpecularColor as u32),
-    ("ROLE_TRANSMISSION", TextureRole::Transmission as u32),
-    ("ROLE_CLEARCOAT", TextureRole::Clearcoat as u32),
-    ("ROLE_CLEARCOAT_ROUGHNESS", TextureRole::ClearcoatRoughness as u32),
-    ("ROLE_CLEARCOAT_NORMAL", TextureRole::ClearcoatNormal as u32),
-    ("ROLE_SHEEN_COLOR", TextureRole::SheenColor as u32),
-    ("ROLE_SHEEN_ROUGHNESS", TextureRole::SheenRoughness as u32),
-    ("ROLE_DIFFUSE_TRANSMISSION", TextureRole::DiffuseTransmission as u32),
-    ("ROLE_DIFFUSE_TRANSMISSION_COLOR", TextureRole::DiffuseTransmissionColor as u32),
-    ("ROLE_IRIDESCENCE", TextureRole::Iridescence as u32),
-    ("ROLE_FILM_THICKNESS", TextureRole::FilmThickness as u32),
-    ("ROLE_ANISOTROPY", TextureRole::Anisotropy as u32),
-];
