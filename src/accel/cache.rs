@@ -28,7 +28,7 @@ const LEAST_BUILD: Duration = Duration::from_secs(1);
 const MOST_BYTES: u64 = 4 << 30;
 /// Age of a file that a run has not finished writing, after which the run must have been killed.
 const LONGEST_WRITE: Duration = Duration::from_secs(24 * 3600);
-/// Begin of a file, which changes with the format.
+/// The first 16 bytes of a file, which change with the format.
 const MAGIC: [u8; 16] = *b"diptych tree 1\0\0";
 /// Builders of trees, which are part of the key: other versions may build other trees.
 const BUILDERS: &str = concat!("diptych ", env!("CARGO_PKG_VERSION"), ", obvhs 0.4.0");
@@ -201,7 +201,7 @@ impl Key {
     }
 }
 
-/// First bytes of a file.
+/// A file's first bytes. Nodes and indices follow.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Header {

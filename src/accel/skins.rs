@@ -323,7 +323,7 @@ fn boxes_of_joints(mesh: &Mesh, joints: usize) -> Vec<Aabb> {
     boxes
 }
 
-/// Returns the matrix whose first three rows begin `rows`.
+/// Returns the affine matrix whose first three rows are the first of `rows`.
 fn matrix(rows: &[Vec4]) -> Mat4 {
     Mat4::from_cols(rows[0], rows[1], rows[2], Vec4::W).transpose()
 }

@@ -44,7 +44,7 @@ pub struct DeviceInfo {
 }
 
 impl DeviceInfo {
-    /// Describes the only device of a run, which has been opened on this adapter.
+    /// Describes a device that was opened on this adapter, with the number 0 and traversal in compute shaders.
     pub(super) fn new(adapter: &wgpu::AdapterInfo, device: &wgpu::Device) -> Self {
         Self {
             index: 0,

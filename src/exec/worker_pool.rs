@@ -112,8 +112,9 @@ impl WorkerPool {
         self.channels.call_off(ticket);
     }
 
-    /// Waits for the answers to the orders under this ticket, each with its device. If a worker shows no sign of life for longer than
-    /// `limit`, the pool records a failure as its answer and tells the other workers to stop waiting for its rows.
+    /// Waits for the answers to the orders under this ticket, each with its device. If a worker shows no sign of life for
+    /// longer than `limit`, the pool records a failure as its answer and tells the other workers to stop waiting for its
+    /// rows.
     pub fn answers(&mut self, ticket: u64, limit: Duration) -> Vec<(usize, Result<Answer, Stop>)> {
         let mut watchdog = Watchdog::new(limit, &self.channels.signs());
         loop {

@@ -32,8 +32,8 @@ pub struct DeviceStages {
     /// Bind groups by index of the pass in `program`, the latest one. They are clones of those in `groups`.
     of_passes: HashMap<(usize, Place), wgpu::BindGroup>,
     program: Option<Arc<Program>>,
-    /// Bind group 0 by [`SceneUse`]: the frame's constants and, of the scene, all that kernels read or the tables that they
-    /// write.
+    /// Bind group 0 by [`SceneUse`](crate::graph::SceneUse): the frame's constants, followed by nothing, by the scene, or
+    /// by the tables that kernels write.
     frame_groups: [wgpu::BindGroup; 3],
     /// Bind group 2 of kernels that read constants of the projection.
     projection: Option<wgpu::BindGroup>,
