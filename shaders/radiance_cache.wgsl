@@ -27,7 +27,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     cell.age += 1u;
     if a.y > 0u {
         let c = cache_sums[4u * slot + 2u];
-        let light = sum_of(a.zw, cache_sums[4u * slot + 1u]) / frame.display.storage_scale;
+        let light = sum_of(a.zw, cache_sums[4u * slot + 1u]);
         let albedo = sum_of(c.xy, vec4<u32>(c.zw, cache_sums[4u * slot + 3u].xy));
         let kept = min(cell.samples, MOST_SAMPLES);
         let old = cell.albedo * (kept / max(cell.samples, 1.0));

@@ -142,9 +142,10 @@ fn light_of(path: Retraced, is_probe: bool) -> SplitLight {
     if was_cut_short || !is_finite(found.radiance) || !is_finite(found.gloss) {
         return SplitLight();
     }
-    var packed = pack_sampled(over(found.radiance, first.albedo), vec3<f32>(0.0));
+    let radiance = scaled(found.radiance);
+    var packed = pack_sampled(over(radiance, first.albedo), vec3<f32>(0.0));
     if HAS_GLOSS {
-        packed = pack_sampled(over(found.radiance, first.matte), over(found.gloss, first.albedo - first.matte));
+        packed = pack_sampled(over(radiance, first.matte), over(scaled(found.gloss), first.albedo - first.matte));
     }
     // Pack and unpack the light, so that it is rounded like the stored light that it is compared with.
     return unpack_sampled(packed);

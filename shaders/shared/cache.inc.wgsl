@@ -115,7 +115,7 @@ fn enter_cell(path: ptr<function, CachePath>, s: Surface, b: BsdfSample, t: f32,
         let found = cell_key(near, s.geometric_normal, width);
         let cell = live_cell(cell_slot(found));
         if cell.key == found && cell.samples >= ENOUGH_SAMPLES {
-            return Cached(true, cell.light);
+            return Cached(true, cell.light / frame.display.storage_scale);
         }
     }
     if (*path).recording != NO_RECORD && !has_recorded {
@@ -127,8 +127,8 @@ fn enter_cell(path: ptr<function, CachePath>, s: Surface, b: BsdfSample, t: f32,
     return Cached();
 }
 
-// Record of a path that has ended: cell, and the light and the albedo of its surface, packed. Light is in units of white
-// at the run's exposure.
+// Record of a path that has ended: cell, and the light and the albedo of its surface, packed. Light is in the cache's
+// unit.
 fn record_of(path: CachePath, light: vec3<f32>) -> vec3<u32> {
     let least = min(min(path.throughput.x, path.throughput.y), path.throughput.z);
     if path.cell == NO_CELL || least < LEAST_THROUGHPUT {

@@ -8,7 +8,8 @@
 // Key of no cell, and of an empty slot.
 const NO_CELL: u32 = 0u;
 
-// Factor from albedo, and from light in units of white at the run's exposure, to the integers that are summed.
+// Factor from albedo, and from light, to the integers that are summed. Light is in units in which white is near 1 at the
+// run's exposure: radiance times `storage_scale`.
 const RECORD_UNITS: f32 = 0x1p24;
 
 // Slot of a cell. The key has 32 bits and the slot is its lowest bits, so with 2^17 slots an unknown cell is taken for the

@@ -128,6 +128,8 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
             light += select(specular, vec3<f32>(0.0), is_narrow || HAS_GLOSS);
             specular = select(vec3<f32>(0.0), specular, HAS_GLOSS && !is_narrow);
         }
+        light = scaled(light);
+        specular = scaled(specular);
         // Sums of finite samples may be infinite.
         let with_radiance = reflected + light;
         let with_gloss = gloss + specular;

@@ -1,6 +1,8 @@
 // Diffuse radiance of a surface's Lambertian lobe (matte) and specular radiance of its facets (gloss), which are
-// filtered separately if the scene has gloss. Both are then packed into one pixel of half floats, scaled so that
-// white is 1 at the exposure of the run (`storage_scale`). Otherwise `matte` holds all radiance, as floats.
+// filtered separately if the scene has gloss. Both are then packed into one pixel of half floats. Otherwise `matte`
+// holds all radiance, as floats. Either format stores light in units in which white is near 1 at the exposure of the run:
+// `scaled` converts radiance to them where it is traced, and `remodulated` converts it back. The factor is a power of two,
+// so neither conversion rounds.
 
 //!include frame
 
@@ -45,18 +47,18 @@ const TELLS_VARIANCE: u32 = 0x80000000u;
 // The largest half float.
 const MOST_LIGHT: f32 = 65504.0;
 
-// Whether light is too bright to store. It is then clamped to MOST_LIGHT times white.
+// True if light is too bright to store. Packing clamps it to MOST_LIGHT.
 fn is_clipped(matte: vec3<f32>, gloss: vec3<f32>) -> bool {
-    return HAS_GLOSS && any(max(matte, gloss) * frame.display.storage_scale > vec3<f32>(MOST_LIGHT));
+    return HAS_GLOSS && any(max(matte, gloss) > vec3<f32>(MOST_LIGHT));
 }
 
 fn pack_pair(a: f32, b: f32) -> u32 {
     return pack2x16float(min(vec2<f32>(a, b), vec2<f32>(MOST_LIGHT)));
 }
 
-// Scales light for half floats. Absent light stays absent.
-fn scaled(light: vec3<f32>) -> vec3<f32> {
-    return select(light * frame.display.storage_scale, vec3<f32>(ABSENT), absent(light));
+// Converts radiance to the unit of stored light.
+fn scaled(radiance: vec3<f32>) -> vec3<f32> {
+    return radiance * frame.display.storage_scale;
 }
 
 fn unpack_light(bits: vec4<u32>) -> SplitLight {
@@ -64,54 +66,49 @@ fn unpack_light(bits: vec4<u32>) -> SplitLight {
         let all = bitcast<vec4<f32>>(bits);
         return SplitLight(all.rgb, vec3<f32>(0.0), vec2<f32>(all.a));
     }
-    let scale = 1.0 / frame.display.storage_scale;
     let y = unpack2x16float(bits.y);
     let matte = vec3<f32>(unpack2x16float(bits.x), y.x);
     let gloss = vec3<f32>(y.y, unpack2x16float(bits.z));
-    return SplitLight(matte * scale, gloss * scale, unpack_deviations(bits.w));
+    return SplitLight(matte, gloss, unpack_deviations(bits.w));
 }
 
 fn pack_light(light: SplitLight) -> vec4<u32> {
     if !HAS_GLOSS {
         return bitcast<vec4<u32>>(vec4<f32>(light.matte, light.a.x));
     }
-    let matte = scaled(light.matte);
-    let gloss = scaled(light.gloss);
     return vec4<u32>(
-        pack_pair(matte.r, matte.g),
-        pack_pair(matte.b, gloss.r),
-        pack_pair(gloss.g, gloss.b),
+        pack_pair(light.matte.r, light.matte.g),
+        pack_pair(light.matte.b, light.gloss.r),
+        pack_pair(light.gloss.g, light.gloss.b),
         pack_deviations(light.a),
     );
 }
 
-// Packs radiance that was sampled in this frame.
+// Packs light that was sampled in this frame.
 fn pack_sampled(matte: vec3<f32>, gloss: vec3<f32>) -> vec4<u32> {
     return vec4<u32>(pack_light(SplitLight(matte, gloss, vec2<f32>(0.0))).xyz, SAMPLED);
 }
 
-// Packs radiance with the variance of its samples.
+// Packs light with the variance of its samples.
 fn pack_sampled_with(matte: vec3<f32>, gloss: vec3<f32>, variance: vec2<f32>) -> vec4<u32> {
     let bits = pack_light(SplitLight(matte, gloss, variance));
     return vec4<u32>(bits.xyz, bits.w | TELLS_VARIANCE);
 }
 
-// Unpacks radiance that was sampled in this frame, with the variance of its samples if stored.
+// Unpacks light that was sampled in this frame, with the variance of its samples if stored.
 fn unpack_sampled(bits: vec4<u32>) -> SplitLight {
     return unpack_light(vec4<u32>(bits.xyz, bits.w & ~TELLS_VARIANCE));
 }
 
 // Packs variances as standard deviations. Negative values (flags) stay.
 fn pack_deviations(variances: vec2<f32>) -> u32 {
-    let scaled = sqrt(max(variances, vec2<f32>(0.0))) * frame.display.storage_scale;
-    let deviations = select(scaled, variances, variances < vec2<f32>(0.0));
+    let deviations = select(sqrt(max(variances, vec2<f32>(0.0))), variances, variances < vec2<f32>(0.0));
     return pack_pair(deviations.x, deviations.y);
 }
 
 fn unpack_deviations(bits: u32) -> vec2<f32> {
     let deviations = unpack2x16float(bits);
-    let scaled = deviations / frame.display.storage_scale;
-    return select(scaled * scaled, deviations, deviations < vec2<f32>(0.0));
+    return select(deviations * deviations, deviations, deviations < vec2<f32>(0.0));
 }
 
 // Albedo for demodulation: the fraction of uniform light that the surface reflects, and its diffuse part.
@@ -159,13 +156,14 @@ fn unmarked(light: vec3<f32>) -> vec3<f32> {
     return select(light, vec3<f32>(0.0), absent(light));
 }
 
-// Remodulates light, which is the inverse of `over`.
+// Remodulates light, which is the inverse of `over`, and returns its radiance.
 fn remodulated(light: SplitLight, albedo: Albedo) -> vec3<f32> {
-    let matte = unmarked(light.matte);
+    let matte = unmarked(light.matte) / frame.display.storage_scale;
     if !HAS_GLOSS {
         return matte * albedo.all;
     }
-    return matte * albedo.matte + unmarked(light.gloss) * max(albedo.all - albedo.matte, vec3<f32>(0.0));
+    let gloss = unmarked(light.gloss) / frame.display.storage_scale;
+    return matte * albedo.matte + gloss * max(albedo.all - albedo.matte, vec3<f32>(0.0));
 }
 
 // Sum of weights up to which a filter leaves a channel absent: the light is that of other surfaces.
@@ -188,10 +186,8 @@ fn mean_light(mean: MeanLight, least: f32) -> vec3<f32> {
     return select(absent_light(), mean.sum / max(mean.weight, vec3<f32>(1e-30)), mean.weight > vec3<f32>(least));
 }
 
-// Square of an invisible difference in luminance: 1e-10 of white.
-fn unseen_square() -> f32 {
-    return 1e-20 / (frame.display.storage_scale * frame.display.storage_scale);
-}
+// Square of an invisible difference in luminance.
+const UNSEEN_SQUARE: f32 = 1e-20;
 
 // Blends light with its history. If a channel is absent in one of them, the other takes its place.
 fn blended(past: vec3<f32>, now: vec3<f32>, alpha: f32) -> vec3<f32> {

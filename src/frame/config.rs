@@ -111,7 +111,8 @@ pub struct RunConfig {
     /// Gaze of the left and the right eye.
     pub gaze: [Gaze; 2],
     pub seed: u32,
-    /// Exposure of displayed images, in stops. Half floats store radiances of up to 65504 times white at this exposure.
+    /// Exposure of displayed images, in stops. Half floats store radiances of up to at least 46,000 times white at this
+    /// exposure.
     pub exposure_ev: f32,
     /// Tone curve of displayed images.
     pub tone: ToneCurve,

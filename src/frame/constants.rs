@@ -72,7 +72,7 @@ pub fn constants(
         display: layout::Display {
             exposure: params.exposure_ev.exp2(),
             tone: config.tone as u32,
-            storage_scale: config.exposure_ev.exp2(),
+            storage_scale: config.exposure_ev.round().exp2(),
             ..Default::default()
         },
         ..Default::default()

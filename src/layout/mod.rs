@@ -157,8 +157,9 @@ shared_structs! {
         pub exposure: f32,
         /// Number of the [`ToneCurve`](crate::image::tone::ToneCurve).
         pub tone: u32,
-        /// Factor that multiplies radiance in half floats, and the noise by which TAA limits its history. It is the same in
-        /// all frames of a run, since each frame reads the history of the one before.
+        /// Factor from radiance to the light that images store between path tracing and compose, the power of two that is
+        /// nearest to the exposure of the run. TAA weighs noise by it. It is the same in all frames of a run, since each
+        /// frame reads the history of the one before.
         pub storage_scale: f32,
         pub pad0: u32,
     }

@@ -126,8 +126,8 @@ pub struct FrameRow {
     #[serde(flatten)]
     pub right_eye: Option<RightEye>,
     pub nonfinite_samples: u64,
-    /// Traced pixels of both eyes whose demodulated illumination was clipped to the range of half floats, 65504 times
-    /// white. Only `svgf` with specular surfaces stores half floats.
+    /// Traced pixels of both eyes whose demodulated illumination was clipped to the range of half floats, at least 46,000
+    /// times white. Only `svgf` with specular surfaces stores half floats.
     pub clipped_pixels: u64,
     /// Number of rows of the left eye that each device path traced.
     pub stripes: Vec<u32>,

@@ -107,7 +107,8 @@ impl Gaze {
 }
 
 /// Valid exposures in stops. White paper is displayed as white at −15 in sunlight (100,000 lux) and at +12 in
-/// starlight. Intermediate images store radiance times 2^exposure in half floats, and the square of that in f32.
+/// starlight. Intermediate images store radiance times 2^exposure in half floats, and the square of that in f32, with the
+/// exposure rounded to whole stops.
 pub const EXPOSURE_EV: RangeInclusive<f64> = -24.0..=24.0;
 
 /// Rig settings of a shot file.

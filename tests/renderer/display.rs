@@ -87,7 +87,19 @@ fn light_and_exposure_may_be_in_any_unit() {
     }
 }
 
-/// With separate specular radiance, half floats hold up to 65504 times white. Brighter pixels are clipped and counted.
+/// The unit of stored light is a whole number of stops.
+#[test]
+fn exposures_that_round_to_the_same_stop_give_the_same_light() {
+    let subject = under_a_sun(1.0, 1e3);
+    let pixels = |exposure_ev| {
+        let settings = RunConfig { exposure_ev, ..subject.accumulated(64, 36) };
+        let Stereo { left, right } = Stage::alone(&subject, &settings).frame(0).linear;
+        [left.pixels, right.pixels]
+    };
+    assert!(pixels(-0.9) == pixels(-1.4));
+}
+
+/// With separate specular radiance, half floats hold up to 65504 times white at 0 EV. Brighter pixels are clipped and counted.
 #[test]
 fn light_too_bright_for_half_floats_is_cut_and_counted() {
     let subject = under_a_sun(1.0, 1e9);

@@ -78,15 +78,14 @@ fn unpack_moments(bits: vec2<u32>) -> Known {
     if !HAS_GLOSS {
         return Known(vec2<f32>(bitcast<f32>(bits.x), 0.0), vec2<f32>(bitcast<f32>(bits.y), 0.0));
     }
-    return Known(unpack2x16float(bits.x) / frame.display.storage_scale, unpack_deviations(bits.y));
+    return Known(unpack2x16float(bits.x), unpack_deviations(bits.y));
 }
 
 fn pack_moments(known: Known) -> vec2<u32> {
     if !HAS_GLOSS {
         return bitcast<vec2<u32>>(vec2<f32>(known.mean.x, known.variance.x));
     }
-    let mean = scaled(known.mean.xyy);
-    return vec2<u32>(pack_pair(mean.x, mean.y), pack_deviations(known.variance));
+    return vec2<u32>(pack_pair(known.mean.x, known.mean.y), pack_deviations(known.variance));
 }
 
 // Largest power of two that is at most `mean`, or the smallest one. Luminances near the mean, divided by it, are near 1 in
@@ -260,7 +259,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     // frames may have fewer samples than others, so the smallest known sample count is assumed for each.
     let fewest = min(total / frames, f32(min(frame.sampling.samples.least, previous.sampling.samples.least)));
     let spread = variance.x * (1.0 / ((2.0 * RECENT_FRAMES - 1.0) * fewest) + 1.0 / total);
-    let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, unseen_square());
+    let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, UNSEEN_SQUARE);
     let trust = select(1.0, max(1.0 / off, min(FEW_FRAMES / frames, 1.0)), off > 1.0 && frames > FEW_FRAMES);
     let observations = select(frames, total, tells_variance);
     let doubt = 1.0 + FEW_OBSERVATIONS / observations;

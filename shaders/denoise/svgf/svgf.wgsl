@@ -58,7 +58,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let counts = there.is_there && (dx != 0 || dy != 0) && (value.a.x >= 0.0 || value.a.x == FINISHED);
             let tap_variance = max(value.a, vec2<f32>(0.0));
             let l = luminances(value);
-            let off2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, vec2<f32>(0.0)) + tap_variance) + 1e-6 * own * l + unseen_square());
+            let off2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, vec2<f32>(0.0)) + tap_variance) + 1e-6 * own * l + UNSEEN_SQUARE);
             let d = select(off2, vec2<f32>(0.0), takes_any);
             let taps = vec2<f32>(surface_weight(guide, guide_image[tap], d.x), surface_weight(guide, guide_image[tap], d.y));
             let k = select(vec2<f32>(0.0), kernel[dx + 1] * kernel[dy + 1] * taps, counts);

@@ -65,6 +65,7 @@ pub trait Denoise: Sync {
     /// Returns true if the filter reads light as `split.inc.wgsl` packs it: specular apart from diffuse radiance in scenes
     /// that have both, and channels that a surface does not reflect marked as absent. Otherwise, the light is one RGB
     /// colour in floats, and 0 in such channels. A filter that averages these zeros darkens the surfaces around them.
+    /// In either case, the unit of light is that of `storage_scale`, in which white is near 1.
     fn filters_lobes(&self) -> bool {
         false
     }

@@ -116,7 +116,7 @@ fn compare([gloss, sparse, layers]: [bool; 3], count: u32, seed: u64, expected: 
     constants.foveation.layers = layers;
     constants.foveation.sampled_fraction = if sparse { 0.5 } else { 1.0 };
     constants.foveation.layer_iterations = if layers { [count - 2, count - 1, count] } else { [count; 3] };
-    let format = Format { gloss, scale: constants.storage_scale().into() };
+    let format = Format { gloss };
     let overrides =
         [("HAS_GLOSS", gloss), ("MARKS_ABSENT", true), ("SOBOL", true), ("SPARSE", sparse), ("FOVEATED", layers)];
     let mut cases = Cases::default();

@@ -166,7 +166,7 @@ fn compare(case: Case, cases: &mut Cases) {
     let mut random = Random::new(case.seed);
     let mut constants = Constants { centre: Vec2::new(0.3, 0.8), ..Constants::new(WIDTH, HEIGHT) };
     constants.history_rows = case.has_history.then_some(1);
-    let format = Format { gloss: case.gloss, scale: constants.storage_scale().into() };
+    let format = Format { gloss: case.gloss };
     let eyes = constants.eyes.map(|eye| eye.moved(DVec3::new(0.07, -0.05, 0.02), -0.02, -0.06));
     let previous = Constants { eyes, ..constants.clone() }.as_previous();
     let overrides = [

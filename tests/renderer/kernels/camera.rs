@@ -63,6 +63,10 @@ impl Eye {
     }
 }
 
+/// Factor from radiance to stored light, a power of two. It is far from the tests' exposures, so that kernels that take
+/// one for the other fail, and so do filters that apply it to light that they read or write.
+pub const STORAGE_SCALE: f32 = 4.0;
+
 /// Constants of a frame.
 #[derive(Clone, Debug)]
 pub struct Constants {
@@ -131,12 +135,6 @@ impl Constants {
         (y * self.width + x) as usize
     }
 
-    /// Returns the scale of stored radiance, which differs from the exposure, so that no kernel can take one for the
-    /// other.
-    pub fn storage_scale(&self) -> f32 {
-        1.25 * self.exposure
-    }
-
     /// Returns the image point through which a pixel's ray goes.
     pub fn through(&self, x: u32, y: u32) -> DVec2 {
         DVec2::new(x.into(), y.into()) + self.centre.as_dvec2()
@@ -180,7 +178,7 @@ impl Constants {
                 ..Default::default()
             },
             history: History::new(self.history_rows, 0..0),
-            display: Display { exposure: self.exposure, storage_scale: self.storage_scale(), ..Default::default() },
+            display: Display { exposure: self.exposure, storage_scale: STORAGE_SCALE, ..Default::default() },
             ..Frame::default()
         }
     }

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::camera::Constants;
+use super::camera::{Constants, STORAGE_SCALE};
 use super::harness::{Buffer, Kernel, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Albedo, Format, Light, floats, is_finite, is_near, rgb};
@@ -17,7 +17,8 @@ fn twin(light: &Light, albedo: &Albedo, emission: DVec3, depth: f64, cases: &mut
     }
     let light = light.unmarked();
     let gloss = (albedo.all - albedo.matte).max(DVec3::ZERO);
-    let color = light.matte * albedo.matte + light.gloss * gloss + emission;
+    let radiance = (light.matte * albedo.matte + light.gloss * gloss) / f64::from(STORAGE_SCALE);
+    let color = radiance + emission;
     if !is_finite(color) {
         cases.meet("dropped");
         return (DVec3::ZERO, DROPPED);
@@ -28,8 +29,8 @@ fn twin(light: &Light, albedo: &Albedo, emission: DVec3, depth: f64, cases: &mut
 
 fn compare(gloss: bool, seed: u64) {
     let mut random = Random::new(seed);
-    let constants = Constants { exposure: 2.3, ..Constants::new(WIDTH, HEIGHT) };
-    let format = Format { gloss, scale: constants.storage_scale().into() };
+    let constants = Constants::new(WIDTH, HEIGHT);
+    let format = Format { gloss };
     let mut radiance = Vec::new();
     let mut albedo = Vec::new();
     let mut emission = Vec::new();

@@ -10,7 +10,7 @@ use super::pack::{Format, HALF, Light, floats, is_near, luminance, rgb};
 const FRAMES: u32 = 8;
 
 fn still() -> (Constants, Stripe) {
-    let constants = Constants { history_rows: Some(2), exposure: 1.5, ..Constants::new(WIDTH, HEIGHT) };
+    let constants = Constants { history_rows: Some(2), ..Constants::new(WIDTH, HEIGHT) };
     (constants, Stripe { rows: 0..HEIGHT, valid: 0..HEIGHT })
 }
 
@@ -30,7 +30,7 @@ fn lights(random: &mut Random, constants: &Constants) -> Vec<Vec<Light>> {
 fn accumulate(gloss: bool, seed: u64) {
     let mut random = Random::new(seed);
     let (constants, stripe) = still();
-    let format = Format { gloss, scale: constants.storage_scale().into() };
+    let format = Format { gloss };
     let area = constants.area();
     let guide = Wall { stray: 0.0, ..Wall::new(0.0, 0.0, 0.0) }.guides(&mut random, &constants, 0);
     let hit = vec![[1, 2, 3, 7]; area];

@@ -122,6 +122,9 @@ pub const ABSENT: f64 = -1.0;
 /// Sum of weights up to which a filter leaves a channel absent.
 pub const LEAST_WEIGHT: f64 = 1e-6;
 
+/// Square of an invisible difference in luminance.
+pub const UNSEEN_SQUARE: f64 = 1e-20;
+
 /// Returns light in which each channel that `is_absent` accepts is absent.
 fn without(light: DVec3, is_absent: impl Fn(usize) -> bool) -> DVec3 {
     DVec3::from_array(std::array::from_fn(|c| if is_absent(c) { ABSENT } else { light[c] }))
@@ -213,11 +216,21 @@ pub struct Albedo {
     pub roughness: f64,
 }
 
-/// Format of light: scaled half floats with specular radiance, else floats.
+/// Packs two variances as standard deviations. Negative values mean no variance and stay as they are.
+pub fn pack_variances(variances: DVec2) -> u32 {
+    let [x, y] = variances.to_array().map(|v| if v < 0.0 { v } else { v.sqrt() });
+    pair(x, y)
+}
+
+pub fn unpack_variances(bits: u32) -> DVec2 {
+    let variance = |deviation: f64| if deviation < 0.0 { deviation } else { deviation.powi(2) };
+    DVec2::from_array(halves(bits).map(variance))
+}
+
+/// Format of light: half floats with specular radiance, else floats.
 #[derive(Clone, Copy, Debug)]
 pub struct Format {
     pub gloss: bool,
-    pub scale: f64,
 }
 
 impl Format {
@@ -227,20 +240,15 @@ impl Format {
             return Light { matte: DVec3::new(r, g, b), gloss: DVec3::ZERO, variance: DVec2::splat(a) };
         }
         let ([mr, mg], [mb, gr], [gg, gb]) = (halves(bits[0]), halves(bits[1]), halves(bits[2]));
-        let unscaled = |light: DVec3| without(light / self.scale, |c| light[c] < 0.0);
-        Light {
-            matte: unscaled(DVec3::new(mr, mg, mb)),
-            gloss: unscaled(DVec3::new(gr, gg, gb)),
-            variance: self.unpack_variances(bits[3]),
-        }
+        Light { matte: DVec3::new(mr, mg, mb), gloss: DVec3::new(gr, gg, gb), variance: unpack_variances(bits[3]) }
     }
 
     pub fn pack(&self, light: &Light) -> [u32; 4] {
         if !self.gloss {
             return floats(light.matte, light.variance.x).map(f32::to_bits);
         }
-        let [matte, gloss] = [light.matte, light.gloss].map(|light| without(light * self.scale, |c| light[c] < 0.0));
-        [pair(matte.x, matte.y), pair(matte.z, gloss.x), pair(gloss.y, gloss.z), self.pack_variances(light.variance)]
+        let Light { matte, gloss, variance } = *light;
+        [pair(matte.x, matte.y), pair(matte.z, gloss.x), pair(gloss.y, gloss.z), pack_variances(variance)]
     }
 
     /// Packs light that was sampled in this frame.
@@ -260,17 +268,6 @@ impl Format {
         let light = self.unpack([x, y, z, w & !TELLS_VARIANCE]);
         let told = if w & TELLS_VARIANCE != 0 { light.variance } else { DVec2::splat(UNKNOWN) };
         (w != 0).then_some(Light { variance: told, ..light })
-    }
-
-    /// Packs two variances as standard deviations. Negative values mean no variance and stay as they are.
-    pub fn pack_variances(&self, variances: DVec2) -> u32 {
-        let [x, y] = variances.to_array().map(|v| if v < 0.0 { v } else { v.sqrt() * self.scale });
-        pair(x, y)
-    }
-
-    pub fn unpack_variances(&self, bits: u32) -> DVec2 {
-        let variance = |deviation: f64| if deviation < 0.0 { deviation } else { (deviation / self.scale).powi(2) };
-        DVec2::from_array(halves(bits).map(variance))
     }
 
     pub fn unpack_albedo(&self, bits: [u32; 4]) -> Albedo {
@@ -305,7 +302,7 @@ impl Format {
     pub fn holds(&self, bits: [u32; 4], light: &Light, relative: f64, variance: f64) -> bool {
         let (got, want) = (self.unpack(bits), self.unpack(self.pack(light)));
         let relative = if self.gloss { relative + HALF } else { relative };
-        let step = if self.gloss { 2.0 * HALF_STEP / self.scale } else { 0.0 };
+        let step = if self.gloss { 2.0 * HALF_STEP } else { 0.0 };
         let near = |a: f64, b: f64| is_near(a, b, relative, step);
         // The format holds the root, so its relative error counts twice.
         let near_variance = |a: f64, b: f64| match a >= 0.0 && b >= 0.0 {

@@ -55,8 +55,8 @@ fn units(packed: u32, channel: u32) -> u128 {
     u128::from((packed >> (9 * channel)) & 511) << (packed >> 27)
 }
 
-/// Returns the cell that holds a slot after the records of a frame. `scale` is the factor from light to what is packed.
-fn renewed(tenant: Cell, records: &[Record], scale: f64, reflections: u32, cases: &mut Cases) -> Cell {
+/// Returns the cell that holds a slot after the records of a frame.
+fn renewed(tenant: Cell, records: &[Record], reflections: u32, cases: &mut Cases) -> Cell {
     let is_live = tenant.key != 0 && tenant.age < MOST_AGE;
     let newest = records.iter().map(|[key, ..]| *key).max().unwrap_or(0);
     let yields = tenant.reflections != reflections && tenant.age >= MOST_AGE_OF_OTHERS;
@@ -88,7 +88,7 @@ fn renewed(tenant: Cell, records: &[Record], scale: f64, reflections: u32, cases
             sum as f64 / 2f64.powi(24)
         }))
     };
-    let (light, reflected) = (sum(1) / scale, sum(2));
+    let (light, reflected) = (sum(1), sum(2));
     let kept = before.samples.min(MOST_SAMPLES);
     let old = before.albedo * (kept / before.samples.max(1.0));
     let albedo = old + reflected;
@@ -102,8 +102,7 @@ fn renewed(tenant: Cell, records: &[Record], scale: f64, reflections: u32, cases
 
 fn compare(history_rows: Option<u32>, seed: u64) {
     let mut random = Random::new(seed);
-    let constants = Constants { history_rows, exposure: 1.3, ..Constants::new(8, 8) };
-    let scale = f64::from(constants.storage_scale());
+    let constants = Constants { history_rows, ..Constants::new(8, 8) };
     // Three cells share each slot.
     let key = |random: &mut Random, slot: u32| slot + SLOTS * random.pick(&[1, 2, 0x2aa_aaaa]);
     let last: Vec<Cell> = (0..SLOTS)
@@ -150,7 +149,7 @@ fn compare(history_rows: Option<u32>, seed: u64) {
     for (slot, found) in outputs.get::<[[u32; 4]; 3]>("cache").into_iter().map(Cell::unpack).enumerate() {
         let own: Vec<_> = records.iter().copied().filter(|r| r[0] != 0 && (r[0] % SLOTS) as usize == slot).collect();
         let tenant = if history_rows.is_some() { last[slot] } else { Cell::default() };
-        let expected = renewed(tenant, &own, scale, REFLECTIONS, &mut cases);
+        let expected = renewed(tenant, &own, REFLECTIONS, &mut cases);
         let named = |cell: Cell| (cell.key, cell.samples, cell.age, cell.reflections);
         assert_eq!(named(found), named(expected), "slot {slot}");
         let is_near = |a: DVec3, b: DVec3| (a - b).abs().cmple(2e-6 * b + 1e-12).all();

@@ -6,7 +6,7 @@ use super::camera::Constants;
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{FINISHED, Format, LEAST_WEIGHT, Light, MISSING, MeanLight, UNKNOWN, is_absent};
+use super::pack::{FINISHED, Format, LEAST_WEIGHT, Light, MISSING, MeanLight, UNKNOWN, UNSEEN_SQUARE, is_absent};
 
 /// Maximum distance to the centre's plane for the same surface, as a fraction of the distance to the eye.
 const REACH: f64 = 0.02;
@@ -76,7 +76,6 @@ impl Twin<'_> {
             cases.meet("an absent lobe");
         }
         let reach = surface.reach(&self.constants.eyes[self.view], REACH);
-        let unseen = (1e-10 / f64::from(self.constants.storage_scale())).powi(2);
         let (mut mean, mut variances, mut weight, mut found) = (MeanLight::default(), 0.0, 0.0, 0.0);
         for (dx, dy) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))) {
             let step = 1 << self.iteration;
@@ -86,7 +85,8 @@ impl Twin<'_> {
             let Some(other) = other.filter(|_| counts) else { continue };
             let its_variance = light(value).1.max(0.0);
             let (own, its) = (luminance(centre), luminance(value));
-            let allowed = f64::from(SIGMA2) * (light(centre).1.max(0.0) + its_variance) + 1e-6 * own * its + unseen;
+            let noise = f64::from(SIGMA2) * (light(centre).1.max(0.0) + its_variance);
+            let allowed = noise + 1e-6 * own * its + UNSEEN_SQUARE;
             let difference = if accepts_any { 0.0 } else { (own - its).powi(2) / allowed };
             let similarity = if (dx, dy) == (0, 0) { 1.0 } else { surface.weight(reach, &other, difference) };
             let k = f64::from((2 - dx.abs()) * (2 - dy.abs())) / 16.0 * similarity;
@@ -103,10 +103,10 @@ impl Twin<'_> {
 
 fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
     let mut random = Random::new(seed);
-    let mut constants = Constants { exposure: 0.8, ..Constants::new(WIDTH, HEIGHT) };
+    let mut constants = Constants::new(WIDTH, HEIGHT);
     constants.foveation.layers = layers;
     constants.foveation.layer_iterations = [1, 2, 3];
-    let format = Format { gloss, scale: constants.storage_scale().into() };
+    let format = Format { gloss };
     let overrides =
         [("HAS_GLOSS", gloss), ("MARKS_ABSENT", true), ("SOBOL", true), ("SPARSE", layers), ("FOVEATED", layers)];
     let mut cases = Cases::default();

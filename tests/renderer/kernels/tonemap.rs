@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::camera::Constants;
+use super::camera::{Constants, STORAGE_SCALE};
 use super::harness::{Buffer, Kernel, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Counts, floats, is_finite, is_near, rgb};
@@ -62,7 +62,7 @@ fn light_is_remodulated_and_encoded() {
         let counted = outputs.get::<u32>("tally_image");
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let at = constants.index(x, y);
-            let light = rgb(radiance[at]) * rgb(albedo[at]) + rgb(emission[at]);
+            let light = rgb(radiance[at]) / f64::from(STORAGE_SCALE) * rgb(albedo[at]) + rgb(emission[at]);
             let (color, dropped) = if is_finite(light) { (light, 0) } else { (DVec3::ZERO, 1) };
             let counts = Counts::unpack(tally[at]).with_dropped(dropped);
             let got = rgb(linear[at]);

@@ -100,8 +100,8 @@ impl Twin<'_> {
 
 fn compare(gloss: bool, seed: u64) {
     let mut random = Random::new(seed);
-    let constants = Constants { exposure: 1.4, ..Constants::new(WIDTH, HEIGHT) };
-    let format = Format { gloss, scale: constants.storage_scale().into() };
+    let constants = Constants::new(WIDTH, HEIGHT);
+    let format = Format { gloss };
     let mut cases = Cases::default();
     for (round, stripe) in stripes().iter().enumerate() {
         let view = round % 2;

@@ -168,7 +168,6 @@ fn assert_pixel(format: Format, light: [u32; 4], moments: [u32; 4], after: &Afte
         return;
     }
     let (relative, step) = if format.gloss { (WEIGHTS + HALF, HALF_STEP) } else { (WEIGHTS, 0.0) };
-    let step = step / format.scale;
     for c in 0..if format.gloss { 2 } else { 1 } {
         assert!(is_near(got.mean[c], want.mean[c], relative, step), "mean {c} of {}", told());
         let allowed = squares + WEIGHTS * LARGEST_VARIANCE + (want.variance[c].sqrt() + step) * step;
@@ -182,9 +181,9 @@ fn assert_pixel(format: Format, light: [u32; 4], moments: [u32; 4], after: &Afte
 
 fn compare(case: Case, cases: &mut Cases) {
     let mut random = Random::new(case.seed);
-    let mut constants = Constants { exposure: 1.3, spp: case.spp, ..Constants::new(WIDTH, HEIGHT) };
+    let mut constants = Constants { spp: case.spp, ..Constants::new(WIDTH, HEIGHT) };
     constants.centre = Vec2::new(0.3, 0.8);
-    let format = Format { gloss: case.gloss, scale: constants.storage_scale().into() };
+    let format = Format { gloss: case.gloss };
     // Motion by about 1.5 pixels, within the limit of one row.
     let way = DVec3::new(0.07, -0.05, 0.02);
     let eyes_before = match case.motion {

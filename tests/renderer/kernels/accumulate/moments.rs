@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use crate::kernels::pack::{ABSENT, Format, MATERIAL_MASK, halves, pair};
+use crate::kernels::pack::{Format, MATERIAL_MASK, halves, pack_variances, pair, unpack_variances};
 
 /// Statistics of a pixel's history.
 #[derive(Clone, Copy, Debug, Default)]
@@ -26,8 +26,7 @@ impl Moments {
     pub fn unpack(format: Format, bits: [u32; 4]) -> Self {
         let float = |bits| f64::from(f32::from_bits(bits));
         let (mean, variance) = if format.gloss {
-            let mean = |half: f64| if half < 0.0 { ABSENT } else { half / format.scale };
-            (DVec2::from_array(halves(bits[0]).map(mean)), format.unpack_variances(bits[1]))
+            (DVec2::from_array(halves(bits[0])), unpack_variances(bits[1]))
         } else {
             (DVec2::new(float(bits[0]), 0.0), DVec2::new(float(bits[1]), 0.0))
         };
@@ -46,8 +45,7 @@ impl Moments {
     pub fn pack(&self, format: Format) -> [u32; 4] {
         let float = |v: f64| (v as f32).to_bits();
         let [x, y] = if format.gloss {
-            let mean = self.mean.map(|mean| if mean < 0.0 { ABSENT } else { mean * format.scale });
-            [pair(mean.x, mean.y), format.pack_variances(self.variance)]
+            [pair(self.mean.x, self.mean.y), pack_variances(self.variance)]
         } else {
             [float(self.mean.x), float(self.variance.x)]
         };

@@ -8,7 +8,7 @@ use crate::kernels::camera::{Constants, Eye};
 use crate::kernels::edges::Surface;
 use crate::kernels::harness::Stripe;
 use crate::kernels::inputs::Cases;
-use crate::kernels::pack::{ABSENT, Light, MIRRORED, MISSING, MeanLight, UNKNOWN, blended, is_finite};
+use crate::kernels::pack::{ABSENT, Light, MIRRORED, MISSING, MeanLight, UNKNOWN, UNSEEN_SQUARE, blended, is_finite};
 
 /// Minimum sum of weights for history.
 const LEAST_FOUND: f64 = 0.01;
@@ -233,8 +233,7 @@ impl Twin<'_> {
             "recent frames of as many samples as all"
         });
         let expected = 9.0 * variance.x * (1.0 / 7.0 / fewest + 1.0 / total);
-        let unseen = (1e-10 / f64::from(self.constants.storage_scale())).powi(2);
-        let off = (recent - mean.x).powi(2) / expected.max(unseen);
+        let off = (recent - mean.x).powi(2) / expected.max(UNSEEN_SQUARE);
         let mut trust = 1.0;
         if off > 1.0 && frames > FEW_FRAMES {
             cases.meet("light that has changed");

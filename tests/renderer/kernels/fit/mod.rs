@@ -148,7 +148,7 @@ fn unpacked(format: Format, [x, y, z, _]: [u32; 4]) -> Light {
 fn compare(gloss: bool, index: u32, shape: Shape, lit: Lit, seed: u64, cases: &mut Cases) {
     let mut random = Random::new(seed);
     let constants = Constants { index, ..Constants::new(WIDTH, HEIGHT) };
-    let format = Format { gloss, scale: constants.storage_scale().into() };
+    let format = Format { gloss };
     let (guide, source) = images(&mut random, (&constants, format), shape, lit);
     let (left, above) = DISPLACEMENTS[index as usize % 16];
     // Like in the graph, kernels may read whole blocks around a stripe.
@@ -212,7 +212,7 @@ fn assert_channel(
     }
     cases.meet(if is_lit { "lit" } else { "light from others alone" });
     let want = fit.light(surface);
-    let half = if format.gloss { HALF * fit.brightest() + HALF_STEP / format.scale } else { 0.0 };
+    let half = if format.gloss { HALF * fit.brightest() + HALF_STEP } else { 0.0 };
     let is_sound = got.is_finite() && got >= 0.0 && got <= fit.brightest() + half;
     assert!(is_sound, "{place}: {got}");
     if !fit.is_clear {
@@ -278,7 +278,7 @@ fn blocks_are_somewhere_else_in_each_of_sixteen_frames() {
 fn noise_on_features_changes_the_fit_a_little() {
     let mut random = Random::new(371);
     let constants = Constants::new(WIDTH, HEIGHT);
-    let format = Format { gloss: false, scale: constants.storage_scale().into() };
+    let format = Format { gloss: false };
     let (guide, source) = images(&mut random, (&constants, format), Shape::Level, Lit::Exact);
     let stripe = Stripe { rows: 0..HEIGHT, valid: 0..HEIGHT };
     let fits = [0.0, 0.01].map(|noise| run((&constants, format), &stripe, noise, &guide, &source));

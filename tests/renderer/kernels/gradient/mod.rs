@@ -13,7 +13,7 @@ use diptych::scene::{Environment, Light as Lamp, LightKind, Material, Scene};
 use glam::{DVec3, Vec3};
 
 use self::twin::{Before, TILE, Twin, World};
-use super::camera::{Constants, Eye};
+use super::camera::{Constants, Eye, STORAGE_SCALE};
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH};
@@ -68,7 +68,7 @@ fn dazzled() -> Scene {
 fn subject(scene: Scene, gloss: bool) -> (Subject, World) {
     let triangles = Accel::build_with(&scene, Layout::Flat).unwrap().triangles;
     let corners = triangles.iter().map(|t| [t.v0, t.v1, t.v2].map(Vec3::as_dvec3)).collect();
-    let world = World { triangles: corners, sun: SUN.normalize(), strength: STRENGTH };
+    let world = World { triangles: corners, sun: SUN.normalize(), strength: STRENGTH * f64::from(STORAGE_SCALE) };
     let rig = still_rig(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y, 0.5);
     let mut subject = Subject::laid_out("folding screen", scene, rig, Layout::Flat);
     // All scenes share a shader.
@@ -194,9 +194,9 @@ struct Case {
 fn compare(case: &Case, cases: &mut Cases) {
     let (subject, world) = subject(screen(), case.gloss);
     let mut random = Random::new(case.seed);
-    let mut constants = Constants { index: 40 + case.seed as u32, exposure: 1.3, ..Constants::new(WIDTH, HEIGHT) };
+    let mut constants = Constants { index: 40 + case.seed as u32, ..Constants::new(WIDTH, HEIGHT) };
     constants.history_rows = case.history_rows;
-    let format = Format { gloss: case.gloss, scale: constants.storage_scale().into() };
+    let format = Format { gloss: case.gloss };
     let eye = constants.eyes[0].moved(case.step.0, 0.01, case.step.1);
     let previous = Constants { eyes: [eye; 2], ..constants.clone() };
     let views = previous.frame().camera.views;
@@ -207,7 +207,7 @@ fn compare(case: &Case, cases: &mut Cases) {
         let (_, mut last_surface) = seen(&world, &constants, &constants.eyes[0]);
         last_surface.iter_mut().filter(|_| random.chance(0.05)).for_each(|bits| bits[3] = NO_NORMAL);
         let (mut hit, mut guide) = seen(&world, &constants, &eye);
-        let light = luminance(STRENGTH) / PI;
+        let light = luminance(world.strength) / PI;
         let mut radiance: Vec<_> = (0..constants.area())
             .map(|_| {
                 let light = Light { matte: random.color(1.5 * light), ..random.light(0.1) };
@@ -221,7 +221,6 @@ fn compare(case: &Case, cases: &mut Cases) {
         for ((hit, guide), radiance) in hit.iter_mut().zip(&mut guide).zip(&mut radiance) {
             damaged(&mut random, hit, guide, radiance);
         }
-        let light = luminance(STRENGTH) / PI;
         let probes: Vec<f32> = (0..TILES[0] * TILES[1])
             .map(|_| if random.chance(0.2) { -1.0 } else { (light * f64::from(random.bits()) * 2f64.powi(-32)) as f32 })
             .collect();
@@ -376,8 +375,8 @@ fn traced(
 /// frame. The eyes do not move.
 fn after_probes(gloss: bool, settings: Sampling, factor: f32) -> Vec<[f32; 2]> {
     let (subject_before, world) = subject(lit_screen(gloss), gloss);
-    let constants = Constants { history_rows: Some(0), index: 9, exposure: 1.3, ..Constants::new(WIDTH, HEIGHT) };
-    let format = Format { gloss, scale: constants.storage_scale().into() };
+    let constants = Constants { history_rows: Some(0), index: 9, ..Constants::new(WIDTH, HEIGHT) };
+    let format = Format { gloss };
     let (hit, guide) = seen(&world, &constants, &constants.eyes[0]);
     let views = constants.frame().camera.views;
     let whole = Stripe { rows: 0..TILES[1], valid: 0..TILES[1] };
@@ -416,8 +415,8 @@ fn probes_find_light_that_changes_and_only_that() {
 /// The eyes do not move.
 fn after(scene: Scene, gloss: bool, settings: Sampling, said: &[Sampling]) -> Vec<Vec<[f32; 2]>> {
     let (subject, world) = subject(scene, gloss);
-    let constants = Constants { history_rows: Some(0), index: 9, exposure: 1.3, ..Constants::new(WIDTH, HEIGHT) };
-    let format = Format { gloss, scale: constants.storage_scale().into() };
+    let constants = Constants { history_rows: Some(0), index: 9, ..Constants::new(WIDTH, HEIGHT) };
+    let format = Format { gloss };
     let (hit, guide) = seen(&world, &constants, &constants.eyes[0]);
     let radiance = traced(&subject, format, &constants, settings, [&hit, &guide]);
     let views = constants.frame().camera.views;

@@ -28,7 +28,7 @@ pub struct World {
     pub triangles: Vec<[DVec3; 3]>,
     /// Unit vector in the direction of the light.
     pub sun: DVec3,
-    /// Irradiance of a surface that faces the sun.
+    /// Irradiance of a surface that faces the sun, in the unit of stored light.
     pub strength: DVec3,
 }
 

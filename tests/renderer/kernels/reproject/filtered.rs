@@ -18,9 +18,9 @@ fn lacks(light: &Light, albedo: &Albedo, gloss: bool) -> bool {
 
 fn compare([gloss, layers]: [bool; 2], seed: u64) {
     let mut random = Random::new(seed);
-    let mut constants = Constants { exposure: 1.7, ..Constants::new(WIDTH, HEIGHT) };
+    let mut constants = Constants::new(WIDTH, HEIGHT);
     constants.foveation.layers = layers;
-    let format = Format { gloss, scale: constants.storage_scale().into() };
+    let format = Format { gloss };
     let overrides = [
         ("HAS_GLOSS", gloss),
         ("MARKS_ABSENT", true),

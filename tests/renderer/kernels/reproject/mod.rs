@@ -124,9 +124,9 @@ fn compare(
     expected: &[&'static str],
 ) {
     let mut random = Random::new(seed);
-    let mut constants = Constants { exposure: 1.7, ..Constants::new(WIDTH, HEIGHT) };
+    let mut constants = Constants::new(WIDTH, HEIGHT);
     adjust(&mut constants);
-    let format = Format { gloss, scale: constants.storage_scale().into() };
+    let format = Format { gloss };
     let overrides = [
         ("HAS_GLOSS", gloss),
         ("MARKS_ABSENT", true),
@@ -234,7 +234,7 @@ fn whole_pixels_are_gathered_from_one_pixel() {
     // At a distance of 4 the image is 4 wide, so eyes 0.5 apart have a disparity of two of 16 pixels.
     let eye = Eye::at_origin(Vec2::splat(0.5));
     let constants = Constants { eyes: [eye, eye.moved(0.5 * DVec3::X, 0.0, 0.0)], ..Constants::new(16, 1) };
-    let format = Format { gloss: false, scale: 1.0 };
+    let format = Format { gloss: false };
     let guides = constants.eyes.map(|eye| {
         let behind = |x: u32| f64::from(eye.origin.x) + (f64::from(x) + 0.5) / 4.0 - 2.0;
         (0..16).map(|x| pack_guide(DVec3::new(behind(x), 0.0, -4.0), DVec3::Z)).collect::<Vec<_>>()

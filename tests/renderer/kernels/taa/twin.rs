@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use glam::{DVec2, DVec3, DVec4};
 
-use crate::kernels::camera::{Constants, Eye};
+use crate::kernels::camera::{Constants, Eye, STORAGE_SCALE};
 use crate::kernels::harness::Stripe;
 use crate::kernels::inputs::Cases;
 use crate::kernels::pack::{is_finite, luminance, rgb};
@@ -131,9 +131,9 @@ impl Twin<'_> {
         // The slower a pixel moves, the longer its history.
         let way = motion.unwrap_or_default().abs().max_element().max(LONGEST_WAY / LONGEST_STILL);
         let stillness = (LONGEST_WAY / way - LONGEST_MOVED).max(0.0) / (LONGEST_STILL - LONGEST_MOVED);
-        let scale = f64::from(self.constants.storage_scale());
         // Frames with several samples are already antialiased.
-        let moved = LONGEST_MOVED / f64::from(self.constants.spp).sqrt() / (1.0 + luminance(around.deviation) * scale);
+        let deviation = luminance(around.deviation) * f64::from(STORAGE_SCALE);
+        let moved = LONGEST_MOVED / f64::from(self.constants.spp).sqrt() / (1.0 + deviation);
         let longest = moved + stillness * (LONGEST_STILL - moved);
         let mut frames = 0.0;
         let mut past = DVec3::ZERO;

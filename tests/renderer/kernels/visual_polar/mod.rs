@@ -10,7 +10,7 @@ use diptych::projection::PolarSpace;
 use diptych::wgsl::Words;
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec3Swizzles};
 
-use super::camera::Eye;
+use super::camera::{Eye, STORAGE_SCALE};
 use super::harness::{Buffer, Kernel, Stripe};
 use super::inputs::{Cases, Random};
 
@@ -79,7 +79,7 @@ impl Polar {
                 height: self.rows,
                 ..Default::default()
             },
-            display: Display { exposure: 1.0, storage_scale: 1.25, ..Default::default() },
+            display: Display { exposure: 1.0, storage_scale: STORAGE_SCALE, ..Default::default() },
             ..Default::default()
         }
     }
