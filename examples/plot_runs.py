@@ -194,7 +194,7 @@ if not bench.empty:
     keep(figure, "bench")
 
 # %% [markdown]
-# ## Seams: `seams.csv`, `bench --seam-study`
+# ## Seams: `seams.csv`, `study seams`
 
 # %%
 seams = table("seams.csv")
@@ -208,7 +208,7 @@ if not seams.empty:
     keep(figure, "seams")
 
 # %% [markdown]
-# ## Published experiments: `leria.csv`, `bmfr.csv`, `koskela.csv`, `andersson.csv` with `rings.csv`, and `peres.csv`, `bench --preset`
+# ## Published experiments: `leria.csv`, `bmfr.csv`, `koskela.csv`, `andersson.csv` with `rings.csv`, and `peres.csv`, `bench --study`
 
 # %%
 leria = table("leria.csv")

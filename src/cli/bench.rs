@@ -13,9 +13,9 @@ mod judge;
 mod late;
 mod moving_gaze;
 mod page;
-mod preset;
 mod reference;
 mod seams;
+pub mod study;
 mod subject;
 mod timed;
 mod turns;
@@ -57,12 +57,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let most = args.denoisers().into_iter().map(|d| d.map_or(0, Denoiser::most_iterations)).max().unwrap_or(0);
     if let Some(n) = args.iterations.iter().find(|n| **n > most) {
         return Err(Failure::Input(anyhow!("--iterations {n}: no denoiser of --denoiser takes more than {most}")));
-    }
-    if args.seams.is_wanted() {
-        return seams::run(args);
-    }
-    if let Some(result) = preset::run(args) {
-        return result;
     }
     let options = &args.options;
     let judged = args.judged()?;

@@ -36,6 +36,8 @@ pub enum Command {
     Scale(scale::Args),
     /// Measure time against error over a grid of settings
     Bench(bench::Args),
+    /// Repeat published experiments, or run your own
+    Study(bench::study::StudyArgs),
     /// Compare images or sequences with a reference: RMSE, PSNR, SSIM, FLIP, …
     Compare(compare::Args),
     /// Summarise a trace file, or compare two
@@ -51,27 +53,35 @@ pub enum Command {
     Generate(manual::Args),
 }
 
+/// Commands whose output folder is named after the scene, unless they are given one.
+const WITH_FOLDER: [&str; 5] = ["render", "play", "scale", "bench", "study"];
+
 /// Returns the definition of the command line.
 pub fn command() -> clap::Command {
-    // Only `render` writes to a folder that it chooses itself.
     let out = |out: clap::Arg| {
         let help = "Folder for output files [default: out/ and the name of the scene]";
         out.required(false).default_value("out").hide_default_value(true).help(help)
     };
-    let command = Cli::command().mut_subcommand("render", |render| render.mut_arg("out", out));
+    let command = WITH_FOLDER
+        .into_iter()
+        .fold(Cli::command(), |command, name| command.mut_subcommand(name, |sub| sub.mut_arg("out", out)));
     let with = |command: clap::Command, (name, keys): (&'static str, &'static [&'static str])| {
         command.mut_subcommand(name, |sub| with_flags(sub, keys))
     };
     FLAGS.into_iter().fold(command, with)
 }
 
-/// Inserts `render` before a shot or a scene in place of a command.
+/// Inserts `render` if a line has a scene, and options or the scene in place of a command. Scenes that diptych cannot read
+/// count, so that `render` says so.
 fn with_command(mut args: Vec<OsString>) -> Vec<OsString> {
+    const ENDINGS: [&str; 11] =
+        [".gltf", ".glb", ".toml", ".obj", ".fbx", ".blend", ".usd", ".usdz", ".stl", ".ply", ".dae"];
     let is_scene = |arg: &OsString| {
         let arg = arg.to_string_lossy().to_ascii_lowercase();
-        arg.starts_with("builtin:") || [".gltf", ".glb", ".toml"].iter().any(|ending| arg.ends_with(ending))
+        arg.starts_with("builtin:") || ENDINGS.iter().any(|ending| arg.ends_with(ending))
     };
-    if args.get(1).is_some_and(is_scene) {
+    let has_no_command = |first: &OsString| is_scene(first) || first.to_string_lossy().starts_with("--");
+    if args.get(1).is_some_and(has_no_command) && args[1..].iter().any(is_scene) {
         args.insert(1, "render".into());
     }
     args
@@ -86,22 +96,40 @@ impl Command {
             Self::View(args) => args.run_options(),
             Self::Scale(args) => Some(&args.flags.run),
             Self::Bench(args) => Some(&args.options),
+            Self::Study(args) => Some(&args.options),
             _ => None,
         }
     }
 
-    /// Takes over the settings of the shot that the command line leaves open.
+    /// Returns the name of commands with run options; empty for others.
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Render(_) => "render",
+            Self::Play(_) => "play",
+            Self::View(_) => "view",
+            Self::Scale(_) => "scale",
+            Self::Bench(_) => "bench",
+            Self::Study(_) => "study",
+            _ => "",
+        }
+    }
+
+    fn run_options_mut(&mut self) -> Option<&mut RunOptions> {
+        match self {
+            Self::Render(args) => Some(&mut args.flags.run),
+            Self::Play(args) => Some(&mut args.options.run),
+            Self::View(args) => args.run_options_mut(),
+            Self::Scale(args) => Some(&mut args.flags.run),
+            Self::Bench(args) => Some(&mut args.options),
+            Self::Study(args) => Some(&mut args.options),
+            _ => None,
+        }
+    }
+
+    /// Checks that the command reads the settings given, and takes over those of the shot that are left open.
     fn complete(&mut self) -> Result<(), Failure> {
-        let (name, run) = match self {
-            Self::Render(args) => ("render", Some(&mut args.flags.run)),
-            Self::Graph(args) => ("graph", Some(&mut args.flags.run)),
-            Self::Play(args) => ("play", Some(&mut args.options.run)),
-            Self::View(args) => ("view", args.run_options_mut()),
-            Self::Scale(args) => ("scale", Some(&mut args.flags.run)),
-            Self::Bench(args) => ("bench", Some(&mut args.options)),
-            _ => return Ok(()),
-        };
-        let Some(run) = run else { return Ok(()) };
+        let name = self.name();
+        let Some(run) = self.run_options_mut() else { return Ok(()) };
         run.settings.check_command(name).map_err(|error| Failure::Input(error.into()))?;
         run.complete()
     }
@@ -116,6 +144,7 @@ impl Command {
             Self::View(args) => view::run(args),
             Self::Scale(args) => scale::run(args),
             Self::Bench(args) => bench::run(args),
+            Self::Study(args) => bench::study::run(args),
             Self::Compare(args) => compare::run(args),
             Self::Trace(args) => trace::run(args),
             Self::Graph(args) => graph::run(args),
@@ -156,15 +185,12 @@ fn parse() -> Result<Cli, clap::Error> {
     let matches = matches.map_err(with_tip)?;
     settings::keep(&command, &matches);
     let mut cli = Cli::from_arg_matches(&matches)?;
-    match &mut cli.command {
-        Command::Render(args) => {
-            let source = matches.subcommand_matches("render").and_then(|render| render.value_source("out"));
-            if source == Some(ValueSource::DefaultValue) {
-                args.flags.run.choose_out();
-            }
-        }
-        Command::Scale(args) => args.share_cores(),
-        _ => {}
+    let (name, given) = matches.subcommand().unwrap_or(("", &matches));
+    if WITH_FOLDER.contains(&name) && given.value_source("out") == Some(ValueSource::DefaultValue) {
+        cli.command.run_options_mut().into_iter().for_each(|run| run.choose_out(name));
+    }
+    if let Command::Scale(args) = &mut cli.command {
+        args.share_cores();
     }
     Ok(cli)
 }
@@ -233,6 +259,7 @@ mod tests {
         for scene in ["a.glb", "b/c.GLTF", "shot.toml", "builtin:cornell"] {
             assert_eq!(with(&["diptych", scene, "--quiet"]), ["diptych", "render", scene, "--quiet"]);
         }
+        assert_eq!(with(&["diptych", "--spp", "4", "a.glb"]), ["diptych", "render", "--spp", "4", "a.glb"]);
         for args in [&["diptych"][..], &["diptych", "info", "a.glb"], &["diptych", "--help"]] {
             assert_eq!(with(args), args);
         }

@@ -6,7 +6,7 @@ use super::disturb::Disturbance;
 use super::failure::Failure;
 use crate::exec::{InjectedFaults, Injection};
 
-#[derive(clap::Args, Clone, Debug)]
+#[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = super::headings::TESTS)]
 pub struct FaultOptions {
     /// Disturb the run, e.g. loss:dev1@3, slow:dev1@5..9 or scene-cut@7

@@ -5,20 +5,36 @@ use std::path::PathBuf;
 
 use crate::graph::FrameGraph;
 use crate::image::file::atomic_write;
-use crate::passes::{FrameSpec, declare};
+use crate::passes::{Aov, FrameSpec, declare};
 use crate::report::Table;
 use crate::report::program::{dot, left_out_table, passes_table, transfers_table};
-use crate::schedule::CostModel;
+use crate::schedule::{CostModel, RatioRule};
 
+use super::balance::Balance;
 use super::failure::Failure;
-use super::options::{self, RenderFlags};
+use super::options::{self, RenderFlags, RunOptions};
+use super::setting_flags::SettingFlags;
 use super::setup;
 
 #[derive(clap::Args, Clone, Debug)]
-#[command(mut_arg("out", |out| out.required(false).default_value(".").hide(true)))]
 pub struct Args {
+    /// A shot (.toml), a .gltf/.glb, or builtin:NAME
+    #[arg(default_value = "builtin:atrium")]
+    shot: String,
     #[command(flatten)]
-    pub flags: RenderFlags,
+    settings: SettingFlags,
+    /// Load-balancing policy [default: measured; static with --ratios]
+    #[arg(long, value_name = "NAME", value_parser = Balance::value_parser(), help_heading = options::DEVICES)]
+    balance: Option<Balance>,
+    /// Ratios of rows per device: 5,1,2, or GROUP[.EYE]=5,1,2 for a group of passes
+    #[arg(long, value_name = "A,B,…", help_heading = options::DEVICES)]
+    ratios: Vec<RatioRule>,
+    /// Auxiliary images (AOVs) of the frame, such as albedo,normal
+    #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = options::OUTPUT)]
+    aov: Vec<Aov>,
+    /// Print JSON
+    #[arg(long, help_heading = options::OUTPUT)]
+    json: bool,
     /// Number of devices to distribute the frame over; no adapter is opened
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,
@@ -38,8 +54,20 @@ fn show(table: &Table) {
 /// range of a static scene with a static camera.
 const HISTORY_ROWS: u32 = 4;
 
+impl Args {
+    /// Returns the options of the frame.
+    pub fn run_options(&self) -> RunOptions {
+        let (balance, ratios) = (self.balance.into_iter().collect(), self.ratios.clone());
+        RunOptions { balance, ratios, json: self.json, ..RunOptions::of(self.shot.clone(), self.settings.clone()) }
+    }
+}
+
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let Args { flags, virtual_devices, dot: file } = args;
+    let Args { virtual_devices, dot: file, .. } = args;
+    let mut run = args.run_options();
+    run.settings.check_command("graph").map_err(|error| Failure::Input(error.into()))?;
+    run.complete()?;
+    let flags = RenderFlags { run, frames: 1, aov: args.aov.clone() };
     let options = &flags.options().map_err(Failure::Input)?;
     let devices = usize::from(*virtual_devices);
     let loaded = setup::load(options)?;

@@ -85,10 +85,36 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
-    /// Sets the folder for output files to `out/` and the name of the shot.
-    pub fn choose_out(&mut self) {
+    /// Returns the options of a quiet run in this process.
+    pub fn of(shot: String, settings: SettingFlags) -> Self {
+        Self {
+            shot,
+            motion: None,
+            settings,
+            devices: None,
+            threads_per_device: None,
+            most_virtual_devices: 0,
+            #[cfg(feature = "mpi")]
+            broadcast_scene: false,
+            balance: Vec::new(),
+            ratios: Vec::new(),
+            out: ".".into(),
+            trace: None,
+            quiet: true,
+            json: false,
+            faults: FaultOptions::default(),
+        }
+    }
+
+    /// Sets the folder for output files to `out/` and the name of the shot, followed by that of a command other than
+    /// render.
+    pub fn choose_out(&mut self, command: &str) {
         let name = self.shot.strip_prefix("builtin:").unwrap_or(&self.shot);
-        self.out = Path::new("out").join(Path::new(name).file_stem().unwrap_or("scene".as_ref()));
+        let mut folder = Path::new(name).file_stem().unwrap_or("scene".as_ref()).to_owned();
+        if command != "render" {
+            folder.push(format!("-{command}"));
+        }
+        self.out = Path::new("out").join(folder);
     }
 
     /// True if rank 0 sends the scene's files to the other ranks.

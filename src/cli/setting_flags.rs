@@ -29,7 +29,7 @@ impl DerefMut for SettingFlags {
 }
 
 /// Commands, and the settings for which they have flags.
-pub const FLAGS: [(&str, &[&str]); 8] = [
+pub const FLAGS: [(&str, &[&str]); 9] = [
     (
         "render",
         &[
@@ -59,6 +59,7 @@ pub const FLAGS: [(&str, &[&str]); 8] = [
     ("view", &["fps", "size", "denoiser", "iterations", "foveation", "reproject", "seam"]),
     ("scale", &["size", "spp", "bounces", "denoiser", "iterations", "reproject", "seam"]),
     ("bench", &["size", "reproject"]),
+    ("study", &["size", "reproject"]),
     ("graph", &["size", "denoiser", "foveation", "reproject", "seam"]),
     ("info", &["environment", "allow_outside"]),
     ("export", &["environment", "allow_outside"]),

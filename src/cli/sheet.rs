@@ -4,7 +4,6 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, anyhow};
-use clap::Parser;
 
 use crate::exec::ranks::Devices;
 use crate::image::display::{DisplayImage, write_png};
@@ -69,9 +68,7 @@ pub fn write(args: &Args) -> Result<(), Failure> {
 
 /// Renders a file. Takes the devices and puts them back, so that they keep their compiled pipelines.
 fn show(args: &Args, file: &str, gpus: &mut Option<Devices>, progress: &Progress) -> Result<Shown, Failure> {
-    let line = ["render", file, "--out", ".", "--quiet"];
-    let mut run = RunOptions::try_parse_from(line).map_err(|error| Failure::Input(error.into()))?;
-    run.settings = args.settings.clone();
+    let mut run = RunOptions::of(file.to_owned(), args.settings.clone());
     run.settings.size = args.size;
     let options = RenderOptions::new(run, Quality { spp: SPP.into(), ..Quality::default() });
     let mut loaded = setup::load(&options)?;

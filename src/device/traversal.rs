@@ -44,7 +44,7 @@ impl Traversal {
 
 /// Choice of [`Traversal`] for opening devices. All devices of a run share one, since the two do not give the same
 /// bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TraversalChoice {
     /// Hardware if every device is a GPU with ray queries, else compute

@@ -103,7 +103,10 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder, access: Access) -> Re
             return Ok((draft, scene));
         }
         _ => {
-            let what = "give a shot (.toml), a scene (.gltf, .glb) or builtin:NAME".to_owned();
+            let what =
+                "give a shot (.toml), a scene (.gltf, .glb) or builtin:NAME; Blender and assimp convert other formats \
+                        to glTF, for example `assimp export house.obj house.glb`"
+                    .to_owned();
             return Err(SceneError::Invalid { path: arg.to_owned(), what });
         }
     };

@@ -12,7 +12,7 @@ fn number(value: &Value) -> f64 {
 #[track_caller]
 fn refused(args: &[&str], parts: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
-    let output = diptych(&[&["bench", "--out", folder.path().to_str().unwrap(), "--preset"], args].concat());
+    let output = diptych(&[&["study"], args, &["--out", folder.path().to_str().unwrap()]].concat());
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(2) && parts.iter().all(|p| text.contains(p)), "{args:?}: {text}");
 }
@@ -196,21 +196,19 @@ fn every_preset_is_valid_up_to_its_scene() {
 #[test]
 fn experiments_refuse_what_does_not_go_with_them() {
     refused(&["leria", "builtin:cornell", "--devices", "0"], &["two devices", "--virtual 2"]);
-    refused(&["leria", "--virtual", "2", "--shots", "builtin:cornell"], &["--preset leria", "--shots"]);
-    refused(&["leria", "--virtual", "2", "--repeats", "3"], &["--preset leria", "--repeats"]);
+    refused(&["leria", "--virtual", "2", "--shots", "builtin:cornell"], &["study leria", "--shots"]);
+    refused(&["leria", "--virtual", "2", "--repeats", "3"], &["study leria", "--repeats"]);
     refused(&["leria", "--virtual", "2", "--ratios", "1,2"], &["--simulate", "--ratios"]);
-    refused(&["leria", "--denoiser", "svgf"], &["--preset", "--denoiser"]);
-    refused(&["bmfr", "--frames", "3"], &["--preset bmfr", "--frames"]);
+    refused(&["leria", "--set", "denoiser=svgf"], &["study leria", "denoiser"]);
+    refused(&["bmfr", "--frames", "3"], &["study bmfr", "--frames"]);
     refused(&["bmfr", "builtin:cornell", "--shots", "builtin:checker"], &["SHOT", "--shots"]);
-    refused(&["koskela", "--instants", "3"], &["--preset koskela", "--instants"]);
-    refused(&["andersson", "--frames", "3"], &["--preset andersson", "--frames"]);
+    refused(&["koskela", "--instants", "3"], &["study koskela", "--instants"]);
+    refused(&["andersson", "--frames", "3"], &["study andersson", "--frames"]);
     refused(&["late"], &["--motion"]);
-    refused(&["late", "--repeats", "2"], &["--preset late", "--repeats"]);
-    refused(&["peres", "builtin:cornell"], &["--preset peres", "SHOT"]);
-    refused(&["peres", "--size", "32x20"], &["--preset peres", "--size"]);
+    refused(&["late", "--repeats", "2"], &["study late", "--repeats"]);
+    refused(&["peres", "builtin:cornell"], &["study peres", "SHOT"]);
+    refused(&["peres", "--size", "32x20"], &["study peres", "size"]);
     refused(&["nobody"], &["nobody", "leria", "bmfr", "koskela", "andersson", "peres", "late"]);
-    let output = diptych(&["bench", "--out", "unused", "--frames", "3"]);
-    assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("--preset"));
 }
 
 /// The example of the documentation.
@@ -224,8 +222,9 @@ fn an_experiment_of_your_own_has_its_own_arrangements_and_columns() {
     let folder = tempfile::tempdir().unwrap();
     let [file, out] = ["own.toml", "out"].map(|name| folder.path().join(name).to_str().unwrap().to_owned());
     std::fs::write(&file, own_experiment()).unwrap();
-    let args = ["bench", "builtin:checker", "--size", "32x20", "--repeats", "2", "--reference-spp", "16", "--json"];
-    let output = diptych(&[&args[..], &["--experiment", &file, "--out", &out]].concat());
+    let args =
+        ["study", &file, "builtin:checker", "--size", "32x20", "--repeats", "2", "--reference-spp", "16", "--json"];
+    let output = diptych(&[&args[..], &["--out", &out]].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
     let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
@@ -246,7 +245,7 @@ fn a_wrong_experiment_is_refused_by_file_and_key() {
     let file = folder.path().join("own.toml");
     let path = file.to_str().unwrap();
     let run = |more: &[&str]| {
-        let output = diptych(&[&["bench", "--out", "unused", "--experiment", path], more].concat());
+        let output = diptych(&[&["study", path, "--out", "unused"], more].concat());
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
     };
     let (status, text) = run(&[]);
@@ -254,7 +253,7 @@ fn a_wrong_experiment_is_refused_by_file_and_key() {
     for (old, new, key) in [
         ("title =", "titel =", "titel"),
         ("\"flip\" },", "\"flop\" },", "flop"),
-        ("options.bounces = 2", "options.bounces = -2", "--bounces"),
+        ("options.bounces = 2", "options.bounces = -2", "bounces"),
         ("options.bounces = 2", "options.jumps = 2", "jumps"),
     ] {
         std::fs::write(&file, own_experiment().replacen(old, new, 1)).unwrap();
@@ -262,10 +261,8 @@ fn a_wrong_experiment_is_refused_by_file_and_key() {
         assert!(status == Some(2) && text.contains("own.toml") && text.contains(key), "{new}: {text}");
     }
     std::fs::write(&file, own_experiment()).unwrap();
-    for more in [["--preset", "bmfr"], ["--spp", "1"], ["--frames", "3"]] {
+    for (more, part) in [(["--set", "spp=1"], "spp"), (["--frames", "3"], "--frames")] {
         let (status, text) = run(&more);
-        assert!(status == Some(2) && text.contains(more[0]), "{more:?}: {text}");
+        assert!(status == Some(2) && text.contains(part), "{more:?}: {text}");
     }
-    let output = diptych(&["bench", "--out", "unused", "--shots", "builtin:cornell"]);
-    assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("--experiment"));
 }

@@ -163,12 +163,11 @@ fn options_that_are_wrong_are_refused_with_a_reason() {
     let dark = folder.path().join("dark.toml");
     std::fs::write(&dark, "exposure_ev = -2\n[[peer]]\nname = 'a'\ntime_ms = 1.0\nflip = 0.1").unwrap();
     let [bad, dark] = [&bad, &dark].map(|path| path.to_str().unwrap());
-    let cases: [(&[&str], &str); 6] = [
+    let cases: [(&[&str], &str); 5] = [
         (&["bench", "builtin:cornell", "--report", "--peers", dark], "measured at -2 EV, the shot's at 0 EV"),
         (&["bench", "--report", "--peers", bad], "time_ms -1"),
         (&["bench", "--report", "--peers", "/nowhere/peers.toml"], "cannot read the peers"),
         (&["bench", "--peers", bad], "--report"),
-        (&["bench", "--report", "--seam-study", "--peers", bad], "--seam-study"),
         (&["play", "--report-spp", "8"], "--report"),
     ];
     for (args, reason) in cases {

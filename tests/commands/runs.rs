@@ -24,34 +24,31 @@ const RUNS: [(&str, &str); 13] = [
     ),
     (
         "seams",
-        "bench --seam-study builtin:checker --size 64x40 --counts 1,2 --warm-up 1 --repeats 2 --bounces 2 \
-         --iterations 3 --reference-spp 32 --report",
+        "study seams builtin:checker --size 64x40 --counts 1,2 --warm-up 1 --repeats 2 --set bounces=2 \
+         --set iterations=3 --reference-spp 32 --report",
     ),
     (
         "leria",
-        "bench --preset leria builtin:cornell --size 40x24 --virtual 2 --threads-per-device 1 --frames 3 \
+        "study leria builtin:cornell --size 40x24 --virtual 2 --threads-per-device 1 --frames 3 \
          --simulate 4,4,2 --report",
     ),
-    (
-        "bmfr",
-        "bench --preset bmfr --shots builtin:checker --size 32x20 --warm-up 0 --repeats 2 --reference-spp 16 --report",
-    ),
+    ("bmfr", "study bmfr --shots builtin:checker --size 32x20 --warm-up 0 --repeats 2 --reference-spp 16 --report"),
     (
         "koskela",
-        "bench --preset koskela --shots builtin:checker --size 64x40 --warm-up 0 --repeats 2 --reference-spp 16 \
+        "study koskela --shots builtin:checker --size 64x40 --warm-up 0 --repeats 2 --reference-spp 16 \
          --report",
     ),
     (
         "andersson",
-        "bench --preset andersson --shots builtin:cornell --size 64x40 --instants 2 --repeats 2 --reference-spp 16 \
+        "study andersson --shots builtin:cornell --size 64x40 --instants 2 --repeats 2 --reference-spp 16 \
          --report",
     ),
     (
         "peres",
-        "bench --preset peres --shots builtin:cornell --size-factor 0.04 --instants 2 --repeats 1 --reference-spp 16 \
+        "study peres --shots builtin:cornell --size-factor 0.04 --instants 2 --repeats 1 --reference-spp 16 \
          --report",
     ),
-    ("late", "bench --preset late builtin:cornell --motion HEAD --size 40x30 --instants 2 --reference-spp 16 --report"),
+    ("late", "study late builtin:cornell --motion HEAD --size 40x30 --instants 2 --reference-spp 16 --report"),
 ];
 
 /// File that `HEAD` stands for.

@@ -120,13 +120,15 @@ fn only_the_halo_leaves_no_seam() {
 
 #[test]
 fn studies_refuse_what_does_not_go_with_them() {
-    let fixed = ["bench", "builtin:checker", "--out", "unused"];
-    refused(&[&fixed[..], &["--seam-study", "--denoiser", "none"]].concat(), &["no seam"]);
-    refused(&[&fixed[..], &["--denoiser", "none", "--iterations", "3"]].concat(), &["--iterations", "--denoiser"]);
-    refused(&[&fixed[..], &["--seam-study", "--counts", "1"]].concat(), &["--counts"]);
-    let fixed = ["bench", "--out", "unused", "--preset", "peres"];
-    refused(&[&fixed[..], &["--seam-study"]].concat(), &["--preset", "--seam-study"]);
-    refused(&[&fixed[..], &["--bounces", "2"]].concat(), &["--preset", "--bounces"]);
+    let bench = ["bench", "builtin:checker", "--out", "unused"];
+    refused(&[&bench[..], &["--denoiser", "none", "--iterations", "3"]].concat(), &["--iterations", "--denoiser"]);
+    refused(&[&bench[..], &["--set", "spp=2"]].concat(), &["spp has no effect in bench"]);
+    let fixed = ["study", "seams", "builtin:checker", "--out", "unused"];
+    refused(&[&fixed[..], &["--set", "denoiser=none"]].concat(), &["no seam"]);
+    refused(&[&fixed[..], &["--counts", "1"]].concat(), &["--counts"]);
+    refused(&[&fixed[..], &["--set", "seam=none"]].concat(), &["study seams", "seam"]);
+    let fixed = ["study", "peres", "--out", "unused"];
+    refused(&[&fixed[..], &["--set", "bounces=2"]].concat(), &["study peres", "bounces"]);
     refused(&[&fixed[..], &["--shots", "a,b,c,d"]].concat(), &["--shots"]);
     refused(&[&fixed[..], &["--size-factor", "0"]].concat(), &["--size-factor"]);
 }

@@ -1,19 +1,17 @@
-//! Options of `diptych bench`, with those of its seam study and of its presets.
+//! Options of `diptych bench`, and what a study adds to them.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::anyhow;
-use clap::ValueEnum;
 
 use crate::cli::failure::Failure;
 use crate::cli::options::{self, DenoiserChoice, RunOptions};
 use crate::cli::reference::{PASS_SPP, seconds};
 use crate::cli::setting_flags::{foveation, render_scale};
 use crate::cli::settings::Given;
-use crate::frame::settings::FoveationMode;
-use crate::quality::{Denoiser, LogPolar};
-use crate::report::once;
+use crate::frame::settings::{Chosen, FoveationMode};
+use crate::quality::Denoiser;
 use crate::samples::Samples;
 
 #[derive(clap::Args, Clone, Debug)]
@@ -38,14 +36,8 @@ pub struct Args {
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=i64::from(Denoiser::MAX_ITERATIONS)), help_heading = options::QUALITY)]
     pub(super) iterations: Vec<u32>,
     /// Foveation modes to measure [default: none]
-    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = foveation(), conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = foveation(), help_heading = options::QUALITY)]
     pub(super) foveation: Vec<FoveationMode>,
-    /// Log-polar mode, e.g. fov, or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
-    ///
-    /// Modes are fov, kernel, composite and composite-kernel. SIGMA: downsampling factor; ALPHA: kernel exponent; GAZE:
-    /// full-resolution radius, radians; ASPECT: rings / directions.
-    #[arg(long, value_name = "MODE", conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
-    pub(super) polar: Option<LogPolar>,
     /// Render scales to measure [default: 1,0.7,0.5]
     ///
     /// Scales below 1 are measured only with the lowest sample count.
@@ -55,12 +47,12 @@ pub struct Args {
         value_delimiter = ',',
         value_name = "F,F,…",
         value_parser = render_scale,
-        conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
+        help_heading = options::QUALITY)]
     pub(super) scale: Vec<f64>,
     /// Also measure this ladder's rungs and their excess error (regret)
     ///
     /// Regret is the excess of a rung's error over that of the best setting that takes no longer, within 3 %.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
+    #[arg(long, value_name = "FILE", help_heading = options::QUALITY)]
     pub(super) ladder: Option<PathBuf>,
     /// Measure a small grid against a coarse reference
     #[arg(long, help_heading = options::QUALITY)]
@@ -78,7 +70,7 @@ pub struct Args {
     ///
     /// bench.csv then has the columns flip_KIND, the mean FLIP of the kind's pixels, and part_KIND, their part of the
     /// sum of FLIP over all pixels.
-    #[arg(long, conflicts_with_all = ["seams", "study"], help_heading = options::QUALITY)]
+    #[arg(long, help_heading = options::QUALITY)]
     pub(super) by_kind: bool,
     /// Folder of left.exr and right.exr to compare with [default: render them]
     #[arg(
@@ -100,106 +92,41 @@ pub struct Args {
     #[arg(long, help_heading = options::OUTPUT)]
     pub(super) report: bool,
     /// With --report: other renderers' times and FLIP, as in docs/peers
-    #[arg(long, value_name = "FILE", requires = "report", conflicts_with_all = ["seams", "study"], help_heading = options::OUTPUT)]
+    #[arg(long, value_name = "FILE", requires = "report", help_heading = options::OUTPUT)]
     pub(super) peers: Option<PathBuf>,
-    #[command(flatten)]
-    pub(super) seams: SeamOptions,
-    #[command(flatten)]
-    pub(super) preset: PresetOptions,
+    /// The study that these options are for.
+    #[arg(skip)]
+    pub(super) study: Option<StudyOptions>,
 }
 
-#[derive(clap::Args, Clone, Debug)]
-#[command(next_help_heading = options::QUALITY)]
-pub struct SeamOptions {
-    /// Measure seams instead of the grid: every seam policy at every count
-    ///
-    /// It uses the first value of --spp, --bounces, --denoiser and --iterations.
-    #[arg(long = "seam-study", alias = "seams", conflicts_with_all = ["virtual_devices", "seam"])]
-    seams: bool,
-    /// With --seam-study: virtual devices on each adapter
-    #[arg(long, value_delimiter = ',', default_value = "2,3,4", value_name = "N,N,…", requires = "seams", value_parser = clap::value_parser!(u16).range(1..=64))]
-    counts: Vec<u16>,
-}
-
-impl SeamOptions {
-    pub fn is_wanted(&self) -> bool {
-        self.seams
-    }
-
-    /// Returns the counts above 1, which have seams.
-    pub(super) fn counts(&self) -> Vec<u16> {
-        self.counts.iter().copied().filter(|count| *count > 1).collect()
+impl Args {
+    /// Returns what a study adds.
+    pub(super) fn of_study(&self) -> StudyOptions {
+        self.study.clone().unwrap_or_default()
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum Preset {
-    /// Leria et al.: distribute every stage, or only path tracing
-    Leria,
-    /// Xu, Tong & Xu: bmfr with and without feature noise, and svgf
-    Bmfr,
-    /// Koskela et al.: visual-polar space against equal-sample alternatives
-    Koskela,
-    /// Andersson & Hansson: four log-polar modes, by rings around the gaze
-    Andersson,
-    /// Peres: foveated sampling and denoising in layers
-    Peres,
-    /// Late reprojection of frames 1, 2 and 4 periods late (needs --motion)
-    Late,
-}
-
-#[derive(clap::Args, Clone, Debug)]
-#[command(next_help_heading = options::QUALITY)]
-pub struct PresetOptions {
-    /// Repeat a published experiment instead of the grid
-    #[arg(long, value_name = "NAME", group = "study", conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference"])]
-    pub(super) preset: Option<Preset>,
-    /// Run the experiment in a TOML file instead of the grid
-    ///
-    /// docs/experiments.md describes such files.
-    #[arg(
-        long,
-        value_name = "FILE",
-        group = "study",
-        conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference", "foveation", "polar", "scale", "ladder", "peers"])]
-    pub(super) experiment: Option<PathBuf>,
-    /// Shots to measure, for --experiment or any --preset but leria
-    ///
-    /// For peres they replace the scenes of the thesis: Pink Room, Sponza, Forest [default: builtin:checker,
-    /// builtin:atrium and builtin:forest].
-    #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "study")]
+/// Options of studies alone.
+#[derive(Clone, Debug, Default)]
+pub struct StudyOptions {
     pub shots: Vec<String>,
-    /// Scale factor of the resolutions of --preset peres or of an --experiment
-    #[arg(long, value_name = "F", requires = "study", default_value_t = 0.25, value_parser = size_factor)]
     pub size_factor: f64,
-    /// Instants on the path, for --experiment, --preset peres, andersson or late
-    #[arg(long, value_name = "N", requires = "study", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    /// Instants on the path.
     pub instants: u32,
-    /// Frames along the path, for --preset leria or an --experiment
-    #[arg(long, value_name = "N", requires = "study", default_value_t = 104, value_parser = clap::value_parser!(u32).range(1..=5000))]
+    /// Frames along the path.
     pub frames: u32,
-    /// Device counts to predict, for --preset leria or an --experiment
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", requires = "study", default_value = "4", value_parser = clap::value_parser!(u16).range(2..=64))]
-    simulate: Vec<u16>,
-}
-
-fn size_factor(text: &str) -> Result<f64, String> {
-    let factor = text.parse().ok().filter(|factor: &f64| (0.01..=4.0).contains(factor));
-    factor.ok_or_else(|| "give a number from 0.01 to 4".to_owned())
-}
-
-impl PresetOptions {
-    /// Returns the device counts of --simulate without duplicates.
-    pub fn simulated(&self) -> Vec<usize> {
-        once(self.simulate.iter().copied().map(usize::from))
-    }
+    /// Device counts to predict.
+    pub simulate: Vec<usize>,
+    /// Virtual devices on each adapter, above 1, in the study of seams.
+    pub counts: Vec<u16>,
 }
 
 /// Refuses the options with these field names if the command line has them. `name` is the option that selected the
 /// experiment.
-pub fn refuse(name: &str, options: impl IntoIterator<Item = &'static str>) -> Result<(), Failure> {
+pub fn refuse(name: &str, settings: &Chosen, options: impl IntoIterator<Item = &'static str>) -> Result<(), Failure> {
     let given = Given::here();
-    match options.into_iter().find_map(|id| given?.typed(id)) {
+    let setting = |id: &str| settings.is_given(id).then(|| id.to_owned());
+    match options.into_iter().find_map(|id| setting(id).or_else(|| given?.typed(id))) {
         None => Ok(()),
         Some(option) => Err(Failure::Input(anyhow!("{name} cannot be combined with {option}: leave one of them out"))),
     }

@@ -105,7 +105,8 @@ impl Args {
             let foveations = if denoiser.is_some() { self.foveations() } else { vec![FoveationMode::None] };
             let scales = if denoiser.is_some() { self.scales() } else { vec![1.0] };
             for (&filter, foveation) in filters.iter().flat_map(|i| foveations.iter().map(move |f| (i, f))) {
-                let foveated = Settings { foveation: *foveation, polar: self.polar, ..Settings::default() };
+                let foveated =
+                    Settings { foveation: *foveation, polar: self.options.settings.polar, ..Settings::default() };
                 let (fovea, polar) = (foveated.layer_radii(), foveated.polar_space());
                 let grid = Quality { filter, fovea, polar, ..Quality::default() };
                 for (bounces, &scale) in self.bounces().iter().flat_map(|b| scales.iter().map(move |s| (*b, s))) {

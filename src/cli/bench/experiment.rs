@@ -1,4 +1,4 @@
-//! `diptych bench --experiment`, and the presets that such files define: several arrangements of options render the
+//! Experiments of `diptych study`: several arrangements of options render the
 //! same frames alternately, and each is compared with the reference.
 
 use std::path::Path;
@@ -69,14 +69,14 @@ fn refused(experiment: &Experiment) -> impl Iterator<Item = &'static str> {
 
 /// Runs the experiment in a file.
 pub fn run_file(args: &Args, path: &Path) -> Result<(), Failure> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("--experiment: cannot read {}", path.display()));
-    run_text(args, &text.map_err(Failure::Input)?, &format!("--experiment {}", path.display()))
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the experiment {}", path.display()));
+    run_text(args, &text.map_err(Failure::Input)?, &format!("study {}", path.display()))
 }
 
 /// Runs an experiment from its TOML text. `origin` is the option that selected it, for error messages.
 pub fn run_text(args: &Args, text: &str, origin: &str) -> Result<(), Failure> {
     let experiment = Experiment::parse(text).map_err(|reason| Failure::Input(anyhow!("{origin}: {reason}")))?;
-    refuse(origin, refused(&experiment))?;
+    refuse(origin, &args.options.settings, refused(&experiment))?;
     if experiment.cameras().contains(&Camera::Late) && args.options.motion.is_none() {
         return Err(Failure::Input(anyhow!("{origin} needs a head motion: give it with --motion")));
     }
@@ -96,10 +96,10 @@ pub fn run_text(args: &Args, text: &str, origin: &str) -> Result<(), Failure> {
 fn run(args: &Args, experiment: &'static Experiment, all: &[RenderOptions]) -> Result<(), Failure> {
     let quality = slowest(args, all);
     let frames_of = |camera: &Camera| match camera {
-        Camera::Moving => args.preset.instants * (args.warm_up_of(&quality) + 1),
-        Camera::Stepping => args.preset.instants * (args.warm_up_of(&quality) + args.repeats),
-        Camera::Late => args.preset.instants * late::FRAMES,
-        Camera::Following => args.warm_up + args.preset.frames,
+        Camera::Moving => args.of_study().instants * (args.warm_up_of(&quality) + 1),
+        Camera::Stepping => args.of_study().instants * (args.warm_up_of(&quality) + args.repeats),
+        Camera::Late => args.of_study().instants * late::FRAMES,
+        Camera::Following => args.warm_up + args.of_study().frames,
         _ if experiment.has_any(&FOVEA) => 2 * args.frames_of(&quality),
         _ => args.frames_of(&quality),
     };
@@ -125,7 +125,7 @@ fn run(args: &Args, experiment: &'static Experiment, all: &[RenderOptions]) -> R
 /// Returns the options of all arrangements.
 fn arrangements(args: &Args, experiment: &Experiment) -> Result<Vec<RenderOptions>, anyhow::Error> {
     let follows = experiment.cameras() == [Camera::Following];
-    arrangement::of(experiment, &args.options, if follows { args.warm_up + args.preset.frames } else { 1 })
+    arrangement::of(experiment, &args.options, if follows { args.warm_up + args.of_study().frames } else { 1 })
 }
 
 /// Returns the quality that needs the most warm-up frames. All arrangements render that many.
@@ -240,8 +240,10 @@ impl Results {
             }
             let keys = &loaded.shot.rig.keys;
             let (instants, frames) = match camera {
-                Camera::Moving => (on_path(keys, args.preset.instants), 1),
-                Camera::Stepping => (from_end_to_end(keys, options.settings.time, args.preset.instants), args.repeats),
+                Camera::Moving => (on_path(keys, args.of_study().instants), 1),
+                Camera::Stepping => {
+                    (from_end_to_end(keys, options.settings.time, args.of_study().instants), args.repeats)
+                }
                 _ => (vec![options.settings.time], args.frames_of(&quality) - warm_up),
             };
             let mut views = Vec::new();
@@ -374,7 +376,9 @@ impl Results {
         }
         let sizes = match &experiment.resolutions[..] {
             [] => args.options.settings.size.to_string(),
-            of => of.iter().map(|of| of.size(args.preset.size_factor).to_string()).collect::<Vec<_>>().join(" and "),
+            of => {
+                of.iter().map(|of| of.size(args.of_study().size_factor).to_string()).collect::<Vec<_>>().join(" and ")
+            }
         };
         let tables = experiment.tables(&self.rows, self.notes).into_iter();
         let mut tables: Vec<Section> = tables.map(|(heading, notes, table)| section(heading, notes, table)).collect();

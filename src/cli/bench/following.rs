@@ -44,7 +44,7 @@ pub struct Followed {
 pub fn check(args: &Args, experiment: &Experiment, devices: usize) -> Result<(), anyhow::Error> {
     if let Some(rule) = args.options.ratios.first().filter(|_| experiment.cameras() == [Camera::Following]) {
         let count = rule.ratios.len();
-        let is_other = args.preset.simulated().iter().any(|simulated| *simulated != count);
+        let is_other = args.of_study().simulate.iter().any(|simulated| *simulated != count);
         anyhow::ensure!(!is_other, "--simulate: --ratios is for {count} devices: give --simulate {count}");
     }
     let is_distributed = experiment.all.iter().any(|arrangement| arrangement.distribute.is_some());
@@ -65,7 +65,7 @@ pub fn measure(
     prepared: &[RenderOptions],
     others: Vec<OtherMeasures>,
 ) -> Result<Followed, Failure> {
-    let (options, frames) = (&args.options, args.preset.frames);
+    let (options, frames) = (&args.options, args.of_study().frames);
     let last_s = options.settings.time + f64::from(frames - 1) / FPS;
     let beyond = setup::beyond_path(&loaded.shot.rig, options.settings.time, last_s);
     loaded.scene.warnings.iter().cloned().chain(beyond).for_each(|warning| log!("warning: {warning}"));
@@ -88,7 +88,7 @@ pub fn measure(
     let model = turns.renderers.last().context("there is no arrangement")?.costs().clone();
     let spec = reports.last().and_then(|reports| reports.last()).context("there is no frame")?.spec.clone();
     let mut simulated = Vec::new();
-    for devices in args.preset.simulated() {
+    for devices in args.of_study().simulate {
         let program = registered().passes.program(&FrameSpec { devices, ..spec.clone() });
         let model = model.on_devices(&program, &vec![1.0; devices]);
         let mut of_count = Vec::new();

@@ -30,7 +30,7 @@ pub fn measure(
     let rig = &loaded.shot.rig;
     let latencies = experiment.all.iter().map(|arrangement| arrangement.late_frames.unwrap_or(0));
     let longest_s = f64::from(latencies.clone().max().unwrap_or(0)) / FPS;
-    let times_s = before_latency(rig, longest_s, args.preset.instants).map_err(Failure::Input)?;
+    let times_s = before_latency(rig, longest_s, args.of_study().instants).map_err(Failure::Input)?;
     let mut all = Vec::new();
     for (which, (latency, others)) in (0..).zip(latencies.clone().zip(others)) {
         let latency_s = f64::from(latency) / FPS;

@@ -8,7 +8,7 @@ use crate::image::{ImageError, RgbImage};
 use crate::loaded::LoadedScene;
 use crate::metrics::Pair;
 use crate::passes::denoise;
-use crate::quality::{Denoiser, Filter, Quality};
+use crate::quality::Denoiser;
 use crate::report::frames::FrameLine;
 use crate::report::html::Section;
 use crate::report::run::{FrameRow, RunReport};
@@ -16,7 +16,6 @@ use crate::report::study::{
     LERIA_NOTE, ONE_DEVICE, SEAM_NOTE, SeamErrors, SeamRow, leria_table, quartiles, seam_csv, seam_table,
 };
 use crate::report::{Csv, Table};
-use crate::samples::Samples;
 use crate::scene::rig::Eye;
 
 use super::args::Args;
@@ -47,7 +46,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => own(args, &loaded, &tracing, None)?,
     };
     let frames = u64::from(args.warm_up + args.repeats);
-    let settings = 1 + args.seams.counts().len() * SEAMS.len();
+    let settings = 1 + args.of_study().counts.len() * SEAMS.len();
     let progress = Progress::new(settings as u64 * frames, options.quiet, options.json);
     let timed = Timed { args, loaded: &loaded, progress: &progress, tracing: &tracing };
     let found = Study { options, reference, loaded: &loaded }.measure(&timed)?;
@@ -63,18 +62,16 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     if run.balance.is_empty() && run.ratios.is_empty() {
         run.balance = vec![Balance::Even];
     }
-    let denoiser = args.denoiser.first().copied().unwrap_or(Some(Denoiser::ATROUS));
-    let first = |asked: &[u32], default| asked.first().copied().unwrap_or(default);
-    let spp = args.spp.first().copied().unwrap_or(Samples::ONE);
-    let bounces = first(&args.bounces, 6);
-    let filter = denoiser.map(|d| Filter::new(d, first(&args.iterations, Denoiser::DEFAULT_ITERATIONS)));
-    let quality = Quality { spp, bounces, filter, ..Quality::default() };
+    if !run.settings.is_given("denoiser") {
+        run.settings.denoiser = Some(Denoiser::ATROUS);
+    }
+    let (quality, denoiser) = (run.settings.quality(), run.settings.denoiser);
     let options = RenderOptions::new(run, quality);
     options.check().map_err(Failure::Input)?;
     if denoiser.is_none() {
-        return Err(Failure::Input(anyhow!("--seam-study needs a denoiser: without one there are no seams")));
+        return Err(Failure::Input(anyhow!("study seams needs a denoiser: without one there are no seams")));
     }
-    if args.seams.counts().is_empty() {
+    if args.of_study().counts.is_empty() {
         return Err(Failure::Input(anyhow!("--counts: seams need at least two devices, e.g. 2,3,4")));
     }
     Ok(options)
@@ -112,7 +109,7 @@ impl<'a> Study<'a> {
         };
         keep(ONE_DEVICE, &one);
         let (mut devices, mut warm_up_s, mut number) = (vec![one.devices.clone()], one.warm_up_s, 1);
-        for count in timed.args.seams.counts() {
+        for count in timed.args.of_study().counts {
             for seam in SEAMS {
                 let policy = seam.text();
                 let mut options = self.options.clone();

@@ -21,7 +21,7 @@ pub struct Subject {
 
 /// Returns the subjects of an experiment: all shots at the first size, then at the next.
 pub fn subjects(args: &Args, experiment: &Experiment) -> Result<Vec<Subject>, anyhow::Error> {
-    let (options, factor) = (&args.options, args.preset.size_factor);
+    let (options, factor) = (&args.options, args.of_study().size_factor);
     let shots = shots(args, experiment)?;
     let of = |(shot, resolution): (&Shot, Option<&Resolution>)| {
         let size = resolution.map_or(options.settings.size, |resolution| resolution.size(factor));
@@ -51,7 +51,7 @@ pub fn subjects(args: &Args, experiment: &Experiment) -> Result<Vec<Subject>, an
 /// Returns the shots to measure: those of `--shots` or of the file, or else the shot of the command line. Shots of
 /// `--shots` stand for the same scenes as those of the file that they replace.
 fn shots(args: &Args, experiment: &Experiment) -> Result<Vec<Shot>, anyhow::Error> {
-    let (named, of_file) = (&args.preset.shots, &experiment.shots);
+    let (named, of_file) = (&args.of_study().shots, &experiment.shots);
     if named.is_empty() && !of_file.is_empty() {
         return Ok(of_file.clone());
     }

@@ -8,7 +8,6 @@ mod value;
 use std::path::PathBuf;
 
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 
 use super::{Foveation, Sampler};
 use crate::control::ControllerKind;
@@ -31,7 +30,6 @@ pub use table::{Group, Setting};
 pub use value::{EyePoints, FoveationMode, HaloMode, SeamMode, Value, Word, text_of};
 
 table::settings! {
-    local {
     Scene {
         /// Position of the eyes, scene units [default: the camera]
         ///
@@ -106,15 +104,13 @@ table::settings! {
         /// Bandwidth between simulated nodes, Gbit/s [default: as measured, else 100]
         network_gbps: Option<f64> = None, of &["scale"];
         /// Repeat each device's work N times: one number, or one per device
-        slowdown: Vec<u32> = Vec::new(), of &["render", "play", "view", "scale", "bench"];
+        slowdown: Vec<u32> = Vec::new(), of &["render", "play", "view", "scale", "bench", "study"];
         /// Drop a device that is silent for this time, ms [default: by frame times]
         ///
         /// A device is silent while its worker shows no progress. The default follows from the times of past frames; it
         /// is at least 10 s, or 0.6 s in play and view.
-        watchdog_ms: Option<u32> = None, of &["render", "play", "view", "scale", "bench"];
+        watchdog_ms: Option<u32> = None, of &["render", "play", "view", "scale", "bench", "study"];
     }
-    }
-    shared {
     Picture {
         /// Size of each eye in pixels, WIDTHxHEIGHT
         size: Extent = Extent::new(640, 360);
@@ -142,7 +138,7 @@ table::settings! {
         ///
         /// Modes are fov, kernel, composite and composite-kernel. SIGMA: downsampling factor; ALPHA: kernel exponent;
         /// GAZE: full-resolution radius, radians; ASPECT: rings / directions.
-        polar: Option<LogPolar> = None, needs log_polar, of SINGLE;
+        polar: Option<LogPolar> = None, needs log_polar;
         /// Fraction of the outer foveal layer's pixels that is not sampled, 0 to 1
         unsampled_fraction: f64 = Foveation::UNSAMPLED_FRACTION, needs layers;
         /// Reproject the right eye; off traces both eyes in full
@@ -203,13 +199,12 @@ table::settings! {
         /// Run-time checks in shaders
         shader_checks: ShaderChecks = ShaderChecks::Fast;
     }
-    }
 }
 
 /// Commands whose frames all have the quality of the settings.
-const FIXED: &[&str] = &["render", "scale", "graph"];
+const FIXED: &[&str] = &["render", "scale", "graph", "study"];
 /// Commands whose frames have one denoiser and one foveation. `bench` takes lists.
-const SINGLE: &[&str] = &["render", "scale", "graph", "play", "view"];
+const SINGLE: &[&str] = &["render", "scale", "graph", "play", "view", "study"];
 
 /// What a setting needs in order to have an effect: nothing, or the assignment that would give it one.
 type Needs = Option<&'static str>;

@@ -89,44 +89,27 @@ pub(super) fn parsed<T: Value>(to: &mut T, text: &str) -> Result<(), String> {
 /// Declares [`Settings`](super::Settings) and its table.
 macro_rules! settings {
     (
-        local {$($local_group:ident {$(
-            $(#[doc = $local_help:literal])+
-            $local_key:ident: $local_type:ty = $local_default:expr $(, needs $local_needs:ident)? $(, of $local_of:expr)?;
-        )+})+}
-        shared {$($group:ident {$(
+        $($group:ident {$(
             $(#[doc = $help:literal])+
             $key:ident: $type:ty = $default:expr $(, needs $needs:ident)? $(, of $of:expr)?;
-        )+})+}
+        )+})+
     ) => {
-        /// All settings of a run. Other ranks get all but those of the scene, which this process loads.
-        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-        pub struct Settings {
-            $($(
-                $(#[doc = $local_help])+
-                #[serde(skip)]
-                pub $local_key: $local_type,
-            )+)+
-            $($(
-                $(#[doc = $help])+
-                pub $key: $type,
-            )+)+
-        }
+        /// All settings of a run.
+        #[derive(Clone, Debug, PartialEq)]
+        pub struct Settings {$($(
+            $(#[doc = $help])+
+            pub $key: $type,
+        )+)+}
 
         impl Default for Settings {
             fn default() -> Self {
-                Self {
-                    $($($local_key: $local_default,)+)+
-                    $($($key: $default,)+)+
-                }
+                Self {$($($key: $default,)+)+}
             }
         }
 
         impl Settings {
             /// All settings, in the order of their help.
             pub const TABLE: &'static [Setting] = &[
-                $($(table::setting!(
-                    $local_group $local_key: $local_type, &[$($local_help),+], [$($local_needs)?], [$($local_of)?]
-                ),)+)+
                 $($(table::setting!($group $key: $type, &[$($help),+], [$($needs)?], [$($of)?]),)+)+
             ];
         }

@@ -396,7 +396,7 @@ macro_rules! words {
 }
 
 /// Foveated rendering.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum FoveationMode {
     #[default]
     None,
@@ -441,7 +441,7 @@ fn one_of(words: &[Word]) -> String {
 }
 
 /// Filtering across the stripes of devices.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SeamMode {
     None,
     Filter,
@@ -450,7 +450,7 @@ pub enum SeamMode {
 }
 
 /// Source of the rows that filters read around a stripe.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum HaloMode {
     #[default]
     Cost,
