@@ -46,7 +46,7 @@ fn options(error: &(dyn Error + 'static)) -> Option<&'static str> {
     if let Some(RankError::Devices { mismatch: DeviceMismatch::Traversal { .. }, .. }) =
         error.downcast_ref::<RankError>()
     {
-        return Some("--traversal");
+        return Some("--set traversal=NAME");
     }
     if let Some(ImageError::SizeMismatch { .. }) = error.downcast_ref::<ImageError>() {
         return Some("render --size");
@@ -60,7 +60,7 @@ fn options(error: &(dyn Error + 'static)) -> Option<&'static str> {
 /// Option that chooses another adapter.
 pub const ADAPTER: &str = "--devices";
 const MEMORY: &str = "--set max_scene_memory=SIZE";
-const TRAVERSAL_OR_ADAPTER: &str = "--traversal compute, --devices";
+const TRAVERSAL_OR_ADAPTER: &str = "--set traversal=compute, --devices";
 
 /// Returns the inner error of a `#[error(transparent)]` variant. Such a variant returns the cause of the inner error as
 /// its own, so the chain of causes never contains the inner error.
@@ -96,8 +96,8 @@ fn of_scene(error: &SceneError) -> Option<&'static str> {
     match error {
         SceneError::Refused { refusal: Refusal::Outside(_), .. } => Some("--allow-outside"),
         SceneError::Refused { refusal: Refusal::Memory(_), .. } => Some(MEMORY),
-        SceneError::Setting { setting: Setting::Baseline, .. } => Some("--baseline"),
-        SceneError::Setting { setting: Setting::Camera(_), .. } => Some("--camera"),
+        SceneError::Setting { setting: Setting::Baseline, .. } => Some("--set baseline=M"),
+        SceneError::Setting { setting: Setting::Camera(_), .. } => Some("--set camera=N"),
         SceneError::Setting { setting: Setting::View, .. } => Some("--position, --target"),
         _ => None,
     }
@@ -144,7 +144,7 @@ mod tests {
             (&LoadError::Accel(AccelError::Memory { triangles: 1, exceeded }), MEMORY),
             (&LoadError::Tables(TableError::Memory(exceeded)), MEMORY),
             (&BuildError::Device(no_queries), TRAVERSAL_OR_ADAPTER),
-            (&BuildError::Exec(ExecError::Rank(rank)), "--traversal"),
+            (&BuildError::Exec(ExecError::Rank(rank)), "--set traversal=NAME"),
         ];
         for (error, expected) in errors {
             assert_eq!(options(error), Some(expected), "{error}");

@@ -45,7 +45,7 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
 const SPP: u32 = 256;
 
 /// Settings that a reference overrides, and the reasons, which follow the words "a reference".
-const OVERRULED: [(&str, &str); 9] = [
+pub const OVERRULED: [(&str, &str); 9] = [
     ("clamp", "is unbiased"),
     ("denoiser", "is not filtered"),
     ("iterations", "is not filtered"),
@@ -103,7 +103,7 @@ impl Plan {
         // Passes have other numbers of samples, within the limit of a frame.
         (settings.spp, settings.denoiser, settings.foveation) = (Samples::ONE, None, FoveationMode::None);
         (settings.render_scale, settings.reproject) = (1.0, false);
-        let time_limit = settings.time_limit.map(Duration::from_secs_f64);
+        let time_limit = settings.time_limit.and_then(|s| Duration::try_from_secs_f64(s).ok());
         let passes = PassOptions { time_limit, passes_out, pass_spp: settings.pass_spp };
         Self::new(flags.options().map_err(Failure::Input)?, spp.least, passes)
     }

@@ -26,7 +26,7 @@ use super::progress::Progress;
 use super::reference::{self, Plan};
 use super::settings;
 use super::setup::{self, Tracing};
-use super::tev::Viewer;
+use super::tev::{self, Viewer};
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -105,7 +105,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &options.map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
-    let viewer = args.has(Also::Tev).then(Viewer::connect).transpose()?;
+    let viewer = args.has(Also::Tev).then(|| Viewer::connect(&tev::address())).transpose()?;
     let tracing = Tracing::start(options)?;
     let warm_up_frames = args.warm_up_frames(options);
     let progress = Progress::new(u64::from(warm_up_frames + options.frames), options.quiet, options.json);

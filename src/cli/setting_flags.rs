@@ -66,7 +66,7 @@ pub const FLAGS: [(&str, &[&str]); 9] = [
 ];
 
 /// Settings whose flags only the long help shows.
-const RARE: [&str; 5] = ["animation", "time", "allow_outside", "seed", "cache"];
+const RARE: [&str; 7] = ["yfov", "gaze", "animation", "time", "allow_outside", "seed", "cache"];
 
 /// Returns a command with the flags of settings.
 pub fn with_flags(command: Command, keys: &[&'static str]) -> Command {

@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn every_option_of_every_command_has_its_value() {
-        let typed = ["render", "a.glb", "--out", "7", "--aov", "depth,normal", "--slowdown", "2", "--details"];
+        let typed = ["render", "a.glb", "--out", "7", "--aov", "depth,normal", "--frames", "3", "--quiet"];
         let values = given(&typed).values();
         for (option, value) in [
             ("shot", json!("a.glb")),
@@ -171,9 +171,9 @@ mod tests {
             ("virtual", json!(1)),
             ("aov", json!(["depth", "normal"])),
             ("ratios", json!([])),
-            ("watchdog_ms", json!(null)),
-            ("slowdown", json!([2])),
-            ("details", json!(true)),
+            ("trace", json!(null)),
+            ("frames", json!(3)),
+            ("quiet", json!(true)),
         ] {
             assert_eq!(values.get(option), Some(&value), "{option}");
         }
@@ -192,8 +192,8 @@ mod tests {
 
     #[test]
     fn defaults_are_not_given() {
-        let given = given(&["render", "--out", "o", "--fps", "72"]);
-        assert_eq!(given.typed("fps").as_deref(), Some("--fps"));
-        assert_eq!(["frames", "nonsense", "time"].map(|id| given.typed(id)), [None, None, None]);
+        let given = given(&["render", "--out", "o", "--frames", "1"]);
+        assert_eq!(given.typed("frames").as_deref(), Some("--frames"));
+        assert_eq!(["aov", "nonsense", "virtual_devices"].map(|id| given.typed(id)), [None, None, None]);
     }
 }

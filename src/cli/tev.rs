@@ -18,6 +18,11 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Values per packet at most, unless a row has more.
 const PACKET_VALUES: usize = 1 << 18;
 
+/// Returns the address of tev: that of the environment variable `TEV`, or its default.
+pub fn address() -> String {
+    std::env::var("TEV").unwrap_or_else(|_| ADDRESS.to_owned())
+}
+
 /// A connection to tev.
 pub struct Viewer {
     client: TevClient,
@@ -25,12 +30,11 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// Connects to the viewer at [`ADDRESS`], or at the HOST:PORT of the environment variable `TEV`.
+    /// Connects to the viewer at `HOST:PORT`.
     ///
     /// # Errors
     /// [`Failure::Run`] if nothing listens there.
-    pub fn connect() -> Result<Self, Failure> {
-        let address = &std::env::var("TEV").unwrap_or_else(|_| ADDRESS.to_owned());
+    pub fn connect(address: &str) -> Result<Self, Failure> {
         let connect = || -> io::Result<TcpStream> {
             let mut failed = io::Error::new(io::ErrorKind::NotFound, "the host is unknown");
             for place in address.to_socket_addrs()? {
@@ -41,9 +45,8 @@ impl Viewer {
             }
             Err(failed)
         };
-        let stream = connect().with_context(|| {
-            format!("--also tev: cannot reach {address}: start tev first, or set TEV to its HOST:PORT")
-        });
+        let stream = connect()
+            .with_context(|| format!("cannot reach tev at {address}: start it first, or set TEV to its HOST:PORT"));
         Ok(Self { client: TevClient::wrap(stream.map_err(Failure::Run)?), created: BTreeSet::new() })
     }
 

@@ -89,10 +89,12 @@ pub trait Project {
 
 /// A number outside its range.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{name} {value} is out of range")]
+#[error("{name} {value} is out of range{range}")]
 pub struct OutOfRange {
     pub name: String,
     pub value: String,
+    /// The range as the end of a message; empty if it has no limits that matter.
+    pub range: String,
 }
 
 /// Checks that a value is in its range.
@@ -103,6 +105,10 @@ pub(crate) fn within<T: PartialOrd + Display>(
 ) -> Result<(), OutOfRange> {
     match range.contains(&value) {
         true => Ok(()),
-        false => Err(OutOfRange { name: name.to_owned(), value: value.to_string() }),
+        false => {
+            let limits = format!(": give {} to {}", range.start(), range.end());
+            let range = if limits.len() < 32 { limits } else { String::new() };
+            Err(OutOfRange { name: name.to_owned(), value: value.to_string(), range })
+        }
     }
 }

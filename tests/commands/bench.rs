@@ -181,7 +181,7 @@ fn a_run_that_was_killed_goes_on_and_one_that_is_done_gives_the_same_files() {
     assert_eq!(results(out), done);
 
     // Different settings do not count as measured, and --fresh ignores earlier results.
-    let seeded = [&options[..], &["--seed", "3", "--spp", "1", "--denoiser", "none", "--bounces", "6"]].concat();
+    let seeded = [&options[..], &["--set", "seed=3", "--spp", "1", "--denoiser", "none", "--bounces", "6"]].concat();
     assert_eq!(count(&bench(out, &seeded), "setting"), 1);
     let fresh = [&options[..], &["--fresh", "--spp", "1", "--denoiser", "none"]].concat();
     assert_eq!(count(&bench(out, &fresh), "setting"), 2);

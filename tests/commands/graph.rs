@@ -79,7 +79,7 @@ fn it_writes_a_graph_for_graphviz() {
 fn passes_and_what_is_left_out_are_shown_and_tasks_are_written_for_graphviz() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("frame.dot");
-    let options = ["--denoiser", "atrous", "--iterations", "2", "--virtual", "2", "--size", "320x180"];
+    let options = ["--denoiser", "atrous", "--set", "iterations=2", "--virtual", "2", "--size", "320x180"];
     let output = diptych(&[&["graph", "builtin:cornell"], &options[..], &["--dot", file.to_str().unwrap()]].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();

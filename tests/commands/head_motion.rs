@@ -38,7 +38,7 @@ fn what_play_records_render_replays() {
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (motion, played, replayed) = (path("motion.jsonl"), path("played"), path("replayed"));
     let common = ["--size", "32x18", "--fps", "5", "--frames", "8", "--quiet"];
-    let play = ["play", "builtin:atrium", "--time", "0.7", "--budget-ms", "0.01..30000", "--ladder"];
+    let play = ["play", "builtin:atrium", "--set", "time=0.7", "--budget-ms", "0.01..30000", "--ladder"];
     let ladder = path("ladder.toml");
     std::fs::write(
         &ladder,

@@ -315,8 +315,8 @@ fn options_that_are_wrong_are_refused_with_a_reason() {
         (&["--disturb", "slow:dev5@1..3", "--frames", "9"], "there is no device 5"),
         (&["--disturb", "scene-cut@9", "--frames", "9"], "there is no frame 9"),
         (&["--iterations", "0"], "choose --denoiser none"),
-        (&["--denoiser", "none", "--iterations", "3"], "--iterations needs a denoiser"),
-        (&["--fps", "0"], "is not a rate"),
+        (&["--denoiser", "none", "--iterations", "3"], "iterations has no effect"),
+        (&["--fps", "0"], "fps cannot be 0"),
     ];
     for (options, reason) in cases {
         let out = folder.path().join("out");
@@ -370,7 +370,7 @@ fn a_replay_repeats_the_rungs_and_the_bytes_of_a_run() {
         let [then, now] = [&out, &again].map(|folder| std::fs::read(folder.join(name)).unwrap());
         assert!(then == now, "{name}");
     }
-    let other = refused(&[&["--size", "48x32", "--seed", "3"], &recorded[..]].concat());
+    let other = refused(&[&["--size", "48x32", "--set", "seed=3"], &recorded[..]].concat());
     assert!(other.contains("--seed 0, not 3"), "{other}");
     let none = refused(&["--replay", folder.path().to_str().unwrap()]);
     assert!(none.contains("cannot use --replay"), "{none}");

@@ -121,7 +121,7 @@ fn frames_in_flight_are_not_simulated() {
     let output = diptych(&[&args[..], &["--out", folder.path().to_str().unwrap()]].concat());
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("--frames-in-flight"), "{said}");
+    assert!(said.contains("frames_in_flight"), "{said}");
 }
 
 /// Each frame is timed while others are in flight behind it, which are not timed. Five frames give four periods.

@@ -51,7 +51,7 @@ fn a_command_fails_if_the_disk_of_its_output_is_full() {
         "compare a/left.exr a/left.exr --json",
         "compare a/left.exr a/left.exr",
         "trace trace.json",
-        "shot builtin:checker --out shot.toml",
+        "export builtin:checker --out shot.toml",
         "export builtin:checker --out exported",
         "render builtin:checker --size 16x9 --warm-up 0 --json --out b",
     ];

@@ -22,7 +22,7 @@ pub struct Misfit {
 }
 
 impl Misfit {
-    /// Starts to judge a run, unless it is to go on whatever happens: with --keep-going, with --fit, with disturbances,
+    /// Starts to judge a run, unless it is to go on whatever happens: with --set keep_going=on, with --fit, with disturbances,
     /// which would not be reached, or if it ends with these frames.
     pub fn of_run(args: &Args, options: &RenderOptions) -> Self {
         let is_disturbed = !options.faults.disturbances.is_empty();
@@ -61,7 +61,7 @@ pub fn reason(options: &RenderOptions, budget: Budget, fit: Option<&SizeFit>, me
     };
     format!(
         "nothing fits the budget of {lo_ms} to {hi_ms} ms at {}: each of the first {FRAMES} frames took more than {} ms \
-         at the cheapest rung (median {}): {remedy}, or --keep-going to play on",
+         at the cheapest rung (median {}): {remedy}, or --set keep_going=on to play on",
         options.settings.size,
         FAR * hi_ms,
         fitting_size::duration(median_ms),

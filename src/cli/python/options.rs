@@ -26,7 +26,7 @@ const LEFT_OUT: [&str; 10] =
 /// An option that the caller has set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Given {
-    /// Name of the option's field.
+    /// Key of the setting, or name of the option's field.
     pub id: String,
     /// The option with its value, as on the command line.
     text: String,
@@ -91,7 +91,8 @@ fn unknown(name: &str, parser: &Command, scope: Scope) -> PyErr {
 
 fn option(arg: &Arg, value: &Bound<'_, PyAny>) -> PyResult<Option<Given>> {
     let name = arg.get_long().unwrap_or_default();
-    let given = |text: String| Given { id: arg.get_id().to_string(), text };
+    let id = setting_of(arg).map_or(arg.get_id().as_str(), |setting| setting.key);
+    let given = |text: String| Given { id: id.to_owned(), text };
     let is_empty_list = || Ok::<_, PyErr>(name == "aov" && value.hasattr("__len__")? && value.len()? == 0);
     if value.is_none() || is_empty_list()? {
         return Ok(None);

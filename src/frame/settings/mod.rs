@@ -70,7 +70,7 @@ table::settings! {
         variant: Option<String> = None;
         /// Time on the camera path and in animations, seconds
         time: f64 = 0.0;
-        /// Frames per second of the camera path [default: 72; in play and view, as the budget allows]
+        /// Frames per second of the path [default: 72; play and view: by the budget]
         fps: Option<f64> = None, of &["render", "scale", "play", "view"];
         /// Maximum host memory for the scene, such as 4GiB [default: half the RAM]
         max_scene_memory: Option<ByteSize> = None;

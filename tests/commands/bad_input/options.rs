@@ -32,11 +32,11 @@ fn sample_counts_out_of_range_are_refused() {
         assert_option_refused(&[&format!("--spp={spp}")], &["--spp", spp]);
     }
     assert_option_refused(&["--reference", "--spp", "1.5"], &["--reference", "--spp 1.5"]);
-    assert_option_refused(&["--bounces", "100000"], &["--bounces"]);
+    assert_option_refused(&["--bounces", "100000"], &["bounces 100000", "0 to 1024"]);
     for iterations in ["11", "2,3", "2,3,11", ",", "-1"] {
-        assert_option_refused(&[&format!("--iterations={iterations}")], &["--iterations"]);
+        assert_option_refused(&[&format!("--iterations={iterations}")], &["iterations"]);
     }
-    assert_option_refused(&["--iterations", "2,3,5"], &["--iterations", "--foveation layers"]);
+    assert_option_refused(&["--iterations", "2,3,5"], &["iterations", "foveation=layers"]);
     assert_option_refused(&["--denoiser", "none", "--iterations", "3"], &["iterations has no effect", "denoiser"]);
     assert_option_refused(&["--seed", "-1"], &["-1"]);
     assert_option_refused(&["--frames", "0"], &["--frames"]);
@@ -47,7 +47,7 @@ fn gazes_that_are_nowhere_are_refused() {
     for gaze in ["0.5", "1.5,0.5", "-0.1,0.5", "0.5,0.5,0.5", "nan,0.5", "a,b"] {
         assert_option_refused(&["--foveation", "layers", &format!("--gaze={gaze}")], &["--gaze"]);
     }
-    assert_option_refused(&["--gaze", "0.5,0.5"], &["--gaze", "--foveation layers"]);
+    assert_option_refused(&["--gaze", "0.5,0.5"], &["gaze", "foveation=layers"]);
 }
 
 #[test]
@@ -118,10 +118,10 @@ fn unknown_options_and_commands_are_refused() {
 #[test]
 fn times_and_rates_that_are_none_are_refused() {
     for fps in ["0", "-1", "nan", "inf"] {
-        assert_option_refused(&[&format!("--fps={fps}")], &["--fps"]);
+        assert_option_refused(&[&format!("--fps={fps}")], &["fps"]);
     }
     for time in ["nan", "inf", "noon"] {
-        assert_option_refused(&["--time", time], &["--time"]);
+        assert_option_refused(&["--time", time], &["time"]);
     }
     for clamp in ["-1", "nan"] {
         assert_option_refused(&["--set", &format!("clamp={clamp}")], &["clamp"]);
