@@ -43,7 +43,7 @@ table::settings! {
         yfov: Option<f64> = None;
         /// Interpupillary distance, metres [default: the shot's, else 0.064]
         baseline: Option<f64> = None;
-        /// View of the whole scene: front, three-quarter, top or AZ,EL[,ZOOM]
+        /// View of the whole scene: front, three-quarter, top, AZ,EL or AZ,EL,ZOOM
         ///
         /// AZ is the azimuth in degrees: 0 is the front, +z, and 90 the side at +x. EL is the elevation, 90 above. Zoom 1
         /// shows the whole scene; 2 shows it twice as large.
@@ -206,7 +206,7 @@ const FIXED: &[&str] = &["render", "scale", "graph", "study"];
 /// Commands whose frames have one denoiser and one foveation. `bench` takes lists.
 const SINGLE: &[&str] = &["render", "scale", "graph", "play", "view", "study"];
 
-/// What a setting needs in order to have an effect: nothing, or the assignment that would give it one.
+/// The assignment that a setting lacks for an effect; `None` if it has one.
 type Needs = Option<&'static str>;
 
 fn missing(has_effect: bool, assignment: &'static str) -> Needs {
@@ -381,10 +381,9 @@ impl Settings {
         for iterations in self.iterations.into_iter().flatten() {
             within("iterations", iterations, 0..=most)?;
         }
-        if self.iterations.is_some_and(|[inner, middle, outer]| inner != middle || middle != outer) {
-            if let Some(needs) = layers(self) {
-                return Err(SettingError::NoEffect { key: "iterations per layer", needs });
-            }
+        let differ = self.iterations.is_some_and(|[inner, middle, outer]| inner != middle || middle != outer);
+        if let Some(needs) = layers(self).filter(|_| differ) {
+            return Err(SettingError::NoEffect { key: "iterations per layer", needs });
         }
         within("size", self.size.width, Extent::SIDES)?;
         within("size", self.size.height, Extent::SIDES)?;

@@ -131,7 +131,11 @@ macro_rules! setting {
                 $(if let Some(needs) = $needs(_settings) { return Some(needs); })?
                 None
             },
-            of: { let _of: &[&str] = &[]; $(let _of = $of;)? _of },
+            of: {
+                let _of: &[&str] = &[];
+                $(let _of = $of;)?
+                _of
+            },
         }
     };
 }
