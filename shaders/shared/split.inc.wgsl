@@ -24,12 +24,14 @@ fn absent_light() -> vec3<f32> {
     return vec3<f32>(ABSENT);
 }
 
-// Which channels are absent.
+// True for each channel that is absent.
 fn absent(light: vec3<f32>) -> vec3<bool> {
     if !MARKS_ABSENT {
         return vec3<bool>(false);
     }
-    return light < vec3<f32>(0.0);
+    // Numbers below 0 by their bits, NaN not among them. LLVM would replace a comparison of floats that were just unpacked
+    // by one of half floats, which CPUs execute one at a time.
+    return bitcast<vec3<u32>>(light) - vec3<u32>(0x80000001u) < vec3<u32>(0x7f800000u);
 }
 
 struct SplitLight {
@@ -108,7 +110,9 @@ fn pack_deviations(variances: vec2<f32>) -> u32 {
 
 fn unpack_deviations(bits: u32) -> vec2<f32> {
     let deviations = unpack2x16float(bits);
-    return select(deviations * deviations, deviations, deviations < vec2<f32>(0.0));
+    // Sign bits are tested, as in `absent`.
+    let is_flag = bitcast<vec2<i32>>(vec2<u32>(bits << 16u, bits)) < vec2<i32>(0);
+    return select(deviations * deviations, deviations, is_flag);
 }
 
 // Albedo for demodulation: the fraction of uniform light that the surface reflects, and its diffuse part.
