@@ -150,7 +150,7 @@ fn options_that_give_no_view_are_refused() {
         (&["--set", "baseline=-1"], "0 or a number above"),
         (&["--environment", "sky.png"], ".hdr"),
         (&["--environment", "no-such-sky.hdr"], "no-such-sky.hdr"),
-        (&["--set", "camera=0"], "no camera (--camera)"),
+        (&["--set", "camera=0"], "no camera (--set camera=N)"),
         (&["--position", "1,1,1", "--target", "1,1,1"], "same point"),
         (&["--position", "1,1,1", "--target", "1,1,1"], "(--position, --target)"),
     ] {
