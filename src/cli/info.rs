@@ -1,19 +1,16 @@
 //! `diptych info`: what this machine has, the scene of a shot, and all settings.
 
-use std::path::PathBuf;
-
 use serde_json::json;
 
 use crate::device::{self, AdapterReport, Selection};
 use crate::frame::settings::{Setting, Settings};
-use crate::image::Extent;
 use crate::report::text_table;
 use crate::scene::builtin::BUILTINS;
 use crate::scene::motion::Moves;
 
 use super::failure::Failure;
 use super::hints;
-use super::measure;
+use super::measure::{self, Options};
 use super::scene_loading;
 use super::setting_flags::SettingFlags;
 use super::setup;
@@ -21,7 +18,7 @@ use super::setup;
 #[derive(clap::Args)]
 pub struct Args {
     /// Shot (.toml), .gltf/.glb or builtin:NAME [default: adapters and built-in scenes]
-    pub(super) shot: Option<String>,
+    shot: Option<String>,
     /// List all settings, which --set, shots and Python share
     #[arg(long, conflicts_with_all = ["shot", "check"])]
     settings: bool,
@@ -31,36 +28,18 @@ pub struct Args {
     /// report.html and machine.json.
     #[arg(long)]
     check: bool,
-    /// With --check: folder for report.html and machine.json
-    #[arg(long, default_value = "out/machine", value_name = "DIR")]
-    pub(super) out: PathBuf,
-    /// With --check: time to spend, in minutes; what does not fit is left out
-    #[arg(long, default_value_t = 10.0, value_name = "M", value_parser = minutes)]
-    pub(super) minutes: f64,
-    /// With --check: sizes of each eye's image to time
-    #[arg(long, value_delimiter = ',', default_value = "320x180,640x360,1280x720", value_name = "WxH,…")]
-    pub(super) sizes: Vec<Extent>,
-    /// Print no progress and no tables
-    #[arg(long)]
-    pub(super) quiet: bool,
-    /// Print JSON
-    #[arg(long)]
-    pub(super) json: bool,
+    #[command(flatten)]
+    options: Options,
     #[command(flatten)]
     chosen: SettingFlags,
 }
 
-fn minutes(text: &str) -> Result<f64, String> {
-    let minutes = text.parse().ok().filter(|m| (0.05..=600.0).contains(m));
-    minutes.ok_or_else(|| "give a time from 0.05 to 600 minutes".to_owned())
-}
-
 pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.shot {
-        _ if args.settings => settings(args.json),
-        None if args.check => measure::run(args),
-        None => machine(args.json),
-        Some(shot) if args.check => measure::shot(args, &setup::load_alone(shot, &args.chosen)?),
+        _ if args.settings => settings(args.options.json),
+        None if args.check => measure::run(&args.options),
+        None => machine(args.options.json),
+        Some(shot) if args.check => measure::shot(&args.options, &setup::load_alone(shot, &args.chosen)?),
         Some(shot) => describe(shot, args),
     }
 }
@@ -150,7 +129,7 @@ fn describe(shot: &str, args: &Args) -> Result<(), Failure> {
     let (shot, scene) = scene_loading::load(&args.chosen, shot)?;
     let moves = scene.motion.moves();
     let [triangles, instances, lights] = [scene.triangle_count(), scene.instances.len(), scene.lights.len()];
-    if args.json {
+    if args.options.json {
         let scene = json!({
             "name": shot.name, "triangles": triangles, "instances": instances, "lights": lights, "moves": moves,
             "warnings": scene.warnings, "notes": scene.notes,

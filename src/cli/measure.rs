@@ -2,6 +2,7 @@
 
 mod means;
 
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use crate::device::{self, AdapterReport, DeviceError, Selection, Traversal, TraversalChoice};
@@ -15,11 +16,35 @@ use crate::report::{median_of, text_table};
 
 use super::failure::Failure;
 use super::faults::refuse_faults;
-use super::info::Args;
 use super::play::fitting_size;
 use super::progress::Progress;
 use super::{interrupt, output, page};
 use means::{BLOCKS, MOST_OFF, SCENES};
+
+/// Options of the measurement, and of its output.
+#[derive(clap::Args, Clone, Debug)]
+pub struct Options {
+    /// With --check: folder for report.html and machine.json
+    #[arg(long, default_value = "out/machine", value_name = "DIR")]
+    pub out: PathBuf,
+    /// With --check: time to spend, in minutes; what does not fit is left out
+    #[arg(long, default_value_t = 10.0, value_name = "M", value_parser = minutes)]
+    pub minutes: f64,
+    /// With --check: sizes of each eye's image to time
+    #[arg(long, value_delimiter = ',', default_value = "320x180,640x360,1280x720", value_name = "WxH,…")]
+    pub sizes: Vec<Extent>,
+    /// Print no progress and no tables
+    #[arg(long)]
+    pub quiet: bool,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn minutes(text: &str) -> Result<f64, String> {
+    let minutes = text.parse().ok().filter(|m| (0.05..=600.0).contains(m));
+    minutes.ok_or_else(|| "give a time from 0.05 to 600 minutes".to_owned())
+}
 
 /// Frames before the timed ones, and timed frames.
 const WARM_UP: u32 = 3;
@@ -37,13 +62,13 @@ const CHECKED_SPP: u32 = 16;
 const CHECKED_FRAMES: u32 = 4;
 
 struct Measuring<'a> {
-    args: &'a Args,
+    args: &'a Options,
     begin: Instant,
     progress: Progress,
     machine: Machine,
 }
 
-pub fn run(args: &Args) -> Result<(), Failure> {
+pub fn run(args: &Options) -> Result<(), Failure> {
     let (ready, adapters) = ready()?;
     output::prepare(&args.out, "--out")?;
     let loaded = SCENES.iter().map(|scene| Ok(LoadedScene::load(&format!("builtin:{}", scene.name))?));
@@ -63,7 +88,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Measures which sizes of a shot's images fit frame budgets on the first adapter, at the default quality.
-pub fn shot(args: &Args, loaded: &LoadedScene) -> Result<(), Failure> {
+pub fn shot(args: &Options, loaded: &LoadedScene) -> Result<(), Failure> {
     let (ready, adapters) = ready()?;
     let mut measuring = Measuring::begin(args, args.sizes.len() + WITHIN_MS.len(), adapters)?;
     let (adapter, name) = (ready[0].index, loaded.shot.name.as_str());
@@ -125,7 +150,7 @@ fn renderer(loaded: &LoadedScene, size: Extent, quality: Quality, devices: Devic
 }
 
 impl<'a> Measuring<'a> {
-    fn begin(args: &'a Args, steps: usize, adapters: Vec<AdapterReport>) -> Result<Self, Failure> {
+    fn begin(args: &'a Options, steps: usize, adapters: Vec<AdapterReport>) -> Result<Self, Failure> {
         interrupt::watch()?;
         let machine = Machine {
             diptych: env!("CARGO_PKG_VERSION"),

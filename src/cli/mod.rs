@@ -27,6 +27,7 @@ mod denoisers;
 mod disturb;
 mod environment;
 mod export;
+mod export_args;
 mod failure;
 mod fault_options;
 mod faults;

@@ -12,7 +12,7 @@ use crate::image::sheet;
 use crate::quality::Quality;
 use crate::scene::studio;
 
-use super::export::Args;
+use super::export_args::Args;
 use super::failure::Failure;
 use super::options::{RenderOptions, RunOptions};
 use super::output::FrameImages;

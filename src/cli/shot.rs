@@ -9,7 +9,7 @@ use pathdiff::diff_paths;
 use crate::image::file::atomic_write;
 use crate::scene::shot::{SceneSource, Sky};
 
-use super::export::Args;
+use super::export_args::Args;
 use super::failure::Failure;
 use super::scene_loading;
 use super::setup;

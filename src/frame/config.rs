@@ -3,8 +3,8 @@
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
-use super::Foveation;
 use super::settings::{HaloMode, Settings};
+use super::{Foveation, Sampler};
 use crate::device::ShaderChecks;
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
@@ -16,17 +16,6 @@ use crate::quality::{Denoiser, Envelope, Quality, SettingError};
 use crate::samples::PixelSamples;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::shot::Gaze;
-
-/// Source of random numbers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Sampler {
-    /// Owen-scrambled Sobol'.
-    #[default]
-    Sobol,
-    /// Independent random numbers (PCG)
-    Pcg,
-}
 
 /// Images of a run, and the passes that write them.
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -4,9 +4,11 @@ mod config;
 pub mod constants;
 mod foveation;
 mod params;
+mod sampler;
 pub mod search_range;
 pub mod settings;
 
-pub use config::{Buffers, Execution, RunConfig, Sampler};
+pub use config::{Buffers, Execution, RunConfig};
 pub use foveation::Foveation;
 pub use params::FrameParams;
+pub use sampler::Sampler;
