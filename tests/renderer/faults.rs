@@ -306,10 +306,10 @@ fn faults_that_cannot_be_made_are_refused() {
         (["--disturb", "slow:dev3@0..2"], "--disturb slow:dev3@0..2: there is no device 3: there are 1"),
         (["--disturb", "scene-cut@0"], "only `diptych play` makes scene cuts"),
         (["--set", "slowdown=1,2"], "2 numbers"),
-        (["--set", "slowdown=0"], "--slowdown"),
+        (["--set", "slowdown=0"], "slowdown 0 is out of range"),
         (["--threads-per-device", "1,2"], "2 thread counts"),
-        (["--set", "watchdog_ms=0"], "--watchdog-ms"),
-        (["--set", "max_dispatch_ms=0"], "milliseconds above 0"),
+        (["--set", "watchdog_ms=0"], "watchdog_ms 0 is out of range"),
+        (["--set", "max_dispatch_ms=0"], "max_dispatch_ms 0 is out of range"),
     ] {
         let output = diptych(&[&["render", "builtin:checker", "--size", "16x9", "--out", to][..], &more].concat());
         let said = String::from_utf8_lossy(&output.stderr);
