@@ -20,10 +20,10 @@ pub struct Args {
     /// is a contact sheet. A folder gets NAME.glb and NAME.toml.
     #[arg(long, short, value_name = "FILE|DIR", default_value = "out/export")]
     pub(super) out: PathBuf,
-    /// With FILE.png: size of each picture in pixels, WIDTHxHEIGHT
+    /// Size of a contact sheet's pictures in pixels, WIDTHxHEIGHT
     #[arg(long, default_value = "320x240")]
     pub(super) size: Extent,
-    /// With FILE.png: pictures per row
+    /// Pictures per row of a contact sheet
     #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
     pub(super) columns: u8,
     /// Print no progress

@@ -1,8 +1,8 @@
 //! `diptych info --check`: how fast this machine renders, and whether its images are right.
 
 mod means;
+mod options;
 
-use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use crate::device::{self, AdapterReport, DeviceError, Selection, Traversal, TraversalChoice};
@@ -20,31 +20,7 @@ use super::play::fitting_size;
 use super::progress::Progress;
 use super::{interrupt, output, page};
 use means::{BLOCKS, MOST_OFF, SCENES};
-
-/// Options of the measurement, and of its output.
-#[derive(clap::Args, Clone, Debug)]
-pub struct Options {
-    /// With --check: folder for report.html and machine.json
-    #[arg(long, default_value = "out/machine", value_name = "DIR")]
-    pub out: PathBuf,
-    /// With --check: time to spend, in minutes; what does not fit is left out
-    #[arg(long, default_value_t = 10.0, value_name = "M", value_parser = minutes)]
-    pub minutes: f64,
-    /// With --check: sizes of each eye's image to time
-    #[arg(long, value_delimiter = ',', default_value = "320x180,640x360,1280x720", value_name = "WxH,…")]
-    pub sizes: Vec<Extent>,
-    /// Print no progress and no tables
-    #[arg(long)]
-    pub quiet: bool,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
-}
-
-fn minutes(text: &str) -> Result<f64, String> {
-    let minutes = text.parse().ok().filter(|m| (0.05..=600.0).contains(m));
-    minutes.ok_or_else(|| "give a time from 0.05 to 600 minutes".to_owned())
-}
+pub use options::Options;
 
 /// Frames before the timed ones, and timed frames.
 const WARM_UP: u32 = 3;

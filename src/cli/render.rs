@@ -40,7 +40,7 @@ pub struct Args {
     /// Samples are accumulated in passes, so their number is not limited. --spp defaults to 256.
     #[arg(long, help_heading = options::QUALITY)]
     reference: bool,
-    /// With --reference: keep the accumulation in DIR and resume from it
+    /// Folder that keeps the accumulation of --reference, to resume from it
     #[arg(hide_short_help = true, long, value_name = "DIR", requires = "reference", help_heading = options::QUALITY)]
     passes_out: Option<PathBuf>,
     /// More to write or show, such as sheet,details

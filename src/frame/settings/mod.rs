@@ -85,9 +85,9 @@ table::settings! {
         strict: bool = false;
     }
     Run {
-        /// With --reference: time limit per frame, seconds; at least one pass is made
+        /// Time limit of --reference per frame, seconds; at least one pass is made
         time_limit: Option<f64> = None, of &["render"];
-        /// With --reference: samples per pass, a power of two
+        /// Samples of --reference per pass, a power of two
         pass_spp: u32 = 8, of &["render"];
         /// Controller of the quality: diptych, vlachos, unreal, pid, pinned:N
         ///
