@@ -50,7 +50,7 @@ fn settings(as_json: bool) -> Result<(), Failure> {
         let all = Settings::TABLE.iter().map(|setting| {
             let words: Vec<&str> = (setting.words)().into_iter().map(|(word, _)| word).collect();
             json!({
-                "key": setting.key, "group": format!("{:?}", setting.group).to_lowercase(), "form": (setting.form)(),
+                "key": setting.key, "group": format!("{:?}", setting.group).to_lowercase(), "form": setting.form,
                 "words": words, "default": setting.default(), "help": setting.text(),
             })
         });
@@ -59,7 +59,7 @@ fn settings(as_json: bool) -> Result<(), Failure> {
     }
     let row = |setting: &Setting| {
         let words: Vec<&str> = (setting.words)().into_iter().map(|(word, _)| word).collect();
-        let values = if words.is_empty() { (setting.form)() } else { words.join("|") };
+        let values = if words.is_empty() { setting.form.to_owned() } else { words.join("|") };
         vec![setting.key.to_owned(), setting.default(), values, setting.summary().to_owned()]
     };
     let rows: Vec<_> = Settings::TABLE.iter().map(row).collect();

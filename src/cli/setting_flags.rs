@@ -94,7 +94,7 @@ fn flag(setting: &'static Setting) -> Arg {
         arg.action(ArgAction::SetTrue)
     } else {
         let may_be_negative = setting.group == Group::Scene;
-        arg.value_name((setting.form)()).value_parser(parser(setting)).allow_hyphen_values(may_be_negative)
+        arg.value_name(setting.form).value_parser(parser(setting)).allow_hyphen_values(may_be_negative)
     };
     arg.hide_short_help(RARE.contains(&setting.key))
 }

@@ -1,9 +1,10 @@
-//! Settings of a run. One table names them all, with their defaults and their help: command-line flags, `--set`, the
-//! `[render]` table of shots, Python's keywords and `run.json` read it.
+//! Settings of a run, in one table that flags, `--set`, shots, Python's keywords and `run.json` read.
 
 mod chosen;
+mod scene_value;
 mod table;
 mod value;
+mod words;
 
 use std::path::PathBuf;
 
@@ -26,8 +27,10 @@ use crate::scene::shot::{Exposure, Gaze, ShotEnvironment};
 use crate::scene::viewpoint::Orbit;
 
 pub use chosen::Chosen;
+pub use scene_value::EyePoints;
 pub use table::{Group, Setting};
-pub use value::{EyePoints, FoveationMode, HaloMode, SeamMode, Value, Word, text_of};
+pub use value::{Value, Word, text_of};
+pub use words::{FoveationMode, HaloMode, SeamMode};
 
 table::settings! {
     Scene {

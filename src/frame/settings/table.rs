@@ -23,7 +23,7 @@ pub struct Setting {
     /// Lines of the help. The first one is a summary without a full stop.
     pub help: &'static [&'static str],
     /// Returns the form of a value, such as `N`.
-    pub form: fn() -> String,
+    pub form: &'static str,
     /// Returns the words that the value may be; empty for numbers.
     pub words: fn() -> Vec<Word>,
     pub(super) parse: fn(&mut Settings, &str) -> Result<(), String>,
@@ -123,7 +123,7 @@ macro_rules! setting {
             key: stringify!($key),
             group: Group::$group,
             help: $help,
-            form: <$type as Value>::form,
+            form: <$type as Value>::FORM,
             words: <$type as Value>::words,
             parse: |settings, text| table::parsed(&mut settings.$key, text),
             value: |settings| settings.$key.text(),
