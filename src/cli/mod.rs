@@ -23,7 +23,6 @@ mod balance;
 mod bench;
 mod commands;
 mod compare;
-mod denoisers;
 mod disturb;
 mod environment;
 mod export;

@@ -16,7 +16,6 @@ use crate::scene::shot::{self, Gaze};
 use crate::schedule::RatioRule;
 
 use super::balance::Balance;
-pub use super::denoisers::{DenoiserChoice, denoiser_parser};
 use super::failure::Failure;
 use super::fault_options::FaultOptions;
 pub use super::headings::{DEVICES, OUTPUT, QUALITY, SCENE};

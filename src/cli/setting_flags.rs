@@ -7,7 +7,7 @@ use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 
 use super::headings::{DEVICES, OUTPUT, QUALITY, SCENE, TESTS};
-use crate::frame::settings::{Chosen, FoveationMode, Group, Setting, Settings, Value, Word};
+use crate::frame::settings::{Chosen, Group, Setting, Settings, Value, Word};
 use crate::quality::{Quality, SettingError};
 
 /// The settings of a command line.
@@ -180,7 +180,7 @@ pub fn render_scale(text: &str) -> Result<f64, String> {
     scale.ok_or_else(|| format!("give a number from {} to {}", Quality::SCALES.start(), Quality::SCALES.end()))
 }
 
-/// Returns a parser of the foveation modes of the grid of `bench`.
-pub fn foveation() -> impl TypedValueParser<Value = FoveationMode> {
-    words(FoveationMode::words()).try_map(|word| FoveationMode::parse(&word))
+/// Returns a parser of values that have names, for the lists of `bench`.
+pub fn named<T: Value + Clone + Send + Sync + 'static>() -> impl TypedValueParser<Value = T> {
+    words(T::words()).try_map(|word| T::parse(&word))
 }

@@ -18,6 +18,9 @@ pub use crate::projection::{LogPolar, PolarSpace};
 pub use envelope::Envelope;
 pub use error::SettingError;
 
+/// A denoiser or none. The name hides the `Option` from argument parsers, which would make the argument optional.
+pub type DenoiserChoice = Option<Denoiser>;
+
 /// Settings that determine the quality of a frame. Ladder files call them `knobs`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "file::Members", into = "file::Members")]

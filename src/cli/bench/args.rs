@@ -6,12 +6,12 @@ use std::time::Duration;
 use anyhow::anyhow;
 
 use crate::cli::failure::Failure;
-use crate::cli::options::{self, DenoiserChoice, RunOptions};
+use crate::cli::options::{self, RunOptions};
 use crate::cli::reference::{PASS_SPP, seconds};
-use crate::cli::setting_flags::{foveation, render_scale};
+use crate::cli::setting_flags::{named, render_scale};
 use crate::cli::settings::Given;
 use crate::frame::settings::{Chosen, FoveationMode};
-use crate::quality::Denoiser;
+use crate::quality::{Denoiser, DenoiserChoice};
 use crate::samples::Samples;
 
 #[derive(clap::Args, Clone, Debug)]
@@ -30,13 +30,13 @@ pub struct Args {
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(0..=1024), help_heading = options::QUALITY)]
     pub(super) bounces: Vec<u32>,
     /// Denoisers to measure [default: none,atrous,svgf]
-    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = options::denoiser_parser(), help_heading = options::QUALITY)]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = named::<DenoiserChoice>(), help_heading = options::QUALITY)]
     pub(super) denoiser: Vec<DenoiserChoice>,
     /// Iterations of denoisers to measure [default: 3,5]
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=i64::from(Denoiser::MAX_ITERATIONS)), help_heading = options::QUALITY)]
     pub(super) iterations: Vec<u32>,
     /// Foveation modes to measure [default: none]
-    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = foveation(), help_heading = options::QUALITY)]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = named::<FoveationMode>(), help_heading = options::QUALITY)]
     pub(super) foveation: Vec<FoveationMode>,
     /// Render scales to measure [default: 1,0.7,0.5]
     ///

@@ -6,11 +6,10 @@ use serde_json::{Value as Json, json};
 
 use super::args::Args;
 use crate::cli::failure::Failure;
-use crate::cli::options::DenoiserChoice;
 use crate::cli::settings;
 use crate::control::Ladder;
 use crate::frame::settings::{FoveationMode, Settings, Value};
-use crate::quality::{Denoiser, Filter, Quality};
+use crate::quality::{Denoiser, DenoiserChoice, Filter, Quality};
 use crate::report::once;
 use crate::samples::Samples;
 

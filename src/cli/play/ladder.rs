@@ -9,12 +9,11 @@ use crate::control::{
     BOUNCES, Ladder, Rung, candidates, guessed_paths, guessed_relative_cost, lack_path_times, relative_costs,
 };
 use crate::passes::path_trace;
-use crate::quality::{Denoiser, PolarSpace, Quality};
+use crate::quality::{Denoiser, DenoiserChoice, PolarSpace, Quality};
 use crate::schedule::RelativeCost;
 
 use super::options::LoopOptions;
 use crate::cli::failure::Failure;
-use crate::cli::options::DenoiserChoice;
 use crate::frame::settings::Settings;
 
 /// Settings that a run may use, before their costs are known.
