@@ -8,9 +8,9 @@ use crate::projection::PolarSpace;
 
 /// Implements [`Value`] for types whose values have names.
 macro_rules! words {
-    ($($type:ty: $($word:literal $value:expr, $help:expr;)+)+) => {$(
+    ($($type:ty: $form:literal; $($word:literal $value:expr, $help:expr;)+)+) => {$(
         impl Value for $type {
-            const FORM: &'static str = "NAME";
+            const FORM: &'static str = $form;
 
             fn words() -> Vec<Word> {
                 vec![$(($word, $help)),+]
@@ -93,31 +93,31 @@ pub enum HaloMode {
 }
 
 words! {
-    bool:
+    bool: "on|off";
         "on" true, None;
         "off" false, None;
-    Sampler:
+    Sampler: "sobol|pcg";
         "sobol" Sampler::Sobol, Some("Owen-scrambled Sobol'");
         "pcg" Sampler::Pcg, Some("Independent random numbers (PCG)");
-    SeamMode:
+    SeamMode: "none|filter|halo";
         "none" Self::None, Some("Filter stripes separately");
         "filter" Self::Filter, Some("Filter stripes separately and smooth the seams");
         "halo" Self::Halo, Some("Filter across stripes: the same bytes as one device");
-    HaloMode:
+    HaloMode: "cost|recompute|exchange";
         "cost" Self::Cost, Some("Choose the cheaper of recompute and exchange for each iteration");
         "recompute" Self::Recompute, Some("Receive a wide margin once and filter it redundantly");
         "exchange" Self::Exchange, Some("Receive a narrow margin before every iteration");
-    ToneCurve:
+    ToneCurve: "NAME";
         "reinhard" Self::Reinhard, Some("c / (1 + c) per channel (Reinhard et al. 2002, eq. 3)");
         "neutral" Self::Neutral, Some("Khronos PBR Neutral: base colours up to 0.8 stay as they are");
         "agx" Self::Agx, Some("AgX: filmic, and bright colours fade to white");
         "aces" Self::Aces, Some("ACES filmic: high contrast");
         "none" Self::None, Some("No curve; brighter colours are clipped");
-    TraversalChoice:
+    TraversalChoice: "auto|compute|hardware";
         "auto" Self::Auto, Some("Hardware if every device is a GPU with ray queries, else compute");
         "compute" Self::Compute, Some("Compute shaders");
         "hardware" Self::Hardware, Some("Hardware ray queries");
-    ShaderChecks:
+    ShaderChecks: "full|fast";
         "full" Self::Full, Some("All checks: bounds, loops, integer division");
         "fast" Self::Fast, Some("Bounds checks only");
 }
