@@ -84,9 +84,5 @@ done
 run "flight" builtin:cornell --virtual 2 --threads-per-device 1 --frames 4 --set frames_in_flight=2 --warm-up 0
 run "static" builtin:cornell --virtual 2 --threads-per-device 1 --ratios 5,3 --frames 2 --warm-up 0
 run "uneven" builtin:cornell --virtual 2 --threads-per-device 1 --ratios 1,1 --ratios atrous=3,1 --ratios tonemap=1,4 --ratios path_trace.left=2,3 --frames 3 --warm-up 0
-late="$folder/late"
-"$diptych" study late --shots builtin:cornell --motion "$folder/eyes.jsonl" --size "$size" --reference-spp 16 \
-    --instants 2 --threads-per-device 1 --balance even --virtual 2 --out "$late" --quiet >/dev/null
-printf '%s  late late.csv\n' "$(sha256sum <"$late/late.csv" | cut -d' ' -f1)" >>"$file.part"
 mv "$file.part" "$file"
 wc -l "$file"

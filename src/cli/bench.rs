@@ -1,24 +1,12 @@
 //! `diptych bench`: run time against error over a grid of settings, and the quality ladder derived from it.
 
 mod args;
-mod arrangement;
-mod axes;
-mod experiment;
-mod findings;
-mod following;
+pub mod axes;
 mod grid;
-mod instants;
 mod journal;
-mod judge;
-mod late;
-mod moving_gaze;
+pub mod judge;
 mod page;
-mod reference;
-mod seams;
-pub mod study;
-mod subject;
-mod timed;
-mod turns;
+pub mod reference;
 
 use std::path::PathBuf;
 
@@ -51,7 +39,7 @@ pub use args::Args;
 use grid::Grid;
 use journal::Journal;
 use page::Page;
-use reference::Reference;
+use reference::{Reference, Wanted};
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let most = args.denoisers().into_iter().map(|d| d.map_or(0, Denoiser::most_iterations)).max().unwrap_or(0);
@@ -132,7 +120,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// itself.
 fn subject(args: &Args, loaded: &LoadedScene, devices: &[DeviceInfo]) -> Result<String, Failure> {
     let quiet = RunOptions { out: PathBuf::new(), trace: None, quiet: true, json: false, ..args.options.clone() };
-    let plan = reference::plan(args)?;
+    let plan = Wanted::of_grid(args)?.plan()?;
     let seen = plan.fingerprint(loaded, 0).key();
     let shaders = all_shader_text(SceneAccess { traversal: plan.traversal(), ..Default::default() });
     let Args { virtual_devices, repeats, warm_up, by_kind, .. } = args;

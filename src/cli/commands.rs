@@ -10,7 +10,9 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use super::failure::Failure;
 use super::options::RunOptions;
 use super::setting_flags::{FLAGS, with_flags};
-use super::{bench, compare, export, graph, info, manual, play, ranks, render, scale, settings, stdout, trace, view};
+use super::{
+    bench, compare, export, graph, info, manual, play, ranks, render, scale, settings, stdout, study, trace, view,
+};
 use crate::frame::settings::Setting;
 use crate::stages::check_shaders;
 
@@ -36,8 +38,8 @@ pub enum Command {
     Scale(scale::Args),
     /// Measure time against error over a grid of settings
     Bench(bench::Args),
-    /// Repeat published experiments, or run your own
-    Study(bench::study::StudyArgs),
+    /// Repeat the experiments of publications
+    Study(study::StudyArgs),
     /// Compare images or sequences with a reference: RMSE, PSNR, SSIM, FLIP, …
     Compare(compare::Args),
     /// Summarise a trace file, or compare two
@@ -144,7 +146,7 @@ impl Command {
             Self::View(args) => view::run(args),
             Self::Scale(args) => scale::run(args),
             Self::Bench(args) => bench::run(args),
-            Self::Study(args) => bench::study::run(args),
+            Self::Study(args) => study::run(args),
             Self::Compare(args) => compare::run(args),
             Self::Trace(args) => trace::run(args),
             Self::Graph(args) => graph::run(args),

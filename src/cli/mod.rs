@@ -63,6 +63,7 @@ mod shot;
 mod signals;
 mod simulate;
 mod stdout;
+mod study;
 mod tev;
 mod trace;
 #[cfg_attr(not(feature = "view"), path = "no_view.rs")]

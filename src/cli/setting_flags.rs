@@ -59,7 +59,7 @@ pub const FLAGS: [(&str, &[&str]); 9] = [
     ("view", &["fps", "size", "denoiser", "iterations", "foveation", "reproject", "seam"]),
     ("scale", &["size", "spp", "bounces", "denoiser", "iterations", "reproject", "seam"]),
     ("bench", &["size", "reproject"]),
-    ("study", &["size", "reproject"]),
+    ("study", &["size"]),
     ("graph", &["size", "denoiser", "foveation", "reproject", "seam"]),
     ("info", &["environment", "allow_outside"]),
     ("export", &["environment", "allow_outside"]),

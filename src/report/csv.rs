@@ -54,7 +54,7 @@ pub(super) fn line(cells: impl IntoIterator<Item: AsRef<[u8]>>) -> Vec<u8> {
 }
 
 /// Formats a number with `decimals` decimal places; `None` gives an empty cell.
-pub(super) fn number(value: Option<f64>, decimals: usize) -> String {
+pub fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or(String::new(), |v| format!("{v:.decimals$}"))
 }
 

@@ -3,7 +3,6 @@
 pub mod bench;
 pub mod comparison;
 pub mod csv;
-pub mod experiment;
 mod frame_row;
 pub mod frames;
 pub mod headset;

@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::common::{diptych, is_thorough};
 
 /// Names and arguments of the runs.
-const RUNS: [(&str, &str); 13] = [
+const RUNS: [(&str, &str); 12] = [
     ("render", "render builtin:cornell --size 40x24 --frames 3 --virtual 2 --aov depth,albedo --also details"),
     ("reference", "render builtin:cornell --size 40x24 --reference --spp 16 --frames 2"),
     ("play", "play builtin:cornell --size 40x24 --frames 8 --budget-ms 0.01..30000 --fps 1000"),
@@ -24,37 +24,26 @@ const RUNS: [(&str, &str); 13] = [
     ),
     (
         "seams",
-        "study seams builtin:checker --size 64x40 --counts 1,2 --warm-up 1 --repeats 2 --set bounces=2 \
-         --set iterations=3 --reference-spp 32 --report",
+        "study seams builtin:checker --size 64x40 --counts 1,2 --warm-up 1 --repeats 2 --reference-spp 32 --report",
     ),
     (
         "leria",
-        "study leria builtin:cornell --size 40x24 --virtual 2 --threads-per-device 1 --frames 3 \
-         --simulate 4,4,2 --report",
-    ),
-    ("bmfr", "study bmfr --shots builtin:checker --size 32x20 --warm-up 0 --repeats 2 --reference-spp 16 --report"),
-    (
-        "koskela",
-        "study koskela --shots builtin:checker --size 64x40 --warm-up 0 --repeats 2 --reference-spp 16 \
+        "study leria builtin:cornell --size 40x24 --fraction 0.03 --virtual 2 --threads-per-device 1 --simulate 4,4,2 \
          --report",
     ),
+    (
+        "bmfr",
+        "study bmfr builtin:checker --size 32x20 --warm-up 0 --repeats 2 --reference-spp 16 --conditions published,each",
+    ),
+    ("koskela", "study koskela builtin:checker --size 64x40 --warm-up 0 --repeats 2 --reference-spp 16 --report"),
     (
         "andersson",
-        "study andersson --shots builtin:cornell --size 64x40 --instants 2 --repeats 2 --reference-spp 16 \
-         --report",
+        "study andersson builtin:cornell --size 64x40 --fraction 0.1 --repeats 2 --reference-spp 16 --report",
     ),
-    (
-        "peres",
-        "study peres --shots builtin:cornell --size-factor 0.04 --instants 2 --repeats 1 --reference-spp 16 \
-         --report",
-    ),
-    ("late", "study late builtin:cornell --motion HEAD --size 40x30 --instants 2 --reference-spp 16 --report"),
+    ("peres", "study peres builtin:cornell --fraction 0.04 --repeats 1 --reference-spp 16 --report"),
 ];
 
-/// File that `HEAD` stands for.
-const HEAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/head.jsonl");
-
-/// Runs of which quick tests have one each: every command, but no study and no preset.
+/// Runs of which quick tests have one each: every command, but no study.
 const QUICK: usize = 6;
 
 /// Returns the names of the runs: of all under `make test-full`.
@@ -85,8 +74,7 @@ pub fn run(name: &str) -> &'static Run {
 impl Run {
     fn make((name, options): (&'static str, &str)) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let mut args: Vec<&str> =
-            options.split_whitespace().map(|option| if option == "HEAD" { HEAD } else { option }).collect();
+        let mut args: Vec<&str> = options.split_whitespace().collect();
         args.extend(["--json", "--out", folder.path().to_str().unwrap()]);
         let output = diptych(&args);
         assert!(output.status.success(), "{options}: {}", String::from_utf8_lossy(&output.stderr));

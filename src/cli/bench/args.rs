@@ -1,16 +1,12 @@
-//! Options of `diptych bench`, and what a study adds to them.
+//! Options of `diptych bench`.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
-use anyhow::anyhow;
-
-use crate::cli::failure::Failure;
 use crate::cli::options::{self, RunOptions};
 use crate::cli::reference::{PASS_SPP, seconds};
 use crate::cli::setting_flags::{named, render_scale};
-use crate::cli::settings::Given;
-use crate::frame::settings::{Chosen, FoveationMode};
+use crate::frame::settings::FoveationMode;
 use crate::quality::{Denoiser, DenoiserChoice};
 use crate::samples::Samples;
 
@@ -94,40 +90,4 @@ pub struct Args {
     /// With --report: other renderers' times and FLIP, as in docs/peers
     #[arg(long, value_name = "FILE", requires = "report", help_heading = options::OUTPUT)]
     pub(super) peers: Option<PathBuf>,
-    /// The study that these options are for.
-    #[arg(skip)]
-    pub(super) study: Option<StudyOptions>,
-}
-
-impl Args {
-    /// Returns what a study adds.
-    pub(super) fn of_study(&self) -> StudyOptions {
-        self.study.clone().unwrap_or_default()
-    }
-}
-
-/// Options of studies alone.
-#[derive(Clone, Debug, Default)]
-pub struct StudyOptions {
-    pub shots: Vec<String>,
-    pub size_factor: f64,
-    /// Instants on the path.
-    pub instants: u32,
-    /// Frames along the path.
-    pub frames: u32,
-    /// Device counts to predict.
-    pub simulate: Vec<usize>,
-    /// Virtual devices on each adapter, above 1, in the study of seams.
-    pub counts: Vec<u16>,
-}
-
-/// Refuses the options with these field names if the command line has them. `name` is the option that selected the
-/// experiment.
-pub fn refuse(name: &str, settings: &Chosen, options: impl IntoIterator<Item = &'static str>) -> Result<(), Failure> {
-    let given = Given::here();
-    let setting = |id: &str| settings.is_given(id).then(|| id.to_owned());
-    match options.into_iter().find_map(|id| setting(id).or_else(|| given?.typed(id))) {
-        None => Ok(()),
-        Some(option) => Err(Failure::Input(anyhow!("{name} cannot be combined with {option}: leave one of them out"))),
-    }
 }

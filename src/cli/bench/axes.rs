@@ -16,7 +16,7 @@ use crate::samples::Samples;
 /// Frame rate at which the camera approaches the compared instant.
 pub const FPS: f64 = 72.0;
 /// Minimum number of warm-up frames for denoisers that keep a history.
-const HISTORY_FRAMES: u32 = 15;
+pub const HISTORY_FRAMES: u32 = 15;
 
 /// Denoisers that are measured by default.
 const MEASURED: [DenoiserChoice; 3] = [None, Some(Denoiser::ATROUS), Some(Denoiser::SVGF)];

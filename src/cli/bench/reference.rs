@@ -1,6 +1,7 @@
 //! References for a grid of settings: images that you supply, or rendered images, which later runs reuse.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use crate::accumulation::{Noise, hash_of};
 use crate::exec::Stereo;
@@ -38,11 +39,6 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// Returns a frame as the reference of other frames.
-    pub fn of_frame(images: Stereo<RgbImage>) -> Self {
-        Self { images, noise: None, origin: String::new(), kinds: None, in_right: None, key: String::new() }
-    }
-
     /// Returns a sentence that names the shot, the size, the origin and the noise of the reference.
     pub fn note(&self, shot: &str, size: Extent) -> String {
         let noise = self.noise.as_ref().map_or(String::new(), |noise| format!("; its own noise: {noise}"));
@@ -54,11 +50,11 @@ impl Reference {
 pub fn find(args: &Args, loaded: &LoadedScene, tracing: &Tracing, journal: &Journal) -> Result<Reference, Failure> {
     match &args.reference {
         Some(folder) => given(folder, &args.options),
-        None => own(args, loaded, tracing, Some(journal)),
+        None => own(&Wanted::of_grid(args)?, loaded, tracing, Some(journal)),
     }
 }
 
-pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> {
+fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> {
     let read = |name: &str| -> Result<RgbImage, Failure> {
         let path = folder.join(name);
         let image = exr::read_rgb(&path).map_err(|e| Failure::Input(e.into()))?;
@@ -79,31 +75,55 @@ pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> 
     Ok(Reference { images, noise: None, origin, kinds: None, in_right: None, key: key.join(" ") })
 }
 
-/// Returns the plan for rendering a reference.
-pub fn plan(args: &Args) -> Result<Plan, Failure> {
-    let options = &args.options;
-    let seed = if options.settings.seed == SEED { !SEED } else { SEED };
-    let mut run = options.clone();
-    (run.settings.seed, run.settings.sampler) = (seed, Sampler::default());
-    let passes = PassOptions { time_limit: Some(args.reference_time_limit), passes_out: None, pass_spp: PASS_SPP };
-    let spp = args.reference_spp.unwrap_or(if args.quick { 256 } else { 1024 });
-    let judged = args.judged()?;
-    let bounces = args.bounces().into_iter().chain(judged.iter().map(|k| k.bounces)).max().unwrap_or(0);
-    Plan::new(RenderOptions::new(run, Quality { bounces, ..Quality::default() }), spp, passes)
+/// A reference to render.
+pub struct Wanted<'a> {
+    pub options: &'a RunOptions,
+    /// Virtual devices on each adapter.
+    pub virtual_devices: u16,
+    pub spp: u32,
+    pub bounces: u32,
+    pub time_limit: Duration,
+    /// Folder that keeps references for later runs.
+    pub kept: PathBuf,
+}
+
+impl<'a> Wanted<'a> {
+    /// Returns the reference for the grid of `bench`.
+    pub fn of_grid(args: &'a Args) -> Result<Self, Failure> {
+        let judged = args.judged()?;
+        let options = &args.options;
+        Ok(Self {
+            options,
+            virtual_devices: args.virtual_devices,
+            spp: args.reference_spp.unwrap_or(if args.quick { 256 } else { 1024 }),
+            bounces: args.bounces().into_iter().chain(judged.iter().map(|k| k.bounces)).max().unwrap_or(0),
+            time_limit: args.reference_time_limit,
+            kept: args.reference_dir.clone().unwrap_or_else(|| options.out.join("reference")),
+        })
+    }
+
+    /// Returns the plan for rendering the reference.
+    pub fn plan(&self) -> Result<Plan, Failure> {
+        let seed = if self.options.settings.seed == SEED { !SEED } else { SEED };
+        let mut run = self.options.clone();
+        (run.settings.seed, run.settings.sampler) = (seed, Sampler::default());
+        let passes = PassOptions { time_limit: Some(self.time_limit), passes_out: None, pass_spp: PASS_SPP };
+        let quality = Quality { bounces: self.bounces, ..Quality::default() };
+        Plan::new(RenderOptions::new(run, quality), self.spp, passes)
+    }
 }
 
 /// Returns the stored reference for this shot and these settings. Renders or resumes it if it has too few samples,
 /// unless the journal has measurements against it.
 pub fn own(
-    args: &Args,
+    wanted: &Wanted,
     loaded: &LoadedScene,
     tracing: &Tracing,
     journal: Option<&Journal>,
 ) -> Result<Reference, Failure> {
-    let options = &args.options;
-    let mut plan = plan(args)?;
-    let kept = args.reference_dir.clone().unwrap_or_else(|| options.out.join("reference"));
-    let folder = plan.keep_below(&kept, loaded);
+    let options = wanted.options;
+    let mut plan = wanted.plan()?;
+    let folder = plan.keep_below(&wanted.kept, loaded);
     plan.prepare(loaded, "--reference-cache")?;
     let begun = plan.begun(loaded, 0)?;
     let key = |samples: u32| format!("{samples} spp");
@@ -112,7 +132,7 @@ pub fn own(
             let how = format!("{} samples per pixel, kept from an earlier run", begun.samples());
             (begun, how)
         } else {
-            let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
+            let gpus = setup::open_devices(options, usize::from(wanted.virtual_devices))?;
             let mut renderer = setup::renderer(&plan.options, loaded, gpus, tracing.recorder.origin())?;
             let done = plan.accumulate(&mut renderer, loaded, 0, begun, tracing)?;
             (done.accumulation, done.row.to_string())

@@ -80,6 +80,11 @@ impl Chosen {
         self.given.contains(&key)
     }
 
+    /// Returns the names of the settings that were given explicitly.
+    pub fn given(&self) -> &[&'static str] {
+        &self.given
+    }
+
     /// Checks that a command reads each setting that was given.
     ///
     /// # Errors

@@ -6,10 +6,9 @@ use crate::metrics::rings::Viewing;
 use crate::metrics::temporal::{Change, TemporalError};
 
 use super::arrangement::tan_half;
-use super::axes::FPS;
-use super::judge::pairs;
-use super::reference::Reference;
-use super::turns::Turns;
+use super::turns::{FPS, Turns};
+use crate::cli::bench::judge::pairs;
+use crate::cli::bench::reference::Reference;
 use crate::cli::failure::Failure;
 use crate::cli::options::RunOptions;
 

@@ -1,4 +1,4 @@
-//! `diptych bench --seam-study`: image errors at the seams between stripes, by seam policy and number of devices.
+//! `diptych study seams`: image errors at the seams between stripes, by seam policy and number of devices.
 
 use anyhow::anyhow;
 
@@ -8,7 +8,6 @@ use crate::image::{ImageError, RgbImage};
 use crate::loaded::LoadedScene;
 use crate::metrics::Pair;
 use crate::passes::denoise;
-use crate::quality::Denoiser;
 use crate::report::frames::FrameLine;
 use crate::report::html::Section;
 use crate::report::run::{FrameRow, RunReport};
@@ -18,10 +17,10 @@ use crate::report::study::{
 use crate::report::{Csv, Table};
 use crate::scene::rig::Eye;
 
-use super::args::Args;
-use super::reference::{Reference, given, own};
 use super::timed::{Setting, Timed, TimedFrame, Warm};
+use super::{StudyArgs, locked};
 use crate::cli::balance::Balance;
+use crate::cli::bench::reference::{Reference, own};
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::options::{RenderOptions, RunOptions};
@@ -32,7 +31,7 @@ use crate::cli::settings;
 use crate::cli::setup::{self, Tracing};
 use crate::frame::settings::{SeamMode, Value};
 
-pub fn run(args: &Args) -> Result<(), Failure> {
+pub fn run(args: &StudyArgs) -> Result<(), Failure> {
     let options = settings(args)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
@@ -41,12 +40,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for warning in &loaded.scene.warnings {
         log!("warning: {warning}");
     }
-    let reference = match &args.reference {
-        Some(folder) => given(folder, &options)?,
-        None => own(args, &loaded, &tracing, None)?,
-    };
+    let reference = own(&args.reference(&args.options, options.quality().bounces), &loaded, &tracing, None)?;
     let frames = u64::from(args.warm_up + args.repeats);
-    let settings = 1 + args.of_study().counts.len() * SEAMS.len();
+    let settings = 1 + counts(args).len() * SEAMS.len();
     let progress = Progress::new(settings as u64 * frames, options.quiet, options.json);
     let timed = Timed { args, loaded: &loaded, progress: &progress, tracing: &tracing };
     let found = Study { options, reference, loaded: &loaded }.measure(&timed)?;
@@ -55,26 +51,27 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     found.write(args)
 }
 
-/// Returns the options of the study. Stripes are even by default, so that the seams are on the same rows with every
-/// seam policy.
-fn settings(args: &Args) -> Result<RenderOptions, Failure> {
+/// Returns the options of the study: those of Leria et al. as published. Stripes are even by default, so that the seams are
+/// on the same rows with every seam policy.
+fn settings(args: &StudyArgs) -> Result<RenderOptions, Failure> {
     let mut run: RunOptions = args.options.clone();
     if run.balance.is_empty() && run.ratios.is_empty() {
         run.balance = vec![Balance::Even];
     }
-    if !run.settings.is_given("denoiser") {
-        run.settings.denoiser = Some(Denoiser::ATROUS);
-    }
-    let (quality, denoiser) = (run.settings.quality(), run.settings.denoiser);
+    let applied = locked::published("leria").apply(&mut run.settings, &[("frames_in_flight", "1")]);
+    applied.map_err(|error| Failure::Input(error.into()))?;
+    let quality = run.settings.quality();
     let options = RenderOptions::new(run, quality);
     options.check().map_err(Failure::Input)?;
-    if denoiser.is_none() {
-        return Err(Failure::Input(anyhow!("study seams needs a denoiser: without one there are no seams")));
-    }
-    if args.of_study().counts.is_empty() {
+    if counts(args).is_empty() {
         return Err(Failure::Input(anyhow!("--counts: seams need at least two devices, e.g. 2,3,4")));
     }
     Ok(options)
+}
+
+/// Returns the numbers of virtual devices on each adapter, above 1.
+fn counts(args: &StudyArgs) -> Vec<u16> {
+    args.counts.iter().copied().filter(|count| *count > 1).collect()
 }
 
 /// All filtering across stripes, in the order of the tables.
@@ -109,7 +106,7 @@ impl<'a> Study<'a> {
         };
         keep(ONE_DEVICE, &one);
         let (mut devices, mut warm_up_s, mut number) = (vec![one.devices.clone()], one.warm_up_s, 1);
-        for count in timed.args.of_study().counts {
+        for count in counts(timed.args) {
             for seam in SEAMS {
                 let policy = seam.text();
                 let mut options = self.options.clone();
@@ -186,7 +183,7 @@ fn seam_errors(
 }
 
 impl Results<'_> {
-    fn write(&self, args: &Args) -> Result<(), Failure> {
+    fn write(&self, args: &StudyArgs) -> Result<(), Failure> {
         let Self { study: Study { options, reference, .. }, rows, devices, .. } = self;
         seam_csv(rows).write(&options.out.join("seams.csv"))?;
         self.write_run()?;

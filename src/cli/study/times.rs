@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 
 use crate::exec::{FrameReport, TimedTask};
 use crate::graph::{FrameGraph, TaskKind};
-use crate::report::{median, median_of};
+use crate::report::median_of;
 use crate::schedule::{CostModel, Prediction, task_ms};
+use crate::trace::summary::median;
 
 /// Names under which transfers from and to a device count as its stages.
-pub(super) const TRANSFERS: [&str; 2] = ["download", "upload"];
+pub const TRANSFERS: [&str; 2] = ["download", "upload"];
 
 /// Times of a frame, ms.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,7 +48,7 @@ impl FrameTimes {
     }
 
     /// Sums up the `times` of tasks, each with its device and stage.
-    pub(super) fn new<'a>(makespan_ms: f64, count: usize, times: impl Iterator<Item = (usize, &'a str, f64)>) -> Self {
+    pub fn new<'a>(makespan_ms: f64, count: usize, times: impl Iterator<Item = (usize, &'a str, f64)>) -> Self {
         let mut devices = vec![BTreeMap::new(); count];
         for (device, stage, time_ms) in times {
             *devices[device].entry(stage.to_owned()).or_default() += time_ms;
@@ -56,14 +57,14 @@ impl FrameTimes {
     }
 
     /// Returns the time of `stages`, averaged over the devices that ran any of them.
-    pub(super) fn mean_ms(&self, stages: &[String]) -> Option<f64> {
-        let sum = |ms: &BTreeMap<String, f64>| stages.iter().filter_map(|stage| ms.get(stage)).sum::<f64>();
+    pub fn mean_ms(&self, stages: &[&str]) -> Option<f64> {
+        let sum = |ms: &BTreeMap<String, f64>| stages.iter().filter_map(|stage| ms.get(*stage)).sum::<f64>();
         mean(self.devices.iter().map(sum).filter(|ms| *ms > 0.0))
     }
 
     /// Returns the busy fraction, that is, time in stages without transfers over the makespan: of the primary, and the
     /// mean of the other devices.
-    pub(super) fn busy(&self) -> [Option<f64>; 2] {
+    pub fn busy(&self) -> [Option<f64>; 2] {
         let is_own = |stage: &str| !TRANSFERS.contains(&stage);
         let own_ms = |(stage, ms): (&String, &f64)| if is_own(stage) { *ms } else { 0.0 };
         let share = |ms: &BTreeMap<String, f64>| ms.iter().map(own_ms).sum::<f64>() / self.makespan_ms;
@@ -77,7 +78,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 }
 
 /// Returns the time of each stage and of [`TRANSFERS`], summed over devices: the median over the frames that ran it.
-pub(super) fn stage_ms(frames: &[FrameTimes]) -> BTreeMap<String, f64> {
+pub fn stage_ms(frames: &[FrameTimes]) -> BTreeMap<String, f64> {
     let mut all: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for frame in frames {
         let mut sums: BTreeMap<_, f64> = BTreeMap::new();
@@ -90,11 +91,6 @@ pub(super) fn stage_ms(frames: &[FrameTimes]) -> BTreeMap<String, f64> {
 }
 
 /// Returns the median over frames of a value that some frames have.
-pub(super) fn median_over(frames: &[FrameTimes], value: impl Fn(&FrameTimes) -> Option<f64>) -> Option<f64> {
+pub fn median_over(frames: &[FrameTimes], value: impl Fn(&FrameTimes) -> Option<f64>) -> Option<f64> {
     median(frames.iter().filter_map(value).collect())
-}
-
-/// Returns the median over frames of the speedup over the same frame of `first`.
-pub(super) fn speedup_by_frame(first: &[FrameTimes], own: &[FrameTimes]) -> Option<f64> {
-    median(first.iter().zip(own).map(|(first, own)| first.makespan_ms / own.makespan_ms).collect())
 }

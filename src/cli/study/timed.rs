@@ -9,8 +9,8 @@ use crate::loaded::LoadedScene;
 use crate::report::run::FrameRow;
 use crate::trace::frames::record_devices;
 
-use super::args::Args;
-use super::axes::FRAMES_MAX;
+use super::StudyArgs;
+use crate::cli::bench::axes::FRAMES_MAX;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
 use crate::cli::interrupt;
@@ -20,7 +20,7 @@ use crate::cli::setup::{self, Tracing};
 
 /// Inputs that all settings share.
 pub struct Timed<'a> {
-    pub args: &'a Args,
+    pub args: &'a StudyArgs,
     pub loaded: &'a LoadedScene,
     pub progress: &'a Progress,
     pub tracing: &'a Tracing,

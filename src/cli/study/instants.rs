@@ -1,8 +1,6 @@
-//! Instants on the camera's path at which an experiment compares frames.
+//! Instants on the camera's path at which a study compares frames.
 
-use anyhow::ensure;
-
-use crate::scene::rig::{Rig, RigKey};
+use crate::scene::rig::RigKey;
 
 /// Returns `count` evenly spaced instants along the path, from after its start to its end, so that the camera has moved
 /// before each. Empty if the camera is static.
@@ -21,15 +19,6 @@ pub fn from_end_to_end(keys: &[RigKey], time_s: f64, count: u32) -> Vec<f64> {
     }
     let length_s = last.time_s - first.time_s;
     (0..count).map(|i| first.time_s + length_s * f64::from(i) / f64::from(count - 1)).collect()
-}
-
-/// Returns `count` evenly spaced instants of the camera's path, in seconds. Each instant plus the highest latency is
-/// still within the path.
-pub fn before_latency(rig: &Rig, longest_s: f64, count: u32) -> Result<Vec<f64>, anyhow::Error> {
-    let [first_s, last_s] = [rig.keys.first(), rig.keys.last()].map(|key| key.map_or(0.0, |key| key.time_s));
-    let length_s = last_s - first_s - longest_s;
-    ensure!(length_s > 0.0, "--motion: the motion is shorter than the highest latency, {:.0} ms", 1e3 * longest_s);
-    Ok((0..count).map(|i| first_s + length_s * (f64::from(i) + 0.5) / f64::from(count)).collect())
 }
 
 #[cfg(test)]

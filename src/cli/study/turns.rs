@@ -11,13 +11,15 @@ use crate::report::run::FrameRow;
 use crate::scene::rig::Eye;
 use crate::trace::frames::record_devices;
 
-use super::axes::FRAMES_MAX;
+use crate::cli::bench::axes::FRAMES_MAX;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
 use crate::cli::interrupt;
 use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Tracing};
+
+pub use crate::cli::bench::axes::{FPS, HISTORY_FRAMES};
 
 pub struct Turns<'a> {
     loaded: &'a LoadedScene,
@@ -32,34 +34,21 @@ pub struct Turns<'a> {
     /// Gaze of the left and the right eye in the following frames, as fractions of each eye's image; `None` for the
     /// gaze of the configuration.
     pub gaze: Option<[[f64; 2]; 2]>,
-    /// Total time that building the renderers took, seconds.
-    pub warm_up_s: f64,
 }
 
 impl<'a> Turns<'a> {
     pub fn new(loaded: &'a LoadedScene, progress: &'a Progress, tracing: &'a Tracing, first: usize) -> Self {
-        Self {
-            loaded,
-            progress,
-            tracing,
-            first,
-            renderers: Vec::new(),
-            settings: Vec::new(),
-            gaze: None,
-            warm_up_s: 0.0,
-        }
+        Self { loaded, progress, tracing, first, renderers: Vec::new(), settings: Vec::new(), gaze: None }
     }
 
     /// Adds a renderer with a name, on devices that no other renderer uses.
     pub fn add(&mut self, name: String, options: RenderOptions, gpus: Devices) -> Result<(), Failure> {
-        let begin = Instant::now();
         let Quality { fovea, polar, .. } = options.quality();
         if self.loaded.shot.rig.optics.is_some() && (fovea.is_some() || polar.is_some()) {
             let what = "--motion: the experiment needs equal projections for both eyes, but the recording sets its own";
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
         let renderer = setup::renderer(&options, self.loaded, gpus, self.tracing.recorder.origin())?;
-        self.warm_up_s += begin.elapsed().as_secs_f64();
         record_devices(&self.tracing.recorder, renderer.devices());
         self.renderers.push(renderer);
         self.settings.push((name, options));
@@ -72,39 +61,59 @@ impl<'a> Turns<'a> {
         let count = self.renderers.len();
         let mut frames = Vec::new();
         for which in (0..count).map(|i| (index as usize + i) % count) {
-            let params = self.renderers[which].frame(&self.loaded.shot.rig, time_s, index);
-            let frame = self.frame(which, &FrameParams { gaze: self.gaze.unwrap_or(params.gaze), ..params })?;
-            frames.push((which, frame));
+            frames.push((which, self.frame_at(which, time_s, index)?));
         }
         frames.sort_by_key(|(which, _)| *which);
         Ok(frames.into_iter().map(|(_, frame)| frame).collect())
     }
 
-    /// Renders frame `index` on one renderer, without history. Late reprojection displays it from the pose at
-    /// `later_s`, if given.
-    pub fn alone(
+    /// Renders a sequence of frames along the path with one renderer, after a warm-up, with as many frames in flight as
+    /// its settings allow. Returns the frames after the warm-up, and their total time in seconds.
+    pub fn sequence(
         &mut self,
         which: usize,
-        time_s: f64,
-        index: u32,
-        later_s: Option<f64>,
-    ) -> Result<FrameReport, Failure> {
-        let (rig, renderer) = (&self.loaded.shot.rig, &mut self.renderers[which]);
-        renderer.begin_anew();
-        let shown_from = later_s.map(|later_s| rig.at(later_s));
-        let params = FrameParams { shown_from, ..renderer.frame(rig, time_s, index) };
-        self.frame(which, &params)
+        from_s: f64,
+        round: u32,
+        [warm_up, frames]: [u32; 2],
+    ) -> Result<(Vec<FrameReport>, f64), Failure> {
+        let first = round * (warm_up + frames);
+        (0..warm_up).try_for_each(|i| self.frame_at(which, from_s, first + i).map(|_| ()))?;
+        let most = self.settings[which].1.settings.frames_in_flight as usize;
+        let (mut begun, mut reports, begin) = (0, Vec::new(), Instant::now());
+        loop {
+            let renderer = &mut self.renderers[which];
+            while begun < frames && renderer.in_flight() < most {
+                let time_s = from_s + f64::from(begun) / FPS;
+                let params = renderer.frame(&self.loaded.shot.rig, time_s, first + warm_up + begun);
+                renderer.begin(&params, &[])?;
+                begun += 1;
+            }
+            let Some(report) = renderer.finish()? else { break };
+            self.tell(which, report.makespan_ms)?;
+            reports.push(report);
+        }
+        Ok((reports, begin.elapsed().as_secs_f64()))
+    }
+
+    fn frame_at(&mut self, which: usize, time_s: f64, index: u32) -> Result<FrameReport, Failure> {
+        let params = self.renderers[which].frame(&self.loaded.shot.rig, time_s, index);
+        self.frame(which, &FrameParams { gaze: self.gaze.unwrap_or(params.gaze), ..params })
     }
 
     fn frame(&mut self, which: usize, params: &FrameParams) -> Result<FrameReport, Failure> {
-        let renderer = &mut self.renderers[which];
-        let frame = renderer.render(params)?;
-        refuse_faults(renderer)?;
+        let frame = self.renderers[which].render(params)?;
+        self.tell(which, frame.makespan_ms)?;
+        Ok(frame)
+    }
+
+    /// Tells that a renderer has finished a frame, unless a device failed or the user interrupted the run.
+    fn tell(&self, which: usize, makespan_ms: f64) -> Result<(), Failure> {
+        refuse_faults(&self.renderers[which])?;
         interrupt::check()?;
-        let ((name, _), makespan_ms) = (&self.settings[which], frame.makespan_ms);
+        let (name, _) = &self.settings[which];
         let event = serde_json::json!({ "event": "frame", "setting": name, "makespan_ms": makespan_ms });
         self.progress.step(format!("{name}, {makespan_ms:.1} ms"), &event);
-        Ok(frame)
+        Ok(())
     }
 
     /// Returns the number of pixels of each eye that renderer `which` path traced in `frame`, divided by the number of
