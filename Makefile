@@ -13,16 +13,16 @@
 #              runtime that XR_RUNTIME_JSON names; fails without either, unless NO_XR=skip
 # make python    builds the Python package and tests it in a new virtual environment, out/python/venv. Needs Python 3.10
 # make golden    hashes the images of many kinds of frames into out/golden.txt. BEFORE=FILE: compares with another build
-# make release-check    runs all of these, and writes docs/release-check.md. STEPS="lint test": only these.
+# make release-check    runs all of these, and writes docs/results/release-check.md. STEPS="lint test": only these.
 #              NEWER_MESA=COMMAND: also under a second driver, where COMMAND runs another command under that driver
 # make gpu-kernels    compiles all kernels for GPUs that this machine need not have, and compares their registers,
-#              memory and occupancy with docs/results.json. NEWER_MESA=COMMAND: Mesa 25, where COMMAND runs another
-#              command under it; ARGS=--accept: writes figures that are worse
+#              memory and occupancy with docs/results/results.json. NEWER_MESA=COMMAND: Mesa 25, where COMMAND runs
+#              another command under it; ARGS=--accept: writes figures that are worse
 # make peers    measures diptych beside Mitsuba 3 with OIDN: out/peers/NAME/NAME.md and .svg. SHOT=FILE: another shot
-# make numbers    measures the tables of README.md and docs/results.md again, on an idle machine. TABLES="scale play":
-#              only these; SCENES=DIR: with third-party scenes; NEWER_MESA=COMMAND: also under the driver with which
-#              COMMAND runs commands; WITH_PEERS=1: with Mitsuba and OIDN; ARGS=--smoke: tiny sizes, in
-#              out/numbers/smoke
+# make numbers    measures the tables of README.md and docs/results/results.md again, on an idle machine.
+#              TABLES="scale play": only these; SCENES=DIR: with third-party scenes; NEWER_MESA=COMMAND: also under the
+#              driver with which COMMAND runs commands; WITH_PEERS=1: with Mitsuba and OIDN; ARGS=--smoke: tiny sizes,
+#              in out/numbers/smoke
 # make docs    builds the documentation as a site, with the reference of the library: out/docs. Needs mdBook
 # make deps    checks for a Vulkan driver and compilers. Installs Mesa's driver if none is found and apt-get exists.
 #              Warns about an old, slow software driver
@@ -152,11 +152,11 @@ release-check:
 # Python packages live in a separate virtual environment. The program needs none of them.
 peers: deps peers-packages
 	$(CARGO) build --release --locked
-	$(PEERS)/venv/bin/python docs/peers/measure.py --diptych '"$(DIPTYCH)"' --out $(PEERS) $(SHOT)
+	$(PEERS)/venv/bin/python docs/results/peers/measure.py --diptych '"$(DIPTYCH)"' --out $(PEERS) $(SHOT)
 
 peers-packages:
 	[ -x $(PEERS)/venv/bin/pip ] || python3 -m venv $(PEERS)/venv
-	$(PEERS)/venv/bin/pip install --quiet --disable-pip-version-check --requirement docs/peers/requirements.txt
+	$(PEERS)/venv/bin/pip install --quiet --disable-pip-version-check --requirement docs/results/peers/requirements.txt
 
 numbers: deps $(if $(WITH_PEERS),peers-packages)
 	$(CARGO) build --release --locked

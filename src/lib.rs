@@ -87,6 +87,6 @@ pub use session::Session;
 mod documents {
     #[doc = include_str!("../README.md")]
     struct Readme;
-    #[doc = include_str!("../docs/library.md")]
+    #[doc = include_str!("../docs/guide/library.md")]
     struct Library;
 }

@@ -28,9 +28,9 @@ title() {
 {
     echo '# Summary'
     echo '[diptych](README.md)'
-    sed -n 's/^| \[\([^]]*\)\](\([a-z-]*\.md\)) .*/- [\1](docs\/\2)/p' docs/README.md
+    sed -n 's/^| \[\([^]]*\)\](\([a-z/-]*\.md\)) .*/- [\1](docs\/\2)/p' docs/README.md
     echo '- [Notes](docs/README.md)'
-    for note in docs/notes/*.md docs/peers/*.md; do
+    for note in docs/decisions/*.md docs/results/peers/*.md; do
         echo "    - [$(title "$note")]($note)"
     done
     echo '- [Architecture](ARCHITECTURE.md)'

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs all checks before a release, and writes docs/release-check.md: each step's result, duration and number of tests.
+# Runs all checks before a release, and writes docs/results/release-check.md: each step's result, duration and tests.
 #
 #   sh tools/release-check.sh [STEP...]        (make release-check STEPS="lint test")
 #
@@ -13,7 +13,7 @@ set -eu
 cd "$(dirname "$0")/.."
 all="lint test hardware-rays mpi xr view python golden test-newer golden-newer golden-compare test-full test-full-newer"
 state=out/release-check
-report=docs/release-check.md
+report=docs/results/release-check.md
 make=${MAKE:-make}
 steps=${*:-$all}
 # Commands may use a variable of that name.

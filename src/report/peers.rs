@@ -14,7 +14,7 @@ pub enum PeersError {
     #[error("cannot read the peers file {path}")]
     Read { path: PathBuf, source: io::Error },
     #[error(
-        "{path} is not a valid peers file: write [[peer]] with name, time_ms, flip and optionally note, as in docs/peers"
+        "{path} is not a valid peers file: write [[peer]] with name, time_ms, flip and optionally note, as in docs/results/peers"
     )]
     File { path: PathBuf, source: Box<PeersError> },
     #[error("not a valid peers file: {0}")]
@@ -170,7 +170,7 @@ mod tests {
 
     #[test]
     fn the_files_of_the_documentation_are_read() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/peers");
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/results/peers");
         let files = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path());
         let files: Vec<_> = files.filter(|path| path.extension().is_some_and(|e| e == "toml")).collect();
         assert!(!files.is_empty(), "{}", folder.display());

@@ -88,10 +88,13 @@ fn passes_and_what_is_left_out_are_shown_and_tasks_are_written_for_graphviz() {
     let dot = std::fs::read_to_string(file).unwrap();
     assert!(dot.starts_with("digraph {") && dot.contains("rows 90..180"), "{dot}");
     // The documentation quotes a part of this output.
-    let page = include_str!("../../docs/traces.md");
+    let page = include_str!("../../docs/guide/traces.md");
     let (_, section) = page.split_once("## Print the frame graph").unwrap();
     let shown = section.split("```").nth(3).unwrap().lines().skip(1).filter(|line| *line != "...");
     for line in shown {
-        assert!(text.lines().any(|l| l.trim_end() == line.trim_end()), "docs/traces.md shows '{line}', not in {text}");
+        assert!(
+            text.lines().any(|l| l.trim_end() == line.trim_end()),
+            "docs/guide/traces.md shows '{line}', not in {text}"
+        );
     }
 }

@@ -44,8 +44,8 @@ struct Release(tempfile::TempDir);
 impl Release {
     fn new() -> Self {
         let release = Self(tempfile::tempdir().unwrap());
-        for folder in ["tools", "docs", "bin"] {
-            fs::create_dir(release.path(folder)).unwrap();
+        for folder in ["tools", "docs/results", "bin"] {
+            fs::create_dir_all(release.path(folder)).unwrap();
         }
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tools/release-check.sh");
         fs::copy(script, release.path("tools/release-check.sh")).unwrap();
@@ -89,7 +89,7 @@ impl Release {
     }
 
     fn report(&self) -> String {
-        fs::read_to_string(self.path("docs/release-check.md")).unwrap_or_default()
+        fs::read_to_string(self.path("docs/results/release-check.md")).unwrap_or_default()
     }
 
     /// Returns a step's result, numbers of tests and remark.

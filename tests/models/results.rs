@@ -1,5 +1,5 @@
-//! Published figures: the tables in README.md and docs/results.md agree with docs/results.json. This file formats
-//! tables a second time, like `tools/results/text.py`.
+//! Published figures: the tables in README.md and docs/results/results.md agree with docs/results/results.json. This
+//! file formats tables a second time, like `tools/results/text.py`.
 
 use std::fs;
 use std::path::Path;
@@ -55,7 +55,7 @@ fn tables(results: &Value) -> impl Iterator<Item = (&String, &Value)> {
     results["tables"].as_object().expect("results have tables by name").iter()
 }
 
-/// Returns a table's section of docs/results.md.
+/// Returns a table's section of docs/results/results.md.
 fn section(table: &Value) -> String {
     format!("\n## {}\n\n{}", text_of(&table["title"]), table_text(table))
 }
@@ -78,13 +78,13 @@ fn differences(results: &Value, readme: &str, page: &str) -> Vec<String> {
             found.push(format!("README.md, {name}: {of:#?} instead of {expected:#?}"));
         }
         if !page.contains(&section(table)) {
-            found.push(format!("docs/results.md, {name}: it lacks {}", section(table)));
+            found.push(format!("docs/results/results.md, {name}: it lacks {}", section(table)));
         }
     }
     let unknown = blocks.iter().filter(|(name, _)| results["tables"].get(name).is_none());
-    found.extend(unknown.map(|(name, _)| format!("README.md, {name}: docs/results.json has no such table")));
+    found.extend(unknown.map(|(name, _)| format!("README.md, {name}: docs/results/results.json has no such table")));
     if page.matches("\n## ").count() != tables(results).count() {
-        found.push("docs/results.md has other tables than docs/results.json".to_owned());
+        found.push("docs/results/results.md has other tables than docs/results/results.json".to_owned());
     }
     found
 }
@@ -94,8 +94,8 @@ fn read(root: &Path, file: &str) -> String {
 }
 
 fn differences_in(root: &Path) -> Vec<String> {
-    let results = serde_json::from_str(&read(root, "docs/results.json")).expect("docs/results.json is JSON");
-    differences(&results, &read(root, "README.md"), &read(root, "docs/results.md"))
+    let results = serde_json::from_str(&read(root, "docs/results/results.json")).expect("the results are JSON");
+    differences(&results, &read(root, "README.md"), &read(root, "docs/results/results.md"))
 }
 
 fn root() -> &'static Path {
@@ -109,14 +109,14 @@ fn published_figures_are_those_that_were_measured() {
 
 #[test]
 fn published_results_are_of_whole_runs_and_name_no_path() {
-    let text = read(root(), "docs/results.json");
-    let results: Value = serde_json::from_str(&text).expect("docs/results.json is JSON");
+    let text = read(root(), "docs/results/results.json");
+    let results: Value = serde_json::from_str(&text).expect("docs/results/results.json is JSON");
     for (name, table) in tables(&results) {
         assert_eq!(table["measured"]["smoke"], false, "{name} is of tiny images");
         assert!(!list(&table["rows"]).is_empty(), "{name} has no rows");
     }
     for place in ["/home", "/root", "/tmp", "/work", "/Users", ":\\\\"] {
-        assert!(!text.contains(place), "docs/results.json names a path with {place}");
+        assert!(!text.contains(place), "docs/results/results.json names a path with {place}");
     }
 }
 
@@ -195,8 +195,8 @@ fn figures_that_were_not_measured_are_found() {
         (readme.replacen("0123456", "0123457", 1), page.clone(), "a caption of README.md"),
         (readme.replace("<!-- results: new -->", "<!-- results: other -->"), page.clone(), "an unknown table"),
         (README.to_owned(), page.clone(), "a README without the tables"),
-        (readme.clone(), page.replacen("93.8", "94.8", 1), "a figure of docs/results.md"),
-        (readme.clone(), page.clone() + "\n## Another\n", "another table of docs/results.md"),
+        (readme.clone(), page.replacen("93.8", "94.8", 1), "a figure of docs/results/results.md"),
+        (readme.clone(), page.clone() + "\n## Another\n", "another table of docs/results/results.md"),
     ];
     for (readme, page, what) in wrong {
         assert!(!differences(&results, &readme, &page).is_empty(), "{what} is not found");
@@ -209,8 +209,8 @@ fn the_script_writes_what_is_measured() {
     let folder = tempfile::tempdir().expect("a folder can be made");
     let here = folder.path();
     let results = sample();
-    fs::create_dir(here.join("docs")).expect("a folder can be made");
-    fs::write(here.join("docs/results.json"), results.to_string()).expect("a file can be written");
+    fs::create_dir_all(here.join("docs/results")).expect("a folder can be made");
+    fs::write(here.join("docs/results/results.json"), results.to_string()).expect("a file can be written");
     fs::write(here.join("README.md"), README).expect("a file can be written");
     let script = root().join("tools/results/measure.py");
     for run in ["first", "second"] {

@@ -1,4 +1,4 @@
-"""Measures what GPU compilers make of the kernels, on a machine without a GPU, and compares with docs/results.json.
+"""Measures what GPU compilers make of the kernels, without a GPU, and compares with docs/results/results.json.
 
 Mesa's drivers for AMD (RADV, with the compiler ACO) and NVIDIA (NVK, with NAK) compile every kernel, on the device of
 mesa-drm-shim, which executes nothing. Pictures and counts of these runs are garbage, and diptych refuses the frame.
@@ -147,7 +147,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--diptych", default="target/release/diptych")
     parser.add_argument("--under", type=shlex.split, default=[], help="command that runs another under Mesa 25")
-    parser.add_argument("--results", type=pathlib.Path, default="docs/results.json")
+    parser.add_argument("--results", type=pathlib.Path, default="docs/results/results.json")
     parser.add_argument("--out", default="out", help="folder for temporary files")
     parser.add_argument("--scenes", nargs="*", default=SCENES)
     parser.add_argument("--chips", nargs="*", default=list(CHIPS))

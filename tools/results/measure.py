@@ -1,9 +1,9 @@
-"""Measures every table of README.md in one run, and writes docs/results.json, docs/results.md and README.md's tables.
+"""Measures all tables of results in one run, and writes docs/results/results.json and .md and README.md's tables.
 
     measure.py [options]        as `make numbers` runs it
 
 Needs Python 3.11 and the release program. Each table records the commit, date, machine and drivers of its measurement,
-so you can measure one again and keep the others. A test compares README.md and docs/results.md with docs/results.json.
+so you can measure one again and keep the others. A test compares README.md and results.md with results.json.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from pathlib import Path
 
 from driver import ROOT, Driver
 
-sys.path.append(str(ROOT / "docs/peers"))
+sys.path.append(str(ROOT / "docs/results/peers"))
 
 from machine import processor  # noqa: E402
 from peers import measure_peers  # noqa: E402
@@ -50,7 +50,7 @@ def git(*args):
 
 def commit():
     """The commit, marked if the program or these scripts differ from it."""
-    sources = ("src", "shaders", "scenes", "Cargo.lock", "tools/results", "docs/peers/*.py")
+    sources = ("src", "shaders", "scenes", "Cargo.lock", "tools/results", "docs/results/peers/*.py")
     changed = git("status", "--porcelain", "--", *sources)
     return (git("rev-parse", "--short=7", "HEAD") or "unknown") + (" with changes" if changed else "")
 
@@ -95,9 +95,9 @@ def arguments():
         default=ROOT / "out/scenes",
         help="folder of garage.toml, hotel-room.toml and ww2-cityscene.toml",
     )
-    parser.add_argument("--peers", type=Path, help="Python that has the packages of docs/peers/requirements.txt")
+    parser.add_argument("--peers", type=Path, help="Python that has the packages of peers/requirements.txt")
     parser.add_argument("--root", type=Path, default=ROOT, help="folder whose README.md and docs are written")
-    parser.add_argument("--render", action="store_true", help="measure nothing; write the files from docs/results.json")
+    parser.add_argument("--render", action="store_true", help="measure nothing; write the files from results.json")
     parser.add_argument("--smoke", action="store_true", help="try everything at tiny sizes, into out/numbers/smoke")
     options = parser.parse_args()
     options.tables = options.tables.split() or [name for name in MEASUREMENTS if name != "peers" or options.peers]
@@ -116,10 +116,10 @@ def main():
     if options.smoke:
         options.root = options.out / "smoke"
         shutil.rmtree(options.root, ignore_errors=True)
-        shutil.copytree(ROOT / "docs/peers", options.root / "docs/peers")
-        for file in ("README.md", "docs/results.json"):
+        shutil.copytree(ROOT / "docs/results/peers", options.root / "docs/results/peers")
+        for file in ("README.md", "docs/results/results.json"):
             shutil.copy(ROOT / file, options.root / file)
-    results = json.loads((options.root / "docs/results.json").read_text())
+    results = json.loads((options.root / "docs/results/results.json").read_text())
     if options.render:
         write(options.root, results)
         return
@@ -129,7 +129,7 @@ def main():
     left_out = [name for name in MEASUREMENTS if name not in options.tables]
     if left_out:
         say(f"not measured: {', '.join(left_out)}")
-    say(f"written: README.md, docs/results.json and docs/results.md of {options.root}")
+    say(f"written: README.md, results.json and results.md in docs/results of {options.root}")
 
 
 if __name__ == "__main__":

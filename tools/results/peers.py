@@ -1,4 +1,4 @@
-"""Measures diptych beside Mitsuba 3 with OIDN, by docs/peers/measure.py, and brings docs/peers/NAME.* up to date."""
+"""Measures diptych beside Mitsuba 3 with OIDN, by docs/results/peers/measure.py, and updates NAME.* beside it."""
 
 import json
 import os
@@ -16,7 +16,7 @@ OWN_REFERENCE = ("hotel-room",)
 
 
 def measure_peers(options, drivers):
-    """Runs docs/peers/measure.py, and brings docs/peers/NAME.* up to date."""
+    """Runs docs/results/peers/measure.py, and updates NAME.* beside it."""
     compared, undenoised, out = [], [], options.out / "peers"
     here, absent = shots(options, ("cornell", "atrium", "hotel-room"))
     # A folder that is also visible to commands that run another driver.
@@ -28,13 +28,13 @@ def measure_peers(options, drivers):
             program = shlex.join([*driver.command, driver.program])
             settings = ["--size", options.size, "--reference-spp", options.peers_spp, "--rounds", options.rounds]
             settings += ["--diptych", program, "--out", out, *(["--own-reference"] if name in OWN_REFERENCE else [])]
-            command = [options.peers, ROOT / "docs/peers/measure.py", *settings, shot]
+            command = [options.peers, ROOT / "docs/results/peers/measure.py", *settings, shot]
             environment = os.environ | {"TMPDIR": str(scratch)}
             subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL, cwd=ROOT, env=environment)
             files = out / name / name
             sections.append(re.sub(r"\A## .*", f"## {driver.name}", files.with_suffix(".md").read_text()))
             if driver is drivers[0]:
-                shutil.copy(files.with_suffix(".toml"), options.root / f"docs/peers/{name}.toml")
+                shutil.copy(files.with_suffix(".toml"), options.root / f"docs/results/peers/{name}.toml")
             measured = json.loads(files.with_suffix(".json").read_text())
             for row in measured["beside"]:
                 reached = {key: row[key] and row["ms"] / row[key]["ms"] for key in ("with_history", "without_history")}
@@ -86,8 +86,8 @@ def measure_peers(options, drivers):
 
 
 def write_peer(options, name, sections):
-    """The tables of all drivers below the introduction that docs/peers/NAME.md has, and their chart."""
-    file = options.root / f"docs/peers/{name}.md"
+    """The tables of all drivers below the introduction that docs/results/peers/NAME.md has, and their chart."""
+    file = options.root / f"docs/results/peers/{name}.md"
     text = file.read_text().split("\n## ", 1)[0].rstrip("\n") + "\n\n" + "\n".join(sections)
     file.write_text(text)
     title = f"{name}, {options.size}: error against time; beside points, samples per pixel"

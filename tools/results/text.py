@@ -32,9 +32,9 @@ def table_text(table):
 
 
 def page(results):
-    """docs/results.md."""
+    """docs/results/results.md."""
     text = "# Results\n\n`make numbers` measures these tables. It writes this file, [its data](results.json) and the "
-    text += "tables of [README.md](../README.md).\n"
+    text += "tables of [README.md](../../README.md).\n"
     for table in results["tables"].values():
         text += f"\n## {table['title']}\n\n{table_text(table)}"
     return text if results["tables"] else text + "\nNo table has been measured yet.\n"
@@ -59,8 +59,8 @@ def with_table(readme, name, table):
 
 def write(root, results):
     """All files that follow from the results. README.md is last, since a place may be missing there."""
-    (root / "docs/results.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n")
-    (root / "docs/results.md").write_text(page(results))
+    (root / "docs/results/results.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n")
+    (root / "docs/results/results.md").write_text(page(results))
     readme = (root / "README.md").read_text()
     for name, table in results["tables"].items():
         if table["readme"]:

@@ -87,7 +87,7 @@ pub struct Args {
     /// Also write report.html
     #[arg(long, help_heading = options::OUTPUT)]
     pub(super) report: bool,
-    /// With --report: other renderers' times and FLIP, as in docs/peers
+    /// With --report: other renderers' times and FLIP, as in docs/results/peers
     #[arg(long, value_name = "FILE", requires = "report", help_heading = options::OUTPUT)]
     pub(super) peers: Option<PathBuf>,
 }

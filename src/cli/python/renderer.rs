@@ -45,7 +45,7 @@ pub struct Renderer {
 /// interpreter's lock.
 pub(super) fn open_devices(_: Python<'_>, options: &Options) -> Result<Devices, Failure> {
     // SAFETY: as with an assignment to `os.environ`, the interpreter's lock keeps other Python code from accessing the
-    // environment. Other native threads must not access it while a renderer is created, as `docs/python.md` says.
+    // environment. Other native threads must not access it while a renderer is created, as `docs/guide/python.md` says.
     unsafe { let_devices_set_environment() };
     setup::open_devices(&options.render, usize::from(options.virtual_devices))
 }

@@ -320,7 +320,7 @@ fn mutated_shots_never_panic_and_what_is_accepted_is_finite() {
 
 /// Returns the tables of the documentation by name, each with its keys and their defaults.
 fn documented() -> Vec<(String, Vec<(String, String)>)> {
-    let text = include_str!("../../../docs/shot.md");
+    let text = include_str!("../../../docs/guide/shot.md");
     let mut tables: Vec<(String, Vec<(String, String)>)> = Vec::new();
     for line in text.lines() {
         if let Some(heading) = line.strip_prefix("## ") {
@@ -375,11 +375,11 @@ fn the_documentation_has_every_key_and_its_default() {
 
 #[test]
 fn the_examples_of_the_documentation_are_accepted() {
-    let text = include_str!("../../../docs/shot.md");
+    let text = include_str!("../../../docs/guide/shot.md");
     let examples: Vec<&str> = text.split("```toml\n").skip(1).map(|rest| rest.split("```").next().unwrap()).collect();
     assert!(examples.len() >= 2);
     for example in examples {
-        Draft::parse(example, "docs/shot.md").unwrap();
+        Draft::parse(example, "docs/guide/shot.md").unwrap();
     }
 }
 
