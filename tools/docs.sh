@@ -1,6 +1,6 @@
 #!/bin/sh
 # Builds the documentation site in the folder $1: the documents of the repository as a book, by mdBook, with the reference
-# of the library in its folder `api`. Chapters are the rows of docs/README.md and the notes.
+# of the library in its folder `api`. Chapters are the rows of docs/README.md and the decisions.
 set -eu
 
 cd "$(dirname "$0")/.."
@@ -29,9 +29,9 @@ title() {
     echo '# Summary'
     echo '[diptych](README.md)'
     sed -n 's/^| \[\([^]]*\)\](\([a-z/-]*\.md\)) .*/- [\1](docs\/\2)/p' docs/README.md
-    echo '- [Notes](docs/README.md)'
-    for note in docs/decisions/*.md docs/results/peers/*.md; do
-        echo "    - [$(title "$note")]($note)"
+    echo '- [Decisions](docs/README.md)'
+    for page in docs/decisions/*.md docs/results/peers/*.md; do
+        echo "    - [$(title "$page")]($page)"
     done
     echo '- [Architecture](ARCHITECTURE.md)'
     echo '    - [Execution](src/exec/README.md)'
