@@ -2,8 +2,8 @@
 #              trace-file; and eight frames of an animated scene, with all of them in one picture
 # make lint    checks the format, lints with clippy, builds the documentation and checks links between documents
 # make test    builds and runs the quick tests, in the profile `tests` of Cargo.toml
-# make test-full    runs all tests with full sweeps and many samples, also those of the presets, of the seam study and of
-#              `measure`, and those that need third-party scenes or Chromium
+# make test-full    runs all tests with full sweeps and many samples, also those of the studies and of `info --check`,
+#              and those that need third-party scenes or Chromium
 # make test-view    tests the window of `diptych view`, which needs Xvfb and xdotool
 # make test-hardware-rays    tests the renderer with hardware ray queries; fails without a device that supports them
 # make test-mpi    builds the program with MPI and runs it on 1, 2 and 4 ranks of this machine, and again with MPICH if
