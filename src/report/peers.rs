@@ -14,7 +14,7 @@ pub enum PeersError {
     #[error("cannot read the peers file {path}")]
     Read { path: PathBuf, source: io::Error },
     #[error(
-        "{path} is not a valid peers file: write [[peer]] with name, time_ms, flip and optionally note, as in docs/results/peers"
+        "{path} is not a valid peers file: write [[peer]] with name, time_ms, flip and optionally note (see docs/results/peers)"
     )]
     File { path: PathBuf, source: Box<PeersError> },
     #[error("not a valid peers file: {0}")]

@@ -1,5 +1,5 @@
-//! The extension module of the Python package `diptych`, with the feature `python`. `docs/guide/python.md` describes the
-//! package, and `python/diptych` has the part that is written in Python.
+//! The extension module of the Python package `diptych`, with the feature `python`. `docs/guide/python.md` describes
+//! the package, and `python/diptych` has the part that is written in Python.
 //!
 //! Options have the names and the defaults of the command line, since [`options`] parses them with the same parser.
 
