@@ -2,6 +2,7 @@
 #              trace-file; and eight frames of an animated scene, with all of them in one picture
 # make lint    checks the format, lints with clippy, builds the documentation and checks links between documents
 # make test    builds and runs the quick tests, in the profile `tests` of Cargo.toml
+# make test-no-adapter    runs the quick tests that need no graphics adapter. ARGS="--features view,xr": with features
 # make test-full    runs all tests with full sweeps and many samples, also those of the studies and of `info --check`,
 #              and those that need third-party scenes or Chromium
 # make test-view    tests the window of `diptych view`, which needs Xvfb and xdotool
@@ -49,12 +50,15 @@ endif
 # Commands may use a variable of that name.
 unexport NEWER_MESA
 
+# Unit tests that need an adapter, by parts of their names.
+NEED_ADAPTER := faulty_shaders_are_refused history_that_is_not_finite light_density_tests missing_light_does_not_depend
+
 # Runner for tests in Cargo.
 ifneq ($(RUN),)
 export CARGO_TARGET_$(shell $(RUSTC) -vV | sed -n 's/^host: //p' | tr a-z- A-Z_)_RUNNER := $(RUN)
 endif
 
-.PHONY: demo lint test test-full test-view test-hardware-rays test-mpi test-xr python golden gpu-kernels release-check peers peers-packages numbers docs deps clean
+.PHONY: demo lint test test-no-adapter test-full test-view test-hardware-rays test-mpi test-xr python golden gpu-kernels release-check peers peers-packages numbers docs deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -83,6 +87,13 @@ lint:
 test: deps
 	$(CARGO) test --profile tests --locked --lib --bins --tests
 	$(CARGO) test --profile tests --locked --doc
+
+# Hides Vulkan drivers, so that a new test that needs an adapter also fails where there is one.
+test-no-adapter: export VK_DRIVER_FILES := /nonexistent
+test-no-adapter: export VK_ICD_FILENAMES := /nonexistent
+test-no-adapter:
+	$(CARGO) test --profile tests --locked $(ARGS) --lib --test models --test fuzz -- \
+		$(addprefix --skip ,$(NEED_ADAPTER))
 
 test-full: deps
 	DIPTYCH_TEST_FULL=1 $(CARGO) test --release --locked --no-fail-fast -- --include-ignored
