@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::accumulation::{Noise, hash_of};
 use crate::exec::Stereo;
 use crate::frame::Sampler;
-use crate::image::{Extent, RgbImage, exr};
+use crate::image::{RgbImage, exr};
 use crate::loaded::LoadedScene;
 use crate::metrics::kinds::KindMap;
 use crate::metrics::surfaces::Sighting;
@@ -36,14 +36,6 @@ pub struct Reference {
     pub in_right: Option<Vec<Sighting>>,
     /// Key of the reference in the journal: its samples per pixel, or the hashes of supplied images.
     pub key: String,
-}
-
-impl Reference {
-    /// Returns a sentence that names the shot, the size, the origin and the noise of the reference.
-    pub fn note(&self, shot: &str, size: Extent) -> String {
-        let noise = self.noise.as_ref().map_or(String::new(), |noise| format!("; its own noise: {noise}"));
-        format!("Reference of {shot} at {size}: {}{noise}.", self.origin)
-    }
 }
 
 /// Reads the images that the options name, or renders a reference.

@@ -89,7 +89,7 @@ pub fn measure(
     let pictures = turns.renderers.iter_mut().map(|renderer| renderer.read_linear()).collect::<Result<Vec<_>, _>>()?;
     let is_same = pictures.windows(2).all(|two| same_bits(&two[0], &two[1]));
     let same = if is_same { "the same bytes" } else { "other bytes" };
-    results.note(format!("{}, {}: the last frames have {same}.", labels.scene, labels.conditions));
+    results.note(&format!("{}, {}", labels.scene, labels.conditions), &format!("the last frames have {same}."));
     simulate(measuring, turns, prepared, &reports, labels, results)
 }
 

@@ -37,10 +37,10 @@ impl Results {
         Self { study, rows, rings, frames, devices, renderers, notes, pictures, sections }
     }
 
-    /// Adds a note to the last table, unless it is there.
-    pub fn note(&mut self, note: String) {
-        if !self.notes.contains(&note) {
-            self.notes.push(note);
+    /// Adds a note on a subject to the last table, unless there is one.
+    pub fn note(&mut self, subject: &str, note: &str) {
+        if !self.notes.iter().any(|known| known.starts_with(subject)) {
+            self.notes.push(format!("{subject}: {note}"));
         }
     }
 

@@ -191,7 +191,9 @@ impl Measuring<'_> {
             options.settings.time = time_s;
             let reference = own(&args.reference(&options, bounces), loaded, tracing, None)?;
             interrupt::check()?;
-            results.note(format!("{time_s} s: {}", reference.note(&options.shot, options.settings.size)));
+            let Reference { origin, noise, .. } = &reference;
+            let noise = noise.as_ref().map_or(String::new(), |noise| format!("; its own noise: {noise}"));
+            results.note(&format!("{}, {bounces} bounces, {time_s} s", subject.name()), &format!("{origin}{noise}."));
             Ok(View { time_s, reference, frames })
         };
         instants.into_iter().map(view).collect()
