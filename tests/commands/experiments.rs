@@ -151,7 +151,7 @@ fn studies_refuse_what_they_fix_or_do_not_read() {
     refused(&["leria", "--repeats", "3"], &["study leria", "--repeats"]);
     refused(&["leria", "--virtual", "2", "--ratios", "1,2"], &["--simulate", "--ratios"]);
     refused(&["leria", "--set", "denoiser=svgf"], &["study leria", "denoiser"]);
-    refused(&["leria", "--reproject", "off"], &["study leria", "reproject"]);
+    refused(&["leria", "--set", "reproject=off"], &["study leria", "reproject"]);
     refused(&["bmfr", "builtin:cornell", "--shots", "builtin:checker"], &["SHOT", "--shots"]);
     refused(&["bmfr", "--shots", "builtin:cornell,builtin:checker"], &["--shots", "Falcor"]);
     refused(&["koskela", "--simulate", "3"], &["study koskela", "--simulate"]);
