@@ -112,7 +112,7 @@ fn only_the_halo_leaves_no_seam() {
     assert_eq!(csv.lines().count(), 1 + rows.len(), "{csv}");
     let page = run.text("report.html");
     assert!(["builtin:checker", "same bytes", "20.30 (-0.53)"].iter().all(|part| page.contains(part)));
-    for (setting, value) in [("bounces", 2), ("iterations", 3)] {
+    for (setting, value) in [("bounces", "6"), ("denoiser", "svgf"), ("hard_shadows", "off")] {
         let row = format!("<td>{setting}</td><td>{value}</td>");
         assert!(page.contains(&row), "no {row}");
     }
@@ -124,46 +124,34 @@ fn studies_refuse_what_does_not_go_with_them() {
     refused(&[&bench[..], &["--denoiser", "none", "--iterations", "3"]].concat(), &["--iterations", "--denoiser"]);
     refused(&[&bench[..], &["--set", "spp=2"]].concat(), &["spp has no effect in bench"]);
     let fixed = ["study", "seams", "builtin:checker", "--out", "unused"];
-    refused(&[&fixed[..], &["--set", "denoiser=none"]].concat(), &["no seam"]);
+    refused(&[&fixed[..], &["--set", "denoiser=none"]].concat(), &["study seams", "denoiser"]);
     refused(&[&fixed[..], &["--counts", "1"]].concat(), &["--counts"]);
     refused(&[&fixed[..], &["--set", "seam=none"]].concat(), &["study seams", "seam"]);
-    let fixed = ["study", "peres", "--out", "unused"];
-    refused(&[&fixed[..], &["--set", "bounces=2"]].concat(), &["study peres", "bounces"]);
-    refused(&[&fixed[..], &["--shots", "a,b,c,d"]].concat(), &["--shots"]);
-    refused(&[&fixed[..], &["--size-factor", "0"]].concat(), &["--size-factor"]);
 }
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn the_thesis_stands_beside_what_was_measured() {
+fn peres_has_the_layers_of_the_thesis() {
     let run = run("peres");
-    let rows = run.rows();
-    assert_eq!(rows.len(), 2 * 3);
-    assert_eq!((&rows[0]["size"], &rows[3]["size"]), (&"38x43".into(), &"73x77".into()));
-    // Renders have the same seeds everywhere, so their SSIM varies only by the rounding of drivers.
-    for (base, known_ssim) in [(&rows[0], 0.661), (&rows[3], 0.659)] {
-        assert_eq!((&base["configuration"], &base["stands_for"]), (&"Base".into(), &"Pink Room".into()));
-        let [rmse, psnr, ssim] = ["rmse_percent", "psnr", "ssim"].map(|name| base[name].as_f64().unwrap());
+    for row in run.rows().iter().filter(|row| row["source"] == "measured") {
+        let [rmse, psnr] = ["rmse_percent", "psnr"].map(|name| row[name].as_f64().unwrap());
         // At each instant one follows from the other. The mean of a convex function is above the function of the mean.
         let excess = rmse / (100.0 * 10f64.powf(-psnr / 20.0)) - 1.0;
-        assert!((0.0..0.1).contains(&excess) && (ssim - known_ssim).abs() < 0.01, "{base}");
-        assert_eq!((&base["speedup"], &base["instants"]), (&1.0.into(), &2.into()));
+        assert!((0.0..0.1).contains(&excess), "{row}");
         // The box looks different from the end of the path than from its begin.
-        assert!(base["psnr_deviation"].as_f64().unwrap() > 0.0, "{base}");
+        assert!(row["psnr_deviation"].as_f64().unwrap() > 0.0, "{row}");
     }
     // The layers are those of the thesis at each resolution, at both instants.
     let (columns, frames) = run.csv("frames.csv");
     let at = |name: &str| columns.iter().position(|column| column == name).unwrap();
-    let [resolution, configuration, time_s, inner] = ["resolution", "configuration", "time_s", "fovea_inner"].map(at);
-    assert_eq!(frames.len(), 2 * 2 * 3);
+    let [resolution, configuration, time_s, inner] = ["resolution", "arrangement", "time_s", "fovea_inner"].map(at);
+    assert_eq!(frames.len(), 2 * 2 * 2 * 3);
     for frame in &frames {
         let width = if &frame[resolution] == "FHD" { 144.0 / 960.0 } else { 265.0 / 1832.0 };
         let expected = if &frame[configuration] == "Base" { None } else { Some(width) };
         assert_eq!(frame[inner].parse::<f64>().ok(), expected, "{frame:?}");
     }
     assert_eq!([&frames[0], &frames[3]].map(|frame| frame[time_s].to_owned()), ["0", "4"]);
-    let csv = run.text("peres.csv");
-    assert!(csv.lines().count() == 7 && csv.contains("builtin:cornell,Pink Room,NH3LD"), "{csv}");
     let page = run.text("report.html");
-    assert!(["27.619", "12.81", "builtin:cornell"].iter().all(|part| page.contains(part)));
+    assert!(["27.62", "12.81", "builtin:cornell"].iter().all(|part| page.contains(part)));
 }
