@@ -1,18 +1,17 @@
 //! The command line: one subcommand per file.
 
 use std::ffi::OsString;
-use std::process::ExitCode;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
+use super::console::{self, Console};
 use super::failure::Failure;
 use super::options::RunOptions;
 use super::setting_flags::{FLAGS, with_flags};
-use super::{
-    bench, compare, export, graph, info, manual, play, ranks, render, scale, settings, stdout, study, trace, view,
-};
+use super::settings::Given;
+use super::{bench, compare, export, graph, info, manual, play, ranks, render, scale, study, trace, view};
 use crate::frame::settings::Setting;
 use crate::stages::check_shaders;
 
@@ -157,8 +156,15 @@ impl Command {
     }
 }
 
-/// Runs the command that this process was started with and returns its exit status.
-pub fn run_registered() -> ExitCode {
+/// Runs a command and returns its exit status. `args` begins with the name of the program.
+///
+/// ```
+/// use diptych::cli::{Console, run_from};
+///
+/// assert_eq!(run_from(["diptych", "render", "missing.glb"], Console::new(std::io::sink(), std::io::sink())), 2);
+/// ```
+pub fn run_from(args: impl IntoIterator<Item = impl Into<OsString>>, console: Console) -> u8 {
+    let _run = console::begin(args.into_iter().map(Into::into).collect(), console);
     let joined = ranks::join();
     let result = joined.and_then(|()| if ranks::serves() { serve() } else { Ok(run_command()) });
     let status = result.unwrap_or_else(|failure| {
@@ -166,7 +172,7 @@ pub fn run_registered() -> ExitCode {
         failure.exit_status()
     });
     ranks::end(status);
-    ExitCode::from(status)
+    status
 }
 
 /// Adds how to give a setting that has no flag.
@@ -182,10 +188,12 @@ fn with_tip(mut error: clap::Error) -> clap::Error {
 
 /// Parses the command line and keeps its options for reports.
 fn parse() -> Result<Cli, clap::Error> {
-    let command = command();
-    let matches = command.clone().try_get_matches_from(with_command(std::env::args_os().collect()));
-    let matches = matches.map_err(with_tip)?;
-    settings::keep(&command, &matches);
+    let mut command = command();
+    if !console::is_of_process() {
+        command = command.term_width(100);
+    }
+    let matches = command.clone().try_get_matches_from(with_command(console::args())).map_err(with_tip)?;
+    Given::of(&command, &matches).into_iter().for_each(console::keep_options);
     let mut cli = Cli::from_arg_matches(&matches)?;
     let (name, given) = matches.subcommand().unwrap_or(("", &matches));
     if WITH_FOLDER.contains(&name) && given.value_source("out") == Some(ValueSource::DefaultValue) {
@@ -204,16 +212,15 @@ fn run_command() -> u8 {
             let checked = cli.command.run_options().map_or(Ok(()), |_| ranks::check_alone());
             checked.and_then(|()| cli.command.complete()).and_then(|()| cli.command.run())
         }
-        Err(error) if error.use_stderr() => {
-            let _ = error.print();
-            return error.exit_code() as u8;
-        }
-        Err(help) => {
-            stdout::keep(help.print());
+        Err(error) => {
+            console::print_parsed(&error);
+            if error.use_stderr() {
+                return error.exit_code() as u8;
+            }
             Ok(())
         }
     };
-    result.and_then(|()| stdout::finish()).map_or_else(
+    result.and_then(|()| console::finish()).map_or_else(
         |failure| {
             log!("{}", failure.message());
             failure.exit_status()

@@ -8,6 +8,7 @@ use crate::report::text_table;
 use crate::scene::builtin::BUILTINS;
 use crate::scene::motion::Moves;
 
+use super::console;
 use super::failure::Failure;
 use super::hints;
 use super::measure::{self, Options};
@@ -69,7 +70,12 @@ fn settings(as_json: bool) -> Result<(), Failure> {
 
 /// Opens a device if the adapter lacks nothing else, since drivers may list adapters on which none can be opened.
 fn try_to_open(adapter: &mut AdapterReport) {
-    let selection = Selection { adapters: Some(vec![adapter.index]), virtual_devices: 1, ..Default::default() };
+    let selection = Selection {
+        adapters: Some(vec![adapter.index]),
+        virtual_devices: 1,
+        pool: console::devices(),
+        ..Default::default()
+    };
     if adapter.missing.is_empty()
         && let Err(error) = device::open(&selection)
     {

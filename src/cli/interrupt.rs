@@ -10,6 +10,7 @@ use signal_hook::consts::SIGHUP;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
+use super::console;
 use super::failure::Failure;
 use super::signals::SIGNAL;
 #[cfg(feature = "mpi")]
@@ -17,8 +18,11 @@ pub use super::signals::raise;
 pub use super::signals::{INTERRUPTED, is_set, signal};
 
 /// Makes Ctrl-C, SIGTERM and SIGHUP set [`INTERRUPTED`] instead of ending the process; a second one ends it. `nohup`
-/// starts processes that ignore SIGHUP, and they go on ignoring it.
+/// starts processes that ignore SIGHUP, and they go on ignoring it. A command with a console of its own ignores signals.
 pub fn watch() -> Result<(), Failure> {
+    if !console::is_of_process() {
+        return Ok(());
+    }
     let watched = [SIGINT, SIGTERM].into_iter().try_for_each(watch_for);
     #[cfg(unix)]
     let watched = watched.and_then(|()| if is_ignored(SIGHUP) { Ok(()) } else { watch_for(SIGHUP) });

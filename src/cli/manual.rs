@@ -1,6 +1,5 @@
 //! `diptych generate`: shell completions and manual pages, generated from the command line's definition.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::Context;
@@ -8,7 +7,7 @@ use clap::{Command, ValueEnum};
 use clap_complete::Shell;
 
 use super::failure::Failure;
-use super::{output, stdout};
+use super::{console, output};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -39,7 +38,7 @@ pub fn run(args: &Args, mut command: Command) -> Result<(), Failure> {
         What::Completions(shell) => {
             let mut text = Vec::new();
             clap_complete::generate(shell, &mut command, "diptych", &mut text);
-            stdout::keep(std::io::stdout().write_all(&text));
+            console::print(format_args!("{}", String::from_utf8_lossy(&text)));
         }
         What::Man => {
             output::prepare(&args.out, "--out")?;

@@ -18,7 +18,7 @@ use super::failure::Failure;
 use super::faults::refuse_faults;
 use super::play::fitting_size;
 use super::progress::Progress;
-use super::{interrupt, output, page};
+use super::{console, interrupt, output, page};
 use means::{BLOCKS, MOST_OFF, SCENES};
 pub use options::Options;
 
@@ -117,7 +117,14 @@ fn ready() -> Result<(Vec<AdapterReport>, Vec<AdapterReport>), Failure> {
 fn open(adapters: &[usize], traversal: TraversalChoice, each: usize, most: usize) -> Result<Devices, Failure> {
     let adapters = Some(adapters.to_vec());
     let (virtual_devices, most_virtual_devices) = (each, most);
-    let selection = Selection { adapters, virtual_devices, most_virtual_devices, traversal, ..Selection::default() };
+    let selection = Selection {
+        adapters,
+        virtual_devices,
+        most_virtual_devices,
+        traversal,
+        pool: console::devices(),
+        ..Selection::default()
+    };
     Ok(device::open(&selection)?.into())
 }
 

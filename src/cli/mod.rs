@@ -4,25 +4,25 @@
 //! Exit status: 0 done, 1 the run failed, 2 the command line or an input file is wrong, 129 SIGHUP ended the run, 130
 //! Ctrl-C did, 143 SIGTERM did.
 
-/// Prints a line like `println!`, but does not panic: [`stdout::finish`] reports errors.
+/// Prints a line like `println!` to the console of the command, but does not panic: [`console::finish`] reports errors.
 macro_rules! say {
     ($($arg:tt)*) => {
-        $crate::cli::stdout::print_line(format_args!($($arg)*))
+        $crate::cli::console::print(format_args!("{}\n", format_args!($($arg)*)))
     };
 }
 
-/// Prints a line like `eprintln!`, but ignores errors, which could be reported nowhere else.
+/// Prints a line like `eprintln!` to the console of the command, but ignores errors.
 macro_rules! log {
-    ($($arg:tt)*) => {{
-        use std::io::Write;
-        let _ = writeln!(std::io::stderr(), $($arg)*);
-    }};
+    ($($arg:tt)*) => {
+        $crate::cli::console::log(format_args!($($arg)*))
+    };
 }
 
 mod balance;
 mod bench;
 mod commands;
 mod compare;
+mod console;
 mod disturb;
 mod environment;
 mod export;
@@ -62,7 +62,6 @@ mod sheet;
 mod shot;
 mod signals;
 mod simulate;
-mod stdout;
 mod study;
 mod tev;
 mod trace;
@@ -71,6 +70,8 @@ mod view;
 
 use std::process::ExitCode;
 
+pub use commands::run_from;
+pub use console::Console;
 pub use environment::prepare_environment;
 pub use program::Program;
 

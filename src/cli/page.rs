@@ -11,13 +11,14 @@ use crate::report::Table;
 use crate::report::html::{Section, page};
 use crate::report::lanes::{LaneFrame, lanes};
 use crate::report::pictures::{Group, viewer};
-use crate::report::run::{SceneSummary, command_line};
+use crate::report::run::SceneSummary;
 
+use super::console::command_line;
 use super::failure::Failure;
 use super::options::RunOptions;
 use super::output;
 
-/// Writes the page, with this process's command line.
+/// Writes the page, with the command line.
 pub fn write(dir: &Path, title: &str, sections: &[Section]) -> Result<(), Failure> {
     output::write_text(dir, "report.html", &page(title, &command_line(), sections))
 }

@@ -6,7 +6,8 @@ use crate::passes::Declarations;
 use crate::passes::denoise::{Denoise, Denoiser};
 use crate::schedule::Policy;
 
-use super::commands::run_registered;
+use super::commands::run_from;
+use super::console::Console;
 use super::registry::{NewPolicy, Registry, register};
 
 /// The commands of `diptych`, with your own policies, denoisers and passes. `--balance` selects a registered policy by
@@ -93,6 +94,6 @@ impl Program {
     /// process has run before, its policies and passes stay in force instead of these.
     pub fn run(self) -> ExitCode {
         register(self.registry);
-        run_registered()
+        ExitCode::from(run_from(std::env::args_os(), Console::process()))
     }
 }

@@ -1,10 +1,11 @@
 //! Progress: a bar on a terminal, JSON lines with `--json`, nothing with `--quiet`, otherwise a line every few seconds.
 
 use std::cell::RefCell;
-use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
+
+use super::console;
 
 pub struct Progress {
     bar: Option<ProgressBar>,
@@ -56,7 +57,7 @@ impl Progress {
     }
 
     fn with_template(steps: u64, template: &str, quiet: bool, json: bool) -> Self {
-        let shown = !quiet && !json && std::io::stderr().is_terminal();
+        let shown = !quiet && !json && console::is_terminal();
         let bar = shown.then(|| {
             let bar = ProgressBar::new(steps);
             let style = ProgressStyle::with_template(template);

@@ -3,7 +3,7 @@
 use std::any::TypeId;
 use std::ffi::OsStr;
 use std::path::PathBuf;
-use std::sync::OnceLock;
+use std::sync::Arc;
 
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command};
@@ -16,6 +16,7 @@ use crate::report::once;
 use crate::report::run::RunSettings;
 
 use super::balance::Balance;
+use super::console;
 use super::options::RenderOptions;
 use super::setting_flags::SETTING;
 
@@ -25,22 +26,14 @@ pub struct Given {
     matches: ArgMatches,
 }
 
-static HERE: OnceLock<Given> = OnceLock::new();
-
-/// Keeps the options that this process was started with. `command` is the definition of all commands.
-pub fn keep(command: &Command, matches: &ArgMatches) {
-    if let Some(given) = Given::of(command, matches) {
-        HERE.get_or_init(|| given);
-    }
-}
-
 impl Given {
-    /// Returns the options of this process; `None` before they are kept, as in tests.
-    pub fn here() -> Option<&'static Self> {
-        HERE.get()
+    /// Returns the options of this command; `None` before they are kept, as in tests.
+    pub fn here() -> Option<Arc<Self>> {
+        console::options()
     }
 
-    fn of(command: &Command, matches: &ArgMatches) -> Option<Self> {
+    /// Returns the options of a command line. `command` is the definition of all commands.
+    pub fn of(command: &Command, matches: &ArgMatches) -> Option<Self> {
         let (name, matches) = matches.subcommand()?;
         Some(Self { command: command.find_subcommand(name)?.clone(), matches: matches.clone() })
     }
@@ -106,14 +99,14 @@ pub fn of_command_line(
     settings: &Chosen,
     known: impl IntoIterator<Item = (&'static str, Value)>,
 ) -> RunSettings {
-    let mut options = Given::here().map(Given::values).unwrap_or_default();
+    let mut options = Given::here().map(|given| given.values()).unwrap_or_default();
     options.extend(settings.json());
     for (name, value) in known {
         if let Some(option) = options.get_mut(name) {
             *option = value;
         }
     }
-    RunSettings { exposure_ev, options }
+    RunSettings { command: console::command_line(), exposure_ev, options }
 }
 
 /// Returns the name of the policy, or a list of several names.

@@ -23,6 +23,7 @@ use crate::trace::frames::{FrameControl, record_frame};
 use crate::trace::{Recorder, TraceFile};
 use anyhow::anyhow;
 
+use super::console;
 use super::failure::Failure;
 use super::node;
 use super::options::{RenderOptions, RunOptions};
@@ -119,6 +120,7 @@ fn selection(options: &RunOptions, virtual_devices: usize) -> Selection {
         most_virtual_devices: usize::from(options.most_virtual_devices),
         threads_per_device: options.threads_per_device.as_ref().map(|t| t.iter().copied().map(usize::from).collect()),
         traversal: options.settings.traversal,
+        pool: console::devices(),
     }
 }
 

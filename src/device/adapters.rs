@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use super::choice::by_default;
-use super::{DeviceError, Quirks, Traversal, TraversalChoice};
+use super::{DeviceError, DevicePool, Quirks, Traversal, TraversalChoice};
 
 pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu: `apt-get install mesa-vulkan-drivers`, \
      which brings a software one too), or update the graphics driver";
@@ -114,6 +114,8 @@ pub struct Selection {
     /// without a hook, the driver chooses the number, and a number here is an error.
     pub threads_per_device: Option<Vec<usize>>,
     pub traversal: TraversalChoice,
+    /// Idle devices to use in place of new ones.
+    pub pool: Option<DevicePool>,
 }
 
 /// Lock that is held while a device is created or adapters are listed: creation may change the environment, which

@@ -13,6 +13,7 @@ mod opening;
 #[cfg(feature = "xr")]
 mod headset;
 mod pipelines;
+mod pool;
 mod quirks;
 #[cfg(feature = "view")]
 mod screen;
@@ -29,6 +30,7 @@ pub use failure::{DeviceFailure, FailureKind, panic_text};
 pub use headset::HeadsetDevice;
 pub use opening::{Wanted, open, open_with};
 pub use pipelines::{Pipeline, PipelineKey};
+pub use pool::DevicePool;
 pub use quirks::{Quirks, Tables};
 #[cfg(feature = "view")]
 pub use screen::ScreenDevice;
@@ -86,8 +88,9 @@ pub struct GpuDevice {
     /// Cache of compiled pipelines, kept for all successive users of the device.
     pub pipelines: HashMap<PipelineKey, Pipeline>,
     failure: Arc<Mutex<Option<DeviceFailure>>>,
+    /// Pool that the device returns to.
+    pool: Option<DevicePool>,
     /// Instance, which must live as long as the device.
-    #[cfg_attr(not(feature = "view"), expect(dead_code))]
     instance: wgpu::Instance,
 }
 
@@ -107,7 +110,6 @@ impl GpuDevice {
     }
 
     /// Returns the same device for another thread, which may use it only while this thread does not.
-    #[cfg(feature = "xr")]
     fn shared(&self) -> Self {
         Self {
             info: self.info.clone(),
@@ -117,6 +119,7 @@ impl GpuDevice {
             patience: self.patience,
             pipelines: HashMap::new(),
             failure: Arc::clone(&self.failure),
+            pool: None,
             instance: self.instance.clone(),
         }
     }

@@ -47,7 +47,13 @@ pub fn open_with(
     let mut first = Some(first);
     let open = |wanted: &Wanted| {
         let given = first.take().map_or(Ok(None), |first| first(wanted))?;
-        given.map_or_else(|| open_one(wanted), Ok)
+        let pooled = || selection.pool.as_ref().and_then(|pool| pool.take(wanted));
+        if let Some(gpu) = given.or_else(pooled) {
+            return Ok(gpu);
+        }
+        let mut gpu = open_one(wanted)?;
+        gpu.pool.clone_from(&selection.pool);
+        Ok(gpu)
     };
     wanted.iter().map(open).collect()
 }
@@ -78,6 +84,11 @@ pub struct Wanted<'a> {
 }
 
 impl Wanted<'_> {
+    /// True if an open device serves as this one.
+    pub(super) fn is_like(&self, open: &DeviceInfo) -> bool {
+        (open.adapter, open.threads, open.traversal) == (self.adapter.index, self.threads, self.traversal)
+    }
+
     /// Sets the number of threads that Mesa reads when a device is created. The caller holds the lock [`OPENING`].
     pub(super) fn request_threads(&self) {
         if let Some(threads) = self.threads {
@@ -149,7 +160,7 @@ pub(super) fn watched(
     });
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
     let (patience, pipelines) = (GpuDevice::START_PATIENCE, HashMap::new());
-    GpuDevice { info, quirks, device, queue, patience, pipelines, failure, instance }
+    GpuDevice { info, quirks, device, queue, patience, pipelines, failure, pool: None, instance }
 }
 
 #[cfg(test)]

@@ -25,6 +25,9 @@ use super::{median, median_of};
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RunSettings {
+    /// Command line, which reports show beside the settings.
+    #[serde(skip)]
+    pub command: String,
     /// Exposure at which pictures are tonemapped, stops.
     pub exposure_ev: f64,
     /// Effective value of each option of the command, by its long name in snake_case.
@@ -152,7 +155,7 @@ pub struct RunReport<Rows: FrameRows = Vec<FrameRow>> {
 
 impl<Rows: FrameRows> RunReport<Rows> {
     pub fn new(
-        settings: RunSettings,
+        mut settings: RunSettings,
         devices: &[DeviceInfo],
         scene: &Scene,
         needs: SceneNeeds,
@@ -161,7 +164,7 @@ impl<Rows: FrameRows> RunReport<Rows> {
     ) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION"),
-            command: command_line(),
+            command: std::mem::take(&mut settings.command),
             settings,
             devices: devices.to_vec(),
             scene: SceneSummary::of(scene, needs, skips),
@@ -215,11 +218,6 @@ impl RunReport {
     pub fn median_makespan_ms(&self) -> f64 {
         median_of(self.frames.iter().map(|f| f.makespan_ms).collect())
     }
-}
-
-/// Returns the command line of this process. Bytes that are not UTF-8 become replacement characters.
-pub fn command_line() -> String {
-    std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
 }
 
 /// Returns the peak resident memory in MiB, from `VmHWM` in Linux's `/proc/self/status`.

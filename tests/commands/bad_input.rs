@@ -6,7 +6,7 @@ mod options;
 use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
 
-use crate::common::diptych;
+use crate::common::{diptych, program};
 
 /// A folder for results, which must stay empty.
 struct Case {
@@ -330,8 +330,8 @@ fn no_display_server_is_looked_for_in_a_shared_folder() {
     let shared = tempfile::tempdir().unwrap();
     let planted = std::os::unix::net::UnixListener::bind(shared.path().join("wayland-0")).unwrap();
     planted.set_nonblocking(true).unwrap();
-    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_diptych"));
-    command.arg("info").env("TMPDIR", shared.path());
+    let mut command = program(&["info"]);
+    command.env("TMPDIR", shared.path());
     for variable in ["XDG_RUNTIME_DIR", "WAYLAND_DISPLAY", "WAYLAND_SOCKET", "NODEVICE_SELECT"] {
         command.env_remove(variable);
     }

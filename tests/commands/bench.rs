@@ -4,9 +4,9 @@
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
-use crate::common::{diptych, is_thorough};
+use crate::common::{diptych, is_thorough, program};
 use diptych::control::{Ladder, MIN_STEP, Measure, Rung};
 use diptych::quality::{Denoiser, Filter, Quality};
 use serde_json::Value;
@@ -149,11 +149,7 @@ fn a_run_that_was_killed_goes_on_and_one_that_is_done_gives_the_same_files() {
     let out = folder.path();
     let options = ["--size", "32x18", "--quick", "--repeats", "2", "--reference-spp", "32"];
     let args = ["bench", "builtin:cornell", "--json", "--out", out.to_str().unwrap()];
-    let mut killed = Command::new(env!("CARGO_BIN_EXE_diptych"))
-        .args([&args[..], &options].concat())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut killed = program(&[&args[..], &options].concat()).stdout(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(killed.stdout.take().unwrap()).lines();
     let first = lines.find_map(|l| Some(l.unwrap()).filter(|l| l.contains(r#""event":"setting""#))).unwrap();
     killed.kill().unwrap();

@@ -7,7 +7,7 @@ use diptych::image::exr::read_rgb;
 use diptych::scene::{Instance, Material, Mesh, Scene, gltf};
 use glam::{Affine3A, Vec3};
 
-use crate::common::diptych;
+use crate::common::{diptych, program};
 
 /// A white block as a glTF file without camera or lights, in a folder.
 struct Case {
@@ -113,8 +113,7 @@ fn views_and_tone_curves_are_chosen() {
 
 /// Runs the program in a folder and returns its exit status and all of its messages.
 fn run_in(folder: &Path, args: &[&str]) -> (Option<i32>, String) {
-    let output =
-        std::process::Command::new(env!("CARGO_BIN_EXE_diptych")).args(args).current_dir(folder).output().unwrap();
+    let output = program(args).current_dir(folder).output().unwrap();
     let said = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap()).concat();
     (output.status.code(), said)
 }

@@ -3,9 +3,9 @@
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
-use crate::common::diptych;
+use crate::common::{diptych, program};
 use diptych::quality::FrameQuality;
 use diptych::report::play::SETTLING_FRAMES;
 use serde_json::Value;
@@ -46,10 +46,10 @@ knobs = { spp = 16, bounces = 6, denoiser = "atrous", iterations = 3, scale = 1.
 #[test]
 fn a_run_tells_all_of_every_frame() {
     let folder = tempfile::tempdir().unwrap();
-    let (out, trace) = (folder.path().join("out"), folder.path().join("trace.json"));
-    let traced = ["--trace", trace.to_str().unwrap(), "--disturb", "scene-cut@20", "--disturb", "slow:dev1@9..12"];
+    let out = folder.path().join("out");
+    let disturbed = ["--disturb", "scene-cut@20", "--disturb", "slow:dev1@9..12"];
     let shape = ["--virtual", "2", "--budget-ms", "0.01..30000", "--frames", "40", "--save-every", "25"];
-    let (events, run) = play(&out, &[&traced[..], &shape].concat());
+    let (events, run) = play(&out, &[&disturbed[..], &shape].concat());
     let told: Vec<&Value> = events.iter().filter(|e| e["event"] == "frame").collect();
     let rows = run["frames"].as_array().unwrap();
     assert_eq!((told.len(), rows.len()), (40, 40));
@@ -91,6 +91,15 @@ fn a_run_tells_all_of_every_frame() {
         assert!(out.join(name).is_file(), "there is no {name}");
     }
     assert!(!out.join("left.0001.exr").exists());
+}
+
+#[test]
+fn traces_have_the_budget_and_the_rung() {
+    let folder = tempfile::tempdir().unwrap();
+    let (ladder, trace) = (folder.path().join("ladder.toml"), folder.path().join("trace.json"));
+    std::fs::write(&ladder, LADDER).unwrap();
+    let files = ["--ladder", ladder.to_str().unwrap(), "--trace", trace.to_str().unwrap()];
+    play(folder.path(), &[&files[..], &["--budget-ms", "0.01..30000", "--frames", "2"]].concat());
     let trace = std::fs::read_to_string(&trace).unwrap();
     assert!(["budget_lo", "budget_hi", "rung"].iter().all(|name| trace.contains(name)));
 }
@@ -185,8 +194,8 @@ fn a_killed_run_leaves_every_finished_frame_and_the_next_one_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
     let motion = out.join("head.jsonl");
-    let mut run = Command::new(env!("CARGO_BIN_EXE_diptych"))
-        .args(["play", "builtin:cornell", "--size", "48x32", "--json", "--fps", "1000", "--budget-ms", "0.01..30000"])
+    let mut run = program(&["play", "builtin:cornell", "--size", "48x32", "--json", "--fps", "1000"])
+        .args(["--budget-ms", "0.01..30000"])
         .args(["--frames", "1000000", "--record-motion", motion.to_str().unwrap(), "--out", out.to_str().unwrap()])
         .stdout(Stdio::piped())
         .spawn()

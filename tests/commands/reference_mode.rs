@@ -2,10 +2,10 @@
 //! devices, and many samples do not make them drift.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::diptych;
+use crate::common::{diptych, program};
 use diptych::image::RgbImage;
 use diptych::image::exr::read_rgb;
 
@@ -171,8 +171,8 @@ fn any_number_of_devices_gives_the_same_bytes() {
 fn a_killed_run_loses_the_end_and_nothing_else() {
     let case = Case::new();
     let out = case.path("killed");
-    let mut run = Command::new(env!("CARGO_BIN_EXE_diptych"))
-        .args(["render", "builtin:cornell", "--reference", "--spp", "100000000", "--quiet", "--size", SIZE, "--out"])
+    let mut run = program(&["render", "builtin:cornell", "--reference", "--spp", "100000000", "--quiet"])
+        .args(["--size", SIZE, "--out"])
         .arg(&out)
         .args(["--passes-out", &case.kept()])
         .stdout(Stdio::null())

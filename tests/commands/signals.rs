@@ -7,6 +7,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use crate::common;
 use serde_json::Value;
 
 fn json(path: &Path) -> Value {
@@ -48,8 +49,7 @@ fn interrupted_at(text: &str, command: &mut Command, signal: libc::c_int) -> (Op
 
 /// Returns the program with these arguments. It heeds SIGHUP even if these tests run under `nohup`.
 fn program(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_diptych"));
-    command.args(args);
+    let mut command = common::program(args);
     on_hangup(&mut command, libc::SIG_DFL);
     command
 }

@@ -3,19 +3,41 @@
 
 use std::ffi::{OsStr, OsString};
 use std::fs::File;
+use std::io::{self, Write};
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 
-/// Runs the program in a folder with this standard output.
+use crate::common::{Stream, program, run_with};
+
+/// Runs the program in a folder as a process with this standard output.
 fn run(folder: &Path, args: &[&OsStr], stdout: impl Into<Stdio>) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_diptych"));
+    let mut command = program(&[]);
     command.current_dir(folder).args(args).stdout(stdout).stderr(Stdio::piped());
     command.spawn().unwrap().wait_with_output().unwrap()
 }
 
 fn words(line: &str) -> Vec<&OsStr> {
     line.split(' ').map(OsStr::new).collect()
+}
+
+/// Returns the words of a line. `./` stands for this folder.
+fn words_in(folder: &Path, line: &str) -> Vec<OsString> {
+    let path = |word: &str| word.strip_prefix("./").map_or_else(|| word.into(), |name| folder.join(name).into());
+    line.split(' ').map(path).collect()
+}
+
+/// A stream whose every write fails with this error of the system.
+struct Broken(i32);
+
+impl Write for Broken {
+    fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+        Err(io::Error::from_raw_os_error(self.0))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 fn errors(output: &Output) -> String {
@@ -30,7 +52,7 @@ const COMMANDS: [&str; 9] = [
     "info --settings",
     "graph builtin:cornell --json",
     "generate bash",
-    "generate man --out man",
+    "generate man --out ./man",
     "render --help",
     "--version",
 ];
@@ -48,19 +70,26 @@ fn rendered() -> tempfile::TempDir {
 fn a_command_fails_if_the_disk_of_its_output_is_full() {
     let folder = rendered();
     let of_files = [
-        "compare a/left.exr a/left.exr --json",
-        "compare a/left.exr a/left.exr",
-        "trace trace.json",
-        "export builtin:checker --out shot.toml",
-        "export builtin:checker --out exported",
-        "render builtin:checker --size 16x9 --warm-up 0 --json --out b",
+        "compare ./a/left.exr ./a/left.exr --json",
+        "compare ./a/left.exr ./a/left.exr",
+        "trace ./trace.json",
+        "export builtin:checker --out ./shot.toml",
+        "export builtin:checker --out ./exported",
+        "render builtin:checker --size 16x9 --warm-up 0 --json --out ./b",
     ];
+    let assert_fails = |line: &str, status: Option<i32>, said: &str| {
+        assert_eq!(status, Some(1), "{line}: {said}");
+        assert!(said.contains("error: cannot write to standard output: No space left"), "{line}: {said}");
+    };
     for line in of_files.into_iter().chain(COMMANDS) {
+        let messages = Stream::default();
+        let status = run_with(&words_in(folder.path(), line), Broken(libc::ENOSPC), messages.clone());
+        assert_fails(line, Some(status.into()), &String::from_utf8_lossy(&messages.take()));
+    }
+    for line in ["info", "render --help"] {
         let full = File::options().write(true).open("/dev/full").unwrap();
         let output = run(folder.path(), &words(line), full);
-        let said = errors(&output);
-        assert_eq!(output.status.code(), Some(1), "{line}: {said}");
-        assert!(said.contains("error: cannot write to standard output: No space left"), "{line}: {said}");
+        assert_fails(line, output.status.code(), &errors(&output));
     }
     assert!(folder.path().join("b/run.json").exists(), "files do not depend on standard output");
 }
@@ -69,7 +98,12 @@ fn a_command_fails_if_the_disk_of_its_output_is_full() {
 fn a_closed_pipe_ends_no_command() {
     let folder = tempfile::tempdir().unwrap();
     for line in COMMANDS {
-        let (reader, writer) = std::io::pipe().unwrap();
+        let messages = Stream::default();
+        let status = run_with(&words_in(folder.path(), line), Broken(libc::EPIPE), messages.clone());
+        assert_eq!((status, messages.take()), (0, Vec::new()), "{line}");
+    }
+    for line in ["info", "render --help"] {
+        let (reader, writer) = io::pipe().unwrap();
         drop(reader);
         let output = run(folder.path(), &words(line), writer);
         assert_eq!((output.status.code(), errors(&output)), (Some(0), String::new()), "{line}");
@@ -85,7 +119,7 @@ fn messages_that_cannot_be_written_end_no_command() {
         ("render --unknown", 2),
     ] {
         let full = || File::options().write(true).open("/dev/full").unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_diptych"));
+        let mut command = program(&[]);
         command.current_dir(folder.path()).args(words(line)).stdout(Stdio::null()).stderr(full());
         assert_eq!(command.status().unwrap().code(), Some(status), "{line}");
     }
@@ -118,16 +152,20 @@ fn every_path_may_have_bytes_that_are_not_utf8() {
     let folder = rendered();
     let name = bytes("name");
     for line in [
-        "trace trace.json",
-        "compare a a --json --heatmap",
+        "trace ./trace.json",
+        "compare ./a ./a --json --heatmap",
         "graph builtin:checker --dot",
         "generate man --out",
         "export builtin:checker --out",
-        "render builtin:checker --size 16x9 --out b --motion",
-        "render builtin:checker --size 16x9 --out b --trace",
+        "render builtin:checker --size 16x9 --out ./b --motion",
         "render",
     ] {
-        let output = run(folder.path(), &[&words(line)[..], &[&name]].concat(), Stdio::null());
-        assert!(matches!(output.status.code(), Some(0..=2)), "{line}: {}", errors(&output));
+        let args = [words_in(folder.path(), line), vec![folder.path().join(&name).into()]].concat();
+        let messages = Stream::default();
+        let status = run_with(&args, io::sink(), messages.clone());
+        assert!((0..=2).contains(&status), "{line}: {}", String::from_utf8_lossy(&messages.take()));
     }
+    let line = "render builtin:checker --size 16x9 --out b --trace";
+    let output = run(folder.path(), &[&words(line)[..], &[&name]].concat(), Stdio::null());
+    assert_eq!(output.status.code(), Some(0), "{line}: {}", errors(&output));
 }

@@ -1,17 +1,17 @@
 //! A run's trace-file is valid even if the run dies. `diptych trace` reads it alone or beside another, and `run.json`
 //! has the sums of its tasks.
 
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use crate::common::diptych;
+use crate::common::{diptych, program};
 use serde_json::Value;
 
 /// Renders on two devices and is killed between two writes, after the second frame; returns the trace that it leaves.
 fn killed_run(folder: &std::path::Path) -> String {
     let path = folder.join("trace.json");
-    let mut run = Command::new(env!("CARGO_BIN_EXE_diptych"))
-        .args(["render", "builtin:checker", "--size", "48x32", "--virtual", "2", "--threads-per-device", "1"])
+    let mut run = program(&["render", "builtin:checker", "--size", "48x32", "--virtual", "2"])
+        .args(["--threads-per-device", "1"])
         .args(["--frames", "100000", "--quiet", "--trace", path.to_str().unwrap(), "--out"])
         .arg(folder.join("out"))
         .stdout(Stdio::null())

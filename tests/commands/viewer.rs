@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::net::TcpListener;
-use std::process::Command;
 
 use diptych::image::exr::{read_channels, read_rgb};
+
+use crate::common::program;
 
 /// Reads values of a packet one after another, in little-endian order.
 struct Packet(std::vec::IntoIter<u8>);
@@ -67,10 +68,6 @@ fn images(mut sent: &[u8]) -> BTreeMap<(String, String), Vec<f32>> {
     planes
 }
 
-fn program() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_diptych"))
-}
-
 #[test]
 fn the_viewer_gets_the_values_of_the_files() {
     let folder = tempfile::tempdir().unwrap();
@@ -83,9 +80,8 @@ fn the_viewer_gets_the_values_of_the_files() {
     });
     let out = folder.path().to_str().unwrap();
     let options = ["--size", "48x30", "--frames", "2", "--aov", "depth,normal", "--out", out];
-    let mut command = program();
-    command.args(["render", "builtin:checker", "--also", "tev"]).args(options);
-    let output = command.env("TEV", address.to_string()).output().unwrap();
+    let mut command = program(&["render", "builtin:checker", "--also", "tev"]);
+    let output = command.args(options).env("TEV", address.to_string()).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let planes = images(&viewer.join().unwrap());
     assert_eq!(planes.len(), 2 * (3 + 1 + 3), "{:?}", planes.keys());
@@ -108,8 +104,7 @@ fn a_viewer_that_does_not_listen_is_named() {
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let out = folder.path().to_str().unwrap();
     for address in [free.to_string(), "nowhere".to_owned()] {
-        let mut command = program();
-        command.args(["render", "builtin:checker", "--also", "tev", "--out", out]);
+        let mut command = program(&["render", "builtin:checker", "--also", "tev", "--out", out]);
         let output = command.env("TEV", &address).output().unwrap();
         let said = String::from_utf8(output.stderr).unwrap();
         assert!(output.status.code() == Some(1) && said.contains(&address), "{said}");

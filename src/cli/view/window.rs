@@ -21,6 +21,7 @@ use super::present::{Drawing, Presenter};
 use super::renderer::{self, Start};
 use super::shared::{Shared, Status};
 use super::status::ViewStatus;
+use crate::cli::console;
 use crate::cli::failure::Failure;
 
 /// Reason why the renderer's thread wakes the window.
@@ -100,7 +101,9 @@ impl App {
             drawn: None,
         });
         let (shared, proxy) = (Arc::clone(&self.shared), self.proxy.clone());
+        let enter = console::enter();
         let render = move || {
+            let _run = enter();
             // Ignore failures: the window may have closed.
             let wake = |why| {
                 let _ = proxy.send_event(why);

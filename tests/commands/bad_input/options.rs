@@ -137,8 +137,8 @@ fn one_of_several_processes_is_refused_without_mpi() {
         let case = Case::new();
         let out = case.path("out");
         let start = |command: &str, processes: &str| {
-            let mut started = std::process::Command::new(env!("CARGO_BIN_EXE_diptych"));
-            started.args([command, "builtin:cornell"]).env(size, processes).env(number, "0");
+            let mut started = program(&[command, "builtin:cornell"]);
+            started.env(size, processes).env(number, "0");
             if command == "render" {
                 started.args(["--size", "32x18", "--out"]).arg(&out);
             }

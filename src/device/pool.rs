@@ -1,0 +1,44 @@
+//! Devices that commands of one process use one after another. They keep their compiled pipelines.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use super::opening::Wanted;
+use super::{DeviceInfo, GpuDevice};
+
+/// Devices that nothing uses at present. A device that is opened with a pool returns to it when it is dropped, unless
+/// it has failed.
+#[derive(Clone, Debug, Default)]
+pub struct DevicePool(Arc<Mutex<Vec<GpuDevice>>>);
+
+impl DevicePool {
+    fn idle(&self) -> MutexGuard<'_, Vec<GpuDevice>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns a device like `wanted`, with the most pipelines, so that few devices compile the common ones.
+    pub(super) fn take(&self, wanted: &Wanted) -> Option<GpuDevice> {
+        let mut gpu = {
+            let mut idle = self.idle();
+            let like = idle.iter().enumerate().filter(|(_, gpu)| wanted.is_like(&gpu.info));
+            let (place, _) = like.max_by_key(|(_, gpu)| gpu.pipelines.len())?;
+            idle.swap_remove(place)
+        };
+        // Its last user may have lost it.
+        gpu.wait(None).ok()?;
+        gpu.info = DeviceInfo { index: wanted.index, clock_residual_us: 0.0, rank: None, ..gpu.info.clone() };
+        gpu.pool = Some(self.clone());
+        Some(gpu)
+    }
+}
+
+impl Drop for GpuDevice {
+    fn drop(&mut self) {
+        if let Some(pool) = self.pool.take()
+            && self.failure().is_none()
+        {
+            let mut idle = self.shared();
+            idle.pipelines = std::mem::take(&mut self.pipelines);
+            pool.idle().push(idle);
+        }
+    }
+}
