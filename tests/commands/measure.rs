@@ -40,6 +40,7 @@ fn a_machine_is_measured_and_its_images_are_right() {
 }
 
 #[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
 fn what_does_not_fit_the_time_is_left_out_and_named() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
@@ -47,7 +48,11 @@ fn what_does_not_fit_the_time_is_left_out_and_named() {
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(text.contains("left out: atrium at 256x144"), "{text}");
-    let wrong = diptych(&["info", "--check", "--minutes", "0", "--out", out]);
+}
+
+#[test]
+fn times_out_of_range_are_refused() {
+    let wrong = diptych(&["info", "--check", "--minutes", "0", "--out", "unused"]);
     let message = String::from_utf8(wrong.stderr).unwrap();
     assert!(wrong.status.code() == Some(2) && message.contains("from 0.05 to 600 minutes"), "{message}");
 }
