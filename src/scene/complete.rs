@@ -88,6 +88,7 @@ pub fn complete(
         exposure_ev: if let Exposure::Ev(ev) = exposure { ev } else { 0.0 },
         is_metered: exposure == Exposure::Auto,
         tone: overrides.tone.unwrap_or(tone),
+        settings: draft.settings,
     })
 }
 

@@ -131,6 +131,7 @@ mod tests {
             assert!(kind_a == kind_b && near(&numbers(a), &numbers(b)), "{what}: {a:?}, {b:?}");
         }
         assert_eq!((&shot_read.gaze, shot_read.exposure_ev), (&shot.gaze, shot.exposure_ev), "{what}");
+        assert_eq!(shot_read.settings, shot.settings, "{what}");
         assert_eq!(shot_read.rig.keys.len(), shot.rig.keys.len(), "{what}");
         for (a, b) in shot.rig.keys.iter().zip(&shot_read.rig.keys) {
             assert_eq!((a.time_s, a.position, a.target), (b.time_s, b.position, b.target), "{what}");
@@ -269,7 +270,8 @@ mod tests {
         };
         let text = "scene = 'a.glb'\nrig.metres_per_unit = 0.01\nrig.yfov_deg = 51.7\n[[rig.key]]\nposition = [0, 0, 1]\n\
             target = [0, 0, 0]\nup = [0, 1, 0.5]\n[[rig.key]]\ntime_s = 2\nposition = [0, 0, 2]\ntarget = [0, 0.1, 0]\n\
-            [gaze]\npath = [[0, 0.25, 0.75], [1, 0.5, 0.5]]\n[exposure]\nev = -1.5";
+            [gaze]\npath = [[0, 0.25, 0.75], [1, 0.5, 0.5]]\n[exposure]\nev = -1.5\n\
+            [render]\nsize = '1280x720'\nspp = 1.5\niterations = [2, 3, 5]\nreproject = false";
         let mut seen = scene.clone();
         let draft = Draft::parse(text, "everything.toml").unwrap();
         (complete(draft, &Overrides::default(), &mut seen, &Motion::default(), &Budget::unlimited()).unwrap(), scene)

@@ -243,6 +243,8 @@ pub struct Shot {
     pub is_metered: bool,
     /// Tone curve of pictures.
     pub tone: ToneCurve,
+    /// Settings of the table `[render]`, unchecked.
+    pub settings: Map<String, Value>,
 }
 
 impl Shot {

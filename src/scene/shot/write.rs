@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use serde_json::json;
 use toml::Value;
 
 use super::{SceneSource, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
@@ -39,7 +40,9 @@ pub fn text(shot: &Shot) -> String {
          path = [{}]\n\n# Exposure of pictures in stops; EXR files are not changed.\n[exposure]\n{exposure}\n",
         path.join(", ")
     );
-    text
+    // Only invalid settings cannot be written.
+    let settings = (!shot.settings.is_empty()).then(|| toml::to_string(&json!({ "render": shot.settings })).ok());
+    text + &settings.flatten().map_or(String::new(), |render| format!("\n# Settings of picture and quality.\n{render}"))
 }
 
 fn play(text: &mut String, play: &Play) {
