@@ -132,7 +132,7 @@ impl Command {
         let name = self.name();
         let Some(run) = self.run_options_mut() else { return Ok(()) };
         run.settings.check_command(name).map_err(|error| Failure::Input(error.into()))?;
-        run.complete()
+        run.complete(name)
     }
 
     fn run(&self) -> Result<(), Failure> {
@@ -175,11 +175,13 @@ pub fn run_from(args: impl IntoIterator<Item = impl Into<OsString>>, console: Co
     status
 }
 
-/// Adds how to give a setting that has no flag.
-fn with_tip(mut error: clap::Error) -> clap::Error {
+/// Adds how to give a setting that has no flag in `command`, if the command reads it.
+fn with_tip(mut error: clap::Error, command: Option<&clap::Command>) -> clap::Error {
     let flag = error.get(ContextKind::InvalidArg).map(ToString::to_string).unwrap_or_default();
     let key = flag.trim_start_matches('-').replace('-', "_");
-    if error.kind() == ErrorKind::UnknownArgument && Setting::of_key(&key).is_some() {
+    let takes_settings = |of: &&clap::Command| of.get_arguments().any(|arg| arg.get_id() == "set");
+    let is_read = |setting: &Setting| command.filter(takes_settings).is_some_and(|of| setting.is_of(of.get_name()));
+    if error.kind() == ErrorKind::UnknownArgument && Setting::of_key(&key).is_some_and(is_read) {
         let tip = format!("give this setting with --set {key}=VALUE");
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }
@@ -192,7 +194,10 @@ fn parse() -> Result<Cli, clap::Error> {
     if !console::is_of_process() {
         command = command.term_width(100);
     }
-    let matches = command.clone().try_get_matches_from(with_command(console::args())).map_err(with_tip)?;
+    let args = with_command(console::args());
+    let matches = command.clone().try_get_matches_from(&args);
+    let matches =
+        matches.map_err(|error| with_tip(error, args.get(1).and_then(|name| command.find_subcommand(name))))?;
     Given::of(&command, &matches).into_iter().for_each(console::keep_options);
     let mut cli = Cli::from_arg_matches(&matches)?;
     let (name, given) = matches.subcommand().unwrap_or(("", &matches));
@@ -260,6 +265,24 @@ mod tests {
         let render = command.find_subcommand_mut("render").expect("there is such a command");
         let text = render.render_help().to_string();
         assert!(text.lines().count() <= 60, "{} lines: {text}", text.lines().count());
+    }
+
+    #[test]
+    fn tips_name_settings_that_the_command_reads() {
+        let command = command();
+        for (line, has_tip) in [
+            (["diptych", "render", "--hard-shadows"], true),
+            (["diptych", "play", "--exposure"], true),
+            (["diptych", "play", "--spp"], false),
+            (["diptych", "export", "--spp"], false),
+            (["diptych", "export", "--yfov"], true),
+            (["diptych", "compare", "--spp"], false),
+            (["diptych", "trace", "--seed"], false),
+        ] {
+            let error = command.clone().try_get_matches_from(line).unwrap_err();
+            let text = with_tip(error, command.find_subcommand(line[1])).to_string();
+            assert_eq!(text.contains("give this setting with --set"), has_tip, "{text}");
+        }
     }
 
     #[test]

@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let Args { virtual_devices, dot: file, .. } = args;
     let mut run = args.run_options();
     run.settings.check_command("graph").map_err(|error| Failure::Input(error.into()))?;
-    run.complete()?;
+    run.complete("graph")?;
     let flags = RenderFlags { run, frames: 1, aov: args.aov.clone() };
     let options = &flags.options().map_err(Failure::Input)?;
     let devices = usize::from(*virtual_devices);

@@ -124,20 +124,21 @@ impl RunOptions {
         false
     }
 
-    /// Takes over the settings of the shot that the command line leaves open.
-    pub fn complete(&mut self) -> Result<(), Failure> {
+    /// Takes over those settings of the shot that the command line leaves open and the command reads.
+    pub fn complete(&mut self, command: &str) -> Result<(), Failure> {
         let is_shot = Path::new(&self.shot).extension().is_some_and(|name| name.eq_ignore_ascii_case("toml"));
         let mut text = String::new();
         if is_shot && File::open(&self.shot).and_then(|file| file.take(MOST_BYTES).read_to_string(&mut text)).is_ok() {
-            self.complete_from(&text)?;
+            self.complete_from(&text, command)?;
         }
         Ok(())
     }
 
     /// Takes over settings of the shot with this text.
-    pub fn complete_from(&mut self, text: &str) -> Result<(), Failure> {
+    pub fn complete_from(&mut self, text: &str, command: &str) -> Result<(), Failure> {
         let origin = || format!("{}: [render]", self.shot);
-        self.settings.default_to(&shot::settings_of(text)).with_context(origin).map_err(Failure::Input)
+        let taken = self.settings.default_to(&shot::settings_of(text), command);
+        taken.with_context(origin).map_err(Failure::Input)
     }
 
     /// Returns the requested policy or the default one.
@@ -185,7 +186,7 @@ impl RenderFlags {
         let settings = &self.run.settings;
         anyhow::ensure!(
             settings.spp.least <= MAX_FRAME_SPP,
-            "--spp {} exceeds the limit of {MAX_FRAME_SPP} per frame: use --reference to accumulate more",
+            "spp {} exceeds the limit of {MAX_FRAME_SPP} per frame: `diptych render --reference` accumulates more",
             settings.spp
         );
         settings.check()?;

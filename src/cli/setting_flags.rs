@@ -93,7 +93,7 @@ fn flag(setting: &'static Setting) -> Arg {
     let arg = if is_switch(setting) {
         arg.action(ArgAction::SetTrue)
     } else {
-        let may_be_negative = setting.group == Group::Scene;
+        let may_be_negative = matches!(setting.group, Group::Scene | Group::Picture);
         arg.value_name(setting.form).value_parser(parser(setting)).allow_hyphen_values(may_be_negative)
     };
     arg.hide_short_help(RARE.contains(&setting.key))
@@ -131,7 +131,11 @@ fn words(words: Vec<Word>) -> PossibleValuesParser {
     let value = |(word, help): Word| match help {
         Some(help) => PossibleValue::new(word).help(help),
         // Help leaves out words without one, except for those that need none.
-        None => PossibleValue::new(word).hide(!["on", "off", "auto", "none"].contains(&word)),
+        None => {
+            let truth = ["true", "false"].into_iter().zip(["on", "off"]).filter(|(_, switch)| *switch == word);
+            let value = PossibleValue::new(word).hide(!["on", "off", "auto", "none"].contains(&word));
+            value.aliases(truth.map(|(truth, _)| truth))
+        }
     };
     PossibleValuesParser::new(words.into_iter().map(value))
 }

@@ -57,6 +57,9 @@ impl Prepared {
         let choice = Choice::new(options)?;
         let mut options = options.clone();
         options.run.settings.denoiser = choice.denoiser;
+        if !options.run.settings.is_given("iterations") && options.run.settings.iterations == Some([0; 3]) {
+            options.run.settings.iterations = None;
+        }
         let render = options.render_options(&choice, frames.unwrap_or(u32::MAX)).map_err(Failure::Input)?;
         options.check(&choice, &render).map_err(Failure::Input)?;
         Ok(Self { options, choice, render, fits_size: None, frames })

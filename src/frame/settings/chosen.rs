@@ -4,8 +4,9 @@ use std::ops::{Deref, DerefMut};
 
 use serde_json::{Map, Value as Json};
 
-use super::{Setting, Settings, text_of};
-use crate::quality::SettingError;
+use super::{Setting, Settings, layers, text_of};
+use crate::projection::within;
+use crate::quality::{Denoiser, SettingError};
 
 /// Settings, and which of them were given explicitly.
 #[derive(Clone, Debug, Default)]
@@ -54,11 +55,12 @@ impl Chosen {
         self.set(key.trim(), text.trim())
     }
 
-    /// Sets the values of a shot's table, unless they were given already. They do not count as given.
+    /// Sets the values of a shot's table that a command reads. They do not count as given: they yield to values that
+    /// were given, also where they would take their effect away.
     ///
     /// # Errors
     /// The errors of [`Self::set`], and [`SettingError::NotInShots`].
-    pub fn default_to(&mut self, table: &Map<String, Json>) -> Result<(), SettingError> {
+    pub fn default_to(&mut self, table: &Map<String, Json>, command: &str) -> Result<(), SettingError> {
         for (key, value) in table {
             let setting = find(key)?;
             if !setting.is_of_shots() {
@@ -66,13 +68,23 @@ impl Chosen {
             }
             let invalid = |why| SettingError::Invalid { key: setting.key, value: value.to_string(), why };
             let text = text_of(value).map_err(invalid)?;
-            if self.is_given(key) {
-                setting.check(&text).map_err(invalid)?;
-            } else {
-                (setting.parse)(&mut self.settings, &text).map_err(invalid)?;
+            let mut with = self.settings.clone();
+            (setting.parse)(&mut with, &text).map_err(invalid)?;
+            let yields = self.is_given(key) || self.without_effect(&with) > self.without_effect(&self.settings);
+            if setting.is_of(command) && !yields {
+                self.settings = with;
             }
         }
         Ok(())
+    }
+
+    /// Counts the given values that would have no effect in these settings.
+    fn without_effect(&self, settings: &Settings) -> usize {
+        let is_idle = |key: &&&str| find(key).is_ok_and(|setting| (setting.needs)(settings).is_some());
+        // A denoiser needs iterations, and layers need a filter that fills in pixels.
+        let is_denoised = settings.denoiser.is_some() && self.is_given("denoiser");
+        let needs_filter = is_denoised || settings.layer_radii().is_some();
+        self.given.iter().filter(is_idle).count() + usize::from(needs_filter && settings.filter().is_none())
     }
 
     /// Returns true if the setting was given explicitly.
@@ -99,13 +111,30 @@ impl Chosen {
     /// # Errors
     /// [`SettingError`], except for [`SettingError::OutsideEnvelope`].
     pub fn check(&self) -> Result<(), SettingError> {
-        for key in &self.given {
-            let needs = find(key)?.needs;
-            if let Some(needs) = needs(&self.settings) {
-                return Err(SettingError::NoEffect { key, needs });
+        self.check_any([&self.settings])?;
+        if let (Some(iterations), true) = (self.settings.iterations, self.is_given("iterations")) {
+            let most = self.settings.denoiser.map_or(0, Denoiser::most_iterations);
+            iterations.into_iter().try_for_each(|n| within("iterations", n, 0..=most))?;
+            if let Some(needs) = layers(&self.settings).filter(|_| iterations != [iterations[0]; 3]) {
+                return Err(SettingError::NoEffect { key: "iterations per layer", needs });
             }
         }
         self.settings.check()
+    }
+
+    /// Checks that each given value has an effect in one of the settings of a run.
+    ///
+    /// # Errors
+    /// [`SettingError::NoEffect`].
+    pub fn check_any<'a>(&self, all: impl IntoIterator<Item = &'a Settings> + Clone) -> Result<(), SettingError> {
+        for key in &self.given {
+            let needs = find(key)?.needs;
+            let mut lacking = all.clone().into_iter().map(needs);
+            if let Some(needs) = lacking.next().flatten().filter(|_| lacking.all(|needs| needs.is_some())) {
+                return Err(SettingError::NoEffect { key, needs });
+            }
+        }
+        Ok(())
     }
 
     /// Returns all values by their keys.
@@ -123,7 +152,10 @@ fn find(key: &str) -> Result<&'static Setting, SettingError> {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
+    use crate::frame::settings::{CONTACT_SHEET, NO_SHOT};
 
     #[test]
     fn all_defaults_read_back() {
@@ -165,6 +197,8 @@ mod tests {
             ("unsampled_fraction=0.3", "unsampled_fraction"),
             ("seam=none halo=exchange", "halo"),
             ("iterations=2,3,5", "iterations per layer"),
+            ("denoiser=none render_scale=0.5", "render_scale"),
+            ("iterations=0 render_scale=0.5", "render_scale"),
         ] {
             let mut chosen = Chosen::default();
             given.split(' ').for_each(|assignment| chosen.assign(assignment).unwrap());
@@ -190,21 +224,114 @@ mod tests {
         let mut chosen = Chosen::default();
         chosen.assign("spp=4").unwrap();
         let of_shot = r#"{"spp": 2, "bounces": 3, "denoiser": "atrous", "reproject": false, "iterations": [1, 2, 3]}"#;
-        chosen.default_to(&table(of_shot)).unwrap();
+        chosen.default_to(&table(of_shot), "render").unwrap();
         assert_eq!((chosen.spp, chosen.bounces, chosen.reproject), (4.into(), 3, false));
         assert_eq!(chosen.iterations, Some([1, 2, 3]));
         assert!(!chosen.is_given("bounces"));
         // Values of a shot may be without effect.
-        chosen.default_to(&table(r#"{"iterations": 3, "filter_once": true}"#)).unwrap();
+        chosen.default_to(&table(r#"{"iterations": 3, "filter_once": true}"#), "render").unwrap();
         chosen.check().unwrap();
         for (text, error) in [
             (r#"{"sppp": 2}"#, "there is no setting 'sppp'"),
             (r#"{"spp": "many"}"#, "spp"),
             (r#"{"spp": {}}"#, "spp"),
             (r#"{"traversal": "compute"}"#, "traversal"),
+            (r#"{"gaze": [0.5, 0.5]}"#, "gaze"),
         ] {
-            let found = chosen.default_to(&table(text)).unwrap_err().to_string();
+            let found = chosen.default_to(&table(text), "render").unwrap_err().to_string();
             assert!(found.contains(error), "{found}");
+        }
+    }
+
+    #[test]
+    fn shot_tables_yield_to_given_values() {
+        // Given values, a shot's table, and values in force.
+        for (given, of_shot, expected) in [
+            ("foveation=none", r#"{"foveation": "layers", "iterations": [2, 3, 5]}"#, "foveation=none"),
+            ("foveation=log-polar", r#"{"foveation": "layers", "iterations": [2, 3, 5]}"#, "foveation=log-polar"),
+            ("denoiser=none", r#"{"render_scale": 0.5, "foveation": "layers"}"#, "foveation=none"),
+            ("denoiser=bmfr", r#"{"denoiser": "none", "iterations": 8}"#, "denoiser=bmfr"),
+            ("denoiser=atrous", r#"{"iterations": 0}"#, "iterations=auto"),
+            ("iterations=3", r#"{"denoiser": "none", "iterations": 0}"#, "denoiser=svgf"),
+            ("render_scale=0.5", r#"{"denoiser": "none"}"#, "denoiser=svgf"),
+            ("foveation=layers", r#"{"denoiser": "none"}"#, "denoiser=svgf"),
+            ("cache=on", r#"{"bounces": 1}"#, "bounces=6"),
+            ("polar=fov", r#"{"foveation": "log-polar"}"#, "foveation=log-polar"),
+            ("spp=2", r#"{"denoiser": "none", "iterations": 0, "render_scale": 0.5}"#, "denoiser=none"),
+            ("spp=2", r#"{"denoiser": "none", "foveation": "layers"}"#, "foveation=none"),
+        ] {
+            let mut chosen = Chosen::default();
+            chosen.assign(given).unwrap();
+            let of_shot: Map<String, Json> = serde_json::from_str(of_shot).unwrap();
+            let _ = chosen.default_to(&of_shot, "render").map_err(|error| panic!("{given}: {error}"));
+            let _ = chosen.check().map_err(|error| panic!("{given}: {error}"));
+            let (key, value) = expected.split_once('=').unwrap();
+            assert_eq!((find(key).unwrap().value)(&chosen), value, "{given}");
+        }
+        // Commands read their own settings alone.
+        let mut chosen = Chosen::default();
+        chosen.assign("cache=on").unwrap();
+        let of_shot = serde_json::from_str(r#"{"bounces": 1, "denoiser": "svgf"}"#).unwrap();
+        chosen.default_to(&of_shot, "play").unwrap();
+        assert_eq!(chosen.bounces, 6);
+        // Values out of range are errors.
+        chosen.default_to(&serde_json::from_str(r#"{"iterations": 50}"#).unwrap(), "render").unwrap();
+        assert!(chosen.check().unwrap_err().to_string().contains("iterations 50"));
+    }
+
+    #[test]
+    fn commands_read_their_settings() {
+        for (given, command, is_read) in [
+            ("clamp=nan", "info", false),
+            ("gaze=0.5,0.5", "export", false),
+            ("fps=24", "export", false),
+            ("environment=sky", "info", true),
+            ("environment=sky", NO_SHOT, false),
+            ("denoiser=none", CONTACT_SHEET, false),
+            ("traversal=compute", CONTACT_SHEET, true),
+            ("spp=9", "play", false),
+            ("spp=9", "render", true),
+        ] {
+            let mut chosen = Chosen::default();
+            chosen.assign(given).unwrap();
+            assert_eq!(chosen.check_command(command).is_ok(), is_read, "{given} in {command}");
+        }
+    }
+
+    #[test]
+    fn numbers_alone_are_json_numbers() {
+        let number = |text: &str| text.parse::<f64>().unwrap();
+        for (given, expected) in [
+            ("environment=0.1,0.2,0.3", json!([0.1, 0.2, 0.3])),
+            ("environment=a,1.hdr", json!("a,1.hdr")),
+            ("variant=007", json!("007")),
+            ("scene_cache=1,2", json!("1,2")),
+            ("animation=3", json!("3")),
+            ("exposure=-1.86", json!(number("-1.86"))),
+            ("position=0,1,2.5", json!([0, 1, 2.5])),
+            ("iterations=2,3,5", json!([2, 3, 5])),
+            ("cache=true", json!("on")),
+            ("reproject=false", json!("off")),
+        ] {
+            let mut chosen = Chosen::default();
+            chosen.assign(given).unwrap();
+            assert_eq!(chosen.json()[given.split_once('=').unwrap().0], expected, "{given}");
+        }
+    }
+
+    #[test]
+    fn rejects_values_out_of_range_by_key() {
+        for (given, expected) in [
+            ("render_scale=nan", "render_scale NaN"),
+            ("speeds=", "speeds cannot be empty"),
+            ("fps=1e-308", "fps cannot be"),
+            ("fps=1e7", "fps cannot be"),
+            ("iterations=11", "iterations 11"),
+        ] {
+            let mut chosen = Chosen::default();
+            chosen.assign(given).unwrap();
+            let error = chosen.check().unwrap_err().to_string();
+            assert!(error.starts_with(expected), "{error}");
         }
     }
 }

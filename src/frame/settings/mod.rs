@@ -1,5 +1,6 @@
 //! Settings of a run, in one table that flags, `--set`, shots, Python's keywords and `run.json` read.
 
+mod check;
 mod chosen;
 mod scene_value;
 mod table;
@@ -16,19 +17,18 @@ use crate::device::{ShaderChecks, TraversalChoice};
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::image::tone::ToneCurve;
-use crate::projection::{LogPolar, PolarSpace, within};
-use crate::quality::{Denoiser, Filter, Quality, SettingError};
+use crate::projection::{LogPolar, PolarSpace};
+use crate::quality::{Denoiser, Filter, Quality};
 use crate::samples::Samples;
 use crate::scene::budget::ByteSize;
 use crate::scene::complete::{Look, Overrides};
 use crate::scene::motion::play::Choice;
-use crate::scene::shot::allowed::{ANY, Allowed, NOT_NEGATIVE, POSITIVE, YFOV};
 use crate::scene::shot::{Exposure, Gaze, ShotEnvironment};
 use crate::scene::viewpoint::Orbit;
 
 pub use chosen::Chosen;
 pub use scene_value::EyePoints;
-pub use table::{Group, Setting};
+pub use table::{CONTACT_SHEET, Group, NO_SHOT, Setting};
 pub use value::{Value, Word, text_of};
 pub use words::{FoveationMode, HaloMode, SeamMode};
 
@@ -51,8 +51,6 @@ table::settings! {
         /// AZ is the azimuth in degrees: 0 is the front, +z, and 90 the side at +x. EL is the elevation, 90 above. Zoom 1
         /// shows the whole scene; 2 shows it twice as large.
         orbit: Option<Orbit> = None;
-        /// Gaze as fractions of the image, X,Y or LX,LY,RX,RY [default: the shot's]
-        gaze: Option<EyePoints> = None, needs foveated;
         /// Exposure of pictures in stops, or auto; EXR files are not exposed
         ///
         /// auto meters a small frame before the run and prints the result. The default is the exposure of the shot, and
@@ -115,6 +113,8 @@ table::settings! {
         watchdog_ms: Option<u32> = None, of &["render", "play", "view", "scale", "bench", "study"];
     }
     Picture {
+        /// Gaze as fractions of the image, X,Y or LX,LY,RX,RY [default: the shot's]
+        gaze: Option<EyePoints> = None, needs foveated;
         /// Size of each eye in pixels, WIDTHxHEIGHT
         size: Extent = Extent::new(640, 360);
     }
@@ -130,7 +130,7 @@ table::settings! {
         /// Per-axis render scale, 0.1 to 1
         ///
         /// F² of the pixels are path traced and the denoiser fills in the rest.
-        render_scale: f64 = 1.0, of FIXED;
+        render_scale: f64 = 1.0, needs filled, of FIXED;
         /// Denoiser
         denoiser: Option<Denoiser> = Some(Denoiser::SVGF), of SINGLE;
         /// Denoiser iterations, also per layer as M,N,P [default: 5; 2,3,5 with layers]
@@ -220,6 +220,10 @@ fn denoiser(settings: &Settings) -> Needs {
     missing(settings.denoiser.is_some(), "a denoiser")
 }
 
+fn filled(settings: &Settings) -> Needs {
+    missing(settings.render_scale >= 1.0 || settings.filter().is_some(), "a denoiser to fill in pixels")
+}
+
 fn history(settings: &Settings) -> Needs {
     let keeps_history = settings.denoiser.is_some_and(Denoiser::keeps_history);
     missing(keeps_history, "denoiser=svgf").or_else(|| missing(settings.bounces > 1, "bounces=2 or more"))
@@ -254,12 +258,24 @@ fn halos(settings: &Settings) -> Needs {
 const LAYER_ITERATIONS: [u32; 3] = [2, 3, 5];
 
 impl Settings {
-    /// Returns the quality of every frame. If all layers have 0 iterations, there is no filter.
+    /// Returns the quality of every frame. Values without effect at the others yield to them.
     pub fn quality(&self) -> Quality {
+        let filter = self.filter();
+        let scale = if filter.is_some() { self.render_scale } else { 1.0 };
+        Quality {
+            spp: self.spp,
+            bounces: self.bounces,
+            filter,
+            fovea: self.layer_radii(),
+            polar: self.polar_space(),
+            scale,
+        }
+    }
+
+    /// Returns the filter; `None` if all layers have 0 iterations. The denoiser limits their number.
+    fn filter(&self) -> Option<Filter> {
         let most = self.denoiser.map_or(0, Denoiser::most_iterations);
-        let filter = Filter::in_effect(self.denoiser, self.layer_iterations().map(|n| n.min(most)));
-        let Self { spp, bounces, render_scale, .. } = *self;
-        Quality { spp, bounces, filter, fovea: self.layer_radii(), polar: self.polar_space(), scale: render_scale }
+        Filter::in_effect(self.denoiser, self.layer_iterations().map(|n| n.min(most)))
     }
 
     /// Returns the radii of the inner and the middle foveal layer; `None` without layers.
@@ -276,10 +292,14 @@ impl Settings {
         }
     }
 
-    /// Returns the iterations of the inner, middle and outer layer.
+    /// Returns the iterations of the inner, middle and outer layer. Without layers, the largest number applies to the
+    /// whole image.
     fn layer_iterations(&self) -> [u32; 3] {
-        let default = if self.layer_radii().is_some() { LAYER_ITERATIONS } else { [Denoiser::DEFAULT_ITERATIONS; 3] };
-        self.iterations.unwrap_or(default)
+        match (self.layer_radii(), self.iterations) {
+            (Some(_), layers) => layers.unwrap_or(LAYER_ITERATIONS),
+            (None, Some([inner, middle, outer])) => [inner.max(middle).max(outer); 3],
+            (None, None) => [Denoiser::DEFAULT_ITERATIONS; 3],
+        }
     }
 
     /// Caps the iterations of a quality: in foveal layers at the settings' or else at those of Peres. Without layers, the
@@ -326,75 +346,5 @@ impl Settings {
             variant: self.variant.clone(),
             time_s,
         }
-    }
-
-    /// Checks the settings of the scene.
-    ///
-    /// # Errors
-    /// [`SettingError::Invalid`], and [`SettingError::Conflict`].
-    pub fn check_scene(&self) -> Result<(), SettingError> {
-        let allowed = |key: &'static str, value: f64, allowed: &Allowed| match allowed.allows(value) {
-            true => Ok(()),
-            false => {
-                Err(SettingError::Invalid { key, value: value.to_string(), why: format!("give {}", allowed.what) })
-            }
-        };
-        allowed("time", self.time, &ANY)?;
-        self.fps.map_or(Ok(()), |fps| allowed("fps", fps, &POSITIVE))?;
-        self.yfov.map_or(Ok(()), |yfov| allowed("yfov", yfov, &YFOV))?;
-        self.baseline.map_or(Ok(()), |baseline| allowed("baseline", baseline, &NOT_NEGATIVE))?;
-        for (key, point) in [("position", self.position), ("target", self.target)] {
-            point.map_or([0.0; 3], |point| point.to_array()).into_iter().try_for_each(|c| allowed(key, c, &ANY))?;
-        }
-        let cameras = [
-            ("position", self.position.is_some()),
-            ("target", self.target.is_some()),
-            ("camera", self.camera.is_some()),
-        ];
-        let other = cameras.into_iter().find(|(_, is_given)| *is_given && self.orbit.is_some());
-        other.map_or(Ok(()), |(other, _)| Err(SettingError::Conflict("orbit", other)))
-    }
-
-    /// Checks the settings of the command.
-    fn check_run(&self) -> Result<(), SettingError> {
-        within("time_limit", self.time_limit.unwrap_or(1.0), f64::MIN_POSITIVE..=1e9)?;
-        if !self.pass_spp.is_power_of_two() || !(2..=4096).contains(&self.pass_spp) {
-            let (key, value, why) =
-                ("pass_spp", self.pass_spp.to_string(), "give a power of two, 2 to 4096".to_owned());
-            return Err(SettingError::Invalid { key, value, why });
-        }
-        for speed in &self.speeds {
-            within("speeds", *speed, f64::MIN_POSITIVE..=f64::MAX)?;
-        }
-        within("network_us", self.network_us.unwrap_or(0.0), 0.0..=f64::MAX)?;
-        within("network_gbps", self.network_gbps.unwrap_or(1.0), f64::MIN_POSITIVE..=f64::MAX)?;
-        for times in &self.slowdown {
-            within("slowdown", *times, 1..=64)?;
-        }
-        Ok(within("watchdog_ms", self.watchdog_ms.unwrap_or(1), 1..=86_400_000)?)
-    }
-
-    /// Checks all values, alone and together.
-    ///
-    /// # Errors
-    /// [`SettingError`], except for [`SettingError::OutsideEnvelope`] and [`SettingError::NoEffect`].
-    pub fn check(&self) -> Result<(), SettingError> {
-        self.check_scene()?;
-        let most = self.denoiser.map_or(Denoiser::MAX_ITERATIONS, Denoiser::most_iterations);
-        for iterations in self.iterations.into_iter().flatten() {
-            within("iterations", iterations, 0..=most)?;
-        }
-        let differ = self.iterations.is_some_and(|[inner, middle, outer]| inner != middle || middle != outer);
-        if let Some(needs) = layers(self).filter(|_| differ) {
-            return Err(SettingError::NoEffect { key: "iterations per layer", needs });
-        }
-        within("size", self.size.width, Extent::SIDES)?;
-        within("size", self.size.height, Extent::SIDES)?;
-        within("clamp", self.clamp, 0.0..=f32::MAX)?;
-        within("unsampled_fraction", self.unsampled_fraction, 0.0..=1.0)?;
-        within("frames_in_flight", self.frames_in_flight, 1..=3)?;
-        self.check_run()?;
-        within("max_dispatch_ms", self.max_dispatch_ms.unwrap_or(1.0), f64::MIN_POSITIVE..=f64::MAX)?;
-        self.quality().check()
     }
 }

@@ -17,6 +17,8 @@ fn triple(text: &str, allowed: &Allowed) -> Option<DVec3> {
 impl Value for DVec3 {
     const FORM: &'static str = "X,Y,Z";
 
+    const IS_NUMBER: bool = true;
+
     fn parse(text: &str) -> Result<Self, String> {
         triple(text, &ANY).ok_or_else(|| "not three numbers, such as 0,1.6,-2.5".to_owned())
     }
@@ -32,6 +34,8 @@ pub struct EyePoints(pub [[f64; 2]; 2]);
 
 impl Value for EyePoints {
     const FORM: &'static str = "X,Y";
+
+    const IS_NUMBER: bool = true;
 
     fn parse(text: &str) -> Result<Self, String> {
         let numbers = numbers::<f64>(text).filter(|all| all.iter().all(|n| (0.0..=1.0).contains(n)));
@@ -54,6 +58,8 @@ impl Value for Exposure {
 
     const FORM: &'static str = "EV|auto";
 
+    const IS_NUMBER: bool = true;
+
     fn parse(text: &str) -> Result<Self, String> {
         if text == "auto" {
             return Ok(Self::Auto);
@@ -72,6 +78,8 @@ impl Value for Exposure {
 
 impl Value for Orbit {
     const FORM: &'static str = "VIEW";
+
+    const IS_NUMBER: bool = true;
 
     fn parse(text: &str) -> Result<Self, String> {
         if let Some((_, orbit)) = Self::NAMED.iter().find(|(name, _)| *name == text) {
@@ -99,6 +107,8 @@ impl Value for Orbit {
 impl Value for ShotEnvironment {
     const FORM: &'static str = "NAME|FILE|R,G,B";
 
+    const IS_NUMBER: bool = true;
+
     fn parse(text: &str) -> Result<Self, String> {
         let lower = text.to_ascii_lowercase();
         let sky = match triple(text, &NOT_NEGATIVE) {
@@ -113,7 +123,7 @@ impl Value for ShotEnvironment {
 
     fn text(&self) -> String {
         match &self.sky {
-            Sky::Constant(radiance) => radiance.as_dvec3().text(),
+            Sky::Constant(Vec3 { x, y, z }) => format!("{x},{y},{z}"),
             Sky::Image(file) => file.clone(),
             Sky::Studio => "studio".to_owned(),
             Sky::Clear => "sky".to_owned(),

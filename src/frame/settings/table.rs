@@ -28,6 +28,8 @@ pub struct Setting {
     pub words: fn() -> Vec<Word>,
     pub(super) parse: fn(&mut Settings, &str) -> Result<(), String>,
     pub(super) value: fn(&Settings) -> String,
+    /// True for numbers and lists of them.
+    pub(super) is_number: bool,
     /// Returns the assignment without which the setting has no effect in any frame, unless it is there.
     pub(super) needs: fn(&Settings) -> Option<&'static str>,
     /// Commands in which the setting has an effect; empty for all.
@@ -56,9 +58,10 @@ impl Setting {
         (self.value)(&Settings::default())
     }
 
-    /// Returns the value: numbers and lists as such, all others as text.
+    /// Returns the value: numbers and lists of them as such, all others as text.
     pub fn json(&self, settings: &Settings) -> Json {
-        json_of(&(self.value)(settings))
+        let text = (self.value)(settings);
+        if self.is_number { json_of(&text) } else { text.into() }
     }
 
     /// Checks the form of a text.
@@ -69,16 +72,29 @@ impl Setting {
         (self.parse)(&mut Settings::default(), text)
     }
 
-    /// Returns true if the setting can have an effect in a command.
+    /// Returns true if the setting can have an effect in a command. [`CONTACT_SHEET`] and [`NO_SHOT`] count as commands.
     pub fn is_of(&self, command: &str) -> bool {
-        self.of.is_empty() || self.of.contains(&command)
+        let is_of_scene = self.group == Group::Scene;
+        match command {
+            _ if !self.of.is_empty() => self.of.contains(&command),
+            "info" | "export" => is_of_scene,
+            CONTACT_SHEET => is_of_scene || ["traversal", "max_dispatch_ms"].contains(&self.key),
+            NO_SHOT => false,
+            _ => true,
+        }
     }
 
-    /// Returns true if a shot may have the setting. Devices are those of a machine, not of a shot.
+    /// Returns true if a shot's table `[render]` may have the setting. Devices are those of a machine, and the gaze has a
+    /// table of its own.
     pub fn is_of_shots(&self) -> bool {
-        matches!(self.group, Group::Picture | Group::Quality)
+        matches!(self.group, Group::Picture | Group::Quality) && self.key != "gaze"
     }
 }
+
+/// `export -o FILE.png`, whose pictures have a fixed quality.
+pub const CONTACT_SHEET: &str = "a contact sheet";
+/// `info` without a shot, which reads no settings.
+pub const NO_SHOT: &str = "info without a shot";
 
 /// Access to a setting, which the table keeps as functions without captures.
 pub(super) fn parsed<T: Value>(to: &mut T, text: &str) -> Result<(), String> {
@@ -127,6 +143,7 @@ macro_rules! setting {
             words: <$type as Value>::words,
             parse: |settings, text| table::parsed(&mut settings.$key, text),
             value: |settings| settings.$key.text(),
+            is_number: <$type as Value>::IS_NUMBER,
             needs: |_settings| {
                 $(if let Some(needs) = $needs(_settings) { return Some(needs); })?
                 None

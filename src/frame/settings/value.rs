@@ -23,6 +23,9 @@ pub trait Value: Sized {
     /// Form of the text, such as `N`.
     const FORM: &'static str;
 
+    /// True if texts of numbers mean numbers. Names and paths may look like numbers, too.
+    const IS_NUMBER: bool = false;
+
     /// Returns all possible texts, unless they are numbers.
     fn words() -> Vec<Word> {
         Vec::new()
@@ -49,17 +52,20 @@ pub fn text_of(value: &Json) -> Result<String, String> {
     }
 }
 
-/// Returns a text as a number if it is one, and as a list if it has commas.
+/// Returns a text as a number or a list of numbers if it is one.
 pub(super) fn json_of(text: &str) -> Json {
-    if text.contains(',') {
-        return text.split(',').map(json_of).collect();
-    }
-    let whole = text.parse::<i64>().ok().map(Json::from);
-    whole.or_else(|| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Json::from)).unwrap_or_else(|| text.into())
+    let number = |text: &str| -> Option<Json> {
+        let whole = text.parse::<i64>().ok().map(Json::from);
+        whole.or_else(|| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Json::from))
+    };
+    let list = || text.split(',').map(number).collect::<Option<Vec<_>>>().map(Json::from);
+    number(text).or_else(list).unwrap_or_else(|| text.into())
 }
 
 impl<T: Value> Value for Option<T> {
     const FORM: &'static str = T::FORM;
+
+    const IS_NUMBER: bool = T::IS_NUMBER;
 
     fn words() -> Vec<Word> {
         let words = T::words();
@@ -77,9 +83,11 @@ impl<T: Value> Value for Option<T> {
 
 /// Implements [`Value`] for types that have a text already.
 macro_rules! texts {
-    ($($type:ty: $form:literal, $else:literal;)+) => {$(
+    ($($type:ty: $form:literal, $is_number:literal, $else:literal;)+) => {$(
         impl Value for $type {
             const FORM: &'static str = $form;
+
+            const IS_NUMBER: bool = $is_number;
 
             fn parse(text: &str) -> Result<Self, String> {
                 text.trim().parse().map_err(|_| $else.to_owned())
@@ -93,12 +101,12 @@ macro_rules! texts {
 }
 
 texts! {
-    u32: "N", "not a whole number from 0 to 4294967295";
-    f32: "V", "not a number";
-    f64: "V", "not a number";
-    String: "NAME", "not a text";
-    ByteSize: "SIZE", "not a size, such as 4GiB";
-    Extent: "WxH", "not a size, such as 640x360, of at least 1 and at most 16384 pixels a side";
+    u32: "N", true, "not a whole number from 0 to 4294967295";
+    f32: "V", true, "not a number";
+    f64: "V", true, "not a number";
+    String: "NAME", false, "not a text";
+    ByteSize: "SIZE", false, "not a size, such as 4GiB";
+    Extent: "WxH", false, "not a size, such as 640x360, of at least 1 and at most 16384 pixels a side";
 }
 
 /// Returns the numbers of a list with commas.
@@ -108,6 +116,8 @@ pub(super) fn numbers<T: FromStr>(text: &str) -> Option<Vec<T>> {
 
 impl Value for Samples {
     const FORM: &'static str = "N";
+
+    const IS_NUMBER: bool = true;
 
     fn parse(text: &str) -> Result<Self, String> {
         text.parse()
@@ -120,6 +130,8 @@ impl Value for Samples {
 
 impl Value for [u32; 3] {
     const FORM: &'static str = "M[,N,P]";
+
+    const IS_NUMBER: bool = true;
 
     fn parse(text: &str) -> Result<Self, String> {
         match numbers(text).as_deref() {
@@ -137,6 +149,8 @@ impl Value for [u32; 3] {
 
 impl Value for LogPolar {
     const FORM: &'static str = "MODE";
+
+    const IS_NUMBER: bool = true;
 
     fn parse(text: &str) -> Result<Self, String> {
         text.parse()
@@ -169,6 +183,8 @@ impl Value for Denoiser {
 
 impl<T: FromStr + ToString> Value for Vec<T> {
     const FORM: &'static str = "N,N,…";
+
+    const IS_NUMBER: bool = true;
 
     fn parse(text: &str) -> Result<Self, String> {
         if text.is_empty() {

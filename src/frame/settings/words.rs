@@ -92,10 +92,28 @@ pub enum HaloMode {
     Exchange,
 }
 
+impl Value for bool {
+    const FORM: &'static str = "on|off";
+
+    fn words() -> Vec<Word> {
+        vec![("on", None), ("off", None)]
+    }
+
+    /// Also reads the truth values of files and of Python.
+    fn parse(text: &str) -> Result<Self, String> {
+        match text {
+            "on" | "true" => Ok(true),
+            "off" | "false" => Ok(false),
+            _ => Err(one_of(&Self::words())),
+        }
+    }
+
+    fn text(&self) -> String {
+        if *self { "on" } else { "off" }.to_owned()
+    }
+}
+
 words! {
-    bool: "on|off";
-        "on" true, None;
-        "off" false, None;
     Sampler: "sobol|pcg";
         "sobol" Sampler::Sobol, Some("Owen-scrambled Sobol'");
         "pcg" Sampler::Pcg, Some("Independent random numbers (PCG)");

@@ -12,6 +12,8 @@ pub const ANY: Allowed = Allowed { test: |_| true, what: "a finite number" };
 pub const POSITIVE: Allowed = Allowed { test: |v| v > 0.0, what: "a number above 0" };
 pub const NOT_NEGATIVE: Allowed = Allowed { test: |v| v >= 0.0, what: "0 or a number above" };
 pub const YFOV: Allowed = Allowed { test: |v| (1e-6..180.0).contains(&v), what: "degrees from 1e-6 to below 180" };
+pub const FPS: Allowed =
+    Allowed { test: |v| (1e-3..=1e6).contains(&v), what: "frames per second from 0.001 to 1000000" };
 pub const DISC: Allowed = Allowed { test: |v| (0.0..90.0).contains(&v), what: "degrees from 0 to below 90" };
 pub const CONE: Allowed = Allowed { test: |v| (0.0..=90.0).contains(&v), what: "degrees from 0 to 90" };
 pub const STOPS: Allowed = Allowed { test: |v| EXPOSURE_EV.contains(&v), what: "stops from -24 to 24" };

@@ -29,7 +29,7 @@ fn sizes_beyond_a_device_s_memory_fail_and_say_so() {
 #[test]
 fn sample_counts_out_of_range_are_refused() {
     for spp in ["0", "1000000000", "10000000000", "-1", "many", "0.5", "nan"] {
-        assert_option_refused(&[&format!("--spp={spp}")], &["--spp", spp]);
+        assert_option_refused(&[&format!("--spp={spp}")], &["spp", spp]);
     }
     assert_option_refused(&["--reference", "--spp", "1.5"], &["--reference", "--spp 1.5"]);
     assert_option_refused(&["--bounces", "100000"], &["bounces 100000", "0 to 1024"]);
@@ -117,7 +117,7 @@ fn unknown_options_and_commands_are_refused() {
 
 #[test]
 fn times_and_rates_that_are_none_are_refused() {
-    for fps in ["0", "-1", "nan", "inf"] {
+    for fps in ["0", "-1", "nan", "inf", "1e-308"] {
         assert_option_refused(&[&format!("--fps={fps}")], &["fps"]);
     }
     for time in ["nan", "inf", "noon"] {

@@ -1,0 +1,80 @@
+//! Valid ranges of settings.
+
+use super::Settings;
+use crate::image::Extent;
+use crate::projection::within;
+use crate::quality::{Denoiser, Quality, SettingError};
+use crate::scene::shot::allowed::{ANY, Allowed, FPS, NOT_NEGATIVE, YFOV};
+
+impl Settings {
+    /// Checks the settings of the scene.
+    ///
+    /// # Errors
+    /// [`SettingError::Invalid`], and [`SettingError::Conflict`].
+    pub fn check_scene(&self) -> Result<(), SettingError> {
+        let allowed = |key: &'static str, value: f64, allowed: &Allowed| match allowed.allows(value) {
+            true => Ok(()),
+            false => {
+                Err(SettingError::Invalid { key, value: value.to_string(), why: format!("give {}", allowed.what) })
+            }
+        };
+        allowed("time", self.time, &ANY)?;
+        self.fps.map_or(Ok(()), |fps| allowed("fps", fps, &FPS))?;
+        self.yfov.map_or(Ok(()), |yfov| allowed("yfov", yfov, &YFOV))?;
+        self.baseline.map_or(Ok(()), |baseline| allowed("baseline", baseline, &NOT_NEGATIVE))?;
+        for (key, point) in [("position", self.position), ("target", self.target)] {
+            point.map_or([0.0; 3], |point| point.to_array()).into_iter().try_for_each(|c| allowed(key, c, &ANY))?;
+        }
+        let cameras = [
+            ("position", self.position.is_some()),
+            ("target", self.target.is_some()),
+            ("camera", self.camera.is_some()),
+        ];
+        let other = cameras.into_iter().find(|(_, is_given)| *is_given && self.orbit.is_some());
+        other.map_or(Ok(()), |(other, _)| Err(SettingError::Conflict("orbit", other)))
+    }
+
+    /// Checks the settings of the command.
+    fn check_run(&self) -> Result<(), SettingError> {
+        within("time_limit", self.time_limit.unwrap_or(1.0), f64::MIN_POSITIVE..=1e9)?;
+        if !self.pass_spp.is_power_of_two() || !(2..=4096).contains(&self.pass_spp) {
+            let (key, value, why) =
+                ("pass_spp", self.pass_spp.to_string(), "give a power of two, 2 to 4096".to_owned());
+            return Err(SettingError::Invalid { key, value, why });
+        }
+        if self.speeds.is_empty() {
+            let (value, why) = ("empty".to_owned(), "give at least one number".to_owned());
+            return Err(SettingError::Invalid { key: "speeds", value, why });
+        }
+        for speed in &self.speeds {
+            within("speeds", *speed, f64::MIN_POSITIVE..=f64::MAX)?;
+        }
+        within("network_us", self.network_us.unwrap_or(0.0), 0.0..=f64::MAX)?;
+        within("network_gbps", self.network_gbps.unwrap_or(1.0), f64::MIN_POSITIVE..=f64::MAX)?;
+        for times in &self.slowdown {
+            within("slowdown", *times, 1..=64)?;
+        }
+        Ok(within("watchdog_ms", self.watchdog_ms.unwrap_or(1), 1..=86_400_000)?)
+    }
+
+    /// Checks all values. Whether they have an effect together is for [`Chosen`](super::Chosen) to say, which knows
+    /// those that were given.
+    ///
+    /// # Errors
+    /// [`SettingError`], except for [`SettingError::OutsideEnvelope`] and [`SettingError::NoEffect`].
+    pub fn check(&self) -> Result<(), SettingError> {
+        self.check_scene()?;
+        for iterations in self.iterations.into_iter().flatten() {
+            within("iterations", iterations, 0..=Denoiser::MAX_ITERATIONS)?;
+        }
+        within("render_scale", self.render_scale, Quality::SCALES)?;
+        within("size", self.size.width, Extent::SIDES)?;
+        within("size", self.size.height, Extent::SIDES)?;
+        within("clamp", self.clamp, 0.0..=f32::MAX)?;
+        within("unsampled_fraction", self.unsampled_fraction, 0.0..=1.0)?;
+        within("frames_in_flight", self.frames_in_flight, 1..=3)?;
+        self.check_run()?;
+        within("max_dispatch_ms", self.max_dispatch_ms.unwrap_or(1.0), f64::MIN_POSITIVE..=f64::MAX)?;
+        self.quality().check()
+    }
+}
