@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::anyhow;
 
+use crate::frame::settings::CONTACT_SHEET;
 use crate::scene::export::{export, file_name};
 
 pub use super::export_args::Args;
@@ -11,9 +12,11 @@ use super::failure::Failure;
 use super::{output, scene_loading, setup, sheet, shot};
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    args.settings.check_scene().map_err(|error| Failure::Input(error.into()))?;
     let ending = args.out.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-    if ending.as_deref() == Some("png") {
+    let is_sheet = ending.as_deref() == Some("png");
+    let read = args.settings.check_command(if is_sheet { CONTACT_SHEET } else { "export" });
+    read.and_then(|()| args.settings.check()).map_err(|error| Failure::Input(error.into()))?;
+    if is_sheet {
         return sheet::write(args);
     }
     let [file] = &args.shots[..] else {

@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use crate::device::{self, AdapterReport, Selection};
-use crate::frame::settings::{Setting, Settings};
+use crate::frame::settings::{NO_SHOT, Setting, Settings};
 use crate::report::text_table;
 use crate::scene::builtin::BUILTINS;
 use crate::scene::motion::Moves;
@@ -36,6 +36,9 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    let command = if args.shot.is_some() { "info" } else { NO_SHOT };
+    let checked = args.chosen.check_command(command).and_then(|()| args.chosen.check());
+    checked.map_err(|error| Failure::Input(error.into()))?;
     match &args.shot {
         _ if args.settings => settings(args.options.json),
         None if args.check => measure::run(&args.options),
@@ -131,7 +134,6 @@ fn machine(as_json: bool) -> Result<(), Failure> {
 }
 
 fn describe(shot: &str, args: &Args) -> Result<(), Failure> {
-    args.chosen.check_scene().map_err(|error| Failure::Input(error.into()))?;
     let (shot, scene) = scene_loading::load(&args.chosen, shot)?;
     let moves = scene.motion.moves();
     let [triangles, instances, lights] = [scene.triangle_count(), scene.instances.len(), scene.lights.len()];

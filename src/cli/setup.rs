@@ -95,7 +95,6 @@ pub fn load_here(options: &RunOptions, what: &Load, source: Source) -> Result<Lo
 
 /// Loads a scene in this process, for the defaults of all but these settings.
 pub fn load_alone(shot: &str, settings: &Settings) -> Result<LoadedScene, Failure> {
-    settings.check_scene().map_err(|error| Failure::Input(error.into()))?;
     let budget = budget(settings);
     let (shot, scene) = load_from(settings, Source::Disk, (shot, Look::Studio), settings.time, &budget)?;
     tell_remarks(&scene);
