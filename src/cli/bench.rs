@@ -49,6 +49,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     let judged = args.judged()?;
     options.check().map_err(Failure::Input)?;
+    args.check_effects(args.settings().into_iter().chain(judged.iter().copied()))?;
     let peers = args.peers.as_deref().map(Peers::read).transpose().map_err(|e| Failure::Input(e.into()))?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;

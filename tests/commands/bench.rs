@@ -266,6 +266,16 @@ fn references_that_do_not_fit_are_refused() {
         let text = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(2) && text.contains(part), "{text}");
     }
+    // Each given setting must have an effect somewhere in the grid.
+    for (options, part) in [
+        (&["--foveation", "none", "--set", "polar=fov"][..], "polar has no effect"),
+        (&["--foveation", "none,log-polar", "--set", "unsampled_fraction=0.3"], "unsampled_fraction has no effect"),
+        (&["--denoiser", "none,atrous", "--set", "filter_once=on"], "filter_once has no effect"),
+    ] {
+        let output = diptych(&[&["bench", "builtin:cornell", "--out", out], options].concat());
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && text.contains(part), "{text}");
+    }
     assert!(!folder.path().join("bench.csv").exists());
 }
 

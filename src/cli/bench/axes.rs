@@ -117,6 +117,26 @@ impl Args {
         settings
     }
 
+    /// Returns the settings of a frame of this quality.
+    fn settings_of(&self, quality: &Quality) -> Settings {
+        let foveation = match (quality.fovea, quality.polar) {
+            (Some(_), _) => FoveationMode::Layers,
+            (None, Some(space)) => FoveationMode::Polar(space),
+            (None, None) => FoveationMode::None,
+        };
+        let settings = (**self.options.settings).clone();
+        Settings { denoiser: quality.denoiser(), bounces: quality.bounces, foveation, ..settings }
+    }
+
+    /// Checks that each given setting has an effect at some of these qualities.
+    ///
+    /// # Errors
+    /// [`Failure::Input`].
+    pub(super) fn check_effects(&self, qualities: impl IntoIterator<Item = Quality>) -> Result<(), Failure> {
+        let all: Vec<Settings> = qualities.into_iter().map(|quality| self.settings_of(&quality)).collect();
+        self.options.settings.check_any(&all).map_err(|error| Failure::Input(error.into()))
+    }
+
     /// Returns the sample counts to measure at a render scale. A scale below 1 is a cheaper alternative to the lowest
     /// sample count, so only that count is measured.
     fn samples(&self, scale: f64) -> Vec<Samples> {
