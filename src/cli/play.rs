@@ -17,7 +17,7 @@ mod session;
 
 use crate::loaded::LoadedScene;
 use crate::passes::tonemap::{DISPLAY, LINEAR};
-use crate::quality::Denoiser;
+use crate::quality::{Denoiser, SettingError};
 use crate::report::play::SETTLING_FRAMES;
 use crate::report::record::{FrameRecord, SpooledRows};
 use crate::report::run::RunReport;
@@ -49,6 +49,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let compares = !args.compare_control.is_empty();
     if args.report_spp.is_some() && !args.report && !compares {
         return Err(Failure::Input(anyhow::anyhow!("--report-spp needs --report or --compare-control")));
+    }
+    let settings = &args.options.run.settings;
+    let is_replay = args.replay.is_some();
+    let decided = [
+        ("--replay", "fps", is_replay),
+        ("--replay", "controller", is_replay),
+        ("--compare-control", "controller", compares),
+    ];
+    let conflict = decided.into_iter().find(|(_, key, is_asked)| *is_asked && settings.is_given(key));
+    if let Some((option, key, _)) = conflict {
+        return Err(Failure::Input(SettingError::Conflict(option, key).into()));
     }
     if compares { comparison::run(args) } else { play(args) }
 }

@@ -380,7 +380,16 @@ fn a_replay_repeats_the_rungs_and_the_bytes_of_a_run() {
         assert!(then == now, "{name}");
     }
     let other = refused(&[&["--size", "48x32", "--set", "seed=3"], &recorded[..]].concat());
-    assert!(other.contains("--seed 0, not 3"), "{other}");
+    assert!(other.contains("seed=0, not 3"), "{other}");
+    for (options, conflict) in [
+        (&recorded[..2], "controller=pid"),
+        (&recorded[..2], "fps=10"),
+        (&["--compare-control", "pid"], "controller=vlachos"),
+    ] {
+        let text = refused(&[options, &["--set", conflict]].concat());
+        let parts = [options[0], conflict.split('=').next().unwrap()];
+        assert!(text.contains("exclude each other") && parts.iter().all(|part| text.contains(part)), "{text}");
+    }
     let none = refused(&["--replay", folder.path().to_str().unwrap()]);
     assert!(none.contains("cannot use --replay"), "{none}");
 }

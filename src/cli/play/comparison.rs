@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut references: Vec<Stereo<RgbImage>> = Vec::new();
     for number in 0..args.runs {
         for &kind in &args.compare_control {
-            prepared.options.run.settings.controller = kind;
+            prepared.render.run.settings.controller = kind;
             prepared.render.run.out = out.join(format!("{}.{number}", kind.to_string().replace(':', "-")));
             let (play, frames, makespans) = play(args, &mut prepared, &loaded)?;
             interrupt::check()?;
@@ -107,7 +107,7 @@ fn play(args: &Args, prepared: &mut Prepared, loaded: &LoadedScene) -> Result<Pl
     report.write(&prepared.render.out.join("run.json"))?;
     record.finish()?;
     session.ladder().write(&prepared.render.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
-    let reason = |reason| Failure::Run(anyhow::anyhow!("{}: {reason}", prepared.options.run.settings.controller));
+    let reason = |reason| Failure::Run(anyhow::anyhow!("{}: {reason}", prepared.render.settings.controller));
     stopped.map_or(Ok(()), |why| Err(reason(why)))?;
     let play = report.play.context("no frame was judged")?;
     let samples = samples.unwrap_or_default();

@@ -11,39 +11,22 @@ use super::args::Args;
 use crate::cli::disturb::Disturbance;
 use crate::cli::failure::Failure;
 use crate::control::{Budget, Control, Decision, Predict};
+use crate::frame::settings::{Group, Setting, Settings};
 
-/// Settings on which images depend, and which the ladder does not contain.
-const OF_IMAGES: [&str; 29] = [
-    "shot",
-    "size",
-    "seed",
-    "sampler",
-    "time",
-    "animation",
-    "variant",
-    "exposure",
-    "tonemap",
-    "environment",
-    "camera",
-    "position",
-    "target",
-    "view",
-    "yfov",
-    "motion",
-    "foveation",
-    "gaze",
-    "polar",
-    "reproject",
-    "clamp",
-    "orbit",
-    "seam",
-    "filter_once",
-    "filter_textures",
-    "cache",
-    "follow_mirrors",
-    "hard_shadows",
-    "regularize",
-];
+/// Options on which images depend.
+const OPTIONS: [&str; 2] = ["shot", "motion"];
+/// Settings that decide how a scene is read, or that the recorded run and its ladder determine.
+const OTHERS: [&str; 7] =
+    ["fps", "max_scene_memory", "scene_cache", "allow_outside", "strict", "denoiser", "iterations"];
+
+/// Returns the names of options and settings on which images depend, and which the ladder does not contain.
+fn of_images() -> impl Iterator<Item = &'static str> {
+    let is_of_images = |setting: &&Setting| {
+        let is_of_group = matches!(setting.group, Group::Scene | Group::Picture | Group::Quality);
+        (is_of_group || setting.key == "seam") && setting.is_of("play") && !OTHERS.contains(&setting.key)
+    };
+    OPTIONS.into_iter().chain(Settings::TABLE.iter().filter(is_of_images).map(|setting| setting.key))
+}
 
 /// The decisions of an earlier run.
 pub struct Replay {
@@ -55,13 +38,13 @@ pub struct Replay {
 /// The parts of `run.json` that a replay needs.
 #[derive(Deserialize)]
 struct Recorded {
-    settings: Settings,
+    settings: InForce,
     play: Play,
     frames: Vec<Frame>,
 }
 
 #[derive(Deserialize)]
-struct Settings {
+struct InForce {
     #[serde(flatten)]
     options: Map<String, Value>,
 }
@@ -87,7 +70,7 @@ impl Replay {
 
     fn of_file(args: &Args, path: &Path) -> Result<(Self, Args), Error> {
         let text = std::fs::read_to_string(path)?;
-        let Recorded { settings: Settings { options }, play, frames } =
+        let Recorded { settings: InForce { options }, play, frames } =
             serde_json::from_str(&text).context("it is no run.json of `diptych play`")?;
         ensure!(!frames.is_empty(), "it has no frames");
         let mut again = args.clone();
@@ -109,10 +92,10 @@ impl Replay {
     /// # Errors
     /// [`Failure::Input`] names the first setting that differs.
     pub fn check(&self, settings: &Map<String, Value>, rungs: usize) -> Result<(), Failure> {
-        for name in OF_IMAGES {
+        for name in of_images() {
             let [then, now] = [&self.settings, settings].map(|of| of.get(name).unwrap_or(&Value::Null));
             if then != now {
-                let what = anyhow::anyhow!("--replay: the run had --{name} {then}, not {now}: give the same options");
+                let what = anyhow::anyhow!("--replay: the run had {name}={then}, not {now}: give the same value");
                 return Err(Failure::Input(what));
             }
         }
@@ -134,4 +117,20 @@ impl Control for Replay {
     fn observe(&mut self, _rung: usize, _makespan_ms: f64) {}
 
     fn set_budget(&mut self, _budget: Budget) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_depend_on_settings_of_the_table() {
+        let all: Vec<&str> = of_images().collect();
+        for name in ["shot", "seed", "gaze", "baseline", "unsampled_fraction", "bypass_narrow_lobes", "seam"] {
+            assert!(all.contains(&name), "{name}");
+        }
+        for name in ["spp", "bounces", "render_scale", "halo", "slowdown"].into_iter().chain(OTHERS) {
+            assert!(Setting::of_key(name).is_some() && !all.contains(&name), "{name}");
+        }
+    }
 }

@@ -69,11 +69,11 @@ impl Session {
         let (mut renderer, fit) = fitting_size::start(prepared, loaded, gpus, &tracing, &progress)?;
         record_devices(&tracing.recorder, renderer.devices());
         let ladder = find_ladder(prepared, loaded, &mut renderer, &progress)?;
-        let Prepared { options, choice, .. } = prepared;
+        let Prepared { options, choice, render, .. } = prepared;
         let denoiser = Denoiser::name_of(choice.denoiser);
         let qualities = ladder.rungs().iter().map(|rung| options.run.settings.limit(&rung.quality)).collect();
         let mut inner = session::Session::with_qualities(renderer, ladder, qualities, options.budget_ms);
-        inner.set_controller(options.run.settings.controller.start(inner.ladder(), options.budget_ms));
+        inner.set_controller(render.settings.controller.start(inner.ladder(), options.budget_ms));
         Ok(Self {
             fit,
             warm_up_s: begin.elapsed().as_secs_f64(),
