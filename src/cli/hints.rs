@@ -8,7 +8,6 @@ use crate::exec::ranks::{DeviceMismatch, RankError};
 use crate::exec::{BuildError, ExecError};
 use crate::image::ImageError;
 use crate::loaded::LoadError;
-use crate::quality::SettingError;
 use crate::scene::{Refusal, SceneError, Setting};
 use crate::stages::StageError;
 use crate::tables::{LimitExceeded, Remedy, TableError};
@@ -31,9 +30,6 @@ fn options(error: &(dyn Error + 'static)) -> Option<&'static str> {
     }
     if let Some(TableError::Memory(_)) = error.downcast_ref::<TableError>() {
         return Some(MEMORY);
-    }
-    if let Some(SettingError::ScaleWithoutDenoiser) = error.downcast_ref::<SettingError>() {
-        return Some("render_scale, denoiser");
     }
     if let Some(error) = error.downcast_ref::<LimitExceeded>() {
         return Some(of_limit(error.remedy()));
@@ -94,11 +90,11 @@ fn inner<'a>(error: &'a (dyn Error + 'static)) -> Option<&'a (dyn Error + 'stati
 
 fn of_scene(error: &SceneError) -> Option<&'static str> {
     match error {
-        SceneError::Refused { refusal: Refusal::Outside(_), .. } => Some("--allow-outside"),
+        SceneError::Refused { refusal: Refusal::Outside(_), .. } => Some("--set allow_outside=on"),
         SceneError::Refused { refusal: Refusal::Memory(_), .. } => Some(MEMORY),
         SceneError::Setting { setting: Setting::Baseline, .. } => Some("--set baseline=M"),
         SceneError::Setting { setting: Setting::Camera(_), .. } => Some("--set camera=N"),
-        SceneError::Setting { setting: Setting::View, .. } => Some("--position, --target"),
+        SceneError::Setting { setting: Setting::View, .. } => Some("--set position=X,Y,Z, --set target=X,Y,Z"),
         _ => None,
     }
 }
@@ -124,7 +120,7 @@ mod tests {
     fn options_follow_the_message_of_their_error() {
         let text = with_options(&outside());
         assert!(
-            text.starts_with("'a.toml' is refused: ") && text.ends_with(" if you trust it (--allow-outside)"),
+            text.starts_with("'a.toml' is refused: ") && text.ends_with(" if you trust it (--set allow_outside=on)"),
             "{text}"
         );
         let plain = SceneError::UnknownBuiltin { name: "a".into(), known: "b".into() };
@@ -139,7 +135,7 @@ mod tests {
         let rank = RankError::Devices { rank: 1, host: String::new(), mismatch };
         let no_queries = DeviceError::NoRayQueries { index: 0, name: String::new(), driver: String::new() };
         let errors: [(&(dyn Error + 'static), _); 6] = [
-            (&LoadError::Scene(outside()), "--allow-outside"),
+            (&LoadError::Scene(outside()), "--set allow_outside=on"),
             (&LoadError::Scene(refused), MEMORY),
             (&LoadError::Accel(AccelError::Memory { triangles: 1, exceeded }), MEMORY),
             (&LoadError::Tables(TableError::Memory(exceeded)), MEMORY),

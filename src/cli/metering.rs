@@ -46,7 +46,7 @@ pub fn meter(
     if options.json {
         progress.event(|| serde_json::json!({ "event": "exposure", "exposure_ev": ev }));
     } else if !options.quiet {
-        progress.tell(&format!("metered exposure: {ev:+} EV (--exposure {ev} repeats it)"));
+        progress.tell(&format!("metered exposure: {ev:+} EV (--set exposure={ev} repeats it)"));
     }
     Ok(gpus)
 }

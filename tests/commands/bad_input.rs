@@ -316,7 +316,7 @@ fn files_outside_the_folder_are_refused_unless_allowed() {
         ("buffer.gltf", TRIANGLE.replacen(r#"{"byteLength":36}"#, buffer, 1), "../corners.bin"),
     ] {
         let shot = case.file(&format!("inner/{name}"), text.as_bytes());
-        case.refused(&shot, &[], 2, &[name, refused, "--allow-outside"]);
+        case.refused(&shot, &[], 2, &[name, refused, "--set allow_outside=on"]);
         let output = case.render_into(&case.path(&format!("{name} out")), &shot, &["--allow-outside"]);
         assert_eq!(output.status.code(), Some(0), "{name}: {}", String::from_utf8_lossy(&output.stderr));
     }

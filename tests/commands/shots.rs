@@ -152,7 +152,7 @@ fn options_that_give_no_view_are_refused() {
         (&["--environment", "no-such-sky.hdr"], "no-such-sky.hdr"),
         (&["--set", "camera=0"], "no camera (--set camera=N)"),
         (&["--position", "1,1,1", "--target", "1,1,1"], "same point"),
-        (&["--position", "1,1,1", "--target", "1,1,1"], "(--position, --target)"),
+        (&["--position", "1,1,1", "--target", "1,1,1"], "(--set position=X,Y,Z, --set target=X,Y,Z)"),
     ] {
         let out = case.path("out");
         let output = diptych(&[&["render", &shot, "--out", &out], options].concat());

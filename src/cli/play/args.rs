@@ -33,7 +33,7 @@ pub struct Args {
     pub(super) replay: Option<PathBuf>,
     /// Compare these controllers: play with each in turns
     ///
-    /// See --controller for their names. Writes a folder per run, comparison.csv and comparison.svg.
+    /// Names are those of the setting controller. Writes a folder per run, comparison.csv and comparison.svg.
     #[arg(hide_short_help = true, long, value_delimiter = ',', value_name = "NAME,…", conflicts_with_all = ["report", "save_every", "trace", "record_motion", "replay"], help_heading = OUTPUT)]
     pub(super) compare_control: Vec<ControllerKind>,
     /// Runs per controller, for --compare-control
