@@ -73,7 +73,7 @@ def bench(
     frames: int = 16,
     time: float = 0.0,
     fps: float = 72.0,
-    size: tuple[int, int] = (640, 360),
+    size: tuple[int, int] | None = None,
     devices: int | Devices = 1,
     **options: Any,
 ) -> Bench:

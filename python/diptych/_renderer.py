@@ -120,6 +120,8 @@ class Player:
 class Renderer:
     """Renders frames of a scene. Options are those of `diptych render`, such as `spp=4` or `denoiser="none"`.
 
+    By default, `size` is that of the shot's table `[render]`, else (640, 360).
+
     `policy` distributes the rows of each frame over the devices, in place of the option `balance`. It takes the
     predicted costs in milliseconds, an array of the shape (devices, rows), and the number of rows; it returns the
     number of rows of each device.
@@ -129,7 +131,7 @@ class Renderer:
         self,
         scene: Scene,
         *,
-        size: tuple[int, int] = (640, 360),
+        size: tuple[int, int] | None = None,
         devices: int | Devices = 1,
         policy: Policy | None = None,
         **options: Any,
@@ -201,7 +203,7 @@ def reference(
     scene: Scene,
     spp: int = 256,
     *,
-    size: tuple[int, int] = (640, 360),
+    size: tuple[int, int] | None = None,
     devices: int | Devices = 1,
     time: float = 0.0,
     time_limit: float | None = None,

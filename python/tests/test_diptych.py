@@ -244,6 +244,9 @@ def test_a_data_set_of_exr_files_has_the_same_values(scene, tmp_path):
         (lambda s: dp.Renderer(s, devices=dp.Devices(adapters=[99])), ValueError, "no adapter 99"),
         (lambda s: dp.load("nothing.glb"), ValueError, "cannot read 'nothing.glb'"),
         (lambda s: dp.load("builtin:cornell", spp=3), TypeError, "option of a renderer"),
+        (lambda s: dp.load("builtin:cornell", strict="maybe"), ValueError, "strict cannot be maybe: not one of on, off"),
+        (lambda s: dp.Renderer(s, controller="pid"), TypeError, "no option 'controller'"),
+        (lambda s: dp.Renderer(s, time_limit=1.0), TypeError, "no option 'time_limit'"),
         (lambda s: dp.reference(s, denoiser="svgf"), TypeError, "is not filtered"),
         (lambda s: dp.reference(s, clamp=3), TypeError, "unbiased"),
         (lambda s: dp.compare(np.zeros((4, 4, 3)), np.zeros((4, 5, 3))), RuntimeError, "differ in size"),
@@ -262,7 +265,7 @@ def test_options_take_the_types_of_python(scene):
     options = {"foveation": "layers", "gaze": np.array([0.5, 0.5]), "iterations": (2, 2, 2), "clamp": None}
     renderer = dp.Renderer(scene, size=SIZE, reproject=False, **options)
     assert "from_left" not in renderer.render().report
-    assert dp.load("builtin:cornell", exposure=-1).info["name"] == "cornell"
+    assert dp.load("builtin:cornell", exposure=-1, strict="off").info["name"] == "cornell"
 
 
 def test_threads_may_share_a_renderer(renderer):

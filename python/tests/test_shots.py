@@ -56,6 +56,16 @@ def test_a_dict_is_the_shot_of_a_file(tmp_path):
     assert frames[0].exposure_ev == frames[1].exposure_ev == 1.0
 
 
+def test_settings_of_a_shot_yield_to_keywords(tmp_path):
+    file = tmp_path / "shot.toml"
+    file.write_text(TOML + '[render]\nsize = "32x18"\nspp = 2\n')
+    for shot in (SHOT | {"render": {"size": "32x18", "spp": 2}}, file):
+        scene = dp.load(shot)
+        report = dp.Renderer(scene).render().report
+        assert (report["spp"], dp.Renderer(scene, spp=4).render().report["spp"]) == (2, 4)
+        assert dp.Renderer(scene).render().left.shape == (18, 32, 3)
+
+
 def triangle(path):
     """Writes a glTF file with one triangle."""
     data = base64.b64encode(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32).tobytes()).decode()

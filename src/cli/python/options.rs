@@ -9,7 +9,7 @@ use super::failure::exception;
 use crate::cli::failure::Failure;
 use crate::cli::options::{RenderFlags, RenderOptions};
 use crate::cli::setting_flags::{setting_of, with_flags};
-use crate::frame::settings::{Group, Settings};
+use crate::frame::settings::{Group, Settings, Value};
 
 /// Options of a scene and of a renderer.
 #[derive(Clone, Debug)]
@@ -20,8 +20,20 @@ pub struct Options {
 }
 
 /// Options of the command line that Python sets in another way: arguments of methods, files, and terminal output.
-const LEFT_OUT: [&str; 10] =
-    ["fps", "frames", "frames_in_flight", "json", "motion", "out", "quiet", "set", "time", "trace"];
+const LEFT_OUT: [&str; 12] = [
+    "fps",
+    "frames",
+    "frames_in_flight",
+    "json",
+    "motion",
+    "out",
+    "pass_spp",
+    "quiet",
+    "set",
+    "time",
+    "time_limit",
+    "trace",
+];
 
 /// An option that the caller has set.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,10 +52,14 @@ fn parser() -> Command {
     with_flags(flags, &keys).arg(devices)
 }
 
+/// Command whose options and settings Python has.
+const COMMAND: &str = "render";
+
 /// Returns the name of a keyword argument, such as `render_scale` for `--render-scale`.
 fn keyword(arg: &Arg) -> Option<String> {
     let name = arg.get_long()?.replace('-', "_");
-    (!LEFT_OUT.contains(&name.as_str())).then_some(name)
+    let is_read = setting_of(arg).is_none_or(|setting| setting.is_of(COMMAND));
+    (is_read && !LEFT_OUT.contains(&name.as_str())).then_some(name)
 }
 
 /// The options that keyword arguments may set.
@@ -98,10 +114,17 @@ fn option(arg: &Arg, value: &Bound<'_, PyAny>) -> PyResult<Option<Given>> {
         return Ok(None);
     }
     if matches!(arg.get_action(), ArgAction::SetTrue) {
-        return Ok(value.is_truthy()?.then(|| given(format!("--{name}"))));
+        return Ok(is_on(id, value)?.then(|| given(format!("--{name}"))));
     }
     let separator = if name == "size" { "x" } else { "," };
     Ok(Some(given(format!("--{name}={}", text(value, separator)?))))
+}
+
+/// Returns true if a value turns a switch on. Text must be `on`, `off` or a truth value.
+fn is_on(id: &str, value: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let Ok(text) = value.cast::<PyString>() else { return value.is_truthy() };
+    let text = text.to_cow()?;
+    bool::parse(&text).map_err(|why| PyValueError::new_err(format!("{id} cannot be {text}: {why}")))
 }
 
 /// Returns a value as on the command line: `on` or `off` for a truth value, and items of a sequence with a separator
@@ -118,17 +141,20 @@ fn text(value: &Bound<'_, PyAny>, separator: &str) -> PyResult<String> {
 }
 
 impl Options {
-    /// Parses the options of a renderer of the scene `shot`.
+    /// Parses the options of a renderer of the scene `shot`, and takes over settings of the shot, whose `text` is there
+    /// if it is no file.
     ///
     /// # Errors
     /// `ValueError` if a value is invalid or options conflict, with the text of the command line.
-    pub fn parse<'a>(shot: &str, given: impl IntoIterator<Item = &'a Given>) -> PyResult<Self> {
+    pub fn parse<'a>(shot: &str, text: Option<&str>, given: impl IntoIterator<Item = &'a Given>) -> PyResult<Self> {
         let fixed = ["--out=out", "--quiet"].map(str::to_owned);
         let given = given.into_iter().map(|given| given.text.clone());
         let line = fixed.into_iter().chain(given).chain(["--".to_owned(), shot.to_owned()]);
         let parsed = parser().try_get_matches_from(line);
         let parsed = parsed.and_then(|matches| Ok((RenderFlags::from_arg_matches(&matches)?, matches)));
         let (mut render, matches) = parsed.map_err(|error| PyValueError::new_err(shortened(&error.to_string())))?;
+        let run = &mut render.run;
+        text.map_or_else(|| run.complete(COMMAND), |text| run.complete_from(text, COMMAND)).map_err(exception)?;
         // Disturbances may name any frame.
         render.frames = u32::MAX;
         let render = render.options().map_err(|error| exception(Failure::Input(error)))?;
@@ -152,18 +178,27 @@ mod tests {
     fn options_left_out_exist_on_the_command_line() {
         let parser = parser();
         for name in LEFT_OUT {
-            assert!(parser.get_arguments().any(|arg| arg.get_id() == name), "{name}");
+            let is_named = |arg: &Arg| arg.get_long().is_some_and(|long| long.replace('-', "_") == name);
+            assert!(parser.get_arguments().any(is_named), "{name}");
         }
     }
 
     #[test]
     fn defaults_are_those_of_the_command_line() {
-        let Options { render, virtual_devices } = Options::parse("builtin:cornell", []).unwrap();
+        let Options { render, virtual_devices } = Options::parse("builtin:cornell", None, []).unwrap();
         assert_eq!(
             (render.shot.as_str(), render.quality(), virtual_devices),
             ("builtin:cornell", crate::quality::Quality::default(), 1)
         );
         assert_eq!(render.settings.size.to_string(), "640x360");
+    }
+
+    #[test]
+    fn settings_of_shots_are_taken_over() {
+        let shot = "scene = 'builtin:cornell'\n[render]\nspp = 4\nsize = '32x18'\n";
+        let given = [Given { id: "spp".to_owned(), text: "--spp=2".to_owned() }];
+        let Options { render, .. } = Options::parse("dict", Some(shot), &given).unwrap();
+        assert_eq!((render.quality().spp, render.settings.size.to_string().as_str()), (2.into(), "32x18"));
     }
 
     #[test]
@@ -173,7 +208,12 @@ mod tests {
             parser.get_arguments().filter(|arg| scope.has(arg)).filter_map(keyword).collect()
         };
         assert!(names(Scope::Scene).contains(&"environment".to_owned()));
-        assert!(names(Scope::Renderer).contains(&"denoiser".to_owned()));
+        for name in ["denoiser", "gaze", "slowdown"] {
+            assert!(names(Scope::Renderer).contains(&name.to_owned()), "{name}");
+        }
+        for name in ["controller", "keep_going", "speeds", "network_us", "time_limit", "pass_spp"] {
+            assert!(!names(Scope::Renderer).contains(&name.to_owned()), "{name}");
+        }
         assert!(names(Scope::Scene).iter().all(|name| !names(Scope::Renderer).contains(name)));
     }
 }

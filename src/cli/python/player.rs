@@ -22,6 +22,7 @@ use crate::report::play::ControlRow;
 use crate::report::run::FrameRow;
 use crate::scene::head::HeadMotion;
 use crate::scene::rig::Rig;
+use crate::scene::shot::allowed::FPS;
 use crate::session::{Decided, Session};
 
 /// Iterator over the frames of a sequence. The control loop sets the quality of each frame so that frame times stay
@@ -141,8 +142,8 @@ impl Player {
         controller: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let budget = Budget::new(budget_ms.0, budget_ms.1).map_err(|error| PyValueError::new_err(error.to_string()))?;
-        if !(fps.is_finite() && fps > 0.0 && time.is_finite()) {
-            return Err(PyValueError::new_err("fps must be above 0 and time a number of seconds"));
+        if !(FPS.allows(fps) && time.is_finite()) {
+            return Err(PyValueError::new_err(format!("give {} as fps, and a number of seconds as time", FPS.what)));
         }
         controller.as_ref().map_or(Ok(()), control::check)?;
         let of = renderer.get();

@@ -9,7 +9,7 @@ use pyo3::types::PyDict;
 
 use super::failure::exception;
 use super::frame::{Frame, Images, Look};
-use super::options::{Options, Scope, given};
+use super::options::{Scope, given};
 use super::renderer::open_devices;
 use super::scene::Scene;
 use crate::accumulation::{Accumulation, Job, accumulate};
@@ -38,7 +38,7 @@ pub fn reference(
     if let Some((id, why)) = OVERRULED.iter().find(|(id, _)| own.iter().any(|option| option.id == *id)) {
         return Err(PyTypeError::new_err(format!("a reference {why}: leave '{id}' out")));
     }
-    let mut options = Options::parse(&scene.shot, scene.given.iter().chain(&own))?;
+    let mut options = scene.options(&own)?;
     (options.render.run.settings.time, options.render.frames) = (time, 1);
     let checked = options.render.check().and_then(|()| Ok(Samples::from(spp).check()?));
     checked.map_err(|error| exception(Failure::Input(error)))?;

@@ -73,7 +73,7 @@ impl Renderer {
     ) -> PyResult<Self> {
         let own = given(options, Scope::Renderer)?;
         let policy = policy.map(|function| policy_of(function, &own)).transpose()?;
-        let options = Options::parse(&scene.get().shot, scene.get().given.iter().chain(&own))?;
+        let options = scene.get().options(&own)?;
         let devices = open_devices(py, &options).map_err(exception)?;
         let make = |loaded: &LoadedScene, devices: Devices| {
             let inner = start(&options.render, loaded, devices, policy.as_ref())?;

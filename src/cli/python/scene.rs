@@ -21,9 +21,10 @@ use crate::scene::folder::Source;
 #[pyclass(frozen, module = "diptych")]
 pub struct Scene {
     loaded: RwLock<LoadedScene>,
-    /// The shot, and the options that it was loaded with.
-    pub(super) shot: String,
-    pub(super) given: Vec<Given>,
+    /// The shot, its text if it is a dict, and the options that it was loaded with.
+    shot: String,
+    text: Option<String>,
+    given: Vec<Given>,
 }
 
 /// Name of a shot that is given as a dict, in messages.
@@ -36,7 +37,7 @@ pub fn load(py: Python<'_>, shot: &Bound<'_, PyAny>, options: Option<&Bound<'_, 
     let given = given(options, Scope::Scene)?;
     let text = shot.cast::<PyDict>().ok().map(shot::text).transpose()?;
     let shot = if text.is_some() { DICT.to_owned() } else { shot.str()?.to_string() };
-    let options = Options::parse(&shot, &given)?;
+    let options = Options::parse(&shot, text.as_deref(), &given)?;
     let load = || match &text {
         None => setup::load(&options.render),
         Some(text) => {
@@ -45,10 +46,15 @@ pub fn load(py: Python<'_>, shot: &Bound<'_, PyAny>, options: Option<&Bound<'_, 
         }
     };
     let loaded = py.detach(load).map_err(exception)?;
-    Ok(Scene { loaded: RwLock::new(loaded), shot, given })
+    Ok(Scene { loaded: RwLock::new(loaded), shot, text, given })
 }
 
 impl Scene {
+    /// Returns the options of a renderer of the scene, with those that it was loaded with.
+    pub(super) fn options(&self, own: &[Given]) -> PyResult<Options> {
+        Options::parse(&self.shot, self.text.as_deref(), self.given.iter().chain(own))
+    }
+
     pub fn loaded(&self) -> RwLockReadGuard<'_, LoadedScene> {
         self.loaded.read().unwrap_or_else(PoisonError::into_inner)
     }
