@@ -1,6 +1,6 @@
 //! Foveated layers: which pixels are sampled, and that nothing else changes.
 
-use crate::common::{Stage, Subject, foveate, project, with};
+use crate::common::{Stage, Subject, foveate, project, sampled, with};
 use diptych::RunConfig;
 use diptych::exec::Stereo;
 use diptych::frame::Foveation;
@@ -117,7 +117,8 @@ fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
 #[test]
 fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
     let subject = Subject::load("builtin:cornell");
-    for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(|denoiser| Some(Filter::new(denoiser, 5))) {
+    for denoiser in sampled([Denoiser::SVGF, Denoiser::ATROUS], 2) {
+        let filter = Some(Filter::new(denoiser, 5));
         let render = |scale: f64| {
             let mut settings = with(subject.denoised(WIDTH, HEIGHT), |config| config.envelope.most.scale = scale);
             (settings.envelope.most.filter, settings.buffers.aovs) = (filter, vec![Aov::Spp]);
@@ -127,7 +128,7 @@ fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
         };
         let mean = |image: &RgbImage| image.pixels.iter().flatten().map(|c| f64::from(*c)).sum::<f64>();
         let (full, _) = render(1.0);
-        for scale in [0.5, 0.75] {
+        for scale in sampled([0.5, 0.75], 2) {
             let (frames, spp) = render(scale);
             let rays = |f: &[crate::common::Frame]| f.iter().map(|f| f.report.tallies[0].rays).sum::<u64>();
             assert!(rays(&frames) < rays(&full));
@@ -148,7 +149,7 @@ fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
 fn narrow_visual_polar_images_are_close_to_those_of_the_screen() {
     const BLOCK: usize = 8;
     let mut subject = Subject::load("builtin:checker");
-    for yfov_deg in [1.0f64, 3.0, 20.0] {
+    for yfov_deg in sampled([1.0f64, 3.0, 20.0], 3) {
         subject.rig.yfov_rad = yfov_deg.to_radians();
         let mut settings = with(subject.settings(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 1);
         settings.envelope.most.spp = 8.into();

@@ -240,11 +240,11 @@ fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
 
 #[test]
 fn pictures_are_those_of_flattened_scenes() {
-    // In the second case the local origin of positions is not (0, 0, 0). Emissive triangles are numbered in tree order.
+    // In the first case the local origin of positions is not (0, 0, 0). Emissive triangles are numbered in tree order.
     // With lamps (the last case), the same random numbers select different triangles, so the difference is noise.
     let far = Vec3::new(65536.0, 0.0, -32768.0);
-    let all = [(Vec3::ZERO, false, 60.0), (far, false, 60.0), (Vec3::ZERO, true, 50.0)];
-    let (count, extent, spp) = if is_thorough() { (3, EXTENT, 64) } else { (2, Extent::new(48, 32), 16) };
+    let all = [(far, false, 60.0), (Vec3::ZERO, false, 60.0), (Vec3::ZERO, true, 50.0)];
+    let (count, extent, spp) = if is_thorough() { (3, EXTENT, 64) } else { (1, Extent::new(48, 32), 16) };
     for (by, has_lamps, bound_db) in all.into_iter().take(count) {
         let mut scene = moved(crowd(), by);
         scene.instances.retain(|i| has_lamps || scene.meshes[i.mesh].material != LAMP);

@@ -29,6 +29,7 @@ fn floor_under(card: Mesh, lamp: Material) -> f64 {
 }
 
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn a_card_lights_as_much_as_there_is_of_it() {
     let card = |width: f32| scenes::quad(vec3(-1.0, 2.0, -1.0), width * Vec3::X, 2.0 * Vec3::Z, 0);
     let lamp = |alpha| Material { base_color: Vec3::ZERO.extend(alpha), emissive: Vec3::splat(5.0), ..scenes::matte() };

@@ -268,9 +268,10 @@ fn assert_as_good_as_an_opening(rooms: &[Subject], is_moving: bool) {
 const WALLS: [Wall; 3] = [Wall::Mirror, Wall::Pane, Wall::Opening];
 
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn mirrors_and_panes_show_a_room_as_well_as_an_opening_would() {
     let rooms = WALLS.map(room);
-    for is_moving in sampled([true, false], 2) {
+    for is_moving in [true, false] {
         assert_as_good_as_an_opening(&rooms, is_moving);
     }
 }
@@ -290,7 +291,7 @@ fn a_mirror_that_turns_shows_a_room_as_well_as_an_opening_would() {
 #[test]
 fn lacquer_shows_the_room_sharply() {
     let subject = room(Wall::Lacquer);
-    for is_moving in [false, true] {
+    for is_moving in sampled([true, false], 2) {
         let expected = reference(&subject, is_moving);
         let [followed, blurred] = [true, false].map(|follow_mirrors| {
             errors(&subject, &expected, &RunConfig { follow_mirrors, ..settings(&subject, Denoiser::SVGF) }, is_moving)
@@ -368,7 +369,7 @@ fn frames_that_follow_mirrors_have_the_bytes_of_one_device() {
     let [still, moving] = [hall_of_mirrors(), moving_room(Wall::Mirror)];
     let of_still = [(&still, Denoiser::SVGF, 1), (&still, Denoiser::BMFR, 1), (&still, Denoiser::SVGF, 2)];
     let of_moving = [(&moving, Denoiser::SVGF, 1), (&moving, Denoiser::BMFR, 1)];
-    for (subject, denoiser, spp) in sampled(of_still.into_iter().chain(of_moving), 2) {
+    for (subject, denoiser, spp) in sampled(of_still.into_iter().chain(of_moving), 4) {
         let mut settings = settings(subject, denoiser);
         settings.envelope.most.spp = spp.into();
         let [one, three] = [1, 3].map(|devices| {

@@ -3,7 +3,7 @@
 use glam::{Affine2, Affine3A, DVec3, Quat, Vec2, Vec3, vec2, vec3, vec4};
 
 use super::moving::watched;
-use crate::common::{Frame, Stage, Subject, devices_to_lose, sampled, still_rig};
+use crate::common::{Frame, Stage, Subject, devices_to_lose, still_rig};
 use crate::reference::scenes::moving::everything;
 use crate::reference::scenes::{add_image, add_material, add_mesh, block, empty, instance, matte, place, quad};
 use crate::same_bytes::{HEIGHT, Script, assert_same, ratios};
@@ -118,8 +118,9 @@ fn mean(image: &RgbImage) -> f64 {
 }
 
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn cached_frames_keep_the_mean_and_the_error() {
-    for name in sampled(["builtin:cornell", "builtin:gallery"], 2) {
+    for name in ["builtin:cornell", "builtin:gallery"] {
         let subject = Subject::load(name);
         let mut reference = subject.settings(WIDTH, HEIGHT);
         (reference.seed, reference.envelope.most.spp) = (99, 64.into());
@@ -167,9 +168,10 @@ fn looked_into(scene: Scene) -> Subject {
 
 /// A cell covers several tiles. Its light is that over the albedo of all, not a mean that counts black tiles as dark.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn cells_keep_the_light_of_tiles() {
     let white = [230, 230, 230, 255];
-    for texels in sampled([[[0, 0, 0, 255], white], [[230, 0, 0, 255], white]], 2) {
+    for texels in [[[0, 0, 0, 255], white], [[230, 0, 0, 255], white]] {
         let subject = looked_into(room("tiled room", |scene| {
             let [a, b] = texels;
             let image = add_image(scene, Image { extent: Extent::new(2, 2), pixels: vec![a, b, b, a] });

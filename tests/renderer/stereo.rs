@@ -1,6 +1,6 @@
 //! Two eyes: reprojected pixels look like traced ones, and each eye has its own viewpoint.
 
-use crate::common::{Stage, Subject, diptych, is_thorough, still_rig, with};
+use crate::common::{Stage, Subject, diptych, is_thorough, sampled, still_rig, with};
 use crate::reference::scenes::{add_matte, empty, materials, place, quad};
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use diptych::image::exr::read_rgb;
@@ -83,7 +83,7 @@ fn few_pixels_of_the_atrium_are_holes() {
 
 #[test]
 fn eyes_in_one_place_see_the_same() {
-    for shot in ["builtin:cornell", "builtin:checker"] {
+    for shot in sampled(["builtin:cornell", "builtin:checker"], 2) {
         let mut subject = Subject::load(shot);
         subject.rig.baseline_m = 0.0;
         let mut settings = with(subject.settings(80, 45), |config| config.envelope.most.bounces = 2);

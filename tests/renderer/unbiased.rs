@@ -199,7 +199,7 @@ fn every_material_is_unbiased() {
 /// Add rows in [`lobes::ALL`].
 #[test]
 fn every_lobe_of_an_extension_is_unbiased() {
-    hold_against_the_reference(sampled(lobes::ALL, 3).map(|(_, scene)| subject(scene())), &BOTH_SAMPLERS);
+    hold_against_the_reference(sampled(lobes::ALL, 6).map(|(_, scene)| subject(scene())), &BOTH_SAMPLERS);
 }
 
 /// Tables that were updated to a time represent the scene at that time.
@@ -300,6 +300,7 @@ fn seeds_name_random_numbers_of_their_own() {
 
 /// Batches, running means and jitter: many samples in one frame have the same mean as many frames of few samples.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn samples_of_a_frame_and_of_several_frames_have_one_mean() {
     let subject = subject(matte::environment_only());
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);

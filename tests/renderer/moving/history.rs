@@ -128,6 +128,7 @@ fn thin_things_that_move_stay_sharp() {
 }
 
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn a_light_that_switches_is_right_four_frames_later() {
     let subject = watched(moving::switched());
     let settings = with(subject.accumulated(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 2);

@@ -77,7 +77,7 @@ fn a_change_of_bounces_or_scale_changes_no_gradient() {
 #[test]
 fn a_change_of_samples_drops_no_more_history_than_none() {
     let subject = watched(moving::everything());
-    for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
+    for denoiser in sampled([Denoiser::SVGF, Denoiser::BMFR], 2) {
         let dropped = |rungs, stride| play(&subject, denoiser, rungs, stride).dropped;
         let many = (3.0, 6, 1.0);
         let constant = dropped([USUAL; 2], 1);

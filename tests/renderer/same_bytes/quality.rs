@@ -173,7 +173,7 @@ fn pixels_of_tiles_that_differ_have_the_bytes_of_frames_of_their_samples() {
         [(image.left, counts.left), (image.right, counts.right)]
     };
     for least in sampled([1.0, 4.0], 2) {
-        let [few, many, between] = [0.0, 1.0, 0.5].map(|extra| frame(least + extra, 2));
+        let [few, many, between] = [(0.0, 1), (1.0, 1), (0.5, 2)].map(|(extra, devices)| frame(least + extra, devices));
         for (eye, (image, counts)) in between.iter().enumerate() {
             for (i, (pixel, &count)) in image.pixels.iter().zip(&counts[0]).enumerate() {
                 let expected = if f64::from(count) == least { &few } else { &many };

@@ -86,7 +86,7 @@ fn hard_shadows_outside_the_denoiser_change_the_noise_and_not_the_mean() {
 /// Add rows in [`lit::MIRRORS`]. Few reflections end in the middle of a chain of mirrors.
 #[test]
 fn following_mirrors_changes_the_noise_and_not_the_mean() {
-    for ((name, mirrors), bounces) in sampled(lit::MIRRORS.into_iter().zip([4, 2, 3, 3, 5, 3]), 3) {
+    for ((name, mirrors), bounces) in sampled(lit::MIRRORS.into_iter().zip([4, 2, 3, 3, 5, 3]), 6) {
         let subject = subject(lit::things(name, mirrors));
         assert!(subject.needs.mirrors, "{name}");
         let noise = assert_mean_stays(name, &subject, bounces, |settings, is_on| settings.follow_mirrors = is_on);
@@ -118,6 +118,7 @@ fn light_of_narrow_lobes_outside_the_denoiser_changes_no_mean() {
 
 /// The bias is bounded in each block of pixels, since the mean of the picture would hide a caustic that is lost.
 #[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
 fn regularization_calms_caustics_and_keeps_most_of_their_light() {
     const BLOCK: usize = 8;
     let caustics = subject(lit::caustics());
