@@ -156,7 +156,8 @@ impl Command {
     }
 }
 
-/// Runs a command and returns its exit status. `args` begins with the name of the program.
+/// Runs a command and returns its exit status. `args` begins with the name of the program. Several threads may run
+/// commands at once. Call [`prepare_environment`](super::prepare_environment) before.
 ///
 /// ```
 /// use diptych::cli::{Console, run_from};

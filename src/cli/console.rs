@@ -73,7 +73,7 @@ pub fn begin(args: Vec<OsString>, console: Console) -> Entered {
 #[cfg(feature = "view")]
 pub fn enter() -> impl FnOnce() -> Entered + Send {
     let run = run();
-    || Entered(RUN.replace(run))
+    move || Entered(RUN.replace(run))
 }
 
 fn run() -> Arc<Run> {

@@ -4,8 +4,8 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::common::{Stage, Subject, devices_to_lose, diptych};
-use diptych::device::{FailureKind, GpuDevice};
+use crate::common::{self, Stage, Subject, devices_to_lose, diptych};
+use diptych::device::{DevicePool, FailureKind, GpuDevice, Selection};
 use diptych::exec::{ExecError, InjectedFaults, Injection, Stereo};
 use diptych::image::RgbImage;
 use diptych::schedule::{Even, Measured};
@@ -85,6 +85,21 @@ fn devices_come_back_with_what_was_compiled_on_them_unless_they_failed() {
     failing.frame(0);
     let left = failing.into_devices();
     assert_eq!(left.iter().map(|gpu| gpu.info.index).collect::<Vec<_>>(), [0]);
+}
+
+#[test]
+fn pool_keeps_devices_that_have_not_failed() {
+    let selection = Selection { pool: Some(DevicePool::default()), ..Selection::default() };
+    let open = || common::open(&selection).remove(0);
+    let subject = Subject::load("builtin:checker");
+    let mut stage = Stage::on(vec![open()], &subject, &subject.settings(32, 18), Box::new(Even::new(18, 1)));
+    stage.frame(0);
+    let compiled = stage.into_devices()[0].pipelines.len();
+    let again = open();
+    assert!(compiled > 0 && again.pipelines.len() == compiled);
+    again.report_out_of_memory();
+    drop(again);
+    assert_eq!(open().pipelines.len(), 0);
 }
 
 /// Frames in flight behind a failed frame restart as well.
