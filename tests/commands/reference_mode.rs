@@ -385,6 +385,6 @@ fn limits_that_are_none_are_refused() {
     for pass in ["0", "1", "12", "8192"] {
         case.refused(&["--reference", "--set", &format!("pass_spp={pass}")], &["pass_spp"]);
     }
-    case.refused(&["--spp", "2000000"], &["--spp", "--reference"]);
+    case.refused(&["--spp", "2000000"], &["spp 2000000", "--reference"]);
     assert!(!Path::new("x").exists());
 }

@@ -154,7 +154,11 @@ impl Options {
         let parsed = parsed.and_then(|matches| Ok((RenderFlags::from_arg_matches(&matches)?, matches)));
         let (mut render, matches) = parsed.map_err(|error| PyValueError::new_err(shortened(&error.to_string())))?;
         let run = &mut render.run;
-        text.map_or_else(|| run.complete(COMMAND), |text| run.complete_from(text, COMMAND)).map_err(exception)?;
+        let completed = match text {
+            Some(text) => run.complete_from(text, COMMAND),
+            None => run.complete(COMMAND),
+        };
+        completed.map_err(exception)?;
         // Disturbances may name any frame.
         render.frames = u32::MAX;
         let render = render.options().map_err(|error| exception(Failure::Input(error)))?;
