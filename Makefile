@@ -76,7 +76,7 @@ lint:
 	$(CARGO) fmt --check
 	$(CARGO) clippy --profile tests --locked --all-targets -- -D warnings
 	$(CARGO) clippy --profile tests --locked --all-targets --features view,xr,python -- -D warnings
-	$(CARGO) clippy --profile tests --locked --no-default-features --lib --example render_frame -- -D warnings
+	$(CARGO) clippy --profile tests --locked -p diptych --lib --example render_frame -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked --features view,xr
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked
 	cd tools/lint && $(CARGO) fmt --check
@@ -97,7 +97,7 @@ test-no-adapter:
 
 test-full: deps
 	DIPTYCH_TEST_FULL=1 $(CARGO) test --release --locked --no-fail-fast -- --include-ignored
-	$(CARGO) run --release --locked --no-default-features --example render_frame
+	$(CARGO) run --release --locked -p diptych --example render_frame
 
 test-view: deps
 	$(CARGO) test --release --locked --features view --bin diptych --test view

@@ -18,8 +18,7 @@
 //!    [`quality::Quality`] of the next frame, to keep its time within a budget.
 //!
 //! [`metrics`] compares images, [`accumulation`] renders reference images, and [`trace`] records where time is spent.
-//! The feature `cli`, on by default, adds the commands of the program as the module `cli`, and their tables and charts
-//! as the module `report`.
+//! The package `diptych-cli` has the commands of the program, with their tables, charts and pages.
 //!
 //! # Render a frame
 //!
@@ -65,10 +64,6 @@ pub mod headset;
 pub mod metrics;
 pub mod accumulation;
 pub mod trace;
-#[cfg(feature = "cli")]
-pub mod report;
-#[cfg(feature = "cli")]
-pub mod cli;
 
 pub use control::{Budget, Controller, Ladder};
 pub use device::Selection;

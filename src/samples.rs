@@ -120,7 +120,7 @@ impl Serialize for Samples {
 
 /// Samples as two members of a record in ladders, journals and `run.json`.
 #[derive(Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(crate) struct Members {
     /// Samples per pixel, at least 1.
     pub spp: u32,

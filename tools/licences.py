@@ -21,6 +21,7 @@ NAMES = re.compile(r"(licen[cs]e|copying|notice|copyright|unlicense|ofl|ufl)", r
 def metadata(target, features):
     cargo = os.environ.get("CARGO", "cargo")
     command = [cargo, "metadata", "--locked", "--format-version", "1", "--filter-platform", target]
+    command += ["--manifest-path", "cli/Cargo.toml"]
     command += ["--features", features] if features else []
     return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
 
@@ -60,7 +61,7 @@ def main():
     ids = linked(of["resolve"])
     crates, spelling, bare = defaultdict(set), {}, []
     for package in of["packages"]:
-        if package["id"] in ids:
+        if package["id"] in ids and package["source"]:
             name = f"{package['name']} {package['version']}"
             texts = texts_of(package)
             for text in texts:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Counts the lines of code of each module of src: lines.py [CHECKOUT]
+"""Counts the lines of code of each module of src and cli/src: lines.py [CHECKOUT]
 
 Blank lines, comments, files of tests, and `mod tests` at the end of a file do not count.
 """
@@ -26,12 +26,16 @@ def lines_of(path: pathlib.Path) -> int:
 
 
 def main() -> None:
-    source = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else ".") / "src"
+    root = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else ".")
     counts: collections.Counter[str] = collections.Counter()
-    for path in sorted(source.rglob("*.rs")):
-        of_source = path.relative_to(source)
-        if not is_test(of_source):
-            counts[of_source.parts[0].removesuffix(".rs")] += lines_of(path)
+    for folder in ("src", "cli/src"):
+        for path in sorted((root / folder).rglob("*.rs")):
+            of_source = path.relative_to(root / folder)
+            module = of_source.parts[0].removesuffix(".rs")
+            if folder == "cli/src" and module != "report":
+                module = "cli"
+            if not is_test(of_source):
+                counts[module] += lines_of(path)
     for module, count in counts.most_common():
         print(f"{count:7,}  {module}")
     print(f"{sum(counts[module] for module in ENGINE):7,}  engine: {', '.join(m for m in ENGINE if counts[m])}")

@@ -42,7 +42,7 @@ pub struct Accumulation {
 
 /// Estimated error of the mean, by the definitions of [`crate::metrics`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Noise {
     pub rmse: f64,
     pub relmse: f64,

@@ -21,7 +21,7 @@ const FAST_MESA: u32 = 25;
 
 /// Description of an opened device.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DeviceInfo {
     /// Number of the device in the run, from 0.
     pub index: usize,
@@ -68,7 +68,7 @@ impl DeviceInfo {
 
 /// Rank of a process in a run of several, and its machine.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RankName {
     pub number: usize,
     pub host: String,

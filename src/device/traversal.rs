@@ -3,7 +3,7 @@
 /// Ray traversal of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Traversal {
     /// Compute shaders that traverse the BVHs of [`crate::accel`].
     #[default]

@@ -9,7 +9,7 @@ pub use crate::plan::InjectedKind;
 
 /// A dropped device, and how the frame recovered.
 #[derive(Clone, Debug, serde::Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Fault {
     pub frame: u32,
     /// Number of the device in the run. The numbers of other devices do not change.

@@ -41,8 +41,7 @@ pub use crate::frame::FrameParams;
 pub use crate::graph::TimedTask;
 pub use builder::{BuildError, Builder};
 pub use error::ExecError;
-#[cfg(feature = "cli")]
-pub(crate) use faults::frames_of;
+pub use faults::frames_of;
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
 pub use late_latching::{PoseSource, SampledPose};
 pub use renderer::Renderer;

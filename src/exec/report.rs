@@ -15,7 +15,7 @@ use crate::scene::rig::Eye;
 
 /// Time of one task on one device, milliseconds since the renderer's origin.
 #[derive(Clone, Debug, serde::Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TaskTiming {
     /// The stage, or the image that is transferred.
     pub stage: Cow<'static, str>,
@@ -219,7 +219,7 @@ impl Tally {
 
 /// Fractions of a reprojected right eye's pixels by the way in which they were computed.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RightEye {
     /// Reprojected from the left eye, or without a surface.
     pub reprojected_fraction: f64,
@@ -270,7 +270,7 @@ impl fmt::Display for RightEye {
 
 /// A value for each eye.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Stereo<T> {
     pub left: T,
     pub right: T,

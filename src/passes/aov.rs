@@ -1,70 +1,73 @@
 //! Kinds of auxiliary images.
 
-/// An auxiliary image (AOV): a property of the surface at the pixel's centre, or of how the pixel was rendered.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum), value(rename_all = "snake_case"))]
-#[repr(u32)]
-pub enum Aov {
+/// Declares [`Aov`] with the names and descriptions of its variants.
+macro_rules! aovs {
+    ($(#[doc = $help:literal] $variant:ident = $name:literal,)+) => {
+        /// An auxiliary image (AOV): a property of the surface at the pixel's centre, or of how the pixel was rendered.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        #[repr(u32)]
+        pub enum Aov {
+            $(#[doc = $help] $variant,)+
+        }
+
+        impl Aov {
+            pub const ALL: &'static [Self] = &[$(Self::$variant),+];
+
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $name,)+
+                }
+            }
+
+            pub fn help(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $help.trim_ascii(),)+
+                }
+            }
+        }
+    };
+}
+
+aovs! {
     /// Albedo that demodulates radiance, linear RGB
-    Albedo,
+    Albedo = "albedo",
     /// Shading normal towards the eye, world space
-    Normal,
+    Normal = "normal",
     /// Position, world space, scene units
-    Position,
+    Position = "position",
     /// Position of the surface in the previous frame, world space, scene units
-    LastPosition,
+    LastPosition = "last_position",
     /// Distance along the ray, scene units; 0 for the sky
-    Depth,
+    Depth = "depth",
     /// Motion vector to the previous frame, pixels
-    Motion,
+    Motion = "motion",
     /// Perceptual roughness, 0 to 1
-    Roughness,
+    Roughness = "roughness",
     /// Hole reason, 1 to 6; 0 if none; 7 if left to the denoiser
-    Holes,
+    Holes = "holes",
     /// Samples per pixel; 0 if left to the denoiser
-    Spp,
+    Spp = "spp",
     /// Index of the device that finished the pixel
-    Stripes,
+    Stripes = "stripes",
     /// Base colour, linear RGB; 0 without a surface
-    BaseColor,
+    BaseColor = "base_color",
     /// Albedo of the Lambertian lobe, linear RGB
-    DiffuseAlbedo,
+    DiffuseAlbedo = "diffuse_albedo",
     /// Directional albedo of all microfacet lobes, linear RGB
-    SpecularAlbedo,
+    SpecularAlbedo = "specular_albedo",
     /// Position of the surface that mirrors and clear glass show, world space, scene units
-    ShownPosition,
+    ShownPosition = "shown_position",
     /// Shading normal of that surface, world space
-    ShownNormal,
+    ShownNormal = "shown_normal",
     /// Position of its image, on the pixel's ray, world space, scene units; approximate in curved mirrors and lenses
-    VirtualPosition,
+    VirtualPosition = "virtual_position",
 }
 
 impl Aov {
     /// Returns true if the image holds small integers, for which a false-colour picture of both eyes is useful.
     pub fn counts(self) -> bool {
         matches!(self, Self::Holes | Self::Spp | Self::Stripes)
-    }
-
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Albedo => "albedo",
-            Self::Normal => "normal",
-            Self::Position => "position",
-            Self::LastPosition => "last_position",
-            Self::Depth => "depth",
-            Self::Motion => "motion",
-            Self::Roughness => "roughness",
-            Self::Holes => "holes",
-            Self::Spp => "spp",
-            Self::Stripes => "stripes",
-            Self::BaseColor => "base_color",
-            Self::DiffuseAlbedo => "diffuse_albedo",
-            Self::SpecularAlbedo => "specular_albedo",
-            Self::ShownPosition => "shown_position",
-            Self::ShownNormal => "shown_normal",
-            Self::VirtualPosition => "virtual_position",
-        }
     }
 
     /// Returns the names of the channels in use.

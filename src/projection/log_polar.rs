@@ -28,7 +28,7 @@ const MOST_INNER: f64 = 0.95;
 /// Parameters of log-polar images (Andersson & Hansson 2020, "Performance Optimizations for Foveated Real-Time
 /// Raytracing", section 3.3).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LogPolar {
     /// Downsampling factor per axis, σ: the number of rings times the number of directions is 1/σ² of the screen's

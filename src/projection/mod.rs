@@ -24,7 +24,7 @@ pub use view::{View, structs};
 
 /// Projections whose pixels are arranged around the gaze. Files contain the names of the variants.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum PolarSpace {
     /// Visual-polar: density follows visual acuity (Koskela et al. 2019).

@@ -108,11 +108,11 @@ impl Display for Quality {
 /// The part of [`Quality`] that `run.json`, `frames.csv` and journals record for each frame. It leaves out the denoiser
 /// and the projection, which all frames of a run share. `iterations` is the maximum over the foveal layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FrameQuality {
     /// Samples per traced pixel.
     #[serde(flatten, serialize_with = "samples::as_members")]
-    #[cfg_attr(test, schemars(with = "samples::Members"))]
+    #[cfg_attr(feature = "schema", schemars(with = "samples::Members"))]
     pub spp: Samples,
     pub bounces: u32,
     pub iterations: u32,

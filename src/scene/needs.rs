@@ -5,7 +5,7 @@ use super::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene, are
 /// Features of the tracing stages, as flags. Enabling more than needed changes only the time, not the picture, except
 /// for `gloss`, `hard_lights`, `mirrors`, `polish` and `narrow_lobes`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SceneNeeds {
     pub textures: bool,
     /// Textures on the second set of texture coordinates.

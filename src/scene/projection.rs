@@ -10,7 +10,7 @@ use crate::image::Extent;
 /// Matrices in the conventions of OpenEXR's attributes of these names: each is a list of four rows of a matrix M that
 /// transforms row vectors, (x, y, z, 1) · M.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Matrices {
     /// World to eye, in scene units: x to the right, y up, z along the view.
     pub world_to_camera: [[f32; 4]; 4],

@@ -12,7 +12,7 @@ mod file;
 pub mod frames;
 mod growing;
 mod host;
-pub(crate) mod intervals;
+pub mod intervals;
 mod median;
 pub mod rank_transfers;
 pub mod read;

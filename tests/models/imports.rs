@@ -9,7 +9,7 @@ use std::str::FromStr;
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 
 /// Modules with decision logic, which are tested without a device.
-const WITHOUT_WGPU: [&str; 18] = [
+const WITHOUT_WGPU: [&str; 17] = [
     "image",
     "scene",
     "quality",
@@ -27,7 +27,6 @@ const WITHOUT_WGPU: [&str; 18] = [
     "metrics",
     "accumulation",
     "trace",
-    "report",
 ];
 
 fn source_folder() -> PathBuf {
@@ -198,7 +197,7 @@ fn the_tests_that_architecture_names_are_there() {
     let names: Vec<&str> = words.filter(is_name).collect();
     assert!(names.len() > 20, "{names:?}");
     let mut sources = String::new();
-    let mut folders = vec![root.join("src"), root.join("tests")];
+    let mut folders = vec![root.join("src"), root.join("tests"), root.join("cli")];
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(&folder).expect("folders of sources can be read") {
             let path = entry.expect("folders of sources can be read").path();

@@ -4,7 +4,7 @@
 mod needs;
 mod quality;
 
-use crate::common::{Stage, Subject, devices_to_lose, diptych, foveate, is_thorough, project, shared_shot};
+use crate::common::{Stage, Subject, devices_to_lose, foveate, is_thorough, project, shared_shot};
 use diptych::RunConfig;
 use diptych::device::{ShaderChecks, Tables};
 use diptych::exec::Stereo;
@@ -367,30 +367,5 @@ fn tables_in_a_buffer_or_a_texture_give_the_same_bytes() {
         for (a, b) in buffer.iter().zip(&texture) {
             assert_same(shot, a, b);
         }
-    }
-}
-
-#[test]
-#[ignore = "renders many pictures: `make test-full` runs it"]
-fn files_of_one_device_and_of_three_with_frames_in_flight_are_equal() {
-    let folder = tempfile::tempdir().unwrap();
-    let render = |devices: &str, in_flight: &str| {
-        let out = folder.path().join(devices);
-        let to = out.to_str().unwrap();
-        let aovs = "albedo,normal,position,depth,motion,roughness,holes,spp";
-        let mut args =
-            vec!["render", "builtin:checker", "--size", "96x54", "--aov", aovs, "--frames", "2", "--fps", "2"];
-        args.extend(["--out", to, "--virtual", devices, "--set", in_flight]);
-        let output = diptych(&args);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        out
-    };
-    let (one, three) = (render("1", "frames_in_flight=1"), render("3", "frames_in_flight=2"));
-    let mut names: Vec<_> = std::fs::read_dir(&one).unwrap().map(|f| f.unwrap().file_name()).collect();
-    names.retain(|n| n != "run.json" && n != "frames.csv");
-    assert_eq!(names.len(), 2 * (2 + 2 * 8 + 2 + 3), "{names:?}");
-    for name in names {
-        let bytes = |folder: &std::path::Path| std::fs::read(folder.join(&name)).unwrap();
-        assert!(bytes(&one) == bytes(&three), "{} differs", name.display());
     }
 }

@@ -1,9 +1,8 @@
 //! Two eyes: reprojected pixels look like traced ones, and each eye has its own viewpoint.
 
-use crate::common::{Stage, Subject, diptych, is_thorough, sampled, still_rig, with};
+use crate::common::{Stage, Subject, is_thorough, sampled, still_rig, with};
 use crate::reference::scenes::{add_matte, empty, materials, place, quad};
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
-use diptych::image::exr::read_rgb;
 use diptych::metrics::compare;
 use diptych::passes::Aov;
 use diptych::scene::rig::Eye;
@@ -26,21 +25,6 @@ fn a_reprojected_eye_looks_like_a_traced_one() {
     println!("holes {:.3}\n{found}", reprojected.hole_fraction());
     assert!(found.psnr >= 40.0, "{found}");
     assert!((found.mean_ratio.unwrap() - 1.0).abs() < 0.005, "{found}");
-}
-
-#[test]
-fn files_hold_the_eye_that_they_are_named_after() {
-    let subject = Subject::load("builtin:checker");
-    let mut settings = subject.settings(48, 32);
-    settings.buffers.reproject = true;
-    let expected = Stage::alone(&subject, &settings).frame(0).linear;
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().to_str().unwrap();
-    let args = ["render", "builtin:checker", "--size", "48x32", "--denoiser", "none", "--quiet", "--out", out];
-    let output = diptych(&args);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let [left, right] = ["left.exr", "right.exr"].map(|name| read_rgb(&folder.path().join(name)).unwrap());
-    assert!(left == expected.left && right == expected.right && left != right);
 }
 
 /// Specular radiance depends on the eye. The right eye reuses the left one's only where the difference is small.

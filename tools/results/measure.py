@@ -50,7 +50,7 @@ def git(*args):
 
 def commit():
     """The commit, marked if the program or these scripts differ from it."""
-    sources = ("src", "shaders", "scenes", "Cargo.lock", "tools/results", "docs/results/peers/*.py")
+    sources = ("src", "cli/src", "shaders", "scenes", "Cargo.lock", "tools/results", "docs/results/peers/*.py")
     changed = git("status", "--porcelain", "--", *sources)
     return (git("rev-parse", "--short=7", "HEAD") or "unknown") + (" with changes" if changed else "")
 

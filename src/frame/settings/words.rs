@@ -4,6 +4,7 @@ use super::value::{Value, Word};
 use crate::device::{ShaderChecks, TraversalChoice};
 use crate::frame::Sampler;
 use crate::image::tone::ToneCurve;
+use crate::passes::Aov;
 use crate::projection::PolarSpace;
 
 /// Implements [`Value`] for types whose values have names.
@@ -66,6 +67,22 @@ impl Value for FoveationMode {
             Self::Polar(space) => space.method().name(),
         }
         .to_owned()
+    }
+}
+
+impl Value for Aov {
+    const FORM: &'static str = "NAME";
+
+    fn words() -> Vec<Word> {
+        Self::ALL.iter().map(|aov| (aov.name(), Some(aov.help()))).collect()
+    }
+
+    fn parse(text: &str) -> Result<Self, String> {
+        Self::ALL.iter().copied().find(|aov| aov.name() == text).ok_or_else(|| one_of(&Self::words()))
+    }
+
+    fn text(&self) -> String {
+        self.name().to_owned()
     }
 }
 

@@ -152,7 +152,7 @@ pub enum Target {
 
 /// Summary of a scene's motion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Moves {
     /// Animations in play.
     pub animations: Vec<PlayedAnimation>,
@@ -174,7 +174,7 @@ pub struct Moves {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PlayedAnimation {
     pub name: String,
     pub duration_s: f64,

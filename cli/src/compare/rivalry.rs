@@ -1,0 +1,82 @@
+//! Binocular rivalry of a stereo image, whose auxiliary images tell which pixels of the eyes show the same surface.
+
+use std::path::Path;
+
+use anyhow::{Context, Error};
+
+use super::aovs;
+use diptych::exec::Stereo;
+use diptych::image::exr::Tags;
+use diptych::metrics::Pair;
+use diptych::metrics::disparity::FeatureDisparity;
+use diptych::metrics::rivalry::Differences;
+use diptych::metrics::surfaces::Surfaces;
+
+/// Explanation of why rivalry is undefined.
+pub const NEEDS: &str = "needs auxiliary images of both eyes: render with --aov position,normal";
+
+/// Coordinates of vectors in auxiliary images.
+const XYZ: [&str; 3] = ["X", "Y", "Z"];
+
+/// Surfaces that an eye sees in a frame, and the metadata of their file.
+pub struct Seen {
+    pub surfaces: Surfaces,
+    /// Surfaces that mirrors and glass show, if auxiliary images tell them.
+    pub shown: Option<Surfaces>,
+    pub tags: Tags,
+}
+
+impl Seen {
+    /// Reads the auxiliary images `position` and `normal` beside the first of `images` that has them; `None` if none
+    /// has.
+    pub fn read(images: &[&Path]) -> Result<Option<Self>, Error> {
+        for image in images {
+            let found = (aovs::read(image, "position", XYZ)?, aovs::read(image, "normal", XYZ)?);
+            if let (Some(position), Some(normal)) = found {
+                let surfaces = Surfaces::new(position.image, normal.image)?;
+                return Ok(Some(Self { surfaces, shown: shown(image)?, tags: position.tags }));
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// Returns the surfaces that both eyes may share: those that mirrors and glass show, if auxiliary images of both eyes tell
+/// them, and otherwise the eyes' `own`.
+pub fn shared<'a>(own: Stereo<&'a Surfaces>, shown: Stereo<Option<&'a Surfaces>>) -> Stereo<&'a Surfaces> {
+    shown.left.zip(shown.right).map_or(own, |(left, right)| Stereo { left, right })
+}
+
+/// Reads the auxiliary images `shown_position`, `shown_normal` and `virtual_position` beside an image; `None` if one is
+/// missing.
+pub fn shown(image: &Path) -> Result<Option<Surfaces>, Error> {
+    let read = |name| aovs::read(image, name, XYZ);
+    let found = (read("shown_position")?, read("shown_normal")?, read("virtual_position")?);
+    let (Some(position), Some(normal), Some(seen_at)) = found else { return Ok(None) };
+    Ok(Some(Surfaces::new(position.image, normal.image)?.seen_at(seen_at.image)?))
+}
+
+/// Subtracts the right eye's errors from the left eye's; `None` if `right_tags`, the metadata of the right eye's
+/// auxiliary images, do not tell its camera.
+pub fn differences(
+    pairs: &Stereo<&Pair>,
+    surfaces: &Stereo<&Surfaces>,
+    right_tags: &Tags,
+) -> Result<Option<Differences>, Error> {
+    let Some(world_to_ndc) = right_tags.world_to_ndc else {
+        return Ok(None);
+    };
+    let centre = right_tags.pixel_centre.unwrap_or([0.5; 2]);
+    let in_right = surfaces.left.in_other_eye(surfaces.right, &world_to_ndc, centre)?;
+    let differ = || "the auxiliary images differ from the images in size";
+    Ok(Some(Differences::new(pairs.left, pairs.right, &in_right).with_context(differ)?))
+}
+
+/// Measures the disparity of highlights and reflections; nothing if `right_tags` do not tell the right eye's camera.
+pub fn features(pairs: &Stereo<&Pair>, left: &Surfaces, right_tags: &Tags) -> Result<FeatureDisparity, Error> {
+    let Some(world_to_ndc) = right_tags.world_to_ndc else {
+        return Ok(FeatureDisparity::default());
+    };
+    let centre = right_tags.pixel_centre.unwrap_or([0.5; 2]);
+    Ok(FeatureDisparity::new(pairs.left, pairs.right, left, &world_to_ndc, centre)?)
+}

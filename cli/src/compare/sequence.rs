@@ -1,0 +1,214 @@
+//! `diptych compare` of two folders: a sequence against its reference, per frame and between consecutive frames.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use crate::report::study::{SequenceRow, sequence_table};
+use crate::report::text_table;
+use anyhow::{Context, anyhow, bail, ensure};
+use diptych::exec::Stereo;
+use diptych::image::exr::{self, Tags};
+use diptych::metrics::rivalry::{Differences, RIVALRY_MEASURES, Rivalry};
+use diptych::metrics::surfaces::{Sighting, Surfaces};
+use diptych::metrics::temporal::{Change, MovingSurfaces};
+use diptych::metrics::{Errors, MEASURES, Pair};
+use serde::Serialize;
+
+use super::aovs;
+use super::rivalry;
+use super::viewing::{Sourced, differences, source_note};
+use crate::failure::Failure;
+
+/// Names and meanings of the measures that only sequences have.
+pub const SEQUENCE_MEASURES: [(&str, &str); 3] = [
+    ("flicker", "mean change of a surface's error from one frame to the next; 0 is best"),
+    ("ghosting", "RMSE of newly seen surfaces over that of all others; above 1 may be trails"),
+    ("new_share", "fraction of surface pixels that are newly seen"),
+];
+
+pub const RIVALRY_FLICKER: (&str, &str) =
+    ("rivalry_flicker", "mean change of the eyes' difference from one frame to the next; 0 is best");
+
+/// A sequence and its reference: their folders, exposure and frame numbers.
+struct Sequence<'a> {
+    reference: &'a Path,
+    image: &'a Path,
+    exposure: Sourced<f32>,
+    frames: BTreeSet<u32>,
+}
+
+/// Compares two sequences and prints the measures. `exposure_ev` is the value of --exposure, in stops.
+pub fn run(reference: &Path, image: &Path, exposure_ev: Option<f32>, json: bool) -> Result<(), Failure> {
+    let sequence = Sequence::find(reference, image, exposure_ev).map_err(Failure::Input)?;
+    let results = sequence.results().map_err(Failure::Input)?;
+    if json {
+        say!("{}", serde_json::to_string(&results).map_err(anyhow::Error::from)?);
+        return Ok(());
+    }
+    say!("{}\n", sequence_table(&results.rows).text().trim_end());
+    let values = results.rivalry.values().into_iter().chain([results.rivalry_flicker]);
+    let of_eyes: Vec<_> = RIVALRY_MEASURES.into_iter().chain([RIVALRY_FLICKER]).zip(values).collect();
+    let row = of_eyes.iter().map(|(_, value)| value.map_or("-".to_owned(), |value| format!("{value:.6}"))).collect();
+    say!("{}\n", text_table(&of_eyes.iter().map(|((name, _), _)| *name).collect::<Vec<_>>(), &[row]).trim_end());
+    let exposure = ("exposure_ev", source_note(sequence.exposure.source));
+    let shown = MEASURES.into_iter().filter(|(name, _)| ["relmse", "psnr", "flip", "mean_ratio"].contains(name));
+    for (name, meaning) in
+        [exposure].into_iter().chain(shown).chain(SEQUENCE_MEASURES).chain(RIVALRY_MEASURES).chain([RIVALRY_FLICKER])
+    {
+        if !meaning.is_empty() {
+            say!("{name:<15} {meaning}");
+        }
+    }
+    Ok(())
+}
+
+impl<'a> Sequence<'a> {
+    /// Finds the frames of both folders, which must have the same consecutive numbers.
+    fn find(reference: &'a Path, image: &'a Path, exposure_ev: Option<f32>) -> Result<Self, anyhow::Error> {
+        let [of_reference, of_image] = [frames_in(reference)?, frames_in(image)?];
+        for (folder, own, other) in [(image, &of_image, &of_reference), (reference, &of_reference, &of_image)] {
+            if let Some(&frame) = other.difference(own).next() {
+                bail!("there is no {}: render both with the same --frames", colour(folder, "left", frame).display());
+            }
+        }
+        let few = "frame(s) named like left.0000.exr, but a sequence needs two: render with --frames, or name \
+                   folders that both have left.exr and right.exr";
+        ensure!(of_image.len() > 1, "{} has {} {few}", image.display(), of_image.len());
+        let mut following = of_image.iter().zip(of_image.iter().skip(1));
+        if let Some((last, next)) = following.find(|(a, b)| *a + 1 != **b) {
+            bail!("{} has no frame between {last} and {next}: frame numbers must be consecutive", image.display());
+        }
+        let first = of_image.first().copied().unwrap_or_default();
+        let tags = |folder| Ok::<_, anyhow::Error>(exr::read_colour(&colour(folder, "left", first))?.tags);
+        let exposure = Sourced::exposure(exposure_ev, &tags(reference)?, &tags(image)?);
+        Ok(Self { reference, image, exposure, frames: of_image })
+    }
+
+    /// Compares both eyes frame by frame.
+    fn results(&self) -> Result<Results, anyhow::Error> {
+        let mut eyes = ["left", "right"].map(EyeSums::new);
+        let (mut rivalries, mut flickers) = (Vec::new(), Vec::new());
+        let mut before: Option<Differences> = None;
+        for &frame in &self.frames {
+            let mut history = None;
+            for eye in &mut eyes {
+                let now = self.frame(eye.name, frame);
+                let now = now.with_context(|| format!("cannot compare frame {frame}, {} eye", eye.name))?;
+                let found = eye.add(frame, now)?;
+                history = history.or(found);
+            }
+            let [left, right] = eyes.each_ref().map(|eye| eye.before.as_ref());
+            let Some((left, right)) = left.zip(right) else { continue };
+            let pairs = Stereo { left: &left.pair, right: &right.pair };
+            let own = Stereo { left: left.surfaces.surfaces(), right: right.surfaces.surfaces() };
+            let surfaces = rivalry::shared(own, Stereo { left: left.shown.as_ref(), right: right.shown.as_ref() });
+            let differences = rivalry::differences(&pairs, &surfaces, &right.tags)?;
+            if let Some(((now, before), history)) = differences.as_ref().zip(before.as_ref()).zip(history) {
+                flickers.extend(now.flicker(before, &history));
+            }
+            rivalries.push(differences.as_ref().map(Differences::rivalry).unwrap_or_default());
+            before = differences;
+        }
+        let [left, right] = eyes.map(|eye| eye.row(self.exposure.value));
+        let rivalry_flicker = (!flickers.is_empty()).then(|| flickers.iter().sum::<f64>() / flickers.len() as f64);
+        Ok(Results { rows: Stereo { left, right }, rivalry: Rivalry::mean_of(&rivalries), rivalry_flicker })
+    }
+
+    /// Reads a frame of an eye with its surfaces, and lists contradictions between the files' metadata.
+    fn frame(&self, eye: &str, frame: u32) -> Result<EyeFrame, anyhow::Error> {
+        let read = |folder: &Path| exr::read_colour(&colour(folder, eye, frame));
+        let (reference, image) = (read(self.reference)?, read(self.image)?);
+        let pair = Pair::new(&reference.image, &image.image, self.exposure.value)?;
+        // Read the auxiliary images from the image's folder, not the reference's: all passes of a reference are at one
+        // instant, so its motion vectors would be zero.
+        let path = colour(self.image, eye, frame);
+        let missing = |name: &str| {
+            let file = aovs::beside(&path, name);
+            anyhow!("there is no {}: render with --aov motion,position,normal", file.display())
+        };
+        let motion = aovs::read(&path, "motion", ["X", "Y", "Y"])?.ok_or_else(|| missing("motion"))?;
+        let xyz = |name: &str| aovs::read(&path, name, ["X", "Y", "Z"])?.ok_or_else(|| missing(name));
+        let (position, normal) = (xyz("position")?, xyz("normal")?);
+        let mut surfaces = MovingSurfaces::new(Surfaces::new(position.image, normal.image)?, motion.image)?;
+        // Only dynamic scenes need the surfaces' positions in the previous frame.
+        if let Some(last_position) = aovs::read(&path, "last_position", ["X", "Y", "Z"])? {
+            surfaces = surfaces.with_last_position(last_position.image)?;
+        }
+        let warnings = differences(&reference.tags, &image.tags);
+        Ok(EyeFrame { pair, surfaces, shown: rivalry::shown(&path)?, tags: position.tags, warnings })
+    }
+}
+
+/// A frame of an eye.
+struct EyeFrame {
+    pair: Pair,
+    surfaces: MovingSurfaces,
+    /// Surfaces that mirrors and glass show, if auxiliary images tell them.
+    shown: Option<Surfaces>,
+    /// Metadata of the auxiliary images.
+    tags: Tags,
+    warnings: Vec<String>,
+}
+
+/// Errors of an eye's frames so far.
+struct EyeSums {
+    name: &'static str,
+    before: Option<EyeFrame>,
+    errors: Vec<Errors>,
+    changes: Change,
+    has_warned: bool,
+}
+
+impl EyeSums {
+    fn new(name: &'static str) -> Self {
+        Self { name, before: None, errors: Vec::new(), changes: Change::default(), has_warned: false }
+    }
+
+    /// Adds a frame. Returns where the previous one shows its surfaces.
+    fn add(&mut self, frame: u32, now: EyeFrame) -> Result<Option<Vec<Sighting>>, anyhow::Error> {
+        // Most frames share their warnings, so report only those of the first frame that has some.
+        if !self.has_warned {
+            now.warnings.iter().for_each(|warning| log!("warning: frame {frame}, {} eye: {warning}", self.name));
+        }
+        self.has_warned |= !now.warnings.is_empty();
+        self.errors.push(now.pair.errors());
+        let history = self.before.as_ref().map(|before| now.surfaces.history(&before.surfaces)).transpose()?;
+        if let Some((before, history)) = self.before.as_ref().zip(history.as_ref()) {
+            self.changes = self.changes + now.pair.change_since(&before.pair, history)?;
+        }
+        self.before = Some(now);
+        Ok(history)
+    }
+
+    fn row(self, exposure_ev: f32) -> SequenceRow {
+        SequenceRow::new(self.name, exposure_ev, self.errors, self.changes.into())
+    }
+}
+
+/// Results of a sequence, as printed by `--json`.
+#[derive(Serialize)]
+struct Results {
+    #[serde(flatten)]
+    rows: Stereo<SequenceRow>,
+    /// Means over frames.
+    #[serde(flatten)]
+    rivalry: Rivalry,
+    rivalry_flicker: Option<f64>,
+}
+
+fn colour(folder: &Path, eye: &str, frame: u32) -> PathBuf {
+    folder.join(format!("{eye}.{frame:04}.exr"))
+}
+
+/// Returns the frame numbers of the left eye's files.
+pub fn frames_in(folder: &Path) -> Result<BTreeSet<u32>, anyhow::Error> {
+    let cannot_read = || format!("cannot read the folder {}", folder.display());
+    let mut frames = BTreeSet::new();
+    for entry in std::fs::read_dir(folder).with_context(cannot_read)? {
+        let name = entry.with_context(cannot_read)?.file_name();
+        let number: Option<u32> =
+            name.to_str().and_then(|n| n.strip_prefix("left.")?.strip_suffix(".exr")?.parse().ok());
+        frames.extend(number);
+    }
+    Ok(frames)
+}

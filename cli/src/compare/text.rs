@@ -1,0 +1,138 @@
+//! Text output of `compare`, and its help.
+
+use crate::report::text_table;
+use diptych::metrics::MEASURES;
+use diptych::metrics::disparity::{FEATURE_MEASURES, FeatureDisparity};
+use diptych::metrics::kinds::KindError;
+use diptych::metrics::rings::Ring;
+use diptych::metrics::rivalry::{RIVALRY_MEASURES, Rivalry};
+use diptych::metrics::seams::SeamError;
+
+use super::findings::{Findings, mean};
+use super::rivalry::NEEDS;
+use super::sequence::{RIVALRY_FLICKER, SEQUENCE_MEASURES};
+use super::viewing::{Source, source_note};
+
+/// Lists the meaning of each measure, for `--help`.
+pub fn help() -> String {
+    let lines = |measures: &[(&str, &str)]| -> String {
+        measures.iter().map(|(name, meaning)| format!("  {name:<22} {meaning}\n")).collect()
+    };
+    let more = [
+        ("exposure_ev", "exposure of both images in stops, before tonemapping by c/(1+c) and sRGB"),
+        ("seam_rmse", "with --seam-rows: RMSE of the rows within 4 rows of a seam"),
+        ("elsewhere_rmse", "RMSE of the other rows"),
+        ("seam_ratio", "seam_rmse / elsewhere_rmse; 1 if seams are no worse than other rows"),
+    ];
+    format!(
+        "Measures of the image against the reference; for two eyes, one per eye and their mean:\n{}{}\n\
+         Measures of both eyes together, with --aov position,normal:\n{}{}\n\
+         Measures of sequences, means over frames:\n{}{}",
+        lines(&MEASURES),
+        lines(&more),
+        lines(&RIVALRY_MEASURES),
+        lines(&FEATURE_MEASURES),
+        lines(&SEQUENCE_MEASURES),
+        lines(&[RIVALRY_FLICKER]).trim_end()
+    )
+}
+
+/// Prints the measures of one image, or of both eyes with their mean.
+pub fn print(compared: &[(&str, &Findings)]) {
+    let is_stereo = compared.len() > 1;
+    for (eye, findings) in compared {
+        for (name, source) in [("reference", &findings.reference_source), ("image", &findings.image_source)] {
+            if !source.is_plain() {
+                say!("{}{name}: {source}", if is_stereo { format!("{eye} ") } else { String::new() });
+            }
+        }
+    }
+    if is_stereo {
+        let eyes = compared.iter().map(|(eye, _)| (*eye).to_owned());
+        line("", eyes.chain(["mean".to_owned()]), "");
+    }
+    let exposures = compared.iter().map(|(_, found)| found.exposure_ev.to_string());
+    let note = source_note(compared[0].1.exposure_source);
+    line("exposure_ev", exposures.chain(is_stereo.then(String::new)), note);
+    let mut columns: Vec<_> = compared.iter().map(|(_, found)| found.errors.values()).collect();
+    if let [(_, left), (_, right)] = compared {
+        columns.push(mean(left, right));
+    }
+    print_errors(&columns);
+    for (eye, findings) in compared {
+        let of = if is_stereo { format!(", {eye} eye") } else { String::new() };
+        if let Some(seams) = &findings.seams {
+            print_seams(seams, of.trim_start_matches(", "));
+        }
+        if let Some(kinds) = &findings.by_kind {
+            say!("\nby kind of pixel{of}; part: fraction of the total FLIP of all pixels");
+            say!("{}", kind_table(kinds).trim_end());
+        }
+        if let Some(rings) = &findings.rings {
+            let (yfov_deg, [x, y]) = (rings.viewing.yfov_deg, rings.viewing.gaze);
+            let source = match rings.yfov_source {
+                Source::Option => "",
+                Source::Reference => ", as the reference says",
+                Source::Image => ", as the image says",
+                Source::Default => ", assumed",
+            };
+            say!("\nrings around {x},{y}{of}; vertical field of view {yfov_deg} degrees{source}");
+            say!("{}", ring_table(&rings.rings).trim_end());
+        }
+    }
+}
+
+/// Prints a line per measure, with a value of each column.
+pub fn print_errors(columns: &[[Option<f64>; 9]]) {
+    for (i, (name, meaning)) in MEASURES.iter().enumerate() {
+        let is_count = name.starts_with("nonfinite");
+        line(name, columns.iter().map(|values| number(values[i], if is_count { 0 } else { 6 })), meaning);
+    }
+}
+
+pub fn print_seams(seams: &SeamError, meaning: &str) {
+    let SeamError { near_rmse, elsewhere_rmse, ratio } = *seams;
+    for (name, value) in [("seam_rmse", near_rmse), ("elsewhere_rmse", elsewhere_rmse), ("seam_ratio", ratio)] {
+        line(name, [number(value, 6)], meaning);
+    }
+}
+
+/// Prints how much the errors of the two eyes differ, and the errors of features' disparity.
+pub fn print_rivalry(rivalry: &Rivalry, features: &FeatureDisparity) {
+    let rivalry_values = RIVALRY_MEASURES.iter().zip(rivalry.values());
+    for ((name, meaning), value) in rivalry_values.chain(FEATURE_MEASURES.iter().zip(features.values())) {
+        let meaning = if rivalry.unmatched.is_none() { NEEDS } else { meaning };
+        let decimals = if *name == FEATURE_MEASURES[0].0 { 0 } else { 6 };
+        line(name, [String::new(), String::new(), number(value, decimals)], meaning);
+    }
+}
+
+fn number(value: Option<f64>, decimals: usize) -> String {
+    value.map_or("undefined".to_owned(), |value| format!("{value:.decimals$}"))
+}
+
+fn line(name: &str, values: impl IntoIterator<Item = String>, meaning: &str) {
+    let values: String = values.into_iter().map(|value| format!(" {value:>12}")).collect();
+    say!("{}", format!("{name:<22}{values}   {meaning}").trim_end());
+}
+
+fn kind_table(kinds: &[KindError]) -> String {
+    let percent = |fraction: f64| format!("{:.1} %", 100.0 * fraction);
+    let row = |found: &KindError| {
+        let flip = number(found.flip, 6);
+        vec![found.kind.name().to_owned(), percent(found.pixels), flip, found.part.map_or("-".to_owned(), percent)]
+    };
+    let rows: Vec<Vec<String>> = kinds.iter().map(row).collect();
+    text_table(&["kind", "pixels", "flip", "part"], &rows)
+}
+
+fn ring_table(rings: &[Ring]) -> String {
+    let row = |ring: &Ring| {
+        let bounds = [ring.inner_deg, ring.outer_deg].map(|deg| format!("{deg:.2}"));
+        let errors = [ring.rmse, ring.relmse, ring.psnr, ring.ssim, ring.flip]
+            .map(|error| error.map_or("-".to_owned(), |error| format!("{error:.6}")));
+        bounds.into_iter().chain([ring.pixels.to_string()]).chain(errors).collect()
+    };
+    let rows: Vec<Vec<String>> = rings.iter().map(row).collect();
+    text_table(&["from_deg", "to_deg", "pixels", "rmse", "relmse", "psnr", "ssim", "flip"], &rows)
+}

@@ -1,0 +1,384 @@
+//! `diptych info --check`: how fast this machine renders, and whether its images are right.
+
+mod means;
+mod options;
+
+use std::time::{Duration, Instant};
+
+use crate::report::machine::{FrameTimes, ImageCheck, LargestSize, Machine, Scaled};
+use crate::report::{median_of, text_table};
+use diptych::device::{self, AdapterReport, DeviceError, Selection, Traversal, TraversalChoice};
+use diptych::exec::ranks::Devices;
+use diptych::exec::{FrameReport, Renderer};
+use diptych::image::{Extent, RgbImage, display};
+use diptych::loaded::LoadedScene;
+use diptych::quality::Quality;
+
+use super::failure::Failure;
+use super::faults::refuse_faults;
+use super::play::fitting_size;
+use super::progress::Progress;
+use super::{console, interrupt, output, page};
+use means::{BLOCKS, MOST_OFF, SCENES};
+pub use options::Options;
+
+/// Frames before the timed ones, and timed frames.
+const WARM_UP: u32 = 3;
+const FRAMES: usize = 10;
+/// Frame rate at which the camera moves, 1/s.
+const FPS: f64 = 60.0;
+/// Fraction of all time that the frames of one scene and size may take.
+const LONGEST_CELL: f64 = 0.04;
+/// Budgets for which the largest size is searched for, ms, and the largest size of all.
+const WITHIN_MS: [f64; 2] = [11.0, 20.0];
+const LARGEST: Extent = Extent::new(3840, 2160);
+/// Size, samples per pixel and frames of the images that are checked.
+const CHECKED: Extent = Extent::new(160, 90);
+const CHECKED_SPP: u32 = 16;
+const CHECKED_FRAMES: u32 = 4;
+
+struct Measuring<'a> {
+    args: &'a Options,
+    begin: Instant,
+    progress: Progress,
+    machine: Machine,
+}
+
+pub fn run(args: &Options) -> Result<(), Failure> {
+    let (ready, adapters) = ready()?;
+    output::prepare(&args.out, "--out")?;
+    let loaded = SCENES.iter().map(|scene| Ok(LoadedScene::load(&format!("builtin:{}", scene.name))?));
+    let loaded = loaded.collect::<Result<Vec<_>, Failure>>()?;
+    let per_scene = args.sizes.len() + WITHIN_MS.len() + 1;
+    let other = |a: &AdapterReport| if a.ray_queries { 2 * SCENES.len() } else { 0 };
+    let steps: usize = ready.iter().map(|a| SCENES.len() * per_scene + other(a)).sum();
+    let mut measuring = Measuring::begin(args, steps + 2, adapters)?;
+    match measuring.all_adapters(&ready, &loaded) {
+        Err(Failure::Interrupted) if !measuring.machine.frames.is_empty() => {
+            measuring.machine.left_out.push("everything after the signal that ended this measurement".to_owned());
+        }
+        measured => measured?,
+    }
+    measuring.finish()?;
+    interrupt::check()
+}
+
+/// Measures which sizes of a shot's images fit frame budgets on the first adapter, at the default quality.
+pub fn shot(args: &Options, loaded: &LoadedScene) -> Result<(), Failure> {
+    let (ready, adapters) = ready()?;
+    let mut measuring = Measuring::begin(args, args.sizes.len() + WITHIN_MS.len(), adapters)?;
+    let (adapter, name) = (ready[0].index, loaded.shot.name.as_str());
+    let mut devices = open(&[adapter], TraversalChoice::Auto, 1, 1)?;
+    let traversal = devices.infos()[0].traversal;
+    devices = measuring.sizes((adapter, traversal), (name, loaded), &args.sizes, devices)?;
+    for within_ms in WITHIN_MS {
+        devices = measuring.largest(adapter, (name, loaded), within_ms, devices)?;
+    }
+    measuring.progress.finish();
+    let Machine { frames, largest, left_out, .. } = &measuring.machine;
+    if args.json {
+        say!("{}", serde_json::json!({ "shot": name, "frames": frames, "largest": largest, "left_out": left_out }));
+        return Ok(());
+    }
+    let fits = |ms: f64, within_ms: f64| match ms / within_ms {
+        factor if factor <= 1.0 => "fits".to_owned(),
+        factor => format!("{factor:.1} times too slow"),
+    };
+    let row = |frame: &FrameTimes| {
+        let ms = frame.median_ms;
+        let in_budgets = WITHIN_MS.map(|within_ms| fits(ms, within_ms));
+        [vec![frame.size.clone(), format!("{ms:.1}")], in_budgets.to_vec()].concat()
+    };
+    let rows: Vec<_> = frames.iter().map(row).collect();
+    let headers = ["size of each eye", "frame, ms", "in 11 ms", "in 20 ms"];
+    say!("{}", text_table(&headers, &rows).trim_end());
+    for found in largest {
+        let within_ms = found.within_ms;
+        match (&found.size, found.median_ms) {
+            (Some(size), Some(ms)) => say!("within {within_ms} ms: {size}, {ms:.1} ms"),
+            _ => say!("within {within_ms} ms: no size"),
+        }
+    }
+    left_out.iter().for_each(|what| say!("left out: {what}"));
+    Ok(())
+}
+
+/// Returns the adapters that can render, GPUs first, and all adapters.
+fn ready() -> Result<(Vec<AdapterReport>, Vec<AdapterReport>), Failure> {
+    let adapters = device::adapters();
+    let mut ready: Vec<_> = adapters.iter().filter(|a| a.missing.is_empty()).cloned().collect();
+    ready.sort_by_key(|a| !a.kind.ends_with("GPU"));
+    if ready.is_empty() {
+        return Err(DeviceError::NoAdapter.into());
+    }
+    Ok((ready, adapters))
+}
+
+fn open(adapters: &[usize], traversal: TraversalChoice, each: usize, most: usize) -> Result<Devices, Failure> {
+    let adapters = Some(adapters.to_vec());
+    let (virtual_devices, most_virtual_devices) = (each, most);
+    let selection = Selection {
+        adapters,
+        virtual_devices,
+        most_virtual_devices,
+        traversal,
+        pool: console::devices(),
+        ..Selection::default()
+    };
+    Ok(device::open(&selection)?.into())
+}
+
+fn renderer(loaded: &LoadedScene, size: Extent, quality: Quality, devices: Devices) -> Result<Renderer, Failure> {
+    Ok(Renderer::builder(loaded).size(size.width, size.height).quality(quality).on(devices).build()?)
+}
+
+impl<'a> Measuring<'a> {
+    fn begin(args: &'a Options, steps: usize, adapters: Vec<AdapterReport>) -> Result<Self, Failure> {
+        interrupt::watch()?;
+        let machine = Machine {
+            diptych: env!("CARGO_PKG_VERSION"),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            adapters,
+            quality: Quality::default(),
+            frames: Vec::new(),
+            largest: Vec::new(),
+            scaling: Vec::new(),
+            images: Vec::new(),
+            left_out: Vec::new(),
+            seconds: 0.0,
+        };
+        let progress = Progress::new(steps as u64, args.quiet, args.json);
+        Ok(Self { args, begin: Instant::now(), progress, machine })
+    }
+
+    fn all(&self) -> Duration {
+        Duration::from_secs_f64(60.0 * self.args.minutes)
+    }
+
+    fn left(&self) -> Duration {
+        self.all().saturating_sub(self.begin.elapsed())
+    }
+
+    fn step(&self, what: String) {
+        let event = serde_json::json!({ "event": "measured", "what": what });
+        self.progress.step(what, &event);
+    }
+
+    fn leave_out(&mut self, what: String) {
+        self.step(format!("{what}: left out"));
+        self.machine.left_out.push(what);
+    }
+
+    fn all_adapters(&mut self, ready: &[AdapterReport], loaded: &[LoadedScene]) -> Result<(), Failure> {
+        ready.iter().try_for_each(|adapter| self.adapter(adapter, loaded))?;
+        let last = loaded.len() - 1;
+        self.scaling(ready, (SCENES[last].name, &loaded[last]))
+    }
+
+    /// Measures all scenes on one adapter.
+    fn adapter(&mut self, adapter: &AdapterReport, loaded: &[LoadedScene]) -> Result<(), Failure> {
+        let mut devices = open(&[adapter.index], TraversalChoice::Auto, 1, 1)?;
+        let auto = devices.infos()[0].traversal;
+        for (scene, loaded) in SCENES.iter().zip(loaded) {
+            devices = self.sizes((adapter.index, auto), (scene.name, loaded), &self.args.sizes, devices)?;
+            for within_ms in WITHIN_MS {
+                devices = self.largest(adapter.index, (scene.name, loaded), within_ms, devices)?;
+            }
+            devices = self.check((adapter.index, auto), (scene.name, loaded), &scene.means, devices)?;
+        }
+        drop(devices);
+        if !adapter.ray_queries {
+            return Ok(());
+        }
+        let (choice, other) = match auto {
+            Traversal::Hardware => (TraversalChoice::Compute, Traversal::Compute),
+            Traversal::Compute => (TraversalChoice::Hardware, Traversal::Hardware),
+        };
+        let mut devices = open(&[adapter.index], choice, 1, 1)?;
+        for (scene, loaded) in SCENES.iter().zip(loaded) {
+            let smallest = self.args.sizes.iter().copied().min_by_key(|size| size.area());
+            devices = self.sizes((adapter.index, other), (scene.name, loaded), smallest.as_slice(), devices)?;
+            devices = self.check((adapter.index, other), (scene.name, loaded), &scene.means, devices)?;
+        }
+        Ok(())
+    }
+
+    /// Times frames of a scene at several sizes.
+    fn sizes(
+        &mut self,
+        (adapter, traversal): (usize, Traversal),
+        (name, loaded): (&str, &LoadedScene),
+        sizes: &[Extent],
+        mut devices: Devices,
+    ) -> Result<Devices, Failure> {
+        let mut last: Option<(f64, f64)> = None;
+        for &size in sizes {
+            let what = format!("{name} at {size}, adapter {adapter}, {}", traversal.name());
+            let expected_ms = last.map_or(0.0, |(ms, area)| ms * size.area() as f64 / area);
+            // There is at least a frame before the timed ones and a timed one.
+            if self.left().as_secs_f64() <= 2e-3 * expected_ms {
+                self.leave_out(what);
+                continue;
+            }
+            let mut renderer = renderer(loaded, size, self.machine.quality, devices)?;
+            let frames = self.time(&mut renderer, loaded)?;
+            devices = renderer.into_devices();
+            let times = FrameTimes::of(&frames, (adapter, traversal), name, size);
+            last = Some((times.median_ms, size.area() as f64));
+            self.machine.frames.push(times);
+            self.step(what);
+        }
+        Ok(devices)
+    }
+
+    /// Renders some frames and returns their reports, without those of the first frames.
+    fn time(&self, renderer: &mut Renderer, loaded: &LoadedScene) -> Result<Vec<FrameReport>, Failure> {
+        let (begin, limit) = (Instant::now(), self.all().mul_f64(LONGEST_CELL));
+        let mut timed = Vec::new();
+        let mut index = 0;
+        while timed.len() < FRAMES && (timed.is_empty() || begin.elapsed() < limit) {
+            interrupt::check()?;
+            let frame = renderer.frame(&loaded.shot.rig, f64::from(index) / FPS, index);
+            let report = renderer.render(&frame)?;
+            index += 1;
+            if index > WARM_UP || begin.elapsed() > limit / 2 {
+                timed.push(report);
+            }
+        }
+        refuse_faults(renderer)?;
+        Ok(timed)
+    }
+
+    /// Searches for the largest size of a scene whose frames take at most `within_ms`.
+    fn largest(
+        &mut self,
+        adapter: usize,
+        (name, loaded): (&str, &LoadedScene),
+        within_ms: f64,
+        mut devices: Devices,
+    ) -> Result<Devices, Failure> {
+        let what = format!("{name}: the largest size within {within_ms} ms, adapter {adapter}");
+        let timed = self.machine.frames.iter().filter(|f| f.adapter == adapter && f.scene == name);
+        let most = timed.max_by_key(|f| f.pixels).map(|f| f.median_ms * LARGEST.area() as f64 / f.pixels as f64);
+        let Some(most_ms) = most.filter(|_| !self.left().is_zero()) else {
+            self.leave_out(what);
+            return Ok(devices);
+        };
+        let found = fitting_size::search(LARGEST, most_ms, [within_ms; 2], |size| -> Result<f64, Failure> {
+            let mut renderer = renderer(loaded, size, self.machine.quality, std::mem::take(&mut devices))?;
+            let frames = self.time(&mut renderer, loaded)?;
+            devices = renderer.into_devices();
+            Ok(median_ms(&frames))
+        })?;
+        self.machine.largest.push(LargestSize {
+            adapter,
+            scene: name.to_owned(),
+            within_ms,
+            size: found.map(|(size, _)| size.to_string()),
+            median_ms: found.map(|(_, ms)| ms),
+        });
+        self.step(what);
+        Ok(devices)
+    }
+
+    /// Compares the means of an image with stored ones.
+    fn check(
+        &mut self,
+        (adapter, traversal): (usize, Traversal),
+        (name, loaded): (&str, &LoadedScene),
+        stored: &[f64],
+        devices: Devices,
+    ) -> Result<Devices, Failure> {
+        let quality = Quality { spp: CHECKED_SPP.into(), filter: None, ..Quality::default() };
+        let mut renderer = renderer(loaded, CHECKED, quality, devices)?;
+        let mut means = vec![0.0; stored.len()];
+        for index in 0..CHECKED_FRAMES {
+            interrupt::check()?;
+            renderer.render(&renderer.frame(&loaded.shot.rig, 0.0, index))?;
+            let image = renderer.read_linear()?.left;
+            means.iter_mut().zip(block_means(&image)).for_each(|(sum, m)| *sum += m / f64::from(CHECKED_FRAMES));
+        }
+        refuse_faults(&renderer)?;
+        let scale = stored.len() as f64 / stored.iter().sum::<f64>();
+        let off = means.iter().zip(stored).map(|(mean, right)| scale * (mean - right).abs()).fold(0.0, f64::max);
+        let (scene, is_right) = (name.to_owned(), off <= MOST_OFF);
+        self.machine.images.push(ImageCheck { adapter, traversal, scene, means, off, is_right });
+        self.step(format!("{name}: image, adapter {adapter}, {}", traversal.name()));
+        Ok(renderer.into_devices())
+    }
+
+    /// Times one device and several: one on each GPU if there are several, else two on the first adapter.
+    fn scaling(&mut self, ready: &[AdapterReport], (name, loaded): (&str, &LoadedScene)) -> Result<(), Failure> {
+        let gpus: Vec<_> = ready.iter().filter(|a| a.kind.ends_with("GPU")).map(|a| a.index).collect();
+        let (adapters, each) = if gpus.len() > 1 { (gpus, 1) } else { (vec![ready[0].index], 2) };
+        let size = self.args.sizes[self.args.sizes.len() / 2];
+        let mut alone_ms = None;
+        for (adapters, count) in [(&adapters[..1], 1), (&adapters[..], each)] {
+            let what = format!("{name} at {size}, {} device(s)", adapters.len() * count);
+            if self.left().is_zero() {
+                self.leave_out(what);
+                continue;
+            }
+            let devices = open(adapters, TraversalChoice::Auto, count, each)?;
+            let count = devices.len();
+            let mut renderer = renderer(loaded, size, self.machine.quality, devices)?;
+            let median_ms = median_ms(&self.time(&mut renderer, loaded)?);
+            let alone_ms = *alone_ms.get_or_insert(median_ms);
+            self.machine.scaling.push(Scaled {
+                scene: name.to_owned(),
+                size: size.to_string(),
+                devices: count,
+                share_adapter: adapters.len() < count,
+                median_ms,
+                speedup: alone_ms / median_ms,
+            });
+            self.step(what);
+        }
+        Ok(())
+    }
+
+    /// Writes the files and prints the tables.
+    fn finish(mut self) -> Result<(), Failure> {
+        self.progress.finish();
+        let (args, machine) = (self.args, &mut self.machine);
+        machine.seconds = self.begin.elapsed().as_secs_f64();
+        let text = serde_json::to_string_pretty(machine).map_err(anyhow::Error::from)?;
+        output::write_text(&args.out, "machine.json", &text)?;
+        let sections = machine.sections().map_err(anyhow::Error::from)?;
+        page::write(&args.out, "This machine", &sections)?;
+        if args.json {
+            say!("{}", serde_json::json!({ "event": "result", "machine": machine }));
+        } else if !args.quiet {
+            let tables =
+                [machine.frames_table(), machine.largest_table(), machine.scaling_table(), machine.images_table()];
+            tables.iter().for_each(|table| say!("{}", table.text()));
+            machine.left_out.iter().for_each(|what| say!("left out: {what}"));
+            say!("report.html and machine.json are in {}", args.out.display());
+        }
+        let wrong: Vec<_> = machine.images.iter().filter(|c| !c.is_right).map(|c| c.scene.as_str()).collect();
+        if wrong.is_empty() {
+            return Ok(());
+        }
+        Err(Failure::Run(anyhow::anyhow!(
+            "images of {} differ from the stored means: the driver may be at fault; the table says by how much",
+            wrong.join(", ")
+        )))
+    }
+}
+
+fn median_ms(frames: &[FrameReport]) -> f64 {
+    median_of(frames.iter().map(|f| f.makespan_ms).collect())
+}
+
+/// Returns the mean luminance of each block of an image.
+fn block_means(image: &RgbImage) -> Vec<f64> {
+    let Extent { width, height } = image.extent;
+    let [columns, rows] = BLOCKS;
+    let mut sums = vec![0.0; (columns * rows) as usize];
+    for (i, pixel) in (0..).zip(&image.pixels) {
+        let (x, y) = (i % width * columns / width, i / width * rows / height);
+        sums[(y * columns + x) as usize] += display::luminance(pixel.map(f64::from));
+    }
+    let pixels = image.extent.area() as f64 / sums.len() as f64;
+    sums.iter().map(|sum| sum / pixels).collect()
+}

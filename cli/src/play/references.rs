@@ -1,0 +1,63 @@
+//! Frames of a run that are kept, and their references.
+
+use std::time::Duration;
+
+use crate::report::run::ReferenceRow;
+use diptych::exec::{Renderer, Stereo};
+use diptych::image::RgbImage;
+use diptych::loaded::LoadedScene;
+use diptych::scene::rig::Rig;
+
+use super::args::Args;
+use crate::failure::Failure;
+use crate::fault_options::FaultOptions;
+use crate::options::{RenderOptions, RunOptions};
+use crate::reference::{PASS_SPP, PassOptions, Plan};
+use crate::setup::{self, Tracing};
+
+/// Time limit of a reference without a number of samples.
+const TIME_LIMIT: Duration = Duration::from_secs(10);
+/// Maximum samples per pixel of such a reference; beyond it, no difference is visible.
+const SPP_MAX: u32 = 1 << 14;
+
+/// A frame, read back from the devices.
+pub struct Kept {
+    pub index: u32,
+    pub linear: Stereo<RgbImage>,
+    pub rig: Rig,
+    pub time_s: f64,
+}
+
+/// Renders unbiased references of frames, with other random numbers.
+pub struct References {
+    plan: Plan,
+    renderer: Renderer,
+    tracing: Tracing,
+}
+
+impl References {
+    /// Prepares references with `spp` samples per pixel, or as many as [`TIME_LIMIT`] allows.
+    pub fn new(args: &Args, options: &RenderOptions, loaded: &LoadedScene, spp: Option<u32>) -> Result<Self, Failure> {
+        let faults = FaultOptions { disturbances: Vec::new(), ..options.faults.clone() };
+        let mut run = RunOptions { faults, trace: None, ..options.run.clone() };
+        run.settings.seed = !run.settings.seed;
+        run.settings.slowdown.clear();
+        let time_limit = spp.is_none().then_some(TIME_LIMIT);
+        let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
+        let plan = Plan::new(RenderOptions { run, frames: 1, ..options.clone() }, spp.unwrap_or(SPP_MAX), passes)?;
+        // The passes of the references stay out of the run's trace.
+        let tracing = Tracing::start(&plan.options)?;
+        let gpus = setup::open_devices(&plan.options, usize::from(args.options.virtual_devices))?;
+        let renderer = setup::renderer(&plan.options, loaded, gpus, tracing.recorder.origin())?;
+        Ok(Self { plan, renderer, tracing })
+    }
+
+    /// Renders the reference of a frame. `loaded` has the frame's camera from then on.
+    pub fn of(&mut self, frame: &Kept, loaded: &mut LoadedScene) -> Result<(Stereo<RgbImage>, ReferenceRow), Failure> {
+        let Self { plan, renderer, tracing } = self;
+        loaded.shot.rig = frame.rig.clone();
+        plan.options.run.settings.time = frame.time_s;
+        let done = plan.accumulate(renderer, loaded, 0, plan.begun(loaded, 0)?, tracing)?;
+        Ok((done.accumulation.mean(), done.row))
+    }
+}

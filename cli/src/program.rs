@@ -1,0 +1,99 @@
+//! Your own program that extends the commands of `diptych` and runs them.
+
+use std::process::ExitCode;
+
+use diptych::passes::Declarations;
+use diptych::passes::denoise::{Denoise, Denoiser};
+use diptych::schedule::Policy;
+
+use super::commands::run_from;
+use super::console::Console;
+use super::registry::{NewPolicy, Registry, register};
+
+/// The commands of `diptych`, with your own policies, denoisers and passes. `--balance` selects a registered policy by
+/// its name in every command that renders. `scale --balance even,measured,NAME` compares it with built-in ones in one
+/// table.
+///
+/// ```no_run
+/// use diptych_cli::{Program, prepare_environment};
+/// use diptych::graph::{Assignment, Stripes};
+/// use diptych::schedule::{CostModel, Policy};
+///
+/// /// Gives each device twice the rows of the one after it.
+/// struct Halving { rows: u32, devices: usize }
+///
+/// impl Policy for Halving {
+///     fn name(&self) -> &'static str { "halving" }
+///
+///     fn assign(&mut self, _: &CostModel) -> Assignment {
+///         let weights: Vec<f64> = (0..self.devices).map(|device| 0.5f64.powi(device as i32)).collect();
+///         let stripes = Stripes::from_weights(self.rows, &weights);
+///         Assignment::uniform(stripes.unwrap_or_else(|_| Stripes::even(self.rows, self.devices)))
+///     }
+///
+///     fn remove_device(&mut self, _: usize) { self.devices -= 1; }
+/// }
+///
+/// fn main() -> std::process::ExitCode {
+///     // SAFETY: the program has no other thread yet.
+///     unsafe { prepare_environment() };
+///     let help = "Twice the rows of the next device";
+///     Program::new().policy("halving", help, |rows, devices| Box::new(Halving { rows, devices })).run()
+/// }
+/// ```
+#[derive(Default)]
+pub struct Program {
+    registry: Registry,
+}
+
+impl Program {
+    /// Creates a program with the commands of `diptych` and no extensions.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Registers a policy, which `--balance NAME` selects. Each renderer calls `make` with the rows of an image and the
+    /// number of devices. `--help` shows `help`.
+    ///
+    /// # Panics
+    /// If a policy has this name already.
+    #[must_use]
+    pub fn policy(
+        mut self,
+        name: &'static str,
+        help: &'static str,
+        make: impl Fn(u32, usize) -> Box<dyn Policy> + Send + Sync + 'static,
+    ) -> Self {
+        let is_taken = super::balance::BUILT_IN.iter().any(|(_, built_in, _)| *built_in == name);
+        assert!(!is_taken && self.registry.policies.iter().all(|p| p.name != name), "there is a policy {name} already");
+        self.registry.policies.push(NewPolicy { name, help, make: Box::new(make) });
+        self
+    }
+
+    /// Registers a denoiser, which `--denoiser NAME` selects.
+    ///
+    /// # Panics
+    /// If a denoiser has this name already.
+    #[must_use]
+    pub fn denoiser(self, method: &'static dyn Denoise) -> Self {
+        if let Err(what) = Denoiser::register(method) {
+            panic!("{what}");
+        }
+        self
+    }
+
+    /// Sets the passes of frames, in place of the renderer's own. With MPI every rank runs this program, so all ranks
+    /// have the same passes.
+    #[must_use]
+    pub fn passes(mut self, passes: Declarations) -> Self {
+        self.registry.passes = passes;
+        self
+    }
+
+    /// Runs the command that this process was started with and returns its exit status. If another `Program` of this
+    /// process has run before, its policies and passes stay in force instead of these.
+    pub fn run(self) -> ExitCode {
+        register(self.registry);
+        ExitCode::from(run_from(std::env::args_os(), Console::process()))
+    }
+}

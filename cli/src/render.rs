@@ -1,0 +1,397 @@
+//! `diptych render`.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use crate::report::frames::FrameLine;
+use crate::report::rectified::RectifiedFrame;
+use crate::report::run::{FrameRow, ReferenceRow, RunReport};
+use diptych::exec::{FrameReport, Renderer, Stereo};
+use diptych::image::RgbImage;
+use diptych::image::display::mid_grey_ev;
+use diptych::loaded::LoadedScene;
+use diptych::passes::Aov;
+use diptych::quality::{Denoiser, Quality};
+use diptych::scene::rig::Rig;
+use diptych::trace::frames::record_devices;
+
+use super::failure::Failure;
+use super::faults::FaultLog;
+use super::interrupt;
+use super::metering;
+use super::options::{self, RenderFlags, RenderOptions};
+use super::output::{self, Also, FrameImages, SHEET, Sheet};
+use super::pictures::Pictures;
+use super::progress::Progress;
+use super::reference::{self, Plan};
+use super::settings;
+use super::setup::{self, Tracing};
+use super::tev::{self, Viewer};
+
+#[derive(clap::Args, Clone, Debug)]
+pub struct Args {
+    #[command(flatten)]
+    pub flags: RenderFlags,
+    /// Virtual devices on each adapter
+    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
+    virtual_devices: u16,
+    /// Render an unbiased reference, without denoiser and reprojection
+    ///
+    /// Samples are accumulated in passes, so their number is not limited. --spp defaults to 256.
+    #[arg(long, help_heading = options::QUALITY)]
+    reference: bool,
+    /// Folder that keeps the accumulation of --reference, to resume from it
+    #[arg(hide_short_help = true, long, value_name = "DIR", requires = "reference", help_heading = options::QUALITY)]
+    passes_out: Option<PathBuf>,
+    /// More to write or show, such as sheet,details
+    #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = options::OUTPUT)]
+    also: Vec<Also>,
+    /// Warm-up frames, not saved [default: 0; enough for 16 spp if --frames is 1]
+    ///
+    /// These frames give the denoiser a history. A single frame with svgf or bmfr follows enough frames of the same
+    /// instant to give each pixel 16 samples in total. In all other cases the default is 0.
+    #[arg(long, value_name = "N", conflicts_with = "reference", value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
+    warm_up: Option<u32>,
+}
+
+/// Samples per pixel that a single frame with history accumulates by default.
+const STILL_SPP: u32 = 16;
+
+impl Args {
+    fn has(&self, what: Also) -> bool {
+        self.also.contains(&what)
+    }
+
+    /// Checks constraints that clap cannot express.
+    fn check(&self) -> Result<(), Failure> {
+        let settings = &self.flags.run.settings;
+        let needs = ["time_limit", "pass_spp"].into_iter().find(|key| settings.is_given(key) && !self.reference);
+        if let Some(key) = needs {
+            return Err(Failure::Input(anyhow::anyhow!("{key} has no effect without --reference")));
+        }
+        match [Also::Sheet, Also::Tev].into_iter().find(|what| self.has(*what) && self.reference) {
+            Some(what) => Err(Failure::Input(anyhow::anyhow!("--reference cannot be combined with --also {what:?}"))),
+            None => Ok(()),
+        }
+    }
+
+    /// Returns the number of warm-up frames before the first saved frame.
+    fn warm_up_frames(&self, options: &RenderOptions) -> u32 {
+        let quality = options.quality();
+        let is_still = options.frames == 1 && quality.denoiser().is_some_and(Denoiser::keeps_history);
+        let default = if is_still { STILL_SPP.div_ceil(quality.spp.least) - 1 } else { 0 };
+        self.warm_up.unwrap_or(default)
+    }
+
+    /// Returns a frame's entry in run.json.
+    fn row(&self, frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> FrameRow {
+        let row = FrameRow::new(frame, quality, rig, time_s);
+        if self.has(Also::Details) { row.with_tasks(frame) } else { row }
+    }
+}
+
+/// Frames and references of a run, for run.json.
+#[derive(Default)]
+struct Rows {
+    frames: Vec<FrameRow>,
+    references: Vec<ReferenceRow>,
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    args.check()?;
+    let flags = &args.flags;
+    let plan = args.reference.then(|| Plan::asked_for(flags, args.passes_out.clone())).transpose()?;
+    let options = plan.as_ref().map_or_else(|| flags.options(), |plan| Ok(plan.options.clone()));
+    let options = &options.map_err(Failure::Input)?;
+    output::prepare(&options.out, "--out")?;
+    interrupt::watch()?;
+    let viewer = args.has(Also::Tev).then(|| Viewer::connect(&tev::address())).transpose()?;
+    let tracing = Tracing::start(options)?;
+    let warm_up_frames = args.warm_up_frames(options);
+    let progress = Progress::new(u64::from(warm_up_frames + options.frames), options.quiet, options.json);
+    progress.phase("loading");
+    let mut loaded = setup::load(options)?;
+    setup::tell_remarks(&loaded.scene);
+    if args.has(Also::Overlay) && loaded.shot.rig.optics.is_some() && options.quality().polar.is_some() {
+        let what =
+            "--also overlay does not support polar --foveation with the eye projections of --motion: drop one of them";
+        return Err(Failure::Input(anyhow::anyhow!(what)));
+    }
+    if let Some(warning) =
+        setup::beyond_path(&loaded.shot.rig, options.settings.time, time_s(options, options.frames - 1))
+    {
+        progress.warn(&warning);
+    }
+    if let Some(plan) = &plan {
+        plan.prepare(&loaded, "--passes-out")?;
+    }
+    let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
+    let gpus = metering::meter(options, &mut loaded, gpus, &progress)?;
+    progress.phase("warming up");
+    let warm_up = Instant::now();
+    let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
+    record_devices(&tracing.recorder, renderer.devices());
+    for before in (1..=warm_up_frames).rev() {
+        interrupt::check()?;
+        let params = renderer.frame(&loaded.shot.rig, time_s(options, 0), 0u32.wrapping_sub(before));
+        let frame = renderer.render(&params)?;
+        let event = serde_json::json!({ "event": "warm_up_frame", "makespan_ms": frame.makespan_ms });
+        progress.step(format!("history {:.1} ms", frame.makespan_ms), &event);
+    }
+    let warm_up_s = warm_up.elapsed().as_secs_f64();
+    let (rows, pictures) = (Rows::default(), Pictures::of_folder(&options.out));
+    let mut run =
+        Run { args, options, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows, pictures, viewer };
+    match &plan {
+        None => run.frames()?,
+        Some(plan) => run.references(plan)?,
+    }
+    run.progress.finish();
+    let Run { renderer, rows, pictures, .. } = run;
+    if rows.frames.is_empty() && rows.references.is_empty() {
+        // Only a signal ends a run before its first picture. The files of an earlier run remain.
+        interrupt::check()?;
+    }
+    let devices = renderer.devices();
+    let mut settings = settings::in_force(options, loaded.exposure_ev(), devices);
+    settings.options.insert("warm_up".to_owned(), warm_up_frames.into());
+    if loaded.shot.is_metered {
+        settings.options.insert("exposure".to_owned(), "auto".into());
+    }
+    if let Some(plan) = &plan {
+        settings.options.insert("spp".to_owned(), plan.spp().into());
+    }
+    let mut report =
+        RunReport::new(settings, devices, &loaded.scene, loaded.needs, options.settings.skip_unused, rows.frames);
+    (report.warm_up_s, report.warm_up_frames) = (warm_up_s, warm_up_frames);
+    report.references = rows.references;
+    report.faults = renderer.faults().to_vec();
+    report.pictures = pictures.names();
+    report.rectified = renderer.rectified().map(|frame| RectifiedFrame::new(frame, options.settings.size));
+    FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
+    report.write(&options.out.join("run.json"))?;
+    pictures.remove_earlier(options.quiet)?;
+    tracing.finish()?;
+    conclude(options, &report);
+    interrupt::check()
+}
+
+/// State of a run.
+struct Run<'a> {
+    args: &'a Args,
+    options: &'a RenderOptions,
+    loaded: &'a LoadedScene,
+    renderer: Renderer,
+    tracing: &'a Tracing,
+    progress: Progress,
+    /// Number of frames submitted to the devices.
+    begun: u32,
+    rows: Rows,
+    pictures: Pictures,
+    viewer: Option<Viewer>,
+}
+
+impl Run<'_> {
+    fn frames(&mut self) -> Result<(), Failure> {
+        let (options, shot) = (self.options, &self.loaded.shot);
+        let (mut faults, mut sheet) = (FaultLog::default(), Sheet::default());
+        self.begin_frames()?;
+        while let Some(frame) = self.renderer.finish()? {
+            let mut images = FrameImages::read(&mut self.renderer, &options.aovs)?;
+            let time_s = time_s(options, frame.index);
+            if self.rows.frames.is_empty() {
+                self.warn_of_nothing_seen(&images.linear);
+            }
+            // With several frames in flight, submit the next ones before writing files. With only one, submit the next
+            // frame after writing files, so that file output does not disturb its timing.
+            if options.settings.frames_in_flight > 1 {
+                self.begin_frames()?;
+            }
+            self.tracing.record(&options.quality(), None, &frame);
+            if self.args.has(Also::Overlay) {
+                let rectified = shot.rig.optics.as_ref().zip(self.renderer.rectified());
+                let gaze = self.renderer.config().gaze_at(time_s);
+                match self.renderer.config().envelope.most.polar {
+                    Some(polar) => images.overlay_rings(polar, gaze, &shot.rig, time_s, frame.stripe_edges()),
+                    None => images.overlay(frame.stripe_edges(), rectified),
+                }
+                if let Some(foveation) = self.renderer.config().foveation() {
+                    images.overlay_layers(foveation, gaze, rectified);
+                }
+            }
+            let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, time_s, frame.index);
+            images.pixel_centre = frame.pixel_centre;
+            let number = (options.frames > 1).then_some(frame.index);
+            if let Some(viewer) = &mut self.viewer {
+                images.show(viewer, &options.shot)?;
+            }
+            self.pictures.add(images.write(&options.out, number, &self.args.also, &tags)?);
+            if self.args.has(Also::Sheet) {
+                sheet.add(&images);
+            }
+            let row = self.args.row(&frame, &options.quality(), &shot.rig, time_s);
+            let event = serde_json::json!({ "event": "frame", "index": row.index, "makespan_ms": row.makespan_ms });
+            self.progress.step(format!("{:.1} ms", row.makespan_ms), &event);
+            self.rows.frames.push(row);
+            faults.say_new(&self.renderer, self.tracing, &self.progress);
+            self.begin_frames()?;
+        }
+        if self.args.has(Also::Sheet) {
+            sheet.write(&options.out)?;
+            self.pictures.add([SHEET.to_owned()]);
+        }
+        Ok(())
+    }
+
+    /// Warns about a picture of a single colour, which is usually a mistake. At the default exposure, also warns about
+    /// a picture that is nearly black or white.
+    fn warn_of_nothing_seen(&self, images: &Stereo<RgbImage>) {
+        for (eye, image) in [("left", &images.left), ("right", &images.right)] {
+            let first = image.pixels[0];
+            if image.pixels.iter().all(|pixel| *pixel == first) {
+                let what = if first == [0.0; 3] { "black" } else { "of a single colour" };
+                let hint = "the camera may look away from the scene or be inside an object, or there is no light";
+                self.progress.warn(&format!("the {eye} eye's picture is {what}: {hint}"));
+                return;
+            }
+        }
+        let off_ev = mid_grey_ev(&images.left);
+        if self.loaded.shot.exposure_ev == 0.0 && !self.loaded.shot.is_metered && off_ev.abs() >= EVS_OFF {
+            let what = if off_ev > 0.0 { "dark" } else { "bright" };
+            self.progress.warn(&format!("the picture is very {what}: --exposure {off_ev:.0} would show more"));
+        }
+    }
+
+    /// Submits frames to the devices until the maximum is in flight.
+    fn begin_frames(&mut self) -> Result<(), Failure> {
+        let options = self.options;
+        let most = options.settings.frames_in_flight as usize;
+        // If several frames may be in flight, each frame downloads its own images. Otherwise, the images are read from
+        // the devices when the frame is finished.
+        let reads = if most > 1 { FrameImages::on_devices(&options.aovs) } else { Vec::new() };
+        while self.begun < options.frames && self.renderer.in_flight() < most && !interrupt::is_set() {
+            let at_s = time_s(options, self.begun);
+            let params = self.renderer.frame(&self.loaded.shot.rig, at_s, self.begun);
+            self.renderer.begin(&params, &reads)?;
+            self.begun += 1;
+        }
+        Ok(())
+    }
+
+    fn references(&mut self, plan: &Plan) -> Result<(), Failure> {
+        let mut faults = FaultLog::default();
+        self.progress.finish();
+        for i in (0..plan.options.frames).take_while(|_| !interrupt::is_set()) {
+            let (renderer, rows) = (&mut self.renderer, &mut self.rows);
+            self.pictures.add(reference_frame(self.args, plan, self.loaded, renderer, i, self.tracing, rows)?);
+            faults.say_new(&self.renderer, self.tracing, &self.progress);
+        }
+        Ok(())
+    }
+}
+
+/// Deviation from mid-grey, in stops, at which a picture gets a warning.
+const EVS_OFF: f64 = 4.0;
+
+/// Returns the time of a frame on the camera path, seconds.
+fn time_s(options: &RenderOptions, frame: u32) -> f64 {
+    options.settings.time + f64::from(frame) / options.fps
+}
+
+/// Renders a reference and returns the names of its pictures. Auxiliary images are those of the first pass, even in a
+/// resumed run.
+fn reference_frame(
+    args: &Args,
+    plan: &Plan,
+    loaded: &LoadedScene,
+    renderer: &mut Renderer,
+    index: u32,
+    tracing: &Tracing,
+    rows: &mut Rows,
+) -> Result<Vec<String>, Failure> {
+    let (options, shot) = (&plan.options, &loaded.shot);
+    let begun = plan.begun(loaded, index)?;
+    let done = plan.accumulate(renderer, loaded, index, begun, tracing)?;
+    let mut images = FrameImages {
+        linear: done.accumulation.mean(),
+        display: reference::display(&done.accumulation, shot),
+        aovs: Vec::new(),
+        pixel_centre: [0.5; 2],
+    };
+    if !options.aovs.is_empty() {
+        let params = renderer.frame(&shot.rig, plan.time_s(index), index);
+        images.pixel_centre = renderer.render(&params)?.pixel_centre;
+        images.aovs = FrameImages::read(renderer, &options.aovs)?.aovs;
+        for (_, spp) in images.aovs.iter_mut().filter(|(aov, _)| *aov == Aov::Spp) {
+            spp.left.iter_mut().chain(&mut spp.right).for_each(|plane| plane.fill(done.row.spp as f32));
+        }
+    }
+    if let Some(report) = done.report {
+        if args.has(Also::Overlay) {
+            let rectified = shot.rig.optics.as_ref().zip(renderer.rectified());
+            images.overlay(report.stripe_edges(), rectified);
+        }
+        let quality = Quality { spp: done.row.spp.into(), ..options.quality() };
+        rows.frames.push(args.row(&report, &quality, &shot.rig, plan.time_s(index)));
+    }
+    let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, plan.time_s(index), index);
+    rows.references.push(done.row);
+    images.write(&options.out, (options.frames > 1).then_some(index), &args.also, &tags)
+}
+
+/// Prints the results and the output folder.
+fn conclude(options: &RenderOptions, report: &RunReport) {
+    let median = report.median_makespan_ms();
+    if options.json {
+        let mut result = serde_json::json!({
+            "event": "result", "out": options.out.display().to_string(),
+            "warm_up_s": report.warm_up_s, "warm_up_frames": report.warm_up_frames,
+            "median_makespan_ms": median, "devices_left": report.devices_left(),
+        });
+        if !report.references.is_empty() {
+            result["references"] = serde_json::json!(report.references);
+        }
+        say!("{result}");
+    } else if !options.quiet {
+        for reference in &report.references {
+            say!("{reference}");
+            reference.noise.iter().for_each(|noise| say!("standard error of the mean: {noise}"));
+        }
+        if let Some(rays_per_s) = report.rays_per_s() {
+            let devices = match (report.devices_left(), report.devices.len()) {
+                (left, all) if left < all => format!("{left} of {all}"),
+                (_, all) => all.to_string(),
+            };
+            let in_flight = options.settings.frames_in_flight;
+            let pace = match report.median_interval_ms(in_flight).filter(|_| in_flight > 1) {
+                Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
+                None => String::new(),
+            };
+            let n = report.warm_up_frames;
+            let history = if n > 0 { format!(" with {n} frame(s) of history") } else { String::new() };
+            say!(
+                "warm-up {:.1} s{history}; {} frame(s) of {} on {devices} device(s): median makespan {median:.1} ms{pace}, \
+                 {:.2} Mrays/s",
+                report.warm_up_s,
+                report.frames.len(),
+                report.scene.name,
+                rays_per_s * 1e-6,
+            );
+        }
+        let between: Vec<u64> = report.frames.iter().filter_map(|frame| frame.bytes_between_ranks).collect();
+        if !between.is_empty() {
+            let mean = between.iter().sum::<u64>() as f64 / between.len() as f64;
+            say!("rows between ranks: {:.1} kB a frame", mean * 1e-3);
+        }
+        if let Some(right_eye) = report.frames.last().and_then(|frame| frame.right_eye.as_ref()) {
+            say!("right eye{}: {right_eye}", if report.frames.len() > 1 { " of the last frame" } else { "" });
+        }
+        if let Some(rectified) = &report.rectified {
+            say!("{rectified}");
+        }
+        say!("pictures, run.json and frames.csv: {}", options.out.display());
+        if let Some(trace) = &options.trace {
+            say!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Tables of settings with their times and errors, as text and as CSV, and the notes printed below them.
+
+use super::errors::{NOISE_MARGIN, SHOWN};
+use super::rows::{Measured, SettingRow};
+use crate::report::Table;
+use crate::report::csv::{Csv, number};
+use crate::report::frames::FrameLine;
+use diptych::accumulation::Noise;
+use diptych::exec::Stereo;
+use diptych::quality::{Denoiser, FrameQuality, Quality};
+
+/// Describes the exposure at which the rows' errors were measured.
+pub fn exposure_note(exposure_ev: f64) -> String {
+    format!("PSNR, SSIM, FLIP and flicker are of pictures tonemapped at {exposure_ev} EV, the shot's exposure.")
+}
+
+/// Caption that explains `flip_flicker`, the error measure of Pareto fronts and ladders.
+pub const ERROR_NOTE: &str = "Fronts and ladders use flip_flicker: mean FLIP plus flicker, over the frame on which the \
+    moving camera stops and the frames after it, each with the history of the frames before. Flicker is the mean \
+    change of pixels from one of these frames to the next.";
+
+/// Columns whose value is the same in all rows of a table: name and value.
+pub type Shared = Vec<(&'static str, String)>;
+
+/// Returns the rows as CSV, with a line per setting and eye. Cells of undefined values are empty.
+pub fn csv(shared: &Shared, rows: &[SettingRow]) -> Csv {
+    let metrics = rows.first().map_or(Vec::new(), |r| r.measured.errors.left.names());
+    let mut columns: Vec<&str> = shared.iter().map(|(name, _)| *name).collect();
+    columns.extend(COLUMNS);
+    columns.extend(["time_ms", "time_ms_min", "time_ms_max", "on_front", "eye"]);
+    columns.extend(&metrics);
+    let mut lines = Vec::new();
+    for SettingRow { quality, measured, on_front } in rows {
+        let Measured { time_ms, time_ms_min, time_ms_max, errors, .. } = measured;
+        for (eye, errors) in [("left", &errors.left), ("right", &errors.right)] {
+            let mut line: Vec<String> = shared.iter().map(|(_, value)| value.clone()).collect();
+            line.extend(cells_of(quality));
+            line.extend([time_ms, time_ms_min, time_ms_max].map(|ms| format!("{ms:.4}")));
+            line.extend([on_front.to_string(), eye.to_owned()]);
+            line.extend(metrics.iter().map(|name| number(errors.get(name), 9)));
+            lines.push(line);
+        }
+    }
+    Csv { columns: columns.into_iter().map(str::to_owned).collect(), lines }
+}
+
+/// Returns the contents of `frames.csv`: a line per timed frame, which begins with the settings that [`FrameLine`]
+/// lacks.
+pub fn frames(rows: &[SettingRow]) -> Csv {
+    let lines = || rows.iter().flat_map(|row| row.measured.frames.iter().map(move |line| (row, line)));
+    let setting = |(row, _): (&SettingRow, &FrameLine)| {
+        let [denoiser, _, _, foveation, ..] = cells_of(&row.quality);
+        vec![denoiser, foveation]
+    };
+    let columns = ["denoiser", "foveation"].map(str::to_owned).into();
+    let settings = Csv { columns, lines: lines().map(setting).collect() };
+    settings.beside(FrameLine::csv(&lines().map(|(_, line)| line.clone()).collect::<Vec<_>>()))
+}
+
+/// Names of the columns that describe a [`Quality`].
+pub(super) const COLUMNS: [&str; 6] = ["denoiser", "iterations", "bounces", "foveation", "scale", "spp"];
+
+/// Returns a quality's cells for [`COLUMNS`], with the names that the command line uses.
+pub(super) fn cells_of(quality: &Quality) -> [String; 6] {
+    let FrameQuality { bounces, iterations, scale, fovea, .. } = quality.into();
+    let foveation = match (fovea, &quality.polar) {
+        (Some(_), _) => "layers",
+        (None, Some(space)) => space.method().name(),
+        (None, None) => "none",
+    };
+    let [iterations, bounces] = [iterations, bounces].map(|n| n.to_string());
+    let (denoiser, spp) = (Denoiser::name_of(quality.denoiser()).to_owned(), quality.spp.to_string());
+    [denoiser, iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
+}
+
+/// Returns a table with a line per setting and eye. The last column marks settings on the Pareto front, and errors that
+/// are within the `noise` of the reference.
+pub fn table(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Table {
+    let metrics: Vec<&str> =
+        SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.measured.errors.left.0.contains_key(*m))).collect();
+    let mut headers = COLUMNS.to_vec();
+    headers.extend(["ms", "eye"]);
+    headers.extend(&metrics);
+    headers.push("note");
+    let mut lines = Vec::new();
+    for SettingRow { quality, measured, on_front } in rows {
+        let of = |n: fn(&Stereo<Noise>) -> f64| noise.map_or(0.0, n);
+        let Stereo { left, right } = &measured.errors;
+        for (eye, errors, noise) in [("left", left, of(|n| n.left.relmse)), ("right", right, of(|n| n.right.relmse))] {
+            let mut line = cells_of(quality).to_vec();
+            line.extend([format!("{:.1}", measured.time_ms), eye.to_owned()]);
+            line.extend(metrics.iter().map(|m| errors.get(m).map_or("-".into(), |v| format!("{v:.4}"))));
+            let is_lost = errors.get("relmse").is_some_and(|e| e < NOISE_MARGIN * noise);
+            let front = if *on_front { "front" } else { "" };
+            line.push(if is_lost { "within the reference's noise".into() } else { front.to_owned() });
+            lines.push(line);
+        }
+    }
+    Table { headers, rows: lines }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rows::tests::row;
+    use super::*;
+
+    #[test]
+    fn a_csv_has_a_column_per_metric_and_a_line_per_eye() {
+        let rows = [row("none", 4, 12.5, &[0.25, 0.75])];
+        let table = csv(&vec![("devices", "2".into())], &rows);
+        let begin = "devices,denoiser,iterations,bounces,foveation,scale,spp,time_ms,";
+        assert!(table.columns.join(",").starts_with(begin), "{:?}", table.columns);
+        assert_eq!(table.lines[0][..7], ["2", "none", "0", "6", "none", "1", "4"]);
+        let found = ["time_ms", "on_front", "eye", "rmse"];
+        assert_eq!(found.map(|name| table.value(0, name)), ["12.5000", "false", "left", "0.500000000"]);
+        assert_eq!(found.map(|name| table.value(1, name)), ["12.5000", "false", "right", "1.000000000"]);
+        assert!(table.lines.iter().all(|line| line.len() == table.columns.len()), "{table:?}");
+        // The mean ratio to a black reference is undefined.
+        assert_eq!(table.value(0, "mean_ratio"), "");
+
+        let frames = frames(&rows);
+        assert_eq!(frames.lines.len(), 2);
+        let found = ["denoiser", "foveation", "spp", "makespan_ms"];
+        assert_eq!(found.map(|name| frames.value(1, name)), ["none", "none", "4", "12.5000"]);
+    }
+
+    #[test]
+    fn errors_within_the_noise_are_said_to_be() {
+        let floor = Noise { rmse: 100.0, relmse: 10.0 };
+        let noise = Stereo { left: floor, right: floor };
+        let text = table(&[row("none", 4, 12.5, &[0.5])], Some(&noise)).text();
+        let noted: Vec<bool> = text.lines().skip(2).map(|l| l.contains("noise")).collect();
+        assert_eq!(noted, [true, false], "{text}");
+    }
+}

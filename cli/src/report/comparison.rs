@@ -1,0 +1,260 @@
+//! The table and the chart of `diptych play --compare-control`.
+
+use serde::Serialize;
+
+use super::csv::number;
+use super::{Axis, Chart, Csv, ReportError, Series, Table, line_chart_svg};
+use crate::report::play::PlaySummary;
+use diptych::control::ControllerKind;
+
+/// A run of one controller.
+#[derive(Clone, Debug, Serialize)]
+pub struct ControlRun {
+    pub controller: String,
+    /// Number of the run, from 0. Runs of this number were played one after another.
+    pub run: u32,
+    pub missed_fraction: f64,
+    pub above_share: f64,
+    /// Mean FLIP of both eyes over the frames that were compared with references.
+    pub flip: f64,
+    pub makespan_ms_p50: f64,
+    pub rung_changes: usize,
+    /// Number and makespan (ms) of each frame.
+    #[serde(skip)]
+    pub makespans: Vec<(u32, f64)>,
+}
+
+impl ControlRun {
+    pub fn new(kind: ControllerKind, run: u32, play: &PlaySummary, flip: f64, makespans: Vec<(u32, f64)>) -> Self {
+        let PlaySummary { missed_fraction, above_share, makespan_ms_p50, rung_changes, .. } = *play;
+        let controller = kind.to_string();
+        Self { controller, run, missed_fraction, above_share, flip, makespan_ms_p50, rung_changes, makespans }
+    }
+}
+
+/// 97.5 % quantiles of Student's t distribution with 1 to 9 degrees of freedom.
+const STUDENT_T: [f64; 9] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262];
+
+/// Returns the 97.5 % quantile of Student's t distribution. From 10 degrees of freedom on, it is expanded around that of
+/// the normal distribution (Abramowitz & Stegun 1964, 26.7.5).
+fn student_t(freedom: usize) -> f64 {
+    const Z: f64 = 1.959_964;
+    let n = freedom as f64;
+    let expanded = || {
+        let (a, b) = ((Z.powi(3) + Z) / 4.0, (5.0 * Z.powi(5) + 16.0 * Z.powi(3) + 3.0 * Z) / 96.0);
+        Z + a / n + b / (n * n)
+    };
+    freedom.checked_sub(1).and_then(|i| STUDENT_T.get(i)).copied().unwrap_or_else(expanded)
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Returns the ends of the 95 % interval of the mean (Student 1908), which also holds for few values. Returns `None`
+/// for a single value, and for values that are all equal: their spread is unknown.
+fn interval(values: &[f64]) -> Option<[f64; 2]> {
+    let freedom = values.len().checked_sub(1).filter(|n| *n > 0)?;
+    let mean = mean(values);
+    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    let half = student_t(freedom) * (squares / freedom as f64 / values.len() as f64).sqrt();
+    (half > 0.0 && half.is_finite()).then_some([mean - half, mean + half])
+}
+
+/// Returns the runs of each controller, in the order of their first runs.
+fn by_controller(runs: &[ControlRun]) -> Vec<(&str, Vec<&ControlRun>)> {
+    let mut groups: Vec<(&str, Vec<&ControlRun>)> = Vec::new();
+    for run in runs {
+        match groups.iter_mut().find(|(name, _)| *name == run.controller) {
+            Some((_, group)) => group.push(run),
+            None => groups.push((&run.controller, vec![run])),
+        }
+    }
+    groups
+}
+
+/// Returns the contents of `comparison.csv`.
+pub fn comparison_csv(runs: &[ControlRun]) -> Csv {
+    Csv::new(
+        &[
+            ("controller", |r: &ControlRun| r.controller.clone()),
+            ("run", |r| r.run.to_string()),
+            ("missed_fraction", |r| number(Some(r.missed_fraction), 6)),
+            ("above_share", |r| number(Some(r.above_share), 6)),
+            ("flip", |r| number(Some(r.flip), 6)),
+            ("makespan_ms_p50", |r| number(Some(r.makespan_ms_p50), 4)),
+            ("rung_changes", |r| r.rung_changes.to_string()),
+        ],
+        runs,
+    )
+}
+
+/// Returns a row per controller: means over its runs, and differences to the first controller's runs of the same
+/// numbers, with their 95 % intervals. The ratio of FLIP is a geometric mean.
+pub fn comparison_table(runs: &[ControlRun]) -> Table {
+    let groups = by_controller(runs);
+    let (_, first) = groups.first().cloned().unwrap_or_default();
+    let row = |(name, group): &(&str, Vec<&ControlRun>)| {
+        let of_runs = |of: fn(&ControlRun) -> f64| mean(&group.iter().map(|run| of(run)).collect::<Vec<_>>());
+        let is_first = group[0].controller == first[0].controller;
+        let difference = |of: fn(&ControlRun, &ControlRun) -> f64, write: fn(f64) -> String| {
+            let pairs: Vec<f64> = group.iter().zip(&first).map(|(a, b)| of(a, b)).collect();
+            let range = interval(&pairs).map(|ends| ends.map(write).join(" to "));
+            match (is_first, range) {
+                (true, _) => "-".to_owned(),
+                (false, None) => write(mean(&pairs)),
+                (false, Some(range)) => format!("{} ({range})", write(mean(&pairs))),
+            }
+        };
+        vec![
+            (*name).to_owned(),
+            group.len().to_string(),
+            format!("{:.2} %", 100.0 * of_runs(|run| run.missed_fraction)),
+            format!("{:.2} %", 100.0 * of_runs(|run| run.above_share)),
+            format!("{:.4}", of_runs(|run| run.flip)),
+            format!("{:.1}", of_runs(|run| run.makespan_ms_p50)),
+            format!("{:.0}", of_runs(|run| run.rung_changes as f64)),
+            difference(|a, b| 100.0 * (a.missed_fraction - b.missed_fraction), |points| format!("{points:+.2}")),
+            difference(|a, b| (a.flip / b.flip).ln(), |log| format!("{:.3}", log.exp())),
+        ]
+    };
+    let headers = [
+        "controller",
+        "runs",
+        "missed",
+        "above budget",
+        "FLIP",
+        "median ms",
+        "changes",
+        "missed, points more (95 %)",
+        "FLIP ratio (95 %)",
+    ];
+    Table { headers: headers.to_vec(), rows: groups.iter().map(row).collect() }
+}
+
+/// Draws missed display periods over FLIP, a line through all pinned rungs and a dot for each other controller.
+///
+/// # Errors
+/// [`ReportError::NothingToDraw`] without runs.
+pub fn comparison_svg(title: String, runs: &[ControlRun]) -> Result<String, ReportError> {
+    let mut series = vec![Series { name: "pinned rungs".to_owned(), ..Series::default() }];
+    for (name, group) in by_controller(runs) {
+        let mean = |of: fn(&ControlRun) -> f64| group.iter().map(|run| of(run)).sum::<f64>() / group.len() as f64;
+        let point = (mean(|run| run.flip), 100.0 * mean(|run| run.missed_fraction));
+        match name.starts_with("pinned:") {
+            true => series[0].points.push(point),
+            false => series.push(Series { name: name.to_owned(), points: vec![point], ..Series::default() }),
+        }
+    }
+    series[0].points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    series.retain(|series| !series.points.is_empty());
+    let axis = |label: &str| Axis { label: label.to_owned(), log: false };
+    line_chart_svg(&Chart { title, x: axis("mean FLIP"), y: axis("missed display periods, %") }, &series)
+}
+
+/// Number of frames before and after a disturbance that [`recovery_svg`] shows.
+const AROUND: [u32; 2] = [20, 80];
+
+/// Draws the makespans of frames around the disturbance that begins at frame `at`, the median over runs of each
+/// controller, and the budget.
+///
+/// # Errors
+/// [`ReportError::NothingToDraw`] without runs.
+pub fn recovery_svg(title: String, runs: &[ControlRun], at: u32, budget_ms: f64) -> Result<String, ReportError> {
+    let shown = at.saturating_sub(AROUND[0])..at.saturating_add(AROUND[1]);
+    let from = |frame: u32| f64::from(frame) - f64::from(at);
+    let of = |(name, group): &(&str, Vec<&ControlRun>)| {
+        let median = |frame: u32| {
+            let frames = group.iter().flat_map(|run| &run.makespans);
+            let mut times: Vec<f64> = frames.filter(|(index, _)| *index == frame).map(|(_, ms)| *ms).collect();
+            times.sort_by(f64::total_cmp);
+            Some((from(frame), *times.get(times.len() / 2)?))
+        };
+        Series { name: (*name).to_owned(), points: shown.clone().filter_map(median).collect(), ..Series::default() }
+    };
+    let mut series: Vec<Series> = by_controller(runs).iter().map(of).filter(|s| !s.points.is_empty()).collect();
+    if !series.is_empty() {
+        let points = vec![(from(shown.start), budget_ms), (from(shown.end), budget_ms)];
+        series.push(Series { name: "budget".to_owned(), points, guide: true, ..Series::default() });
+    }
+    let axis = |label: &str| Axis { label: label.to_owned(), log: false };
+    line_chart_svg(&Chart { title, x: axis("frames since the disturbance"), y: axis("makespan, ms") }, &series)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(controller: &str, run: u32, missed_fraction: f64, flip: f64) -> ControlRun {
+        let (above_share, makespan_ms_p50, rung_changes) = (0.0, 12.0, 3);
+        ControlRun {
+            controller: controller.to_owned(),
+            run,
+            missed_fraction,
+            above_share,
+            flip,
+            makespan_ms_p50,
+            rung_changes,
+            makespans: (0..200).map(|frame| (frame, 10.0 + f64::from(run))).collect(),
+        }
+    }
+
+    #[test]
+    fn frames_around_a_disturbance_are_drawn() {
+        let runs = [run("a", 0, 0.0, 0.1), run("b", 0, 0.0, 0.1), run("a", 1, 0.0, 0.1)];
+        let figure = recovery_svg("recovery".to_owned(), &runs, 100, 20.0).unwrap();
+        assert!(figure.contains(">a</text>") || figure.contains("a\n"), "{figure}");
+        assert!(figure.contains("budget") && figure.contains("frames since the disturbance"));
+        assert!(recovery_svg("recovery".to_owned(), &[], 100, 20.0).is_err());
+        assert!(recovery_svg("recovery".to_owned(), &runs, 5000, 20.0).is_err());
+    }
+
+    /// Draws means of few runs with normal scatter, and counts the intervals that contain the true mean.
+    #[test]
+    fn intervals_cover_the_true_mean_in_95_of_100_cases() {
+        const CASES: usize = 20_000;
+        let mut state = 1_u64;
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
+        };
+        let mut normal = || (-2.0 * uniform().ln()).sqrt() * (std::f64::consts::TAU * uniform()).cos();
+        for runs in [2, 3, 4, 5, 8, 12, 40] {
+            let covered = (0..CASES).filter(|_| {
+                let values: Vec<f64> = (0..runs).map(|_| 7.0 + 3.0 * normal()).collect();
+                let [low, high] = interval(&values).unwrap();
+                (low..=high).contains(&7.0)
+            });
+            let share = covered.count() as f64 / CASES as f64;
+            // The standard error is 0.0015.
+            assert!((share - 0.95).abs() < 0.006, "{runs} runs: {share}");
+        }
+    }
+
+    #[test]
+    fn one_run_and_equal_runs_have_no_interval() {
+        assert_eq!([interval(&[]), interval(&[2.0]), interval(&[2.0; 5]), interval(&[1.0, f64::NAN])], [None; 4]);
+        let table = comparison_table(&[run("a", 0, 0.01, 0.1), run("b", 0, 0.02, 0.05)]);
+        assert_eq!(table.rows[1][7..], ["+1.00", "0.500"]);
+    }
+
+    #[test]
+    fn differences_are_between_runs_of_the_same_number() {
+        // The machine is slower in the second run, for both.
+        let runs = [run("a", 0, 0.01, 0.1), run("b", 0, 0.02, 0.05), run("a", 1, 0.21, 0.2), run("b", 1, 0.221, 0.1)];
+        let table = comparison_table(&runs);
+        assert_eq!(table.rows[0][1..3], ["2", "11.00 %"]);
+        assert_eq!(table.rows[0][7..], ["-", "-"]);
+        assert_eq!(table.rows[1][2], "12.05 %");
+        // The points are 1.00 and 1.10, whose mean has a standard error of 0.05.
+        assert_eq!(table.rows[1][7..], ["+1.05 (+0.41 to +1.69)", "0.500"]);
+        assert_eq!(comparison_csv(&runs).value(3, "missed_fraction"), "0.221000");
+    }
+
+    #[test]
+    fn the_chart_joins_pinned_rungs() {
+        let runs = [run("pinned:3", 0, 0.01, 0.1), run("diptych", 0, 0.01, 0.1), run("pinned:1", 0, 0.0, 0.2)];
+        let figure = comparison_svg("controllers".to_owned(), &runs).unwrap();
+        assert!(figure.contains("pinned rungs") && figure.contains("diptych") && !figure.contains("pinned:1"));
+    }
+}

@@ -1,0 +1,308 @@
+//! Tables of studies: errors of sequences, and errors at seams compared with those of Leria et al.
+
+use serde::Serialize;
+
+use super::Table;
+use super::bench::Errors;
+use super::csv::{Column, Csv, number};
+use diptych::exec::Stereo;
+use diptych::metrics;
+use diptych::metrics::temporal::TemporalError;
+use diptych::scene::rig::Eye;
+
+/// Formats a number; `None` gives the placeholder `-`.
+pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
+    value.map_or("-".to_owned(), |v| format!("{v:.decimals$}"))
+}
+
+/// Returns a table with a line per row. The columns define headers and cells.
+pub(super) fn table<T>(columns: &[Column<T>], rows: &[T]) -> Table {
+    let line = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
+    Table { headers: columns.iter().map(|(name, _)| *name).collect(), rows: rows.iter().map(line).collect() }
+}
+
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Returns the sample standard deviation (with divisor n − 1).
+pub fn deviation(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0)).sqrt()
+}
+
+/// Errors of one eye of a sequence against its reference.
+#[derive(Clone, Debug, Serialize)]
+pub struct SequenceRow {
+    pub eye: &'static str,
+    pub frames: usize,
+    /// Exposure in stops at which images are tonemapped for metrics of display values.
+    pub exposure_ev: f32,
+    /// Means over frames.
+    pub mean: Errors,
+    #[serde(flatten)]
+    pub temporal: TemporalError,
+    pub per_frame: Vec<metrics::Errors>,
+}
+
+impl SequenceRow {
+    pub fn new(eye: &'static str, exposure_ev: f32, per_frame: Vec<metrics::Errors>, temporal: TemporalError) -> Self {
+        Self { eye, frames: per_frame.len(), exposure_ev, mean: Errors::mean_of(&per_frame), temporal, per_frame }
+    }
+}
+
+const SEQUENCE: &[Column<SequenceRow>] = &[
+    ("eye", |r| r.eye.to_owned()),
+    ("frames", |r| r.frames.to_string()),
+    ("exposure_ev", |r| r.exposure_ev.to_string()),
+    ("relmse", |r| cell(r.mean.get("relmse"), 6)),
+    ("psnr", |r| cell(r.mean.get("psnr"), 4)),
+    ("flip", |r| cell(r.mean.get("flip"), 6)),
+    ("mean_ratio", |r| cell(r.mean.get("mean_ratio"), 6)),
+    ("flicker", |r| cell(r.temporal.flicker, 6)),
+    ("ghosting", |r| cell(r.temporal.ghosting, 4)),
+    ("new_share", |r| cell(r.temporal.new_share, 4)),
+];
+
+/// Returns a table with a line per eye.
+pub fn sequence_table(rows: &Stereo<SequenceRow>) -> Table {
+    table(SEQUENCE, &[rows.left.clone(), rows.right.clone()])
+}
+
+/// Errors of one eye's image in one frame that several devices rendered in stripes. In comments and field names, `one`
+/// is the same image rendered by a single device.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SeamErrors {
+    /// Errors against the reference.
+    pub psnr: f64,
+    pub flip: f64,
+    /// RMSE of the rows near seams divided by the RMSE of the other rows; `None` for one device.
+    pub seam: Option<f64>,
+    /// RMSE of the rows near seams divided by the RMSE of the same rows of `one`. 1 means that seams add no error.
+    pub seam_over_one: Option<f64>,
+    /// Errors against `one`. For identical pictures, PSNR is infinite, and FLIP and the RMSE near seams are 0.
+    pub psnr_one: f64,
+    pub flip_one: f64,
+    pub seam_rmse_one: Option<f64>,
+}
+
+impl SeamErrors {
+    /// Returns the mean of each error. An error that is undefined in one element has no mean.
+    pub fn mean_of(all: &[Self]) -> Self {
+        let mean = |of: fn(&Self) -> f64| all.iter().map(of).sum::<f64>() / all.len() as f64;
+        let mean_if = |of: fn(&Self) -> Option<f64>| {
+            let values: Option<Vec<f64>> = all.iter().map(of).collect();
+            values.map(|v| v.iter().sum::<f64>() / v.len() as f64)
+        };
+        Self {
+            psnr: mean(|e| e.psnr),
+            flip: mean(|e| e.flip),
+            seam: mean_if(|e| e.seam),
+            seam_over_one: mean_if(|e| e.seam_over_one),
+            psnr_one: mean(|e| e.psnr_one),
+            flip_one: mean(|e| e.flip_one),
+            seam_rmse_one: mean_if(|e| e.seam_rmse_one),
+        }
+    }
+}
+
+/// Returns lower quartile, median and upper quartile, interpolated linearly between ranks; 0 without values.
+pub fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
+    values.sort_by(f64::total_cmp);
+    [0.25, 0.5, 0.75].map(|share| {
+        let at = share * values.len().saturating_sub(1) as f64;
+        let value = |i: f64| values.get(i as usize).copied().unwrap_or(0.0);
+        value(at.floor()) + (value(at.ceil()) - value(at.floor())) * at.fract()
+    })
+}
+
+/// Returns the ends of the 95 % interval of the median, which are order statistics and hold for any distribution; `None`
+/// for fewer than six values, which have no such interval.
+pub fn interval_of_median(values: &[f64]) -> Option<[f64; 2]> {
+    let (count, mut below, mut term) = (values.len(), 0.0, 0.5f64.powi(values.len() as i32));
+    // The number of values below the median is binomial.
+    let mut rank = 0;
+    while rank < count && below + term <= 0.025 {
+        below += term;
+        term *= (count - rank) as f64 / (rank + 1) as f64;
+        rank += 1;
+    }
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    (rank > 0).then(|| [sorted[rank - 1], sorted[count - rank]])
+}
+
+/// Results of a seam policy on a number of devices, for one eye.
+#[derive(Clone, Debug, Serialize)]
+pub struct SeamRow {
+    pub devices: usize,
+    /// Seam policy, `-` for one device.
+    pub policy: String,
+    pub eye: Eye,
+    /// Exposure in stops at which images are tonemapped for PSNR and FLIP.
+    pub exposure_ev: f64,
+    #[serde(flatten)]
+    pub errors: SeamErrors,
+    /// True if every frame is identical, byte for byte, to that of a single device.
+    pub same_bytes: bool,
+    /// Quartiles of the warm frames' makespans.
+    pub time_ms: [f64; 3],
+}
+
+/// Name of the seam policy in files for rows of one device, which has no seams.
+pub const ONE_DEVICE: &str = "one_device";
+
+impl SeamRow {
+    fn policy_name(&self) -> &str {
+        if self.policy == "-" { ONE_DEVICE } else { &self.policy }
+    }
+}
+
+const SEAMS: &[Column<SeamRow>] = &[
+    ("devices", |r| r.devices.to_string()),
+    ("seam policy", |r| r.policy.clone()),
+    ("eye", |r| r.eye.to_string()),
+    ("exposure_ev", |r| r.exposure_ev.to_string()),
+    ("psnr", |r| format!("{:.3}", r.errors.psnr)),
+    ("flip", |r| format!("{:.5}", r.errors.flip)),
+    ("seam", |r| cell(r.errors.seam, 4)),
+    ("seam / one's", |r| cell(r.errors.seam_over_one, 4)),
+    ("psnr to one", |r| format!("{:.3}", r.errors.psnr_one)),
+    ("flip to one", |r| format!("{:.5}", r.errors.flip_one)),
+    ("seam rmse to one", |r| cell(r.errors.seam_rmse_one, 6)),
+    ("same bytes", |r| if r.same_bytes { "yes" } else { "no" }.to_owned()),
+    ("ms", |r| format!("{:.1}", r.time_ms[1])),
+    ("iqr ms", |r| format!("{:.1}", r.time_ms[2] - r.time_ms[0])),
+];
+
+/// Description of the columns of [`seam_table`].
+pub const SEAM_NOTE: &str = "Means over frames. psnr (dB) and flip compare with the reference, both tonemapped at \
+    exposure_ev. seam: RMSE within 4 rows of a seam over RMSE elsewhere. seam / one's: RMSE of these rows over that of \
+    the same rows of the one-device image; 1 means that the seam adds no error. psnr, flip and seam rmse to one \
+    compare with the one-device image: inf, 0 and 0 if all bytes are the same. ms: median of warm frames; iqr: \
+    interquartile range.";
+
+/// Returns a table with a line per setting and eye.
+pub fn seam_table(rows: &[SeamRow]) -> Table {
+    table(SEAMS, rows)
+}
+
+const SEAMS_CSV: &[Column<SeamRow>] = &[
+    ("devices", |r| r.devices.to_string()),
+    ("seam_policy", |r| r.policy_name().to_owned()),
+    ("eye", |r| r.eye.to_string()),
+    ("exposure_ev", |r| r.exposure_ev.to_string()),
+    ("psnr", |r| format!("{:.4}", r.errors.psnr)),
+    ("flip", |r| format!("{:.6}", r.errors.flip)),
+    ("seam_ratio", |r| number(r.errors.seam, 4)),
+    ("seam_over_one", |r| number(r.errors.seam_over_one, 4)),
+    ("psnr_to_one", |r| format!("{:.4}", r.errors.psnr_one)),
+    ("flip_to_one", |r| format!("{:.6}", r.errors.flip_one)),
+    ("seam_rmse_to_one", |r| number(r.errors.seam_rmse_one, 9)),
+    ("same_bytes", |r| r.same_bytes.to_string()),
+    ("time_ms", |r| format!("{:.4}", r.time_ms[1])),
+    ("time_ms_iqr", |r| format!("{:.4}", r.time_ms[2] - r.time_ms[0])),
+];
+
+/// Returns the rows as CSV, for programs.
+pub fn seam_csv(rows: &[SeamRow]) -> Csv {
+    Csv::new(SEAMS_CSV, rows)
+}
+
+/// Leria, Mäkitalo & Jääskeläinen 2024, "Image quality related to seam artifacts": PSNR in dB for San Miguel, Sponza
+/// and Bistro Exterior, with the paper's name of the method and the corresponding policy here.
+const LERIA: [(&str, &str, [f64; 3]); 3] = [
+    ("no filter", "none", [20.30, 21.73, 20.89]),
+    ("bilateral filter", "filter", [19.90, 21.71, 20.46]),
+    ("no seam", "-", [20.83, 21.97, 21.09]),
+];
+
+/// The caption of [`leria_table`].
+pub const LERIA_NOTE: &str = "PSNR in dB; in brackets, the difference from the image without seams. This shot: mean of \
+    both eyes at the largest device count; 'no seam' is one device. Cited: Leria, Mäkitalo & Jääskeläinen 2024, \
+    Real-time Stereoscopic Image-parallel Path Tracing, 1280x720 per eye, 1 spp, 6 bounces, SVGF, several GPUs. \
+    Scenes, references and denoiser differ, so compare only the differences within a column.";
+
+/// Returns a table of our PSNR at the largest device count beside the paper's PSNR.
+pub fn leria_table(rows: &[SeamRow]) -> Table {
+    let most = rows.iter().map(|r| r.devices).max().unwrap_or(0);
+    let psnr = |policy: &str| {
+        let own = rows.iter().filter(|r| r.policy == policy && (policy == "-" || r.devices == most));
+        let values: Vec<f64> = own.map(|r| r.errors.psnr).collect();
+        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    };
+    let against = |value: f64, unseamed: f64| format!("{value:.2} ({:+.2})", value - unseamed);
+    let ours = |policy: &str| psnr(policy).zip(psnr("-")).map_or("-".to_owned(), |(p, one)| against(p, one));
+    let [.., (_, _, unseamed)] = LERIA;
+    let cited = LERIA.map(|(name, policy, values)| {
+        let theirs = values.iter().zip(unseamed).map(|(v, one)| against(*v, one));
+        [name.to_owned(), ours(policy)].into_iter().chain(theirs).collect()
+    });
+    let halo = vec!["halo".to_owned(), ours("halo"), "-".to_owned(), "-".to_owned(), "-".to_owned()];
+    let headers = vec!["picture", "this shot", "San Miguel (cited)", "Sponza (cited)", "Bistro Ext. (cited)"];
+    Table { headers, rows: cited.into_iter().chain([halo]).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(devices: usize, policy: &str, eye: Eye, psnr: f64) -> SeamRow {
+        let errors = SeamErrors {
+            psnr,
+            flip: 0.1,
+            seam: None,
+            seam_over_one: Some(1.0),
+            psnr_one: f64::INFINITY,
+            flip_one: 0.0,
+            seam_rmse_one: Some(0.0),
+        };
+        let policy = policy.to_owned();
+        SeamRow { devices, policy, eye, exposure_ev: 0.0, errors, same_bytes: true, time_ms: [1.0, 2.0, 4.0] }
+    }
+
+    #[test]
+    fn quartiles_lie_between_ranks() {
+        assert_eq!(quartiles(vec![4.0, 1.0, 3.0, 2.0, 5.0]), [2.0, 3.0, 4.0]);
+        assert_eq!(quartiles(vec![1.0, 2.0]), [1.25, 1.5, 1.75]);
+        assert_eq!(quartiles(vec![7.0]), [7.0; 3]);
+        assert_eq!(quartiles(Vec::new()), [0.0; 3]);
+    }
+
+    #[test]
+    fn interval_of_median_is_that_of_the_sign_test() {
+        let values = |count: u32| (1..=count).rev().map(f64::from).collect::<Vec<_>>();
+        assert_eq!(interval_of_median(&values(5)), None);
+        // Conover 1999, table A3: the ranks for 95 % are 1 of 6, 2 of 10, 6 of 20 and 40 of 100.
+        for (count, [low, high]) in [(6, [1.0, 6.0]), (10, [2.0, 9.0]), (20, [6.0, 15.0]), (100, [40.0, 61.0])] {
+            assert_eq!(interval_of_median(&values(count)), Some([low, high]), "{count}");
+        }
+    }
+
+    #[test]
+    fn the_papers_numbers_stand_beside_those_of_the_most_devices() {
+        let rows = [
+            row(1, "-", Eye::Left, 30.0),
+            row(1, "-", Eye::Right, 31.0),
+            row(2, "none", Eye::Left, 10.0),
+            row(4, "none", Eye::Left, 29.0),
+            row(4, "none", Eye::Right, 30.0),
+        ];
+        let found = leria_table(&rows).rows;
+        assert_eq!(found[0], ["no filter", "29.50 (-1.00)", "20.30 (-0.53)", "21.73 (-0.24)", "20.89 (-0.20)"]);
+        assert_eq!(found[1][1..3], ["-", "19.90 (-0.93)"]);
+        assert_eq!(found[2][1..3], ["30.50 (+0.00)", "20.83 (+0.00)"]);
+        assert_eq!(found[3], ["halo", "-", "-", "-", "-"]);
+    }
+
+    #[test]
+    fn equal_pictures_are_infinitely_near() {
+        let rows = [row(2, "halo", Eye::Left, 30.0), row(1, "-", Eye::Left, 30.0)];
+        let table = seam_csv(&rows);
+        let found = ["psnr_to_one", "same_bytes", "seam_ratio", "time_ms_iqr"].map(|name| table.value(0, name));
+        assert_eq!(found, ["inf", "true", "", "3.0000"]);
+        assert_eq!((table.value(0, "seam_policy"), table.value(1, "seam_policy")), ("halo", "one_device"));
+        let shown = seam_table(&rows).rows;
+        assert_eq!((shown[0][8].as_str(), shown[0][11].as_str(), shown[1][1].as_str()), ("inf", "yes", "-"));
+    }
+}

@@ -1,0 +1,153 @@
+//! Tables and their layout on terminals.
+
+use serde::Serialize;
+use serde_json::Value;
+
+use diptych::device::DeviceInfo;
+
+/// Contents of a table, independent of layout.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Table {
+    pub headers: Vec<&'static str>,
+    pub rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    /// Lays the table out by [`text_table`].
+    pub fn text(&self) -> String {
+        text_table(&self.headers, &self.rows)
+    }
+
+    /// Lists the names and values of a struct's fields. Anything other than a struct or a map gives an empty table.
+    pub fn of_fields(of: &impl Serialize) -> Table {
+        let fields = serde_json::to_value(of).ok().and_then(|value| value.as_object().cloned()).unwrap_or_default();
+        let row = |(name, value): (String, Value)| match value {
+            Value::String(text) => vec![name, text],
+            Value::Null => vec![name, "-".to_owned()],
+            value => vec![name, value.to_string()],
+        };
+        Table { headers: vec!["setting", "value"], rows: fields.into_iter().map(row).collect() }
+    }
+
+    /// Lists the devices of each run. Consecutive devices on the same adapter with equally many threads share a line.
+    pub fn of_devices<'a>(runs: impl IntoIterator<Item = &'a [DeviceInfo]>) -> Table {
+        let mut rows = Vec::new();
+        for run in runs {
+            let kinds = run.chunk_by(|a, b| (a.adapter, a.threads) == (b.adapter, b.threads));
+            rows.extend(kinds.filter_map(|alike| {
+                let DeviceInfo { name, driver, kind, threads, traversal, .. } = alike.first()?;
+                let threads = threads.map_or("-".to_owned(), |threads| threads.to_string());
+                let (all, these) = (run.len().to_string(), alike.len().to_string());
+                Some(vec![all, these, name.clone(), driver.clone(), kind.clone(), threads, traversal.name().to_owned()])
+            }));
+        }
+        Table { headers: vec!["devices", "of these", "adapter", "driver", "kind", "threads each", "traversal"], rows }
+    }
+
+    /// Returns an object per row, whose keys are the headers in snake case. Whole numbers become JSON numbers.
+    pub fn objects(&self) -> Value {
+        let value = |cell: &String| cell.parse::<u64>().map_or_else(|_| cell.as_str().into(), Value::from);
+        let keys = || self.headers.iter().map(|header| header.replace(' ', "_"));
+        self.rows.iter().map(|row| Value::Object(keys().zip(row.iter().map(value)).collect())).collect()
+    }
+
+    /// Returns true if a column holds only numbers.
+    pub fn is_numeric(&self, column: usize) -> bool {
+        self.rows.iter().all(|row| row.get(column).is_none_or(|cell| is_number(cell)))
+    }
+}
+
+/// Lays out `rows` under `headers`, with columns two spaces apart and columns of numbers aligned to the right. A
+/// missing cell is empty, and cells beyond the headers are dropped. Every line ends in a newline and has no trailing
+/// space.
+///
+/// ```
+/// let rows = [vec!["1".to_owned(), "40.2".to_owned()], vec!["2".to_owned(), "21.0".to_owned()]];
+/// let table = diptych_cli::report::text_table(&["devices", "ms"], &rows);
+/// assert_eq!(table, "devices    ms\n-------  ----\n      1  40.2\n      2  21.0\n");
+/// ```
+pub fn text_table(headers: &[&str], rows: &[Vec<String>]) -> String {
+    let cell = |row: &[String], column: usize| row.get(column).map_or(String::new(), |c| c.replace('\n', " "));
+    let columns: Vec<Column> = headers
+        .iter()
+        .enumerate()
+        .map(|(i, header)| Column::fit(header, rows.iter().map(|row| cell(row, i))))
+        .collect();
+    let mut table = String::new();
+    let mut push = |cells: Vec<String>| {
+        let padded: Vec<String> = columns.iter().zip(&cells).map(|(c, text)| c.pad(text)).collect();
+        table.push_str(padded.join("  ").trim_end());
+        table.push('\n');
+    };
+    push(headers.iter().map(|h| (*h).to_owned()).collect());
+    push(columns.iter().map(|c| "-".repeat(c.width)).collect());
+    for row in rows {
+        push((0..columns.len()).map(|i| cell(row, i)).collect());
+    }
+    table
+}
+
+struct Column {
+    /// Width in characters.
+    width: usize,
+    numeric: bool,
+}
+
+impl Column {
+    fn fit(header: &str, cells: impl Iterator<Item = String>) -> Self {
+        let mut column = Self { width: header.chars().count(), numeric: true };
+        for cell in cells {
+            column.width = column.width.max(cell.chars().count());
+            column.numeric &= is_number(&cell);
+        }
+        column
+    }
+
+    fn pad(&self, text: &str) -> String {
+        let width = self.width;
+        if self.numeric { format!("{text:>width$}") } else { format!("{text:<width$}") }
+    }
+}
+
+/// Returns true for a number, with or without a short unit (`12.5 %`, `1.9x`) or an uncertainty (`1.9 ± 0.1`), for the
+/// placeholder `-`, and for an empty cell.
+fn is_number(cell: &str) -> bool {
+    let cell = cell.trim();
+    let number = cell.trim_end_matches(['%', 'x', ' ']);
+    matches!(cell, "" | "-") || number.split(" ± ").all(|part| part.parse::<f64>().is_ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(cells: &[&[&str]]) -> Vec<Vec<String>> {
+        cells.iter().map(|row| row.iter().map(|c| (*c).to_owned()).collect()).collect()
+    }
+
+    #[test]
+    fn numbers_align_right_and_words_left() {
+        let table = text_table(
+            &["stage", "ms", "share"],
+            &rows(&[&["trace", "12.50", "80 ± 2 %"], &["denoise à-trous", "3.1", "-"], &["idle"]]),
+        );
+        let expected = "\
+stage               ms     share
+---------------  -----  --------
+trace            12.50  80 ± 2 %
+denoise à-trous    3.1         -
+idle
+";
+        assert_eq!(table, expected);
+    }
+
+    #[test]
+    fn a_table_without_rows_is_its_header() {
+        assert_eq!(text_table(&["a", "bc"], &[]), "a  bc\n-  --\n");
+    }
+
+    #[test]
+    fn a_line_break_in_a_cell_does_not_break_the_row() {
+        assert_eq!(text_table(&["a"], &rows(&[&["x\ny", "dropped"]])), "a\n---\nx y\n");
+    }
+}

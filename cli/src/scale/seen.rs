@@ -1,0 +1,53 @@
+//! The page of `diptych scale`: the last picture, and a frame of each count.
+
+use crate::failure::Failure;
+use crate::output::same_bits;
+use crate::page;
+use crate::report::html::Section;
+use crate::report::lanes::LaneFrame;
+use crate::report::pictures::Group;
+use crate::report::scale::ScaleRow;
+use diptych::exec::{FrameReport, Stereo};
+use diptych::image::RgbImage;
+use diptych::loaded::LoadedScene;
+
+/// Pictures and frames for the page.
+#[derive(Default)]
+pub struct Seen {
+    /// The last frame on one device.
+    picture: Option<Stereo<RgbImage>>,
+    /// For each further measurement, true if its last frame has the same bytes as `picture`.
+    same_bytes: Vec<bool>,
+    /// A frame of median makespan for each row.
+    frames: Vec<FrameReport>,
+}
+
+impl Seen {
+    pub fn add(&mut self, picture: Stereo<RgbImage>, frame: Option<FrameReport>) {
+        self.frames.extend(frame);
+        match &self.picture {
+            None => self.picture = Some(picture),
+            Some(first) => self.same_bytes.push(same_bits(first, &picture)),
+        }
+    }
+
+    pub fn pictures(&self, loaded: &LoadedScene) -> Result<Option<Section>, Failure> {
+        let Some(picture) = &self.picture else { return Ok(None) };
+        let bytes = match &self.same_bytes[..] {
+            [] => "Only one count was measured.",
+            same if same.iter().all(|same| *same) => "All counts gave the same bytes.",
+            _ => "Not all counts gave the same bytes.",
+        };
+        let note = format!("The last frame of one device. {bytes}");
+        let frame = Group::of_frame("last frame".into(), picture, loaded.shot.exposure_ev);
+        page::pictures(note, &[frame]).map(Some)
+    }
+
+    pub fn swimlanes(&self, rows: &[ScaleRow]) -> Result<Section, Failure> {
+        let name = |row: &ScaleRow| format!("{} device(s), {}", row.devices, row.policy);
+        let frames = rows.iter().zip(&self.frames);
+        let frames: Vec<LaneFrame> = frames.map(|(row, frame)| LaneFrame::new(name(row), frame)).collect();
+        let note = "A frame of median makespan for each count and policy.";
+        page::swimlanes(note.to_owned(), &frames, frames.len().saturating_sub(1))
+    }
+}

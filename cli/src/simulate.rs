@@ -1,0 +1,151 @@
+//! `diptych scale --simulate`: predicts other device counts and speeds on a virtual clock, from measured costs.
+
+use std::str::FromStr;
+
+use crate::report::simulation::SimulationRow;
+use diptych::frame::settings::Settings;
+use diptych::graph::FrameGraph;
+use diptych::passes::FrameSpec;
+use diptych::schedule::{CostModel, Network, Prediction, simulate};
+
+use super::failure::Failure;
+use super::options::RenderOptions;
+use super::registry::registered;
+use super::setup;
+
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = super::options::DEVICES)]
+pub struct Args {
+    /// Predict these device counts from measured costs; 2x4 is two nodes of four
+    #[arg(long, value_delimiter = ',', value_name = "N,MxN,…")]
+    simulate: Vec<Nodes>,
+}
+
+/// A number of nodes with the same number of devices each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Nodes {
+    nodes: usize,
+    each: usize,
+}
+
+/// Maximum number of devices in a run.
+const MOST_DEVICES: usize = 64;
+
+impl FromStr for Nodes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (nodes, each) = text.split_once('x').unwrap_or(("1", text));
+        let number = |text: &str| text.parse().ok().filter(|n| (1..=MOST_DEVICES).contains(n));
+        let found = number(nodes).zip(number(each)).map(|(nodes, each)| Self { nodes, each });
+        let found = found.filter(|found| found.nodes * found.each <= MOST_DEVICES);
+        found.ok_or_else(|| format!("give 1 to {MOST_DEVICES} devices, e.g. 4, or nodes x devices per node, e.g. 2x4"))
+    }
+}
+
+/// Latency of an unmeasured network: that of InfiniBand of 2015 and later.
+const LATENCY_MS: f64 = 2e-3;
+/// Bandwidth of such a network, Gbit/s.
+const GBPS: f64 = 100.0;
+
+/// Converts a bandwidth to milliseconds per byte.
+fn ms_per_byte(gbps: f64) -> f64 {
+    8e-6 / gbps
+}
+
+impl Args {
+    pub fn is_wanted(&self) -> bool {
+        !self.simulate.is_empty()
+    }
+
+    /// Checks constraints that clap cannot express.
+    pub fn check(&self, options: &RenderOptions) -> Result<(), Failure> {
+        if self.is_wanted() && options.settings.frames_in_flight > 1 {
+            let what = "--simulate runs one frame at a time: leave frames_in_flight out";
+            return Err(Failure::Input(anyhow::anyhow!(what)));
+        }
+        let simulation =
+            ["speeds", "network_us", "network_gbps"].into_iter().find(|key| options.settings.is_given(key));
+        match simulation.filter(|_| !self.is_wanted()) {
+            Some(key) => Err(Failure::Input(anyhow::anyhow!("{key} has no effect without --simulate"))),
+            None => Ok(()),
+        }
+    }
+
+    /// Predicts frames of `spec` on all requested counts. `model` has learned from such frames, and `measured` lists
+    /// device counts with their makespans in milliseconds; speedups are
+    /// relative to the first.
+    pub fn run(
+        &self,
+        options: &RenderOptions,
+        (spec, model): &(FrameSpec, CostModel),
+        measured: &[(usize, f64)],
+    ) -> Result<Vec<SimulationRow>, Failure> {
+        let Some(&(_, base_ms)) = measured.first() else { return Ok(Vec::new()) };
+        let mut rows = Vec::new();
+        for &Nodes { nodes, each } in &self.simulate {
+            let devices = nodes * each;
+            let speeds: Vec<f64> = options.settings.speeds.iter().copied().cycle().take(devices).collect();
+            let program = registered().passes.program(&FrameSpec { devices, ..spec.clone() });
+            let mut simulated = model.on_devices(&program, &speeds);
+            if nodes > 1 {
+                simulated.network = network(&options.settings, &model.network, nodes, each);
+            }
+            let (_, prediction) = predict(options, &simulated)?;
+            let is_alike = speeds.iter().all(|&s| s == 1.0);
+            // The measured run has one node per rank.
+            let is_here = is_alike && nodes == crate::node::others().map_or(1, |node| node.ranks());
+            let here = measured.iter().find(|(d, _)| is_here && *d == devices);
+            rows.push(SimulationRow {
+                policy: options.balance().name(),
+                nodes,
+                ..SimulationRow::new(&prediction, &speeds, base_ms, here.map(|(_, ms)| *ms))
+            });
+        }
+        Ok(rows)
+    }
+}
+
+/// Returns the network between nodes: as requested, else as measured, else with default values.
+fn network(settings: &Settings, measured: &Network, nodes: usize, each: usize) -> Network {
+    let known = |value: f64, otherwise: f64| if value > 0.0 { value } else { otherwise };
+    Network {
+        ranks: (0..nodes * each).map(|device| device / each).collect(),
+        latency_ms: settings.network_us.map_or(known(measured.latency_ms, LATENCY_MS), |us| us * 1e-3),
+        ms_per_byte: settings.network_gbps.map_or(known(measured.ms_per_byte, ms_per_byte(GBPS)), ms_per_byte),
+    }
+}
+
+/// Maximum number of frames until stripes settle. It is enough for a boundary between two stripes to cross the whole
+/// frame.
+const SETTLING_FRAMES: u32 = 32;
+
+/// Predicts the times of a frame after the stripes have settled. Returns the frame's graph, too.
+pub fn predict(options: &RenderOptions, model: &CostModel) -> Result<(FrameGraph, Prediction), Failure> {
+    let mut policy = setup::policy(options, model.program().extent, model.devices())?;
+    let mut assignment = policy.assign(model);
+    for _ in 0..SETTLING_FRAMES {
+        let next = policy.assign(model);
+        if next == assignment {
+            break;
+        }
+        assignment = next;
+    }
+    let graph = FrameGraph::build(model.program(), &assignment, None);
+    let prediction = simulate(&graph, model).map_err(|e| Failure::Run(e.into()))?;
+    Ok((graph, prediction))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nodes_are_read_as_they_are_written() {
+        assert_eq!("4".parse(), Ok(Nodes { nodes: 1, each: 4 }));
+        assert_eq!("2x8".parse(), Ok(Nodes { nodes: 2, each: 8 }));
+        for wrong in ["", "0", "x4", "2x", "2x0", "65", "9x8", "2x4x1", "-1", "9999999999999999999x2"] {
+            assert!(wrong.parse::<Nodes>().is_err(), "{wrong}");
+        }
+    }
+}

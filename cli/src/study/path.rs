@@ -1,0 +1,145 @@
+//! Times sequences of frames along the camera's path, and predicts frames on other numbers of devices. There is no
+//! reference.
+
+use anyhow::{Context, anyhow, ensure};
+
+use super::columns::{Found, Measures};
+use super::results::Results;
+use super::rows::Labels;
+use super::runner::Measuring;
+use super::times::FrameTimes;
+use super::turns::{FPS, Turns};
+use super::{Camera, Study, StudyArgs};
+use crate::failure::Failure;
+use crate::options::RenderOptions;
+use crate::output::same_bits;
+use crate::page;
+use crate::registry::registered;
+use crate::report::frames::FrameLine;
+use crate::report::html::Section;
+use crate::report::lanes::{LaneFrame, median_frame};
+use crate::report::{Axis, Chart, Series, line_chart_svg, median_of, once};
+use crate::setup;
+use crate::simulate::predict;
+use diptych::exec::FrameReport;
+use diptych::passes::FrameSpec;
+
+/// Number of sequences of each arrangement.
+pub const ROUNDS: u32 = 3;
+
+/// Checks that the devices and the options of the command line suit the study.
+pub fn check(args: &StudyArgs, study: &Study, devices: usize) -> Result<(), anyhow::Error> {
+    if study.cameras != [Camera::Following] {
+        return Ok(());
+    }
+    if let Some(count) = args.options.ratios.first().map(|rule| rule.ratios.len()) {
+        let is_other = args.simulate.iter().any(|simulated| usize::from(*simulated) != count);
+        ensure!(!is_other, "--simulate: --ratios is for {count} devices: give --simulate {count}");
+    }
+    ensure!(devices > 1, "study {} distributes rows over at least two devices: try --virtual 2", study.name);
+    Ok(())
+}
+
+/// Renders the sequence with one arrangement after the other, several times, and keeps the results. `prepared` has the
+/// arrangements' options, and `others` their measures that do not depend on frames.
+pub fn measure(
+    measuring: &Measuring,
+    turns: &mut Turns,
+    prepared: &[RenderOptions],
+    others: Vec<Measures>,
+    labels: &Labels,
+    results: &mut Results,
+) -> Result<(), Failure> {
+    let Measuring { study, args, subject, loaded, .. } = measuring;
+    let (from_s, frames) = (subject.options.settings.time, args.frames_of(study));
+    let beyond = setup::beyond_path(&loaded.shot.rig, from_s, from_s + f64::from(frames - 1) / FPS);
+    beyond.into_iter().for_each(|warning| log!("warning: {warning}"));
+    let mut found: Vec<Found> = others.into_iter().map(|others| Found { others, ..Found::default() }).collect();
+    let mut reports: Vec<Vec<FrameReport>> = found.iter().map(|_| Vec::new()).collect();
+    let mut totals_s: Vec<Vec<f64>> = found.iter().map(|_| Vec::new()).collect();
+    let count = turns.renderers.len();
+    for round in 0..ROUNDS {
+        for which in (0..count).map(|i| (round as usize + i) % count) {
+            let (sequence, total_s) = turns.sequence(which, from_s, round, [args.warm_up, frames])?;
+            totals_s[which].push(total_s);
+            for (number, report) in (round * frames..).zip(&sequence) {
+                let time_s = from_s + f64::from(number % frames) / FPS;
+                let row = turns.keep(which, time_s, report, number);
+                found[which].times.push(FrameTimes::measured(report));
+                found[which].lines.push(FrameLine::from(&row));
+            }
+            reports[which].extend(sequence);
+        }
+    }
+    for (found, own) in found.iter_mut().zip(&totals_s) {
+        let ratios: Vec<f64> = totals_s[0].iter().zip(own).map(|(first, own)| first / own).collect();
+        let ends = [f64::min, f64::max].map(|end| ratios.iter().copied().reduce(end));
+        found.others.extend([
+            ("frames", f64::from(frames)),
+            ("total_s", median_of(own.clone())),
+            ("speedup", median_of(ratios)),
+            ("speedup_least", ends[0].unwrap_or(f64::NAN)),
+            ("speedup_most", ends[1].unwrap_or(f64::NAN)),
+        ]);
+    }
+    results.keep(labels, &found);
+    if args.report {
+        results.sections.extend(sections(measuring, &found, &reports)?);
+    }
+    let pictures = turns.renderers.iter_mut().map(|renderer| renderer.read_linear()).collect::<Result<Vec<_>, _>>()?;
+    let is_same = pictures.windows(2).all(|two| same_bits(&two[0], &two[1]));
+    let same = if is_same { "the same bytes" } else { "other bytes" };
+    results.note(&format!("{}, {}", labels.scene, labels.conditions), &format!("the last frames have {same}."));
+    simulate(measuring, turns, prepared, &reports, labels, results)
+}
+
+/// Predicts a frame of each arrangement on other numbers of devices, with the costs of the last arrangement.
+fn simulate(
+    measuring: &Measuring,
+    turns: &Turns,
+    prepared: &[RenderOptions],
+    reports: &[Vec<FrameReport>],
+    labels: &Labels,
+    results: &mut Results,
+) -> Result<(), Failure> {
+    let Measuring { study, args, .. } = measuring;
+    let model = turns.renderers.last().context("there is no arrangement")?.costs().clone();
+    let spec = reports.last().and_then(|reports| reports.last()).context("there is no frame")?.spec.clone();
+    for devices in once(args.simulate.iter().copied().map(usize::from)) {
+        let program = registered().passes.program(&FrameSpec { devices, ..spec.clone() });
+        let model = model.on_devices(&program, &vec![1.0; devices]);
+        let mut found = Vec::new();
+        for (arrangement, own) in study.arrangements.iter().zip(prepared) {
+            let (graph, prediction) = predict(&arrangement.distributed(own.clone(), devices), &model)?;
+            let times = vec![FrameTimes::simulated(&graph, &model, &prediction)];
+            found.push(Found { times, ..Found::default() });
+        }
+        let first = found[0].times[0].makespan_ms;
+        for found in &mut found {
+            found.others.insert("speedup", first / found.times[0].makespan_ms);
+        }
+        results.keep(&Labels { source: "simulated", devices: devices.to_string(), ..labels.clone() }, &found);
+    }
+    Ok(())
+}
+
+/// Returns sections of the page: the makespans along the path, and the swimlanes of a frame of each arrangement.
+fn sections(measuring: &Measuring, found: &[Found], reports: &[Vec<FrameReport>]) -> Result<Vec<Section>, Failure> {
+    let Measuring { study, subject, conditions, .. } = measuring;
+    let names = study.arrangements.iter().map(|one| one.name);
+    let line = |(name, found): (&str, &Found)| {
+        let points = (0u32..).zip(&found.times).map(|(i, frame)| (f64::from(i), frame.makespan_ms)).collect();
+        Series { name: name.to_owned(), points, ..Series::default() }
+    };
+    let axis = |label: &str| Axis { label: label.to_owned(), log: false };
+    let title = format!("{}, {}", subject.name(), conditions.name);
+    let chart = Chart { title: title.clone(), x: axis("frame"), y: axis("makespan, ms") };
+    let series: Vec<Series> = names.clone().zip(found).map(line).collect();
+    let figure = Some(line_chart_svg(&chart, &series).map_err(|error| anyhow!("cannot draw the frames: {error}"))?);
+    let median = |frames: &Vec<FrameReport>| median_frame(&frames.iter().map(|f| f.makespan_ms).collect::<Vec<_>>());
+    let lanes = names.zip(reports).map(|(name, frames)| LaneFrame::new(name.to_owned(), &frames[median(frames)]));
+    let note = format!("A frame of median makespan of each arrangement: {title}.");
+    let lanes: Vec<LaneFrame> = lanes.collect();
+    let lanes = page::swimlanes(note, &lanes, lanes.len() - 1)?;
+    Ok(vec![Section { heading: "Frames along the path", figure, ..Section::default() }, lanes])
+}

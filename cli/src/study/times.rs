@@ -1,0 +1,96 @@
+//! Times of frames by device and stage.
+
+use std::collections::BTreeMap;
+
+use crate::report::median_of;
+use diptych::exec::{FrameReport, TimedTask};
+use diptych::graph::{FrameGraph, TaskKind};
+use diptych::schedule::{CostModel, Prediction, task_ms};
+use diptych::trace::summary::median;
+
+/// Names under which transfers from and to a device count as its stages.
+pub const TRANSFERS: [&str; 2] = ["download", "upload"];
+
+/// Times of a frame, ms.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameTimes {
+    pub makespan_ms: f64,
+    /// Time of each stage on each device, for both eyes; `download` and `upload` are its transfers.
+    pub devices: Vec<BTreeMap<String, f64>>,
+}
+
+impl FrameTimes {
+    pub fn measured(frame: &FrameReport) -> Self {
+        let times = frame.tasks.iter().map(|task| {
+            let stage = match task.kind {
+                TimedTask::Gpu(stage) => stage.name(),
+                TimedTask::Download => TRANSFERS[0],
+                TimedTask::Upload => TRANSFERS[1],
+            };
+            (task.device, stage, task.end_ms - task.begin_ms)
+        });
+        Self::new(frame.makespan_ms, frame.assignment.devices(), times)
+    }
+
+    /// Returns the times of a simulated frame: the makespan of the `prediction`, and the times that the `model`
+    /// predicts for the tasks of the `graph`.
+    pub fn simulated(graph: &FrameGraph, model: &CostModel, prediction: &Prediction) -> Self {
+        let times = (0..graph.devices()).flat_map(|device| graph.tasks_of(device)).filter_map(|task| {
+            let stage = match task.kind {
+                TaskKind::Dispatch { pass, .. } => graph.program.passes()[pass].pass.stage.name(),
+                TaskKind::Download { .. } => TRANSFERS[0],
+                TaskKind::Upload { .. } => TRANSFERS[1],
+                TaskKind::Stitch => return None,
+            };
+            Some((task.device, stage, task_ms(graph, model, model.relative_cost(), task)))
+        });
+        Self::new(prediction.makespan_ms, graph.devices(), times)
+    }
+
+    /// Sums up the `times` of tasks, each with its device and stage.
+    pub fn new<'a>(makespan_ms: f64, count: usize, times: impl Iterator<Item = (usize, &'a str, f64)>) -> Self {
+        let mut devices = vec![BTreeMap::new(); count];
+        for (device, stage, time_ms) in times {
+            *devices[device].entry(stage.to_owned()).or_default() += time_ms;
+        }
+        Self { makespan_ms, devices }
+    }
+
+    /// Returns the time of `stages`, averaged over the devices that ran any of them.
+    pub fn mean_ms(&self, stages: &[&str]) -> Option<f64> {
+        let sum = |ms: &BTreeMap<String, f64>| stages.iter().filter_map(|stage| ms.get(*stage)).sum::<f64>();
+        mean(self.devices.iter().map(sum).filter(|ms| *ms > 0.0))
+    }
+
+    /// Returns the busy fraction, that is, time in stages without transfers over the makespan: of the primary, and the
+    /// mean of the other devices.
+    pub fn busy(&self) -> [Option<f64>; 2] {
+        let is_own = |stage: &str| !TRANSFERS.contains(&stage);
+        let own_ms = |(stage, ms): (&String, &f64)| if is_own(stage) { *ms } else { 0.0 };
+        let share = |ms: &BTreeMap<String, f64>| ms.iter().map(own_ms).sum::<f64>() / self.makespan_ms;
+        [self.devices.first().map(share), mean(self.devices.iter().skip(1).map(share))]
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0u32), |(sum, count), value| (sum + value, count + 1));
+    (count > 0).then(|| sum / f64::from(count))
+}
+
+/// Returns the time of each stage and of [`TRANSFERS`], summed over devices: the median over the frames that ran it.
+pub fn stage_ms(frames: &[FrameTimes]) -> BTreeMap<String, f64> {
+    let mut all: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for frame in frames {
+        let mut sums: BTreeMap<_, f64> = BTreeMap::new();
+        for (stage, ms) in frame.devices.iter().flatten() {
+            *sums.entry(stage).or_default() += ms;
+        }
+        sums.into_iter().for_each(|(stage, ms)| all.entry(stage.clone()).or_default().push(ms));
+    }
+    all.into_iter().map(|(stage, ms)| (stage, median_of(ms))).collect()
+}
+
+/// Returns the median over frames of a value that some frames have.
+pub fn median_over(frames: &[FrameTimes], value: impl Fn(&FrameTimes) -> Option<f64>) -> Option<f64> {
+    median(frames.iter().filter_map(value).collect())
+}

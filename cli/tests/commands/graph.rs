@@ -1,0 +1,100 @@
+//! `diptych graph`: the passes of a frame, without a device.
+
+use crate::common::diptych;
+
+#[track_caller]
+fn graph(args: &[&str]) -> String {
+    let output = diptych(&[&["graph", "builtin:cornell", "--size", "64x36"], args].concat());
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Returns the lines of the passes table that begin with a number and this name.
+fn lines<'a>(text: &'a str, pass: &str) -> Vec<Vec<&'a str>> {
+    let cells = |line: &'a str| line.split_whitespace().collect::<Vec<_>>();
+    text.lines().map(cells).filter(|c| c.len() > 2 && c[0].parse::<u32>().is_ok() && c[1] == pass).collect()
+}
+
+#[test]
+fn it_prints_passes_transfers_and_what_is_left_out() {
+    let text = graph(&["--virtual", "2", "--set", "halo=exchange"]);
+    assert_eq!(lines(&text, "svgf").len(), 2 * 5);
+    assert_eq!(lines(&text, "path_trace")[0][2..4], ["left", "64x36"]);
+    let left_out = |text: &str, stage: &str, why: &str| {
+        text.lines().any(|line| line.starts_with(stage) && line.trim_end().ends_with(why))
+    };
+    assert!(left_out(&text, "select", "no pixel is left to the denoiser"), "{text}");
+    assert!(left_out(&text, "path_trace", "the view is reprojected"), "{text}");
+    assert!(text.contains("last_guide") && text.contains("2 device(s)"), "{text}");
+
+    let alone = graph(&["--denoiser", "none", "--reproject", "off"]);
+    assert!(lines(&alone, "svgf").is_empty() && lines(&alone, "path_trace").len() == 2);
+    assert!(left_out(&alone, "reproject", "the view is path traced"), "{alone}");
+    assert!(alone.contains("0.00 MiB cross between devices"), "{alone}");
+}
+
+#[test]
+fn it_prints_the_same_as_json() {
+    let options = ["--virtual", "2", "--set", "halo=exchange"];
+    let (text, json) = (graph(&options), graph(&[&options[..], &["--json"]].concat()));
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let passes = json["passes"].as_array().unwrap();
+    assert_eq!(passes.iter().filter(|pass| pass["pass"].as_str().unwrap().starts_with("svgf")).count(), 2 * 5);
+    assert_eq!((&json["devices"], &passes[0]["eye"], &passes[0]["#"]), (&2.into(), &"left".into(), &0.into()));
+    assert!(
+        text.contains(&format!("{} tasks on 2 device(s), {} of them", json["tasks"], json["pass_tasks"])),
+        "{text}"
+    );
+    assert!(json["transfers"][0]["bytes"].is_number() && json["left_out"][0]["why"].is_string(), "{json}");
+}
+
+#[test]
+fn each_seam_policy_has_its_own_passes_and_transfers() {
+    let of = |seam: &str| graph(&["--virtual", "2", "--denoiser", "atrous", "--seam", seam]);
+    let [none, filter, halo] = ["none", "filter", "halo"].map(of);
+    assert_eq!([&none, &filter, &halo].map(|text| lines(text, "seam_filter").len()), [0, 2, 0], "{filter}");
+    assert_eq!([&none, &filter, &halo].map(|text| lines(text, "atrous").len()), [10; 3], "{halo}");
+    let crossing = |text: &str| -> f64 {
+        let line = text.lines().find(|line| line.contains("MiB cross between devices")).unwrap();
+        let words: Vec<&str> = line.split_whitespace().collect();
+        words[words.iter().position(|word| *word == "MiB").unwrap() - 1].parse().unwrap()
+    };
+    assert!(crossing(&none) < crossing(&filter) && crossing(&filter) < crossing(&halo), "{none}{filter}{halo}");
+}
+
+#[test]
+fn it_writes_a_graph_for_graphviz() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("frame.dot");
+    graph(&["--virtual", "3", "--dot", file.to_str().unwrap()]);
+    let dot = std::fs::read_to_string(&file).unwrap();
+    assert!(dot.starts_with("digraph {") && dot.contains("whole images") && dot.contains("device 2"), "{dot}");
+    let nowhere = folder.path().join("no/frame.dot");
+    let output = diptych(&["graph", "builtin:cornell", "--dot", nowhere.to_str().unwrap()]);
+    assert_ne!(output.status.code(), Some(0));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("frame.dot"));
+}
+
+#[test]
+fn passes_and_what_is_left_out_are_shown_and_tasks_are_written_for_graphviz() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("frame.dot");
+    let options = ["--denoiser", "atrous", "--set", "iterations=2", "--virtual", "2", "--size", "320x180"];
+    let output = diptych(&[&["graph", "builtin:cornell"], &options[..], &["--dot", file.to_str().unwrap()]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.lines().next().is_some_and(|line| line.contains("stripes of")), "{text}");
+    assert!(text.contains("path_trace      right  the view is reprojected"), "{text}");
+    let dot = std::fs::read_to_string(file).unwrap();
+    assert!(dot.starts_with("digraph {") && dot.contains("rows 90..180"), "{dot}");
+    // The documentation quotes a part of this output.
+    let page = include_str!("../../../docs/guide/traces.md");
+    let (_, section) = page.split_once("## Print the frame graph").unwrap();
+    let shown = section.split("```").nth(3).unwrap().lines().skip(1).filter(|line| *line != "...");
+    for line in shown {
+        assert!(
+            text.lines().any(|l| l.trim_end() == line.trim_end()),
+            "docs/guide/traces.md shows '{line}', not in {text}"
+        );
+    }
+}

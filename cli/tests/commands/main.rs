@@ -1,0 +1,40 @@
+//! Runs the program as a user does: its commands, files, messages and exit statuses.
+
+mod animation;
+mod bad_input;
+mod bench;
+#[path = "../common/mod.rs"]
+mod common;
+mod experiments;
+mod export;
+mod faults;
+mod files;
+mod graph;
+mod head_motion;
+mod help;
+mod host_trace;
+mod image_files;
+mod interface;
+mod look;
+mod memory;
+mod measure;
+mod metrics;
+mod pictures;
+mod play;
+mod play_fit;
+mod reference_mode;
+mod report;
+mod rivalry;
+mod runs;
+mod scale;
+mod scene_files;
+mod schema;
+mod sessions;
+mod sheet;
+mod shots;
+mod signals;
+mod streams;
+mod studies;
+mod tools;
+mod trace_files;
+mod viewer;

@@ -1,0 +1,80 @@
+//! Helpers of the tests of commands.
+
+#![allow(dead_code, unused_imports)] // Each test binary uses a part.
+
+#[path = "../../../tests/common/mod.rs"]
+pub mod stage;
+
+use std::ffi::OsStr;
+use std::io::{self, Write};
+use std::process::{Command, ExitStatus, Output};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
+
+use diptych::device::{self, DevicePool};
+use diptych_cli::{Console, run_from};
+pub use stage::{is_thorough, sampled};
+
+/// A stream of a command.
+#[derive(Clone, Default)]
+pub struct Stream(Arc<Mutex<Vec<u8>>>);
+
+impl Stream {
+    /// Returns what has been written since the last call.
+    pub fn take(&self) -> Vec<u8> {
+        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Write for Stream {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Runs a command in this process, on devices that keep their pipelines for the next command. [`program`] is for
+/// commands that need a process: for its signals, streams, environment or folder. With `--trace` it runs here as well, since
+/// a process records its spans once.
+pub fn diptych(args: &[&str]) -> Output {
+    if args.contains(&"--trace") {
+        return program(args).output().unwrap_or_else(|e| panic!("cannot start diptych: {e}"));
+    }
+    let [out, error] = [Stream::default(), Stream::default()];
+    let status = run_with(args, out.clone(), error.clone());
+    Output { status: exit_status(status), stdout: out.take(), stderr: error.take() }
+}
+
+/// Runs a command in this process with these streams; returns its exit status.
+pub fn run_with(
+    args: &[impl AsRef<OsStr>],
+    out: impl Write + Send + 'static,
+    error: impl Write + Send + 'static,
+) -> u8 {
+    static DEVICES: LazyLock<DevicePool> = LazyLock::new(|| {
+        // SAFETY: tests access the environment only through `std::env`, and list adapters only through the library.
+        unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
+        DevicePool::default()
+    });
+    let console = Console::new(out, error).devices(DEVICES.clone());
+    run_from([OsStr::new("diptych")].into_iter().chain(args.iter().map(AsRef::as_ref)), console)
+}
+
+#[cfg(unix)]
+fn exit_status(status: u8) -> ExitStatus {
+    std::os::unix::process::ExitStatusExt::from_raw(i32::from(status) << 8)
+}
+
+#[cfg(windows)]
+fn exit_status(status: u8) -> ExitStatus {
+    std::os::windows::process::ExitStatusExt::from_raw(status.into())
+}
+
+/// Returns a command that runs the built program.
+pub fn program(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_diptych"));
+    command.args(args);
+    command
+}

@@ -1,8 +1,0 @@
-//! The program `diptych`: the commands of [`diptych::cli`].
-
-fn main() -> std::process::ExitCode {
-    // SAFETY: the program has no other thread yet, and the threads that it starts later read the environment only
-    // through `std::env`.
-    unsafe { diptych::cli::prepare_environment() };
-    diptych::cli::run()
-}
