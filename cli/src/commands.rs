@@ -8,9 +8,9 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use super::console::{self, Console};
 use super::failure::Failure;
+use super::given::Given;
 use super::options::RunOptions;
 use super::setting_flags::{FLAGS, with_flags};
-use super::settings::Given;
 use super::{bench, compare, export, graph, info, manual, play, ranks, render, scale, study, trace, view};
 use diptych::frame::settings::Setting;
 use diptych::stages::check_shaders;

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use anyhow::anyhow;
 
 use super::failure::Failure;
-use super::settings::Given;
+use super::given::Given;
 use diptych::device::DevicePool;
 
 /// Where a command writes, and where it takes its devices from.
@@ -95,9 +95,11 @@ pub fn keep_options(given: Given) {
     run().given.get_or_init(|| Arc::new(given));
 }
 
-/// Returns the options that the command was started with; `None` before they are kept, as in tests.
-pub fn options() -> Option<Arc<Given>> {
-    run().given.get().cloned()
+impl Given {
+    /// Returns the options of this command; `None` before they are kept, as in tests.
+    pub fn here() -> Option<Arc<Self>> {
+        run().given.get().cloned()
+    }
 }
 
 /// Returns the pool of devices, if there is one.

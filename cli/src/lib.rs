@@ -30,6 +30,7 @@ mod export_args;
 mod failure;
 mod fault_options;
 mod faults;
+mod given;
 mod graph;
 mod headings;
 mod hints;

@@ -47,11 +47,12 @@ pub fn open_with(
     let mut first = Some(first);
     let open = |wanted: &Wanted| {
         let given = first.take().map_or(Ok(None), |first| first(wanted))?;
-        let pooled = || selection.pool.as_ref().and_then(|pool| pool.take(wanted));
-        if let Some(gpu) = given.or_else(pooled) {
+        if let Some(gpu) = given {
             return Ok(gpu);
         }
-        let mut gpu = open_one(wanted)?;
+        let pooled = selection.pool.as_ref().and_then(|pool| pool.take(|gpu| wanted.is_like(&gpu.info)));
+        let mut gpu = pooled.map_or_else(|| open_one(wanted), Ok)?;
+        gpu.info = DeviceInfo { index: wanted.index, clock_residual_us: 0.0, rank: None, ..gpu.info.clone() };
         gpu.pool.clone_from(&selection.pool);
         Ok(gpu)
     };

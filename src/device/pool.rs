@@ -2,8 +2,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::opening::Wanted;
-use super::{DeviceInfo, GpuDevice};
+use super::GpuDevice;
 
 /// Devices that nothing uses at present. A device that is opened with a pool returns to it when it is dropped, unless
 /// it has failed.
@@ -15,19 +14,16 @@ impl DevicePool {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns a device like `wanted`, with the most pipelines, so that few devices compile the common ones.
-    pub(super) fn take(&self, wanted: &Wanted) -> Option<GpuDevice> {
-        let mut gpu = {
+    /// Returns the device with the most pipelines among those that serve, so that few devices compile the common ones.
+    pub(super) fn take(&self, serves: impl Fn(&GpuDevice) -> bool) -> Option<GpuDevice> {
+        let gpu = {
             let mut idle = self.idle();
-            let like = idle.iter().enumerate().filter(|(_, gpu)| wanted.is_like(&gpu.info));
-            let (place, _) = like.max_by_key(|(_, gpu)| gpu.pipelines.len())?;
+            let serving = idle.iter().enumerate().filter(|(_, gpu)| serves(gpu));
+            let (place, _) = serving.max_by_key(|(_, gpu)| gpu.pipelines.len())?;
             idle.swap_remove(place)
         };
         // Its last user may have lost it.
-        gpu.wait(None).ok()?;
-        gpu.info = DeviceInfo { index: wanted.index, clock_residual_us: 0.0, rank: None, ..gpu.info.clone() };
-        gpu.pool = Some(self.clone());
-        Some(gpu)
+        gpu.wait(None).ok().map(|()| gpu)
     }
 }
 
