@@ -90,7 +90,7 @@ fn moves(folder: &Path) -> Value {
 }
 
 #[test]
-fn animations_are_played_as_asked_for_and_said_in_the_report() {
+fn options_select_the_animation_that_plays() {
     let case = Case::new();
     let all = case.render("all", &["--time", "1"]);
     let lift = case.render("lift", &["--time", "1", "--animation", "Lift"]);
@@ -119,7 +119,7 @@ fn animations_are_played_as_asked_for_and_said_in_the_report() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn frames_of_a_sequence_are_of_their_times() {
+fn frames_show_the_scene_at_their_times() {
     let case = Case::new();
     let sequence = case.render("sequence", &["--animation", "Push", "--time", "0.5", "--frames", "4", "--fps", "2"]);
     let at: Vec<_> = (0..4).map(|i| surfaces(&sequence, Some(i))).collect();

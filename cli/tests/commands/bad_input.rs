@@ -76,7 +76,7 @@ const SHOT: &str = "scene = 'builtin:cornell'\n[rig]\nyfov_deg = 40.0\n[[rig.key
                     target = [0.0, 1.0, 0.0]\n";
 
 #[test]
-fn a_good_shot_is_rendered() {
+fn renders_a_valid_shot() {
     let case = Case::new();
     let shot = case.file("good.toml", SHOT.as_bytes());
     let out = case.path("out");
@@ -86,7 +86,7 @@ fn a_good_shot_is_rendered() {
 }
 
 #[test]
-fn shots_that_are_not_there_are_named() {
+fn rejects_missing_shots() {
     let case = Case::new();
     case.refused("no/such/shot.toml", &[], 2, &["no/such/shot.toml"]);
     case.refused("no/such/scene.gltf", &[], 2, &["no/such/scene.gltf"]);
@@ -98,7 +98,7 @@ fn shots_that_are_not_there_are_named() {
 }
 
 #[test]
-fn shots_with_bad_values_are_named_with_their_key() {
+fn rejects_invalid_values_in_shots() {
     let case = Case::new();
     for (name, from, to, parts) in [
         ("nan", "40.0", "nan", &["yfov_deg"][..]),
@@ -120,7 +120,7 @@ fn shots_with_bad_values_are_named_with_their_key() {
 }
 
 #[test]
-fn head_motion_that_is_none_is_named_with_its_line() {
+fn rejects_invalid_head_motion() {
     let case = Case::new();
     let sample = "{\"time_s\": 0, \"position_m\": [0, 0, 0], \"orientation\": [0, 0, 0, 1]}\n";
     let head = "{\"diptych_motion\": 1}\n";
@@ -168,7 +168,7 @@ fn glb_of(json: &str) -> Vec<u8> {
 }
 
 #[test]
-fn damaged_glb_files_are_named() {
+fn rejects_damaged_glb_files() {
     let case = Case::new();
     let whole = glb();
     let good = case.file("whole.glb", &whole);
@@ -191,7 +191,7 @@ fn damaged_glb_files_are_named() {
 
 /// Errors name the faulty place in a file.
 #[test]
-fn glb_files_that_contradict_themselves_are_named() {
+fn rejects_inconsistent_glb_files() {
     let case = Case::new();
     let image = r#""materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],
         "images":[{"uri":"URI"}],"meshes":[{"primitives":[{"material":0,"#;
@@ -236,7 +236,7 @@ fn glb_files_that_contradict_themselves_are_named() {
 
 /// Invalid radiance in a sky counts as 0, with a warning.
 #[test]
-fn skies_with_values_that_are_none_are_cleaned() {
+fn invalid_pixels_of_skies_are_replaced() {
     use diptych::image::{Extent, Image, exr};
     let case = Case::new();
     let mut sky = Image::filled(Extent::new(8, 4), [0.5f32; 3]);
@@ -259,7 +259,7 @@ fn skies_with_values_that_are_none_are_cleaned() {
 }
 
 #[test]
-fn skies_that_do_not_decode_are_named() {
+fn rejects_skies_that_do_not_decode() {
     let case = Case::new();
     let whole = {
         use diptych::image::{Extent, Image, exr};
@@ -283,7 +283,7 @@ fn skies_that_do_not_decode_are_named() {
 }
 
 #[test]
-fn scenes_that_take_more_memory_than_they_may_are_refused() {
+fn rejects_scenes_beyond_the_memory_budget() {
     let case = Case::new();
     let scene = case.file("scene.glb", &glb());
     let says = ["scene.glb", "max_scene_memory", "500 bytes"];
@@ -300,7 +300,7 @@ fn scenes_that_take_more_memory_than_they_may_are_refused() {
 
 /// A shot, a scene or a sky may come from anyone. Files outside its own folder are read only with permission.
 #[test]
-fn files_outside_the_folder_are_refused_unless_allowed() {
+fn rejects_files_outside_the_folder_of_the_shot() {
     use diptych::image::{Extent, Image, exr};
     let case = Case::new();
     std::fs::create_dir(case.path("inner")).unwrap();
@@ -326,7 +326,7 @@ fn files_outside_the_folder_are_refused_unless_allowed() {
 /// program would connect to it.
 #[cfg(target_os = "linux")]
 #[test]
-fn no_display_server_is_looked_for_in_a_shared_folder() {
+fn program_ignores_display_servers_in_shared_folders() {
     let shared = tempfile::tempdir().unwrap();
     let planted = std::os::unix::net::UnixListener::bind(shared.path().join("wayland-0")).unwrap();
     planted.set_nonblocking(true).unwrap();
@@ -348,7 +348,7 @@ fn no_display_server_is_looked_for_in_a_shared_folder() {
 }
 
 #[test]
-fn results_that_cannot_be_put_anywhere_fail() {
+fn rejects_a_file_as_output_folder() {
     let case = Case::new();
     let file = case.file("file", b"in the way");
     for out in [PathBuf::from(&file), Path::new(&file).join("below")] {
@@ -360,7 +360,7 @@ fn results_that_cannot_be_put_anywhere_fail() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn folders_that_nobody_can_write_to_fail() {
+fn rejects_read_only_output_folders() {
     // Not even root can create folders there.
     let out = Path::new("/proc/diptych-test");
     let output = Case::new().render_into(out, "builtin:cornell", &[]);
@@ -369,7 +369,7 @@ fn folders_that_nobody_can_write_to_fail() {
 
 /// An existing picture is replaced completely or not at all.
 #[test]
-fn a_failed_run_leaves_earlier_results_alone() {
+fn failed_run_keeps_earlier_results() {
     let case = Case::new();
     let out = case.path("out");
     std::fs::create_dir(&out).unwrap();

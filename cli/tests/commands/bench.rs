@@ -69,7 +69,7 @@ fn errors_fall_as_the_square_root_of_samples() {
 }
 
 #[test]
-fn a_grid_has_its_rows_its_plot_and_its_reference() {
+fn grid_writes_rows_plot_and_reference() {
     let folder = tempfile::tempdir().unwrap();
     let (out, size) = (folder.path().join("out"), ["--size", "32x18", "--quick", "--repeats", "1"]);
     let few = ["--bounces", "6", "--iterations", "3", "--reference-spp", "64", "--virtual", "2"];
@@ -106,7 +106,7 @@ fn a_grid_has_its_rows_its_plot_and_its_reference() {
 /// Black frames on the screen have almost no FLIP, however large the error of their radiance. A different exposure
 /// invalidates kept measurements, but not the kept reference.
 #[test]
-fn a_grid_is_judged_at_the_exposure_of_its_shot() {
+fn grid_measures_errors_at_the_exposure_of_its_shot() {
     let folder = tempfile::tempdir().unwrap();
     let (shot, out) = (folder.path().join("shot.toml"), folder.path().join("out"));
     let setting = ["--size", "32x18", "--spp", "1", "--bounces", "2", "--denoiser", "none", "--repeats", "1"];
@@ -144,7 +144,7 @@ fn count(events: &[Value], name: &str) -> usize {
 }
 
 #[test]
-fn a_run_that_was_killed_goes_on_and_one_that_is_done_gives_the_same_files() {
+fn killed_bench_resumes_with_the_same_files() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
     let options = ["--size", "32x18", "--quick", "--repeats", "2", "--reference-spp", "32"];
@@ -184,7 +184,7 @@ fn a_run_that_was_killed_goes_on_and_one_that_is_done_gives_the_same_files() {
 }
 
 #[test]
-fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
+fn ladder_holds_the_best_measured_settings() {
     let folder = tempfile::tempdir().unwrap();
     let options = ["--size", "48x27", "--quick", "--spp", "1,8", "--iterations", "3", "--reference-spp", "64"];
     let events = bench(folder.path(), &options);
@@ -255,7 +255,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
 }
 
 #[test]
-fn references_that_do_not_fit_are_refused() {
+fn rejects_missing_or_unfit_references() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let render = ["render", "builtin:cornell", "--size", "16x8", "--out", out, "--quiet"];

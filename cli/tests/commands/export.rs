@@ -13,7 +13,7 @@ fn eyes(shot: &str, out: &Path) -> [Vec<u8>; 2] {
 }
 
 #[test]
-fn an_exported_shot_renders_to_the_same_bytes() {
+fn same_bytes_from_an_exported_shot() {
     // It has spheres, whose normals lie along no axes.
     let shot = "builtin:gallery";
     let folder = tempfile::tempdir().unwrap();
@@ -25,7 +25,7 @@ fn an_exported_shot_renders_to_the_same_bytes() {
 }
 
 #[test]
-fn what_cannot_be_exported_is_named() {
+fn rejects_unknown_scenes_and_invalid_folders() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let file = folder.path().join("file");

@@ -46,7 +46,7 @@ fn options_of(command: &str) -> BTreeSet<String> {
 }
 
 #[test]
-fn settings_hold_every_option_that_help_lists() {
+fn settings_in_run_json_have_every_option() {
     for (name, command) in
         [("render", "render"), ("reference", "render"), ("play", "play"), ("scale", "scale"), ("bench", "bench")]
     {
@@ -68,7 +68,7 @@ fn settings_hold_every_option_that_help_lists() {
 }
 
 #[test]
-fn frames_have_a_line_each_with_the_same_columns() {
+fn frames_csv_has_a_line_per_frame() {
     let mut known: Option<Vec<String>> = None;
     let runs_and_lines = [
         ("render", 3, 0),
@@ -105,7 +105,7 @@ fn frames_have_a_line_each_with_the_same_columns() {
 }
 
 #[test]
-fn columns_are_named_in_snake_case_and_cells_hold_one_value() {
+fn csv_files_are_tidy() {
     // Tests run concurrently. The reverse order means that they rarely wait for the same runs.
     let runs_and_files = [
         ("peres", "peres.csv"),
@@ -140,7 +140,7 @@ fn columns_are_named_in_snake_case_and_cells_hold_one_value() {
 
 /// Each stage appears once. Filters of other denoisers did not run.
 #[test]
-fn rows_are_told_of_stages_that_ran() {
+fn stripes_are_reported_for_stages_that_ran() {
     let json = run("render").json();
     let frame = &json["frames"][1];
     let told: BTreeSet<&str> = frame["stage_stripes"].as_object().unwrap().keys().map(String::as_str).collect();
@@ -161,7 +161,7 @@ fn rows_are_told_of_stages_that_ran() {
 
 /// The time of auxiliary images is separate from the makespan; their sum lasts at least until the last task ends.
 #[test]
-fn auxiliary_images_are_not_in_the_makespan() {
+fn makespan_excludes_auxiliary_images() {
     let number = |value: &Value| value.as_f64().unwrap();
     for frame in run("render").json()["frames"].as_array().unwrap() {
         let (aov_ms, makespan_ms) = (number(&frame["aov_ms"]), number(&frame["makespan_ms"]));
@@ -192,7 +192,7 @@ fn python() -> Option<String> {
 }
 
 #[test]
-fn the_example_plots_every_kind_of_file() {
+fn example_plots_every_kind_of_file() {
     let Some(python) = python() else { return };
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/plot_runs.py");
     let runs_and_plots = [
@@ -237,7 +237,7 @@ fn said(options: &[&str]) -> String {
 }
 
 #[test]
-fn frames_beyond_the_cameras_path_are_warned_of() {
+fn warns_of_frames_beyond_the_path_of_the_camera() {
     for (options, part) in [
         (["--time", "100", "--frames", "1"], "path ends at 4 s, and its last key is held to 100 s"),
         (["--time", "3.99", "--frames", "3"], "its last key is held to 4.01"),
@@ -250,7 +250,7 @@ fn frames_beyond_the_cameras_path_are_warned_of() {
 }
 
 #[test]
-fn devices_that_were_taken_out_are_not_counted() {
+fn summary_counts_only_devices_that_are_left() {
     let two = ["--virtual", "2", "--threads-per-device", "1"];
     assert!(said(&two).contains(" on 2 device(s): "));
     let text = said(&[&two[..], &["--disturb", "loss:dev1@frame0"]].concat());

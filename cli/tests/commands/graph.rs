@@ -16,7 +16,7 @@ fn lines<'a>(text: &'a str, pass: &str) -> Vec<Vec<&'a str>> {
 }
 
 #[test]
-fn it_prints_passes_transfers_and_what_is_left_out() {
+fn graph_prints_passes_and_transfers() {
     let text = graph(&["--virtual", "2", "--set", "halo=exchange"]);
     assert_eq!(lines(&text, "svgf").len(), 2 * 5);
     assert_eq!(lines(&text, "path_trace")[0][2..4], ["left", "64x36"]);
@@ -34,7 +34,7 @@ fn it_prints_passes_transfers_and_what_is_left_out() {
 }
 
 #[test]
-fn it_prints_the_same_as_json() {
+fn graph_json_equals_its_text() {
     let options = ["--virtual", "2", "--set", "halo=exchange"];
     let (text, json) = (graph(&options), graph(&[&options[..], &["--json"]].concat()));
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
@@ -49,7 +49,7 @@ fn it_prints_the_same_as_json() {
 }
 
 #[test]
-fn each_seam_policy_has_its_own_passes_and_transfers() {
+fn each_seam_policy_has_its_passes_and_transfers() {
     let of = |seam: &str| graph(&["--virtual", "2", "--denoiser", "atrous", "--seam", seam]);
     let [none, filter, halo] = ["none", "filter", "halo"].map(of);
     assert_eq!([&none, &filter, &halo].map(|text| lines(text, "seam_filter").len()), [0, 2, 0], "{filter}");
@@ -63,7 +63,7 @@ fn each_seam_policy_has_its_own_passes_and_transfers() {
 }
 
 #[test]
-fn it_writes_a_graph_for_graphviz() {
+fn graph_writes_a_dot_file() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("frame.dot");
     graph(&["--virtual", "3", "--dot", file.to_str().unwrap()]);
@@ -76,7 +76,7 @@ fn it_writes_a_graph_for_graphviz() {
 }
 
 #[test]
-fn passes_and_what_is_left_out_are_shown_and_tasks_are_written_for_graphviz() {
+fn graph_output_equals_the_documentation() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("frame.dot");
     let options = ["--denoiser", "atrous", "--set", "iterations=2", "--virtual", "2", "--size", "320x180"];

@@ -88,7 +88,7 @@ const EYES: &str = concat!(
 
 /// Foveation follows the gaze: the layers and their overlay are at the gaze, and polar images have their own size.
 #[test]
-fn eyes_that_are_not_alike_have_a_gaze() {
+fn asymmetric_eyes_have_a_gaze() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (motion, layers, polar) = (path("eyes.jsonl"), path("layers"), path("polar"));

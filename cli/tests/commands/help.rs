@@ -15,7 +15,7 @@ fn help(command: &str) -> String {
 }
 
 #[test]
-fn all_commands_are_looked_at() {
+fn commands_of_these_tests_are_all_commands() {
     let all = String::from_utf8(diptych(&["--help"]).stdout).unwrap();
     let (_, listed) = all.split_once("Commands:\n").unwrap();
     let names = listed.lines().map_while(|line| line.strip_prefix("  ")).filter_map(|line| line.split(' ').next());
@@ -27,7 +27,7 @@ fn all_commands_are_looked_at() {
 }
 
 #[test]
-fn help_is_in_sections_with_tests_last() {
+fn help_has_sections_with_tests_last() {
     let sections = ["Options:", "What to render:", "Quality:", "Devices:", "Output:", "For tests:"];
     for command in ["render", "play", "scale", "bench"] {
         let text = help(command);
@@ -41,7 +41,7 @@ fn help_is_in_sections_with_tests_last() {
 
 /// Help contains no rustdoc links.
 #[test]
-fn help_is_for_readers_of_a_terminal() {
+fn help_has_no_rustdoc_links() {
     for command in COMMANDS {
         let text = help(command);
         assert!(!text.contains("[`") && !text.contains("::"), "{command}: {text}");
@@ -98,7 +98,7 @@ fn is_value(text: &str) -> bool {
 }
 
 #[test]
-fn defaults_in_help_are_those_that_run() {
+fn defaults_in_help_equal_those_in_run_json() {
     let folder = tempfile::tempdir().unwrap();
     let small = ["--size", "16x9", "--quiet"];
     for (command, given) in [

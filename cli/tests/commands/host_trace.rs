@@ -29,7 +29,7 @@ fn frame(recorder: &Recorder) -> (f64, f64) {
 }
 
 #[test]
-fn host_spans_are_recorded_on_the_traces_clock() {
+fn host_spans_use_the_clock_of_the_trace() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("trace.json");
     let file = TraceFile::start(&path).unwrap();

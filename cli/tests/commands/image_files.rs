@@ -27,7 +27,7 @@ fn projected(point: [f32; 3], world_to_ndc: [[f32; 4]; 4]) -> [f64; 2] {
 
 /// With temporal accumulation, each frame looks through different points of the pixels.
 #[test]
-fn a_surface_is_projected_onto_the_pixel_that_shows_it() {
+fn positions_project_onto_their_pixels() {
     let folder = tempfile::tempdir().unwrap();
     let options = ["--frames", "2", "--fps", "2", "--time", "0.25", "--aov", "position,depth"];
     let (_, run) = render("builtin:cornell", folder.path(), &options);
@@ -75,7 +75,7 @@ fn pixels(share: &Value) -> usize {
 
 /// Without a denoiser, pixels that show several surfaces are traced again; with one, they take over light.
 #[test]
-fn most_of_what_is_traced_again_is_at_edges_unless_a_filter_blends_them() {
+fn most_retraced_pixels_are_at_edges_without_a_filter() {
     let counts = ["none", "svgf"].map(|denoiser| {
         let folder = tempfile::tempdir().unwrap();
         let options = ["--spp", "4", "--denoiser", denoiser, "--aov", "holes"];
@@ -90,7 +90,7 @@ fn most_of_what_is_traced_again_is_at_edges_unless_a_filter_blends_them() {
 }
 
 #[test]
-fn edges_that_are_antialiased_are_no_holes() {
+fn antialiased_edges_are_no_disocclusions() {
     let folder = tempfile::tempdir().unwrap();
     let options = ["--spp", "4", "--set", "render_scale=0.8", "--aov", "holes"];
     let (said, run) = render("builtin:checker", folder.path(), &options);
@@ -128,7 +128,7 @@ fn edges_that_are_antialiased_are_no_holes() {
 }
 
 #[test]
-fn an_eye_that_is_traced_has_no_shares() {
+fn eyes_rendered_apart_report_no_reprojection() {
     let folder = tempfile::tempdir().unwrap();
     let (said, run) = render("builtin:cornell", folder.path(), &["--reproject", "off"]);
     assert!(!said.contains("right eye"), "{said}");
@@ -137,7 +137,7 @@ fn an_eye_that_is_traced_has_no_shares() {
 
 /// Layers hold the same values as files, and `compare` finds them.
 #[test]
-fn auxiliary_images_may_be_layers() {
+fn auxiliary_images_can_be_layers_of_one_file() {
     let folder = tempfile::tempdir().unwrap();
     let [files, layers] = ["files", "layers"].map(|name| folder.path().join(name));
     let options = ["--frames", "2", "--aov", "motion,position,normal"];
@@ -167,7 +167,7 @@ fn auxiliary_images_may_be_layers() {
 
 /// `compare` reads eyes from folders, and exposure and cameras from the files, and rejects images that do not match.
 #[test]
-fn folders_of_two_eyes_are_compared_as_their_files_say() {
+fn compare_reads_both_eyes_from_folders() {
     let folder = tempfile::tempdir().unwrap();
     let [reference, image, late] = ["reference", "image", "late"].map(|name| folder.path().join(name));
     let shot = folder.path().join("shot.toml");

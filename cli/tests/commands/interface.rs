@@ -26,7 +26,7 @@ fn assert_recorded(name: &str, text: &str) {
 
 /// Lists commands and their options, with the names of values.
 #[test]
-fn options_are_those_that_are_recorded() {
+fn options_equal_the_recorded_ones() {
     let commands = ["render", "play", "scale", "bench", "compare", "trace", "graph", "info", "export"];
     let mut text = String::new();
     for command in commands {
@@ -43,7 +43,7 @@ fn options_are_those_that_are_recorded() {
 
 /// Lists the columns of every CSV file, and the members of run.json by path.
 #[test]
-fn columns_and_members_are_those_that_are_recorded() {
+fn columns_and_members_equal_the_recorded_ones() {
     let folder = tempfile::tempdir().unwrap();
     let small = ["builtin:cornell", "--size", "32x18", "--threads-per-device", "1", "--quiet"];
     let run = |command: &str, options: &[&str]| -> PathBuf {

@@ -57,7 +57,7 @@ fn shown(folder: &Path) -> Vec<Vec<f32>> {
 
 /// Several samples per pixel are the hard case: pixels at the rim of the ground show both ground and background.
 #[test]
-fn a_white_object_stands_out_on_a_ground_without_a_seam() {
+fn white_object_stands_out_from_a_seamless_ground() {
     let case = Case::new();
     for (out, options) in [("one", &[][..]), ("several", &["--spp", "4", "--warm-up", "3"])] {
         let (folder, _) = case.render(out, options);
@@ -74,7 +74,7 @@ fn a_white_object_stands_out_on_a_ground_without_a_seam() {
 }
 
 #[test]
-fn the_metered_exposure_is_told_and_the_same_on_any_number_of_devices() {
+fn metered_exposure_is_equal_on_any_number_of_devices() {
     let case = Case::new();
     let dim = ["--environment", "0.01,0.01,0.01", "--warm-up", "0"];
     let (one, said) = case.render("one", &dim);
@@ -94,7 +94,7 @@ fn the_metered_exposure_is_told_and_the_same_on_any_number_of_devices() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn views_and_tone_curves_are_chosen() {
+fn options_select_views_and_tone_curves() {
     let case = Case::new();
     let render = |out: &str, options: &[&str]| shown(&case.render(out, &[options, &["--warm-up", "0"]].concat()).0);
     let first = render("first", &[]);
@@ -119,7 +119,7 @@ fn run_in(folder: &Path, args: &[&str]) -> (Option<i32>, String) {
 }
 
 #[test]
-fn a_file_alone_is_rendered_into_a_folder_of_its_name() {
+fn file_alone_renders_into_a_folder_of_its_name() {
     let case = Case::new();
     let (status, said) = run_in(case.folder.path(), &["block.glb", "--size", "32x24", "--warm-up", "0"]);
     assert_eq!(status, Some(0), "{said}");
@@ -134,7 +134,7 @@ fn a_file_alone_is_rendered_into_a_folder_of_its_name() {
 }
 
 #[test]
-fn a_shot_in_place_of_head_motion_is_told_as_that() {
+fn rejects_a_shot_as_head_motion() {
     let case = Case::new();
     std::fs::write(case.path("shot.toml"), "scene = 'block.glb'").unwrap();
     for (name, says) in [("shot.toml", "this is a shot"), ("block.glb", "this is a scene")] {
@@ -144,7 +144,7 @@ fn a_shot_in_place_of_head_motion_is_told_as_that() {
 }
 
 #[test]
-fn an_unknown_variant_is_refused_with_those_there_are() {
+fn rejects_unknown_variants() {
     let case = Case::new();
     let (status, said) = run_in(case.folder.path(), &["block.glb", "--set", "variant=night"]);
     assert!(status == Some(2) && said.contains("no variant named 'night'"), "{said}");
@@ -152,7 +152,7 @@ fn an_unknown_variant_is_refused_with_those_there_are() {
 
 /// Most light arrives at the object directly, so that ending paths in a cache would save nothing.
 #[test]
-fn an_object_on_the_ground_has_a_radiance_cache_only_if_asked() {
+fn radiance_cache_of_studio_scenes_is_off_by_default() {
     let case = Case::new();
     let caches = |options: &[&str]| {
         let (folder, _) = case.render("out", &[&["--warm-up", "0"], options].concat());

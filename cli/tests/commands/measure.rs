@@ -5,7 +5,7 @@ use serde_json::Value;
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn a_machine_is_measured_and_its_images_are_right() {
+fn check_measures_the_machine_and_its_images() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let output = diptych(&["info", "--check", "--minutes", "2", "--sizes", "16x9,32x18", "--json", "--out", out]);
@@ -41,7 +41,7 @@ fn a_machine_is_measured_and_its_images_are_right() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn what_does_not_fit_the_time_is_left_out_and_named() {
+fn check_names_sizes_beyond_its_time_limit() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let output = diptych(&["info", "--check", "--minutes", "0.05", "--sizes", "64x36,128x72,256x144", "--out", out]);
@@ -51,7 +51,7 @@ fn what_does_not_fit_the_time_is_left_out_and_named() {
 }
 
 #[test]
-fn times_out_of_range_are_refused() {
+fn rejects_time_limits_out_of_range() {
     let wrong = diptych(&["info", "--check", "--minutes", "0", "--out", "unused"]);
     let message = String::from_utf8(wrong.stderr).unwrap();
     assert!(wrong.status.code() == Some(2) && message.contains("from 0.05 to 600 minutes"), "{message}");

@@ -69,7 +69,7 @@ fn flat(width: u32, height: u32, colour: [f32; 3]) -> RgbImage {
 /// for the same images, tonemapped in f64 by NumPy. In flat images its f32 rounding is amplified by the square root of
 /// the feature difference: hence the tolerance of 1e-4 there.
 #[test]
-fn flip_is_what_its_authors_program_finds() {
+fn flip_equals_its_authors_implementation() {
     let base = scene(48, 40);
     let noisy_scene = |width, height| (scene(width, height), noisy(&scene(width, height), 9));
     for (name, (reference, image), independent) in [
@@ -95,7 +95,7 @@ fn flip_is_what_its_authors_program_finds() {
 
 /// Compares with values of NumPy 1.26.4 and scikit-image 0.26.0 (SSIM) in f64.
 #[test]
-fn the_other_errors_are_what_an_independent_implementation_finds() {
+fn metrics_equal_an_independent_implementation() {
     let base = scene(48, 40);
     for (name, image, independent) in [
         ("noise", noisy(&base, 3), [0.27950811, 0.067717953, 26.199494, 0.57405287, 0.99284886, 0.019218881]),
@@ -113,7 +113,7 @@ fn the_other_errors_are_what_an_independent_implementation_finds() {
 /// Display values depend on radiance times two to the exposure. Pictures whose radiance and exposure differ by the same
 /// power of two have the same errors of display values, to the last bit.
 #[test]
-fn images_are_judged_at_the_exposure_they_are_shown_at() {
+fn compare_uses_the_exposure_of_the_images() {
     let base = scene(48, 40);
     let image = noisy(&base, 3);
     let brighter = |image: &RgbImage| RgbImage {
@@ -135,7 +135,7 @@ fn images_are_judged_at_the_exposure_they_are_shown_at() {
 
 /// Infinities and NaN count as 0, here black: the errors equal those of black pixels.
 #[test]
-fn pixels_that_are_not_finite_are_counted_and_harm_nothing_else() {
+fn compare_counts_and_skips_non_finite_pixels() {
     let reference = scene(33, 21);
     let [mut odd, mut black] = [noisy(&reference, 4), noisy(&reference, 4)];
     for (i, value) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY].into_iter().enumerate() {
@@ -196,7 +196,7 @@ impl Files {
 }
 
 #[test]
-fn compare_prints_all_errors_as_text_and_as_json() {
+fn compare_prints_all_errors_as_text_and_json() {
     let files = Files::new();
     let json = files.json(&[]);
     let text = String::from_utf8(files.compare("reference.exr", "image.exr", &[]).stdout).unwrap();
@@ -217,7 +217,7 @@ fn compare_prints_all_errors_as_text_and_as_json() {
 
 /// At 0 EV both images are white; at the exposure of the shot, one is twice as bright.
 #[test]
-fn an_error_that_only_shows_at_the_exposure_of_the_shot_is_found_there() {
+fn compare_finds_errors_at_the_exposure_of_the_shot() {
     let files = Files::new();
     write_rgb(&files.path("reference.exr"), &flat(48, 40, [1e6; 3])).unwrap();
     write_rgb(&files.path("image.exr"), &flat(48, 40, [5e5; 3])).unwrap();
@@ -263,7 +263,7 @@ fn compare_splits_errors_by_ring_and_by_seam() {
 }
 
 #[test]
-fn compare_paints_where_the_error_is() {
+fn compare_writes_a_heatmap_of_the_error() {
     let files = Files::new();
     let [heatmap, flip_map] = ["heat.png", "flip.png"].map(|name| files.path(name));
     let options = ["--heatmap", heatmap.to_str().unwrap(), "--flip-map", flip_map.to_str().unwrap()];
@@ -278,7 +278,7 @@ fn compare_paints_where_the_error_is() {
 
 /// Pictures of the same images have the same FLIP, up to the rounding of their levels.
 #[test]
-fn compare_takes_the_levels_of_pictures() {
+fn compare_reads_levels_of_png_files() {
     let files = Files::new();
     for name in ["reference", "image"] {
         let image = read_rgb(&files.path(&format!("{name}.exr"))).unwrap();
@@ -305,7 +305,7 @@ fn compare_takes_the_levels_of_pictures() {
 }
 
 #[test]
-fn compare_says_which_channels_it_took_where_there_was_a_choice() {
+fn compare_names_the_channels_it_selects() {
     let files = Files::new();
     let grey = vec![0.5; 48 * 40];
     write_channels(
@@ -319,7 +319,7 @@ fn compare_says_which_channels_it_took_where_there_was_a_choice() {
 }
 
 #[test]
-fn compare_refuses_bad_input_by_name() {
+fn rejects_images_that_cannot_be_compared() {
     let files = Files::new();
     write_rgb(&files.path("small.exr"), &scene(48, 39)).unwrap();
     std::fs::write(files.path("text.exr"), "not an image").unwrap();

@@ -19,7 +19,7 @@ fn names(out: &Path) -> BTreeSet<String> {
 }
 
 #[test]
-fn pictures_that_a_later_run_does_not_write_are_removed() {
+fn run_removes_stale_pictures_of_earlier_runs() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
     render(out, &["--frames", "3", "--aov", "holes,depth", "--also", "anaglyph"]);
@@ -50,7 +50,7 @@ fn pictures_that_a_later_run_does_not_write_are_removed() {
 }
 
 #[test]
-fn folders_without_a_run_of_ours_keep_their_pictures() {
+fn run_keeps_pictures_of_other_programs() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
     // Like the run.json of `scale`, which writes no pictures.

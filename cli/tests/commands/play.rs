@@ -44,7 +44,7 @@ knobs = { spp = 16, bounces = 6, denoiser = "atrous", iterations = 3, scale = 1.
 "#;
 
 #[test]
-fn a_run_tells_all_of_every_frame() {
+fn play_reports_every_frame_completely() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let disturbed = ["--disturb", "scene-cut@20", "--disturb", "slow:dev1@9..12"];
@@ -94,7 +94,7 @@ fn a_run_tells_all_of_every_frame() {
 }
 
 #[test]
-fn traces_have_the_budget_and_the_rung() {
+fn trace_has_the_budget_and_the_rung() {
     let folder = tempfile::tempdir().unwrap();
     let (ladder, trace) = (folder.path().join("ladder.toml"), folder.path().join("trace.json"));
     std::fs::write(&ladder, LADDER).unwrap();
@@ -105,7 +105,7 @@ fn traces_have_the_budget_and_the_rung() {
 }
 
 #[test]
-fn quality_falls_when_a_device_slows_down_and_comes_back() {
+fn quality_falls_while_a_device_is_slow() {
     let folder = tempfile::tempdir().unwrap();
     let ladder = folder.path().join("two.toml");
     std::fs::write(&ladder, LADDER).unwrap();
@@ -150,7 +150,7 @@ fn quality_falls_when_a_device_slows_down_and_comes_back() {
 /// A ladder may contain times of another machine, size or shot. Here the more expensive rung claims to take eleven
 /// days, which no budget allows, but it fits.
 #[test]
-fn rungs_are_taken_by_predictions_and_not_by_the_ladders_times() {
+fn play_ignores_the_times_of_its_ladder() {
     let folder = tempfile::tempdir().unwrap();
     let ladder = folder.path().join("slow.toml");
     std::fs::write(&ladder, LADDER.replace("time_ms = 10.0", "time_ms = 1e9")).unwrap();
@@ -252,7 +252,7 @@ pub fn says(out: &Path, options: &[&str]) -> (String, String, Value) {
 }
 
 #[test]
-fn the_rungs_of_a_run_have_all_their_settings_and_one_denoiser_which_is_said() {
+fn play_uses_the_rungs_of_one_denoiser() {
     let folder = tempfile::tempdir().unwrap();
     let mixed = folder.path().join("mixed.toml");
     let third = "[[rung]]\ntime_ms = 20.0\nflip = 0.05\n\
@@ -299,7 +299,7 @@ fn the_rungs_of_a_run_have_all_their_settings_and_one_denoiser_which_is_said() {
 }
 
 #[test]
-fn options_that_are_wrong_are_refused_with_a_reason() {
+fn rejects_invalid_options() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, text: &str| {
         let path = folder.path().join(name);
@@ -340,7 +340,7 @@ fn options_that_are_wrong_are_refused_with_a_reason() {
 
 #[cfg(not(feature = "view"))]
 #[test]
-fn without_its_window_view_says_how_to_build_it() {
+fn rejects_view_without_its_feature() {
     for options in [&["view"][..], &["view", "builtin:cornell", "--size", "96x64", "--nonsense"]] {
         let output = diptych(options);
         let text = String::from_utf8_lossy(&output.stderr);
@@ -359,7 +359,7 @@ fn refused(options: &[&str]) -> String {
 }
 
 #[test]
-fn a_replay_repeats_the_rungs_and_the_bytes_of_a_run() {
+fn replay_repeats_rungs_and_bytes_of_a_run() {
     let folder = tempfile::tempdir().unwrap();
     let [out, again] = ["out", "again"].map(|name| folder.path().join(name));
     let cut = ["--disturb", "scene-cut@7", "--disturb", "slow:dev0@4..9"];
@@ -396,7 +396,7 @@ fn a_replay_repeats_the_rungs_and_the_bytes_of_a_run() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn controllers_are_compared_in_turns() {
+fn play_compares_controllers_in_turns() {
     let folder = tempfile::tempdir().unwrap();
     let (out, ladder) = (folder.path().join("out"), folder.path().join("ladder.toml"));
     std::fs::write(&ladder, LADDER).unwrap();

@@ -5,7 +5,7 @@ use crate::play::{LADDER, says};
 use serde_json::Value;
 
 #[test]
-fn a_size_that_fits_is_named_at_once_and_taken_on_demand() {
+fn play_names_a_size_that_fits_and_fit_takes_it() {
     let folder = tempfile::tempdir().unwrap();
     let ladder = folder.path().join("one.toml");
     std::fs::write(&ladder, LADDER.split_inclusive("\n\n").take(2).collect::<String>()).unwrap();
@@ -48,7 +48,7 @@ fn a_size_that_fits_is_named_at_once_and_taken_on_demand() {
 }
 
 #[test]
-fn a_run_that_cannot_fit_stops_unless_it_is_to_go_on() {
+fn play_stops_if_nothing_fits_unless_it_keeps_going() {
     let folder = tempfile::tempdir().unwrap();
     let ladder = folder.path().join("one.toml");
     std::fs::write(&ladder, LADDER.split_inclusive("\n\n").take(2).collect::<String>()).unwrap();

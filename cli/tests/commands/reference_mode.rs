@@ -105,7 +105,7 @@ fn resumed_passes_have_the_bytes_of_uninterrupted_ones() {
 }
 
 #[test]
-fn a_reference_has_many_samples_unless_asked_for_fewer() {
+fn reference_has_many_samples_by_default() {
     let case = Case::new();
     let row = case.render("default", &["--size", "8x6", "--bounces", "1"]);
     assert_eq!((&row["spp"], &row["spp_wanted"]), (&256.into(), &256.into()));
@@ -131,7 +131,7 @@ fn a_reference_has_many_samples_unless_asked_for_fewer() {
 }
 
 #[test]
-fn options_that_a_reference_overrules_are_refused_where_they_are_given() {
+fn rejects_options_that_a_reference_overrides() {
     let case = Case::new();
     for given in [
         ["--denoiser", "svgf"],
@@ -151,7 +151,7 @@ fn options_that_a_reference_overrules_are_refused_where_they_are_given() {
 
 /// The rays of all passes must not be divided by the time of the last pass alone.
 #[test]
-fn a_reference_takes_as_long_as_its_passes() {
+fn reference_takes_as_long_as_its_passes() {
     let case = Case::new();
     case.render("out", &["--spp", "32"]);
     let run: serde_json::Value = serde_json::from_slice(&std::fs::read(case.path("out/run.json")).unwrap()).unwrap();
@@ -160,7 +160,7 @@ fn a_reference_takes_as_long_as_its_passes() {
 }
 
 #[test]
-fn any_number_of_devices_gives_the_same_bytes() {
+fn same_bytes_of_a_reference_on_two_devices() {
     let case = Case::new();
     case.render("one", &["--spp", "24"]);
     case.render("two", &["--spp", "24", "--virtual", "2"]);
@@ -168,7 +168,7 @@ fn any_number_of_devices_gives_the_same_bytes() {
 }
 
 #[test]
-fn a_killed_run_loses_the_end_and_nothing_else() {
+fn killed_reference_resumes_from_its_checkpoint() {
     let case = Case::new();
     let out = case.path("killed");
     let mut run = program(&["render", "builtin:cornell", "--reference", "--spp", "100000000", "--quiet"])
@@ -194,7 +194,7 @@ fn a_killed_run_loses_the_end_and_nothing_else() {
 }
 
 #[test]
-fn checkpoints_of_another_traversal_are_refused() {
+fn rejects_checkpoints_of_another_traversal() {
     let Some(able) = diptych::device::adapters().into_iter().find(|a| a.ray_queries && a.missing.is_empty()) else {
         eprintln!("\nSKIPPED: no adapter here has ray queries\n");
         return;
@@ -214,7 +214,7 @@ fn checkpoints_of_another_traversal_are_refused() {
 }
 
 #[test]
-fn checkpoints_of_other_renders_are_refused() {
+fn rejects_checkpoints_of_other_renders() {
     let case = Case::new();
     let kept = case.kept();
     let with = |options: &[&'static str]| [&["--reference", "--spp", "16", "--passes-out"], options].concat();
@@ -243,7 +243,7 @@ fn checkpoints_of_other_renders_are_refused() {
 }
 
 #[test]
-fn damaged_checkpoints_are_refused() {
+fn rejects_damaged_checkpoints() {
     let case = Case::new();
     let kept = case.kept();
     let options = ["--reference", "--spp", "8", "--passes-out", &kept];
@@ -265,7 +265,7 @@ fn damaged_checkpoints_are_refused() {
 }
 
 #[test]
-fn the_time_limit_ends_with_what_was_reached() {
+fn time_limit_ends_a_reference_early() {
     let case = Case::new();
     let row = case.render("limited", &["--spp", "1000000000", "--set", "time_limit=0.5"]);
     assert_eq!(row["out_of_time"], true, "{row}");
@@ -278,7 +278,7 @@ fn the_time_limit_ends_with_what_was_reached() {
 /// Half of the picture is sky or the white sphere's front, which show radiance 1 in every sample.
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn constant_radiance_does_not_drift_in_65536_samples() {
+fn constant_radiance_does_not_drift() {
     let case = Case::new();
     let out = case.path("furnace");
     let output = diptych(&[
@@ -325,7 +325,7 @@ fn passes_take_the_samples_of_one_frame() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn a_single_sample_of_a_reference_is_spread_over_the_pixel() {
+fn reference_jitters_a_single_sample() {
     let case = Case::new();
     case.render("reference", &["--spp", "1"]);
     case.render_frame("frame", &["--spp", "1"]);
@@ -354,7 +354,7 @@ fn block_error(image: &RgbImage, reference: &RgbImage, size: u32) -> f64 {
 
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn errors_of_a_frame_s_neighbouring_pixels_cancel() {
+fn errors_of_neighbouring_pixels_cancel() {
     let case = Case::new();
     let common = ["--size", "96x54", "--bounces", "2"];
     case.render("converged", &[&common[..], &["--spp", "256"]].concat());
@@ -375,7 +375,7 @@ fn errors_of_a_frame_s_neighbouring_pixels_cancel() {
 }
 
 #[test]
-fn limits_that_are_none_are_refused() {
+fn rejects_invalid_limits() {
     let case = Case::new();
     case.refused(&["--set", "time_limit=5"], &["--reference"]);
     case.refused(&["--passes-out", "x"], &["--reference"]);

@@ -72,7 +72,7 @@ fn browse(out: &Path) -> Option<String> {
 }
 
 #[test]
-fn a_play_shows_its_frames_and_its_picture_beside_a_reference() {
+fn page_of_play_shows_frames_and_reference() {
     let folder = tempfile::tempdir().unwrap();
     let shape =
         ["--budget-ms", "0.01..30000", "--frames", "12", "--fps", "1000", "--virtual", "2", "--report-spp", "64"];
@@ -118,7 +118,7 @@ fn a_play_shows_its_frames_and_its_picture_beside_a_reference() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn a_grid_shows_its_front_and_other_renderers() {
+fn page_of_bench_shows_front_and_other_renderers() {
     let folder = tempfile::tempdir().unwrap();
     let peers = folder.path().join("peers.toml");
     let two =
@@ -144,7 +144,7 @@ fn a_grid_shows_its_front_and_other_renderers() {
 }
 
 #[test]
-fn a_scaling_shows_a_frame_of_each_count() {
+fn page_of_scale_shows_a_frame_per_count() {
     let run = run("in flight");
     let page = run.text("report.html");
     stands_alone(&page);
@@ -156,7 +156,7 @@ fn a_scaling_shows_a_frame_of_each_count() {
 }
 
 #[test]
-fn options_that_are_wrong_are_refused_with_a_reason() {
+fn rejects_invalid_options() {
     let folder = tempfile::tempdir().unwrap();
     let (out, bad): (PathBuf, PathBuf) = (folder.path().join("out"), folder.path().join("bad.toml"));
     std::fs::write(&bad, "[[peer]]\nname = 'a'\ntime_ms = -1.0\nflip = 0.1").unwrap();

@@ -23,7 +23,7 @@ fn json(reference: &Path, image: &Path) -> Value {
 }
 
 #[test]
-fn light_that_was_filtered_once_is_shared_by_the_eyes() {
+fn reprojection_reduces_rivalry() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     render(&path("reference"), &["--reference", "--spp", "512"]);
@@ -49,7 +49,7 @@ fn light_that_was_filtered_once_is_shared_by_the_eyes() {
 }
 
 #[test]
-fn rivalry_needs_to_know_which_pixels_match() {
+fn rivalry_needs_positions_and_normals() {
     let folder = tempfile::tempdir().unwrap();
     let image = folder.path().join("image");
     render(&image, &["--denoiser", "none"]);
@@ -69,7 +69,7 @@ fn rivalry_needs_to_know_which_pixels_match() {
 }
 
 #[test]
-fn sequences_have_rivalry_that_flickers() {
+fn sequences_report_flickering_rivalry() {
     let folder = tempfile::tempdir().unwrap();
     let [reference, image] = ["reference", "image"].map(|name| folder.path().join(name));
     let frames = ["--frames", "3", "--fps", "24"];

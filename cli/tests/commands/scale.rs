@@ -16,7 +16,7 @@ fn scale(out: &Path, options: &[&str]) -> Value {
 }
 
 #[test]
-fn rows_say_how_sure_they_are_and_what_was_moved() {
+fn rows_have_spread_and_transferred_bytes() {
     let run = run("scale");
     let rows = run.rows();
     let number = |row: &Value, key: &str| row[key].as_f64().unwrap_or_else(|| panic!("no {key} in {row}"));
@@ -39,7 +39,7 @@ fn rows_say_how_sure_they_are_and_what_was_moved() {
 /// Each device has the same threads whatever the count, so that speed-ups compare devices of equal power. Measured and
 /// simulated ones have the same base.
 #[test]
-fn all_counts_have_the_same_threads_per_device_and_one_base() {
+fn all_counts_have_equal_threads_per_device() {
     let folder = tempfile::tempdir().unwrap();
     let args = ["scale", "builtin:checker", "--size", "48x32", "--counts", "2", "--simulate", "2,4", "--json"];
     let output = diptych(&[&args[..], &["--out", folder.path().to_str().unwrap()]].concat());
@@ -65,7 +65,7 @@ fn all_counts_have_the_same_threads_per_device_and_one_base() {
 
 /// Counts may be given in any order.
 #[test]
-fn speed_up_is_over_one_device() {
+fn speedup_is_relative_to_one_device() {
     for (counts, expected) in [("2,1,2", &[1, 2][..]), ("1", &[1])] {
         let folder = tempfile::tempdir().unwrap();
         let result = scale(folder.path(), &["--counts", counts]);
@@ -88,7 +88,7 @@ fn speed_up_is_over_one_device() {
 /// A list with a value for each of two devices applies its first value to a run on one device. That run is measured as
 /// the base although it is not among the counts.
 #[test]
-fn options_of_each_device_leave_the_base_its_own() {
+fn options_per_device_spare_the_run_on_one_device() {
     let folder = tempfile::tempdir().unwrap();
     let each = ["--counts", "2", "--set", "slowdown=1,2", "--ratios", "2,1"];
     let result = scale(folder.path(), &each);
@@ -101,7 +101,7 @@ fn options_of_each_device_leave_the_base_its_own() {
 }
 
 #[test]
-fn a_page_has_all_of_it_and_needs_nothing_else() {
+fn page_of_scale_is_complete() {
     let run = run("scale");
     assert_eq!(run.result["simulated"].as_array().unwrap().len(), 3);
     let page = run.text("report.html");
@@ -115,7 +115,7 @@ fn a_page_has_all_of_it_and_needs_nothing_else() {
 }
 
 #[test]
-fn frames_in_flight_are_not_simulated() {
+fn rejects_simulation_of_frames_in_flight() {
     let folder = tempfile::tempdir().unwrap();
     let args = ["scale", "builtin:checker", "--size", "48x32", "--set", "frames_in_flight=2", "--simulate", "1,2"];
     let output = diptych(&[&args[..], &["--out", folder.path().to_str().unwrap()]].concat());

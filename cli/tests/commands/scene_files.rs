@@ -64,7 +64,7 @@ fn render(folder: &Path, file: &Path, options: &[&str]) -> (RgbImage, String) {
 }
 
 #[test]
-fn a_floor_of_any_size_is_lit() {
+fn floor_of_any_size_is_lit() {
     let folder = tempfile::tempdir().unwrap();
     for unit in [1e-15, 1e-12, 1.0, 1.2e9, 2e13] {
         let file = floor(folder.path(), unit, |_| ());
@@ -75,7 +75,7 @@ fn a_floor_of_any_size_is_lit() {
 }
 
 #[test]
-fn copies_at_one_place_look_like_one() {
+fn copies_in_one_place_look_like_one() {
     let folder = tempfile::tempdir().unwrap();
     let (one, _) = render(folder.path(), &floor(folder.path(), 1.0, |_| ()), &[]);
     for alpha_mode in ["OPAQUE", "MASK"] {
@@ -93,7 +93,7 @@ fn copies_at_one_place_look_like_one() {
 }
 
 #[test]
-fn a_missing_texture_is_warned_of_or_refused() {
+fn rejects_missing_textures_in_strict_mode() {
     let folder = tempfile::tempdir().unwrap();
     let file = floor(folder.path(), 1.0, |json| {
         json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({"index": 0});

@@ -98,7 +98,7 @@ fn every_material_stands_out_from_its_background() {
 }
 
 #[test]
-fn a_sheet_shows_what_can_be_shown_and_names_the_rest() {
+fn sheet_names_scenes_that_cannot_be_loaded() {
     let folder = tempfile::tempdir().unwrap();
     let good = write(folder.path(), "good", plastic(0.5, 0.5));
     std::fs::write(folder.path().join("bad.glb"), b"glTF").unwrap();

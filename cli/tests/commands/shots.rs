@@ -73,7 +73,7 @@ const SAME: &str = "scene = 'cornell.glb'\n[rig]\nyfov_deg = 40\nbaseline_m = 0.
                     target = [-0.1, 1, 0]\n[environment]\nradiance = [0.5, 0.25, 0.125]\n[exposure]\nev = -1\n";
 
 #[test]
-fn options_say_what_a_shot_would() {
+fn options_equal_the_keys_of_a_shot() {
     let case = Case::new();
     let file = case.path("box/cornell.glb");
     let (by_options, said) = case.render(&file, "by-options", &OPTIONS);
@@ -94,7 +94,7 @@ fn options_say_what_a_shot_would() {
 }
 
 #[test]
-fn a_scene_alone_is_seen_and_what_shows_nothing_is_told() {
+fn scene_alone_renders_and_empty_pictures_warn() {
     let case = Case::new();
     let file = case.path("box/cornell.glb");
     let plain = ["--environment", "white", "--exposure", "0", "--set", "tonemap=reinhard", "--warm-up", "0"];
@@ -120,7 +120,7 @@ fn a_scene_alone_is_seen_and_what_shows_nothing_is_told() {
 }
 
 #[test]
-fn a_still_has_the_history_of_frames_before_it() {
+fn still_has_the_history_of_warm_up_frames() {
     let case = Case::new();
     let shot = "builtin:cornell";
     let left = |folder: &Path| -> RgbImage { read_rgb(&folder.join("left.exr")).unwrap() };
@@ -140,7 +140,7 @@ fn a_still_has_the_history_of_frames_before_it() {
 }
 
 #[test]
-fn options_that_give_no_view_are_refused() {
+fn rejects_options_without_a_view() {
     let case = Case::new();
     let shot = case.path("box/cornell.toml");
     for (options, part) in [

@@ -65,7 +65,7 @@ fn on_hangup(command: &mut Command, action: libc::sighandler_t) {
 }
 
 #[test]
-fn signals_leave_whole_files() {
+fn signals_leave_complete_files() {
     for (signal, status) in [(libc::SIGINT, 130), (libc::SIGTERM, 143), (libc::SIGHUP, 129)] {
         assert_leaves_whole_files(signal, status);
     }
@@ -86,7 +86,7 @@ fn assert_leaves_whole_files(signal: libc::c_int, status: i32) {
 }
 
 #[test]
-fn ctrl_c_ends_a_reference_with_the_samples_it_has() {
+fn interrupted_reference_keeps_its_samples() {
     let folder = tempfile::tempdir().unwrap();
     let (out, passes) = (folder.path().join("out"), folder.path().join("passes"));
     let args = ["render", "builtin:checker", "--size", "32x18", "--reference", "--spp", "1000000"];
@@ -100,7 +100,7 @@ fn ctrl_c_ends_a_reference_with_the_samples_it_has() {
 }
 
 #[test]
-fn a_run_without_a_picture_names_and_replaces_no_file() {
+fn run_interrupted_at_its_start_replaces_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let args = ["render", "builtin:checker", "--size", "16x9", "--warm-up", "0", "--also", "sheet", "--out", out];
@@ -117,7 +117,7 @@ fn a_run_without_a_picture_names_and_replaces_no_file() {
 }
 
 #[test]
-fn a_process_that_ignores_hangups_goes_on() {
+fn run_under_nohup_survives_a_hangup() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let mut command = program(&["render", "builtin:checker", "--size", "16x9", "--json", "--out", out]);
@@ -127,7 +127,7 @@ fn a_process_that_ignores_hangups_goes_on() {
 }
 
 #[test]
-fn an_interrupted_sheet_shows_the_files_so_far() {
+fn interrupted_sheet_shows_its_scenes_so_far() {
     let folder = tempfile::tempdir().unwrap();
     let sheet = folder.path().join("sheet.png");
     let scenes = ["builtin:checker"; 40];
@@ -146,7 +146,7 @@ fn an_interrupted_sheet_shows_the_files_so_far() {
 }
 
 #[test]
-fn an_interrupted_scaling_has_its_rows_so_far() {
+fn interrupted_scale_writes_its_rows_so_far() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let out = path("");
@@ -160,7 +160,7 @@ fn an_interrupted_scaling_has_its_rows_so_far() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn an_interrupted_measurement_has_its_results_so_far() {
+fn interrupted_check_writes_its_results_so_far() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let mut command = program(&["info", "--check", "--json", "--sizes", "16x9,1280x720", "--out", out]);

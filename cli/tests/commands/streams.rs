@@ -67,7 +67,7 @@ fn rendered() -> tempfile::TempDir {
 }
 
 #[test]
-fn a_command_fails_if_the_disk_of_its_output_is_full() {
+fn command_fails_if_its_output_is_full() {
     let folder = rendered();
     let of_files = [
         "compare ./a/left.exr ./a/left.exr --json",
@@ -95,7 +95,7 @@ fn a_command_fails_if_the_disk_of_its_output_is_full() {
 }
 
 #[test]
-fn a_closed_pipe_ends_no_command() {
+fn command_ignores_a_closed_pipe() {
     let folder = tempfile::tempdir().unwrap();
     for line in COMMANDS {
         let messages = Stream::default();
@@ -111,7 +111,7 @@ fn a_closed_pipe_ends_no_command() {
 }
 
 #[test]
-fn messages_that_cannot_be_written_end_no_command() {
+fn command_ignores_errors_of_standard_error() {
     let folder = tempfile::tempdir().unwrap();
     for (line, status) in [
         ("render builtin:checker --size 16x9 --warm-up 0 --exposure -9 --out a", 0),
@@ -131,7 +131,7 @@ fn bytes(name: &str) -> OsString {
 }
 
 #[test]
-fn a_folder_whose_name_is_not_utf8_gets_all_files() {
+fn output_folder_may_have_a_name_that_is_not_utf8() {
     let folder = tempfile::tempdir().unwrap();
     for (name, line) in [
         ("render", "render builtin:checker --size 16x9 --warm-up 0 --out"),

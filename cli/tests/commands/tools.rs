@@ -27,7 +27,7 @@ fn deps_say(text: &str) -> String {
 }
 
 #[test]
-fn dependencies_say_that_a_software_driver_is_old() {
+fn deps_warns_of_an_old_software_driver() {
     for (text, old) in
         [("Mesa 22.3.6", true), ("Mesa 24.2.8-1~bpo12+1", true), ("Mesa 25.0.7-2", false), ("none", false)]
     {
@@ -108,7 +108,7 @@ test result: ok. 40 passed; 0 failed; 0 ignored; 0 measured; 0 filtered out; fin
 ";
 
 #[test]
-fn a_release_is_checked_to_the_end_and_fails_if_a_step_does() {
+fn release_check_runs_all_steps_if_one_fails() {
     let release = Release::new();
     release.write("lint", "test a::b ... FAILED\n");
     release.write("lint.fails", "");
@@ -125,7 +125,7 @@ fn a_release_is_checked_to_the_end_and_fails_if_a_step_does() {
 }
 
 #[test]
-fn a_release_check_is_resumed_on_the_same_commit() {
+fn release_check_resumes_on_the_same_commit() {
     let release = Release::new();
     release.write("lint", "");
     release.write("lint.fails", "");
@@ -150,7 +150,7 @@ fn a_release_check_is_resumed_on_the_same_commit() {
 }
 
 #[test]
-fn a_release_is_checked_under_a_second_driver() {
+fn release_check_runs_under_a_second_driver() {
     let release = Release::new();
     fs::create_dir_all(release.path("target/release")).unwrap();
     let program = release.path("target/release/diptych");

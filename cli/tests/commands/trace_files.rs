@@ -68,7 +68,7 @@ fn number(value: &Value) -> f64 {
 }
 
 #[test]
-fn a_killed_run_leaves_a_trace_that_is_valid_and_can_be_read() {
+fn killed_run_leaves_a_valid_trace() {
     let folder = tempfile::tempdir().unwrap();
     let path = killed_run(folder.path());
     let document: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
@@ -118,7 +118,7 @@ fn a_killed_run_leaves_a_trace_that_is_valid_and_can_be_read() {
 }
 
 #[test]
-fn a_run_tells_sums_of_its_tasks_and_each_of_them_where_asked() {
+fn run_json_sums_tasks_and_lists_them_on_request() {
     let folder = tempfile::tempdir().unwrap();
     let run = |name: &str, options: &[&str]| {
         let out = folder.path().join(name);
@@ -160,7 +160,7 @@ fn a_run_tells_sums_of_its_tasks_and_each_of_them_where_asked() {
 }
 
 #[test]
-fn files_that_are_not_ours_are_refused_where_ours_are_needed() {
+fn rejects_foreign_files_where_traces_are_needed() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, text: &str| {
         let path = folder.path().join(name);

@@ -69,7 +69,7 @@ fn images(mut sent: &[u8]) -> BTreeMap<(String, String), Vec<f32>> {
 }
 
 #[test]
-fn the_viewer_gets_the_values_of_the_files() {
+fn viewer_receives_the_values_of_the_files() {
     let folder = tempfile::tempdir().unwrap();
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -99,7 +99,7 @@ fn the_viewer_gets_the_values_of_the_files() {
 }
 
 #[test]
-fn a_viewer_that_does_not_listen_is_named() {
+fn rejects_a_viewer_that_does_not_listen() {
     let folder = tempfile::tempdir().unwrap();
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let out = folder.path().to_str().unwrap();

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn sizes_that_are_none_are_refused() {
+fn rejects_invalid_sizes() {
     for size in ["0x0", "abc", "99999x99999", "64", "64x", "-4x4", "1e3x10", "0x10"] {
         let option = format!("--size={size}");
         let case = Case::new();
@@ -15,7 +15,7 @@ fn sizes_that_are_none_are_refused() {
 }
 
 #[test]
-fn sizes_beyond_a_device_s_memory_fail_and_say_so() {
+fn rejects_sizes_beyond_the_memory_of_a_device() {
     // One image takes 1 GiB. Adapters that can bind as much would take minutes and refuse nothing.
     let binds = diptych::device::adapters().iter().map(|a| a.max_storage_mib).max();
     let binds = binds.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
@@ -27,7 +27,7 @@ fn sizes_beyond_a_device_s_memory_fail_and_say_so() {
 }
 
 #[test]
-fn sample_counts_out_of_range_are_refused() {
+fn rejects_sample_counts_out_of_range() {
     for spp in ["0", "1000000000", "10000000000", "-1", "many", "0.5", "nan"] {
         assert_option_refused(&[&format!("--spp={spp}")], &["spp", spp]);
     }
@@ -43,7 +43,7 @@ fn sample_counts_out_of_range_are_refused() {
 }
 
 #[test]
-fn gazes_that_are_nowhere_are_refused() {
+fn rejects_invalid_gazes() {
     for gaze in ["0.5", "1.5,0.5", "-0.1,0.5", "0.5,0.5,0.5", "nan,0.5", "a,b"] {
         assert_option_refused(&["--foveation", "layers", &format!("--gaze={gaze}")], &["--gaze"]);
     }
@@ -51,7 +51,7 @@ fn gazes_that_are_nowhere_are_refused() {
 }
 
 #[test]
-fn log_polar_images_that_are_none_are_refused() {
+fn rejects_invalid_log_polar_images() {
     for (map, part) in [
         ("composit", "composite-kernel, or four numbers"),
         ("1,2,3", "or four numbers"),
@@ -65,7 +65,7 @@ fn log_polar_images_that_are_none_are_refused() {
 }
 
 #[test]
-fn ratios_that_do_not_fit_are_refused() {
+fn rejects_ratios_that_do_not_fit() {
     assert_option_refused(&["--virtual", "3", "--ratios", "1,2"], &["2 ratios", "3 devices"]);
     assert_option_refused(&["--virtual", "2", "--ratios=-1,2"], &["-1"]);
     assert_option_refused(&["--virtual", "2", "--ratios=0,0"], &["ratio"]);
@@ -80,7 +80,7 @@ fn ratios_that_do_not_fit_are_refused() {
 }
 
 #[test]
-fn devices_that_are_not_there_are_refused() {
+fn rejects_missing_devices() {
     assert_option_refused(&["--devices", "99"], &["99", "diptych info"]);
     assert_option_refused(&["--devices", "first"], &["first"]);
     assert_option_refused(&["--virtual", "0"], &["--virtual", "0"]);
@@ -89,7 +89,7 @@ fn devices_that_are_not_there_are_refused() {
 }
 
 #[test]
-fn hardware_traversal_is_refused_on_adapters_without_ray_queries() {
+fn rejects_hardware_traversal_without_ray_queries() {
     assert_option_refused(&["--set", "traversal=magic"], &["magic", "auto", "compute", "hardware"]);
     let adapters = diptych::device::adapters();
     let Some(unable) = adapters.iter().find(|a| !a.ray_queries && a.missing.is_empty()) else {
@@ -104,7 +104,7 @@ fn hardware_traversal_is_refused_on_adapters_without_ray_queries() {
 }
 
 #[test]
-fn unknown_options_and_commands_are_refused() {
+fn rejects_unknown_options_and_commands() {
     assert_option_refused(&["--quality", "best"], &["--quality"]);
     assert_option_refused(&["--denoiser", "magic"], &["magic", "atrous"]);
     assert_option_refused(&["--aov", "smell"], &["smell", "normal"]);
@@ -116,7 +116,7 @@ fn unknown_options_and_commands_are_refused() {
 }
 
 #[test]
-fn times_and_rates_that_are_none_are_refused() {
+fn rejects_invalid_times_and_rates() {
     for fps in ["0", "-1", "nan", "inf", "1e-308"] {
         assert_option_refused(&[&format!("--fps={fps}")], &["fps"]);
     }
@@ -132,7 +132,7 @@ fn times_and_rates_that_are_none_are_refused() {
 /// Started by `mpirun` without the feature, every process would write the same files.
 #[cfg(not(feature = "mpi"))]
 #[test]
-fn one_of_several_processes_is_refused_without_mpi() {
+fn rejects_one_of_several_processes_without_mpi() {
     for (size, number) in [("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"), ("PMI_SIZE", "PMI_RANK")] {
         let case = Case::new();
         let out = case.path("out");
