@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use clap::{Command, ValueEnum};
+use clap::{Arg, Command, ValueEnum};
 use clap_complete::Shell;
+use diptych::frame::settings::{Setting, Settings};
 
 use super::failure::Failure;
 use super::{console, output};
@@ -42,10 +43,21 @@ pub fn run(args: &Args, mut command: Command) -> Result<(), Failure> {
         }
         What::Man => {
             output::prepare(&args.out, "--out")?;
-            clap_mangen::generate_to(command, &args.out)
-                .with_context(|| format!("cannot write into '{}'", args.out.display()))?;
+            let written = clap_mangen::generate_to(command, &args.out)
+                .and_then(|()| clap_mangen::generate_to(settings(), &args.out));
+            written.with_context(|| format!("cannot write into '{}'", args.out.display()))?;
             say!("manual pages: {} (read one with `man -l FILE`)", args.out.display());
         }
     }
     Ok(())
+}
+
+/// Returns a command whose manual page lists all settings.
+fn settings() -> Command {
+    let about = "Settings: --set KEY=VALUE, [render] of a shot, and keywords in Python";
+    let setting = |setting: &'static Setting| {
+        let help = format!("{} [default: {}]", setting.text(), setting.default());
+        Arg::new(setting.key).value_name(format!("{}={}", setting.key, setting.form)).help(help)
+    };
+    Command::new("diptych-settings").about(about).disable_help_flag(true).args(Settings::TABLE.iter().map(setting))
 }

@@ -3,8 +3,7 @@
 
 use super::arrangement::{Arrangement, without_blur};
 use super::columns::Column;
-use super::subject::Size;
-use super::{Camera, Study};
+use super::definition::{Camera, Size, Study};
 
 /// Returns a mode with the parameters that `polar` names.
 const fn mode(name: &'static str, settings: &'static [(&'static str, &'static str)]) -> Arrangement {

@@ -3,8 +3,7 @@
 
 use super::arrangement::Arrangement;
 use super::columns::Column;
-use super::subject::Size;
-use super::{Camera, Study};
+use super::definition::{Camera, Size, Study};
 
 const PATHS: &[&str] = &["path_trace", "hole_fill"];
 const FILTER: &[&str] = &["fit", "variance", "svgf"];

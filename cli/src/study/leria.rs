@@ -3,8 +3,7 @@
 
 use super::arrangement::Arrangement;
 use super::columns::Column;
-use super::subject::Size;
-use super::{Camera, Study};
+use super::definition::{Camera, Size, Study};
 
 /// Stages that the paper's denoising stands for: from accumulation to TAA and tonemapping, and the tallies.
 const DENOISING: &[&str] = &[

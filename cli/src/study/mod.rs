@@ -4,13 +4,16 @@
 //! all other settings, and `published.toml` has the published numbers.
 
 mod andersson;
+mod args;
 mod arrangement;
 mod bmfr;
 mod columns;
+mod definition;
 mod instants;
 mod koskela;
 mod leria;
 mod locked;
+mod measuring;
 mod moving_gaze;
 mod path;
 mod peres;
@@ -23,169 +26,15 @@ mod timed;
 mod times;
 mod turns;
 
-use std::path::PathBuf;
-use std::time::Duration;
-
 use anyhow::anyhow;
 
-use super::bench::reference::Wanted;
 use super::failure::Failure;
-use super::options::{self, RunOptions};
-use super::reference::{PASS_SPP, seconds};
 use super::settings::Given;
-use arrangement::Arrangement;
-use columns::Column;
-use subject::Size;
-
-/// A study: arrangements of settings that render the same frames in turns.
-pub struct Study {
-    pub name: &'static str,
-    pub title: &'static str,
-    /// Heading and caption of each printed table.
-    pub tables: &'static [[&'static str; 2]],
-    /// Source of the published numbers.
-    pub source: &'static str,
-    /// Conditions of the publication that differ here, and what a repeat needs.
-    pub unlike: &'static [[&'static str; 2]],
-    /// Shots, and the scenes of the publication in place of which they are measured.
-    pub shots: &'static [[&'static str; 2]],
-    /// Published sizes of an eye's image.
-    pub sizes: &'static [Size],
-    pub cameras: &'static [Camera],
-    /// Published number of frames along the path, or of instants on it.
-    pub frames: u32,
-    /// True if the gaze is in the middle of the screen instead of where the shot has it.
-    pub gazes_ahead: bool,
-    pub arrangements: &'static [Arrangement],
-    pub columns: &'static [Column],
-}
-
-/// Motion of the camera before and in the compared frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Camera {
-    /// The camera moves along its path during the warm-up, and rests in the compared frames.
-    Approaching,
-    /// The camera rests all the time.
-    Still,
-    /// The camera moves along its path to several instants, and the frame at each instant is compared.
-    Moving,
-    /// The camera rests at several instants of its path in turn.
-    Stepping,
-    /// The camera follows its path, and every frame is timed. There is no reference.
-    Following,
-}
-
-impl Camera {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Approaching => "approaching",
-            Self::Still => "still",
-            Self::Moving => "moving",
-            Self::Stepping => "stepping",
-            Self::Following => "following",
-        }
-    }
-}
+pub use args::StudyArgs;
+use definition::{Camera, Study};
 
 /// All studies but that of seams.
 const STUDIES: [&Study; 5] = [&leria::STUDY, &bmfr::STUDY, &koskela::STUDY, &andersson::STUDY, &peres::STUDY];
-
-#[derive(clap::Args, Clone, Debug)]
-#[command(after_help = "Studies:
-  leria      Leria et al. 2024: distribute every stage, or only path tracing
-  seams      Leria et al. 2024: every filtering across stripes at every device count
-  bmfr       Xu, Tong & Xu: bmfr with and without feature noise, and svgf
-  koskela    Koskela et al. 2019: visual-polar space against equal-sample alternatives
-  andersson  Andersson & Hansson 2020: log-polar modes, by rings around the gaze
-  peres      Peres 2022: foveated sampling and denoising in layers
-
-Examples:
-  diptych study koskela --shots builtin:cornell --fraction 0.1 --out out/koskela
-  diptych study leria --virtual 2 --threads-per-device 1 --conditions published,today,each
-  diptych study seams builtin:atrium --counts 2,4 --out out/seams")]
-pub struct StudyArgs {
-    /// Name of the study
-    #[arg(value_name = "NAME")]
-    name: String,
-    #[command(flatten)]
-    pub options: RunOptions,
-    /// Virtual devices on each adapter
-    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
-    virtual_devices: u16,
-    /// Conditions: published, today, and each departure of today from published
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "published,today", value_parser = ["published", "today", "each"], help_heading = options::QUALITY)]
-    conditions: Vec<String>,
-    /// Shots to measure in place of the study's; only seams takes SHOT alone
-    #[arg(long, value_name = "SHOT,…", value_delimiter = ',', help_heading = options::SCENE)]
-    shots: Vec<String>,
-    /// Fraction of the published width and height, and of the number of frames
-    #[arg(long, value_name = "F", default_value_t = 0.25, value_parser = fraction, help_heading = options::SCENE)]
-    fraction: f64,
-    /// Device counts to predict, for leria
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", default_value = "4", value_parser = clap::value_parser!(u16).range(2..=64), help_heading = options::DEVICES)]
-    simulate: Vec<u16>,
-    /// Virtual devices on each adapter, for seams
-    #[arg(long, value_delimiter = ',', default_value = "2,3,4", value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
-    counts: Vec<u16>,
-    /// Timed and compared frames per arrangement and instant
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
-    repeats: u32,
-    /// Untimed frames before the timed ones
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
-    warm_up: u32,
-    /// Samples per pixel of the reference
-    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(2 * i64::from(PASS_SPP)..), help_heading = options::QUALITY)]
-    reference_spp: u32,
-    /// Time limit of the reference, seconds; later runs resume it
-    #[arg(long, default_value = "600", value_name = "S", value_parser = seconds, help_heading = options::QUALITY)]
-    reference_time_limit: Duration,
-    /// Folder of references for later runs [default: reference in --out]
-    #[arg(long = "reference-cache", value_name = "DIR", help_heading = options::OUTPUT)]
-    reference_dir: Option<PathBuf>,
-    /// Also write report.html
-    #[arg(long, help_heading = options::OUTPUT)]
-    report: bool,
-}
-
-fn fraction(text: &str) -> Result<f64, String> {
-    let fraction = text.parse().ok().filter(|fraction: &f64| (0.01..=4.0).contains(fraction));
-    fraction.ok_or_else(|| "give a number from 0.01 to 4".to_owned())
-}
-
-impl StudyArgs {
-    /// Returns the reference of frames with these options and this number of bounces.
-    fn reference<'a>(&self, options: &'a RunOptions, bounces: u32) -> Wanted<'a> {
-        Wanted {
-            options,
-            virtual_devices: self.virtual_devices,
-            spp: self.reference_spp,
-            bounces,
-            time_limit: self.reference_time_limit,
-            kept: self.reference_dir.clone().unwrap_or_else(|| self.options.out.join("reference")),
-        }
-    }
-
-    /// Returns the number of frames or instants of a study: at least two.
-    fn frames_of(&self, study: &Study) -> u32 {
-        ((f64::from(study.frames) * self.fraction).round() as u32).max(2)
-    }
-
-    /// Refuses options and settings that were given on the command line, by the names of their fields.
-    fn refuse(&self, ids: &[&str]) -> Result<(), Failure> {
-        let typed = ids.iter().find_map(|id| Given::here().and_then(|given| given.typed(id)));
-        typed.map_or(Ok(()), |option| {
-            Err(Failure::Input(anyhow!("study {} does not read {option}: leave it out", self.name)))
-        })
-    }
-
-    /// Refuses settings that the study fixes.
-    fn refuse_fixed(&self) -> Result<(), Failure> {
-        let fixed = self.options.settings.given().iter().find(|key| !locked::is_given(key));
-        fixed.map_or(Ok(()), |key| {
-            Err(Failure::Input(anyhow!("study {} fixes the setting {key}: leave it out", self.name)))
-        })
-    }
-}
 
 pub fn run(args: &StudyArgs) -> Result<(), Failure> {
     let is_typed = |id: &str| Given::here().is_some_and(|given| given.typed(id).is_some());

@@ -3,13 +3,14 @@
 
 use anyhow::{Context, anyhow, ensure};
 
+use super::args::StudyArgs;
 use super::columns::{Found, Measures};
+use super::definition::{Camera, Study};
+use super::measuring::Measuring;
 use super::results::Results;
 use super::rows::Labels;
-use super::runner::Measuring;
 use super::times::FrameTimes;
 use super::turns::{FPS, Turns};
-use super::{Camera, Study, StudyArgs};
 use crate::failure::Failure;
 use crate::options::RenderOptions;
 use crate::output::same_bits;

@@ -3,8 +3,7 @@
 
 use super::arrangement::Arrangement;
 use super::columns::Column;
-use super::subject::Size;
-use super::{Camera, Study};
+use super::definition::{Camera, Size, Study};
 
 pub const STUDY: Study = Study {
     name: "peres",

@@ -2,10 +2,11 @@
 
 use anyhow::Context;
 
+use super::args::StudyArgs;
 use super::columns::Found;
+use super::definition::Study;
 use super::locked::{Departure, departures};
 use super::rows::{FRAME_LABELS, Labels, Row};
-use super::{Study, StudyArgs};
 use crate::failure::Failure;
 use crate::page::{self, and_page};
 use crate::report::frames::FrameLine;

@@ -6,8 +6,8 @@ use std::sync::LazyLock;
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::Study;
 use super::columns::{Cell, Column, Found};
+use super::definition::Study;
 use super::locked::PUBLISHED;
 use crate::report::csv::{Csv, number};
 use crate::report::table::Table;

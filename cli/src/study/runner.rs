@@ -1,17 +1,19 @@
 //! Measures a study: all arrangements render the same frames in turns, and each is compared with the reference.
 
+use super::args::StudyArgs;
 use super::arrangement::{Arrangement, dispatched};
 use super::columns::{FOVEA, Found, Measures, RINGS};
+use super::definition::{Camera, Study};
 use super::instants::{from_end_to_end, on_path};
 use super::locked::{self, Conditions};
+use super::measuring::Measuring;
 use super::moving_gaze::with_moving_gaze;
 use super::path;
 use super::results::Results;
 use super::rows::Labels;
-use super::subject::{Subject, subjects};
+use super::subject::subjects;
 use super::times::FrameTimes;
 use super::turns::{FPS, HISTORY_FRAMES, Turns};
-use super::{Camera, Study, StudyArgs};
 use crate::bench::judge::{Judge, pairs};
 use crate::bench::reference::{Reference, own};
 use crate::failure::Failure;
@@ -23,7 +25,6 @@ use crate::progress::Progress;
 use crate::report::frames::FrameLine;
 use crate::report::rings::{self, FrameRings};
 use crate::setup::{self, Tracing};
-use diptych::loaded::LoadedScene;
 use diptych::quality::Denoiser;
 use diptych::scene::shot::Gaze;
 
@@ -79,32 +80,6 @@ fn frames(study: &Study, args: &StudyArgs, camera: Camera) -> u32 {
         Camera::Stepping => args.frames_of(study) * (warm_up + args.repeats),
         Camera::Following => path::ROUNDS * (args.warm_up + args.frames_of(study)),
     }
-}
-
-impl Study {
-    fn has_any(&self, measures: &[&str]) -> bool {
-        self.columns.iter().any(|column| measures.contains(&column.name))
-    }
-
-    /// Returns true if errors near the gaze are also measured while the gaze moves.
-    fn moves_gaze(&self) -> bool {
-        self.has_any(&FOVEA)
-    }
-
-    /// Returns true if errors are measured by rings around the gaze.
-    pub fn has_rings(&self) -> bool {
-        self.has_any(&RINGS)
-    }
-}
-
-/// A subject that is measured under some conditions.
-pub struct Measuring<'a> {
-    pub study: &'static Study,
-    pub args: &'a StudyArgs,
-    pub subject: &'a Subject,
-    pub conditions: &'a Conditions,
-    pub loaded: &'a LoadedScene,
-    pub tracing: &'a Tracing,
 }
 
 /// A camera view at an instant, with its reference; `frames` excludes the warm-up.

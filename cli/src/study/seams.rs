@@ -17,8 +17,9 @@ use diptych::metrics::Pair;
 use diptych::passes::denoise;
 use diptych::scene::rig::Eye;
 
+use super::args::StudyArgs;
+use super::locked;
 use super::timed::{Setting, Timed, TimedFrame, Warm};
-use super::{StudyArgs, locked};
 use crate::balance::Balance;
 use crate::bench::reference::{Reference, own};
 use crate::failure::Failure;

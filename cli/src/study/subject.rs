@@ -2,19 +2,11 @@
 
 use anyhow::anyhow;
 
-use super::{Study, StudyArgs};
+use super::args::StudyArgs;
+use super::definition::{Size, Study};
 use crate::failure::Failure;
 use crate::options::RunOptions;
 use diptych::image::Extent;
-
-/// A published size of an eye's image, in pixels.
-pub struct Size {
-    pub name: &'static str,
-    pub width: u32,
-    pub height: u32,
-    /// Outer radii of the inner and the middle foveal layer, if the study has layers.
-    pub layer_radii_px: Option<[f64; 2]>,
-}
 
 /// A shot at a size.
 pub struct Subject {

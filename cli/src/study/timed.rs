@@ -9,7 +9,7 @@ use diptych::image::RgbImage;
 use diptych::loaded::LoadedScene;
 use diptych::trace::frames::record_devices;
 
-use super::StudyArgs;
+use super::args::StudyArgs;
 use crate::bench::axes::FRAMES_MAX;
 use crate::failure::Failure;
 use crate::faults::refuse_faults;

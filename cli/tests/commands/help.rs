@@ -68,6 +68,8 @@ fn completions_and_manual_pages_have_every_command() {
     }
     let page = std::fs::read_to_string(out.join("diptych-render.1")).unwrap();
     assert!(page.contains("Three layers"), "what values mean is in it");
+    let page = std::fs::read_to_string(out.join("diptych-settings.1")).unwrap();
+    assert!(page.contains("halo=") && page.contains("watchdog_ms=") || page.contains("watchdog\\_ms="), "{page}");
 }
 
 /// Returns the default of each option in a command's help that states one.
