@@ -49,6 +49,7 @@ impl RunConfig {
         FrameSpec {
             views: if buffers.reproject { Views::Reprojected } else { Views::Traced },
             filter_once: self.filter_once,
+            blind_iterations: self.blind_iterations,
             filter: most.denoiser(),
             sparse: self.envelope.leaves_pixels(),
             iterations: most.most_iterations(),

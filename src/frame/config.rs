@@ -78,6 +78,8 @@ pub struct RunConfig {
     /// True if a reprojected view takes over the light of its source after the denoiser's filter instead of before, so that both
     /// eyes see the same noise and blur. Has no effect if both eyes are traced, or with denoisers other than `svgf`.
     pub filter_once: bool,
+    /// Number of the first iterations of `atrous` that ignore differences in radiance.
+    pub blind_iterations: u32,
     /// True if direct light with hard shadows bypasses the denoiser: it is traced at the first surfaces without noise,
     /// if the scene has few such lights ([`SceneNeeds::hard_lights`]).
     pub hard_shadows: bool,
@@ -128,6 +130,7 @@ impl RunConfig {
             follow_mirrors: true,
             bypass_narrow_lobes: true,
             filter_once: true,
+            blind_iterations: 3,
             regularize: true,
             filter_textures: true,
             cache: true,
@@ -171,6 +174,7 @@ impl RunConfig {
         self.follow_mirrors = settings.follow_mirrors;
         self.bypass_narrow_lobes = settings.bypass_narrow_lobes;
         self.filter_once = settings.filter_once;
+        self.blind_iterations = settings.blind_iterations;
         self.regularize = settings.regularize;
         self.filter_textures = settings.filter_textures;
         self.cache = settings.cache.unwrap_or(self.cache);

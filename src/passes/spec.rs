@@ -81,6 +81,8 @@ pub struct FrameSpec {
     pub views: Views,
     /// True if the right eye takes over the left eye's light after the filter instead of before, if the denoiser can.
     pub filter_once: bool,
+    /// Number of the first iterations of `atrous` that ignore differences in radiance.
+    pub blind_iterations: u32,
     /// True if only the pixels that the pass `select` lists are path traced. The filter fills in the others.
     pub sparse: bool,
     pub filter: Option<Denoiser>,
@@ -109,6 +111,7 @@ impl FrameSpec {
             devices,
             views: Views::Reprojected,
             filter_once: true,
+            blind_iterations: 3,
             sparse: false,
             filter: Some(Denoiser::SVGF),
             iterations: Denoiser::DEFAULT_ITERATIONS,

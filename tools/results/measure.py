@@ -23,14 +23,17 @@ from machine import processor  # noqa: E402
 from peers import measure_peers  # noqa: E402
 from quiet import Meanwhile, wait_for_quiet  # noqa: E402
 from tables import measure_drivers, measure_flip, measure_play, measure_scale, say  # noqa: E402
+from studies import measure_studies  # noqa: E402
 from text import write  # noqa: E402
 
 # Sizes and counts of a real run, and of a smoke test.
 REAL = argparse.Namespace(
-    size="320x180", scale_size="640x360", reference_spp=512, turns=2, plays=3, play_frames=600, peers_spp=1024, rounds=2
+    size="320x180", scale_size="640x360", reference_spp=512, turns=2, plays=3, play_frames=600, peers_spp=1024, rounds=2,
+    fraction=0.125,
 )
 SMOKE = argparse.Namespace(
-    size="48x27", scale_size="64x36", reference_spp=8, turns=2, plays=1, play_frames=40, peers_spp=16, rounds=1
+    size="48x27", scale_size="64x36", reference_spp=8, turns=2, plays=1, play_frames=40, peers_spp=16, rounds=1,
+    fraction=0.03,
 )
 
 MEASUREMENTS = {
@@ -39,9 +42,10 @@ MEASUREMENTS = {
     "scale": measure_scale,
     "drivers": measure_drivers,
     "peers": measure_peers,
+    "studies": measure_studies,
 }
 # Images hardly depend on the driver, so these run on one driver only.
-ON_ONE_DRIVER = ("flip",)
+ON_ONE_DRIVER = ("flip", "studies")
 
 
 def git(*args):

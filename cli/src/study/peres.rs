@@ -30,10 +30,6 @@ pub const STUDY: Study = Study {
     unlike: &[
         ["Pink Room, Sponza, Forest", "their files: --shots A,B,C"],
         ["Lambertian materials only", "scenes without specular materials; these have some"],
-        [
-            "colour weight in every à-trous iteration",
-            "a filter that compares noise; here the first 3 iterations ignore it",
-        ],
         ["reprojected accumulation over frames", "nothing; the thesis filters single frames too"],
         ["a GeForce RTX 2080", "a GPU"],
     ],

@@ -189,6 +189,7 @@ mod tests {
             ("denoiser=none regularize=off", "regularize"),
             ("denoiser=none filter_textures=off", "filter_textures"),
             ("denoiser=none bypass_narrow_lobes=off", "bypass_narrow_lobes"),
+            ("denoiser=svgf blind_iterations=0", "blind_iterations"),
             ("denoiser=atrous cache=on", "cache"),
             ("bounces=1 cache=off", "cache"),
             ("bounces=1 clamp=3", "clamp"),
@@ -209,7 +210,7 @@ mod tests {
         }
         // Each setting can have an effect.
         for setting in Settings::TABLE {
-            let all = ["foveation=log-polar", "foveation=layers"].map(|foveation| {
+            let all = ["foveation=log-polar", "foveation=layers", "denoiser=atrous"].map(|foveation| {
                 let mut chosen = Chosen::default();
                 chosen.assign(foveation).unwrap();
                 (setting.needs)(&chosen)

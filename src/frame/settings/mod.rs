@@ -135,6 +135,10 @@ table::settings! {
         denoiser: Option<Denoiser> = Some(Denoiser::SVGF), of SINGLE;
         /// Denoiser iterations, also per layer as M,N,P [default: 5; 2,3,5 with layers]
         iterations: Option<[u32; 3]> = None, needs denoiser, of SINGLE;
+        /// First iterations of atrous that ignore differences in radiance
+        ///
+        /// At one sample per pixel these are mostly noise. Dammertz et al. 2010 compare radiance in all iterations: 0.
+        blind_iterations: u32 = 3, needs atrous, of SINGLE;
         /// Foveated rendering
         foveation: FoveationMode = FoveationMode::None, of SINGLE;
         /// Log-polar mode, e.g. fov, or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
@@ -222,6 +226,10 @@ fn denoiser(settings: &Settings) -> Needs {
 
 fn filled(settings: &Settings) -> Needs {
     missing(settings.render_scale >= 1.0 || settings.filter().is_some(), "a denoiser to fill in pixels")
+}
+
+fn atrous(settings: &Settings) -> Needs {
+    missing(settings.denoiser == Some(Denoiser::ATROUS), "denoiser=atrous")
 }
 
 fn history(settings: &Settings) -> Needs {

@@ -1,6 +1,6 @@
 //! Bilateral smoothing across the seams of stripes that were filtered separately.
 
-use super::atrous::inverse_sigma2;
+use super::atrous::INVERSE_SIGMA2;
 use super::{Light, PARTITION};
 use crate::graph::{Kernel, Pass, Stage, Use};
 use crate::passes::gbuffer::GUIDE;
@@ -27,5 +27,5 @@ pub fn pass(view: Eye, light: &mut Light) -> Pass {
         Use::write(target).named("filtered"),
     ];
     let pass = Pass::new(Stage("seam_filter"), view, PARTITION, KERNEL);
-    pass.uses(uses).with([SeamArguments { inverse_sigma2: inverse_sigma2(u32::MAX) }])
+    pass.uses(uses).with([SeamArguments { inverse_sigma2: INVERSE_SIGMA2 }])
 }

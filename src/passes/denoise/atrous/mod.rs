@@ -9,22 +9,17 @@ use crate::wgsl::arguments;
 
 const STAGE: Stage = Stage("atrous");
 
-/// σ of the edge-stopping weight for differences in compressed radiance, c / (1 + luminance), after the blind
-/// iterations.
+/// σ of the edge-stopping weight for differences in compressed radiance, c / (1 + luminance), after the iterations that
+/// ignore them: at one sample per pixel, a pixel's value is mostly noise, and comparing with it would preserve outliers.
 const SIGMA: f32 = 1.0;
-/// Number of blind iterations: the first ones, which ignore differences in radiance. At one sample per pixel, a pixel's
-/// value is mostly noise, and comparing with it would preserve outliers.
-const BLIND_ITERATIONS: u32 = 3;
 
 /// Returns the distance between the taps of iteration `index` of `count`: 2^(count-1) down to 1.
 fn step(index: u32, count: u32) -> u32 {
     1 << (count - 1 - index)
 }
 
-/// Returns 1 / σ² of iteration `index`.
-pub(super) fn inverse_sigma2(index: u32) -> f32 {
-    if index < BLIND_ITERATIONS { 0.0 } else { 1.0 / (SIGMA * SIGMA) }
-}
+/// 1 / σ² of iterations that compare radiance.
+pub(super) const INVERSE_SIGMA2: f32 = 1.0 / (SIGMA * SIGMA);
 
 arguments! {
     struct AtrousArguments {
@@ -64,8 +59,9 @@ impl Denoise for Atrous {
             // If the filter fills in pixels that are not path traced, a foveal layer may take part only in the last
             // iterations. The shader then counts the blind iterations of each layer.
             let (inverse_sigma2, blind) = match spec.sparse {
-                true => (inverse_sigma2(u32::MAX), BLIND_ITERATIONS),
-                false => (inverse_sigma2(index), 0),
+                true => (INVERSE_SIGMA2, spec.blind_iterations),
+                false if index < spec.blind_iterations => (0.0, 0),
+                false => (INVERSE_SIGMA2, 0),
             };
             let uses = [
                 Use::read(GUIDE).halo(halo),
