@@ -14,7 +14,7 @@ use glam::Vec3;
 
 /// Compares the devices' encoding with the host's in f64; rounding may change a value by one level.
 #[test]
-fn the_display_image_is_the_tonemapped_linear_image() {
+fn display_image_equals_tonemapped_linear_image() {
     let subject = Subject::load("builtin:cornell");
     for tone in [ToneCurve::Reinhard, ToneCurve::Neutral, ToneCurve::Agx, ToneCurve::Aces, ToneCurve::None] {
         let settings = RunConfig { exposure_ev: -0.7, tone, ..subject.denoised(96, 54) };
@@ -67,7 +67,7 @@ fn exposed(exposure_ev: f32, gloss: bool) -> Vec<Stereo<RgbImage>> {
 /// Powers of two scale floats and half floats exactly. Only the rounding of their smallest values depends on the unit
 /// of light.
 #[test]
-fn light_and_exposure_may_be_in_any_unit() {
+fn picture_is_independent_of_the_unit_of_light() {
     let all: &[f32] = &[-24.0, -20.0, -17.0, 20.0, 24.0];
     for (gloss, few) in [(true, &[-24.0, 24.0][..]), (false, &[-17.0])] {
         let exposures_ev = if is_thorough() { all } else { few };
@@ -88,7 +88,7 @@ fn light_and_exposure_may_be_in_any_unit() {
 
 /// The unit of stored light is a whole number of stops.
 #[test]
-fn exposures_that_round_to_the_same_stop_give_the_same_light() {
+fn exposures_of_the_same_stop_give_equal_radiance() {
     let subject = under_a_sun(1.0, 1e3);
     let pixels = |exposure_ev| {
         let settings = RunConfig { exposure_ev, ..subject.accumulated(64, 36) };
@@ -100,7 +100,7 @@ fn exposures_that_round_to_the_same_stop_give_the_same_light() {
 
 /// With separate specular radiance, half floats hold up to 65504 times white at 0 EV. Brighter pixels are clipped and counted.
 #[test]
-fn light_too_bright_for_half_floats_is_cut_and_counted() {
+fn half_float_overflow_is_clipped_and_counted() {
     let subject = under_a_sun(1.0, 1e9);
     let clipped = |exposure_ev, gloss| {
         let mut settings = RunConfig { exposure_ev, hard_shadows: false, ..subject.accumulated(64, 36) };
@@ -123,7 +123,7 @@ fn light_too_bright_for_half_floats_is_cut_and_counted() {
 
 /// Rows of images that nobody reads are not transferred.
 #[test]
-fn only_what_is_read_crosses_to_the_primary() {
+fn unread_images_are_not_transferred() {
     let subject = Subject::load("builtin:cornell");
     let settings = with(subject.denoised(96, 54), |config| config.execution.adapts_halo = false);
     let mut two = Stage::even(&subject, &settings, 2);

@@ -43,7 +43,7 @@ fn mean(image: &RgbImage, pixels: &[usize]) -> f64 {
 }
 
 #[test]
-fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
+fn spheres_in_a_white_furnace_show_their_albedo() {
     let subject = Subject::load("builtin:furnace");
     for (spp, bounces, sampler) in [(1, 6, Sampler::Sobol), (1, 1, Sampler::Pcg), (16, 12, Sampler::Pcg)] {
         let mut settings = subject.settings(WIDTH, HEIGHT);
@@ -77,7 +77,7 @@ fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
 /// d)² cos θ of the cosine-weighted view of a point, and absorbs 1 − its albedo of the light from there.
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn the_white_sphere_lacks_what_the_grey_ones_take() {
+fn white_sphere_loses_light_absorbed_by_grey_ones() {
     let subject = Subject::load("builtin:furnace");
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.envelope.most.spp = 64.into();
@@ -113,7 +113,7 @@ fn the_white_sphere_lacks_what_the_grey_ones_take() {
 
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn a_white_environment_image_is_as_good_as_a_constant_one() {
+fn white_environment_map_matches_a_constant_sky() {
     let mut subject = Subject::load("builtin:furnace");
     let white = Image::filled(Extent::new(16, 8), [1.0; 3]);
     let scene =
@@ -137,7 +137,7 @@ fn a_white_environment_image_is_as_good_as_a_constant_one() {
 }
 
 #[test]
-fn the_filter_keeps_the_mean() {
+fn denoiser_keeps_the_mean() {
     let subject = Subject::load("builtin:furnace");
     let raw = render(&subject, &subject.settings(WIDTH, HEIGHT));
     let filtered = render(&subject, &subject.denoised(WIDTH, HEIGHT));
@@ -224,7 +224,7 @@ fn hold_in_the_furnace((scene, camera): (Scene, Pinhole), bounces: u32) {
 
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn white_materials_never_shine_and_lose_what_single_scattering_loses() {
+fn white_materials_gain_no_energy_in_a_furnace() {
     for elevation_deg in [25.0, 6.0, 70.0] {
         hold_in_the_furnace(tiles(elevation_deg), 1);
     }
@@ -232,6 +232,6 @@ fn white_materials_never_shine_and_lose_what_single_scattering_loses() {
 
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn white_glass_never_shines() {
+fn white_glass_gains_no_energy_in_a_furnace() {
     hold_in_the_furnace(glass_balls(), 16);
 }

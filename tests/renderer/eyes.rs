@@ -110,7 +110,7 @@ fn light(images: &[RgbImage; 2]) -> f64 {
 }
 
 #[test]
-fn eyes_show_what_is_traced_at_their_own_projections() {
+fn resampled_eyes_match_eyes_traced_directly() {
     // The second scene has hard edges beside a lamp, which need as many pixels as headsets have.
     let thorough = [("builtin:cornell", 80, 128), ("builtin:checker", 160, 64)];
     let quick = [("builtin:cornell", 40, 64)];
@@ -150,7 +150,7 @@ fn from_gaze(eye: Eye, extent: Extent) -> Vec<f64> {
 const LOG_POLAR: PolarSpace = PolarSpace::Log(LogPolar::COMPOSITE);
 
 #[test]
-fn what_eyes_show_is_of_one_device_on_any_number() {
+fn same_bytes_of_resampled_eyes_on_several_devices() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);
     (settings.buffers.reproject, settings.envelope.most.filter) = (true, Some(Filter::new(Denoiser::SVGF, 3)));
     let kinds: [(_, fn(&mut RunConfig)); 4] = [
@@ -177,7 +177,7 @@ fn what_eyes_show_is_of_one_device_on_any_number() {
 /// Each eye is sampled fully around its own gaze and less in the periphery, although the layers are defined in the
 /// shared projection.
 #[test]
-fn layers_are_around_the_gaze_of_each_eye() {
+fn foveation_layers_follow_the_gaze_of_each_eye() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);
     let foveation = Foveation::default();
     settings.buffers.aovs = vec![Aov::Spp];
@@ -213,7 +213,7 @@ fn difference(images: [&RgbImage; 2], is_counted: impl Fn(usize) -> bool) -> f64
 
 /// Polar images lose detail in the periphery. Near the gaze they lose no more than with symmetric eyes.
 #[test]
-fn images_around_the_gaze_are_sharp_where_each_eye_looks() {
+fn polar_images_are_sharp_at_the_gaze_of_each_eye() {
     let size = size(50);
     let rectified = shown("builtin:checker", 50, 16);
     let alike = {
@@ -252,7 +252,7 @@ fn images_around_the_gaze_are_sharp_where_each_eye_looks() {
 
 /// Motion vectors are those of each eye's display image, although the shared projection is rendered.
 #[test]
-fn motion_is_that_of_what_eyes_show() {
+fn motion_vectors_belong_to_the_display_image() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);
     settings.buffers.aovs = vec![Aov::Motion, Aov::Position];
     let mut stage = Stage::alone(&subject, &settings);

@@ -19,7 +19,7 @@ fn injected(injections: &[&str], slowdown: &[u32]) -> InjectedFaults {
 
 /// Devices fail one after another in different ways while stripes move, each time in the next frame.
 #[test]
-fn frames_keep_their_bytes_until_no_device_is_left() {
+fn same_bytes_until_no_device_is_left() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let time_s = |frame: u32| f64::from(frame) * 0.3;
@@ -62,7 +62,7 @@ fn frames_keep_their_bytes_until_no_device_is_left() {
 }
 
 #[test]
-fn devices_come_back_with_what_was_compiled_on_them_unless_they_failed() {
+fn surviving_devices_return_with_their_pipelines() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.settings(32, 18);
     let policy = || Box::new(Even::new(18, 2));
@@ -103,7 +103,7 @@ fn pool_keeps_devices_that_have_not_failed() {
 /// Frames in flight behind a failed frame restart as well.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn frames_in_flight_keep_their_bytes_when_devices_fail() {
+fn same_bytes_in_flight_when_devices_fail() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     let times_s: Vec<f64> = (0..8).map(|i| f64::from(i) * 0.3).collect();
@@ -129,7 +129,7 @@ fn frames_in_flight_keep_their_bytes_when_devices_fail() {
 /// like a run that begins there.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn history_begins_anew_when_a_device_fails_with_frames_in_flight() {
+fn history_restarts_when_a_device_fails_in_flight() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     let times_s: Vec<f64> = (0..6).map(|i| f64::from(i) * 0.02).collect();
@@ -176,7 +176,7 @@ fn history_of_other_devices_survives_a_fault() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn two_devices_may_fail_in_one_frame() {
+fn same_bytes_when_two_devices_fail_in_one_frame() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let one = Stage::alone(&subject, &settings).frame(0).linear;
@@ -197,7 +197,7 @@ fn two_devices_may_fail_in_one_frame() {
 }
 
 #[test]
-fn a_frame_whose_primary_is_lost_before_it_was_read_is_made_again() {
+fn frame_is_rendered_again_if_its_primary_is_lost() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let mut two = Stage::on(devices_to_lose(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
@@ -214,7 +214,7 @@ fn a_frame_whose_primary_is_lost_before_it_was_read_is_made_again() {
 }
 
 #[test]
-fn slow_devices_change_neither_bytes_nor_counts() {
+fn same_bytes_and_counts_with_slow_devices() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     settings.envelope.most.spp = 5.into(); // Two dispatches; the second one accumulates.

@@ -41,7 +41,7 @@ fn same(a: &RgbImage, b: &RgbImage, i: usize) -> bool {
 }
 
 #[test]
-fn the_mask_has_the_density_of_its_ring() {
+fn sampling_mask_has_the_density_of_each_ring() {
     const RINGS: usize = 12;
     let subject = Subject::load("builtin:cornell");
     for (x, unsampled_fraction) in [(0.5, 0.5), (0.3, 0.75)] {
@@ -69,7 +69,7 @@ fn the_mask_has_the_density_of_its_ring() {
 }
 
 #[test]
-fn what_is_sampled_is_what_it_is_without_foveation() {
+fn sampled_pixels_equal_those_without_foveation() {
     let subject = Subject::load("builtin:checker");
     for spp in [1, 3] {
         let mut foveated = settings(&subject, towards(0.4, 0.5), Foveation::default(), [0; 3]);
@@ -93,7 +93,7 @@ fn what_is_sampled_is_what_it_is_without_foveation() {
 }
 
 #[test]
-fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
+fn same_bytes_and_rays_if_foveation_skips_no_pixel() {
     let subject = Subject::load("builtin:checker");
     let foveation = Foveation { unsampled_fraction: 0.0, ..Default::default() };
     for (spp, reproject) in [(1, false), (3, true)] {
@@ -115,7 +115,7 @@ fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
 }
 
 #[test]
-fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
+fn render_scale_samples_its_square_and_keeps_mean() {
     let subject = Subject::load("builtin:cornell");
     for denoiser in sampled([Denoiser::SVGF, Denoiser::ATROUS], 2) {
         let filter = Some(Filter::new(denoiser, 5));
@@ -146,7 +146,7 @@ fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
 
 /// Some views are so narrow that the whole screen is in the fovea. The gaze varies, too.
 #[test]
-fn narrow_visual_polar_images_are_close_to_those_of_the_screen() {
+fn narrow_visual_polar_images_match_perspective_ones() {
     const BLOCK: usize = 8;
     let mut subject = Subject::load("builtin:checker");
     for yfov_deg in sampled([1.0f64, 3.0, 20.0], 3) {
@@ -179,7 +179,7 @@ fn block_means(image: &RgbImage, size: usize) -> Vec<f64> {
 }
 
 #[test]
-fn a_full_render_scale_changes_no_byte_where_others_are_possible() {
+fn same_bytes_at_full_scale_if_smaller_are_allowed() {
     let subject = Subject::load("builtin:checker");
     for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(|denoiser| Some(Filter::new(denoiser, 5))) {
         let render = |sparse: bool| {
@@ -198,7 +198,7 @@ fn a_full_render_scale_changes_no_byte_where_others_are_possible() {
 }
 
 #[test]
-fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
+fn denoiser_fills_unsampled_pixels_without_nan() {
     let subject = Subject::load("builtin:cornell");
     for gaze in [towards(0.0, 0.0), towards(1.0, 1.0), towards(0.5, 0.5)] {
         for unsampled_fraction in [0.5, 1.0] {
@@ -225,7 +225,7 @@ fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
+fn rotating_mask_samples_each_pixel_in_three_frames() {
     let subject = Subject::load("builtin:cornell");
     for denoiser in [Denoiser::SVGF, Denoiser::ATROUS] {
         let mut settings = settings(&subject, towards(0.5, 0.5), Foveation::default(), [1; 3]);
@@ -243,7 +243,7 @@ fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
 
 /// A gaze from an eye tracker during a run has the same effect as one in the settings.
 #[test]
-fn a_gaze_that_is_set_is_each_eyes_own() {
+fn gaze_set_per_frame_applies_to_each_eye() {
     let subject = Subject::load("builtin:cornell");
     let sampled = |at_first, later: Option<[[f64; 2]; 2]>| {
         let mut stage = Stage::alone(&subject, &settings(&subject, at_first, Foveation::default(), [0; 3]));
@@ -265,7 +265,7 @@ fn mean(image: &RgbImage, counts: impl Fn(usize) -> bool) -> f64 {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn polar_images_show_what_the_screen_does() {
+fn polar_images_match_perspective_with_fewer_rays() {
     let subject = Subject::load("builtin:cornell");
     let mut plain = subject.settings(WIDTH, HEIGHT);
     (plain.envelope.most.spp, plain.buffers.aovs) = (32.into(), vec![Aov::Position]);

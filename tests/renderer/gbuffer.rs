@@ -167,7 +167,7 @@ fn assert_exact_geometry(subject: &Subject) -> Errors {
 }
 
 #[test]
-fn small_scenes_are_exact() {
+fn gbuffer_of_small_scenes_is_exact() {
     for (name, scene, camera) in matte::all() {
         assert_exact(&subject(name, scene, &camera));
     }
@@ -178,7 +178,7 @@ fn small_scenes_are_exact() {
 const TABLE: f64 = 0.02;
 
 #[test]
-fn colours_of_materials_are_what_their_names_say() {
+fn base_diffuse_and_specular_colours_are_exact() {
     let quick = ["metals", "clearcoats", "material_textures"];
     let is_asked = |name: &str| if is_thorough() { name != "unlit" } else { quick.contains(&name) };
     for (name, build) in materials::ALL.into_iter().filter(|(name, _)| is_asked(name)) {
@@ -235,12 +235,12 @@ fn subject(name: &str, mut scene: Scene, camera: &Pinhole) -> Subject {
 }
 
 #[test]
-fn the_classic_box_is_exact() {
+fn gbuffer_of_the_cornell_box_is_exact() {
     assert_exact(&Subject::load("builtin:cornell"));
 }
 
 #[test]
-fn a_scene_of_many_triangles_is_exact() {
+fn gbuffer_of_many_triangles_is_exact() {
     let Subject { mut scene, rig, name, .. } = Subject::load("builtin:atrium");
     for material in &mut scene.materials {
         (material.specular, material.metallic) = (0.0, 0.0);

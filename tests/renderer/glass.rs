@@ -97,7 +97,7 @@ fn delta_lights_shine_through_panes() {
 /// Water attenuates a lamp below its surface over the way to that surface. For the floor beside a lamp, it also
 /// attenuates the way from the lamp.
 #[test]
-fn volumes_absorb_light_on_each_way_through_them() {
+fn volumes_attenuate_light_on_each_path_segment() {
     let absorption = [0.5f64, 1.0, 2.0];
     let below_water = |light: Light, per_metre: [f64; 3]| {
         let mut scene = floor();
@@ -124,7 +124,7 @@ fn volumes_absorb_light_on_each_way_through_them() {
 
 /// The volume of an opaque material is invisible, whatever else the scene contains and whatever is compiled in.
 #[test]
-fn an_opaque_surface_with_a_volume_is_opaque() {
+fn volume_of_an_opaque_material_is_ignored() {
     let dense = Volume { attenuation_color: vec3(0.5, 0.1, 0.01), attenuation_distance: 0.1 };
     let render = |volume, all| {
         let mut scene = floor();

@@ -168,7 +168,7 @@ fn stored(accel: &Accel) -> usize {
 }
 
 #[test]
-fn what_instances_share_is_stored_once_and_the_rest_flattened() {
+fn shared_meshes_are_stored_once_and_others_flattened() {
     let scene = crowd();
     let count = |layout| Accel::build_with(&scene, layout).unwrap();
     let (flat, shared) = (count(Layout::Flat), count(Layout::TwoLevel));
@@ -197,7 +197,7 @@ fn vectors(stage: &mut Stage, i: usize) -> Vec<Vec3> {
 }
 
 #[test]
-fn surfaces_are_where_and_as_they_are_flattened() {
+fn instanced_gbuffer_matches_flattened_scenes() {
     let scene = crowd();
     let aovs = [Aov::Position, Aov::Normal, Aov::Albedo, Aov::Depth];
     let seen = |layout| {
@@ -239,7 +239,7 @@ fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
 }
 
 #[test]
-fn pictures_are_those_of_flattened_scenes() {
+fn instanced_images_match_flattened_scenes() {
     // In the first case the local origin of positions is not (0, 0, 0). Emissive triangles are numbered in tree order.
     // With lamps (the last case), the same random numbers select different triangles, so the difference is noise.
     let far = Vec3::new(65536.0, 0.0, -32768.0);
@@ -270,7 +270,7 @@ fn pictures_are_those_of_flattened_scenes() {
 }
 
 #[test]
-fn two_devices_give_the_bytes_of_one() {
+fn same_bytes_of_instances_on_two_devices() {
     let subject = subject(&crowd(), Layout::TwoLevel, Vec3::ZERO);
     let settings = subject.denoised(EXTENT.width, EXTENT.height);
     let one = Stage::even(&subject, &settings, 1).frame(0).linear;
@@ -311,7 +311,7 @@ fn no_light_leaks_into_a_closed_instance() {
 /// 2,000 balls of 5,000 triangles: the flattened tables of ten million triangles would take a gibibyte.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn scenes_load_that_are_too_large_flattened() {
+fn instanced_scenes_load_beyond_flattened_limits() {
     const RINGS: usize = 36;
     let mut scene = empty_scene("ten million");
     scene.meshes = vec![Mesh { tangents: vec![], ..ball(RINGS, 0) }];

@@ -46,14 +46,14 @@ fn shown_from(
 }
 
 #[test]
-fn what_is_shown_late_is_corrected_on_any_number_of_devices() {
+fn late_reprojection_corrects_poses_on_all_devices() {
     corrects(&subject(24), [5.0, 0.5], &[2, 3]);
 }
 
 /// Polar images have fewer pixels than the display image, so the margins are smaller.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn polar_images_are_corrected_as_well() {
+fn late_reprojection_corrects_polar_images() {
     for space in [PolarSpace::Visual, PolarSpace::Log(LogPolar::COMPOSITE)] {
         let mut seen = subject(24);
         project(&mut seen.1, Default::default(), space);
@@ -103,7 +103,7 @@ fn others_ended_ms(frame: &Frame) -> f64 {
 /// A pose that arrives during the frame gives the same image as one known in advance. The source is asked only after
 /// everything else of the frame is done.
 #[test]
-fn the_last_pose_is_the_one_that_frames_are_shown_from() {
+fn frames_are_reprojected_to_the_latest_pose() {
     let seen = subject(1);
     let known = [0.0, 0.7].map(|later_s| shown_from(later_s, 0, 1, &seen));
     let (subject, mut settings) = seen;
@@ -147,7 +147,7 @@ fn the_last_pose_is_the_one_that_frames_are_shown_from() {
 /// Two frames are in flight, and each asks for a pose of its own.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn frames_in_flight_have_poses_of_their_own() {
+fn frames_in_flight_latch_separate_poses() {
     let seen = subject(1);
     let later_s = |frame: u32| 0.2 * f64::from(frame);
     let known: Vec<_> = (0..4).map(|index| shown_from(later_s(index), index, 1, &seen)).collect();
@@ -165,7 +165,7 @@ fn frames_in_flight_have_poses_of_their_own() {
 
 /// The image has the pose of the last attempt.
 #[test]
-fn a_frame_that_is_made_again_asks_again() {
+fn repeated_frame_latches_a_new_pose() {
     let seen = subject(1);
     let known = shown_from(0.7, 0, 1, &seen);
     let (subject, settings) = seen;

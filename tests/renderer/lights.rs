@@ -30,7 +30,7 @@ fn floor_under(card: Mesh, lamp: Material) -> f64 {
 
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn a_card_lights_as_much_as_there_is_of_it() {
+fn card_emission_scales_with_alpha_coverage() {
     let card = |width: f32| scenes::quad(vec3(-1.0, 2.0, -1.0), width * Vec3::X, 2.0 * Vec3::Z, 0);
     let lamp = |alpha| Material { base_color: Vec3::ZERO.extend(alpha), emissive: Vec3::splat(5.0), ..scenes::matte() };
     let cut_out = Mesh { colors: [1.0, 0.0, 0.0, 1.0].map(|alpha| Vec3::ONE.extend(alpha)).to_vec(), ..card(2.0) };
@@ -106,7 +106,7 @@ fn many_lamps_of_every_kind_are_unbiased() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn the_scale_of_a_scene_does_not_change_its_picture() {
+fn picture_is_independent_of_scene_scale() {
     let estimate = |scale| {
         let (scene, camera) = many_lamps(scale);
         rendered(&subject(scene, &camera), 2, 128)
@@ -135,7 +135,7 @@ fn irradiance(image: &RgbImage, steps: usize) -> DVec3 {
 }
 
 #[test]
-fn a_sun_of_one_texel_lights_with_little_noise_and_its_own_power() {
+fn one_texel_sun_has_little_noise_and_correct_power() {
     let mut image = RgbImage::filled(Extent::new(256, 128), [0.02; 3]);
     image.pixels[30 * 256 + 100] = [3e5; 3];
     let expected = irradiance(&image, 8).x * 0.5 / std::f64::consts::PI;

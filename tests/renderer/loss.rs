@@ -13,7 +13,7 @@ const WIDTH: u32 = 64;
 const HEIGHT: u32 = 36;
 
 #[test]
-fn a_device_that_is_lost_before_the_start_ends_the_run() {
+fn rejects_devices_lost_before_the_first_frame() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.accumulated(WIDTH, HEIGHT);
     let tables = Arc::new(SceneTables::new(&subject.scene, Accel::build(&subject.scene).unwrap()).unwrap());
@@ -29,7 +29,7 @@ fn a_device_that_is_lost_before_the_start_ends_the_run() {
 
 /// Devices are lost at random moments of their frames.
 #[test]
-fn frames_keep_their_bytes_whenever_a_device_is_lost() {
+fn same_bytes_whenever_a_device_is_lost() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     settings.execution.max_dispatch_ms = Some(1.0);
@@ -54,7 +54,7 @@ fn frames_keep_their_bytes_whenever_a_device_is_lost() {
 }
 
 #[test]
-fn images_of_a_device_that_is_lost_are_made_again_or_are_an_error() {
+fn images_of_a_lost_device_are_rendered_again_or_fail() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
     for count in [1, 2] {

@@ -269,7 +269,7 @@ const WALLS: [Wall; 3] = [Wall::Mirror, Wall::Pane, Wall::Opening];
 
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn mirrors_and_panes_show_a_room_as_well_as_an_opening_would() {
+fn mirrors_and_panes_denoise_as_well_as_an_opening() {
     let rooms = WALLS.map(room);
     for is_moving in [true, false] {
         assert_as_good_as_an_opening(&rooms, is_moving);
@@ -278,13 +278,13 @@ fn mirrors_and_panes_show_a_room_as_well_as_an_opening_would() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn mirrors_and_panes_show_a_moving_room_as_well_as_an_opening_would() {
+fn moving_rooms_in_mirrors_denoise_like_an_opening() {
     assert_as_good_as_an_opening(&WALLS.map(moving_room), true);
 }
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn a_mirror_that_turns_shows_a_room_as_well_as_an_opening_would() {
+fn turning_mirror_denoises_like_an_opening() {
     assert_as_good_as_an_opening(&[Wall::Mirror, Wall::Opening].map(turning_room), true);
 }
 
@@ -307,7 +307,7 @@ fn lacquer_shows_the_room_sharply() {
 /// The room has the noise of one sample per pixel, so `bmfr` gains little.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn denoisers_that_would_blur_a_brushed_mirror_leave_its_light_alone() {
+fn brushed_mirrors_bypass_blurring_denoisers() {
     let subject = room(Wall::Brushed);
     let expected = reference(&subject, false);
     for (denoiser, most) in [(Denoiser::ATROUS, 0.8), (Denoiser::BMFR, 1.0)] {
@@ -324,7 +324,7 @@ fn denoisers_that_would_blur_a_brushed_mirror_leave_its_light_alone() {
 
 /// Pixels of the mirror are holes where those of the opening are: where the left eye does not see the point.
 #[test]
-fn the_right_eye_takes_over_light_in_plane_mirrors() {
+fn right_eye_reuses_light_in_plane_mirrors() {
     let holes = |wall, follow_mirrors| {
         let subject = room(wall);
         let mut settings = settings(&subject, Denoiser::SVGF);
@@ -365,7 +365,7 @@ fn hall_of_mirrors() -> Subject {
 }
 
 #[test]
-fn frames_that_follow_mirrors_have_the_bytes_of_one_device() {
+fn same_bytes_with_mirrors_on_three_devices() {
     let [still, moving] = [hall_of_mirrors(), moving_room(Wall::Mirror)];
     let of_still = [(&still, Denoiser::SVGF, 1), (&still, Denoiser::BMFR, 1), (&still, Denoiser::SVGF, 2)];
     let of_moving = [(&moving, Denoiser::SVGF, 1), (&moving, Denoiser::BMFR, 1)];

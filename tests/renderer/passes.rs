@@ -123,7 +123,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 
 #[test]
-fn images_of_other_sizes_and_workgroups_of_other_shapes() {
+fn passes_support_other_image_and_workgroup_sizes() {
     const GROW: &str = "
 //!include frame bindings
 @compute @workgroup_size(5, 1, 3)
@@ -153,7 +153,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 
 #[test]
-fn a_workgroup_for_each_block_that_reads_all_of_it() {
+fn workgroup_per_block_reads_the_whole_block() {
     const SUM: &str = "
 //!include frame bindings
 @compute @workgroup_size(8)
@@ -190,7 +190,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
 }
 
 #[test]
-fn whole_images_and_rows_that_a_function_names() {
+fn passes_reach_whole_images_or_computed_rows() {
     const FLIP: &str = "
 //!include frame bindings
 @compute @workgroup_size(8, 8)
@@ -213,7 +213,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 
 #[test]
-fn a_pass_that_each_device_runs_once() {
+fn pass_once_runs_once_on_each_device() {
     const TABLE: Resource = Resource::table::<u32>("test table", Extent { width: 16, height: 1 }).bound_as("table");
     const MAKE: &str = "
 //!include frame bindings
@@ -241,7 +241,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 
 /// WGSL defines the result of division by 0, but only run-time checks enforce it on every device.
 #[test]
-fn shaders_that_are_not_the_librarys_run_with_all_checks() {
+fn custom_shaders_run_with_all_runtime_checks() {
     const DIVIDE: &str = "
 //!include frame bindings
 @compute @workgroup_size(8, 8)
@@ -259,7 +259,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 
 /// Tests versions of an image, and history of another image from whichever device had its rows.
 #[test]
-fn versions_and_what_is_kept_between_frames() {
+fn passes_read_image_versions_and_history() {
     const COUNT: Resource = Resource::image::<u32>("test count").bound_as("count");
     const ADD: &str = "
 //!include frame bindings

@@ -50,7 +50,7 @@ fn assert_close(found: Option<f64>, expected: Option<f64>) {
 }
 
 #[test]
-fn frames_are_predicted_by_the_costs_of_those_before_and_their_own_work() {
+fn predictions_use_previous_costs_and_relative_cost() {
     let subject = Subject::load("builtin:cornell");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let quality = settings.quality();

@@ -39,7 +39,7 @@ fn sliding(rig: &Rig) -> Rig {
 
 /// Stripes jump and vanish; a device that has none in a frame knows no records of that frame.
 #[test]
-fn cached_frames_have_the_bytes_of_one_device_on_stripes_that_jump() {
+fn same_bytes_with_cache_on_jumping_stripes() {
     let loaded = Subject::load("builtin:cornell");
     let subject = Subject { rig: sliding(&loaded.rig), ..loaded };
     let times_s: Vec<f64> = (0..FRAMES).map(|i| i as f64 / 72.0).collect();
@@ -64,7 +64,7 @@ fn cached_frames_have_the_bytes_of_one_device_on_stripes_that_jump() {
 /// The rays of a frame tell which cells it knows. Records of a device are lost with it, but its part of the frame is made
 /// again.
 #[test]
-fn a_lost_device_costs_the_cache_nothing() {
+fn cache_survives_the_loss_of_a_device() {
     let subject = Subject::load("builtin:cornell");
     let settings = settings(&subject, true);
     let mut one = Stage::alone(&subject, &settings);
@@ -84,7 +84,7 @@ fn a_lost_device_costs_the_cache_nothing() {
 }
 
 #[test]
-fn only_frames_with_a_history_of_scenes_that_do_not_change_are_cached() {
+fn only_static_scenes_with_history_are_cached() {
     let (still, moving) = (Subject::load("builtin:cornell"), watched(everything()));
     let cached = |config: RunConfig| RunConfig { cache: true, ..config }.caches();
     assert!(cached(still.accumulated(WIDTH, HEIGHT)));

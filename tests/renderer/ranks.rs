@@ -183,7 +183,7 @@ fn cases<'a>(checker: &'a Subject, moving: &'a Subject) -> Vec<(&'static str, &'
 }
 
 #[test]
-fn ranks_give_the_bytes_of_one_device_and_send_what_the_graph_says() {
+fn same_bytes_on_ranks_with_the_traffic_of_the_graph() {
     let (checker, moving) = (Subject::load("builtin:checker"), super::moving::watched(moving::everything()));
     let arrangements = if is_thorough() { &[(2, 1), (4, 1), (2, 2)][..] } else { &[(2, 1)] };
     for &(ranks, each) in arrangements {
@@ -214,7 +214,7 @@ fn ranks_give_the_bytes_of_one_device_and_send_what_the_graph_says() {
 
 /// Stripes are ragged and move. In the third frame the second rank loses one of its devices.
 #[test]
-fn a_device_that_another_rank_loses_costs_no_byte() {
+fn same_bytes_when_another_rank_loses_a_device() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let one = Stage::even(&subject, &settings, 1).frames_in_flight(&times_s());
@@ -244,7 +244,7 @@ fn a_device_that_another_rank_loses_costs_no_byte() {
 }
 
 #[test]
-fn ranks_with_another_scene_are_refused() {
+fn rejects_ranks_with_another_scene() {
     let (checker, cornell) = (Subject::load("builtin:checker"), Subject::load("builtin:cornell"));
     let joined = Ranks::new(2, &[&Subject { name: checker.name.clone(), ..cornell }]);
     let refused = joined.load(&checker).unwrap_err();
@@ -256,7 +256,7 @@ fn ranks_with_another_scene_are_refused() {
 
 /// All ranks use the same clock here, so the true origins are known.
 #[test]
-fn clocks_of_ranks_are_known_as_well_as_is_said() {
+fn rank_clock_errors_stay_within_their_residuals() {
     let joined = Ranks::new(3, &[]);
     joined.node.ask(|_| Request::Record).wait().unwrap();
     let mut residuals_us = Vec::new();

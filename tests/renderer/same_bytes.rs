@@ -59,7 +59,7 @@ fn hold_against_one_device(subject: &Subject, settings: &RunConfig, counts: &[us
 }
 
 #[test]
-fn two_three_and_four_devices_give_the_bytes_of_one() {
+fn same_bytes_on_two_to_four_devices() {
     // Opening devices takes longer than rendering on them.
     for (shot, counts) in [("builtin:atrium", &[3][..]), ("builtin:checker", &[2, 4])] {
         let subject = Subject::load(shot);
@@ -68,7 +68,7 @@ fn two_three_and_four_devices_give_the_bytes_of_one() {
 }
 
 #[test]
-fn polar_images_are_those_of_one_device_while_the_gaze_moves() {
+fn same_bytes_of_polar_images_while_the_gaze_moves() {
     let visual = |denoiser| (PolarSpace::Visual, denoiser);
     let composite = |denoiser| (PolarSpace::Log(LogPolar::COMPOSITE), denoiser);
     let all = [
@@ -128,7 +128,7 @@ impl Policy for Script {
 }
 
 #[test]
-fn uneven_and_empty_stripes_give_the_bytes_of_one_device() {
+fn same_bytes_with_uneven_and_empty_stripes() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let one = Stage::even(&subject, &settings, 1).frame(0).linear;
@@ -141,7 +141,7 @@ fn uneven_and_empty_stripes_give_the_bytes_of_one_device() {
 }
 
 #[test]
-fn stripes_may_differ_between_stages_and_views() {
+fn same_bytes_with_stripes_per_stage_and_view() {
     let rules = [
         "gbuffer=1,2,1",
         "path_trace.left=5,1,2",
@@ -165,7 +165,7 @@ fn stripes_may_differ_between_stages_and_views() {
 }
 
 #[test]
-fn learned_stripes_that_move_along_the_camera_path_give_the_bytes_of_one_device() {
+fn same_bytes_with_learned_stripes_on_a_camera_path() {
     let subject = Subject::load("builtin:atrium");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let frames = |devices: usize, policy: Box<dyn Policy>| {
@@ -188,7 +188,7 @@ fn learned_stripes_that_move_along_the_camera_path_give_the_bytes_of_one_device(
 
 /// Frames are close enough for temporal reuse, on stripes that jump and vanish.
 #[test]
-fn history_that_crosses_stripes_gives_the_bytes_of_one_device() {
+fn same_bytes_if_history_crosses_stripes() {
     for (name, gloss) in [("builtin:atrium", true), ("builtin:cornell", false)] {
         let subject = Subject::load(name);
         assert_eq!(subject.needs.gloss, gloss, "{name}");
@@ -199,7 +199,7 @@ fn history_that_crosses_stripes_gives_the_bytes_of_one_device() {
 /// Blocks of 32 rows are displaced in each frame, larger than some stripes, and straddle others.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn blocks_that_straddle_stripes_give_the_bytes_of_one_device() {
+fn same_bytes_if_blocks_straddle_stripes() {
     let subject = Subject::load("builtin:cornell");
     for denoiser in [Denoiser::BMFR, Denoiser::BMFR_NOISE] {
         hold_history_against_one_device(&subject, denoiser);
@@ -231,7 +231,7 @@ fn hold_history_against_one_device(subject: &Subject, denoiser: Denoiser) {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn layers_around_a_moving_gaze_give_the_bytes_of_one_device() {
+fn same_bytes_with_layers_around_a_moving_gaze() {
     let subject = Subject::load("builtin:checker");
     let path = vec![[0.0, 0.1, 0.9], [2.0, 0.9, 0.0]];
     let gaze = [Gaze { path }, Gaze { path: vec![[0.0, 0.4, 0.2]] }];
@@ -255,7 +255,7 @@ fn layers_around_a_moving_gaze_give_the_bytes_of_one_device() {
 }
 
 #[test]
-fn frames_in_flight_give_the_bytes_of_frames_one_by_one() {
+fn same_bytes_with_frames_in_flight() {
     let subject = Subject::load("builtin:checker");
     let times_s: Vec<f64> = (0..7).map(|i| f64::from(i) * 0.4).collect();
     let mut settings = subject.denoised(WIDTH, HEIGHT);
@@ -278,7 +278,7 @@ fn frames_in_flight_give_the_bytes_of_frames_one_by_one() {
 type Numbers = (f64, u32, u32, f64, Option<[f64; 2]>);
 
 #[test]
-fn all_halo_plans_give_the_same_bytes() {
+fn same_bytes_with_all_halo_plans() {
     let subject = Subject::load("builtin:cornell");
     const ITERATIONS: u32 = 3;
     let render = |plan, devices| {
@@ -295,7 +295,7 @@ fn all_halo_plans_give_the_same_bytes() {
 }
 
 #[test]
-fn every_seed_sampler_and_sample_count_gives_the_bytes_of_one_device() {
+fn same_bytes_with_any_seed_sampler_and_spp() {
     let subject = Subject::load("builtin:checker");
     let mut last: Option<Stereo<RgbImage>> = None;
     for (seed, spp, sampler, reproject) in
@@ -315,7 +315,7 @@ fn every_seed_sampler_and_sample_count_gives_the_bytes_of_one_device() {
 }
 
 #[test]
-fn a_frame_shorter_than_its_halo_or_than_its_devices_gives_the_bytes_of_one_device() {
+fn same_bytes_of_very_short_or_narrow_frames() {
     let subject = Subject::load("builtin:checker");
     for (width, height, devices) in [(50, 3, 4), (1, 40, 2)] {
         let settings = subject.denoised(width, height);
@@ -327,7 +327,7 @@ fn a_frame_shorter_than_its_halo_or_than_its_devices_gives_the_bytes_of_one_devi
 
 #[test]
 #[ignore = "needs scenes of others: `make test-full` says which are there"]
-fn scenes_from_files_give_the_bytes_of_one_device() {
+fn same_bytes_of_scenes_from_files() {
     for name in ["garage", "ww2-cityscene"] {
         if let Some(shot) = shared_shot(name) {
             let subject = Subject::load(&shot);
@@ -337,7 +337,7 @@ fn scenes_from_files_give_the_bytes_of_one_device() {
 }
 
 #[test]
-fn shader_checks_change_no_byte() {
+fn same_bytes_with_full_shader_checks() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     let fast = Stage::alone(&subject, &settings).frame(0).linear;
@@ -349,7 +349,7 @@ fn shader_checks_change_no_byte() {
 /// Tables in buffers, as on GPUs, and in textures, as on lavapipe, give the same bytes.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn tables_in_a_buffer_or_a_texture_give_the_same_bytes() {
+fn same_bytes_with_tables_in_buffer_or_texture() {
     // Instances in animated scenes are covered by the test of tables that change.
     for shot in ["builtin:atrium", "builtin:forest"].into_iter().take(if is_thorough() { 2 } else { 1 }) {
         let subject = Subject::load(shot);

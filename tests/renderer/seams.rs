@@ -50,7 +50,7 @@ fn jump(image: &RgbImage) -> f64 {
 }
 
 #[test]
-fn stripes_filtered_apart_differ_within_the_halo_and_nowhere_else() {
+fn stripes_filtered_apart_differ_only_within_the_halo() {
     for shot in ["builtin:checker", "builtin:atrium"] {
         let images = render(&Subject::load(shot), Seam::None);
         for (one, three) in eyes(&images) {
@@ -80,7 +80,7 @@ fn fewer_iterations_make_a_narrower_halo() {
 }
 
 #[test]
-fn the_seam_filter_makes_the_jump_smaller() {
+fn seam_filter_reduces_the_jump() {
     for shot in sampled(["builtin:checker", "builtin:atrium"], 2) {
         let subject = Subject::load(shot);
         let [apart, smoothed] = [Seam::None, Seam::Filter].map(|seam| render(&subject, seam));
@@ -97,7 +97,7 @@ fn the_seam_filter_makes_the_jump_smaller() {
 }
 
 #[test]
-fn the_seam_filter_changes_the_rows_at_the_seam_and_no_others() {
+fn seam_filter_changes_only_rows_at_the_seam() {
     let subject = Subject::load("builtin:checker");
     let [apart, smoothed] = [Seam::None, Seam::Filter].map(|seam| render(&subject, seam).three);
     for (a, b) in [(&apart.left, &smoothed.left), (&apart.right, &smoothed.right)] {
@@ -108,7 +108,7 @@ fn the_seam_filter_changes_the_rows_at_the_seam_and_no_others() {
 }
 
 #[test]
-fn the_halo_leaves_no_seam() {
+fn halo_leaves_no_seam() {
     let subject = Subject::load("builtin:checker");
     for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
         let images = render(&subject, Seam::Halo(plan));
@@ -120,7 +120,7 @@ fn the_halo_leaves_no_seam() {
 
 /// Halos span a whole stripe: the middle one is narrower than the halo.
 #[test]
-fn a_stripe_narrower_than_the_halo_leaves_no_seam() {
+fn halo_wider_than_a_stripe_leaves_no_seam() {
     let subject = Subject::load("builtin:checker");
     for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
         let settings = with(subject.denoised(WIDTH, 200), |config| config.execution.seam = Seam::Halo(plan));

@@ -46,7 +46,7 @@ fn hold_split_frames_against_whole_ones(what: &str, subject: &Subject, settings:
 }
 
 #[test]
-fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
+fn same_bytes_with_split_submissions() {
     let subject = Subject::load("builtin:atrium");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     hold_split_frames_against_whole_ones("over frames", &subject, &settings);
@@ -61,7 +61,7 @@ fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
 /// Path tracing takes three dispatches over lists of pixels.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn samples_of_lists_in_small_portions_have_the_bytes_of_whole_frames() {
+fn same_bytes_with_split_pixel_lists() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     settings.envelope.most.spp = 9.into();
@@ -73,7 +73,7 @@ fn samples_of_lists_in_small_portions_have_the_bytes_of_whole_frames() {
 }
 
 #[test]
-fn slow_devices_run_each_portion_again() {
+fn same_bytes_with_split_work_on_slow_devices() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     settings.envelope.most.spp = 5.into();

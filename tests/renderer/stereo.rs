@@ -11,7 +11,7 @@ use glam::{DVec3, Vec3};
 /// 512 spp with two bounces in the classic box. The noise of the two renders, which is independent except in the holes,
 /// is below the tolerance.
 #[test]
-fn a_reprojected_eye_looks_like_a_traced_one() {
+fn reprojected_eye_matches_a_traced_one() {
     let subject = Subject::load("builtin:cornell");
     let mut settings = with(subject.settings(64, 36), |config| config.envelope.most.bounces = 2);
     settings.envelope.most.spp = 512.into();
@@ -30,7 +30,7 @@ fn a_reprojected_eye_looks_like_a_traced_one() {
 /// Specular radiance depends on the eye. The right eye reuses the left one's only where the difference is small.
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn glossy_surfaces_look_reprojected_as_they_look_traced() {
+fn reprojected_specular_surfaces_match_traced_ones() {
     let all = ["dielectrics", "metals", "clearcoats"];
     for name in all.into_iter().take(if is_thorough() { 3 } else { 1 }) {
         let (_, scene) = materials::ALL.into_iter().find(|(row, _)| *row == name).unwrap();
@@ -53,7 +53,7 @@ fn glossy_surfaces_look_reprojected_as_they_look_traced() {
 
 /// The image has the command line's default size.
 #[test]
-fn few_pixels_of_the_atrium_are_holes() {
+fn atrium_has_the_expected_number_of_holes() {
     let subject = Subject::load("builtin:atrium");
     assert_eq!(subject.rig.baseline_m, 0.064);
     let settings = with(subject.denoised(640, 360), |config| config.envelope.most.bounces = 1);
@@ -66,7 +66,7 @@ fn few_pixels_of_the_atrium_are_holes() {
 }
 
 #[test]
-fn eyes_in_one_place_see_the_same() {
+fn eyes_without_a_baseline_see_equal_images() {
     for shot in sampled(["builtin:cornell", "builtin:checker"], 2) {
         let mut subject = Subject::load(shot);
         subject.rig.baseline_m = 0.0;
@@ -97,7 +97,7 @@ fn middle_of_near(depths: &[f32], width: usize, depth: f32) -> (f64, f64) {
 }
 
 #[test]
-fn a_near_object_is_further_left_in_the_right_eye() {
+fn near_object_has_the_expected_disparity() {
     let (width, height) = (160, 90);
     let mut scene = empty("board before a wall");
     let grey = add_matte(&mut scene, Vec3::splat(0.5));
@@ -125,7 +125,7 @@ fn a_near_object_is_further_left_in_the_right_eye() {
 }
 
 #[test]
-fn a_point_has_the_same_row_in_both_eyes() {
+fn points_lie_on_the_same_row_in_both_eyes() {
     let (width, height) = (160u32, 90u32);
     for shot in ["builtin:atrium", "builtin:checker"] {
         let subject = Subject::load(shot);
@@ -151,7 +151,7 @@ fn a_point_has_the_same_row_in_both_eyes() {
 
 /// A filled hole has the same random numbers as in a fully traced eye.
 #[test]
-fn holes_get_the_bytes_of_a_traced_eye() {
+fn same_bytes_in_holes_as_in_a_traced_eye() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.settings(128, 72);
     settings.buffers.aovs = vec![Aov::Holes];

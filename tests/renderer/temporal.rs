@@ -58,7 +58,7 @@ fn still_frames_converge_and_keep_their_energy() {
 /// Without history, the variance of a frame's samples tells the filter how noisy it is.
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn a_frame_of_many_samples_is_blurred_little() {
+fn frame_of_many_samples_is_hardly_blurred() {
     let subject = Subject::load("builtin:cornell");
     let right = reference(&subject, 0.0, 128);
     let flip = |mut settings: RunConfig| {
@@ -119,7 +119,7 @@ fn frames_of_fewer_samples_keep_their_history() {
 }
 
 #[test]
-fn frames_on_their_way_are_better_than_frames_alone() {
+fn moving_frames_with_history_beat_single_frames() {
     for shot in ["builtin:checker", "builtin:atrium"].into_iter().take(if is_thorough() { 2 } else { 1 }) {
         let subject = Subject::load(shot);
         let time_s = 0.5;
@@ -159,7 +159,7 @@ fn history_is_found_across_rows() {
 /// frame, the wall has no history, and must not use the board's.
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn what_a_passing_board_uncovers_has_its_own_light() {
+fn disoccluded_wall_has_its_own_light() {
     const STEP: f64 = 0.03;
     let mut scene = empty("board before a lit wall");
     let grey = add_matte(&mut scene, Vec3::splat(0.5));
@@ -248,7 +248,7 @@ fn lag_px(right: &RgbImage, found: &RgbImage) -> f64 {
 /// However slowly the eyes turn, the picture does not lag: it equals that of eyes which were always there.
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn a_creeping_camera_drags_nothing_behind() {
+fn slowly_turning_camera_causes_no_lag() {
     let (frames, speeds_px) = if is_thorough() { (256, &[0.002, 0.009, 0.03][..]) } else { (64, &[0.004][..]) };
     let picture = |speed_px: f64| {
         let subject = unlit(turning(speed_px * f64::from(frames - 1), DVec3::X));
@@ -271,7 +271,7 @@ fn a_creeping_camera_drags_nothing_behind() {
 
 /// After a camera cut there is no history: the frame equals that of a run that begins there.
 #[test]
-fn a_cut_leaves_no_ghost() {
+fn camera_cut_leaves_no_ghost() {
     let mut subject = Subject::load("builtin:atrium");
     subject.rig.keys.truncate(2);
     let [now, back] = &mut subject.rig.keys[..] else { panic!("the path has a way to go") };
@@ -289,7 +289,7 @@ fn a_cut_leaves_no_ghost() {
 
 /// Discarding a history that does not exist yet affects the first frame alone.
 #[test]
-fn beginning_anew_before_the_first_frame_changes_nothing() {
+fn restart_before_the_first_frame_changes_nothing() {
     let subject = Subject::load("builtin:checker");
     let second = |begins_anew: bool| {
         let mut stage = Stage::alone(&subject, &subject.accumulated(WIDTH, HEIGHT));

@@ -80,7 +80,7 @@ fn distant_textures_are_averaged_over_pixels() {
 /// A dark polished floor reflects a tiled ceiling.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn distant_textures_in_polish_are_averaged_over_pixels() {
+fn distant_textures_in_polish_are_filtered() {
     let mut scene = empty("polish");
     let checker = Pictures::add(&mut scene).checker;
     let tiles = TextureRef { uv_from_uv: Affine2::from_scale(Vec2::splat(40.0)), ..checker };
@@ -107,7 +107,7 @@ fn distant_textures_in_polish_are_averaged_over_pixels() {
 
 /// The clear texels between the leaves have a colour, which no pixel may show.
 #[test]
-fn clear_texels_give_no_colour_to_those_beside_them() {
+fn transparent_texels_do_not_bleed_colour() {
     let mut scene = empty("leaves");
     let mut leaves = Image::filled(Extent::new(8, 8), [200, 0, 0, 255]);
     leaves.pixels.iter_mut().step_by(2).for_each(|texel| *texel = [0, 255, 0, 0]);
@@ -131,7 +131,7 @@ fn clear_texels_give_no_colour_to_those_beside_them() {
 }
 
 #[test]
-fn auxiliary_images_keep_their_texels_and_devices_their_bytes() {
+fn texture_filtering_spares_aovs_and_keeps_bytes() {
     let subject = floor("matte", |_| ());
     let albedo = |filter| {
         let mut settings = settings(&subject, Denoiser::SVGF, filter);

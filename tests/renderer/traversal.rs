@@ -57,7 +57,7 @@ fn mean(image: &RgbImage) -> f64 {
 
 /// Distances agree, except for rays along edges; paths from there have different hits.
 #[test]
-fn hardware_finds_what_shaders_find() {
+fn hardware_traversal_matches_compute_traversal() {
     let crowd = instances::crowd();
     let subjects = || {
         let builtin = ["builtin:atrium", "builtin:forest", "builtin:checker"].map(Subject::load).into_iter();
@@ -73,7 +73,7 @@ fn hardware_finds_what_shaders_find() {
 
 /// Deforming bodies, opaque and with alpha, and blocks that share a mesh: one is mirrored, and one is away for a while.
 #[test]
-fn hardware_follows_what_moves() {
+fn hardware_traversal_follows_dynamic_geometry() {
     let mut masked = moving::skinned();
     masked.materials.iter_mut().for_each(|m| m.alpha_mode = AlphaMode::Mask { cutoff: 0.5 });
     for scene in [moving::skinned(), moving::morphed(), masked, moving::rigid()] {
@@ -106,7 +106,7 @@ fn assert_same_is_found(name: &str, compute: &Seen, hardware: &Seen) {
 }
 
 #[test]
-fn devices_of_both_traversals_are_refused() {
+fn rejects_devices_of_mixed_traversal() {
     let subject = Subject::load("builtin:cornell");
     let settings = subject.settings(16, 8);
     let gpus = [TraversalChoice::Compute, TraversalChoice::Hardware].map(open);

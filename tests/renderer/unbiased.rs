@@ -174,13 +174,13 @@ fn matte_scenes() -> impl Iterator<Item = Subject> {
 }
 
 #[test]
-fn every_matte_scene_is_unbiased() {
+fn every_diffuse_scene_is_unbiased() {
     hold_against_the_reference(sampled(matte_scenes(), 3), &QUICK);
 }
 
 /// Add rows in [`lit::ALL`].
 #[test]
-fn every_kind_of_light_is_unbiased_on_every_kind_of_surface() {
+fn every_light_is_unbiased_on_every_material() {
     hold_against_the_reference(sampled(lit::ALL, 3).map(|(name, light)| subject(lit::things(name, light))), &LIT);
 }
 
@@ -204,7 +204,7 @@ fn every_lobe_of_an_extension_is_unbiased() {
 
 /// Tables that were updated to a time represent the scene at that time.
 #[test]
-fn scenes_that_move_are_unbiased_at_every_time() {
+fn animated_scenes_are_unbiased_at_any_time() {
     let scenes = [
         (moving::skinned(), 0.8),
         (moving::morphed(), 0.6),
@@ -220,7 +220,7 @@ fn scenes_that_move_are_unbiased_at_every_time() {
 /// Tangents missing from the file follow glTF's definition: for base and coat maps, both coordinate sets, meshes
 /// without normals, and mirrored images.
 #[test]
-fn normal_maps_without_tangents_are_those_of_the_definition() {
+fn generated_tangents_follow_the_gltf_definition() {
     let (scene, camera) = materials::mapped_without_tangents();
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("mapped.glb");
@@ -262,14 +262,14 @@ fn no_scene_has_a_small_bias() {
 /// Floor, walls and blocks fill the picture. Visible edges of the lamp and of the ceiling beside it would cause most of
 /// its noise.
 #[test]
-fn the_classic_box_is_unbiased() {
+fn cornell_box_is_unbiased() {
     let Subject { scene, .. } = Subject::load("builtin:cornell");
     let camera = Pinhole::looking_at(vec3(-0.25, 1.0, 3.9), vec3(0.0, 0.75, 0.0), Vec3::Y, 18.0);
     hold_against_the_reference([subject((scene, camera))], if is_thorough() { &THOROUGH } else { &QUICK });
 }
 
 #[test]
-fn no_bounces_are_direct_light_as_is_one() {
+fn zero_and_one_bounce_are_both_direct_light() {
     let subject = subject(matte::box_area_light());
     let render = |bounces| {
         let settings = with(subject.settings(48, 32), |config| config.envelope.most.bounces = bounces);
@@ -281,7 +281,7 @@ fn no_bounces_are_direct_light_as_is_one() {
 
 /// Runs with one seed are equal; runs with two seeds are as independent as two frames.
 #[test]
-fn seeds_name_random_numbers_of_their_own() {
+fn seeds_select_independent_random_numbers() {
     let subject = subject(matte::box_area_light());
     let render = |seed, index| {
         let settings = RunConfig { seed, ..subject.settings(48, 32) };
@@ -301,7 +301,7 @@ fn seeds_name_random_numbers_of_their_own() {
 /// Batches, running means and jitter: many samples in one frame have the same mean as many frames of few samples.
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn samples_of_a_frame_and_of_several_frames_have_one_mean() {
+fn one_frame_and_many_frames_have_the_same_mean() {
     let subject = subject(matte::environment_only());
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
     (settings.envelope.most.bounces, settings.sampler) = (2, Sampler::Pcg);

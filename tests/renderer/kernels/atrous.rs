@@ -179,17 +179,17 @@ fn compare([gloss, sparse, layers]: [bool; 3], count: u32, seed: u64, expected: 
 }
 
 #[test]
-fn light_is_averaged_along_surfaces() {
+fn atrous_averages_along_surfaces() {
     compare([false, false, false], 3, 71, &[]);
     compare([true, false, false], 3, 75, &[]);
 }
 
 #[test]
-fn pixels_without_light_wait_for_enough_of_it() {
+fn atrous_fills_empty_pixels_given_enough_light() {
     compare([true, true, false], 4, 72, &["filled", "stays empty", "a last resort"]);
 }
 
 #[test]
-fn layers_take_part_in_the_last_iterations() {
+fn atrous_layers_join_in_the_last_iterations() {
     compare([false, true, true], 4, 73, &["filled", "stays empty", "a last resort", "another layer's iteration"]);
 }

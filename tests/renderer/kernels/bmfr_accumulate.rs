@@ -260,14 +260,14 @@ fn compare(case: Case, cases: &mut Cases) {
 }
 
 #[test]
-fn a_first_frame_is_all_of_its_history() {
+fn bmfr_starts_history_with_the_first_frame() {
     let mut cases = Cases::default();
     compare(Case { gloss: false, view: 1, has_history: false, least_fraction: 0.2, seed: 411 }, &mut cases);
     cases.assert_met(&["no surface", "light", "light that is not finite", "nothing"]);
 }
 
 #[test]
-fn frames_count_alike_until_they_are_many() {
+fn bmfr_mean_becomes_exponential_after_many_frames() {
     for (least_fraction, seed) in SHARES.into_iter().zip(412..) {
         let mut cases = Cases::default();
         compare(Case { gloss: false, view: 0, has_history: true, least_fraction, seed }, &mut cases);
@@ -277,7 +277,7 @@ fn frames_count_alike_until_they_are_many() {
 }
 
 #[test]
-fn the_right_eye_takes_the_left_ones_history_where_it_has_none() {
+fn bmfr_falls_back_to_left_eye_history() {
     for (gloss, seed) in [(false, 414), (true, 415)] {
         let mut cases = Cases::default();
         compare(Case { gloss, view: 1, has_history: true, least_fraction: 0.2, seed }, &mut cases);

@@ -85,11 +85,11 @@ fn compare(gloss: bool, seed: u64) {
 }
 
 #[test]
-fn matte_light_is_multiplied_by_albedo() {
+fn compose_multiplies_radiance_by_albedo() {
     compare(false, 11);
 }
 
 #[test]
-fn gloss_is_multiplied_by_its_own_albedo() {
+fn compose_multiplies_specular_by_its_own_albedo() {
     compare(true, 12);
 }

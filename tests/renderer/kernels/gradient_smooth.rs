@@ -29,7 +29,7 @@ fn expected(gradient: &[[f32; 2]], stripe: &Stripe, (x, y): (u32, u32)) -> f64 {
 }
 
 #[test]
-fn history_is_dropped_by_the_share_of_light_that_has_changed() {
+fn history_drops_by_the_fraction_of_changed_light() {
     let mut random = Random::new(61);
     let constants = Constants::new(WIDTH, HEIGHT);
     let mut met = [0; 3];

@@ -135,7 +135,7 @@ impl Image {
 const GAZES: [DVec2; 3] = [DVec2::splat(0.5), DVec2::new(0.3, 0.71), DVec2::new(0.98, 0.05)];
 
 #[test]
-fn rays_go_through_their_points_of_the_screen_which_lead_back() {
+fn log_polar_rays_round_trip_through_screen_points() {
     const ROUND_TRIP: &str = "
 @group(1) @binding(0) var<storage, read_write> rays: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> points: array<vec4<f32>>;
@@ -189,7 +189,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 
 /// Table 5.3 of the paper: traced rays over the pixels of a screen of 1920x1080.
 #[test]
-fn as_many_pixels_are_traced_as_published() {
+fn log_polar_traces_the_published_number_of_pixels() {
     const SHOWN: &str = "
 @group(1) @binding(0) var<storage, read_write> shown: array<u32>;
 
@@ -217,7 +217,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 
 #[test]
-fn neighbours_are_of_the_same_image() {
+fn log_polar_neighbours_stay_in_the_same_image() {
     const NEIGHBOURS: &str = "
 @group(1) @binding(0) var<storage, read_write> found: array<vec4<i32>>;
 
@@ -257,7 +257,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 
 #[test]
-fn auxiliary_images_have_the_pixel_that_shows_a_point() {
+fn log_polar_aovs_read_the_pixel_of_a_point() {
     let (width, height) = (96, 80);
     let mut cases = Cases::default();
     for ((_, mode), gaze) in LogPolar::PRESETS.iter().flat_map(|mode| GAZES.map(|gaze| (mode, gaze))) {
@@ -311,7 +311,7 @@ fn auxiliary_images_have_the_pixel_that_shows_a_point() {
 
 /// Tests the blur of section 3.5 of the paper: Gaussian weights of 1, 2 and 1, scaled with the distance.
 #[test]
-fn rings_are_blurred_by_the_next_pixels_where_the_gaze_is_far() {
+fn log_polar_blur_grows_with_distance_from_gaze() {
     let mut random = Random::new(192);
     let mut cases = Cases::default();
     let image = Image::new(LogPolar::COMPOSITE, [96.0, 80.0], GAZES[1]);

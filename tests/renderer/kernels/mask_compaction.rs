@@ -94,20 +94,20 @@ fn compare(layers: bool, view: usize, width: u32, seed: u64) {
 }
 
 #[test]
-fn a_share_of_the_pixels_is_listed() {
+fn mask_lists_the_sampled_fraction_of_pixels() {
     // Columns need more than 8 bits, and pixels more than a few workgroups.
     compare(false, 0, 300, 41);
 }
 
 #[test]
-fn fewer_pixels_are_listed_away_from_the_gaze() {
+fn mask_lists_fewer_pixels_away_from_the_gaze() {
     compare(true, 0, WIDTH, 42);
     compare(true, 1, WIDTH, 43);
 }
 
 /// Owen scrambling on the Z curve stratifies the mask in all aligned blocks.
 #[test]
-fn every_aligned_block_has_its_share_of_the_pixels() {
+fn mask_lists_the_fraction_in_every_aligned_block() {
     let mut constants = Constants::new(64, 32);
     constants.foveation.sampled_fraction = 0.25;
     let (zero, surface) = (vec![[0; 4]; constants.area()], vec![[0, 0, 0, 5]; constants.area()]);

@@ -99,12 +99,12 @@ fn accumulated_light_is_the_mean_of_all_frames() {
 }
 
 #[test]
-fn accumulated_gloss_is_the_mean_of_all_frames() {
+fn accumulated_specular_is_the_mean_of_all_frames() {
     accumulate(true, 132);
 }
 
 #[test]
-fn resolved_frames_are_averaged() {
+fn taa_averages_frames_of_still_eyes() {
     let mut random = Random::new(133);
     let (constants, stripe) = still();
     let area = constants.area();

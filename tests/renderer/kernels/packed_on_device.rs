@@ -113,12 +113,12 @@ fn compare(gloss: bool, seed: u64) {
 }
 
 #[test]
-fn floats_come_back_as_they_were() {
+fn packed_floats_match_the_host() {
     compare(false, 51);
 }
 
 #[test]
-fn half_floats_come_back_as_they_were() {
+fn packed_half_floats_match_the_host() {
     compare(true, 52);
 }
 

@@ -170,7 +170,7 @@ fn compare(history_rows: Option<u32>, seed: u64) {
 }
 
 #[test]
-fn records_are_summed_in_integers_and_cells_are_renewed() {
+fn cache_sums_records_in_integers_and_renews_cells() {
     compare(Some(0), 51);
     compare(None, 52);
 }

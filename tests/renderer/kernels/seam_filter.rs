@@ -105,6 +105,6 @@ fn rows_near_a_seam_are_smoothed() {
 }
 
 #[test]
-fn gloss_is_smoothed_by_the_same_weights() {
+fn seam_filter_smooths_specular_by_the_same_weights() {
     compare(true, 102);
 }

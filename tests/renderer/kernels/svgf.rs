@@ -178,17 +178,17 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
 }
 
 #[test]
-fn light_is_averaged_as_far_as_variance_allows() {
+fn svgf_filters_radiance_by_its_variance() {
     compare(false, false, 91, &[]);
 }
 
 #[test]
-fn gloss_is_averaged_by_its_own_variance() {
+fn svgf_filters_specular_by_its_own_variance() {
     compare(true, false, 92, &[]);
 }
 
 #[test]
-fn layers_take_part_in_the_first_iterations() {
+fn svgf_layers_join_in_the_first_iterations() {
     compare(false, true, 93, &["another layer's iteration"]);
     compare(true, true, 94, &["another layer's iteration"]);
 }

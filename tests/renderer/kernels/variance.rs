@@ -175,6 +175,6 @@ fn variance_is_smoothed_or_estimated() {
 }
 
 #[test]
-fn gloss_has_variance_of_its_own() {
+fn specular_has_a_variance_of_its_own() {
     compare(true, 82);
 }

@@ -47,7 +47,7 @@ fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
 /// The eye sees the room in the mirror where the opening has its mirrored copy. With and without a denoiser that follows
 /// mirrors, the images have the same bytes.
 #[test]
-fn mirrors_show_surfaces_where_an_opening_has_their_copies() {
+fn mirror_aovs_match_copies_behind_an_opening() {
     let shown = [Aov::ShownPosition, Aov::ShownNormal, Aov::VirtualPosition];
     let expected = vectors(&room(Wall::Opening), None, [Aov::Position, Aov::Normal]);
     let of_mirror = vectors(&room(Wall::Mirror), None, shown);
@@ -73,7 +73,7 @@ fn mirrors_show_surfaces_where_an_opening_has_their_copies() {
 
 /// The right eye is searched for what the mirror shows as it is searched for the copies behind an opening.
 #[test]
-fn both_eyes_find_what_a_mirror_shows() {
+fn right_eye_finds_surfaces_shown_in_a_mirror() {
     let rig = room(Wall::Mirror).rig;
     let world_to_ndc = rig.matrices(0.0, Eye::Right, EXTENT).world_to_ndc;
     let find = |surfaces: [Surfaces; 2]| surfaces[0].in_other_eye(&surfaces[1], &world_to_ndc, [0.5; 2]).unwrap();

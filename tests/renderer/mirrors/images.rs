@@ -69,7 +69,7 @@ fn last_image(bits: [u32; 4]) -> DVec3 {
 
 /// The image that a mirror shows was where the surface behind an opening was, also if the mirror or the surface moves.
 #[test]
-fn images_in_mirrors_were_where_surfaces_behind_an_opening_were() {
+fn previous_mirror_images_match_an_opening() {
     for room in [moving_room, turning_room] as [fn(Wall) -> Subject; 2] {
         let times = [0.05, 0.05 + 1.0 / FPS];
         let [mirror, opening] = [Wall::Mirror, Wall::Opening].map(room);
@@ -111,7 +111,7 @@ fn seen_at(view: &View, point: DVec3, extent: Extent) -> DVec2 {
 /// The images of surfaces in a mirror ball and in a glass ball lie where the other eye sees the surfaces. A search over
 /// all of its pixels tells where that is.
 #[test]
-fn balls_show_surfaces_where_a_search_finds_them() {
+fn images_in_balls_match_a_search_in_the_other_eye() {
     const EXTENT: Extent = Extent::new(160, 120);
     let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
     let balls = [
@@ -173,7 +173,7 @@ fn balls_show_surfaces_where_a_search_finds_them() {
 /// pixels tells where that is.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn balls_that_roll_showed_surfaces_where_a_search_finds_them() {
+fn previous_images_in_rolling_balls_match_a_search() {
     const EXTENT: Extent = Extent::new(320, 240);
     let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
     let glass = Material { volume: Some(clear), ..studio::glass(Vec3::ONE, 0.0) };

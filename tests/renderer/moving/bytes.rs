@@ -30,7 +30,7 @@ fn assert_all_same(what: &str, expected: &[Frame], found: &[Frame]) {
 }
 
 #[test]
-fn moving_scenes_have_the_bytes_of_one_device_on_ragged_stripes_that_move() {
+fn same_bytes_of_moving_scenes_on_moving_stripes() {
     for (denoiser, spp) in sampled([(Denoiser::SVGF, 1.5), (Denoiser::SVGF, 1.0), (Denoiser::BMFR, 1.0)], 2) {
         hold_motion_against_one_device(denoiser, spp);
     }
@@ -70,7 +70,7 @@ fn hold_motion_against_one_device(denoiser: Denoiser, spp: f64) {
 
 /// The scene has the frame's time, however often the frame restarts.
 #[test]
-fn moving_scenes_keep_their_bytes_when_a_device_is_lost() {
+fn same_bytes_of_moving_scenes_after_device_loss() {
     let subject = watched(moving::everything());
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     let times_s = times_s();
@@ -88,7 +88,7 @@ fn moving_scenes_keep_their_bytes_when_a_device_is_lost() {
 
 /// Tables in buffers, as on GPUs, and in textures, as on lavapipe, give the same bytes.
 #[test]
-fn tables_that_change_in_a_buffer_or_in_a_texture_give_the_same_bytes() {
+fn same_bytes_of_dynamic_tables_in_textures() {
     let subject = watched(moving::everything());
     let settings = subject.accumulated(WIDTH, HEIGHT);
     let render = |tables| {
@@ -118,7 +118,7 @@ fn stages(frame: &Frame) -> Vec<&'static str> {
 
 /// An animated scene at rest is lit identically, but TAA keeps a shorter history.
 #[test]
-fn what_stands_still_has_no_pass_for_what_moves_and_the_light_of_what_could_move() {
+fn static_scenes_skip_motion_passes_with_equal_light() {
     let scene = moving::lights();
     let still = frames(scene.at(0.0), |_| {});
     assert!(still.iter().all(|frame| stages(frame).is_empty()), "{:?}", stages(&still[0]));

@@ -89,7 +89,7 @@ fn hold(subject: &Subject, last_s: f64, now_s: f64, least_moved: usize) {
 }
 
 #[test]
-fn the_image_of_motion_is_where_surfaces_were() {
+fn motion_vectors_lead_to_previous_surfaces() {
     for scene in [moving::skinned(), moving::morphed(), moving::rigid(), moving::emissive()] {
         hold(&watched(scene), 0.4, 0.43, 300);
     }
@@ -98,7 +98,7 @@ fn the_image_of_motion_is_where_surfaces_were() {
 /// In the second scene, only the eyes and a lamp move.
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn the_image_of_motion_knows_eyes_that_move_as_well() {
+fn motion_vectors_include_the_motion_of_eyes() {
     let mut lit = moving::switched();
     for light in &mut lit.lights {
         light.kind = LightKind::Point { position: Vec3::Y * 2.0, radius: 0.0 };

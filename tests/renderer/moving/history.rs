@@ -98,7 +98,7 @@ fn arrived(subject: &Subject, begins_anew: bool, inside: usize) -> (Stereo<RgbIm
 }
 
 #[test]
-fn surfaces_that_move_keep_their_history() {
+fn moving_surfaces_keep_their_history() {
     let subject = watched(boards());
     let right = reference(&subject, f64::from(FRAMES - 1) / FPS, if is_thorough() { 2048 } else { 256 });
     let (kept, pixels) = arrived(&subject, false, 2);
@@ -115,7 +115,7 @@ fn surfaces_that_move_keep_their_history() {
 /// Repeated resampling of history does not blur thin geometry.
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn thin_things_that_move_stay_sharp() {
+fn thin_moving_geometry_stays_sharp() {
     let subject = watched(fences());
     let right = reference(&subject, f64::from(FRAMES - 1) / FPS, 64);
     let (found, pixels) = arrived(&subject, false, 0);
@@ -129,7 +129,7 @@ fn thin_things_that_move_stay_sharp() {
 
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn a_light_that_switches_is_right_four_frames_later() {
+fn switched_light_is_correct_after_four_frames() {
     let subject = watched(moving::switched());
     let settings = with(subject.accumulated(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 2);
     let mut stage = Stage::alone(&subject, &settings);
@@ -150,7 +150,7 @@ fn a_light_that_switches_is_right_four_frames_later() {
 
 /// The lamp's total light stays the same, so only individual pixels show its jump.
 #[test]
-fn a_lamp_that_jumps_is_right_where_it_was_and_where_it_is() {
+fn jumped_lamp_is_correct_after_four_frames() {
     let mut draft = Draft::room("jump");
     draft.scene.environment = Environment::Black;
     let lamp = draft.node(None, DVec3::ZERO, DVec3::ONE);

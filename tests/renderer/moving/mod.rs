@@ -23,7 +23,7 @@ pub fn watched(scene: Scene) -> Subject {
 
 /// A body that shrinks to nothing in the middle of its motion is counted there, and nowhere else.
 #[test]
-fn bodies_that_are_left_out_of_a_frame_are_counted() {
+fn omitted_bodies_are_counted_per_frame() {
     let mut draft = moving::Draft::room("shrinking");
     let red = add_matte(&mut draft.scene, Vec3::new(0.8, 0.2, 0.2));
     let corner = Vec3::new(-0.5, -0.5, 0.0);

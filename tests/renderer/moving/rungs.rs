@@ -56,7 +56,7 @@ const USUAL: Rung = (1.0, 6, 1.0);
 
 /// Gradients compare the previous frame's paths with themselves, whatever the settings of the current frame.
 #[test]
-fn a_change_of_bounces_or_scale_changes_no_gradient() {
+fn gradients_ignore_changes_of_bounces_and_scale() {
     let subject = watched(moving::everything());
     let changes = [
         (USUAL, (1.0, 2, 0.7)),
@@ -75,7 +75,7 @@ fn a_change_of_bounces_or_scale_changes_no_gradient() {
 }
 
 #[test]
-fn a_change_of_samples_drops_no_more_history_than_none() {
+fn changed_sample_counts_drop_little_more_history() {
     let subject = watched(moving::everything());
     for denoiser in sampled([Denoiser::SVGF, Denoiser::BMFR], 2) {
         let dropped = |rungs, stride| play(&subject, denoiser, rungs, stride).dropped;
@@ -96,7 +96,7 @@ fn a_change_of_samples_drops_no_more_history_than_none() {
 
 /// The light of several samples is a mean, which a single path differs from.
 #[test]
-fn a_still_scene_has_no_gradients_whatever_its_samples() {
+fn static_scenes_drop_no_history_at_any_spp() {
     let subject = watched(moving::everything());
     for (before, after) in [(1.5, 1.5), (3.0, 3.0), (3.0, 1.0), (1.0, 3.0), (1.5, 2.0)] {
         let rungs = [before, after].map(|spp| (spp, 6, 1.0));

@@ -35,19 +35,19 @@ fn hold_against_twins(scene: Scene, times_s: &[f64], spp: u32, least_db: f64) {
 }
 
 #[test]
-fn what_deforms_is_the_still_scene_of_its_instant() {
+fn deformed_scene_matches_its_static_twin() {
     hold_against_twins(moving::skinned(), &[0.0, 0.9], 16, 60.0);
     hold_against_twins(moving::morphed(), &[0.7], 16, 60.0);
 }
 
 /// One body is scaled to nothing for a while, and returns in another size.
 #[test]
-fn what_moves_rigidly_is_the_still_scene_of_its_instant() {
+fn rigidly_moved_scene_matches_its_static_twin() {
     hold_against_twins(moving::rigid(), &[0.3, 1.0, 1.5], 16, 60.0);
 }
 
 #[test]
-fn lights_that_move_or_switch_are_those_of_their_instant() {
+fn moved_or_switched_lights_match_a_static_twin() {
     hold_against_twins(moving::lights(), &[0.0, 0.8], 16, 60.0);
     // While a lamp is dark, the static scene has one light fewer, and random numbers select others.
     hold_against_twins(moving::switched(), &[1.2], 16, 60.0);
@@ -55,7 +55,7 @@ fn lights_that_move_or_switch_are_those_of_their_instant() {
 
 /// There are more bodies than invocations in a row.
 #[test]
-fn tens_of_thousands_of_triangles_that_deform_are_all_moved() {
+fn skinning_moves_tens_of_thousands_of_triangles() {
     let mut draft = moving::Draft::room("many triangles");
     let red = add_matte(&mut draft.scene, Vec3::new(0.8, 0.4, 0.3));
     let mesh = add_mesh(&mut draft.scene, moving::patch(185, red));

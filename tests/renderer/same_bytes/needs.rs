@@ -72,7 +72,7 @@ fn flags(needs: SceneNeeds) -> BTreeMap<String, bool> {
 }
 
 #[test]
-fn each_need_is_met_by_one_of_the_scenes_and_not_by_another() {
+fn scenes_cover_both_values_of_each_need() {
     let all = subjects().map(|subject| flags(needs(&subject)));
     for name in flags(SceneNeeds::ALL).keys() {
         let values = all.each_ref().map(|flags| flags[name]);
@@ -82,7 +82,7 @@ fn each_need_is_met_by_one_of_the_scenes_and_not_by_another() {
 
 /// Frames from a scene's own shaders have the bytes of frames from shaders with all features.
 #[test]
-fn code_that_a_scene_does_not_need_changes_no_byte() {
+fn same_bytes_with_all_shader_features_compiled_in() {
     let mut cases: Vec<_> = subjects().into_iter().map(|subject| (subject, 1)).collect();
     if is_thorough() {
         // Several samples use additional code.

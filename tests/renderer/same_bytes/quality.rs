@@ -52,7 +52,7 @@ fn play(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Stereo<R
 }
 
 #[test]
-fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
+fn same_bytes_when_quality_changes_per_frame() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let (one, two) = (play(&subject, &settings, 1), play(&subject, &settings, 2));
@@ -73,7 +73,7 @@ fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
+fn same_bytes_of_history_across_quality_changes() {
     let subject = Subject::load("builtin:atrium");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
@@ -86,7 +86,7 @@ fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
 }
 
 #[test]
-fn exposures_of_frames_change_their_pictures_alone() {
+fn exposure_changes_display_images_but_not_radiance() {
     let subject = Subject::load("builtin:studio");
     for denoiser in sampled([Denoiser::SVGF, Denoiser::BMFR], 2) {
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
@@ -115,7 +115,7 @@ fn exposures_of_frames_change_their_pictures_alone() {
 }
 
 #[test]
-fn qualities_that_nothing_was_made_ready_for_are_refused() {
+fn rejects_qualities_outside_the_envelope() {
     let subject = Subject::load("builtin:cornell");
     let mut settings = subject.denoised(32, 18);
     (settings.envelope.most.spp, settings.envelope.most.filter) = (3.into(), Some(Filter::new(Denoiser::ATROUS, 4)));
@@ -134,7 +134,7 @@ fn qualities_that_nothing_was_made_ready_for_are_refused() {
 }
 
 #[test]
-fn frames_are_repeated_by_their_parameters() {
+fn same_bytes_from_equal_frame_parameters() {
     let subject = Subject::load("builtin:cornell");
     let settings = subject.denoised(32, 18);
     let image = |devices: usize, params: &FrameParams| {
@@ -154,7 +154,7 @@ fn frames_are_repeated_by_their_parameters() {
 /// Numbers of samples between two whole ones are those of tiles: each pixel has one of the two, and the bytes that it
 /// has where all pixels have this number.
 #[test]
-fn pixels_of_tiles_that_differ_have_the_bytes_of_frames_of_their_samples() {
+fn same_bytes_per_pixel_with_fractional_spp() {
     let subject = Subject::load("builtin:studio");
     // Two eyes that are path traced. Sequences of a pixel do not depend on the number of its samples.
     let settings = with(subject.settings(WIDTH, HEIGHT), |config| {

@@ -107,7 +107,7 @@ fn every_row_is_finite_through_history_and_filters() {
 
 /// However many layers a ray must pass, on any driver, its sample is correct or counted as dropped.
 #[test]
-fn rays_that_are_cut_short_are_counted() {
+fn terminated_rays_are_counted() {
     for count in [1000, 5000, 100_000] {
         let (scene, camera) = rows::layers(count, AlphaMode::Blend);
         let subject = subject(&format!("{count} layers"), scene, camera);
@@ -126,7 +126,7 @@ fn rays_that_are_cut_short_are_counted() {
 
 /// Light that is finite in each sample may overflow in a sum, in a division by albedo, or with a surface's emission.
 #[test]
-fn light_that_overflows_is_dropped_and_counted() {
+fn overflowing_light_is_dropped_and_counted() {
     let (scene, camera) = rows::too_bright();
     let subject = subject("too bright", scene, camera);
     let [plain, denoised, accumulated] = [Subject::settings, Subject::denoised, Subject::accumulated];

@@ -60,7 +60,7 @@ fn many(scale: f32, offset: Vec3) -> Vec<RgbImage> {
 
 /// Halving is exact, and so is everything that follows: no bit of the image depends on the unit of length.
 #[test]
-fn a_power_of_two_in_scale_changes_nothing() {
+fn same_bytes_when_scaled_by_a_power_of_two() {
     let render = |scale| {
         let (scene, camera) = room(scale, Vec3::ZERO);
         image("room", scene, camera, Effort::new(64, 6))
@@ -74,7 +74,7 @@ fn a_power_of_two_in_scale_changes_nothing() {
 }
 
 #[test]
-fn the_scale_of_a_scene_changes_only_its_noise() {
+fn scene_scale_changes_only_noise() {
     let right = mean_and_variance(&many(1.0, Vec3::ZERO));
     for scale in [1e-3, 1e6] {
         assert_agrees(&format!("x {scale}"), &right, &mean_and_variance(&many(scale, Vec3::ZERO)), 0.02);
@@ -82,7 +82,7 @@ fn the_scale_of_a_scene_changes_only_its_noise() {
 }
 
 #[test]
-fn the_place_of_a_scene_changes_only_its_noise() {
+fn scene_position_changes_only_noise() {
     let right = mean_and_variance(&many(1.0, Vec3::ZERO));
     for (scale, offset) in [
         (1.0, vec3(4e2, -4e2, 8e2)),

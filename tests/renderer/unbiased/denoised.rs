@@ -72,7 +72,7 @@ fn assert_mean_stays(name: &str, subject: &Subject, bounces: u32, change: fn(&mu
 
 /// Add rows in [`lit::HARD`].
 #[test]
-fn hard_shadows_outside_the_denoiser_change_the_noise_and_not_the_mean() {
+fn hard_shadow_bypass_keeps_the_mean() {
     for (name, light) in sampled(lit::HARD, 2) {
         let subject = subject(lit::things(name, light));
         assert!(subject.needs.hard_lights, "{name}");
@@ -85,7 +85,7 @@ fn hard_shadows_outside_the_denoiser_change_the_noise_and_not_the_mean() {
 
 /// Add rows in [`lit::MIRRORS`]. Few reflections end in the middle of a chain of mirrors.
 #[test]
-fn following_mirrors_changes_the_noise_and_not_the_mean() {
+fn mirror_following_keeps_the_mean() {
     for ((name, mirrors), bounces) in sampled(lit::MIRRORS.into_iter().zip([4, 2, 3, 3, 5, 3]), 6) {
         let subject = subject(lit::things(name, mirrors));
         assert!(subject.needs.mirrors, "{name}");
@@ -96,7 +96,7 @@ fn following_mirrors_changes_the_noise_and_not_the_mean() {
 
 /// Add rows in [`lit::POLISHED`].
 #[test]
-fn following_reflections_in_polish_changes_the_noise_and_not_the_mean() {
+fn polish_following_keeps_the_mean() {
     for ((name, polished), bounces) in sampled(lit::POLISHED.into_iter().zip([2, 3, 3, 2]), 4) {
         let subject = subject(lit::things(name, polished));
         assert!(subject.needs.polish, "{name}");
@@ -107,7 +107,7 @@ fn following_reflections_in_polish_changes_the_noise_and_not_the_mean() {
 
 /// Add rows in [`lit::NARROW`].
 #[test]
-fn light_of_narrow_lobes_outside_the_denoiser_changes_no_mean() {
+fn narrow_lobe_bypass_keeps_mean_and_variance() {
     for (name, add_balls) in sampled(lit::NARROW.into_iter().chain([lit::MIRRORS[2]]), 3) {
         let subject = subject(lit::things(name, add_balls));
         assert!(subject.needs.narrow_lobes, "{name}");
@@ -119,7 +119,7 @@ fn light_of_narrow_lobes_outside_the_denoiser_changes_no_mean() {
 /// The bias is bounded in each block of pixels, since the mean of the picture would hide a caustic that is lost.
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
-fn regularization_calms_caustics_and_keeps_most_of_their_light() {
+fn regularization_calms_caustics_and_keeps_light() {
     const BLOCK: usize = 8;
     let caustics = subject(lit::caustics());
     let matte = subject(matte::box_area_light());

@@ -288,7 +288,7 @@ const WITH_HISTORY: [&str; 16] = [
 ];
 
 #[test]
-fn a_first_frame_is_its_own_history() {
+fn accumulate_starts_history_with_the_first_frame() {
     let mut cases = Cases::default();
     for (gloss, seed) in [(false, 111), (true, 112)] {
         compare(Case { gloss, view: 1, motion: Motion::None, spp: 3, last_spp: 3, seed }, &mut cases);
@@ -297,7 +297,7 @@ fn a_first_frame_is_its_own_history() {
 }
 
 #[test]
-fn light_is_accumulated_while_the_eyes_stand_still() {
+fn accumulate_averages_while_the_eyes_are_still() {
     for (gloss, seed) in [(false, 113), (true, 114)] {
         let mut cases = Cases::default();
         compare(Case { gloss, view: 0, motion: Motion::Still, spp: 1, last_spp: 16, seed }, &mut cases);
@@ -307,7 +307,7 @@ fn light_is_accumulated_while_the_eyes_stand_still() {
 
 /// Resampling hardly blurs, but view-dependent light changes.
 #[test]
-fn light_is_accumulated_while_the_eyes_move_slowly() {
+fn accumulate_averages_while_the_eyes_move_slowly() {
     for (gloss, seed) in [(false, 119), (true, 120)] {
         let mut cases = Cases::default();
         compare(Case { gloss, view: 0, motion: Motion::Slow, spp: 1, last_spp: 1, seed }, &mut cases);
@@ -317,7 +317,7 @@ fn light_is_accumulated_while_the_eyes_move_slowly() {
 }
 
 #[test]
-fn light_is_accumulated_along_the_motion_of_the_eyes() {
+fn accumulate_follows_the_motion_of_the_eyes() {
     for (gloss, seed) in [(false, 115), (true, 116)] {
         let mut cases = Cases::default();
         compare(Case { gloss, view: 0, motion: Motion::Moved, spp: 2, last_spp: 1, seed }, &mut cases);
@@ -328,7 +328,7 @@ fn light_is_accumulated_along_the_motion_of_the_eyes() {
 }
 
 #[test]
-fn the_right_eye_falls_back_on_the_left_ones_history() {
+fn accumulate_falls_back_to_left_eye_history() {
     for (gloss, seed) in [(false, 117), (true, 118)] {
         let mut cases = Cases::default();
         compare(Case { gloss, view: 1, motion: Motion::MovedBack, spp: 1, last_spp: 4, seed }, &mut cases);

@@ -153,7 +153,7 @@ fn compare_light(
 const SHAPES: [&str; 5] = ["edge", "extreme", "parabola", "parabola that begins flat", "parabola that ends flat"];
 
 #[test]
-fn shown_pixels_have_the_light_of_their_area() {
+fn to_eye_averages_light_over_pixel_areas() {
     let mut random = Random::new(172);
     let mut cases = Cases::default();
     for (kind, scale) in (0..3).flat_map(|kind| SCALES.map(|scale| (kind, scale))) {
@@ -169,7 +169,7 @@ fn shown_pixels_have_the_light_of_their_area() {
 }
 
 #[test]
-fn later_eyes_see_surfaces_where_they_are_from_there() {
+fn late_reprojection_places_surfaces_in_later_eyes() {
     let mut random = Random::new(173);
     let mut cases = Cases::default();
     for (kind, scale, moved) in [(0, 0.8, MOVED[1]), (1, 1.2, MOVED[2]), (2, 0.7, MOVED[0]), (2, 2.5, MOVED[1])] {
@@ -189,7 +189,7 @@ fn later_eyes_see_surfaces_where_they_are_from_there() {
 
 /// The distances come from a visual-polar image, whose pixels beyond the ends of rings are not finite.
 #[test]
-fn later_eyes_find_surfaces_in_polar_images() {
+fn late_reprojection_reads_depth_of_polar_images() {
     let mut random = Random::new(177);
     let mut cases = Cases::default();
     let polar = Polar::new(DVec2::new(-0.2, 0.1));
@@ -272,7 +272,7 @@ fn compare_aov(
 }
 
 #[test]
-fn auxiliary_images_have_the_nearest_value_and_the_motion_of_what_is_shown() {
+fn aov_to_eye_takes_nearest_value_and_display_motion() {
     let mut random = Random::new(175);
     let mut cases = Cases::default();
     for (scale, is_motion) in [(0.3, false), (0.9, false), (0.7, true), (1.6, true)] {
@@ -289,7 +289,7 @@ fn auxiliary_images_have_the_nearest_value_and_the_motion_of_what_is_shown() {
 }
 
 #[test]
-fn auxiliary_images_of_later_eyes_have_the_value_of_the_surface() {
+fn aov_late_reprojection_takes_the_surface_value() {
     let mut random = Random::new(176);
     let mut cases = Cases::default();
     for (scale, moved) in [(0.8, MOVED[1]), (1.1, MOVED[2]), (0.9, MOVED[0])] {

@@ -228,7 +228,7 @@ fn assert_channel(
 }
 
 #[test]
-fn light_is_the_sum_of_features_that_is_nearest_to_it() {
+fn fit_is_the_least_squares_sum_of_features() {
     let mut cases = Cases::default();
     let shapes = [Shape::Rough, Shape::Level, Shape::Tilted, Shape::Distant, Shape::Wavy, Shape::Point];
     let lights = [Lit::Noisy, Lit::Exact, Lit::Huge, Lit::Dark, Lit::Sparse, Lit::Nowhere];
@@ -252,7 +252,7 @@ fn light_is_the_sum_of_features_that_is_nearest_to_it() {
 
 /// Each channel is fitted to the pixels that have it, and each lobe on its own.
 #[test]
-fn channels_that_surfaces_do_not_reflect_take_no_part() {
+fn fit_ignores_channels_with_zero_albedo() {
     let mut cases = Cases::default();
     for (i, gloss) in [false, true].into_iter().enumerate() {
         compare(gloss, 5, Shape::Wavy, Lit::Marked, 360 + i as u64, &mut cases);
@@ -262,7 +262,7 @@ fn channels_that_surfaces_do_not_reflect_take_no_part() {
 }
 
 #[test]
-fn blocks_are_somewhere_else_in_each_of_sixteen_frames() {
+fn fit_displaces_blocks_in_each_of_16_frames() {
     let mut cases = Cases::default();
     for index in (0..16).chain([u32::MAX]) {
         compare(false, index, Shape::Tilted, Lit::Noisy, 350, &mut cases);

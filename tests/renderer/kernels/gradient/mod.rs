@@ -281,7 +281,7 @@ const WITH_HISTORY: [&str; 9] = [
 ];
 
 #[test]
-fn gradients_are_how_much_light_on_a_surface_has_changed() {
+fn gradient_is_the_change_of_light_on_a_surface() {
     for (gloss, tempts, seed) in [(false, false, 141), (true, false, 142), (false, true, 143), (true, true, 144)] {
         let mut cases = Cases::default();
         let step = (DVec3::new(0.05, -0.04, 0.03), 0.12);
@@ -293,7 +293,7 @@ fn gradients_are_how_much_light_on_a_surface_has_changed() {
 }
 
 #[test]
-fn rows_that_are_lost_or_too_far_have_no_gradients() {
+fn lost_or_distant_rows_have_no_gradients() {
     let mut cases = Cases::default();
     let step = (DVec3::new(0.0, 0.02, 0.0), -0.12);
     let case =
@@ -314,7 +314,7 @@ fn frames_without_history_have_no_gradients() {
 }
 
 #[test]
-fn frames_of_several_samples_are_compared_by_their_probes() {
+fn multi_sample_frames_compare_their_probes() {
     for (gloss, tempts, seed) in [(false, false, 171), (true, true, 172)] {
         let mut cases = Cases::default();
         let step = (DVec3::new(0.05, -0.04, 0.03), 0.12);
@@ -393,7 +393,7 @@ fn after_probes(gloss: bool, settings: Sampling, factor: f32) -> Vec<[f32; 2]> {
 }
 
 #[test]
-fn probes_find_light_that_changes_and_only_that() {
+fn probes_detect_only_changed_light() {
     for gloss in [false, true] {
         let two = PixelSamples { is_jittered: 1, least: 2, curve_shift: 1, ..Default::default() };
         let settings = Sampling { samples: two, ..sampling(8, 3) };
@@ -438,7 +438,7 @@ fn assert_same(found: &[[f32; 2]], gloss: bool) {
 }
 
 #[test]
-fn sunlight_that_stays_is_no_change() {
+fn constant_sunlight_has_no_gradients() {
     for gloss in [false, true] {
         let settings = sampling(5, 1);
         let found = after(screen(), gloss, settings, &[settings]).remove(0);
@@ -448,7 +448,7 @@ fn sunlight_that_stays_is_no_change() {
 }
 
 #[test]
-fn samples_that_are_dropped_are_no_change() {
+fn dropped_samples_have_no_gradients() {
     for gloss in [false, true] {
         let settings = sampling(5, 1);
         let found = after(dazzled(), gloss, settings, &[settings]).remove(0);
@@ -461,7 +461,7 @@ fn samples_that_are_dropped_are_no_change() {
 /// Gradients repeat the previous frame's paths of several bounces under all kinds of lamps, whatever this frame's
 /// settings are.
 #[test]
-fn paths_are_those_of_the_frame_before() {
+fn gradients_repeat_paths_of_the_previous_frame() {
     for gloss in [false, true] {
         let settings = Sampling { seed: 3, indirect_clamp: 0.05, ..sampling(5, 3) };
         let settings = with_samples(settings, |samples| samples.first = 1);

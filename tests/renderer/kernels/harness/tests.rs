@@ -28,31 +28,31 @@ fn buffers() -> [(&'static str, Buffer); 2] {
 }
 
 #[test]
-fn bindings_are_found_by_name() {
+fn harness_finds_bindings_by_name() {
     assert_eq!(add(0..4, &[], &buffers()), (32..52).collect::<Vec<u32>>());
 }
 
 #[test]
 #[should_panic(expected = "'image' was written above the stripe")]
-fn rows_above_the_stripe_are_watched() {
+fn rejects_writes_above_the_stripe() {
     add(1..4, &[], &buffers());
 }
 
 #[test]
 #[should_panic(expected = "'image' was written below the stripe")]
-fn rows_below_the_stripe_are_watched() {
+fn rejects_writes_below_the_stripe() {
     add(0..3, &[], &buffers());
 }
 
 #[test]
 #[should_panic(expected = r#"the test lacks ["step"] and has ["stride"] beside them"#)]
-fn names_of_bindings_are_compared() {
+fn rejects_other_names_of_bindings() {
     let [(_, step), image] = buffers();
     add(0..4, &[], &[("stride", step), image]);
 }
 
 #[test]
 #[should_panic(expected = r#"override constants: the shader declares []; the test lacks [] and has ["SPARSE"]"#)]
-fn names_of_overrides_are_compared() {
+fn rejects_other_names_of_overrides() {
     add(0..4, &[("SPARSE", true)], &buffers());
 }

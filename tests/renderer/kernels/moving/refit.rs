@@ -88,7 +88,7 @@ fn walk(device: &Device, nodes: &[CwBvhNode], triangles: &[Box3], index: usize, 
 }
 
 #[test]
-fn boxes_hold_their_triangles_in_any_pose_and_are_hardly_larger() {
+fn refitted_boxes_enclose_triangles_in_any_pose() {
     let scene = bodies();
     let device = Device::new(&scene);
     let skins = &device.accel.skins;

@@ -30,7 +30,7 @@ fn xyz(row: [u32; 4]) -> Vec3 {
 const CLOSE: f32 = 2e-5;
 
 #[test]
-fn bodies_are_where_the_host_says_now_and_in_the_frame_before() {
+fn skinned_bodies_match_the_host_in_both_frames() {
     let scene = bodies();
     let device = Device::new(&scene);
     let skins = &device.accel.skins;
@@ -104,7 +104,7 @@ fn rows_of(device: &Device, scene: &diptych::scene::Scene, poses: &[Pose; 2]) ->
 
 /// A body that is scaled to nothing is a point, and all its numbers are finite.
 #[test]
-fn bodies_without_size_are_finite() {
+fn bodies_scaled_to_zero_stay_finite() {
     let scene = bodies();
     let device = Device::new(&scene);
     let mut nothing = scene.motion.pose(0.0);

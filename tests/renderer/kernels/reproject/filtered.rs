@@ -118,13 +118,13 @@ fn compare([gloss, layers]: [bool; 2], seed: u64) {
 }
 
 #[test]
-fn filtered_light_is_taken_over_where_nothing_was_traced() {
+fn reproject_reuses_filtered_light_in_untraced_pixels() {
     compare([false; 2], 161);
     compare([true, false], 162);
 }
 
 #[test]
-fn outer_layers_take_over_light_of_surfaces_that_differ_more() {
+fn outer_layers_reuse_light_of_more_unlike_surfaces() {
     compare([false, true], 163);
     compare([true; 2], 164);
 }

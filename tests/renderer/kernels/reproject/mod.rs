@@ -185,18 +185,18 @@ fn compare(
 }
 
 #[test]
-fn light_is_gathered_and_holes_are_told_apart() {
+fn reproject_gathers_light_and_classifies_holes() {
     compare([false; 3], |_| {}, 61, &[]);
 }
 
 #[test]
-fn gloss_is_gathered_beside_matte_light() {
+fn reproject_keeps_specular_apart_from_diffuse() {
     compare([true, false, false], |_| {}, 62, &[]);
 }
 
 /// Filtered frames need no better light at edges, since the filter blends light there anyway.
 #[test]
-fn pixels_of_several_surfaces_take_over_light_for_a_filter() {
+fn reproject_reuses_light_at_edges_before_a_filter() {
     compare([false, false, true], |_| {}, 69, &[]);
     compare([true, true, true], |_| {}, 70, &["not sampled, but traced"]);
 }
@@ -204,7 +204,7 @@ fn pixels_of_several_surfaces_take_over_light_for_a_filter() {
 /// With temporal accumulation, rays go through different points of the pixel. The eyes are swapped, so that surfaces
 /// leave the left eye's image on the other side.
 #[test]
-fn light_is_gathered_where_rays_go_through_pixels() {
+fn reproject_gathers_at_jittered_ray_positions() {
     let adjust = |c: &mut Constants| {
         c.centre = Vec2::new(0.2, 0.9);
         c.eyes.swap(0, 1);
@@ -213,7 +213,7 @@ fn light_is_gathered_where_rays_go_through_pixels() {
 }
 
 #[test]
-fn pixels_that_the_mask_does_not_ask_for_are_left_to_the_filter() {
+fn reproject_leaves_unsampled_pixels_to_the_denoiser() {
     let share = |c: &mut Constants| c.foveation.sampled_fraction = 0.6;
     compare([false, true, false], share, 64, &["left to the denoiser", "not sampled"]);
     compare([true, true, false], share, 65, &["left to the denoiser", "not sampled"]);
@@ -221,7 +221,7 @@ fn pixels_that_the_mask_does_not_ask_for_are_left_to_the_filter() {
 }
 
 #[test]
-fn outer_layers_allow_surfaces_to_differ_more() {
+fn reproject_accepts_unlike_surfaces_in_outer_layers() {
     let layers = |c: &mut Constants| c.foveation.layers = true;
     let expected = ["left to the denoiser", "not sampled", "not sampled, but traced"];
     compare([false, true, false], layers, 66, &expected);
@@ -230,7 +230,7 @@ fn outer_layers_allow_surfaces_to_differ_more() {
 
 /// If surfaces fall on whole pixels of the left eye, light of neighbours is no substitute.
 #[test]
-fn whole_pixels_are_gathered_from_one_pixel() {
+fn reproject_reads_one_pixel_at_whole_disparities() {
     // At a distance of 4 the image is 4 wide, so eyes 0.5 apart have a disparity of two of 16 pixels.
     let eye = Eye::at_origin(Vec2::splat(0.5));
     let constants = Constants { eyes: [eye, eye.moved(0.5 * DVec3::X, 0.0, 0.0)], ..Constants::new(16, 1) };
@@ -266,7 +266,7 @@ fn whole_pixels_are_gathered_from_one_pixel() {
 }
 
 #[test]
-fn holes_are_dispatched_in_whole_groups() {
+fn reproject_dispatches_holes_in_whole_workgroups() {
     for count in [1, 64, 65, 128, 129] {
         let constants = Constants::new(count, 1);
         let zero = vec![[0; 4]; count as usize];

@@ -102,17 +102,17 @@ fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u
 }
 
 #[test]
-fn a_first_frame_stands_for_itself() {
+fn taa_starts_history_with_the_first_frame() {
     compare(None, false, 121, &["no history"]);
 }
 
 #[test]
-fn frames_are_averaged_while_the_eyes_stand_still() {
+fn taa_averages_frames_while_the_eyes_are_still() {
     compare(None, true, 122, &["history of an eye that stands still", "history that is not finite"]);
 }
 
 #[test]
-fn history_moves_with_the_surface() {
+fn taa_history_follows_the_surface() {
     let way = DVec3::new(0.06, 0.09, -0.02);
     let expected = ["history that moved", "history that is not finite", "no history"];
     compare(Some((way, 0.02, 0.03)), true, 123, &expected);
@@ -129,12 +129,12 @@ fn history_moves_with_the_surface() {
 }
 
 #[test]
-fn what_moves_slowly_has_a_longer_history() {
+fn taa_keeps_longer_history_of_slow_motion() {
     let turn = (DVec3::new(2e-4, -1e-4, 1e-4), 1e-4, -5e-5);
     compare_within(SLOW_TOLERANCE, Some(turn), true, 124, &["history that moved slowly"]);
 }
 
 #[test]
-fn what_was_behind_the_eye_has_no_history() {
+fn taa_drops_history_from_behind_the_eye() {
     compare(Some((DVec3::ZERO, 2.5, 0.0)), true, 125, &["no history"]);
 }

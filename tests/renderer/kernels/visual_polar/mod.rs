@@ -133,7 +133,7 @@ impl Polar {
 const GAZES: [DVec2; 3] = [DVec2::ZERO, DVec2::new(-0.5, 0.3), DVec2::new(0.9, -0.5)];
 
 #[test]
-fn rays_follow_acuity_and_image_points_lead_back() {
+fn visual_polar_rays_follow_acuity_and_round_trip() {
     const OFFSET: DVec2 = DVec2::new(0.25, 0.75);
     const ROUND_TRIP: &str = "
 @group(1) @binding(0) var<storage, read_write> rays: array<vec4<f32>>;
@@ -186,7 +186,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 
 #[test]
-fn neighbours_lie_in_the_same_direction_on_other_rings() {
+fn visual_polar_neighbours_keep_their_direction() {
     const OFFSETS: [(i32, i32); 6] = [(1, 0), (-1, 0), (0, 1), (3, -2), (-16, 16), (16, -1)];
     const NEIGHBOURS: &str = "
 @group(1) @binding(0) var<storage, read_write> found: array<vec4<i32>>;
@@ -242,7 +242,7 @@ fn light_from(direction: DVec3) -> DVec3 {
 }
 
 #[test]
-fn what_is_seen_in_a_direction_is_on_the_screen_where_it_is() {
+fn to_screen_places_light_in_its_direction() {
     let (width, height) = (96, 58);
     for gaze in GAZES {
         let polar = Polar::new(gaze);
@@ -287,7 +287,7 @@ fn numbered(polar: &Polar) -> Vec<[f32; 4]> {
 }
 
 #[test]
-fn auxiliary_images_have_the_pixel_in_the_direction_of_the_screens() {
+fn aov_to_screen_reads_the_pixel_of_each_direction() {
     let (width, height) = (96, 58);
     let mut cases = Cases::default();
     for gaze in GAZES {
