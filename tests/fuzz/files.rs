@@ -138,7 +138,7 @@ fn is_from_outside(scene: &Scene) -> bool {
 }
 
 #[test]
-fn named_files_are_read_or_refused_and_none_outside_is_read() {
+fn files_outside_the_folder_are_never_read() {
     let outer = folders();
     let inner = outer.path().join("inner");
     let absolute = outer.path().join("outside.bin").to_str().unwrap().to_owned();
@@ -170,7 +170,7 @@ fn named_files_are_read_or_refused_and_none_outside_is_read() {
 
 /// Damages the environment file of a shot.
 #[test]
-fn environments_of_shots_are_read_or_refused() {
+fn damaged_skies_of_shots_load_or_are_rejected() {
     let outer = folders();
     let lines = images::exr_bytes(Compression::ZIP16, Blocks::ScanLines);
     let exrs = [lines, images::exr_bytes(Compression::PIZ, Blocks::Tiles(::exr::prelude::Vec2(8, 8)))];
@@ -289,7 +289,7 @@ fn large_scenes(folder: &Path) -> Vec<(&'static str, Value)> {
 
 /// A picture is scanned once even if many emissive materials use it.
 #[test]
-fn materials_share_what_is_known_of_a_picture() {
+fn picture_shared_by_materials_is_scanned_once() {
     let _turn = crate::turn();
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("own.bin"), quad(1.0)).unwrap();
@@ -316,7 +316,7 @@ fn materials_share_what_is_known_of_a_picture() {
 
 /// The user may allow reading the same file.
 #[test]
-fn files_outside_are_read_where_that_is_allowed() {
+fn files_outside_are_read_only_if_allowed() {
     let outer = folders();
     let inner = outer.path().join("inner");
     std::fs::write(inner.join("own.png"), png([1, 2, 3, 255])).unwrap();

@@ -294,7 +294,7 @@ fn animate(draft: &mut Draft, positions: usize) {
 }
 
 #[test]
-fn glb_files_are_read_or_refused() {
+fn damaged_glb_files_load_or_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("fuzz.glb");
     let seed = everything();
@@ -307,7 +307,7 @@ fn glb_files_are_read_or_refused() {
 
 /// A truncated file is rejected, wherever it ends.
 #[test]
-fn glb_files_cut_anywhere_are_refused() {
+fn rejects_glb_files_cut_anywhere() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cut.glb");
     let seed = everything();

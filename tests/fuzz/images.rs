@@ -95,7 +95,7 @@ fn read(path: &Path, bytes: &[u8]) -> Option<RgbImage> {
 }
 
 #[test]
-fn openexr_files_are_read_or_refused() {
+fn damaged_openexr_files_load_or_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sky.exr");
     for seed in exr_seeds() {
@@ -110,7 +110,7 @@ fn openexr_files_are_read_or_refused() {
 }
 
 #[test]
-fn radiance_files_are_read_or_refused() {
+fn damaged_radiance_files_load_or_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sky.hdr");
     for seed in hdr_seeds() {
@@ -137,7 +137,7 @@ fn crc32(bytes: &[u8]) -> u32 {
 }
 
 #[test]
-fn textures_are_read_or_refused() {
+fn damaged_textures_load_or_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("textured.glb");
     for seed in texture_seeds() {

@@ -104,7 +104,7 @@ fn shot() -> Rig {
 }
 
 #[test]
-fn no_motion_is_refused_in_a_line_and_motion_is_seen() {
+fn damaged_head_motion_is_finite_or_rejected() {
     let [cases, read] = [0, 1].map(|_| Cell::new(0u32));
     hold(10_000, ALLOWED_BYTES, damaged(), |(mut bytes, damages)| {
         cases.set(cases.get() + 1);

@@ -194,7 +194,7 @@ fn check(text: &str) {
 }
 
 #[test]
-fn shots_are_read_or_refused() {
+fn edited_shots_load_or_are_rejected() {
     assert!(Draft::parse(SEED, "seed.toml").is_ok(), "{:?}", Draft::parse(SEED, "seed.toml"));
     hold(2000, 64 << 20, prop::collection::vec(edit(), 1..5), |edits| check(&apply(&edits)));
 }

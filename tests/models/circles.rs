@@ -186,7 +186,7 @@ fn sources(files: &[(&str, &str)]) -> Sources {
 }
 
 #[test]
-fn files_form_no_circle() {
+fn files_form_no_import_cycle() {
     for (folder, least) in [("src", 200), ("cli/src", 100)] {
         let mut sources = BTreeMap::new();
         Sources::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join(folder), &[], &mut sources);
@@ -197,7 +197,7 @@ fn files_form_no_circle() {
 }
 
 #[test]
-fn circles_are_found_through_exports_and_inline_paths() {
+fn cycles_are_found_through_exports_and_inline_paths() {
     let root = ("lib.rs", "pub mod a; pub mod b;");
     let straight = ("a/mod.rs", "mod one; mod two; pub use one::One; pub(crate) use two::Two;");
     let two = ("a/two.rs", "use super::One; pub(crate) struct Two(One); mod tests { use crate::b::B; }");

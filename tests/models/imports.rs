@@ -133,7 +133,7 @@ fn modules_use_only_those_above_them() {
 }
 
 #[test]
-fn what_needs_no_device_knows_no_wgpu() {
+fn modules_without_devices_do_not_use_wgpu() {
     fn knows_wgpu(tokens: TokenStream) -> bool {
         tokens.into_iter().any(|token| match token {
             TokenTree::Group(group) => knows_wgpu(group.stream()),
@@ -150,7 +150,7 @@ fn what_needs_no_device_knows_no_wgpu() {
 /// Only the program knows its threads, and others may read the environment at any time. So the program changes the
 /// environment itself, or installs the hook for the library. `cli::prepare_environment` belongs to the program.
 #[test]
-fn the_library_does_not_change_the_environment() {
+fn library_does_not_change_the_environment() {
     fn changes(tokens: TokenStream) -> bool {
         tokens.into_iter().any(|token| match token {
             TokenTree::Group(group) => changes(group.stream()),
@@ -170,7 +170,7 @@ fn the_library_does_not_change_the_environment() {
 }
 
 #[test]
-fn every_kind_of_path_is_found() {
+fn every_kind_of_import_path_is_found() {
     let text = "
         use crate::one::Thing;
         use crate::{two::{Other, self}, three};
@@ -187,7 +187,7 @@ fn every_kind_of_path_is_found() {
 
 /// A guide that names tests that do not exist would be misleading.
 #[test]
-fn the_tests_that_architecture_names_are_there() {
+fn tests_named_in_architecture_exist() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let guide = fs::read_to_string(root.join("ARCHITECTURE.md")).expect("ARCHITECTURE.md can be read");
     let (_, invariants) = guide.split_once("## Invariants").expect("it has invariants");

@@ -363,7 +363,7 @@ fn every_order_of_events_ends() {
 
 /// If a worker remembers a frame as aborted instead of the attempt, it takes no part in the next attempt.
 #[test]
-fn attempts_need_tickets_of_their_own() {
+fn attempts_need_fresh_tickets() {
     let wrong = explore(Rules { devices: 3, fresh_tickets: false, ..RULES });
     assert_eq!(wrong, Err(Wrong::Stuck));
 }

@@ -103,12 +103,12 @@ fn root() -> &'static Path {
 }
 
 #[test]
-fn published_figures_are_those_that_were_measured() {
+fn published_figures_equal_the_measured_ones() {
     assert_eq!(differences_in(root()), Vec::<String>::new(), "python3 tools/results/measure.py --render writes them");
 }
 
 #[test]
-fn published_results_are_of_whole_runs_and_name_no_path() {
+fn published_results_are_complete_and_name_no_path() {
     let text = read(root(), "docs/results/results.json");
     let results: Value = serde_json::from_str(&text).expect("docs/results/results.json is JSON");
     for (name, table) in tables(&results) {
@@ -186,7 +186,7 @@ fn tables_have_their_figures_and_a_caption() {
 }
 
 #[test]
-fn figures_that_were_not_measured_are_found() {
+fn unmeasured_figures_are_detected() {
     let results = sample();
     let (readme, page) = (readme_with(&results), page_of(&results));
     assert_eq!(differences(&results, &readme, &page), Vec::<String>::new());
@@ -205,7 +205,7 @@ fn figures_that_were_not_measured_are_found() {
 
 /// Skips the comparison without Python.
 #[test]
-fn the_script_writes_what_is_measured() {
+fn script_writes_the_measured_figures() {
     let folder = tempfile::tempdir().expect("a folder can be made");
     let here = folder.path();
     let results = sample();

@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_film_leaves_the_surface_as_it_is() {
+    fn missing_film_leaves_f0_unchanged() {
         let base = DVec3::new(0.04, 0.3, 0.9);
         // Near grazing, the two orders of interference do not suffice.
         for cosine in [1.0, 0.8] {

@@ -96,7 +96,7 @@ fn hold(name: &str, finish: Finish) {
 const GLASS: Finish = Finish { specular: 1.0, transmission: 1.0, ..MATTE };
 
 #[test]
-fn diffuse_and_dielectric_reflection_have_their_density() {
+fn diffuse_and_dielectric_lobes_match_their_density() {
     hold("matte", MATTE);
     hold("dielectric", Finish { specular: 1.0, ..MATTE });
 }

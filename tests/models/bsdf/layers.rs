@@ -45,7 +45,7 @@ fn facets_cover_the_surface_once() {
 /// Checks equation 11 of Walter et al. 2007 in Smith's form: the facets visible from a direction have its projected
 /// area.
 #[test]
-fn visible_facets_have_the_area_seen_and_their_density_is_one() {
+fn visible_facets_cover_the_projected_area() {
     for alpha in ALPHAS {
         let facets = Ggx::even(alpha);
         for mu in [1.0, 0.7, 0.2, 0.05] {
@@ -62,7 +62,7 @@ fn visible_facets_have_the_area_seen_and_their_density_is_one() {
 
 /// Compares interpolation with integration between the table's nodes, and integration with an integral over directions.
 #[test]
-fn the_table_of_the_layer_is_exact_to_a_ten_thousandth() {
+fn layer_table_is_exact_to_one_ten_thousandth() {
     let mut worst = (0.0, 0.0, 0.0);
     for i in 0..40 {
         let alpha = (0.0101 + 0.9898 * f64::from(i) / 39.0).powi(2);
@@ -102,7 +102,7 @@ fn the_table_of_the_layer_is_exact_to_a_ten_thousandth() {
 }
 
 #[test]
-fn the_mean_of_the_layer_is_that_of_its_directions() {
+fn mean_layer_albedo_is_the_mean_over_directions() {
     for alpha in [0.0, 1e-4, 0.01, 0.25, 1.0] {
         let n = 2000;
         let at = |i: i32| (f64::from(i) + 0.5) / f64::from(n);

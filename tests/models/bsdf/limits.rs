@@ -23,7 +23,7 @@ fn value(bsdf: &Bsdf, l: DVec3) -> f64 {
 }
 
 #[test]
-fn what_is_reflected_and_what_passes_thin_glass_is_reciprocal() {
+fn reflection_and_thin_transmission_are_reciprocal() {
     let mut rng = Rng::new(3, 3);
     let finishes = [
         MATTE,
@@ -92,7 +92,7 @@ fn deltas(finish: Finish, mu: f64) -> [Option<(DVec3, f64)>; 2] {
 }
 
 #[test]
-fn smooth_surfaces_reflect_by_schlick_and_refract_by_snell() {
+fn smooth_surfaces_follow_schlick_and_snell() {
     let smooth = |finish| Finish { roughness: 0.0, ..finish };
     for mu in [1.0, 0.8, 0.5, 0.2] {
         let v = MATTE.seen_at(mu).to_viewer;
@@ -134,7 +134,7 @@ fn smooth_surfaces_reflect_by_schlick_and_refract_by_snell() {
 }
 
 #[test]
-fn rough_surfaces_run_into_smooth_ones() {
+fn rough_surfaces_converge_to_smooth_ones() {
     for finish in [
         DIELECTRIC,
         Finish { metallic: 1.0, ..MATTE },

@@ -176,7 +176,7 @@ fn table(recording: &Recording, scores: &[(String, Score)]) -> String {
 }
 
 #[test]
-fn recorded_shots_are_rendered_in_time_and_nearly_as_well_as_by_an_oracle() {
+fn controller_meets_budget_nearly_as_well_as_oracle() {
     let recordings = Recording::all();
     assert!(!recordings.is_empty());
     let schedules = [(&[][..], "undisturbed"), (&DISTURBANCES[..], "disturbed")];

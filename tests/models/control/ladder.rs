@@ -17,7 +17,7 @@ fn refusal(text: &str) -> String {
 }
 
 #[test]
-fn a_ladder_is_read_as_it_was_written() {
+fn ladder_round_trips_through_its_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("ladder.toml");
     let mut rungs = three().rungs().to_vec();
@@ -30,7 +30,7 @@ fn a_ladder_is_read_as_it_was_written() {
 }
 
 #[test]
-fn what_was_not_measured_is_named_so_in_the_file() {
+fn estimated_values_are_marked_in_the_file() {
     let mut rungs = three().rungs().to_vec();
     rungs.iter_mut().for_each(|r| (r.flip, r.flicker, r.relmse, r.is_estimated) = (None, None, None, true));
     rungs[0].stage_ms.insert("path_trace".into(), 1.5);
@@ -48,7 +48,7 @@ fn what_was_not_measured_is_named_so_in_the_file() {
 
 /// Ladders from before rungs were judged over frames: FLIP alone, from `bench`, or estimates left by `play`.
 #[test]
-fn ladders_of_before_are_read_for_what_they_are() {
+fn old_ladders_keep_their_meaning() {
     let text = |version: &str| {
         format!(
             "[origin]\nshot = 's'\nsize = '8x8'\ndevices = []\nversion = '{version}'\n\
@@ -70,7 +70,7 @@ fn ladders_of_before_are_read_for_what_they_are() {
 }
 
 #[test]
-fn what_is_no_ladder_is_refused_with_its_reason() {
+fn rejects_invalid_ladders_with_the_reason() {
     let text = three().text().unwrap();
     assert!(Ladder::parse(&text).is_ok());
     let changed = |from: &str, to: &str| {
@@ -109,7 +109,7 @@ fn what_is_no_ladder_is_refused_with_its_reason() {
 }
 
 #[test]
-fn a_front_has_nothing_that_is_beaten_or_hardly_told_apart_and_leaves_out_nothing_else() {
+fn front_keeps_exactly_the_efficient_settings() {
     let template = three().rungs()[0].clone();
     let points = prop::collection::vec((1.0f64..20.0, 0.01f64..1.0), 1..60);
     hold(points, |points| {
@@ -146,7 +146,7 @@ fn settings_without_finite_numbers_are_on_no_front() {
 }
 
 #[test]
-fn rungs_between_others_differ_from_them_in_samples_alone() {
+fn interpolated_rungs_differ_only_in_samples() {
     let mut rungs = ladder(&times(10.0, &[2.0, 1.5])).rungs().to_vec();
     rungs[1].quality.spp = 4.into();
     (rungs[2].quality.spp, rungs[2].quality.bounces) = (6.into(), 2);

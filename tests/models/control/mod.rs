@@ -64,7 +64,7 @@ fn is_late(step: &plant::Step) -> bool {
 }
 
 #[test]
-fn a_step_of_the_load_is_followed_within_a_few_frames_and_the_room_is_used() {
+fn controller_follows_a_load_step_in_a_few_frames() {
     hold((ladders(), factors(4.0), factors(2.0), delays()), |(times_ms, load, bias, delay)| {
         let believed_ms: Vec<f64> = times_ms.iter().map(|ms| bias * ms).collect();
         let at = |frame: usize| if frame < 100 { 1.0 } else { load.max(0.34) };
@@ -99,17 +99,17 @@ fn noise_holds(noise: f64, changes_max: usize) {
 }
 
 #[test]
-fn few_frames_are_late_and_the_room_is_used_with_noise_of_5_percent() {
+fn few_frames_are_late_with_noise_of_5_percent() {
     noise_holds(0.05, 60);
 }
 
 #[test]
-fn few_frames_are_late_and_the_room_is_used_with_noise_of_20_percent() {
+fn few_frames_are_late_with_noise_of_20_percent() {
     noise_holds(0.2, 160);
 }
 
 #[test]
-fn a_frame_that_takes_10_times_as_long_costs_at_most_a_tenth_of_the_time() {
+fn single_slow_frame_costs_at_most_a_tenth_of_time() {
     hold((ladders(), 200usize..300, delays()), |(times_ms, at, delay)| {
         let load = |frame: usize| if frame == at { 10.0 } else { 1.0 };
         let run = Plant { delay, ..Plant::new(&times_ms, &load) }.run(400);
@@ -122,7 +122,7 @@ fn a_frame_that_takes_10_times_as_long_costs_at_most_a_tenth_of_the_time() {
 }
 
 #[test]
-fn without_a_rung_that_fits_the_floor_is_held_and_said() {
+fn controller_holds_the_floor_if_no_rung_fits() {
     hold((ladders(), 1.2f64..4.0, delays()), |(times_ms, over, delay)| {
         let heavy = over * HI_MS / times_ms[0];
         let load = |frame: usize| if (100..200).contains(&frame) { heavy } else { 1.0 };
@@ -135,7 +135,7 @@ fn without_a_rung_that_fits_the_floor_is_held_and_said() {
 }
 
 #[test]
-fn climbs_follow_frames_in_time_alone() {
+fn controller_climbs_only_after_frames_in_time() {
     hold((ladders(), any::<u64>(), delays()), |(times_ms, seed, delay)| {
         let load = |frame: usize| [1.0, 2.5, 0.4][frame / 150 % 3];
         let steps = Plant { noise: 0.1, seed, delay, ..Plant::new(&times_ms, &load) }.run(900).0;
@@ -152,7 +152,7 @@ fn climbs_follow_frames_in_time_alone() {
 }
 
 #[test]
-fn a_rung_that_the_predictor_flatters_is_tried_seldom() {
+fn underestimated_rung_is_tried_seldom() {
     hold((ladders(), 1.3f64..2.0, delays()), |(mut times_ms, flattery, delay)| {
         let believed_ms = times_ms.clone();
         let fits = times_ms.iter().rposition(|ms| *ms < 14.0).unwrap();
@@ -164,7 +164,7 @@ fn a_rung_that_the_predictor_flatters_is_tried_seldom() {
 }
 
 #[test]
-fn lost_devices_are_planned_for_at_once_by_a_predictor_that_knows() {
+fn controller_drops_at_once_after_a_device_loss() {
     hold(ladders(), |times_ms| {
         let mut controller = controller(&times_ms);
         for _ in 0..100 {
@@ -181,7 +181,7 @@ fn lost_devices_are_planned_for_at_once_by_a_predictor_that_knows() {
 }
 
 #[test]
-fn a_new_budget_holds_from_the_next_frame_on() {
+fn new_budget_applies_from_the_next_frame() {
     hold((ladders(), 0.4f64..1.0), |(times_ms, factor)| {
         let mut controller = controller(&times_ms);
         let play = |frames: usize, controller: &mut Controller| {
@@ -203,7 +203,7 @@ fn a_new_budget_holds_from_the_next_frame_on() {
 }
 
 #[test]
-fn nonsense_from_clocks_and_predictors_keeps_the_rung_on_the_ladder() {
+fn controller_survives_invalid_times_and_predictions() {
     let odd = prop_oneof![any::<f64>(), Just(0.0), Just(f64::NAN), Just(f64::INFINITY), 1.0f64..100.0];
     let event = (odd.clone(), odd, 0usize..100);
     hold((ladders(), prop::collection::vec(event, 0..200)), |(times_ms, events)| {

@@ -13,7 +13,7 @@ use crate::reference::scenes::{
 use crate::reference::{Emitters, Reference};
 
 #[test]
-fn a_convex_body_in_a_white_furnace_has_its_albedo() {
+fn convex_body_in_a_white_furnace_shows_its_albedo() {
     let mut scene = empty("furnace");
     let albedo = vec3(1.0, 0.5, 0.2);
     let material = add_matte(&mut scene, albedo);
@@ -32,7 +32,7 @@ fn a_convex_body_in_a_white_furnace_has_its_albedo() {
 
 /// Every wall emits 1 and reflects ρ: after k reflections ρᵏ arrives, and k runs to bounces + 1.
 #[test]
-fn a_closed_glowing_box_is_a_truncated_geometric_series() {
+fn glowing_box_equals_a_geometric_series() {
     let mut scene = empty("box");
     let rho = [0.5f32, 0.8, 1.0];
     let wall =
@@ -52,7 +52,7 @@ fn a_closed_glowing_box_is_a_truncated_geometric_series() {
 
 /// In a sphere around a point light the direct irradiance is I/R², and reflected light is even everywhere.
 #[test]
-fn an_integrating_sphere_is_a_truncated_geometric_series_of_explicit_samples() {
+fn integrating_sphere_equals_a_geometric_series() {
     let mut scene = empty("integrating sphere");
     let rho = 0.7f64;
     let material = add_matte(&mut scene, Vec3::splat(rho as f32));

@@ -47,7 +47,7 @@ fn look_down(scene: &Scene, spp: u32, bounces: u32) -> Estimate {
 }
 
 #[test]
-fn a_mirror_shows_what_is_above_it_dimmed_by_its_colour() {
+fn mirror_reflects_radiance_tinted_by_its_colour() {
     let mut scene = empty("mirror");
     let metal = Material { base_color: vec3(0.9, 0.6, 0.3).extend(1.0), metallic: 1.0, roughness: 0.0, ..matte() };
     sheet(&mut scene, 0.0, true, &metal);
@@ -59,7 +59,7 @@ fn a_mirror_shows_what_is_above_it_dimmed_by_its_colour() {
 }
 
 #[test]
-fn a_mirror_shows_spherical_lights_but_no_disc_of_a_sun() {
+fn mirror_shows_spherical_lights_but_no_sun_disc() {
     let mut scene = empty("mirrored lights");
     sheet(&mut scene, 0.0, true, &Material { metallic: 1.0, roughness: 0.0, ..matte() });
     let direction = vec3(-0.6, -0.8, 0.0);
@@ -90,7 +90,7 @@ fn thin_glass_lets_light_straight_on_from_both_sides() {
 
 /// A lamp under a slab of height 0.5. Light passes the glass 1, 3, 5 … times, attenuated by each length.
 #[test]
-fn a_slab_is_a_truncated_series_of_inner_reflections() {
+fn slab_equals_a_series_of_inner_reflections() {
     let mut scene = empty("slab");
     sheet(&mut scene, 0.0, true, &thick());
     sheet(&mut scene, -0.5, false, &thick());
@@ -109,7 +109,7 @@ fn a_slab_is_a_truncated_series_of_inner_reflections() {
 
 /// Through an empty slab the background is equally bright, except for reflections: squared indices cancel.
 #[test]
-fn a_camera_in_glass_sees_through_it_attenuated_and_compressed() {
+fn camera_in_glass_sees_attenuated_compressed_light() {
     let mut scene = empty("diver");
     sheet(&mut scene, 0.0, true, &thick());
     sheet(&mut scene, 9.0, false, &glowing(2.0));
@@ -125,7 +125,7 @@ fn a_camera_in_glass_sees_through_it_attenuated_and_compressed() {
 }
 
 #[test]
-fn shadow_rays_are_blocked_by_glass_and_attenuated_within() {
+fn shadow_rays_stop_at_glass_and_attenuate_within() {
     let mut scene = empty("lamp in glass");
     sheet(&mut scene, 1.0, true, &thick());
     let white = add_matte(&mut scene, Vec3::ONE);
@@ -140,7 +140,7 @@ fn shadow_rays_are_blocked_by_glass_and_attenuated_within() {
 
 /// Adds a white floor under a pane, lit by one light from that direction or place.
 #[test]
-fn a_pane_dims_delta_lights_and_stops_samples_of_others() {
+fn only_thin_smooth_panes_pass_delta_lights() {
     let direction = vec3(0.6, -0.8, 0.0);
     let sun = LightKind::Directional { direction, angle_rad: 0.0 };
     let tint = vec3(0.5, 0.75, 1.0);
@@ -170,7 +170,7 @@ fn a_pane_dims_delta_lights_and_stops_samples_of_others() {
 }
 
 #[test]
-fn indices_of_one_and_zero_bend_nothing() {
+fn ior_one_bends_nothing_and_ior_zero_reflects_all() {
     for roughness in [0.0, 0.7] {
         let mut scene = empty("haze");
         let haze = Material { ior: 1.0, specular: 0.0, roughness, ..thick() };

@@ -20,7 +20,7 @@ fn lamp_over_origin(scene: &mut Scene, emissive: f32, down: bool, double_sided: 
 }
 
 #[test]
-fn a_point_light_falls_off_with_squared_distance_and_cosine() {
+fn point_light_follows_inverse_square_and_cosine() {
     let mut scene = empty("point");
     floor(&mut scene, vec3(0.8, 0.4, 0.2));
     scene.lights.push(point(vec3(0.0, 2.0, 0.0), 0.0, vec3(5.0, 6.0, 7.0)));
@@ -37,7 +37,7 @@ fn a_point_light_falls_off_with_squared_distance_and_cosine() {
 
 /// A uniform spherical light entirely above the horizon lights like a point in its centre.
 #[test]
-fn a_sphere_lights_like_its_centre() {
+fn spherical_light_equals_a_point_in_its_centre() {
     let mut scene = white_floor("sphere");
     scene.lights.push(point(vec3(0.0, 2.0, 0.0), 1.2, Vec3::splat(5.0)));
     let expected = 5.0 / PI * 0.8 / 6.25;
@@ -46,7 +46,7 @@ fn a_sphere_lights_like_its_centre() {
 
 /// With half of the sphere below the horizon, irradiance over radiance is the circle segment θ − sin θ cos θ.
 #[test]
-fn a_sphere_on_the_horizon_lights_by_its_upper_half() {
+fn sphere_at_the_horizon_lights_by_its_upper_half() {
     let mut scene = white_floor("half sphere");
     let radius = 0.8f64;
     scene.lights.push(point(Vec3::ZERO, radius as f32, Vec3::splat(5.0)));
@@ -57,7 +57,7 @@ fn a_sphere_on_the_horizon_lights_by_its_upper_half() {
 }
 
 #[test]
-fn a_sphere_is_seen_with_its_radiance_from_outside_only_and_blocks() {
+fn spherical_light_is_visible_only_from_outside() {
     let mut scene = white_floor("seen sphere");
     scene.environment = Environment::Constant(Vec3::ONE);
     scene.lights.push(point(vec3(0.0, 3.0, 0.0), 0.5, Vec3::splat(2.0)));
@@ -72,7 +72,7 @@ fn a_sphere_is_seen_with_its_radiance_from_outside_only_and_blocks() {
 
 /// A black sphere hides π sin²θ of a bright sky from the floor below it, and adds its own light once.
 #[test]
-fn a_sphere_hides_the_sky_behind_it_and_counts_once() {
+fn spherical_light_hides_the_sky_and_counts_once() {
     let mut scene = white_floor("sphere and sky");
     scene.environment = Environment::Constant(Vec3::ONE);
     scene.lights.push(point(vec3(0.0, 2.0, 0.0), 1.0, Vec3::splat(3.0)));
@@ -84,7 +84,7 @@ fn a_sphere_hides_the_sky_behind_it_and_counts_once() {
 }
 
 #[test]
-fn a_sphere_blocks_other_lights_from_inside_too() {
+fn spherical_light_blocks_lights_behind_and_inside() {
     let mut scene = white_floor("blocking sphere");
     scene.lights.push(point(Vec3::Y * 4.0, 0.0, Vec3::splat(PI as f32)));
     assert_exact(&look_at_floor(&scene, 0.0, 0.0, 2, 0), [1.0 / 16.0; 3]);
@@ -110,7 +110,7 @@ fn rectangle_form_factor(half_x: f64, half_z: f64, height: f64) -> f64 {
 }
 
 #[test]
-fn an_emissive_quad_lights_by_its_form_factor() {
+fn emissive_quad_lights_by_its_form_factor() {
     let expected = 3.0 * rectangle_form_factor(1.0, 0.5, 1.0);
     for double_sided in [false, true] {
         let mut scene = white_floor("quad");
@@ -126,7 +126,7 @@ fn an_emissive_quad_lights_by_its_form_factor() {
 }
 
 #[test]
-fn the_back_of_a_one_sided_lamp_is_dark() {
+fn back_of_a_one_sided_lamp_is_dark() {
     for emitters in [Emitters::Sampled, Emitters::BounceHits] {
         let mut scene = white_floor("back");
         lamp_over_origin(&mut scene, 3.0, false, false);
@@ -155,7 +155,7 @@ fn lamps_add_up() {
 }
 
 #[test]
-fn a_spot_has_gltf_falloff() {
+fn spot_light_has_gltf_falloff() {
     let (inner, outer) = (20f32.to_radians().cos(), 40f32.to_radians().cos());
     let falloff = |degrees: f64| {
         let cosine = degrees.to_radians().cos();
@@ -183,7 +183,7 @@ fn a_spot_has_gltf_falloff() {
 }
 
 #[test]
-fn a_spherical_spot_seen_is_scaled_by_its_cone() {
+fn visible_spherical_spot_is_scaled_by_its_cone() {
     let mut scene = empty("seen spot");
     let kind =
         LightKind::Spot { position: Vec3::ZERO, radius: 0.5, direction: Vec3::X, cos_inner: 0.9, cos_outer: 0.5 };
@@ -199,7 +199,7 @@ fn a_spherical_spot_seen_is_scaled_by_its_cone() {
 }
 
 #[test]
-fn a_directional_light_has_its_irradiance_with_and_without_a_disc() {
+fn directional_light_has_its_irradiance_at_any_angle() {
     let direction = vec3(0.6, -0.8, 0.0);
     for (angle_rad, spp) in [(0.0, 2), (0.004_65, 1_000), (0.5, 100_000)] {
         let mut scene = white_floor("sun");

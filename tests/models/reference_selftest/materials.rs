@@ -40,7 +40,7 @@ fn sun(scene: &mut Scene, direction: Vec3) {
 }
 
 #[test]
-fn a_coat_mirrors_by_its_fresnel_term_and_dims_what_is_under_it() {
+fn coat_reflects_by_fresnel_and_dims_its_base() {
     let mut scene = empty("coat");
     let clearcoat = Clearcoat { factor: 0.5, ..Clearcoat::default() };
     let material =
@@ -53,7 +53,7 @@ fn a_coat_mirrors_by_its_fresnel_term_and_dims_what_is_under_it() {
 
 /// A coated lamp lights a screen equally through light sampling and through bounces.
 #[test]
-fn coated_and_unlit_lamps_light_the_same_by_either_estimator() {
+fn estimators_agree_on_coated_and_unlit_lamps() {
     let clearcoat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
     let lamps = [
         Material { emissive: Vec3::splat(3.0), base_color: BLACK, clearcoat, ..matte() },
@@ -74,7 +74,7 @@ fn coated_and_unlit_lamps_light_the_same_by_either_estimator() {
 }
 
 #[test]
-fn unlit_surfaces_show_their_colour_to_both_sides_and_nothing_else() {
+fn unlit_surfaces_show_only_their_colour() {
     let mut scene = empty("unlit");
     let shown = Material { base_color: vec4(0.2, 0.4, 0.6, 1.0), emissive: Vec3::ONE, unlit: true, ..matte() };
     let material = add_material(&mut scene, shown);
@@ -87,7 +87,7 @@ fn unlit_surfaces_show_their_colour_to_both_sides_and_nothing_else() {
 
 /// Red tilts a map's normal along the tangent and green along the bitangent, on both sides and in a mirror.
 #[test]
-fn a_normal_map_turns_the_cosine() {
+fn normal_map_turns_the_cosine() {
     let code = [204u8, 153, 230, 0];
     let local = DVec3::new(204.0, 153.0, 230.0) / 255.0 * 2.0 - 1.0;
     for (scale, w, mirrored) in [(1.0f32, 1.0f32, false), (0.5, 1.0, false), (1.0, -1.0, false), (1.0, 1.0, true)] {
@@ -118,7 +118,7 @@ fn a_normal_map_turns_the_cosine() {
 
 /// A mapped normal that faces away from the viewer is bent until the viewer just sees it.
 #[test]
-fn a_normal_that_faces_away_is_bent() {
+fn normal_facing_away_is_bent_to_the_viewer() {
     let mut scene = empty("bent");
     let texture = flat_texture(&mut scene, [255, 128, 128, 0]).unwrap(); // along +x
     let material = Material { normal_map: Some(NormalMap { texture, scale: 1.0 }), ..matte() };

@@ -63,7 +63,7 @@ fn walls_nearer_than_the_hierarchy_can_tell_are_hit() {
 
 /// Compares the hierarchy with a loop over all triangles.
 #[test]
-fn the_hierarchy_finds_what_brute_force_finds() {
+fn hierarchy_equals_brute_force() {
     let mut rng = Rng::new(3, 4);
     let mut vector = || DVec3::new(rng.uniform(), rng.uniform(), rng.uniform()) * 2.0 - 1.0;
     let triangles: Vec<Triangle> = (0..400)

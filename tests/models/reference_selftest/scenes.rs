@@ -49,7 +49,7 @@ fn explicit_samples_and_bounce_hits_agree() {
 }
 
 #[test]
-fn explicit_samples_and_bounce_hits_agree_on_every_material() {
+fn estimators_agree_on_every_material() {
     for (name, scene) in sampled(materials::ALL.into_iter().chain(lobes::ALL), 3) {
         hold_estimators_together(name, &scene(), Extent::new(24, 16), 0.06);
     }

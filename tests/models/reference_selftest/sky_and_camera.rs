@@ -11,7 +11,7 @@ use crate::reference::scenes::{add_material, add_matte, empty, matte, place, qua
 use crate::reference::{Pinhole, Reference, environment};
 
 #[test]
-fn the_environment_runs_right_towards_positive_x_from_negative_z() {
+fn sky_runs_from_negative_z_right_to_positive_x() {
     let mut image = Image::filled(Extent::new(4, 2), [0.0f32; 3]);
     for (i, texel) in image.pixels.iter_mut().enumerate() {
         *texel = [i as f32 % 4.0, (i / 4) as f32, 1.0];
@@ -37,7 +37,7 @@ fn the_environment_runs_right_towards_positive_x_from_negative_z() {
 
 /// A sky of radiance 2 above and 0 below, seen by a floor and by a wall.
 #[test]
-fn a_half_sky_lights_a_floor_wholly_and_a_wall_by_half() {
+fn half_sky_lights_floors_fully_and_walls_by_half() {
     let mut image = Image::filled(Extent::new(4, 512), [0.0f32; 3]);
     image.pixels[..4 * 256].fill([2.0; 3]);
     let environment = Environment::Map { image: image.into(), rotation_deg: 0.0 };
@@ -79,7 +79,7 @@ fn pixels_run_right_and_down_and_are_box_filtered() {
 }
 
 #[test]
-fn a_render_depends_on_its_seed_alone() {
+fn render_depends_only_on_its_seed() {
     let (scene, camera) = box_area_light();
     let reference = Reference::new(&scene);
     let render = |seed| reference.render(&camera, Extent::new(12, 9), 4, 2, seed).mean;

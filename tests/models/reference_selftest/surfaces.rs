@@ -10,7 +10,7 @@ use crate::reference::asserts::{assert_exact, assert_near};
 use crate::reference::scenes::{add_material, add_matte, add_mesh, empty, icosphere, instance, matte, place, quad};
 
 #[test]
-fn a_shading_normal_turns_the_cosine_on_both_sides_and_never_lets_light_through() {
+fn shading_normals_turn_the_cosine_without_leaks() {
     let mut scene = empty("tilted");
     let white = add_matte(&mut scene, Vec3::ONE);
     let mut mesh = quad(vec3(-1.0, 0.0, -1.0), 2.0 * Vec3::Z, 2.0 * Vec3::X, white);
@@ -34,7 +34,7 @@ fn a_shading_normal_turns_the_cosine_on_both_sides_and_never_lets_light_through(
 }
 
 #[test]
-fn bounces_that_leave_below_the_surface_are_lost() {
+fn bounces_below_the_surface_are_lost() {
     let mut scene = empty("tilted furnace");
     let white = add_matte(&mut scene, Vec3::ONE);
     let mut mesh = quad(vec3(-1.0, 0.0, -1.0), 2.0 * Vec3::Z, 2.0 * Vec3::X, white);
@@ -47,7 +47,7 @@ fn bounces_that_leave_below_the_surface_are_lost() {
 }
 
 #[test]
-fn a_mirrored_instance_keeps_its_front_and_its_normals() {
+fn mirrored_instance_keeps_its_front() {
     let mut scene = empty("mirror");
     let lamp = Material { emissive: Vec3::ONE, base_color: vec4(0.0, 0.0, 0.0, 1.0), ..matte() };
     let lamp = add_material(&mut scene, lamp);
@@ -70,7 +70,7 @@ fn a_mirrored_instance_keeps_its_front_and_its_normals() {
 
 /// Normals transform by the inverse transpose: the normal of an ellipsoid is its gradient.
 #[test]
-fn stretched_and_mirrored_smooth_normals_stand_on_the_surface() {
+fn smooth_normals_follow_the_inverse_transpose() {
     for mirror in [1.0f32, -1.0] {
         let mut scene = empty("ellipsoid");
         let white = add_matte(&mut scene, Vec3::ONE);

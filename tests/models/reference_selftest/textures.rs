@@ -31,7 +31,7 @@ const fn texture_ref(uv_set: usize) -> TextureRef {
 const MIDDLE: f64 = 0.215_860_500_113_899_26;
 
 #[test]
-fn texels_are_decoded_before_they_are_filtered() {
+fn texels_are_decoded_before_filtering() {
     let scene = checker_scene(Wrap::Repeat, Wrap::Repeat, true);
     let at = |u, v| {
         let reference = texture_ref(0);
@@ -98,7 +98,7 @@ fn through(scene: &Scene, x: f32, y: f32, spp: u32) -> Estimate {
 const SECOND_SET: Option<TextureRef> = Some(texture_ref(1));
 
 #[test]
-fn a_textured_surface_multiplies_factor_vertex_colour_and_texel() {
+fn textured_surface_multiplies_all_its_colours() {
     let material = Material {
         base_color: vec4(0.5, 0.5, 0.5, 1.0),
         base_color_texture: SECOND_SET,
@@ -114,7 +114,7 @@ fn a_textured_surface_multiplies_factor_vertex_colour_and_texel() {
 }
 
 #[test]
-fn a_mask_is_there_at_its_cutoff_and_above() {
+fn alpha_mask_covers_at_its_cutoff_and_above() {
     let material = |cutoff| Material {
         base_color: vec4(0.0, 0.0, 0.0, 0.5),
         base_color_texture: SECOND_SET,
@@ -134,7 +134,7 @@ fn a_mask_is_there_at_its_cutoff_and_above() {
 }
 
 #[test]
-fn blending_is_there_with_probability_alpha_for_camera_and_shadow_rays() {
+fn blending_covers_with_probability_alpha() {
     let veil = Material {
         base_color: vec4(0.0, 0.0, 0.0, 0.5),
         emissive: Vec3::splat(3.0),
@@ -159,7 +159,7 @@ fn blending_is_there_with_probability_alpha_for_camera_and_shadow_rays() {
 /// Emission of a half-transparent lamp: explicit samples must be weighted by coverage, because bounces hit it only by
 /// chance.
 #[test]
-fn masked_and_blended_lamps_light_the_same_by_either_estimator() {
+fn estimators_agree_on_masked_and_blended_lamps() {
     for alpha_mode in [AlphaMode::Mask { cutoff: 0.3 }, AlphaMode::Blend] {
         let mut scene = checker_scene(Wrap::Repeat, Wrap::Repeat, true);
         floor(&mut scene, Vec3::ONE);

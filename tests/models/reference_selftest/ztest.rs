@@ -43,7 +43,7 @@ fn equal_means_pass_and_have_the_documented_z() {
 }
 
 #[test]
-fn a_bias_of_the_resolution_and_a_local_one_are_found() {
+fn global_and_local_biases_are_detected() {
     let extent = Extent::new(96, 72);
     let a = mean_and_variance(&noise(extent, 12, 1.0, 1));
     let brighter = mean_and_variance(&noise(extent, 12, 1.01, 2));
@@ -63,7 +63,7 @@ fn a_bias_of_the_resolution_and_a_local_one_are_found() {
 }
 
 #[test]
-fn noise_that_hides_everything_and_values_that_are_not_finite_do_not_pass() {
+fn rejects_excessive_noise_and_non_finite_values() {
     let extent = Extent::new(32, 32);
     let a = mean_and_variance(&noise(extent, 4, 1.0, 1));
     let mut b = mean_and_variance(&noise(extent, 4, 1.0, 2));
@@ -90,7 +90,7 @@ fn exact_images_agree_to_rounding() {
 /// Pixels of a render share a random number, so only the spread of the renders' means shows the error of the image's
 /// mean.
 #[test]
-fn errors_that_pixels_share_are_in_the_variance_of_the_image() {
+fn shared_errors_count_in_the_variance_of_the_image() {
     let extent = Extent::new(16, 8);
     let estimate = |mean: f64, seed: u64| {
         let render = |k: u64| {
@@ -117,7 +117,7 @@ fn errors_that_pixels_share_are_in_the_variance_of_the_image() {
 
 /// A lattice has the same mean as independent paths and less noise.
 #[test]
-fn renders_of_a_lattice_have_the_mean_of_independent_paths() {
+fn lattice_has_the_mean_of_independent_paths() {
     let (scene, camera) = matte::environment_only();
     let reference = Reference::new(&scene);
     let extent = Extent::new(16, 8);
