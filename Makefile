@@ -51,7 +51,7 @@ endif
 unexport NEWER_MESA
 
 # Unit tests that need an adapter, by parts of their names.
-NEED_ADAPTER := faulty_shaders_are_refused history_that_is_not_finite light_density_tests missing_light_does_not_depend
+NEED_ADAPTER := rejects_faulty_shaders non_finite_history light_density_tests missing_light_does_not_depend
 
 # Runner for tests in Cargo.
 ifneq ($(RUN),)

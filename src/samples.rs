@@ -243,7 +243,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_of_samples_are_read_and_written_alike() {
+    fn sample_counts_round_trip() {
         for text in ["1", "1.25", "64", "2.5"] {
             let spp: Samples = text.parse().unwrap();
             assert!(spp.check().is_ok());

@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn more_triangles_than_numbers_are_refused() {
+    fn rejects_more_triangles_than_indices() {
         let mut scene = builtin::find("cornell").unwrap().build();
         let mesh = scene.instances[0].mesh;
         scene.meshes[mesh].triangles = vec![[0, 1, 2]; 1 << 20];
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn bodies_out_of_reach_are_refused_or_left_out() {
+    fn bodies_out_of_range_are_rejected_or_omitted() {
         let studio = builtin::find("studio").unwrap().build();
         let accel = Accel::build(&studio).unwrap();
         let with_joints = |scale: f32| {

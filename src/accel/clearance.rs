@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn a_triangle_is_as_far_as_its_nearest_point() {
+    fn distance_to_a_triangle_is_to_its_nearest_point() {
         let t = Triangle { v0: Vec3::ZERO, v1: Vec3::X * 2.0, v2: Vec3::new(0.5, 1.5, 0.5), ..Default::default() };
         for i in 0..1000 {
             let unit = |k: f32| (i as f32 * k).fract() * 6.0 - 3.0;
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tree_finds_the_nearest_triangle() {
+    fn clearance_finds_the_nearest_triangle() {
         for (layout, name) in [(Layout::Flat, "atrium"), (Layout::Flat, "cornell"), (Layout::TwoLevel, "forest")] {
             let scene = builtin::find(name).unwrap().build();
             let flat = Accel::build_with(&scene, Layout::Flat).unwrap();

@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scenes_far_off_are_brought_near() {
+    fn distant_scenes_get_a_local_origin() {
         let bounds = |at: f32| Bounds { min: Vec3::splat(at - 1.0), max: Vec3::splat(at + 2.0) };
         assert_eq!(origin_for(bounds(0.0)), DVec3::ZERO);
         assert_eq!(origin_for(bounds(-5.0)), DVec3::ZERO);

@@ -105,7 +105,7 @@ mod tests {
     use crate::scene::builtin;
 
     #[test]
-    fn large_triangles_are_split_among_leaves_and_named_by_their_first_row() {
+    fn split_triangles_refer_to_their_first_row() {
         let scene = builtin::find("atrium").unwrap().build();
         let accel = Accel::build(&scene).unwrap();
         let firsts = accel.triangles.iter().enumerate().filter(|(row, t)| t.is_first(*row)).count();

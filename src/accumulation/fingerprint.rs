@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_difference_is_named() {
+    fn differences_of_fingerprints_are_named() {
         let here = with(|_, _| ());
         assert_eq!(here, with(|_, _| ()));
         let changed: [(&str, Fingerprint); 8] = [
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn names_do_not_matter() {
+    fn fingerprint_ignores_names_and_warnings() {
         let renamed = with(|scene, _| {
             scene.name = "another".into();
             scene.warnings.push("something".into());

@@ -134,7 +134,7 @@ mod tests {
 
     /// A running mean in f32 stalls once 1/n is below half a unit in the last place of the mean.
     #[test]
-    fn the_mean_of_many_passes_does_not_drift() {
+    fn mean_of_many_passes_does_not_drift() {
         let extent = Extent::new(2, 1);
         let mut sum = Accumulation::new(extent);
         let passes = 1 << 20;
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_that_are_not_finite_are_counted_with_all_their_samples() {
+    fn non_finite_pixels_count_as_dropped_samples() {
         let extent = Extent::new(2, 1);
         let mut sum = Accumulation::new(extent);
         let mut pass = flat(extent, 1.0);
@@ -171,7 +171,7 @@ mod tests {
     /// Pixels of independent noise of variance 1: the mean of n samples has the standard error 1/√n. With 2·10⁴ pixels
     /// of three channels the estimate's own relative error is 1/√(2 · 6·10⁴) = 0.3 %.
     #[test]
-    fn the_noise_is_the_standard_error_of_the_mean() {
+    fn noise_is_the_standard_error_of_the_mean() {
         let extent = Extent::new(200, 100);
         let mut state = 1u32;
         // A uniform distribution of width √12 has variance 1.

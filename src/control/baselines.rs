@@ -250,7 +250,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_of_controllers_are_read_as_they_are_written() {
+    fn controller_names_round_trip() {
         for name in ["diptych", "vlachos", "unreal", "pid", "pinned:3", "turns:20:1", "turns:12:3"] {
             assert_eq!(name.parse::<ControllerKind>().unwrap().to_string(), name);
         }

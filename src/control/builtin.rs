@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn more_light_is_guessed_to_be_better_and_a_flip_that_files_may_have() {
+    fn guessed_error_falls_with_each_quality_setting() {
         let svgf = Some(Denoiser::SVGF);
         for (all, count) in [(candidates(svgf, false), 1700), (candidates(svgf, true), 5100)] {
             assert_eq!(all.len(), count);

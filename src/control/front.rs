@@ -38,7 +38,7 @@ mod tests {
     use super::{front, mean_error};
 
     #[test]
-    fn the_mean_error_of_a_front_is_of_the_best_that_takes_no_longer() {
+    fn mean_error_uses_the_best_setting_in_time() {
         let e = std::f64::consts::E;
         let points = [(e, 0.4), (e * e, 0.2), (e, 0.6)];
         let mean = |begin: f64, end: f64| mean_error(&points, [begin.exp(), end.exp()], 1.0);
@@ -52,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn a_front_is_what_nothing_beats() {
+    fn front_keeps_only_undominated_points() {
         let points = [(3.0, 0.1), (1.0, 0.4), (2.0, 0.4), (1.5, 0.2), (1.5, 0.3), (1.5, 0.2), (f64::NAN, 0.0)];
         assert_eq!(front(&points), [1, 3, 0]);
         assert_eq!(front(&[(1.0, f64::NAN)]), [0; 0]);

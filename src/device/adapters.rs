@@ -287,7 +287,7 @@ mod tests {
     use wgpu::DeviceType;
 
     #[test]
-    fn what_an_adapter_lacks_is_named_with_its_number() {
+    fn missing_features_and_limits_are_named() {
         let features = wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY;
         let enough = wgpu::Limits {
             max_storage_buffers_per_shader_stage: STORAGE_BUFFERS_PER_STAGE,
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn software_drivers_that_are_known_to_be_slow_are_told() {
+    fn old_software_drivers_get_advice() {
         let advice_on = |device_type, driver_info: &str| {
             let fake = wgpu::AdapterInfo::new(device_type, wgpu::Backend::Vulkan);
             advice(&wgpu::AdapterInfo { driver_info: driver_info.to_owned(), ..fake })

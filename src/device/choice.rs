@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gpu_that_two_apis_list_is_taken_once() {
+    fn gpu_listed_by_two_apis_is_chosen_once() {
         let [vulkan, dx12] = [Backend::Vulkan, Backend::Dx12].map(|api| adapter(api, GEFORCE, "0000:01:00.0"));
         assert_chosen(&[vulkan.clone(), dx12.clone()], &[0]);
         assert_chosen(&[dx12.clone(), vulkan.clone()], &[1]);
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn two_alike_cards_stay_two() {
+    fn two_equal_gpus_are_both_chosen() {
         let vulkan = ["0000:01:00.0", "0000:02:00.0"].map(|bus| adapter(Backend::Vulkan, GEFORCE, bus));
         assert_chosen(&vulkan, &[0, 1]);
         // DirectX 12 reports the first card's bus for both, or no bus.
@@ -126,7 +126,7 @@ mod tests {
 
     /// A GPU without a Vulkan driver is listed by the next API.
     #[test]
-    fn a_card_is_taken_by_the_first_api_that_offers_it() {
+    fn gpu_is_chosen_from_the_first_api_that_lists_it() {
         let vulkan = adapter(Backend::Vulkan, GEFORCE, "0000:02:00.0");
         let dx12 = [
             adapter(Backend::Dx12, INTEL, "0000:00:02.0"),
@@ -137,13 +137,13 @@ mod tests {
     }
 
     #[test]
-    fn a_card_that_two_drivers_of_vulkan_list_is_taken_once() {
+    fn gpu_listed_by_two_vulkan_drivers_is_chosen_once() {
         let drivers = ["0000:03:00.0", "0000:03:00.0", "0000:04:00.0"].map(|bus| adapter(Backend::Vulkan, RADEON, bus));
         assert_chosen(&drivers, &[0, 2]);
     }
 
     #[test]
-    fn software_is_taken_only_where_there_is_no_gpu() {
+    fn software_is_chosen_only_without_gpus() {
         let [gl, vulkan] = [Backend::Gl, Backend::Vulkan].map(|api| software(api, "llvmpipe"));
         assert_chosen(&[gl.clone(), vulkan.clone()], &[1]);
         assert_chosen(&[vulkan.clone(), vulkan.clone()], &[0]);

@@ -122,7 +122,7 @@ mod tests {
 
     /// A 36-bit counter with 10 ns per tick that runs 40 ppm too fast and wraps around after 11 minutes.
     #[test]
-    fn times_are_the_hosts_and_never_run_backwards() {
+    fn device_times_follow_the_host_and_never_decrease() {
         let mut clock = GpuClock::new(1e-5);
         let tick = |host_ms: f64| ((host_ms * 1e5 * (1.0 + 40e-6)) as u64 + 123_456_789) % (1 << 36);
         let mut before_ms = f64::NEG_INFINITY;

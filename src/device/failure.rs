@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_call_that_panics_has_lost_the_device() {
+    fn panicking_call_counts_as_device_loss() {
         assert_eq!(lost_on_panic(|| 7), Ok(7));
         let lost = lost_on_panic(|| -> u32 { panic!("Error in Device::poll:\n  Parent device is lost\n") });
         let what = "device lost: Error in Device::poll: Parent device is lost".to_owned();

@@ -170,7 +170,7 @@ mod tests {
     use crate::device::traversal::tests::adapter;
 
     #[test]
-    fn threads_are_told_by_the_hook_alone() {
+    fn thread_count_is_set_only_by_the_hook() {
         let gpu = adapter("discrete GPU", true);
         let quirks = Quirks { threads_by_environment: true, ..Quirks::default() };
         let lavapipe = AdapterReport { quirks, ..adapter("software", false) };
@@ -191,7 +191,7 @@ mod tests {
 
     /// Tests of the library install no hook.
     #[test]
-    fn without_a_hook_no_device_is_opened_with_a_number_of_threads() {
+    fn rejects_thread_counts_without_a_hook() {
         let before = std::env::var_os(environment::THREADS);
         for AdapterReport { index, .. } in adapters().iter().filter(|a| a.quirks.threads_by_environment) {
             let asking = |threads_per_device| {

@@ -81,7 +81,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn hardware_is_chosen_where_every_device_is_a_gpu_with_ray_queries() {
+    fn auto_traversal_needs_ray_queries_on_all_gpus() {
         let [able, unable] = [true, false].map(|has| adapter("discrete GPU", has));
         let [software, old_software] = [true, false].map(|has| adapter("software", has));
         for (adapters, chosen) in [
@@ -99,7 +99,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn hardware_is_refused_where_a_device_has_no_ray_queries() {
+    fn rejects_hardware_traversal_without_ray_queries() {
         let [able, unable] = [true, false].map(|has| adapter("discrete GPU", has));
         let software = adapter("software", true);
         assert_eq!(TraversalChoice::Hardware.on(&[&able, &software]).unwrap(), Traversal::Hardware);

@@ -119,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn injections_are_read_as_they_are_written() {
+    fn injections_parse_or_are_rejected() {
         let hang = Injection { kind: InjectedKind::Hang, device: 12, frames: 345..346 };
         assert_eq!("hang:dev12@345".parse(), Ok(hang.clone()));
         assert_eq!("hang:dev12@frame345".parse(), Ok(hang));
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn each_fault_happens_once_and_devices_are_slow_in_their_frames() {
+    fn faults_occur_once_and_slowdowns_span_frames() {
         let all = ["loss:dev1@frame3", "slow:dev1@2..4", "slow:dev1@3", "oom:dev1@frame3", "hang:dev0@frame3"];
         let injections = all.iter().map(|i| i.parse().unwrap()).collect();
         let mut injected = InjectedFaults { injections, slowdown: vec![1, 3] };

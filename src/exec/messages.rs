@@ -259,7 +259,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn messages_come_out_of_their_text_as_they_went_in() {
+    fn messages_round_trip_through_text() {
         orders().iter().for_each(round_trip);
         replies().iter().for_each(round_trip);
         round_trip(&Message::Rows { ticket: 1, transfer: u32::MAX, rows: Bytes::Owned((0..=255).collect()) });

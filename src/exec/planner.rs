@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_graph_is_built_once_while_its_plan_is_among_the_latest() {
+    fn graph_is_cached_for_the_latest_plans() {
         let graphs = graphs(2);
         let first = graphs.of(&plan(4, 3));
         graphs.of(&plan(5, 3));
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_frame_must_do_follows_from_its_plan() {
+    fn frame_spec_follows_from_its_plan() {
         let graphs = graphs(1);
         let history = Some(History { before: plan(4, 3).assignment, rows: 8, lost: Vec::new() });
         let spec = graphs.spec(&Plan { history, ..plan(4, 2) });

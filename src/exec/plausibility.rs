@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn more_rays_than_paths_can_have_are_refused() {
+    fn rejects_more_rays_than_paths_can_have() {
         let constants = frame(1, 4, 0);
         let most = 2 * (2 * 11 + 4 * 66);
         assert_eq!(checked(&constants, [100 * most, 50 * most], &[]), Ok(()));
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn times_that_are_not_finite_are_refused() {
+    fn rejects_non_finite_times() {
         for time in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             assert!(checked(&frame(1, 1, 0), [0, 0], &[1.0, time]).unwrap_err().contains("ms"), "{time}");
         }
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_are_those_of_the_shaders() {
+    fn bounds_equal_those_in_shaders() {
         let text = shader_text_of("path_trace", crate::device::SceneAccess::default());
         for line in [
             format!("const MOST_LINKS: u32 = {MOST_LINKS}u;"),

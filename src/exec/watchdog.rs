@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_of_interactive_runs_follow_the_budget_and_forget_slow_frames() {
+    fn interactive_limits_follow_budget_and_recent_frames() {
         let mut limits = Limits::default();
         limits.learn(1000, 20.0);
         limits.budget_ms = Some(20.0);
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn only_who_stands_still_on_his_own_account_is_hung() {
+    fn only_independent_silent_devices_are_hung() {
         let mut signs = [LifeSign::default(), LifeSign { depends: true, ..Default::default() }, LifeSign::default()];
         let mut watchdog = Watchdog::new(Duration::from_millis(8), &signs);
         let mut found = Vec::new();
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heartbeat_shows_beats_and_waits_for_others() {
+    fn heartbeat_reports_beats_and_dependence() {
         let heartbeat = Heartbeat::default();
         heartbeat.beat();
         assert_eq!(heartbeat.sign(), LifeSign { beats: 1, depends: false });

@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn contradictions_are_refused() {
+    fn rejects_contradictory_assignments() {
         let fields = |primary, name: &str, eye, edges: Vec<u32>| {
             let own = vec![(name.to_owned(), eye, edges)];
             AssignmentFields { primary, height: 9, common: vec![4, 5], own }.assignment()

@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_that_leave_pixels_or_frames_without_a_place_are_refused() {
+    fn rejects_invalid_run_settings() {
         assert_eq!(refused(|_| ()), None);
         let most = |change: fn(&mut Quality)| refused(|config| change(&mut config.envelope.most));
         let unfiltered = |change: fn(&mut Quality)| {

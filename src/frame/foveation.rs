@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_falloff_samples_the_share_that_is_asked_for() {
+    fn falloff_samples_the_requested_fraction() {
         let extent = Extent::new(64, 48);
         let unsampled_fraction_for = |radii, sampled| {
             Foveation { radii, ..Default::default() }.unsampled_fraction_for(sampled, [0.4, 0.5], extent)

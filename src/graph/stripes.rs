@@ -94,14 +94,14 @@ mod tests {
     }
 
     #[test]
-    fn unusable_ratios_are_refused() {
+    fn rejects_unusable_ratios() {
         assert!(Stripes::from_weights(10, &[0.0, 0.0]).is_err());
         assert!(Stripes::from_weights(10, &[1.0, -1.0]).is_err());
         assert!(Stripes::from_weights(10, &[f64::NAN]).is_err());
     }
 
     #[test]
-    fn devices_that_are_out_have_no_rows() {
+    fn dropped_devices_have_no_rows() {
         let s = Stripes::from_edges(10, &[4]).renumbered(&[1, 3], 5);
         let rows: Vec<_> = (0..5).map(|d| s.rows(d)).collect();
         assert_eq!(rows, [0..0, 0..4, 4..4, 4..10, 10..10]);

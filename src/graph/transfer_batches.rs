@@ -80,13 +80,13 @@ mod tests {
     }
 
     #[test]
-    fn many_rows_leave_when_they_are_ready_and_take_few_along() {
+    fn large_batches_leave_at_once_with_small_ones() {
         assert_eq!(trips_of(&[(0, 5, FEW_BYTES), (0, 5, 1)]), [(0, 5); 2]);
         assert_eq!(trips_of(&[(2, 9, FEW_BYTES), (0, 5, 1), (4, 12, 1)]), [(2, 9), (2, 3), (8, 9)]);
     }
 
     #[test]
-    fn each_trip_lies_between_what_makes_rows_and_what_reads_them() {
+    fn batches_travel_between_ready_and_due() {
         let mut random = 1u32;
         let mut below = |most: u32| {
             random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

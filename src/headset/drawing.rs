@@ -284,7 +284,7 @@ mod tests {
 
     /// Draws a wall 2 m ahead of the eye.
     #[test]
-    fn a_wall_is_as_far_everywhere() {
+    fn flat_wall_has_constant_depth() {
         let [left, right, up, down] = [FOV.left, FOV.right, FOV.up, FOV.down].map(f64::tan);
         let ray = |x: u32, y: u32| {
             let (x, y) =
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sky_is_infinitely_far_and_nothing_is_nearer_than_the_near_plane() {
+    fn depth_is_zero_for_sky_and_clamped_at_near_plane() {
         let distances = [0.0, 1e-4, 1e30, f32::INFINITY, f32::NAN];
         let values = depths(|x, _| distances[x.min(4) as usize]);
         assert_eq!([values[0], values[1], values[3], values[4]], [0.0, 1.0, 0.0, 0.0]);
@@ -308,7 +308,7 @@ mod tests {
 
     /// Pixels come from the host and from a device buffer, in every channel order.
     #[test]
-    fn bytes_of_colours_stay_as_they_are() {
+    fn drawn_pixels_keep_their_bytes() {
         let bytes: Vec<u8> = (0..4 * EXTENT.width * EXTENT.height).map(|i| (i * 7 % 256) as u8).collect();
         let from_host = |_: &GpuDevice| Pixels::Bytes(bytes.clone());
         let from_device = |gpu: &GpuDevice| {

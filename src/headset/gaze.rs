@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gaze_that_is_told_is_taken_as_it_is() {
+    fn reported_gaze_is_not_smoothed() {
         let mut filter = GazeFilter::default();
         for (i, x) in [0.0, 0.4, -0.4, 0.1].into_iter().enumerate() {
             let gaze = filter.next(direction(x, 0.2), i as f64 * STEP_S);
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn a_blink_leaves_the_gaze_where_it_was() {
+    fn blink_keeps_the_last_gaze() {
         let gazes = gap(0.3);
         let during = gazes.iter().filter(|(at_s, _)| (0.5..0.8).contains(at_s));
         assert!(during.clone().count() > 20);
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gaze_that_is_lost_goes_back_to_straight_ahead_and_is_found_again_without_jumps() {
+    fn lost_gaze_returns_smoothly_to_straight_ahead() {
         let gazes = gap(3.0);
         let at = |at_s: f64| gazes.iter().find(|(t, _)| *t >= at_s).unwrap().1;
         assert!(at(3.4).length() < 0.01, "{}", at(3.4));
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_direction_ahead_counts_as_lost() {
+    fn invalid_gaze_directions_count_as_lost() {
         let mut filter = GazeFilter::default();
         filter.next(direction(0.3, 0.0), 0.0);
         for told in [DVec3::Z, DVec3::X, DVec3::ZERO, DVec3::NAN, DVec3::new(100.0, 0.0, -1.0)] {
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gaze_is_where_each_eye_sees_it() {
+    fn gaze_projects_into_the_image_of_each_eye() {
         let fov = Fov { left: -0.9, right: 0.7, up: 0.6, down: -0.8 };
         let straight = HeadEye { position_m: [0.0; 3], orientation: [0.0, 0.0, 0.0, 1.0], fov };
         let [x, y] = in_image(DVec2::ZERO, &straight);

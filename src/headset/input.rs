@@ -149,7 +149,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_controller_can_recentre_and_show_the_panel_with_either_hand() {
+    fn either_hand_can_recentre_and_show_the_panel() {
         for (profile, bound) in PROFILES {
             let of = |to: To| bound.iter().filter(|(t, _)| *t == to).map(|(_, path)| *path).collect::<Vec<_>>();
             if !of(To::Gaze).is_empty() {

@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_session_begins_when_it_is_ready_and_ends_when_it_is_to_stop() {
+    fn session_begins_when_ready_and_ends_when_stopping() {
         let states = [Idle, Ready, Synchronized, Visible, Focused, Visible, Synchronized, Stopping, Idle, Exiting];
         let (steps, lifecycle) = steps(&states);
         let at = |step| steps.iter().position(|s| *s == step);
@@ -144,14 +144,14 @@ mod tests {
     }
 
     #[test]
-    fn a_headset_that_is_taken_off_and_put_on_again_goes_on() {
+    fn session_resumes_after_headset_is_put_on_again() {
         let (steps, lifecycle) = steps(&[Idle, Ready, Synchronized, Stopping, Idle, Ready, Synchronized]);
         assert_eq!(steps.iter().filter(|s| **s == Step::Begin).count(), 2);
         assert!(lifecycle.runs() && !lifecycle.has_ended());
     }
 
     #[test]
-    fn a_loss_ends_it_in_any_state() {
+    fn loss_ends_the_session_in_any_state() {
         for before in [Idle, Ready, Synchronized, Visible, Focused, Stopping] {
             let (steps, lifecycle) = steps(&[Ready, before, LossPending]);
             assert_eq!(steps[2], Step::Nothing, "a session that is being lost is not ended");
@@ -160,13 +160,13 @@ mod tests {
     }
 
     #[test]
-    fn states_that_are_said_twice_do_nothing() {
+    fn repeated_states_do_nothing() {
         let (steps, _) = steps(&[Ready, Ready, Stopping, Stopping]);
         assert_eq!(steps, [Step::Begin, Step::Nothing, Step::End, Step::Nothing]);
     }
 
     #[test]
-    fn no_more_states_are_kept_than_are_of_use() {
+    fn number_of_remembered_states_is_bounded() {
         let mut lifecycle = Lifecycle::default();
         for _ in 0..REMEMBERED {
             assert_eq!([Visible, Focused].map(|state| lifecycle.enter(state)), [Step::Nothing; 2]);

@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heading_is_that_of_where_one_looks() {
+    fn heading_follows_the_view_at_any_pitch() {
         for yaw in [-3.0, -1.0, 0.0, 0.5, FRAC_PI_2, 3.0] {
             for pitch in [-FRAC_PI_2, -1.2, 0.0, 0.8, 1.5, FRAC_PI_2] {
                 let found = heading(head([0.0; 3], yaw, pitch).orientation);
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn one_goes_ahead_where_one_looks_and_stays_level() {
+    fn locomotion_follows_the_view_and_stays_level() {
         let mut locomotion = Locomotion::default();
         let looks_left_and_down = head([0.0, 1.6, 0.0], FRAC_PI_2, -0.7);
         locomotion.go(looks_left_and_down, [0.0, 1.0], 2.0, 0.5);
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn recentring_brings_the_head_back_and_keeps_how_it_is_tilted() {
+    fn recentring_keeps_the_tilt_of_the_head() {
         let mut locomotion = Locomotion::default();
         locomotion.go(head([0.0; 3], 0.3, 0.0), [0.2, 0.9], 3.0, 1.0);
         let tilted = head([1.0, 0.2, -2.0], 1.1, 0.4);

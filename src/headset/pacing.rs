@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_frame_that_is_shown_more_than_a_period_later_has_missed_the_rest() {
+    fn late_frame_counts_missed_periods() {
         const PERIOD: i64 = 11_111_111;
         let mut pacing = Pacing::default();
         let begin = 5_000_000_000;
@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_frame_is_shown_at_the_displays_next_time() {
+    fn late_frame_appears_at_the_next_refresh() {
         let at = |ready| shown_at(Time::from_nanos(1000), 10, Time::from_nanos(ready)).as_nanos();
         assert_eq!([0, 999, 1000, 1001, 1010, 1011, 1995].map(at), [1000, 1000, 1000, 1010, 1010, 1020, 2000]);
         assert_eq!(shown_at(Time::from_nanos(5), 0, Time::from_nanos(50)), Time::from_nanos(5));
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn a_runtime_that_tells_no_period_misses_nothing() {
+    fn runtime_without_a_period_misses_nothing() {
         let mut pacing = Pacing::default();
         for at in [1, 1_000_000_000, i64::MAX] {
             assert_eq!(pacing.missed(Time::from_nanos(at), 0), 0);

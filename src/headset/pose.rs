@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn eyes_go_there_and_back() {
+    fn eye_views_round_trip_through_head_eyes() {
         let views = canted();
         let eyes = head_eyes([&views[0], &views[1]]).unwrap();
         assert!(eyes.rectified().is_ok());
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_orientation_is_no_pose() {
+    fn rejects_invalid_poses() {
         let nowhere = Posef::default();
         assert_eq!(head_pose(&Posef { orientation: Quaternionf::default(), ..nowhere }), None);
         let mut views = canted();
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn eyes_that_move_by_rounding_stay_what_they_are() {
+    fn eyes_within_rounding_count_as_equal() {
         let views = canted();
         let eyes = head_eyes([&views[0], &views[1]]).unwrap();
         let mut moved = eyes;

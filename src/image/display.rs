@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn known_radiances_show_at_known_levels() {
+    fn radiances_map_to_reference_levels() {
         // The sRGB curve encodes c/(1+c) = 0.5 as 0.735357 (IEC 61966-2-1); 0.002/1.002 lies on its linear part.
         for (radiance, display) in [
             (0.0, 0.0),
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn the_srgb_curve_is_continuous_and_ends_at_one() {
+    fn srgb_curve_is_continuous_and_invertible() {
         let knee = 0.0031308;
         assert!((srgb_from_linear(knee) - srgb_from_linear(knee * (1.0 + 1e-9))).abs() < 1e-7);
         assert!((srgb_from_linear(1.0) - 1.0).abs() < 1e-15);
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_png_holds_the_levels_it_was_given() {
+    fn png_keeps_display_levels() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         let extent = Extent::new(5, 3);

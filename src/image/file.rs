@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_written_file_replaces_the_old_one_and_leaves_nothing_else() {
+    fn atomic_write_replaces_the_old_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
         for text in ["first", "second"] {
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failing_writer_leaves_nothing() {
+    fn failing_writer_leaves_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
         let error = atomic_write(&path, |w| {
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panicking_writer_leaves_the_old_file() {
+    fn panicking_writer_keeps_the_old_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
         fs::write(&path, "old").unwrap();
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_a_missing_folder_and_no_name_are_errors() {
+    fn rejects_folders_and_paths_without_a_file_name() {
         let folder = tempfile::tempdir().unwrap();
         for path in [folder.path().to_owned(), folder.path().join("missing/a.txt"), "..".into(), "".into()] {
             assert!(atomic_write(&path, |_| Ok(())).is_err(), "{path:?}");
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_are_there_as_soon_as_they_are_added_and_torn_ones_are_ignored() {
+    fn added_lines_are_readable_and_torn_ones_ignored() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.csv");
         fs::write(&path, "of an earlier run").unwrap();
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn unfinished_files_are_kept_under_names_of_their_own() {
+    fn unfinished_files_get_numbered_names() {
         let folder = tempfile::tempdir().unwrap();
         for (text, name) in [("1", "a.unfinished.csv"), ("2", "a.unfinished.2.csv"), ("3", "a.unfinished.3.csv")] {
             fs::write(folder.path().join("a.part"), text).unwrap();

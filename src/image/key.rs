@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn the_picture_stays_and_each_colour_stands_beside_its_text() {
+    fn key_keeps_the_picture_and_shows_each_colour() {
         let extent = Extent::new(220, 10);
         let picture = DisplayImage { extent, pixels: (0..2200).map(|i| [i as u8, 1, 2]).collect() };
         let keyed = with_key(&picture, &entries(5));
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_caption_is_below_the_picture_and_as_wide() {
+    fn caption_is_below_the_picture_and_as_wide() {
         let picture = DisplayImage::filled(Extent::new(60, 3), [255, 0, 255]);
         let captioned = with_caption(&picture, &["short".into(), "\u{e4} name that is far too long".into()]);
         assert_eq!(captioned.extent, Extent::new(60, 3 + 2 * LINE));
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_narrow_picture_is_made_as_wide_as_its_widest_text() {
+    fn narrow_picture_widens_to_its_longest_text() {
         let picture = DisplayImage::filled(Extent::new(4, 3), [255, 0, 255]);
         let keyed = with_key(&picture, &entries(2));
         assert_eq!(keyed.extent, Extent::new(entry_width(&entries(1)[0]), 3 + 2 * LINE));

@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_stand_in_rows() {
+    fn contact_sheet_places_pictures_in_rows() {
         let pictures: Vec<_> = (1..=3).map(|v| DisplayImage::filled(Extent::new(2, 1), [v; 3])).collect();
         let sheet = contact_sheet(&pictures, 2).unwrap();
         assert_eq!(sheet.extent, Extent::new(2 + GAP + 2, 1 + GAP + 1));

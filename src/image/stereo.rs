@@ -66,13 +66,13 @@ mod tests {
     }
 
     #[test]
-    fn a_pure_red_is_seen_by_the_left_eye_as_its_luma() {
+    fn anaglyph_shows_red_to_the_left_eye_as_luma() {
         let red = DisplayImage::filled(Extent::new(1, 1), [255, 0, 0]);
         assert_eq!(anaglyph(&red, &red).unwrap().pixels, [[76, 0, 0]]);
     }
 
     #[test]
-    fn eyes_of_different_size_are_an_error() {
+    fn rejects_eyes_of_different_sizes() {
         let a = DisplayImage::filled(Extent::new(2, 1), [0; 3]);
         let b = DisplayImage::filled(Extent::new(1, 2), [0; 3]);
         for message in [side_by_side(&a, &b).unwrap_err().to_string(), anaglyph(&a, &b).unwrap_err().to_string()] {

@@ -109,7 +109,7 @@ mod tests {
         [ToneCurve::Reinhard, ToneCurve::Neutral, ToneCurve::Agx, ToneCurve::Aces, ToneCurve::None];
 
     #[test]
-    fn every_curve_rises_from_black_and_stays_between_0_and_1() {
+    fn tone_curves_rise_from_black_within_0_and_1() {
         for curve in ALL {
             let mut last = 0.0;
             for stop in -40..=120 {

@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn kernels_may_be_longer_than_the_image() {
+    fn kernels_can_be_longer_than_the_image() {
         assert_eq!(across(1, &[2.0], &[1.0; 21]), [42.0]);
         assert_eq!(down(1, &[2.0], &[1.0; 21]), [42.0]);
     }

@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn shifted_highlights_are_found_to_a_tenth_of_a_pixel() {
+    fn shifted_highlights_are_located_within_0_1_pixels() {
         // The wall's disparity is 2 pixels.
         for (reference, shift) in [(3.37, 0.0), (3.37, 0.3), (0.8, -0.45), (4.0, 1.2), (5.5, -0.75)] {
             let found = off(reference, reference + shift);

@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_of_flat_images_are_what_the_formulas_say() {
+    fn errors_of_flat_images_equal_closed_forms() {
         let (r, a) = (vec![[0.5; 3]; 8], vec![[0.6; 3]; 8]);
         assert!((rmse(&r, &a) - 0.1).abs() < 1e-15);
         assert!((relmse(&r, &a) - 0.01 / 0.26).abs() < 1e-15);
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_and_columns_beyond_the_last_block_do_not_count() {
+    fn block_error_ignores_incomplete_blocks() {
         let extent = Extent::new(3, 3);
         let r = vec![[1.0; 3]; 9];
         let mut a = r.clone();

@@ -44,7 +44,7 @@ mod tests {
     use crate::image::{Extent, RgbImage};
 
     #[test]
-    fn errors_weigh_most_where_the_eye_looks_and_even_ones_weigh_what_they_are() {
+    fn foveated_errors_weigh_most_at_the_gaze() {
         let grey = RgbImage::filled(Extent::new(64, 48), [0.5; 3]);
         let viewing = |x: f64| Viewing { gaze: [x, 0.5], yfov_deg: 70.0 };
         let mut left_wrong = grey.clone();

@@ -106,7 +106,7 @@ mod tests {
 
     /// Levels 40, 100 and 200 of 255, as `flip_evaluator` 1.7 colours them.
     #[test]
-    fn magma_is_the_map_flip_is_shown_in() {
+    fn magma_matches_the_colours_of_flip() {
         for (level, colour) in [(40, [41, 17, 90]), (100, [137, 40, 129]), (200, [253, 152, 105])] {
             let found = magma(f64::from(level) / 255.0);
             assert!((0..3).all(|c| (found[c] - f64::from(colour[c])).abs() <= 3.0), "{level}: {found:?}");

@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn planes_have_no_silhouette_and_where_they_meet_is_a_crease() {
+    fn planes_meet_in_creases_without_silhouettes() {
         let depth = floor_and_wall(6.0);
         let is_floor = |y: u32| depth.pixels[at(12, y)][0] < 5.9;
         let normal = image(|_, y| if is_floor(y) { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] });
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn texture_light_and_smooth_metal_have_kinds_of_their_own() {
+    fn texture_light_and_metal_have_separate_kinds() {
         let base_color = image(|x, _| if x < 6 { [0.5; 3] } else { [0.1, 0.5, 0.5] });
         let reference = image(|x, _| if x < 12 { [0.3; 3] } else { [0.03; 3] });
         let is_metal = |x: u32| x >= 20;
@@ -338,7 +338,7 @@ mod tests {
 
     /// An image that is wrong in one column has all of its error there, apart from what FLIP's filters spread.
     #[test]
-    fn errors_are_those_of_the_pixels_of_a_kind() {
+    fn errors_by_kind_cover_their_pixels_and_add_up() {
         let depth = image(|x, _| if x < 12 { [2.0; 3] } else { [4.0; 3] });
         let map = kinds(&Guides { depth, ..wall() }, &grey());
         let wrong = image(|x, _| if [11, 12].contains(&x) { [3.0; 3] } else { [0.3; 3] });
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn guides_of_another_size_are_an_error() {
+    fn rejects_guides_of_another_size() {
         let other = RgbImage::filled(Extent::new(2, 3), [0.0; 3]);
         assert!(KindMap::new(&wall(), &other, 0.0, YFOV_DEG).is_err());
     }

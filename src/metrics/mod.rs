@@ -205,7 +205,7 @@ mod tests {
     /// Values computed by scikit-image 0.26.0 (`structural_similarity` with `channel_axis=2, data_range=1,
     /// gaussian_weights=True, sigma=1.5, use_sample_covariance=False`) and NumPy in f64 on the same images.
     #[test]
-    fn an_independent_implementation_finds_the_same_values() {
+    fn metrics_equal_scikit_image() {
         let (reference, image) = noisy_pair(Extent::new(37, 35));
         let found = compare(&reference, &image).unwrap();
         for (name, value, independent) in [
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn an_image_equals_itself() {
+    fn equal_images_have_no_error() {
         let (image, _) = noisy_pair(Extent::new(20, 18));
         let found = compare(&image, &image).unwrap();
         assert_eq!((found.rmse, found.relmse, found.psnr), (0.0, 0.0, f64::INFINITY));
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn nonfinite_pixels_are_counted_and_taken_as_black() {
+    fn nonfinite_pixels_are_counted_as_black() {
         let extent = Extent::new(16, 16);
         let mut reference = RgbImage::filled(extent, [1.0; 3]);
         let mut image = reference.clone();
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_undefined_is_none() {
+    fn undefined_metrics_are_none() {
         let black = RgbImage::filled(Extent::new(10, 40), [0.0; 3]);
         let found = compare(&black, &black).unwrap();
         assert_eq!((found.ssim, found.mean_ratio, found.block16), (None, None, None));
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn different_sizes_are_an_error_that_names_them() {
+    fn rejects_different_sizes_by_name() {
         let a = RgbImage::filled(Extent::new(2, 3), [0.0; 3]);
         let b = RgbImage::filled(Extent::new(3, 2), [0.0; 3]);
         let message = compare(&a, &b).unwrap_err().to_string();
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn images_without_pixels_are_an_error() {
+    fn rejects_images_without_pixels() {
         for extent in [Extent::new(0, 3), Extent::new(3, 0)] {
             let empty = RgbImage::filled(extent, [0.0; 3]);
             assert!(matches!(compare(&empty, &empty), Err(ImageError::NoPixels(_))));

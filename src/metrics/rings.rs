@@ -146,7 +146,7 @@ mod tests {
 
     /// Closed form: a ring from angle α to β around the axis covers π (tan²β − tan²α) of the image plane.
     #[test]
-    fn a_ring_holds_as_many_pixels_as_its_area() {
+    fn ring_pixels_match_its_area() {
         let extent = Extent::new(600, 600);
         let rings = pair_of(extent, |_, _| 1.0).rings(&Viewing { gaze: [0.5; 2], yfov_deg: 60.0 }, 20);
         let plane_per_pixel = (2.0 * 30f64.to_radians().tan() / 600.0).powi(2);
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_lies_in_the_ring_where_it_was_made() {
+    fn error_lies_in_the_ring_of_its_pixel() {
         let pair = pair_of(Extent::new(64, 36), |x, y| if (x, y) == (16, 9) { 3.0 } else { 1.0 });
         let rings = pair.rings(&Viewing { gaze: [16.5 / 64.0, 9.5 / 36.0], yfov_deg: 70.0 }, 20);
         assert!(rings[0].rmse.unwrap() > 0.0 && rings[0].flip > rings[10].flip);
@@ -168,7 +168,7 @@ mod tests {
 
     /// The rings partition the windows, and a ring at the image's border has none.
     #[test]
-    fn rings_share_out_the_ssim_of_the_image() {
+    fn rings_divide_the_ssim_of_the_image() {
         let pair = pair_of(Extent::new(48, 30), |x, y| 0.5 + 0.3 * ((x * 7 + y * 13) % 5) as f32);
         let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 60.0 };
         let windows = pair.ssim();

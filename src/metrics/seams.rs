@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_rows_or_no_error_is_undefined() {
+    fn seam_errors_without_rows_or_error_are_none() {
         let all_near = pair().seam_error(&[4, 10, 12, 16]);
         assert_eq!((all_near.elsewhere_rmse, all_near.ratio), (None, None));
         assert_eq!(pair().seam_error(&[]).near_rmse, None);

@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_flat_shift_costs_only_the_luminance_term() {
+    fn flat_shift_costs_only_the_luminance_term() {
         let extent = Extent::new(11, 12);
         let (r, a) = (vec![[0.5; 3]; 132], vec![[0.25; 3]; 132]);
         let luminance = (2.0 * 0.125 + 1e-4) / (0.25 + 0.0625 + 1e-4);
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn the_window_sums_to_one_and_keeps_its_place() {
+    fn ssim_window_sums_to_one_and_is_centred() {
         assert!((weights().iter().sum::<f64>() - 1.0).abs() < 1e-15);
         let (width, height) = (15, 13);
         let ramp: Vec<f64> = (0..width * height).map(|i| (i % width) as f64 + 100.0 * (i / width) as f64).collect();
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn an_image_smaller_than_the_window_has_no_ssim() {
+    fn image_smaller_than_the_window_has_no_ssim() {
         assert_eq!(ssim(Extent::new(10, 11), &[[0.0; 3]; 110], &[[0.0; 3]; 110]), None);
     }
 }

@@ -115,7 +115,7 @@ fn every_read_finds_its_rows_on_its_device() {
 }
 
 #[test]
-fn a_device_that_had_no_rows_receives_the_radiance_cache_once() {
+fn device_without_rows_receives_the_cache_once() {
     for cache in [false, true] {
         let frame = FrameSpec { cache, ..spec(3, Seam::None) };
         let (frame, _) = with_history(frame, 4);
@@ -166,7 +166,7 @@ fn equal_stripes_reproject_without_any_transfer() {
 
 /// Checks that devices with fixed stripes only exchange the history rows that motion can reach.
 #[test]
-fn history_crosses_by_as_many_rows_as_it_may_have_moved() {
+fn history_transfers_only_reachable_rows() {
     let stripes = Assignment::uniform(Stripes::even(180, 2));
     let spec =
         FrameSpec { filter: Some(Denoiser::SVGF), history_rows: Some(8), ..spec(2, Seam::Halo(HaloPlan::RECOMPUTE)) };

@@ -50,7 +50,7 @@ fn stages(spec: &FrameSpec) -> Vec<&'static str> {
 
 /// Checks that bindings do not depend on the frame, since pipelines are created once.
 #[test]
-fn a_kernel_always_binds_alike() {
+fn kernel_formats_are_equal_in_every_frame() {
     let mut bound: Vec<(&str, Vec<_>)> = Vec::new();
     for pass in all_specs().iter().flat_map(|spec| declare(spec).passes) {
         let layout: Vec<_> = pass.uses.iter().map(|u| (u.image.resource.format, u.access.writes())).collect();
@@ -62,7 +62,7 @@ fn a_kernel_always_binds_alike() {
 }
 
 #[test]
-fn what_a_frame_does_not_need_is_left_out_and_said_why() {
+fn unneeded_passes_are_omitted_with_a_reason() {
     let full = spec(2, Seam::Filter);
     assert!(stages(&full).contains(&"seam_filter"));
     assert!(!stages(&FrameSpec { devices: 1, ..full.clone() }).contains(&"seam_filter"));
@@ -78,7 +78,7 @@ fn what_a_frame_does_not_need_is_left_out_and_said_why() {
 
 /// Checks that the right eye takes over filtered light only where it is reprojected and the filter leaves it alone.
 #[test]
-fn filtered_light_is_taken_over_if_the_frame_allows_it() {
+fn filtered_light_is_reused_if_the_frame_allows_it() {
     let frame = FrameSpec::new(Extent::new(64, 180), 2);
     let takes_over = |spec: &FrameSpec| stages(spec).contains(&"reproject_filtered");
     assert!(takes_over(&frame));
@@ -90,7 +90,7 @@ fn filtered_light_is_taken_over_if_the_frame_allows_it() {
 
 /// Checks that dynamic scenes have motion passes, and static scenes have none.
 #[test]
-fn what_moves_is_brought_first_and_followed_where_history_is_kept() {
+fn motion_passes_exist_only_in_dynamic_scenes() {
     let all = |frame: &FrameSpec| -> Vec<&str> { declare(frame).passes.iter().map(|pass| pass.stage.name()).collect() };
     let passes = |frame: &FrameSpec| -> Vec<&str> {
         let of_motion = ["skin", "refit", "motion", "gradient", "gradient_smooth"];
@@ -114,7 +114,7 @@ fn what_moves_is_brought_first_and_followed_where_history_is_kept() {
 
 /// Checks that devices rebuild their acceleration structures for any dynamic geometry, and that no pass refits trees.
 #[test]
-fn with_hardware_traversal_structures_are_built_instead_of_refitted_trees() {
+fn hardware_traversal_builds_structures_without_refit() {
     let declared = |moving| {
         let frame = declare(&FrameSpec { moving: Some(moving), ..spec(2, Seam::Filter) });
         let once = frame.passes.into_iter().filter(|pass| pass.scope == Scope::Device);
@@ -131,7 +131,7 @@ fn with_hardware_traversal_structures_are_built_instead_of_refitted_trees() {
 }
 
 #[test]
-fn groups_are_those_that_can_be_named() {
+fn partition_names_are_stable() {
     let names: Vec<&str> = partitions().iter().map(|g| g.0).collect();
     assert_eq!(
         names,
@@ -141,7 +141,7 @@ fn groups_are_those_that_can_be_named() {
 
 /// Checks that display resampling comes last, and that the filtered image is not an output.
 #[test]
-fn rectified_images_are_resampled_to_what_eyes_show() {
+fn display_resampling_comes_last() {
     let shown = Extent::new(72, 80);
     let frame = FrameSpec { iterations: 0, aovs: Vec::new(), ..spec(2, Seam::Filter) };
     let rectified = FrameSpec { chain: resampled(frame.extent, shown, false), ..frame };
@@ -157,7 +157,7 @@ fn rectified_images_are_resampled_to_what_eyes_show() {
 /// Checks that late reprojection of both eyes comes last, whatever else a frame does: the pose is sampled right before
 /// it.
 #[test]
-fn what_is_shown_late_is_shown_last() {
+fn late_reprojection_comes_last() {
     let frame = spec(2, Seam::Filter);
     let late = FrameSpec { chain: resampled(frame.extent, Extent::new(72, 80), true), cache: true, ..frame };
     let passes = declare(&late).passes;
@@ -173,7 +173,7 @@ fn what_is_shown_late_is_shown_last() {
 
 /// Checks that only the primary runs late reprojection if its rows are gathered there.
 #[test]
-fn what_is_gathered_is_computed_by_the_primary_alone() {
+fn gathered_partition_runs_on_the_primary_alone() {
     let frame = spec(3, Seam::Filter);
     let late = FrameSpec { chain: resampled(frame.extent, Extent::new(72, 80), true), ..frame };
     let even = Assignment::uniform(Stripes::even(180, 2)).renumbered(&[1, 2], 3);
@@ -218,7 +218,7 @@ fn polar_images_are_mapped_to_the_screen() {
 
 /// Checks margins: the fit reads whole blocks, which reach 31 rows beyond a stripe, and TAA needs one more fitted row.
 #[test]
-fn blocks_are_fitted_on_all_devices_that_have_rows_of_them() {
+fn fit_reads_whole_blocks_beyond_a_stripe() {
     let halo = Seam::Halo(HaloPlan::RECOMPUTE);
     let frame = FrameSpec { filter: Some(Denoiser::BMFR), history_rows: Some(3), aovs: Vec::new(), ..spec(2, halo) };
     let program = Declarations::default().program(&frame);
@@ -235,7 +235,7 @@ fn blocks_are_fitted_on_all_devices_that_have_rows_of_them() {
 /// Checks that tracing and filter are partitioned separately, since all devices finish tracing before a filter reads
 /// its neighbours' rows.
 #[test]
-fn tracing_and_filter_are_cut_apart() {
+fn tracing_and_filter_have_separate_partitions() {
     let sets = |spec: &FrameSpec| {
         let names = |set: &Vec<Partition>| set.iter().map(|g| g.0).collect::<Vec<_>>();
         Declarations::default().program(spec).partition_sets().iter().map(names).collect::<Vec<_>>()

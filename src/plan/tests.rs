@@ -53,7 +53,7 @@ fn words(commands: &Commands) -> Vec<String> {
 }
 
 #[test]
-fn copies_leave_together_and_uploads_wait_behind_a_submission() {
+fn copies_leave_together_and_uploads_wait_for_submit() {
     let mut builder = Builder::new(TICKET);
     builder.record(dispatch(0));
     builder.copy_out(4, 1, rows(1));
@@ -67,7 +67,7 @@ fn copies_leave_together_and_uploads_wait_behind_a_submission() {
 
 /// Covers rows that late reprojection reads, which must arrive before the pose is sampled.
 #[test]
-fn a_pose_is_asked_for_once_when_all_else_is_submitted() {
+fn pose_is_sampled_after_all_other_submissions() {
     let mut builder = Builder::new(TICKET);
     builder.record(dispatch(0));
     builder.copy_in(6, rows(1));
@@ -79,7 +79,7 @@ fn a_pose_is_asked_for_once_when_all_else_is_submitted() {
 }
 
 #[test]
-fn a_fault_is_injected_behind_a_submission() {
+fn fault_is_injected_behind_a_submission() {
     let mut builder = Builder::new(TICKET);
     builder.record(dispatch(0));
     builder.inject(InjectedKind::Loss);
@@ -92,7 +92,7 @@ fn a_fault_is_injected_behind_a_submission() {
 }
 
 #[test]
-fn uploads_are_submitted_where_nothing_follows_them() {
+fn trailing_uploads_are_submitted() {
     let ends = |stitch: &[Command], dispatches: bool| {
         let mut builder = Builder::new(TICKET);
         if dispatches {
@@ -205,7 +205,7 @@ const WRITES: &str = "DIPTYCH_WRITE_COMMANDS";
 
 /// The commands of the first of two devices are recorded as text, all others as their number and hash.
 #[test]
-fn commands_are_those_that_are_recorded() {
+fn commands_equal_the_recorded_ones() {
     for kind in kinds() {
         let mut text = String::new();
         for devices in 1..=4 {
@@ -234,7 +234,7 @@ fn commands_are_those_that_are_recorded() {
 /// Every task is executed once. Rows arrive before the submission of work that reads them, and leave once the work that
 /// writes them is recorded.
 #[test]
-fn a_list_executes_all_tasks_of_its_device() {
+fn command_list_executes_each_task_once() {
     for (kind, devices) in kinds().iter().flat_map(|kind| [1, 2, 4].map(|devices| (kind, devices))) {
         let (graph, lists) = kind.lists(devices);
         for (device, commands) in lists.iter().enumerate() {
@@ -309,7 +309,7 @@ fn assert_order(name: &str, graph: &FrameGraph, device: usize, commands: &Comman
 }
 
 #[test]
-fn parts_have_all_rows_of_all_runs_once() {
+fn parts_cover_all_rows_of_all_runs_once() {
     let at = |run, row| Position { run, row };
     let ends = [at(0, 5), at(0, 8), at(2, 6), at(2, 9), at(3, 5), Position::END];
     let mut seen = vec![Vec::new(); 5];

@@ -301,7 +301,7 @@ mod tests {
 
     /// Checks the density: one pixel per screen pixel around the gaze, and that of the rings outside.
     #[test]
-    fn densities_add_up_to_the_pixels_of_a_ring_on_the_screen() {
+    fn log_polar_densities_add_up_to_ring_pixels() {
         let (screen, middle) = (Extent::new(400, 300), DVec2::new(200.0, 150.0));
         for (name, mode) in LogPolar::PRESETS {
             let map = mode.map(screen);

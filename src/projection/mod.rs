@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_have_the_numbers() {
+    fn polar_space_json_is_stable() {
         let space = PolarSpace::Log(LogPolar::COMPOSITE);
         let text = r#"{"log":{"sigma":1.4,"alpha":1.0,"gaze":0.2,"aspect":0.33,"blur":true}}"#;
         assert_eq!(serde_json::to_string(&space).unwrap(), text);
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn projections_have_names_and_includes_of_their_own() {
+    fn projections_have_distinct_names_and_includes() {
         let all = || PolarSpace::ALL.iter().map(PolarSpace::method);
         for mut names in
             [all().map(|space| space.name()).collect::<Vec<_>>(), all().map(|space| space.include()).collect()]

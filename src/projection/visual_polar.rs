@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn densities_add_up_to_the_pixels_that_are_on_the_screen() {
+    fn visual_polar_densities_add_up_to_screen_pixels() {
         let screen = Extent::new(96, 90);
         for tan_half_yfov in [0.8, 0.1, 0.02] {
             let eye = rig::View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: -Vec3::Z, tan_half_yfov };
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn rings_are_as_dense_on_both_sides_of_the_foveas_rim() {
+    fn ring_density_is_continuous_at_the_rim_of_the_fovea() {
         for degrees in [30.0, 48.9, 75.0] {
             let share = fovea_fraction(degrees);
             let inside = share / FOVEA_DEG;
@@ -230,7 +230,7 @@ mod tests {
 
     /// The paper traces 39.1 % of the pixels, wherever the gaze is.
     #[test]
-    fn as_many_pixels_are_traced_wherever_the_gaze_is() {
+    fn number_of_traced_pixels_is_independent_of_gaze() {
         for (screen, yfov_deg) in [((640, 360), 58.7), ((1280, 1440), 100.0), ((320, 180), 75.0)] {
             let screen = Extent::new(screen.0, screen.1);
             let grid = VisualPolar.grid(screen);

@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_envelope_holds_its_qualities() {
+    fn envelope_covers_its_qualities() {
         let basic = Quality::default();
         let filter = Some(Filter { iterations: [2, 3, 4], ..Filter::DEFAULT });
         let all = [Quality { spp: 4.into(), filter, ..basic }, Quality { scale: 0.5, bounces: 2, ..basic }];

@@ -155,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_have_one_number_of_iterations_where_layers_are_alike() {
+    fn quality_json_merges_equal_iterations_of_layers() {
         let quality = Quality { spp: 2.into(), fovea: Some([0.15, 0.3]), scale: 0.5, ..Quality::default() };
         let text = r#"{"spp":2,"bounces":6,"denoiser":"svgf","iterations":5,"fovea":[0.15,0.3],"scale":0.5}"#;
         assert_eq!(serde_json::to_string(&quality).unwrap(), text);

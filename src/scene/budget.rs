@@ -155,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_are_read_and_said() {
+    fn byte_sizes_parse_and_print() {
         for (text, bytes) in [("4GiB", 4 << 30), ("800MB", 800_000_000), ("1.5 kib", 1536), ("7", 7), ("12B", 12)] {
             assert_eq!(text.parse(), Ok(ByteSize(bytes)), "{text}");
         }
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_reserved_goes_back_unless_it_is_kept() {
+    fn reservations_return_to_the_budget_unless_kept() {
         let budget = Budget::new(ByteSize(100));
         let first = budget.reserve(60).unwrap();
         let exceeded = budget.reserve(41).unwrap_err();

@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn exr_files_are_read_and_what_is_no_radiance_is_counted() {
+    fn invalid_pixels_of_exr_skies_are_counted() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sky.exr");
         let pixels = vec![[1.0, 2.0, 3.0], [f32::NAN, 1.0, 1.0], [-1.0, f32::INFINITY, 2.0]];
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn files_with_the_lines_of_windows_are_named() {
+    fn rejects_skies_with_windows_line_ends() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sky.hdr");
         let bytes: Vec<u8> =
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_radiance_files_are_errors() {
+    fn rejects_damaged_radiance_files() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sky.hdr");
         let whole = hdr_bytes();

@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn every_built_in_scene_is_read_back_as_it_was() {
+    fn built_in_scenes_round_trip() {
         for builtin in BUILTINS {
             let (shot, scene) = load_shot(&format!("builtin:{}", builtin.name)).unwrap();
             let (shot_read, read) = round_trip(&shot, &scene);
@@ -278,14 +278,14 @@ mod tests {
     }
 
     #[test]
-    fn whatever_a_scene_can_have_is_read_back() {
+    fn scene_with_every_feature_round_trips() {
         let (shot, scene) = everything();
         let (shot_read, read) = round_trip(&shot, &scene);
         assert_same("everything", (&shot, &scene), (&shot_read, &read));
     }
 
     #[test]
-    fn files_stay_in_their_folder_whatever_the_shot_is_called() {
+    fn exported_files_stay_in_their_folder() {
         let (shot, scene) = everything();
         for name in ["../../x", "/etc/x", "", "a\\b", ".."] {
             round_trip(&Shot { name: name.into(), ..shot.clone() }, &scene);

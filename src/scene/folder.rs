@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_lead_down_are_found() {
+    fn names_below_the_folder_are_found() {
         let (outer, budget) = (tree(), Budget::unlimited());
         for name in ["own.bin", "./own.bin", "below/own.bin", "below/../own.bin", "below//.././own.bin"] {
             for allow_outside in [false, true] {
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_lead_out_are_refused_unless_allowed() {
+    fn rejects_names_outside_unless_allowed() {
         let (outer, budget) = (tree(), Budget::unlimited());
         let secret = outer.path().join("secret.bin");
         for name in ["../secret.bin", "below/../../secret.bin", secret.to_str().unwrap()] {
@@ -233,7 +233,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_are_followed_before_they_are_judged() {
+    fn links_are_resolved_before_the_check() {
         let (outer, budget) = (tree(), Budget::unlimited());
         let inner = outer.path().join("inner");
         let link = |to: &str, name: &str| std::os::unix::fs::symlink(to, inner.join(name)).unwrap();
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_the_budget_has_no_room_for_are_not_read() {
+    fn rejects_files_beyond_the_budget() {
         let outer = tree();
         let path = outer.path().join("secret.bin");
         let budget = Budget::new(ByteSize(15));
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_were_kept_are_read_elsewhere() {
+    fn kept_files_are_read_without_the_disk() {
         let (outer, budget, kept) = (tree(), Budget::new(ByteSize(60)), Mutex::default());
         let path = outer.path().join("inner/own.bin");
         let access = Access { source: Source::Kept(&kept), ..Access::of(&budget) };

@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shot_brings_light_and_environment() {
+    fn shot_sets_lights_and_environment() {
         let folder = tempfile::tempdir().unwrap();
         let lit = "[environment]\nradiance = [1, 2, 3]\nscale = 2\n[[light]]\nkind = 'point'\nposition = [0, 1, 0]";
         let load = |tables| load_in(folder.path(), tables, &Overrides::default()).unwrap().1;
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_a_shot_that_leaves_all_open() {
+    fn bare_file_loads_like_an_empty_shot() {
         let folder = tempfile::tempdir().unwrap();
         load_in(folder.path(), "", &Overrides::default()).unwrap();
         let (shot, scene) = load_shot(folder.path().join("triangle.glb").to_str().unwrap()).unwrap();
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn delta_lights_before_smooth_glass_with_a_volume_are_warned_of() {
+    fn delta_lights_before_solid_glass_cause_a_warning() {
         let folder = tempfile::tempdir().unwrap();
         let warnings = |material: Material, light: &str| {
             let mut scene = load_in(folder.path(), &format!("[[light]]\n{light}"), &Overrides::default()).unwrap().1;
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shot_of_the_caller_may_name_files_anywhere() {
+    fn shot_of_the_caller_can_name_files_anywhere() {
         let folder = tempfile::tempdir().unwrap();
         load_in(folder.path(), "", &Overrides::default()).unwrap();
         let path = folder.path().join("triangle.glb").display().to_string();
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_loaded_is_named() {
+    fn rejects_missing_and_unknown_scenes() {
         let says = |arg: &str, part: &str| {
             let error = load_shot(arg).unwrap_err().to_string();
             assert!(error.contains(arg) && error.contains(part), "{error}");

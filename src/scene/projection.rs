@@ -73,7 +73,7 @@ mod tests {
 
     /// Rays are computed independently, from an eye's axes.
     #[test]
-    fn a_point_on_a_pixels_ray_falls_on_that_pixel() {
+    fn matrices_project_ray_points_to_their_pixel() {
         let (rig, extent) = (rig(), Extent::new(64, 36));
         for eye in Eye::ALL {
             let view = rig.view(0.7, eye);

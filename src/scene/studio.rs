@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn most_light_comes_from_the_upper_left_behind_the_camera() {
+    fn main_light_comes_from_upper_left_behind_the_camera() {
         for image in [studio(), sky()] {
             let brightest = (0..image.pixels.len()).max_by(|a, b| image.pixels[*a][1].total_cmp(&image.pixels[*b][1]));
             let from = direction(&image, brightest.unwrap());
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn the_background_is_even_below_the_horizon_and_goes_on_above_it() {
+    fn background_is_even_below_and_at_the_horizon() {
         let image = studio();
         let [width, height] = [image.extent.width as usize, image.extent.height as usize];
         assert!(image.pixels[width * height / 2..].iter().all(|pixel| *pixel == [HORIZON; 3]));
@@ -252,7 +252,7 @@ mod tests {
 
     /// Integrates with other weights than the code: the solid angle of each pixel times the cosine at its centre.
     #[test]
-    fn a_ground_in_full_light_is_as_bright_as_the_background() {
+    fn lit_ground_is_as_bright_as_the_background() {
         let image = studio();
         let pixel_area = std::f64::consts::TAU / f64::from(image.extent.width) * std::f64::consts::PI
             / f64::from(image.extent.height);
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn the_image_is_turned_to_where_the_camera_looks() {
+    fn studio_image_turns_with_the_camera() {
         for (ahead, expected_deg) in [(DVec3::NEG_Z, 0.0), (DVec3::X, -90.0), (DVec3::NEG_X, 90.0)] {
             let turned = rotation_deg(&looking(DVec3::Y, DVec3::Y + ahead));
             assert!((turned - expected_deg).abs() < 1e-3, "{ahead}: {turned}");
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn an_object_stands_on_the_ground_and_a_viewer_within_or_below_sees_none() {
+    fn ground_is_added_only_for_viewers_above_it() {
         let scene = cube();
         let bounds = bounds_of_object(&scene);
         assert_eq!((bounds.min.y, bounds.max.y), (5.0, 6.0), "vertices without a triangle do not count");

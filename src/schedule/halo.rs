@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_those_of_the_frames_passes() {
+    fn halo_costs_count_rows_of_the_frame_passes() {
         for plan in HaloPlan::all(6) {
             for filter in filters() {
                 let program = program(plan, filter);
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cheapest_of_all_plans_is_found() {
+    fn cheapest_of_all_halo_plans_is_found() {
         let mut found = Vec::new();
         for filter in filters() {
             let program = program(HaloPlan::RECOMPUTE, filter);

@@ -163,7 +163,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_largest_within_reach_is_found() {
+    fn largest_value_within_reach_is_found() {
         let values: Vec<f64> = (0..40).map(|i| f64::from(i * 17 % 23)).collect();
         for reach in [0, 1, 5, 39, 100] {
             let around = |i: usize| i.saturating_sub(reach)..(i + reach + 1).min(values.len());

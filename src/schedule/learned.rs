@@ -153,7 +153,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cold_first_frame_and_one_hiccup_leave_little_trace() {
+    fn mean_limits_a_cold_first_frame_and_one_hiccup() {
         let mut mean = Mean::default();
         [50.0, 2.0, 2.0, 100.0].iter().for_each(|&ms| mean.learn(ms));
         // The fourth measurement has a third of the weight.
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lasting_change_shows_after_two_measurements_and_a_hiccup_never() {
+    fn mean_follows_a_change_after_two_measurements() {
         let mut mean = Mean::default();
         (0..20).for_each(|_| mean.learn(2.0));
         mean.learn(6.0);
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn zero_is_learned_where_it_may_be_and_left_again() {
+    fn mean_learns_zero_only_where_allowed() {
         let mut mean = Mean::default();
         mean.learn(0.0);
         assert_eq!(mean.value(), None);
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_found_again() {
+    fn line_fit_recovers_latency_and_slope() {
         let mut line = Line::default();
         for bytes in [1e3, 5e4, 2e5, 1e6] {
             line.learn(bytes, 0.05 + bytes * 1e-6);

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_that_share_a_link_go_one_after_the_other() {
+    fn transfers_on_a_shared_link_are_serialized() {
         // Two devices on each of three ranks; 10 ms for 1000 bytes.
         let network = Network { ranks: vec![0, 0, 1, 1, 2, 2], latency_ms: 1.0, ms_per_byte: 0.01 };
         let mut traffic = Traffic::default();

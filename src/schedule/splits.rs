@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_that_fits_is_not_split() {
+    fn frame_within_the_bound_is_not_split() {
         let (graph, model) = frame(2);
         let model = learned(&graph, model, 2);
         assert_eq!(splits(&graph, &model, 0, 1e5, PixelSamples::own(0..1, true)), []);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn submissions_keep_the_bound_and_are_as_few_as_can_be() {
+    fn submissions_are_bounded_and_as_few_as_possible() {
         for (devices, spp) in [(1, 1), (1, 12), (3, 1), (3, 12)] {
             let (graph, model) = frame(devices);
             let model = learned(&graph, model, devices);
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nothing_is_known_of_is_split_by_its_paths() {
+    fn work_of_unknown_cost_is_split_by_its_paths() {
         let (graph, model) = frame(1);
         let splits_of = |bound_ms| splits(&graph, &model, 0, bound_ms, PixelSamples::own(0..4, true));
         let paths = 4.0 * f64::from(EXTENT.width * EXTENT.height);
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_long_by_itself_is_split_into_its_smallest_parts() {
+    fn too_long_tasks_are_split_into_smallest_parts() {
         let (graph, model) = frame(1);
         let model = learned(&graph, model, 1);
         let splits = splits(&graph, &model, 0, 1e-6, PixelSamples::own(0..1, true));

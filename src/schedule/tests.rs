@@ -209,7 +209,7 @@ fn learning_policies_even_out_scenes_and_devices() {
 }
 
 #[test]
-fn stripes_come_to_rest() {
+fn stripes_of_learning_policies_converge() {
     let world = World::sky_over_city(spec(360, 4, 5, Seam::Halo(HaloPlan::RECOMPUTE)), &[1.0, 1.0, 2.0, 1.0]);
     for mut policy in learning_policies(360, 4) {
         let (assignments, _) = world.play(policy.as_mut(), 30);
@@ -218,7 +218,7 @@ fn stripes_come_to_rest() {
 }
 
 #[test]
-fn a_critical_path_has_no_gaps_and_spans_the_makespan() {
+fn critical_path_spans_the_makespan_without_gaps() {
     let world = World::sky_over_city(spec(180, 3, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 2.0, 1.0]);
     let (assignments, model) = world.play(&mut Even::new(180, 3), 3);
     let played = simulate(&graph(&world.spec, &assignments[2], None), &model).unwrap();
@@ -230,7 +230,7 @@ fn a_critical_path_has_no_gaps_and_spans_the_makespan() {
 }
 
 #[test]
-fn a_frame_without_its_first_device_ends_on_the_next_one() {
+fn frame_without_device_0_ends_on_device_1() {
     let world = World::sky_over_city(spec(180, 3, 5, Seam::Halo(HaloPlan::RECOMPUTE)), &[1.0, 2.0, 1.0]);
     let (_, model) = world.play(&mut Even::new(180, 3), 3);
     let two = model.of_devices(&[1, 2]);
@@ -243,7 +243,7 @@ fn a_frame_without_its_first_device_ends_on_the_next_one() {
 }
 
 #[test]
-fn rows_between_machines_are_on_their_way_for_what_the_network_takes() {
+fn transfers_between_ranks_take_network_latency() {
     let world = World::sky_over_city(spec(180, 2, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 1.0]);
     let (assignments, mut model) = world.play(&mut Even::new(180, 2), 3);
     let graph = graph(&world.spec, &assignments[2], None);
@@ -261,7 +261,7 @@ fn rows_between_machines_are_on_their_way_for_what_the_network_takes() {
 }
 
 #[test]
-fn dear_transfers_limit_a_frame() {
+fn expensive_transfers_limit_a_frame() {
     let world = World::sky_over_city(spec(180, 2, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 1.0]);
     let mut policy = Measured::new(180, 2);
     let mut model = model(&world.spec);
@@ -291,7 +291,7 @@ fn simulated_devices_take_as_long_as_real_ones() {
 }
 
 #[test]
-fn a_model_knows_the_cost_of_stripes_that_it_has_not_seen() {
+fn cost_model_predicts_unseen_stripes() {
     let speeds = [1.0, 2.0, 0.5];
     let world = World::sky_over_city(spec(360, 3, 5, Seam::None), &speeds);
     let world = World { ms_per_ray: vec![2e-4; 360], ..world };
@@ -305,7 +305,7 @@ fn a_model_knows_the_cost_of_stripes_that_it_has_not_seen() {
 }
 
 #[test]
-fn a_device_without_a_stripe_is_taken_to_be_like_the_others() {
+fn device_without_rows_has_the_cost_of_the_others() {
     let world = World::sky_over_city(spec(40, 2, 0, Seam::None), &[1.0, 1.0]);
     let mut model = model(&world.spec);
     assert!(!model.has_learned());
@@ -331,7 +331,7 @@ fn ratio_rules_narrow_to_stage_and_view() {
 }
 
 #[test]
-fn devices_that_are_left_cover_every_row_and_even_out_again() {
+fn remaining_devices_cover_all_rows_and_rebalance() {
     let of = |devices, speeds: &[f64]| World::sky_over_city(spec(160, devices, 2, Seam::None), speeds);
     for mut policy in all_policies(160, 4) {
         let mut world = of(4, &[1.0, 2.0, 1.0, 3.0]);
@@ -357,7 +357,7 @@ fn devices_that_are_left_cover_every_row_and_even_out_again() {
 }
 
 #[test]
-fn ratios_of_those_left_stay() {
+fn static_ratios_of_remaining_devices_stay() {
     let mut policy = Static::new(80, 3, &["5,1,2".parse().unwrap(), "atrous=0,1,0".parse().unwrap()]).unwrap();
     policy.remove_device(1);
     let assignment = policy.assign(&model(&spec(80, 2, 0, Seam::None)));
@@ -366,7 +366,7 @@ fn ratios_of_those_left_stay() {
 }
 
 #[test]
-fn halo_rows_are_received_where_that_costs_less() {
+fn halo_rows_are_received_where_cheaper() {
     let world = World::sky_over_city(spec(360, 4, 5, Seam::Halo(HaloPlan::RECOMPUTE)), &[1.0; 4]);
     let costs = world.costs(&graph(&world.spec, &Assignment::uniform(Stripes::even(360, 4)), None));
     let model_at = |factor: f64| {

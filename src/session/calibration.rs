@@ -295,7 +295,7 @@ mod tests {
     /// The fractions of this room are means over the five seeds and the three sizes, of which single ones differ by up to
     /// 10 %. With other random numbers for each number of bounces, they differ by several times the smallest fraction.
     #[test]
-    fn missing_light_does_not_depend_on_the_random_numbers() {
+    fn missing_light_does_not_depend_on_the_seed() {
         const MISSING: [f64; 5] = [0.213, 0.100, 0.0455, 0.0195, 0.0];
         let scene = LoadedScene::load("builtin:cornell").unwrap();
         let all = candidates(Some(Denoiser::SVGF), false);

@@ -126,7 +126,7 @@ fn unknown_conditions_stay() {
 }
 
 #[test]
-fn variables_that_change_are_unknown() {
+fn changed_variables_count_as_unknown() {
     for (code, left) in [
         ("var v = OFF; if x { v = OFF; } if v { out[0] = dear(); }", 0),
         ("var v: bool; if x { v = OFF; } if v { out[0] = dear(); }", 0),
@@ -155,7 +155,7 @@ fn selections_keep_the_chosen_arm() {
 }
 
 #[test]
-fn nothing_follows_a_jump() {
+fn code_after_a_jump_is_removed() {
     for code in [
         "if ON { out[0] = 1u; return; } out[1] = dear();",
         "if x { return; } else { return; } out[1] = dear();",
@@ -175,7 +175,7 @@ fn nothing_follows_a_jump() {
 }
 
 #[test]
-fn sizes_of_workgroups_and_arrays_may_be_overrides() {
+fn workgroup_and_array_sizes_can_be_overrides() {
     let text = "override SIZE: u32 = 2u;
         override HAS_TILE: bool = true;
         override UNUSED: f32;
@@ -342,7 +342,7 @@ fn branches_on_known_constants_are_found() {
 }
 
 #[test]
-fn faulty_shaders_are_refused_with_the_line() {
+fn rejects_faulty_shaders_with_the_line() {
     let mut gpu = device::open(&Selection { virtual_devices: 1, ..Selection::default() }).unwrap().remove(0);
     let config = RunConfig::new(Extent::new(8, 8), SceneNeeds::ALL);
     let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {

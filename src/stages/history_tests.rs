@@ -159,7 +159,7 @@ impl Bench {
 
 /// Covers eyes that stand still, creep and move, with and without separate specular radiance.
 #[test]
-fn history_that_is_not_finite_is_dropped_and_counted() {
+fn non_finite_history_is_dropped_and_counted() {
     let places = [
         ("last_history", 0..4),
         ("last_history", 1..2),

@@ -249,7 +249,7 @@ fn sky(extent: Extent) -> Environment {
 }
 
 #[test]
-fn lamps_are_sampled_with_the_density_that_a_ray_finds() {
+fn lamps_are_sampled_with_the_density_of_rays() {
     let scene = lamps();
     hold("lamps from all sides", &scene, Vec3::ZERO, Vec3::ZERO);
     hold("lamps from above", &scene, Vec3::ZERO, Vec3::Y);
@@ -257,7 +257,7 @@ fn lamps_are_sampled_with_the_density_that_a_ray_finds() {
 }
 
 #[test]
-fn environment_images_are_sampled_with_the_density_that_a_ray_finds() {
+fn skies_are_sampled_with_the_density_of_rays() {
     for extent in [Extent::new(24, 12), Extent::new(3, 1), Extent::new(700, 301)] {
         let mut scene = lamps();
         scene.environment = sky(extent);
@@ -267,7 +267,7 @@ fn environment_images_are_sampled_with_the_density_that_a_ray_finds() {
 }
 
 #[test]
-fn distant_tiny_and_huge_lamps_are_sampled_with_the_density_that_a_ray_finds() {
+fn extreme_lamps_are_sampled_with_the_density_of_rays() {
     let sphere = |position, radius| Light { kind: LightKind::Point { position, radius }, strength: Vec3::ONE };
     for (what, scale) in [("thousandth", 1e-3f32), ("million", 1e6)] {
         let mut scene = empty();

@@ -17,7 +17,7 @@ fn module(shader: &str) -> naga::Module {
 }
 
 #[test]
-fn every_pass_does_what_it_declares() {
+fn every_pass_matches_its_declaration() {
     let mut verified: Vec<Stage> = Vec::new();
     for spec in all_specs() {
         for pass in passes::declare(&spec).passes {
@@ -32,7 +32,7 @@ fn every_pass_does_what_it_declares() {
 
 /// Checks that bindings do not depend on the frame, since pipelines are created once.
 #[test]
-fn a_kernel_has_the_same_bindings_in_every_pass() {
+fn kernels_have_the_same_bindings_in_every_pass() {
     let mut known: Vec<(&str, String)> = Vec::new();
     for pass in all_specs().iter().flat_map(|spec| passes::declare(spec).passes) {
         let (name, found) = (pass.kernel.name, bindings(&pass.uses));
@@ -81,7 +81,7 @@ fn tables_are_made_of_whole_rows() {
 }
 
 #[test]
-fn hardware_traversal_is_in_the_shaders_that_read_the_scene() {
+fn only_shaders_reading_the_scene_use_ray_queries() {
     for pass in passes::pass_of_each_kernel() {
         let kernel = pass.kernel;
         let [compute, hardware] =
@@ -93,7 +93,7 @@ fn hardware_traversal_is_in_the_shaders_that_read_the_scene() {
 }
 
 #[test]
-fn foreign_shaders_have_all_checks_and_own_ones_those_that_are_set() {
+fn custom_shaders_always_have_all_checks() {
     // Foreign text stays foreign even if it copies the text or the name of one of the library's shaders.
     let passes = passes::pass_of_each_kernel();
     let own = pass_text(&passes[0], SceneAccess::default());

@@ -117,7 +117,7 @@ fn every_include_is_valid_alone() {
 }
 
 #[test]
-fn a_list_of_all_parts_inserts_each_once() {
+fn each_include_is_inserted_once() {
     const PARTS: &str = "//!include frame grid projection rng scene light_tree environment lights trace traverse hits
 //!include reflectance parameters surface facets bsdf split path motion last_surface mirror_motion mirror pack mirrored
 //!include mirrored grid frame";
@@ -129,7 +129,7 @@ fn a_list_of_all_parts_inserts_each_once() {
 }
 
 #[test]
-fn texts_that_are_not_valid_are_refused() {
+fn rejects_invalid_shader_texts() {
     let access = SceneAccess { traversal: Traversal::Hardware, ..Default::default() };
     let text = shader_text_of("path_trace", access);
     let refused = |text: &str, traversal, reason: &str| {
@@ -151,7 +151,7 @@ fn texts_that_are_not_valid_are_refused() {
 }
 
 #[test]
-fn a_folder_replaces_the_files_of_the_binary() {
+fn shader_folder_replaces_embedded_files() {
     let shaders = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders"));
     let text = |kernel: &Kernel, uses: &[Use], folder| {
         Ok::<_, String>(Expansion::of(kernel, uses, ShaderVariant::default(), folder).map_err(|e| e.to_string())?.text)

@@ -128,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_reflects_more_than_it_gets() {
+    fn layer_albedo_never_exceeds_one() {
         for [a, b, e] in table() {
             // The shader scales sheen down where it exceeds 1.
             assert!(*a >= 0.0 && *b >= 0.0 && a + b <= 1.0 + 1e-6 && (0.0..3.0).contains(e), "{a} {b} {e}");
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mirror_has_schlicks_albedo_and_its_mean_is_a_twenty_first() {
+    fn smooth_layer_has_the_albedo_of_schlick() {
         let table = table();
         assert_eq!(table[GRID - 1][..2], [1.0, 0.0]);
         assert_eq!(table[0][..2], [0.0, 1.0]);
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn white_metal_of_full_roughness_loses_what_single_scattering_loses() {
+    fn rough_white_metal_matches_single_scattering() {
         // Height-correlated GGX at alpha 1 reflects 0.40916 ± 0.00006 of uniform light: plain Monte Carlo over eight
         // million pairs of cosine-distributed directions, without a table or visible normals.
         let mean = table()[GRID * GRID + GRID - 1];

@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_gives_each_thing_its_share() {
+    fn alias_table_samples_in_proportion_to_weights() {
         let weights = [0.5, 0.0, 3.0, 1e-6, 7.0, 2.0];
         let mut got = [0.0; 6];
         let t = table(&weights);

@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_scene_needs_is_held_against_the_limits() {
+    fn needs_of_a_scene_are_checked_against_limits() {
         let environment = Extent::new(4096, 2048);
         let scene = |rows, tables, texels| of_scene(&SceneSizes { rows, tables, texels, environment });
         let (small, million, pages) = (scene(1000, Tables::Texture, 70_000), 1 << 20, 257 * (PAGE * PAGE) as usize);
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn what_frames_need_is_held_against_the_limits() {
+    fn needs_of_frames_are_checked_against_limits() {
         let frames = |programs: &[Program]| of_frames(programs, scene_buffers(Tables::Buffer)).collect::<Vec<_>>();
         let (hd, narrow, huge) = (programs(1920, 1080), programs(64, 1080), programs(4096, 4096));
         assert_said(&limits(), frames(&hd), "all is well");

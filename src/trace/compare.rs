@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn medians_are_compared_and_the_largest_change_comes_first() {
+    fn medians_are_compared_largest_change_first() {
         // The first frames are slow in both.
         let (a, b) = (trace(&[(90.0, 8), (20.0, 8), (22.0, 8)]), trace(&[(80.0, 4), (10.0, 4), (11.0, 4)]));
         let comparison = Comparison::of([(&a, "a.json"), (&b, "b.json")]).unwrap();
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stage_of_one_trace_only_is_compared_with_nothing() {
+    fn stage_missing_in_one_trace_has_no_ratio() {
         let (a, mut b) = (trace(&[(5.0, 1)]), trace(&[(5.0, 1)]));
         b.tasks[0].name = "svgf".to_owned();
         let comparison = Comparison::of([(&a, "a"), (&b, "b")]).unwrap();
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn traces_without_frames_are_refused_by_name() {
+    fn rejects_traces_without_frames_by_name() {
         let error = Comparison::of([(&trace(&[(5.0, 1)]), "a.json"), (&Trace::default(), "b.json")]).unwrap_err();
         assert!(error.to_string().contains("'b.json'"), "{error}");
     }

@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn the_path_crosses_devices_where_one_waits_for_the_others_rows() {
+    fn critical_path_crosses_devices_at_awaited_rows() {
         let mut tasks = [
             task(10, Lane::Left, "gbuffer", [5.0, 20.0], None),
             task(10, Lane::Left, "path_trace", [20.0, 50.0], None),
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_were_there_in_time_are_not_on_the_path() {
+    fn rows_received_early_are_off_the_critical_path() {
         let mut tasks = [
             task(11, Lane::Left, "gbuffer", [0.0, 3.0], None),
             task(11, Lane::Download, "guide", [3.0, 4.0], Some(0)),
@@ -278,7 +278,7 @@ mod tests {
 
     /// The download seems to begin and to end before the work that produces its rows has ended.
     #[test]
-    fn clocks_that_differ_a_little_do_not_break_the_path() {
+    fn small_clock_errors_keep_the_critical_path() {
         let mut tasks = [
             task(10, Lane::Left, "gbuffer", [0.0, 1.0], None),
             task(10, Lane::Left, "path_trace", [1.0, 9.0], None),
@@ -302,7 +302,7 @@ mod tests {
 
     /// The guide is ready early, but a pass submitted before its download takes longer.
     #[test]
-    fn rows_wait_for_all_that_was_submitted_before_them() {
+    fn downloads_wait_for_earlier_submissions() {
         let mut tasks = [
             placed(task(10, Lane::Left, "gbuffer", [0.0, 2.0], None), 0, &[]),
             placed(task(10, Lane::Left, "path_trace", [2.0, 9.0], None), 1, &[(10, 0)]),
@@ -314,7 +314,7 @@ mod tests {
 
     /// One device's clock is behind, so a pass seems to begin early. By times alone, it would have no predecessor.
     #[test]
-    fn the_graph_says_what_a_task_waited_for_whatever_the_clocks_say() {
+    fn graph_edges_override_clock_errors() {
         let mut tasks = [
             placed(task(10, Lane::Left, "gbuffer", [1.0, 9.0], None), 0, &[]),
             placed(task(10, Lane::Download, "guide", [9.0, 9.5], Some(0)), 1, &[(10, 0)]),
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn work_of_one_clock_that_overlaps_did_not_wait_for_one_another() {
+    fn overlapping_work_of_one_clock_is_independent() {
         let mut tasks =
             [task(10, Lane::Left, "gbuffer", [0.0, 2.0], None), task(10, Lane::Right, "gbuffer", [1.95, 4.0], None)];
         assert_eq!(

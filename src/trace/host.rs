@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn begins_meet_their_ends_whatever_lies_between() {
+    fn begin_events_pair_with_their_end_events() {
         let mut spans = Spans::of(HOST_PID);
         let first = r#"[
 {"args":{"name":"main"},"name":"thread_name","ph":"M","pid":1,"tid":0},
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn arguments_are_numbers_where_they_were() {
+    fn numeric_arguments_stay_numbers() {
         for (text, expected) in [("7", 7.0), ("-1.5e3", -1500.0)] {
             assert_eq!(arg(text.to_owned()), Arg::Number(expected));
         }

@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unions_merge_what_touches_overlaps_or_nests() {
+    fn unions_merge_touching_and_nested_intervals() {
         let merged = union(vec![(5.0, 6.0), (0.0, 2.0), (2.0, 3.0), (0.5, 1.0), (5.5, 8.0)]);
         assert_eq!(merged, [(0.0, 3.0), (5.0, 8.0)]);
         assert_eq!(length(&merged), 6.0);

@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_followed_from_hand_to_hand() {
+    fn rank_transfers_are_followed_across_ranks() {
         let found = rank_transfers(spans());
         let first = RankTransfer {
             frame: Some(4),

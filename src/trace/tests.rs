@@ -51,7 +51,7 @@ fn close(a: f64, b: f64) {
 }
 
 #[test]
-fn a_known_trace_sums_up_to_known_numbers() {
+fn summary_of_a_known_trace_is_exact() {
     let (_folder, path) = written();
     let summary = sum_up(&path);
     let [a, b] = &summary.devices[..] else { panic!("{summary:?}") };
@@ -79,7 +79,7 @@ fn a_known_trace_sums_up_to_known_numbers() {
 }
 
 #[test]
-fn a_device_is_not_idle_in_frames_of_others() {
+fn device_is_not_idle_in_frames_of_others() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("trace.json");
     let file = TraceFile::start_without_host(&path).unwrap();
@@ -128,7 +128,7 @@ fn frames_in_flight_share_their_time() {
 }
 
 #[test]
-fn frames_last_as_long_as_the_trace_says_and_their_path_is_all_of_that() {
+fn critical_path_covers_recorded_frame_times() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("trace.json");
     let file = TraceFile::start_without_host(&path).unwrap();
@@ -152,7 +152,7 @@ fn frames_last_as_long_as_the_trace_says_and_their_path_is_all_of_that() {
 }
 
 #[test]
-fn a_summary_survives_json() {
+fn summary_round_trips_through_json() {
     let (_folder, path) = written();
     let summary = sum_up(&path);
     let json = serde_json::to_string(&summary).unwrap();
@@ -160,7 +160,7 @@ fn a_summary_survives_json() {
 }
 
 #[test]
-fn the_file_is_an_object_with_lanes_notes_and_units() {
+fn trace_file_has_lanes_notes_and_units() {
     let (_folder, path) = written();
     let document = document(&path);
     assert_eq!(document["displayTimeUnit"], "ms");
@@ -182,7 +182,7 @@ fn the_file_is_an_object_with_lanes_notes_and_units() {
 }
 
 #[test]
-fn a_recorder_that_is_off_takes_nothing_down() {
+fn disabled_recorder_records_nothing() {
     let recorder = Recorder::off();
     record(&recorder);
     assert!(!recorder.is_on());
@@ -191,7 +191,7 @@ fn a_recorder_that_is_off_takes_nothing_down() {
 }
 
 #[test]
-fn times_that_make_no_sense_are_counted_and_left_out() {
+fn invalid_times_are_dropped_and_counted() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("trace.json");
     let file = TraceFile::start_without_host(&path).unwrap();
@@ -206,7 +206,7 @@ fn times_that_make_no_sense_are_counted_and_left_out() {
 }
 
 #[test]
-fn a_run_that_panics_leaves_a_valid_trace_that_says_so() {
+fn panicking_run_leaves_a_valid_marked_trace() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("trace.json");
     let run = std::panic::AssertUnwindSafe(|| {
@@ -227,7 +227,7 @@ fn a_run_that_panics_leaves_a_valid_trace_that_says_so() {
 }
 
 #[test]
-fn a_trace_that_cannot_be_written_is_an_error() {
+fn rejects_unwritable_trace_paths() {
     let folder = tempfile::tempdir().unwrap();
     for path in [folder.path().to_owned(), folder.path().join("no/such/trace.json")] {
         assert!(matches!(TraceFile::start_without_host(&path), Err(TraceError::Write(_))));
@@ -235,7 +235,7 @@ fn a_trace_that_cannot_be_written_is_an_error() {
 }
 
 #[test]
-fn the_file_is_whole_after_every_write() {
+fn trace_file_is_valid_after_every_write() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("trace.json");
     std::fs::write(&path, "longer than what is written first, and of no use".repeat(100)).unwrap();
@@ -276,7 +276,7 @@ fn task(ts: f64, dur: f64) -> Value {
 }
 
 #[test]
-fn wrong_events_are_named() {
+fn rejects_wrong_events() {
     wrong(json!([lane(), 7]), 1, "no object");
     wrong(json!([{"name": "x"}]), 0, "\"ph\"");
     wrong(json!([{"ph": "X", "pid": 1, "tid": 1, "dur": 1}]), 0, "\"ts\"");
@@ -325,7 +325,7 @@ fn numeric_arguments_of_tasks_must_be_finite() {
 }
 
 #[test]
-fn traces_of_other_tools_are_read_and_flagged() {
+fn traces_of_other_tools_load_with_warnings() {
     let foreign = json!([
         {"ph": "X", "name": "op", "pid": "Spans", "tid": "main", "ts": 0, "dur": 9},
         {"ph": "X", "name": "op", "pid": 12, "tid": 4, "ts": 0, "dur": 9},
@@ -346,7 +346,7 @@ fn traces_of_other_tools_are_read_and_flagged() {
 }
 
 #[test]
-fn what_is_no_trace_is_an_error() {
+fn rejects_files_that_are_no_trace() {
     for bad in ["", "[", "{}", "7", "null", "{\"traceEvents\": 3}", "[{\"ph\":\"X\",\"ts\":NaN}]", "[{\"ts\":1e999}]"] {
         let error = parse(bad.as_bytes(), "t.json").unwrap_err();
         assert!(matches!(error, TraceError::NotATrace { .. }), "{bad}: {error}");
@@ -358,7 +358,7 @@ fn what_is_no_trace_is_an_error() {
 }
 
 #[test]
-fn lists_without_an_end_are_read_as_far_as_they_are_whole() {
+fn unfinished_lists_load_up_to_the_last_event() {
     let begun = json!({"ph": "B", "name": "a", "pid": 1, "tid": 1, "ts": 1});
     for head in ["[", "{\"displayTimeUnit\": \"ms\", \"traceEvents\" : [\n"] {
         let text = format!("{head}{},\n{}, {},{{\"ph\":\"X", lane(), task(1.0, 2.0), begun);

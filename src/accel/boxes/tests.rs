@@ -52,7 +52,7 @@ fn boxes_at_one_place_do_not_become_a_chain() {
 }
 
 #[test]
-fn other_boxes_have_the_tree_of_obvhs() {
+fn boxes_build_the_same_tree_as_obvhs() {
     for count in [1, 2, 15, 1000, 5000] {
         let mut boxes = strewn(count);
         // A few boxes at one place are common: the two triangles of a rectangle have the same box.
@@ -65,7 +65,7 @@ fn other_boxes_have_the_tree_of_obvhs() {
 }
 
 #[test]
-fn a_tree_that_is_too_deep_is_balanced() {
+fn too_deep_tree_is_balanced() {
     // Each box is half as large as the next and shares a corner with it.
     let boxes: Vec<_> = (0..120).map(|i| cube(Vec3A::ZERO, (f32::from(i as u8) * 0.5 - 30.0).exp2())).collect();
     let order: Vec<_> = (0..boxes.len() as u32).collect();

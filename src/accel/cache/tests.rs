@@ -28,7 +28,7 @@ fn assert_same(a: &Accel, b: &Accel) {
 }
 
 #[test]
-fn a_second_start_takes_the_tree_of_the_first() {
+fn second_start_reuses_the_cached_tree() {
     let folder = tempfile::tempdir().unwrap();
     let (scene, cache) = (checker(), cache(folder.path()));
     let first = built(&scene, &cache);
@@ -43,7 +43,7 @@ fn a_second_start_takes_the_tree_of_the_first() {
 }
 
 #[test]
-fn other_triangles_and_other_options_have_other_trees() {
+fn cache_key_depends_on_triangles_and_options() {
     let folder = tempfile::tempdir().unwrap();
     let (mut scene, cache) = (checker(), cache(folder.path()));
     built(&scene, &cache);
@@ -81,7 +81,7 @@ fn damaged_files_are_built_again_with_a_note() {
 
 /// A file whose hash is right, since it was made so.
 #[test]
-fn nodes_that_do_not_exist_are_refused() {
+fn rejects_cached_trees_with_missing_nodes() {
     let folder = tempfile::tempdir().unwrap();
     let (scene, cache) = (checker(), cache(folder.path()));
     built(&scene, &cache);
@@ -107,7 +107,7 @@ fn nodes_that_do_not_exist_are_refused() {
 }
 
 #[test]
-fn a_long_file_claims_no_more_than_its_tree_needs() {
+fn rejects_cached_trees_with_other_node_counts() {
     let folder = tempfile::tempdir().unwrap();
     let (scene, cache) = (checker(), cache(folder.path()));
     let first = built(&scene, &cache);
@@ -128,7 +128,7 @@ fn a_long_file_claims_no_more_than_its_tree_needs() {
 
 /// A folder stands for a file that cannot be read, since permissions do not bind the superuser.
 #[test]
-fn a_file_that_cannot_be_read_is_not_damaged() {
+fn unreadable_cache_file_is_kept_and_noted() {
     let folder = tempfile::tempdir().unwrap();
     let (scene, cache) = (checker(), cache(folder.path()));
     let first = built(&scene, &cache);
@@ -142,7 +142,7 @@ fn a_file_that_cannot_be_read_is_not_damaged() {
 }
 
 #[test]
-fn the_key_names_the_version_of_the_builder_in_use() {
+fn cache_key_names_the_version_of_obvhs() {
     let lock = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.lock")).unwrap();
     let version = BUILDERS.split(' ').next_back().unwrap();
     assert!(lock.contains(&format!("name = \"obvhs\"\nversion = \"{version}\"\n")), "{BUILDERS}");
@@ -187,7 +187,7 @@ fn trees_used_longest_ago_go_first() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_is_noted() {
+fn unwritable_cache_folder_is_noted() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("trees"), "a file").unwrap();
     let (scene, cache) = (checker(), cache(folder.path()));

@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_that_overlap_where_a_counter_begins_again_keep_their_places() {
+    fn overlapping_passes_keep_places_across_wraparound() {
         let mut counter = Counter::default();
         let end = (1 << 36) - 1;
         assert_eq!(counter.elapsed(&[end - 9, 2, end - 1, 5]), [0.0, 12.0, 8.0, 15.0]);

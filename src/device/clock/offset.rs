@@ -148,7 +148,7 @@ mod tests {
 
     /// A tight bound stays tight unless a measurement contradicts it.
     #[test]
-    fn loose_brackets_do_not_move_a_clock_that_keeps_its_rate() {
+    fn loose_brackets_keep_a_tight_offset() {
         let (mut fake, mut offset) = (Fake::new(0.0), Offset::default());
         fake.frame(&mut offset, 0.0, 0.0);
         let before = offset.value();
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn brackets_that_contradict_themselves_say_nothing_but_at_the_start() {
+    fn contradictory_brackets_count_only_at_the_start() {
         let mut offset = Offset::default();
         offset.narrow(&(f64::NAN..1.0), &(0.0..1.0));
         assert_eq!(offset.value(), 0.0);

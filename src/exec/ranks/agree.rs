@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranks_that_differ_are_refused_with_what_differs() {
+    fn rejects_ranks_of_other_versions_or_scenes() {
         let here = Identity::here("a".to_owned());
         assert_eq!(here.check(&Identity { host: "b".to_owned(), ..here.clone() }), Ok(()));
         let older = Identity { version: "0.0.9".to_owned(), ..here.clone() };

@@ -148,7 +148,7 @@ mod tests {
 
     /// Simulates an hour of round trips of 0.1 to 1.1 ms.
     #[test]
-    fn a_clock_that_drifts_is_followed_within_its_residual() {
+    fn drifting_clock_stays_within_its_residual() {
         let (mut fake, mut clock) = (Fake { ppm: 40.0, random: 1 }, RankClock::default());
         for i in 0..18_000u32 {
             let trip_ms = 0.1 + fake.random();
@@ -162,7 +162,7 @@ mod tests {
     /// Simulates a busy machine, where only one round trip in fifty is short. The clock's rate changes by 1 ppm a
     /// minute.
     #[test]
-    fn what_short_round_trips_tell_stays_of_use() {
+    fn rare_short_round_trips_keep_the_residual_small() {
         let (mut fake, mut clock) = (Fake { ppm: 0.0, random: 7 }, RankClock::default());
         let mut residuals_us = Vec::new();
         // The lead of the other clock is the integral of its changing rate, so that its times are continuous.
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn clocks_that_jump_are_followed_at_once() {
+    fn clock_jumps_are_followed_at_once() {
         let (mut fake, mut clock) = (Fake { ppm: 20.0, random: 3 }, RankClock::default());
         for i in 0..100 {
             fake.trip(&mut clock, f64::from(i) * 200.0, 0.05);

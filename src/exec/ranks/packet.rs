@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn packets_come_out_of_their_bytes_as_they_went_in() {
+    fn packets_round_trip_through_bytes() {
         for order in orders() {
             assert_comes_back(Packet::Order { renderer: 3, device: 63, order: Box::new(order) });
         }
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_packet_is_refused() {
+    fn rejects_invalid_packets() {
         for bytes in [&[][..], &[ROWS], &[0; 20], &[7, 7, OTHER], &[0, 1, 2, 3, 9]] {
             assert!(Packet::decode(bytes.to_vec()).is_err(), "{bytes:?}");
         }

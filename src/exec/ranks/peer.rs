@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn links_are_known_by_the_time_that_frames_begin() {
+    fn link_speed_is_known_before_frames_begin() {
         for mbps in [10.0, 50.0, 100.0, 1e3, 1e4] {
             for latency_ms in [0.02, 0.5, 30.0] {
                 let bytes_per_ms = mbps * 125.0;
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn what_waits_behind_rows_says_nothing_of_the_link() {
+    fn calls_delayed_by_rows_do_not_change_latency() {
         let mut peer = Peer::default();
         let trip = |peer: &mut Peer, begin_ms: f64, ms: f64, leaves: bool, came: bool| {
             assert!(peer.call(begin_ms, leaves).is_some());

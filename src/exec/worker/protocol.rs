@@ -314,7 +314,7 @@ mod tests {
     use crate::plan::tests::rows;
 
     #[test]
-    fn rows_that_never_come_are_waited_for_for_so_many_slices() {
+    fn missing_rows_abort_after_dependent_slices() {
         let mut worker = Protocol::<()>::new(false);
         let mut builder = Builder::new(1);
         builder.copy_in(0, rows(0));
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_has_failed_makes_nothing_of_commands() {
+    fn failed_device_calls_off_commands() {
         let mut worker = Protocol::<()>::new(false);
         worker.fail();
         worker.order(5, || unreachable!("the device can no longer be used"));

@@ -87,7 +87,7 @@ fn moving_blocks(random: &mut impl FnMut() -> f64) -> Scene {
 }
 
 #[test]
-fn no_body_moves_by_more_rows_than_the_bound_says() {
+fn bodies_move_within_the_row_bound() {
     let mut seed = 1u32;
     let mut random = || {
         seed = seed.wrapping_mul(0x915f_77f5).wrapping_add(0x6d2b_79f5);
@@ -140,7 +140,7 @@ fn no_body_moves_by_more_rows_than_the_bound_says() {
 
 /// Looks at static points in a mirror that turns and moves.
 #[test]
-fn no_image_in_a_mirror_moves_by_more_rows_than_the_bound_says() {
+fn mirror_images_move_within_the_row_bound() {
     let mut seed = 7u32;
     let mut random = || {
         seed = seed.wrapping_mul(0x915f_77f5).wrapping_add(0x6d2b_79f5);
@@ -254,7 +254,7 @@ fn no_point_beyond_the_clearance_moves_by_more_rings() {
 }
 
 #[test]
-fn eyes_that_turn_away_have_no_history() {
+fn eyes_turning_away_have_no_history() {
     let scene = builtin::find("cornell").unwrap().build();
     let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
     let camera = |rig: &Rig| Camera { views: eyes(rig, 1.0), width: 160, height: 90, ..Default::default() };

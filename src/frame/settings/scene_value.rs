@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn an_orbit_is_a_name_or_two_angles_and_perhaps_a_zoom() {
+    fn orbit_is_a_name_or_angles_with_optional_zoom() {
         let expected = Orbit { azimuth_deg: -30.0, elevation_deg: 20.0, zoom: 1.0 };
         assert_eq!(Orbit::parse("-30,20"), Ok(expected));
         assert_eq!(Orbit::parse("-30, 20, 2"), Ok(Orbit { zoom: 2.0, ..expected }));
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn an_exposure_is_a_number_of_stops_or_auto() {
+    fn exposure_is_a_number_of_stops_or_auto() {
         assert_eq!((Exposure::parse("-1.5"), Exposure::parse("auto")), (Ok(Exposure::Ev(-1.5)), Ok(Exposure::Auto)));
         assert!(Exposure::parse("25").unwrap_err().contains("-24 to 24"));
     }

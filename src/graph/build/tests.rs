@@ -61,7 +61,7 @@ fn rows_travel_as_far_as_a_pass_reads() {
 }
 
 #[test]
-fn a_grid_of_its_own_has_its_own_share_of_rows() {
+fn scaled_grid_scales_transferred_rows() {
     let half = Grid { size: Size::FrameOver(2), ..Grid::FRAME };
     let small = IMAGE.on(half);
     let passes = vec![
@@ -75,7 +75,7 @@ fn a_grid_of_its_own_has_its_own_share_of_rows() {
 }
 
 #[test]
-fn every_device_makes_what_it_has_for_itself() {
+fn pass_once_runs_on_every_device_with_rows() {
     let table = Resource::table::<u32>("table", Extent::new(8, 1));
     let passes = vec![
         Pass::once(Stage("make"), WRITER, Kernel::new("test"), [1, 1, 1]).uses([Use::write(table)]),

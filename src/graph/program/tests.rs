@@ -19,7 +19,7 @@ fn error(passes: Vec<Pass>) -> ProgramError {
 }
 
 #[test]
-fn passes_that_contradict_one_another_are_refused() {
+fn rejects_contradictory_passes() {
     let [stage, a] = ["test", "a"];
     assert_eq!(error(vec![pass(PARTITION, [Use::read(A)])]), ProgramError::Unwritten { stage, image: a });
     assert!(Program::new(EXTENT, HALO, vec![pass(PARTITION, [Use::read(A).if_written()])]).is_ok());
@@ -58,7 +58,7 @@ fn passes_that_contradict_one_another_are_refused() {
 /// Each device computes a margin around its rows that covers the halos of later passes, up to the next pass that
 /// receives rows from neighbours.
 #[test]
-fn margins_are_what_later_passes_read() {
+fn margins_cover_the_halos_of_later_passes() {
     let link = |halo: u32, from: Image| pass(PARTITION, [Use::read(from).halo(halo), Use::write(from.next())]);
     let light = Image::from(A);
     let passes = || {
@@ -82,7 +82,7 @@ fn margins_are_what_later_passes_read() {
 }
 
 #[test]
-fn outputs_and_what_is_kept_follow_from_the_uses() {
+fn outputs_and_history_follow_from_bindings() {
     let out = Resource::image::<u32>("out").output();
     let passes = vec![
         pass(PARTITION, [Use::write(A)]),

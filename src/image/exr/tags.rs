@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_file_says_of_its_image_survives() {
+    fn valid_tags_round_trip() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         let image = RgbImage::filled(Extent::new(6, 4), [0.5, -1.0, 2.0]);

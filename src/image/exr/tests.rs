@@ -90,7 +90,7 @@ fn colour_survives_to_the_bit() {
 }
 
 #[test]
-fn equal_pixels_give_equal_bytes() {
+fn same_bytes_for_equal_pixels() {
     let folder = tempfile::tempdir().unwrap();
     let image = noise_image(Extent::new(33, 20), 3);
     let bytes = ["a.exr", "b.exr"].map(|name| {
@@ -102,7 +102,7 @@ fn equal_pixels_give_equal_bytes() {
 }
 
 #[test]
-fn an_only_channel_reads_as_grey() {
+fn single_channel_reads_as_grey() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("depth.exr");
     let depth: Vec<f32> = noise(6, 1).collect();
@@ -111,7 +111,7 @@ fn an_only_channel_reads_as_grey() {
 }
 
 #[test]
-fn channels_that_do_not_fit_are_refused() {
+fn rejects_channels_that_do_not_fit() {
     let folder = tempfile::tempdir().unwrap();
     let write = |extent, channels: &[(&str, &[f32])]| write_channels(&folder.path().join("a.exr"), extent, channels);
     let two = Extent::new(2, 1);
@@ -155,7 +155,7 @@ fn tiles_and_any_lossless_compression_are_read() {
 }
 
 #[test]
-fn the_picture_is_the_display_window() {
+fn picture_covers_the_display_window() {
     let extent = Extent::new(5, 4);
     let planes = [1, 2, 3].map(|seed| noise(extent.area(), seed).collect::<Vec<f32>>());
     let channels = [("R", f32s(&planes[0])), ("G", f32s(&planes[1])), ("B", f32s(&planes[2]))];
@@ -196,7 +196,7 @@ fn the_picture_is_the_display_window() {
 }
 
 #[test]
-fn the_first_part_with_plain_rgb_is_taken_then_a_layer_then_luminance() {
+fn plain_rgb_is_preferred_to_layers_and_luminance() {
     let extent = Extent::new(1, 1);
     let one = |name: &'static str, v: f32| (name, f32s(&[v]));
     let depth = || part("depth", extent, &[one("Z", 9.0)], PLAIN);
@@ -225,7 +225,7 @@ fn the_first_part_with_plain_rgb_is_taken_then_a_layer_then_luminance() {
 }
 
 #[test]
-fn the_largest_level_of_a_mip_map_is_read() {
+fn largest_mip_level_is_read() {
     let level = |count: usize, value: f32| FlatSamples::F32(vec![value; count]);
     let levels = |value: f32| Levels::Mip {
         rounding_mode: RoundingMode::Down,
@@ -243,7 +243,7 @@ fn the_largest_level_of_a_mip_map_is_read() {
 
 /// B44 keeps differences within 4x4 blocks that fit in six bits of a half; PXR24 keeps 24 bits of a float.
 #[test]
-fn what_lossy_compressions_keep_is_read() {
+fn representable_values_survive_lossy_compression() {
     let extent = Extent::new(9, 6);
     let steps: Vec<f32> = (0..extent.area()).map(|n| 1.0 + (n % 9 + 2 * (n / 9)) as f32 / 1024.0).collect();
     let halves = FlatSamples::F16(steps.iter().map(|&v| f16::from_f32(v)).collect());
@@ -258,7 +258,7 @@ fn what_lossy_compressions_keep_is_read() {
 }
 
 #[test]
-fn a_file_without_colour_says_what_it_has() {
+fn rejects_files_without_colour_by_channels() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("uv.exr");
     write_channels(&path, Extent::new(1, 1), &[("U", &[1.0]), ("V", &[2.0])]).unwrap();
@@ -278,7 +278,7 @@ fn channels_are_read_by_name() {
 }
 
 #[test]
-fn missing_empty_and_foreign_files_are_errors() {
+fn rejects_missing_empty_and_foreign_files() {
     let folder = tempfile::tempdir().unwrap();
     assert!(matches!(read_rgb(&folder.path().join("none.exr")), Err(ImageError::Read { .. })));
     assert!(read_rgb(folder.path()).is_err());
@@ -292,7 +292,7 @@ fn missing_empty_and_foreign_files_are_errors() {
 /// Written by OpenEXR 3.5.3 through its Python binding: RGBA half, 32x32 tiles, ZIP, data window (-3, 5) to (4, 10).
 /// Value n of the 8x6x3 colours, in row order, is n / 16. The display window is (0, 0) to (7, 5).
 #[test]
-fn a_file_by_the_reference_library_is_read() {
+fn file_by_the_reference_library_is_read() {
     let mut bytes = include_bytes!("openexr_tiled_half.exr").to_vec();
     let image = decoded(&bytes);
     assert_eq!(image.extent, Extent::new(8, 6));
@@ -310,7 +310,7 @@ fn a_file_by_the_reference_library_is_read() {
 }
 
 #[test]
-fn dwa_is_refused_by_name() {
+fn rejects_dwa_by_name() {
     let plane = f32s(&[1.0; 64]);
     let encoding = Encoding { compression: Compression::DWAA(None), ..PLAIN };
     let bytes = encoded(vec![part("", Extent::new(8, 8), &[("Y", plane)], encoding)]);
@@ -318,7 +318,7 @@ fn dwa_is_refused_by_name() {
 }
 
 #[test]
-fn subsampled_channels_are_refused_by_name() {
+fn rejects_subsampled_channels_by_name() {
     let plane = f32s(&[1.0; 64]);
     let mut bytes = encoded(vec![part("", Extent::new(8, 8), &[("BY", plane.clone()), ("Y", plane)], PLAIN)]);
     // The crate cannot write subsampled channels. In the header a name and a zero are followed by the type, flags, and
@@ -332,7 +332,7 @@ fn subsampled_channels_are_refused_by_name() {
 
 /// Both files were written by OpenEXR 3.5.3 through its Python binding.
 #[test]
-fn deep_data_and_newer_compressions_are_refused_by_name() {
+fn rejects_deep_data_and_htj2k_by_name() {
     assert_unsupported(include_bytes!("openexr_deep.exr"), "deep data");
     assert_unsupported(include_bytes!("openexr_htj2k.exr"), "ht j2k");
 }

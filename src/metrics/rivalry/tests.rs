@@ -93,7 +93,7 @@ fn surfaces_are_found_at_their_disparity() {
 }
 
 #[test]
-fn errors_that_lie_on_the_surfaces_are_shared() {
+fn errors_on_surfaces_cause_no_rivalry() {
     let found = differences([&|x, y| on_surface(0, x, y), &|x, y| on_surface(1, x, y)]).rivalry();
     for value in [found.rivalry, found.rivalry_mean, found.rivalry_p99] {
         assert_near(value, 0.0, 1e-12);
@@ -119,7 +119,7 @@ fn noise_of_each_eye_adds_in_squares() {
 }
 
 #[test]
-fn an_eye_that_is_too_bright_is_rivalry_of_the_same_size_everywhere() {
+fn brighter_eye_causes_uniform_rivalry() {
     let found = differences([&|_, _| [0.1; 3], &|_, _| [-0.05; 3]]).rivalry();
     for value in [found.rivalry, found.rivalry_mean, found.rivalry_p99, found.rivalry_seen] {
         assert_near(value, 0.15, 1e-6);
@@ -136,7 +136,7 @@ fn one_percent_of_the_pixels_is_in_the_percentile() {
 }
 
 #[test]
-fn only_differences_that_change_flicker() {
+fn only_changing_differences_flicker() {
     let history: Vec<Sighting> = (0..EXTENT.area()).map(Sighting::At).collect();
     let of = |left: f64, right: f64| differences([&move |_, _| [left; 3], &move |_, _| [right; 3]]);
     // Both eyes grow brighter by the same.

@@ -58,7 +58,7 @@ fn assert_near(found: Option<f64>, expected: f64) {
 }
 
 #[test]
-fn an_image_that_is_always_wrong_alike_does_not_flicker() {
+fn constant_error_does_not_flicker() {
     let (reference, image) = (grey(|_, _| 0.5), grey(|x, y| 0.02 * (x + y) as f64));
     let surfaces = scene(3, 0);
     let found = temporal([(&reference, &image, &surfaces), (&reference, &image, &surfaces)]);
@@ -67,7 +67,7 @@ fn an_image_that_is_always_wrong_alike_does_not_flicker() {
 
 /// The square disoccludes STEP columns of the wall behind it; its front occludes others.
 #[test]
-fn what_moves_in_the_reference_too_is_no_flicker() {
+fn motion_of_the_reference_is_no_flicker() {
     let (before, now) = (scene(3, 0), scene(3 + STEP, STEP));
     let [was, is] = [grey(square(3)), grey(square(3 + STEP))];
     let found = temporal([(&was, &was, &before), (&is, &is, &now)]);
@@ -76,7 +76,7 @@ fn what_moves_in_the_reference_too_is_no_flicker() {
 }
 
 #[test]
-fn surfaces_uncovered_or_come_in_from_outside_are_new() {
+fn uncovered_and_entering_surfaces_are_new() {
     let history = scene(3 + STEP, STEP).history(&scene(3, 0)).unwrap();
     let width = EXTENT.width as usize;
     for (i, history) in history.iter().enumerate() {
@@ -97,7 +97,7 @@ fn surfaces_uncovered_or_come_in_from_outside_are_new() {
 
 /// The image holds (1 − α) of the previous frame without reprojection, like an exponential moving average.
 #[test]
-fn an_exponential_mean_ghosts_by_what_it_keeps() {
+fn exponential_mean_ghosts_by_its_history_weight() {
     let (before, now) = (scene(3, 0), scene(3 + STEP, STEP));
     let (was, is) = (square(3), square(3 + STEP));
     let alpha = 0.2;
@@ -113,7 +113,7 @@ fn an_exponential_mean_ghosts_by_what_it_keeps() {
 
 /// The mean of |a − b| for a and b of ±σ is σ.
 #[test]
-fn noise_that_frames_do_not_share_flickers() {
+fn independent_noise_flickers_by_its_deviation() {
     let sigma = 0.1;
     let reference = grey(|_, _| 0.5);
     let [a, b] = [1, 2].map(|bit| grey(move |x, y| 0.5 + sigma * if ((x + 5 * y) & bit) == 0 { 1.0 } else { -1.0 }));
@@ -123,7 +123,7 @@ fn noise_that_frames_do_not_share_flickers() {
 }
 
 #[test]
-fn the_sky_counts_as_neither() {
+fn sky_has_neither_flicker_nor_ghosting() {
     let sky = || vectors(|_, _| [0.0; 3]);
     let surfaces = moving(sky(), sky(), sky()).unwrap();
     let (black, white) = (grey(|_, _| 0.0), grey(|_, _| 0.9));
@@ -133,7 +133,7 @@ fn the_sky_counts_as_neither() {
 
 /// The nearest pixel to the reprojected point may lie across an edge.
 #[test]
-fn an_edge_that_moves_by_part_of_a_pixel_uncovers_nothing() {
+fn subpixel_motion_of_an_edge_uncovers_nothing() {
     let mut now = scene(3, 0);
     for motion in &mut now.motion_px {
         motion[0] = -0.6;
@@ -149,7 +149,7 @@ fn an_edge_that_moves_by_part_of_a_pixel_uncovers_nothing() {
 
 /// The scale of the world does not matter, and a slanted plane is not taken for a disocclusion.
 #[test]
-fn a_slanted_plane_that_moves_past_is_seen_at_any_scale() {
+fn slanted_plane_keeps_its_history_at_any_scale() {
     for scale in [1e-4f32, 1.0, 1e4] {
         let plane = |shift: f32| {
             let position = vectors(|x, y| [x as f32 + shift, y as f32, 3.0 * (x as f32 + shift)].map(|c| c * scale));
@@ -163,7 +163,7 @@ fn a_slanted_plane_that_moves_past_is_seen_at_any_scale() {
 }
 
 #[test]
-fn images_of_different_sizes_are_refused() {
+fn rejects_images_of_different_sizes() {
     let small = || RgbImage::filled(Extent::new(2, 2), [0.0; 3]);
     let large = || RgbImage::filled(Extent::new(3, 2), [0.0; 3]);
     assert!(moving(small(), large(), large()).is_err());
@@ -173,7 +173,7 @@ fn images_of_different_sizes_are_refused() {
 }
 
 #[test]
-fn at_rest_the_sky_counts_and_what_is_always_wrong_alike_does_not() {
+fn change_at_rest_ignores_constant_errors() {
     let reference = grey(|_, _| 0.5);
     let [before, now] = [0.0, 0.1].map(|step| {
         let image = grey(|x, y| 0.02 * (x + y) as f64 + if x < 6 { step } else { 0.0 });
@@ -189,7 +189,7 @@ fn at_rest_the_sky_counts_and_what_is_always_wrong_alike_does_not() {
 
 /// Changes beyond 5 degrees of either gaze do not count.
 #[test]
-fn near_a_gaze_that_moves_counts_what_both_frames_see_there() {
+fn change_near_gaze_counts_pixels_near_both_gazes() {
     let extent = Extent::new(40, 20);
     let seen = |x: f64| Viewing { gaze: [x, 0.5], yfov_deg: 40.0 };
     // Converts degrees at the image's centre to pixels.

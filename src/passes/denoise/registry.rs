@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_denoiser_has_one_name_everywhere() {
+    fn denoiser_names_round_trip() {
         for choice in Denoiser::choices() {
             let name = Denoiser::name_of(choice);
             assert_eq!(Denoiser::from_name(name).unwrap(), choice);

@@ -22,7 +22,7 @@ fn geometric_normal(mesh: &Mesh, t: &[u32; 3]) -> Vec3 {
 }
 
 #[test]
-fn a_scene_is_found_by_name_and_an_unknown_name_lists_the_known() {
+fn unknown_scene_name_lists_the_known_names() {
     assert_eq!(find("cornell").unwrap().name, "cornell");
     let message = find("sponza").unwrap_err().to_string();
     assert!(BUILTINS.iter().all(|b| message.contains(b.name)), "{message}");
@@ -74,7 +74,7 @@ fn every_mesh_is_used() {
 }
 
 #[test]
-fn environment_and_lights_that_stand_still_are_left_to_the_shot() {
+fn scenes_contain_only_animated_lights() {
     each(|b, s| {
         assert!(s.lights.len() == s.motion.lights.len() && s.environment == Environment::Black, "{}", b.name);
         assert!(s.warnings.is_empty() && !s.materials.is_empty(), "{}", b.name);
@@ -129,12 +129,12 @@ fn fingerprint(scene: &Scene) -> u64 {
 }
 
 #[test]
-fn building_twice_gives_the_same_bits() {
+fn same_bytes_from_building_twice() {
     each(|b, s| assert_eq!(fingerprint(s), fingerprint(&b.build()), "{}", b.name));
 }
 
 #[test]
-fn shots_are_toml_for_their_scene_with_a_path_of_four_seconds() {
+fn shots_are_toml_with_a_path_of_four_seconds() {
     for b in BUILTINS {
         let shot: toml::Table = b.shot.parse().unwrap_or_else(|e| panic!("{}: {e}", b.name));
         assert_eq!(shot["name"].as_str(), Some(b.name));
@@ -147,7 +147,7 @@ fn shots_are_toml_for_their_scene_with_a_path_of_four_seconds() {
 }
 
 #[test]
-fn the_camera_starts_inside_what_it_looks_at() {
+fn camera_keys_stay_near_the_scene() {
     each(|b, s| {
         let shot: toml::Table = b.shot.parse().unwrap();
         let bounds = s.bounds();
@@ -212,7 +212,7 @@ fn embedded_files_are_plain_glb_below_the_limit() {
 }
 
 #[test]
-fn damaged_and_endless_files_are_refused() {
+fn rejects_damaged_and_oversized_files() {
     let Content::File(cornell) = find("cornell").unwrap().content else { panic!("cornell is a file") };
     let mut damaged = cornell.to_vec();
     damaged[cornell.len() / 2] ^= 1;
@@ -224,7 +224,7 @@ fn damaged_and_endless_files_are_refused() {
 }
 
 #[test]
-fn an_embedded_file_reads_no_other_file() {
+fn embedded_file_reads_no_other_file() {
     let here = concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml");
     for uri in ["Cargo.toml", "../Cargo.toml", here] {
         assert!(uri.starts_with("..") || std::path::Path::new(uri).exists());

@@ -41,7 +41,7 @@ fn draft(tables: &str) -> Draft {
 }
 
 #[test]
-fn a_bare_scene_is_looked_at_and_lit_white() {
+fn bare_scene_gets_a_viewpoint_and_white_light() {
     let mut scene = triangle();
     let shot = plain(bare(), &mut scene);
     assert!(matches!(&shot.environment, Some(e) if e.sky == Sky::Constant(Vec3::ONE)), "{shot:?}");
@@ -50,7 +50,7 @@ fn a_bare_scene_is_looked_at_and_lit_white() {
 }
 
 #[test]
-fn a_file_without_light_is_in_the_studio_if_that_is_its_look() {
+fn studio_look_lights_files_without_lights() {
     let studio = Overrides { look: Look::Studio, ..Overrides::default() };
     let sky = |change: fn(&mut Scene)| {
         let mut scene = triangle();
@@ -63,7 +63,7 @@ fn a_file_without_light_is_in_the_studio_if_that_is_its_look() {
 }
 
 #[test]
-fn a_scene_with_light_or_camera_keeps_them() {
+fn scene_keeps_its_light_and_camera() {
     let mut scene = triangle();
     scene.cameras.push(camera(0.0));
     scene.lights.push(light());
@@ -77,7 +77,7 @@ fn a_scene_with_light_or_camera_keeps_them() {
 }
 
 #[test]
-fn a_shot_of_a_scene_alone_is_the_scene_without_a_shot() {
+fn empty_shot_equals_the_bare_scene() {
     let changes: [fn(&mut Scene); 3] = [|_| (), |s| s.lights.push(light()), |s| s.cameras.push(camera(1.0))];
     for change in changes {
         let [mut a, mut b] = [triangle(), triangle()];
@@ -88,7 +88,7 @@ fn a_shot_of_a_scene_alone_is_the_scene_without_a_shot() {
 }
 
 #[test]
-fn what_a_shot_says_of_its_rig_goes_before_what_is_found() {
+fn rig_of_a_shot_overrides_the_found_viewpoint() {
     let rig = "[rig]\nyfov_deg = 90\nbaseline_m = 0.5\nmetres_per_unit = 0.01";
     let shot = plain(draft(rig), &mut triangle());
     let wanted = Wanted { metres_per_unit: 0.01, yfov_rad: Some(90f64.to_radians()), ..Wanted::default() };
@@ -113,7 +113,7 @@ fn closed_room() -> Scene {
 }
 
 #[test]
-fn a_closed_room_of_a_file_gets_a_light_at_the_camera() {
+fn closed_room_gets_a_light_in_the_studio_look() {
     let mut room = closed_room();
     let overrides = Overrides { look: Look::Studio, ..Overrides::default() };
     let shot = completed(bare(), &overrides, &mut room).unwrap();
@@ -125,7 +125,7 @@ fn a_closed_room_of_a_file_gets_a_light_at_the_camera() {
 }
 
 #[test]
-fn a_closed_room_gets_a_light_at_every_viewpoint_inside() {
+fn closed_room_gets_a_light_at_inner_viewpoints() {
     let studio = Overrides { look: Look::Studio, ..Overrides::default() };
     let lights = |overrides: &Overrides, change: fn(&mut Scene)| {
         let mut room = closed_room();
@@ -159,14 +159,14 @@ fn a_closed_room_gets_a_light_at_every_viewpoint_inside() {
 
 /// Such a shot gets no white environment, since emissive surfaces may be meant as its only light.
 #[test]
-fn a_shot_with_a_camera_or_light_of_its_own_is_lit_by_what_it_names() {
+fn shot_with_camera_or_light_gets_no_environment() {
     for tables in [KEY, "[[light]]\nkind = 'point'\nposition = [0, 1, 0]"] {
         assert_eq!(plain(draft(tables), &mut triangle()).environment, None, "{tables}");
     }
 }
 
 #[test]
-fn what_is_asked_for_goes_before_what_the_shot_says() {
+fn overrides_take_precedence_over_the_shot() {
     let wanted = Overrides {
         yfov_rad: Some(1.0),
         baseline_m: Some(0.1),
@@ -203,7 +203,7 @@ fn eyes_are_moved_and_turned() {
 }
 
 #[test]
-fn a_camera_is_chosen_by_its_number() {
+fn camera_is_chosen_by_its_number() {
     let camera_of = |number, scene: &mut Scene| {
         completed(draft(KEY), &Overrides { camera: Some(number), ..Overrides::default() }, scene)
     };
@@ -218,7 +218,7 @@ fn a_camera_is_chosen_by_its_number() {
 }
 
 #[test]
-fn eyes_follow_a_camera_that_moves() {
+fn eyes_follow_an_animated_camera() {
     let keys = Keys::new(vec![0.0, 2.0], vec![0.0, 0.0, 3.0, 4.0, 0.0, 3.0], 3, Interpolation::Linear).unwrap();
     let channels = vec![Channel { target: Target::Translation(0), keys }];
     let rest = Placement::Parts { translation: DVec3::ZERO, rotation: DQuat::IDENTITY, scale: DVec3::ONE };
@@ -251,7 +251,7 @@ fn eyes_follow_a_camera_that_moves() {
 }
 
 #[test]
-fn a_baseline_that_no_number_holds_is_refused() {
+fn rejects_baselines_beyond_f32() {
     let wide = Overrides { baseline_m: Some(1e38), ..Overrides::default() };
     let error = completed(draft("[rig]\nmetres_per_unit = 1e-6"), &wide, &mut triangle()).unwrap_err();
     assert!(error.to_string().contains("the baseline"), "{error}");

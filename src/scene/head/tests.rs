@@ -17,7 +17,7 @@ fn shot() -> Rig {
 }
 
 #[test]
-fn the_space_is_level_and_in_metres() {
+fn head_space_is_level_and_in_metres() {
     let rig = HeadMotion::parse(FILE.as_bytes()).unwrap().rig(&shot()).unwrap();
     let close = |a: glam::Vec3, b: [f64; 3]| assert!((a.as_dvec3() - DVec3::from(b)).length() < 1e-4, "{a}");
     let [first, last] = [1.0, 3.0].map(|t| Rig { baseline_m: 0.0, ..rig.clone() }.view(t, Eye::Left));
@@ -30,7 +30,7 @@ fn the_space_is_level_and_in_metres() {
 }
 
 #[test]
-fn heads_turn_at_a_constant_speed_between_samples_and_rest_beyond() {
+fn head_turns_at_constant_speed_between_samples() {
     let rig = HeadMotion::parse(FILE.as_bytes()).unwrap().rig(&shot()).unwrap();
     let forward = |time_s| rig.view(time_s, Eye::Right).forward;
     for (time_s, degrees) in [(0.0, 0.0), (1.0, 0.0), (1.5, 22.5), (2.0, 45.0), (2.9, 85.5), (3.0, 90.0), (8.0, 90.0)] {
@@ -41,7 +41,7 @@ fn heads_turn_at_a_constant_speed_between_samples_and_rest_beyond() {
 }
 
 #[test]
-fn what_is_recorded_is_replayed() {
+fn recorded_motion_is_replayed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("motion.jsonl");
     let (motion, shot) = (HeadMotion::parse(FILE.as_bytes()).unwrap(), shot());
@@ -72,7 +72,7 @@ fn what_is_recorded_is_replayed() {
 }
 
 #[test]
-fn what_is_wrong_is_named_with_its_line() {
+fn rejects_invalid_head_motion_by_line() {
     let sample = |from: &str, to: &str| {
         let text = FILE.replacen(from, to, 1);
         assert_ne!(text, FILE, "{from}");
@@ -125,7 +125,7 @@ fn eyes(apart_m: f64) -> HeadEyes {
 }
 
 #[test]
-fn a_head_that_is_there_now_is_the_one_that_a_file_has() {
+fn live_head_pose_equals_recorded_pose() {
     let (shot, eyes) = (shot(), eyes(0.064));
     let pose = HeadPose { position_m: DVec3::new(0.2, -0.1, 0.4), orientation: DQuat::from_rotation_y(0.7) };
     let sample =
@@ -141,7 +141,7 @@ fn a_head_that_is_there_now_is_the_one_that_a_file_has() {
 }
 
 #[test]
-fn eyes_that_move_apart_keep_the_frame_that_they_share() {
+fn wider_eyes_keep_their_shared_projection() {
     let shot = shot();
     let space = Space::of(&shot).with_eyes(eyes(0.06)).unwrap();
     let wider = space.with_eyes(eyes(0.07)).unwrap();
@@ -151,7 +151,7 @@ fn eyes_that_move_apart_keep_the_frame_that_they_share() {
 }
 
 #[test]
-fn what_is_in_a_head_goes_where_that_goes() {
+fn poses_in_a_head_follow_the_head() {
     let head = HeadPose { position_m: DVec3::X, orientation: DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2) };
     let own = HeadPose { position_m: DVec3::NEG_Z, orientation: DQuat::from_rotation_x(0.1) };
     let there = head.then(own);

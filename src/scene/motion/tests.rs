@@ -43,7 +43,7 @@ fn splines_are_cubics() {
 }
 
 #[test]
-fn rotations_turn_at_constant_speed_the_shortest_way() {
+fn rotations_take_the_shortest_way_at_constant_speed() {
     let turn = |angle: f64| DQuat::from_rotation_y(angle).as_quat().to_array();
     let (from, to) = (turn(0.2), turn(2.2));
     for to in [to, to.map(|c| -c)] {
@@ -61,7 +61,7 @@ fn rotations_turn_at_constant_speed_the_shortest_way() {
 }
 
 #[test]
-fn keys_that_are_none_are_named() {
+fn rejects_invalid_keys() {
     let of = |times: &[f32], values: &[f32], kind| Keys::new(times.to_vec(), values.to_vec(), 1, kind).unwrap_err();
     use Interpolation::{CubicSpline, Linear};
     assert_eq!(of(&[], &[], Linear), KeysError::Empty);
@@ -106,7 +106,7 @@ fn scene(mesh: Mesh, motion: Motion) -> Scene {
 }
 
 #[test]
-fn a_hierarchy_moves_what_hangs_on_it() {
+fn hierarchy_moves_its_bodies_lights_and_cameras() {
     let motion = Motion {
         nodes: vec![node(None, DVec3::X), node(Some(0), DVec3::X), node(Some(1), DVec3::Y)],
         animations: vec![turning(0)],
@@ -189,7 +189,7 @@ fn skinned_vertices_are_the_mean_of_their_joints() {
 }
 
 #[test]
-fn normals_stand_on_skinned_surfaces_and_mirrors_turn_triangles() {
+fn skinning_transforms_normals_and_winding() {
     let mut mesh = triangle();
     mesh.normals = vec![Vec3::new(1.0, 1.0, 1.0).normalize(); 3];
     mesh.influences = vec![influence(&[(0, 1.0)]); 3];
@@ -287,7 +287,7 @@ fn materials_and_lights_change() {
 }
 
 #[test]
-fn a_shot_moves_its_lights() {
+fn shot_moves_its_lights() {
     use super::play::{Move, MoveKey, Moved, Play};
     let turned = |time_s, degrees: f64| MoveKey {
         time_s,

@@ -23,7 +23,7 @@ fn in_head(eye: &HeadEye, [x, y]: [f64; 2]) -> DVec3 {
 }
 
 #[test]
-fn eyes_that_share_a_symmetric_view_are_rendered_as_they_are() {
+fn symmetric_eyes_keep_their_projection() {
     let fov = Fov { left: -0.8, right: 0.8, up: 0.6, down: -0.6 };
     let eyes = HeadEyes { left: eye(-0.03, 0.0, fov), right: eye(0.03, 0.0, fov) };
     let Rectified { optics, position_m, orientation, baseline_m } = eyes.rectified().unwrap();
@@ -42,7 +42,7 @@ fn eyes_that_share_a_symmetric_view_are_rendered_as_they_are() {
 }
 
 #[test]
-fn the_shared_frame_covers_both_eyes_with_as_many_pixels_as_they_have_ahead() {
+fn shared_projection_covers_eyes_at_full_resolution() {
     let eyes = canted();
     let Rectified { optics, orientation, .. } = eyes.rectified().unwrap();
     // The vertical and the horizontal field of view are symmetric.
@@ -81,7 +81,7 @@ fn the_shared_frame_covers_both_eyes_with_as_many_pixels_as_they_have_ahead() {
 }
 
 #[test]
-fn eyes_that_are_none_are_told() {
+fn rejects_invalid_eyes() {
     let faulty = |change: fn(&mut HeadEyes)| {
         let mut eyes = canted();
         change(&mut eyes);
@@ -109,7 +109,7 @@ fn eyes_that_are_none_are_told() {
 }
 
 #[test]
-fn eyes_need_no_resampling_only_where_they_see_alike_and_pixels_are_square() {
+fn only_equal_eyes_with_square_pixels_skip_resampling() {
     let fov = Fov { left: -0.8, right: 0.8, up: 0.6, down: -0.6 };
     let plain = |left: HeadEye, right: HeadEye, size: Extent| {
         HeadEyes { left, right }.rectified().unwrap().optics.is_plain(size)

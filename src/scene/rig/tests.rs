@@ -14,7 +14,7 @@ fn path() -> Rig {
 }
 
 #[test]
-fn eyes_share_orientation_bitwise_and_sit_a_baseline_apart() {
+fn eyes_share_orientation_and_differ_by_the_baseline() {
     let rig = path();
     for i in 0..40 {
         let time_s = f64::from(i) * 0.07 - 0.3;
@@ -30,7 +30,7 @@ fn eyes_share_orientation_bitwise_and_sit_a_baseline_apart() {
 }
 
 #[test]
-fn axes_are_orthonormal_and_right_handed_as_documented() {
+fn axes_are_orthonormal_and_right_handed() {
     let view = path().view(0.9, Eye::Left);
     for axis in [view.right, view.up, view.forward] {
         assert!((axis.length() - 1.0).abs() < 1e-6);
@@ -67,7 +67,7 @@ fn pixel_zero_is_top_left_and_pixels_are_square() {
 }
 
 #[test]
-fn a_world_point_lies_on_the_same_row_in_both_eyes() {
+fn world_points_lie_on_the_same_row_in_both_eyes() {
     let rig = path();
     let point = DVec3::new(0.3, 0.9, -2.0);
     let row = |eye| {
@@ -79,7 +79,7 @@ fn a_world_point_lies_on_the_same_row_in_both_eyes() {
 }
 
 #[test]
-fn paths_through_the_target_or_through_up_are_found() {
+fn degenerate_camera_paths_are_detected() {
     assert_eq!(degenerate_time(&path().keys), None);
     let through = rig(vec![key(0.0, [0.0, 0.0, 2.0], [0.0; 3]), key(4.0, [0.0, 0.0, -2.0], [0.0; 3])]);
     assert!((degenerate_time(&through.keys).unwrap() - 2.0).abs() < 1e-9);
@@ -115,7 +115,7 @@ fn framing_sees_every_corner_at_any_scale() {
 }
 
 #[test]
-fn framing_of_nothing_of_a_point_or_of_all_there_is_is_finite() {
+fn framing_of_degenerate_bounds_is_finite() {
     let empty = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
     let point = Bounds { min: Vec3::splat(5e6), max: Vec3::splat(5e6) };
     let all = Bounds { min: Vec3::splat(-1e38), max: Vec3::splat(f32::MAX) };
@@ -128,7 +128,7 @@ fn framing_of_nothing_of_a_point_or_of_all_there_is_is_finite() {
 }
 
 #[test]
-fn a_camera_becomes_the_rig_between_the_eyes() {
+fn camera_becomes_the_rig_between_the_eyes() {
     let world_from_view = Affine3A::from_scale_rotation_translation(
         Vec3::splat(3.0),
         Quat::from_rotation_y(-std::f32::consts::FRAC_PI_2),

@@ -131,7 +131,7 @@ fn every_key_is_read() {
 }
 
 #[test]
-fn lights_come_out_in_scene_units() {
+fn lights_are_converted_to_scene_units() {
     let lights = parse(FULL, "x.toml").unwrap().lights();
     assert_eq!(lights[0].kind, LightKind::Point { position: Vec3::new(0.0, 2.3, 0.0), radius: 10.0 });
     assert_eq!(lights[0].strength, Vec3::new(4.0, 2.0, 1.0));
@@ -146,7 +146,7 @@ fn lights_come_out_in_scene_units() {
 }
 
 #[test]
-fn what_is_left_out_has_its_default() {
+fn omitted_keys_have_their_defaults() {
     let shot = parse(MINIMAL, "some/where/box view.toml").unwrap();
     assert_eq!(shot.name, "box view");
     assert_eq!(shot.scene, SceneSource::Builtin("box".into()));
@@ -159,7 +159,7 @@ fn what_is_left_out_has_its_default() {
 }
 
 #[test]
-fn unknown_keys_name_line_and_what_is_known() {
+fn rejects_unknown_keys_by_line() {
     fails("scale = 1.0", "scael = 1.0", &["scael", "`scale`"]);
     fails("yfov_deg = 70.0", "fov = 70.0", &["fov", "`yfov_deg`"]);
     fails("target = [0.0, 1.2, -3.0]\nup", "upp = 1\ntarget = [0.0, 1.2, -3.0]\nup", &["upp", "`up`"]);
@@ -171,7 +171,7 @@ fn unknown_keys_name_line_and_what_is_known() {
 }
 
 #[test]
-fn wrong_types_name_line_and_key() {
+fn rejects_wrong_types_by_line() {
     fails("yfov_deg = 70.0", "yfov_deg = '70'", &["yfov_deg", "f64"]);
     fails("position = [0.0, 2.3, 0.0]", "position = [0.0, 2.3]", &["position", "length"]);
     fails("kind = \"spot\"", "kind = \"area\"", &["area", "`point`", "`directional`", "`spot`"]);
@@ -195,7 +195,7 @@ fn rig_values_are_checked() {
 }
 
 #[test]
-fn degenerate_views_name_the_key() {
+fn rejects_degenerate_views_by_key() {
     fails(
         "[[rig.key]]\ntime_s = 0.0\nposition = [0.0, 1.6, 2.5]",
         "[[rig.key]]\ntime_s = 0.0\nposition = [0.0, 1.2, -3.0]",
@@ -212,7 +212,7 @@ fn degenerate_views_name_the_key() {
 }
 
 #[test]
-fn missing_parts_are_named() {
+fn rejects_missing_keys_and_unknown_files() {
     let error = parse("", "a.toml").unwrap_err().to_string();
     assert!(error.contains("missing field `scene`"), "{error}");
     fails(
@@ -258,7 +258,7 @@ fn gaze_and_exposure_are_checked() {
 }
 
 #[test]
-fn an_outer_cone_alone_may_be_narrow() {
+fn outer_cone_alone_can_be_narrow() {
     let narrow = FULL.replace("outer_cone_deg = 60", "outer_cone_deg = 5");
     let shot = parse(&narrow, "a.toml").unwrap();
     let ShotLightKind::Spot { inner_cone_deg, outer_cone_deg, .. } = shot.lights[2].kind else { panic!() };
@@ -298,7 +298,7 @@ fn mutate(text: &str, seed: u64) -> String {
 }
 
 #[test]
-fn mutated_shots_never_panic_and_what_is_accepted_is_finite() {
+fn mutated_shots_are_finite_or_rejected_by_line() {
     let mut accepted = 0;
     for seed in 0..6000 {
         let text = mutate(FULL, seed);
@@ -352,7 +352,7 @@ fn with_line(table: &str, line: &str) -> String {
 }
 
 #[test]
-fn the_documentation_has_every_key_and_its_default() {
+fn documentation_lists_every_key_and_its_default() {
     let tables = documented();
     let names: Vec<&str> = tables.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names, ["", "rig", "rig.key", "environment", "light", "exposure", "move", "move.key", "gaze"]);
@@ -375,7 +375,7 @@ fn the_documentation_has_every_key_and_its_default() {
 }
 
 #[test]
-fn the_examples_of_the_documentation_are_accepted() {
+fn documented_examples_are_accepted() {
     let text = concat!(include_str!("../../../docs/guide/shot.md"), include_str!("../../../docs/guide/shot-moves.md"));
     let examples: Vec<&str> = text.split("```toml\n").skip(1).map(|rest| rest.split("```").next().unwrap()).collect();
     assert!(examples.len() >= 4);

@@ -32,7 +32,7 @@ fn seen_at(rig: &Rig, point: Vec3) -> [f32; 2] {
 }
 
 #[test]
-fn an_object_fills_the_picture_whatever_its_scale_and_place() {
+fn object_fills_the_picture_at_any_scale_and_place() {
     for (scale, offset) in [(1.0, Vec3::ZERO), (1e-3, Vec3::ONE), (1e5, vec3(0.0, 1e6, 0.0))] {
         let place = Affine3A::from_scale_rotation_translation(Vec3::splat(scale), glam::Quat::IDENTITY, offset);
         let mesh = block(vec3(1.0, 2.0, 3.0), vec3(0.2, 1.0, 0.3), false);
@@ -46,7 +46,7 @@ fn an_object_fills_the_picture_whatever_its_scale_and_place() {
 }
 
 #[test]
-fn a_room_is_seen_from_within() {
+fn lit_room_is_seen_from_inside() {
     let half = vec3(3.0, 1.3, 4.0);
     let things = [vec3(-1.5, -1.0, -2.0), vec3(1.0, -0.9, 1.0), vec3(2.0, -1.1, -3.0)];
     let mut meshes = vec![block(Vec3::ZERO, half, true), block(Vec3::ZERO, half + 0.2, false)];
@@ -64,14 +64,14 @@ fn a_room_is_seen_from_within() {
 
 /// Many exporters write double-sided materials, even for objects that should not be viewed from inside.
 #[test]
-fn a_double_sided_shell_is_seen_from_without() {
+fn double_sided_shell_is_seen_from_outside() {
     let mut shell = scene(vec![block(Vec3::ZERO, vec3(3.0, 1.3, 4.0), false)], Affine3A::IDENTITY);
     shell.materials[0] = Material { double_sided: true, emissive: Vec3::ONE, ..Material::default() };
     assert!(found(&shell).room.is_none());
 }
 
 #[test]
-fn nothing_a_point_or_a_line_are_seen_from_somewhere() {
+fn degenerate_scenes_get_a_finite_viewpoint() {
     let line = Mesh { positions: vec![Vec3::ZERO, Vec3::X], triangles: vec![[0, 1, 0]], ..Mesh::default() };
     let point = Mesh { positions: vec![Vec3::ONE], triangles: vec![[0, 0, 0]], ..Mesh::default() };
     for meshes in [vec![], vec![line], vec![point]] {
@@ -100,7 +100,7 @@ fn ball(centre: Vec3, radius: f32, is_seen_within: bool) -> Mesh {
 
 /// A shader ball has an inner surface, and an array of balls surrounds the space between them: neither is a room.
 #[test]
-fn what_has_no_floor_is_seen_from_outside() {
+fn scenes_without_a_floor_are_seen_from_outside() {
     let outer = || ball(Vec3::Y * 3.0, 3.0, false);
     let shell = vec![outer(), ball(Vec3::Y * 3.0, 2.9, true), block(Vec3::Y * 2.0, Vec3::splat(0.5), false)];
     let at = |i: u32| vec3((i % 5) as f32, (i / 25) as f32, (i / 5 % 5) as f32);
@@ -116,7 +116,7 @@ fn what_has_no_floor_is_seen_from_outside() {
 }
 
 #[test]
-fn a_room_is_seen_along_its_length_and_from_no_wall() {
+fn room_is_seen_along_its_length() {
     let half = vec3(2.0, 1.3, 6.0);
     let table = block(vec3(0.0, -1.0, 1.0), vec3(0.5, 0.3, 0.5), false);
     let room = scene(vec![block(Vec3::ZERO, half, true), table], Affine3A::IDENTITY);
@@ -131,7 +131,7 @@ fn a_room_is_seen_along_its_length_and_from_no_wall() {
 }
 
 #[test]
-fn an_orbit_is_followed() {
+fn orbit_sets_direction_and_distance() {
     let cube = scene(vec![block(Vec3::ZERO, Vec3::ONE, false)], Affine3A::IDENTITY);
     let eye = |azimuth_deg, elevation_deg, zoom| {
         let orbit = Some(Orbit { azimuth_deg, elevation_deg, zoom });

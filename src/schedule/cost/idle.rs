@@ -69,7 +69,7 @@ mod tests {
 
     /// A pass that takes 2 µs per ray and the time of half a ray per pixel, at two qualities in turns.
     #[test]
-    fn the_fixed_cost_is_found_from_changes_of_quality_alone() {
+    fn fixed_cost_is_learned_from_quality_changes() {
         let (mut idle, mut ms_per_unit) = (IdleRays::default(), None::<f64>);
         let mut learned_at_one = f64::NAN;
         for frame in 0..240 {
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_leaves_the_cost_in_its_range() {
+    fn invalid_measurements_keep_the_cost_in_its_range() {
         let mut idle = IdleRays::default();
         for (rays, ratio) in [(f64::NAN, 1.0), (0.0, 0.0), (1e9, 1e9), (0.0, 1e-9), (4.0, f64::INFINITY), (4.0, -1.0)] {
             let factor = idle.learn(rays, Some(ratio));

@@ -5,7 +5,7 @@ use crate::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
 
 /// Frames with few and with four times as many rays in turns, on a device where a pixel costs as much as two rays.
 #[test]
-fn frames_of_another_quality_are_predicted_with_their_fixed_cost() {
+fn predictions_at_another_quality_use_fixed_cost() {
     const HEIGHT: u32 = 180;
     let sky = || World { idle_rays: 2.0, ..World::sky_over_city(spec(HEIGHT, 1, 5, Seam::None), &[1.0]) };
     let few = sky();

@@ -45,7 +45,7 @@ fn check(kernel: Kernel, uses: impl IntoIterator<Item = Use>) -> Result<(), Mism
 }
 
 #[test]
-fn a_declaration_that_is_right_is_accepted() {
+fn correct_declarations_are_accepted() {
     assert_eq!(check(kernel(), uses()), Ok(()));
     let texel_of_four = Use::write(Resource::image::<[u32; 4]>("written"));
     assert_eq!(check(kernel(), [uses()[0], texel_of_four, uses()[2], uses()[3]]), Ok(()));
@@ -53,7 +53,7 @@ fn a_declaration_that_is_right_is_accepted() {
 
 /// Each declaration is wrong in one way.
 #[test]
-fn declarations_that_are_wrong_are_refused() {
+fn rejects_wrong_declarations() {
     let with = |place: usize, used: Use| {
         let mut uses = uses();
         uses[place] = used;

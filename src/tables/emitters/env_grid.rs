@@ -87,7 +87,7 @@ mod tests {
     use crate::image::Extent;
 
     #[test]
-    fn texels_fill_cells_evenly_and_all_that_they_touch() {
+    fn texels_fill_all_cells_that_they_overlap_evenly() {
         for (fine, coarse) in [(7, 7), (8, 4), (7, 3), (10, 9), (5, 1)] {
             let mut filled = vec![0.0; coarse];
             for (i, cells) in overlaps(fine, coarse).iter().enumerate() {
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn a_texel_in_a_shared_cell_keeps_its_light() {
+    fn texel_in_a_shared_cell_keeps_its_light() {
         let mut image = RgbImage::filled(Extent::new(64, 32), [0.0; 3]);
         image.pixels[10 * 64 + 20] = [5.0; 3];
         let grid = build_within(&image, 500).unwrap();
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn an_image_without_light_has_no_grid() {
+    fn image_without_light_has_no_grid() {
         assert!(build(&RgbImage::filled(Extent::new(4, 2), [0.0; 3])).is_none());
     }
 }

@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn trails_lead_to_their_light_through_bounds_that_hold_it() {
+    fn trails_lead_to_lights_through_their_bounds() {
         for n in [1, 2, 3, 50, 3000] {
             check(&lights(n, 10.0));
         }
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn lights_in_one_place_and_in_ever_shorter_steps_make_no_deep_tree() {
+    fn coincident_lights_make_no_deep_tree() {
         check(&lights(3000, 0.0));
         let steps: Vec<_> = lights(200, 0.0)
             .into_iter()

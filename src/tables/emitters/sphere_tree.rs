@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_sphere_is_in_one_leaf_and_in_every_box_above_it() {
+    fn spheres_lie_in_one_leaf_and_in_all_boxes_above() {
         let spheres: Vec<_> = (0..37u32)
             .map(|i| (Vec3::new((i * 7 % 13) as f32, (i * 5 % 11) as f32 * 1e3, (i % 3) as f32), 0.1 + i as f32))
             .collect();

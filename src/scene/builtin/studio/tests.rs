@@ -4,7 +4,7 @@ use super::staging::PERIOD_S;
 use super::*;
 
 #[test]
-fn everything_of_it_moves_that_can() {
+fn studio_has_every_kind_of_motion() {
     let scene = build();
     let moves = scene.motion.moves().unwrap();
     assert_eq!((moves.skins, moves.skinned_instances, moves.morphing_instances), (1, 1, 1));
@@ -18,7 +18,7 @@ fn everything_of_it_moves_that_can() {
 }
 
 #[test]
-fn it_ends_as_it_began() {
+fn studio_animation_loops_seamlessly() {
     let mut scene = build();
     let [start, next] = [0.0, PERIOD_S].map(|time_s| scene.motion.pose(time_s));
     assert_eq!(start, next);
@@ -38,7 +38,7 @@ fn walker_at(scene: &Scene, time_s: f64) -> Vec<Vec3> {
 }
 
 #[test]
-fn vertices_stay_near_their_joints_and_edges_keep_their_length() {
+fn walker_vertices_stay_near_their_joints() {
     let scene = build();
     let (index, body) = scene.motion.bodies.iter().enumerate().find(|(_, b)| b.skin.is_some()).unwrap();
     let mesh = &scene.meshes[scene.instances[body.instance].mesh];
@@ -63,7 +63,7 @@ fn vertices_stay_near_their_joints_and_edges_keep_their_length() {
 }
 
 #[test]
-fn feet_stay_on_the_floor_and_where_they_are_put_down() {
+fn walker_feet_stay_on_the_floor_without_sliding() {
     let scene = build();
     let soles: Vec<Vec<Vec3>> = (0..=160).map(|i| walker_at(&scene, PERIOD_S * f64::from(i) / 160.0)).collect();
     let lowest = |positions: &Vec<Vec3>| positions.iter().map(|p| p.y).fold(f32::MAX, f32::min);

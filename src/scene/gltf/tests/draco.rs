@@ -54,7 +54,7 @@ fn both_codings_of_triangles_are_read() {
 }
 
 #[test]
-fn the_stream_knows_how_much_it_holds() {
+fn draco_stream_overrides_accessor_counts() {
     let mut draft = square(&bytes(SQUARES[0]));
     for accessor in 0..3 {
         draft.json["accessors"][accessor]["count"] = json!(1000);
@@ -63,7 +63,7 @@ fn the_stream_knows_how_much_it_holds() {
 }
 
 #[test]
-fn accessors_shared_with_other_primitives_keep_their_own_elements() {
+fn shared_accessors_keep_their_own_elements() {
     let mut draft = square(&bytes(SQUARES[0]));
     let positions: Vec<f32> = (0..12).map(|i| 10.0 + i as f32).collect();
     let view = draft.view(bytemuck::cast_slice(&positions));
@@ -76,7 +76,7 @@ fn accessors_shared_with_other_primitives_keep_their_own_elements() {
 }
 
 #[test]
-fn primitives_that_differ_from_their_stream_are_refused() {
+fn rejects_primitives_that_differ_from_their_stream() {
     let cases: [(&str, Value, &str); 6] = [
         ("/accessors/1/type", json!("VEC4"), "POSITION"),
         ("/accessors/1/componentType", json!(U8), "POSITION"),
@@ -96,7 +96,7 @@ fn primitives_that_differ_from_their_stream_are_refused() {
 }
 
 #[test]
-fn damaged_streams_are_refused_or_shown() {
+fn damaged_streams_never_panic() {
     for stream in SQUARES.map(bytes) {
         for length in 0..stream.len() / 2 {
             assert_mentions(&square(&stream[..length]).complaint(), &["mesh 0", NAME]);

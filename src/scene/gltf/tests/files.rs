@@ -12,7 +12,7 @@ use crate::scene::folder::Access;
 use crate::scene::{Scene, SceneError};
 
 #[test]
-fn a_glb_gives_its_triangle() {
+fn glb_loads_its_triangle() {
     let scene = Draft::triangle().scene();
     assert_eq!(scene.triangle_count(), 1);
     assert_eq!(scene.name, "draft");
@@ -21,7 +21,7 @@ fn a_glb_gives_its_triangle() {
 }
 
 #[test]
-fn a_gltf_finds_its_buffer_behind_a_percent_encoded_uri() {
+fn gltf_finds_percent_encoded_buffers() {
     let folder = tempfile::tempdir().unwrap();
     let mut draft = Draft::triangle();
     fs::create_dir(folder.path().join("my data")).unwrap();
@@ -33,7 +33,7 @@ fn a_gltf_finds_its_buffer_behind_a_percent_encoded_uri() {
 }
 
 #[test]
-fn a_buffer_may_be_a_data_uri_with_or_without_padding() {
+fn data_uris_work_with_or_without_padding() {
     let mut draft = Draft::triangle();
     let text = base64::engine::general_purpose::STANDARD.encode(&draft.bin);
     for text in [text.as_str(), text.trim_end_matches('=')] {
@@ -46,7 +46,7 @@ fn a_buffer_may_be_a_data_uri_with_or_without_padding() {
 }
 
 #[test]
-fn missing_files_are_named() {
+fn rejects_missing_files_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.gltf");
     let error = load(&path).unwrap_err();
@@ -62,13 +62,13 @@ fn missing_files_are_named() {
 }
 
 #[test]
-fn a_folder_is_no_scene() {
+fn rejects_a_folder_as_scene() {
     let folder = tempfile::tempdir().unwrap();
     assert!(matches!(load(folder.path()), Err(SceneError::Read { .. })));
 }
 
 #[test]
-fn remote_and_short_buffers_are_refused() {
+fn rejects_remote_and_short_buffers() {
     let mut draft = Draft::triangle();
     draft.json["buffers"] = json!([{"byteLength": 42, "uri": "https://example.com/a.bin"}]);
     assert_mentions(&draft.complaint(), &["buffer 0", "https://example.com/a.bin"]);
@@ -91,7 +91,7 @@ fn broken_json_is_located() {
 }
 
 #[test]
-fn other_versions_are_refused() {
+fn rejects_other_versions() {
     let mut draft = Draft::triangle();
     draft.json["asset"] = json!({"version": "1.0"});
     assert_mentions(&draft.complaint(), &["version 1.0"]);
@@ -100,7 +100,7 @@ fn other_versions_are_refused() {
 }
 
 #[test]
-fn required_extensions_are_all_named_with_a_way_out() {
+fn rejects_unknown_required_extensions_by_name() {
     let mut draft = Draft::triangle();
     draft.json["extensionsRequired"] =
         json!(["KHR_mesh_quantization", "EXT_lights_ies", "MSFT_texture_dds", "EXT_made_up"]);
@@ -111,7 +111,7 @@ fn required_extensions_are_all_named_with_a_way_out() {
 }
 
 #[test]
-fn extras_may_have_any_type() {
+fn extras_can_have_any_type() {
     fn put(value: &mut serde_json::Value, extras: &serde_json::Value) {
         match value {
             serde_json::Value::Object(object) => {
@@ -152,7 +152,7 @@ fn animated() -> Draft {
 }
 
 #[test]
-fn whole_numbers_may_have_a_fraction_of_zeros() {
+fn integers_can_have_a_fraction_of_zeros() {
     let mut draft = animated();
     draft.json["nodes"][0]["name"] = json!("a \"1.0\" \\");
     draft.json["buffers"] = json!([{"byteLength": draft.bin.len()}]);
@@ -218,7 +218,7 @@ fn optional_extensions_are_warned_of_once() {
 }
 
 #[test]
-fn a_byte_order_mark_is_passed_over() {
+fn byte_order_mark_is_skipped() {
     let mut draft = Draft::triangle();
     let text = base64::engine::general_purpose::STANDARD.encode(bytemuck::cast_slice::<f32, u8>(&CORNERS));
     draft.json["buffers"] = json!([{"byteLength": 36, "uri": format!("data:;base64,{text}")}]);
@@ -228,7 +228,7 @@ fn a_byte_order_mark_is_passed_over() {
 }
 
 #[test]
-fn scenes_without_nodes_and_animations_of_pointers_are_read() {
+fn empty_scenes_and_pointer_animations_load() {
     let mut draft = Draft::triangle();
     draft.push("scenes", json!({"name": "Empty"}));
     let target = json!({"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": "/nodes/0"}}});
@@ -258,7 +258,7 @@ fn load_within(path: &Path, draft: &Draft, bytes: u64) -> Result<Scene, SceneErr
 }
 
 #[test]
-fn a_file_is_read_once_however_many_buffers_name_it() {
+fn file_shared_by_buffers_is_read_once() {
     let folder = tempfile::tempdir().unwrap();
     let (path, mut draft) = of_one_file(folder.path(), 8 << 20, 1000);
     draft.json["buffers"][1]["uri"] = json!("./a.bin");
@@ -270,7 +270,7 @@ fn a_file_is_read_once_however_many_buffers_name_it() {
 }
 
 #[test]
-fn buffers_that_nothing_in_use_needs_are_not_read() {
+fn unused_buffers_are_not_read() {
     let folder = tempfile::tempdir().unwrap();
     let (path, mut draft) = of_one_file(folder.path(), 1024, 3);
     draft.json["buffers"][1]["uri"] = json!("lost.bin");

@@ -7,7 +7,7 @@ use super::{CORNERS, Draft, F32, assert_mentions, read_variant};
 use crate::scene::Scene;
 
 #[test]
-fn vertices_after_the_last_whole_triangle_are_left_out() {
+fn incomplete_triangles_are_omitted_with_a_warning() {
     let mut draft = Draft::empty();
     let positions = draft.floats("VEC3", &[&CORNERS[..], &CORNERS[..6]].concat());
     draft.primitive(json!({"attributes": {"POSITION": positions}}));
@@ -23,7 +23,7 @@ fn vertices_after_the_last_whole_triangle_are_left_out() {
 }
 
 #[test]
-fn a_matrix_that_is_almost_affine_is_taken() {
+fn almost_affine_matrix_is_accepted() {
     let with = |last: f32| {
         let mut draft = Draft::triangle();
         draft.json["nodes"][0]["matrix"] = json!([1, 0, 0, last, 0, 1, 0, 0, 0, 0, 1, 0, 5, 0, 0, 1.0 + last]);
@@ -34,7 +34,7 @@ fn a_matrix_that_is_almost_affine_is_taken() {
 }
 
 #[test]
-fn the_first_scene_replaces_one_that_does_not_exist() {
+fn missing_scene_falls_back_to_the_first() {
     let mut draft = Draft::triangle();
     draft.json["scene"] = json!(3);
     let scene = draft.scene();
@@ -47,7 +47,7 @@ fn the_first_scene_replaces_one_that_does_not_exist() {
 }
 
 #[test]
-fn hidden_nodes_and_their_children_are_not_shown() {
+fn hidden_nodes_and_their_children_are_omitted() {
     let shown = |visible: bool| {
         let mut draft = Draft::triangle();
         draft.json["extensionsRequired"] = json!(["KHR_node_visibility"]);
@@ -101,7 +101,7 @@ fn instances_are_counted_by_any_attribute() {
 }
 
 #[test]
-fn damaged_instances_are_named() {
+fn rejects_damaged_instances() {
     for (name, value, says) in [
         ("SCALE", json!(0), "different counts"),
         ("ROTATION", json!(0), "4 components"),
@@ -115,7 +115,7 @@ fn damaged_instances_are_named() {
 }
 
 #[test]
-fn a_variant_repaints_what_it_maps() {
+fn variant_replaces_mapped_materials() {
     let mut draft = Draft::triangle();
     draft.json["extensionsRequired"] = json!(["KHR_materials_variants"]);
     draft.json["extensions"] = json!({"KHR_materials_variants": {"variants": [{"name": "day"}, {"name": "night"}]}});

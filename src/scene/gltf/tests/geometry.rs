@@ -54,7 +54,7 @@ fn meshes_are_shared_by_their_instances() {
 }
 
 #[test]
-fn vertices_that_no_triangle_uses_are_dropped() {
+fn unused_vertices_are_dropped() {
     let mut draft = Draft::empty();
     let positions = draft.floats("VEC3", &ZIGZAG);
     let colors = draft.packed(U8, "VEC3", 5, &[0, 0, 0, 51, 0, 0, 102, 0, 0, 153, 0, 0, 255, 0, 0]);
@@ -101,7 +101,7 @@ fn signed_bytes_and_wide_indices_are_read() {
 }
 
 #[test]
-fn sparse_elements_replace_those_of_the_view_or_zeros() {
+fn sparse_elements_replace_base_values() {
     let mut draft = Draft::triangle();
     let indices = draft.view(&[1, 2]);
     let values = draft.view(bytemuck::cast_slice(&[5.0f32, 6.0, 7.0, 0.0, 3.0, 0.0]));
@@ -158,7 +158,7 @@ fn colours_of_three_components_are_opaque_and_clamped() {
 }
 
 #[test]
-fn bad_accessors_are_named() {
+fn rejects_bad_accessors() {
     let cases = [
         ("/accessors/0/count", json!(4), &["mesh 0 'Thing' primitive 0", "POSITION", "accessor 0"][..]),
         ("/accessors/0/count", json!(u64::MAX), &["POSITION", "accessor 0"]),
@@ -190,7 +190,7 @@ fn bad_accessors_are_named() {
 }
 
 #[test]
-fn indices_beyond_the_vertices_are_named() {
+fn rejects_indices_beyond_the_vertices() {
     let mut draft = Draft::triangle();
     let indices = draft.packed(U8, "SCALAR", 3, &[0, 1, 3]);
     draft.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
@@ -198,7 +198,7 @@ fn indices_beyond_the_vertices_are_named() {
 }
 
 #[test]
-fn positions_that_are_not_finite_are_named() {
+fn rejects_non_finite_positions() {
     for bad in [f32::NAN, f32::INFINITY] {
         let mut corners = CORNERS;
         corners[4] = bad;
@@ -210,7 +210,7 @@ fn positions_that_are_not_finite_are_named() {
 }
 
 #[test]
-fn attributes_of_other_lengths_are_named() {
+fn rejects_attributes_of_other_lengths() {
     let mut draft = Draft::triangle();
     let uvs = draft.floats("VEC2", &[0.0; 4]);
     draft.attribute("TEXCOORD_0", uvs);
@@ -218,7 +218,7 @@ fn attributes_of_other_lengths_are_named() {
 }
 
 #[test]
-fn vast_counts_without_data_are_refused() {
+fn rejects_huge_counts_without_data() {
     let mut draft = Draft::empty();
     draft.push("accessors", json!({"componentType": F32, "count": 3_000_000_000u32, "type": "VEC3"}));
     draft.primitive(json!({"attributes": {"POSITION": 0}}));

@@ -26,7 +26,7 @@ fn transforms_accumulate_from_the_root() {
 }
 
 #[test]
-fn a_hundred_thousand_levels_are_walked() {
+fn hierarchy_of_100000_levels_loads() {
     const DEPTH: usize = 100_000;
     let mut nodes: Vec<Value> =
         (1..DEPTH).map(|child| json!({"children": [child], "translation": [0.5, 0, 0]})).collect();
@@ -36,7 +36,7 @@ fn a_hundred_thousand_levels_are_walked() {
 }
 
 #[test]
-fn cycles_and_second_parents_are_named() {
+fn rejects_cycles_and_second_parents() {
     assert_mentions(&with_nodes(json!([{"children": [0]}])).complaint(), &["node 0", "its own ancestor"]);
     let far = json!([{"mesh": 0}, {"children": [2]}, {"children": [1, 3]}, {}]);
     assert_mentions(&with_nodes(far).complaint(), &["its own ancestor"]);
@@ -48,7 +48,7 @@ fn cycles_and_second_parents_are_named() {
 }
 
 #[test]
-fn nodes_that_do_not_exist_are_named() {
+fn rejects_missing_nodes() {
     assert_mentions(&with_nodes(json!([{"children": [4]}])).complaint(), &["node 0", "node 4"]);
     let mut draft = Draft::triangle();
     draft.json["scenes"][0]["nodes"] = json!([2]);
@@ -56,7 +56,7 @@ fn nodes_that_do_not_exist_are_named() {
 }
 
 #[test]
-fn only_the_default_scene_is_shown() {
+fn only_the_default_scene_is_loaded() {
     let mut draft = with_nodes(json!([{"mesh": 0}, {"mesh": 0, "translation": [9, 0, 0]}, {"mesh": 0}]));
     draft.json["scenes"] = json!([{"nodes": [0]}, {"nodes": [1]}]);
     draft.json["scene"] = json!(1);
@@ -68,7 +68,7 @@ fn only_the_default_scene_is_shown() {
 }
 
 #[test]
-fn impossible_transforms_are_named() {
+fn rejects_impossible_transforms() {
     let projective = json!([{"matrix": [1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}]);
     assert_mentions(&with_nodes(projective).complaint(), &["node 0", "affine"]);
     assert_mentions(&with_nodes(json!([{"rotation": [0, 0, 0, 0]}])).complaint(), &["node 0", "rotation"]);

@@ -58,7 +58,7 @@ fn blocks_become_texels_row_by_row() {
 }
 
 #[test]
-fn other_ktx2_images_are_refused_with_the_reason() {
+fn rejects_other_ktx2_images_with_the_reason() {
     let good = uastc(6, 3, &[[1, 2, 3, 4]; 2]);
     let with = |at: usize, word: u32| {
         let mut bytes = good.clone();
@@ -71,7 +71,7 @@ fn other_ktx2_images_are_refused_with_the_reason() {
 }
 
 #[test]
-fn damaged_ktx2_images_are_refused_or_shown() {
+fn damaged_ktx2_images_never_panic() {
     let good = uastc(6, 3, &[[1, 2, 3, 4]; 2]);
     for length in 12..good.len() {
         assert!(images::decode(&good[..length], &Budget::unlimited()).is_err(), "{length} bytes");

@@ -261,7 +261,7 @@ fn unlit_materials_keep_colour_and_alpha_only() {
 }
 
 #[test]
-fn specular_glossiness_is_a_dielectric_of_any_reflectance() {
+fn specular_glossiness_becomes_a_dielectric() {
     let name = "KHR_materials_pbrSpecularGlossiness";
     let plain = json!({"diffuseFactor": [0.2, 0.3, 0.4, 1], "specularFactor": [0.9, 0.5, 0], "glossinessFactor": 0.25});
     let expected = Material {
@@ -325,7 +325,7 @@ fn dispersion_is_read() {
 }
 
 #[test]
-fn other_extensions_of_materials_are_warned_of_once_or_refused() {
+fn unknown_extensions_warn_once_or_are_rejected() {
     let name = "EXT_materials_bump";
     let mut draft = with_material(json!({"extensions": {name: {"bumpFactor": 1}}}));
     draft.push("materials", draft.json["materials"][0].clone());

@@ -69,7 +69,7 @@ fn factors_are_read_and_defaults_are_gltfs() {
 }
 
 #[test]
-fn primitives_without_material_get_the_default_after_the_others() {
+fn primitives_without_material_get_the_default() {
     let mut draft = with_material(json!({"name": "First"}));
     draft.primitive(json!({"attributes": {"POSITION": 0}}));
     let scene = draft.scene();
@@ -152,7 +152,7 @@ fn sixteen_bit_images_are_reduced_to_eight() {
 }
 
 #[test]
-fn images_beside_the_file_are_found_and_bad_ones_named() {
+fn bad_images_beside_the_file_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.glb");
     let mut draft = with_texture(json!({"emissiveTexture": {"index": 0}}));
@@ -179,7 +179,7 @@ fn images_beside_the_file_are_found_and_bad_ones_named() {
 }
 
 #[test]
-fn a_material_without_its_image_has_its_factor() {
+fn material_without_its_image_keeps_its_factor() {
     let texture = |index: u32| json!({"index": index});
     let mut draft = with_texture(json!({
         "pbrMetallicRoughness": {
@@ -210,7 +210,7 @@ fn a_material_without_its_image_has_its_factor() {
 }
 
 #[test]
-fn values_that_gltf_does_not_know_count_as_the_default() {
+fn unknown_values_count_as_the_default() {
     let mut draft = with_texture(json!({
         "alphaMode": "GLASS",
         "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
@@ -227,7 +227,7 @@ fn values_that_gltf_does_not_know_count_as_the_default() {
 }
 
 #[test]
-fn huge_images_are_refused_by_their_header() {
+fn rejects_huge_images_by_their_header() {
     let mut png = encoded(ImageFormat::Png);
     png[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
     let crc = crc32(&png[12..29]);
@@ -274,7 +274,7 @@ fn every_texture_has_its_transform_and_coordinates() {
 }
 
 #[test]
-fn broken_extensions_of_textures_are_named() {
+fn rejects_broken_extensions_of_textures() {
     for (transform, words) in [
         (json!({"scale": [1e39, 1]}), &["material 0", "KHR_texture_transform"][..]),
         (json!({"scale": "large"}), &["material 0", "normal map"]),

@@ -62,7 +62,7 @@ fn attributes_and_triangles_decompress() {
 }
 
 #[test]
-fn the_successors_name_and_codec_are_read_too() {
+fn khr_meshopt_compression_is_read() {
     let mut draft = Draft::empty();
     let corners: &[[f32; 3]] = bytemuck::cast_slice(&CORNERS);
     let stream = encode_vertex_buffer_level(corners, 2, Some(1)).unwrap();
@@ -91,7 +91,7 @@ fn index_sequences_decompress_in_both_widths() {
 }
 
 #[test]
-fn octahedral_normals_and_exponential_positions_are_unfiltered() {
+fn octahedral_and_exponential_filters_are_undone() {
     let mut draft = Draft::empty();
     let words: Vec<[u32; 3]> =
         encode_filter_exp(bytemuck::cast_slice::<_, [f32; 3]>(&CORNERS), 15, EncodeExpMode::Separate);
@@ -113,7 +113,7 @@ fn octahedral_normals_and_exponential_positions_are_unfiltered() {
 }
 
 #[test]
-fn wrong_layouts_are_named() {
+fn rejects_wrong_layouts() {
     let cases: [(&str, Value); 11] = [
         ("count", json!(4)),
         ("count", json!(u64::MAX)),
@@ -138,7 +138,7 @@ fn wrong_layouts_are_named() {
 }
 
 #[test]
-fn a_short_stream_cannot_claim_gigabytes() {
+fn rejects_counts_beyond_a_short_stream() {
     let mut draft = compressed_triangle();
     let view = &mut draft.json["bufferViews"][0];
     view["byteLength"] = json!(12u64 << 29);
@@ -147,7 +147,7 @@ fn a_short_stream_cannot_claim_gigabytes() {
 }
 
 #[test]
-fn a_placeholder_has_no_bytes_of_its_own() {
+fn rejects_reads_from_a_placeholder_buffer() {
     let mut draft = compressed_triangle();
     draft.json["bufferViews"][0].as_object_mut().unwrap().remove("extensions");
     assert_mentions(&draft.complaint(), &["buffer view 0", "buffer 1 has no bytes"]);

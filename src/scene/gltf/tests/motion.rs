@@ -41,7 +41,7 @@ fn height(scene: &Scene, time_s: f64) -> f32 {
 }
 
 #[test]
-fn nodes_below_an_animated_node_move_and_others_do_not() {
+fn only_nodes_below_an_animated_node_move() {
     let mut draft = hierarchy();
     draft.push("nodes", json!({"mesh": 0, "translation": [5, 0, 0]}));
     draft.json["scenes"][0]["nodes"] = json!([0, 2]);
@@ -80,7 +80,7 @@ fn animations_are_chosen_by_name() {
 }
 
 #[test]
-fn a_shot_moves_nodes_by_their_names() {
+fn shot_moves_nodes_by_their_names() {
     let mut draft = hierarchy();
     rising(&mut draft, "Rise", 1, 4.0);
     let key = |time_s, y| MoveKey { time_s, position: Some(glam::DVec3::Y * y), ..MoveKey::default() };
@@ -116,7 +116,7 @@ const WEIGHTS: [u8; 12] = [255, 0, 0, 0, 255, 0, 0, 0, 255, 0, 0, 0];
 const JOINTS: [u8; 12] = [0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0];
 
 #[test]
-fn a_skin_moves_vertices_with_their_joints_and_not_with_their_node() {
+fn skin_moves_vertices_with_joints_only() {
     let mut draft = skinned(&WEIGHTS, &JOINTS);
     let at_rest = draft.scene();
     assert!(at_rest.motion.is_empty() && at_rest.meshes[0].influences.is_empty() && at_rest.warnings.is_empty());
@@ -151,7 +151,7 @@ fn weights_are_made_to_sum_to_one() {
 }
 
 #[test]
-fn a_third_set_of_joints_is_warned_of() {
+fn third_set_of_joints_causes_a_warning() {
     let mut draft = skinned(&WEIGHTS, &JOINTS);
     let attributes = draft.json["meshes"][0]["primitives"][0]["attributes"].clone();
     for set in [1, 2] {
@@ -175,7 +175,7 @@ fn joints_outside_the_scene_move_its_skins() {
 }
 
 #[test]
-fn broken_skins_are_named() {
+fn rejects_broken_skins() {
     let with = |change: fn(&mut Draft)| {
         let mut draft = skinned(&WEIGHTS, &JOINTS);
         change(&mut draft);
@@ -277,7 +277,7 @@ fn pointers_reach_materials_lights_and_nodes() {
 }
 
 #[test]
-fn broken_animations_are_named() {
+fn rejects_broken_animations() {
     let with = |times: &[f32], kind: &str, values: &[f32], path: &str, change: fn(&mut Value)| {
         let mut draft = hierarchy();
         animate(&mut draft, "Bad", json!({"node": 0, "path": path}), times, kind, values);
@@ -317,7 +317,7 @@ fn channels(scene: &Scene) -> usize {
 }
 
 #[test]
-fn faulty_channels_are_left_out_and_others_play() {
+fn faulty_channels_are_omitted_and_others_play() {
     for (times, says) in [
         (&[-1.0, 1.0][..], "time of key 0 is negative"),
         (&[0.0, 1.0, 1.0], "key 2 is not later"),
@@ -350,7 +350,7 @@ fn faulty_channels_are_left_out_and_others_play() {
 }
 
 #[test]
-fn a_million_keys_take_what_the_budget_has() {
+fn million_keys_load_within_the_budget() {
     let mut draft = hierarchy();
     let count = 1_000_000;
     let times: Vec<f32> = (0..count).map(|i| i as f32 / 64.0).collect();
@@ -379,7 +379,7 @@ fn vertices_in_use_keep_their_influences() {
 
 /// Writing and reading the static scene of a time gives the same scene.
 #[test]
-fn a_baked_scene_is_read_back() {
+fn baked_scene_round_trips() {
     let mut draft = skinned(&WEIGHTS, &JOINTS);
     rising(&mut draft, "Stretch", 2, 3.0);
     let still = draft.scene().at(1.7);

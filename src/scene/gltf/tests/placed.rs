@@ -46,7 +46,7 @@ fn lights_shine_along_minus_z_from_their_node() {
 }
 
 #[test]
-fn impossible_lights_are_named() {
+fn rejects_impossible_lights() {
     let bad = [
         json!({"type": "point", "name": "L", "intensity": -1}),
         json!({"type": "point", "name": "L", "intensity": 1e39}),
@@ -89,7 +89,7 @@ fn cameras_lose_scale_and_mirroring() {
 }
 
 #[test]
-fn other_cameras_are_warned_of() {
+fn unsupported_cameras_cause_a_warning() {
     let flat = json!({"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 0, "zfar": 1}});
     let scene = with_camera(flat, json!({})).scene();
     assert_eq!((scene.cameras.len(), scene.warnings.len()), (0, 1));

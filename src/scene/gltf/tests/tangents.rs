@@ -52,7 +52,7 @@ fn tangents_run_along_u_and_bitangents_up_the_image() {
 }
 
 #[test]
-fn anisotropy_has_the_tangents_of_its_texture_or_of_the_file() {
+fn anisotropy_uses_tangents_of_texture_or_file() {
     let mut draft = quad(UPRIGHT);
     draft.json["materials"][0].as_object_mut().unwrap().remove("normalTexture");
     let name = "KHR_materials_anisotropy";
@@ -71,7 +71,7 @@ fn anisotropy_has_the_tangents_of_its_texture_or_of_the_file() {
 }
 
 #[test]
-fn tangents_follow_the_transform_and_the_set_of_the_map() {
+fn tangents_follow_the_coordinates_of_their_map() {
     let mut draft = quad(UPRIGHT);
     draft.json["materials"][0]["normalTexture"]["extensions"] = json!({"KHR_texture_transform": {"scale": [-2, 2]}});
     assert_all(&draft.scene().meshes[0], Vec4::new(-1.0, 0.0, 0.0, -1.0));
@@ -150,7 +150,7 @@ fn morph_targets_have_the_tangents_of_their_shapes() {
 }
 
 #[test]
-fn tangents_of_the_file_are_kept_where_a_map_needs_them() {
+fn tangents_of_the_file_are_kept_if_a_map_needs_them() {
     let mut draft = quad(UPRIGHT);
     let tangent = [0.0, 2.0, 0.0, -1.0];
     let tangents = draft.floats("VEC4", &tangent.repeat(4));
@@ -203,7 +203,7 @@ fn meshes_without_coordinates_lose_their_normal_map() {
 }
 
 #[test]
-fn degenerate_triangles_take_what_their_vertices_have() {
+fn degenerate_triangles_have_sane_tangents() {
     let mut draft = quad(UPRIGHT);
     let indices = draft.packed(U8, "SCALAR", 9, &[1, 1, 2, 0, 1, 2, 0, 2, 3]);
     draft.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);

@@ -34,7 +34,7 @@ fn moves_are_read_and_checked() {
 }
 
 #[test]
-fn what_is_written_is_read_back() {
+fn shots_round_trip_through_text() {
     for (text, origin) in [(FULL, "x.toml"), (MINIMAL, "box.toml"), ("scene = 'a \\\"b\".glb'", "\"\n.toml")] {
         let shot = parse(text, origin).unwrap();
         assert_eq!(parse(&shot.text(), "other.toml").unwrap(), shot, "{}", shot.text());
