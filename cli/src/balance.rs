@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_policy_has_one_name_everywhere() {
+    fn policy_names_round_trip() {
         for (balance, name, _) in BUILT_IN {
             assert_eq!((balance.name(), Balance::from_name(name)), (name, Some(balance)));
             if balance != Balance::Static {

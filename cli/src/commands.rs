@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn the_short_help_of_render_fits_on_two_screens() {
+    fn short_help_of_render_fits_on_two_screens() {
         let mut command = command().term_width(100);
         command.build();
         let render = command.find_subcommand_mut("render").expect("there is such a command");
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn tips_name_settings_that_the_command_reads() {
+    fn tips_appear_only_for_settings_of_the_command() {
         let command = command();
         for (line, has_tip) in [
             (["diptych", "render", "--hard-shadows"], true),
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_in_place_of_a_command_is_rendered() {
+    fn scene_without_a_command_is_rendered() {
         let with = |args: &[&str]| with_command(args.iter().map(Into::into).collect());
         for scene in ["a.glb", "b/c.GLTF", "shot.toml", "builtin:cornell"] {
             assert_eq!(with(&["diptych", scene, "--quiet"]), ["diptych", "render", scene, "--quiet"]);

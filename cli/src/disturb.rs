@@ -75,7 +75,7 @@ mod tests {
     use diptych::exec::InjectedKind;
 
     #[test]
-    fn disturbances_are_read_as_they_are_written() {
+    fn disturbances_round_trip_through_text() {
         let slow = |frames| Disturbance::Device(Injection { kind: InjectedKind::Slow, device: 1, frames });
         assert_eq!("slow:dev1@100..200".parse(), Ok(slow(100..200)));
         assert_eq!("slow:dev1@5".parse(), Ok(slow(5..6)));
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_say_what_to_write() {
+    fn rejects_invalid_disturbances_with_a_hint() {
         for (wrong, reason) in [
             ("", "write KIND:devI@FRAME"),
             ("slow", "write KIND:devI@FRAME"),

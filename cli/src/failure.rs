@@ -151,7 +151,7 @@ mod tests {
     use diptych::image::Extent;
 
     #[test]
-    fn options_follow_the_error_or_cause_that_they_remedy() {
+    fn options_follow_the_cause_that_they_remedy() {
         let (first, second) = (Extent::new(1, 2), Extent::new(3, 4));
         let failed: Result<(), _> = Err(ImageError::SizeMismatch { first, second });
         let failure = Failure::Input(failed.context("cannot compare them").unwrap_err());

@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn defaults_are_not_given() {
+    fn defaults_do_not_count_as_given() {
         let given = given(&["render", "--out", "o", "--frames", "1"]);
         assert_eq!(given.typed("frames").as_deref(), Some("--frames"));
         assert_eq!(["aov", "nonsense", "virtual_devices"].map(|id| given.typed(id)), [None, None, None]);

@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn an_even_picture_becomes_mid_grey_in_any_unit() {
+    fn even_picture_is_metered_as_mid_grey() {
         for (radiance, expected) in [(0.22, 0.0), (0.22 * 1024.0, -10.0), (0.055, 2.0), (1e-12, 24.0)] {
             assert_eq!(metered_ev(&filled(radiance)), Some(expected), "{radiance}");
         }
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_counts_and_highlights_are_protected() {
+    fn metering_weighs_the_middle_and_spares_highlights() {
         let mut image = filled(0.22);
         image.pixels[..64].fill([1e4; 3]);
         assert_eq!(metered_ev(&image), Some(0.0), "the border is bright");
@@ -215,7 +215,7 @@ mod tests {
 
     #[cfg(feature = "view")]
     #[test]
-    fn eyes_adapt_to_more_light_faster_than_to_less_and_then_rest() {
+    fn adaptation_to_light_is_faster_than_to_dark() {
         let scene = Scene::empty("metered");
         let after = |radiance: f32, steps: usize| {
             let mut eye = Adaptation { first_ev: 0.0, ev: 0.0, wanted_ev: 0.0 };
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn white_stays_white_in_the_studio_and_black_gets_more_light() {
+    fn studio_keeps_white_and_brightens_black() {
         let ev_of = |radiance: f32| studio_ev(metered_ev(&filled(radiance)).unwrap());
         assert_eq!(ev_of(0.8), 0.0);
         assert!((0.3..=0.6).contains(&ev_of(0.03)));

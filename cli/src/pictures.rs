@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_names_that_runs_give_are_pictures_of_a_run() {
+    fn only_names_of_results_count_as_pictures() {
         for ours in ["left.exr", "right.0007.exr", "left.normal.12345.exr", "holes.png", "stereo.0000.png", "sheet.png"]
         {
             assert!(is_ours(ours), "{ours}");

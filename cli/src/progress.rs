@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_come_at_intervals_and_count_steps() {
+    fn progress_lines_appear_at_intervals() {
         let begin = Instant::now();
         let mut lines = Lines { done: 0, steps: 8, printed: begin };
         assert_eq!(lines.at(1, "a", begin + INTERVAL / 2), None);

@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_host_has_memory() {
+    fn host_memory_is_plausible() {
         assert!((1 << 27..1 << 51).contains(&host_memory()), "{}", host_memory());
     }
 }

@@ -141,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nodes_are_read_as_they_are_written() {
+    fn node_counts_parse_or_are_rejected() {
         assert_eq!("4".parse(), Ok(Nodes { nodes: 1, each: 4 }));
         assert_eq!("2x8".parse(), Ok(Nodes { nodes: 2, each: 8 }));
         for wrong in ["", "0", "x4", "2x", "2x0", "65", "9x8", "2x4x1", "-1", "9999999999999999999x2"] {

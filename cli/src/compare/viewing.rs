@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_say_the_same_or_nothing_do_not_differ() {
+    fn equal_or_absent_tags_do_not_differ() {
         let mut rounded = tags();
         rounded.world_to_ndc.as_mut().unwrap()[3][3] += 1e-5;
         let nothing = Tags::default();
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_is_named() {
+    fn differing_tags_are_named() {
         let mut moved = tags();
         moved.world_to_ndc.as_mut().unwrap()[3][3] += 0.01;
         for (image, parts) in [
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn options_go_before_the_reference_and_the_reference_before_the_image() {
+    fn options_override_reference_and_image_tags() {
         let image = Tags { exposure_ev: Some(2.0), yfov_deg: Some(50.0), ..tags() };
         let exposure = |option, reference: &Tags| Sourced::exposure(option, reference, &image);
         let said = |value, source| Sourced { value, source };

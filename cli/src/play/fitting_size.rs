@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_size_that_leaves_room_is_found_whatever_frames_take_beside_pixels() {
+    fn largest_size_within_the_budget_is_found() {
         let hd = Extent::new(640, 360);
         // A full-size frame takes 1.7 s; 10 ms allow 1355 pixels.
         assert_eq!(found(hd, 0.0, 1.7e3 / 230_400.0, "11..20").0, Some(Extent::new(48, 27)));
@@ -272,14 +272,14 @@ mod tests {
     }
 
     #[test]
-    fn a_size_is_estimated_from_the_time_of_one() {
+    fn size_is_estimated_from_one_frame_time() {
         let budget = || "11..20".parse().unwrap();
         assert_eq!(estimate(Extent::new(640, 360), 1700.0, budget()), Some(Extent::new(48, 27)));
         assert_eq!(estimate(Extent::new(32, 18), 1e6, budget()), None);
     }
 
     #[test]
-    fn smaller_sizes_have_the_shape_that_was_asked_for() {
+    fn smaller_sizes_keep_the_aspect_ratio() {
         let sizes = smaller(Extent::new(640, 360));
         assert_eq!((sizes[0], sizes[2], sizes.len()), (Extent::new(16, 9), Extent::new(48, 27), 39));
         assert_eq!(smaller(Extent::new(96, 64))[0], Extent::new(12, 8));
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn durations_are_said_in_units_that_suit_them() {
+    fn durations_are_written_in_suitable_units() {
         let said = [9.96, 250.0, 1700.0, 59_000.0, 1_020_000.0, 9e6].map(duration);
         assert_eq!(said, ["10.0 ms", "250 ms", "1.7 s", "59 s", "17 minutes", "2.5 hours"]);
     }

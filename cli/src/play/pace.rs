@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_misses_the_refreshes_at_which_it_is_not_complete() {
+    fn frame_misses_refreshes_until_it_is_complete() {
         assert_eq!(missed([0.5, 1.0, 3.0, 3.5]), [0; 4]);
         assert_eq!(missed([1.1]), [1]);
         assert_eq!(missed([3.5, 4.9, 5.5, 6.0]), [3, 0, 0, 0]);
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_beyond_all_displays_overflow_nothing() {
+    fn extreme_refresh_rates_do_not_overflow() {
         let mut pace = Pace::new(1e300);
         assert!(pace.complete_at(Instant::now() + Duration::from_secs(60)) > 0);
         assert_eq!(Pace::new(1e-300).complete(), 0);

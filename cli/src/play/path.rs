@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_camera_turns_back_at_the_ends_of_its_path_and_jumps_half_of_it() {
+    fn camera_reverses_at_path_ends_and_cuts_by_half() {
         // The camera's x coordinate is the time on the path.
         let at = |time_s: f64| DVec3::new(time_s, 0.0, 0.0);
         let key = |time_s| RigKey { time_s, position: at(time_s), target: at(time_s) - DVec3::Z, up: DVec3::Y };

@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_sparkline_tells_below_within_and_above_apart() {
+    fn sparkline_distinguishes_below_within_and_above() {
         let times = [1.0, 5.9, 6.0, 11.9, 12.0, 13.9, 14.0, 16.0, 18.0, 20.0, 20.1, 40.0, 40.1, f64::INFINITY];
         assert_eq!(sparkline(&times, [12.0, 20.0]), "▁▁▂▂▃▃▄▅▆▆▇▇██");
     }
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_of_devices_are_aligned_and_fit_eighty_columns() {
+    fn device_lines_align_within_80_columns() {
         let long = device_line("dev0 llvmpipe (LLVM 15.0.6, 256 bits)", 1.0, 1.0);
         assert_eq!(long, format!("dev0 llvmpipe (LLVM 15.… {} 100 % of rows, 100 % busy", "█".repeat(BAR)));
         let short = device_line("dev1 Größe", 0.25, 0.074);

@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn defaults_are_those_of_the_command_line() {
+    fn defaults_equal_those_of_the_command_line() {
         let Options { render, virtual_devices } = Options::parse("builtin:cornell", None, []).unwrap();
         assert_eq!(
             (render.shot.as_str(), render.quality(), virtual_devices),
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_of_shots_are_taken_over() {
+    fn settings_of_shots_apply_unless_given() {
         let shot = "scene = 'builtin:cornell'\n[render]\nspp = 4\nsize = '32x18'\n";
         let given = [Given { id: "spp".to_owned(), text: "--spp=2".to_owned() }];
         let Options { render, .. } = Options::parse("dict", Some(shot), &given).unwrap();

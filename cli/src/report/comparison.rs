@@ -232,14 +232,14 @@ mod tests {
     }
 
     #[test]
-    fn one_run_and_equal_runs_have_no_interval() {
+    fn one_run_or_equal_runs_have_no_interval() {
         assert_eq!([interval(&[]), interval(&[2.0]), interval(&[2.0; 5]), interval(&[1.0, f64::NAN])], [None; 4]);
         let table = comparison_table(&[run("a", 0, 0.01, 0.1), run("b", 0, 0.02, 0.05)]);
         assert_eq!(table.rows[1][7..], ["+1.00", "0.500"]);
     }
 
     #[test]
-    fn differences_are_between_runs_of_the_same_number() {
+    fn runs_are_compared_pairwise_by_number() {
         // The machine is slower in the second run, for both.
         let runs = [run("a", 0, 0.01, 0.1), run("b", 0, 0.02, 0.05), run("a", 1, 0.21, 0.2), run("b", 1, 0.221, 0.1)];
         let table = comparison_table(&runs);
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn the_chart_joins_pinned_rungs() {
+    fn chart_joins_pinned_rungs() {
         let runs = [run("pinned:3", 0, 0.01, 0.1), run("diptych", 0, 0.01, 0.1), run("pinned:1", 0, 0.0, 0.2)];
         let figure = comparison_svg("controllers".to_owned(), &runs).unwrap();
         assert!(figure.contains("pinned rungs") && figure.contains("diptych") && !figure.contains("pinned:1"));

@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cells_with_commas_and_quotes_are_read_as_they_were() {
+    fn csv_cells_with_commas_and_quotes_round_trip() {
         let columns: [Column<&str>; 2] = [("text", |t| (*t).to_owned()), ("none", |_| optional(None::<u32>))];
         let table = Csv::new(&columns, &["a,b", "say \"c\"", "d"]);
         let folder = tempfile::tempdir().unwrap();
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_stand_beside_columns() {
+    fn csv_tables_join_side_by_side() {
         let left = Csv::new(&[("a", |n: &u32| n.to_string())], &[1, 2]);
         let both = left.clone().beside(Csv::new(&[("b", |n: &u32| (10 * n).to_string())], &[1, 2]));
         assert_eq!(

@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_of_the_control_loop_are_there_where_it_was() {
+    fn control_columns_have_values_only_with_a_controller() {
         let (expected_ms, late_ms, decide_ms) = (12.0, 0.5, 0.1);
         let control =
             ControlRow { rung: 3, expected_ms, fits: true, in_band: false, late_ms, decide_ms, missed_periods: 0 };

@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_means_itself() {
+    fn escaped_text_means_itself() {
         assert_eq!(
             escape("<a href=\"x\">'&amp;' à</a>"),
             "&lt;a href=&quot;x&quot;&gt;&#39;&amp;amp;&#39; à&lt;/a&gt;"
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_holds_its_sections_in_order_and_only_figures_unescaped() {
+    fn page_keeps_section_order_and_escapes_text() {
         let table = Table { headers: vec!["a<b", "ms"], rows: vec![vec!["<i>".to_owned(), "1.5".to_owned()]] };
         let first = Section { heading: "Costs & time", notes: vec!["p < q".to_owned()], ..Section::default() };
         let figure = Some("<svg></svg>".to_owned());

@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn tasks_share_what_they_have_in_common() {
+    fn lane_data_shares_equal_tasks() {
         let tasks = [task(10.0, 0), task(10.25, 1), task(11.0, 0)];
         let frame = |name: &str| LaneFrame { name: name.into(), makespan_ms: 1.5, begin_ms: 10.0, tasks: &tasks };
         let all = data(&[frame("a"), frame("b")], 1, 100);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn the_median_frame_is_in_the_middle() {
+    fn median_frame_is_the_middle_by_time() {
         assert_eq!(median_frame(&[3.0, 1.0, 2.0, 9.0]), 0);
         assert_eq!(median_frame(&[3.0, 1.0, 2.0]), 2);
         assert_eq!(median_frame(&[]), 0);

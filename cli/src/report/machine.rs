@@ -269,7 +269,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_page_has_the_stages_of_the_largest_size_and_what_was_left_out() {
+    fn machine_page_lists_stages_and_omissions() {
         let frame = |size: &str, pixels, median_ms| FrameTimes {
             adapter: 0,
             traversal: Traversal::Compute,

@@ -152,7 +152,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_that_are_wrong_say_where() {
+    fn rejects_invalid_peer_files_with_the_place() {
         for (text, reason) in [
             ("", "no [[peer]]"),
             ("[[peer]]\nname = 'a'\nflip = 0.1", "time_ms"),
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn the_files_of_the_documentation_are_read() {
+    fn published_peer_files_are_read() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/results/peers");
         let files = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path());
         let files: Vec<_> = files.filter(|path| path.extension().is_some_and(|e| e == "toml")).collect();
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn peers_of_another_exposure_are_not_held_against_ours() {
+    fn rejects_peers_of_another_exposure() {
         let peers = |ev: &str| Peers::parse(&format!("{ev}\n[[peer]]\nname = 'a'\nflip = 0.1\ntime_ms = 1.0")).unwrap();
         assert_eq!(peers("exposure_ev = -0.9").at(-0.9).unwrap().len(), 1);
         for (peers, said) in [(peers(""), "at 0 EV, the shot's at -0.9 EV"), (peers("exposure_ev = 2"), "at 2 EV")] {

@@ -97,7 +97,7 @@ mod tests {
     use diptych::image::Extent;
 
     #[test]
-    fn a_viewer_holds_each_picture_once_and_names_it_in_both_lists() {
+    fn viewer_embeds_each_picture_once() {
         let grey = |value: f32| RgbImage::filled(Extent::new(12, 11), [value; 3]);
         let linear = Stereo { left: grey(0.5), right: grey(0.25) };
         let reference = Stereo { left: grey(0.5), right: grey(0.5) };
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn flip_is_of_the_pictures_that_are_shown() {
+    fn flip_uses_the_exposure_of_shown_pictures() {
         let grey = |value: f32| RgbImage::filled(Extent::new(12, 11), [value; 3]);
         let eyes = |value| Stereo { left: grey(value), right: grey(value) };
         let names = |scale: f32, exposure_ev: f32| -> Vec<String> {

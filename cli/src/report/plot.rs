@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chart_shows_its_labels_escaped_and_all_its_parts() {
+    fn chart_escapes_labels_and_draws_all_parts() {
         let (chart, series) = speedup();
         let svg = line_chart_svg(&chart, &series).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn one_point_makes_a_chart_and_none_an_error() {
+    fn chart_needs_at_least_one_point() {
         let (mut chart, mut series) = speedup();
         series.truncate(1);
         series[0].points = vec![(3.0, 5.0)];
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn a_guide_takes_no_colour_from_the_measured_lines() {
+    fn guide_line_uses_no_colour_of_measured_lines() {
         let (chart, series) = speedup();
         let blue = "stroke=\"#0072B2\"";
         assert!(line_chart_svg(&chart, &series).unwrap().contains(blue));

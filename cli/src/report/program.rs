@@ -132,7 +132,7 @@ mod tests {
     use diptych::quality::Denoiser;
 
     #[test]
-    fn tables_and_graph_say_what_a_frame_does() {
+    fn tables_and_graph_describe_a_frame() {
         let seam = Seam::Halo(HaloPlan::EXCHANGE);
         let frame = FrameSpec::new(Extent::new(64, 180), 2);
         let spec = FrameSpec { filter: Some(Denoiser::SVGF), iterations: 2, history_rows: Some(4), seam, ..frame };

@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn any_number_has_its_place() {
+    fn quantiles_accept_any_number() {
         let values = [0.0, -1.0, f64::MIN_POSITIVE, 1e308, f64::INFINITY, f64::NAN];
         let quantiles = of(values.into_iter().cycle().take(6000));
         let found = [0.0, 0.1, 0.45, 0.6, 0.9].map(|fraction| quantiles.quantile(fraction).unwrap());

@@ -211,7 +211,7 @@ mod tests {
 
     /// The rings of Andersson & Hansson end at 0.682 of 60 degrees.
     #[test]
-    fn twenty_rings_of_the_thesiss_width_reach_the_corners() {
+    fn twenty_rings_reach_the_corners() {
         for (width, height) in [(1920, 1080), (640, 360), (100, 100)] {
             let Viewing { gaze, yfov_deg } = viewing(Extent::new(width, height));
             let per_pixel = 2.0 * (yfov_deg.to_radians() / 2.0).tan() / f64::from(height);

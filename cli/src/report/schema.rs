@@ -9,7 +9,7 @@ use super::run::RunReport;
 const WRITES: &str = "DIPTYCH_WRITE_SCHEMA";
 
 #[test]
-fn the_schema_in_docs_is_that_of_the_types() {
+fn schema_in_docs_equals_the_types() {
     let generator = SchemaSettings::draft2020_12().for_serialize().into_generator();
     let mut schema = generator.into_root_schema_for::<RunReport>();
     schema.insert("title".into(), json!("run.json of diptych"));

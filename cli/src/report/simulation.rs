@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_sets_the_prediction_against_one_device_and_what_was_measured() {
+    fn row_compares_prediction_with_measurement() {
         let row = row();
         assert_eq!((row.devices, row.speedup, row.efficiency), (2, 1.8, 0.9));
         assert_eq!((row.imbalance, row.transfer_share, row.limit), (1.5, 0.04, "imbalance"));
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn nodes_that_do_not_pay_are_named() {
+    fn superfluous_nodes_are_named() {
         let of = |nodes, predicted_ms| SimulationRow { nodes, devices: 4 * nodes, predicted_ms, ..row() };
         assert_eq!(enough_nodes(&[of(1, 50.0), of(2, 30.0), of(4, 20.0)]), None);
         let said = enough_nodes(&[of(4, 29.5), of(1, 50.0), of(2, 30.0)]).unwrap();
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_measured_is_empty_and_has_no_point() {
+    fn unmeasured_rows_have_no_value_and_no_point() {
         let rows = [row(), SimulationRow { devices: 4, measured_ms: None, ..row() }];
         let table = simulation_csv(&rows);
         let known = ["devices", "predicted_ms", "measured_ms", "limit", "critical_atrous_share"];

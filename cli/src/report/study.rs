@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn interval_of_median_is_that_of_the_sign_test() {
+    fn interval_of_median_equals_the_sign_test() {
         let values = |count: u32| (1..=count).rev().map(f64::from).collect::<Vec<_>>();
         assert_eq!(interval_of_median(&values(5)), None);
         // Conover 1999, table A3: the ranks for 95 % are 1 of 6, 2 of 10, 6 of 20 and 40 of 100.
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_numbers_stand_beside_those_of_the_most_devices() {
+    fn leria_table_adds_the_published_numbers() {
         let rows = [
             row(1, "-", Eye::Left, 30.0),
             row(1, "-", Eye::Right, 31.0),

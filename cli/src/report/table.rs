@@ -142,12 +142,12 @@ idle
     }
 
     #[test]
-    fn a_table_without_rows_is_its_header() {
+    fn table_without_rows_is_its_header() {
         assert_eq!(text_table(&["a", "bc"], &[]), "a  bc\n-  --\n");
     }
 
     #[test]
-    fn a_line_break_in_a_cell_does_not_break_the_row() {
+    fn line_break_in_a_cell_keeps_the_row() {
         assert_eq!(text_table(&["a"], &rows(&[&["x\ny", "dropped"]])), "a\n---\nx y\n");
     }
 }

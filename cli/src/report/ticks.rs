@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn linear_axes_step_by_round_numbers_and_enclose_the_data() {
+    fn linear_ticks_are_round_and_enclose_the_data() {
         assert_eq!(labels(&[1.0, 4.0], false), ["0", "1", "2", "3", "4"]);
         assert_eq!(labels(&[0.1, 0.3], false), ["0", "0.05", "0.1", "0.15", "0.2", "0.25", "0.3"]);
         assert_eq!(labels(&[-3.0, 95.0], false), ["-20", "0", "20", "40", "60", "80", "100"]);
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn what_an_axis_cannot_show_has_no_coordinate() {
+    fn unplottable_values_have_no_coordinate() {
         assert_eq!([f64::NAN, f64::INFINITY].map(|v| coordinate(v, false)), [None; 2]);
         assert_eq!([0.0, -1.0].map(|v| coordinate(v, true)), [None; 2]);
         assert_eq!(Ticks::fit(std::iter::empty(), false), None);

@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_summary_says_where_the_time_went() {
+    fn summary_text_lists_devices_and_critical_path() {
         let expected = "\
 device  busy ms    busy  transfer ms  of it hidden  idle ms  clock error µs
 ------  -------  ------  -----------  ------------  -------  --------------
@@ -218,7 +218,7 @@ note: odd
     }
 
     #[test]
-    fn a_frame_is_told_step_by_step() {
+    fn frame_text_lists_critical_path_steps() {
         let text = frame_text(&FrameDetail::of(&trace(), 4, "t").unwrap());
         let expected = "
 critical path, step by step
@@ -233,7 +233,7 @@ at ms     ms  device  what                  rows
     }
 
     #[test]
-    fn a_comparison_says_what_changed_and_by_how_much() {
+    fn comparison_text_lists_changes() {
         let (a, mut b) = (trace(), trace());
         b.tasks[0].end_us = 5e3;
         let text = comparison_text(&Comparison::of([(&a, "a.json"), (&b, "b.json")]).unwrap());

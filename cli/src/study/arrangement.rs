@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn arrangements_keep_what_the_command_line_decides() {
+    fn arrangements_keep_command_line_settings() {
         for study in STUDIES {
             for arrangement in study.arrangements {
                 let options = options_of(arrangement, study.name);

@@ -28,7 +28,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_camera_has_come_some_way_at_every_instant() {
+    fn instants_exclude_the_start_of_the_path() {
         let key = |time_s| RigKey { time_s, position: DVec3::ZERO, target: DVec3::X, up: DVec3::Y };
         assert_eq!(on_path(&[1.0, 1.5, 4.0].map(key), 3), [2.0, 3.0, 4.0]);
         assert!(on_path(&[key(1.0)], 3).is_empty());

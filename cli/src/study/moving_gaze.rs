@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_gaze_turns_evenly_towards_the_middle_and_back() {
+    fn gaze_sweeps_evenly_to_the_middle_and_back() {
         let tan_half = [1.2, 0.8];
         let ray = |[x, y]: [f64; 2]| DVec3::new((2.0 * x - 1.0) * tan_half[0], (1.0 - 2.0 * y) * tan_half[1], 1.0);
         for from in [[0.5, 0.5], [0.3, 0.8], [1.0, 0.0]] {

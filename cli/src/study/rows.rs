@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_leave_out_what_no_row_has() {
+    fn tables_omit_columns_without_values() {
         let study = study("bmfr");
         let stages = [(0, "path_trace", 6.0), (0, "hole_fill", 2.0), (0, "accumulate", 4.0), (0, "fit", 4.0)];
         let times = [20.0, 19.0, 22.0].map(|ms| FrameTimes::new(ms, 1, stages.into_iter()));

@@ -251,7 +251,7 @@ mod tests {
 
     /// The compared greys are far above white at 0 EV, but not at the shot's exposure.
     #[test]
-    fn pictures_are_judged_as_they_are_shown() {
+    fn seam_flip_uses_the_exposure_of_the_shot() {
         let grey = |value: f32| RgbImage::filled(Extent::new(12, 12), [value; 3]);
         let flips = |exposure_ev| {
             let found = seam_errors(&grey(1e6), &grey(5e5), &grey(2.5e5), &[6], exposure_ev).unwrap();

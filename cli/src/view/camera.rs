@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn it_leaves_the_path_where_it_is_and_comes_back_to_where_it_left() {
+    fn camera_leaves_and_rejoins_its_path() {
         let (mut camera, idle) = (camera(), Input::default());
         camera.step(&idle, 5.0);
         let (rig, time_s) = camera.step(&idle, 0.0);
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn turning_right_and_up_does_so_and_never_tips_over() {
+    fn camera_turns_by_the_drag_without_tipping_over() {
         let mut camera = camera();
         let turn = |dragged_rad| Input { dragged_rad, ..Input::default() };
         let (rig, _) = camera.step(&turn([0.5, 0.25]), 0.0);

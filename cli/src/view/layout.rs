@@ -97,7 +97,7 @@ mod tests {
     const EYE: Extent = Extent::new(160, 90);
 
     #[test]
-    fn images_keep_their_shape_inside_windows_of_any_shape() {
+    fn images_keep_their_shape_in_any_window() {
         for layout in [Layout::SideBySide, Layout::Anaglyph, Layout::Left, Layout::Right] {
             for window in [[1284, 360], [324, 90], [300, 900], [2000, 50], [7, 5], [1, 1]] {
                 let [width, height] = window.map(f64::from);
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn the_gaze_is_where_the_mouse_is_in_its_eye() {
+    fn gaze_follows_the_mouse_in_its_eye() {
         let [left, right] = Layout::SideBySide.placements([648, 400], EYE)[..] else { panic!() };
         assert_eq!((left.y, left.height()), (109.0, 181.0_f64.floor()));
         assert_eq!(right.within([right.x, right.y]), Some([0.0, 0.0]));
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn layouts_come_back() {
+    fn layouts_cycle_back_to_the_first() {
         let mut layout = Layout::default();
         for _ in 0..4 {
             layout = layout.next();

@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn charts_leave_out_what_is_on_no_front() {
+    fn charts_show_only_settings_on_the_front() {
         let rows = [row("none", 1, 1.0, &[0.4]), row("none", 2, 2.0, &[0.5]), row("none", 4, 3.0, &[0.3])];
         let svg = svg("t".into(), &rows, None).unwrap();
         assert_eq!(svg.matches("<circle").count(), 2);

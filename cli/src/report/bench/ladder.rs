@@ -49,7 +49,7 @@ mod tests {
     use diptych::quality::Denoiser;
 
     #[test]
-    fn each_denoiser_has_a_ladder_and_the_best_comes_first() {
+    fn each_denoiser_has_a_ladder_best_first() {
         // If only the fastest setting counted, `none` would be best.
         let rows = [
             row("none", 1, 1.0, &[0.4]),

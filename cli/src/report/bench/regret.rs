@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn regret_is_over_the_best_that_takes_no_longer() {
+    fn regret_compares_with_the_best_in_the_same_time() {
         let rows = [("none", 1, 1.0, 0.4), ("none", 2, 2.0, 0.1), ("svgf", 1, 2.5, 0.2), ("svgf", 2, 9.0, 0.05)];
         let rows = rows.map(|(denoiser, spp, time_ms, rmse)| row(denoiser, spp, time_ms, &[rmse]));
         let rungs: Vec<Quality> = rows[..3].iter().rev().map(|r| r.quality).collect();

@@ -152,7 +152,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_front_is_what_nothing_beats() {
+    fn front_keeps_only_undominated_rows() {
         let mut rows = vec![
             row("none", 1, 1.0, &[0.4]),
             row("none", 2, 2.0, &[0.3]),

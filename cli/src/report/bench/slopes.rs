@@ -109,14 +109,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_power_law_has_its_exponent() {
+    fn slope_equals_the_exponent_of_a_power_law() {
         let points: Vec<(f64, f64)> = [2.0f64, 4.0, 8.0, 64.0].map(|n| (n, 3.0 * n.powf(-0.7))).into();
         assert!((log_slope(&points).unwrap() + 0.7).abs() < 1e-12);
         assert_eq!((log_slope(&points[..1]), log_slope(&[])), (None, None));
     }
 
     #[test]
-    fn the_references_noise_is_taken_off_and_one_sample_left_out() {
+    fn slopes_exclude_reference_noise_and_one_sample() {
         // The relMSE of an image of uniform value v against a black one is 100 v².
         let noise = Stereo { left: Noise { rmse: 0.01, relmse: 0.01 }, right: Noise { rmse: 0.02, relmse: 0.04 } };
         let seen = |n: f64| (0.16 / n + 1e-4).sqrt();

@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_csv_has_a_column_per_metric_and_a_line_per_eye() {
+    fn csv_has_a_column_per_metric_and_a_line_per_eye() {
         let rows = [row("none", 4, 12.5, &[0.25, 0.75])];
         let table = csv(&vec![("devices", "2".into())], &rows);
         let begin = "devices,denoiser,iterations,bounces,foveation,scale,spp,time_ms,";
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_within_the_noise_are_said_to_be() {
+    fn errors_within_the_noise_are_marked() {
         let floor = Noise { rmse: 100.0, relmse: 10.0 };
         let noise = Stereo { left: floor, right: floor };
         let text = table(&[row("none", 4, 12.5, &[0.5])], Some(&noise)).text();

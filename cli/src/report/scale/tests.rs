@@ -9,7 +9,7 @@ fn row(devices: usize, makespan_ms: f64, idle_share: f64, imbalance: f64) -> Sca
 }
 
 #[test]
-fn the_columns_begin_with_those_that_programs_know() {
+fn scale_csv_begins_with_known_columns() {
     let table = scale_csv(&[row(2, 50.0, 0.0, 1.0).over(Some(&row(1, 80.0, 0.0, 1.0).over(None)))]);
     let known = "devices,makespan_ms,makespan_ms_min,makespan_ms_max,speedup,efficiency,imbalance,transfer_share,\
         oversubscribed,base_devices,";
@@ -20,7 +20,7 @@ fn the_columns_begin_with_those_that_programs_know() {
 }
 
 #[test]
-fn policies_have_a_column_where_there_are_several() {
+fn policy_column_appears_for_several_policies() {
     let of = |devices, policy: &str| ScaleRow { policy: policy.to_owned(), ..row(devices, 50.0, 0.0, 1.0) };
     let rows = [of(1, "even"), of(2, "even"), of(2, "mine")];
     let table = scale_table(&rows);
@@ -39,7 +39,7 @@ fn half_of_the_values_lie_between_the_quartiles() {
 }
 
 #[test]
-fn a_speedup_is_as_uncertain_as_both_its_times() {
+fn speedup_error_combines_both_times() {
     let first = row(1, 100.0, 0.0, 1.0).over(None);
     assert_eq!((first.speedup, first.speedup_error, first.efficiency), (1.0, 0.0, 1.0));
     let second = row(2, 50.0, 0.0, 1.0).over(Some(&first));
@@ -62,7 +62,7 @@ fn losses_and_work_are_all_of_the_time() {
 }
 
 #[test]
-fn sections_say_what_oversubscription_means_only_where_there_is_some() {
+fn oversubscription_note_appears_only_if_needed() {
     let rows = [row(1, 100.0, 0.04, 1.0).over(None)];
     let notes = |rows: &[ScaleRow]| scale_sections(rows, String::new())[0].notes.len();
     assert_eq!((notes(&rows), notes(&[ScaleRow { oversubscribed: true, ..rows[0].clone() }])), (1, 2));
