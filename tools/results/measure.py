@@ -23,7 +23,7 @@ from machine import processor  # noqa: E402
 from peers import measure_peers  # noqa: E402
 from quiet import Meanwhile, wait_for_quiet  # noqa: E402
 from tables import measure_drivers, measure_flip, measure_play, measure_scale, say  # noqa: E402
-from studies import measure_studies  # noqa: E402
+from studies import MEASUREMENTS as STUDIES  # noqa: E402
 from text import write  # noqa: E402
 
 # Sizes and counts of a real run, and of a smoke test.
@@ -42,10 +42,10 @@ MEASUREMENTS = {
     "scale": measure_scale,
     "drivers": measure_drivers,
     "peers": measure_peers,
-    "studies": measure_studies,
+    **STUDIES,
 }
 # Images hardly depend on the driver, so these run on one driver only.
-ON_ONE_DRIVER = ("flip", "studies")
+ON_ONE_DRIVER = ("flip", *STUDIES)
 
 
 def git(*args):

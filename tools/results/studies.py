@@ -86,10 +86,13 @@ STUDIES = {
 }
 
 
-def measure_studies(options, drivers):
-    driver = drivers[0]
-    for name, (title, more, note, columns) in STUDIES.items():
-        say(f"studies: {name}")
+def measure_study(name):
+    """The function that measures a study."""
+    title, more, note, columns = STUDIES[name]
+
+    def measure(options, drivers):
+        driver = drivers[0]
+        say(name)
         arguments = ("--fraction", options.fraction, "--reference-spp", options.reference_spp, *more)
         if name == "leria":
             arguments = ("--fraction", options.fraction, *more)
@@ -108,3 +111,8 @@ def measure_studies(options, drivers):
             "rows": kept,
             "absent": [],
         }
+
+    return measure
+
+
+MEASUREMENTS = {f"study-{name}": measure_study(name) for name in STUDIES}
