@@ -3,7 +3,7 @@
 #
 # Writes FILE, one line per image of every run: SHA-256, run, image. Images depend on the Vulkan driver, so compare
 # files from the same driver. Anything that varies between runs of one build is excluded: rows are distributed evenly or
-# as stated. Late reprojection is represented by a table of errors instead of images.
+# as stated.
 set -eu
 diptych=$1
 file=$2
