@@ -10,11 +10,12 @@ import numpy as np
 
 import diptych as dp
 
-PAGE = Path(__file__).parents[2] / "docs" / "python.md"
+GUIDE = Path(__file__).parents[2] / "docs" / "guide"
+PAGES = [GUIDE / "python.md", GUIDE / "python-control.md"]
 
 
 def blocks():
-    return re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    return re.findall(r"^```python\n(.*?)^```$", "\n".join(page.read_text() for page in PAGES), re.MULTILINE | re.DOTALL)
 
 
 def run(script, folder):
