@@ -1,7 +1,7 @@
 //! Arrangements of studies: variants of settings that a study compares.
 
 use super::columns::Measures;
-use super::locked::Conditions;
+use super::locked::{Conditions, TODAY};
 use super::turns::FPS;
 use crate::balance::Balance;
 use crate::failure::Failure;
@@ -38,6 +38,10 @@ impl Arrangement {
     /// Returns the options of the arrangement under some conditions.
     pub fn options(&self, conditions: &Conditions, run: &RunOptions) -> Result<RenderOptions, Failure> {
         let mut run = run.clone();
+        // The publications that distribute rows give every device the same number.
+        if conditions.name != TODAY && run.balance.is_empty() && run.ratios.is_empty() {
+            run.balance = vec![Balance::Even];
+        }
         let applied = conditions.apply(&mut run.settings, self.settings);
         applied.map_err(|error| Failure::Input(anyhow::Error::from(error).context(self.name)))?;
         let quality = run.settings.quality();
@@ -155,7 +159,8 @@ mod tests {
     #[test]
     fn baseline_runs_all_but_path_tracing_on_the_primary() {
         let [baseline, proposed] = leria::STUDY.arrangements else { panic!("leria has two arrangements") };
-        assert!(proposed.distributed(options_of(proposed, "leria"), 3).ratios.is_empty());
+        let even = proposed.distributed(options_of(proposed, "leria"), 3);
+        assert!(even.ratios.is_empty() && even.balance() == Balance::Even);
         let options = baseline.distributed(options_of(baseline, "leria"), 3);
         assert_eq!(options.balance(), Balance::Static);
         let left_out = options.ratios.iter().all(|rule| {

@@ -137,7 +137,7 @@ table::settings! {
         iterations: Option<[u32; 3]> = None, needs denoiser, of SINGLE;
         /// First iterations of atrous that ignore differences in radiance
         ///
-        /// At one sample per pixel these are mostly noise. Dammertz et al. 2010 compare radiance in all iterations: 0.
+        /// Differences are mostly noise at one sample per pixel. Dammertz et al. 2010 compare radiance in all iterations: 0.
         blind_iterations: u32 = 3, needs atrous, of SINGLE;
         /// Foveated rendering
         foveation: FoveationMode = FoveationMode::None, of SINGLE;
