@@ -1,4 +1,4 @@
-"""Prints head motion for --motion, such as scenes/head.jsonl: a viewer who stands, sways and looks around.
+"""Prints head motion for the setting `motion`, such as scenes/head.jsonl: a viewer who stands, sways and looks around.
 
 python examples/head_motion.py [SECONDS] > head.jsonl
 

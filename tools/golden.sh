@@ -75,9 +75,9 @@ for count in 1 2 3; do
         done
         run "moving-d$count" builtin:studio $divided --frames 3 --fps 8 --warm-up 0 --aov motion,last_position
         run "moving-bmfr-d$count" builtin:studio $divided --denoiser bmfr --frames 3 --fps 8 --warm-up 0
-        run "head-d$count" $atrium --motion "$head" --time 0.5 --frames 2 --warm-up 0
-        run "eyes-d$count" $atrium --motion "$folder/eyes.jsonl" --time 0.5 --frames 2 --warm-up 0 --aov motion,normal
-        run "eyes-polar-d$count" $atrium --motion "$folder/eyes.jsonl" --time 0.5 --foveation visual-polar --gaze 0.4,0.6
+        run "head-d$count" $atrium --set motion="$head" --time 0.5 --frames 2 --warm-up 0
+        run "eyes-d$count" $atrium --set motion="$folder/eyes.jsonl" --time 0.5 --frames 2 --warm-up 0 --aov motion,normal
+        run "eyes-polar-d$count" $atrium --set motion="$folder/eyes.jsonl" --time 0.5 --foveation visual-polar --gaze 0.4,0.6
         run "gltf-d$count" "$folder/gltf/studio.toml" $divided --frames 2 --warm-up 0
     }
 done

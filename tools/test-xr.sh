@@ -108,7 +108,7 @@ echo "session: 300 frames, ended by the session's end; $states"
 # A recording must replay identically on any number of devices.
 replay() {
     for devices in 1 2 3; do
-        "$diptych" render builtin:checker --size 32x36 --motion "$out/$1.jsonl" --frames 4 --fps 10 --quiet \
+        "$diptych" render builtin:checker --size 32x36 --set motion="$out/$1.jsonl" --frames 4 --fps 10 --quiet \
             --virtual "$devices" --threads-per-device 1 --out "$out/$1.$devices"
         for image in "$out/$1.1"/*.exr; do
             cmp "$image" "$out/$1.$devices/${image##*/}" || fail "$1: other bytes on $devices devices"

@@ -24,7 +24,7 @@ use diptych::control::{Ladder, Measure, Origin};
 use diptych::device::{DeviceInfo, SceneAccess};
 use diptych::frame::settings::Value;
 use diptych::loaded::LoadedScene;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, SettingError};
 use diptych::stages::all_shader_text;
 
 use super::failure::Failure;
@@ -47,10 +47,16 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return Err(Failure::Input(anyhow!("--iterations {n}: no denoiser of --denoiser takes more than {most}")));
     }
     let options = &args.options;
+    if args.reference.is_some() && options.settings.is_given("time_limit") {
+        return Err(Failure::Input(SettingError::Conflict("--reference-images", "time_limit").into()));
+    }
     let judged = args.judged()?;
     options.check().map_err(Failure::Input)?;
     args.check_effects(args.settings().into_iter().chain(judged.iter().copied()))?;
-    let peers = args.peers.as_deref().map(Peers::read).transpose().map_err(|e| Failure::Input(e.into()))?;
+    if options.settings.peers.is_some() && !args.report {
+        return Err(Failure::Input(anyhow!("peers has no effect without --report")));
+    }
+    let peers = options.settings.peers.as_deref().map(Peers::read).transpose().map_err(|e| Failure::Input(e.into()))?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
@@ -60,10 +66,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let peers = peers.map_or(Ok(Vec::new()), |peers| peers.at(exposure_ev)).map_err(|e| Failure::Input(e.into()))?;
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     let devices: Vec<DeviceInfo> = gpus.infos();
-    let journal = Journal::open(&options.out, subject(args, &loaded, &devices)?, args.fresh)?;
+    let journal = Journal::open(&options.out, subject(args, &loaded, &devices)?, options.settings.fresh)?;
     let mut reference = reference::find(args, &loaded, &tracing, &journal)?;
     interrupt::check()?;
-    let (seen, gpus) = kinds::of_shot(options, &loaded, &reference.images, args.by_kind, gpus, &tracing)?;
+    let (seen, gpus) = kinds::of_shot(options, &loaded, &reference.images, options.settings.by_kind, gpus, &tracing)?;
     (reference.kinds, reference.in_right) = (seen.kinds, Some(seen.in_right));
     say_reference(options, exposure_ev, &reference);
     let grid = Grid::new(args, &loaded, &reference, &tracing, gpus);
@@ -124,7 +130,8 @@ fn subject(args: &Args, loaded: &LoadedScene, devices: &[DeviceInfo]) -> Result<
     let plan = Wanted::of_grid(args)?.plan()?;
     let seen = plan.fingerprint(loaded, 0).key();
     let shaders = all_shader_text(SceneAccess { traversal: plan.traversal(), ..Default::default() });
-    let Args { virtual_devices, repeats, warm_up, by_kind, .. } = args;
+    let Args { virtual_devices, repeats, warm_up, .. } = args;
+    let by_kind = args.options.settings.by_kind;
     let devices = Table::of_devices([devices]).rows;
     let shown = format!("{} EV", loaded.shot.exposure_ev);
     let all = format!(

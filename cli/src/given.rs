@@ -91,14 +91,13 @@ mod tests {
 
     #[test]
     fn every_option_of_every_command_has_its_value() {
-        let typed = ["render", "a.glb", "--out", "7", "--aov", "depth,normal", "--frames", "3", "--quiet"];
+        let typed = ["render", "a.glb", "--out", "7", "--also", "anaglyph,sheet", "--frames", "3", "--quiet"];
         let values = given(&typed).values();
         for (option, value) in [
             ("shot", json!("a.glb")),
             ("out", json!("7")),
             ("virtual", json!(1)),
-            ("aov", json!(["depth", "normal"])),
-            ("ratios", json!([])),
+            ("also", json!(["anaglyph", "sheet"])),
             ("trace", json!(null)),
             ("frames", json!(3)),
             ("quiet", json!(true)),
@@ -122,6 +121,6 @@ mod tests {
     fn defaults_do_not_count_as_given() {
         let given = given(&["render", "--out", "o", "--frames", "1"]);
         assert_eq!(given.typed("frames").as_deref(), Some("--frames"));
-        assert_eq!(["aov", "nonsense", "virtual_devices"].map(|id| given.typed(id)), [None, None, None]);
+        assert_eq!(["also", "nonsense", "virtual_devices"].map(|id| given.typed(id)), [None, None, None]);
     }
 }

@@ -7,13 +7,12 @@ use crate::report::Table;
 use crate::report::program::{dot, left_out_table, passes_table, transfers_table};
 use diptych::graph::FrameGraph;
 use diptych::image::file::atomic_write;
-use diptych::passes::{Aov, FrameSpec, declare};
-use diptych::schedule::{CostModel, RatioRule};
+use diptych::passes::{FrameSpec, declare};
+use diptych::schedule::CostModel;
 
-use super::balance::Balance;
 use super::failure::Failure;
 use super::options::{self, RenderFlags, RunOptions};
-use super::setting_flags::{SettingFlags, named};
+use super::setting_flags::SettingFlags;
 use super::setup;
 
 #[derive(clap::Args, Clone, Debug)]
@@ -23,15 +22,6 @@ pub struct Args {
     shot: String,
     #[command(flatten)]
     settings: SettingFlags,
-    /// Load-balancing policy [default: measured; static with --ratios]
-    #[arg(long, value_name = "NAME", value_parser = Balance::value_parser(), help_heading = options::DEVICES)]
-    balance: Option<Balance>,
-    /// Ratios of rows per device: 5,1,2, or GROUP[.EYE]=5,1,2 for a group of passes
-    #[arg(long, value_name = "A,B,…", help_heading = options::DEVICES)]
-    ratios: Vec<RatioRule>,
-    /// Auxiliary images (AOVs) of the frame, such as albedo,normal
-    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = named::<Aov>(), help_heading = options::OUTPUT)]
-    aov: Vec<Aov>,
     /// Print JSON
     #[arg(long, help_heading = options::OUTPUT)]
     json: bool,
@@ -57,8 +47,7 @@ const HISTORY_ROWS: u32 = 4;
 impl Args {
     /// Returns the options of the frame.
     pub fn run_options(&self) -> RunOptions {
-        let (balance, ratios) = (self.balance.into_iter().collect(), self.ratios.clone());
-        RunOptions { balance, ratios, json: self.json, ..RunOptions::of(self.shot.clone(), self.settings.clone()) }
+        RunOptions { json: self.json, ..RunOptions::of(self.shot.clone(), self.settings.clone()) }
     }
 }
 
@@ -67,7 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut run = args.run_options();
     run.settings.check_command("graph").map_err(|error| Failure::Input(error.into()))?;
     run.complete("graph")?;
-    let flags = RenderFlags { run, frames: 1, aov: args.aov.clone() };
+    let flags = RenderFlags { run, frames: 1 };
     let options = &flags.options().map_err(Failure::Input)?;
     let devices = usize::from(*virtual_devices);
     let loaded = setup::load(options)?;

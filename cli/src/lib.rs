@@ -18,17 +18,14 @@ macro_rules! log {
     };
 }
 
-mod balance;
 mod bench;
 mod commands;
 mod compare;
 mod console;
-mod disturb;
 mod environment;
 mod export;
 mod export_args;
 mod failure;
-mod fault_options;
 mod faults;
 mod given;
 mod graph;

@@ -113,7 +113,7 @@ fn small(options: &RenderOptions) -> RenderOptions {
     let Extent { width, height } = run.settings.size;
     let narrow = (width / REDUCTION).max(LEAST_WIDTH).min(width);
     run.settings.size = Extent::new(narrow, (height * narrow / width).max(1));
-    run.faults.disturbances.clear();
+    run.settings.disturb.clear();
     run.settings.slowdown.clear();
     RenderOptions::new(run, Quality { fovea: None, polar: None, scale: 1.0, ..options.quality() })
 }

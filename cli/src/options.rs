@@ -13,13 +13,11 @@ use diptych::passes::Aov;
 use diptych::quality::{Envelope, Quality};
 use diptych::samples::Samples;
 use diptych::scene::shot::{self, Gaze};
-use diptych::schedule::RatioRule;
 
-use super::balance::Balance;
 use super::failure::Failure;
-use super::fault_options::FaultOptions;
+use super::faults;
 pub use super::headings::{DEVICES, OUTPUT, QUALITY, SCENE};
-use super::setting_flags::{SettingFlags, named};
+use super::setting_flags::SettingFlags;
 
 /// Options of every command that renders.
 #[derive(Parser, Clone, Debug)]
@@ -27,28 +25,8 @@ pub struct RunOptions {
     /// A shot (.toml), a .gltf/.glb, or builtin:NAME
     #[arg(default_value = "builtin:atrium")]
     pub shot: String,
-    /// Replay head motion from FILE instead of the camera path
-    ///
-    /// `play` and `view` record such files with --record-motion. They are JSON lines of head poses, and of the eyes'
-    /// projections if these are asymmetric.
-    #[arg(hide_short_help = true, long, value_name = "FILE", help_heading = SCENE)]
-    pub motion: Option<PathBuf>,
     #[command(flatten)]
     pub settings: SettingFlags,
-    /// Adapters by number in `diptych info` [default: all hardware GPUs]
-    ///
-    /// Each GPU is used once, even if several APIs list it. Without a hardware GPU the software adapter is used.
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", help_heading = DEVICES)]
-    pub devices: Option<Vec<usize>>,
-    /// Threads per software device, one number or a list [default: cores / devices]
-    #[arg(
-        long,
-        value_delimiter = ',',
-        value_name = "T,T,…",
-        value_parser = clap::value_parser!(u16).range(1..=1024),
-        help_heading = DEVICES
-    )]
-    pub threads_per_device: Option<Vec<u16>>,
     /// Value of [`diptych::device::Selection::most_virtual_devices`].
     #[arg(skip)]
     pub most_virtual_devices: u16,
@@ -56,17 +34,6 @@ pub struct RunOptions {
     #[cfg(feature = "mpi")]
     #[arg(hide_short_help = true, long, help_heading = DEVICES)]
     pub broadcast_scene: bool,
-    /// Load-balancing policy [default: measured; static with --ratios]
-    ///
-    /// `scale` compares several.
-    #[arg(long, value_delimiter = ',', value_name = "NAME", value_parser = Balance::value_parser(), help_heading = DEVICES)]
-    pub balance: Vec<Balance>,
-    /// Ratios of rows per device: 5,1,2, or GROUP[.EYE]=5,1,2 for a group of passes
-    ///
-    /// GROUP is path_trace, denoise or another group of passes, and EYE is left or right: path_trace.left=1,2. Repeat
-    /// the option for several groups.
-    #[arg(long, value_name = "A,B,…", help_heading = DEVICES)]
-    pub ratios: Vec<RatioRule>,
     /// Folder for all output files; created if missing
     #[arg(long, value_name = "DIR", help_heading = OUTPUT)]
     pub out: PathBuf,
@@ -79,8 +46,9 @@ pub struct RunOptions {
     /// Print progress and results as JSON lines
     #[arg(hide_short_help = true, long, help_heading = OUTPUT)]
     pub json: bool,
-    #[command(flatten)]
-    pub faults: FaultOptions,
+    /// True if the command makes scene cuts.
+    #[arg(skip)]
+    pub makes_cuts: bool,
 }
 
 impl RunOptions {
@@ -88,20 +56,15 @@ impl RunOptions {
     pub fn of(shot: String, settings: SettingFlags) -> Self {
         Self {
             shot,
-            motion: None,
             settings,
-            devices: None,
-            threads_per_device: None,
             most_virtual_devices: 0,
             #[cfg(feature = "mpi")]
             broadcast_scene: false,
-            balance: Vec::new(),
-            ratios: Vec::new(),
             out: ".".into(),
             trace: None,
             quiet: true,
             json: false,
-            faults: FaultOptions::default(),
+            makes_cuts: false,
         }
     }
 
@@ -141,28 +104,10 @@ impl RunOptions {
         taken.with_context(origin).map_err(Failure::Input)
     }
 
-    /// Returns the requested policy or the default one.
-    pub fn balance(&self) -> Balance {
-        self.balances()[0]
-    }
-
-    /// Returns the requested policies without duplicates, or the default one: `static` with --ratios, else `measured`.
-    pub fn balances(&self) -> Vec<Balance> {
-        match &self.balance[..] {
-            [] if self.ratios.is_empty() => vec![Balance::Measured],
-            [] => vec![Balance::Static],
-            asked => once(asked.iter().copied()),
-        }
-    }
-
     /// Checks constraints that clap cannot express.
     pub fn check(&self) -> Result<(), anyhow::Error> {
-        anyhow::ensure!(self.balances().len() == 1, "--balance: give one policy; `diptych scale` compares several");
-        anyhow::ensure!(
-            self.balance() != Balance::Static || !self.ratios.is_empty(),
-            "--balance static needs --ratios"
-        );
-        anyhow::ensure!(self.balance() == Balance::Static || self.ratios.is_empty(), "--ratios needs --balance static");
+        let policies = self.settings.balances().len();
+        anyhow::ensure!(policies == 1, "balance: give one policy; `diptych scale` compares several");
         Ok((**self.settings).check()?)
     }
 }
@@ -170,14 +115,11 @@ impl RunOptions {
 /// Flags of commands that render all frames at the same quality.
 #[derive(Parser, Clone, Debug)]
 pub struct RenderFlags {
-    #[command(flatten)]
-    pub run: RunOptions,
     /// Frames to render
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = SCENE)]
     pub frames: u32,
-    /// Auxiliary images (AOVs) to write, such as albedo,normal
-    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = named::<Aov>(), help_heading = OUTPUT)]
-    pub aov: Vec<Aov>,
+    #[command(flatten)]
+    pub run: RunOptions,
 }
 
 impl RenderFlags {
@@ -193,7 +135,7 @@ impl RenderFlags {
         let options = RenderOptions {
             frames: self.frames,
             fps: settings.fps.unwrap_or(DEFAULT_FPS),
-            aovs: once(self.aov.iter().copied()),
+            aovs: once(settings.aov.iter().copied()),
             ..RenderOptions::new(self.run.clone(), settings.quality())
         };
         options.check()?;
@@ -231,7 +173,7 @@ impl RenderOptions {
 
     /// Checks constraints that clap cannot express.
     pub fn check(&self) -> Result<(), anyhow::Error> {
-        self.faults.check(self.frames)?;
+        faults::check(self, self.frames)?;
         self.quality().check()?;
         self.run.check()
     }

@@ -19,13 +19,13 @@ use crate::report::play::SETTLING_FRAMES;
 use crate::report::record::{FrameRecord, SpooledRows};
 use crate::report::run::RunReport;
 use crate::report::samples::FrameSamples;
+use diptych::frame::Disturbance;
 use diptych::loaded::LoadedScene;
 use diptych::passes::tonemap::{DISPLAY, LINEAR};
 use diptych::quality::{Denoiser, SettingError};
 use diptych::scene::head::Recording;
 use diptych::scene::rig::Rig;
 
-use super::disturb::Disturbance;
 use super::failure::Failure;
 use super::interrupt;
 use super::metering;
@@ -46,22 +46,29 @@ use replay::Replay;
 pub use session::Session;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let compares = !args.compare_control.is_empty();
-    if args.report_spp.is_some() && !args.report && !compares {
-        return Err(Failure::Input(anyhow::anyhow!("--report-spp needs --report or --compare-control")));
-    }
     let settings = &args.options.run.settings;
-    let is_replay = args.replay.is_some();
-    let decided = [
-        ("--replay", "fps", is_replay),
-        ("--replay", "controller", is_replay),
-        ("--compare-control", "controller", compares),
-    ];
-    let conflict = decided.into_iter().find(|(_, key, is_asked)| *is_asked && settings.is_given(key));
-    if let Some((option, key, _)) = conflict {
-        return Err(Failure::Input(SettingError::Conflict(option, key).into()));
+    let compares = settings.controller.len() > 1;
+    if settings.report_spp.is_some() && !args.report && !compares {
+        return Err(Failure::Input(anyhow::anyhow!("report_spp needs --report, or several controllers")));
     }
-    if compares { comparison::run(args) } else { play(args) }
+    let replays = |key: &&str| args.replay.is_some() && settings.is_given(key);
+    if let Some(key) = ["fps", "controller"].into_iter().find(replays) {
+        return Err(Failure::Input(SettingError::Conflict("--replay", key).into()));
+    }
+    if !compares {
+        return play(args);
+    }
+    let options = &args.options;
+    let alone = [
+        ("--report", args.report),
+        ("--save-every", args.save_every.is_some()),
+        ("--trace", options.run.trace.is_some()),
+        ("--record-motion", options.record_motion.is_some()),
+    ];
+    match alone.into_iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => Err(Failure::Input(SettingError::Conflict(option, "controller").into())),
+        None => comparison::run(args),
+    }
 }
 
 fn play(args: &Args) -> Result<(), Failure> {
@@ -189,7 +196,7 @@ impl<'a> Run<'a> {
             self.session.renderer.set_outputs(if is_saved { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
             let decided = self.session.decide();
             let cut = Disturbance::SceneCut { frame: index };
-            if self.options.faults.disturbances.contains(&cut) {
+            if self.options.settings.disturb.contains(&cut) {
                 self.path.cut(self.time_s(index));
             }
             let late_ms = pace.wait();
@@ -202,7 +209,7 @@ impl<'a> Run<'a> {
             if let Some(samples) = &mut self.samples {
                 samples.add(&row, frame.tasks_since_begin());
             }
-            let row = if self.args.details { row.with_tasks(&frame) } else { row };
+            let row = if self.options.settings.details { row.with_tasks(&frame) } else { row };
             self.record.add(&row)?;
             self.newest = Some((index, time_s));
             self.session.announce(&row, &frame);

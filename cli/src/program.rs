@@ -4,11 +4,11 @@ use std::process::ExitCode;
 
 use diptych::passes::Declarations;
 use diptych::passes::denoise::{Denoise, Denoiser};
-use diptych::schedule::Policy;
+use diptych::schedule::{Balance, Policy};
 
 use super::commands::run_from;
 use super::console::Console;
-use super::registry::{NewPolicy, Registry, register};
+use super::registry::register;
 
 /// The commands of `diptych`, with your own policies, denoisers and passes. `--balance` selects a registered policy by
 /// its name in every command that renders. `scale --balance even,measured,NAME` compares it with built-in ones in one
@@ -43,7 +43,7 @@ use super::registry::{NewPolicy, Registry, register};
 /// ```
 #[derive(Default)]
 pub struct Program {
-    registry: Registry,
+    passes: Declarations,
 }
 
 impl Program {
@@ -59,14 +59,14 @@ impl Program {
     /// If a policy has this name already.
     #[must_use]
     pub fn policy(
-        mut self,
+        self,
         name: &'static str,
         help: &'static str,
         make: impl Fn(u32, usize) -> Box<dyn Policy> + Send + Sync + 'static,
     ) -> Self {
-        let is_taken = super::balance::BUILT_IN.iter().any(|(_, built_in, _)| *built_in == name);
-        assert!(!is_taken && self.registry.policies.iter().all(|p| p.name != name), "there is a policy {name} already");
-        self.registry.policies.push(NewPolicy { name, help, make: Box::new(make) });
+        if let Err(what) = Balance::register(name, help, make) {
+            panic!("{what}");
+        }
         self
     }
 
@@ -86,14 +86,14 @@ impl Program {
     /// have the same passes.
     #[must_use]
     pub fn passes(mut self, passes: Declarations) -> Self {
-        self.registry.passes = passes;
+        self.passes = passes;
         self
     }
 
     /// Runs the command that this process was started with and returns its exit status. If another `Program` of this
-    /// process has run before, its policies and passes stay in force instead of these.
+    /// process has run before, its passes stay in force instead of these.
     pub fn run(self) -> ExitCode {
-        register(self.registry);
+        register(self.passes);
         ExitCode::from(run_from(std::env::args_os(), Console::process()))
     }
 }

@@ -113,7 +113,7 @@ impl Host for Here<'_> {
     }
 
     fn passes(&self) -> Declarations {
-        registered().passes.clone()
+        registered().clone()
     }
 
     fn describe(&self, error: &(dyn Error + 'static)) -> String {

@@ -35,12 +35,6 @@ pub struct PassOptions {
     pub pass_spp: u32,
 }
 
-/// Parses a time limit in seconds.
-pub fn seconds(text: &str) -> Result<Duration, String> {
-    let seconds = text.parse().ok().and_then(|s: f64| Duration::try_from_secs_f64(s).ok());
-    seconds.filter(|s| !s.is_zero()).ok_or_else(|| "give a number of seconds above 0".to_owned())
-}
-
 /// Default samples per pixel of a reference.
 const SPP: u32 = 256;
 
@@ -76,7 +70,7 @@ impl Plan {
     /// # Errors
     /// The errors of [`Plan::new`], and [`Failure::Input`] if the command line sets an option in [`OVERRULED`] to a value that
     /// a reference cannot have.
-    pub fn asked_for(flags: &RenderFlags, passes_out: Option<PathBuf>) -> Result<Self, Failure> {
+    pub fn asked_for(flags: &RenderFlags) -> Result<Self, Failure> {
         let mut flags = flags.clone();
         let settings = &mut flags.run.settings;
         let wrong = |what: String| Err(Failure::Input(anyhow::anyhow!(what)));
@@ -104,7 +98,7 @@ impl Plan {
         (settings.spp, settings.denoiser, settings.foveation) = (Samples::ONE, None, FoveationMode::None);
         (settings.render_scale, settings.reproject) = (1.0, false);
         let time_limit = settings.time_limit.and_then(|s| Duration::try_from_secs_f64(s).ok());
-        let passes = PassOptions { time_limit, passes_out, pass_spp: settings.pass_spp };
+        let passes = PassOptions { time_limit, passes_out: settings.passes_out.clone(), pass_spp: settings.pass_spp };
         Self::new(flags.options().map_err(Failure::Input)?, spp.least, passes)
     }
 

@@ -1,6 +1,5 @@
 //! `diptych render`.
 
-use std::path::PathBuf;
 use std::time::Instant;
 
 use crate::report::frames::FrameLine;
@@ -40,9 +39,6 @@ pub struct Args {
     /// Samples are accumulated in passes, so their number is not limited. --spp defaults to 256.
     #[arg(long, help_heading = options::QUALITY)]
     reference: bool,
-    /// Folder that keeps the accumulation of --reference, to resume from it
-    #[arg(hide_short_help = true, long, value_name = "DIR", requires = "reference", help_heading = options::QUALITY)]
-    passes_out: Option<PathBuf>,
     /// More to write or show, such as sheet,details
     #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = options::OUTPUT)]
     also: Vec<Also>,
@@ -65,7 +61,8 @@ impl Args {
     /// Checks constraints that clap cannot express.
     fn check(&self) -> Result<(), Failure> {
         let settings = &self.flags.run.settings;
-        let needs = ["time_limit", "pass_spp"].into_iter().find(|key| settings.is_given(key) && !self.reference);
+        let needs =
+            ["time_limit", "pass_spp", "passes_out"].into_iter().find(|key| settings.is_given(key) && !self.reference);
         if let Some(key) = needs {
             return Err(Failure::Input(anyhow::anyhow!("{key} has no effect without --reference")));
         }
@@ -100,7 +97,7 @@ struct Rows {
 pub fn run(args: &Args) -> Result<(), Failure> {
     args.check()?;
     let flags = &args.flags;
-    let plan = args.reference.then(|| Plan::asked_for(flags, args.passes_out.clone())).transpose()?;
+    let plan = args.reference.then(|| Plan::asked_for(flags)).transpose()?;
     let options = plan.as_ref().map_or_else(|| flags.options(), |plan| Ok(plan.options.clone()));
     let options = &options.map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
@@ -113,8 +110,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut loaded = setup::load(options)?;
     setup::tell_remarks(&loaded.scene);
     if args.has(Also::Overlay) && loaded.shot.rig.optics.is_some() && options.quality().polar.is_some() {
-        let what =
-            "--also overlay does not support polar --foveation with the eye projections of --motion: drop one of them";
+        let what = "--also overlay does not support polar --foveation with the eye projections of head motion: drop one of them";
         return Err(Failure::Input(anyhow::anyhow!(what)));
     }
     if let Some(warning) =
@@ -123,7 +119,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         progress.warn(&warning);
     }
     if let Some(plan) = &plan {
-        plan.prepare(&loaded, "--passes-out")?;
+        plan.prepare(&loaded, "passes_out")?;
     }
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     let gpus = metering::meter(options, &mut loaded, gpus, &progress)?;

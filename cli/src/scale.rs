@@ -20,10 +20,9 @@ use diptych::exec::{FrameReport, Renderer};
 use diptych::loaded::LoadedScene;
 use diptych::passes::FrameSpec;
 use diptych::passes::tonemap::LINEAR;
-use diptych::schedule::{CostModel, Network};
+use diptych::schedule::{Balance, CostModel, Network};
 use diptych::trace::frames::record_devices;
 
-use super::balance::Balance;
 use super::failure::Failure;
 use super::faults::refuse_faults;
 use super::interrupt;
@@ -36,21 +35,17 @@ use super::setup::{self, Tracing};
 use super::simulate;
 use seen::Seen;
 
-/// Help of --threads-per-device, whose default depends on the counts.
-const THREADS: &str = "Threads per software device [default: cores / devices of the largest count]";
-
 #[derive(clap::Args, Debug)]
 #[command(mut_arg("frames", |frames| frames.default_value("5").help("Timed frames per device count")))]
-#[command(mut_arg("threads_per_device", |threads| threads.help(THREADS)))]
 pub struct Args {
+    /// Frames before the timed ones
+    #[arg(long, default_value_t = 3, help_heading = options::SCENE)]
+    warm_up: u32,
     #[command(flatten)]
     pub flags: RenderFlags,
     /// Virtual devices on each adapter; one device is always measured
     #[arg(long, value_delimiter = ',', default_value = "1,2", value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     counts: Vec<u16>,
-    /// Frames before the timed ones
-    #[arg(long, default_value_t = 3, help_heading = options::SCENE)]
-    warm_up: u32,
     #[command(flatten)]
     simulation: simulate::Args,
     /// Also write report.html
@@ -117,7 +112,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         files = "scale.csv, scale.svg, simulate.csv, frames.csv and run.json";
         for options in &policies {
             // The base comes first.
-            let own = |r: &&ScaleRow| r.devices == r.base_devices || r.policy == options.balance().name();
+            let own = |r: &&ScaleRow| r.devices == r.base_devices || r.policy == options.settings.policy().name();
             let measured: Vec<_> = found.rows.iter().filter(own).map(|r| (r.devices, r.makespan_ms)).collect();
             found.simulated.extend(args.simulation.run(options, &model, &measured)?);
         }
@@ -154,12 +149,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 /// Returns a copy of the options for each requested policy, with only that policy.
 fn of_policies(flags: &RenderFlags) -> Result<Vec<RenderOptions>, Failure> {
-    let policies = flags.run.balances();
+    let policies = flags.run.settings.balances();
     let with = |policy: &Balance| {
         let mut one = flags.clone();
-        one.run.balance = vec![*policy];
+        one.run.settings.balance = vec![*policy];
         if *policy != Balance::Static && policies.contains(&Balance::Static) {
-            one.run.ratios.clear();
+            one.run.settings.ratios.clear();
         }
         one.options().map_err(Failure::Input)
     };
@@ -176,13 +171,13 @@ fn counts(asked: &[u16], adapters: usize) -> Vec<usize> {
 /// Returns the options for one device: per-device values are those of the first device, and ratios do not apply.
 fn of_one(options: &RenderOptions) -> RenderOptions {
     let mut one = options.clone();
-    let run = &mut one.run;
-    run.threads_per_device.iter_mut().for_each(|threads| threads.truncate(1));
-    run.settings.slowdown.truncate(1);
-    run.faults.disturbances.retain(|d| d.injection().is_some_and(|i| i.device == 0));
-    if run.balance() == Balance::Static {
-        run.balance = vec![Balance::Even];
-        run.ratios.clear();
+    let settings = &mut one.run.settings;
+    settings.threads_per_device.truncate(1);
+    settings.slowdown.truncate(1);
+    settings.disturb.retain(|d| d.injection().is_some_and(|i| i.device == 0));
+    if settings.policy() == Balance::Static {
+        settings.balance = vec![Balance::Even];
+        settings.ratios.clear();
     }
     one
 }
@@ -220,8 +215,8 @@ struct Measured {
 impl Measuring<'_> {
     /// Returns the index of the options' policy among the requested ones.
     fn place(&self, options: &RenderOptions) -> u32 {
-        let policies = self.options.balances();
-        policies.iter().position(|policy| *policy == options.balance()).unwrap_or_default() as u32
+        let policies = self.options.settings.balances();
+        policies.iter().position(|policy| *policy == options.settings.policy()).unwrap_or_default() as u32
     }
 
     /// Measures frames on these devices. `base` is the row that the speed-up refers to; `None` for that row itself.
@@ -321,7 +316,7 @@ impl Results {
             RunReport::new(settings, devices, &loaded.scene, loaded.needs, options.settings.skip_unused, frames);
         report.warm_up_s = self.warm_up_s;
         let mut csv = FrameLine::csv_of(&report.frames);
-        if options.balances().len() > 1 {
+        if options.settings.balances().len() > 1 {
             csv = csv.beside(Csv::new(&[("policy", |policy: &String| policy.clone())], &self.policies));
         }
         csv.write(&options.out.join("frames.csv"))?;

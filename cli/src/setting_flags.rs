@@ -14,6 +14,12 @@ use diptych::quality::{Quality, SettingError};
 #[derive(Clone, Debug, Default)]
 pub struct SettingFlags(Chosen);
 
+impl From<Chosen> for SettingFlags {
+    fn from(chosen: Chosen) -> Self {
+        Self(chosen)
+    }
+}
+
 impl Deref for SettingFlags {
     type Target = Chosen;
 
@@ -53,20 +59,55 @@ pub const FLAGS: [(&str, &[&str]); 9] = [
             "cache",
             "seed",
             "seam",
+            "devices",
+            "threads_per_device",
+            "balance",
+            "ratios",
+            "aov",
+            "disturb",
         ],
     ),
-    ("play", &["fps", "size", "denoiser", "iterations", "foveation", "reproject", "seam"]),
-    ("view", &["fps", "size", "denoiser", "iterations", "foveation", "reproject", "seam"]),
-    ("scale", &["size", "spp", "bounces", "denoiser", "iterations", "reproject", "seam"]),
-    ("bench", &["size", "reproject"]),
-    ("study", &["size"]),
-    ("graph", &["size", "denoiser", "foveation", "reproject", "seam"]),
-    ("info", &["environment", "allow_outside"]),
+    ("play", LOOP),
+    ("view", LOOP),
+    (
+        "scale",
+        &[
+            "size",
+            "spp",
+            "bounces",
+            "denoiser",
+            "iterations",
+            "reproject",
+            "seam",
+            "devices",
+            "threads_per_device",
+            "balance",
+            "ratios",
+        ],
+    ),
+    ("bench", &["size", "reproject", "threads_per_device", "balance"]),
+    ("study", &["size", "threads_per_device"]),
+    ("graph", &["size", "denoiser", "foveation", "reproject", "seam", "balance", "ratios", "aov"]),
+    ("info", &["allow_outside"]),
     ("export", &["environment", "allow_outside"]),
 ];
 
+/// Flags of commands that keep frames inside a budget.
+const LOOP: &[&str] = &[
+    "fps",
+    "size",
+    "denoiser",
+    "iterations",
+    "foveation",
+    "reproject",
+    "devices",
+    "threads_per_device",
+    "balance",
+    "disturb",
+];
+
 /// Settings whose flags only the long help shows.
-const RARE: [&str; 7] = ["yfov", "gaze", "animation", "time", "allow_outside", "seed", "cache"];
+const RARE: [&str; 8] = ["yfov", "gaze", "animation", "time", "allow_outside", "seed", "cache", "disturb"];
 
 /// Returns a command with the flags of settings.
 pub fn with_flags(command: Command, keys: &[&'static str]) -> Command {
@@ -78,7 +119,8 @@ pub fn with_flags(command: Command, keys: &[&'static str]) -> Command {
 
 fn flag(setting: &'static Setting) -> Arg {
     let (summary, text, default) = (setting.summary(), setting.text(), setting.default());
-    let is_said = text.contains("[default") || default == "auto" || default == "shot" || is_switch(setting);
+    let is_said =
+        text.contains("[default") || default.is_empty() || default == "auto" || default == "shot" || is_switch(setting);
     let default = if is_said { String::new() } else { format!(" [default: {default}]") };
     let arg = Arg::new(id(setting)).long(setting.key.replace('_', "-"));
     let arg = arg.help(format!("{summary}{default}")).help_heading(match setting.group {
@@ -96,6 +138,11 @@ fn flag(setting: &'static Setting) -> Arg {
         let may_be_negative = matches!(setting.group, Group::Scene | Group::Picture);
         arg.value_name(setting.form).value_parser(parser(setting)).allow_hyphen_values(may_be_negative)
     };
+    let arg = match setting.separator {
+        Some(separator) if !(setting.words)().is_empty() => arg.action(ArgAction::Append).value_delimiter(separator),
+        Some(_) => arg.action(ArgAction::Append),
+        None => arg,
+    };
     arg.hide_short_help(RARE.contains(&setting.key))
 }
 
@@ -110,12 +157,6 @@ fn is_switch(setting: &Setting) -> bool {
 /// Returns the name of a setting's flag inside clap, which differs from those of options.
 fn id(setting: &Setting) -> String {
     format!("{SETTING}{}", setting.key)
-}
-
-/// Returns the setting that a flag gives a value.
-#[cfg(feature = "python")]
-pub fn setting_of(arg: &Arg) -> Option<&'static Setting> {
-    arg.get_id().as_str().strip_prefix(SETTING).and_then(Setting::of_key)
 }
 
 fn parser(setting: &'static Setting) -> ValueParser {
@@ -151,8 +192,10 @@ impl FromArgMatches for SettingFlags {
         let invalid = |error: SettingError| clap::Error::raw(ErrorKind::ValueValidation, format!("{error}\n"));
         for setting in Settings::TABLE {
             // Commands without the flag do not know its name.
-            if let Ok(Some(text)) = matches.try_get_one::<String>(&id(setting)) {
-                self.0.set(setting.key, text).map_err(invalid)?;
+            if let Ok(Some(texts)) = matches.try_get_many::<String>(&id(setting)) {
+                let texts: Vec<&str> = texts.map(String::as_str).collect();
+                let separator = setting.separator.map_or(String::new(), String::from);
+                self.0.set(setting.key, &texts.join(&separator)).map_err(invalid)?;
             }
             if let Ok(Some(true)) = matches.try_get_one::<bool>(&id(setting)) {
                 self.0.set(setting.key, "on").map_err(invalid)?;

@@ -7,8 +7,8 @@ use crate::report::run::RunSettings;
 use diptych::device::DeviceInfo;
 use diptych::frame::settings::Chosen;
 use diptych::quality::Denoiser;
+use diptych::schedule::Balance;
 
-use super::balance::Balance;
 use super::console;
 pub use super::given::Given;
 use super::options::RenderOptions;
@@ -47,7 +47,7 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
     let grid = if is_layered { "layers" } else { "none" };
     let mut known = vec![
         ("out", json!(options.out.display().to_string())),
-        ("balance", balance(&options.balances())),
+        ("balance", balance(&options.settings.balances())),
         ("fps", json!(options.fps)),
         ("spp", json!(quality.spp)),
         ("bounces", json!(quality.bounces)),

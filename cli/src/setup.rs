@@ -25,6 +25,7 @@ use diptych::trace::{Recorder, TraceFile};
 
 use super::console;
 use super::failure::Failure;
+use super::faults;
 use super::node;
 use super::options::{RenderOptions, RunOptions};
 use super::registry::registered;
@@ -39,9 +40,9 @@ pub fn tell_remarks(scene: &Scene) {
 /// Loads the scene on all ranks, and head motion on this one.
 pub fn load(options: &RunOptions) -> Result<LoadedScene, Failure> {
     let mut loaded = load_scene(options)?;
-    if let Some(path) = &options.motion {
+    if let Some(path) = &options.settings.motion {
         if let Some(what) = not_motion(path) {
-            return Err(Failure::Input(anyhow!("--motion {}: {what}", path.display())));
+            return Err(Failure::Input(anyhow!("motion {}: {what}", path.display())));
         }
         let motion = HeadMotion::read(path, &budget(&options.settings))?;
         let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
@@ -53,8 +54,8 @@ pub fn load(options: &RunOptions) -> Result<LoadedScene, Failure> {
 /// Returns a message if a file that should hold head motion is a shot or a scene by its name.
 fn not_motion(path: &Path) -> Option<&'static str> {
     match path.extension()?.to_ascii_lowercase().to_str()? {
-        "toml" => Some("this is a shot: give it in place of the scene; --motion takes a recording of `play` or `view`"),
-        "gltf" | "glb" => Some("this is a scene; --motion takes a recording of `play` or `view`"),
+        "toml" => Some("this is a shot: give it in place of the scene; motion takes a recording of `play` or `view`"),
+        "gltf" | "glb" => Some("this is a scene; motion takes a recording of `play` or `view`"),
         _ => None,
     }
 }
@@ -113,11 +114,13 @@ pub fn beyond_path(rig: &Rig, from_s: f64, to_s: f64) -> Option<String> {
 }
 
 fn selection(options: &RunOptions, virtual_devices: usize) -> Selection {
+    let settings = &options.settings;
+    let threads = &settings.threads_per_device;
     Selection {
-        adapters: options.devices.clone(),
+        adapters: (!settings.devices.is_empty()).then(|| settings.devices.clone()),
         virtual_devices,
         most_virtual_devices: usize::from(options.most_virtual_devices),
-        threads_per_device: options.threads_per_device.as_ref().map(|t| t.iter().copied().map(usize::from).collect()),
+        threads_per_device: (!threads.is_empty()).then(|| threads.iter().copied().map(usize::from).collect()),
         traversal: options.settings.traversal,
         pool: console::devices(),
     }
@@ -156,7 +159,7 @@ pub fn open_here(options: &RunOptions, virtual_devices: usize) -> Result<Vec<Gpu
 
 /// Creates the policy that the options request, for traced images of this size.
 pub fn policy(options: &RunOptions, grid: Extent, devices: usize) -> Result<Box<dyn Policy>, Failure> {
-    options.balance().policy(grid.height, devices, &options.ratios)
+    Ok(options.settings.policy().policy(grid.height, devices, &options.settings.ratios)?)
 }
 
 pub fn renderer(
@@ -177,7 +180,7 @@ pub fn renderer_with(
     origin: Instant,
     policy: impl FnOnce(Extent, usize) -> Result<Box<dyn Policy>, Failure>,
 ) -> Result<Renderer, Failure> {
-    let injected = options.faults.injected(&options.settings.slowdown, gpus.len())?;
+    let injected = faults::injected(&options.settings, gpus.len())?;
     let config = config(options, loaded)?;
     let policy = policy(config.grid(), gpus.len())?;
     let _span = tracing::info_span!("start renderer").entered();
@@ -203,7 +206,7 @@ pub fn config(options: &RenderOptions, loaded: &LoadedScene) -> Result<RunConfig
         *is_late = options.is_late;
     }
     buffers.aovs.clone_from(&options.aovs);
-    buffers.declarations = registered().passes.clone();
+    buffers.declarations = registered().clone();
     // A renderer replaces this with the traversal of its devices. `diptych graph` has no devices and uses the requested
     // one.
     if let Some(moving) = &mut buffers.moving {

@@ -86,7 +86,7 @@ impl Args {
         for &Nodes { nodes, each } in &self.simulate {
             let devices = nodes * each;
             let speeds: Vec<f64> = options.settings.speeds.iter().copied().cycle().take(devices).collect();
-            let program = registered().passes.program(&FrameSpec { devices, ..spec.clone() });
+            let program = registered().program(&FrameSpec { devices, ..spec.clone() });
             let mut simulated = model.on_devices(&program, &speeds);
             if nodes > 1 {
                 simulated.network = network(&options.settings, &model.network, nodes, each);
@@ -97,7 +97,7 @@ impl Args {
             let is_here = is_alike && nodes == crate::node::others().map_or(1, |node| node.ranks());
             let here = measured.iter().find(|(d, _)| is_here && *d == devices);
             rows.push(SimulationRow {
-                policy: options.balance().name(),
+                policy: options.settings.policy().name(),
                 nodes,
                 ..SimulationRow::new(&prediction, &speeds, base_ms, here.map(|(_, ms)| *ms))
             });

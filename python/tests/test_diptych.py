@@ -238,7 +238,7 @@ def test_a_data_set_of_exr_files_has_the_same_values(scene, tmp_path):
     ("call", "error", "text"),
     [
         (lambda s: dp.Renderer(s, sizes=3), TypeError, "no option 'sizes'"),
-        (lambda s: dp.Renderer(s, spp=0), ValueError, "'0' for '--spp"),
+        (lambda s: dp.Renderer(s, spp=0), ValueError, "spp"),
         (lambda s: dp.Renderer(s, environment="sky"), TypeError, "give it to load"),
         (lambda s: dp.Renderer(s, denoiser="none", render_scale=0.5), ValueError, "render_scale"),
         (lambda s: dp.Renderer(s, devices=dp.Devices(adapters=[99])), ValueError, "no adapter 99"),

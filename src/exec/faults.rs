@@ -1,10 +1,7 @@
 //! Device faults: records of those that happened, and faults that are injected to test recovery.
 
-use std::fmt;
-use std::ops::Range;
-use std::str::FromStr;
-
 use crate::device::FailureKind;
+use crate::frame::Injection;
 pub use crate::plan::InjectedKind;
 
 /// A dropped device, and how the frame recovered.
@@ -25,59 +22,6 @@ pub struct Fault {
     /// Time at which the fault was detected, in milliseconds since the renderer's origin.
     #[serde(skip)]
     pub noticed_ms: f64,
-}
-
-/// A fault to inject, written `KIND:devI@FRAME`, or `slow:devI@FROM..TO`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Injection {
-    pub kind: InjectedKind,
-    pub device: usize,
-    /// Frames in which the device is slow. Other faults happen once, in the first of these frames.
-    pub frames: Range<u32>,
-}
-
-/// Parses `FRAME` or `FROM..TO`. Accepts `frameN` for a frame number N, the spelling of earlier versions.
-///
-/// # Errors
-/// A message if a number is invalid or the range is empty.
-pub fn frames_of(text: &str) -> Result<Range<u32>, String> {
-    let frame = |text: &str| {
-        let number = text.strip_prefix("frame").unwrap_or(text).parse::<u32>();
-        number.ok().filter(|n| *n < u32::MAX).ok_or_else(|| format!("'{text}' is not a frame number"))
-    };
-    let Some((from, to)) = text.split_once("..") else { return frame(text).map(|n| n..n + 1) };
-    let frames = frame(from)?..frame(to)?;
-    if frames.is_empty() {
-        return Err(format!("the frame range {from}..{to} is empty: write FROM..TO with FROM below TO"));
-    }
-    Ok(frames)
-}
-
-impl FromStr for Injection {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts = text.split_once(":dev").and_then(|(kind, place)| Some((kind, place.split_once('@')?)));
-        let Some((name, (device, when))) = parts else {
-            return Err("write KIND:devI@FRAME, e.g. loss:dev1@3, or slow:devI@FROM..TO".to_owned());
-        };
-        let kind = InjectedKind::ALL.into_iter().find(|(known, _)| *known == name);
-        let (_, kind) = kind.ok_or_else(|| format!("'{name}' is not a fault: choose loss, hang, oom or slow"))?;
-        let device = device.parse().map_err(|_| format!("'{device}' is not a device number"))?;
-        let frames = frames_of(when)?;
-        if kind != InjectedKind::Slow && frames.len() > 1 {
-            return Err(format!("only slow lasts for several frames: write {name}:dev{device}@{}", frames.start));
-        }
-        Ok(Self { kind, device, frames })
-    }
-}
-
-impl fmt::Display for Injection {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Range { start, end } = self.frames;
-        write!(f, "{}:dev{}@{start}", self.kind.name(), self.device)?;
-        if self.frames.len() > 1 { write!(f, "..{end}") } else { Ok(()) }
-    }
 }
 
 /// The faults to inject into devices.
@@ -117,16 +61,6 @@ impl InjectedFaults {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn injections_parse_or_are_rejected() {
-        let hang = Injection { kind: InjectedKind::Hang, device: 12, frames: 345..346 };
-        assert_eq!("hang:dev12@345".parse(), Ok(hang.clone()));
-        assert_eq!("hang:dev12@frame345".parse(), Ok(hang));
-        for wrong in ["", "loss", "loss:dev1", "loss:1@3", "melt:dev1@frame3", "loss:devx@frame3", "oom:dev1@frame-3"] {
-            assert!(wrong.parse::<Injection>().is_err(), "{wrong}");
-        }
-    }
 
     #[test]
     fn faults_occur_once_and_slowdowns_span_frames() {

@@ -37,12 +37,11 @@ pub mod protocol {
     pub use super::worker::protocol::Protocol;
 }
 
-pub use crate::frame::FrameParams;
+pub use crate::frame::{FrameParams, Injection};
 pub use crate::graph::TimedTask;
 pub use builder::{BuildError, Builder};
 pub use error::ExecError;
-pub use faults::frames_of;
-pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
+pub use faults::{Fault, InjectedFaults, InjectedKind};
 pub use late_latching::{PoseSource, SampledPose};
 pub use renderer::Renderer;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming};

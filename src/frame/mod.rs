@@ -2,6 +2,7 @@
 
 mod config;
 pub mod constants;
+mod disturb;
 mod foveation;
 mod params;
 mod sampler;
@@ -9,6 +10,7 @@ pub mod search_range;
 pub mod settings;
 
 pub use config::{Buffers, Execution, RunConfig};
+pub use disturb::{Disturbance, Injection};
 pub use foveation::Foveation;
 pub use params::FrameParams;
 pub use sampler::Sampler;

@@ -15,8 +15,10 @@ mod measured;
 mod network;
 mod policy;
 mod simulate;
+mod choice;
 
 pub use balance::step_rows;
+pub use choice::Balance;
 pub use cost::stripes::StripeCosts;
 pub use cost::{CostModel, FrameCosts, StageCost, TransferCost};
 pub use halo::choose_halo;

@@ -1,5 +1,6 @@
 //! The policy trait, and the policies that need no measurements: `even` and `static`.
 
+use std::fmt;
 use std::str::FromStr;
 
 use super::cost::CostModel;
@@ -71,6 +72,17 @@ impl FromStr for RatioRule {
             .map(|n| n.trim().parse::<f64>().map_err(|_| format!("'{n}' in ratios '{text}' is not a number")))
             .collect::<Result<_, _>>()?;
         Ok(Self { group, view, ratios })
+    }
+}
+
+impl fmt::Display for RatioRule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(group) = self.group {
+            let view = self.view.map_or(String::new(), |view| format!(".{view}"));
+            write!(f, "{}{view}=", group.0)?;
+        }
+        let ratios: Vec<String> = self.ratios.iter().map(f64::to_string).collect();
+        f.write_str(&ratios.join(","))
     }
 }
 

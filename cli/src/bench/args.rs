@@ -1,10 +1,9 @@
 //! Options of `diptych bench`.
 
 use std::path::PathBuf;
-use std::time::Duration;
 
 use crate::options::{self, RunOptions};
-use crate::reference::{PASS_SPP, seconds};
+use crate::reference::PASS_SPP;
 use crate::setting_flags::{named, render_scale};
 use diptych::frame::settings::FoveationMode;
 use diptych::quality::{Denoiser, DenoiserChoice};
@@ -12,6 +11,12 @@ use diptych::samples::Samples;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
+    /// Timed and compared frames per setting; the grid compares at least 2
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
+    pub(super) repeats: u32,
+    /// Untimed frames before the timed ones
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
+    pub(super) warm_up: u32,
     #[command(flatten)]
     pub options: RunOptions,
     /// Virtual devices on each adapter
@@ -53,41 +58,20 @@ pub struct Args {
     /// Measure a small grid against a coarse reference
     #[arg(long, help_heading = options::QUALITY)]
     pub(super) quick: bool,
-    /// Measure everything again instead of resuming
-    #[arg(long, help_heading = options::OUTPUT)]
-    pub(super) fresh: bool,
-    /// Timed and compared frames per setting; the grid compares at least 2
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
-    pub(super) repeats: u32,
-    /// Untimed frames before the timed ones
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
-    pub(super) warm_up: u32,
-    /// Also report errors by kind of pixel: silhouettes, creases, reflections, …
-    ///
-    /// bench.csv then has the columns flip_KIND, the mean FLIP of the kind's pixels, and part_KIND, their part of the
-    /// sum of FLIP over all pixels.
-    #[arg(long, help_heading = options::QUALITY)]
-    pub(super) by_kind: bool,
     /// Folder of left.exr and right.exr to compare with [default: render them]
     #[arg(
         long = "reference-images",
         alias = "reference",
         value_name = "DIR",
-        conflicts_with_all = ["reference_spp", "reference_time_limit", "reference_dir"], help_heading = options::QUALITY)]
+        conflicts_with_all = ["reference_spp", "reference_dir"], help_heading = options::QUALITY)]
     pub(super) reference: Option<PathBuf>,
     /// Samples per pixel of the reference [default: 1024, with --quick 256]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2 * i64::from(PASS_SPP)..), help_heading = options::QUALITY)]
     pub(super) reference_spp: Option<u32>,
-    /// Time limit of the reference, seconds; later runs resume it
-    #[arg(long, default_value = "600", value_name = "S", value_parser = seconds, help_heading = options::QUALITY)]
-    pub(super) reference_time_limit: Duration,
     /// Folder of references for later runs [default: reference in --out]
     #[arg(long = "reference-cache", alias = "reference-dir", value_name = "DIR", help_heading = options::OUTPUT)]
     pub(super) reference_dir: Option<PathBuf>,
     /// Also write report.html
     #[arg(long, help_heading = options::OUTPUT)]
     pub(super) report: bool,
-    /// With --report: other renderers' times and FLIP, as in docs/results/peers
-    #[arg(long, value_name = "FILE", requires = "report", help_heading = options::OUTPUT)]
-    pub(super) peers: Option<PathBuf>,
 }

@@ -167,7 +167,7 @@ impl Page<'_> {
     }
 
     fn beside_peers(&self) -> Option<Section> {
-        let path = self.args.peers.as_ref()?;
+        let path = self.args.options.settings.peers.as_ref()?;
         let notes = vec![format!("Peers: {}.", path.display()), peers::NOTE.to_owned()];
         let table = Some(peers::table(self.peers, self.rows));
         Some(Section { heading: "Time to reach the FLIP of each peer", notes, table, figure: None })

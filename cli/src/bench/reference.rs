@@ -6,6 +6,7 @@ use std::time::Duration;
 use diptych::accumulation::{Noise, hash_of};
 use diptych::exec::Stereo;
 use diptych::frame::Sampler;
+use diptych::frame::settings::Settings;
 use diptych::image::{RgbImage, exr};
 use diptych::loaded::LoadedScene;
 use diptych::metrics::kinds::KindMap;
@@ -89,7 +90,7 @@ impl<'a> Wanted<'a> {
             virtual_devices: args.virtual_devices,
             spp: args.reference_spp.unwrap_or(if args.quick { 256 } else { 1024 }),
             bounces: args.bounces().into_iter().chain(judged.iter().map(|k| k.bounces)).max().unwrap_or(0),
-            time_limit: args.reference_time_limit,
+            time_limit: reference_time(&args.options.settings),
             kept: args.reference_dir.clone().unwrap_or_else(|| options.out.join("reference")),
         })
     }
@@ -103,6 +104,11 @@ impl<'a> Wanted<'a> {
         let quality = Quality { bounces: self.bounces, ..Quality::default() };
         Plan::new(RenderOptions::new(run, quality), self.spp, passes)
     }
+}
+
+/// Returns the time limit of a reference.
+pub fn reference_time(settings: &Settings) -> Duration {
+    settings.time_limit.and_then(|s| Duration::try_from_secs_f64(s).ok()).unwrap_or(Duration::from_secs(600))
 }
 
 /// Returns the stored reference for this shot and these settings. Renders or resumes it if it has too few samples,

@@ -1,4 +1,4 @@
-//! `diptych play --compare-control`: several controllers, played in turns.
+//! `diptych play --set controller=NAME,NAME`: several controllers, played in turns.
 
 use anyhow::Context;
 
@@ -6,6 +6,7 @@ use crate::report::comparison::{ControlRun, comparison_csv, comparison_svg, comp
 use crate::report::play::{PlaySummary, SETTLING_FRAMES};
 use crate::report::samples::FrameSamples;
 use diptych::exec::Stereo;
+use diptych::frame::Disturbance;
 use diptych::image::RgbImage;
 use diptych::loaded::LoadedScene;
 use diptych::metrics::Pair;
@@ -15,7 +16,6 @@ use super::prepared::Prepared;
 use super::references::{Kept, References};
 use super::session::Session;
 use super::{Run, interrupt};
-use crate::disturb::Disturbance;
 use crate::failure::Failure;
 use crate::metering;
 use crate::output;
@@ -47,9 +47,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     prepared.fits_size = None;
     let mut runs: Vec<ControlRun> = Vec::new();
     let mut references: Vec<Stereo<RgbImage>> = Vec::new();
-    for number in 0..args.runs {
-        for &kind in &args.compare_control {
-            prepared.render.run.settings.controller = kind;
+    let kinds = prepared.render.settings.controller.clone();
+    let count = prepared.render.settings.runs;
+    for number in 0..count {
+        for &kind in &kinds {
+            prepared.render.run.settings.controller = vec![kind];
             prepared.render.run.out = out.join(format!("{}.{number}", kind.to_string().replace(':', "-")));
             let (play, frames, makespans) = play(args, &mut prepared, &loaded)?;
             interrupt::check()?;
@@ -62,7 +64,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             progress.tell(&format!(
                 "run {} of {}, {kind}: {:.1} % of display periods missed, FLIP {flip:.4}",
                 number + 1,
-                args.runs,
+                count,
                 100.0 * run.missed_fraction
             ));
             runs.push(run);
@@ -72,7 +74,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let title = format!("Controllers: {} at {}", prepared.render.shot, prepared.render.settings.size);
     let figure = comparison_svg(title, &runs).context("cannot draw the plot")?;
     output::write_text(&out, "comparison.svg", &figure)?;
-    if let Some(at) = prepared.render.faults.disturbances.iter().map(Disturbance::first_frame).min() {
+    if let Some(at) = prepared.render.settings.disturb.iter().map(Disturbance::first_frame).min() {
         let budget_ms = args.options.budget_ms.hi_ms();
         let title = format!("Recovery: {} at {}", prepared.render.shot, prepared.render.settings.size);
         let figure = recovery_svg(title, &runs, at, budget_ms).context("cannot draw the recovery")?;
@@ -107,7 +109,8 @@ fn play(args: &Args, prepared: &mut Prepared, loaded: &LoadedScene) -> Result<Pl
     report.write(&prepared.render.out.join("run.json"))?;
     record.finish()?;
     session.ladder().write(&prepared.render.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
-    let reason = |reason| Failure::Run(anyhow::anyhow!("{}: {reason}", prepared.render.settings.controller));
+    let name = prepared.render.settings.controller[0];
+    let reason = |reason| Failure::Run(anyhow::anyhow!("{name}: {reason}"));
     stopped.map_or(Ok(()), |why| Err(reason(why)))?;
     let play = report.play.context("no frame was judged")?;
     let samples = samples.unwrap_or_default();
@@ -122,7 +125,8 @@ fn render_references(
     frames: &[Kept],
 ) -> Result<Vec<Stereo<RgbImage>>, Failure> {
     let path = loaded.shot.rig.clone();
-    let mut renderer = References::new(args, &prepared.render, loaded, Some(args.report_spp.unwrap_or(SPP)))?;
+    let mut renderer =
+        References::new(args, &prepared.render, loaded, Some(prepared.render.settings.report_spp.unwrap_or(SPP)))?;
     let references = frames.iter().map(|frame| Ok(renderer.of(frame, loaded)?.0)).collect();
     loaded.shot.rig = path;
     references

@@ -25,7 +25,7 @@ impl Misfit {
     /// Starts to judge a run, unless it is to go on whatever happens: with --set keep_going=on, with --fit, with disturbances,
     /// which would not be reached, or if it ends with these frames.
     pub fn of_run(args: &Args, options: &RenderOptions) -> Self {
-        let is_disturbed = !options.faults.disturbances.is_empty();
+        let is_disturbed = !options.settings.disturb.is_empty();
         let is_cleared = args.options.run.settings.keep_going || args.fit || options.frames <= FRAMES || is_disturbed;
         Self { makespans_ms: Vec::new(), is_cleared }
     }

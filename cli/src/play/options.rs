@@ -24,7 +24,7 @@ pub struct LoopOptions {
     /// For the built-in ladder some settings are timed at the start, and errors are estimated.
     #[arg(long, value_name = "FILE", help_heading = QUALITY)]
     pub ladder: Option<PathBuf>,
-    /// Record head poses to FILE, for --motion
+    /// Record head poses to FILE, for the setting motion
     #[arg(long, value_name = "FILE", help_heading = OUTPUT)]
     pub record_motion: Option<PathBuf>,
 }

@@ -13,11 +13,11 @@ use crate::report::run::RunReport;
 use crate::report::samples::{FrameSamples, SampledFrame};
 use crate::report::timeline::{Disturbed, timeline};
 use diptych::exec::{Fault, InjectedKind, Injection};
+use diptych::frame::Disturbance;
 use diptych::loaded::LoadedScene;
 
 use super::args::Args;
 use super::references::{Kept, References};
-use crate::disturb::Disturbance;
 use crate::failure::Failure;
 use crate::options::RenderOptions;
 use crate::page;
@@ -58,7 +58,7 @@ fn lane_frame(frame: &SampledFrame) -> LaneFrame<'_> {
 }
 
 fn pictures(args: &Args, options: &RenderOptions, loaded: &mut LoadedScene, last: &Kept) -> Result<Section, Failure> {
-    let mut references = References::new(args, options, loaded, args.report_spp)?;
+    let mut references = References::new(args, options, loaded, options.settings.report_spp)?;
     let (reference, row) = references.of(last, loaded)?;
     let index = last.index;
     let groups = [
@@ -71,7 +71,7 @@ fn pictures(args: &Args, options: &RenderOptions, loaded: &mut LoadedScene, last
          samples per pixel in {:.1} s, as many as {}.{noise} {}",
         row.spp,
         row.elapsed_s,
-        if args.report_spp.is_some() { "--report-spp asked for" } else { "the time allowed" },
+        if options.settings.report_spp.is_some() { "report_spp asked for" } else { "the time allowed" },
         page::flip_note(loaded),
     );
     page::pictures(note, &groups)
@@ -83,7 +83,7 @@ fn budget(
     faults: &[Fault],
     samples: &FrameSamples,
 ) -> Result<[Section; 2], Failure> {
-    let disturbed = options.faults.disturbances.iter().filter_map(disturbed);
+    let disturbed = options.settings.disturb.iter().filter_map(disturbed);
     let failed = faults.iter().map(|&Fault { frame, device, kind, .. }| Disturbed {
         name: format!("{}: device {device}", kind.name()),
         from: frame,

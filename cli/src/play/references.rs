@@ -10,7 +10,6 @@ use diptych::scene::rig::Rig;
 
 use super::args::Args;
 use crate::failure::Failure;
-use crate::fault_options::FaultOptions;
 use crate::options::{RenderOptions, RunOptions};
 use crate::reference::{PASS_SPP, PassOptions, Plan};
 use crate::setup::{self, Tracing};
@@ -38,8 +37,8 @@ pub struct References {
 impl References {
     /// Prepares references with `spp` samples per pixel, or as many as [`TIME_LIMIT`] allows.
     pub fn new(args: &Args, options: &RenderOptions, loaded: &LoadedScene, spp: Option<u32>) -> Result<Self, Failure> {
-        let faults = FaultOptions { disturbances: Vec::new(), ..options.faults.clone() };
-        let mut run = RunOptions { faults, trace: None, ..options.run.clone() };
+        let mut run = RunOptions { trace: None, ..options.run.clone() };
+        run.settings.disturb.clear();
         run.settings.seed = !run.settings.seed;
         run.settings.slowdown.clear();
         let time_limit = spp.is_none().then_some(TIME_LIMIT);

@@ -8,9 +8,9 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use super::args::Args;
-use crate::disturb::Disturbance;
 use crate::failure::Failure;
 use diptych::control::{Budget, Control, Decision, Predict};
+use diptych::frame::Disturbance;
 use diptych::frame::settings::{Group, Setting, Settings};
 
 /// Options on which images depend.
@@ -81,7 +81,7 @@ impl Replay {
         options_again.run.settings.fps = Some(play.fps);
         for text in options.get("disturb").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str) {
             if let Ok(cut @ Disturbance::SceneCut { .. }) = text.parse() {
-                options_again.run.faults.disturbances.push(cut);
+                options_again.run.settings.disturb.push(cut);
             }
         }
         Ok((Self { settings: options, rungs: frames.iter().map(|frame| frame.rung).collect() }, again))

@@ -73,7 +73,7 @@ impl Session {
         let denoiser = Denoiser::name_of(choice.denoiser);
         let qualities = ladder.rungs().iter().map(|rung| options.run.settings.limit(&rung.quality)).collect();
         let mut inner = session::Session::with_qualities(renderer, ladder, qualities, options.budget_ms);
-        inner.set_controller(render.settings.controller.start(inner.ladder(), options.budget_ms));
+        inner.set_controller(render.settings.controller[0].start(inner.ladder(), options.budget_ms));
         Ok(Self {
             fit,
             warm_up_s: begin.elapsed().as_secs_f64(),

@@ -1,7 +1,7 @@
 //! References: unbiased images of many samples.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -13,7 +13,7 @@ use super::options::{Scope, given};
 use super::renderer::open_devices;
 use super::scene::Scene;
 use crate::failure::Failure;
-use crate::reference::{OVERRULED, PASS_SPP, PassOptions, Plan, seconds};
+use crate::reference::{OVERRULED, PASS_SPP, PassOptions, Plan};
 use crate::{output, setup};
 use diptych::accumulation::{Accumulation, Job, accumulate};
 use diptych::samples::Samples;
@@ -42,8 +42,9 @@ pub fn reference(
     (options.render.run.settings.time, options.render.frames) = (time, 1);
     let checked = options.render.check().and_then(|()| Ok(Samples::from(spp).check()?));
     checked.map_err(|error| exception(Failure::Input(error)))?;
-    let time_limit = time_limit.map(|limit| seconds(&limit.to_string())).transpose();
-    let time_limit = time_limit.map_err(|what| PyTypeError::new_err(format!("time_limit: {what}")))?;
+    let seconds = |limit| Duration::try_from_secs_f64(limit).ok().filter(|limit| !limit.is_zero());
+    let wrong = || PyTypeError::new_err("time_limit: give a number of seconds above 0");
+    let time_limit = time_limit.map(|limit| seconds(limit).ok_or_else(wrong)).transpose()?;
     let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
     let plan = Plan::new(options.render.clone(), spp, passes).map_err(exception)?;
     let devices = open_devices(py, &options).map_err(exception)?;

@@ -202,7 +202,7 @@ pub(super) fn start(
 
 /// Makes a policy of a function, unless options select another policy.
 fn policy_of(function: Bound<'_, PyAny>, options: &[Given]) -> PyResult<Arc<Function>> {
-    if let Some(other) = options.iter().find(|option| ["balance", "ratios"].contains(&option.id.as_str())) {
+    if let Some(other) = options.iter().find(|option| ["balance", "ratios"].contains(&option.id)) {
         return Err(PyTypeError::new_err(format!("give either policy or {}", other.id)));
     }
     Function::new(function)

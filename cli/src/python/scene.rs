@@ -37,7 +37,7 @@ pub fn load(py: Python<'_>, shot: &Bound<'_, PyAny>, options: Option<&Bound<'_, 
     let given = given(options, Scope::Scene)?;
     let text = shot.cast::<PyDict>().ok().map(shot::text).transpose()?;
     let shot = if text.is_some() { DICT.to_owned() } else { shot.str()?.to_string() };
-    let options = Options::parse(&shot, text.as_deref(), &given)?;
+    let options = Options::new(&shot, text.as_deref(), &given)?;
     let load = || match &text {
         None => setup::load(&options.render),
         Some(text) => {
@@ -52,7 +52,7 @@ pub fn load(py: Python<'_>, shot: &Bound<'_, PyAny>, options: Option<&Bound<'_, 
 impl Scene {
     /// Returns the options of a renderer of the scene, with those that it was loaded with.
     pub(super) fn options(&self, own: &[Given]) -> PyResult<Options> {
-        Options::parse(&self.shot, self.text.as_deref(), self.given.iter().chain(own))
+        Options::new(&self.shot, self.text.as_deref(), self.given.iter().chain(own))
     }
 
     pub fn loaded(&self) -> RwLockReadGuard<'_, LoadedScene> {

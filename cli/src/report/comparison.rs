@@ -1,4 +1,4 @@
-//! The table and the chart of `diptych play --compare-control`.
+//! The table and the chart of controllers that `diptych play` compares.
 
 use serde::Serialize;
 

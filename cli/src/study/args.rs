@@ -1,16 +1,15 @@
 //! Options of `diptych study`.
 
 use std::path::PathBuf;
-use std::time::Duration;
 
 use anyhow::anyhow;
 
 use super::definition::Study;
 use super::locked;
-use crate::bench::reference::Wanted;
+use crate::bench::reference::{Wanted, reference_time};
 use crate::failure::Failure;
 use crate::options::{self, RunOptions};
-use crate::reference::{PASS_SPP, seconds};
+use crate::reference::PASS_SPP;
 use crate::settings::Given;
 
 #[derive(clap::Args, Clone, Debug)]
@@ -30,6 +29,12 @@ pub struct StudyArgs {
     /// Name of the study
     #[arg(value_name = "NAME")]
     pub name: String,
+    /// Timed and compared frames per arrangement and instant
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
+    pub repeats: u32,
+    /// Untimed frames before the timed ones
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
+    pub warm_up: u32,
     #[command(flatten)]
     pub options: RunOptions,
     /// Virtual devices on each adapter
@@ -50,18 +55,9 @@ pub struct StudyArgs {
     /// Virtual devices on each adapter, for seams
     #[arg(long, value_delimiter = ',', default_value = "2,3,4", value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     pub counts: Vec<u16>,
-    /// Timed and compared frames per arrangement and instant
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
-    pub repeats: u32,
-    /// Untimed frames before the timed ones
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
-    pub warm_up: u32,
     /// Samples per pixel of the reference
     #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(2 * i64::from(PASS_SPP)..), help_heading = options::QUALITY)]
     pub reference_spp: u32,
-    /// Time limit of the reference, seconds; later runs resume it
-    #[arg(long, default_value = "600", value_name = "S", value_parser = seconds, help_heading = options::QUALITY)]
-    pub reference_time_limit: Duration,
     /// Folder of references for later runs [default: reference in --out]
     #[arg(long = "reference-cache", value_name = "DIR", help_heading = options::OUTPUT)]
     pub reference_dir: Option<PathBuf>,
@@ -83,7 +79,7 @@ impl StudyArgs {
             virtual_devices: self.virtual_devices,
             spp: self.reference_spp,
             bounces,
-            time_limit: self.reference_time_limit,
+            time_limit: reference_time(&self.options.settings),
             kept: self.reference_dir.clone().unwrap_or_else(|| self.options.out.join("reference")),
         }
     }
@@ -93,9 +89,10 @@ impl StudyArgs {
         ((f64::from(study.frames) * self.fraction).round() as u32).max(2)
     }
 
-    /// Refuses options and settings that were given on the command line, by the names of their fields.
+    /// Refuses options and settings that were given, by the names of their fields.
     pub fn refuse(&self, ids: &[&str]) -> Result<(), Failure> {
-        let typed = ids.iter().find_map(|id| Given::here().and_then(|given| given.typed(id)));
+        let set = |id: &&str| self.options.settings.is_given(id).then(|| (*id).to_owned());
+        let typed = ids.iter().find_map(|id| Given::here().and_then(|given| given.typed(id)).or_else(|| set(id)));
         typed.map_or(Ok(()), |option| {
             Err(Failure::Input(anyhow!("study {} does not read {option}: leave it out", self.name)))
         })

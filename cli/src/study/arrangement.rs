@@ -3,7 +3,6 @@
 use super::columns::Measures;
 use super::locked::{Conditions, TODAY};
 use super::turns::FPS;
-use crate::balance::Balance;
 use crate::failure::Failure;
 use crate::options::{RenderOptions, RunOptions};
 use diptych::frame::Foveation;
@@ -12,7 +11,7 @@ use diptych::loaded::LoadedScene;
 use diptych::passes::partitions;
 use diptych::projection::{LogPolar, PolarSpace};
 use diptych::scene::rig::Eye;
-use diptych::schedule::RatioRule;
+use diptych::schedule::{Balance, RatioRule};
 
 /// A variant of settings.
 pub struct Arrangement {
@@ -39,8 +38,8 @@ impl Arrangement {
     pub fn options(&self, conditions: &Conditions, run: &RunOptions) -> Result<RenderOptions, Failure> {
         let mut run = run.clone();
         // The publications that distribute rows give every device the same number.
-        if conditions.name != TODAY && run.balance.is_empty() && run.ratios.is_empty() {
-            run.balance = vec![Balance::Even];
+        if conditions.name != TODAY && run.settings.balance.is_empty() && run.settings.ratios.is_empty() {
+            run.settings.balance = vec![Balance::Even];
         }
         let applied = conditions.apply(&mut run.settings, self.settings);
         applied.map_err(|error| Failure::Input(anyhow::Error::from(error).context(self.name)))?;
@@ -55,14 +54,14 @@ impl Arrangement {
     pub fn distributed(&self, mut options: RenderOptions, devices: usize) -> RenderOptions {
         let Some(distributes) = self.distributes else { return options };
         let run = &mut options.run;
-        run.balance = vec![Balance::Static];
+        run.settings.balance = vec![Balance::Static];
         let on_primary: Vec<f64> = (0..devices).map(|device| if device == 0 { 1.0 } else { 0.0 }).collect();
         for group in partitions() {
             for view in Eye::ALL {
                 let is_traced = view == Eye::Left || !run.settings.reproject;
                 if !(is_traced && distributes.contains(&group.0)) {
                     let ratios = on_primary.clone();
-                    run.ratios.push(RatioRule { group: Some(group), view: Some(view), ratios });
+                    run.settings.ratios.push(RatioRule { group: Some(group), view: Some(view), ratios });
                 }
             }
         }
@@ -160,13 +159,17 @@ mod tests {
     fn baseline_runs_all_but_path_tracing_on_the_primary() {
         let [baseline, proposed] = leria::STUDY.arrangements else { panic!("leria has two arrangements") };
         let even = proposed.distributed(options_of(proposed, "leria"), 3);
-        assert!(even.ratios.is_empty() && even.balance() == Balance::Even);
+        assert!(even.settings.ratios.is_empty() && even.settings.policy() == Balance::Even);
         let options = baseline.distributed(options_of(baseline, "leria"), 3);
-        assert_eq!(options.balance(), Balance::Static);
-        let left_out = options.ratios.iter().all(|rule| {
+        assert_eq!(options.settings.policy(), Balance::Static);
+        let left_out = options.settings.ratios.iter().all(|rule| {
             let is_path_tracing = rule.group.is_some_and(|group| group.0 == "path_trace");
             rule.ratios == [1.0, 0.0, 0.0] && !(is_path_tracing && rule.view == Some(Eye::Left))
         });
-        assert!(left_out && options.ratios.len() == 2 * partitions().len() - 1, "{:?}", options.ratios);
+        assert!(
+            left_out && options.settings.ratios.len() == 2 * partitions().len() - 1,
+            "{:?}",
+            options.settings.ratios
+        );
     }
 }

@@ -49,7 +49,7 @@ pub const STUDY: Study = Study {
         ["G-buffer by rasterisation", "a rasteriser; diptych traces primary rays"],
         ["scene update, record previous buffer, stitching, blit", "stages of their own; here they are part of others"],
         ["CAMBI at seams", "libvmaf; `study seams` has PSNR, FLIP and the error near seams"],
-        ["control loop, 11 to 20 ms", "`play --budget-ms 11..20 --compare-control diptych,pinned:0`"],
+        ["control loop, 11 to 20 ms", "`play --budget-ms 11..20 --set controller=diptych,pinned:0`"],
     ],
     shots: &[["builtin:gallery", "San Miguel"], ["builtin:atrium", "Sponza"], ["builtin:towers", "Bistro Exterior"]],
     sizes: &[Size { name: "720p", width: 1280, height: 720, layer_radii_px: None }],

@@ -52,7 +52,7 @@ pub fn run(args: &StudyArgs) -> Result<(), Failure> {
     };
     args.refuse(&["counts"])?;
     args.refuse(match study.cameras {
-        [Camera::Following] => &["repeats", "reference_spp", "reference_time_limit", "reference_dir"],
+        [Camera::Following] => &["repeats", "reference_spp", "time_limit", "reference_dir"],
         _ => &["simulate", "ratios"],
     })?;
     runner::run(study, args, is_typed("shot"))

@@ -33,9 +33,9 @@ pub fn check(args: &StudyArgs, study: &Study, devices: usize) -> Result<(), anyh
     if study.cameras != [Camera::Following] {
         return Ok(());
     }
-    if let Some(count) = args.options.ratios.first().map(|rule| rule.ratios.len()) {
+    if let Some(count) = args.options.settings.ratios.first().map(|rule| rule.ratios.len()) {
         let is_other = args.simulate.iter().any(|simulated| usize::from(*simulated) != count);
-        ensure!(!is_other, "--simulate: --ratios is for {count} devices: give --simulate {count}");
+        ensure!(!is_other, "--simulate: ratios are for {count} devices: give --simulate {count}");
     }
     ensure!(devices > 1, "study {} distributes rows over at least two devices: try --virtual 2", study.name);
     Ok(())
@@ -107,7 +107,7 @@ fn simulate(
     let model = turns.renderers.last().context("there is no arrangement")?.costs().clone();
     let spec = reports.last().and_then(|reports| reports.last()).context("there is no frame")?.spec.clone();
     for devices in once(args.simulate.iter().copied().map(usize::from)) {
-        let program = registered().passes.program(&FrameSpec { devices, ..spec.clone() });
+        let program = registered().program(&FrameSpec { devices, ..spec.clone() });
         let model = model.on_devices(&program, &vec![1.0; devices]);
         let mut found = Vec::new();
         for (arrangement, own) in study.arrangements.iter().zip(prepared) {

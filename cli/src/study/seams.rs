@@ -16,11 +16,11 @@ use diptych::loaded::LoadedScene;
 use diptych::metrics::Pair;
 use diptych::passes::denoise;
 use diptych::scene::rig::Eye;
+use diptych::schedule::Balance;
 
 use super::args::StudyArgs;
 use super::locked;
 use super::timed::{Setting, Timed, TimedFrame, Warm};
-use crate::balance::Balance;
 use crate::bench::reference::{Reference, own};
 use crate::failure::Failure;
 use crate::interrupt;
@@ -56,8 +56,8 @@ pub fn run(args: &StudyArgs) -> Result<(), Failure> {
 /// on the same rows with every seam policy.
 fn settings(args: &StudyArgs) -> Result<RenderOptions, Failure> {
     let mut run: RunOptions = args.options.clone();
-    if run.balance.is_empty() && run.ratios.is_empty() {
-        run.balance = vec![Balance::Even];
+    if run.settings.balance.is_empty() && run.settings.ratios.is_empty() {
+        run.settings.balance = vec![Balance::Even];
     }
     let applied = locked::published("leria").apply(&mut run.settings, &[("frames_in_flight", "1")]);
     applied.map_err(|error| Failure::Input(error.into()))?;

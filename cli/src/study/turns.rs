@@ -45,7 +45,7 @@ impl<'a> Turns<'a> {
     pub fn add(&mut self, name: String, options: RenderOptions, gpus: Devices) -> Result<(), Failure> {
         let Quality { fovea, polar, .. } = options.quality();
         if self.loaded.shot.rig.optics.is_some() && (fovea.is_some() || polar.is_some()) {
-            let what = "--motion: the experiment needs equal projections for both eyes, but the recording sets its own";
+            let what = "motion: the experiment needs equal projections for both eyes, but the recording sets its own";
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
         let renderer = setup::renderer(&options, self.loaded, gpus, self.tracing.recorder.origin())?;

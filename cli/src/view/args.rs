@@ -11,11 +11,11 @@ const OUT: &str = "With --xr: folder for run.json and frames.csv; created if mis
 #[derive(clap::Args, Clone, Debug)]
 #[command(mut_arg("out", |out| out.required(false).default_value(".").hide(!cfg!(feature = "xr")).help(OUT)))]
 pub struct Args {
-    #[command(flatten)]
-    pub(super) options: LoopOptions,
     /// Close after this number of frames
     #[arg(long, help_heading = SCENE, value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) frames: Option<u32>,
+    #[command(flatten)]
+    pub(super) options: LoopOptions,
     /// Render into a headset through OpenXR [needs the feature `xr`]
     ///
     /// The runtime sets the time and pose of frames. --size defaults to its recommended resolution and --budget-ms to

@@ -40,8 +40,8 @@ const LEAST_SHARE: f64 = 0.55;
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let typed = |id: &str| Given::here().and_then(|given| given.typed(id));
-    let is_paced = args.options.run.settings.is_given("fps");
-    if let Some(option) = typed("motion").or_else(|| is_paced.then(|| "fps".to_owned())) {
+    let is_given = |key: &&str| args.options.run.settings.is_given(key);
+    if let Some(option) = ["motion", "fps"].into_iter().find(is_given) {
         return Err(Failure::Input(anyhow!("{option} cannot be combined with --xr: the headset sets times and poses")));
     }
     // Create the folder first: --record-motion may name a file in it.

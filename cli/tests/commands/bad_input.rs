@@ -132,11 +132,11 @@ fn rejects_invalid_head_motion() {
         ("empty", String::new(), "empty"),
     ] {
         let path = case.file(&format!("{name}.jsonl"), text.as_bytes());
-        case.refused("builtin:cornell", &["--motion", &path], 2, &[part, &format!("{name}.jsonl")]);
+        case.refused("builtin:cornell", &["--set", &format!("motion={path}")], 2, &[part, &format!("{name}.jsonl")]);
     }
-    case.refused("builtin:cornell", &["--motion", "no/such.jsonl"], 2, &["no/such.jsonl"]);
+    case.refused("builtin:cornell", &["--set", "motion=no/such.jsonl"], 2, &["no/such.jsonl"]);
     let folder = case.folder.path().to_str().unwrap();
-    case.refused("builtin:cornell", &["--motion", folder], 2, &["not a regular file"]);
+    case.refused("builtin:cornell", &["--set", &format!("motion={folder}")], 2, &["not a regular file"]);
 }
 
 /// Returns a binary glTF file of one triangle.

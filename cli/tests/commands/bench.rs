@@ -176,10 +176,10 @@ fn killed_bench_resumes_with_the_same_files() {
     assert_eq!((count(&events, "setting"), count(&events, "frame")), (0, 0));
     assert_eq!(results(out), done);
 
-    // Different settings do not count as measured, and --fresh ignores earlier results.
+    // Different settings do not count as measured, and fresh ignores earlier results.
     let seeded = [&options[..], &["--set", "seed=3", "--spp", "1", "--denoiser", "none", "--bounces", "6"]].concat();
     assert_eq!(count(&bench(out, &seeded), "setting"), 1);
-    let fresh = [&options[..], &["--fresh", "--spp", "1", "--denoiser", "none"]].concat();
+    let fresh = [&options[..], &["--set", "fresh=on", "--spp", "1", "--denoiser", "none"]].concat();
     assert_eq!(count(&bench(out, &fresh), "setting"), 2);
 }
 
@@ -285,7 +285,8 @@ fn errors_by_kind_of_pixel_have_columns_and_a_map() {
     let folder = tempfile::tempdir().unwrap();
     let out = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let grid = ["--size", "48x32", "--spp", "1", "--bounces", "2", "--denoiser", "svgf", "--iterations", "5"];
-    let grid = [&grid[..], &["--render-scale", "1", "--reference-spp", "64", "--by-kind", "--report"]].concat();
+    let grid =
+        [&grid[..], &["--render-scale", "1", "--reference-spp", "64", "--set", "by_kind=on", "--report"]].concat();
     let events = bench(Path::new(&out("bench")), &grid);
     let errors = &event(&events, "result")["rows"][0]["errors"]["left"];
     let value = |name: &str| errors[name].as_f64().unwrap();

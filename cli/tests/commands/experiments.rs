@@ -147,9 +147,9 @@ fn studies_are_valid_up_to_their_scene() {
 
 #[test]
 fn studies_refuse_what_they_fix_or_do_not_read() {
-    refused(&["leria", "builtin:cornell", "--devices", "0"], &["two devices", "--virtual 2"]);
+    refused(&["leria", "builtin:cornell", "--set", "devices=0"], &["two devices", "--virtual 2"]);
     refused(&["leria", "--repeats", "3"], &["study leria", "--repeats"]);
-    refused(&["leria", "--virtual", "2", "--ratios", "1,2"], &["--simulate", "--ratios"]);
+    refused(&["leria", "--virtual", "2", "--set", "ratios=1,2"], &["--simulate", "ratios"]);
     refused(&["leria", "--set", "denoiser=svgf"], &["study leria", "denoiser"]);
     refused(&["leria", "--set", "reproject=off"], &["study leria", "reproject"]);
     refused(&["bmfr", "builtin:cornell", "--shots", "builtin:checker"], &["SHOT", "--shots"]);

@@ -44,7 +44,7 @@ fn rejects_settings_that_are_not_of_the_scene() {
     for (line, part) in [
         (&["info", "builtin:cornell", "--set", "clamp=nan"][..], "clamp has no effect in info"),
         (&["info", "builtin:cornell", "--set", "time=nan"], "time cannot be NaN"),
-        (&["info", "--environment", "sky"], "environment has no effect in info without a shot"),
+        (&["info", "--set", "environment=sky"], "environment has no effect in info without a shot"),
         (&["export", "builtin:cornell", "-o", "a.png", "--set", "spp=64"], "spp has no effect in a contact sheet"),
         (&["export", "builtin:cornell", "-o", "a.toml", "--set", "spp=64"], "spp has no effect in export"),
     ] {

@@ -86,8 +86,8 @@ fn faults_that_cannot_be_made_are_refused() {
     for (more, expected) in [
         (["--disturb", "loss"], "write KIND:devI@FRAME"),
         (["--disturb", "melt:dev0@frame0"], "choose loss, hang, oom or slow"),
-        (["--disturb", "loss:dev0@frame7"], "--disturb loss:dev0@7: there is no frame 7: the last is frame 0"),
-        (["--disturb", "slow:dev3@0..2"], "--disturb slow:dev3@0..2: there is no device 3: there are 1"),
+        (["--disturb", "loss:dev0@frame7"], "disturb loss:dev0@7: there is no frame 7: the last is frame 0"),
+        (["--disturb", "slow:dev3@0..2"], "disturb slow:dev3@0..2: there is no device 3: there are 1"),
         (["--disturb", "scene-cut@0"], "only `diptych play` makes scene cuts"),
         (["--set", "slowdown=1,2"], "2 numbers"),
         (["--set", "slowdown=0"], "slowdown 0 is out of range"),

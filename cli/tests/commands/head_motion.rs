@@ -47,7 +47,8 @@ fn what_play_records_render_replays() {
     )
     .unwrap();
     ran(&[&play[..], &[&*ladder, "--record-motion", &motion, "--out", &played], &common].concat());
-    let replay = ["render", "builtin:atrium", "--time", "0.7", "--motion", &motion, "--out", &replayed];
+    let replay =
+        ["render", "builtin:atrium", "--time", "0.7", "--set", &format!("motion={motion}"), "--out", &replayed];
     ran(&[&replay[..], &common].concat());
     let [played, replayed] = [played, replayed].map(|out| run_json(Path::new(&out)));
     assert_eq!(replayed["settings"]["motion"], *motion);
@@ -64,7 +65,16 @@ fn replayed_motion_gives_the_same_bytes_on_one_to_three_devices() {
     let rendered = |devices: &str| {
         let out = folder.path().join(devices);
         let shape = ["--size", "48x40", "--frames", "3", "--fps", "6", "--time", "0.5", "--foveation", "layers"];
-        let run = ["render", "builtin:cornell", "--motion", HEAD, "--virtual", devices, "--out", out.to_str().unwrap()];
+        let run = [
+            "render",
+            "builtin:cornell",
+            "--set",
+            &format!("motion={HEAD}"),
+            "--virtual",
+            devices,
+            "--out",
+            out.to_str().unwrap(),
+        ];
         ran(&[&run[..], &shape].concat());
         let name = |i: usize| ["left", "right"].map(|eye| format!("{eye}.{i:04}.exr"));
         (0..3).flat_map(name).map(|name| std::fs::read(out.join(name)).unwrap()).collect::<Vec<_>>()
@@ -93,7 +103,18 @@ fn asymmetric_eyes_have_a_gaze() {
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (motion, layers, polar) = (path("eyes.jsonl"), path("layers"), path("polar"));
     std::fs::write(&motion, EYES).unwrap();
-    let run = ["render", "builtin:cornell", "--motion", &motion, "--size", "36x40", "--frames", "1", "--warm-up", "0"];
+    let run = [
+        "render",
+        "builtin:cornell",
+        "--set",
+        &format!("motion={motion}"),
+        "--size",
+        "36x40",
+        "--frames",
+        "1",
+        "--warm-up",
+        "0",
+    ];
     let with = |more: &[&'static str], out| [&run[..], more, &["--out", out]].concat();
     ran(&with(&["--foveation", "layers", "--also", "overlay", "--aov", "motion", "--virtual", "2"], &layers));
     ran(&with(&["--foveation", "visual-polar"], &polar));

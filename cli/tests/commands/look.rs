@@ -138,8 +138,8 @@ fn rejects_a_shot_as_head_motion() {
     let case = Case::new();
     std::fs::write(case.path("shot.toml"), "scene = 'block.glb'").unwrap();
     for (name, says) in [("shot.toml", "this is a shot"), ("block.glb", "this is a scene")] {
-        let (status, said) = run_in(case.folder.path(), &["block.glb", "--motion", name]);
-        assert!(status == Some(2) && said.contains(says) && said.contains("--motion"), "{said}");
+        let (status, said) = run_in(case.folder.path(), &["block.glb", "--set", &format!("motion={name}")]);
+        assert!(status == Some(2) && said.contains(says) && said.contains("motion"), "{said}");
     }
 }
 

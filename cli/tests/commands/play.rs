@@ -381,11 +381,9 @@ fn replay_repeats_rungs_and_bytes_of_a_run() {
     }
     let other = refused(&[&["--size", "48x32", "--set", "seed=3"], &recorded[..]].concat());
     assert!(other.contains("seed=0, not 3"), "{other}");
-    for (options, conflict) in [
-        (&recorded[..2], "controller=pid"),
-        (&recorded[..2], "fps=10"),
-        (&["--compare-control", "pid"], "controller=vlachos"),
-    ] {
+    for (options, conflict) in
+        [(&recorded[..2], "controller=pid"), (&recorded[..2], "fps=10"), (&["--report"], "controller=pid,pinned:0")]
+    {
         let text = refused(&[options, &["--set", conflict]].concat());
         let parts = [options[0], conflict.split('=').next().unwrap()];
         assert!(text.contains("exclude each other") && parts.iter().all(|part| text.contains(part)), "{text}");
@@ -415,7 +413,7 @@ fn play_compares_controllers_in_turns() {
                     "--budget-ms",
                     "0.01..30000",
                 ][..],
-                &["--compare-control", "pinned:0,pinned:1", "--runs", "2", "--report-spp", "64"],
+                &["--set", "controller=pinned:0,pinned:1", "--set", "runs=2", "--set", "report_spp=64"],
                 &["--disturb", "slow:dev0@3"],
                 &[
                     "--ladder",
@@ -446,6 +444,6 @@ fn play_compares_controllers_in_turns() {
     let run = std::fs::read_to_string(out.join("pinned-1.0/run.json")).unwrap();
     let run: Value = serde_json::from_str(&run).unwrap();
     assert_eq!((run["frames"].as_array().unwrap().len(), &run["settings"]["controller"]), (frames, &"pinned:1".into()));
-    let alone = refused(&["--report-spp", "8"]);
-    assert!(alone.contains("--report or --compare-control"), "{alone}");
+    let alone = refused(&["--set", "report_spp=8"]);
+    assert!(alone.contains("--report, or several controllers"), "{alone}");
 }

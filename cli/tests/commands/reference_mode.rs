@@ -90,7 +90,7 @@ fn resumed_passes_have_the_bytes_of_uninterrupted_ones() {
     case.render("whole", &["--spp", "40"]);
     let kept = case.kept();
     let done = |spp: &str| {
-        let row = case.render("parts", &["--spp", spp, "--passes-out", &kept]);
+        let row = case.render("parts", &["--spp", spp, "--set", &format!("passes_out={kept}")]);
         ["spp", "spp_resumed"].map(|name| row[name].as_u64().unwrap())
     };
     assert_eq!(done("16"), [16, 0]);
@@ -111,7 +111,7 @@ fn reference_has_many_samples_by_default() {
     assert_eq!((&row["spp"], &row["spp_wanted"]), (&256.into(), &256.into()));
     assert_eq!(case.render("one", &["--size", "8x6", "--spp", "1"])["spp"], 1);
     let kept = case.kept();
-    case.render("kept", &["--spp", "16", "--passes-out", &kept]);
+    case.render("kept", &["--spp", "16", "--set", &format!("passes_out={kept}")]);
     let out = case.path("kept");
     let output = diptych(&[
         "render",
@@ -121,8 +121,8 @@ fn reference_has_many_samples_by_default() {
         SIZE,
         "--spp",
         "10",
-        "--passes-out",
-        &kept,
+        "--set",
+        &format!("passes_out={kept}"),
         "--out",
         out.to_str().unwrap(),
     ]);
@@ -174,7 +174,7 @@ fn killed_reference_resumes_from_its_checkpoint() {
     let mut run = program(&["render", "builtin:cornell", "--reference", "--spp", "100000000", "--quiet"])
         .args(["--size", SIZE, "--out"])
         .arg(&out)
-        .args(["--passes-out", &case.kept()])
+        .args(["--set", &format!("passes_out={}", case.kept())])
         .stdout(Stdio::null())
         .spawn()
         .unwrap();
@@ -186,7 +186,7 @@ fn killed_reference_resumes_from_its_checkpoint() {
     run.wait().unwrap();
     assert_eq!(std::fs::read_dir(&out).unwrap().count(), 0, "a killed run left pictures");
     let kept = case.kept();
-    let row = case.render("kept", &["--spp", "8", "--passes-out", &kept]);
+    let row = case.render("kept", &["--spp", "8", "--set", &format!("passes_out={kept}")]);
     let spp = row["spp"].as_u64().unwrap();
     assert!(spp >= 8 && row["spp_resumed"] == row["spp"], "{row}");
     case.render("whole", &["--spp", &spp.to_string()]);
@@ -200,8 +200,8 @@ fn rejects_checkpoints_of_another_traversal() {
         return;
     };
     let (case, adapter) = (Case::new(), able.index.to_string());
-    let kept = case.kept();
-    let with = |traversal: &'static str| ["--devices", &adapter, "--set", traversal, "--passes-out", &kept];
+    let passes = format!("passes_out={}", case.kept());
+    let with = |traversal: &'static str| ["--devices", &adapter, "--set", traversal, "--set", &passes];
     case.render("compute", &[&["--spp", "8"], &with("traversal=compute")[..]].concat());
     case.refused(
         &[&["--reference", "--spp", "16"], &with("traversal=hardware")[..]].concat(),
@@ -217,8 +217,9 @@ fn rejects_checkpoints_of_another_traversal() {
 fn rejects_checkpoints_of_other_renders() {
     let case = Case::new();
     let kept = case.kept();
-    let with = |options: &[&'static str]| [&["--reference", "--spp", "16", "--passes-out"], options].concat();
-    let first = ["--reference", "--spp", "8", "--passes-out", &kept];
+    let passes = format!("passes_out={kept}");
+    let with = ["--reference", "--spp", "16", "--set", &passes];
+    let first = ["--reference", "--spp", "8", "--set", &format!("passes_out={kept}")];
     assert!(case.try_render("out", &first).status.success());
     let before = std::fs::read(case.state()).unwrap();
     for (options, part) in [
@@ -229,10 +230,7 @@ fn rejects_checkpoints_of_other_renders() {
         (["--set", "pass_spp=16"], "pass_spp is 8 there and 16 here"),
         (["--time", "1"], "camera is"),
     ] {
-        let mut all = with(&[]);
-        all.push(&kept);
-        all.extend(options);
-        case.refused(&all, &["reference.state", part]);
+        case.refused(&[&with[..], &options].concat(), &["reference.state", part]);
     }
     let out = case.path("refused");
     let other = ["render", "builtin:checker", "--size", SIZE, "--out", out.to_str().unwrap()];
@@ -246,7 +244,7 @@ fn rejects_checkpoints_of_other_renders() {
 fn rejects_damaged_checkpoints() {
     let case = Case::new();
     let kept = case.kept();
-    let options = ["--reference", "--spp", "8", "--passes-out", &kept];
+    let options = ["--reference", "--spp", "8", "--set", &format!("passes_out={kept}")];
     assert!(case.try_render("out", &options).status.success());
     let whole = std::fs::read(case.state()).unwrap();
     let mut flipped = whole.clone();
@@ -378,7 +376,7 @@ fn errors_of_neighbouring_pixels_cancel() {
 fn rejects_invalid_limits() {
     let case = Case::new();
     case.refused(&["--set", "time_limit=5"], &["--reference"]);
-    case.refused(&["--passes-out", "x"], &["--reference"]);
+    case.refused(&["--set", "passes_out=x"], &["--reference"]);
     for limit in ["0", "-1", "nan", "soon"] {
         case.refused(&["--reference", "--set", &format!("time_limit={limit}")], &["time_limit"]);
     }

@@ -75,7 +75,7 @@ fn browse(out: &Path) -> Option<String> {
 fn page_of_play_shows_frames_and_reference() {
     let folder = tempfile::tempdir().unwrap();
     let shape =
-        ["--budget-ms", "0.01..30000", "--frames", "12", "--fps", "1000", "--virtual", "2", "--report-spp", "64"];
+        ["--budget-ms", "0.01..30000", "--frames", "12", "--fps", "1000", "--virtual", "2", "--set", "report_spp=64"];
     let disturbed = ["--disturb", "slow:dev1@4..6", "--disturb", "scene-cut@8", "--disturb", "loss:dev1@frame10"];
     let page = report(folder.path(), &[&["play", "builtin:cornell"], &shape[..], &disturbed].concat());
     stands_alone(&page);
@@ -125,7 +125,16 @@ fn page_of_bench_shows_front_and_other_renderers() {
         "[[peer]]\nname = 'Slow'\ntime_ms = 1e6\nflip = 0.999\n[[peer]]\nname = 'Right'\ntime_ms = 1\nflip = 1e-6";
     std::fs::write(&peers, two).unwrap();
     let grid = ["--quick", "--spp", "1,2", "--bounces", "2", "--denoiser", "none,atrous", "--reference-spp", "16"];
-    let fixed = ["bench", "builtin:cornell", "--repeats", "1", "--warm-up", "0", "--peers", peers.to_str().unwrap()];
+    let fixed = [
+        "bench",
+        "builtin:cornell",
+        "--repeats",
+        "1",
+        "--warm-up",
+        "0",
+        "--set",
+        &format!("peers={}", peers.display()),
+    ];
     let page = report(folder.path(), &[&fixed[..], &grid].concat());
     stands_alone(&page);
     let names: Vec<String> =
@@ -162,13 +171,13 @@ fn rejects_invalid_options() {
     std::fs::write(&bad, "[[peer]]\nname = 'a'\ntime_ms = -1.0\nflip = 0.1").unwrap();
     let dark = folder.path().join("dark.toml");
     std::fs::write(&dark, "exposure_ev = -2\n[[peer]]\nname = 'a'\ntime_ms = 1.0\nflip = 0.1").unwrap();
-    let [bad, dark] = [&bad, &dark].map(|path| path.to_str().unwrap());
+    let [bad, dark] = [&bad, &dark].map(|path| format!("peers={}", path.display()));
     let cases: [(&[&str], &str); 5] = [
-        (&["bench", "builtin:cornell", "--report", "--peers", dark], "measured at -2 EV, the shot's at 0 EV"),
-        (&["bench", "--report", "--peers", bad], "time_ms -1"),
-        (&["bench", "--report", "--peers", "/nowhere/peers.toml"], "cannot read the peers"),
-        (&["bench", "--peers", bad], "--report"),
-        (&["play", "--report-spp", "8"], "--report"),
+        (&["bench", "builtin:cornell", "--report", "--set", &dark], "measured at -2 EV, the shot's at 0 EV"),
+        (&["bench", "--report", "--set", &bad], "time_ms -1"),
+        (&["bench", "--report", "--set", "peers=/nowhere/peers.toml"], "cannot read the peers"),
+        (&["bench", "--set", &bad], "--report"),
+        (&["play", "--set", "report_spp=8"], "--report"),
     ];
     for (args, reason) in cases {
         let output = diptych(&[args, &["--out", out.to_str().unwrap()]].concat());

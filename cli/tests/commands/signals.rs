@@ -90,7 +90,7 @@ fn interrupted_reference_keeps_its_samples() {
     let folder = tempfile::tempdir().unwrap();
     let (out, passes) = (folder.path().join("out"), folder.path().join("passes"));
     let args = ["render", "builtin:checker", "--size", "32x18", "--reference", "--spp", "1000000"];
-    let folders = ["--passes-out", passes.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let folders = ["--set", &format!("passes_out={}", passes.display()), "--out", out.to_str().unwrap()];
     let is_under_way = || passes.join("reference.state").exists();
     assert_eq!(interrupted(&[&args[..], &folders].concat(), libc::SIGINT, is_under_way), Some(130));
     let reference = &json(&out.join("run.json"))["references"][0];

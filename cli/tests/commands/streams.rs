@@ -157,7 +157,7 @@ fn every_path_may_have_bytes_that_are_not_utf8() {
         "graph builtin:checker --dot",
         "generate man --out",
         "export builtin:checker --out",
-        "render builtin:checker --size 16x9 --out ./b --motion",
+        "render builtin:checker --size 16x9 --out ./b --set",
         "render",
     ] {
         let args = [words_in(folder.path(), line), vec![folder.path().join(&name).into()]].concat();

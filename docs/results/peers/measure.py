@@ -8,7 +8,7 @@ reference, Mitsuba's, after the same tonemapping at the shot's exposure; errors 
 each setting twice: the last frame of a path, with the history of those before, and the same frame as the first of a path,
 without history. Times are those of a stereo frame: with history, medians over the frames on the way to that instant;
 otherwise medians over the rounds. None of them includes loading, compiling or files. Writes NAME.md, tables, NAME.json,
-the same figures for programs, NAME.svg, a chart, and NAME.toml for `diptych bench --peers`.
+the same figures for programs, NAME.svg, a chart, and NAME.toml for `diptych bench --set peers`.
 """
 
 import argparse
@@ -319,7 +319,7 @@ def markdown(shot, rows, lines):
 
 
 def peers_file(figures, lines):
-    """For `diptych bench --peers`."""
+    """For `diptych bench --set peers`."""
     text = "".join(f"# {line}\n" for line in lines) + f"\nexposure_ev = {figures.exposure_ev}\n"
     for row in figures.rows():
         if row["renderer"] != "diptych":

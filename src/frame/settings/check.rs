@@ -5,6 +5,7 @@ use crate::image::Extent;
 use crate::projection::within;
 use crate::quality::{Denoiser, Quality, SettingError};
 use crate::scene::shot::allowed::{ANY, Allowed, FPS, NOT_NEGATIVE, YFOV};
+use crate::schedule::Balance;
 
 impl Settings {
     /// Checks the settings of the scene.
@@ -51,6 +52,19 @@ impl Settings {
         }
         within("network_us", self.network_us.unwrap_or(0.0), 0.0..=f64::MAX)?;
         within("network_gbps", self.network_gbps.unwrap_or(1.0), f64::MIN_POSITIVE..=f64::MAX)?;
+        for threads in &self.threads_per_device {
+            within("threads_per_device", *threads, 1..=1024)?;
+        }
+        if self.balances().contains(&Balance::Static) && self.ratios.is_empty() {
+            let (value, why) = (Balance::Static.name().to_owned(), "it needs ratios".to_owned());
+            return Err(SettingError::Invalid { key: "balance", value, why });
+        }
+        if self.controller.is_empty() {
+            let (value, why) = ("empty".to_owned(), "give at least one name".to_owned());
+            return Err(SettingError::Invalid { key: "controller", value, why });
+        }
+        within("runs", self.runs, 1..=1000)?;
+        within("report_spp", self.report_spp.unwrap_or(1), 1..=1 << 24)?;
         for times in &self.slowdown {
             within("slowdown", *times, 1..=64)?;
         }

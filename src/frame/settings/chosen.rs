@@ -194,6 +194,8 @@ mod tests {
             ("bounces=1 cache=off", "cache"),
             ("bounces=1 clamp=3", "clamp"),
             ("polar=fov", "polar"),
+            ("runs=2", "runs"),
+            ("balance=even ratios=1,2", "ratios"),
             ("foveation=visual-polar polar=fov", "polar"),
             ("unsampled_fraction=0.3", "unsampled_fraction"),
             ("seam=none halo=exchange", "halo"),
@@ -210,9 +212,16 @@ mod tests {
         }
         // Each setting can have an effect.
         for setting in Settings::TABLE {
-            let all = ["foveation=log-polar", "foveation=layers", "denoiser=atrous"].map(|foveation| {
+            let others = [
+                "foveation=log-polar",
+                "foveation=layers",
+                "denoiser=atrous",
+                "balance=static",
+                "controller=pid,diptych",
+            ];
+            let all = others.map(|other| {
                 let mut chosen = Chosen::default();
-                chosen.assign(foveation).unwrap();
+                chosen.assign(other).unwrap();
                 (setting.needs)(&chosen)
             });
             assert!(all.contains(&None), "{}", setting.key);
@@ -311,6 +320,11 @@ mod tests {
             ("exposure=-1.86", json!(number("-1.86"))),
             ("position=0,1,2.5", json!([0, 1, 2.5])),
             ("iterations=2,3,5", json!([2, 3, 5])),
+            ("devices=1", json!([1])),
+            ("balance=even,heft", json!(["even", "heft"])),
+            ("ratios=5,1;denoise.left=1,2", json!(["5,1", "denoise.left=1,2"])),
+            ("disturb=loss:dev1@3,scene-cut@7", json!(["loss:dev1@3", "scene-cut@7"])),
+            ("aov=", json!([])),
             ("cache=true", json!("on")),
             ("reproject=false", json!("off")),
         ] {
@@ -325,6 +339,9 @@ mod tests {
         for (given, expected) in [
             ("render_scale=nan", "render_scale NaN"),
             ("speeds=", "speeds cannot be empty"),
+            ("controller=", "controller cannot be empty"),
+            ("threads_per_device=0", "threads_per_device 0"),
+            ("balance=static", "balance cannot be static: it needs ratios"),
             ("fps=1e-308", "fps cannot be"),
             ("fps=1e7", "fps cannot be"),
             ("iterations=11", "iterations 11"),

@@ -11,12 +11,13 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 
-use super::{Foveation, Sampler};
+use super::{Disturbance, Foveation, Sampler};
 use crate::control::ControllerKind;
 use crate::device::{ShaderChecks, TraversalChoice};
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::image::tone::ToneCurve;
+use crate::passes::Aov;
 use crate::projection::{LogPolar, PolarSpace};
 use crate::quality::{Denoiser, Filter, Quality};
 use crate::samples::Samples;
@@ -25,6 +26,7 @@ use crate::scene::complete::{Look, Overrides};
 use crate::scene::motion::play::Choice;
 use crate::scene::shot::{Exposure, Gaze, ShotEnvironment};
 use crate::scene::viewpoint::Orbit;
+use crate::schedule::{Balance, RatioRule};
 
 pub use chosen::Chosen;
 pub use scene_value::EyePoints;
@@ -73,6 +75,11 @@ table::settings! {
         time: f64 = 0.0;
         /// Frames per second of the path [default: 72; play and view: by the budget]
         fps: Option<f64> = None, of &["render", "scale", "play", "view"];
+        /// Replay head motion from a file instead of the camera path
+        ///
+        /// `play` and `view` record such files with --record-motion. They are JSON lines of head poses, and of the eyes'
+        /// projections if these are asymmetric.
+        motion: Option<PathBuf> = None, of RUNS;
         /// Maximum host memory for the scene, such as 4GiB [default: half the RAM]
         max_scene_memory: Option<ByteSize> = None;
         /// Folder that keeps the trees of large scenes for later runs, or off
@@ -86,16 +93,39 @@ table::settings! {
         strict: bool = false;
     }
     Run {
-        /// Time limit of --reference per frame, seconds; at least one pass is made
-        time_limit: Option<f64> = None, of &["render"];
+        /// Time limit of a reference, seconds [default: none; bench and study: 600]
+        ///
+        /// At least one pass is made. Later runs of `bench` and `study` resume the reference, and `render --reference`
+        /// resumes it with passes_out.
+        time_limit: Option<f64> = None, of &["render", "bench", "study"];
+        /// Folder that keeps the accumulation of --reference, to resume from it
+        passes_out: Option<PathBuf> = None, of &["render"];
         /// Samples of --reference per pass, a power of two
         pass_spp: u32 = 8, of &["render"];
-        /// Controller of the quality: diptych, vlachos, unreal, pid, pinned:N
+        /// Controller of the quality: diptych, vlachos, unreal, pid, pinned:N; or several
         ///
         /// `vlachos` is the adaptive quality of Vlachos (GDC 2016), `unreal` works like the dynamic resolution of Unreal
         /// Engine, `pid` is a PID controller, `pinned:N` stays on rung N, `turns:N` plays N frames on each rung in turn,
-        /// and `turns:N:STEP` on every STEPth rung.
-        controller: ControllerKind = ControllerKind::default(), of &["play", "view"];
+        /// and `turns:N:STEP` on every STEPth rung. `play` plays with several in turns and compares them: it writes a
+        /// folder per run, comparison.csv and comparison.svg.
+        controller: Vec<ControllerKind> = vec![ControllerKind::default()], of &["play", "view"];
+        /// Runs of each controller
+        runs: u32 = 3, needs several_controllers, of &["play"];
+        /// Reference samples per pixel [default: for --report, as many as 10 s allow]
+        ///
+        /// To compare controllers: 256 by default.
+        report_spp: Option<u32> = None, of &["play"];
+        /// Also write each task to run.json
+        details: bool = false, of &["play"];
+        /// Also report errors by kind of pixel: silhouettes, creases, reflections, …
+        ///
+        /// bench.csv then has the columns flip_KIND, the mean FLIP of the kind's pixels, and part_KIND, their part of the
+        /// sum of FLIP over all pixels.
+        by_kind: bool = false, of &["bench"];
+        /// Measure everything again instead of resuming
+        fresh: bool = false, of &["bench"];
+        /// With --report: a file of other renderers' times and FLIP, as in docs/results/peers
+        peers: Option<PathBuf> = None, of &["bench"];
         /// Play on if the first 30 frames show that nothing fits the budget
         keep_going: bool = false, of &["play"];
         /// Relative speeds of simulated devices, repeated as needed
@@ -105,12 +135,14 @@ table::settings! {
         /// Bandwidth between simulated nodes, Gbit/s [default: as measured, else 100]
         network_gbps: Option<f64> = None, of &["scale"];
         /// Repeat each device's work N times: one number, or one per device
-        slowdown: Vec<u32> = Vec::new(), of &["render", "play", "view", "scale", "bench", "study"];
+        slowdown: Vec<u32> = Vec::new(), of RUNS;
         /// Drop a device that is silent for this time, ms [default: by frame times]
         ///
         /// A device is silent while its worker shows no progress. The default follows from the times of past frames; it
         /// is at least 10 s, or 0.6 s in play and view.
-        watchdog_ms: Option<u32> = None, of &["render", "play", "view", "scale", "bench", "study"];
+        watchdog_ms: Option<u32> = None, of RUNS;
+        /// Auxiliary images (AOVs) to write, such as albedo,normal
+        aov: Vec<Aov> = Vec::new(), of &["render", "scale", "graph"];
     }
     Picture {
         /// Gaze as fractions of the image, X,Y or LX,LY,RX,RY [default: the shot's]
@@ -185,6 +217,23 @@ table::settings! {
         sampler: Sampler = Sampler::Sobol;
     }
     Devices {
+        /// Adapters by number in `diptych info` [default: all hardware GPUs]
+        ///
+        /// Each GPU is used once, even if several APIs list it. Without a hardware GPU the software adapter is used.
+        devices: Vec<usize> = Vec::new(), of RUNS;
+        /// Threads per software device, one number or a list [default: cores / devices]
+        ///
+        /// `scale` divides the cores by the largest number of devices.
+        threads_per_device: Vec<u16> = Vec::new(), of RUNS;
+        /// Load-balancing policy [default: measured; static with ratios]
+        ///
+        /// `scale` compares several.
+        balance: Vec<Balance> = Vec::new(), of BALANCED;
+        /// Ratios of rows per device: 5,1,2, or GROUP[.EYE]=5,1,2 for a group of passes
+        ///
+        /// GROUP is path_trace, denoise or another group of passes, and EYE is left or right: path_trace.left=1,2. Write
+        /// a semicolon between several groups.
+        ratios: Vec<RatioRule> = Vec::new(), needs static_balance, of BALANCED;
         /// Filtering across stripes
         seam: SeamMode = SeamMode::Halo;
         /// Source of the rows that filters read around a stripe
@@ -205,9 +254,19 @@ table::settings! {
         skip_unused: bool = true;
         /// Run-time checks in shaders
         shader_checks: ShaderChecks = ShaderChecks::Fast;
+        /// Disturb the run, e.g. loss:dev1@3, slow:dev1@5..9 or scene-cut@7
+        ///
+        /// Write KIND:devI@FRAME for a fault of device I. KIND is loss, hang, oom (out of memory) or slow, which runs each
+        /// dispatch twice; slow:devI@FROM..TO lasts until before frame TO. scene-cut@FRAME makes the camera of `play` jump.
+        /// Give several disturbances in a list.
+        disturb: Vec<Disturbance> = Vec::new(), of RUNS;
     }
 }
 
+/// Commands that open devices for frames of a shot.
+const RUNS: &[&str] = &["render", "play", "view", "scale", "bench", "study"];
+/// Commands that divide frames among devices.
+const BALANCED: &[&str] = &["render", "play", "view", "scale", "bench", "study", "graph"];
 /// Commands whose frames all have the quality of the settings.
 const FIXED: &[&str] = &["render", "scale", "graph", "study"];
 /// Commands whose frames have one denoiser and one foveation. `bench` takes lists.
@@ -258,6 +317,14 @@ fn foveated(settings: &Settings) -> Needs {
     missing(settings.foveation != FoveationMode::None, "foveation, for example foveation=layers")
 }
 
+fn several_controllers(settings: &Settings) -> Needs {
+    missing(settings.controller.len() > 1, "controller=NAME,NAME")
+}
+
+fn static_balance(settings: &Settings) -> Needs {
+    missing(settings.balances().contains(&Balance::Static), "balance=static")
+}
+
 fn halos(settings: &Settings) -> Needs {
     missing(settings.seam == SeamMode::Halo, "seam=halo")
 }
@@ -266,6 +333,23 @@ fn halos(settings: &Settings) -> Needs {
 const LAYER_ITERATIONS: [u32; 3] = [2, 3, 5];
 
 impl Settings {
+    /// Returns the policies without duplicates, or the default one: `static` with ratios, else `measured`.
+    pub fn balances(&self) -> Vec<Balance> {
+        match &self.balance[..] {
+            [] if self.ratios.is_empty() => vec![Balance::Measured],
+            [] => vec![Balance::Static],
+            asked => {
+                let is_new = |(place, policy): &(usize, &Balance)| !asked[..*place].contains(policy);
+                asked.iter().enumerate().filter(is_new).map(|(_, policy)| *policy).collect()
+            }
+        }
+    }
+
+    /// Returns the policy of commands that use one.
+    pub fn policy(&self) -> Balance {
+        self.balances()[0]
+    }
+
     /// Returns the quality of every frame. Values without effect at the others yield to them.
     pub fn quality(&self) -> Quality {
         let filter = self.filter();

@@ -2,7 +2,6 @@
 
 use serde_json::Value as Json;
 
-use super::value::json_of;
 use super::{Settings, Value, Word};
 
 /// The kind of a setting, which decides where it may stand.
@@ -28,8 +27,9 @@ pub struct Setting {
     pub words: fn() -> Vec<Word>,
     pub(super) parse: fn(&mut Settings, &str) -> Result<(), String>,
     pub(super) value: fn(&Settings) -> String,
-    /// True for numbers and lists of them.
-    pub(super) is_number: bool,
+    pub(super) json: fn(&Settings) -> Json,
+    /// The character between the items of a list; `None` for single values.
+    pub separator: Option<char>,
     /// Returns the assignment without which the setting has no effect in any frame, unless it is there.
     pub(super) needs: fn(&Settings) -> Option<&'static str>,
     /// Commands in which the setting has an effect; empty for all.
@@ -58,10 +58,9 @@ impl Setting {
         (self.value)(&Settings::default())
     }
 
-    /// Returns the value: numbers and lists of them as such, all others as text.
+    /// Returns the value: numbers and lists as such, all others as text.
     pub fn json(&self, settings: &Settings) -> Json {
-        let text = (self.value)(settings);
-        if self.is_number { json_of(&text) } else { text.into() }
+        (self.json)(settings)
     }
 
     /// Checks the form of a text.
@@ -143,7 +142,8 @@ macro_rules! setting {
             words: <$type as Value>::words,
             parse: |settings, text| table::parsed(&mut settings.$key, text),
             value: |settings| settings.$key.text(),
-            is_number: <$type as Value>::IS_NUMBER,
+            json: |settings| settings.$key.json(),
+            separator: if <$type as Value>::IS_LIST { Some(<$type as Value>::SEPARATOR) } else { None },
             needs: |_settings| {
                 $(if let Some(needs) = $needs(_settings) { return Some(needs); })?
                 None

@@ -6,11 +6,13 @@ use std::str::FromStr;
 use serde_json::Value as Json;
 
 use crate::control::ControllerKind;
+use crate::frame::Disturbance;
 use crate::image::Extent;
 use crate::projection::LogPolar;
 use crate::quality::Denoiser;
 use crate::samples::Samples;
 use crate::scene::budget::ByteSize;
+use crate::schedule::RatioRule;
 
 /// A word that a setting may have, with its meaning. Help leaves out words without one.
 pub type Word = (&'static str, Option<&'static str>);
@@ -22,6 +24,15 @@ pub trait Value: Sized {
 
     /// Form of the text, such as `N`.
     const FORM: &'static str;
+
+    /// Form of a list of values.
+    const LIST_FORM: &'static str = "LIST";
+
+    /// The character between the items of a list of values.
+    const SEPARATOR: char = ',';
+
+    /// True for lists.
+    const IS_LIST: bool = false;
 
     /// True if texts of numbers mean numbers. Names and paths may look like numbers, too.
     const IS_NUMBER: bool = false;
@@ -36,6 +47,11 @@ pub trait Value: Sized {
 
     /// Returns the value's text, which [`Self::parse`] reads.
     fn text(&self) -> String;
+
+    /// Returns the value for files: numbers and lists of them as such, all others as text.
+    fn json(&self) -> Json {
+        if Self::IS_NUMBER { json_of(&self.text()) } else { self.text().into() }
+    }
 }
 
 /// Returns the text of a value in a file or a keyword: items of a list have commas between them, and truth is `on`.
@@ -53,7 +69,7 @@ pub fn text_of(value: &Json) -> Result<String, String> {
 }
 
 /// Returns a text as a number or a list of numbers if it is one.
-pub(super) fn json_of(text: &str) -> Json {
+fn json_of(text: &str) -> Json {
     let number = |text: &str| -> Option<Json> {
         let whole = text.parse::<i64>().ok().map(Json::from);
         whole.or_else(|| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Json::from))
@@ -79,6 +95,10 @@ impl<T: Value> Value for Option<T> {
     fn text(&self) -> String {
         self.as_ref().map_or(T::NONE.to_owned(), T::text)
     }
+
+    fn json(&self) -> Json {
+        self.as_ref().map_or(T::NONE.into(), T::json)
+    }
 }
 
 /// Implements [`Value`] for types that have a text already.
@@ -101,7 +121,9 @@ macro_rules! texts {
 }
 
 texts! {
+    u16: "N", true, "not a whole number from 0 to 65535";
     u32: "N", true, "not a whole number from 0 to 4294967295";
+    usize: "N", true, "not a whole number";
     f32: "V", true, "not a number";
     f64: "V", true, "not a number";
     String: "NAME", false, "not a text";
@@ -181,25 +203,67 @@ impl Value for Denoiser {
     }
 }
 
-impl<T: FromStr + ToString> Value for Vec<T> {
-    const FORM: &'static str = "N,N,…";
+impl<T: Value> Value for Vec<T> {
+    const FORM: &'static str = if T::IS_NUMBER { "N,N,…" } else { T::LIST_FORM };
 
-    const IS_NUMBER: bool = true;
+    const SEPARATOR: char = T::SEPARATOR;
+
+    const IS_LIST: bool = true;
+
+    fn words() -> Vec<Word> {
+        T::words()
+    }
 
     fn parse(text: &str) -> Result<Self, String> {
         if text.is_empty() {
             return Ok(Self::new());
         }
-        numbers(text).ok_or_else(|| "not a list of numbers".to_owned())
+        text.split(T::SEPARATOR).map(|item| T::parse(item.trim())).collect()
     }
 
     fn text(&self) -> String {
-        self.iter().map(ToString::to_string).collect::<Vec<_>>().join(",")
+        self.iter().map(T::text).collect::<Vec<_>>().join(T::SEPARATOR.encode_utf8(&mut [0; 4]))
+    }
+
+    fn json(&self) -> Json {
+        self.iter().map(T::json).collect()
+    }
+}
+
+impl Value for RatioRule {
+    const FORM: &'static str = "A,B,…";
+
+    const LIST_FORM: &'static str = "A,B,…";
+
+    const SEPARATOR: char = ';';
+
+    fn parse(text: &str) -> Result<Self, String> {
+        text.parse()
+    }
+
+    fn text(&self) -> String {
+        self.to_string()
+    }
+}
+
+impl Value for Disturbance {
+    const FORM: &'static str = "WHAT@WHEN";
+
+    const LIST_FORM: &'static str = "WHAT@WHEN";
+
+    fn parse(text: &str) -> Result<Self, String> {
+        text.parse()
+    }
+
+    fn text(&self) -> String {
+        self.to_string()
     }
 }
 
 impl Value for ControllerKind {
     const FORM: &'static str = "NAME";
+
+    const LIST_FORM: &'static str = "NAME";
 
     fn parse(text: &str) -> Result<Self, String> {
         text.parse()
@@ -211,7 +275,7 @@ impl Value for ControllerKind {
 }
 
 impl Value for PathBuf {
-    const FORM: &'static str = "DIR|off";
+    const FORM: &'static str = "PATH";
 
     fn parse(text: &str) -> Result<Self, String> {
         Ok(text.into())

@@ -6,6 +6,7 @@ use crate::frame::Sampler;
 use crate::image::tone::ToneCurve;
 use crate::passes::Aov;
 use crate::projection::PolarSpace;
+use crate::schedule::Balance;
 
 /// Implements [`Value`] for types whose values have names.
 macro_rules! words {
@@ -79,6 +80,24 @@ impl Value for Aov {
 
     fn parse(text: &str) -> Result<Self, String> {
         Self::ALL.iter().copied().find(|aov| aov.name() == text).ok_or_else(|| one_of(&Self::words()))
+    }
+
+    fn text(&self) -> String {
+        self.name().to_owned()
+    }
+}
+
+impl Value for Balance {
+    const FORM: &'static str = "NAME";
+
+    const LIST_FORM: &'static str = "NAME";
+
+    fn words() -> Vec<Word> {
+        Self::names().into_iter().map(|(name, help)| (name, Some(help))).collect()
+    }
+
+    fn parse(text: &str) -> Result<Self, String> {
+        Self::from_name(text).ok_or_else(|| one_of(&Self::words()))
     }
 
     fn text(&self) -> String {

@@ -74,8 +74,8 @@ fn rejects_ratios_that_do_not_fit() {
     assert_option_refused(&["--virtual", "2", "--ratios", "cooking=1,2"], &["cooking", "path_trace"]);
     assert_option_refused(&["--virtual", "2", "--ratios", "atrous.middle=1,2"], &["middle"]);
     assert_option_refused(&["--virtual", "2", "--ratios", ""], &["ratios"]);
-    assert_option_refused(&["--virtual", "2", "--balance", "static"], &["--balance static", "--ratios"]);
-    assert_option_refused(&["--virtual", "2", "--balance", "even", "--ratios", "1,2"], &["--ratios"]);
+    assert_option_refused(&["--virtual", "2", "--balance", "static"], &["balance cannot be static", "ratios"]);
+    assert_option_refused(&["--virtual", "2", "--balance", "even", "--ratios", "1,2"], &["ratios", "balance=static"]);
     assert_option_refused(&["--balance", "fair"], &["fair", "measured"]);
 }
 
@@ -85,7 +85,7 @@ fn rejects_missing_devices() {
     assert_option_refused(&["--devices", "first"], &["first"]);
     assert_option_refused(&["--virtual", "0"], &["--virtual", "0"]);
     assert_option_refused(&["--virtual", "1000"], &["--virtual", "1000"]);
-    assert_option_refused(&["--threads-per-device", "0"], &["--threads-per-device"]);
+    assert_option_refused(&["--threads-per-device", "0"], &["threads_per_device 0"]);
 }
 
 #[test]
