@@ -22,6 +22,7 @@ mod bench;
 mod commands;
 mod compare;
 mod console;
+mod disturbances;
 mod environment;
 mod export;
 mod export_args;

@@ -14,8 +14,8 @@ use diptych::quality::{Envelope, Quality};
 use diptych::samples::Samples;
 use diptych::scene::shot::{self, Gaze};
 
+use super::disturbances;
 use super::failure::Failure;
-use super::faults;
 pub use super::headings::{DEVICES, OUTPUT, QUALITY, SCENE};
 use super::setting_flags::SettingFlags;
 
@@ -173,7 +173,7 @@ impl RenderOptions {
 
     /// Checks constraints that clap cannot express.
     pub fn check(&self) -> Result<(), anyhow::Error> {
-        faults::check(self, self.frames)?;
+        disturbances::check(&self.settings, self.frames, self.makes_cuts)?;
         self.quality().check()?;
         self.run.check()
     }

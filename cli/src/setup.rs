@@ -24,8 +24,8 @@ use diptych::trace::frames::{FrameControl, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
 use super::console;
+use super::disturbances;
 use super::failure::Failure;
-use super::faults;
 use super::node;
 use super::options::{RenderOptions, RunOptions};
 use super::registry::registered;
@@ -180,7 +180,7 @@ pub fn renderer_with(
     origin: Instant,
     policy: impl FnOnce(Extent, usize) -> Result<Box<dyn Policy>, Failure>,
 ) -> Result<Renderer, Failure> {
-    let injected = faults::injected(&options.settings, gpus.len())?;
+    let injected = disturbances::injected(&options.settings, gpus.len())?;
     let config = config(options, loaded)?;
     let policy = policy(config.grid(), gpus.len())?;
     let _span = tracing::info_span!("start renderer").entered();
