@@ -1,8 +1,8 @@
 //! Errors by kind of pixel. Auxiliary images in the folders of the compared images tell the kinds apart.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 
 use crate::kinds::{AOVS, guides};
 use diptych::image::display::DisplayImage;
@@ -12,6 +12,14 @@ use diptych::metrics::kinds::{KindError, KindMap};
 use diptych::passes::Aov;
 
 use super::aovs::{self, beside};
+
+/// An auxiliary image that is not there.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "there is no {}, which is needed to classify pixels: render with --aov {}",
+    .0.display(), AOVS.map(Aov::name).join(",")
+)]
+pub struct Missing(PathBuf);
 
 /// Errors by kind of pixel, and a map of each pixel's kind.
 pub struct ByKind {
@@ -23,7 +31,7 @@ impl ByKind {
     /// Classifies the pixels of a pair by auxiliary images in the image's folder, or else in the reference's folder.
     ///
     /// # Errors
-    /// A message that names the missing file.
+    /// [`Missing`] if neither folder has an auxiliary image; errors of files.
     pub fn new(
         [reference_path, image_path]: [&Path; 2],
         reference: &ColourFile,
@@ -31,7 +39,7 @@ impl ByKind {
         exposure_ev: f32,
         yfov_deg: f64,
     ) -> Result<Self, anyhow::Error> {
-        let guides = guides(|aov| {
+        let guides = guides(|aov| -> Result<_, anyhow::Error> {
             let channels = aov.channels();
             let channels = [0, 1, 2].map(|c| channels[c.min(channels.len() - 1)]);
             for path in [image_path, reference_path] {
@@ -39,11 +47,7 @@ impl ByKind {
                     return Ok(found.image);
                 }
             }
-            bail!(
-                "there is no {}, which is needed to classify pixels: render with --aov {}",
-                beside(image_path, aov.name()).display(),
-                AOVS.map(Aov::name).join(",")
-            )
+            Err(Missing(beside(image_path, aov.name())).into())
         })?;
         let map = KindMap::new(&guides, &reference.image, exposure_ev, yfov_deg)
             .with_context(|| format!("auxiliary images of {}", image_path.display()))?;

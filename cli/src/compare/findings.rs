@@ -44,9 +44,9 @@ pub(super) struct Rings {
 
 /// Results for two eyes, as printed by `--json`.
 #[derive(Serialize)]
-pub(super) struct BothFindings {
+pub(super) struct BothFindings<'a> {
     #[serde(flatten)]
-    pub(super) eyes: Stereo<Findings>,
+    pub(super) eyes: Stereo<&'a Findings>,
     /// Means over both eyes; `null` for measures that are undefined in one of them.
     pub(super) mean: serde_json::Map<String, serde_json::Value>,
     /// `null` without auxiliary images that tell which pixels of the eyes show the same surface.
@@ -66,7 +66,9 @@ impl Rings {
     pub(super) fn warn(&self) {
         if self.yfov_source == Source::Default {
             let assumed = self.viewing.yfov_deg;
-            log!("warning: neither file stores its field of view, so --rings assumes {assumed} degrees: give --yfov");
+            log!(
+                "warning: neither file stores its field of view, so --by rings assumes {assumed} degrees: give --yfov"
+            );
         }
     }
 }

@@ -7,10 +7,12 @@ use anyhow::{Context, bail, ensure};
 use crate::failure::Failure;
 use diptych::image::display::DisplayImage;
 use diptych::image::{Extent, Image};
-use diptych::metrics::Pair;
 use diptych::metrics::heatmap::{flip_heatmap, heatmap};
+use diptych::metrics::seams::SeamError;
+use diptych::metrics::{Errors, Pair};
+use serde::Serialize;
 
-use super::{Args, check_seams, text, write_map};
+use super::{Comparison, check_seams, maps, text};
 
 /// Maximum width and height of a picture, pixels.
 const MOST_PIXELS: u32 = 1 << 15;
@@ -21,42 +23,39 @@ pub fn is_picture(path: &Path) -> bool {
     ["png", "jpg", "jpeg"].into_iter().any(is)
 }
 
-pub fn run(args: &Args) -> Result<(), Failure> {
-    let pair = compared(args).map_err(Failure::Input)?;
-    write_map(&args.heatmap, || Ok(heatmap(&pair)))?;
-    write_map(&args.flip_map, || Ok(flip_heatmap(&pair)))?;
-    let errors = pair.errors();
-    let seams = (!args.seams.is_empty()).then(|| pair.seam_error(&args.seams));
-    if args.json {
-        let mut all = serde_json::to_value(errors).context("cannot print JSON")?;
-        if let Some(seams) = seams {
-            all["seams"] = serde_json::to_value(seams).context("cannot print JSON")?;
-        }
-        say!("{all}");
-    } else {
-        text::print_errors(&[errors.values()]);
-        seams.iter().for_each(|seams| text::print_seams(seams, ""));
-    }
-    Ok(())
+/// Results as printed by `--json`.
+#[derive(Serialize)]
+struct Found {
+    #[serde(flatten)]
+    errors: Errors,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seams: Option<SeamError>,
 }
 
-fn compared(args: &Args) -> Result<Pair, anyhow::Error> {
-    let Args { reference, image, .. } = args;
+pub fn run(comparison: &Comparison<'_>) -> Result<(), Failure> {
+    let pair = compared(comparison).map_err(Failure::Input)?;
+    let seams = &comparison.by.seams;
+    let found = Found { errors: pair.errors(), seams: (!seams.is_empty()).then(|| pair.seam_error(seams)) };
+    let maps = || Ok(vec![(maps::ERROR, Ok(heatmap(&pair))), (maps::FLIP, Ok(flip_heatmap(&pair)))]);
+    comparison.finish(&found, maps, || {
+        text::print_errors(&[found.errors.values()]);
+        found.seams.iter().for_each(|seams| text::print_seams(seams, ""));
+    })
+}
+
+fn compared(comparison: &Comparison<'_>) -> Result<Pair, anyhow::Error> {
+    let Comparison { args, by, image, .. } = comparison;
+    let (reference, image) = (&*args.reference, *image);
     if let Some(other) = [reference, image].into_iter().find(|path| !is_picture(path)) {
         bail!("{} is no PNG or JPEG: compare two pictures, or two OpenEXR images", other.display());
     }
-    let of_radiance = [
-        ("--exposure", args.exposure.is_some()),
-        ("--rings", args.rings.is_some()),
-        ("--by-kind", args.by_kind),
-        ("--kind-map", args.kind_map.is_some()),
-        ("--rivalry-map", args.rivalry_map.is_some()),
-    ];
+    let [rings, kind, _] = by.names();
+    let of_radiance = [("--exposure", args.exposure.is_some()), rings, kind, ("--yfov", args.yfov.is_some())];
     if let Some((option, _)) = of_radiance.iter().find(|(_, is_given)| *is_given) {
         bail!("{option} needs OpenEXR images, and these are pictures");
     }
     let (first, second) = (read(reference)?, read(image)?);
-    check_seams(&args.seams, second.extent)?;
+    check_seams(&by.seams, second.extent)?;
     let pair = Pair::of_pictures(&first, &second);
     pair.with_context(|| format!("cannot compare {} with {}", image.display(), reference.display()))
 }

@@ -14,9 +14,8 @@ use diptych::metrics::temporal::{Change, MovingSurfaces};
 use diptych::metrics::{Errors, MEASURES, Pair};
 use serde::Serialize;
 
-use super::aovs;
-use super::rivalry;
 use super::viewing::{Sourced, differences, source_note};
+use super::{Comparison, aovs, rivalry};
 use crate::failure::Failure;
 
 /// Names and meanings of the measures that only sequences have.
@@ -37,14 +36,15 @@ struct Sequence<'a> {
     frames: BTreeSet<u32>,
 }
 
-/// Compares two sequences and prints the measures. `exposure_ev` is the value of --exposure, in stops.
-pub fn run(reference: &Path, image: &Path, exposure_ev: Option<f32>, json: bool) -> Result<(), Failure> {
-    let sequence = Sequence::find(reference, image, exposure_ev).map_err(Failure::Input)?;
+/// Compares two sequences and prints the measures.
+pub fn run(comparison: &Comparison<'_>) -> Result<(), Failure> {
+    let Comparison { args, image, .. } = comparison;
+    let sequence = Sequence::find(&args.reference, image, args.exposure).map_err(Failure::Input)?;
     let results = sequence.results().map_err(Failure::Input)?;
-    if json {
-        say!("{}", serde_json::to_string(&results).map_err(anyhow::Error::from)?);
-        return Ok(());
-    }
+    comparison.finish(&results, || Ok(Vec::new()), || print(&sequence, &results))
+}
+
+fn print(sequence: &Sequence<'_>, results: &Results) {
     say!("{}\n", sequence_table(&results.rows).text().trim_end());
     let values = results.rivalry.values().into_iter().chain([results.rivalry_flicker]);
     let of_eyes: Vec<_> = RIVALRY_MEASURES.into_iter().chain([RIVALRY_FLICKER]).zip(values).collect();
@@ -59,7 +59,6 @@ pub fn run(reference: &Path, image: &Path, exposure_ev: Option<f32>, json: bool)
             say!("{name:<15} {meaning}");
         }
     }
-    Ok(())
 }
 
 impl<'a> Sequence<'a> {

@@ -20,7 +20,7 @@ pub fn help() -> String {
     };
     let more = [
         ("exposure_ev", "exposure of both images in stops, before tonemapping by c/(1+c) and sRGB"),
-        ("seam_rmse", "with --seam-rows: RMSE of the rows within 4 rows of a seam"),
+        ("seam_rmse", "with --by seams: RMSE of the rows within 4 rows of a seam"),
         ("elsewhere_rmse", "RMSE of the other rows"),
         ("seam_ratio", "seam_rmse / elsewhere_rmse; 1 if seams are no worse than other rows"),
     ];

@@ -304,15 +304,16 @@ fn errors_by_kind_of_pixel_have_columns_and_a_map() {
     assert!(diptych(&[&render[..], &[&frame, "--aov", aovs]].concat()).status.success());
     let references = std::fs::read_dir(out("bench") + "/reference").unwrap();
     let reference = references.map(|entry| entry.unwrap().path()).find(|path| path.is_dir()).unwrap();
-    let [reference, map] = [reference.to_str().unwrap().to_owned(), out("map.png")];
-    let compare = ["compare", &reference, &frame, "--by-kind", "--kind-map", &map];
+    let [reference, maps] = [reference.to_str().unwrap().to_owned(), out("maps")];
+    let compare = ["compare", &reference, &frame, "--by", "kind", "--maps", &maps];
     let text = String::from_utf8(diptych(&compare).stdout).unwrap();
     assert!(text.contains("by kind of pixel, left eye") && text.contains("light_edge"), "{text}");
-    assert_eq!(image::open(&map).unwrap().into_rgb8().dimensions(), (96, 32));
+    assert_eq!(image::open(maps.clone() + "/kind.png").unwrap().into_rgb8().dimensions(), (96, 32));
     let json: Value = serde_json::from_slice(&diptych(&[&compare[..], &["--json"]].concat()).stdout).unwrap();
     let found = json["left"]["by_kind"].as_array().unwrap();
     let pixels: f64 = found.iter().map(|kind| kind["pixels"].as_f64().unwrap()).sum();
     assert!((pixels - 1.0).abs() < 1e-9 && found[0]["kind"] == "silhouette", "{json}");
+    assert_eq!(json["maps"], serde_json::json!(["error.png", "flip.png", "kind.png"]));
     assert!((0.02..0.4).contains(&found[0]["pixels"].as_f64().unwrap()), "{json}");
 
     std::fs::remove_file(frame.clone() + "/right.depth.exr").unwrap();

@@ -183,7 +183,7 @@ fn compare_reads_both_eyes_from_folders() {
         assert!(output.status.success(), "{warned}");
         (said, warned)
     };
-    let (said, warned) = compare(&reference, &image, &["--rings", "3"]);
+    let (said, warned) = compare(&reference, &image, &["--by", "rings=3"]);
     assert_eq!(warned, "");
     assert!(
         said.lines().any(|l| l.contains("exposure_ev") && l.contains("-1.5") && l.contains("as the reference says"))
@@ -193,11 +193,11 @@ fn compare_reads_both_eyes_from_folders() {
             format!("rings around 0.5,0.5, {eye} eye; vertical field of view 40 degrees, as the reference says");
         assert!(said.contains(&rings), "{said}");
     }
-    let both: Value = serde_json::from_str(&compare(&reference, &image, &["--json", "--rings", "3"]).0).unwrap();
+    let both: Value = serde_json::from_str(&compare(&reference, &image, &["--json", "--by", "rings=3"]).0).unwrap();
     assert_eq!(both["left"]["rings"]["yfov_deg"], 40.0);
     for eye in ["left", "right"] {
         let name = format!("{eye}.exr");
-        let (alone, warned) = compare(&reference.join(&name), &image.join(&name), &["--json", "--rings", "3"]);
+        let (alone, warned) = compare(&reference.join(&name), &image.join(&name), &["--json", "--by", "rings=3"]);
         assert_eq!((serde_json::from_str::<Value>(&alone).unwrap(), warned.as_str()), (both[eye].clone(), ""));
     }
     for name in ["rmse", "flip", "psnr", "block16", "nonfinite_px"] {
@@ -209,9 +209,16 @@ fn compare_reads_both_eyes_from_folders() {
         assert!(line.split_whitespace().skip(1).take(3).eq(values.iter()), "{line} instead of {values:?}");
     }
 
-    let map = folder.path().join("map.png");
-    compare(&reference, &image, &["--flip-map", map.to_str().unwrap()]);
-    assert_eq!(image::open(&map).unwrap().into_rgb8().dimensions(), (2 * WIDTH as u32, HEIGHT as u32));
+    let maps = folder.path().join("maps");
+    let (said, _) = compare(&reference, &image, &["--maps", maps.to_str().unwrap()]);
+    let map = image::open(maps.join("flip.png")).unwrap().into_rgb8();
+    assert_eq!(map.dimensions(), (2 * WIDTH as u32, HEIGHT as u32));
+    // These folders have no auxiliary images.
+    let missing = |name: &str, aov: &str| {
+        said.lines().any(|l| l.starts_with(&format!("{name} is not written: ")) && l.contains(aov))
+    };
+    assert!(missing("kind.png", "left.depth.exr") && missing("rivalry.png", "--aov position,normal"), "{said}");
+    assert_eq!(std::fs::read_dir(&maps).unwrap().count(), 2);
     let (_, warned) = compare(&reference, &late, &[]);
     for eye in ["left", "right"] {
         let warning = format!("warning: {eye} eye: the reference is of frame 0 at 0 s, the image of frame 0 at 1 s");

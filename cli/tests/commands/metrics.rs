@@ -222,9 +222,9 @@ fn compare_finds_errors_at_the_exposure_of_the_shot() {
     write_rgb(&files.path("reference.exr"), &flat(48, 40, [1e6; 3])).unwrap();
     write_rgb(&files.path("image.exr"), &flat(48, 40, [5e5; 3])).unwrap();
     let at = |ev: &str| {
-        let map = files.path("map.png");
-        let found = files.json(&["--exposure", ev, "--flip-map", map.to_str().unwrap(), "--rings", "1"]);
-        let red = image::open(&map).unwrap().into_rgb8().get_pixel(20, 20).0[0];
+        let maps = files.path("maps");
+        let found = files.json(&["--exposure", ev, "--maps", maps.to_str().unwrap(), "--by", "rings=1"]);
+        let red = image::open(maps.join("flip.png")).unwrap().into_rgb8().get_pixel(20, 20).0[0];
         let number = |value: &serde_json::Value| value.as_f64().unwrap();
         (number(&found["exposure_ev"]), number(&found["flip"]), number(&found["rings"]["rings"][0]["flip"]), red)
     };
@@ -240,7 +240,7 @@ fn compare_finds_errors_at_the_exposure_of_the_shot() {
 #[test]
 fn compare_splits_errors_by_ring_and_by_seam() {
     let files = Files::new();
-    let json = files.json(&["--rings", "20", "--gaze", "0.25,0.5", "--yfov", "90", "--seam-rows", "10,25"]);
+    let json = files.json(&["--by", "rings=20,seams=10,25", "--gaze", "0.25,0.5", "--yfov", "90"]);
     let rings = json["rings"]["rings"].as_array().unwrap();
     assert_eq!(rings.len(), 20);
     assert_eq!(rings.iter().map(|r| r["pixels"].as_u64().unwrap()).sum::<u64>(), 48 * 40);
@@ -253,27 +253,51 @@ fn compare_splits_errors_by_ring_and_by_seam() {
     let ratio = seams["near_rmse"].as_f64().unwrap() / seams["elsewhere_rmse"].as_f64().unwrap();
     assert!((seams["ratio"].as_f64().unwrap() - ratio).abs() < 1e-12);
 
-    let output = files.compare("reference.exr", "image.exr", &["--rings", "3", "--seam-rows", "10"]);
+    let output = files.compare("reference.exr", "image.exr", &["--by", "rings=3,seams=10"]);
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.contains("seam_ratio") && text.contains("from_deg"), "{text}");
     // These files lack an exposure.
     let warned = String::from_utf8(output.stderr).unwrap();
-    assert!(warned.contains("--rings assumes 70 degrees") && text.contains("70 degrees, assumed"), "{warned}{text}");
+    assert!(warned.contains("--by rings assumes 70 degrees") && text.contains("70 degrees, assumed"), "{warned}{text}");
     assert_eq!((&json["rings"]["yfov_source"], &json["exposure_source"]), (&"option".into(), &"default".into()));
 }
 
 #[test]
-fn compare_writes_a_heatmap_of_the_error() {
+fn compare_writes_maps_into_a_folder() {
     let files = Files::new();
-    let [heatmap, flip_map] = ["heat.png", "flip.png"].map(|name| files.path(name));
-    let options = ["--heatmap", heatmap.to_str().unwrap(), "--flip-map", flip_map.to_str().unwrap()];
-    assert_eq!(files.compare("reference.exr", "image.exr", &options).status.code(), Some(0));
-    for path in [&heatmap, &flip_map] {
-        assert_eq!(image::open(path).unwrap().into_rgb8().dimensions(), (48, 40));
+    let maps = files.path("new/maps");
+    let options = ["--maps", maps.to_str().unwrap()];
+    assert_eq!(files.json(&options)["maps"], serde_json::json!(["error.png", "flip.png"]));
+    let sizes = |folder: &Path| {
+        ["error.png", "flip.png"].map(|name| image::open(folder.join(name)).unwrap().into_rgb8().dimensions())
+    };
+    assert_eq!((sizes(&maps), std::fs::read_dir(&maps).unwrap().count()), ([(48, 40); 2], 2));
+    let file = files.path("image.exr");
+    let output = files.compare("reference.exr", "image.exr", &["--maps", file.to_str().unwrap()]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && text.contains("choose another --maps"), "{text}");
+
+    // A map must not replace a compared picture.
+    for name in ["flip.png", "other.png"] {
+        std::fs::copy(maps.join("flip.png"), files.path(name)).unwrap();
     }
-    let unwritable = files.path("none/heat.png");
-    let output = files.compare("reference.exr", "image.exr", &["--heatmap", unwritable.to_str().unwrap()]);
-    assert_eq!(output.status.code(), Some(1));
+    let folder = files.path("").to_str().unwrap().to_owned();
+    files.refused("other.png", "flip.png", &["--maps", &folder], &["flip.png", "another folder"]);
+    assert!(!files.path("error.png").exists());
+}
+
+#[test]
+fn compare_of_several_images_prints_each() {
+    let files = Files::new();
+    let [maps, reference] = ["maps", "reference.exr"].map(|name| files.path(name).to_str().unwrap().to_owned());
+    let options = [reference.as_str(), "--json", "--maps", &maps];
+    let text = String::from_utf8(files.compare("reference.exr", "image.exr", &options).stdout).unwrap();
+    let lines: Vec<serde_json::Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines[0]["flip"], files.json(&[])["flip"]);
+    assert_eq!((lines.len(), &lines[1]["image"], &lines[1]["flip"]), (2, &reference.as_str().into(), &0.0.into()));
+    assert!(["1/error.png", "2/flip.png"].iter().all(|map| files.path("maps").join(map).is_file()));
+    let text = String::from_utf8(files.compare("reference.exr", "image.exr", &[&reference]).stdout).unwrap();
+    assert!(text.contains("image.exr:\n") && text.contains("reference.exr:\n"), "{text}");
 }
 
 /// Pictures of the same images have the same FLIP, up to the rounding of their levels.
@@ -285,21 +309,22 @@ fn compare_reads_levels_of_png_files() {
         let picture = tonemap(&image, 0.0, ToneCurve::Reinhard);
         write_png(&files.path(&format!("{name}.png")), &picture).unwrap();
     }
-    let map = files.path("map.png");
-    let options = ["--json", "--seam-rows", "10", "--heatmap", map.to_str().unwrap()];
+    let maps = files.path("maps");
+    let options = ["--json", "--by", "seams=10", "--maps", maps.to_str().unwrap()];
     let output = files.compare("reference.png", "image.png", &options);
     let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    let exact = files.json(&["--seam-rows", "10"]);
+    let exact = files.json(&["--by", "seams=10"]);
     let both = |name: &str| [&found, &exact].map(|json| json[name].as_f64().unwrap());
     for (name, most) in [("flip", 2e-3), ("ssim", 2e-3), ("psnr", 0.05)] {
         let [found, exact] = both(name);
         assert!((found - exact).abs() < most, "{name}: {found}, of the images {exact}");
     }
-    assert!(found["seams"]["ratio"].is_number() && image::open(&map).is_ok());
+    assert!(found["seams"]["ratio"].is_number() && image::open(maps.join("error.png")).is_ok());
     let text = files.compare("reference.png", "image.png", &[]).stdout;
     assert!(String::from_utf8(text).unwrap().contains("flip "));
     files.refused("reference.png", "image.exr", &[], &["image.exr", "two pictures"]);
     files.refused("reference.png", "image.png", &["--exposure", "1"], &["--exposure", "OpenEXR"]);
+    files.refused("reference.png", "image.png", &["--by", "kind"], &["--by kind", "OpenEXR"]);
     std::fs::write(files.path("text.png"), "no picture").unwrap();
     files.refused("reference.png", "text.png", &[], &["text.png"]);
 }
@@ -331,21 +356,21 @@ fn rejects_images_that_cannot_be_compared() {
         files.refused(bad, "image.exr", &[], &[bad]);
     }
     for (option, value) in [
-        ("--rings", "0"),
-        ("--rings", "many"),
+        ("--by", "rings=0"),
+        ("--by", "seams"),
         ("--gaze", "0.5"),
         ("--gaze", "0.5,1.5"),
         ("--gaze", "nan,0.5"),
         ("--exposure", "nan"),
         ("--yfov", "180"),
         ("--yfov", "nan"),
-        ("--seam-rows", "0"),
-        ("--seam-rows", "40"),
-        ("--seam-rows", "first"),
+        ("--by", "seams=0"),
+        ("--by", "kind,seams=20,40"),
+        ("--by", "first"),
     ] {
         files.refused("reference.exr", "image.exr", &[option, value], &[option]);
     }
-    files.refused("reference.exr", "image.exr", &["--gaze", "0.5,0.5"], &["--rings"]);
+    files.refused("reference.exr", "image.exr", &["--gaze", "0.5,0.5"], &["--by rings"]);
     files.refused("reference.exr", ".", &[], &["reference.exr", "name two images or two folders"]);
     files.refused(".", "none", &[], &["none", "is not there"]);
     files.refused(".", ".", &[], &["0 frame(s)", "left.exr and right.exr"]);

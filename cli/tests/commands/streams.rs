@@ -153,7 +153,7 @@ fn every_path_may_have_bytes_that_are_not_utf8() {
     let name = bytes("name");
     for line in [
         "trace ./trace.json",
-        "compare ./a ./a --json --heatmap",
+        "compare ./a ./a --json --maps",
         "graph builtin:checker --dot",
         "generate man --out",
         "export builtin:checker --out",
@@ -166,6 +166,6 @@ fn every_path_may_have_bytes_that_are_not_utf8() {
         assert!((0..=2).contains(&status), "{line}: {}", String::from_utf8_lossy(&messages.take()));
     }
     let line = "render builtin:checker --size 16x9 --out b --trace";
-    let output = run(folder.path(), &[&words(line)[..], &[&name]].concat(), Stdio::null());
+    let output = run(folder.path(), &[&words(line)[..], &[&bytes("trace")]].concat(), Stdio::null());
     assert_eq!(output.status.code(), Some(0), "{line}: {}", errors(&output));
 }

@@ -76,7 +76,7 @@ fn sequences_that_lack_something_are_refused_by_its_name() {
     render(&without, &[]);
     let [with_text, without_text] = [&with, &without].map(|path| path.to_str().unwrap());
     refused(&["compare", with_text, without_text], &["left.motion.0000.exr", "--aov motion,position,normal"]);
-    refused(&["compare", with_text, with_text, "--rings", "3"], &["--rings"]);
+    refused(&["compare", with_text, with_text, "--by", "rings"], &["--by rings"]);
     let file = with.join("left.0000.exr");
     refused(&["compare", with_text, file.to_str().unwrap()], &["with"]);
 
