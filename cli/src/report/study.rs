@@ -76,6 +76,8 @@ pub struct SeamErrors {
     /// Errors against the reference.
     pub psnr: f64,
     pub flip: f64,
+    /// Banding index of the image, without a reference.
+    pub cambi: f64,
     /// RMSE of the rows near seams divided by the RMSE of the other rows; `None` for one device.
     pub seam: Option<f64>,
     /// RMSE of the rows near seams divided by the RMSE of the same rows of `one`. 1 means that seams add no error.
@@ -97,6 +99,7 @@ impl SeamErrors {
         Self {
             psnr: mean(|e| e.psnr),
             flip: mean(|e| e.flip),
+            cambi: mean(|e| e.cambi),
             seam: mean_if(|e| e.seam),
             seam_over_one: mean_if(|e| e.seam_over_one),
             psnr_one: mean(|e| e.psnr_one),
@@ -139,7 +142,7 @@ pub struct SeamRow {
     /// Seam policy, `-` for one device.
     pub policy: String,
     pub eye: Eye,
-    /// Exposure in stops at which images are tonemapped for PSNR and FLIP.
+    /// Exposure in stops at which images are tonemapped for PSNR, FLIP and CAMBI.
     pub exposure_ev: f64,
     #[serde(flatten)]
     pub errors: SeamErrors,
@@ -165,6 +168,7 @@ const SEAMS: &[Column<SeamRow>] = &[
     ("exposure_ev", |r| r.exposure_ev.to_string()),
     ("psnr", |r| format!("{:.3}", r.errors.psnr)),
     ("flip", |r| format!("{:.5}", r.errors.flip)),
+    ("cambi", |r| format!("{:.4}", r.errors.cambi)),
     ("seam", |r| cell(r.errors.seam, 4)),
     ("seam / one's", |r| cell(r.errors.seam_over_one, 4)),
     ("psnr to one", |r| format!("{:.3}", r.errors.psnr_one)),
@@ -177,7 +181,7 @@ const SEAMS: &[Column<SeamRow>] = &[
 
 /// Description of the columns of [`seam_table`].
 pub const SEAM_NOTE: &str = "Means over frames. psnr (dB) and flip compare with the reference, both tonemapped at \
-    exposure_ev. seam: RMSE within 4 rows of a seam over RMSE elsewhere. seam / one's: RMSE of these rows over that of \
+    exposure_ev. cambi: index of visible bands of the image alone; 0 is none, and bands annoy from about 5. seam: RMSE within 4 rows of a seam over RMSE elsewhere. seam / one's: RMSE of these rows over that of \
     the same rows of the one-device image; 1 means that the seam adds no error. psnr, flip and seam rmse to one \
     compare with the one-device image: inf, 0 and 0 if all bytes are the same. ms: median of warm frames; iqr: \
     interquartile range.";
@@ -194,6 +198,7 @@ const SEAMS_CSV: &[Column<SeamRow>] = &[
     ("exposure_ev", |r| r.exposure_ev.to_string()),
     ("psnr", |r| format!("{:.4}", r.errors.psnr)),
     ("flip", |r| format!("{:.6}", r.errors.flip)),
+    ("cambi", |r| format!("{:.6}", r.errors.cambi)),
     ("seam_ratio", |r| number(r.errors.seam, 4)),
     ("seam_over_one", |r| number(r.errors.seam_over_one, 4)),
     ("psnr_to_one", |r| format!("{:.4}", r.errors.psnr_one)),
@@ -209,38 +214,61 @@ pub fn seam_csv(rows: &[SeamRow]) -> Csv {
     Csv::new(SEAMS_CSV, rows)
 }
 
-/// Leria, Mäkitalo & Jääskeläinen 2024, "Image quality related to seam artifacts": PSNR in dB for San Miguel, Sponza
-/// and Bistro Exterior, with the paper's name of the method and the corresponding policy here.
-const LERIA: [(&str, &str, [f64; 3]); 3] = [
-    ("no filter", "none", [20.30, 21.73, 20.89]),
-    ("bilateral filter", "filter", [19.90, 21.71, 20.46]),
-    ("no seam", "-", [20.83, 21.97, 21.09]),
+/// The paper's name of a method, the corresponding policy here, and values for San Miguel, Sponza and Bistro Exterior.
+type Cited = [(&'static str, &'static str, [f64; 3]); 3];
+type Measure = fn(&SeamErrors) -> f64;
+
+/// Leria, Mäkitalo & Jääskeläinen 2024, "Image quality related to seam artifacts": PSNR in dB and CAMBI.
+const LERIA: [(&str, Measure, Cited); 2] = [
+    (
+        "psnr",
+        |errors| errors.psnr,
+        [
+            ("no filter", "none", [20.30, 21.73, 20.89]),
+            ("bilateral filter", "filter", [19.90, 21.71, 20.46]),
+            ("no seam", "-", [20.83, 21.97, 21.09]),
+        ],
+    ),
+    (
+        "cambi",
+        |errors| errors.cambi,
+        [
+            ("no filter", "none", [0.06, 0.05, 0.09]),
+            ("bilateral filter", "filter", [0.06, 0.06, 0.09]),
+            ("no seam", "-", [0.07, 0.06, 0.09]),
+        ],
+    ),
 ];
 
 /// The caption of [`leria_table`].
-pub const LERIA_NOTE: &str = "PSNR in dB; in brackets, the difference from the image without seams. This shot: mean of \
+pub const LERIA_NOTE: &str = "PSNR in dB and CAMBI; in brackets, the difference from the image without seams. This shot: mean of \
     both eyes at the largest device count; 'no seam' is one device. Cited: Leria, Mäkitalo & Jääskeläinen 2024, \
     Real-time Stereoscopic Image-parallel Path Tracing, 1280x720 per eye, 1 spp, 6 bounces, SVGF, several GPUs. \
     Scenes, references and denoiser differ, so compare only the differences within a column.";
 
-/// Returns a table of our PSNR at the largest device count beside the paper's PSNR.
+/// Returns a table of our PSNR and CAMBI at the largest device count beside the paper's.
 pub fn leria_table(rows: &[SeamRow]) -> Table {
     let most = rows.iter().map(|r| r.devices).max().unwrap_or(0);
-    let psnr = |policy: &str| {
-        let own = rows.iter().filter(|r| r.policy == policy && (policy == "-" || r.devices == most));
-        let values: Vec<f64> = own.map(|r| r.errors.psnr).collect();
-        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-    };
     let against = |value: f64, unseamed: f64| format!("{value:.2} ({:+.2})", value - unseamed);
-    let ours = |policy: &str| psnr(policy).zip(psnr("-")).map_or("-".to_owned(), |(p, one)| against(p, one));
-    let [.., (_, _, unseamed)] = LERIA;
-    let cited = LERIA.map(|(name, policy, values)| {
-        let theirs = values.iter().zip(unseamed).map(|(v, one)| against(*v, one));
-        [name.to_owned(), ours(policy)].into_iter().chain(theirs).collect()
+    let lines = LERIA.iter().flat_map(|(measure, of, cited)| {
+        let own = |policy: &str| {
+            let own = rows.iter().filter(|r| r.policy == policy && (policy == "-" || r.devices == most));
+            let values: Vec<f64> = own.map(|r| of(&r.errors)).collect();
+            (!values.is_empty()).then(|| mean(&values))
+        };
+        let ours = |policy: &str| own(policy).zip(own("-")).map_or("-".to_owned(), |(p, one)| against(p, one));
+        let [.., (_, _, unseamed)] = cited;
+        let line = |name: &str, policy, theirs: [String; 3]| {
+            [(*measure).to_owned(), name.to_owned(), ours(policy)].into_iter().chain(theirs).collect()
+        };
+        let theirs = |values: &[f64; 3]| std::array::from_fn(|i| against(values[i], unseamed[i]));
+        let cited = cited.iter().map(|(name, policy, values)| line(name, policy, theirs(values)));
+        let halo = line("halo", "halo", ["-"; 3].map(str::to_owned));
+        cited.chain([halo]).collect::<Vec<Vec<String>>>()
     });
-    let halo = vec!["halo".to_owned(), ours("halo"), "-".to_owned(), "-".to_owned(), "-".to_owned()];
-    let headers = vec!["picture", "this shot", "San Miguel (cited)", "Sponza (cited)", "Bistro Ext. (cited)"];
-    Table { headers, rows: cited.into_iter().chain([halo]).collect() }
+    let headers =
+        vec!["measure", "picture", "this shot", "San Miguel (cited)", "Sponza (cited)", "Bistro Ext. (cited)"];
+    Table { headers, rows: lines.collect() }
 }
 
 #[cfg(test)]
@@ -251,6 +279,7 @@ mod tests {
         let errors = SeamErrors {
             psnr,
             flip: 0.1,
+            cambi: 0.25,
             seam: None,
             seam_over_one: Some(1.0),
             psnr_one: f64::INFINITY,
@@ -289,10 +318,11 @@ mod tests {
             row(4, "none", Eye::Right, 30.0),
         ];
         let found = leria_table(&rows).rows;
-        assert_eq!(found[0], ["no filter", "29.50 (-1.00)", "20.30 (-0.53)", "21.73 (-0.24)", "20.89 (-0.20)"]);
-        assert_eq!(found[1][1..3], ["-", "19.90 (-0.93)"]);
-        assert_eq!(found[2][1..3], ["30.50 (+0.00)", "20.83 (+0.00)"]);
-        assert_eq!(found[3], ["halo", "-", "-", "-", "-"]);
+        assert_eq!(found[0], ["psnr", "no filter", "29.50 (-1.00)", "20.30 (-0.53)", "21.73 (-0.24)", "20.89 (-0.20)"]);
+        assert_eq!(found[1][2..4], ["-", "19.90 (-0.93)"]);
+        assert_eq!(found[2][2..4], ["30.50 (+0.00)", "20.83 (+0.00)"]);
+        assert_eq!(found[3], ["psnr", "halo", "-", "-", "-", "-"]);
+        assert_eq!(found[4][..4], ["cambi", "no filter", "0.25 (+0.00)", "0.06 (-0.01)"]);
     }
 
     #[test]
@@ -303,6 +333,6 @@ mod tests {
         assert_eq!(found, ["inf", "true", "", "3.0000"]);
         assert_eq!((table.value(0, "seam_policy"), table.value(1, "seam_policy")), ("halo", "one_device"));
         let shown = seam_table(&rows).rows;
-        assert_eq!((shown[0][8].as_str(), shown[0][11].as_str(), shown[1][1].as_str()), ("inf", "yes", "-"));
+        assert_eq!((shown[0][9].as_str(), shown[0][12].as_str(), shown[1][1].as_str()), ("inf", "yes", "-"));
     }
 }

@@ -48,7 +48,6 @@ pub const STUDY: Study = Study {
         ["four GPUs", "GPUs; --simulate predicts four devices from measured costs"],
         ["G-buffer by rasterisation", "a rasteriser; diptych traces primary rays"],
         ["scene update, record previous buffer, stitching, blit", "stages of their own; here they are part of others"],
-        ["CAMBI at seams", "libvmaf; `study seams` has PSNR, FLIP and the error near seams"],
         ["control loop, 11 to 20 ms", "`play --budget-ms 11..20 --set controller=diptych,pinned:0`"],
     ],
     shots: &[["builtin:gallery", "San Miguel"], ["builtin:atrium", "Sponza"], ["builtin:towers", "Bistro Exterior"]],

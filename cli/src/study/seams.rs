@@ -175,6 +175,7 @@ fn seam_errors(
     Ok(SeamErrors {
         psnr: errors.psnr,
         flip: errors.flip,
+        cambi: own.cambi(),
         seam: seam.ratio,
         seam_over_one: seam.near_rmse.zip(near_of_one).and_then(|(own, one)| (one > 0.0).then_some(own / one)),
         psnr_one: errors_one.psnr,

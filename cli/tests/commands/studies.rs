@@ -105,7 +105,7 @@ fn only_the_halo_leaves_no_seam() {
         if row["devices"] == 2 {
             let [near, over_one] = ["seam_rmse_one", "seam_over_one"].map(|name| row[name].as_f64().unwrap());
             assert_eq!((near == 0.0, over_one == 1.0), (is_same, is_same), "{row}");
-            assert!(row["seam"].as_f64().unwrap() > 0.0, "{row}");
+            assert!(row["seam"].as_f64().unwrap() > 0.0 && row["cambi"].as_f64().unwrap() >= 0.0, "{row}");
         }
     }
     let csv = run.text("seams.csv");
