@@ -2,7 +2,6 @@
 //! reference path tracer by itself.
 
 mod bsdf;
-mod circles;
 mod control;
 #[path = "../common/effort.rs"]
 mod effort;
