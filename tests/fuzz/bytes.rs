@@ -13,26 +13,18 @@ pub enum Damage {
     Repeat(Index, u8),
 }
 
-/// Values that often break readers: lengths, counts, and floats that are not finite.
-const WORDS: [u32; 14] = [
-    0,
-    1,
-    3,
-    0x7f,
-    0xff,
-    0xffff,
-    0x1_0000,
-    0x7fff_ffff,
-    0x8000_0000,
-    0xffff_fffe,
-    0xffff_ffff,
-    0x7f80_0000,
-    0x7fc0_0000,
-    0x7f7f_ffff,
-];
+/// Values that often break readers, hexadecimal: lengths, counts, and floats that are not finite.
+const WORDS: &str = "0 | 1 | 3 | 7f | ff | ffff | 10000 | 7fffffff | 80000000 | fffffffe | ffffffff | 7f800000 | \
+    7fc00000 | 7f7fffff";
+
+/// Returns the entries of a list in one text.
+pub fn listed(text: &str) -> Vec<&str> {
+    text.split('|').map(str::trim).collect()
+}
 
 fn word() -> impl Strategy<Value = u32> {
-    prop_oneof![proptest::sample::select(&WORDS[..]), any::<u32>()]
+    let hex = |word| u32::from_str_radix(word, 16).expect("it is hexadecimal");
+    prop_oneof![proptest::sample::select(listed(WORDS)).prop_map(hex), any::<u32>()]
 }
 
 pub fn damage() -> impl Strategy<Value = Damage> {

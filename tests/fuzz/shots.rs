@@ -74,42 +74,10 @@ path = [[0.0, 0.5, 0.5], [1.0, 0.2, 0.9]]
 ev = -1.0
 "#;
 
-const VALUES: [&str; 34] = [
-    "0",
-    "-0.0",
-    "-1",
-    "1e-300",
-    "1e38",
-    "4e38",
-    "1e300",
-    "1e400",
-    "nan",
-    "-nan",
-    "inf",
-    "-inf",
-    "90",
-    "179.9999999",
-    "180",
-    "9223372036854775807",
-    "-9223372036854775808",
-    "0x7f",
-    "true",
-    "\"\"",
-    "\"spot\"",
-    "\"builtin:\"",
-    "\"sky.exr\"",
-    "'\\u0000'",
-    "[]",
-    "[0, 0, 0]",
-    "[1e-30, 0, 0]",
-    "[1e38, -1e38, 1e38]",
-    "[nan, 0, 0]",
-    "[[]]",
-    "[[0, 0, 0], [0, 1, 1]]",
-    "{}",
-    "{ a = 1 }",
-    "1979-05-27",
-];
+const VALUES: &str = r#"0 | -0.0 | -1 | 1e-300 | 1e38 | 4e38 | 1e300 | 1e400 | nan | -nan | inf | -inf | 90 | 179.9999999 |
+    180 | 9223372036854775807 | -9223372036854775808 | 0x7f | true | "" | "spot" | "builtin:" | "sky.exr" |
+    '\u0000' | [] | [0, 0, 0] | [1e-30, 0, 0] | [1e38, -1e38, 1e38] | [nan, 0, 0] | [[]] |
+    [[0, 0, 0], [0, 1, 1]] | {} | { a = 1 } | 1979-05-27"#;
 
 #[derive(Clone, Debug)]
 enum Edit {
@@ -125,8 +93,8 @@ enum Edit {
 
 fn edit() -> impl Strategy<Value = Edit> {
     prop_oneof![
-        4 => (any::<Index>(), select(&VALUES[..])).prop_map(|(line, v)| Edit::Value(line, v)),
-        4 => (any::<Index>(), any::<Index>(), select(&VALUES[..17])).prop_map(|(l, n, v)| Edit::Number(l, n, v)),
+        4 => (any::<Index>(), select(bytes::listed(VALUES))).prop_map(|(line, v)| Edit::Value(line, v)),
+        4 => (any::<Index>(), any::<Index>(), select(bytes::listed(VALUES)[..17].to_vec())).prop_map(|(l, n, v)| Edit::Number(l, n, v)),
         1 => any::<Index>().prop_map(Edit::Drop),
         1 => (any::<Index>(), any::<Index>()).prop_map(|(from, to)| Edit::Copy(from, to)),
         2 => bytes::damage().prop_map(Edit::Bytes),
