@@ -12,7 +12,7 @@ use diptych::RunConfig;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::ranks::Devices;
-use diptych::exec::{ExecError, FrameParams, FrameReport, Renderer, Stereo};
+use diptych::exec::{ExecError, FrameParams, FrameReport, InjectedFaults, Renderer, Stereo};
 use diptych::frame::Foveation;
 use diptych::frame::settings::Value as _;
 use diptych::graph::{Life, Pass};
@@ -280,6 +280,12 @@ impl<'a> Stage<'a> {
         let mut params = self.renderer().frame(rig, time_s, index);
         (self.change)(&mut params);
         params
+    }
+
+    /// Lets devices fail as `injections` say, and slows each down by a factor.
+    pub fn inject(&mut self, injections: &[&str], slowdown: &[u32]) {
+        let injections = injections.iter().map(|i| i.parse().unwrap()).collect();
+        self.renderer().set_injected_faults(InjectedFaults { injections, slowdown: slowdown.to_vec() });
     }
 
     fn render(&mut self, time_s: f64, index: u32) -> Frame {

@@ -8,7 +8,6 @@ use diptych::image::display::display_value;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::{Aov, Display};
 use diptych::projection::{LogPolar, PolarSpace};
-use diptych::quality::{Denoiser, Filter};
 use diptych::scene::head::HeadMotion;
 use diptych::scene::optics::Fov;
 use diptych::scene::rig::Eye;
@@ -21,7 +20,7 @@ const TAN: [f64; 4] = [-1.0, 0.8, 0.9, -1.1];
 
 /// Returns the size of an eye's image with this many pixels per tangent. It is a part of an image with a symmetric
 /// field of view.
-fn size(per_tan: u32) -> Extent {
+pub fn size(per_tan: u32) -> Extent {
     Extent::new(9 * per_tan / 5, 2 * per_tan)
 }
 
@@ -56,7 +55,7 @@ fn motion(has_eyes: bool) -> HeadMotion {
 }
 
 /// Returns the subject seen by these eyes, and settings with this many samples.
-fn shown(shot: &str, per_tan: u32, spp: u32) -> (Subject, RunConfig) {
+pub fn shown(shot: &str, per_tan: u32, spp: u32) -> (Subject, RunConfig) {
     let mut subject = Subject::load(shot);
     subject.rig = motion(true).rig(&subject.rig).unwrap();
     let size = size(per_tan);
@@ -134,7 +133,7 @@ fn resampled_eyes_match_eyes_traced_directly() {
 /// Gaze of each eye, fractions of its own image.
 const GAZE: [[f64; 2]; 2] = [[0.3, 0.6], [0.55, 0.35]];
 
-fn gaze() -> [Gaze; 2] {
+pub fn gaze() -> [Gaze; 2] {
     GAZE.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] })
 }
 
@@ -148,31 +147,6 @@ fn from_gaze(eye: Eye, extent: Extent) -> Vec<f64> {
 }
 
 const LOG_POLAR: PolarSpace = PolarSpace::Log(LogPolar::COMPOSITE);
-
-#[test]
-fn same_bytes_of_resampled_eyes_on_several_devices() {
-    let (subject, mut settings) = shown("builtin:cornell", 40, 1);
-    (settings.buffers.reproject, settings.envelope.most.filter) = (true, Some(Filter::new(Denoiser::SVGF, 3)));
-    let kinds: [(_, fn(&mut RunConfig)); 4] = [
-        ("layers", |config| foveate(config, gaze(), Foveation::default(), [1, 2, 3])),
-        ("visual-polar", |config| project(config, gaze(), PolarSpace::Visual)),
-        ("all alike", |_| ()),
-        ("log-polar", |config| project(config, gaze(), LOG_POLAR)),
-    ];
-    for (what, change) in if is_thorough() { &kinds[..] } else { &kinds[..2] } {
-        let mut settings = settings.clone();
-        change(&mut settings);
-        let frames = |devices| {
-            let mut stage = Stage::even(&subject, &settings, devices);
-            [0, 1].map(|index| stage.frame_at(0.02 * f64::from(index), index).linear)
-        };
-        let one = frames(1);
-        assert_eq!(one[0].left.extent, size(40));
-        for devices in [2, 3] {
-            assert!(frames(devices) == one, "{what}: {devices} devices");
-        }
-    }
-}
 
 /// Each eye is sampled fully around its own gaze and less in the periphery, although the layers are defined in the
 /// shared projection.

@@ -4,17 +4,39 @@
 use std::time::{Duration, Instant};
 
 use crate::common::{self, Stage, Subject, devices_to_lose};
+use crate::moving;
+use crate::reference::scenes::moving::everything;
+use crate::same_bytes::{Rows, assert_same, assert_same_frames, even, every, hold};
+use diptych::RunConfig;
 use diptych::device::{DevicePool, FailureKind, GpuDevice, Selection};
-use diptych::exec::{ExecError, InjectedFaults, Injection, Stereo};
+use diptych::exec::{ExecError, Stereo};
 use diptych::image::RgbImage;
-use diptych::schedule::{Even, Measured};
+use diptych::passes::path_trace::PARTITION;
+use diptych::scene::rig::Eye;
+use diptych::schedule::Even;
 
 const WIDTH: u32 = 96;
 const HEIGHT: u32 = 54;
 
-fn injected(injections: &[&str], slowdown: &[u32]) -> InjectedFaults {
-    let injections: Vec<Injection> = injections.iter().map(|i| i.parse().unwrap()).collect();
-    InjectedFaults { injections, slowdown: slowdown.to_vec() }
+/// Returns a stage on devices that fail as `injections` say.
+fn failing<'a>(
+    subject: &'a Subject,
+    settings: &RunConfig,
+    devices: usize,
+    rows: Rows,
+    injections: &[&str],
+) -> Stage<'a> {
+    let policy = rows.policy(settings.grid().height, devices);
+    let mut stage = Stage::on(devices_to_lose(devices), subject, settings, policy);
+    stage.inject(injections, &[]);
+    stage
+}
+
+/// Returns the devices that failed, in order.
+fn failed(stage: &mut Stage) -> Vec<usize> {
+    let mut failed: Vec<_> = stage.renderer().faults().iter().map(|f| f.device).collect();
+    failed.sort_unstable();
+    failed
 }
 
 /// Devices fail one after another in different ways while stripes move, each time in the next frame.
@@ -22,25 +44,17 @@ fn injected(injections: &[&str], slowdown: &[u32]) -> InjectedFaults {
 fn same_bytes_until_no_device_is_left() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
-    let time_s = |frame: u32| f64::from(frame) * 0.3;
-    let one: Vec<_> = {
-        let mut alone = Stage::alone(&subject, &settings);
-        (0..5).map(|i| alone.frame_at(time_s(i), i).linear).collect()
-    };
-    let mut four = Stage::on(devices_to_lose(4), &subject, &settings, Box::new(Measured::new(HEIGHT, 4)));
-    four.renderer().set_watchdog(Duration::from_secs(3));
+    let times_s = every(0.3, 5);
+    let one = even(1).frames(&subject, &settings, &times_s);
     let fates = ["loss:dev0@frame1", "oom:dev2@frame2", "hang:dev1@frame3", "loss:dev3@frame5"];
-    four.renderer().set_injected_faults(injected(&fates, &[]));
-    let (mut rows, mut makespans_ms) = (Vec::new(), Vec::new());
-    for (i, expected) in (0..5).zip(&one) {
-        let frame = four.frame_at(time_s(i), i);
-        makespans_ms.push(frame.report.makespan_ms);
-        assert!(frame.linear == *expected, "frame {i} differs");
-        let stripes =
-            frame.report.assignment.stripes(diptych::passes::path_trace::PARTITION, diptych::scene::rig::Eye::Left);
-        rows.push((0..4).map(|d| stripes.rows(d).len()).collect::<Vec<_>>());
-    }
-    let working = |frame: usize| rows[frame].iter().map(|r| *r > 0).collect::<Vec<_>>();
+    let mut four = failing(&subject, &settings, 4, Rows::Measured, &fates);
+    four.renderer().set_watchdog(Duration::from_secs(3));
+    let found = four.frames_in_flight(&times_s);
+    assert_same_frames("four devices", &one, &found);
+    let makespans_ms: Vec<_> = found.iter().map(|frame| frame.report.makespan_ms).collect();
+    let stripes = found.iter().map(|frame| frame.report.assignment.stripes(PARTITION, Eye::Left));
+    let rows: Vec<_> = stripes.map(|stripes| [0, 1, 2, 3].map(|d| stripes.rows(d).len())).collect();
+    let working = |frame: usize| rows[frame].map(|r| r > 0);
     assert_eq!(working(0), [true, true, true, true]);
     assert_eq!(working(1), [false, true, true, true]);
     assert_eq!(working(2), [false, true, false, true]);
@@ -66,7 +80,7 @@ fn surviving_devices_return_with_their_pipelines() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.settings(32, 18);
     let policy = || Box::new(Even::new(18, 2));
-    let mut stage = Stage::on(devices_to_lose(2), &subject, &settings, policy());
+    let mut stage = failing(&subject, &settings, 2, Rows::Even, &[]);
     stage.frame(0);
     let gpus = stage.into_devices();
     let compiled = |gpus: &[GpuDevice]| gpus.iter().map(|gpu| gpu.pipelines.len()).collect::<Vec<_>>();
@@ -79,7 +93,7 @@ fn surviving_devices_return_with_their_pipelines() {
     assert_eq!(compiled(&gpus), before);
 
     let mut failing = Stage::on(gpus, &subject, &settings, policy());
-    failing.renderer().set_injected_faults(injected(&["loss:dev1@frame0"], &[]));
+    failing.inject(&["loss:dev1@frame0"], &[]);
     failing.frame(0);
     let left = failing.into_devices();
     assert_eq!(left.iter().map(|gpu| gpu.info.index).collect::<Vec<_>>(), [0]);
@@ -106,23 +120,31 @@ fn pool_keeps_devices_that_have_not_failed() {
 fn same_bytes_in_flight_when_devices_fail() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
-    let times_s: Vec<f64> = (0..8).map(|i| f64::from(i) * 0.3).collect();
-    let alone = Stage::alone(&subject, &settings).frames_in_flight(&times_s);
+    let times_s = every(0.3, 8);
+    let one = even(1).frames(&subject, &settings, &times_s);
     settings.execution.frames_in_flight = 3;
-    let mut four = Stage::on(devices_to_lose(4), &subject, &settings, Box::new(Measured::new(HEIGHT, 4)));
+    let fates = ["loss:dev0@frame1", "hang:dev2@frame4", "oom:dev1@frame5"];
+    let mut four = failing(&subject, &settings, 4, Rows::Measured, &fates);
     four.renderer().set_watchdog(Duration::from_secs(3));
-    four.renderer().set_injected_faults(injected(&["loss:dev0@frame1", "hang:dev2@frame4", "oom:dev1@frame5"], &[]));
-    let frames = four.frames_in_flight(&times_s);
-    assert_eq!(frames.len(), alone.len());
-    for (one, other) in alone.iter().zip(&frames) {
-        assert_eq!(one.report.index, other.report.index);
-        assert!(one.linear == other.linear, "frame {} differs", one.report.index);
-    }
+    assert_same_frames("four devices", &one, &four.frames_in_flight(&times_s));
+    assert_eq!(failed(&mut four), [0, 1, 2]);
     let faults = four.renderer().faults();
-    let mut failed: Vec<_> = faults.iter().map(|f| f.device).collect();
-    failed.sort_unstable();
-    assert_eq!(failed, [0, 1, 2]);
     assert!(faults.iter().all(|f| f.recovery_ms > 0.0 && f.attempts > 1), "{faults:?}");
+}
+
+/// The scene has the frame's time, however often the frame restarts.
+#[test]
+fn same_bytes_of_moving_scenes_after_device_loss() {
+    let subject = moving::watched(everything());
+    let mut settings = subject.denoised(WIDTH, HEIGHT);
+    let times_s = moving::times_s();
+    let one = even(1).frames(&subject, &settings, &times_s);
+    for in_flight in [1, 3] {
+        settings.execution.frames_in_flight = in_flight;
+        let mut three = failing(&subject, &settings, 3, Rows::Measured, &["loss:dev1@frame3"]);
+        assert_same_frames(&format!("{in_flight} in flight"), &one, &three.frames_in_flight(&times_s));
+        assert_eq!(failed(&mut three), [1]);
+    }
 }
 
 /// With frames in flight, those behind the failed frame may have overwritten history. All rows restart without history,
@@ -132,19 +154,17 @@ fn same_bytes_in_flight_when_devices_fail() {
 fn history_restarts_when_a_device_fails_in_flight() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
-    let times_s: Vec<f64> = (0..6).map(|i| f64::from(i) * 0.02).collect();
-    let before = Stage::alone(&subject, &settings).frames_in_flight(&times_s[..3]);
+    let times_s = every(0.02, 6);
+    let before = even(1).frames(&subject, &settings, &times_s[..3]);
     let after: Vec<_> = {
         let mut alone = Stage::alone(&subject, &settings);
         (3..6).map(|i| alone.frame_at(times_s[i as usize], i)).collect()
     };
     settings.execution.frames_in_flight = 2;
-    let mut three = Stage::on(devices_to_lose(3), &subject, &settings, Box::new(Measured::new(HEIGHT, 3)));
-    three.renderer().set_injected_faults(injected(&["loss:dev1@frame3"], &[]));
+    let mut three = failing(&subject, &settings, 3, Rows::Measured, &["loss:dev1@frame3"]);
     let frames = three.frames_in_flight(&times_s);
-    for (one, other) in before.iter().chain(&after).zip(&frames) {
-        assert!(one.linear == other.linear, "frame {} differs", one.report.index);
-    }
+    assert_same_frames("before", &before, &frames[..3]);
+    assert_same_frames("after", &after, &frames[3..]);
     assert_eq!(frames[3].report.spec.history_rows, None);
     assert!(frames[4].report.spec.history_rows.is_some());
 }
@@ -156,8 +176,7 @@ fn history_of_other_devices_survives_a_fault() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.accumulated(WIDTH, HEIGHT);
     let render = |faults: &[&str]| {
-        let mut three = Stage::on(devices_to_lose(3), &subject, &settings, Box::new(Even::new(HEIGHT, 3)));
-        three.renderer().set_injected_faults(injected(faults, &[]));
+        let mut three = failing(&subject, &settings, 3, Rows::Even, faults);
         (0..5).map(|i| three.frame_at(f64::from(i) * 0.02, i).linear).collect::<Vec<_>>()
     };
     let whole = render(&[]);
@@ -180,29 +199,26 @@ fn same_bytes_when_two_devices_fail_in_one_frame() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let one = Stage::alone(&subject, &settings).frame(0).linear;
-    let mut three = Stage::on(devices_to_lose(3), &subject, &settings, Box::new(Even::new(HEIGHT, 3)));
     let fates = ["loss:dev0@frame0", "oom:dev0@frame0", "loss:dev1@frame0"];
-    three.renderer().set_injected_faults(injected(&fates, &[]));
+    let mut three = failing(&subject, &settings, 3, Rows::Even, &fates);
     let limit = Duration::from_secs(20);
     three.renderer().set_watchdog(limit);
     let begin = Instant::now();
-    assert!(three.frame(0).linear == one);
+    assert_same("three devices", &one, &three.frame(0).linear);
     assert!(begin.elapsed() < limit / 2, "devices waited for rows that nobody was to send");
-    let mut failed: Vec<_> = three.renderer().faults().iter().map(|f| f.device).collect();
-    failed.sort_unstable();
-    assert_eq!(failed, [0, 1]);
+    assert_eq!(failed(&mut three), [0, 1]);
     // The time of failed attempts does not count as a device's lead time.
     assert_eq!(three.renderer().costs().lead_ms(2), 0.0);
-    assert!(three.frame(0).linear == one, "the frame after");
+    assert_same("the frame after", &one, &three.frame(0).linear);
 }
 
 #[test]
 fn frame_is_rendered_again_if_its_primary_is_lost() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
-    let mut two = Stage::on(devices_to_lose(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
+    let mut two = failing(&subject, &settings, 2, Rows::Even, &[]);
     let expected = two.frame(0).linear;
-    two.renderer().set_injected_faults(injected(&["loss:dev0@frame0"], &[]));
+    two.inject(&["loss:dev0@frame0"], &[]);
     let begin = Instant::now();
     assert!(two.renderer().read_linear().unwrap() == expected);
     let elapsed_ms = begin.elapsed().as_secs_f64() * 1e3;
@@ -218,15 +234,14 @@ fn same_bytes_and_counts_with_slow_devices() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     settings.envelope.most.spp = 5.into(); // Two dispatches; the second one accumulates.
-    let one = Stage::alone(&subject, &settings).frame(0);
-    let mut two = Stage::on(devices_to_lose(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
+    let one = hold("two devices", &subject, &settings, &[0.0], &[even(2)]);
+    let mut two = failing(&subject, &settings, 2, Rows::Even, &[]);
     let mut busy_ms = |slowdown: &[u32], injections: &[&str]| {
-        two.renderer().set_injected_faults(injected(injections, slowdown));
-        let frame = two.frame(0);
-        assert!(frame.linear == one.linear, "{slowdown:?} {injections:?}");
-        assert_eq!(frame.report.tallies, one.report.tallies, "{slowdown:?} {injections:?}");
+        two.inject(injections, slowdown);
+        let frame = [two.frame(0)];
+        assert_same_frames(&format!("{slowdown:?} {injections:?}"), &one, &frame);
         let of = |t: &&diptych::exec::TaskTiming| t.device == 1 && t.transfer.is_none();
-        frame.report.tasks.iter().filter(of).map(|t| t.end_ms - t.begin_ms).sum::<f64>()
+        frame[0].report.tasks.iter().filter(of).map(|t| t.end_ms - t.begin_ms).sum::<f64>()
     };
     busy_ms(&[1, 1], &["slow:dev1@frame0"]);
     // Other tests load the machine. The best of three is far below the factor.

@@ -269,15 +269,6 @@ fn instanced_images_match_flattened_scenes() {
     }
 }
 
-#[test]
-fn same_bytes_of_instances_on_two_devices() {
-    let subject = subject(&crowd(), Layout::TwoLevel, Vec3::ZERO);
-    let settings = subject.denoised(EXTENT.width, EXTENT.height);
-    let one = Stage::even(&subject, &settings, 1).frame(0).linear;
-    let two = Stage::even(&subject, &settings, 2).frame(0).linear;
-    assert!(one == two);
-}
-
 /// From inside a closed mesh, no path sees anything outside.
 #[test]
 fn no_light_leaks_into_a_closed_instance() {

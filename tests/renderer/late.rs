@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::common::{Frame, Stage, Subject, project};
 use diptych::RunConfig;
-use diptych::exec::{InjectedFaults, PoseSource, Stereo, TimedTask};
+use diptych::exec::{PoseSource, Stereo, TimedTask};
 use diptych::image::{Extent, RgbImage};
 use diptych::metrics::Pair;
 use diptych::passes::Display;
@@ -175,8 +175,7 @@ fn repeated_frame_latches_a_new_pose() {
     [0.3, 0.7].into_iter().for_each(|later_s| tell.send(Some(subject.rig.at(later_s))).unwrap());
     let params = stage.params(0.0, 0);
     stage.renderer().render(&params).unwrap();
-    let injections = vec!["loss:dev0@frame0".parse().unwrap()];
-    stage.renderer().set_injected_faults(InjectedFaults { injections, slowdown: Vec::new() });
+    stage.inject(&["loss:dev0@frame0"], &[]);
     assert!(stage.renderer().read_linear().unwrap() == known);
     assert_eq!(stage.renderer().faults().len(), 1);
 }

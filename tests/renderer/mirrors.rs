@@ -7,7 +7,6 @@ use crate::reference::scenes::{
     add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, place, quad,
 };
 use crate::reference::scenes::{scaled_at, studio};
-use crate::same_bytes::assert_same;
 use diptych::RunConfig;
 use diptych::exec::Stereo;
 use diptych::graph::Resource;
@@ -27,7 +26,7 @@ mod images;
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
 const BOUNCES: u32 = 3;
-const FPS: f64 = 72.0;
+pub const FPS: f64 = 72.0;
 
 /// Place of the wall with the mirror, which faces +z.
 const MIRROR_Z: f32 = -2.0;
@@ -47,7 +46,7 @@ fn reflected(mesh: &Mesh) -> Mesh {
 /// A wall of the room: a mirror, also a brushed one, dark lacquer, an opening to a mirrored copy of the room, or a pane
 /// before that copy.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Wall {
+pub enum Wall {
     Mirror,
     Brushed,
     Lacquer,
@@ -129,7 +128,7 @@ fn add_moving_block(draft: &mut Draft, from: Vec3, to: Vec3) {
 const WAY: [Vec3; 2] = [vec3(-0.4, 0.4, 0.5), vec3(0.8, 0.7, 0.4)];
 
 /// Returns the room with a block that moves, also behind an opening or a pane.
-fn moving_room(wall: Wall) -> Subject {
+pub fn moving_room(wall: Wall) -> Subject {
     let mut draft = Draft::new("moving");
     draft.scene = room(wall).scene;
     let over = |p: Vec3| vec3(p.x, p.y, 2.0 * MIRROR_Z - p.z);
@@ -190,7 +189,7 @@ fn turning_room(wall: Wall) -> Subject {
     Subject::new(&format!("turning {wall:?}"), scene, rig)
 }
 
-fn settings(subject: &Subject, denoiser: Denoiser) -> RunConfig {
+pub fn settings(subject: &Subject, denoiser: Denoiser) -> RunConfig {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     (settings.envelope.most.filter, settings.envelope.most.bounces) = (Some(Filter::new(denoiser, 5)), BOUNCES);
     settings
@@ -343,7 +342,7 @@ fn right_eye_reuses_light_in_plane_mirrors() {
 }
 
 /// Returns the room with a second mirror on the far wall, a mirror ball, a pane, a glass ball and a coated ball.
-fn hall_of_mirrors() -> Subject {
+pub fn hall_of_mirrors() -> Subject {
     let mut scene = room(Wall::Mirror).scene;
     let gold = add_material(&mut scene, studio::metal(vec3(0.9, 0.7, 0.4), 0.0));
     place(&mut scene, quad(vec3(1.5, 0.0, 1.98), -1.5 * Vec3::X, 2.0 * Vec3::Y, gold));
@@ -362,24 +361,4 @@ fn hall_of_mirrors() -> Subject {
     let ball = add_mesh(&mut scene, icosphere(3, true, coated));
     instance(&mut scene, ball, scaled_at(0.25, vec3(-0.4, 0.25, 0.1)));
     subject("hall of mirrors", scene)
-}
-
-#[test]
-fn same_bytes_with_mirrors_on_three_devices() {
-    let [still, moving] = [hall_of_mirrors(), moving_room(Wall::Mirror)];
-    let of_still = [(&still, Denoiser::SVGF, 1), (&still, Denoiser::BMFR, 1), (&still, Denoiser::SVGF, 2)];
-    let of_moving = [(&moving, Denoiser::SVGF, 1), (&moving, Denoiser::BMFR, 1)];
-    for (subject, denoiser, spp) in sampled(of_still.into_iter().chain(of_moving), 4) {
-        let mut settings = settings(subject, denoiser);
-        settings.envelope.most.spp = spp.into();
-        let [one, three] = [1, 3].map(|devices| {
-            let mut stage = Stage::even(subject, &settings, devices);
-            (0..3).map(|index| stage.frame_at(f64::from(index) / FPS, index)).collect::<Vec<_>>()
-        });
-        for (index, (one, three)) in one.iter().zip(&three).enumerate() {
-            let what = format!("{}, {denoiser:?}, {spp} spp, frame {index}", subject.name);
-            assert_same(&what, &one.linear, &three.linear);
-            assert_eq!(one.report.tallies, three.report.tallies, "{what}");
-        }
-    }
 }

@@ -6,14 +6,14 @@ use super::moving::watched;
 use crate::common::{Frame, Stage, Subject, devices_to_lose, still_rig};
 use crate::reference::scenes::moving::everything;
 use crate::reference::scenes::{add_image, add_material, add_mesh, block, empty, instance, matte, place, quad};
-use crate::same_bytes::{HEIGHT, Script, assert_same, ratios};
+use crate::same_bytes::{HEIGHT, Rows, every, hold, run};
 use diptych::RunConfig;
-use diptych::graph::{HaloPlan, Seam};
+use diptych::graph::HaloPlan;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::scene::{Material, Scene, Texture, TextureRef, Wrap};
-use diptych::schedule::{Even, Measured};
+use diptych::schedule::Even;
 
 const WIDTH: u32 = 128;
 /// Number of frames after which most cells are filled.
@@ -42,23 +42,11 @@ fn sliding(rig: &Rig) -> Rig {
 fn same_bytes_with_cache_on_jumping_stripes() {
     let loaded = Subject::load("builtin:cornell");
     let subject = Subject { rig: sliding(&loaded.rig), ..loaded };
-    let times_s: Vec<f64> = (0..FRAMES).map(|i| i as f64 / 72.0).collect();
-    let mut settings = settings(&subject, true);
-    let one = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
+    let rows = Rows::Turns(&["1,1,1", "5,1,2", "1,0,1", "0,1,0", "1,2,9", "path_trace.left=1,9,1"]);
+    let runs = [run(3, rows).with(HaloPlan::RECOMPUTE, 1), run(3, rows).with(HaloPlan::EXCHANGE, 3)];
+    let one = hold("cache", &subject, &settings(&subject, true), &every(1.0 / 72.0, FRAMES), &runs);
     let (first, last) = (rays(&one[0]), rays(&one[FRAMES - 1]));
     assert!(last * 10 < first * 9, "{first} rays without and {last} with a filled cache");
-    let rules = ["1,1,1", "5,1,2", "1,0,1", "0,1,0", "1,2,9", "path_trace.left=1,9,1"];
-    for (plan, in_flight) in [(HaloPlan::RECOMPUTE, 1), (HaloPlan::EXCHANGE, 3)] {
-        settings.execution.seam = Seam::Halo(plan);
-        settings.execution.adapts_halo = false;
-        settings.execution.frames_in_flight = in_flight;
-        let script: Vec<_> = (0..FRAMES).map(|i| ratios(3, &[rules[i % rules.len()]])).collect();
-        let three = Stage::with(&subject, &settings, 3, Box::new(Script::new(script))).frames_in_flight(&times_s);
-        for (a, b) in one.iter().zip(&three) {
-            assert_same(&format!("{plan:?}, frame {}", a.report.index), &a.linear, &b.linear);
-            assert_eq!(rays(a), rays(b), "{plan:?}, frame {}", a.report.index);
-        }
-    }
 }
 
 /// The rays of a frame tell which cells it knows. Records of a device are lost with it, but its part of the frame is made

@@ -8,16 +8,15 @@ use std::time::{Duration, Instant};
 
 use crate::common::{Stage, Subject, devices_to_lose, foveate, is_thorough, project};
 use crate::reference::scenes::moving;
-use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
+use crate::same_bytes::{HEIGHT, Rows, WIDTH, assert_same_frames};
 use diptych::RunConfig;
 use diptych::device::GpuDevice;
-use diptych::exec::InjectedFaults;
 use diptych::exec::ranks::{ChannelLink, Devices, Host, Link, Load, Loading, Node, Request, Way, channel_links, serve};
 use diptych::frame::Foveation;
 use diptych::projection::{LogPolar, PolarSpace};
 use diptych::quality::{Denoiser, Filter};
 use diptych::scene::shot::Gaze;
-use diptych::schedule::{Even, Measured, Policy};
+use diptych::schedule::{Even, Measured};
 use diptych::tables::SceneTables;
 
 /// Instant before all ranks start.
@@ -195,15 +194,11 @@ fn same_bytes_on_ranks_with_the_traffic_of_the_graph() {
             joined.load(subject).unwrap();
             settings.execution.frames_in_flight = in_flight;
             let one = Stage::even(subject, &settings, 1).frames_in_flight(&times_s());
-            let height = settings.grid().height;
-            let policy: Box<dyn Policy> = Box::new(Measured::new(height, ranks * each));
+            let policy = Rows::Measured.policy(settings.grid().height, ranks * each);
             let mut stage = Stage::on(devices, subject, &settings, policy);
             let found = stage.frames_in_flight(&times_s());
             devices = stage.into_all_devices();
-            for (a, b) in one.iter().zip(&found) {
-                assert_same(&format!("{what} on {ranks} x {each}"), &a.linear, &b.linear);
-                assert_eq!(a.report.tallies, b.report.tallies, "{what} on {ranks} x {each}");
-            }
+            assert_same_frames(&format!("{what} on {ranks} x {each}"), &one, &found);
             expected_bytes += found.iter().filter_map(|f| f.report.bytes_between_ranks()).sum::<u64>();
         }
         drop(devices);
@@ -221,24 +216,17 @@ fn same_bytes_when_another_rank_loses_a_device() {
     let joined = Ranks::new(2, &[&subject]);
     joined.load(&subject).unwrap();
     let mut stage = Stage::on(joined.devices(2), &subject, &settings, Box::new(Measured::new(HEIGHT, 4)));
-    let injections = vec!["loss:dev3@frame2".parse().unwrap()];
-    stage.renderer().set_injected_faults(InjectedFaults { injections, slowdown: Vec::new() });
+    stage.inject(&["loss:dev3@frame2"], &[]);
     let found = stage.frames_in_flight(&times_s());
     let faults: Vec<_> = stage.renderer().faults().iter().map(|fault| (fault.device, fault.frame)).collect();
     assert_eq!(faults, [(3, 2)]);
-    for (a, b) in one.iter().zip(&found) {
-        assert_same("with a device less", &a.linear, &b.linear);
-    }
+    assert_same_frames("with a device less", &one, &found);
     let left = stage.into_all_devices();
     assert_eq!(left.len(), 3);
 
-    let rules = ["1,1,1", "5,1,2", "0,1,1", "1,2,9"];
-    let script = Script::new(rules.iter().map(|rule| ratios(3, &[rule])).collect());
-    let mut stage = Stage::on(left, &subject, &settings, Box::new(script));
-    let found = stage.frames_in_flight(&times_s());
-    for (a, b) in one.iter().zip(&found) {
-        assert_same("on ragged stripes", &a.linear, &b.linear);
-    }
+    let ragged = Rows::Turns(&["1,1,1", "5,1,2", "0,1,1", "1,2,9"]).policy(HEIGHT, 3);
+    let mut stage = Stage::on(left, &subject, &settings, ragged);
+    assert_same_frames("on ragged stripes", &one, &stage.frames_in_flight(&times_s()));
     drop(stage);
     joined.end();
 }

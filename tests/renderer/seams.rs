@@ -1,11 +1,10 @@
-//! Seams between stripes: unfiltered, smoothed, or with the same bytes as one device.
+//! Seams between stripes that do not exchange halos: unfiltered, or smoothed.
 
 use crate::common::{Stage, Subject, sampled, with};
 use diptych::exec::Stereo;
-use diptych::graph::{HaloPlan, Seam};
+use diptych::graph::Seam;
 use diptych::image::RgbImage;
 use diptych::quality::{Denoiser, Filter};
-use diptych::schedule::Static;
 
 const WIDTH: u32 = 32;
 const HEIGHT: u32 = 480;
@@ -104,30 +103,5 @@ fn seam_filter_changes_only_rows_at_the_seam() {
         let rows = rows_that_differ(a, b);
         let is_near = |row: &u32| EDGES.iter().any(|&e| (e - 4..e + 4).contains(row));
         assert!(!rows.is_empty() && rows.iter().all(is_near), "{rows:?}");
-    }
-}
-
-#[test]
-fn halo_leaves_no_seam() {
-    let subject = Subject::load("builtin:checker");
-    for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
-        let images = render(&subject, Seam::Halo(plan));
-        for (one, three) in eyes(&images) {
-            assert_eq!(rows_that_differ(one, three), Vec::<u32>::new(), "{plan:?}");
-        }
-    }
-}
-
-/// Halos span a whole stripe: the middle one is narrower than the halo.
-#[test]
-fn halo_wider_than_a_stripe_leaves_no_seam() {
-    let subject = Subject::load("builtin:checker");
-    for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
-        let settings = with(subject.denoised(WIDTH, 200), |config| config.execution.seam = Seam::Halo(plan));
-        let one = Stage::even(&subject, &settings, 1).frame(0).linear;
-        let narrow = Static::new(200, 3, &["95,10,95".parse().unwrap()]).unwrap();
-        let three = Stage::with(&subject, &settings, 3, Box::new(narrow)).frame(0).linear;
-        assert_eq!(rows_that_differ(&one.left, &three.left), Vec::<u32>::new(), "{plan:?}");
-        assert_eq!(rows_that_differ(&one.right, &three.right), Vec::<u32>::new(), "{plan:?}");
     }
 }

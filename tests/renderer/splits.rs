@@ -1,12 +1,12 @@
 //! Splitting work into several submissions gives the bytes of whole frames.
 
-use crate::common::{Frame, Stage, Subject, devices, foveate, is_thorough, with};
+use crate::common::{Frame, Stage, Subject, foveate, is_thorough, with};
+use crate::same_bytes::{Rows, Run, assert_same_frames, run};
 use diptych::RunConfig;
-use diptych::exec::{InjectedFaults, TimedTask};
+use diptych::exec::TimedTask;
 use diptych::frame::Foveation;
 use diptych::quality::{Denoiser, Filter};
 use diptych::scene::shot::Gaze;
-use diptych::schedule::{Even, Measured};
 
 const WIDTH: u32 = 40;
 const HEIGHT: u32 = 60;
@@ -15,8 +15,8 @@ const HEIGHT: u32 = 60;
 const TIMES_S: [f64; 3] = [0.0, 0.05, 0.1];
 
 fn frames(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Frame> {
-    let policy = Box::new(Measured::new(HEIGHT, devices));
-    Stage::with(subject, settings, devices, policy).frames_in_flight(&TIMES_S)
+    let in_flight = settings.execution.frames_in_flight;
+    Run { in_flight, ..run(devices, Rows::Measured) }.frames(subject, settings, &TIMES_S)
 }
 
 /// Returns the largest number of submissions of any task in the frame.
@@ -30,10 +30,9 @@ fn hold_split_frames_against_whole_ones(what: &str, subject: &Subject, settings:
     // The bounds mean the smallest possible portions, parts of a frame, and all of it.
     for (bound_ms, devices) in [(1e-6, 1), (2.0, 2), (1e9, 1)] {
         let settings = with(settings.clone(), |config| config.execution.max_dispatch_ms = Some(bound_ms));
-        for (one, split) in whole.iter().zip(&frames(subject, &settings, devices)) {
-            let frame = one.report.index;
-            assert!(one.linear == split.linear, "{what}, {bound_ms} ms, frame {frame}");
-            assert_eq!(one.report.tallies, split.report.tallies, "{what}, {bound_ms} ms, frame {frame}");
+        let found = frames(subject, &settings, devices);
+        assert_same_frames(&format!("{what}, {bound_ms} ms"), &whole, &found);
+        for (frame, split) in found.iter().enumerate() {
             match bound_ms {
                 1e-6 => assert!(most_submissions(split) >= HEIGHT / 8, "{what}, frame {frame}"),
                 1e9 => assert_eq!(most_submissions(split), 1, "{what}, frame {frame}"),
@@ -79,9 +78,7 @@ fn same_bytes_with_split_work_on_slow_devices() {
     settings.envelope.most.spp = 5.into();
     let whole = Stage::alone(&subject, &settings).frame(0);
     settings.execution.max_dispatch_ms = Some(1e-6);
-    let mut two = Stage::on(devices(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
-    two.renderer().set_injected_faults(InjectedFaults { slowdown: vec![2, 1], ..Default::default() });
-    let split = two.frame(0);
-    assert!(whole.linear == split.linear);
-    assert_eq!(whole.report.tallies, split.report.tallies);
+    let mut two = Stage::even(&subject, &settings, 2);
+    two.inject(&[], &[2, 1]);
+    assert_same_frames("slow", &[whole], &[two.frame(0)]);
 }

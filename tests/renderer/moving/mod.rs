@@ -1,9 +1,9 @@
 //! Animated scenes: the same bytes on any devices, the light of a static scene at each instant, and a history that
 //! follows surfaces.
 
-mod bytes;
 mod followed;
 mod history;
+mod resting;
 mod rungs;
 mod twins;
 
@@ -19,6 +19,11 @@ pub fn watched(scene: Scene) -> Subject {
     let camera = moving::camera();
     let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
     Subject::new(&scene.name.clone(), scene, rig)
+}
+
+/// Times from 0.1 on, so that the lamp of [`moving::everything`] switches after the first frames.
+pub fn times_s() -> Vec<f64> {
+    (0..6).map(|i| 0.1 + f64::from(i) * 0.015).collect()
 }
 
 /// A body that shrinks to nothing in the middle of its motion is counted there, and nowhere else.

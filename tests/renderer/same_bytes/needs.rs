@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::assert_same;
-use crate::common::{Stage, Subject, is_thorough, still_rig};
+use super::{assert_same_frames, even};
+use crate::common::{Subject, is_thorough, still_rig};
 use crate::reference::Pinhole;
 use crate::reference::scenes::studio::{add_panels, dielectric, glass, metal};
 use crate::reference::scenes::{instance, lit, materials, matte, scaled_at, sky};
@@ -94,11 +94,8 @@ fn same_bytes_with_all_shader_features_compiled_in() {
         settings.envelope.most.spp = (*spp).into();
         let [needed, all] = [needs(subject), needs(subject).widened()].map(|needs| {
             settings.buffers.needs = needs;
-            let mut stage = Stage::alone(subject, &settings);
-            [0, 1].map(|index| stage.frame(index).linear)
+            even(1).frames(subject, &settings, &[0.0; 2])
         });
-        for (needed, all) in needed.iter().zip(&all) {
-            assert_same(&format!("{} at {spp} spp with everything compiled in", subject.name), needed, all);
-        }
+        assert_same_frames(&format!("{} at {spp} spp with everything compiled in", subject.name), &needed, &all);
     }
 }

@@ -1,13 +1,16 @@
 //! Frames whose quality changes.
 
-use diptych::RunConfig;
-use diptych::exec::FrameParams;
-use diptych::frame::Sampler;
-use diptych::passes::Aov;
-use diptych::samples::Samples;
-
 use super::*;
-use crate::common::{sampled, with};
+use crate::common::{foveate, sampled, with};
+use diptych::exec::FrameParams;
+use diptych::frame::{Foveation, Sampler};
+use diptych::passes::Aov;
+use diptych::quality::{Denoiser, Filter, Quality};
+use diptych::samples::Samples;
+use diptych::scene::shot::Gaze;
+
+/// Samples, bounces, iterations, render scale and foveal radii of a frame.
+type Numbers = (f64, u32, u32, f64, Option<[f64; 2]>);
 
 fn quality(denoiser: Denoiser, (spp, bounces, iterations, scale, fovea): Numbers) -> Quality {
     Quality {
@@ -36,7 +39,7 @@ fn gaze() -> [Gaze; 2] {
 }
 
 /// Renders frames of all [`QUALITIES`].
-fn play(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Stereo<RgbImage>> {
+fn play(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Frame> {
     let mut settings = settings.clone();
     (settings.envelope.most.spp, settings.envelope.mixes_spp, settings.envelope.most.scale) =
         (Samples::of_mean(3.5), true, 0.5);
@@ -46,7 +49,7 @@ fn play(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Stereo<R
     let frame = |(i, numbers): (usize, &Numbers)| {
         let quality = quality(denoiser, *numbers);
         stage.set(move |params| params.quality = quality);
-        stage.frame_at(i as f64 * 0.05, i as u32).linear
+        stage.frame_at(i as f64 * 0.05, i as u32)
     };
     QUALITIES.iter().enumerate().map(frame).collect()
 }
@@ -66,9 +69,9 @@ fn same_bytes_when_quality_changes_per_frame() {
         fixed.envelope.mixes_spp = spp == 1.5;
         (fixed.gaze, fixed.envelope.most.fovea) = (gaze(), fovea);
         let expected = Stage::even(&subject, &fixed, 1).frame_at(i as f64 * 0.05, i as u32).linear;
-        assert_same(&format!("frame {i} on one device"), &expected, &one[i]);
-        assert_same(&format!("frame {i} on two devices"), &expected, &two[i]);
+        assert_same(&format!("frame {i} on one device"), &expected, &one[i].linear);
     }
+    assert_same_frames("two devices", &one, &two);
 }
 
 #[test]
@@ -78,10 +81,8 @@ fn same_bytes_of_history_across_quality_changes() {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
         settings.envelope.most.filter = Some(Filter { denoiser, iterations: [5; 3] });
-        let (one, three) = (play(&subject, &settings, 1), play(&subject, &settings, 3));
-        for (i, (one, three)) in one.iter().zip(&three).enumerate() {
-            assert_same(&format!("{denoiser:?}, frame {i}"), one, three);
-        }
+        let [one, three] = [1, 3].map(|devices| play(&subject, &settings, devices));
+        assert_same_frames(&format!("{denoiser:?}"), &one, &three);
     }
 }
 
