@@ -3,8 +3,9 @@
 use glam::{DVec2, DVec3};
 
 use super::camera::Constants;
-use super::edges::{Surface, comparable};
-use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::edges::comparable;
+use super::filters::Filter;
+use super::harness::Kernel;
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{Format, LEAST_WEIGHT, Light, MeanLight, SAMPLED, is_absent};
 
@@ -13,11 +14,9 @@ const REACH: f64 = 0.02;
 /// Cubic B-spline at the integers.
 const SPLINE: [f64; 5] = [1.0 / 16.0, 1.0 / 4.0, 3.0 / 8.0, 1.0 / 4.0, 1.0 / 16.0];
 
-/// One iteration over an image.
+/// One iteration over an image, in which pixels without light are left to the denoiser.
 struct Twin<'a> {
-    constants: &'a Constants,
-    stripe: &'a Stripe,
-    view: usize,
+    filter: Filter<'a, Option<Light>>,
     /// True if pixels may be left to the denoiser.
     sparse: bool,
     step: u32,
@@ -25,9 +24,6 @@ struct Twin<'a> {
     /// Number of a layer's iterations that do not compare light. If no pixel is left to the denoiser, `inverse_sigma2`
     /// decides instead.
     blind_iterations: u32,
-    guide: &'a [Option<Surface>],
-    /// Light; none where a pixel is left to the denoiser.
-    source: &'a [Option<Light>],
 }
 
 /// Result of a pixel.
@@ -39,32 +35,33 @@ enum Filtered {
 
 impl Twin<'_> {
     fn pixel(&self, (x, y): (u32, u32), cases: &mut Cases) -> Filtered {
-        let at = self.constants.index(x, y);
-        let Some(surface) = &self.guide[at] else {
+        let at = self.filter.constants.index(x, y);
+        let Some(surface) = &self.filter.guide[at] else {
             cases.meet("no surface");
             return Filtered::Kept;
         };
         // A layer with K iterations takes part in the last K, with steps from 2^(K-1) to 1.
-        let iterations = self.constants.foveation.layer_iterations[self.constants.layer((x, y), self.view)];
+        let iterations =
+            self.filter.constants.foveation.layer_iterations[self.filter.constants.layer((x, y), self.filter.view)];
         let left = self.step.ilog2() + 1;
         if self.sparse && left > iterations {
             cases.meet("another layer's iteration");
             return Filtered::Kept;
         }
         let is_last = self.step == 1;
-        let is_empty = self.source[at].is_none();
+        let is_empty = self.filter.source[at].is_none();
         let compares = !self.sparse || (!is_empty && iterations - left >= self.blind_iterations);
         let inverse_sigma2 = if compares { self.inverse_sigma2 } else { 0.0 };
-        let centre = self.source[at].unwrap_or_default();
-        let reach = surface.reach(&self.constants.eyes[self.view], REACH);
+        let centre = self.filter.source[at].unwrap_or_default();
+        let reach = surface.reach(&self.filter.constants.eyes[self.filter.view], REACH);
         let (mut matte, mut gloss, mut weight) = (MeanLight::default(), MeanLight::default(), 0.0);
         for (dx, dy) in (-2..=2).flat_map(|dy| (-2..=2).map(move |dx| (dx, dy))) {
             let offset = (dx * self.step as i32, dy * self.step as i32);
-            let Some(tap) = self.constants.tap((x, y), offset, &self.stripe.valid) else {
+            let Some(tap) = self.filter.constants.tap((x, y), offset, &self.filter.stripe.valid) else {
                 cases.meet("a tap that is not valid");
                 continue;
             };
-            let (Some(other), Some(value)) = (&self.guide[tap], &self.source[tap]) else { continue };
+            let (Some(other), Some(value)) = (&self.filter.guide[tap], &self.filter.source[tap]) else { continue };
             let mut similarity = |lobe: fn(&Light) -> DVec3| {
                 if (dx, dy) == (0, 0) {
                     return 1.0;
@@ -97,7 +94,7 @@ impl Twin<'_> {
         }
         // An empty pixel is filled only if the taps have at least half of the expected samples around it.
         let enough = match is_empty && !is_last {
-            true => 0.5 * self.constants.sampling_probability((x, y), self.view),
+            true => 0.5 * self.filter.constants.sampling_probability((x, y), self.filter.view),
             false => 0.0,
         };
         if weight <= enough {
@@ -133,34 +130,14 @@ fn compare([gloss, sparse, layers]: [bool; 3], count: u32, seed: u64, expected: 
         let source: Vec<_> = (0..constants.area()).map(|_| texel(&mut random)).collect();
         let step = 1 << (count - 1 - index);
         let (inverse_sigma2, blind) = if sparse { (3.0f32, 2) } else { (if index < 2 { 0.0 } else { 3.0 }, 0) };
-        let before = random.rubbish::<4>(constants.area());
-        let outputs = Kernel::new("atrous", &overrides).run(
-            &constants,
-            stripe.pass(view, [step, inverse_sigma2.to_bits(), blind]),
-            WIDTH,
-            &[
-                ("guide_image", Buffer::image(&only_in(&stripe.valid, WIDTH, &guide))),
-                ("source", Buffer::image(&only_in(&stripe.valid, WIDTH, &source))),
-                ("filtered", Buffer::image(&before)),
-            ],
-        );
-        let filtered = outputs.get::<[u32; 4]>("filtered");
-        let guide: Vec<_> = guide.into_iter().map(Surface::unpack).collect();
-        let lights: Vec<_> = source.iter().map(|bits| format.unpack_sampled(*bits)).collect();
-        let twin = Twin {
-            constants: &constants,
-            stripe: &stripe,
-            view,
-            sparse,
-            step,
-            inverse_sigma2: inverse_sigma2.into(),
-            blind_iterations: blind,
-            guide: &guide,
-            source: &lights,
-        };
-        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+        let kernel = Kernel::new("atrous", &overrides);
+        let (place, args) = ((&constants, &stripe, view), [step, inverse_sigma2.to_bits(), blind]);
+        let unpack = |bits| format.unpack_sampled(bits);
+        let filter = Filter::run(&kernel, &mut random, place, args, [&guide, &source], unpack);
+        let twin = Twin { filter, sparse, step, inverse_sigma2: inverse_sigma2.into(), blind_iterations: blind };
+        for (x, y) in stripe.pixels(WIDTH) {
             let at = constants.index(x, y);
-            let (got, place) = (filtered[at], format!("({x}, {y}) of iteration {index}, {stripe:?}"));
+            let (got, place) = (twin.filter.filtered[at], format!("({x}, {y}) of iteration {index}, {stripe:?}"));
             match twin.pixel((x, y), &mut cases) {
                 Filtered::Kept => assert_eq!(got, source[at], "{place}"),
                 Filtered::Empty => assert_eq!(got, [0; 4], "{place}"),

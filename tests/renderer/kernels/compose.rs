@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::camera::{Constants, STORAGE_SCALE};
-use super::harness::{Buffer, Kernel, only_in};
+use super::harness::{Buffer, Kernel};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Albedo, Format, Light, floats, is_finite, is_near, rgb};
 
@@ -31,9 +31,7 @@ fn compare(gloss: bool, seed: u64) {
     let mut random = Random::new(seed);
     let constants = Constants::new(WIDTH, HEIGHT);
     let format = Format { gloss };
-    let mut radiance = Vec::new();
-    let mut albedo = Vec::new();
-    let mut emission = Vec::new();
+    let (mut radiance, mut albedo, mut emission) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..constants.area() {
         let mut light = random.light(3.0);
         let mut emitted = random.color(0.5);
@@ -58,19 +56,16 @@ fn compare(gloss: bool, seed: u64) {
     let before = random.rubbish::<4>(constants.area());
     let mut cases = Cases::default();
     for stripe in stripes() {
-        let outputs = Kernel::new("compose", &[("HAS_GLOSS", gloss), ("MARKS_ABSENT", true)]).run(
-            &constants,
-            stripe.pass(0, [0; 3]),
-            WIDTH,
-            &[
-                ("radiance", Buffer::image(&only_in(&stripe.rows, WIDTH, &radiance))),
-                ("albedo_image", Buffer::image(&only_in(&stripe.rows, WIDTH, &albedo))),
-                ("emission_image", Buffer::image(&only_in(&stripe.rows, WIDTH, &emission))),
-                ("composed", Buffer::image(&before)),
-            ],
-        );
+        let buffers = [
+            ("radiance", stripe.own(WIDTH, &radiance)),
+            ("albedo_image", stripe.own(WIDTH, &albedo)),
+            ("emission_image", stripe.own(WIDTH, &emission)),
+            ("composed", Buffer::image(&before)),
+        ];
+        let kernel = Kernel::new("compose", &[("HAS_GLOSS", gloss), ("MARKS_ABSENT", true)]);
+        let outputs = kernel.run(&constants, stripe.pass(0, [0; 3]), WIDTH, &buffers);
         let composed = outputs.get::<[f32; 4]>("composed");
-        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+        for (x, y) in stripe.pixels(WIDTH) {
             let at = constants.index(x, y);
             let (light, reflected) = (format.unpack(radiance[at]), format.unpack_albedo(albedo[at]));
             let depth = f64::from(emission[at][3]);

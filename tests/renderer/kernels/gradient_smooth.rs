@@ -1,7 +1,7 @@
 //! Smoothing of temporal gradients.
 
 use super::camera::Constants;
-use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::harness::{Buffer, Kernel, Stripe};
 use super::inputs::{HEIGHT, Random, WIDTH, stripes};
 
 const REACH: i64 = 2;
@@ -11,17 +11,14 @@ const STRENGTH: f64 = 4.0;
 /// Returns the fraction of history to drop.
 fn expected(gradient: &[[f32; 2]], stripe: &Stripe, (x, y): (u32, u32)) -> f64 {
     let mut sums = [0.0; 2];
-    for dy in -REACH..=REACH {
-        for dx in -REACH..=REACH {
-            let (i, j) = (i64::from(x) + dx, i64::from(y) + dy);
-            let is_inside = (0..i64::from(WIDTH)).contains(&i)
-                && (i64::from(stripe.valid.start)..i64::from(stripe.valid.end)).contains(&j);
-            if is_inside {
-                let w = (-2.0 * (dx * dx + dy * dy) as f64 / 9.0).exp();
-                let tap = gradient[(j * i64::from(WIDTH) + i) as usize];
-                sums[0] += w * f64::from(tap[0]);
-                sums[1] += w * f64::from(tap[1]);
-            }
+    for (dx, dy) in (-REACH..=REACH).flat_map(|dy| (-REACH..=REACH).map(move |dx| (dx, dy))) {
+        let (i, j) = (i64::from(x) + dx, i64::from(y) + dy);
+        let valid = i64::from(stripe.valid.start)..i64::from(stripe.valid.end);
+        if (0..i64::from(WIDTH)).contains(&i) && valid.contains(&j) {
+            let w = (-2.0 * (dx * dx + dy * dy) as f64 / 9.0).exp();
+            let tap = gradient[(j * i64::from(WIDTH) + i) as usize];
+            sums[0] += w * f64::from(tap[0]);
+            sums[1] += w * f64::from(tap[1]);
         }
     }
     let share = if sums[1] > 0.0 { sums[0].abs() / sums[1] } else { 0.0 };
@@ -42,27 +39,14 @@ fn history_drops_by_the_fraction_of_changed_light() {
                 [light * random.within(-0.2 * most..most) as f32, light]
             })
             .collect();
-        let rubbish: Vec<f32> = (0..constants.area()).map(|_| -1.0).collect();
-        let outputs = Kernel::new("gradient_smooth", &[]).run(
-            &constants,
-            stripe.pass(0, [0; 3]),
-            WIDTH,
-            &[
-                ("gradient", Buffer::image(&only_in(&stripe.valid, WIDTH, &gradient))),
-                ("light_change", Buffer::image(&rubbish)),
-            ],
-        );
+        let before = vec![-1.0f32; constants.area()];
+        let buffers = [("gradient", stripe.valid(WIDTH, &gradient)), ("light_change", Buffer::image(&before))];
+        let outputs = Kernel::new("gradient_smooth", &[]).run(&constants, stripe.pass(0, [0; 3]), WIDTH, &buffers);
         let found = outputs.get::<f32>("light_change");
-        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+        for (x, y) in stripe.pixels(WIDTH) {
             let (want, got) = (expected(&gradient, stripe, (x, y)), f64::from(found[constants.index(x, y)]));
             assert!((want - got).abs() < 1e-4, "{got} instead of {want} at {x}, {y} of round {round}");
-            met[if want == 0.0 {
-                0
-            } else if want < 1.0 {
-                1
-            } else {
-                2
-            }] += 1;
+            met[usize::from(want > 0.0) + usize::from(want >= 1.0)] += 1;
         }
     }
     assert!(met.iter().all(|count| *count > 20), "{met:?}");

@@ -127,8 +127,13 @@ impl Image {
         PassConstants { view: 1, width, height, row_end: height, valid_end: height, ..Default::default() }
     }
 
-    fn groups(&self) -> [u32; 2] {
-        [self.width().div_ceil(8), self.rows().div_ceil(8)]
+    /// Returns a value for every texel, also for those that are no pixels.
+    fn filled<T: Clone>(&self, value: T) -> Vec<T> {
+        vec![value; (self.width() * self.rows()) as usize]
+    }
+
+    fn index(&self, column: u32, row: u32) -> usize {
+        (row * self.width() + column) as usize
     }
 }
 
@@ -157,17 +162,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let kernel = Kernel::beside("log_polar_blur", &[], ROUND_TRIP);
     for ((name, mode), gaze) in LogPolar::PRESETS.iter().flat_map(|mode| GAZES.map(|gaze| (mode, gaze))) {
         let image = Image::new(*mode, [213.0, 120.0], gaze);
-        let nothing = vec![[0f32; 4]; (image.width() * image.rows()) as usize];
-        let outputs = kernel.run_frame(
-            &image.frame(),
-            image.pass(),
-            image.groups(),
-            &[("rays", Buffer::whole(&nothing)), ("points", Buffer::whole(&nothing)), image.projection()],
-        );
+        let nothing = image.filled([0f32; 4]);
+        let buffers = [("rays", Buffer::whole(&nothing)), ("points", Buffer::whole(&nothing)), image.projection()];
+        let outputs = kernel.run_rows(&image.frame(), image.pass(), &buffers);
         let (rays, points) = (outputs.get::<[f32; 4]>("rays"), outputs.get::<[f32; 4]>("points"));
         let (mut off_ray, mut off_point): (f64, f64) = (0.0, 0.0);
         for (column, row) in image.pixels() {
-            let at = (row * image.width() + column) as usize;
+            let at = image.index(column, row);
             let place = DVec2::new(f64::from(column), f64::from(row)) + offset;
             let seen = image.on_screen(place.x, place.y);
             let expected = image.eye.ray(seen, image.screen);
@@ -203,13 +204,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let kernel = Kernel::beside("log_polar_blur", &[], SHOWN);
     for ((name, mode), percent) in LogPolar::PRESETS.iter().zip([154.0, 65.7, 37.5, 37.7]) {
         let image = Image::new(*mode, [1920.0, 1080.0], GAZES[0]);
-        let nothing = vec![0u32; (image.width() * image.rows()) as usize];
-        let shown = kernel.run_frame(
-            &image.frame(),
-            image.pass(),
-            image.groups(),
-            &[("shown", Buffer::whole(&nothing)), image.projection()],
-        );
+        let buffers = [("shown", Buffer::whole(&image.filled(0u32))), image.projection()];
+        let shown = kernel.run_rows(&image.frame(), image.pass(), &buffers);
         let count: u32 = shown.get::<u32>("shown").into_iter().sum();
         let share = 100.0 * f64::from(count) / (1920.0 * 1080.0);
         assert!((share - percent).abs() < 3.0, "{name}: {share} %");
@@ -235,13 +231,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let kernel = Kernel::beside("log_polar_blur", &[], NEIGHBOURS);
     for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (3, -2), (-16, 16), (16, -1)] {
         let pass = PassConstants { args: Words([dx as u32, dy as u32, 0]), valid_begin: 3, ..image.pass() };
-        let nothing = vec![[0i32; 4]; (image.width() * image.rows()) as usize];
-        let found = kernel.run_frame(
-            &image.frame(),
-            pass,
-            image.groups(),
-            &[("found", Buffer::whole(&nothing)), image.projection()],
-        );
+        let buffers = [("found", Buffer::whole(&image.filled([0i32; 4]))), image.projection()];
+        let found = kernel.run_rows(&image.frame(), pass, &buffers);
         let found = found.get::<[i32; 4]>("found");
         for (column, row) in image.pixels() {
             let (x, y) = (column as i32 + dx, row as i32 + dy);
@@ -251,7 +242,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let held_x = if is_in_square { x.clamp(0, rim - 1) } else { x.rem_euclid(columns) };
             let is_there = held_y == y && (!is_in_square || held_x == x);
             let expected = [held_x, held_y, is_there.into(), 1];
-            assert_eq!(found[(row * image.width() + column) as usize], expected, "{column}, {row} by {dx}, {dy}");
+            assert_eq!(found[image.index(column, row)], expected, "{column}, {row} by {dx}, {dy}");
         }
     }
 }
@@ -262,24 +253,19 @@ fn log_polar_aovs_read_the_pixel_of_a_point() {
     let mut cases = Cases::default();
     for ((_, mode), gaze) in LogPolar::PRESETS.iter().flat_map(|mode| GAZES.map(|gaze| (mode, gaze))) {
         let image = Image::new(*mode, [width, height].map(f64::from), gaze);
-        let mut polar = vec![[f32::NAN; 4]; (image.width() * image.rows()) as usize];
+        let mut polar = image.filled([f32::NAN; 4]);
         for (column, row) in image.pixels() {
-            polar[(row * image.width() + column) as usize] = [column as f32, row as f32, 0.5, 2.0];
+            polar[image.index(column, row)] = [column as f32, row as f32, 0.5, 2.0];
         }
         let before = Random::new(191).rubbish::<4>((width * height) as usize);
         for rows in [0..height, 30..41] {
             let stripe = Stripe { valid: 0..height, rows };
             let pass = PassConstants { width, height, ..stripe.pass(1, [0; 3]) };
-            let groups = [width.div_ceil(8), (stripe.rows.end - stripe.rows.start).div_ceil(8)];
             let buffers = [("polar", Buffer::whole(&polar)), ("aov", Buffer::image(&before)), image.projection()];
-            let outputs = Kernel::projected(Some(PolarSpace::Log(*mode)), "aov_to_screen", &[]).run_frame(
-                &image.frame(),
-                pass,
-                groups,
-                &buffers,
-            );
+            let kernel = Kernel::projected(Some(PolarSpace::Log(*mode)), "aov_to_screen", &[]);
+            let outputs = kernel.run_rows(&image.frame(), pass, &buffers);
             let aov = outputs.get::<[f32; 4]>("aov");
-            for (x, y) in stripe.rows.clone().flat_map(|y| (0..width).map(move |x| (x, y))) {
+            for (x, y) in stripe.pixels(width) {
                 let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
                 let away = at - image.gaze;
                 let distance = away.length();
@@ -316,19 +302,16 @@ fn log_polar_blur_grows_with_distance_from_gaze() {
     let mut cases = Cases::default();
     let image = Image::new(LogPolar::COMPOSITE, [96.0, 80.0], GAZES[1]);
     let (rim, columns, rows) = (image.square() as u32, image.columns() as u32, image.rows());
-    let area = (image.width() * rows) as usize;
-    let mut source = vec![[f32::NAN; 4]; area];
+    let mut source = image.filled([f32::NAN; 4]);
     for (column, row) in image.pixels() {
         let color = DVec3::from_array(std::array::from_fn(|_| random.within(0.0..1.0)));
-        source[(row * image.width() + column) as usize] = color.as_vec3().extend(9.0).to_array();
+        source[image.index(column, row)] = color.as_vec3().extend(9.0).to_array();
     }
-    let before = random.rubbish::<4>(area);
+    let before = random.rubbish::<4>(source.len());
     let stripes = [(0..rows, 0..rows), (rim - 3..rim + 9, rim - 4..rim + 10), (rim + 5..rows, rim + 5..rows)];
-    for (stripe, [begins, full], axis) in stripes
-        .into_iter()
-        .flat_map(|stripe| [[12.0, 40.0], [30.0, 30.0]].map(|blur| (stripe.clone(), blur)))
-        .flat_map(|(stripe, blur)| [0, 1].map(|axis| (stripe.clone(), blur, axis)))
-    {
+    let kinds = [[12.0, 40.0], [30.0, 30.0]].into_iter().flat_map(|blur| [(blur, 0), (blur, 1)]);
+    let runs = stripes.into_iter().flat_map(|stripe| kinds.clone().map(move |kind| (stripe.clone(), kind)));
+    for (stripe, ([begins, full], axis)) in runs {
         let stripe = Stripe { rows: stripe.0, valid: stripe.1 };
         let map = LogPolarMap { blur_begins: begins as f32, blur_full: full as f32, ..image.map() };
         let pass = PassConstants { width: image.width(), height: rows, ..stripe.pass(1, [axis, 1, 0]) };
@@ -338,15 +321,15 @@ fn log_polar_blur_grows_with_distance_from_gaze() {
             ("blurred", Buffer::image(&before)),
             ("projection", Buffer::whole(&[map])),
         ];
-        let outputs = Kernel::new("log_polar_blur", &[]).run_frame(&image.frame(), pass, image.groups(), &buffers);
+        let outputs = Kernel::new("log_polar_blur", &[]).run_rows(&image.frame(), pass, &buffers);
         let found = outputs.get::<[u32; 4]>("blurred");
-        for (x, y) in stripe.rows.clone().flat_map(|y| (0..image.width()).map(move |x| (x, y))) {
-            let at = (y * image.width() + x) as usize;
+        for (x, y) in stripe.pixels(image.width()) {
+            let at = image.index(x, y);
             if x >= image.length(y) {
                 assert_eq!(found[at], before[at], "({x}, {y}) is no pixel");
                 continue;
             }
-            let light = |x: u32, y: u32| rgb(source[(y * image.width() + x) as usize]);
+            let light = |x: u32, y: u32| rgb(source[image.index(x, y)]);
             let mut want = light(x, y);
             let distance = if y < rim { 0.0 } else { image.distance(f64::from(y - rim) + 0.5) };
             if y >= rim && begins < full && distance > begins {

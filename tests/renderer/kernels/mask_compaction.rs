@@ -1,7 +1,7 @@
 //! Mask compaction: the list of pixels to path trace, if others are left to the denoiser.
 
 use super::camera::Constants;
-use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::harness::{Buffer, Kernel, Stripe};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Counts, MIXED, NO_NORMAL};
 
@@ -41,18 +41,14 @@ fn select(
 ) -> Selected {
     let overrides = [("SOBOL", true), ("SPARSE", true), ("FOVEATED", constants.foveation.layers)];
     let width = constants.width;
-    let outputs = Kernel::new("mask_compaction", &overrides).run(
-        constants,
-        stripe.pass(view, [0; 3]),
-        width,
-        &[
-            ("hit_image", Buffer::image(&only_in(&stripe.rows, width, hit))),
-            ("guide_image", Buffer::image(&only_in(&stripe.rows, width, guide))),
-            ("radiance_image", Buffer::image(radiance)),
-            ("tally_image", Buffer::image(tally)),
-            ("holes", Buffer::whole(&empty_list(constants.area()))),
-        ],
-    );
+    let buffers = [
+        ("hit_image", stripe.own(width, hit)),
+        ("guide_image", stripe.own(width, guide)),
+        ("radiance_image", Buffer::image(radiance)),
+        ("tally_image", Buffer::image(tally)),
+        ("holes", Buffer::whole(&empty_list(constants.area()))),
+    ];
+    let outputs = Kernel::new("mask_compaction", &overrides).run(constants, stripe.pass(view, [0; 3]), width, &buffers);
     Selected { radiance: outputs.get("radiance_image"), tally: outputs.get("tally_image"), list: outputs.get("holes") }
 }
 
@@ -71,7 +67,7 @@ fn compare(layers: bool, view: usize, width: u32, seed: u64) {
     for stripe in stripes() {
         let selected = select(&constants, &stripe, view, [&hit, &guide, &before], &tally);
         let mut wanted = Vec::new();
-        for (x, y) in stripe.rows.clone().flat_map(|y| (0..width).map(move |x| (x, y))) {
+        for (x, y) in stripe.pixels(width) {
             let at = constants.index(x, y);
             let is_rim = guide[at][3] == NO_NORMAL && hit[at][3] & MIXED != 0;
             let why = match (constants.is_sampled((x, y), view), is_rim) {

@@ -18,6 +18,7 @@ mod camera;
 mod compose;
 mod edges;
 mod eyes;
+mod filters;
 mod fit;
 mod foveation;
 mod gradient;

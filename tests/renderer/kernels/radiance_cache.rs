@@ -156,14 +156,9 @@ fn compare(history_rows: Option<u32>, seed: u64) {
         let agrees = is_near(found.light, expected.light) && is_near(found.albedo, expected.albedo);
         assert!(agrees, "slot {slot}: {found:?} and not {expected:?}");
     }
-    cases.assert_met(&[
-        "an empty slot",
-        "a record without a slot",
-        "all records have the slot",
-        "no record",
-        "two words",
-        "a black cell",
-    ]);
+    let met = ["an empty slot", "a record without a slot", "all records have the slot", "no record", "two words"];
+    cases.assert_met(&met);
+    cases.assert_met(&["a black cell"]);
     if history_rows.is_some() {
         cases.assert_met(&["a cell that stays", "a cell of other paths that stays", "a cell of other paths that goes"]);
     }

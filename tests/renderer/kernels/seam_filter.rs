@@ -1,8 +1,9 @@
 //! The filter across the seams between stripes.
 
 use super::camera::Constants;
-use super::edges::{Surface, comparable};
-use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::edges::comparable;
+use super::filters::Filter;
+use super::harness::Kernel;
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{Format, Light, MeanLight};
 
@@ -12,17 +13,9 @@ const SURFACE_REACH: f64 = 0.01;
 const REACH: u32 = 4;
 const INVERSE_SIGMA2: f32 = 2.0;
 
-struct Twin<'a> {
-    constants: &'a Constants,
-    stripe: &'a Stripe,
-    view: usize,
-    guide: &'a [Option<Surface>],
-    source: &'a [Light],
-}
-
-impl Twin<'_> {
+impl Filter<'_, Light> {
     /// Returns the filtered light; none if the pixel does not change.
-    fn pixel(&self, (x, y): (u32, u32), cases: &mut Cases) -> Option<Light> {
+    fn beside_seam(&self, (x, y): (u32, u32), cases: &mut Cases) -> Option<Light> {
         let Some(surface) = &self.guide[self.constants.index(x, y)] else {
             cases.meet("no surface");
             return None;
@@ -69,25 +62,13 @@ fn compare(gloss: bool, seed: u64) {
                 format.pack(&Light { variance: glam::DVec2::splat(random.within(0.0..1.0)), ..light })
             })
             .collect();
-        let before = random.rubbish::<4>(constants.area());
-        let outputs = Kernel::new("seam_filter", &[("HAS_GLOSS", gloss), ("MARKS_ABSENT", true)]).run(
-            &constants,
-            stripe.pass(view, [INVERSE_SIGMA2.to_bits(), 0, 0]),
-            WIDTH,
-            &[
-                ("guide_image", Buffer::image(&only_in(&stripe.valid, WIDTH, &guide))),
-                ("source", Buffer::image(&only_in(&stripe.valid, WIDTH, &source))),
-                ("filtered", Buffer::image(&before)),
-            ],
-        );
-        let filtered = outputs.get::<[u32; 4]>("filtered");
-        let guide: Vec<_> = guide.into_iter().map(Surface::unpack).collect();
-        let lights: Vec<_> = source.iter().map(|bits| format.unpack(*bits)).collect();
-        let twin = Twin { constants: &constants, stripe, view, guide: &guide, source: &lights };
-        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+        let kernel = Kernel::new("seam_filter", &[("HAS_GLOSS", gloss), ("MARKS_ABSENT", true)]);
+        let (place, args) = ((&constants, stripe, view), [INVERSE_SIGMA2.to_bits(), 0, 0]);
+        let filter = Filter::run(&kernel, &mut random, place, args, [&guide, &source], |bits| format.unpack(bits));
+        for (x, y) in stripe.pixels(WIDTH) {
             let at = constants.index(x, y);
-            let (got, place) = (filtered[at], format!("({x}, {y}) of {stripe:?}"));
-            match twin.pixel((x, y), &mut cases) {
+            let (got, place) = (filter.filtered[at], format!("({x}, {y}) of {stripe:?}"));
+            match filter.beside_seam((x, y), &mut cases) {
                 None => assert_eq!(got, source[at], "{place}"),
                 Some(light) => {
                     let unpacked = format.unpack(got);
@@ -102,9 +83,5 @@ fn compare(gloss: bool, seed: u64) {
 #[test]
 fn rows_near_a_seam_are_smoothed() {
     compare(false, 101);
-}
-
-#[test]
-fn seam_filter_smooths_specular_by_the_same_weights() {
     compare(true, 102);
 }

@@ -1,7 +1,7 @@
 //! Sums the counts of pixels by row.
 
 use super::camera::Constants;
-use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::harness::{Buffer, Kernel, Stripe};
 use super::inputs::{Cases, Random};
 use super::pack::Counts;
 
@@ -48,15 +48,9 @@ fn compare(width: u32, seed: u64) {
     let mut cases = Cases::default();
     for rows in [0..HEIGHT, 3..10, 4..5] {
         let stripe = Stripe { rows: rows.clone(), valid: rows };
-        let outputs = Kernel::new("tally", &[]).run(
-            &constants,
-            stripe.pass(0, [0; 3]),
-            width.div_ceil(SEGMENT),
-            &[
-                ("tally_image", Buffer::image(&only_in(&stripe.rows, width, &tally))),
-                ("row_tally", Buffer::image(&before)),
-            ],
-        );
+        let buffers = [("tally_image", stripe.own(width, &tally)), ("row_tally", Buffer::image(&before))];
+        let columns = width.div_ceil(SEGMENT);
+        let outputs = Kernel::new("tally", &[]).run(&constants, stripe.pass(0, [0; 3]), columns, &buffers);
         let after = outputs.get::<Row>("row_tally");
         for y in stripe.rows {
             let pixels = &tally[constants.index(0, y)..constants.index(0, y + 1)];

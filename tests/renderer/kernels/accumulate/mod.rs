@@ -9,7 +9,7 @@ use self::moments::Moments;
 use self::twin::{After, Before, Now, Twin};
 use super::camera::{Constants, Eye};
 use super::edges::Surface;
-use super::harness::{Buffer, Kernel, only_in};
+use super::harness::{Buffer, Kernel};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{
     ABSENT, Counts, Format, HALF, HALF_STEP, Light, MATERIAL_MASK, MIRRORED, MISSING, SAMPLED, UNKNOWN, VIEW_DEPENDENT,
@@ -203,41 +203,26 @@ fn compare(case: Case, cases: &mut Cases) {
             [0, case.view].map(|view| history(&mut random, &constants, (view, eyes_before[view]), format, damaged));
         let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits()).collect();
         let words = [0, 1].map(|_| random.rubbish::<4>(constants.area()));
-        let valid = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.valid, WIDTH, pixels));
-        let own = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, WIDTH, pixels));
-        let outputs = Kernel::new(
-            "accumulate",
-            &[
-                ("HAS_GLOSS", case.gloss),
-                ("MARKS_ABSENT", true),
-                ("HAS_MOTION", false),
-                ("HAS_MIRRORS", true),
-                ("HAS_POLISH", false),
-                ("SOBOL", true),
-                ("VARIES_SAMPLES", false),
-            ],
-        )
-        .run(
-            &constants,
-            stripe.pass(case.view, [0; 3]),
-            WIDTH,
-            &[
-                ("hit_image", own(&hit)),
-                ("guide_image", own(&guide)),
-                ("radiance", own(&radiance)),
-                ("last_guide", valid(&histories[1].guide)),
-                ("last_moments", valid(&histories[1].moments)),
-                ("last_history", valid(&histories[1].light)),
-                ("left_guide", valid(&histories[0].guide)),
-                ("left_moments", valid(&histories[0].moments)),
-                ("left_history", valid(&histories[0].light)),
-                ("accumulated", Buffer::image(&words[0])),
-                ("moments", Buffer::image(&words[1])),
-                ("previous", Buffer::whole(&previous)),
-                ("tally_image", Buffer::image(&tally)),
-                ("light_change", Buffer::whole(&[0.0f32])),
-            ],
-        );
+        let valid = |pixels: &[[u32; 4]]| stripe.valid(WIDTH, pixels);
+        let buffers = [
+            ("hit_image", stripe.own(WIDTH, &hit)),
+            ("guide_image", stripe.own(WIDTH, &guide)),
+            ("radiance", stripe.own(WIDTH, &radiance)),
+            ("last_guide", valid(&histories[1].guide)),
+            ("last_moments", valid(&histories[1].moments)),
+            ("last_history", valid(&histories[1].light)),
+            ("left_guide", valid(&histories[0].guide)),
+            ("left_moments", valid(&histories[0].moments)),
+            ("left_history", valid(&histories[0].light)),
+            ("accumulated", Buffer::image(&words[0])),
+            ("moments", Buffer::image(&words[1])),
+            ("previous", Buffer::whole(&previous)),
+            ("tally_image", Buffer::image(&tally)),
+            ("light_change", Buffer::whole(&[0.0f32])),
+        ];
+        let overrides = [("HAS_GLOSS", case.gloss), ("MARKS_ABSENT", true), ("HAS_MIRRORS", true), ("SOBOL", true)];
+        let pass = stripe.pass(case.view, [0; 3]);
+        let outputs = Kernel::new("accumulate", &overrides).run(&constants, pass, WIDTH, &buffers);
         let (light, moments) = (outputs.get::<[u32; 4]>("accumulated"), outputs.get::<[u32; 4]>("moments"));
         let counted = outputs.get::<u32>("tally_image");
         let own = || before(format, eyes_before[case.view], &histories[1]);
@@ -249,7 +234,7 @@ fn compare(case: Case, cases: &mut Cases) {
         };
         let Case { gloss, view, last_spp, .. } = case;
         let twin = Twin { constants: &constants, last_spp, stripe: &stripe, gloss, view, before: &before };
-        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+        for (x, y) in stripe.pixels(WIDTH) {
             let at = constants.index(x, y);
             let eye = &constants.eyes[case.view];
             let ray = eye.ray(constants.through(x, y), constants.size());
@@ -266,6 +251,18 @@ fn compare(case: Case, cases: &mut Cases) {
         }
     }
 }
+
+/// Compares both formats, whose inputs must cover these cases, and the first also `plain`.
+fn hold(case: Case, met: &[&'static str], plain: &[&'static str]) {
+    for (gloss, seed) in [(false, case.seed), (true, case.seed + 1)] {
+        let mut cases = Cases::default();
+        compare(Case { gloss, seed, ..case }, &mut cases);
+        cases.assert_met(met);
+        cases.assert_met(if gloss { &[] } else { plain });
+    }
+}
+
+const CASE: Case = Case { gloss: false, view: 0, motion: Motion::None, spp: 1, last_spp: 1, seed: 0 };
 
 /// Cases that occur in every frame with a previous one.
 const WITH_HISTORY: [&str; 16] = [
@@ -289,50 +286,30 @@ const WITH_HISTORY: [&str; 16] = [
 
 #[test]
 fn accumulate_starts_history_with_the_first_frame() {
-    let mut cases = Cases::default();
-    for (gloss, seed) in [(false, 111), (true, 112)] {
-        compare(Case { gloss, view: 1, motion: Motion::None, spp: 3, last_spp: 3, seed }, &mut cases);
-    }
-    cases.assert_met(&["no surface", "sampled", "nothing", "light that is not finite", "variance that is unknown"]);
+    let met = ["no surface", "sampled", "nothing", "light that is not finite", "variance that is unknown"];
+    hold(Case { view: 1, spp: 3, last_spp: 3, seed: 111, ..CASE }, &met, &[]);
 }
 
 #[test]
 fn accumulate_averages_while_the_eyes_are_still() {
-    for (gloss, seed) in [(false, 113), (true, 114)] {
-        let mut cases = Cases::default();
-        compare(Case { gloss, view: 0, motion: Motion::Still, spp: 1, last_spp: 16, seed }, &mut cases);
-        cases.assert_met(&WITH_HISTORY);
-    }
+    hold(Case { motion: Motion::Still, last_spp: 16, seed: 113, ..CASE }, &WITH_HISTORY, &[]);
 }
 
 /// Resampling hardly blurs, but view-dependent light changes.
 #[test]
 fn accumulate_averages_while_the_eyes_move_slowly() {
-    for (gloss, seed) in [(false, 119), (true, 120)] {
-        let mut cases = Cases::default();
-        compare(Case { gloss, view: 0, motion: Motion::Slow, spp: 1, last_spp: 1, seed }, &mut cases);
-        cases.assert_met(&WITH_HISTORY);
-        cases.assert_met(if gloss { &[] } else { &["view-dependent history"] });
-    }
+    hold(Case { motion: Motion::Slow, seed: 119, ..CASE }, &WITH_HISTORY, &["view-dependent history"]);
 }
 
 #[test]
 fn accumulate_follows_the_motion_of_the_eyes() {
-    for (gloss, seed) in [(false, 115), (true, 116)] {
-        let mut cases = Cases::default();
-        compare(Case { gloss, view: 0, motion: Motion::Moved, spp: 2, last_spp: 1, seed }, &mut cases);
-        cases.assert_met(&WITH_HISTORY);
-        cases.assert_met(&["history that is not finite"]);
-        cases.assert_met(if gloss { &[] } else { &["view-dependent history", "a sum that is not finite"] });
-    }
+    let met = [&WITH_HISTORY[..], &["history that is not finite"]].concat();
+    let plain = ["view-dependent history", "a sum that is not finite"];
+    hold(Case { motion: Motion::Moved, spp: 2, seed: 115, ..CASE }, &met, &plain);
 }
 
 #[test]
 fn accumulate_falls_back_to_left_eye_history() {
-    for (gloss, seed) in [(false, 117), (true, 118)] {
-        let mut cases = Cases::default();
-        compare(Case { gloss, view: 1, motion: Motion::MovedBack, spp: 1, last_spp: 4, seed }, &mut cases);
-        cases.assert_met(&WITH_HISTORY);
-        cases.assert_met(&["the left eye's history"]);
-    }
+    let met = [&WITH_HISTORY[..], &["the left eye's history"]].concat();
+    hold(Case { view: 1, motion: Motion::MovedBack, last_spp: 4, seed: 117, ..CASE }, &met, &[]);
 }

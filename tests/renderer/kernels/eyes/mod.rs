@@ -63,10 +63,9 @@ fn run(
 ) -> Outputs {
     let [width, height] = SIZE;
     let pass = PassConstants { width, height, ..stripe.pass(view, [WIDTH, HEIGHT, is_motion.into()]) };
-    let groups = [width.div_ceil(8), (pass.row_end - pass.row_begin).div_ceil(8)];
     let is_polar = frame.camera.views[0].rows > 0.0;
     let projection = is_polar.then_some(PolarSpace::Visual);
-    Kernel::projected(projection, kernel, &[]).run_frame(frame, pass, groups, buffers)
+    Kernel::projected(projection, kernel, &[]).run_rows(frame, pass, buffers)
 }
 
 /// Returns the whole image, and stripes at its borders and inside. Kernels may read all of the rectified image.
@@ -77,8 +76,28 @@ fn stripes() -> impl Iterator<Item = (Stripe, usize)> {
 
 /// Returns the pixels of a stripe by index, with their centres.
 fn pixels(stripe: &Stripe) -> impl Iterator<Item = (usize, DVec2)> + use<> {
-    let rows = stripe.rows.clone();
-    rows.flat_map(|y| (0..SIZE[0]).map(move |x| ((y * SIZE[0] + x) as usize, DVec2::new(x.into(), y.into()) + 0.5)))
+    stripe.pixels(SIZE[0]).map(|(x, y)| ((y * SIZE[0] + x) as usize, DVec2::new(x.into(), y.into()) + 0.5))
+}
+
+/// Calls `compare` with images of these kinds on all stripes, seen by new eyes with these scales and later positions.
+fn for_all(
+    seed: u64,
+    kinds: impl IntoIterator<Item = (usize, f64, DVec3)>,
+    mut compare: impl FnMut(&Rectified, &Frame, (&Stripe, usize), &Shown),
+) {
+    let mut random = Random::new(seed);
+    for (kind, scale, moved) in kinds {
+        let image = Rectified::new(&mut random, kind);
+        let eyes = [0, 1].map(|_| shown(&mut random, scale, moved));
+        let (frame, eyes) = frame(&image.constants, eyes);
+        stripes().for_each(|(stripe, view)| compare(&image, &frame, (&stripe, view), &eyes[view]));
+    }
+}
+
+/// Asserts that rounding decides for less than `most` pixels.
+fn assert_clear(cases: &Cases, most: usize) {
+    let unclear = cases.count("left to rounding");
+    assert!(unclear < most, "{unclear} pixels are left to rounding, {} are not", cases.count("moved"));
 }
 
 const SCALES: [f64; 4] = [0.05, 0.8, 2.5, 12.0];
@@ -154,37 +173,25 @@ const SHAPES: [&str; 5] = ["edge", "extreme", "parabola", "parabola that begins 
 
 #[test]
 fn to_eye_averages_light_over_pixel_areas() {
-    let mut random = Random::new(172);
     let mut cases = Cases::default();
-    for (kind, scale) in (0..3).flat_map(|kind| SCALES.map(|scale| (kind, scale))) {
-        let image = Rectified::new(&mut random, kind);
-        let eyes = [0, 1].map(|_| shown(&mut random, scale, MOVED[1]));
-        let (frame, eyes) = frame(&image.constants, eyes);
-        for (stripe, view) in stripes() {
-            let place = |at, _: &mut Cases| Some(eyes[view].place(at));
-            compare_light("to_eye", &image, &frame, (&stripe, view), &mut cases, place);
-        }
-    }
+    let kinds = (0..3).flat_map(|kind| SCALES.map(|scale| (kind, scale, MOVED[1])));
+    for_all(172, kinds, |image, frame, stripe, eye| {
+        compare_light("to_eye", image, frame, stripe, &mut cases, |at, _| Some(eye.place(at)));
+    });
     cases.assert_met(&SHAPES);
 }
 
 #[test]
 fn late_reprojection_places_surfaces_in_later_eyes() {
-    let mut random = Random::new(173);
     let mut cases = Cases::default();
-    for (kind, scale, moved) in [(0, 0.8, MOVED[1]), (1, 1.2, MOVED[2]), (2, 0.7, MOVED[0]), (2, 2.5, MOVED[1])] {
-        let image = Rectified::new(&mut random, kind);
-        let eyes = [0, 1].map(|_| shown(&mut random, scale, moved));
-        let (frame, eyes) = frame(&image.constants, eyes);
-        for (stripe, view) in stripes() {
-            let place = |at, cases: &mut Cases| eyes[view].later_place(at, |pixel| image.depth(view, pixel), cases);
-            compare_light("late_reprojection", &image, &frame, (&stripe, view), &mut cases, place);
-        }
-    }
+    let kinds = [(0, 0.8, MOVED[1]), (1, 1.2, MOVED[2]), (2, 0.7, MOVED[0]), (2, 2.5, MOVED[1])];
+    for_all(173, kinds, |image, frame, (stripe, view), eye| {
+        let place = |at, cases: &mut Cases| eye.later_place(at, |pixel| image.depth(view, pixel), cases);
+        compare_light("late_reprojection", image, frame, (stripe, view), &mut cases, place);
+    });
     cases.assert_met(&SHAPES);
     cases.assert_met(&["where it was", "moved", "sky", "behind the eye"]);
-    let unclear = cases.count("left to rounding");
-    assert!(unclear < 50, "{unclear} pixels are left to rounding, {} are not", cases.count("moved"));
+    assert_clear(&cases, 50);
 }
 
 /// The distances come from a visual-polar image, whose pixels beyond the ends of rings are not finite.
@@ -197,10 +204,7 @@ fn late_reprojection_reads_depth_of_polar_images() {
         0 => 0.0,
         band => 3.0 + 0.1 * f64::from(band),
     };
-    let mut emission = vec![[f32::NAN; 4]; (polar.columns * polar.rows) as usize];
-    for (column, row) in polar.pixels() {
-        emission[(row * polar.columns + column) as usize] = floats(DVec3::ONE, distance(column, row));
-    }
+    let emission = polar.image(|column, row| floats(DVec3::ONE, distance(column, row)));
     let image = Rectified { emission, ..Rectified::new(&mut random, 0) };
     let size = image.constants.size();
     let eyes = [0, 1].map(|_| shown(&mut random, 0.7, MOVED[1]));
@@ -228,8 +232,7 @@ fn late_reprojection_reads_depth_of_polar_images() {
         compare_light("late_reprojection", &image, &frame, (&stripe, view), &mut cases, place);
     }
     cases.assert_met(&["moved", "sky"]);
-    let unclear = cases.count("left to rounding");
-    assert!(unclear < 50, "{unclear} pixels are left to rounding, {} are not", cases.count("moved"));
+    assert_clear(&cases, 50);
 }
 
 /// Compares an auxiliary image with the value of the nearest pixel.
@@ -273,34 +276,23 @@ fn compare_aov(
 
 #[test]
 fn aov_to_eye_takes_nearest_value_and_display_motion() {
-    let mut random = Random::new(175);
     let mut cases = Cases::default();
-    for (scale, is_motion) in [(0.3, false), (0.9, false), (0.7, true), (1.6, true)] {
-        let image = Rectified::new(&mut random, 0);
-        let eyes = [0, 1].map(|_| shown(&mut random, scale, MOVED[1]));
-        let (frame, eyes) = frame(&image.constants, eyes);
-        for (stripe, view) in stripes() {
-            compare_aov("aov_to_eye", &image, &frame, (&stripe, view), (&eyes[view], is_motion), &mut cases);
-        }
+    for (seed, is_motion, scales) in [(175, false, [0.3, 0.9]), (178, true, [0.7, 1.6])] {
+        for_all(seed, scales.map(|scale| (0, scale, MOVED[1])), |image, frame, stripe, eye| {
+            compare_aov("aov_to_eye", image, frame, stripe, (eye, is_motion), &mut cases);
+        });
     }
     cases.assert_met(&["inside", "outside"]);
-    let unclear = cases.count("left to rounding");
-    assert!(unclear < 20, "{unclear} pixels are left to rounding");
+    assert_clear(&cases, 20);
 }
 
 #[test]
 fn aov_late_reprojection_takes_the_surface_value() {
-    let mut random = Random::new(176);
     let mut cases = Cases::default();
-    for (scale, moved) in [(0.8, MOVED[1]), (1.1, MOVED[2]), (0.9, MOVED[0])] {
-        let image = Rectified::new(&mut random, 0);
-        let eyes = [0, 1].map(|_| shown(&mut random, scale, moved));
-        let (frame, eyes) = frame(&image.constants, eyes);
-        for (stripe, view) in stripes() {
-            compare_aov("aov_late_reprojection", &image, &frame, (&stripe, view), (&eyes[view], false), &mut cases);
-        }
-    }
+    let kinds = [(0, 0.8, MOVED[1]), (0, 1.1, MOVED[2]), (0, 0.9, MOVED[0])];
+    for_all(176, kinds, |image, frame, stripe, eye| {
+        compare_aov("aov_late_reprojection", image, frame, stripe, (eye, false), &mut cases);
+    });
     cases.assert_met(&["where it was", "moved", "sky", "behind the eye", "inside", "outside"]);
-    let unclear = cases.count("left to rounding");
-    assert!(unclear < 50, "{unclear} pixels are left to rounding");
+    assert_clear(&cases, 50);
 }

@@ -7,7 +7,7 @@ use glam::DVec3;
 use self::twin::{BLOCK, DISPLACEMENTS, FEATURES, Fit, Pixel};
 use super::camera::Constants;
 use super::edges::Surface;
-use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::harness::{Buffer, Kernel, Stripe};
 use super::inputs::{Cases, Random};
 use super::pack::{Format, HALF, HALF_STEP, Light, NO_NORMAL, SAMPLED, is_finite, pack_guide};
 
@@ -119,18 +119,15 @@ fn run(
     guide: &[[u32; 4]],
     source: &[[u32; 4]],
 ) -> Vec<[u32; 4]> {
-    let readable = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.valid, constants.width, pixels));
-    let before = vec![[0x7fc0_0001; 4]; constants.area()];
-    let rows = stripe.rows.end - stripe.rows.start;
-    let groups = [constants.width, rows].map(|length| (length + 2 * (BLOCK - 1)) / BLOCK);
-    let overrides = [("HAS_GLOSS", format.gloss), ("MARKS_ABSENT", true), ("SOBOL", false)];
-    let outputs = Kernel::new("fit", &overrides).run_groups(
-        constants,
-        stripe.pass(1, [noise.to_bits(), 0, 0]),
-        groups,
-        &[("guide_image", readable(guide)), ("source", readable(source)), ("fitted", Buffer::image(&before))],
-    );
-    outputs.get("fitted")
+    let (width, rows) = (constants.width, stripe.rows.end - stripe.rows.start);
+    let groups = [width, rows].map(|length| (length + 2 * (BLOCK - 1)) / BLOCK);
+    let buffers = [
+        ("guide_image", stripe.valid(width, guide)),
+        ("source", stripe.valid(width, source)),
+        ("fitted", Buffer::image(&vec![[0x7fc0_0001; 4]; constants.area()])),
+    ];
+    let kernel = Kernel::new("fit", &[("HAS_GLOSS", format.gloss), ("MARKS_ABSENT", true)]);
+    kernel.run_groups(constants, stripe.pass(1, [noise.to_bits(), 0, 0]), groups, &buffers).get("fitted")
 }
 
 /// Lobes of a format.

@@ -133,38 +133,21 @@ fn run<T: bytemuck::Pod>(
     let [width, height] = TILES;
     let pass = PassConstants { width, height, ..stripe.pass(0, [WIDTH, HEIGHT, u32::from(output == "probe")]) };
     let before = vec![[f32::NAN; 2]; (width * height) as usize];
-    let outputs = Kernel::with_scene("gradient", &overrides(format), subject).run_frame(
-        &frame,
-        pass,
-        [1, 1],
-        &[
-            ("last_surface", Buffer::whole(last_surface)),
-            ("last_hit", Buffer::whole(hit)),
-            ("last_guide", Buffer::whole(guide)),
-            ("last_radiance", Buffer::whole(radiance)),
-            ("hit_image", Buffer::whole(hit)),
-            ("guide_image", Buffer::whole(guide)),
-            ("last_probe", Buffer::whole(probes)),
-            ("probe", Buffer::image(&vec![f32::NAN; before.len()])),
-            ("gradient", Buffer::image(&before)),
-            ("previous", Buffer::whole(&[previous])),
-        ],
-    );
+    let buffers = [
+        ("last_surface", Buffer::whole(last_surface)),
+        ("last_hit", Buffer::whole(hit)),
+        ("last_guide", Buffer::whole(guide)),
+        ("last_radiance", Buffer::whole(radiance)),
+        ("hit_image", Buffer::whole(hit)),
+        ("guide_image", Buffer::whole(guide)),
+        ("last_probe", Buffer::whole(probes)),
+        ("probe", Buffer::image(&vec![f32::NAN; before.len()])),
+        ("gradient", Buffer::image(&before)),
+        ("previous", Buffer::whole(&[previous])),
+    ];
+    let overrides = [("SOBOL", true), ("HAS_GLOSS", format.gloss), ("HAS_MOTION", true)];
+    let outputs = Kernel::with_scene("gradient", &overrides, subject).run_frame(&frame, pass, [1, 1], &buffers);
     outputs.get(output)
-}
-
-fn overrides(format: Format) -> [(&'static str, bool); 9] {
-    [
-        ("SOBOL", true),
-        ("HAS_GLOSS", format.gloss),
-        ("MARKS_ABSENT", false),
-        ("HAS_NARROW_LOBES", false),
-        ("IS_REGULARIZED", false),
-        ("HAS_MOTION", true),
-        ("HAS_HARD_LIGHTS", false),
-        ("HAS_MIRRORS", false),
-        ("HAS_POLISH", false),
-    ]
 }
 
 /// Damages a pixel of the previous frame: its surface may be gone, may not be sampled, or may be a lamp.
@@ -245,15 +228,9 @@ fn compare(case: &Case, cases: &mut Cases) {
         );
         let last_surface: Vec<_> = last_surface.iter().map(|bits| Surface::unpack(*bits)).collect();
         let lost = case.lost.clone();
-        let twin = Twin {
-            world: &world,
-            constants: &constants,
-            stripe: &stripe,
-            lost,
-            last_surface: &last_surface,
-            before: &before,
-        };
-        for (x, y) in stripe.rows.clone().flat_map(|y| (0..TILES[0]).map(move |x| (x, y))) {
+        let (world, constants, last_surface, before) = (&world, &constants, &last_surface[..], &before);
+        let twin = Twin { world, constants, stripe: &stripe, lost, last_surface, before };
+        for (x, y) in stripe.pixels(TILES[0]) {
             let got = found[(y * TILES[0] + x) as usize].map(f64::from);
             let Some(want) = twin.tile((x, y), cases) else {
                 unclear += 1;
@@ -337,37 +314,19 @@ fn traced(
     let whole = Stripe { rows: 0..HEIGHT, valid: 0..HEIGHT };
     let pass = PassConstants { width: WIDTH, height: HEIGHT, ..whole.pass(0, [0, 1, 0]) };
     let nothing = vec![[0u32; 4]; constants.area()];
-    let overrides = [
-        ("SOBOL", true),
-        ("HAS_GLOSS", format.gloss),
-        ("MARKS_ABSENT", false),
-        ("HAS_NARROW_LOBES", false),
-        ("HAS_CACHE", false),
-        ("IS_REGULARIZED", false),
-        ("HAS_HARD_LIGHTS", false),
-        ("HAS_MIRRORS", false),
-        ("HAS_POLISH", false),
-        ("HAS_MOTION", false),
-        ("JITTER", false),
-        ("MEASURES_VARIANCE", false),
-        ("VARIES_SAMPLES", false),
+    let buffers = [
+        ("hit_image", Buffer::image(hit)),
+        ("albedo_image", Buffer::image(&nothing)),
+        ("emission_image", Buffer::image(&nothing)),
+        ("radiance_image", Buffer::image(&nothing)),
+        ("tally_image", Buffer::image(&vec![0u32; constants.area()])),
+        ("guide_image", Buffer::whole(guide)),
+        ("holes", Buffer::whole(&[0u32; 4])),
+        ("last_cache", Buffer::whole(&[[0u32; 4]; 2])),
+        ("records", Buffer::image(&nothing)),
     ];
-    let outputs = Kernel::with_scene("path_trace", &overrides, subject).run_frame(
-        &frame,
-        pass,
-        [WIDTH.div_ceil(8), HEIGHT.div_ceil(8)],
-        &[
-            ("hit_image", Buffer::image(hit)),
-            ("albedo_image", Buffer::image(&nothing)),
-            ("emission_image", Buffer::image(&nothing)),
-            ("radiance_image", Buffer::image(&nothing)),
-            ("tally_image", Buffer::image(&vec![0u32; constants.area()])),
-            ("guide_image", Buffer::whole(guide)),
-            ("holes", Buffer::whole(&[0u32; 4])),
-            ("last_cache", Buffer::whole(&[[0u32; 4]; 2])),
-            ("records", Buffer::image(&nothing)),
-        ],
-    );
+    let overrides = [("SOBOL", true), ("HAS_GLOSS", format.gloss)];
+    let outputs = Kernel::with_scene("path_trace", &overrides, subject).run_rows(&frame, pass, &buffers);
     outputs.get("radiance_image")
 }
 

@@ -26,6 +26,21 @@ impl Stripe {
             ..PassConstants::default()
         }
     }
+
+    /// Returns the pixels of an image of this width that the dispatch computes.
+    pub fn pixels(&self, width: u32) -> impl Iterator<Item = (u32, u32)> + use<> {
+        self.rows.clone().flat_map(move |y| (0..width).map(move |x| (x, y)))
+    }
+
+    /// Returns an image of which the kernel may read only the rows that it computes.
+    pub fn own<T: Pod>(&self, width: u32, pixels: &[T]) -> Buffer {
+        Buffer::image(&only_in(&self.rows, width, pixels))
+    }
+
+    /// Returns an image of which the kernel may read the valid rows.
+    pub fn valid<T: Pod>(&self, width: u32, pixels: &[T]) -> Buffer {
+        Buffer::image(&only_in(&self.valid, width, pixels))
+    }
 }
 
 /// Contents of a binding: an image, of which the kernel may write only the stripe's rows, or any other data.

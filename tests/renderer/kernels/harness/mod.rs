@@ -49,7 +49,7 @@ fn bench() -> MutexGuard<'static, Bench> {
     bench.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A shader with values for all of its override constants.
+/// A shader with its override constants; those without a value are off.
 pub struct Kernel {
     name: &'static str,
     source: String,
@@ -103,13 +103,19 @@ impl Kernel {
         groups: [u32; 2],
         buffers: &[(&str, Buffer)],
     ) -> Outputs {
-        let pass = PassConstants { width: constants.width, height: constants.height, ..pass };
-        self.run_frame(&constants.frame(), pass, groups, buffers)
+        let (width, height) = (constants.width, constants.height);
+        self.run_frame(&constants.frame(), PassConstants { width, height, ..pass }, groups, buffers)
     }
 
     /// Dispatches workgroups of a pass without rows.
     pub fn run_once(&self, frame: &Frame, args: [u32; 3], groups: [u32; 2], buffers: &[(&str, Buffer)]) -> Outputs {
         self.run_frame(frame, PassConstants { args: Words(args), ..Default::default() }, groups, buffers)
+    }
+
+    /// Dispatches an invocation for each pixel of the rows that `pass` names.
+    pub fn run_rows(&self, frame: &Frame, pass: PassConstants, buffers: &[(&str, Buffer)]) -> Outputs {
+        let groups = [pass.width, pass.row_end - pass.row_begin].map(|length| length.div_ceil(TILE));
+        self.run_frame(frame, pass, groups, buffers)
     }
 
     /// Dispatches workgroups with these frame constants. Output images have the rows of the pass.
@@ -142,7 +148,10 @@ impl Kernel {
         let module = naga::front::wgsl::parse_str(&self.source)
             .unwrap_or_else(|e| panic!("{}: {}", self.name, e.emit_to_string(&self.source)));
         let declared: Vec<_> = module.overrides.iter().filter_map(|(_, o)| o.name.as_deref()).collect();
-        let given: Vec<_> = self.overrides.iter().map(|&(name, _)| name).collect();
+        let mut values: Vec<_> = self.overrides.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
+        let is_off = |name: &&&str| !self.overrides.iter().any(|(given, _)| given == *name);
+        values.extend(declared.iter().filter(is_off).map(|name| (*name, 0.0)));
+        let given: Vec<_> = values.iter().map(|&(name, _)| name).collect();
         assert_same_names(&format!("{}: override constants", self.name), &declared, &given);
         let mut bindings: Vec<_> = module.global_variables.iter().filter_map(|(_, v)| binding(v)).collect();
         bindings.sort_by_key(|b| (b.group, b.number));
@@ -161,7 +170,6 @@ impl Kernel {
             bind_group_layouts: &groups[..if entries(2).next().is_some() { 3 } else { 2 }],
             immediate_size: size_of::<PassConstants>() as u32,
         });
-        let values: Vec<_> = self.overrides.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
         let main = Specialization {
             label: self.name,
             text: &self.source,

@@ -3,9 +3,9 @@
 use glam::{DVec2, DVec3};
 
 use super::twin::{Fate, Twin};
-use super::{Pixel, inputs};
+use super::{PLAIN, Pixel, inputs};
 use crate::kernels::camera::Constants;
-use crate::kernels::harness::{Buffer, Kernel, only_in};
+use crate::kernels::harness::{Buffer, Kernel};
 use crate::kernels::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use crate::kernels::pack::{Albedo, Counts, FINISHED, Format, Light, MISSING};
 
@@ -21,16 +21,8 @@ fn compare([gloss, layers]: [bool; 2], seed: u64) {
     let mut constants = Constants::new(WIDTH, HEIGHT);
     constants.foveation.layers = layers;
     let format = Format { gloss };
-    let overrides = [
-        ("HAS_GLOSS", gloss),
-        ("MARKS_ABSENT", true),
-        ("SOBOL", true),
-        ("FOVEATED", layers),
-        ("SPARSE", layers),
-        ("ACCEPTS_MIXED", true),
-        ("HAS_MIRRORS", true),
-        ("HAS_POLISH", false),
-    ];
+    let flags = [("HAS_GLOSS", gloss), ("FOVEATED", layers), ("SPARSE", layers), ("ACCEPTS_MIXED", true)];
+    let overrides = [&PLAIN[..], &flags].concat();
     let mut cases = Cases::default();
     for (round, stripe) in stripes().iter().enumerate() {
         let eyes = inputs(&mut random, &constants, format, false);
@@ -64,7 +56,7 @@ fn compare([gloss, layers]: [bool; 2], seed: u64) {
             })
             .collect();
         let source: Vec<_> = (0..constants.area()).map(|_| format.pack(&random.light(2.0))).collect();
-        let image = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, constants.width, pixels));
+        let image = |pixels: &[[u32; 4]]| stripe.own(constants.width, pixels);
         let buffers = [
             ("left_hit", image(&eyes.hit[0])),
             ("left_guide", image(&eyes.guide[0])),
@@ -79,7 +71,7 @@ fn compare([gloss, layers]: [bool; 2], seed: u64) {
         let kernel = Kernel::new("reproject_filtered", &overrides);
         let outputs = kernel.run(&constants, stripe.pass(1, [0; 3]), constants.width, &buffers);
         let filtered = outputs.get::<[u32; 4]>("filtered");
-        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+        for (x, y) in stripe.pixels(WIDTH) {
             let at = constants.index(x, y);
             let place = format!("({x}, {y}) of round {round}");
             let why = Counts::unpack(tally[at]).why;

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec2};
 
 use self::twin::{DROPPED, Twin};
 use super::camera::Constants;
-use super::harness::{Buffer, Kernel, only_in};
+use super::harness::{Buffer, Kernel};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Counts, floats, is_near, rgb};
 use super::tonemap::{display_levels, shows};
@@ -61,27 +61,23 @@ fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u
         let last: Vec<_> = (0..constants.area()).map(|_| resolved(&mut random, damaged)).collect();
         let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits()).collect();
         let words = [0, 1].map(|_| random.rubbish::<4>(constants.area()));
-        let outputs = Kernel::new("taa", &[("HAS_MOTION", false), ("HAS_MIRRORS", false), ("HAS_POLISH", false)]).run(
-            &constants,
-            stripe.pass(view, [0; 3]),
-            WIDTH,
-            &[
-                ("composed", Buffer::image(&only_in(&stripe.valid, WIDTH, &now))),
-                ("last_resolved", Buffer::image(&only_in(&stripe.valid, WIDTH, &last))),
-                ("resolved", Buffer::image(&words[0])),
-                ("linear", Buffer::image(&words[1])),
-                ("display", Buffer::image(&tally)),
-                ("previous", Buffer::whole(&Constants { eyes, ..constants.clone() }.as_previous())),
-                ("tally_image", Buffer::image(&tally)),
-                ("last_surface", Buffer::whole(&[[0u32; 4]])),
-                ("last_guide", Buffer::whole(&[[0u32; 4]])),
-                ("light_change", Buffer::whole(&[0.0f32])),
-            ],
-        );
+        let buffers = [
+            ("composed", stripe.valid(WIDTH, &now)),
+            ("last_resolved", stripe.valid(WIDTH, &last)),
+            ("resolved", Buffer::image(&words[0])),
+            ("linear", Buffer::image(&words[1])),
+            ("display", Buffer::image(&tally)),
+            ("previous", Buffer::whole(&Constants { eyes, ..constants.clone() }.as_previous())),
+            ("tally_image", Buffer::image(&tally)),
+            ("last_surface", Buffer::whole(&[[0u32; 4]])),
+            ("last_guide", Buffer::whole(&[[0u32; 4]])),
+            ("light_change", Buffer::whole(&[0.0f32])),
+        ];
+        let outputs = Kernel::new("taa", &[]).run(&constants, stripe.pass(view, [0; 3]), WIDTH, &buffers);
         let (kept, linear) = (outputs.get::<[f32; 4]>("resolved"), outputs.get::<[f32; 4]>("linear"));
         let (display, counted) = (outputs.get::<u32>("display"), outputs.get::<u32>("tally_image"));
         let twin = Twin { constants: &constants, stripe, view, eye: eyes[view], composed: &now, last: &last };
-        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+        for (x, y) in stripe.pixels(WIDTH) {
             let at = constants.index(x, y);
             let want = twin.pixel(x, y, &mut cases);
             let place =
@@ -119,13 +115,8 @@ fn taa_history_follows_the_surface() {
     // Vertical motion near the limit, where interpolation of the second row needs two rows.
     compare(Some((way, 0.02, 0.09)), true, 126, &["history that moved", "no history"]);
     compare(Some((-way, -0.03, -0.09)), true, 128, &["history that moved", "no history"]);
-    compare_within(
-        SLOW_TOLERANCE,
-        Some((way, 0.0, 0.0)),
-        true,
-        127,
-        &["history that moved", "history that moved slowly"],
-    );
+    let expected = ["history that moved", "history that moved slowly"];
+    compare_within(SLOW_TOLERANCE, Some((way, 0.0, 0.0)), true, 127, &expected);
 }
 
 #[test]

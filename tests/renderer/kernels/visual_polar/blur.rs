@@ -6,7 +6,7 @@ use diptych::layout::PassConstants;
 use glam::DVec3;
 
 use super::{FOVEA_DEG, GAZES, Polar};
-use crate::kernels::harness::{Buffer, Kernel, Stripe, only_in};
+use crate::kernels::harness::{Buffer, Kernel, Stripe};
 use crate::kernels::inputs::{Cases, Random};
 use crate::kernels::pack::rgb;
 
@@ -64,12 +64,11 @@ fn polar_images_are_blurred_as_far_as_acuity_allows() {
     let mut random = Random::new(182);
     let mut cases = Cases::default();
     let polar = Polar { columns: 856, rows: 480, fovea_rows: 480.0 * 0.21, ..Polar::new(GAZES[1]) };
-    let mut source = vec![[f32::NAN; 4]; (polar.columns * polar.rows) as usize];
-    for (column, row) in polar.pixels() {
+    let source = polar.image(|_, _| {
         let color = DVec3::from_array(std::array::from_fn(|_| random.within(0.0..1.0)));
-        source[(row * polar.columns + column) as usize] = color.as_vec3().extend(9.0).to_array();
-    }
-    let before = random.rubbish::<4>((polar.columns * polar.rows) as usize);
+        color.as_vec3().extend(9.0).to_array()
+    });
+    let before = random.rubbish::<4>(source.len());
     for (along_columns, most, rows, margin) in [
         (true, 20, 0..480u32, 0),
         (true, 3, 300..340, 0),
@@ -81,27 +80,23 @@ fn polar_images_are_blurred_as_far_as_acuity_allows() {
         let stripe = Stripe { valid: rows.start.saturating_sub(margin)..(rows.end + margin).min(480), rows };
         let (width, height) = (polar.columns, polar.rows);
         let pass = PassConstants { width, height, ..stripe.pass(1, [u32::from(!along_columns), most, 0]) };
-        let groups = [width.div_ceil(8), (stripe.rows.end - stripe.rows.start).div_ceil(8)];
-        let buffers =
-            [("source", Buffer::image(&only_in(&stripe.valid, width, &source))), ("blurred", Buffer::image(&before))];
-        let outputs = Kernel::new("visual_polar_blur", &[]).run_frame(&polar.frame(), pass, groups, &buffers);
+        let buffers = [("source", stripe.valid(width, &source)), ("blurred", Buffer::image(&before))];
+        let outputs = Kernel::new("visual_polar_blur", &[]).run_rows(&polar.frame(), pass, &buffers);
         let found = outputs.get::<[u32; 4]>("blurred");
-        for row in stripe.rows.clone() {
-            let mode = (along_columns, most, deviation(&polar, row, along_columns));
-            for column in 0..width {
-                let at = (row * width + column) as usize;
-                if column >= polar.length(row) {
-                    assert_eq!(found[at], before[at], "({column}, {row}) is no pixel");
-                    continue;
-                }
-                if random.chance(0.9) {
-                    continue;
-                }
-                let Some(want) = blurred(&polar, &stripe, (column, row), mode, &source, &mut cases) else { continue };
-                // The fit of eccentricities has an error of 0.03 degrees, so deviations have errors of about 0.3 %.
-                let off = (rgb(found[at].map(f32::from_bits)) - want).abs().max_element();
-                assert!(off < 4e-3, "({column}, {row}) of {stripe:?}: off by {off}");
+        for (column, row) in stripe.pixels(width) {
+            let at = (row * width + column) as usize;
+            if column >= polar.length(row) {
+                assert_eq!(found[at], before[at], "({column}, {row}) is no pixel");
+                continue;
             }
+            if random.chance(0.9) {
+                continue;
+            }
+            let mode = (along_columns, most, deviation(&polar, row, along_columns));
+            let Some(want) = blurred(&polar, &stripe, (column, row), mode, &source, &mut cases) else { continue };
+            // The fit of eccentricities has an error of 0.03 degrees, so deviations have errors of about 0.3 %.
+            let off = (rgb(found[at].map(f32::from_bits)) - want).abs().max_element();
+            assert!(off < 4e-3, "({column}, {row}) of {stripe:?}: off by {off}");
         }
     }
     cases.assert_met(&["as it was", "blurred", "as far as rows are there", "rows that are not there"]);

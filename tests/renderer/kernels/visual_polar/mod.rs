@@ -7,7 +7,6 @@ use std::f64::consts::{PI, TAU};
 
 use diptych::layout::{Camera, Display, Frame, PassConstants, View};
 use diptych::projection::PolarSpace;
-use diptych::wgsl::Words;
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec3Swizzles};
 
 use super::camera::{Eye, STORAGE_SCALE};
@@ -60,25 +59,17 @@ impl Polar {
         Self { eye, gaze, right: gaze_right, columns, rows, fovea_rows: f64::from(rows) * fovea }
     }
 
-    fn view(&self) -> View {
-        View {
+    pub fn frame(&self) -> Frame {
+        let view = View {
             rows: self.rows as f32,
             fovea_rows: self.fovea_rows as f32,
             gaze: self.gaze.as_vec3(),
             gaze_right: self.right.as_vec3(),
             ..self.eye.view()
-        }
-    }
-
-    pub fn frame(&self) -> Frame {
+        };
+        let (width, height, centre) = (self.columns, self.rows, Vec2::splat(0.5));
         Frame {
-            camera: Camera {
-                views: [self.view(); 2],
-                centre: Vec2::splat(0.5),
-                width: self.columns,
-                height: self.rows,
-                ..Default::default()
-            },
+            camera: Camera { views: [view; 2], centre, width, height, ..Default::default() },
             display: Display { exposure: 1.0, storage_scale: STORAGE_SCALE, ..Default::default() },
             ..Default::default()
         }
@@ -92,6 +83,13 @@ impl Polar {
 
     pub fn pixels(&self) -> impl Iterator<Item = (u32, u32)> {
         (0..self.rows).flat_map(|row| (0..self.length(row)).map(move |column| (column, row)))
+    }
+
+    /// Returns an image with values that are not finite where there are no pixels.
+    pub fn image(&self, mut texel: impl FnMut(u32, u32) -> [f32; 4]) -> Vec<[f32; 4]> {
+        let mut image = vec![[f32::NAN; 4]; (self.columns * self.rows) as usize];
+        self.pixels().for_each(|(column, row)| image[(row * self.columns + column) as usize] = texel(column, row));
+        image
     }
 
     /// Returns the eccentricity of a row: the angle within which the integral of acuity reaches it.
@@ -157,15 +155,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let narrow = [0.7, 1.8].map(|fovea| Polar::with_fovea(GAZES[1], fovea));
     for polar in GAZES.map(Polar::new).into_iter().chain(narrow) {
         let (gaze, fovea_rows) = (polar.gaze, polar.fovea_rows);
-        let pass = PassConstants { view: 1, width: polar.columns, height: polar.rows, ..Default::default() };
-        let nothing = vec![[0f32; 4]; (polar.columns * polar.rows) as usize];
-        let groups = [polar.columns.div_ceil(8), polar.rows.div_ceil(8)];
-        let outputs = Kernel::beside("visual_polar_blur", &[], ROUND_TRIP).run_frame(
-            &polar.frame(),
-            pass,
-            groups,
-            &[("rays", Buffer::whole(&nothing)), ("points", Buffer::whole(&nothing))],
-        );
+        let (width, height) = (polar.columns, polar.rows);
+        let pass = PassConstants { view: 1, width, height, row_end: height, ..Default::default() };
+        let nothing = vec![[0f32; 4]; (width * height) as usize];
+        let buffers = [("rays", Buffer::whole(&nothing)), ("points", Buffer::whole(&nothing))];
+        let kernel = Kernel::beside("visual_polar_blur", &[], ROUND_TRIP);
+        let outputs = kernel.run_rows(&polar.frame(), pass, &buffers);
         let (rays, points) = (outputs.get::<[f32; 4]>("rays"), outputs.get::<[f32; 4]>("points"));
         let (mut off_ray, mut off_point): (f64, f64) = (0.0, 0.0);
         for (column, row) in polar.pixels() {
@@ -206,16 +201,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let kernel = Kernel::beside("visual_polar_blur", &[], NEIGHBOURS);
     for (dx, dy) in OFFSETS {
         let (valid, height) = (20..polar.rows, polar.rows);
-        let pass = PassConstants {
-            row_begin: 24,
-            row_end: height,
-            valid_begin: valid.start,
-            valid_end: valid.end,
-            args: Words([dx as u32, dy as u32, 0]),
-            width: polar.columns,
-            height,
-            ..Default::default()
-        };
+        let stripe = Stripe { rows: 24..height, valid: valid.clone() };
+        let pass = PassConstants { width: polar.columns, height, ..stripe.pass(0, [dx as u32, dy as u32, 0]) };
         let nothing = vec![[0i32; 4]; (polar.columns * height) as usize];
         let found = kernel.run_frame(&polar.frame(), pass, groups, &[("found", Buffer::whole(&nothing))]);
         let found = found.get::<[i32; 4]>("found");
@@ -246,22 +233,19 @@ fn to_screen_places_light_in_its_direction() {
     let (width, height) = (96, 58);
     for gaze in GAZES {
         let polar = Polar::new(gaze);
-        let mut image = vec![[f32::NAN; 4]; (polar.columns * polar.rows) as usize];
-        for (column, row) in polar.pixels() {
+        let image = polar.image(|column, row| {
             let ray = polar.ray(f64::from(column) + 0.5, f64::from(row) + 0.5, polar.length(row));
-            image[(row * polar.columns + column) as usize] = light_from(ray).as_vec3().extend(1.0).to_array();
-        }
+            light_from(ray).as_vec3().extend(1.0).to_array()
+        });
         let pass = PassConstants { row_end: height, width, height, ..Default::default() };
-        let outputs = Kernel::projected(Some(PolarSpace::Visual), "to_screen", &[]).run_frame(
-            &polar.frame(),
-            pass,
-            [width.div_ceil(8), height.div_ceil(8)],
-            &[
-                ("polar", Buffer::whole(&image)),
-                ("linear", Buffer::whole(&vec![[0f32; 4]; (width * height) as usize])),
-                ("display", Buffer::whole(&vec![0u32; (width * height) as usize])),
-            ],
-        );
+        let area = (width * height) as usize;
+        let buffers = [
+            ("polar", Buffer::whole(&image)),
+            ("linear", Buffer::whole(&vec![[0f32; 4]; area])),
+            ("display", Buffer::whole(&vec![0u32; area])),
+        ];
+        let kernel = Kernel::projected(Some(PolarSpace::Visual), "to_screen", &[]);
+        let outputs = kernel.run_rows(&polar.frame(), pass, &buffers);
         let linear = outputs.get::<[f32; 4]>("linear");
         for (i, found) in (0..).zip(linear) {
             let at = DVec2::new(f64::from(i % width) + 0.5, f64::from(i / width) + 0.5);
@@ -277,15 +261,6 @@ fn to_screen_places_light_in_its_direction() {
     }
 }
 
-/// Returns an image of numbered pixels; values outside of it are not finite.
-fn numbered(polar: &Polar) -> Vec<[f32; 4]> {
-    let mut image = vec![[f32::NAN; 4]; (polar.columns * polar.rows) as usize];
-    for (column, row) in polar.pixels() {
-        image[(row * polar.columns + column) as usize] = [column as f32, row as f32, 0.5, 2.0];
-    }
-    image
-}
-
 #[test]
 fn aov_to_screen_reads_the_pixel_of_each_direction() {
     let (width, height) = (96, 58);
@@ -296,16 +271,12 @@ fn aov_to_screen_reads_the_pixel_of_each_direction() {
         for rows in [0..height, 20..29, 49..height] {
             let stripe = Stripe { valid: 0..height, rows };
             let pass = PassConstants { width, height, ..stripe.pass(1, [0; 3]) };
-            let groups = [width.div_ceil(8), (stripe.rows.end - stripe.rows.start).div_ceil(8)];
-            let buffers = [("polar", Buffer::whole(&numbered(&polar))), ("aov", Buffer::image(&before))];
-            let outputs = Kernel::projected(Some(PolarSpace::Visual), "aov_to_screen", &[]).run_frame(
-                &polar.frame(),
-                pass,
-                groups,
-                &buffers,
-            );
+            let numbered = polar.image(|column, row| [column as f32, row as f32, 0.5, 2.0]);
+            let buffers = [("polar", Buffer::whole(&numbered)), ("aov", Buffer::image(&before))];
+            let kernel = Kernel::projected(Some(PolarSpace::Visual), "aov_to_screen", &[]);
+            let outputs = kernel.run_rows(&polar.frame(), pass, &buffers);
             let aov = outputs.get::<[f32; 4]>("aov");
-            for (x, y) in stripe.rows.clone().flat_map(|y| (0..width).map(move |x| (x, y))) {
+            for (x, y) in stripe.pixels(width) {
                 let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
                 let place = polar.place_of(polar.eye.ray(at, DVec2::new(width.into(), height.into())));
                 // The outermost ring is extended beyond its edge.
@@ -323,11 +294,8 @@ fn aov_to_screen_reads_the_pixel_of_each_direction() {
                     row if f64::from(row) < polar.fovea_rows => "fovea",
                     _ => "periphery",
                 });
-                assert_eq!(
-                    aov[(y * width + x) as usize],
-                    [column.floor() as f32, row as f32, 0.5, 2.0],
-                    "{gaze}: {at}"
-                );
+                let expected = [column.floor() as f32, row as f32, 0.5, 2.0];
+                assert_eq!(aov[(y * width + x) as usize], expected, "{gaze}: {at}");
             }
         }
     }
