@@ -1,4 +1,4 @@
-"""Writes tables of measurements as Markdown. tests/models/results.rs has the same rules and compares."""
+"""Writes tables of measurements as Markdown. tests/models/results.rs runs this."""
 
 import json
 import re
