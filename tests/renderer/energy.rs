@@ -1,6 +1,7 @@
 //! A white furnace neither gains nor loses light.
 
-use crate::common::{Stage, Subject, is_thorough, still_rig};
+use crate::common::{Stage, Subject, is_thorough};
+use crate::pictures::{brightest, seen};
 use crate::reference::scenes::{add_material, add_mesh, empty, icosphere, instance, matte, place, quad, scaled_at};
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use crate::reference::{Pinhole, Reference};
@@ -51,7 +52,7 @@ fn spheres_in_a_white_furnace_show_their_albedo() {
         settings.envelope.most.spp = spp.into();
         settings.sampler = sampler;
         let (image, albedo) = render(&subject, &settings);
-        let brightest = image.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
+        let brightest = brightest(&image);
         assert!(brightest <= 1.0 + ROUNDING, "{spp} spp: light is made: {brightest}");
         for (of, least) in [(1.0, 500), (0.5, 40), (0.2, 40)] {
             let pixels = inner(&pixels_of(&albedo, of), WIDTH as usize);
@@ -146,7 +147,7 @@ fn denoiser_keeps_the_mean() {
         let ratio = mean(&filtered.0, &pixels) / mean(&raw.0, &pixels);
         assert!((ratio - 1.0).abs() < 0.01, "albedo {of}: {ratio}");
     }
-    let brightest = filtered.0.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
+    let brightest = brightest(&filtered.0);
     assert!(brightest <= 1.0 + ROUNDING, "light is made: {brightest}");
 }
 
@@ -205,8 +206,7 @@ fn glass_balls() -> (Scene, Pinhole) {
 /// says.
 fn hold_in_the_furnace((scene, camera): (Scene, Pinhole), bounces: u32) {
     let extent = Extent::new(48, 32);
-    let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
-    let subject = Subject::new(&scene.name.clone(), scene, rig);
+    let subject = seen((scene, camera));
     let mut settings = subject.settings(extent.width, extent.height);
     (settings.envelope.most.bounces, settings.envelope.most.spp, settings.sampler) = (bounces, 64.into(), Sampler::Pcg);
     let mut stage = Stage::alone(&subject, &settings);

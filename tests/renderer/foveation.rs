@@ -1,8 +1,8 @@
 //! Foveated layers: which pixels are sampled, and that nothing else changes.
 
-use crate::common::{Stage, Subject, foveate, project, sampled, with};
+use crate::common::{Frame, Stage, Subject, foveate, project, sampled, with};
+use crate::pictures::{eyes, mean};
 use diptych::RunConfig;
-use diptych::exec::Stereo;
 use diptych::frame::Foveation;
 use diptych::image::RgbImage;
 use diptych::passes::Aov;
@@ -30,10 +30,6 @@ fn distances(gaze: &Gaze) -> Vec<f64> {
     let [x, y] = [x * f64::from(WIDTH), y * f64::from(HEIGHT)];
     let centre = |i: u32| (f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5);
     (0..WIDTH * HEIGHT).map(|i| f64::hypot(centre(i).0 - x, centre(i).1 - y)).collect()
-}
-
-fn eyes<T>(both: &Stereo<T>) -> [&T; 2] {
-    [&both.left, &both.right]
 }
 
 fn same(a: &RgbImage, b: &RgbImage, i: usize) -> bool {
@@ -108,7 +104,7 @@ fn same_bytes_and_rays_if_foveation_skips_no_pixel() {
             let (a, b) = (eyes(&expected.linear)[eye], eyes(&found.linear)[eye]);
             assert_eq!((0..a.pixels.len()).filter(|&i| !same(a, b, i)).count(), 0, "{spp} spp, eye {eye}");
             // A pixel that is listed twice would have twice the rays.
-            let rays = |f: &crate::common::Frame| f.report.row_tallies[eye].iter().map(|r| r.rays).collect::<Vec<_>>();
+            let rays = |f: &Frame| f.report.row_tallies[eye].iter().map(|r| r.rays).collect::<Vec<_>>();
             assert_eq!(rays(&expected), rays(&found));
         }
     }
@@ -126,11 +122,10 @@ fn render_scale_samples_its_square_and_keeps_mean() {
             let frames: Vec<_> = (0..8).map(|i| stage.frame(i)).collect();
             (frames, stage.aov(0))
         };
-        let mean = |image: &RgbImage| image.pixels.iter().flatten().map(|c| f64::from(*c)).sum::<f64>();
         let (full, _) = render(1.0);
         for scale in sampled([0.5, 0.75], 2) {
             let (frames, spp) = render(scale);
-            let rays = |f: &[crate::common::Frame]| f.iter().map(|f| f.report.tallies[0].rays).sum::<u64>();
+            let rays = |f: &[Frame]| f.iter().map(|f| f.report.tallies[0].rays).sum::<u64>();
             assert!(rays(&frames) < rays(&full));
             let share = spp.left[0].iter().map(|s| f64::from(*s)).sum::<f64>() / f64::from(WIDTH * HEIGHT);
             // Samples are stratified, except at silhouettes, which are always sampled.
@@ -258,7 +253,7 @@ fn gaze_set_per_frame_applies_to_each_eye() {
 }
 
 /// Returns the mean radiance of the pixels whose index satisfies a condition.
-fn mean(image: &RgbImage, counts: impl Fn(usize) -> bool) -> f64 {
+fn mean_of(image: &RgbImage, counts: impl Fn(usize) -> bool) -> f64 {
     let pixels = || image.pixels.iter().enumerate().filter(|(i, _)| counts(*i));
     pixels().map(|(_, p)| p.iter().map(|c| f64::from(*c)).sum::<f64>()).sum::<f64>() / (3 * pixels().count()) as f64
 }
@@ -287,7 +282,7 @@ fn polar_images_match_perspective_with_fewer_rays() {
             f64::hypot(x - gaze, y - 0.6 * f64::from(HEIGHT))
         };
         for (what, radius) in [("around the gaze", 12.0), ("everywhere", 1e3)] {
-            let [a, b] = [a, b].map(|image| mean(image, |i| distance(i) < radius));
+            let [a, b] = [a, b].map(|image| mean_of(image, |i| distance(i) < radius));
             assert!((b / a - 1.0).abs() < 0.03, "{space}, eye {eye}, {what}: {b} instead of {a}");
         }
         // Auxiliary images show the nearest pixel.

@@ -2,7 +2,8 @@
 
 use std::cell::Cell;
 
-use crate::common::{Stage, Subject, is_thorough, still_rig};
+use crate::common::{Stage, Subject, is_thorough};
+use crate::pictures::seen_apart;
 use crate::reference::Pinhole;
 use crate::reference::intersect::{Geometry, Ray};
 use crate::reference::layer;
@@ -114,7 +115,7 @@ fn hold_against_rays(subject: &Subject) -> Errors {
     let mut errors = Errors::default();
     for eye in Eye::ALL {
         let view = subject.rig.view(0.0, eye);
-        let planes = |i: usize| if eye == Eye::Left { &aovs[i].left } else { &aovs[i].right };
+        let planes = |i: usize| aovs[i].of(eye);
         for pixel in 0..EXTENT.area() {
             let (x, y) = (pixel as u32 % EXTENT.width, pixel as u32 / EXTENT.width);
             let Some(seen) = exact.behind(&view, x, y) else { continue };
@@ -168,9 +169,7 @@ fn assert_exact_geometry(subject: &Subject) -> Errors {
 
 #[test]
 fn gbuffer_of_small_scenes_is_exact() {
-    for (name, scene, camera) in matte::all() {
-        assert_exact(&subject(name, scene, &camera));
-    }
+    matte::all().into_iter().for_each(|row| assert_exact(&unlit(row)));
 }
 
 /// Error of the renderer's albedo table, which is coarser than the reference's and interpolated linearly: up to 1.5 %
@@ -181,9 +180,8 @@ const TABLE: f64 = 0.02;
 fn base_diffuse_and_specular_colours_are_exact() {
     let quick = ["metals", "clearcoats", "material_textures"];
     let is_asked = |name: &str| if is_thorough() { name != "unlit" } else { quick.contains(&name) };
-    for (name, build) in materials::ALL.into_iter().filter(|(name, _)| is_asked(name)) {
-        let (scene, camera) = build();
-        let subject = subject(name, scene, &camera);
+    for row in materials::ALL.into_iter().filter(|row| is_asked(row.0)) {
+        let (name, subject) = (row.0, unlit(materials::build(row)));
         let mut settings = subject.settings(EXTENT.width, EXTENT.height);
         settings.buffers.aovs = vec![Aov::BaseColor, Aov::DiffuseAlbedo, Aov::SpecularAlbedo];
         let mut stage = Stage::alone(&subject, &settings);
@@ -221,17 +219,13 @@ fn base_diffuse_and_specular_colours_are_exact() {
 
 #[test]
 fn mapped_normals_are_exact() {
-    let (_, build) = materials::ALL.into_iter().find(|(name, _)| *name == "normal_maps").unwrap();
-    let (scene, camera) = build();
-    assert_exact_geometry(&subject("normal_maps", scene, &camera));
+    assert_exact_geometry(&unlit(materials::named("normal_maps")));
 }
 
-fn subject(name: &str, mut scene: Scene, camera: &Pinhole) -> Subject {
-    // The reference's intersection cannot find spherical lights, which have no triangles.
-    scene.lights.clear();
-    let mut rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
-    rig.baseline_m = 0.064;
-    Subject::new(name, scene, rig)
+/// Returns the scene without spherical lights, which have no triangles, so that the reference's intersection cannot find
+/// them.
+fn unlit((scene, camera): (Scene, Pinhole)) -> Subject {
+    seen_apart((Scene { lights: Vec::new(), ..scene }, camera))
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Light through glass, and surfaces that only look like glass.
 
-use crate::common::{Stage, Subject, still_rig};
+use crate::common::{Stage, Subject};
+use crate::pictures::seen;
 use crate::reference::Pinhole;
 use crate::reference::scenes::{add_material, add_matte, empty, matte, place, quad, studio};
 use diptych::RunConfig;
@@ -21,7 +22,7 @@ fn floor() -> Scene {
 
 fn subject(scene: &Scene) -> Subject {
     let camera = Pinhole::looking_at(vec3(0.0, 0.9, 0.3), Vec3::ZERO, Vec3::Y, 6.0);
-    Subject::new("panes", scene.clone(), still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov))
+    seen((scene.clone(), camera))
 }
 
 fn rendered(scene: &Scene, settings: impl Fn(&mut RunConfig)) -> RgbImage {
@@ -157,8 +158,7 @@ fn dark_glass_sheds_no_light_on_its_surroundings() {
     let pane = add_material(&mut scene, studio::glass(Vec3::splat(1e-3), 0.0));
     place(&mut scene, quad(vec3(-9.0, 0.1, -9.0), 18.0 * Vec3::Z, 9.0 * Vec3::X, pane));
     let camera = Pinhole::looking_at(vec3(0.0, 4.0, 0.5), Vec3::ZERO, Vec3::Y, 40.0);
-    let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
-    let subject = Subject::new("dark pane", scene, rig);
+    let subject = seen((scene, camera));
     let (width, height) = (48, 32);
     // The right half of the picture shows the floor beside the pane.
     let beside = |image: RgbImage| -> Vec<f32> {

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use crate::common::{Stage, Subject, is_thorough, still_rig};
+use crate::pictures::mean;
+use crate::reference::scenes::pictures::painted;
 use diptych::accel::{Accel, Layout};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::Aov;
@@ -54,12 +56,8 @@ fn square(material: usize) -> Mesh {
 }
 
 /// Returns 8x8 texels as a function of column and row.
-fn texels(of: impl Fn(usize, usize) -> [u8; 4]) -> Arc<Image<[u8; 4]>> {
-    let mut image = Image::filled(Extent::new(8, 8), [0; 4]);
-    for (i, texel) in image.pixels.iter_mut().enumerate() {
-        *texel = of(i % 8, i / 8);
-    }
-    Arc::new(image)
+fn texels(of: impl Fn(u32, u32) -> [u8; 4]) -> Arc<Image<[u8; 4]>> {
+    Arc::new(painted(Extent::new(8, 8), of))
 }
 
 fn empty_scene(name: &str) -> Scene {
@@ -260,10 +258,6 @@ fn instanced_images_match_flattened_scenes() {
             let noise = psnr(&flat.left, &flat.right);
             println!("moved by {by}, lamps {has_lamps}: {between:.1} dB; {noise:.1} dB between two of flat");
             assert!(between > bound_db && between > noise + 20.0, "moved by {by}: {between} dB, noise {noise} dB");
-            let mean = |image: &RgbImage| {
-                image.pixels.as_flattened().iter().map(|&c| f64::from(c)).sum::<f64>()
-                    / (3 * image.extent.area()) as f64
-            };
             assert!((mean(a) / mean(b) - 1.0).abs() < 2e-4, "moved by {by}: {} and {}", mean(a), mean(b));
         }
     }

@@ -1,6 +1,7 @@
 //! Selection among many lights keeps the mean at any scale, and small suns cause little noise.
 
-use crate::common::{Stage, Subject, is_thorough, still_rig};
+use crate::common::{Stage, Subject, is_thorough};
+use crate::pictures::seen;
 use crate::reference::ztest::{Estimate, assert_agrees, mean_and_variance};
 use crate::reference::{Emitters, Pinhole, Reference, scenes};
 use diptych::frame::Sampler;
@@ -11,11 +12,6 @@ use glam::{DVec3, Vec3, vec3};
 const WIDTH: u32 = 32;
 const HEIGHT: u32 = 24;
 
-fn subject(scene: Scene, camera: &Pinhole) -> Subject {
-    let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
-    Subject::new(&scene.name.clone(), scene, rig)
-}
-
 /// Returns the mean light of a floor under a card that is out of sight.
 fn floor_under(card: Mesh, lamp: Material) -> f64 {
     let mut scene = scenes::empty("card");
@@ -24,7 +20,7 @@ fn floor_under(card: Mesh, lamp: Material) -> f64 {
     scenes::place(&mut scene, scenes::quad(vec3(-3.0, 0.0, -3.0), 6.0 * Vec3::Z, 6.0 * Vec3::X, grey));
     scenes::place(&mut scene, Mesh { material: lamp, ..card });
     let camera = Pinhole::looking_at(vec3(0.0, 1.0, 4.0), vec3(0.0, 0.0, 1.0), Vec3::Y, 30.0);
-    let estimate = rendered(&subject(scene, &camera), 1, 64);
+    let estimate = rendered(&seen((scene, camera)), 1, 64);
     estimate.mean.iter().map(|pixel| pixel[1]).sum::<f64>() / estimate.mean.len() as f64
 }
 
@@ -92,7 +88,7 @@ fn many_lamps(scale: f32) -> (Scene, Pinhole) {
 #[ignore = "takes many samples: `make test-full` runs it"]
 fn many_lamps_of_every_kind_are_unbiased() {
     let (scene, camera) = many_lamps(1.0);
-    let subject = subject(scene, &camera);
+    let subject = seen((scene, camera));
     let view = subject.rig.view(0.0, diptych::scene::rig::Eye::Left);
     let seen = Pinhole { forward: view.forward, right: view.right, up: view.up, ..camera };
     let reference = Reference::new(&subject.scene).with_emitters(Emitters::Sampled);
@@ -107,10 +103,7 @@ fn many_lamps_of_every_kind_are_unbiased() {
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
 fn picture_is_independent_of_scene_scale() {
-    let estimate = |scale| {
-        let (scene, camera) = many_lamps(scale);
-        rendered(&subject(scene, &camera), 2, 128)
-    };
+    let estimate = |scale| rendered(&seen(many_lamps(scale)), 2, 128);
     let one = estimate(1.0);
     for scale in [1e-3, 1e6] {
         assert_agrees(&format!("scale {scale}"), &one, &estimate(scale), 0.03);
@@ -144,7 +137,7 @@ fn one_texel_sun_has_little_noise_and_correct_power() {
     scenes::place(&mut scene, scenes::quad(vec3(-50.0, 0.0, -50.0), 100.0 * Vec3::Z, 100.0 * Vec3::X, grey));
     scene.environment = Environment::Map { image: image.into(), rotation_deg: 0.0 };
     let camera = Pinhole::looking_at(vec3(0.0, 5.0, 0.1), Vec3::ZERO, Vec3::Z, 45.0);
-    let subject = subject(scene, &camera);
+    let subject = seen((scene, camera));
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.envelope.most.bounces = 1;
     settings.sampler = Sampler::Pcg;

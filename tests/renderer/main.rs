@@ -20,6 +20,7 @@ mod loss;
 mod mirrors;
 mod moving;
 mod passes;
+mod pictures;
 mod predictions;
 mod radiance_cache;
 mod ranks;

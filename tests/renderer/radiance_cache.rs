@@ -4,12 +4,13 @@ use glam::{Affine2, Affine3A, DVec3, Quat, Vec2, Vec3, vec2, vec3, vec4};
 
 use super::moving::watched;
 use crate::common::{Frame, Stage, Subject, devices_to_lose, still_rig};
+use crate::pictures::mean;
 use crate::reference::scenes::moving::everything;
 use crate::reference::scenes::{add_image, add_material, add_mesh, block, empty, instance, matte, place, quad};
 use crate::same_bytes::{HEIGHT, Rows, every, hold, run};
 use diptych::RunConfig;
 use diptych::graph::HaloPlan;
-use diptych::image::{Extent, Image, RgbImage};
+use diptych::image::{Extent, Image};
 use diptych::metrics;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::scene::{Material, Scene, Texture, TextureRef, Wrap};
@@ -99,10 +100,6 @@ fn frames_of_more_bounces_do_not_read_cells_of_fewer() {
     println!("rays saved: {few:.3} with 2 bounces, {changed:.3} in the first frame with 6, {many:.3} later");
     assert!(few > 0.05 && many > 0.1, "{few}, {many}");
     assert!(changed.abs() < 0.002, "the first frame of 6 bounces reads cells of 2: {changed}");
-}
-
-fn mean(image: &RgbImage) -> f64 {
-    image.pixels.iter().flatten().map(|c| f64::from(*c)).sum::<f64>() / image.pixels.len() as f64
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Two eyes: reprojected pixels look like traced ones, and each eye has its own viewpoint.
 
 use crate::common::{Stage, Subject, is_thorough, sampled, still_rig, with};
+use crate::pictures::seen_apart;
 use crate::reference::scenes::{add_matte, empty, materials, place, quad};
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use diptych::metrics::compare;
@@ -33,11 +34,7 @@ fn reprojected_eye_matches_a_traced_one() {
 fn reprojected_specular_surfaces_match_traced_ones() {
     let all = ["dielectrics", "metals", "clearcoats"];
     for name in all.into_iter().take(if is_thorough() { 3 } else { 1 }) {
-        let (_, scene) = materials::ALL.into_iter().find(|(row, _)| *row == name).unwrap();
-        let (scene, camera) = scene();
-        let mut rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
-        rig.baseline_m = 0.064;
-        let subject = Subject::new(name, scene, rig);
+        let subject = seen_apart(materials::named(name));
         let mut settings = with(subject.settings(64, 36), |config| config.envelope.most.bounces = 3);
         settings.envelope.most.spp = 256.into();
         let traced = Stage::alone(&subject, &settings).frame(0).linear.right;

@@ -1,8 +1,10 @@
 //! Hardware ray queries give the same hits as compute traversal. Without an adapter that supports them, the test only
 //! prints that.
 
-use crate::common::{Stage, Subject, still_rig};
+use crate::common::{Stage, Subject};
 use crate::instances;
+use crate::moving::watched;
+use crate::pictures::mean;
 use crate::reference::scenes::moving;
 use diptych::accel::Layout;
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
@@ -51,10 +53,6 @@ fn see(subject: &Subject, traversal: TraversalChoice, times_s: &[f64]) -> Option
     Some(Seen { linear, depth })
 }
 
-fn mean(image: &RgbImage) -> f64 {
-    image.pixels.as_flattened().iter().map(|&c| f64::from(c)).sum::<f64>() / image.pixels.len() as f64
-}
-
 /// Distances agree, except for rays along edges; paths from there have different hits.
 #[test]
 fn hardware_traversal_matches_compute_traversal() {
@@ -77,9 +75,7 @@ fn hardware_traversal_follows_dynamic_geometry() {
     let mut masked = moving::skinned();
     masked.materials.iter_mut().for_each(|m| m.alpha_mode = AlphaMode::Mask { cutoff: 0.5 });
     for scene in [moving::skinned(), moving::morphed(), masked, moving::rigid()] {
-        let camera = moving::camera();
-        let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
-        let subject = Subject::new(&scene.name.clone(), scene, rig);
+        let subject = watched(scene);
         let see = |times_s: &[f64]| {
             [TraversalChoice::Compute, TraversalChoice::Hardware].map(|traversal| see(&subject, traversal, times_s))
         };

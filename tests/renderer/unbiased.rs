@@ -4,7 +4,8 @@ mod denoised;
 
 use std::ops::Range;
 
-use crate::common::{Stage, Subject, is_thorough, sampled, still_rig, with};
+use crate::common::{Stage, Subject, is_thorough, sampled, with};
+use crate::pictures::seen;
 use crate::reference::scenes::{lit, lobes, materials, matte, moving};
 use crate::reference::tangents;
 use crate::reference::ztest::{Estimate, assert_agrees, compare, verdict};
@@ -15,7 +16,7 @@ use diptych::image::{Extent, RgbImage};
 use diptych::scene::Scene;
 use diptych::scene::gltf;
 use diptych::scene::load::load_shot;
-use diptych::scene::rig::Eye;
+use diptych::scene::rig::{Eye, View};
 use glam::{Vec3, vec3};
 
 /// Few pixels with many samples each. Powers of two suit low-discrepancy points and workgroups.
@@ -64,14 +65,8 @@ const SUN: Effort = Effort { samplers: &[Sampler::Sobol], bounces: &[1], resolut
 
 /// Returns the left eye of the subject's rig as the reference's camera.
 fn pinhole(subject: &Subject) -> Pinhole {
-    let view = subject.rig.view(0.0, Eye::Left);
-    Pinhole {
-        origin: view.origin,
-        right: view.right,
-        up: view.up,
-        forward: view.forward,
-        tan_half_yfov: view.tan_half_yfov,
-    }
+    let View { origin, right, up, forward, tan_half_yfov, .. } = subject.rig.view(0.0, Eye::Left);
+    Pinhole { origin, right, up, forward, tan_half_yfov }
 }
 
 type Renders = Vec<Vec<[f64; 3]>>;
@@ -165,12 +160,11 @@ fn hold_at(subjects: impl IntoIterator<Item = (Subject, f64)>, effort: &Effort) 
 /// Returns a scene seen by its camera in both eyes, with less above and below and more at the sides than in other
 /// pictures.
 fn subject((scene, camera): (Scene, Pinhole)) -> Subject {
-    let rig = still_rig(camera.origin, camera.forward, camera.up, 0.8 * camera.tan_half_yfov);
-    Subject::new(&scene.name.clone(), scene, rig)
+    seen((scene, Pinhole { tan_half_yfov: 0.8 * camera.tan_half_yfov, ..camera }))
 }
 
 fn matte_scenes() -> impl Iterator<Item = Subject> {
-    matte::all().into_iter().map(|(_, scene, camera)| subject((scene, camera)))
+    matte::all().into_iter().map(subject)
 }
 
 #[test]
@@ -193,13 +187,13 @@ fn emitters_with_alpha_or_a_coat_are_unbiased() {
 /// Add rows in [`materials::ALL`].
 #[test]
 fn every_material_is_unbiased() {
-    hold_against_the_reference(sampled(materials::ALL, 3).map(|(_, scene)| subject(scene())), &BOTH_SAMPLERS);
+    hold_against_the_reference(sampled(materials::ALL, 3).map(|row| subject(materials::build(row))), &BOTH_SAMPLERS);
 }
 
 /// Add rows in [`lobes::ALL`].
 #[test]
 fn every_lobe_of_an_extension_is_unbiased() {
-    hold_against_the_reference(sampled(lobes::ALL, 6).map(|(_, scene)| subject(scene())), &BOTH_SAMPLERS);
+    hold_against_the_reference(sampled(lobes::ALL, 6).map(|row| subject(materials::build(row))), &BOTH_SAMPLERS);
 }
 
 /// Tables that were updated to a time represent the scene at that time.
@@ -248,7 +242,7 @@ fn generated_tangents_follow_the_gltf_definition() {
 #[ignore = "takes many minutes: run it after changes to the material model"]
 fn no_material_and_no_light_has_a_small_bias() {
     let lit = lit::ALL.into_iter().chain(lit::CARDS).map(|(name, light)| lit::things(name, light));
-    let scenes = lit.chain(materials::ALL.into_iter().chain(lobes::ALL).map(|(_, scene)| scene()));
+    let scenes = lit.chain(materials::ALL.into_iter().chain(lobes::ALL).map(materials::build));
     hold_against_the_reference(scenes.map(subject), &THOROUGH);
 }
 

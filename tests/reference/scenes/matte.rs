@@ -6,17 +6,21 @@ use glam::{Affine2, Affine3A, Quat, Vec3, vec2, vec3, vec4};
 
 use super::*;
 
-/// Returns all scenes of this file with their names.
-pub fn all() -> Vec<(&'static str, Scene, Pinhole)> {
-    let named = |name, (scene, camera)| (name, scene, camera);
+/// Returns all scenes of this file.
+pub fn all() -> Vec<(Scene, Pinhole)> {
     vec![
-        named("box_area_light", box_area_light()),
-        named("sphere_light", sphere_light()),
-        named("point_spot_directional", point_spot_directional()),
-        named("environment_only", environment_only()),
-        named("textured_masked_blend", textured_masked_blend()),
-        named("instanced_mirrored", instanced_mirrored()),
+        box_area_light(),
+        sphere_light(),
+        point_spot_directional(),
+        environment_only(),
+        textured_masked_blend(),
+        instanced_mirrored(),
     ]
+}
+
+/// Adds a light.
+fn shine(scene: &mut Scene, kind: LightKind, strength: Vec3) {
+    scene.lights.push(Light { kind, strength });
 }
 
 /// A box open towards the camera with two blocks and a one-sided emissive quad under the ceiling.
@@ -25,10 +29,8 @@ pub fn box_area_light() -> (Scene, Pinhole) {
     let white = add_matte(&mut scene, vec3(0.73, 0.73, 0.73));
     let red = add_matte(&mut scene, vec3(0.63, 0.06, 0.05));
     let green = add_matte(&mut scene, vec3(0.14, 0.45, 0.09));
-    let lamp = add_material(
-        &mut scene,
-        Material { base_color: vec4(0.4, 0.4, 0.4, 1.0), emissive: vec3(6.0, 4.5, 2.5), ..matte() },
-    );
+    let lamp = Material { base_color: vec4(0.4, 0.4, 0.4, 1.0), emissive: vec3(6.0, 4.5, 2.5), ..matte() };
+    let lamp = add_material(&mut scene, lamp);
     let (x, y, z) = (2.0 * Vec3::X, 2.0 * Vec3::Y, 2.0 * Vec3::Z);
     let corner = vec3(-1.0, 0.0, -1.0);
     place(&mut scene, quad(corner, z, x, white)); // floor, faces +y
@@ -46,8 +48,7 @@ pub fn box_area_light() -> (Scene, Pinhole) {
     let low = stand(vec3(0.6, 0.6, 0.6), vec3(0.35, 0.0, 0.35), -17.0);
     instance(&mut scene, block, tall);
     instance(&mut scene, block, low);
-    let camera = Pinhole::looking_at(vec3(0.0, 1.0, 3.6), vec3(0.0, 1.0, 0.0), Vec3::Y, 40.0);
-    (scene, camera)
+    (scene, Pinhole::looking_at(vec3(0.0, 1.0, 3.6), vec3(0.0, 1.0, 0.0), Vec3::Y, 40.0))
 }
 
 /// A corner with a ball and a block, lit by a spherical lamp and a spherical spot, both in the picture.
@@ -61,18 +62,13 @@ pub fn sphere_light() -> (Scene, Pinhole) {
     instance(&mut scene, ball, scaled_at(0.5, vec3(-0.8, 0.5, -0.6)));
     let cube = add_mesh(&mut scene, block(ochre));
     instance(&mut scene, cube, scaled_at(0.6, vec3(0.7, 0.3, -0.9)));
-    scene.lights.push(Light {
-        kind: LightKind::Point { position: vec3(0.1, 1.3, -0.3), radius: 0.35 },
-        strength: vec3(3.0, 2.7, 2.0),
-    });
+    let point = LightKind::Point { position: vec3(0.1, 1.3, -0.3), radius: 0.35 };
+    shine(&mut scene, point, vec3(3.0, 2.7, 2.0));
     let (position, direction) = (vec3(1.9, 1.8, 0.2), vec3(-0.45, -0.8, -0.35).normalize());
     let (cos_inner, cos_outer) = (15f32.to_radians().cos(), 40f32.to_radians().cos());
-    scene.lights.push(Light {
-        kind: LightKind::Spot { position, radius: 0.1, direction, cos_inner, cos_outer },
-        strength: vec3(2.0, 4.0, 6.0),
-    });
-    let camera = Pinhole::looking_at(vec3(0.2, 1.5, 4.5), vec3(0.1, 0.8, -0.5), Vec3::Y, 42.0);
-    (scene, camera)
+    let spot = LightKind::Spot { position, radius: 0.1, direction, cos_inner, cos_outer };
+    shine(&mut scene, spot, vec3(2.0, 4.0, 6.0));
+    (scene, Pinhole::looking_at(vec3(0.2, 1.5, 4.5), vec3(0.1, 0.8, -0.5), Vec3::Y, 42.0))
 }
 
 /// Lights without extent, and a sun with a disc of 3°, over a floor with a ball and a block.
@@ -88,29 +84,19 @@ pub fn point_spot_directional() -> (Scene, Pinhole) {
     let stretch = vec3(0.7, 1.1, 0.5);
     let stand = Affine3A::from_scale_rotation_translation(stretch, turn, vec3(0.8, 0.55, -0.2));
     instance(&mut scene, cube, stand);
-    scene.lights = vec![
-        Light { kind: LightKind::Point { position: vec3(0.0, 1.6, 0.9), radius: 0.0 }, strength: vec3(1.5, 1.2, 0.8) },
-        Light {
-            kind: LightKind::Spot {
-                position: vec3(2.2, 2.4, 1.0),
-                radius: 0.0,
-                direction: vec3(-0.6, -0.75, -0.3).normalize(),
-                cos_inner: 10f32.to_radians().cos(),
-                cos_outer: 25f32.to_radians().cos(),
-            },
-            strength: vec3(4.0, 8.0, 4.0),
-        },
-        Light {
-            kind: LightKind::Directional { direction: vec3(0.7, -1.0, -0.4).normalize(), angle_rad: 0.0 },
-            strength: vec3(0.3, 0.4, 0.6),
-        },
-        Light {
-            kind: LightKind::Directional { direction: vec3(-0.3, -0.8, 0.6).normalize(), angle_rad: 3f32.to_radians() },
-            strength: vec3(0.9, 0.8, 0.6),
-        },
-    ];
-    let camera = Pinhole::looking_at(vec3(0.3, 2.0, 4.2), vec3(0.0, 0.5, 0.0), Vec3::Y, 45.0);
-    (scene, camera)
+    let point = LightKind::Point { position: vec3(0.0, 1.6, 0.9), radius: 0.0 };
+    shine(&mut scene, point, vec3(1.5, 1.2, 0.8));
+    let (position, direction) = (vec3(2.2, 2.4, 1.0), vec3(-0.6, -0.75, -0.3).normalize());
+    let [cos_inner, cos_outer] = [10f32, 25.0].map(|degrees| degrees.to_radians().cos());
+    let spot = LightKind::Spot { position, radius: 0.0, direction, cos_inner, cos_outer };
+    shine(&mut scene, spot, vec3(4.0, 8.0, 4.0));
+    let sun = |direction: Vec3, degrees: f32| LightKind::Directional {
+        direction: direction.normalize(),
+        angle_rad: degrees.to_radians(),
+    };
+    shine(&mut scene, sun(vec3(0.7, -1.0, -0.4), 0.0), vec3(0.3, 0.4, 0.6));
+    shine(&mut scene, sun(vec3(-0.3, -0.8, 0.6), 3.0), vec3(0.9, 0.8, 0.6));
+    (scene, Pinhole::looking_at(vec3(0.3, 2.0, 4.2), vec3(0.0, 0.5, 0.0), Vec3::Y, 45.0))
 }
 
 /// A rotated sky with a soft sun and a dark ground as the only light on a ball and a block on a floor.
@@ -124,8 +110,7 @@ pub fn environment_only() -> (Scene, Pinhole) {
     let cube = add_mesh(&mut scene, block(rose));
     instance(&mut scene, cube, scaled_at(0.8, vec3(0.8, 0.4, 0.3)));
     scene.environment = Environment::Map { image: sky(Extent::new(64, 32)).into(), rotation_deg: 70.0 };
-    let camera = Pinhole::looking_at(vec3(0.0, 1.4, 4.0), vec3(0.0, 0.7, 0.0), Vec3::Y, 50.0);
-    (scene, camera)
+    (scene, Pinhole::looking_at(vec3(0.0, 1.4, 4.0), vec3(0.0, 0.7, 0.0), Vec3::Y, 50.0))
 }
 
 /// Every wrap mode, nearest and bilinear, textured emission, a mask, and blending by texture and by vertex alpha.
@@ -181,13 +166,10 @@ pub fn textured_masked_blend() -> (Scene, Pinhole) {
     let mut lit = uvs(quad(vec3(-0.4, 1.4, -1.2), vec3(1.0, 0.0, 0.0), Vec3::Y * 0.7, panel), 0.0, 1.0);
     lit.uvs.swap(0, 1);
     place(&mut scene, lit);
-    scene.lights.push(Light {
-        kind: LightKind::Point { position: vec3(0.4, 2.2, 2.0), radius: 0.0 },
-        strength: vec3(4.0, 4.0, 4.5),
-    });
+    let point = LightKind::Point { position: vec3(0.4, 2.2, 2.0), radius: 0.0 };
+    shine(&mut scene, point, vec3(4.0, 4.0, 4.5));
     scene.environment = Environment::Constant(vec3(0.2, 0.25, 0.3));
-    let camera = Pinhole::looking_at(vec3(0.0, 1.3, 4.0), vec3(0.0, 0.8, -0.5), Vec3::Y, 45.0);
-    (scene, camera)
+    (scene, Pinhole::looking_at(vec3(0.0, 1.3, 4.0), vec3(0.0, 0.8, -0.5), Vec3::Y, 45.0))
 }
 
 /// One mesh pair (a ball with smooth normals and a one-sided emissive badge beside it), placed plain, mirrored,
@@ -196,34 +178,26 @@ pub fn instanced_mirrored() -> (Scene, Pinhole) {
     let mut scene = empty("instanced_mirrored");
     let grey = add_matte(&mut scene, vec3(0.6, 0.6, 0.6));
     let ball = add_matte(&mut scene, vec3(0.7, 0.75, 0.3));
-    let badge = add_material(
-        &mut scene,
-        Material { base_color: vec4(0.2, 0.2, 0.6, 1.0), emissive: vec3(2.0, 3.0, 4.0), ..matte() },
-    );
+    let badge = Material { base_color: vec4(0.2, 0.2, 0.6, 1.0), emissive: vec3(2.0, 3.0, 4.0), ..matte() };
+    let badge = add_material(&mut scene, badge);
     place(&mut scene, quad(vec3(-4.0, 0.0, -3.0), 6.0 * Vec3::Z, 8.0 * Vec3::X, grey));
     let ball = add_mesh(&mut scene, icosphere(2, true, ball));
     // The badge faces +x and slightly towards +z; the plain instance shines away from the ball.
     let (along, up) = (vec3(0.3, 0.0, -0.8), vec3(0.0, 0.8, 0.0));
     let badge = add_mesh(&mut scene, quad(vec3(1.2, -0.4, 0.4), along, up, badge));
     let turn = Quat::from_rotation_y(0.5) * Quat::from_rotation_z(0.4);
-    for world_from_local in [
-        scaled_at(0.45, vec3(-2.0, 0.6, 0.0)),
-        Affine3A::from_scale_rotation_translation(vec3(-0.45, 0.45, 0.45), Quat::IDENTITY, vec3(-0.2, 0.6, 0.3)),
-        Affine3A::from_scale_rotation_translation(vec3(0.3, 0.7, 0.45), turn, vec3(0.8, 0.9, -0.8)),
-        Affine3A::from_scale_rotation_translation(
-            vec3(0.4, 0.6, -0.3),
-            Quat::from_rotation_y(-0.7),
-            vec3(1.9, 0.7, 0.3),
-        ),
+    for (scale, turn, at) in [
+        (Vec3::splat(0.45), Quat::IDENTITY, vec3(-2.0, 0.6, 0.0)),
+        (vec3(-0.45, 0.45, 0.45), Quat::IDENTITY, vec3(-0.2, 0.6, 0.3)),
+        (vec3(0.3, 0.7, 0.45), turn, vec3(0.8, 0.9, -0.8)),
+        (vec3(0.4, 0.6, -0.3), Quat::from_rotation_y(-0.7), vec3(1.9, 0.7, 0.3)),
     ] {
+        let world_from_local = Affine3A::from_scale_rotation_translation(scale, turn, at);
         instance(&mut scene, ball, world_from_local);
         instance(&mut scene, badge, world_from_local);
     }
     let direction = vec3(0.5, -1.0, -0.6).normalize();
-    scene
-        .lights
-        .push(Light { kind: LightKind::Directional { direction, angle_rad: 0.0 }, strength: vec3(1.0, 0.95, 0.9) });
+    shine(&mut scene, LightKind::Directional { direction, angle_rad: 0.0 }, vec3(1.0, 0.95, 0.9));
     scene.environment = Environment::Constant(vec3(0.1, 0.12, 0.15));
-    let camera = Pinhole::looking_at(vec3(0.0, 1.8, 4.8), vec3(0.0, 0.6, 0.0), Vec3::Y, 45.0);
-    (scene, camera)
+    (scene, Pinhole::looking_at(vec3(0.0, 1.8, 4.8), vec3(0.0, 0.6, 0.0), Vec3::Y, 45.0))
 }

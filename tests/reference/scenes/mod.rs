@@ -5,7 +5,7 @@ pub mod lobes;
 pub mod materials;
 pub mod matte;
 pub mod moving;
-mod pictures;
+pub mod pictures;
 pub mod studio;
 
 use diptych::scene::{Instance, Material, Mesh, Scene, TexelImage};

@@ -44,18 +44,19 @@ pub fn glass(base: Vec3, roughness: f32) -> Material {
     Material { transmission: 1.0, ..dielectric(base, roughness) }
 }
 
-/// Adds balls of radius 0.45 side by side, one of each material.
-pub fn add_balls<const N: usize>(scene: &mut Scene, materials: [Material; N]) {
+/// Adds balls of radius 0.45 side by side, one of each material; returns their camera.
+pub fn add_balls<const N: usize>(scene: &mut Scene, materials: [Material; N]) -> Pinhole {
     for (i, material) in materials.into_iter().enumerate() {
         let material = add_material(scene, material);
         let ball = add_mesh(scene, icosphere(2, true, material));
         instance(scene, ball, scaled_at(0.45, vec3(spread(i, N), 0.5, 0.0)));
     }
+    camera()
 }
 
 /// Adds upright panels side by side, one of each material, with both coordinate sets, tangents and an open back. Every
-/// second one is mirrored.
-pub fn add_panels<const N: usize>(scene: &mut Scene, materials: [Material; N]) {
+/// second one is mirrored. Returns their camera.
+pub fn add_panels<const N: usize>(scene: &mut Scene, materials: [Material; N]) -> Pinhole {
     for (i, material) in materials.into_iter().enumerate() {
         let material = add_material(scene, material);
         let mesh = add_mesh(scene, panel(material));
@@ -63,6 +64,7 @@ pub fn add_panels<const N: usize>(scene: &mut Scene, materials: [Material; N]) {
         let at = Affine3A::from_translation(vec3(spread(i, N), 0.55, 0.0));
         instance(scene, mesh, at * Affine3A::from_scale(mirror));
     }
+    camera()
 }
 
 fn spread(i: usize, n: usize) -> f32 {

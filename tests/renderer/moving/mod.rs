@@ -7,7 +7,8 @@ mod resting;
 mod rungs;
 mod twins;
 
-use crate::common::{Stage, Subject, still_rig};
+use crate::common::{Stage, Subject};
+use crate::pictures::seen;
 use crate::reference::scenes::{add_matte, add_mesh, moving, quad};
 use diptych::scene::Scene;
 use diptych::scene::motion::Target;
@@ -16,9 +17,7 @@ use glam::{DVec3, Vec3};
 
 /// Returns the scene with static eyes in one place.
 pub fn watched(scene: Scene) -> Subject {
-    let camera = moving::camera();
-    let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
-    Subject::new(&scene.name.clone(), scene, rig)
+    seen((scene, moving::camera()))
 }
 
 /// Times from 0.1 on, so that the lamp of [`moving::everything`] switches after the first frames.

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::{assert_same_frames, even};
-use crate::common::{Subject, is_thorough, still_rig};
+use crate::common::{Subject, is_thorough};
+use crate::pictures::rig_of;
 use crate::reference::Pinhole;
 use crate::reference::scenes::studio::{add_panels, dielectric, glass, metal};
 use crate::reference::scenes::{instance, lit, materials, matte, scaled_at, sky};
@@ -43,7 +44,7 @@ fn scenes() -> [(Scene, Pinhole, Layout); 4] {
     add(&mut cut_out, &lit::CARDS, "masked");
     add(&mut cut_out, &lit::CARDS, "textured_mask");
     add(&mut cut_out, &lit::ALL, "directional");
-    let (mut unlit, before_unlit) = materials::unlit();
+    let (mut unlit, before_unlit) = materials::named("unlit");
     add_panels(&mut unlit, [glass(Vec3::ONE, 0.0), metal(Vec3::ONE, 0.0), dielectric(Vec3::splat(0.2), 0.0)]);
     add(&mut unlit, &lit::ALL, "point");
     [
@@ -55,10 +56,7 @@ fn scenes() -> [(Scene, Pinhole, Layout); 4] {
 }
 
 fn subjects() -> [Subject; 4] {
-    scenes().map(|(scene, camera, layout)| {
-        let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
-        Subject::laid_out(&scene.name.clone(), scene, rig, layout)
-    })
+    scenes().map(|(scene, camera, layout)| Subject::laid_out(&scene.name.clone(), scene, rig_of(&camera), layout))
 }
 
 /// Returns the scene's needs combined with those of its tables.

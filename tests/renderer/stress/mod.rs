@@ -5,7 +5,8 @@ mod moved;
 mod rows;
 mod surfaces;
 
-use crate::common::{Stage, Subject, foveate, is_thorough, sampled, still_rig};
+use crate::common::{Stage, Subject, foveate, is_thorough, sampled};
+use crate::pictures::{brightest, eyes, mean, rig_of};
 use crate::reference::Pinhole;
 use diptych::frame::{Foveation, Sampler};
 use diptych::image::RgbImage;
@@ -44,7 +45,13 @@ struct Row {
 
 /// Returns a scene seen by its camera in both eyes.
 fn subject(name: &str, scene: Scene, camera: Pinhole) -> Subject {
-    Subject::new(name, scene, still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov))
+    Subject::new(name, scene, rig_of(&camera))
+}
+
+#[track_caller]
+fn assert_radiance(image: &RgbImage, what: &str) {
+    let wrong = image.pixels.as_flattened().iter().find(|c| !c.is_finite() || **c < 0.0);
+    assert_eq!(wrong, None, "{what}: a pixel is no radiance");
 }
 
 /// Renders both eyes of `frames` frames with independent random numbers; every sample must be finite.
@@ -56,9 +63,7 @@ fn renders(subject: &Subject, effort: Effort, sampler: Sampler, frames: u32) -> 
     settings.sampler = sampler;
     let mut stage = Stage::alone(subject, &settings);
     let images: Vec<_> = (0..frames).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
-    for pixel in images.iter().flat_map(|image| &image.pixels) {
-        assert!(pixel.iter().all(|c| c.is_finite() && *c >= 0.0), "{}: {pixel:?} is no radiance", subject.name);
-    }
+    images.iter().for_each(|image| assert_radiance(image, &subject.name));
     images
 }
 
@@ -73,9 +78,7 @@ fn image(name: &str, scene: Scene, camera: Pinhole, effort: Effort) -> RgbImage 
 
 fn hold(row: Row) {
     let image = image(row.name, row.scene, row.camera, row.effort);
-    let brightest = image.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
-    let mean = image.pixels.as_flattened().iter().map(|v| f64::from(*v)).sum::<f64>() / (3 * image.pixels.len()) as f64;
-    println!("{:40} mean {mean:.6e}, brightest {brightest:.6e}", row.name);
+    println!("{:40} mean {:.6e}, brightest {:.6e}", row.name, mean(&image), brightest(&image));
     (row.claim)(&image);
 }
 
@@ -98,9 +101,7 @@ fn every_row_is_finite_through_history_and_filters() {
         let mut stage = Stage::alone(&subject, &settings);
         for frame in 0..3 {
             let linear = stage.frame(frame).linear;
-            for pixel in linear.left.pixels.iter().chain(&linear.right.pixels) {
-                assert!(pixel.iter().all(|c| c.is_finite() && *c >= 0.0), "{}, frame {frame}: {pixel:?}", row.name);
-            }
+            eyes(&linear).into_iter().for_each(|eye| assert_radiance(eye, row.name));
         }
     }
 }
@@ -140,10 +141,7 @@ fn overflowing_light_is_dropped_and_counted() {
                 let frame = stage.frame_with_drops(frame);
                 let dropped = frame.report.tallies.map(|tally| tally.nonfinite);
                 println!("{name}, {spp} samples, gloss {gloss}: {dropped:?} dropped");
-                for eye in [&frame.linear.left, &frame.linear.right] {
-                    let is_sound = eye.pixels.as_flattened().iter().all(|c| c.is_finite() && *c >= 0.0);
-                    assert!(is_sound, "{name}, {spp} samples, gloss {gloss}: a pixel is no radiance");
-                }
+                eyes(&frame.linear).into_iter().for_each(|eye| assert_radiance(eye, name));
                 assert!(dropped.iter().sum::<u64>() > 0, "{name}, {spp} samples, gloss {gloss}: nothing was counted");
             }
         }

@@ -7,6 +7,7 @@ use diptych::scene::{AlphaMode, Environment, Light, LightKind, Material, Mesh, S
 use glam::{Affine2, Affine3A, Vec2, Vec3, vec2, vec3, vec4};
 
 use super::{Effort, Row, image, surfaces};
+use crate::pictures::{brightest, mean};
 use crate::reference::Pinhole;
 use crate::reference::sampling::Rng;
 use crate::reference::scenes::matte::{box_area_light, sphere_light};
@@ -44,15 +45,14 @@ fn all_are(value: f32, tolerance: f32) -> Claim {
 
 pub fn at_most(limit: f32) -> Claim {
     Box::new(move |image| {
-        let brightest = image.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
+        let brightest = brightest(image);
         assert!(brightest <= limit, "light is made: {brightest}");
     })
 }
 
 pub fn mean_is(value: f64, tolerance: f64) -> Claim {
     Box::new(move |image| {
-        let values = image.pixels.as_flattened();
-        let mean = values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len() as f64;
+        let mean = mean(image);
         assert!((mean - value).abs() <= tolerance, "a mean of {mean} where {value} ± {tolerance} is right");
     })
 }
