@@ -2,7 +2,7 @@
 
 use crate::common::{Stage, Subject, is_thorough};
 use crate::pictures::{brightest, seen};
-use crate::reference::scenes::{add_material, add_mesh, empty, icosphere, instance, matte, place, quad, scaled_at};
+use crate::reference::scenes::{add_material, empty, icosphere, matte, place, place_at, quad, scaled_at};
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use crate::reference::{Pinhole, Reference};
 use diptych::RunConfig;
@@ -74,69 +74,6 @@ fn spheres_in_a_white_furnace_show_their_albedo() {
     }
 }
 
-/// The white sphere is darker near the rim, where it faces the others. A sphere of radius r at a distance d covers (r /
-/// d)² cos θ of the cosine-weighted view of a point, and absorbs 1 − its albedo of the light from there.
-#[test]
-#[ignore = "takes many samples: `make test-full` runs it"]
-fn white_sphere_loses_light_absorbed_by_grey_ones() {
-    let subject = Subject::load("builtin:furnace");
-    let mut settings = subject.settings(WIDTH, HEIGHT);
-    settings.envelope.most.spp = 64.into();
-    settings.buffers.aovs = vec![Aov::Albedo, Aov::Position];
-    let mut stage = Stage::alone(&subject, &settings);
-    let image = stage.frame(0).linear.left;
-    let [albedo, position] = [0, 1].map(|i| stage.aov(i).left);
-    let grey = [
-        (0.5, vec3(-1.7, 0.75, 0.0)),
-        (0.2, vec3(1.7, 0.75, 0.0)),
-        (0.5, vec3(1.7, -0.75, 0.0)),
-        (0.2, vec3(-1.7, -0.75, 0.0)),
-    ];
-    let expected = |p: Vec3| -> f32 {
-        let taken = grey.map(|(albedo, centre): (f32, Vec3)| {
-            let towards = centre - p;
-            (1.0 - albedo) * 0.16f32.powi(2) / towards.length_squared()
-                * towards.normalize().dot(p.normalize()).max(0.0)
-        });
-        taken.iter().sum()
-    };
-    // Sums for the middle and the rim.
-    let mut lacking = [[0.0f64; 2]; 2];
-    for i in inner(&pixels_of(&albedo[0], 1.0), WIDTH as usize) {
-        let p = vec3(position[0][i], position[1][i], position[2][i]);
-        let ring = usize::from(p.z < 0.35);
-        lacking[ring][0] += f64::from(1.0 - image.pixels[i][1]);
-        lacking[ring][1] += f64::from(expected(p));
-    }
-    let [middle, rim] = lacking.map(|[found, expected]| found / expected);
-    assert!((middle - 1.0).abs() < 0.4 && (rim - 1.0).abs() < 0.15, "{middle} {rim} of {lacking:?}");
-}
-
-#[test]
-#[ignore = "takes many samples: `make test-full` runs it"]
-fn white_environment_map_matches_a_constant_sky() {
-    let mut subject = Subject::load("builtin:furnace");
-    let white = Image::filled(Extent::new(16, 8), [1.0; 3]);
-    let scene =
-        Scene { environment: Environment::Map { image: white.into(), rotation_deg: 40.0 }, ..subject.scene.clone() };
-    subject = Subject::new("furnace, image", scene, subject.rig);
-    let mut settings = subject.settings(WIDTH, HEIGHT);
-    settings.envelope.most.spp = 64.into();
-    settings.sampler = Sampler::Pcg;
-    let (image, albedo) = render(&subject, &settings);
-    let pixels = inner(&pixels_of(&albedo, 1.0), WIDTH as usize);
-    let values: Vec<f64> = pixels.iter().map(|&i| f64::from(image.pixels[i][1])).collect();
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let sigma = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
-    assert!(sigma < 0.2, "noise {sigma}");
-    // Up to 0.2 % of the light is absorbed by the other spheres.
-    let z = [(mean - 1.0) / (sigma / n.sqrt()), (mean - 0.998) / (sigma / n.sqrt())];
-    assert!(z[0] < 4.5 && z[1] > -4.5, "mean {mean}, noise of a pixel {sigma}");
-    let brightest = values.iter().fold(0.0f64, |a, b| a.max(*b));
-    assert!(brightest < 1.0 + 7.0 * sigma, "{brightest} is above 1 by more than noise, {sigma}");
-}
-
 #[test]
 fn denoiser_keeps_the_mean() {
     let subject = Subject::load("builtin:furnace");
@@ -196,8 +133,7 @@ fn glass_balls() -> (Scene, Pinhole) {
         let volume = Some(Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY });
         let glass = Material { specular: 1.0, transmission: 1.0, volume, roughness, ..matte() };
         let material = add_material(&mut scene, glass);
-        let ball = add_mesh(&mut scene, icosphere(2, false, material));
-        instance(&mut scene, ball, scaled_at(0.48, vec3(i as f32 - 1.0, 0.0, 0.0)));
+        place_at(&mut scene, icosphere(2, false, material), scaled_at(0.48, vec3(i as f32 - 1.0, 0.0, 0.0)));
     }
     (scene, Pinhole::looking_at(Vec3::Z * 50.0, Vec3::ZERO, Vec3::Y, 1.6))
 }

@@ -3,7 +3,7 @@
 use crate::common::{Stage, Subject};
 use crate::pictures::seen;
 use crate::reference::Pinhole;
-use crate::reference::scenes::{add_material, add_matte, empty, matte, place, quad, studio};
+use crate::reference::scenes::{add_material, add_quad, colored, empty, matte, place, quad, studio};
 use diptych::RunConfig;
 use diptych::image::RgbImage;
 use diptych::scene::needs::SceneNeeds;
@@ -15,8 +15,7 @@ const SIZE: u32 = 8;
 /// Returns a white floor for a camera beneath all panes that looks straight down at the origin.
 fn floor() -> Scene {
     let mut scene = empty("floor");
-    let white = add_matte(&mut scene, Vec3::splat(0.8));
-    place(&mut scene, quad(vec3(-9.0, 0.0, -9.0), 18.0 * Vec3::Z, 18.0 * Vec3::X, white));
+    add_quad(&mut scene, (vec3(-9.0, 0.0, -9.0), 18.0 * Vec3::Z, 18.0 * Vec3::X), colored(Vec3::splat(0.8)));
     scene
 }
 
@@ -40,8 +39,7 @@ fn passed(light: Light, panes: &[Material]) -> [f64; 3] {
     scene.lights.push(light);
     let open = rendered(&scene, |_| ());
     for (i, pane) in panes.iter().enumerate() {
-        let pane = add_material(&mut scene, pane.clone());
-        place(&mut scene, quad(vec3(-9.0, 1.0 + 0.1 * i as f32, -9.0), 18.0 * Vec3::Z, 18.0 * Vec3::X, pane));
+        add_quad(&mut scene, (vec3(-9.0, 1.0 + 0.1 * i as f32, -9.0), 18.0 * Vec3::Z, 18.0 * Vec3::X), pane.clone());
     }
     let dimmed = rendered(&scene, |_| ());
     let mean = |image: &RgbImage, c| image.pixels.iter().map(|p: &[f32; 3]| f64::from(p[c])).sum::<f64>();

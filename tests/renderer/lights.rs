@@ -6,38 +6,11 @@ use crate::reference::ztest::{Estimate, assert_agrees, mean_and_variance};
 use crate::reference::{Emitters, Pinhole, Reference, scenes};
 use diptych::frame::Sampler;
 use diptych::image::{Extent, RgbImage};
-use diptych::scene::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene};
+use diptych::scene::{Environment, Light, LightKind, Material, Scene};
 use glam::{DVec3, Vec3, vec3};
 
 const WIDTH: u32 = 32;
 const HEIGHT: u32 = 24;
-
-/// Returns the mean light of a floor under a card that is out of sight.
-fn floor_under(card: Mesh, lamp: Material) -> f64 {
-    let mut scene = scenes::empty("card");
-    let grey = scenes::add_matte(&mut scene, Vec3::splat(0.5));
-    let lamp = scenes::add_material(&mut scene, lamp);
-    scenes::place(&mut scene, scenes::quad(vec3(-3.0, 0.0, -3.0), 6.0 * Vec3::Z, 6.0 * Vec3::X, grey));
-    scenes::place(&mut scene, Mesh { material: lamp, ..card });
-    let camera = Pinhole::looking_at(vec3(0.0, 1.0, 4.0), vec3(0.0, 0.0, 1.0), Vec3::Y, 30.0);
-    let estimate = rendered(&seen((scene, camera)), 1, 64);
-    estimate.mean.iter().map(|pixel| pixel[1]).sum::<f64>() / estimate.mean.len() as f64
-}
-
-#[test]
-#[ignore = "takes many samples: `make test-full` runs it"]
-fn card_emission_scales_with_alpha_coverage() {
-    let card = |width: f32| scenes::quad(vec3(-1.0, 2.0, -1.0), width * Vec3::X, 2.0 * Vec3::Z, 0);
-    let lamp = |alpha| Material { base_color: Vec3::ZERO.extend(alpha), emissive: Vec3::splat(5.0), ..scenes::matte() };
-    let cut_out = Mesh { colors: [1.0, 0.0, 0.0, 1.0].map(|alpha| Vec3::ONE.extend(alpha)).to_vec(), ..card(2.0) };
-    let masked = Material { alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..lamp(1.0) };
-    let blended = Material { alpha_mode: AlphaMode::Blend, ..lamp(0.25) };
-    let half = floor_under(cut_out, masked) / floor_under(card(1.0), lamp(1.0));
-    let quarter = floor_under(card(2.0), blended) / floor_under(card(2.0), lamp(1.0));
-    println!("a card cut in half: {half:.4} of its half; a quarter of a card: {quarter:.4}");
-    assert!((half - 1.0).abs() < 0.01, "half a card lights {half} times as much as its half");
-    assert!((quarter - 0.25).abs() < 0.0025, "a card of alpha 0.25 lights {quarter} times as much as an opaque one");
-}
 
 /// Estimates from eight renders, in which both eyes have the same view.
 fn rendered(subject: &Subject, bounces: u32, spp: u32) -> Estimate {

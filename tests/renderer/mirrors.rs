@@ -4,7 +4,7 @@
 use crate::common::{Stage, Subject, sampled, still_rig, with_outputs};
 use crate::reference::scenes::moving::Draft;
 use crate::reference::scenes::{
-    add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, place, quad,
+    add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, place, place_at, quad,
 };
 use crate::reference::scenes::{scaled_at, studio};
 use diptych::RunConfig;
@@ -353,12 +353,10 @@ pub fn hall_of_mirrors() -> Subject {
     place(&mut scene, quad(vec3(-1.6, 0.1, 0.0), vec3(1.2, 0.0, -0.2), 1.2 * Vec3::Y, pane));
     let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
     let clear = add_material(&mut scene, Material { volume: Some(clear), ..studio::glass(Vec3::ONE, 0.0) });
-    let ball = add_mesh(&mut scene, icosphere(3, true, clear));
-    instance(&mut scene, ball, scaled_at(0.3, vec3(0.6, 0.9, -0.5)));
+    place_at(&mut scene, icosphere(3, true, clear), scaled_at(0.3, vec3(0.6, 0.9, -0.5)));
     let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
     let coated = Material { clearcoat: coat, ..studio::dielectric(vec3(0.3, 0.1, 0.1), 0.5) };
     let coated = add_material(&mut scene, coated);
-    let ball = add_mesh(&mut scene, icosphere(3, true, coated));
-    instance(&mut scene, ball, scaled_at(0.25, vec3(-0.4, 0.25, 0.1)));
+    place_at(&mut scene, icosphere(3, true, coated), scaled_at(0.25, vec3(-0.4, 0.25, 0.1)));
     subject("hall of mirrors", scene)
 }

@@ -1,13 +1,11 @@
 //! Two eyes: reprojected pixels look like traced ones, and each eye has its own viewpoint.
 
-use crate::common::{Stage, Subject, is_thorough, sampled, still_rig, with};
+use crate::common::{Stage, Subject, is_thorough, sampled, with};
 use crate::pictures::seen_apart;
-use crate::reference::scenes::{add_matte, empty, materials, place, quad};
+use crate::reference::scenes::materials;
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use diptych::metrics::compare;
 use diptych::passes::Aov;
-use diptych::scene::rig::Eye;
-use glam::{DVec3, Vec3};
 
 /// 512 spp with two bounces in the classic box. The noise of the two renders, which is independent except in the holes,
 /// is below the tolerance.
@@ -82,67 +80,6 @@ fn eyes_without_a_baseline_see_equal_images() {
         let rights: Vec<_> = frames.iter().map(|f| f.right.clone()).collect();
         assert!(lefts[0] != rights[0], "{shot}: the eyes share their random numbers");
         assert_agrees(shot, &mean_and_variance(&lefts), &mean_and_variance(&rights), 0.06);
-    }
-}
-
-/// Returns the mean column and row of the pixels nearer than `depth`.
-fn middle_of_near(depths: &[f32], width: usize, depth: f32) -> (f64, f64) {
-    let near: Vec<usize> = (0..depths.len()).filter(|&i| depths[i] > 0.0 && depths[i] < depth).collect();
-    assert!(near.len() > 50, "{} near pixels", near.len());
-    let mean = |of: &dyn Fn(usize) -> usize| near.iter().map(|&i| of(i) as f64).sum::<f64>() / near.len() as f64;
-    (mean(&|i| i % width), mean(&|i| i / width))
-}
-
-#[test]
-fn near_object_has_the_expected_disparity() {
-    let (width, height) = (160, 90);
-    let mut scene = empty("board before a wall");
-    let grey = add_matte(&mut scene, Vec3::splat(0.5));
-    let at = |z: f32, half: f32| quad(Vec3::new(-half, -half, z), Vec3::X * 2.0 * half, Vec3::Y * 2.0 * half, grey);
-    place(&mut scene, at(-2.0, 0.25));
-    place(&mut scene, at(-40.0, 100.0));
-    scene.environment = diptych::scene::Environment::Constant(Vec3::ONE);
-    let mut rig = still_rig(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y, 0.5);
-    rig.baseline_m = 0.2;
-    let subject = Subject::new("board before a wall", scene, rig);
-    let mut settings = subject.settings(width, height);
-    settings.buffers.aovs = vec![Aov::Depth];
-    settings.buffers.reproject = true;
-    let mut stage = Stage::alone(&subject, &settings);
-    stage.frame(0);
-    let depth = stage.aov(0);
-    let (left_x, left_y) = middle_of_near(&depth.left[0], width as usize, 10.0);
-    let (right_x, right_y) = middle_of_near(&depth.right[0], width as usize, 10.0);
-    // Disparity is focal length in pixels times baseline over distance.
-    let disparity = 0.5 * f64::from(height) / 0.5 * 0.2 / 2.0;
-    assert!((left_x - right_x - disparity).abs() < 0.6, "{left_x} - {right_x} is not {disparity}");
-    assert!((left_y - right_y).abs() < 1e-9);
-    let middle = f64::from(width) / 2.0 - 0.5;
-    assert!(left_x > middle && right_x < middle, "{left_x} and {right_x} on the sides of {middle}");
-}
-
-#[test]
-fn points_lie_on_the_same_row_in_both_eyes() {
-    let (width, height) = (160u32, 90u32);
-    for shot in ["builtin:atrium", "builtin:checker"] {
-        let subject = Subject::load(shot);
-        let mut settings = subject.settings(width, height);
-        settings.buffers.aovs = vec![Aov::Position, Aov::Depth];
-        let mut stage = Stage::alone(&subject, &settings);
-        for time_s in [0.0, 1.1, 3.3] {
-            stage.frame_at(time_s, 0);
-            let (position, depth) = (stage.aov(0).right, stage.aov(1).right);
-            let view = subject.rig.view(time_s, Eye::Left);
-            let mut furthest = 0.0f64;
-            for i in (0..position[0].len()).filter(|&i| depth[0][i] > 0.0) {
-                let point = DVec3::from_array(std::array::from_fn(|c| f64::from(position[c][i])));
-                let seen = point - view.origin.as_dvec3();
-                let slope = seen.dot(view.up.as_dvec3()) / seen.dot(view.forward.as_dvec3());
-                let row = (0.5 - 0.5 * slope / f64::from(view.tan_half_yfov)) * f64::from(height);
-                furthest = furthest.max((row - (i / width as usize) as f64 - 0.5).abs());
-            }
-            assert!(furthest < 1e-3, "{shot} at {time_s} s: {furthest} rows apart");
-        }
     }
 }
 

@@ -8,7 +8,7 @@ use glam::{Affine3A, Quat, Vec3, vec3, vec4};
 use super::point;
 use crate::reference::asserts::assert_exact;
 use crate::reference::scenes::{
-    add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, scaled_at,
+    add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, place_at, scaled_at,
 };
 use crate::reference::{Emitters, Reference};
 
@@ -17,8 +17,7 @@ fn convex_body_in_a_white_furnace_shows_its_albedo() {
     let mut scene = empty("furnace");
     let albedo = vec3(1.0, 0.5, 0.2);
     let material = add_matte(&mut scene, albedo);
-    let ball = add_mesh(&mut scene, icosphere(2, false, material));
-    instance(&mut scene, ball, Affine3A::IDENTITY);
+    place_at(&mut scene, icosphere(2, false, material), Affine3A::IDENTITY);
     scene.environment = Environment::Constant(Vec3::ONE);
     let reference = Reference::new(&scene);
     for bounces in [0, 1, 5] {
@@ -56,8 +55,7 @@ fn integrating_sphere_equals_a_geometric_series() {
     let mut scene = empty("integrating sphere");
     let rho = 0.7f64;
     let material = add_matte(&mut scene, Vec3::splat(rho as f32));
-    let ball = add_mesh(&mut scene, icosphere(4, false, material));
-    instance(&mut scene, ball, scaled_at(2.0, Vec3::ZERO));
+    place_at(&mut scene, icosphere(4, false, material), scaled_at(2.0, Vec3::ZERO));
     scene.lights.push(point(Vec3::ZERO, 0.0, Vec3::splat(3.0)));
     let reference = Reference::new(&scene);
     for bounces in [0, 1, 3] {

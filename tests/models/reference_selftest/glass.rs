@@ -7,7 +7,7 @@ use super::point;
 use crate::reference::Reference;
 use crate::reference::asserts::{assert_exact, assert_near};
 use crate::reference::scenes::{
-    add_material, add_matte, add_mesh, block, empty, instance, matte, place, quad, scaled_at,
+    add_material, add_quad, block, colored, empty, matte, place, place_at, quad, scaled_at,
 };
 use crate::reference::ztest::Estimate;
 
@@ -128,8 +128,7 @@ fn camera_in_glass_sees_attenuated_compressed_light() {
 fn shadow_rays_stop_at_glass_and_attenuate_within() {
     let mut scene = empty("lamp in glass");
     sheet(&mut scene, 1.0, true, &thick());
-    let white = add_matte(&mut scene, Vec3::ONE);
-    place(&mut scene, quad(vec3(-20.0, 0.0, -20.0), 40.0 * Vec3::Z, 40.0 * Vec3::X, white));
+    add_quad(&mut scene, (vec3(-20.0, 0.0, -20.0), 40.0 * Vec3::Z, 40.0 * Vec3::X), colored(Vec3::ONE));
     scene.lights.push(point(vec3(0.0, 0.5, 0.0), 0.0, Vec3::splat(std::f32::consts::PI)));
     scene.lights.push(point(vec3(0.0, 2.0, 0.0), 0.0, Vec3::splat(100.0)));
     // Look straight down through the surface at the floor under the inner light, over the inner length 1.
@@ -146,8 +145,7 @@ fn only_thin_smooth_panes_pass_delta_lights() {
     let tint = vec3(0.5, 0.75, 1.0);
     let lit = |pane: Option<Material>, light: Light| {
         let mut scene = empty("floor under a pane");
-        let white = add_matte(&mut scene, Vec3::ONE);
-        place(&mut scene, quad(vec3(-20.0, 0.0, -20.0), 40.0 * Vec3::Z, 40.0 * Vec3::X, white));
+        add_quad(&mut scene, (vec3(-20.0, 0.0, -20.0), 40.0 * Vec3::Z, 40.0 * Vec3::X), colored(Vec3::ONE));
         if let Some(pane) = pane {
             sheet(&mut scene, 1.0, true, &pane);
         }
@@ -175,8 +173,7 @@ fn ior_one_bends_nothing_and_ior_zero_reflects_all() {
         let mut scene = empty("haze");
         let haze = Material { ior: 1.0, specular: 0.0, roughness, ..thick() };
         let material = add_material(&mut scene, haze);
-        let cube = add_mesh(&mut scene, block(material));
-        instance(&mut scene, cube, scaled_at(2.0, Vec3::ZERO));
+        place_at(&mut scene, block(material), scaled_at(2.0, Vec3::ZERO));
         scene.environment = Environment::Constant(Vec3::ONE);
         assert_exact(&look_down(&scene, 100, 0), [1.0; 3]); // past it
         let through = Reference::new(&scene).probe(vec3(0.0, 3.0, 0.3), Vec3::NEG_Y, 100, 1, 1);

@@ -7,7 +7,7 @@ use glam::{Vec3, vec3, vec4};
 
 use super::{floor, look_at_floor, point, white_floor};
 use crate::reference::asserts::{assert_exact, assert_near};
-use crate::reference::scenes::{add_material, add_matte, empty, matte, place, quad};
+use crate::reference::scenes::{add_material, add_quad, colored, empty, matte, place, quad};
 use crate::reference::{Emitters, Reference};
 
 /// A one-sided lamp of radiance `emissive` that faces down (or up), 2 × 1 at height 1 over (0, 0, 0).
@@ -30,8 +30,7 @@ fn point_light_follows_inverse_square_and_cosine() {
     assert_exact(&seen, expected);
     assert_exact(&look_at_floor(&scene, 1.5, 0.0, 200, 3), expected); // a floor alone: no interreflection
 
-    let screen = add_matte(&mut scene, Vec3::ONE);
-    place(&mut scene, quad(vec3(0.2, 1.0, -1.0), Vec3::X, 2.0 * Vec3::Z, screen));
+    add_quad(&mut scene, (vec3(0.2, 1.0, -1.0), Vec3::X, 2.0 * Vec3::Z), colored(Vec3::ONE));
     assert_exact(&look_at_floor(&scene, 1.5, 0.0, 2, 0), [0.0; 3]);
 }
 

@@ -18,13 +18,12 @@ use diptych::scene::{Light, LightKind, Scene};
 use glam::{Vec3, vec3};
 
 use crate::reference::Reference;
-use crate::reference::scenes::{add_matte, empty, place, quad};
+use crate::reference::scenes::{add_quad, colored, empty};
 use crate::reference::ztest::Estimate;
 
 /// Adds a floor at y = 0 that faces up, 20 wide.
 fn floor(scene: &mut Scene, albedo: Vec3) {
-    let material = add_matte(scene, albedo);
-    place(scene, quad(vec3(-10.0, 0.0, -10.0), 20.0 * Vec3::Z, 20.0 * Vec3::X, material));
+    add_quad(scene, (vec3(-10.0, 0.0, -10.0), 20.0 * Vec3::Z, 20.0 * Vec3::X), colored(albedo));
 }
 
 fn white_floor(name: &str) -> Scene {

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3, vec3};
 use super::{look_at_floor, white_floor};
 use crate::reference::asserts::assert_near;
 use crate::reference::scenes::matte::box_area_light;
-use crate::reference::scenes::{add_material, add_matte, empty, matte, place, quad};
+use crate::reference::scenes::{add_material, add_quad, colored, empty, matte, place, quad};
 use crate::reference::{Pinhole, Reference, environment};
 
 #[test]
@@ -45,8 +45,7 @@ fn half_sky_lights_floors_fully_and_walls_by_half() {
     scene.environment = environment.clone();
     assert_near(&look_at_floor(&scene, 0.0, 0.0, 100_000, 0), 2.0, 0.001);
     let mut scene = empty("half sky");
-    let white = add_matte(&mut scene, Vec3::ONE);
-    place(&mut scene, quad(vec3(-1.0, -1.0, 0.0), 2.0 * Vec3::X, 2.0 * Vec3::Y, white));
+    add_quad(&mut scene, (vec3(-1.0, -1.0, 0.0), 2.0 * Vec3::X, 2.0 * Vec3::Y), colored(Vec3::ONE));
     scene.environment = environment;
     let seen = Reference::new(&scene).probe(Vec3::Z, Vec3::NEG_Z, 200_000, 0, 9);
     assert_near(&seen, 1.0, 0.003);

@@ -9,7 +9,7 @@ use glam::{Vec2, Vec3, vec2, vec3, vec4};
 
 use super::pictures::sky;
 use super::studio::{Pictures, add_balls, dielectric, glass, ground, metal, second, turned};
-use super::{add_material, add_mesh, block, icosphere, instance, matte, place, quad, scaled_at};
+use super::{add_material, add_quad, block, icosphere, matte, place, place_at, quad, scaled_at};
 use crate::reference::Pinhole;
 
 pub type Row = (&'static str, fn(&mut Scene));
@@ -82,11 +82,9 @@ pub const MIRRORS: [Row; 6] = [
     ("a_glass_ball_around_a_block", |scene| {
         let volume = Some(Volume { attenuation_color: vec3(0.9, 0.6, 0.3), attenuation_distance: 0.8 });
         let amber = add_material(scene, Material { volume, ..glass(Vec3::ONE, 0.0) });
-        let ball = add_mesh(scene, icosphere(3, true, amber));
-        instance(scene, ball, scaled_at(0.6, vec3(0.2, 0.6, 0.8)));
+        place_at(scene, icosphere(3, true, amber), scaled_at(0.6, vec3(0.2, 0.6, 0.8)));
         let core = add_material(scene, Material { base_color: vec4(0.3, 0.6, 0.4, 1.0), ..matte() });
-        let core = add_mesh(scene, block(core));
-        instance(scene, core, scaled_at(0.3, vec3(0.2, 0.55, 0.75)));
+        place_at(scene, block(core), scaled_at(0.3, vec3(0.2, 0.55, 0.75)));
         scene.environment = Environment::Constant(vec3(0.6, 0.7, 0.9));
     }),
     ("a_mirror_ball", |scene| {
@@ -140,25 +138,21 @@ pub const NARROW: [Row; 2] = [
 
 fn add_ball_in_the_sky(scene: &mut Scene, material: Material) {
     let material = add_material(scene, material);
-    let ball = add_mesh(scene, icosphere(3, true, material));
-    instance(scene, ball, scaled_at(0.6, vec3(0.2, 0.6, 0.8)));
+    place_at(scene, icosphere(3, true, material), scaled_at(0.6, vec3(0.2, 0.6, 0.8)));
     scene.environment = Environment::Map { image: sky(Extent::new(32, 16)).into(), rotation_deg: -40.0 };
 }
 
 fn add_mirror(scene: &mut Scene, corner: Vec3, u: Vec3, v: Vec3) {
-    let mirror = add_material(scene, Material { emissive: vec3(0.02, 0.0, 0.0), ..metal(vec3(0.9, 0.95, 0.85), 0.0) });
-    place(scene, quad(corner, u, v, mirror));
+    add_quad(scene, (corner, u, v), Material { emissive: vec3(0.02, 0.0, 0.0), ..metal(vec3(0.9, 0.95, 0.85), 0.0) });
 }
 
 /// Adds a wall of the material behind the objects.
 fn add_wall(scene: &mut Scene, material: Material) {
-    let wall = add_material(scene, material);
-    place(scene, quad(vec3(-1.8, 0.0, -0.9), vec3(3.6, 0.0, 0.3), vec3(0.0, 2.0, 0.2), wall));
+    add_quad(scene, (vec3(-1.8, 0.0, -0.9), vec3(3.6, 0.0, 0.3), vec3(0.0, 2.0, 0.2)), material);
 }
 
 fn add_pane(scene: &mut Scene, material: Material) {
-    let pane = add_material(scene, material);
-    place(scene, quad(vec3(-1.8, 0.0, 1.3), 3.6 * Vec3::X, vec3(0.0, 1.3, 0.3), pane));
+    add_quad(scene, (vec3(-1.8, 0.0, 1.3), 3.6 * Vec3::X, vec3(0.0, 1.3, 0.3)), material);
 }
 
 /// Returns a floor with a matte, a glossy and a rough metal ball in that light.
@@ -174,10 +168,8 @@ pub fn things(name: &str, add_light: fn(&mut Scene)) -> (Scene, Pinhole) {
 fn add_lamps(scene: &mut Scene) {
     let black = vec4(0.0, 0.0, 0.0, 1.0);
     let lamp = |emissive, double_sided| Material { base_color: black, emissive, double_sided, ..matte() };
-    let wide = add_material(scene, lamp(vec3(2.0, 1.5, 1.0), false));
-    place(scene, quad(vec3(-1.8, 2.4, -1.0), 2.4 * Vec3::X, 2.0 * Vec3::Z, wide));
-    let strip = add_material(scene, lamp(vec3(0.25, 0.6, 1.2), true));
-    place(scene, quad(vec3(2.9, 0.3, -0.8), 1.4 * Vec3::Z, 1.6 * Vec3::Y, strip));
+    add_quad(scene, (vec3(-1.8, 2.4, -1.0), 2.4 * Vec3::X, 2.0 * Vec3::Z), lamp(vec3(2.0, 1.5, 1.0), false));
+    add_quad(scene, (vec3(2.9, 0.3, -0.8), 1.4 * Vec3::Z, 1.6 * Vec3::Y), lamp(vec3(0.25, 0.6, 1.2), true));
 }
 
 /// Property of the lamp of [`add_card`] under test.

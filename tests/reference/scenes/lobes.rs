@@ -7,7 +7,7 @@ use glam::{Vec3, vec3};
 
 use super::materials::{Row, amber};
 use super::studio::{Pictures, add_balls, add_panels, camera, dielectric, glass, metal, second};
-use super::{add_matte, add_mesh, block, instance, scaled_at};
+use super::{add_matte, block, place_at, scaled_at};
 
 /// All scenes of this file with their names.
 pub const ALL: [Row; 10] = [
@@ -101,8 +101,7 @@ pub const ALL: [Row; 10] = [
         };
         add_panels(scene, [leaf, paper, covered]);
         let red = add_matte(scene, vec3(0.8, 0.2, 0.15));
-        let cube = add_mesh(scene, block(red));
-        instance(scene, cube, scaled_at(0.5, vec3(0.0, 0.25, -0.9)));
+        place_at(scene, block(red), scaled_at(0.5, vec3(0.0, 0.25, -0.9)));
         camera()
     }),
     // Balls that enclose a volume behind a wall with diffuse transmission, with and without facets that transmit as well.

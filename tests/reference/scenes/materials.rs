@@ -7,7 +7,7 @@ use diptych::scene::{AlphaMode, Clearcoat, Light, LightKind, Material, Mesh, Nor
 use glam::{Affine3A, Vec3, vec2, vec3, vec4};
 
 use super::studio::{Pictures, add_balls, add_panels, camera, dielectric, glass, metal, second, studio, turned};
-use super::{add_material, add_matte, add_mesh, block, icosphere, instance, matte, place, quad, scaled_at};
+use super::{add_material, add_matte, add_mesh, block, icosphere, instance, matte, place, place_at, quad, scaled_at};
 use crate::reference::Pinhole;
 
 pub type Row = (&'static str, fn(&mut Scene) -> Pinhole);
@@ -122,8 +122,7 @@ pub const ALL: [Row; 16] = [
         let ball = add_mesh(scene, icosphere(3, true, material));
         instance(scene, ball, scaled_at(0.8, vec3(0.0, 0.9, 1.0)));
         let blue = add_matte(scene, vec3(0.2, 0.3, 0.8));
-        let cube = add_mesh(scene, block(blue));
-        instance(scene, cube, scaled_at(0.3, vec3(0.25, 0.7, 0.6)));
+        place_at(scene, block(blue), scaled_at(0.3, vec3(0.25, 0.7, 0.6)));
         Pinhole::looking_at(vec3(0.0, 1.0, 1.4), vec3(0.0, 0.7, 0.0), Vec3::Y, 60.0)
     }),
     ("clearcoats", |scene| {
@@ -209,8 +208,7 @@ pub const ALL: [Row; 16] = [
             ],
         );
         let red = add_matte(scene, vec3(0.8, 0.2, 0.15));
-        let cube = add_mesh(scene, block(red));
-        instance(scene, cube, scaled_at(0.5, vec3(1.0, 0.25, -0.9)));
+        place_at(scene, block(red), scaled_at(0.5, vec3(1.0, 0.25, -0.9)));
         camera()
     }),
     // An unlit ball and panel that light the floor and are seen in a metal ball and from behind.

@@ -58,10 +58,8 @@ pub fn sphere_light() -> (Scene, Pinhole) {
     let ochre = add_matte(&mut scene, vec3(0.8, 0.5, 0.2));
     place(&mut scene, quad(vec3(-3.0, 0.0, -2.0), 5.0 * Vec3::Z, 6.0 * Vec3::X, grey));
     place(&mut scene, quad(vec3(-3.0, 0.0, -2.0), 6.0 * Vec3::X, 3.0 * Vec3::Y, grey));
-    let ball = add_mesh(&mut scene, icosphere(3, true, ochre));
-    instance(&mut scene, ball, scaled_at(0.5, vec3(-0.8, 0.5, -0.6)));
-    let cube = add_mesh(&mut scene, block(ochre));
-    instance(&mut scene, cube, scaled_at(0.6, vec3(0.7, 0.3, -0.9)));
+    place_at(&mut scene, icosphere(3, true, ochre), scaled_at(0.5, vec3(-0.8, 0.5, -0.6)));
+    place_at(&mut scene, block(ochre), scaled_at(0.6, vec3(0.7, 0.3, -0.9)));
     let point = LightKind::Point { position: vec3(0.1, 1.3, -0.3), radius: 0.35 };
     shine(&mut scene, point, vec3(3.0, 2.7, 2.0));
     let (position, direction) = (vec3(1.9, 1.8, 0.2), vec3(-0.45, -0.8, -0.35).normalize());
@@ -77,8 +75,7 @@ pub fn point_spot_directional() -> (Scene, Pinhole) {
     let grey = add_matte(&mut scene, vec3(0.7, 0.68, 0.66));
     let blue = add_matte(&mut scene, vec3(0.2, 0.35, 0.75));
     place(&mut scene, quad(vec3(-4.0, 0.0, -4.0), 8.0 * Vec3::Z, 8.0 * Vec3::X, grey));
-    let ball = add_mesh(&mut scene, icosphere(3, true, blue));
-    instance(&mut scene, ball, scaled_at(0.6, vec3(-0.9, 0.6, 0.0)));
+    place_at(&mut scene, icosphere(3, true, blue), scaled_at(0.6, vec3(-0.9, 0.6, 0.0)));
     let cube = add_mesh(&mut scene, block(grey));
     let turn = Quat::from_rotation_y(0.6);
     let stretch = vec3(0.7, 1.1, 0.5);
@@ -105,10 +102,8 @@ pub fn environment_only() -> (Scene, Pinhole) {
     let grey = add_matte(&mut scene, vec3(0.5, 0.5, 0.5));
     let rose = add_matte(&mut scene, vec3(0.85, 0.5, 0.55));
     place(&mut scene, quad(vec3(-2.0, 0.0, -2.0), 4.0 * Vec3::Z, 4.0 * Vec3::X, grey));
-    let ball = add_mesh(&mut scene, icosphere(3, true, rose));
-    instance(&mut scene, ball, scaled_at(0.7, vec3(-0.6, 0.7, 0.0)));
-    let cube = add_mesh(&mut scene, block(rose));
-    instance(&mut scene, cube, scaled_at(0.8, vec3(0.8, 0.4, 0.3)));
+    place_at(&mut scene, icosphere(3, true, rose), scaled_at(0.7, vec3(-0.6, 0.7, 0.0)));
+    place_at(&mut scene, block(rose), scaled_at(0.8, vec3(0.8, 0.4, 0.3)));
     scene.environment = Environment::Map { image: sky(Extent::new(64, 32)).into(), rotation_deg: 70.0 };
     (scene, Pinhole::looking_at(vec3(0.0, 1.4, 4.0), vec3(0.0, 0.7, 0.0), Vec3::Y, 50.0))
 }

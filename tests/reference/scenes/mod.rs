@@ -22,13 +22,17 @@ pub fn matte() -> Material {
     Material::default()
 }
 
+pub fn colored(albedo: Vec3) -> Material {
+    Material { base_color: albedo.extend(1.0), ..matte() }
+}
+
 pub fn add_material(scene: &mut Scene, material: Material) -> usize {
     scene.materials.push(material);
     scene.materials.len() - 1
 }
 
 pub fn add_matte(scene: &mut Scene, albedo: Vec3) -> usize {
-    add_material(scene, Material { base_color: albedo.extend(1.0), ..matte() })
+    add_material(scene, colored(albedo))
 }
 
 pub fn add_image(scene: &mut Scene, image: TexelImage) -> usize {
@@ -45,10 +49,21 @@ pub fn instance(scene: &mut Scene, mesh: usize, world_from_local: Affine3A) {
     scene.instances.push(Instance { mesh, world_from_local });
 }
 
+/// Adds the mesh with one instance.
+pub fn place_at(scene: &mut Scene, mesh: Mesh, world_from_local: Affine3A) {
+    let mesh = add_mesh(scene, mesh);
+    instance(scene, mesh, world_from_local);
+}
+
+/// Adds a parallelogram; see [`quad`].
+pub fn add_quad(scene: &mut Scene, (corner, u, v): (Vec3, Vec3, Vec3), material: Material) {
+    let material = add_material(scene, material);
+    place(scene, quad(corner, u, v, material));
+}
+
 /// Adds the mesh with one instance at the origin.
 pub fn place(scene: &mut Scene, mesh: Mesh) {
-    let mesh = add_mesh(scene, mesh);
-    instance(scene, mesh, Affine3A::IDENTITY);
+    place_at(scene, mesh, Affine3A::IDENTITY);
 }
 
 pub fn scaled_at(scale: f32, at: Vec3) -> Affine3A {

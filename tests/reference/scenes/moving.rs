@@ -226,8 +226,7 @@ pub fn lights() -> Scene {
     let mut draft = Draft::room("lights");
     draft.scene.environment = Environment::Black;
     let grey = add_matte(&mut draft.scene, Vec3::splat(0.7));
-    let mesh = add_mesh(&mut draft.scene, block(grey));
-    instance(&mut draft.scene, mesh, scaled_at(0.6, vec3(0.1, 0.3, 0.2)));
+    place_at(&mut draft.scene, block(grey), scaled_at(0.6, vec3(0.1, 0.3, 0.2)));
     let sphere = draft.node(None, DVec3::ZERO, DVec3::ONE);
     draft.shift(sphere, vec3(-1.0, 1.5, 0.8), vec3(0.0, 1.7, 1.2));
     draft.light(sphere, LightKind::Point { position: Vec3::ZERO, radius: 0.3 }, Vec3::splat(2.0));

@@ -5,14 +5,15 @@ use diptych::scene::{Environment, Material, Mesh, NormalMap, Scene, Texture, Tex
 use glam::{Affine2, Affine3A, Vec2, Vec3, vec2, vec3, vec4};
 
 use super::pictures::{checker, steps, waves};
-use super::{add_image, add_material, add_matte, add_mesh, empty, icosphere, instance, matte, place, quad, scaled_at};
+use super::{
+    add_image, add_material, add_mesh, add_quad, colored, empty, icosphere, instance, matte, place_at, quad, scaled_at,
+};
 use crate::reference::Pinhole;
 
 /// Returns an empty floor under a uniform sky.
 pub fn ground(name: &str) -> Scene {
     let mut scene = empty(name);
-    let grey = add_matte(&mut scene, vec3(0.5, 0.45, 0.4));
-    place(&mut scene, quad(vec3(-3.0, 0.0, -3.0), 6.0 * Vec3::Z, 6.0 * Vec3::X, grey));
+    add_quad(&mut scene, (vec3(-3.0, 0.0, -3.0), 6.0 * Vec3::Z, 6.0 * Vec3::X), colored(vec3(0.5, 0.45, 0.4)));
     scene
 }
 
@@ -20,8 +21,7 @@ pub fn ground(name: &str) -> Scene {
 pub fn studio(name: &str) -> Scene {
     let mut scene = ground(name);
     let lamp = Material { base_color: vec4(0.2, 0.2, 0.2, 1.0), emissive: vec3(2.5, 2.2, 1.8), ..matte() };
-    let lamp = add_material(&mut scene, lamp);
-    place(&mut scene, quad(vec3(-2.5, 2.2, -1.0), vec3(1.6, 0.8, 0.0), 2.0 * Vec3::Z, lamp));
+    add_quad(&mut scene, (vec3(-2.5, 2.2, -1.0), vec3(1.6, 0.8, 0.0), 2.0 * Vec3::Z), lamp);
     scene.environment = Environment::Constant(vec3(0.4, 0.5, 0.7));
     scene
 }
@@ -48,8 +48,7 @@ pub fn glass(base: Vec3, roughness: f32) -> Material {
 pub fn add_balls<const N: usize>(scene: &mut Scene, materials: [Material; N]) -> Pinhole {
     for (i, material) in materials.into_iter().enumerate() {
         let material = add_material(scene, material);
-        let ball = add_mesh(scene, icosphere(2, true, material));
-        instance(scene, ball, scaled_at(0.45, vec3(spread(i, N), 0.5, 0.0)));
+        place_at(scene, icosphere(2, true, material), scaled_at(0.45, vec3(spread(i, N), 0.5, 0.0)));
     }
     camera()
 }

@@ -94,8 +94,7 @@ fn previous_mirror_images_match_an_opening() {
 fn room_with_ball(name: &str, material: Material) -> Subject {
     let mut scene = room(Wall::Opening).scene;
     let material = add_material(&mut scene, material);
-    let ball = add_mesh(&mut scene, icosphere(4, true, material));
-    instance(&mut scene, ball, scaled_at(0.6, vec3(0.0, 1.2, -0.8)));
+    place_at(&mut scene, icosphere(4, true, material), scaled_at(0.6, vec3(0.0, 1.2, -0.8)));
     subject(name, scene)
 }
 

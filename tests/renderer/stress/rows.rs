@@ -12,7 +12,8 @@ use crate::reference::Pinhole;
 use crate::reference::sampling::Rng;
 use crate::reference::scenes::matte::{box_area_light, sphere_light};
 use crate::reference::scenes::{
-    add_image, add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, place, quad, scaled_at,
+    add_image, add_material, add_matte, add_mesh, add_quad, block, colored, empty, icosphere, instance, matte, place,
+    place_at, quad, scaled_at,
 };
 
 /// 64 samples, six bounces.
@@ -76,8 +77,7 @@ fn point(position: Vec3, radius: f32, strength: f32) -> Light {
 /// Returns a grey floor of 8 x 8 around the origin, seen from the front.
 fn floor(name: &str) -> (Scene, Pinhole) {
     let mut scene = empty(name);
-    let grey = add_matte(&mut scene, Vec3::splat(0.5));
-    place(&mut scene, quad(vec3(-4.0, 0.0, -4.0), 8.0 * Vec3::Z, 8.0 * Vec3::X, grey));
+    add_quad(&mut scene, (vec3(-4.0, 0.0, -4.0), 8.0 * Vec3::Z, 8.0 * Vec3::X), colored(Vec3::splat(0.5)));
     (scene, Pinhole::looking_at(vec3(0.0, 1.5, 4.0), vec3(0.0, 0.25, 0.0), Vec3::Y, 45.0))
 }
 
@@ -107,8 +107,7 @@ fn lights() -> Vec<Row> {
         place(s, quad(vec3(1.5, 0.0, 0.0), Vec3::X, Vec3::Y, lamp));
     });
     let inside = floor_with("lights in a block", |s| {
-        let cube = add_mesh(s, block(0));
-        instance(s, cube, Affine3A::from_translation(vec3(0.0, 0.5, 0.0)));
+        place_at(s, block(0), Affine3A::from_translation(vec3(0.0, 0.5, 0.0)));
         s.lights.push(point(vec3(0.0, 0.5, 0.0), 0.25, 1e4));
         s.lights.push(point(vec3(0.2, 0.5, 0.3), 0.0, 1e4));
         let lamp = add_material(s, Material { emissive: Vec3::splat(1e4), double_sided: true, ..matte() });
@@ -257,14 +256,12 @@ fn geometry() -> Vec<Row> {
         lit_floor(|s| {
             let mut mesh = icosphere(2, false, 0);
             mesh.normals = (0..mesh.positions.len()).map(normal).collect();
-            let mesh = add_mesh(s, mesh);
-            instance(s, mesh, scaled_at(0.5, vec3(0.0, 0.5, 0.0)));
+            place_at(s, mesh, scaled_at(0.5, vec3(0.0, 0.5, 0.0)));
         })
     };
     let flat = {
         let (scene, camera) = lit_floor(|s| {
-            let mesh = add_mesh(s, icosphere(2, false, 0));
-            instance(s, mesh, scaled_at(0.5, vec3(0.0, 0.5, 0.0)));
+            place_at(s, icosphere(2, false, 0), scaled_at(0.5, vec3(0.0, 0.5, 0.0)));
         });
         image("flat ball", scene, camera, FULL)
     };
@@ -326,8 +323,7 @@ fn huge_triangle() -> Row {
 fn cameras() -> Vec<Row> {
     let seen = |name, origin: Vec3, target: Vec3| {
         let (scene, _) = lit_floor(|s| {
-            let cube = add_mesh(s, block(0));
-            instance(s, cube, Affine3A::from_translation(vec3(0.0, 0.5, 0.0)));
+            place_at(s, block(0), Affine3A::from_translation(vec3(0.0, 0.5, 0.0)));
         });
         row(name, (scene, Pinhole::looking_at(origin, target, Vec3::Y, 60.0)), FULL, finite())
     };
@@ -352,8 +348,7 @@ fn surroundings() -> Vec<Row> {
     let ball_in = |environment| ball("ball", matte(), environment);
     let mut shut = empty("shut box");
     let white = add_matte(&mut shut, Vec3::ONE);
-    let cube = add_mesh(&mut shut, block(white));
-    instance(&mut shut, cube, Affine3A::from_scale(Vec3::splat(3.0)));
+    place_at(&mut shut, block(white), Affine3A::from_scale(Vec3::splat(3.0)));
     let inside = Pinhole::looking_at(vec3(0.2, 0.1, 1.2), vec3(-0.3, -0.4, 0.0), Vec3::Y, 90.0);
     let shut_in = |environment, sun: f32| {
         let direction = vec3(-1.0, -1.0, -1.0).normalize();

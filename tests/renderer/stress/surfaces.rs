@@ -9,7 +9,7 @@ use super::{Effort, Row};
 use crate::reference::Pinhole;
 use crate::reference::scenes::studio::{add_balls, add_panels, camera, dielectric, glass, metal, studio};
 use crate::reference::scenes::{
-    add_image, add_material, add_mesh, block, icosphere, instance, matte, place, quad, scaled_at,
+    add_image, add_material, add_mesh, block, icosphere, instance, matte, place, place_at, quad, scaled_at,
 };
 
 const SMOOTHNESSES: [f32; 3] = [0.0, 1e-3, 1.0];
@@ -81,8 +81,7 @@ fn furnace(material: Material) -> (Scene, Pinhole) {
 fn inside(material: Material) -> (Scene, Pinhole) {
     let mut scene = studio("inside");
     let material = add_material(&mut scene, material);
-    let ball = add_mesh(&mut scene, icosphere(3, true, material));
-    instance(&mut scene, ball, scaled_at(0.8, vec3(0.0, 0.9, 1.0)));
+    place_at(&mut scene, icosphere(3, true, material), scaled_at(0.8, vec3(0.0, 0.9, 1.0)));
     (scene, Pinhole::looking_at(vec3(0.0, 1.0, 1.4), vec3(0.0, 0.7, 0.0), Vec3::Y, 60.0))
 }
 
