@@ -68,3 +68,10 @@ pub fn apply(bytes: &mut Vec<u8>, damages: &[Damage]) {
         }
     }
 }
+
+/// Encodes a picture.
+pub fn picture(image: impl Into<image::DynamicImage>, format: image::ImageFormat) -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.into().write_to(&mut bytes, format).unwrap();
+    bytes.into_inner()
+}

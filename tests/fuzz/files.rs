@@ -5,6 +5,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use ::exr::prelude::{Blocks, Compression};
+use ::image::ImageFormat;
 use diptych::scene::budget::{Budget, ByteSize};
 use diptych::scene::complete::Overrides;
 use diptych::scene::folder::Access;
@@ -35,8 +36,8 @@ struct Case {
     length: u64,
     /// Number of additional buffers and pictures that reference the same files.
     copies: u16,
-    damage_of_buffer: Vec<Damage>,
-    damage_of_picture: Vec<Damage>,
+    /// Damage of the buffer and of the picture.
+    damages: (Vec<Damage>, Vec<Damage>),
 }
 
 fn case(absolute: String) -> impl Strategy<Value = Case> {
@@ -51,16 +52,9 @@ fn case(absolute: String) -> impl Strategy<Value = Case> {
     };
     let length = prop_oneof![6 => Just(48), 1 => 0..100u64, 1 => any::<u64>(), 1 => Just(1 << 40)];
     let damages = || prop_oneof![1 => Just(Vec::new()), 1 => bytes::several()];
-    (name("own.bin"), name("own.png"), length, 0..300u16, damages(), damages()).prop_map(
-        |(buffer, picture, length, copies, damage_of_buffer, damage_of_picture)| Case {
-            buffer,
-            picture,
-            length,
-            copies,
-            damage_of_buffer,
-            damage_of_picture,
-        },
-    )
+    let damages = (damages(), damages());
+    (name("own.bin"), name("own.png"), length, 0..300u16, damages)
+        .prop_map(|(buffer, picture, length, copies, damages)| Case { buffer, picture, length, copies, damages })
 }
 
 /// Returns a quad with a picture, each in a file of its own.
@@ -88,10 +82,7 @@ fn quad(far: f32) -> Vec<u8> {
 }
 
 fn png(rgba: [u8; 4]) -> Vec<u8> {
-    let mut bytes = std::io::Cursor::new(Vec::new());
-    let image = ::image::RgbaImage::from_pixel(64, 64, ::image::Rgba(rgba));
-    image.write_to(&mut bytes, ::image::ImageFormat::Png).unwrap();
-    bytes.into_inner()
+    bytes::picture(::image::RgbaImage::from_pixel(64, 64, ::image::Rgba(rgba)), ImageFormat::Png)
 }
 
 /// Creates `outside.*` beside `inner/`, which contains `own.*` and links that lead out.
@@ -121,18 +112,12 @@ fn files_outside_the_folder_are_never_read() {
     let inner = outer.path().join("inner");
     let absolute = outer.path().join("outside.bin").to_str().unwrap().to_owned();
     let (own, picture) = (quad(1.0), png([1, 2, 3, 255]));
-    let whole = Case {
-        buffer: "own.bin".into(),
-        picture: "own.png".into(),
-        length: 48,
-        copies: 9,
-        damage_of_buffer: Vec::new(),
-        damage_of_picture: Vec::new(),
-    };
+    let [buffer, name] = ["own.bin", "own.png"].map(str::to_owned);
+    let whole = Case { buffer, picture: name, length: 48, copies: 9, damages: Default::default() };
     let read = |case: &Case| {
         let (mut own, mut picture) = (own.clone(), picture.clone());
-        bytes::apply(&mut own, &case.damage_of_buffer);
-        bytes::apply(&mut picture, &case.damage_of_picture);
+        bytes::apply(&mut own, &case.damages.0);
+        bytes::apply(&mut picture, &case.damages.1);
         std::fs::write(inner.join("own.bin"), own).unwrap();
         std::fs::write(inner.join("own.png"), picture).unwrap();
         std::fs::write(inner.join("scene.gltf"), gltf(case).to_string()).unwrap();
@@ -226,11 +211,8 @@ fn large_scenes(folder: &Path) -> Vec<(&'static str, Value)> {
     let uvs: Vec<[f32; 2]> = (0..COUNT as u32 * 3).map(|i| [(i % 7) as f32, (i % 11) as f32]).collect();
     std::fs::write(folder.join("corners.bin"), bytemuck::cast_slice::<_, u8>(&corners)).unwrap();
     std::fs::write(folder.join("uvs.bin"), bytemuck::cast_slice::<_, u8>(&uvs)).unwrap();
-    let mut jpeg = std::io::Cursor::new(Vec::new());
-    ::image::RgbImage::from_fn(2048, 1024, |x, y| ::image::Rgb([x as u8, y as u8, 9]))
-        .write_to(&mut jpeg, ::image::ImageFormat::Jpeg)
-        .unwrap();
-    std::fs::write(folder.join("picture.jpg"), jpeg.get_ref()).unwrap();
+    let jpeg = ::image::RgbImage::from_fn(2048, 1024, |x, y| ::image::Rgb([x as u8, y as u8, 9]));
+    std::fs::write(folder.join("picture.jpg"), bytes::picture(jpeg, ImageFormat::Jpeg)).unwrap();
     let scene = |nodes: usize, material: Value| {
         json!({
             "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": (0..nodes).collect::<Vec<_>>()}],
@@ -271,11 +253,8 @@ fn picture_shared_by_materials_is_scanned_once() {
     let _turn = crate::turn();
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("own.bin"), quad(1.0)).unwrap();
-    let mut large = std::io::Cursor::new(Vec::new());
-    ::image::GrayImage::from_pixel(2048, 2048, ::image::Luma([200]))
-        .write_to(&mut large, ::image::ImageFormat::Png)
-        .unwrap();
-    std::fs::write(folder.path().join("own.png"), large.get_ref()).unwrap();
+    let large = ::image::GrayImage::from_pixel(2048, 2048, ::image::Luma([200]));
+    std::fs::write(folder.path().join("own.png"), bytes::picture(large, ImageFormat::Png)).unwrap();
     let mut scene = json!({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 6}]}],
@@ -298,14 +277,8 @@ fn files_outside_are_read_only_if_allowed() {
     let outer = folders();
     let inner = outer.path().join("inner");
     std::fs::write(inner.join("own.png"), png([1, 2, 3, 255])).unwrap();
-    let case = Case {
-        buffer: "../outside.bin".into(),
-        picture: "../outside.png".into(),
-        length: 48,
-        copies: 0,
-        damage_of_buffer: Vec::new(),
-        damage_of_picture: Vec::new(),
-    };
+    let [buffer, picture] = ["../outside.bin", "../outside.png"].map(str::to_owned);
+    let case = Case { buffer, picture, length: 48, copies: 0, damages: Default::default() };
     let path = inner.join("scene.gltf");
     std::fs::write(&path, gltf(&case).to_string()).unwrap();
     let load = |allow_outside| {

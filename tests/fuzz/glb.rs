@@ -100,8 +100,13 @@ impl Draft {
     fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
         let width = if kind == "SCALAR" { 1 } else { kind[3..].parse().unwrap() };
         let view = self.view(bytemuck::cast_slice(values), json!({}));
-        let count = values.len() / width;
-        self.push("accessors", json!({"bufferView": view, "componentType": 5126, "count": count, "type": kind}))
+        self.accessor(view, 5126, values.len() / width, kind, json!({}))
+    }
+
+    fn accessor(&mut self, view: usize, component: u32, count: usize, kind: &str, more: Value) -> usize {
+        let mut accessor = json!({"bufferView": view, "componentType": component, "count": count, "type": kind});
+        merge(&mut accessor, more);
+        self.push("accessors", accessor)
     }
 
     fn push(&mut self, list: &str, value: Value) -> usize {
@@ -168,25 +173,16 @@ fn everything() -> Draft {
     let normals = draft.floats("VEC3", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.6, 0.8, 0.0, 0.0, 1.0]);
     let uvs = draft.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0]);
     let more_uvs = draft.view(&[0, 0, 255, 255, 0, 128, 9, 9, 0, 0, 1, 1, 2, 2, 3, 3], json!({"byteStride": 4}));
-    let more_uvs = draft.push(
-        "accessors",
-        json!({"bufferView": more_uvs, "componentType": 5123, "count": 4, "type": "VEC2", "normalized": true}),
-    );
+    let more_uvs = draft.accessor(more_uvs, 5123, 4, "VEC2", json!({"normalized": true}));
     let colors = draft.view(&[255; 16], json!({}));
-    let colors = draft.push(
-        "accessors",
-        json!({"bufferView": colors, "componentType": 5121, "count": 4, "type": "VEC4", "normalized": true}),
-    );
+    let colors = draft.accessor(colors, 5121, 4, "VEC4", json!({"normalized": true}));
     let indices = draft.view(&[0, 0, 1, 0, 2, 0, 0, 0, 2, 0, 3, 0], json!({"target": 34963}));
-    let indices =
-        draft.push("accessors", json!({"bufferView": indices, "componentType": 5123, "count": 6, "type": "SCALAR"}));
+    let indices = draft.accessor(indices, 5123, 6, "SCALAR", json!({}));
     let at = draft.view(&[1, 3], json!({}));
     let moved = draft.view(bytemuck::cast_slice(&[1.5f32, 0.0, 0.0, 0.0, 1.5, 0.0]), json!({}));
-    let sparse = draft.push(
-        "accessors",
-        json!({"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "sparse": {"count": 2,
-            "indices": {"bufferView": at, "componentType": 5121}, "values": {"bufferView": moved, "byteOffset": 0}}}),
-    );
+    let sparse = json!({"count": 2, "indices": {"bufferView": at, "componentType": 5121},
+        "values": {"bufferView": moved, "byteOffset": 0}});
+    let sparse = draft.accessor(0, 5126, 4, "VEC3", json!({"sparse": sparse}));
     let vertices: Vec<[f32; 3]> = CORNERS.as_chunks::<3>().0.to_vec();
     let packed = meshopt::encode_vertex_buffer(&vertices).unwrap();
     let length = packed.len();
@@ -195,8 +191,7 @@ fn everything() -> Draft {
     draft.json["bufferViews"][packed] = json!({"buffer": 1, "byteLength": 48, "byteStride": 12, "extensions": {
         "EXT_meshopt_compression": {"buffer": 0, "byteOffset": offset, "byteLength": length, "byteStride": 12,
             "count": 4, "mode": "ATTRIBUTES", "filter": "NONE"}}});
-    let packed =
-        draft.push("accessors", json!({"bufferView": packed, "componentType": 5126, "count": 4, "type": "VEC3"}));
+    let packed = draft.accessor(packed, 5126, 4, "VEC3", json!({}));
     let attributes = json!({"POSITION": positions, "NORMAL": normals, "TEXCOORD_0": uvs, "TEXCOORD_1": more_uvs,
         "COLOR_0": colors});
     draft.push(
@@ -215,11 +210,8 @@ fn everything() -> Draft {
 
 /// Adds nodes, materials, textures, lights and cameras.
 fn furnish(draft: &mut Draft) {
-    let mut png = std::io::Cursor::new(Vec::new());
-    ::image::RgbaImage::from_pixel(2, 2, ::image::Rgba([9, 99, 199, 128]))
-        .write_to(&mut png, ::image::ImageFormat::Png)
-        .unwrap();
-    let picture = draft.view(png.get_ref(), json!({}));
+    let png = ::image::RgbaImage::from_pixel(2, 2, ::image::Rgba([9, 99, 199, 128]));
+    let picture = draft.view(&bytes::picture(png, ::image::ImageFormat::Png), json!({}));
     let more = json!({
         "extensionsUsed": ["KHR_lights_punctual", "KHR_texture_transform", "EXT_meshopt_compression",
             "KHR_materials_emissive_strength", "KHR_materials_transmission", "KHR_materials_ior"],
@@ -257,9 +249,7 @@ fn furnish(draft: &mut Draft) {
 fn animate(draft: &mut Draft, positions: usize) {
     let bytes = |draft: &mut Draft, values: [u8; 16]| {
         let view = draft.view(&values, json!({}));
-        let accessor =
-            json!({"bufferView": view, "componentType": 5121, "count": 4, "type": "VEC4", "normalized": true});
-        draft.push("accessors", accessor)
+        draft.accessor(view, 5121, 4, "VEC4", json!({"normalized": true}))
     };
     let joints = bytes(draft, [0, 1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0]);
     draft.json["accessors"][joints]["normalized"] = json!(false);
@@ -267,8 +257,7 @@ fn animate(draft: &mut Draft, positions: usize) {
     let mut binds = [[0.0f32; 16]; 2];
     binds.iter_mut().for_each(|m| [0, 5, 10, 15].iter().for_each(|&i| m[i] = 1.0));
     let view = draft.view(bytemuck::cast_slice(&binds), json!({}));
-    let binds = json!({"bufferView": view, "componentType": 5126, "count": 2, "type": "MAT4"});
-    let binds = draft.push("accessors", binds);
+    let binds = draft.accessor(view, 5126, 2, "MAT4", json!({}));
     let attributes = json!({"POSITION": positions, "JOINTS_0": joints, "WEIGHTS_0": weights});
     let primitive = json!({"attributes": attributes, "mode": 6, "targets": [{"POSITION": positions}]});
     let mesh = draft.push("meshes", json!({"primitives": [primitive], "weights": [0.25]}));

@@ -65,17 +65,12 @@ pub fn hdr_seeds() -> Vec<Vec<u8>> {
 pub fn texture_seeds() -> Vec<Vec<u8>> {
     use ::image::{DynamicImage, ImageFormat, RgbaImage};
     let rgba = RgbaImage::from_fn(19, 7, |x, y| ::image::Rgba([(x * 13) as u8, (y * 31) as u8, 7, (x * y) as u8]));
-    let encode = |image: DynamicImage, format| {
-        let mut bytes = std::io::Cursor::new(Vec::new());
-        image.write_to(&mut bytes, format).unwrap();
-        bytes.into_inner()
-    };
     let whole = DynamicImage::ImageRgba8(rgba);
     vec![
-        encode(whole.clone(), ImageFormat::Png),
-        encode(whole.to_luma16().into(), ImageFormat::Png),
-        encode(whole.to_rgb8().into(), ImageFormat::Jpeg),
-        encode(whole, ImageFormat::WebP),
+        bytes::picture(whole.clone(), ImageFormat::Png),
+        bytes::picture(whole.to_luma16(), ImageFormat::Png),
+        bytes::picture(whole.to_rgb8(), ImageFormat::Jpeg),
+        bytes::picture(whole, ImageFormat::WebP),
     ]
 }
 
