@@ -2,33 +2,32 @@
 //! renderer's own traversal. For ray queries, this tests the driver.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
-use crate::common::devices_to_lose;
+use crate::kernels::harness::{Buffer, Kernel, traversal};
 use crate::reference::sampling::Rng;
 use crate::reference::scenes::{add_matte, empty, icosphere, place};
 use diptych::accel::Accel;
-use diptych::device::{GpuDevice, Traversal};
+use diptych::device::Traversal;
 use diptych::layout::Frame;
 use diptych::scene::Mesh;
-use diptych::stages::{Specialization, shader_text_of};
-use diptych::tables::{SceneBuffers, SceneTables, layout_entries as scene_layout_entries};
+use diptych::tables::SceneTables;
 use glam::{Vec3, vec3};
-use wgpu::util::DeviceExt;
 
 /// Rays of one dispatch.
 const BATCH: usize = 1 << 18;
 
-/// Entry point appended to the source of a stage, so that the test runs the code that renders.
+/// Entry point beside the functions of a stage, so that the test runs the code that renders.
 const AIM: &str = "
 struct Aimed {
     origin: vec4<f32>,
     direction: vec4<f32>,
 }
-@group(1) @binding(8) var<storage, read> aimed: array<Aimed>;
-@group(1) @binding(9) var<storage, read_write> found: array<u32>;
+@group(1) @binding(0) var<storage, read> aimed: array<Aimed>;
+@group(1) @binding(1) var<storage, read_write> found: array<u32>;
 
 @compute @workgroup_size(64)
-fn aim(@builtin(global_invocation_id) id: vec3<u32>) {
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= arrayLength(&found) {
         return;
     }
@@ -38,90 +37,6 @@ fn aim(@builtin(global_invocation_id) id: vec3<u32>) {
 ";
 
 type Ray = [[f32; 4]; 2];
-
-struct Tracer {
-    gpu: GpuDevice,
-    /// Bind group layouts: frame and scene; rays and their hits.
-    layouts: [wgpu::BindGroupLayout; 2],
-    pipeline: wgpu::ComputePipeline,
-}
-
-fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
-    wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
-        count: None,
-    }
-}
-
-impl Tracer {
-    fn new() -> Self {
-        let gpu = devices_to_lose(1).remove(0);
-        let text = shader_text_of("gbuffer", gpu.scene_access()) + AIM;
-        let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
-        let mut scene_entries = vec![buffer_entry(0, wgpu::BufferBindingType::Uniform)];
-        scene_entries.extend(scene_layout_entries(gpu.scene_access()));
-        let layouts = [scene_entries, vec![buffer_entry(8, storage(true)), buffer_entry(9, storage(false))]];
-        let layouts = layouts.map(|entries| {
-            let descriptor = wgpu::BindGroupLayoutDescriptor { label: None, entries: &entries };
-            gpu.device.create_bind_group_layout(&descriptor)
-        });
-        let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: None,
-            bind_group_layouts: &layouts.each_ref().map(Some),
-            immediate_size: 32,
-        });
-        let aim = Specialization {
-            label: "aim",
-            text: &text,
-            entry_point: "aim",
-            constants: &[("HAS_ALPHA", 0.0)],
-            zero_workgroup_memory: true,
-        };
-        let pipeline = aim.pipeline(&gpu.device, &pipeline_layout);
-        assert_eq!(gpu.failure(), None);
-        Self { gpu, layouts, pipeline }
-    }
-
-    fn buffer(&self, contents: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
-        let descriptor = wgpu::util::BufferInitDescriptor { label: None, contents, usage };
-        self.gpu.device.create_buffer_init(&descriptor)
-    }
-
-    fn bind(&self, group: usize, entries: &[wgpu::BindGroupEntry<'_>]) -> wgpu::BindGroup {
-        let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &self.layouts[group], entries };
-        self.gpu.device.create_bind_group(&descriptor)
-    }
-
-    /// Returns the first triangle that each ray hits, or u32::MAX.
-    fn trace(&self, scene: &wgpu::BindGroup, rays: &[Ray]) -> Vec<u32> {
-        let storage = wgpu::BufferUsages::STORAGE;
-        let aimed = self.buffer(bytemuck::cast_slice(rays), storage);
-        let zeros = vec![0u32; rays.len()];
-        let found = self.buffer(bytemuck::cast_slice(&zeros), storage | wgpu::BufferUsages::COPY_SRC);
-        let results = self.bind(1, &[bound(8, &aimed), bound(9, &found)]);
-        let read = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let back = self.buffer(bytemuck::cast_slice(&zeros), read);
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, scene, &[]);
-            pass.set_bind_group(1, &results, &[]);
-            pass.dispatch_workgroups(rays.len().div_ceil(64) as u32, 1, 1);
-        }
-        encoder.copy_buffer_to_buffer(&found, 0, &back, 0, None);
-        self.gpu.queue.submit([encoder.finish()]);
-        back.map_async(wgpu::MapMode::Read, .., Result::unwrap);
-        self.gpu.wait(None).unwrap();
-        bytemuck::cast_slice(&back.get_mapped_range(..).unwrap()).to_vec()
-    }
-}
-
-fn bound(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
-    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
-}
 
 /// A closed surface, and the origins of the rays.
 struct Case {
@@ -225,18 +140,15 @@ fn aim(case: &Case, centre: Vec3, rng: &mut Rng) -> Ray {
     }
 }
 
-fn leaks(tracer: &Tracer, case: &Case, rays: usize) -> usize {
+fn leaks(case: &Case, rays: usize) -> usize {
     let mut scene = empty(case.name);
     add_matte(&mut scene, Vec3::ONE);
     place(&mut scene, case.mesh.clone());
     let centre = case.mesh.positions.iter().sum::<Vec3>() / case.mesh.positions.len() as f32;
-    let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
-    let buffers = SceneBuffers::new(&tracer.gpu, &tables).unwrap();
+    let tables = Arc::new(SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap());
+    let kernel = Kernel::beside_scene("gbuffer", &tables, AIM);
     let mut frame = Frame::default();
     tables.describe(&mut frame);
-    let frame = tracer.buffer(bytemuck::bytes_of(&frame), wgpu::BufferUsages::UNIFORM);
-    let entries: Vec<_> = std::iter::once(bound(0, &frame)).chain(buffers.entries()).collect();
-    let group = tracer.bind(0, &entries);
     let mut rng = Rng::new(3, 0);
     let mut missed = 0;
     for begin in (0..rays).step_by(BATCH) {
@@ -245,21 +157,21 @@ fn leaks(tracer: &Tracer, case: &Case, rays: usize) -> usize {
             let near = Vec3::from_slice(origin).as_dvec3() - tables.origin();
             *origin = near.as_vec3().extend(0.0).to_array();
         }
-        missed += tracer.trace(&group, &batch).iter().filter(|&&prim| prim == u32::MAX).count();
+        let buffers = [("aimed", Buffer::whole(&batch)), ("found", Buffer::whole(&vec![0u32; batch.len()]))];
+        let found = kernel.run_once(&frame, [0; 3], [batch.len().div_ceil(64) as u32, 1], &buffers);
+        missed += found.get::<u32>("found").iter().filter(|&&prim| prim == u32::MAX).count();
     }
     missed
 }
 
 fn assert_nothing_leaks(rays: usize) {
-    let tracer = Tracer::new();
     let cases = cases();
     let each = rays.div_ceil(cases.len());
-    let count = |case| leaks(&tracer, case, each);
-    let leaks: Vec<_> = cases.iter().map(|case| (case.name, count(case))).collect();
+    let leaks: Vec<_> = cases.iter().map(|case| (case.name, leaks(case, each))).collect();
     println!("leaks of {each} rays each: {leaks:#?}");
     // Ray queries leak as much as the driver does. Mesa 25 on CPUs leaks up to 2.8 % of such rays, where triangles lie
     // in the planes of their boxes.
-    let allowed = match tracer.gpu.info.traversal {
+    let allowed = match traversal() {
         Traversal::Compute => 0,
         Traversal::Hardware => each / 25,
     };

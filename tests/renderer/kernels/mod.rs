@@ -23,7 +23,7 @@ mod fit;
 mod foveation;
 mod gradient;
 mod gradient_smooth;
-mod harness;
+pub mod harness;
 mod inputs;
 mod log_polar;
 mod moving;

@@ -1,80 +1,28 @@
 //! Temporal gradients.
 
+mod scenes;
 mod twin;
 
 use std::f64::consts::PI;
 use std::ops::Range;
 
-use diptych::accel::{Accel, Layout, SPHERE};
+use diptych::accel::SPHERE;
 use diptych::layout::{Frame, History, PassConstants, Previous, Sampling};
 use diptych::samples::{NO_CURVE, PixelSamples};
-use diptych::scene::needs::SceneNeeds;
-use diptych::scene::{Environment, Light as Lamp, LightKind, Material, Scene};
-use glam::{DVec3, Vec3};
+use diptych::scene::Scene;
+use glam::DVec3;
 
+use self::scenes::{dazzled, lit_screen, screen, subject};
 use self::twin::{Before, TILE, Twin, World};
-use super::camera::{Constants, Eye, STORAGE_SCALE};
+use super::camera::{Constants, Eye};
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH};
 use super::pack::{Format, HALF, Light, NO_NORMAL, luminance, pack_guide};
-use crate::common::{Subject, still_rig};
-use crate::reference::scenes::{add_material, add_matte, empty, matte, place, quad};
+use crate::common::Subject;
 
 /// Columns and rows of tiles.
 const TILES: [u32; 2] = [WIDTH.div_ceil(TILE), HEIGHT.div_ceil(TILE)];
-
-const SUN: DVec3 = DVec3::new(0.3, -0.5, -0.8);
-const STRENGTH: DVec3 = DVec3::new(3.0, 2.5, 2.0);
-
-/// Returns a folding screen in the sun behind a board. Its parts light one another.
-fn screen() -> Scene {
-    let mut scene = empty("folding screen");
-    let [red, blue] = [Vec3::new(0.8, 0.3, 0.2), Vec3::new(0.1, 0.4, 0.9)].map(|c| add_matte(&mut scene, c));
-    let up = Vec3::Y * 6.0;
-    place(&mut scene, quad(Vec3::new(-4.0, -3.0, -2.4), Vec3::new(2.8, 0.0, -2.4), up, red));
-    place(&mut scene, quad(Vec3::new(-1.2, -3.0, -4.8), Vec3::X * 2.2, up, blue));
-    place(&mut scene, quad(Vec3::new(1.0, -3.0, -4.8), Vec3::new(2.8, 0.0, 2.4), up, red));
-    place(&mut scene, quad(Vec3::new(-1.4, -0.5, -3.3), Vec3::X * 2.0, Vec3::Y * 2.2, blue));
-    let kind = LightKind::Directional { direction: SUN.as_vec3().normalize(), angle_rad: 0.0 };
-    scene.lights.push(Lamp { kind, strength: STRENGTH.as_vec3() });
-    scene
-}
-
-/// Returns the screen with all kinds of lamps, some ambient light, and emissive parts.
-fn lit_screen(gloss: bool) -> Scene {
-    let mut scene = screen();
-    if gloss {
-        (scene.materials[0].specular, scene.materials[0].roughness) = (1.0, 0.4);
-    }
-    scene.environment = Environment::Constant(Vec3::new(0.1, 0.2, 0.3));
-    let glow = add_material(&mut scene, Material { emissive: Vec3::splat(6.0), ..matte() });
-    place(&mut scene, quad(Vec3::new(-0.5, 2.8, -4.0), Vec3::X, Vec3::Z, glow));
-    let kind = LightKind::Point { position: Vec3::new(1.5, -1.5, -2.5), radius: 0.2 };
-    scene.lights.push(Lamp { kind, strength: Vec3::splat(2.0) });
-    scene
-}
-
-/// Returns a board near the eye with a lamp so close and bright that samples near it are not finite.
-fn dazzled() -> Scene {
-    let mut scene = empty("dazzled board");
-    let grey = add_matte(&mut scene, Vec3::splat(0.5));
-    place(&mut scene, quad(Vec3::new(-0.6, -0.3, -0.3), Vec3::X * 0.9, Vec3::Y * 0.9, grey));
-    let kind = LightKind::Point { position: Vec3::new(-0.2, 0.1, -0.2), radius: 0.0 };
-    scene.lights.push(Lamp { kind, strength: Vec3::splat(2e37) });
-    scene
-}
-
-fn subject(scene: Scene, gloss: bool) -> (Subject, World) {
-    let triangles = Accel::build_with(&scene, Layout::Flat).unwrap().triangles;
-    let corners = triangles.iter().map(|t| [t.v0, t.v1, t.v2].map(Vec3::as_dvec3)).collect();
-    let world = World { triangles: corners, sun: SUN.normalize(), strength: STRENGTH * f64::from(STORAGE_SCALE) };
-    let rig = still_rig(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y, 0.5);
-    let mut subject = Subject::laid_out("folding screen", scene, rig, Layout::Flat);
-    // All scenes share a shader.
-    subject.needs = SceneNeeds::of(&lit_screen(gloss));
-    (subject, world)
-}
 
 /// Returns images of an eye's view: hits and guides.
 fn seen(world: &World, constants: &Constants, eye: &Eye) -> (Vec<[u32; 4]>, Vec<[u32; 4]>) {
@@ -101,53 +49,93 @@ fn with_samples(mut sampling: Sampling, change: impl FnOnce(&mut PixelSamples)) 
     sampling
 }
 
-/// Computes the gradients of a frame whose settings all differ from those of the previous frame.
-fn gradients(
-    subject: &Subject,
-    format: Format,
-    (constants, history): (&Constants, History),
+/// What a frame knows of the previous one beside its hits and guides.
+struct Past<'a> {
+    history: History,
     previous: Previous,
-    stripe: &Stripe,
-    (images, probes): ([&[[u32; 4]]; 4], &[f32]),
-) -> Vec<[f32; 2]> {
-    let samples = PixelSamples { least: 4, first: 3, curve_shift: 2, ..Default::default() };
-    let own = Sampling { seed: 77, samples, ..sampling(constants.index, 5) };
-    run(subject, format, (constants, history), own, previous, stripe, (images, probes), "gradient")
+    last_surface: &'a [[u32; 4]],
+    radiance: &'a [[u32; 4]],
+    probes: &'a [f32],
 }
 
-/// Runs the kernel in a frame with the settings `own`, whose own images are those of the previous frame. Returns the
-/// image `output`: gradients or probes.
-#[allow(clippy::too_many_arguments)]
-fn run<T: bytemuck::Pod>(
-    subject: &Subject,
+/// Frames with the same hits and guides.
+struct Frames {
+    subject: Subject,
     format: Format,
-    (constants, history): (&Constants, History),
-    own: Sampling,
-    previous: Previous,
-    stripe: &Stripe,
-    ([last_surface, hit, guide, radiance], probes): ([&[[u32; 4]]; 4], &[f32]),
-    output: &str,
-) -> Vec<T> {
-    let mut frame = Frame { history, sampling: own, ..constants.frame() };
-    subject.tables.describe(&mut frame);
-    let [width, height] = TILES;
-    let pass = PassConstants { width, height, ..stripe.pass(0, [WIDTH, HEIGHT, u32::from(output == "probe")]) };
-    let before = vec![[f32::NAN; 2]; (width * height) as usize];
-    let buffers = [
-        ("last_surface", Buffer::whole(last_surface)),
-        ("last_hit", Buffer::whole(hit)),
-        ("last_guide", Buffer::whole(guide)),
-        ("last_radiance", Buffer::whole(radiance)),
-        ("hit_image", Buffer::whole(hit)),
-        ("guide_image", Buffer::whole(guide)),
-        ("last_probe", Buffer::whole(probes)),
-        ("probe", Buffer::image(&vec![f32::NAN; before.len()])),
-        ("gradient", Buffer::image(&before)),
-        ("previous", Buffer::whole(&[previous])),
-    ];
-    let overrides = [("SOBOL", true), ("HAS_GLOSS", format.gloss), ("HAS_MOTION", true)];
-    let outputs = Kernel::with_scene("gradient", &overrides, subject).run_frame(&frame, pass, [1, 1], &buffers);
-    outputs.get(output)
+    constants: Constants,
+    hit: Vec<[u32; 4]>,
+    guide: Vec<[u32; 4]>,
+}
+
+/// All tiles.
+const WHOLE: Stripe = Stripe { rows: 0..TILES[1], valid: 0..TILES[1] };
+const NO_PROBES: [f32; (TILES[0] * TILES[1]) as usize] = [-1.0; (TILES[0] * TILES[1]) as usize];
+
+impl Frames {
+    /// Creates frames of eyes that do not move.
+    fn still(scene: Scene, gloss: bool) -> Self {
+        let (subject, world) = subject(scene, gloss);
+        let constants = Constants { history_rows: Some(0), index: 9, ..Constants::new(WIDTH, HEIGHT) };
+        let (hit, guide) = seen(&world, &constants, &constants.eyes[0]);
+        Self { subject, format: Format { gloss }, constants, hit, guide }
+    }
+
+    fn past<'a>(&'a self, sampling: Sampling, radiance: &'a [[u32; 4]], probes: &'a [f32]) -> Past<'a> {
+        let previous = Previous { views: self.constants.frame().camera.views, sampling };
+        Past { history: History::new(Some(0), 0..0), previous, last_surface: &self.guide, radiance, probes }
+    }
+
+    /// Computes gradients with settings that all differ from those of the previous frame.
+    fn gradients(&self, past: &Past<'_>, stripe: &Stripe) -> Vec<[f32; 2]> {
+        let samples = PixelSamples { least: 4, first: 3, curve_shift: 2, ..Default::default() };
+        self.run(Sampling { seed: 77, samples, ..sampling(self.constants.index, 5) }, past, stripe, "gradient")
+    }
+
+    /// Runs the kernel with the settings `own`. Returns the image `output`: gradients or probes.
+    fn run<T: bytemuck::Pod>(&self, own: Sampling, past: &Past<'_>, stripe: &Stripe, output: &str) -> Vec<T> {
+        let mut frame = Frame { history: past.history, sampling: own, ..self.constants.frame() };
+        self.subject.tables.describe(&mut frame);
+        let [width, height] = TILES;
+        let pass = PassConstants { width, height, ..stripe.pass(0, [WIDTH, HEIGHT, u32::from(output == "probe")]) };
+        let buffers = [
+            ("last_surface", Buffer::whole(past.last_surface)),
+            ("last_hit", Buffer::whole(&self.hit)),
+            ("last_guide", Buffer::whole(&self.guide)),
+            ("last_radiance", Buffer::whole(past.radiance)),
+            ("hit_image", Buffer::whole(&self.hit)),
+            ("guide_image", Buffer::whole(&self.guide)),
+            ("last_probe", Buffer::whole(past.probes)),
+            ("probe", Buffer::image(&NO_PROBES.map(|_| f32::NAN))),
+            ("gradient", Buffer::image(&NO_PROBES.map(|_| [f32::NAN; 2]))),
+            ("previous", Buffer::whole(&[past.previous])),
+        ];
+        let overrides = [("SOBOL", true), ("HAS_GLOSS", self.format.gloss), ("HAS_MOTION", true)];
+        let kernel = Kernel::with_scene("gradient", &overrides, &self.subject);
+        kernel.run_frame(&frame, pass, [1, 1], &buffers).get(output)
+    }
+
+    /// Returns the radiance image of paths with these settings.
+    fn traced(&self, sampling: Sampling) -> Vec<[u32; 4]> {
+        let mut frame = Frame { sampling, ..self.constants.frame() };
+        self.subject.tables.describe(&mut frame);
+        let whole = Stripe { rows: 0..HEIGHT, valid: 0..HEIGHT };
+        let pass = PassConstants { width: WIDTH, height: HEIGHT, ..whole.pass(0, [0, 1, 0]) };
+        let nothing = vec![[0u32; 4]; self.constants.area()];
+        let buffers = [
+            ("hit_image", Buffer::image(&self.hit)),
+            ("albedo_image", Buffer::image(&nothing)),
+            ("emission_image", Buffer::image(&nothing)),
+            ("radiance_image", Buffer::image(&nothing)),
+            ("tally_image", Buffer::image(&vec![0u32; self.constants.area()])),
+            ("guide_image", Buffer::whole(&self.guide)),
+            ("holes", Buffer::whole(&[0u32; 4])),
+            ("last_cache", Buffer::whole(&[[0u32; 4]; 2])),
+            ("records", Buffer::image(&nothing)),
+        ];
+        let kernel =
+            Kernel::with_scene("path_trace", &[("SOBOL", true), ("HAS_GLOSS", self.format.gloss)], &self.subject);
+        kernel.run_rows(&frame, pass, &buffers).get("radiance_image")
+    }
 }
 
 /// Damages a pixel of the previous frame: its surface may be gone, may not be sampled, or may be a lamp.
@@ -185,6 +173,8 @@ fn compare(case: &Case, cases: &mut Cases) {
     let views = previous.frame().camera.views;
     let settings = with_samples(sampling(7, 1), |samples| samples.is_jittered = case.is_jittered.into());
     let mut unclear = 0;
+    let (hit, guide) = (Vec::new(), Vec::new());
+    let mut frames = Frames { subject, format, constants: constants.clone(), hit, guide };
     let inside = [(0..7, 0..7), (2..5, 1..6), (3..4, 3..4), (4..7, 3..7), (0..2, 0..3)];
     for stripe in inside.map(|(rows, valid)| Stripe { rows, valid }) {
         let (_, mut last_surface) = seen(&world, &constants, &constants.eyes[0]);
@@ -218,18 +208,18 @@ fn compare(case: &Case, cases: &mut Cases) {
         let own = only_in(&rows(&stripe.rows), WIDTH, &last_surface);
         let readable = if case.tempts { 0..HEIGHT } else { rows(&stripe.valid) };
         let [hit, guide, radiance] = [&hit, &guide, &radiance].map(|image| only_in(&readable, WIDTH, image));
-        let found = gradients(
-            &subject,
-            format,
-            (&constants, History::new(case.history_rows, case.lost.clone())),
-            Previous { views, sampling: settings },
-            &stripe,
-            ([&own, &hit, &guide, &radiance], &probes),
-        );
+        let past = Past {
+            history: History::new(case.history_rows, case.lost.clone()),
+            previous: Previous { views, sampling: settings },
+            last_surface: &own,
+            radiance: &radiance,
+            probes: &probes,
+        };
+        (frames.hit, frames.guide) = (hit, guide);
+        let found = frames.gradients(&past, &stripe);
         let last_surface: Vec<_> = last_surface.iter().map(|bits| Surface::unpack(*bits)).collect();
-        let lost = case.lost.clone();
-        let (world, constants, last_surface, before) = (&world, &constants, &last_surface[..], &before);
-        let twin = Twin { world, constants, stripe: &stripe, lost, last_surface, before };
+        let (lost, last_surface, before) = (case.lost.clone(), &last_surface[..], &before);
+        let twin = Twin { world: &world, constants: &constants, stripe: &stripe, lost, last_surface, before };
         for (x, y) in stripe.pixels(TILES[0]) {
             let got = found[(y * TILES[0] + x) as usize].map(f64::from);
             let Some(want) = twin.tile((x, y), cases) else {
@@ -301,54 +291,17 @@ fn multi_sample_frames_compare_their_probes() {
     }
 }
 
-/// Returns the radiance image of paths with these settings.
-fn traced(
-    subject: &Subject,
-    format: Format,
-    constants: &Constants,
-    sampling: Sampling,
-    [hit, guide]: [&[[u32; 4]]; 2],
-) -> Vec<[u32; 4]> {
-    let mut frame = Frame { sampling, ..constants.frame() };
-    subject.tables.describe(&mut frame);
-    let whole = Stripe { rows: 0..HEIGHT, valid: 0..HEIGHT };
-    let pass = PassConstants { width: WIDTH, height: HEIGHT, ..whole.pass(0, [0, 1, 0]) };
-    let nothing = vec![[0u32; 4]; constants.area()];
-    let buffers = [
-        ("hit_image", Buffer::image(hit)),
-        ("albedo_image", Buffer::image(&nothing)),
-        ("emission_image", Buffer::image(&nothing)),
-        ("radiance_image", Buffer::image(&nothing)),
-        ("tally_image", Buffer::image(&vec![0u32; constants.area()])),
-        ("guide_image", Buffer::whole(guide)),
-        ("holes", Buffer::whole(&[0u32; 4])),
-        ("last_cache", Buffer::whole(&[[0u32; 4]; 2])),
-        ("records", Buffer::image(&nothing)),
-    ];
-    let overrides = [("SOBOL", true), ("HAS_GLOSS", format.gloss)];
-    let outputs = Kernel::with_scene("path_trace", &overrides, subject).run_rows(&frame, pass, &buffers);
-    outputs.get("radiance_image")
-}
-
 /// Returns the gradients after a frame of several samples per pixel. The sun is `factor` times as strong as in that
-/// frame. The eyes do not move.
+/// frame.
 fn after_probes(gloss: bool, settings: Sampling, factor: f32) -> Vec<[f32; 2]> {
-    let (subject_before, world) = subject(lit_screen(gloss), gloss);
-    let constants = Constants { history_rows: Some(0), index: 9, ..Constants::new(WIDTH, HEIGHT) };
-    let format = Format { gloss };
-    let (hit, guide) = seen(&world, &constants, &constants.eyes[0]);
-    let views = constants.frame().camera.views;
-    let whole = Stripe { rows: 0..TILES[1], valid: 0..TILES[1] };
-    let nothing = vec![[0u32; 4]; constants.area()];
-    let images = [&guide[..], &hit, &guide, &nothing];
-    let none = vec![-1.0; (TILES[0] * TILES[1]) as usize];
-    let before = (&constants, History::new(None, 0..0));
-    let previous = Previous { views, sampling: settings };
-    let probes: Vec<f32> = run(&subject_before, format, before, settings, previous, &whole, (images, &none), "probe");
+    let mut frames = Frames::still(lit_screen(gloss), gloss);
+    let nothing = vec![[0u32; 4]; frames.constants.area()];
+    let past = Past { history: History::new(None, 0..0), ..frames.past(settings, &nothing, &NO_PROBES) };
+    let probes: Vec<f32> = frames.run(settings, &past, &WHOLE, "probe");
     let mut scene = lit_screen(gloss);
     scene.lights[0].strength *= factor;
-    let now = (&constants, History::new(Some(0), 0..0));
-    gradients(&subject(scene, gloss).0, format, now, previous, &whole, (images, &probes))
+    frames.subject = subject(scene, gloss).0;
+    frames.gradients(&frames.past(settings, &nothing, &probes), &WHOLE)
 }
 
 #[test]
@@ -371,22 +324,10 @@ fn probes_detect_only_changed_light() {
 }
 
 /// Returns the gradients after a frame that was traced with `settings`, if the previous settings are given as `said`.
-/// The eyes do not move.
 fn after(scene: Scene, gloss: bool, settings: Sampling, said: &[Sampling]) -> Vec<Vec<[f32; 2]>> {
-    let (subject, world) = subject(scene, gloss);
-    let constants = Constants { history_rows: Some(0), index: 9, ..Constants::new(WIDTH, HEIGHT) };
-    let format = Format { gloss };
-    let (hit, guide) = seen(&world, &constants, &constants.eyes[0]);
-    let radiance = traced(&subject, format, &constants, settings, [&hit, &guide]);
-    let views = constants.frame().camera.views;
-    let whole = Stripe { rows: 0..TILES[1], valid: 0..TILES[1] };
-    let none = vec![-1.0; (TILES[0] * TILES[1]) as usize];
-    let gradients = |sampling: &Sampling| {
-        let (previous, images) = (Previous { views, sampling: *sampling }, [&guide, &hit, &guide, &radiance]);
-        let history = History::new(Some(0), 0..0);
-        gradients(&subject, format, (&constants, history), previous, &whole, (images.map(Vec::as_slice), &none))
-    };
-    said.iter().map(gradients).collect()
+    let frames = Frames::still(scene, gloss);
+    let radiance = frames.traced(settings);
+    said.iter().map(|said| frames.gradients(&frames.past(*said, &radiance, &NO_PROBES), &WHOLE)).collect()
 }
 
 /// Asserts that light has not changed, within rounding: of sums, and of half floats with specular radiance.

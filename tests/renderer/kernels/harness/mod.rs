@@ -8,8 +8,7 @@ mod tests;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use diptych::device::GpuDevice;
-use diptych::device::SceneAccess;
+use diptych::device::{GpuDevice, SceneAccess, Traversal};
 use diptych::layout::{Frame, PassConstants};
 use diptych::projection::PolarSpace;
 use diptych::stages::{ShaderVariant, Specialization, override_names, shader_text_of};
@@ -49,6 +48,11 @@ fn bench() -> MutexGuard<'static, Bench> {
     bench.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Returns how the kernels' device traces rays.
+pub fn traversal() -> Traversal {
+    bench().gpu.info.traversal
+}
+
 /// A shader with its override constants; those without a value are off.
 pub struct Kernel {
     name: &'static str,
@@ -80,7 +84,17 @@ impl Kernel {
 
     /// Combines the functions that `shader` includes with a kernel of the test's own.
     pub fn beside(shader: &'static str, overrides: &[Override], kernel: &str) -> Self {
-        let whole = shader_text_of(shader, SceneAccess::default());
+        Self::cut(shader, SceneAccess::default(), overrides, kernel)
+    }
+
+    /// Combines the functions that `shader` includes with a kernel of the test's own that reads this scene.
+    pub fn beside_scene(shader: &'static str, tables: &Arc<SceneTables>, kernel: &str) -> Self {
+        let access = bench().gpu.scene_access();
+        Self { scene: Some(Arc::clone(tables)), ..Self::cut(shader, access, &[], kernel) }
+    }
+
+    fn cut(shader: &'static str, access: SceneAccess, overrides: &[Override], kernel: &str) -> Self {
+        let whole = shader_text_of(shader, access);
         let end = whole.find("@group(1)").unwrap_or_else(|| panic!("shader '{shader}' binds nothing"));
         Self::of(shader, format!("{}{kernel}", &whole[..end]), overrides)
     }
