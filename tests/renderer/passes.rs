@@ -95,6 +95,24 @@ fn kernel(name: &'static str, text: &'static str, workgroup: [u32; 3]) -> Kernel
     Kernel::from_text(name, text).workgroup(workgroup)
 }
 
+/// Returns a kernel that runs `body` for each pixel, `at` being its index.
+fn per_pixel(name: &'static str, body: &str) -> Kernel {
+    let text = format!(
+        "
+//!include frame bindings
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {{
+    let y = pass_.row_begin + id.y;
+    if id.x >= pass_.width || y >= pass_.row_end {{
+        return;
+    }}
+    let at = y * pass_.width + id.x;
+    {body}
+}}"
+    );
+    kernel(name, text.leak(), [8, 8, 1])
+}
+
 fn pass(name: &'static str, view: Eye, group: Partition, kernel: Kernel) -> Pass {
     Pass::new(Stage(name), view, group, kernel)
 }
@@ -191,21 +209,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
 
 #[test]
 fn passes_reach_whole_images_or_computed_rows() {
-    const FLIP: &str = "
-//!include frame bindings
-@compute @workgroup_size(8, 8)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let y = pass_.row_begin + id.y;
-    if id.x >= pass_.width || y >= pass_.row_end {
-        return;
-    }
-    found[y * pass_.width + id.x] = image[(pass_.height - 1u - y) * pass_.width + id.x];
-}";
+    const FLIP: &str = "found[at] = image[(pass_.height - 1u - y) * pass_.width + id.x];";
     let mirrored = Reach::Rows(|rows| HEIGHT - rows.end..HEIGHT - rows.start);
     for reach in [Reach::All, mirrored] {
         let flip = move |view| {
             let uses = [Use::read(IMAGE).reaching(reach), Use::write(OUT)];
-            pass("test flip", view, READS, kernel("test flip", FLIP, [8, 8, 1])).uses(uses)
+            pass("test flip", view, READS, per_pixel("test flip", FLIP)).uses(uses)
         };
         let passes = move |_: &FrameSpec, view| vec![fill(view, IMAGE), flip(view)];
         check(1, passes, |eye, x, y, frame| value(eye, x, HEIGHT - 1 - y, frame));
@@ -221,19 +230,11 @@ fn pass_once_runs_once_on_each_device() {
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     table[id.x] = id.x * id.x + frame.sampling.index;
 }";
-    const LOOK_UP: &str = "
-//!include frame bindings
-@compute @workgroup_size(8, 8)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let y = pass_.row_begin + id.y;
-    if id.x < pass_.width && y < pass_.row_end {
-        found[y * pass_.width + id.x] = table[(id.x + y) % 16u];
-    }
-}";
+    const LOOK_UP: &str = "found[at] = table[(id.x + y) % 16u];";
     let passes = |_: &FrameSpec, view| {
         let make = kernel("test make", MAKE, [4, 1, 1]);
         let make = Pass::once(Stage("test make"), WRITES, make, [4, 1, 1]).uses([Use::write(TABLE)]);
-        let look_up = kernel("test look up", LOOK_UP, [8, 8, 1]);
+        let look_up = per_pixel("test look up", LOOK_UP);
         vec![make, pass("test look up", view, READS, look_up).uses([Use::read(TABLE), Use::write(OUT)])]
     };
     check(2, passes, |_, x, y, frame| ((x + y) % 16).pow(2) + frame);
@@ -242,17 +243,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 /// WGSL defines the result of division by 0, but only run-time checks enforce it on every device.
 #[test]
 fn custom_shaders_run_with_all_runtime_checks() {
-    const DIVIDE: &str = "
-//!include frame bindings
-@compute @workgroup_size(8, 8)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let y = pass_.row_begin + id.y;
-    if id.x < pass_.width && y < pass_.row_end {
-        found[y * pass_.width + id.x] = (id.x + 100u * y + 1u) / frame.sampling.index;
-    }
-}";
+    const DIVIDE: &str = "found[at] = (id.x + 100u * y + 1u) / frame.sampling.index;";
     let divide = |_: &FrameSpec, view| {
-        vec![pass("test divide", view, WRITES, kernel("test divide", DIVIDE, [8, 8, 1])).uses([Use::write(OUT)])]
+        vec![pass("test divide", view, WRITES, per_pixel("test divide", DIVIDE)).uses([Use::write(OUT)])]
     };
     check(2, divide, |_, x, y, frame| (x + 100 * y + 1) / frame.max(1));
 }
@@ -262,30 +255,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 fn passes_read_image_versions_and_history() {
     const COUNT: Resource = Resource::image::<u32>("test count").bound_as("count");
     const ADD: &str = "
-//!include frame bindings
-@compute @workgroup_size(8, 8)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let y = pass_.row_begin + id.y;
-    if id.x >= pass_.width || y >= pass_.row_end {
-        return;
-    }
-    let at = y * pass_.width + id.x;
     var known = 0u;
     if frame.history.rows != NO_HISTORY {
         known = before[at];
     }
     count[at] = known + 1u;
-    next[at] = source[at] + known + 1u;
-}";
-    const COPY: &str = "
-//!include frame bindings
-@compute @workgroup_size(8, 8)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let y = pass_.row_begin + id.y;
-    if id.x < pass_.width && y < pass_.row_end {
-        found[y * pass_.width + id.x] = source[y * pass_.width + id.x];
-    }
-}";
+    next[at] = source[at] + known + 1u;";
     let passes = |spec: &FrameSpec, view| {
         let first = Image::from(IMAGE);
         let uses = [
@@ -294,8 +269,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             Use::write(COUNT),
             Use::write(first.next()).named("next"),
         ];
-        let add = pass("test add", view, READS, kernel("test add", ADD, [8, 8, 1])).uses(uses);
-        let copy = pass("test copy", view, WRITES, kernel("test copy", COPY, [8, 8, 1]));
+        let add = pass("test add", view, READS, per_pixel("test add", ADD)).uses(uses);
+        let copy = pass("test copy", view, WRITES, per_pixel("test copy", "found[at] = source[at];"));
         vec![fill(view, first), add, copy.uses([Use::read(first.next()).named("source"), Use::write(OUT)])]
     };
     check(4, passes, |eye, x, y, frame| value(eye, x, y, frame) + frame + 1);
