@@ -212,36 +212,8 @@ fn everything() -> Draft {
 fn furnish(draft: &mut Draft) {
     let png = ::image::RgbaImage::from_pixel(2, 2, ::image::Rgba([9, 99, 199, 128]));
     let picture = draft.view(&bytes::picture(png, ::image::ImageFormat::Png), json!({}));
-    let more = json!({
-        "extensionsUsed": ["KHR_lights_punctual", "KHR_texture_transform", "EXT_meshopt_compression",
-            "KHR_materials_emissive_strength", "KHR_materials_transmission", "KHR_materials_ior"],
-        "nodes": [
-            {"children": [1, 2, 3], "scale": [1.0, 2.0, 1.0], "rotation": [0.0, 0.6, 0.0, 0.8]},
-            {"mesh": 0, "translation": [0.5, -1.0, 0.25]},
-            {"mesh": 1, "matrix": [1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 3.0, 2.0, 1.0, 1.0]},
-            {"camera": 0, "children": [4, 5, 6], "translation": [0.0, 1.0, 5.0]},
-            {"extensions": {"KHR_lights_punctual": {"light": 0}}},
-            {"extensions": {"KHR_lights_punctual": {"light": 1}}},
-            {"extensions": {"KHR_lights_punctual": {"light": 2}}}],
-        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1, "aspectRatio": 1.5}}],
-        "extensions": {"KHR_lights_punctual": {"lights": [
-            {"type": "point", "color": [1.0, 0.5, 0.25], "intensity": 3.0, "range": 9.0},
-            {"type": "directional", "intensity": 2.0},
-            {"type": "spot", "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.6}}]}},
-        "images": [{"bufferView": picture, "mimeType": "image/png"}],
-        "samplers": [{"magFilter": 9728, "minFilter": 9987, "wrapS": 33071, "wrapT": 33648}],
-        "textures": [{"source": 0, "sampler": 0}, {"source": 0}],
-        "materials": [
-            {"name": "Paint", "alphaMode": "MASK", "alphaCutoff": 0.3, "doubleSided": true,
-             "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.6, 0.7, 0.8], "metallicFactor": 0.1,
-                "roughnessFactor": 0.4, "baseColorTexture": {"index": 0, "texCoord": 1, "extensions": {
-                    "KHR_texture_transform": {"offset": [0.1, 0.2], "rotation": 0.3, "scale": [2.0, 3.0]}}},
-                "metallicRoughnessTexture": {"index": 1}},
-             "normalTexture": {"index": 1, "scale": 0.5}},
-            {"alphaMode": "BLEND", "emissiveFactor": [1.0, 0.5, 0.0], "emissiveTexture": {"index": 1}, "extensions": {
-                "KHR_materials_emissive_strength": {"emissiveStrength": 7.0},
-                "KHR_materials_transmission": {"transmissionFactor": 0.9}, "KHR_materials_ior": {"ior": 1.4}}}],
-    });
+    let mut more: Value = serde_json::from_str(include_str!("furniture.json")).unwrap();
+    more["images"][0]["bufferView"] = json!(picture);
     merge(&mut draft.json, more);
 }
 

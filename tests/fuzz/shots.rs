@@ -12,67 +12,8 @@ use proptest::sample::{Index, select};
 use crate::bytes::{self, Damage};
 use crate::hold;
 
-const SEED: &str = r#"name = "everything"
-scene = "builtin:cornell"
-
-[rig]
-yfov_deg = 70.0
-baseline_m = 0.064
-metres_per_unit = 0.5
-
-[[rig.key]]
-time_s = 0.0
-position = [0.0, 1.6, 2.5]
-target = [0.0, 1.2, -3.0]
-up = [0.0, 1.0, 0.0]
-
-[[rig.key]]
-time_s = 2.0
-position = [1.0, 1.6, 2.5]
-target = [1.0, 1.2, -3.0]
-
-[environment]
-radiance = [1.0, 1.0, 1.0]
-scale = 1.0
-rotation_deg = 30.0
-
-[[light]]
-kind = "point"
-position = [0.0, 2.3, 0.0]
-color = [1.0, 0.95, 0.9]
-intensity = 4.0
-radius_m = 0.1
-
-[[light]]
-kind = "spot"
-position = [0.0, 2.3, 0.0]
-direction = [0.0, -1.0, 0.0]
-inner_cone_deg = 20.0
-outer_cone_deg = 30.0
-
-[[light]]
-kind = "directional"
-direction = [0.0, -1.0, 0.1]
-angle_deg = 0.5
-
-[[move]]
-light = 1
-
-[[move.key]]
-position = [0.0, 2.0, 0.0]
-rotation_deg = [-90.0, 0.0, 0.0]
-
-[[move.key]]
-time_s = 1.0
-position = [1.0, 2.0, 0.0]
-rotation_deg = [-90.0, 45.0, 0.0]
-
-[gaze]
-path = [[0.0, 0.5, 0.5], [1.0, 0.2, 0.9]]
-
-[exposure]
-ev = -1.0
-"#;
+/// A shot with every kind of entry.
+const SEED: &str = include_str!("seed.toml");
 
 const VALUES: &str = r#"0 | -0.0 | -1 | 1e-300 | 1e38 | 4e38 | 1e300 | 1e400 | nan | -nan | inf | -inf | 90 | 179.9999999 |
     180 | 9223372036854775807 | -9223372036854775808 | 0x7f | true | "" | "spot" | "builtin:" | "sky.exr" |

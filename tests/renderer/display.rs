@@ -1,6 +1,7 @@
 //! Display encoding, the units of light, and the output of images.
 
 use crate::common::{Stage, Subject, is_thorough, with};
+use crate::pictures::brightest;
 use diptych::RunConfig;
 use diptych::exec::{ExecError, Stereo};
 use diptych::image::RgbImage;
@@ -26,10 +27,7 @@ fn assert_tonemapped(stage: &mut Stage, tone: ToneCurve) {
     let frame = stage.frame(0);
     let display = stage.display();
     for eye in Eye::ALL {
-        let (linear, shown) = match eye {
-            Eye::Left => (&frame.linear.left, &display.left),
-            Eye::Right => (&frame.linear.right, &display.right),
-        };
+        let (linear, shown) = (frame.linear.of(eye), display.of(eye));
         let expected = tonemap(linear, -0.7, tone);
         assert!(expected.pixels.iter().any(|p| p[0] > 200) && expected.pixels.iter().any(|p| p[0] <= 1));
         for (i, (e, s)) in expected.pixels.iter().zip(&shown.pixels).enumerate() {
@@ -75,9 +73,9 @@ fn picture_is_independent_of_the_unit_of_light() {
         for &exposure_ev in exposures_ev {
             let mut worst = 0.0f32;
             for (e, f) in expected.iter().zip(&exposed(exposure_ev, gloss)) {
-                for (e, f) in [(&e.left, &f.left), (&e.right, &f.right)] {
-                    let pairs = e.pixels.as_flattened().iter().zip(f.pixels.as_flattened());
-                    worst = pairs.map(|(e, f)| (e - f).abs() / (e + 1e-3)).fold(worst, f32::max);
+                for eye in Eye::ALL {
+                    let [e, f] = [e, f].map(|frame| frame.of(eye).pixels.as_flattened());
+                    worst = e.iter().zip(f).map(|(e, f)| (e - f).abs() / (e + 1e-3)).fold(worst, f32::max);
                 }
             }
             println!("gloss {gloss}, {exposure_ev} EV: a pixel is off by {worst:.1e}");
@@ -106,7 +104,7 @@ fn half_float_overflow_is_clipped_and_counted() {
         let mut settings = RunConfig { exposure_ev, hard_shadows: false, ..subject.accumulated(64, 36) };
         settings.buffers.needs.gloss = gloss;
         let frame = Stage::alone(&subject, &settings).frame(0);
-        let brightest = frame.linear.left.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
+        let brightest = brightest(&frame.linear.left);
         assert!(frame.linear.left.pixels.as_flattened().iter().all(|v| v.is_finite()));
         let clipped = frame.report.tallies.map(|tally| tally.clipped);
         (clipped, brightest)

@@ -42,12 +42,7 @@ fn ball(rings: usize, material: usize) -> Mesh {
 /// Returns a square from (-1, -1, 0) to (1, 1, 0) that faces +z, without vertex normals.
 fn square(material: usize) -> Mesh {
     Mesh {
-        positions: vec![
-            Vec3::new(-1.0, -1.0, 0.0),
-            Vec3::new(1.0, -1.0, 0.0),
-            Vec3::new(1.0, 1.0, 0.0),
-            Vec3::new(-1.0, 1.0, 0.0),
-        ],
+        positions: [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[x, y]| Vec3::new(x, y, 0.0)).to_vec(),
         uvs: [vec![Vec2::Y, Vec2::ONE, Vec2::X, Vec2::ZERO], vec![]],
         triangles: vec![[0, 1, 2], [0, 2, 3]],
         material,
@@ -66,6 +61,10 @@ fn empty_scene(name: &str) -> Scene {
         environment: Environment::Constant(Vec3::new(0.4, 0.5, 0.6)),
         ..Scene::empty(name)
     }
+}
+
+fn placed(scale: Vec3, turn: Quat, at: Vec3) -> Affine3A {
+    Affine3A::from_scale_rotation_translation(scale, turn, at)
 }
 
 const LEAF: usize = 1;
@@ -104,40 +103,24 @@ pub fn crowd() -> Scene {
     scene.meshes = vec![ball(12, 0), square(LEAF), ball(6, LAMP), square(FLOOR), ball(10, GLASS)];
     let turned = |i: usize| Quat::from_rotation_y(i as f32 * 0.9) * Quat::from_rotation_x(i as f32 * 0.37 - 1.0);
     let mut place = |mesh, world_from_local| scene.instances.push(Instance { mesh, world_from_local });
-    let scales = [
-        Vec3::splat(0.5),
-        Vec3::new(-0.5, 0.5, 0.5),
-        Vec3::new(0.7, 0.3, 0.5),
-        Vec3::new(0.3, -0.8, 0.4),
-        Vec3::splat(-0.4),
-    ];
+    let scales = [[0.5, 0.5, 0.5], [-0.5, 0.5, 0.5], [0.7, 0.3, 0.5], [0.3, -0.8, 0.4], [-0.4; 3]].map(Vec3::from);
     for i in 0..30 {
         let foot = Vec3::new((i % 6) as f32 * 1.3 - 3.2, 0.5 + (i % 3) as f32 * 0.1, -((i / 6) as f32) * 1.3);
-        place(0, Affine3A::from_scale_rotation_translation(scales[i % 5], turned(i), foot));
+        place(0, placed(scales[i % 5], turned(i), foot));
         let leaf = foot + Vec3::new(0.6, 0.9, 0.3);
-        place(LEAF, Affine3A::from_scale_rotation_translation(scales[(i + 1) % 5], turned(i + 3), leaf));
+        place(LEAF, placed(scales[(i + 1) % 5], turned(i + 3), leaf));
     }
     for x in [-1.9, 2.0] {
-        place(
-            LAMP,
-            Affine3A::from_scale_rotation_translation(Vec3::splat(0.3), Quat::IDENTITY, Vec3::new(x, 1.9, 0.2)),
-        );
+        place(LAMP, placed(Vec3::splat(0.3), Quat::IDENTITY, Vec3::new(x, 1.9, 0.2)));
         let glass = Vec3::new(0.4 * x, 0.45, 1.1);
-        place(GLASS, Affine3A::from_scale_rotation_translation(Vec3::splat(0.4), turned(2), glass));
+        place(GLASS, placed(Vec3::splat(0.4), turned(2), glass));
     }
     // Transforms without an inverse: squares pressed flat.
     for x in [-0.6, 0.6] {
         let pressed = Affine3A::from_scale(Vec3::new(0.3, 0.2, 0.0));
         place(FLOOR, Affine3A::from_translation(Vec3::new(x, 1.8, -1.0)) * pressed);
     }
-    place(
-        FLOOR,
-        Affine3A::from_scale_rotation_translation(
-            Vec3::splat(8.0),
-            Quat::from_rotation_x(-std::f32::consts::FRAC_PI_2),
-            Vec3::ZERO,
-        ),
-    );
+    place(FLOOR, placed(Vec3::splat(8.0), Quat::from_rotation_x(-std::f32::consts::FRAC_PI_2), Vec3::ZERO));
     let kind = LightKind::Point { position: Vec3::new(1.0, 5.0, 4.0), radius: 0.3 };
     scene.lights.push(Light { kind, strength: Vec3::splat(30.0) });
     scene
@@ -277,7 +260,7 @@ fn no_light_leaks_into_a_closed_instance() {
         let turn = Quat::from_rotation_y(0.8) * Quat::from_rotation_x(-0.5);
         // Two instances share the mesh; the camera is inside the first.
         for at in [at, at + 5.0 * scale.abs().max_element() * Vec3::Z] {
-            let world_from_local = Affine3A::from_scale_rotation_translation(scale, turn, at);
+            let world_from_local = placed(scale, turn, at);
             scene.instances.push(Instance { mesh: 0, world_from_local });
         }
         let subject = Subject::laid_out("inside", scene, still_rig(at, Vec3::X, Vec3::Y, 1.0), Layout::TwoLevel);
@@ -304,10 +287,7 @@ fn instanced_scenes_load_beyond_flattened_limits() {
     scene.instances = (0..2000)
         .map(|i| {
             let turn = Quat::from_rotation_x(i as f32);
-            Instance {
-                mesh: 0,
-                world_from_local: Affine3A::from_scale_rotation_translation(Vec3::splat(0.4), turn, at(i)),
-            }
+            Instance { mesh: 0, world_from_local: placed(Vec3::splat(0.4), turn, at(i)) }
         })
         .collect();
     assert!(scene.triangle_count() > 10_000_000);

@@ -1,6 +1,7 @@
 //! Seams between stripes that do not exchange halos: unfiltered, or smoothed.
 
 use crate::common::{Stage, Subject, sampled, with};
+use crate::pictures::eyes;
 use diptych::exec::Stereo;
 use diptych::graph::Seam;
 use diptych::image::RgbImage;
@@ -23,10 +24,6 @@ fn render(subject: &Subject, seam: Seam) -> Images {
     let frame = Stage::even(subject, &settings, 3).frame(0);
     assert_eq!(frame.report.stripe_edges(), EDGES);
     Images { one, three: frame.linear }
-}
-
-fn eyes(images: &Images) -> [(&RgbImage, &RgbImage); 2] {
-    [(&images.one.left, &images.three.left), (&images.one.right, &images.three.right)]
 }
 
 /// Returns the rows in which the images differ by any bit.
@@ -52,7 +49,7 @@ fn jump(image: &RgbImage) -> f64 {
 fn stripes_filtered_apart_differ_only_within_the_halo() {
     for shot in ["builtin:checker", "builtin:atrium"] {
         let images = render(&Subject::load(shot), Seam::None);
-        for (one, three) in eyes(&images) {
+        for (one, three) in eyes(&images.one).into_iter().zip(eyes(&images.three)) {
             let rows = rows_that_differ(one, three);
             for edge in EDGES {
                 assert!(rows.contains(&(edge - 1)) && rows.contains(&edge), "{shot}: no seam at {edge}: {rows:?}");
@@ -83,10 +80,8 @@ fn seam_filter_reduces_the_jump() {
     for shot in sampled(["builtin:checker", "builtin:atrium"], 2) {
         let subject = Subject::load(shot);
         let [apart, smoothed] = [Seam::None, Seam::Filter].map(|seam| render(&subject, seam));
-        for (eye, (a, b)) in
-            [(&apart.three.left, &smoothed.three.left), (&apart.three.right, &smoothed.three.right)].iter().enumerate()
-        {
-            let (before, after) = (jump(a), jump(b));
+        for eye in [0, 1] {
+            let [before, after] = [&apart, &smoothed].map(|images| jump(eyes(&images.three)[eye]));
             println!("{shot}, eye {eye}: {before:.4} to {after:.4}");
             assert!(after < 0.9 * before, "{shot}, eye {eye}: the jump went from {before} to {after}");
         }

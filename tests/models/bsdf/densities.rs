@@ -96,51 +96,24 @@ fn hold(name: &str, finish: Finish) {
 const GLASS: Finish = Finish { specular: 1.0, transmission: 1.0, ..MATTE };
 
 #[test]
-fn diffuse_and_dielectric_lobes_match_their_density() {
+fn opaque_lobes_have_their_densities() {
     hold("matte", MATTE);
     hold("dielectric", Finish { specular: 1.0, ..MATTE });
-}
-
-#[test]
-fn metal_has_its_density() {
     hold("metal", Finish { metallic: 1.0, ..MATTE });
-}
-
-#[test]
-fn thin_transmission_has_its_density() {
-    hold("thin glass", GLASS);
-}
-
-#[test]
-fn refraction_has_its_density_from_both_sides() {
-    hold("into glass", Finish { thick: true, ..GLASS });
-    hold("out of glass", Finish { thick: true, on_back: true, ..GLASS });
-}
-
-#[test]
-fn brushed_facets_have_their_density() {
     hold("brushed metal", Finish { metallic: 1.0, brushed: 0.7, ..MATTE });
-    hold("brushed glass", Finish { thick: true, brushed: 0.5, ..GLASS });
-    hold("brushed sheet", Finish { brushed: 0.5, ..GLASS });
-}
-
-#[test]
-fn dispersion_has_its_density_from_both_sides() {
-    hold("into a prism", Finish { thick: true, dispersion: 0.1, ..GLASS });
-    hold("out of a prism", Finish { thick: true, dispersion: 0.1, on_back: true, ..GLASS });
-}
-
-#[test]
-fn sheen_has_its_density() {
     hold("sheen", Finish { sheen: Some(0.5), ..MATTE });
-}
-
-#[test]
-fn diffuse_transmission_has_its_density() {
     hold("leaf", Finish { through: 0.6, specular: 1.0, ..MATTE });
+    hold("coated", Finish { coat: Some(1.0), ..MATTE });
 }
 
 #[test]
-fn clearcoat_has_its_density() {
-    hold("coated", Finish { coat: Some(1.0), ..MATTE });
+fn transmitting_lobes_have_their_densities() {
+    hold("thin glass", GLASS);
+    hold("brushed sheet", Finish { brushed: 0.5, ..GLASS });
+    let (thick, prism) = (Finish { thick: true, ..GLASS }, Finish { thick: true, dispersion: 0.1, ..GLASS });
+    hold("brushed glass", Finish { brushed: 0.5, ..thick });
+    for (into, out_of, glass) in [("into glass", "out of glass", thick), ("into a prism", "out of a prism", prism)] {
+        hold(into, glass);
+        hold(out_of, Finish { on_back: true, ..glass });
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// What the left eye sees in a frame.
+/// What an eye sees in a frame.
 struct Surfaces {
     hit: Vec<[u32; 4]>,
     guide: Vec<[u32; 4]>,
@@ -18,8 +18,9 @@ impl Surfaces {
         self.centre + dvec2((at % width) as f64, (at / width) as f64)
     }
 
+    /// Returns true if a pixel shows a surface in mirrors.
     fn is_mirrored(&self, at: usize) -> bool {
-        is_mirrored(self.hit[at], self.guide[at])
+        self.hit[at][3] & 0x0080_0000 != 0 && self.guide[at][3] != NO_NORMAL
     }
 
     /// Returns the image point of a pixel that shows a surface in mirrors.
@@ -30,19 +31,37 @@ impl Surfaces {
     }
 }
 
-/// Returns what the left eye sees in the last of some frames.
-fn surfaces(subject: &Subject, extent: Extent, times_s: &[f64]) -> Surfaces {
+/// Returns what both eyes see in the last of some frames.
+fn surfaces(subject: &Subject, extent: Extent, times_s: &[f64]) -> [Surfaces; 2] {
     let mut settings = subject.accumulated(extent.width, extent.height);
     settings.envelope.most.bounces = BOUNCES;
     settings.buffers.declarations = with_outputs(&["hit", "guide", "last_surface"]);
     let mut stage = Stage::alone(subject, &settings);
     let reports = (0..).zip(times_s).map(|(index, time_s)| stage.frame_at(*time_s, index).report);
-    let centre = reports.last().expect("there are frames").pixel_centre.map(f64::from).into();
-    let [hit, guide, last] = ["hit", "guide", "last_surface"].map(|name| {
+    let centre: DVec2 = reports.last().expect("there are frames").pixel_centre.map(f64::from).into();
+    let images = ["hit", "guide", "last_surface"].map(|name| {
         let eyes = stage.renderer().read_output(Resource::image::<[u32; 4]>(name)).unwrap();
-        bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&eyes.left)
+        [eyes.left, eyes.right].map(|bytes| bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&bytes))
     });
-    Surfaces { hit, guide, last, centre }
+    [0, 1].map(|eye| {
+        let [hit, guide, last] = images.each_ref().map(|eyes| eyes[eye].clone());
+        Surfaces { hit, guide, last, centre }
+    })
+}
+
+/// Returns the pixel that shows the mirrored surface nearest to a point and satisfies a condition.
+fn nearest(seen: &Surfaces, point: DVec3, is_asked: impl Fn(usize) -> bool) -> Option<usize> {
+    let away = |at: &usize| position(seen.guide[*at]).distance(point);
+    let others = (0..seen.hit.len()).filter(|at| seen.is_mirrored(*at) && is_asked(*at));
+    others.min_by(|a, b| away(a).total_cmp(&away(b))).filter(|found| away(found) < 0.02)
+}
+
+fn medians(pairs: &[[f64; 2]]) -> [f64; 2] {
+    [0, 1].map(|i| {
+        let mut sorted: Vec<f64> = pairs.iter().map(|both| both[i]).collect();
+        sorted.sort_by(f64::total_cmp);
+        sorted[sorted.len() / 2]
+    })
 }
 
 fn position(bits: [u32; 4]) -> DVec3 {
@@ -52,11 +71,6 @@ fn position(bits: [u32; 4]) -> DVec3 {
 
 /// Word of a normal without a surface.
 const NO_NORMAL: u32 = 0x8000_8000;
-
-/// Returns whether a pixel shows a surface in mirrors, by its `hit` and `guide`.
-fn is_mirrored(hit: [u32; 4], guide: [u32; 4]) -> bool {
-    hit[3] & 0x0080_0000 != 0 && guide[3] != NO_NORMAL
-}
 
 /// Returns the image point that `last_surface` holds for a pixel that shows a surface in mirrors, from the eye.
 fn last_image(bits: [u32; 4]) -> DVec3 {
@@ -75,7 +89,7 @@ fn previous_mirror_images_match_an_opening() {
         let [mirror, opening] = [Wall::Mirror, Wall::Opening].map(room);
         let name = &mirror.name;
         let extent = Extent::new(160, 120);
-        let [seen, expected] = [&mirror, &opening].map(|subject| surfaces(subject, extent, &times));
+        let [[seen, _], [expected, _]] = [&mirror, &opening].map(|subject| surfaces(subject, extent, &times));
         let view = mirror.rig.view(times[1], Eye::Left);
         let is_same = |at: &usize| {
             let image = seen.image(*at, &view, extent);
@@ -120,50 +134,21 @@ fn images_in_balls_match_a_search_in_the_other_eye() {
     for (name, material, baseline_m, most) in balls {
         let mut subject = room_with_ball(name, material);
         subject.rig.baseline_m = baseline_m;
-        let mut settings = subject.accumulated(EXTENT.width, EXTENT.height);
-        settings.envelope.most.bounces = BOUNCES;
-        settings.buffers.declarations = with_outputs(&["hit", "guide"]);
-        let mut stage = Stage::alone(&subject, &settings);
-        stage.frame(0);
-        let mut read = |name| {
-            let eyes = stage.renderer().read_output(Resource::image::<[u32; 4]>(name)).unwrap();
-            [eyes.left, eyes.right].map(|bytes| bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&bytes))
-        };
-        let [hits, guides] = [read("hit"), read("guide")];
-        let is_mirrored = |eye: usize, at: usize| is_mirrored(hits[eye][at], guides[eye][at]);
-        let position = |eye: usize, at: usize| position(guides[eye][at]);
-        let [left, right] = [Eye::Left, Eye::Right].map(|eye| subject.rig.view(0.0, eye));
-        let width = EXTENT.width as usize;
-        let centre = |at: usize| dvec2((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
+        let [seen, other] = surfaces(&subject, EXTENT, &[0.0]);
+        let [left, right] = Eye::ALL.map(|eye| subject.rig.view(0.0, eye));
+        let material = |seen: &Surfaces, at: usize| seen.hit[at][3] & 0x00ff_ffff;
         let mut off = Vec::new();
-        for at in (0..hits[0].len()).filter(|at| is_mirrored(0, *at)) {
-            let point = position(0, at);
-            let material = hits[0][at][3] & 0x00ff_ffff;
-            let others =
-                (0..hits[1].len()).filter(|at| is_mirrored(1, *at) && hits[1][*at][3] & 0x00ff_ffff == material);
-            let found =
-                others.min_by(|a, b| position(1, *a).distance(point).total_cmp(&position(1, *b).distance(point)));
-            let Some(found) = found.filter(|found| position(1, *found).distance(point) < 0.02) else { continue };
-            let direction = left.ray_direction(centre(at).x, centre(at).y, EXTENT);
-            let at_distance = |distance: f64| {
-                let image = left.origin.as_dvec3() + distance * direction;
-                seen_at(&right, image, EXTENT).distance(centre(found))
-            };
-            off.push([
-                at_distance(f32::from_bits(hits[0][at][1]).into()),
-                at_distance(left.origin.as_dvec3().distance(point)),
-            ]);
+        for at in (0..seen.hit.len()).filter(|at| seen.is_mirrored(*at)) {
+            let point = position(seen.guide[at]);
+            let is_same = |there| material(&other, there) == material(&seen, at);
+            let Some(found) = nearest(&other, point, is_same) else { continue };
+            let apart = |place: DVec3| seen_at(&right, place, EXTENT).distance(other.centre(found, EXTENT));
+            let image = seen.image(at, &left, EXTENT) - left.origin.as_dvec3();
+            let surface = image.normalize() * left.origin.as_dvec3().distance(point);
+            off.push([image, surface].map(|way| apart(left.origin.as_dvec3() + way)));
         }
-        let median = |i: usize| {
-            let mut sorted: Vec<f64> = off.iter().map(|both| both[i]).collect();
-            sorted.sort_by(f64::total_cmp);
-            sorted[sorted.len() / 2]
-        };
-        let [by_image, by_surface] = [0, 1].map(median);
-        println!(
-            "{name}: {} pixels, median {by_image:.2} px off, {by_surface:.2} at the surface's own distance",
-            off.len()
-        );
+        let [by_image, by_surface] = medians(&off);
+        println!("{name}: {} pixels, {by_image:.2} px off, {by_surface:.2} at the surface's own distance", off.len());
         assert!(off.len() > 200 && by_image < most && by_surface > 3.0 * by_image, "{name}: {by_image} {by_surface}");
     }
 }
@@ -191,23 +176,15 @@ fn previous_images_in_rolling_balls_match_a_search() {
         subject.rig = still_rig(view.origin, view.forward, view.up, view.tan_half_yfov);
         let view = subject.rig.view(0.0, Eye::Left);
         let times = [0.1, 0.1 + 1.0 / FPS];
-        let [was, is] = [1, 2].map(|frames| surfaces(&subject, EXTENT, &times[..frames]));
+        let [[was, _], [is, _]] = [1, 2].map(|frames| surfaces(&subject, EXTENT, &times[..frames]));
         let mut off = Vec::new();
         for at in (0..is.hit.len()).filter(|at| is.is_mirrored(*at)).step_by(4) {
-            let point = position(is.guide[at]);
-            let away = |at: &usize| position(was.guide[*at]).distance(point);
-            let others = (0..was.hit.len()).filter(|then| was.is_mirrored(*then));
-            let found = others.min_by(|a, b| away(a).total_cmp(&away(b)));
-            let Some(found) = found.filter(|found| away(found) < 0.02) else { continue };
-            let distance_of = |place: DVec3| seen_at(&view, place, EXTENT).distance(was.centre(found, EXTENT));
+            let Some(found) = nearest(&was, position(is.guide[at]), |_| true) else { continue };
+            let apart = |place: DVec3| seen_at(&view, place, EXTENT).distance(was.centre(found, EXTENT));
             let rolled = view.origin.as_dvec3() + last_image(is.last[at]);
-            off.push([distance_of(rolled), distance_of(is.image(at, &view, EXTENT))]);
+            off.push([apart(rolled), apart(is.image(at, &view, EXTENT))]);
         }
-        let [rolled, still] = [0, 1].map(|i| {
-            let mut sorted: Vec<f64> = off.iter().map(|both| both[i]).collect();
-            sorted.sort_by(f64::total_cmp);
-            sorted[sorted.len() / 2]
-        });
+        let [rolled, still] = medians(&off);
         println!("{name}: {} pixels, median {rolled:.2} px off, {still:.2} at the place in this frame", off.len());
         assert!(off.len() > 200 && rolled < most && still > 2.0 * rolled, "{name}: {rolled} {still}");
     }

@@ -1,6 +1,7 @@
 //! Dynamic geometry keeps its history.
 
 use crate::common::{Stage, Subject, is_thorough, with};
+use crate::pictures::mean;
 use crate::reference::scenes::moving::{self, Draft};
 use crate::reference::scenes::{add_material, add_matte, add_mesh, append, instance, matte, place, quad};
 use diptych::exec::Stereo;
@@ -55,14 +56,10 @@ const Z: f32 = 0.3;
 
 /// Returns square error over square radiance of the left eye, over these pixels.
 fn error(right: &Stereo<RgbImage>, found: &Stereo<RgbImage>, pixels: &[usize]) -> f64 {
-    let mut sums = [0.0f64; 2];
-    for &p in pixels {
-        for (x, y) in right.left.pixels[p].iter().zip(&found.left.pixels[p]) {
-            sums[0] += f64::from(x - y).powi(2);
-            sums[1] += f64::from(*x).powi(2);
-        }
-    }
-    sums[0] / sums[1]
+    let values = |image: &RgbImage| pixels.iter().flat_map(|p| image.pixels[*p]).map(f64::from).collect::<Vec<_>>();
+    let (right, found) = (values(&right.left), values(&found.left));
+    let square = right.iter().zip(&found).map(|(x, y)| (x - y).powi(2)).sum::<f64>();
+    square / right.iter().map(|x| x.powi(2)).sum::<f64>()
 }
 
 fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
@@ -78,13 +75,11 @@ fn arrived(subject: &Subject, begins_anew: bool, inside: usize) -> (Stereo<RgbIm
     let mut settings = with(subject.accumulated(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 2);
     settings.buffers.aovs = vec![Aov::Motion, Aov::Position];
     let mut stage = Stage::alone(subject, &settings);
-    let mut last = None;
-    for i in 0..FRAMES {
-        if begins_anew {
-            stage.renderer().begin_anew();
-        }
-        last = Some(stage.frame_at(f64::from(i) / FPS, i).linear);
-    }
+    let frames = (0..FRAMES).map(|i| {
+        begins_anew.then(|| stage.renderer().begin_anew());
+        stage.frame_at(f64::from(i) / FPS, i).linear
+    });
+    let last = frames.last().unwrap();
     let (motion, position) = (stage.aov(0).left, stage.aov(1).left);
     let is_on =
         |p: usize, moves: bool| (position[2][p] - Z).abs() < 1e-3 && (motion[0][p].hypot(motion[1][p]) > 0.2) == moves;
@@ -94,7 +89,7 @@ fn arrived(subject: &Subject, begins_anew: bool, inside: usize) -> (Stereo<RgbIm
         let near = || (y - inside..=y + inside).flat_map(|y| (x - inside..=x + inside).map(move |x| x + y * width));
         (2..width - 2).contains(&x) && (2..height - 2).contains(&y) && near().all(|p| is_on(p, moves))
     };
-    (last.unwrap(), [true, false].map(|moves| (0..width * height).filter(|p| is_inside(*p, moves)).collect()))
+    (last, [true, false].map(|moves| (0..width * height).filter(|p| is_inside(*p, moves)).collect()))
 }
 
 #[test]
@@ -133,9 +128,7 @@ fn switched_light_is_correct_after_four_frames() {
     let subject = watched(moving::switched());
     let settings = with(subject.accumulated(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 2);
     let mut stage = Stage::alone(&subject, &settings);
-    let mean = |image: &Stereo<RgbImage>| {
-        image.left.pixels.iter().flatten().map(|v| f64::from(*v)).sum::<f64>() / image.left.pixels.len() as f64
-    };
+    let mean = |image: &Stereo<RgbImage>| mean(&image.left);
     const BEFORE: u32 = 16;
     let time_s = |i: u32| moving::SWITCH_S + (f64::from(i) - f64::from(BEFORE)) / FPS;
     let frames: Vec<f64> = (0..BEFORE + 8).map(|i| mean(&stage.frame_at(time_s(i) + 1e-4, i).linear)).collect();
