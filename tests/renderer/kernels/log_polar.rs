@@ -212,9 +212,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-#[test]
-fn log_polar_neighbours_stay_in_the_same_image() {
-    const NEIGHBOURS: &str = "
+/// Finds the pixel beside each one in a polar image.
+pub const NEIGHBOURS: &str = "
 @group(1) @binding(0) var<storage, read_write> found: array<vec4<i32>>;
 
 @compute @workgroup_size(8, 8)
@@ -226,6 +225,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     found[pixel_index(id.xy)] = vec4<i32>(there.pixel, select(0, 1, there.is_there), 1);
 }
 ";
+
+#[test]
+fn log_polar_neighbours_stay_in_the_same_image() {
     let image = Image::new(LogPolar::COMPOSITE, [96.0, 80.0], GAZES[1]);
     let (rim, columns, rows) = (image.square() as i32, image.columns() as i32, image.rows() as i32);
     let kernel = Kernel::beside("log_polar_blur", &[], NEIGHBOURS);

@@ -183,22 +183,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 #[test]
 fn visual_polar_neighbours_keep_their_direction() {
     const OFFSETS: [(i32, i32); 6] = [(1, 0), (-1, 0), (0, 1), (3, -2), (-16, 16), (16, -1)];
-    const NEIGHBOURS: &str = "
-@group(1) @binding(0) var<storage, read_write> found: array<vec4<i32>>;
-
-@compute @workgroup_size(8, 8)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if is_outside(id.xy) {
-        return;
-    }
-    let at = id.y * frame.camera.width + id.x;
-    let there = beside(id.xy, vec2<i32>(i32(pass_.args.axis), i32(pass_.args.reach)));
-    found[at] = vec4<i32>(there.pixel, select(0, 1, there.is_there), 1);
-}
-";
     let polar = Polar::new(GAZES[1]);
     let groups = [polar.columns.div_ceil(8), polar.rows.div_ceil(8)];
-    let kernel = Kernel::beside("visual_polar_blur", &[], NEIGHBOURS);
+    let kernel = Kernel::beside("visual_polar_blur", &[], crate::kernels::log_polar::NEIGHBOURS);
     for (dx, dy) in OFFSETS {
         let (valid, height) = (20..polar.rows, polar.rows);
         let stripe = Stripe { rows: 24..height, valid: valid.clone() };
