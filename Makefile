@@ -74,9 +74,8 @@ demo: deps
 
 lint:
 	$(CARGO) fmt --check
-	$(CARGO) clippy --profile tests --locked --all-targets -- -D warnings
 	$(CARGO) clippy --profile tests --locked --all-targets --features view,xr,python -- -D warnings
-	$(CARGO) clippy --profile tests --locked -p diptych --lib --example render_frame -- -D warnings
+	$(CARGO) clippy --profile tests --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked --features view,xr
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked
 	cd tools/lint && $(CARGO) fmt --check
