@@ -16,8 +16,9 @@ struct Hit {
 }
 
 // Stack of pending node groups. It is private to the invocation, so that it is zeroed once and not at every traversal:
-// software drivers zero an array element by element and lane by lane.
-var<private> stack: array<vec2<u32>, STACK_SIZE>;
+// software drivers zero an array element by element and lane by lane. It has an element more than it needs: Mesa keeps
+// arrays of up to 256 bytes in registers on AMD's GPUs, where this one would take 64 of them.
+var<private> stack: array<vec2<u32>, STACK_SIZE + 1u>;
 
 // Whether a ray of this invocation was cut short: Mesa's software driver ends all loops of an invocation after 65,535
 // iterations in total. The sample is dropped and counted.
