@@ -66,10 +66,7 @@ pub fn command() -> clap::Command {
     let command = WITH_FOLDER
         .into_iter()
         .fold(Cli::command(), |command, name| command.mut_subcommand(name, |sub| sub.mut_arg("out", out)));
-    let with = |command: clap::Command, (name, keys): (&'static str, &'static [&'static str])| {
-        command.mut_subcommand(name, |sub| with_flags(sub, keys))
-    };
-    FLAGS.into_iter().fold(command, with)
+    FLAGS.into_iter().fold(command, |command, (name, keys)| command.mut_subcommand(name, |sub| with_flags(sub, keys)))
 }
 
 /// Inserts `render` if a line has a scene, and options or the scene in place of a command. Scenes that diptych cannot read
@@ -89,56 +86,30 @@ fn with_command(mut args: Vec<OsString>) -> Vec<OsString> {
 }
 
 impl Command {
-    /// Returns the run options of commands that render.
-    fn run_options(&self) -> Option<&RunOptions> {
-        match self {
-            Self::Render(args) => Some(&args.flags.run),
-            Self::Play(args) => Some(&args.options.run),
-            Self::View(args) => args.run_options(),
-            Self::Scale(args) => Some(&args.flags.run),
-            Self::Bench(args) => Some(&args.options),
-            Self::Study(args) => Some(&args.options),
-            _ => None,
-        }
+    /// Returns the name and the run options of commands that render.
+    fn run_options(&mut self) -> Option<(&'static str, &mut RunOptions)> {
+        Some(match self {
+            Self::Render(args) => ("render", &mut args.flags.run),
+            Self::Play(args) => ("play", &mut args.options.run),
+            Self::View(args) => ("view", args.run_options()?),
+            Self::Scale(args) => ("scale", &mut args.flags.run),
+            Self::Bench(args) => ("bench", &mut args.options),
+            Self::Study(args) => ("study", &mut args.options),
+            _ => return None,
+        })
     }
 
-    /// Returns the name of commands with run options; empty for others.
-    fn name(&self) -> &'static str {
-        match self {
-            Self::Render(_) => "render",
-            Self::Play(_) => "play",
-            Self::View(_) => "view",
-            Self::Scale(_) => "scale",
-            Self::Bench(_) => "bench",
-            Self::Study(_) => "study",
-            _ => "",
-        }
-    }
-
-    fn run_options_mut(&mut self) -> Option<&mut RunOptions> {
-        match self {
-            Self::Render(args) => Some(&mut args.flags.run),
-            Self::Play(args) => Some(&mut args.options.run),
-            Self::View(args) => args.run_options_mut(),
-            Self::Scale(args) => Some(&mut args.flags.run),
-            Self::Bench(args) => Some(&mut args.options),
-            Self::Study(args) => Some(&mut args.options),
-            _ => None,
-        }
-    }
-
-    /// Checks that the command reads the settings given, and takes over those of the shot that are left open.
-    fn complete(&mut self) -> Result<(), Failure> {
-        let name = self.name();
-        let Some(run) = self.run_options_mut() else { return Ok(()) };
+    /// Prepares commands that render: checks that the command reads the settings given, and takes over those of the shot
+    /// that are left open.
+    fn prepare(&mut self) -> Result<(), Failure> {
+        let Some((name, run)) = self.run_options() else { return Ok(()) };
+        ranks::check_alone()?;
         run.settings.check_command(name).map_err(|error| Failure::Input(error.into()))?;
-        run.complete(name)
+        run.complete(name)?;
+        check_shaders().map_err(|error| Failure::Input(error.into()))
     }
 
     fn run(&self) -> Result<(), Failure> {
-        if self.run_options().is_some() {
-            check_shaders().map_err(|error| Failure::Input(error.into()))?;
-        }
         match self {
             Self::Render(args) => render::run(args),
             Self::Play(args) => play::run(args),
@@ -168,10 +139,7 @@ pub fn run_from(args: impl IntoIterator<Item = impl Into<OsString>>, console: Co
     let _run = console::begin(args.into_iter().map(Into::into).collect(), console);
     let joined = ranks::join();
     let result = joined.and_then(|()| if ranks::serves() { serve() } else { Ok(run_command()) });
-    let status = result.unwrap_or_else(|failure| {
-        log!("{}", failure.message());
-        failure.exit_status()
-    });
+    let status = result.unwrap_or_else(|failure| failure.tell());
     ranks::end(status);
     status
 }
@@ -203,7 +171,7 @@ fn parse() -> Result<Cli, clap::Error> {
     let mut cli = Cli::from_arg_matches(&matches)?;
     let (name, given) = matches.subcommand().unwrap_or(("", &matches));
     if WITH_FOLDER.contains(&name) && given.value_source("out") == Some(ValueSource::DefaultValue) {
-        cli.command.run_options_mut().into_iter().for_each(|run| run.choose_out(name));
+        cli.command.run_options().into_iter().for_each(|(_, run)| run.choose_out(name));
     }
     if let Command::Scale(args) = &mut cli.command {
         args.share_cores();
@@ -214,10 +182,7 @@ fn parse() -> Result<Cli, clap::Error> {
 /// Runs the command and returns its exit status.
 fn run_command() -> u8 {
     let result = match parse() {
-        Ok(mut cli) => {
-            let checked = cli.command.run_options().map_or(Ok(()), |_| ranks::check_alone());
-            checked.and_then(|()| cli.command.complete()).and_then(|()| cli.command.run())
-        }
+        Ok(mut cli) => cli.command.prepare().and_then(|()| cli.command.run()),
         Err(error) => {
             console::print_parsed(&error);
             if error.use_stderr() {
@@ -226,18 +191,13 @@ fn run_command() -> u8 {
             Ok(())
         }
     };
-    result.and_then(|()| console::finish()).map_or_else(
-        |failure| {
-            log!("{}", failure.message());
-            failure.exit_status()
-        },
-        |()| 0,
-    )
+    result.and_then(|()| console::finish()).map_or_else(|failure| failure.tell(), |()| 0)
 }
 
 /// Serves rank 0, which runs the command. Returns the exit status that rank 0 sends at the end.
 fn serve() -> Result<u8, Failure> {
-    ranks::serve(parse().ok().as_ref().and_then(|cli| cli.command.run_options()))
+    let mut cli = parse().ok();
+    ranks::serve(cli.as_mut().and_then(|cli| cli.command.run_options()).map(|(_, run)| &*run))
 }
 
 #[cfg(test)]

@@ -3,12 +3,14 @@
 use diptych::accel::AccelError;
 use diptych::accumulation::{AccumulateError, CheckpointError};
 use diptych::device::DeviceError;
+use diptych::exec::ranks::RankError;
 use diptych::exec::{BuildError, ExecError};
 use diptych::graph::StripesError;
 use diptych::image::ImageError;
 use diptych::loaded::LoadError;
 use diptych::scene::SceneError;
 use diptych::session::CalibrationError;
+use diptych::trace::TraceError;
 
 use super::{hints, signals};
 
@@ -22,7 +24,7 @@ pub enum Failure {
 
 impl Failure {
     /// Formats the error on one line and each cause on a further line. Each is followed by the options that remedy it.
-    pub fn message(&self) -> String {
+    fn message(&self) -> String {
         let (Self::Input(error) | Self::Run(error)) = self else { return "interrupted".to_owned() };
         let begins = std::iter::once("error").chain(std::iter::repeat("  because"));
         let lines = begins.zip(error.chain()).map(|(begin, error)| format!("{begin}: {}", hints::with_options(error)));
@@ -36,7 +38,9 @@ impl Failure {
         texts.join(": ").replace('\n', " ")
     }
 
-    pub fn exit_status(&self) -> u8 {
+    /// Prints the failure and returns the exit status.
+    pub fn tell(&self) -> u8 {
+        log!("{}", self.message());
         match self {
             Self::Input(_) => 2,
             Self::Run(_) => 1,
@@ -45,102 +49,68 @@ impl Failure {
     }
 }
 
-/// Errors count as failures of the run, unless the conversions below classify them as input errors.
-impl From<anyhow::Error> for Failure {
-    fn from(error: anyhow::Error) -> Self {
-        Self::Run(error)
-    }
-}
-
-macro_rules! input_errors {
-    ($($error:ty),*) => {
+/// Converts types of errors to failures: `TYPE { PATTERN => FAILURE }`.
+macro_rules! failures {
+    ($($error:ty { $($pattern:pat => $failure:expr),+ $(,)? })+) => {
         $(impl From<$error> for Failure {
             fn from(error: $error) -> Self {
-                Self::Input(error.into())
+                match error {
+                    $($pattern => $failure),+
+                }
             }
-        })*
+        })+
     };
 }
 
-input_errors!(SceneError, AccelError, LoadError, StripesError);
-
-impl From<BuildError> for Failure {
-    fn from(error: BuildError) -> Self {
-        match error {
-            BuildError::Device(error) => error.into(),
-            BuildError::Exec(error) => error.into(),
-            error => Self::Input(error.into()),
-        }
+failures! {
+    // Errors count as failures of the run, unless they are classified here as input errors.
+    anyhow::Error { error => Self::Run(error) }
+    SceneError { error => Self::Input(error.into()) }
+    AccelError { error => Self::Input(error.into()) }
+    LoadError { error => Self::Input(error.into()) }
+    StripesError { error => Self::Input(error.into()) }
+    RankError { error => Self::Run(error.into()) }
+    ImageError { error => Self::Run(error.into()) }
+    BuildError {
+        BuildError::Device(error) => error.into(),
+        BuildError::Exec(error) => error.into(),
+        error => Self::Input(error.into()),
     }
-}
-
-impl From<DeviceError> for Failure {
-    fn from(error: DeviceError) -> Self {
-        match error {
-            DeviceError::UnknownAdapter { .. }
-            | DeviceError::NoRayQueries { .. }
-            | DeviceError::TooMany(_)
-            | DeviceError::ThreadCounts { .. } => Self::Input(error.into()),
-            _ => Self::Run(error.into()),
-        }
+    DeviceError {
+        error @ (DeviceError::UnknownAdapter { .. }
+        | DeviceError::NoRayQueries { .. }
+        | DeviceError::TooMany(_)
+        | DeviceError::ThreadCounts { .. }) => Self::Input(error.into()),
+        error => Self::Run(error.into()),
     }
-}
-
-impl From<ExecError> for Failure {
-    fn from(error: ExecError) -> Self {
-        match error {
-            ExecError::Setting(error) => Self::Input(error.into()),
-            error => Self::Run(error.into()),
-        }
+    ExecError {
+        ExecError::Setting(error) => Self::Input(error.into()),
+        error => Self::Run(error.into()),
     }
-}
-
-impl From<CalibrationError> for Failure {
-    fn from(error: CalibrationError) -> Self {
-        match error {
-            CalibrationError::Exec(error) => error.into(),
-            CalibrationError::Stopped => Self::Interrupted,
-            error => Self::Run(error.into()),
-        }
+    CalibrationError {
+        CalibrationError::Exec(error) => error.into(),
+        CalibrationError::Stopped => Self::Interrupted,
+        error => Self::Run(error.into()),
+    }
+    // A checkpoint that cannot be written fails the run; one that cannot be used is an input error.
+    CheckpointError {
+        CheckpointError::Write(error) => Self::Run(error.into()),
+        error => Self::Input(error.into()),
+    }
+    AccumulateError {
+        AccumulateError::Exec(error) => error.into(),
+        AccumulateError::Checkpoint(error) => error.into(),
+    }
+    // Errors in a trace file are input errors, except in the trace that a run writes.
+    TraceError {
+        error @ (TraceError::Write(_) | TraceError::SubscriberTaken) => Self::Run(error.into()),
+        error => Self::Input(error.into()),
     }
 }
 
 #[cfg(feature = "xr")]
-impl From<diptych::headset::HeadsetError> for Failure {
-    fn from(error: diptych::headset::HeadsetError) -> Self {
-        Self::Run(error.into())
-    }
-}
-
-impl From<diptych::exec::ranks::RankError> for Failure {
-    fn from(error: diptych::exec::ranks::RankError) -> Self {
-        Self::Run(error.into())
-    }
-}
-
-impl From<ImageError> for Failure {
-    fn from(error: ImageError) -> Self {
-        Self::Run(error.into())
-    }
-}
-
-/// A checkpoint that cannot be written fails the run; one that cannot be used is an input error.
-impl From<CheckpointError> for Failure {
-    fn from(error: CheckpointError) -> Self {
-        match error {
-            CheckpointError::Write(_) => Self::Run(error.into()),
-            _ => Self::Input(error.into()),
-        }
-    }
-}
-
-impl From<AccumulateError> for Failure {
-    fn from(error: AccumulateError) -> Self {
-        match error {
-            AccumulateError::Exec(error) => error.into(),
-            AccumulateError::Checkpoint(error) => error.into(),
-        }
-    }
+failures! {
+    diptych::headset::HeadsetError { error => Self::Run(error.into()) }
 }
 
 #[cfg(test)]

@@ -13,11 +13,7 @@ pub struct Args {
 }
 
 impl Args {
-    pub fn run_options(&self) -> Option<&RunOptions> {
-        None
-    }
-
-    pub fn run_options_mut(&mut self) -> Option<&mut RunOptions> {
+    pub fn run_options(&mut self) -> Option<&mut RunOptions> {
         None
     }
 }

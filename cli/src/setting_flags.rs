@@ -35,86 +35,33 @@ impl DerefMut for SettingFlags {
 }
 
 /// Commands, and the settings for which they have flags.
-pub const FLAGS: [(&str, &[&str]); 9] = [
+pub const FLAGS: [(&str, &str); 9] = [
     (
         "render",
-        &[
-            "position",
-            "target",
-            "yfov",
-            "gaze",
-            "exposure",
-            "environment",
-            "animation",
-            "time",
-            "fps",
-            "allow_outside",
-            "size",
-            "spp",
-            "bounces",
-            "denoiser",
-            "iterations",
-            "foveation",
-            "reproject",
-            "cache",
-            "seed",
-            "seam",
-            "devices",
-            "threads_per_device",
-            "balance",
-            "ratios",
-            "aov",
-            "disturb",
-        ],
+        "position target yfov gaze exposure environment animation time fps allow_outside size spp bounces denoiser \
+         iterations foveation reproject cache seed seam devices threads_per_device balance ratios aov disturb",
     ),
     ("play", LOOP),
     ("view", LOOP),
-    (
-        "scale",
-        &[
-            "size",
-            "spp",
-            "bounces",
-            "denoiser",
-            "iterations",
-            "reproject",
-            "seam",
-            "devices",
-            "threads_per_device",
-            "balance",
-            "ratios",
-        ],
-    ),
-    ("bench", &["size", "reproject", "threads_per_device", "balance"]),
-    ("study", &["size", "threads_per_device"]),
-    ("graph", &["size", "denoiser", "foveation", "reproject", "seam", "balance", "ratios", "aov"]),
-    ("info", &["allow_outside"]),
-    ("export", &["environment", "allow_outside"]),
+    ("scale", "size spp bounces denoiser iterations reproject seam devices threads_per_device balance ratios"),
+    ("bench", "size reproject threads_per_device balance"),
+    ("study", "size threads_per_device"),
+    ("graph", "size denoiser foveation reproject seam balance ratios aov"),
+    ("info", "allow_outside"),
+    ("export", "environment allow_outside"),
 ];
 
 /// Flags of commands that keep frames inside a budget.
-const LOOP: &[&str] = &[
-    "fps",
-    "size",
-    "denoiser",
-    "iterations",
-    "foveation",
-    "reproject",
-    "devices",
-    "threads_per_device",
-    "balance",
-    "disturb",
-];
+const LOOP: &str = "fps size denoiser iterations foveation reproject devices threads_per_device balance disturb";
 
 /// Settings whose flags only the long help shows.
 const RARE: [&str; 8] = ["yfov", "gaze", "animation", "time", "allow_outside", "seed", "cache", "disturb"];
 
-/// Returns a command with the flags of settings.
-pub fn with_flags(command: Command, keys: &[&'static str]) -> Command {
-    let at = |key: &&'static str| (Setting::of_key(key).map_or(Group::Tests as u8, |s| s.group as u8),);
-    let mut keys = keys.to_vec();
-    keys.sort_by_key(at);
-    command.args(keys.iter().filter_map(|key| Setting::of_key(key)).map(flag))
+/// Returns a command with the flags of settings, whose keys have spaces between them.
+pub fn with_flags(command: Command, keys: &str) -> Command {
+    let mut settings: Vec<&Setting> = keys.split(' ').filter_map(Setting::of_key).collect();
+    settings.sort_by_key(|setting| setting.group as u8);
+    command.args(settings.into_iter().map(flag))
 }
 
 fn flag(setting: &'static Setting) -> Arg {

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use crate::report::trace::{comparison_text, frame_text, summary_text};
-use diptych::trace::TraceError;
 use diptych::trace::compare::Comparison;
 use diptych::trace::read::read;
 use diptych::trace::summary::{FrameDetail, Summary};
@@ -46,14 +45,4 @@ fn show<T: Serialize>(args: &Args, found: &T, text: impl Fn(&T) -> String) -> Re
         say!("{}", text(found).trim_end());
     }
     Ok(())
-}
-
-/// Errors in a trace file are input errors, except in the trace that a run writes.
-impl From<TraceError> for Failure {
-    fn from(error: TraceError) -> Self {
-        match error {
-            TraceError::Write(_) | TraceError::SubscriberTaken => Self::Run(error.into()),
-            _ => Self::Input(error.into()),
-        }
-    }
 }

@@ -42,11 +42,7 @@ fn late_border(text: &str) -> Result<f64, String> {
 }
 
 impl Args {
-    pub fn run_options(&self) -> Option<&RunOptions> {
-        Some(&self.options.run)
-    }
-
-    pub fn run_options_mut(&mut self) -> Option<&mut RunOptions> {
+    pub fn run_options(&mut self) -> Option<&mut RunOptions> {
         Some(&mut self.options.run)
     }
 }
