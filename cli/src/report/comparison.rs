@@ -2,8 +2,9 @@
 
 use serde::Serialize;
 
-use super::csv::number;
-use super::{Axis, Chart, Csv, ReportError, Series, Table, line_chart_svg};
+use super::csv::Column;
+use super::study::{deviation, mean};
+use super::{Chart, Csv, ReportError, Series, Table, line_chart_svg, once};
 use crate::report::play::PlaySummary;
 use diptych::control::ControllerKind;
 
@@ -47,46 +48,33 @@ fn student_t(freedom: usize) -> f64 {
     freedom.checked_sub(1).and_then(|i| STUDENT_T.get(i)).copied().unwrap_or_else(expanded)
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
 /// Returns the ends of the 95 % interval of the mean (Student 1908), which also holds for few values. Returns `None`
 /// for a single value, and for values that are all equal: their spread is unknown.
 fn interval(values: &[f64]) -> Option<[f64; 2]> {
     let freedom = values.len().checked_sub(1).filter(|n| *n > 0)?;
     let mean = mean(values);
-    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-    let half = student_t(freedom) * (squares / freedom as f64 / values.len() as f64).sqrt();
+    let half = student_t(freedom) * deviation(values) / (values.len() as f64).sqrt();
     (half > 0.0 && half.is_finite()).then_some([mean - half, mean + half])
 }
 
 /// Returns the runs of each controller, in the order of their first runs.
 fn by_controller(runs: &[ControlRun]) -> Vec<(&str, Vec<&ControlRun>)> {
-    let mut groups: Vec<(&str, Vec<&ControlRun>)> = Vec::new();
-    for run in runs {
-        match groups.iter_mut().find(|(name, _)| *name == run.controller) {
-            Some((_, group)) => group.push(run),
-            None => groups.push((&run.controller, vec![run])),
-        }
-    }
-    groups
+    let names = once(runs.iter().map(|run| run.controller.as_str()));
+    names.into_iter().map(|name| (name, runs.iter().filter(|run| run.controller == name).collect())).collect()
 }
 
 /// Returns the contents of `comparison.csv`.
 pub fn comparison_csv(runs: &[ControlRun]) -> Csv {
-    Csv::new(
-        &[
-            ("controller", |r: &ControlRun| r.controller.clone()),
-            ("run", |r| r.run.to_string()),
-            ("missed_fraction", |r| number(Some(r.missed_fraction), 6)),
-            ("above_share", |r| number(Some(r.above_share), 6)),
-            ("flip", |r| number(Some(r.flip), 6)),
-            ("makespan_ms_p50", |r| number(Some(r.makespan_ms_p50), 4)),
-            ("rung_changes", |r| r.rung_changes.to_string()),
-        ],
-        runs,
-    )
+    const COLUMNS: [Column<ControlRun>; 7] = [
+        ("controller", |r| r.controller.clone()),
+        ("run", |r| r.run.to_string()),
+        ("missed_fraction", |r| format!("{:.6}", r.missed_fraction)),
+        ("above_share", |r| format!("{:.6}", r.above_share)),
+        ("flip", |r| format!("{:.6}", r.flip)),
+        ("makespan_ms_p50", |r| format!("{:.4}", r.makespan_ms_p50)),
+        ("rung_changes", |r| r.rung_changes.to_string()),
+    ];
+    Csv::new(&COLUMNS, runs)
 }
 
 /// Returns a row per controller: means over its runs, and differences to the first controller's runs of the same
@@ -118,18 +106,9 @@ pub fn comparison_table(runs: &[ControlRun]) -> Table {
             difference(|a, b| (a.flip / b.flip).ln(), |log| format!("{:.3}", log.exp())),
         ]
     };
-    let headers = [
-        "controller",
-        "runs",
-        "missed",
-        "above budget",
-        "FLIP",
-        "median ms",
-        "changes",
-        "missed, points more (95 %)",
-        "FLIP ratio (95 %)",
-    ];
-    Table { headers: headers.to_vec(), rows: groups.iter().map(row).collect() }
+    let mut headers = vec!["controller", "runs", "missed", "above budget", "FLIP", "median ms", "changes"];
+    headers.extend(["missed, points more (95 %)", "FLIP ratio (95 %)"]);
+    Table { headers, rows: groups.iter().map(row).collect() }
 }
 
 /// Draws missed display periods over FLIP, a line through all pinned rungs and a dot for each other controller.
@@ -139,7 +118,7 @@ pub fn comparison_table(runs: &[ControlRun]) -> Table {
 pub fn comparison_svg(title: String, runs: &[ControlRun]) -> Result<String, ReportError> {
     let mut series = vec![Series { name: "pinned rungs".to_owned(), ..Series::default() }];
     for (name, group) in by_controller(runs) {
-        let mean = |of: fn(&ControlRun) -> f64| group.iter().map(|run| of(run)).sum::<f64>() / group.len() as f64;
+        let mean = |of: fn(&ControlRun) -> f64| mean(&group.iter().map(|run| of(run)).collect::<Vec<_>>());
         let point = (mean(|run| run.flip), 100.0 * mean(|run| run.missed_fraction));
         match name.starts_with("pinned:") {
             true => series[0].points.push(point),
@@ -148,8 +127,7 @@ pub fn comparison_svg(title: String, runs: &[ControlRun]) -> Result<String, Repo
     }
     series[0].points.sort_by(|a, b| a.0.total_cmp(&b.0));
     series.retain(|series| !series.points.is_empty());
-    let axis = |label: &str| Axis { label: label.to_owned(), log: false };
-    line_chart_svg(&Chart { title, x: axis("mean FLIP"), y: axis("missed display periods, %") }, &series)
+    line_chart_svg(&Chart::new(title, ["mean FLIP", "missed display periods, %"], false), &series)
 }
 
 /// Number of frames before and after a disturbance that [`recovery_svg`] shows.
@@ -177,8 +155,7 @@ pub fn recovery_svg(title: String, runs: &[ControlRun], at: u32, budget_ms: f64)
         let points = vec![(from(shown.start), budget_ms), (from(shown.end), budget_ms)];
         series.push(Series { name: "budget".to_owned(), points, guide: true, ..Series::default() });
     }
-    let axis = |label: &str| Axis { label: label.to_owned(), log: false };
-    line_chart_svg(&Chart { title, x: axis("frames since the disturbance"), y: axis("makespan, ms") }, &series)
+    line_chart_svg(&Chart::new(title, ["frames since the disturbance", "makespan, ms"], false), &series)
 }
 
 #[cfg(test)]

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::html::Section;
-use super::plot::{Axis, Chart, Series, line_chart_svg};
-use super::{ReportError, Table, median, median_of, once};
+use super::plot::{Chart, Series, line_chart_svg};
+use super::{ReportError, Table, median, median_of, once, percent};
 use diptych::device::{AdapterReport, Traversal};
 use diptych::exec::FrameReport;
 use diptych::image::Extent;
@@ -115,10 +115,6 @@ fn ms(value: f64) -> String {
     format!("{value:.digits$}")
 }
 
-fn percent(value: f64) -> String {
-    format!("{:.1} %", 100.0 * value)
-}
-
 impl Machine {
     fn adapters_table(&self) -> Table {
         let row = |a: &AdapterReport| {
@@ -127,10 +123,8 @@ impl Machine {
             let queries = if a.ray_queries { "yes" } else { "no" }.to_owned();
             vec![a.index.to_string(), a.name.clone(), a.kind.clone(), a.driver.clone(), queries, state]
         };
-        Table {
-            headers: vec!["#", "adapter", "kind", "driver", "ray queries", "state"],
-            rows: self.adapters.iter().map(row).collect(),
-        }
+        let headers = vec!["#", "adapter", "kind", "driver", "ray queries", "state"];
+        Table { headers, rows: self.adapters.iter().map(row).collect() }
     }
 
     pub fn frames_table(&self) -> Table {
@@ -140,10 +134,8 @@ impl Machine {
             let traversal = f.traversal.name().to_owned();
             vec![f.adapter.to_string(), traversal, f.scene.clone(), f.size.clone(), median, least, most, off]
         };
-        Table {
-            headers: vec!["adapter", "traversal", "scene", "size", "frame, ms", "least", "most", "predicted off by"],
-            rows: self.frames.iter().map(row).collect(),
-        }
+        let headers = vec!["adapter", "traversal", "scene", "size", "frame, ms", "least", "most", "predicted off by"];
+        Table { headers, rows: self.frames.iter().map(row).collect() }
     }
 
     fn stages_table(&self) -> Table {
@@ -162,10 +154,8 @@ impl Machine {
             };
             stages.into_iter().map(row).collect::<Vec<_>>()
         });
-        Table {
-            headers: vec!["adapter", "traversal", "scene", "size", "stage", "ms", "of all stages"],
-            rows: rows.collect(),
-        }
+        let headers = vec!["adapter", "traversal", "scene", "size", "stage", "ms", "of all stages"];
+        Table { headers, rows: rows.collect() }
     }
 
     pub fn largest_table(&self) -> Table {
@@ -174,10 +164,8 @@ impl Machine {
             let time = l.median_ms.map_or("-".to_owned(), ms);
             vec![l.adapter.to_string(), l.scene.clone(), l.within_ms.to_string(), size, time]
         };
-        Table {
-            headers: vec!["adapter", "scene", "within, ms", "largest size", "frame, ms"],
-            rows: self.largest.iter().map(row).collect(),
-        }
+        let headers = vec!["adapter", "scene", "within, ms", "largest size", "frame, ms"];
+        Table { headers, rows: self.largest.iter().map(row).collect() }
     }
 
     pub fn scaling_table(&self) -> Table {
@@ -190,10 +178,8 @@ impl Machine {
             let of = [s.scene.clone(), s.size.clone(), s.devices.to_string()];
             of.into_iter().chain([on.to_owned(), ms(s.median_ms), format!("{:.2}", s.speedup)]).collect()
         };
-        Table {
-            headers: vec!["scene", "size", "devices", "on", "frame, ms", "speed-up"],
-            rows: self.scaling.iter().map(row).collect(),
-        }
+        let headers = vec!["scene", "size", "devices", "on", "frame, ms", "speed-up"];
+        Table { headers, rows: self.scaling.iter().map(row).collect() }
     }
 
     pub fn images_table(&self) -> Table {
@@ -201,10 +187,8 @@ impl Machine {
             let right = if c.is_right { "yes" } else { "NO" }.to_owned();
             vec![c.adapter.to_string(), c.traversal.name().to_owned(), c.scene.clone(), percent(c.off), right]
         };
-        Table {
-            headers: vec!["adapter", "traversal", "scene", "off by at most", "right"],
-            rows: self.images.iter().map(row).collect(),
-        }
+        let headers = vec!["adapter", "traversal", "scene", "off by at most", "right"];
+        Table { headers, rows: self.images.iter().map(row).collect() }
     }
 
     fn chart(&self) -> Result<String, ReportError> {
@@ -221,8 +205,7 @@ impl Machine {
                 guide: false,
             }
         });
-        let axis = |label: &str| Axis { label: label.into(), log: true };
-        let chart = Chart { title: "Frame times".into(), x: axis("pixels of each eye"), y: axis("ms") };
+        let chart = Chart::new("Frame times".to_owned(), ["pixels of each eye", "ms"], true);
         line_chart_svg(&chart, &series.collect::<Vec<_>>())
     }
 

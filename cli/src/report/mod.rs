@@ -53,6 +53,16 @@ pub enum ReportError {
     Image(#[from] diptych::image::ImageError),
 }
 
+/// Formats a fraction as a percentage.
+pub fn percent(fraction: f64) -> String {
+    format!("{:.1} %", 100.0 * fraction)
+}
+
+/// Formats a number; `None` gives the placeholder `-`.
+pub fn cell(value: Option<f64>, decimals: usize) -> String {
+    value.map_or("-".to_owned(), |v| format!("{v:.decimals$}"))
+}
+
 /// Returns the [`median`], or 0 without values.
 pub fn median_of(values: Vec<f64>) -> f64 {
     median(values).unwrap_or(0.0)

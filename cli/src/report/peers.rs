@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::bench::SettingRow;
 use super::plot::Series;
-use super::table::Table;
+use super::{Table, once};
 
 #[derive(Debug, thiserror::Error)]
 pub enum PeersError {
@@ -107,14 +107,9 @@ impl Peers {
 
 /// Returns a chart series of FLIP over time for each name, in the order of first occurrence.
 pub fn series(peers: &[Peer]) -> Vec<Series> {
-    let mut lines: Vec<Series> = Vec::new();
-    for Peer { name, time_ms, flip, .. } in peers {
-        match lines.iter_mut().find(|line| line.name == *name) {
-            Some(line) => line.points.push((*time_ms, *flip)),
-            None => lines.push(Series { name: name.clone(), points: vec![(*time_ms, *flip)], ..Series::default() }),
-        }
-    }
-    lines
+    let points = |name: &str| peers.iter().filter(|p| p.name == name).map(|p| (p.time_ms, p.flip)).collect();
+    let line = |name: &str| Series { name: name.to_owned(), points: points(name), ..Series::default() };
+    once(peers.iter().map(|p| p.name.as_str())).into_iter().map(line).collect()
 }
 
 /// The caption of [`table`].

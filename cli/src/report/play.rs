@@ -5,11 +5,10 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::Table;
 pub use super::frame_row::ControlRow;
 use super::frame_row::FrameRow;
 use super::quantiles::Quantiles;
-use super::study::cell;
+use super::{Table, cell, percent};
 use diptych::control::{Measure, Rung};
 use diptych::quality::FrameQuality;
 
@@ -217,7 +216,6 @@ impl Judged {
 impl PlaySummary {
     /// Returns a table of named, rounded values that show how well the budget was kept.
     pub fn table(&self) -> Table {
-        let percent = |share: f64| format!("{:.1} %", 100.0 * share);
         let ms = |ms: f64| format!("{ms:.1} ms");
         let [lo_ms, hi_ms] = self.budget_ms;
         let rows = [
@@ -248,7 +246,7 @@ impl PlaySummary {
             line.push(fovea.map_or("none".to_owned(), |[inner, outer]| format!("{inner}, {outer}")));
             line.extend([format!("{:.1}", u.expected_ms), cell(u.error.or(u.estimated_error), 4)]);
             line.push(if u.estimated { "estimated" } else { "measured" }.to_owned());
-            line.push(format!("{:.1} %", 100.0 * u.share));
+            line.push(percent(u.share));
             line
         };
         let error = match self.measure {
@@ -286,7 +284,6 @@ impl fmt::Display for Excursion {
 
 impl fmt::Display for PlaySummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let percent = |share: f64| format!("{:.1} %", 100.0 * share);
         let [lo_ms, hi_ms] = self.budget_ms;
         writeln!(
             f,

@@ -46,6 +46,15 @@ pub struct Chart {
     pub y: Axis,
 }
 
+impl Chart {
+    /// Creates a chart with these labels of the horizontal and the vertical axis, which are both linear or both
+    /// logarithmic.
+    pub fn new(title: String, labels: [&str; 2], log: bool) -> Self {
+        let [x, y] = labels.map(|label| Axis { label: label.to_owned(), log });
+        Self { title, x, y }
+    }
+}
+
 type Canvas<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Ticks, Ticks>>;
 type DrawingError = Box<dyn std::error::Error>;
 

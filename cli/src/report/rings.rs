@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::csv::{Column, Csv, number};
-use super::study::{cell, deviation, mean};
-use super::{Axis, Chart, ReportError, Series, Table, line_chart_svg, once};
+use super::study::{deviation, mean};
+use super::{Chart, ReportError, Series, Table, cell, line_chart_svg, once};
 use diptych::image::Extent;
 use diptych::metrics::Pair;
 use diptych::metrics::rings::{Ring, Viewing};
@@ -181,8 +181,7 @@ pub fn ring_charts(rows: &[RingRow], modes: &[&str]) -> Result<String, ReportErr
                 continue;
             }
             let title = format!("{scene}, camera {camera}: against {against}");
-            let [x, y] = ["degrees from the gaze", "SSIM"].map(|label| Axis { label: label.to_owned(), log: false });
-            charts += &line_chart_svg(&Chart { title, x, y }, &series)?;
+            charts += &line_chart_svg(&Chart::new(title, ["degrees from the gaze", "SSIM"], false), &series)?;
         }
     }
     Ok(charts)

@@ -5,8 +5,9 @@ use serde::Serialize;
 use super::csv::{Column, Csv, number, optional};
 use super::frame_row::aov_ms;
 use super::html::Section;
-use super::plot::{Axis, Chart, Series, line_chart_svg};
-use super::{ReportError, Table, imbalance, median_of, once, shares_text};
+use super::plot::{Chart, Series, line_chart_svg};
+use super::study::quartiles;
+use super::{ReportError, Table, imbalance, median_of, once, percent, shares_text};
 use diptych::exec::{FrameReport, TimedTask};
 use diptych::schedule::LOSS_SHARE;
 use diptych::trace::frames::trace_from;
@@ -172,14 +173,9 @@ fn critical_path(frames: &[FrameReport]) -> String {
 }
 
 /// Returns the interquartile range, interpolated linearly (type 7 of Hyndman & Fan, "Sample Quantiles", 1996).
-fn interquartile_range(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let quantile = |share: f64| -> Option<f64> {
-        let at = share * values.len().checked_sub(1)? as f64;
-        let [below, above] = [at.floor(), at.ceil()].map(|i| values[i as usize]);
-        Some(below + (above - below) * at.fract())
-    };
-    quantile(0.75).zip(quantile(0.25)).map_or(0.0, |(upper, lower)| upper - lower)
+fn interquartile_range(values: Vec<f64>) -> f64 {
+    let [lower, _, upper] = quartiles(values);
+    upper - lower
 }
 
 const COLUMNS: [Column<ScaleRow>; 20] = [
@@ -205,85 +201,47 @@ const COLUMNS: [Column<ScaleRow>; 20] = [
     ("threads_per_device", |r| optional(r.threads_per_device)),
 ];
 
-/// Returns the names of the rows' policies, each once.
-fn policies(rows: &[ScaleRow]) -> Vec<&str> {
-    once(rows.iter().map(|r| r.policy.as_str()))
-}
-
-/// Adds the rows' policies as the second column, if there are several.
-fn with_policies(mut table: Table, rows: &[ScaleRow]) -> Table {
-    if policies(rows).len() > 1 {
-        table.headers.insert(1, "policy");
-        table.rows.iter_mut().zip(rows).for_each(|(cells, row)| cells.insert(1, row.policy.clone()));
-    }
-    table
-}
-
 /// Returns the contents of `scale.csv`.
 pub fn scale_csv(rows: &[ScaleRow]) -> Csv {
     Csv::new(&COLUMNS, rows)
 }
 
+const SHOWN: [Column<ScaleRow>; 13] = [
+    ("devices", |r| r.devices.to_string()),
+    ("makespan ms", |r| format!("{:.1}", r.makespan_ms)),
+    ("min..max", |r| format!("{:.1}..{:.1}", r.makespan_ms_min, r.makespan_ms_max)),
+    ("a frame every", |r| format!("{:.1}", r.interval_ms)),
+    ("spread", |r| percent(r.period_spread)),
+    ("speed-up", |r| format!("{:.2} ± {:.2}", r.speedup, r.speedup_error)),
+    ("efficiency", |r| format!("{:.2}", r.efficiency)),
+    ("imbalance", |r| format!("{:.3}", r.imbalance)),
+    ("transfers", |r| percent(r.transfer_share)),
+    ("idle", |r| percent(r.idle_share)),
+    ("MB moved", |r| format!("{:.2}", r.bytes_per_frame / 1e6)),
+    ("predicted off by", |r| r.prediction_error.map_or("-".into(), percent)),
+    ("note", |r| r.note().to_owned()),
+];
+
 pub fn scale_table(rows: &[ScaleRow]) -> Table {
-    let headers = vec![
-        "devices",
-        "makespan ms",
-        "min..max",
-        "a frame every",
-        "spread",
-        "speed-up",
-        "efficiency",
-        "imbalance",
-        "transfers",
-        "idle",
-        "MB moved",
-        "predicted off by",
-        "note",
-    ];
-    let cells = |r: &ScaleRow| {
-        vec![
-            r.devices.to_string(),
-            format!("{:.1}", r.makespan_ms),
-            format!("{:.1}..{:.1}", r.makespan_ms_min, r.makespan_ms_max),
-            format!("{:.1}", r.interval_ms),
-            percent(r.period_spread),
-            format!("{:.2} ± {:.2}", r.speedup, r.speedup_error),
-            format!("{:.2}", r.efficiency),
-            format!("{:.3}", r.imbalance),
-            percent(r.transfer_share),
-            percent(r.idle_share),
-            format!("{:.2}", r.bytes_per_frame / 1e6),
-            r.prediction_error.map_or("-".into(), percent),
-            r.note().to_owned(),
-        ]
-    };
-    with_policies(Table { headers, rows: rows.iter().map(cells).collect() }, rows)
+    Table::new(&SHOWN, rows).with_policies(rows.iter().map(|r| r.policy.as_str()))
 }
+
+/// A row, with its devices' time by cause.
+type Limited<'a> = (&'a ScaleRow, Shares);
 
 /// Returns a table that shows, for each device count, what limits the speedup.
 fn limits_table(rows: &[ScaleRow]) -> Table {
-    let headers = vec![
-        "devices",
-        "work",
-        "more work",
-        "uneven stripes",
-        "waits",
-        "limited by",
-        "critical path, of the frames' time",
+    let columns: [Column<Limited>; 7] = [
+        ("devices", |(row, _)| row.devices.to_string()),
+        ("work", |(_, shares)| percent(shares.work)),
+        ("more work", |(_, shares)| percent(shares.more)),
+        ("uneven stripes", |(_, shares)| percent(shares.uneven)),
+        ("waits", |(_, shares)| percent(shares.waits)),
+        ("limited by", |(_, shares)| shares.limit().to_owned()),
+        ("critical path, of the frames' time", |(row, _)| row.critical_path.clone()),
     ];
-    let cells = |r: &ScaleRow| {
-        let shares = r.shares(rows.first().unwrap_or(r));
-        let Shares { work, more, uneven, waits } = shares;
-        let mut cells = vec![r.devices.to_string()];
-        cells.extend([work, more, uneven, waits].map(percent));
-        cells.extend([shares.limit().to_owned(), r.critical_path.clone()]);
-        cells
-    };
-    with_policies(Table { headers, rows: rows.iter().map(cells).collect() }, rows)
-}
-
-fn percent(share: f64) -> String {
-    format!("{:.1} %", 100.0 * share)
+    let limited: Vec<Limited> = rows.iter().map(|row| (row, row.shares(&rows[0]))).collect();
+    Table::new(&columns, &limited).with_policies(rows.iter().map(|r| r.policy.as_str()))
 }
 
 /// Plots speedup over device counts with a band for its standard error, beside the ideal.
@@ -291,15 +249,10 @@ fn percent(share: f64) -> String {
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
 pub fn scale_svg(title: String, rows: &[ScaleRow]) -> Result<String, ReportError> {
-    let chart = Chart {
-        title,
-        x: Axis { label: "devices".into(), log: false },
-        y: Axis { label: "speed-up".into(), log: false },
-    };
     let first = rows.first().map_or(1.0, |r| r.devices as f64);
     let guide = rows.iter().map(|r| (r.devices as f64, r.devices as f64 / first)).collect();
     let mut series = vec![Series { name: "ideal".into(), points: guide, band: None, guide: true }];
-    let policies = policies(rows);
+    let policies = once(rows.iter().map(|r| r.policy.as_str()));
     for policy in &policies {
         // The line of every policy starts at the base, which is the first row.
         let own = || rows.iter().enumerate().filter(|(i, r)| *i == 0 || r.policy == *policy).map(|(_, row)| row);
@@ -308,7 +261,7 @@ pub fn scale_svg(title: String, rows: &[ScaleRow]) -> Result<String, ReportError
         let band = own().map(|r| (r.speedup - r.speedup_error, r.speedup + r.speedup_error)).collect();
         series.push(Series { name, points, band: Some(band), guide: false });
     }
-    line_chart_svg(&chart, &series)
+    line_chart_svg(&Chart::new(title, ["devices", "speed-up"], false), &series)
 }
 
 /// Returns the sections of a page on scaling and its limits; `figure` is the plot.

@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::csv::{Column, Csv, number};
-use super::plot::{Axis, Chart, Series, line_chart_svg};
-use super::{ReportError, Table, imbalance, once, shares_text};
+use super::plot::{Chart, Series, line_chart_svg};
+use super::{ReportError, Table, cell, imbalance, once, shares_text};
 use diptych::graph::TimedTask;
 use diptych::schedule::Prediction;
 
@@ -138,40 +138,22 @@ pub fn simulation_csv(rows: &[SimulationRow]) -> Csv {
     Csv::new(&COLUMNS, rows).beside(shares).beside(Csv::new(&last, rows))
 }
 
-/// Returns the names of the rows' policies, each once.
-fn policies(rows: &[SimulationRow]) -> Vec<&'static str> {
-    once(rows.iter().map(|r| r.policy))
-}
+const SHOWN: [Column<SimulationRow>; 8] = [
+    ("simulated", |r| match r.nodes {
+        1 => r.devices.to_string(),
+        nodes => format!("{nodes}x{}", r.devices / nodes),
+    }),
+    ("makespan ms", |r| format!("{:.1}", r.predicted_ms)),
+    ("measured ms", |r| cell(r.measured_ms, 1)),
+    ("speed-up", |r| format!("{:.2}", r.speedup)),
+    ("efficiency", |r| format!("{:.2}", r.efficiency)),
+    ("imbalance", |r| format!("{:.3}", r.imbalance)),
+    ("limit", |r| r.limit.to_owned()),
+    ("critical path", SimulationRow::critical_path_text),
+];
 
 pub fn simulation_table(rows: &[SimulationRow]) -> Table {
-    let headers = vec![
-        "simulated",
-        "makespan ms",
-        "measured ms",
-        "speed-up",
-        "efficiency",
-        "imbalance",
-        "limit",
-        "critical path",
-    ];
-    let cells = |r: &SimulationRow| {
-        vec![
-            if r.nodes > 1 { format!("{}x{}", r.nodes, r.devices / r.nodes) } else { r.devices.to_string() },
-            format!("{:.1}", r.predicted_ms),
-            r.measured_ms.map_or("-".into(), |ms| format!("{ms:.1}")),
-            format!("{:.2}", r.speedup),
-            format!("{:.2}", r.efficiency),
-            format!("{:.3}", r.imbalance),
-            r.limit.into(),
-            r.critical_path_text(),
-        ]
-    };
-    let mut table = Table { headers, rows: rows.iter().map(cells).collect() };
-    if policies(rows).len() > 1 {
-        table.headers.insert(1, "policy");
-        table.rows.iter_mut().zip(rows).for_each(|(cells, row)| cells.insert(1, row.policy.to_owned()));
-    }
-    table
+    Table::new(&SHOWN, rows).with_policies(rows.iter().map(|r| r.policy))
 }
 
 /// Plots simulated speedup over device counts, and measured speedup if there are measurements.
@@ -179,11 +161,6 @@ pub fn simulation_table(rows: &[SimulationRow]) -> Table {
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
 pub fn simulation_svg(title: String, rows: &[SimulationRow]) -> Result<String, ReportError> {
-    let chart = Chart {
-        title,
-        x: Axis { label: "devices".into(), log: false },
-        y: Axis { label: "speed-up over one measured device".into(), log: false },
-    };
     let line = |name: String, policy: Option<&str>, of: fn(&SimulationRow) -> Option<f64>, guide| {
         let own = rows.iter().filter(|r| policy.is_none_or(|policy| r.policy == policy));
         let mut points: Vec<_> = own.filter_map(|r| Some((r.devices as f64, of(r)?))).collect();
@@ -191,7 +168,7 @@ pub fn simulation_svg(title: String, rows: &[SimulationRow]) -> Result<String, R
         Series { name, points, band: None, guide }
     };
     let mut series = vec![line("ideal".to_owned(), None, |r| Some(r.speedup / r.efficiency), true)];
-    let policies = policies(rows);
+    let policies = once(rows.iter().map(|r| r.policy));
     for policy in &policies {
         let name = |what: &str| if policies.len() > 1 { format!("{what}, {policy}") } else { what.to_owned() };
         series.push(line(name("simulated"), Some(policy), |r| Some(r.speedup), false));
@@ -199,7 +176,7 @@ pub fn simulation_svg(title: String, rows: &[SimulationRow]) -> Result<String, R
             series.push(line(name("measured"), Some(policy), SimulationRow::measured_speedup, false));
         }
     }
-    line_chart_svg(&chart, &series)
+    line_chart_svg(&Chart::new(title, ["devices", "speed-up over one measured device"], false), &series)
 }
 
 #[cfg(test)]

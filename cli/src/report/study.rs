@@ -2,24 +2,13 @@
 
 use serde::Serialize;
 
-use super::Table;
 use super::bench::Errors;
 use super::csv::{Column, Csv, number};
+use super::{Table, cell};
 use diptych::exec::Stereo;
 use diptych::metrics;
 use diptych::metrics::temporal::TemporalError;
 use diptych::scene::rig::Eye;
-
-/// Formats a number; `None` gives the placeholder `-`.
-pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
-    value.map_or("-".to_owned(), |v| format!("{v:.decimals$}"))
-}
-
-/// Returns a table with a line per row. The columns define headers and cells.
-pub(super) fn table<T>(columns: &[Column<T>], rows: &[T]) -> Table {
-    let line = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
-    Table { headers: columns.iter().map(|(name, _)| *name).collect(), rows: rows.iter().map(line).collect() }
-}
 
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
@@ -66,7 +55,7 @@ const SEQUENCE: &[Column<SequenceRow>] = &[
 
 /// Returns a table with a line per eye.
 pub fn sequence_table(rows: &Stereo<SequenceRow>) -> Table {
-    table(SEQUENCE, &[rows.left.clone(), rows.right.clone()])
+    Table::new(SEQUENCE, &[rows.left.clone(), rows.right.clone()])
 }
 
 /// Errors of one eye's image in one frame that several devices rendered in stripes. In comments and field names, `one`
@@ -91,11 +80,9 @@ pub struct SeamErrors {
 impl SeamErrors {
     /// Returns the mean of each error. An error that is undefined in one element has no mean.
     pub fn mean_of(all: &[Self]) -> Self {
-        let mean = |of: fn(&Self) -> f64| all.iter().map(of).sum::<f64>() / all.len() as f64;
-        let mean_if = |of: fn(&Self) -> Option<f64>| {
-            let values: Option<Vec<f64>> = all.iter().map(of).collect();
-            values.map(|v| v.iter().sum::<f64>() / v.len() as f64)
-        };
+        let mean = |of: fn(&Self) -> f64| mean(&all.iter().map(of).collect::<Vec<_>>());
+        let mean_if =
+            |of: fn(&Self) -> Option<f64>| all.iter().map(of).collect::<Option<Vec<f64>>>().as_deref().map(self::mean);
         Self {
             psnr: mean(|e| e.psnr),
             flip: mean(|e| e.flip),
@@ -188,7 +175,7 @@ pub const SEAM_NOTE: &str = "Means over frames. psnr (dB) and flip compare with 
 
 /// Returns a table with a line per setting and eye.
 pub fn seam_table(rows: &[SeamRow]) -> Table {
-    table(SEAMS, rows)
+    Table::new(SEAMS, rows)
 }
 
 const SEAMS_CSV: &[Column<SeamRow>] = &[

@@ -3,6 +3,8 @@
 use serde::Serialize;
 use serde_json::Value;
 
+use super::csv::Column;
+use super::once;
 use diptych::device::DeviceInfo;
 
 /// Contents of a table, independent of layout.
@@ -13,6 +15,21 @@ pub struct Table {
 }
 
 impl Table {
+    /// Creates a table with a line per row. The columns define headers and cells.
+    pub fn new<T>(columns: &[Column<T>], rows: &[T]) -> Self {
+        let line = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
+        Self { headers: columns.iter().map(|(name, _)| *name).collect(), rows: rows.iter().map(line).collect() }
+    }
+
+    /// Adds the policy of each row as the second column, if there are several policies.
+    pub fn with_policies<'a>(mut self, policies: impl Iterator<Item = &'a str> + Clone) -> Self {
+        if once(policies.clone()).len() > 1 {
+            self.headers.insert(1, "policy");
+            self.rows.iter_mut().zip(policies).for_each(|(cells, policy)| cells.insert(1, policy.to_owned()));
+        }
+        self
+    }
+
     /// Lays the table out by [`text_table`].
     pub fn text(&self) -> String {
         text_table(&self.headers, &self.rows)
@@ -68,10 +85,10 @@ impl Table {
 /// ```
 pub fn text_table(headers: &[&str], rows: &[Vec<String>]) -> String {
     let cell = |row: &[String], column: usize| row.get(column).map_or(String::new(), |c| c.replace('\n', " "));
-    let columns: Vec<Column> = headers
+    let columns: Vec<Layout> = headers
         .iter()
         .enumerate()
-        .map(|(i, header)| Column::fit(header, rows.iter().map(|row| cell(row, i))))
+        .map(|(i, header)| Layout::fit(header, rows.iter().map(|row| cell(row, i))))
         .collect();
     let mut table = String::new();
     let mut push = |cells: Vec<String>| {
@@ -87,13 +104,14 @@ pub fn text_table(headers: &[&str], rows: &[Vec<String>]) -> String {
     table
 }
 
-struct Column {
+/// Layout of a column.
+struct Layout {
     /// Width in characters.
     width: usize,
     numeric: bool,
 }
 
-impl Column {
+impl Layout {
     fn fit(header: &str, cells: impl Iterator<Item = String>) -> Self {
         let mut column = Self { width: header.chars().count(), numeric: true };
         for cell in cells {

@@ -1,10 +1,10 @@
 //! Formats traces as text: the summary of a trace, the details of one frame, and the comparison of two traces.
 
-use super::text_table;
+use super::{cell, percent, text_table};
 use diptych::trace::Lane;
 use diptych::trace::compare::{Change, Comparison};
-use diptych::trace::rank_transfers::RankTransferSummary;
-use diptych::trace::summary::{DeviceSummary, FrameDetail, PathShare, Summary, median};
+use diptych::trace::rank_transfers::{RankTransferSummary, TransferStep};
+use diptych::trace::summary::{DeviceSummary, FrameDetail, PathShare, Step, Summary, median};
 
 /// Parts of the critical path below this fraction are combined into one.
 const SMALL_SHARE: f64 = 0.005;
@@ -26,15 +26,12 @@ pub fn frame_text(detail: &FrameDetail) -> String {
     let rows: Vec<_> = stages.map(|s| vec![s.stage.clone(), s.lane.name().to_owned(), ms(s.time_ms)]).collect();
     text += &text_table(&["stage", "lane", "ms"], &rows);
     text += "\ncritical path, step by step\n";
-    let rows: Vec<_> = detail
-        .steps
-        .iter()
-        .map(|step| {
-            let rows = step.rows.map_or(String::new(), |[begin, end]| format!("{begin}..{end}"));
-            let what = path_name(&step.what, step.lane);
-            vec![ms(step.begin_ms), ms(step.time_ms), device(step.pid, &summary.devices), what, rows]
-        })
-        .collect();
+    let row = |step: &Step| {
+        let rows = step.rows.map_or(String::new(), |[begin, end]| format!("{begin}..{end}"));
+        let what = path_name(&step.what, step.lane);
+        vec![ms(step.begin_ms), ms(step.time_ms), device(step.pid, &summary.devices), what, rows]
+    };
+    let rows: Vec<_> = detail.steps.iter().map(row).collect();
     text += &text_table(&["at ms", "ms", "device", "what", "rows"], &rows);
     text += "\ncritical path, summed\n";
     text += &path_table(summary);
@@ -54,27 +51,20 @@ pub fn comparison_text(comparison: &Comparison) -> String {
 }
 
 fn changes_table(changes: &[Change]) -> String {
-    let rows: Vec<_> = changes
-        .iter()
-        .map(|c| {
-            let ratio = c.ratio.map_or("-".to_owned(), |ratio| format!("{ratio:.3}"));
-            let sign = if c.difference > 0.0 { "+" } else { "" };
-            vec![c.what.clone(), ms(c.a), ms(c.b), format!("{sign}{:.3}", c.difference), ratio]
-        })
-        .collect();
-    text_table(&["", "A", "B", "B - A", "B / A"], &rows)
+    let row = |c: &Change| {
+        let sign = if c.difference > 0.0 { "+" } else { "" };
+        vec![c.what.clone(), ms(c.a), ms(c.b), format!("{sign}{:.3}", c.difference), cell(c.ratio, 3)]
+    };
+    text_table(&["", "A", "B", "B - A", "B / A"], &changes.iter().map(row).collect::<Vec<_>>())
 }
 
 fn devices_table(devices: &[DeviceSummary]) -> String {
-    let rows: Vec<_> = devices
-        .iter()
-        .map(|d| {
-            let residual = d.clock_residual_us.map_or("-".to_owned(), |us| format!("{us:.1}"));
-            let [busy, transfer, hidden, idle] = [d.busy_ms, d.transfer_ms, d.hidden_transfer_ms, d.idle_ms].map(ms);
-            vec![d.name.clone(), busy, percent(d.busy_share), transfer, hidden, idle, residual]
-        })
-        .collect();
-    text_table(&["device", "busy ms", "busy", "transfer ms", "of it hidden", "idle ms", "clock error µs"], &rows)
+    let row = |d: &DeviceSummary| {
+        let [busy, transfer, hidden, idle] = [d.busy_ms, d.transfer_ms, d.hidden_transfer_ms, d.idle_ms].map(ms);
+        vec![d.name.clone(), busy, percent(d.busy_share), transfer, hidden, idle, cell(d.clock_residual_us, 1)]
+    };
+    let headers = ["device", "busy ms", "busy", "transfer ms", "of it hidden", "idle ms", "clock error µs"];
+    text_table(&headers, &devices.iter().map(row).collect::<Vec<_>>())
 }
 
 fn totals(summary: &Summary) -> String {
@@ -122,14 +112,12 @@ fn path_table(summary: &Summary) -> String {
 fn rank_transfers_text(summary: &Summary) -> String {
     let Some(passages) = &summary.passages else { return String::new() };
     let RankTransferSummary { count, bytes, waited_ms, parts } = passages;
-    let rows: Vec<_> = parts
-        .iter()
-        .map(|part| {
-            let us = |value: f64| format!("{value:.1}");
-            let thread = if part.is_of_thread { "yes" } else { "" };
-            vec![part.what.clone(), us(part.median_us), us(part.most_us), ms(part.waited_ms), thread.to_owned()]
-        })
-        .collect();
+    let row = |part: &TransferStep| {
+        let us = |value: f64| format!("{value:.1}");
+        let thread = if part.is_of_thread { "yes" } else { "" };
+        vec![part.what.clone(), us(part.median_us), us(part.most_us), ms(part.waited_ms), thread.to_owned()]
+    };
+    let rows: Vec<_> = parts.iter().map(row).collect();
     let thread_ms = passages.thread_ms();
     let share = if *waited_ms > 0.0 { thread_ms / waited_ms } else { 0.0 };
     format!(
@@ -158,87 +146,4 @@ fn notes(warnings: &[String]) -> String {
 
 fn ms(value: f64) -> String {
     format!("{value:.3}")
-}
-
-fn percent(share: f64) -> String {
-    format!("{:.1} %", 100.0 * share)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use diptych::trace::work::{Device, FrameTime, Task, Trace};
-
-    /// Makes a trace with one frame of 10 ms: 2 ms before the first task, 6 ms of work on the left eye, then an upload.
-    fn trace() -> Trace {
-        let task = |lane, name: &str, begin_us, end_us| Task {
-            pid: 10,
-            lane,
-            name: name.to_owned(),
-            begin_us,
-            end_us,
-            frame: Some(4),
-            rows: Some(0..90),
-            transfer: None,
-            order: None,
-            submissions: None,
-            bytes: Some(1000),
-        };
-        Trace {
-            devices: [(10, Device { name: "gpu".to_owned(), clock_residual_us: Some(2.5) })].into(),
-            tasks: vec![task(Lane::Left, "atrous", 2e3, 8e3), task(Lane::Upload, "linear", 9e3, 10e3)],
-            frame_times: vec![FrameTime { frame: 4, begin_us: 0.0, end_us: 10e3, devices: None }],
-            passages: Vec::new(),
-            warnings: vec!["odd".to_owned()],
-        }
-    }
-
-    #[test]
-    fn summary_text_lists_devices_and_critical_path() {
-        let expected = "\
-device  busy ms    busy  transfer ms  of it hidden  idle ms  clock error µs
-------  -------  ------  -----------  ------------  -------  --------------
-gpu       6.000  60.0 %        1.000         0.000    3.000             2.5
-
-frame             4, makespan 10.000 ms
-overlap           0.0 % with two or more devices busy
-hidden transfers  0.0 % of transfer time
-imbalance         1.000 (largest over mean busy time)
-
-critical path, mean of frames
-what                  device     ms   share
---------------------  ------  -----  ------
-atrous left                0  6.000  60.0 %
-wait: start of frame       0  2.000  20.0 %
-linear upload              0  1.000  10.0 %
-wait: read-back            0  1.000  10.0 %
-note: odd
-";
-        assert_eq!(summary_text(&Summary::of(&trace())), expected);
-    }
-
-    #[test]
-    fn frame_text_lists_critical_path_steps() {
-        let text = frame_text(&FrameDetail::of(&trace(), 4, "t").unwrap());
-        let expected = "
-critical path, step by step
-at ms     ms  device  what                  rows
------  -----  ------  --------------------  -----
-0.000  2.000       0  wait: start of frame
-2.000  6.000       0  atrous left           0..90
-8.000  1.000       0  wait: read-back
-9.000  1.000       0  linear upload         0..90
-";
-        assert!(text.contains(expected), "{text}");
-    }
-
-    #[test]
-    fn comparison_text_lists_changes() {
-        let (a, mut b) = (trace(), trace());
-        b.tasks[0].end_us = 5e3;
-        let text = comparison_text(&Comparison::of([(&a, "a.json"), (&b, "b.json")]).unwrap());
-        for line in ["A: a.json, 1 device(s), 1 frame(s)", "atrous left  6.000  3.000  -3.000  0.500", "note: odd"] {
-            assert!(text.contains(line), "no `{line}` in\n{text}");
-        }
-    }
 }

@@ -1,7 +1,7 @@
 //! Charts of time against error, with the Pareto front of each denoiser.
 
 use super::rows::{SettingRow, points};
-use crate::report::plot::{Axis, Chart, Series, line_chart_svg};
+use crate::report::plot::{Chart, Series, line_chart_svg};
 use crate::report::{ReportError, once};
 use diptych::accumulation::Noise;
 use diptych::control::front;
@@ -26,8 +26,7 @@ pub fn svg(title: String, rows: &[SettingRow], noise: Option<&Stereo<Noise>>) ->
 }
 
 pub(super) fn time_chart(title: String, error: &str, series: &[Series]) -> Result<String, ReportError> {
-    let (x, y) = ("time of a frame, ms".into(), error.into());
-    line_chart_svg(&Chart { title, x: Axis { label: x, log: true }, y: Axis { label: y, log: true } }, series)
+    line_chart_svg(&Chart::new(title, ["time of a frame, ms", error], true), series)
 }
 
 /// Returns the Pareto front of each denoiser's settings.

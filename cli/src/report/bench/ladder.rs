@@ -6,8 +6,7 @@ use super::rows::SettingRow;
 use super::tables::{COLUMNS, cells_of};
 use crate::report::peers::{self, Peer};
 use crate::report::plot::Series;
-use crate::report::study::cell;
-use crate::report::{ReportError, Table};
+use crate::report::{ReportError, Table, cell};
 use diptych::control::{Ladder, Rung};
 
 /// Plots the mean FLIP + flicker of both eyes over time: the Pareto front of each denoiser, and the ladder. With

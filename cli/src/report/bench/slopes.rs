@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::errors::NOISE_MARGIN;
 use super::rows::{Measured, SettingRow};
 use crate::report::once;
+use crate::report::study::{deviation, mean};
 use diptych::accumulation::Noise;
 use diptych::exec::Stereo;
 use diptych::quality::{Denoiser, Quality};
@@ -96,11 +97,8 @@ fn slope(
 /// Returns the mean of the values and its standard error, which is `None` for a single value. Returns `None` without
 /// values.
 fn mean_and_error(values: &[f64]) -> Option<(f64, Option<f64>)> {
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-    let error = (values.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt());
-    (!values.is_empty()).then_some((mean, error))
+    let error = (values.len() > 1).then(|| deviation(values) / (values.len() as f64).sqrt());
+    (!values.is_empty()).then(|| (mean(values), error))
 }
 
 #[cfg(test)]

@@ -2,9 +2,9 @@
 
 use super::errors::{NOISE_MARGIN, SHOWN};
 use super::rows::{Measured, SettingRow};
-use crate::report::Table;
 use crate::report::csv::{Csv, number};
 use crate::report::frames::FrameLine;
+use crate::report::{Table, cell};
 use diptych::accumulation::Noise;
 use diptych::exec::Stereo;
 use diptych::quality::{Denoiser, FrameQuality, Quality};
@@ -89,7 +89,7 @@ pub fn table(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Table {
         for (eye, errors, noise) in [("left", left, of(|n| n.left.relmse)), ("right", right, of(|n| n.right.relmse))] {
             let mut line = cells_of(quality).to_vec();
             line.extend([format!("{:.1}", measured.time_ms), eye.to_owned()]);
-            line.extend(metrics.iter().map(|m| errors.get(m).map_or("-".into(), |v| format!("{v:.4}"))));
+            line.extend(metrics.iter().map(|m| cell(errors.get(m), 4)));
             let is_lost = errors.get("relmse").is_some_and(|e| e < NOISE_MARGIN * noise);
             let front = if *on_front { "front" } else { "" };
             line.push(if is_lost { "within the reference's noise".into() } else { front.to_owned() });
