@@ -6,6 +6,8 @@ use diptych::accel::AccelError;
 use diptych::device::DeviceError;
 use diptych::exec::ranks::{DeviceMismatch, RankError};
 use diptych::exec::{BuildError, ExecError};
+#[cfg(feature = "xr")]
+use diptych::headset::HeadsetError;
 use diptych::image::ImageError;
 use diptych::loaded::LoadError;
 use diptych::scene::{Refusal, SceneError, Setting};
@@ -18,39 +20,46 @@ pub fn with_options(error: &(dyn Error + 'static)) -> String {
     options(error).map_or_else(|| error.to_string(), |options| format!("{error} ({options})"))
 }
 
+/// Evaluates to the value of the first pattern that an error matches, as `TYPE { PATTERN => VALUE }`; `None` without a
+/// match.
+macro_rules! find {
+    ($error:expr, $($type:ty { $($pattern:pat => $value:expr),+ $(,)? })+) => {
+        'found: {
+            $(match $error.downcast_ref::<$type>() {
+                $(Some($pattern) => break 'found Some($value),)+
+                _ => {}
+            })+
+            None
+        }
+    };
+}
+
 fn options(error: &(dyn Error + 'static)) -> Option<&'static str> {
     if let Some(inner) = inner(error) {
         return options(inner);
     }
-    if let Some(error) = error.downcast_ref::<SceneError>() {
-        return of_scene(error);
+    find! {
+        error,
+        SceneError {
+            SceneError::Refused { refusal: Refusal::Outside(_), .. } => "--set allow_outside=on",
+            SceneError::Refused { refusal: Refusal::Memory(_), .. } => MEMORY,
+            SceneError::Setting { setting: Setting::Baseline, .. } => "--set baseline=M",
+            SceneError::Setting { setting: Setting::Camera(_), .. } => "--set camera=N",
+            SceneError::Setting { setting: Setting::View, .. } => "--set position=X,Y,Z, --set target=X,Y,Z",
+        }
+        AccelError { AccelError::Memory { .. } => MEMORY }
+        TableError { TableError::Memory(_) => MEMORY }
+        LimitExceeded { error => of_limit(error.remedy()) }
+        DeviceError {
+            DeviceError::NoRayQueries { .. } => TRAVERSAL_OR_ADAPTER,
+            DeviceError::Lacks { .. } => ADAPTER,
+        }
+        RankError {
+            RankError::Devices { mismatch: DeviceMismatch::Traversal { .. }, .. } => "--set traversal=NAME",
+        }
+        ImageError { ImageError::SizeMismatch { .. } => "render --size" }
+        TraceError { TraceError::NoFrames { .. } => "render --trace" }
     }
-    if let Some(AccelError::Memory { .. }) = error.downcast_ref::<AccelError>() {
-        return Some(MEMORY);
-    }
-    if let Some(TableError::Memory(_)) = error.downcast_ref::<TableError>() {
-        return Some(MEMORY);
-    }
-    if let Some(error) = error.downcast_ref::<LimitExceeded>() {
-        return Some(of_limit(error.remedy()));
-    }
-    match error.downcast_ref::<DeviceError>() {
-        Some(DeviceError::NoRayQueries { .. }) => return Some(TRAVERSAL_OR_ADAPTER),
-        Some(DeviceError::Lacks { .. }) => return Some(ADAPTER),
-        _ => {}
-    }
-    if let Some(RankError::Devices { mismatch: DeviceMismatch::Traversal { .. }, .. }) =
-        error.downcast_ref::<RankError>()
-    {
-        return Some("--set traversal=NAME");
-    }
-    if let Some(ImageError::SizeMismatch { .. }) = error.downcast_ref::<ImageError>() {
-        return Some("render --size");
-    }
-    if let Some(TraceError::NoFrames { .. }) = error.downcast_ref::<TraceError>() {
-        return Some("render --trace");
-    }
-    None
 }
 
 /// Option that chooses another adapter.
@@ -61,43 +70,27 @@ const TRAVERSAL_OR_ADAPTER: &str = "--set traversal=compute, --devices";
 /// Returns the inner error of a `#[error(transparent)]` variant. Such a variant returns the cause of the inner error as
 /// its own, so the chain of causes never contains the inner error.
 fn inner<'a>(error: &'a (dyn Error + 'static)) -> Option<&'a (dyn Error + 'static)> {
-    match error.downcast_ref::<LoadError>() {
-        Some(LoadError::Scene(error)) => return Some(error),
-        Some(LoadError::Accel(error)) => return Some(error),
-        Some(LoadError::Tables(error)) => return Some(error),
-        _ => {}
-    }
-    match error.downcast_ref::<BuildError>() {
-        Some(BuildError::Device(error)) => return Some(error),
-        Some(BuildError::Exec(error)) => return Some(error),
-        _ => {}
-    }
-    match error.downcast_ref::<ExecError>() {
-        Some(ExecError::Setting(error)) => return Some(error),
-        Some(ExecError::Stage(error)) => return Some(error),
-        Some(ExecError::Rank(error)) => return Some(error),
-        _ => {}
-    }
-    if let Some(StageError::Limit(error)) = error.downcast_ref::<StageError>() {
-        return Some(error);
-    }
+    let found: Option<&(dyn Error + 'static)> = find! {
+        error,
+        LoadError {
+            LoadError::Scene(error) => error,
+            LoadError::Accel(error) => error,
+            LoadError::Tables(error) => error,
+        }
+        BuildError {
+            BuildError::Device(error) => error,
+            BuildError::Exec(error) => error,
+        }
+        ExecError {
+            ExecError::Setting(error) => error,
+            ExecError::Stage(error) => error,
+            ExecError::Rank(error) => error,
+        }
+        StageError { StageError::Limit(error) => error }
+    };
     #[cfg(feature = "xr")]
-    if let Some(diptych::headset::HeadsetError::Device(error)) = error.downcast_ref::<diptych::headset::HeadsetError>()
-    {
-        return Some(error);
-    }
-    None
-}
-
-fn of_scene(error: &SceneError) -> Option<&'static str> {
-    match error {
-        SceneError::Refused { refusal: Refusal::Outside(_), .. } => Some("--set allow_outside=on"),
-        SceneError::Refused { refusal: Refusal::Memory(_), .. } => Some(MEMORY),
-        SceneError::Setting { setting: Setting::Baseline, .. } => Some("--set baseline=M"),
-        SceneError::Setting { setting: Setting::Camera(_), .. } => Some("--set camera=N"),
-        SceneError::Setting { setting: Setting::View, .. } => Some("--set position=X,Y,Z, --set target=X,Y,Z"),
-        _ => None,
-    }
+    let found = found.or_else(|| find! { error, HeadsetError { HeadsetError::Device(error) => error } });
+    found
 }
 
 fn of_limit(remedy: Remedy) -> &'static str {

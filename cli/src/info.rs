@@ -2,7 +2,8 @@
 
 use serde_json::json;
 
-use crate::report::text_table;
+use crate::report::csv::Column;
+use crate::report::{Table, text_table};
 use diptych::device::{self, AdapterReport, Selection};
 use diptych::frame::settings::{NO_SHOT, Setting, Settings};
 use diptych::scene::builtin::BUILTINS;
@@ -88,6 +89,21 @@ fn try_to_open(adapter: &mut AdapterReport) {
     }
 }
 
+/// Columns of the list of adapters.
+const COLUMNS: [Column<AdapterReport>; 8] = [
+    ("#", |a| a.index.to_string()),
+    ("adapter", |a| a.name.clone()),
+    ("kind", |a| a.kind.clone()),
+    ("backend", |a| a.backend.clone()),
+    ("driver", |a| a.driver.clone()),
+    ("largest buffer", |a| format!("{} MiB", a.max_storage_mib)),
+    ("ray queries", |a| if a.ray_queries { "yes" } else { "no" }.to_owned()),
+    ("state", |a| match &a.missing[..] {
+        [] => "ready".to_owned(),
+        missing => format!("lacks {}: {} ({})", missing.join(", "), a.hint, hints::ADAPTER),
+    }),
+];
+
 /// Lists adapters and built-in scenes.
 fn machine(as_json: bool) -> Result<(), Failure> {
     let mut adapters = device::adapters();
@@ -101,28 +117,7 @@ fn machine(as_json: bool) -> Result<(), Failure> {
     if adapters.is_empty() {
         return Err(device::DeviceError::NoAdapter.into());
     }
-    let rows: Vec<_> = adapters
-        .iter()
-        .map(|a| {
-            let state = if a.missing.is_empty() {
-                "ready".into()
-            } else {
-                format!("lacks {}: {} ({})", a.missing.join(", "), a.hint, hints::ADAPTER)
-            };
-            vec![
-                a.index.to_string(),
-                a.name.clone(),
-                a.kind.clone(),
-                a.backend.clone(),
-                a.driver.clone(),
-                format!("{} MiB", a.max_storage_mib),
-                if a.ray_queries { "yes" } else { "no" }.to_owned(),
-                state,
-            ]
-        })
-        .collect();
-    let headers = ["#", "adapter", "kind", "backend", "driver", "largest buffer", "ray queries", "state"];
-    say!("{}", text_table(&headers, &rows).trim_end());
+    say!("{}", Table::new(&COLUMNS, &adapters).text().trim_end());
     for (adapter, advice) in adapters.iter().filter_map(|a| Some((a, a.advice.as_ref()?))) {
         say!("\nadapter {}: {advice}", adapter.index);
     }

@@ -278,10 +278,44 @@ impl Run<'_> {
         let mut faults = FaultLog::default();
         self.progress.finish();
         for i in (0..plan.options.frames).take_while(|_| !interrupt::is_set()) {
-            let (renderer, rows) = (&mut self.renderer, &mut self.rows);
-            self.pictures.add(reference_frame(self.args, plan, self.loaded, renderer, i, self.tracing, rows)?);
+            self.reference(plan, i)?;
             faults.say_new(&self.renderer, self.tracing, &self.progress);
         }
+        Ok(())
+    }
+
+    /// Renders a reference. Auxiliary images are those of the first pass, even in a resumed run.
+    fn reference(&mut self, plan: &Plan, index: u32) -> Result<(), Failure> {
+        let Self { args, loaded, renderer, rows, .. } = self;
+        let (options, shot) = (&plan.options, &loaded.shot);
+        let begun = plan.begun(loaded, index)?;
+        let done = plan.accumulate(renderer, loaded, index, begun, self.tracing)?;
+        let mut images = FrameImages {
+            linear: done.accumulation.mean(),
+            display: reference::display(&done.accumulation, shot),
+            aovs: Vec::new(),
+            pixel_centre: [0.5; 2],
+        };
+        if !options.aovs.is_empty() {
+            let params = renderer.frame(&shot.rig, plan.time_s(index), index);
+            images.pixel_centre = renderer.render(&params)?.pixel_centre;
+            images.aovs = FrameImages::read(renderer, &options.aovs)?.aovs;
+            for (_, spp) in images.aovs.iter_mut().filter(|(aov, _)| *aov == Aov::Spp) {
+                spp.left.iter_mut().chain(&mut spp.right).for_each(|plane| plane.fill(done.row.spp as f32));
+            }
+        }
+        if let Some(report) = done.report {
+            if args.has(Also::Overlay) {
+                let rectified = shot.rig.optics.as_ref().zip(renderer.rectified());
+                images.overlay(report.stripe_edges(), rectified);
+            }
+            let quality = Quality { spp: done.row.spp.into(), ..options.quality() };
+            rows.frames.push(args.row(&report, &quality, &shot.rig, plan.time_s(index)));
+        }
+        let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, plan.time_s(index), index);
+        rows.references.push(done.row);
+        let number = (options.frames > 1).then_some(index);
+        self.pictures.add(images.write(&options.out, number, &args.also, &tags)?);
         Ok(())
     }
 }
@@ -292,47 +326,6 @@ const EVS_OFF: f64 = 4.0;
 /// Returns the time of a frame on the camera path, seconds.
 fn time_s(options: &RenderOptions, frame: u32) -> f64 {
     options.settings.time + f64::from(frame) / options.fps
-}
-
-/// Renders a reference and returns the names of its pictures. Auxiliary images are those of the first pass, even in a
-/// resumed run.
-fn reference_frame(
-    args: &Args,
-    plan: &Plan,
-    loaded: &LoadedScene,
-    renderer: &mut Renderer,
-    index: u32,
-    tracing: &Tracing,
-    rows: &mut Rows,
-) -> Result<Vec<String>, Failure> {
-    let (options, shot) = (&plan.options, &loaded.shot);
-    let begun = plan.begun(loaded, index)?;
-    let done = plan.accumulate(renderer, loaded, index, begun, tracing)?;
-    let mut images = FrameImages {
-        linear: done.accumulation.mean(),
-        display: reference::display(&done.accumulation, shot),
-        aovs: Vec::new(),
-        pixel_centre: [0.5; 2],
-    };
-    if !options.aovs.is_empty() {
-        let params = renderer.frame(&shot.rig, plan.time_s(index), index);
-        images.pixel_centre = renderer.render(&params)?.pixel_centre;
-        images.aovs = FrameImages::read(renderer, &options.aovs)?.aovs;
-        for (_, spp) in images.aovs.iter_mut().filter(|(aov, _)| *aov == Aov::Spp) {
-            spp.left.iter_mut().chain(&mut spp.right).for_each(|plane| plane.fill(done.row.spp as f32));
-        }
-    }
-    if let Some(report) = done.report {
-        if args.has(Also::Overlay) {
-            let rectified = shot.rig.optics.as_ref().zip(renderer.rectified());
-            images.overlay(report.stripe_edges(), rectified);
-        }
-        let quality = Quality { spp: done.row.spp.into(), ..options.quality() };
-        rows.frames.push(args.row(&report, &quality, &shot.rig, plan.time_s(index)));
-    }
-    let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, plan.time_s(index), index);
-    rows.references.push(done.row);
-    images.write(&options.out, (options.frames > 1).then_some(index), &args.also, &tags)
 }
 
 /// Prints the results and the output folder.

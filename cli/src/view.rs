@@ -10,6 +10,7 @@ mod headset;
 mod layout;
 mod status;
 mod overlay;
+mod painter;
 mod present;
 mod renderer;
 mod shared;

@@ -26,13 +26,8 @@ pub const FRAMES_MAX: u32 = 10_000;
 
 impl Args {
     fn spp(&self) -> Vec<Samples> {
-        chosen(
-            &self.spp,
-            &if self.quick { vec![1, 4] } else { vec![1, 2, 4, 8, 16] }
-                .into_iter()
-                .map(Samples::from)
-                .collect::<Vec<_>>(),
-        )
+        let default: &[u32] = if self.quick { &[1, 4] } else { &[1, 2, 4, 8, 16] };
+        chosen(&self.spp, &default.iter().copied().map(Samples::from).collect::<Vec<_>>())
     }
 
     pub fn bounces(&self) -> Vec<u32> {

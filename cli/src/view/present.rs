@@ -9,11 +9,11 @@ use diptych::exec::Stereo;
 use diptych::image::display::DisplayImage;
 use diptych::image::{Extent, Image};
 use egui::TexturesDelta;
-use egui_wgpu::{RendererOptions, ScreenDescriptor};
 use winit::window::Window;
 
 use super::layout::{Placement, Shows};
 use super::overlay::Painted;
+use super::painter::Painter;
 use super::shared::EyeImages;
 
 /// Clear colour around the images.
@@ -37,11 +37,9 @@ pub struct Presenter {
     pipelines: [wgpu::RenderPipeline; 2],
     /// Texture array with a layer per eye.
     eyes: wgpu::Texture,
-    /// Bind groups for smooth and for sharp pixels.
-    bindings: [wgpu::BindGroup; 2],
-    overlay: egui_wgpu::Renderer,
-    /// Textures of the overlay to free at the next redraw.
-    freed: Vec<egui::TextureId>,
+    /// Bind groups of each pipeline for smooth and for sharp pixels.
+    bindings: [[wgpu::BindGroup; 2]; 2],
+    painter: Painter,
 }
 
 impl Presenter {
@@ -55,14 +53,14 @@ impl Presenter {
         config.format = formats.into_iter().find(|f| !f.is_srgb()).unwrap_or(config.format);
         config.present_mode = wgpu::PresentMode::AutoVsync;
         config.desired_maximum_frame_latency = 1;
-        let eyes = eyes_texture(device, eye);
-        let layout = binding_layout(device);
-        let pipelines = ["show", "show_both"].map(|entry| pipeline(device, &layout, config.format, entry));
-        let bindings =
-            [wgpu::FilterMode::Linear, wgpu::FilterMode::Nearest].map(|filter| bind(device, &layout, &eyes, filter));
-        let options = RendererOptions { dithering: false, ..Default::default() };
-        let overlay = egui_wgpu::Renderer::new(device, config.format, options);
-        let mut presenter = Self { window, screen, config, pipelines, eyes, bindings, overlay, freed: Vec::new() };
+        let size = wgpu::Extent3d { width: eye.width, height: eye.height, depth_or_array_layers: 2 };
+        let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+        let eyes = texture(device, "eyes", size, wgpu::TextureFormat::Rgba8Unorm, usage);
+        let pipelines = ["show", "show_both"].map(|entry| pipeline(device, config.format, entry));
+        let filters = [wgpu::FilterMode::Linear, wgpu::FilterMode::Nearest];
+        let bindings = pipelines.each_ref().map(|pipeline| filters.map(|filter| bind(device, pipeline, &eyes, filter)));
+        let painter = Painter::new(&screen.gpu, config.format);
+        let mut presenter = Self { window, screen, config, pipelines, eyes, bindings, painter };
         presenter.resize();
         Ok(presenter)
     }
@@ -101,15 +99,8 @@ impl Presenter {
     }
 
     /// Applies changes of the overlay's textures. The next call frees those that the overlay no longer needs.
-    pub fn take_textures(&mut self, mut textures: TexturesDelta) {
-        let Self { screen, overlay, freed, .. } = self;
-        freed.drain(..).for_each(|id| overlay.free_texture(&id));
-        for (id, deltas) in &textures.set {
-            let mut update = |delta| overlay.update_texture(&screen.gpu.device, &screen.gpu.queue, *id, delta);
-            deltas.iter().for_each(&mut update);
-        }
-        freed.extend(&textures.free);
-        textures.clear();
+    pub fn take_textures(&mut self, textures: TexturesDelta) {
+        self.painter.take_textures(&self.screen.gpu, textures);
     }
 
     /// Shows the drawing in the window, unless the window is hidden. Returns false if the caller should try again.
@@ -144,16 +135,8 @@ impl Presenter {
         let [width, height] = self.size();
         let device = &self.screen.gpu.device;
         let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-        let texture = device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("screenshot"),
-            size,
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: self.config.format,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        let texture = texture(device, "screenshot", size, self.config.format, usage);
         let row_bytes = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let buffer = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("screenshot"),
@@ -181,79 +164,49 @@ impl Presenter {
     }
 
     fn draw(&mut self, drawing: &Drawing, target: &wgpu::Texture) {
-        let Self { screen, overlay, .. } = self;
-        let (device, queue) = (&screen.gpu.device, &screen.gpu.queue);
-        let Painted { primitives, pixels_per_point } = &drawing.overlay;
-        let descriptor = ScreenDescriptor {
-            size_in_pixels: [self.config.width, self.config.height],
-            pixels_per_point: *pixels_per_point,
-        };
-        let mut encoder = device.create_command_encoder(&Default::default());
-        let prepared = overlay.update_buffers(device, queue, &mut encoder, primitives, &descriptor);
-        let view = target.create_view(&Default::default());
-        {
-            let attachment = wgpu::RenderPassColorAttachment {
-                view: &view,
-                depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(BACKGROUND), store: wgpu::StoreOp::Store },
-            };
-            let descriptor_of_pass = wgpu::RenderPassDescriptor {
-                label: Some("window"),
-                color_attachments: &[Some(attachment)],
-                ..Default::default()
-            };
-            let mut pass = encoder.begin_render_pass(&descriptor_of_pass).forget_lifetime();
-            pass.set_bind_group(0, &self.bindings[usize::from(drawing.is_sharp)], &[]);
+        let size = self.size();
+        let Self { screen, pipelines, bindings, painter, .. } = self;
+        let mut encoder = screen.gpu.device.create_command_encoder(&Default::default());
+        painter.draw(&screen.gpu, &mut encoder, (target, size), BACKGROUND, &drawing.overlay, |pass| {
             for placement in &drawing.placements {
                 let [x, y, width, height] =
                     [placement.x, placement.y, placement.width(), placement.height()].map(|n| n as f32);
                 if width >= 1.0 && height >= 1.0 {
+                    let pipeline = usize::from(placement.shows == Shows::Anaglyph);
                     pass.set_viewport(x, y, width, height, 0.0, 1.0);
-                    pass.set_pipeline(&self.pipelines[usize::from(placement.shows == Shows::Anaglyph)]);
+                    pass.set_pipeline(&pipelines[pipeline]);
+                    pass.set_bind_group(0, &bindings[pipeline][usize::from(drawing.is_sharp)], &[]);
                     let shows = placement.shows as u32;
                     pass.draw(0..3, shows..shows + 1);
                 }
             }
-            let [width, height] = descriptor.size_in_pixels.map(|n| n as f32);
-            pass.set_viewport(0.0, 0.0, width, height, 0.0, 1.0);
-            overlay.render(&mut pass, primitives, &descriptor);
-        }
-        queue.submit(prepared.into_iter().chain([encoder.finish()]));
+        });
+        screen.gpu.queue.submit([encoder.finish()]);
     }
 }
 
-fn eyes_texture(device: &wgpu::Device, Extent { width, height }: Extent) -> wgpu::Texture {
+fn texture(
+    device: &wgpu::Device,
+    label: &str,
+    size: wgpu::Extent3d,
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> wgpu::Texture {
     device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("eyes"),
-        size: wgpu::Extent3d { width, height, depth_or_array_layers: 2 },
+        label: Some(label),
+        size,
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba8Unorm,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        format,
+        usage,
         view_formats: &[],
-    })
-}
-
-fn binding_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
-    let entry =
-        |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::FRAGMENT, ty, count: None };
-    let eyes = wgpu::BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension: wgpu::TextureViewDimension::D2Array,
-        multisampled: false,
-    };
-    let sampler = wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering);
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("eyes"),
-        entries: &[entry(0, eyes), entry(1, sampler)],
     })
 }
 
 fn bind(
     device: &wgpu::Device,
-    layout: &wgpu::BindGroupLayout,
+    pipeline: &wgpu::RenderPipeline,
     eyes: &wgpu::Texture,
     filter: wgpu::FilterMode,
 ) -> wgpu::BindGroup {
@@ -266,7 +219,7 @@ fn bind(
     let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
     device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some("eyes"),
-        layout,
+        layout: &pipeline.get_bind_group_layout(0),
         entries: &[
             entry(0, wgpu::BindingResource::TextureView(&view)),
             entry(1, wgpu::BindingResource::Sampler(&sampler)),
@@ -274,24 +227,14 @@ fn bind(
     })
 }
 
-fn pipeline(
-    device: &wgpu::Device,
-    layout: &wgpu::BindGroupLayout,
-    format: wgpu::TextureFormat,
-    entry: &str,
-) -> wgpu::RenderPipeline {
+fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat, entry: &str) -> wgpu::RenderPipeline {
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("picture"),
         source: wgpu::ShaderSource::Wgsl(include_str!("../../shaders/picture.wgsl").into()),
     });
-    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some("picture"),
-        bind_group_layouts: &[Some(layout)],
-        immediate_size: 0,
-    });
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("picture"),
-        layout: Some(&layout),
+        layout: None,
         vertex: wgpu::VertexState {
             module: &module,
             entry_point: Some("cover"),
