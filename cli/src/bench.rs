@@ -56,14 +56,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if options.settings.peers.is_some() && !args.report {
         return Err(Failure::Input(anyhow!("peers has no effect without --report")));
     }
-    let peers = options.settings.peers.as_deref().map(Peers::read).transpose().map_err(|e| Failure::Input(e.into()))?;
+    let peers = options.settings.peers.as_deref().map(Peers::read).transpose().map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
     let loaded = setup::load(options)?;
     setup::tell_remarks(&loaded.scene);
     let exposure_ev = loaded.exposure_ev();
-    let peers = peers.map_or(Ok(Vec::new()), |peers| peers.at(exposure_ev)).map_err(|e| Failure::Input(e.into()))?;
+    let peers = peers.map_or(Ok(Vec::new()), |peers| peers.at(exposure_ev)).map_err(Failure::Input)?;
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     let devices: Vec<DeviceInfo> = gpus.infos();
     let journal = Journal::open(&options.out, subject(args, &loaded, &devices)?, options.settings.fresh)?;

@@ -32,7 +32,7 @@ use findings::{BothFindings, Findings, Rings, mean};
 use maps::Map;
 use rivalry::{NEEDS, Seen};
 use sequence::frames_in;
-use viewing::{Sourced, differences};
+use viewing::differences;
 
 #[derive(clap::Args)]
 #[command(after_long_help = text::help())]
@@ -144,8 +144,12 @@ impl Comparison<'_> {
             (false, false) if [reference, image].into_iter().any(pictures::is_picture) => pictures::run(self),
             (false, false) => self.one(),
             (true, true) if is_sequence(reference, image).map_err(Failure::Input)? => {
-                self.refuse_options_of_images().map_err(Failure::Input)?;
-                sequence::run(self)
+                let options = self.by.names().into_iter().chain([("--maps", self.maps.is_some())]);
+                let what = "works on single frames: name two files, or folders without numbered frames";
+                match options.into_iter().find(|(_, is_given)| *is_given) {
+                    Some((option, _)) => Err(input(format!("{option} {what}"))),
+                    None => sequence::run(self),
+                }
             }
             (true, true) => self.both_eyes(),
             (reference_is_dir, _) => {
@@ -159,10 +163,10 @@ impl Comparison<'_> {
 
     fn one(&self) -> Result<(), Failure> {
         let compared = Compared::read(self, &self.args.reference, self.image)?;
-        compared.findings.warn("");
-        compared.findings.rings.iter().for_each(Rings::warn);
-        let print = || text::print(&[("image", &compared.findings)]);
-        self.finish(&compared.findings, || Ok(compared.maps()), print)
+        let findings = &compared.findings;
+        findings.warn("");
+        findings.rings.iter().for_each(Rings::warn);
+        self.finish(findings, || Ok(compared.maps()), || text::print(&[("image", findings)]))
     }
 
     fn both_eyes(&self) -> Result<(), Failure> {
@@ -210,7 +214,7 @@ impl Comparison<'_> {
             say!("{}", serde_json::to_string(&printed).map_err(anyhow::Error::from)?);
         } else {
             print();
-            maps.iter().for_each(|(folder, maps)| maps::say(folder, maps));
+            maps.iter().zip(&written).for_each(|((folder, maps), written)| maps::say(folder, maps, written));
         }
         Ok(())
     }
@@ -222,18 +226,9 @@ impl Comparison<'_> {
         let (Some(left), Some(right)) = (seen("left.exr")?, seen("right.exr")?) else {
             return Ok((None, FeatureDisparity::default()));
         };
-        let own = Stereo { left: &left.surfaces, right: &right.surfaces };
-        let surfaces = rivalry::shared(own, Stereo { left: left.shown.as_ref(), right: right.shown.as_ref() });
-        let differences = rivalry::differences(pairs, &surfaces, &right.tags)?;
+        let surfaces = [&left, &right].map(|seen| (&seen.surfaces, seen.shown.as_ref()));
+        let differences = rivalry::differences(pairs, surfaces, &right.tags)?;
         Ok((differences, rivalry::features(pairs, &left.surfaces, &right.tags)?))
-    }
-
-    fn refuse_options_of_images(&self) -> Result<(), anyhow::Error> {
-        let given =
-            self.by.names().into_iter().chain([("--maps", self.maps.is_some())]).find(|(_, is_given)| *is_given);
-        given.map_or(Ok(()), |(option, _)| {
-            Err(anyhow!("{option} works on single frames: name two files, or folders without numbered frames"))
-        })
     }
 }
 
@@ -263,17 +258,17 @@ impl Compared {
         let Comparison { args, by, .. } = comparison;
         let read = |path: &Path| read_colour(path).map_err(|e| Failure::Input(e.into()));
         let (reference, image) = (read(reference_path)?, read(image_path)?);
-        let exposure = Sourced::exposure(args.exposure, &reference.tags, &image.tags);
-        let pair = Pair::new(&reference.image, &image.image, exposure.value)
+        let (exposure_ev, exposure_source) = viewing::exposure_ev(args.exposure, &reference.tags, &image.tags);
+        let pair = Pair::new(&reference.image, &image.image, exposure_ev)
             .with_context(|| format!("cannot compare {} with {}", image_path.display(), reference_path.display()))
             .map_err(Failure::Input)?;
         check_seams(&by.seams, image.image.extent).map_err(Failure::Input)?;
-        let yfov = Sourced::yfov_deg(args.yfov, &reference.tags, &image.tags);
-        let viewing = Viewing { gaze: args.gaze.unwrap_or([0.5; 2]), yfov_deg: yfov.value };
-        let rings = |count: u16| Rings { viewing, yfov_source: yfov.source, rings: pair.rings(&viewing, count.into()) };
+        let (yfov_deg, yfov_source) = viewing::yfov_deg(args.yfov, &reference.tags, &image.tags);
+        let viewing = Viewing { gaze: args.gaze.unwrap_or([0.5; 2]), yfov_deg };
+        let rings = |count: u16| Rings { viewing, yfov_source, rings: pair.rings(&viewing, count.into()) };
         let paths = [reference_path, image_path];
         let kinds = (by.kind || args.maps.is_some())
-            .then(|| ByKind::new(paths, &reference, &pair, exposure.value, yfov.value))
+            .then(|| ByKind::new(paths, &reference, &pair, exposure_ev, yfov_deg))
             .map(|found| match found {
                 Err(error) if !by.kind && error.is::<Missing>() => Ok(Err(error.to_string())),
                 found => found.map(Ok),
@@ -281,8 +276,8 @@ impl Compared {
             .transpose()
             .map_err(Failure::Input)?;
         let findings = Findings {
-            exposure_ev: exposure.value,
-            exposure_source: exposure.source,
+            exposure_ev,
+            exposure_source,
             errors: pair.errors(),
             warnings: differences(&reference.tags, &image.tags),
             reference_source: reference.source.clone(),

@@ -19,7 +19,7 @@ use super::faults::refuse_faults;
 use super::play::fitting_size;
 use super::progress::Progress;
 use super::{console, interrupt, output, page};
-use means::{BLOCKS, MOST_OFF, SCENES};
+use means::{BLOCKS, MOST_OFF, Measured, SCENES};
 pub use options::Options;
 
 /// Frames before the timed ones, and timed frames.
@@ -42,6 +42,17 @@ struct Measuring<'a> {
     begin: Instant,
     progress: Progress,
     machine: Machine,
+    /// The open devices; empty while a renderer has them.
+    devices: Devices,
+}
+
+/// A scene on an adapter.
+#[derive(Clone, Copy)]
+struct Place<'a> {
+    adapter: usize,
+    traversal: Traversal,
+    name: &'a str,
+    loaded: &'a LoadedScene,
 }
 
 pub fn run(args: &Options) -> Result<(), Failure> {
@@ -68,12 +79,9 @@ pub fn shot(args: &Options, loaded: &LoadedScene) -> Result<(), Failure> {
     let (ready, adapters) = ready()?;
     let mut measuring = Measuring::begin(args, args.sizes.len() + WITHIN_MS.len(), adapters)?;
     let (adapter, name) = (ready[0].index, loaded.shot.name.as_str());
-    let mut devices = open(&[adapter], TraversalChoice::Auto, 1, 1)?;
-    let traversal = devices.infos()[0].traversal;
-    devices = measuring.sizes((adapter, traversal), (name, loaded), &args.sizes, devices)?;
-    for within_ms in WITHIN_MS {
-        devices = measuring.largest(adapter, (name, loaded), within_ms, devices)?;
-    }
+    let place = Place { adapter, traversal: measuring.open(&[adapter], TraversalChoice::Auto, 1, 1)?, name, loaded };
+    measuring.sizes(place, &args.sizes)?;
+    WITHIN_MS.into_iter().try_for_each(|within_ms| measuring.largest(place, within_ms))?;
     measuring.progress.finish();
     let Machine { frames, largest, left_out, .. } = &measuring.machine;
     if args.json {
@@ -114,24 +122,6 @@ fn ready() -> Result<(Vec<AdapterReport>, Vec<AdapterReport>), Failure> {
     Ok((ready, adapters))
 }
 
-fn open(adapters: &[usize], traversal: TraversalChoice, each: usize, most: usize) -> Result<Devices, Failure> {
-    let adapters = Some(adapters.to_vec());
-    let (virtual_devices, most_virtual_devices) = (each, most);
-    let selection = Selection {
-        adapters,
-        virtual_devices,
-        most_virtual_devices,
-        traversal,
-        pool: console::devices(),
-        ..Selection::default()
-    };
-    Ok(device::open(&selection)?.into())
-}
-
-fn renderer(loaded: &LoadedScene, size: Extent, quality: Quality, devices: Devices) -> Result<Renderer, Failure> {
-    Ok(Renderer::builder(loaded).size(size.width, size.height).quality(quality).on(devices).build()?)
-}
-
 impl<'a> Measuring<'a> {
     fn begin(args: &'a Options, steps: usize, adapters: Vec<AdapterReport>) -> Result<Self, Failure> {
         interrupt::watch()?;
@@ -139,16 +129,38 @@ impl<'a> Measuring<'a> {
             diptych: env!("CARGO_PKG_VERSION"),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             adapters,
-            quality: Quality::default(),
-            frames: Vec::new(),
-            largest: Vec::new(),
-            scaling: Vec::new(),
-            images: Vec::new(),
-            left_out: Vec::new(),
-            seconds: 0.0,
+            ..Machine::default()
         };
         let progress = Progress::new(steps as u64, args.quiet, args.json);
-        Ok(Self { args, begin: Instant::now(), progress, machine })
+        Ok(Self { args, begin: Instant::now(), progress, machine, devices: Devices::default() })
+    }
+
+    /// Opens devices in place of the open ones, `each` on each adapter, and returns their traversal. They have as many
+    /// threads as if there were `most` on each.
+    fn open(
+        &mut self,
+        adapters: &[usize],
+        traversal: TraversalChoice,
+        each: usize,
+        most: usize,
+    ) -> Result<Traversal, Failure> {
+        self.devices = Devices::default();
+        self.devices = device::open(&Selection {
+            adapters: Some(adapters.to_vec()),
+            virtual_devices: each,
+            most_virtual_devices: most,
+            traversal,
+            pool: console::devices(),
+            ..Selection::default()
+        })?
+        .into();
+        Ok(self.devices.infos()[0].traversal)
+    }
+
+    /// Creates a renderer on the open devices. [`Self::put_back`] takes them from it.
+    fn renderer(&mut self, loaded: &LoadedScene, size: Extent, quality: Quality) -> Result<Renderer, Failure> {
+        let builder = Renderer::builder(loaded).size(size.width, size.height).quality(quality);
+        Ok(builder.on(std::mem::take(&mut self.devices)).build()?)
     }
 
     fn all(&self) -> Duration {
@@ -176,41 +188,40 @@ impl<'a> Measuring<'a> {
     }
 
     /// Measures all scenes on one adapter.
-    fn adapter(&mut self, adapter: &AdapterReport, loaded: &[LoadedScene]) -> Result<(), Failure> {
-        let mut devices = open(&[adapter.index], TraversalChoice::Auto, 1, 1)?;
-        let auto = devices.infos()[0].traversal;
+    fn adapter<'b>(&mut self, adapter: &AdapterReport, loaded: &'b [LoadedScene]) -> Result<(), Failure> {
+        let auto = self.open(&[adapter.index], TraversalChoice::Auto, 1, 1)?;
+        let place = |traversal, (scene, loaded): (&'static Measured, &'b LoadedScene)| Place {
+            adapter: adapter.index,
+            traversal,
+            name: scene.name,
+            loaded,
+        };
         for (scene, loaded) in SCENES.iter().zip(loaded) {
-            devices = self.sizes((adapter.index, auto), (scene.name, loaded), &self.args.sizes, devices)?;
-            for within_ms in WITHIN_MS {
-                devices = self.largest(adapter.index, (scene.name, loaded), within_ms, devices)?;
-            }
-            devices = self.check((adapter.index, auto), (scene.name, loaded), &scene.means, devices)?;
+            let place = place(auto, (scene, loaded));
+            self.sizes(place, &self.args.sizes)?;
+            WITHIN_MS.into_iter().try_for_each(|within_ms| self.largest(place, within_ms))?;
+            self.check(place, &scene.means)?;
         }
-        drop(devices);
         if !adapter.ray_queries {
             return Ok(());
         }
-        let (choice, other) = match auto {
-            Traversal::Hardware => (TraversalChoice::Compute, Traversal::Compute),
-            Traversal::Compute => (TraversalChoice::Hardware, Traversal::Hardware),
+        let other = match auto {
+            Traversal::Hardware => TraversalChoice::Compute,
+            Traversal::Compute => TraversalChoice::Hardware,
         };
-        let mut devices = open(&[adapter.index], choice, 1, 1)?;
+        let other = self.open(&[adapter.index], other, 1, 1)?;
         for (scene, loaded) in SCENES.iter().zip(loaded) {
+            let place = place(other, (scene, loaded));
             let smallest = self.args.sizes.iter().copied().min_by_key(|size| size.area());
-            devices = self.sizes((adapter.index, other), (scene.name, loaded), smallest.as_slice(), devices)?;
-            devices = self.check((adapter.index, other), (scene.name, loaded), &scene.means, devices)?;
+            self.sizes(place, smallest.as_slice())?;
+            self.check(place, &scene.means)?;
         }
         Ok(())
     }
 
     /// Times frames of a scene at several sizes.
-    fn sizes(
-        &mut self,
-        (adapter, traversal): (usize, Traversal),
-        (name, loaded): (&str, &LoadedScene),
-        sizes: &[Extent],
-        mut devices: Devices,
-    ) -> Result<Devices, Failure> {
+    fn sizes(&mut self, place: Place, sizes: &[Extent]) -> Result<(), Failure> {
+        let Place { adapter, traversal, name, loaded } = place;
         let mut last: Option<(f64, f64)> = None;
         for &size in sizes {
             let what = format!("{name} at {size}, adapter {adapter}, {}", traversal.name());
@@ -220,19 +231,18 @@ impl<'a> Measuring<'a> {
                 self.leave_out(what);
                 continue;
             }
-            let mut renderer = renderer(loaded, size, self.machine.quality, devices)?;
-            let frames = self.time(&mut renderer, loaded)?;
-            devices = renderer.into_devices();
+            let frames = self.time(loaded, size)?;
             let times = FrameTimes::of(&frames, (adapter, traversal), name, size);
             last = Some((times.median_ms, size.area() as f64));
             self.machine.frames.push(times);
             self.step(what);
         }
-        Ok(devices)
+        Ok(())
     }
 
-    /// Renders some frames and returns their reports, without those of the first frames.
-    fn time(&self, renderer: &mut Renderer, loaded: &LoadedScene) -> Result<Vec<FrameReport>, Failure> {
+    /// Renders some frames of a size and returns their reports, without those of the first frames.
+    fn time(&mut self, loaded: &LoadedScene, size: Extent) -> Result<Vec<FrameReport>, Failure> {
+        let mut renderer = self.renderer(loaded, size, self.machine.quality)?;
         let (begin, limit) = (Instant::now(), self.all().mul_f64(LONGEST_CELL));
         let mut timed = Vec::new();
         let mut index = 0;
@@ -245,31 +255,23 @@ impl<'a> Measuring<'a> {
                 timed.push(report);
             }
         }
-        refuse_faults(renderer)?;
+        refuse_faults(&renderer)?;
+        self.devices = renderer.into_devices();
         Ok(timed)
     }
 
     /// Searches for the largest size of a scene whose frames take at most `within_ms`.
-    fn largest(
-        &mut self,
-        adapter: usize,
-        (name, loaded): (&str, &LoadedScene),
-        within_ms: f64,
-        mut devices: Devices,
-    ) -> Result<Devices, Failure> {
+    fn largest(&mut self, place: Place, within_ms: f64) -> Result<(), Failure> {
+        let Place { adapter, name, loaded, .. } = place;
         let what = format!("{name}: the largest size within {within_ms} ms, adapter {adapter}");
         let timed = self.machine.frames.iter().filter(|f| f.adapter == adapter && f.scene == name);
         let most = timed.max_by_key(|f| f.pixels).map(|f| f.median_ms * LARGEST.area() as f64 / f.pixels as f64);
         let Some(most_ms) = most.filter(|_| !self.left().is_zero()) else {
             self.leave_out(what);
-            return Ok(devices);
+            return Ok(());
         };
-        let found = fitting_size::search(LARGEST, most_ms, [within_ms; 2], |size| -> Result<f64, Failure> {
-            let mut renderer = renderer(loaded, size, self.machine.quality, std::mem::take(&mut devices))?;
-            let frames = self.time(&mut renderer, loaded)?;
-            devices = renderer.into_devices();
-            Ok(median_ms(&frames))
-        })?;
+        let time = |size| Ok::<_, Failure>(median_ms(&self.time(loaded, size)?));
+        let found = fitting_size::search(LARGEST, most_ms, [within_ms; 2], time)?;
         self.machine.largest.push(LargestSize {
             adapter,
             scene: name.to_owned(),
@@ -278,19 +280,14 @@ impl<'a> Measuring<'a> {
             median_ms: found.map(|(_, ms)| ms),
         });
         self.step(what);
-        Ok(devices)
+        Ok(())
     }
 
     /// Compares the means of an image with stored ones.
-    fn check(
-        &mut self,
-        (adapter, traversal): (usize, Traversal),
-        (name, loaded): (&str, &LoadedScene),
-        stored: &[f64],
-        devices: Devices,
-    ) -> Result<Devices, Failure> {
+    fn check(&mut self, place: Place, stored: &[f64]) -> Result<(), Failure> {
+        let Place { adapter, traversal, name, loaded } = place;
         let quality = Quality { spp: CHECKED_SPP.into(), filter: None, ..Quality::default() };
-        let mut renderer = renderer(loaded, CHECKED, quality, devices)?;
+        let mut renderer = self.renderer(loaded, CHECKED, quality)?;
         let mut means = vec![0.0; stored.len()];
         for index in 0..CHECKED_FRAMES {
             interrupt::check()?;
@@ -304,7 +301,8 @@ impl<'a> Measuring<'a> {
         let (scene, is_right) = (name.to_owned(), off <= MOST_OFF);
         self.machine.images.push(ImageCheck { adapter, traversal, scene, means, off, is_right });
         self.step(format!("{name}: image, adapter {adapter}, {}", traversal.name()));
-        Ok(renderer.into_devices())
+        self.devices = renderer.into_devices();
+        Ok(())
     }
 
     /// Times one device and several: one on each GPU if there are several, else two on the first adapter.
@@ -319,10 +317,9 @@ impl<'a> Measuring<'a> {
                 self.leave_out(what);
                 continue;
             }
-            let devices = open(adapters, TraversalChoice::Auto, count, each)?;
-            let count = devices.len();
-            let mut renderer = renderer(loaded, size, self.machine.quality, devices)?;
-            let median_ms = median_ms(&self.time(&mut renderer, loaded)?);
+            self.open(adapters, TraversalChoice::Auto, count, each)?;
+            let count = self.devices.len();
+            let median_ms = median_ms(&self.time(loaded, size)?);
             let alone_ms = *alone_ms.get_or_insert(median_ms);
             self.machine.scaling.push(Scaled {
                 scene: name.to_owned(),

@@ -30,7 +30,7 @@ use super::tev::Viewer;
 /// files that a killed run left there, with a warning.
 pub fn prepare(dir: &Path, option: &str) -> Result<(), Failure> {
     std::fs::create_dir_all(dir)
-        .and_then(|()| tempfile_in(dir))
+        .and_then(|()| tempfile::tempfile_in(dir))
         .with_context(|| format!("cannot write into '{}': choose another {option}", dir.display()))
         .map_err(Failure::Run)?;
     if let Some(Unfinished { frames, kept }) = Unfinished::keep(dir)? {
@@ -42,12 +42,6 @@ pub fn prepare(dir: &Path, option: &str) -> Result<(), Failure> {
         );
     }
     Ok(())
-}
-
-fn tempfile_in(dir: &Path) -> std::io::Result<()> {
-    let probe = dir.join(format!(".diptych-{}", std::process::id()));
-    std::fs::write(&probe, b"")?;
-    std::fs::remove_file(&probe)
 }
 
 pub fn write_text(dir: &Path, name: &str, text: &str) -> Result<(), Failure> {

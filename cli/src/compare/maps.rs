@@ -38,9 +38,8 @@ pub fn write<'a>(
 }
 
 /// Prints the written maps, and why the others are missing.
-pub fn say(folder: &Path, maps: &[Map]) {
-    let drawn: Vec<&str> = maps.iter().filter(|(_, map)| map.is_ok()).map(|(name, _)| *name).collect();
-    say!("maps in {}: {}", folder.display(), drawn.join(", "));
+pub fn say(folder: &Path, maps: &[Map], written: &[&str]) {
+    say!("maps in {}: {}", folder.display(), written.join(", "));
     for (name, reason) in maps.iter().filter_map(|(name, map)| Some((name, map.as_ref().err()?))) {
         say!("{name} is not written: {reason}");
     }

@@ -41,11 +41,8 @@ impl Seen {
     }
 }
 
-/// Returns the surfaces that both eyes may share: those that mirrors and glass show, if auxiliary images of both eyes tell
-/// them, and otherwise the eyes' `own`.
-pub fn shared<'a>(own: Stereo<&'a Surfaces>, shown: Stereo<Option<&'a Surfaces>>) -> Stereo<&'a Surfaces> {
-    shown.left.zip(shown.right).map_or(own, |(left, right)| Stereo { left, right })
-}
+/// Surfaces of an eye: its own, and those that mirrors and glass show, if auxiliary images tell them.
+pub type OfEye<'a> = (&'a Surfaces, Option<&'a Surfaces>);
 
 /// Reads the auxiliary images `shown_position`, `shown_normal` and `virtual_position` beside an image; `None` if one is
 /// missing.
@@ -56,27 +53,28 @@ pub fn shown(image: &Path) -> Result<Option<Surfaces>, Error> {
     Ok(Some(Surfaces::new(position.image, normal.image)?.seen_at(seen_at.image)?))
 }
 
+/// Returns the projection of an eye's camera and the centre of its pixels, if metadata tell them.
+fn camera(tags: &Tags) -> Option<(&[[f32; 4]; 4], [f32; 2])> {
+    Some((tags.world_to_ndc.as_ref()?, tags.pixel_centre.unwrap_or([0.5; 2])))
+}
+
 /// Subtracts the right eye's errors from the left eye's; `None` if `right_tags`, the metadata of the right eye's
-/// auxiliary images, do not tell its camera.
+/// auxiliary images, do not tell its camera. Compares what mirrors and glass show if auxiliary images of both eyes tell
+/// it.
 pub fn differences(
     pairs: &Stereo<&Pair>,
-    surfaces: &Stereo<&Surfaces>,
+    [left, right]: [OfEye; 2],
     right_tags: &Tags,
 ) -> Result<Option<Differences>, Error> {
-    let Some(world_to_ndc) = right_tags.world_to_ndc else {
-        return Ok(None);
-    };
-    let centre = right_tags.pixel_centre.unwrap_or([0.5; 2]);
-    let in_right = surfaces.left.in_other_eye(surfaces.right, &world_to_ndc, centre)?;
+    let Some((world_to_ndc, centre)) = camera(right_tags) else { return Ok(None) };
+    let (left, right) = left.1.zip(right.1).unwrap_or((left.0, right.0));
+    let in_right = left.in_other_eye(right, world_to_ndc, centre)?;
     let differ = || "the auxiliary images differ from the images in size";
     Ok(Some(Differences::new(pairs.left, pairs.right, &in_right).with_context(differ)?))
 }
 
 /// Measures the disparity of highlights and reflections; nothing if `right_tags` do not tell the right eye's camera.
 pub fn features(pairs: &Stereo<&Pair>, left: &Surfaces, right_tags: &Tags) -> Result<FeatureDisparity, Error> {
-    let Some(world_to_ndc) = right_tags.world_to_ndc else {
-        return Ok(FeatureDisparity::default());
-    };
-    let centre = right_tags.pixel_centre.unwrap_or([0.5; 2]);
-    Ok(FeatureDisparity::new(pairs.left, pairs.right, left, &world_to_ndc, centre)?)
+    let Some((world_to_ndc, centre)) = camera(right_tags) else { return Ok(FeatureDisparity::default()) };
+    Ok(FeatureDisparity::new(pairs.left, pairs.right, left, world_to_ndc, centre)?)
 }

@@ -14,8 +14,8 @@ use diptych::metrics::temporal::{Change, MovingSurfaces};
 use diptych::metrics::{Errors, MEASURES, Pair};
 use serde::Serialize;
 
-use super::viewing::{Sourced, differences, source_note};
-use super::{Comparison, aovs, rivalry};
+use super::viewing::{Source, differences, source_note};
+use super::{Comparison, aovs, rivalry, viewing};
 use crate::failure::Failure;
 
 /// Names and meanings of the measures that only sequences have.
@@ -32,7 +32,8 @@ pub const RIVALRY_FLICKER: (&str, &str) =
 struct Sequence<'a> {
     reference: &'a Path,
     image: &'a Path,
-    exposure: Sourced<f32>,
+    exposure_ev: f32,
+    exposure_source: Source,
     frames: BTreeSet<u32>,
 }
 
@@ -50,7 +51,7 @@ fn print(sequence: &Sequence<'_>, results: &Results) {
     let of_eyes: Vec<_> = RIVALRY_MEASURES.into_iter().chain([RIVALRY_FLICKER]).zip(values).collect();
     let row = of_eyes.iter().map(|(_, value)| value.map_or("-".to_owned(), |value| format!("{value:.6}"))).collect();
     say!("{}\n", text_table(&of_eyes.iter().map(|((name, _), _)| *name).collect::<Vec<_>>(), &[row]).trim_end());
-    let exposure = ("exposure_ev", source_note(sequence.exposure.source));
+    let exposure = ("exposure_ev", source_note(sequence.exposure_source));
     let shown = MEASURES.into_iter().filter(|(name, _)| ["relmse", "psnr", "flip", "mean_ratio"].contains(name));
     for (name, meaning) in
         [exposure].into_iter().chain(shown).chain(SEQUENCE_MEASURES).chain(RIVALRY_MEASURES).chain([RIVALRY_FLICKER])
@@ -79,13 +80,13 @@ impl<'a> Sequence<'a> {
         }
         let first = of_image.first().copied().unwrap_or_default();
         let tags = |folder| Ok::<_, anyhow::Error>(exr::read_colour(&colour(folder, "left", first))?.tags);
-        let exposure = Sourced::exposure(exposure_ev, &tags(reference)?, &tags(image)?);
-        Ok(Self { reference, image, exposure, frames: of_image })
+        let (exposure_ev, exposure_source) = viewing::exposure_ev(exposure_ev, &tags(reference)?, &tags(image)?);
+        Ok(Self { reference, image, exposure_ev, exposure_source, frames: of_image })
     }
 
     /// Compares both eyes frame by frame.
     fn results(&self) -> Result<Results, anyhow::Error> {
-        let mut eyes = ["left", "right"].map(EyeSums::new);
+        let mut eyes = ["left", "right"].map(|name| EyeSums { name, ..EyeSums::default() });
         let (mut rivalries, mut flickers) = (Vec::new(), Vec::new());
         let mut before: Option<Differences> = None;
         for &frame in &self.frames {
@@ -99,16 +100,16 @@ impl<'a> Sequence<'a> {
             let [left, right] = eyes.each_ref().map(|eye| eye.before.as_ref());
             let Some((left, right)) = left.zip(right) else { continue };
             let pairs = Stereo { left: &left.pair, right: &right.pair };
-            let own = Stereo { left: left.surfaces.surfaces(), right: right.surfaces.surfaces() };
-            let surfaces = rivalry::shared(own, Stereo { left: left.shown.as_ref(), right: right.shown.as_ref() });
-            let differences = rivalry::differences(&pairs, &surfaces, &right.tags)?;
+            let surfaces = [left, right].map(|eye| (eye.surfaces.surfaces(), eye.shown.as_ref()));
+            let differences = rivalry::differences(&pairs, surfaces, &right.tags)?;
             if let Some(((now, before), history)) = differences.as_ref().zip(before.as_ref()).zip(history) {
                 flickers.extend(now.flicker(before, &history));
             }
             rivalries.push(differences.as_ref().map(Differences::rivalry).unwrap_or_default());
             before = differences;
         }
-        let [left, right] = eyes.map(|eye| eye.row(self.exposure.value));
+        let row = |eye: EyeSums| SequenceRow::new(eye.name, self.exposure_ev, eye.errors, eye.changes.into());
+        let [left, right] = eyes.map(row);
         let rivalry_flicker = (!flickers.is_empty()).then(|| flickers.iter().sum::<f64>() / flickers.len() as f64);
         Ok(Results { rows: Stereo { left, right }, rivalry: Rivalry::mean_of(&rivalries), rivalry_flicker })
     }
@@ -117,7 +118,7 @@ impl<'a> Sequence<'a> {
     fn frame(&self, eye: &str, frame: u32) -> Result<EyeFrame, anyhow::Error> {
         let read = |folder: &Path| exr::read_colour(&colour(folder, eye, frame));
         let (reference, image) = (read(self.reference)?, read(self.image)?);
-        let pair = Pair::new(&reference.image, &image.image, self.exposure.value)?;
+        let pair = Pair::new(&reference.image, &image.image, self.exposure_ev)?;
         // Read the auxiliary images from the image's folder, not the reference's: all passes of a reference are at one
         // instant, so its motion vectors would be zero.
         let path = colour(self.image, eye, frame);
@@ -150,6 +151,7 @@ struct EyeFrame {
 }
 
 /// Errors of an eye's frames so far.
+#[derive(Default)]
 struct EyeSums {
     name: &'static str,
     before: Option<EyeFrame>,
@@ -159,10 +161,6 @@ struct EyeSums {
 }
 
 impl EyeSums {
-    fn new(name: &'static str) -> Self {
-        Self { name, before: None, errors: Vec::new(), changes: Change::default(), has_warned: false }
-    }
-
     /// Adds a frame. Returns where the previous one shows its surfaces.
     fn add(&mut self, frame: u32, now: EyeFrame) -> Result<Option<Vec<Sighting>>, anyhow::Error> {
         // Most frames share their warnings, so report only those of the first frame that has some.
@@ -177,10 +175,6 @@ impl EyeSums {
         }
         self.before = Some(now);
         Ok(history)
-    }
-
-    fn row(self, exposure_ev: f32) -> SequenceRow {
-        SequenceRow::new(self.name, exposure_ev, self.errors, self.changes.into())
     }
 }
 

@@ -17,32 +17,21 @@ pub enum Source {
     Default,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sourced<T> {
-    pub value: T,
-    pub source: Source,
+/// Returns the first value that is given, and its origin.
+fn first<T>(option: Option<T>, reference: Option<T>, image: Option<T>, default: T) -> (T, Source) {
+    let said = [(option, Source::Option), (reference, Source::Reference), (image, Source::Image)];
+    let first = said.into_iter().find_map(|(value, source)| Some((value?, source)));
+    first.unwrap_or((default, Source::Default))
 }
 
-impl<T> Sourced<T> {
-    fn first(option: Option<T>, reference: Option<T>, image: Option<T>, default: T) -> Self {
-        let said = [(option, Source::Option), (reference, Source::Reference), (image, Source::Image)];
-        let first = said.into_iter().find_map(|(value, source)| value.map(|value| Self { value, source }));
-        first.unwrap_or(Self { value: default, source: Source::Default })
-    }
+/// Chooses the exposure of both images in stops; the default is 0.
+pub fn exposure_ev(option: Option<f32>, reference: &Tags, image: &Tags) -> (f32, Source) {
+    first(option, reference.exposure_ev, image.exposure_ev, 0.0)
 }
 
-impl Sourced<f32> {
-    /// Chooses the exposure of both images in stops; the default is 0.
-    pub fn exposure(option: Option<f32>, reference: &Tags, image: &Tags) -> Self {
-        Self::first(option, reference.exposure_ev, image.exposure_ev, 0.0)
-    }
-}
-
-impl Sourced<f64> {
-    /// Chooses the vertical field of view, degrees.
-    pub fn yfov_deg(option: Option<f64>, reference: &Tags, image: &Tags) -> Self {
-        Self::first(option, reference.field_of_view_deg(), image.field_of_view_deg(), ASSUMED_YFOV_DEG)
-    }
+/// Chooses the vertical field of view, degrees.
+pub fn yfov_deg(option: Option<f64>, reference: &Tags, image: &Tags) -> (f64, Source) {
+    first(option, reference.field_of_view_deg(), image.field_of_view_deg(), ASSUMED_YFOV_DEG)
 }
 
 /// Returns a note on where the exposure comes from.
@@ -159,14 +148,12 @@ mod tests {
     #[test]
     fn options_override_reference_and_image_tags() {
         let image = Tags { exposure_ev: Some(2.0), yfov_deg: Some(50.0), ..tags() };
-        let exposure = |option, reference: &Tags| Sourced::exposure(option, reference, &image);
-        let said = |value, source| Sourced { value, source };
-        assert_eq!(exposure(Some(1.0), &tags()), said(1.0, Source::Option));
-        assert_eq!(exposure(None, &tags()), said(0.5, Source::Reference));
-        assert_eq!(exposure(None, &Tags::default()), said(2.0, Source::Image));
-        assert_eq!(Sourced::exposure(None, &Tags::default(), &Tags::default()), said(0.0, Source::Default));
-        assert_eq!(Sourced::yfov_deg(None, &tags(), &image).value, 40.0);
-        let nobody = Sourced::yfov_deg(None, &Tags::default(), &Tags::default());
-        assert_eq!((nobody.value, nobody.source), (70.0, Source::Default));
+        let exposure = |option, reference: &Tags| exposure_ev(option, reference, &image);
+        assert_eq!(exposure(Some(1.0), &tags()), (1.0, Source::Option));
+        assert_eq!(exposure(None, &tags()), (0.5, Source::Reference));
+        assert_eq!(exposure(None, &Tags::default()), (2.0, Source::Image));
+        assert_eq!(exposure_ev(None, &Tags::default(), &Tags::default()), (0.0, Source::Default));
+        assert_eq!(yfov_deg(None, &tags(), &image).0, 40.0);
+        assert_eq!(yfov_deg(None, &Tags::default(), &Tags::default()), (70.0, Source::Default));
     }
 }

@@ -38,15 +38,9 @@ pub struct Replay {
 /// The parts of `run.json` that a replay needs.
 #[derive(Deserialize)]
 struct Recorded {
-    settings: InForce,
+    settings: Map<String, Value>,
     play: Play,
     frames: Vec<Frame>,
-}
-
-#[derive(Deserialize)]
-struct InForce {
-    #[serde(flatten)]
-    options: Map<String, Value>,
 }
 
 #[derive(Deserialize)]
@@ -70,7 +64,7 @@ impl Replay {
 
     fn of_file(args: &Args, path: &Path) -> Result<(Self, Args), Error> {
         let text = std::fs::read_to_string(path)?;
-        let Recorded { settings: InForce { options }, play, frames } =
+        let Recorded { settings, play, frames } =
             serde_json::from_str(&text).context("it is no run.json of `diptych play`")?;
         ensure!(!frames.is_empty(), "it has no frames");
         let mut again = args.clone();
@@ -79,12 +73,12 @@ impl Replay {
         let options_again = &mut again.options;
         options_again.ladder = Some(path.with_file_name("ladder.toml"));
         options_again.run.settings.fps = Some(play.fps);
-        for text in options.get("disturb").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str) {
+        for text in settings.get("disturb").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str) {
             if let Ok(cut @ Disturbance::SceneCut { .. }) = text.parse() {
                 options_again.run.settings.disturb.push(cut);
             }
         }
-        Ok((Self { settings: options, rungs: frames.iter().map(|frame| frame.rung).collect() }, again))
+        Ok((Self { settings, rungs: frames.iter().map(|frame| frame.rung).collect() }, again))
     }
 
     /// Checks that the settings of the images are those of the earlier run, on a ladder with this number of rungs.

@@ -28,7 +28,7 @@ pub struct HeadsetRow {
 }
 
 /// Summary of a session with a headset.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct HeadsetSummary {
     pub runtime: String,

@@ -13,7 +13,7 @@ use diptych::image::Extent;
 use diptych::quality::Quality;
 
 /// The results of `diptych info --check`, written as `machine.json`.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub struct Machine {
     pub diptych: &'static str,
     /// Logical processors.

@@ -1,37 +1,13 @@
 //! Reads times and errors of other renderers from a file, for comparison with measurements made here.
 
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use anyhow::{Context, Error, ensure};
 use serde::Deserialize;
 
 use super::bench::SettingRow;
 use super::plot::Series;
 use super::{Table, once};
-
-#[derive(Debug, thiserror::Error)]
-pub enum PeersError {
-    #[error("cannot read the peers file {path}")]
-    Read { path: PathBuf, source: io::Error },
-    #[error(
-        "{path} is not a valid peers file: write [[peer]] with name, time_ms, flip and optionally note (see docs/results/peers)"
-    )]
-    File { path: PathBuf, source: Box<PeersError> },
-    #[error("not a valid peers file: {0}")]
-    Form(#[from] Box<toml::de::Error>),
-    #[error("no [[peer]] in the file")]
-    Empty,
-    #[error("peer {number} ({name}): {what}")]
-    Peer { number: usize, name: String, what: String },
-    #[error("exposure_ev is {0}: give a number of stops")]
-    Exposure(f64),
-    #[error(
-        "the peers' FLIP was measured at {peers_ev} EV, the shot's at {shot_ev} EV, so they cannot be compared: measure \
-         the peers at the shot's exposure and state it in their file (exposure_ev = {shot_ev}), or set the shot's \
-         exposure to theirs ([exposure] ev = {peers_ev})"
-    )]
-    OtherExposure { peers_ev: f64, shot_ev: f64 },
-}
 
 /// Measurement of another renderer with one setting.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -63,45 +39,53 @@ impl Peers {
     /// Parses the text of a peers file.
     ///
     /// # Errors
-    /// [`PeersError::Form`], [`PeersError::Exposure`], [`PeersError::Empty`], and [`PeersError::Peer`] for the first
-    /// peer whose numbers are out of range.
-    pub fn parse(text: &str) -> Result<Self, PeersError> {
-        let peers: Self = toml::from_str(text).map_err(Box::new)?;
-        if !peers.exposure_ev.is_finite() {
-            return Err(PeersError::Exposure(peers.exposure_ev));
+    /// Names the first peer whose numbers are out of range, or what else is wrong.
+    fn parse(text: &str) -> Result<Self, Error> {
+        let peers: Self = toml::from_str(text).map_err(|error| {
+            let what = format!("not a valid peers file: {error}");
+            Error::from(error).context(what)
+        })?;
+        ensure!(peers.exposure_ev.is_finite(), "exposure_ev is {}: give a number of stops", peers.exposure_ev);
+        for (number, Peer { name, time_ms, flip, .. }) in (1..).zip(&peers.peer) {
+            ensure!(!name.trim().is_empty(), "peer {number} ({name}): its name is empty");
+            let is_time = *time_ms > 0.0 && time_ms.is_finite();
+            ensure!(is_time, "peer {number} ({name}): time_ms {time_ms} is not a time above 0");
+            let is_flip = *flip > 0.0 && *flip <= 1.0;
+            ensure!(is_flip, "peer {number} ({name}): flip {flip} is not above 0 and at most 1");
         }
-        for (i, peer) in peers.peer.iter().enumerate() {
-            let refuse = |what: String| Err(PeersError::Peer { number: i + 1, name: peer.name.clone(), what });
-            if peer.name.trim().is_empty() {
-                return refuse("its name is empty".to_owned());
-            }
-            if !(peer.time_ms > 0.0 && peer.time_ms.is_finite()) {
-                return refuse(format!("time_ms {} is not a time above 0", peer.time_ms));
-            }
-            if !(peer.flip > 0.0 && peer.flip <= 1.0) {
-                return refuse(format!("flip {} is not above 0 and at most 1", peer.flip));
-            }
-        }
-        if peers.peer.is_empty() { Err(PeersError::Empty) } else { Ok(peers) }
+        ensure!(!peers.peer.is_empty(), "no [[peer]] in the file");
+        Ok(peers)
     }
 
     /// Reads the peers file `path`.
     ///
     /// # Errors
-    /// [`PeersError::Read`], [`PeersError::File`].
-    pub fn read(path: &Path) -> Result<Self, PeersError> {
+    /// Says why the file cannot be read or is invalid.
+    pub fn read(path: &Path) -> Result<Self, Error> {
         let text =
-            std::fs::read_to_string(path).map_err(|source| PeersError::Read { path: path.to_owned(), source })?;
-        Self::parse(&text).map_err(|source| PeersError::File { path: path.to_owned(), source: Box::new(source) })
+            std::fs::read_to_string(path).with_context(|| format!("cannot read the peers file {}", path.display()))?;
+        let path = path.display();
+        Self::parse(&text).with_context(|| {
+            format!(
+                "{path} is not a valid peers file: write [[peer]] with name, time_ms, flip and optionally note (see \
+                 docs/results/peers)"
+            )
+        })
     }
 
     /// Returns the peers, for comparison with pictures of a shot with the exposure `shot_ev`.
     ///
     /// # Errors
-    /// [`PeersError::OtherExposure`] if the peers were measured at another exposure, on which FLIP depends.
-    pub fn at(self, shot_ev: f64) -> Result<Vec<Peer>, PeersError> {
+    /// An error if the peers were measured at another exposure, on which FLIP depends.
+    pub fn at(self, shot_ev: f64) -> Result<Vec<Peer>, Error> {
         let peers_ev = self.exposure_ev;
-        if peers_ev == shot_ev { Ok(self.peer) } else { Err(PeersError::OtherExposure { peers_ev, shot_ev }) }
+        ensure!(
+            peers_ev == shot_ev,
+            "the peers' FLIP was measured at {peers_ev} EV, the shot's at {shot_ev} EV, so they cannot be compared: measure \
+             the peers at the shot's exposure and state it in their file (exposure_ev = {shot_ev}), or set the shot's \
+             exposure to theirs ([exposure] ev = {peers_ev})"
+        );
+        Ok(self.peer)
     }
 }
 

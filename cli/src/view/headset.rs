@@ -300,10 +300,6 @@ fn summary(headset: &Headset, period_ms: f64, is_late: bool) -> HeadsetSummary {
         host_copies: !headset.renders(),
         late_poses: is_late,
         states: headset.states().iter().map(ToString::to_string).collect(),
-        motion_to_photon_ms_p50: None,
-        motion_to_photon_ms_p95: None,
-        motion_to_photon_ms_max: None,
-        late_frames: 0,
-        missed: 0,
+        ..HeadsetSummary::default()
     }
 }
