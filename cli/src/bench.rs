@@ -28,13 +28,10 @@ use diptych::quality::{Denoiser, SettingError};
 use diptych::stages::all_shader_text;
 
 use super::failure::Failure;
-use super::interrupt;
-use super::kinds;
 use super::options::RunOptions;
-use super::output;
 use super::page::and_page;
-use super::settings;
 use super::setup::{self, Tracing};
+use super::{interrupt, kinds, output, settings};
 pub use args::Args;
 use grid::Grid;
 use journal::Journal;

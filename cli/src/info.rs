@@ -9,13 +9,10 @@ use diptych::frame::settings::{NO_SHOT, Setting, Settings};
 use diptych::scene::builtin::BUILTINS;
 use diptych::scene::motion::Moves;
 
-use super::console;
 use super::failure::Failure;
-use super::hints;
 use super::measure::{self, Options};
-use super::scene_loading;
 use super::setting_flags::SettingFlags;
-use super::setup;
+use super::{console, hints, scene_loading, setup};
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -79,6 +79,12 @@ impl RunOptions {
         self.out = Path::new("out").join(folder);
     }
 
+    /// Prints the path of the trace, if there is one.
+    pub fn say_trace(&self) {
+        let say = |trace: &PathBuf| say!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());
+        self.trace.iter().for_each(say);
+    }
+
     /// True if rank 0 sends the scene's files to the other ranks.
     pub fn broadcasts_scene(&self) -> bool {
         #[cfg(feature = "mpi")]

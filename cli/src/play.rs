@@ -27,15 +27,13 @@ use diptych::scene::head::Recording;
 use diptych::scene::rig::Rig;
 
 use super::failure::Failure;
-use super::interrupt;
-use super::metering;
 use super::options::RenderOptions;
 use super::output::{self, FrameImages};
 use super::page::and_page;
 use super::pictures::Pictures;
 use super::progress::Progress;
-use super::settings;
 use super::setup::{self, Tracing};
+use super::{interrupt, metering, settings};
 pub use args::Args;
 use misfit::Misfit;
 pub use pace::Pace;
@@ -278,11 +276,7 @@ fn conclude(args: &Args, options: &RenderOptions, report: &RunReport<&SpooledRow
             say!("for some frames no rung was expected to fit the budget: they used the cheapest rung");
         }
     }
-    if let Some(rectified) = &report.rectified {
-        say!("{rectified}");
-    }
+    report.rectified.iter().for_each(|rectified| say!("{rectified}"));
     say!("{}the last picture, run.json, frames.csv and ladder.toml: {out}", and_page(args.report));
-    if let Some(trace) = &options.trace {
-        say!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());
-    }
+    options.say_trace();
 }

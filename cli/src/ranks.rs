@@ -12,12 +12,10 @@ use diptych::tables::SceneTables;
 use diptych::trace::HostSpans;
 
 use super::failure::Failure;
-use super::hints;
-use super::interrupt;
 use super::node::NODE;
 use super::options::RunOptions;
 use super::registry::registered;
-use super::setup;
+use super::{hints, interrupt, setup};
 
 /// Joins the other processes that were started together with this one, if any were.
 pub fn join() -> Result<(), Failure> {

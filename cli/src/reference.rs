@@ -26,15 +26,6 @@ use super::setup::{self, Tracing};
 /// and enough that readback after each pass takes a fast device little time.
 pub const PASS_SPP: u32 = 8;
 
-/// How a reference is accumulated.
-#[derive(Clone, Debug)]
-pub struct PassOptions {
-    pub time_limit: Option<Duration>,
-    /// Folder that keeps the accumulation, to resume from it.
-    pub passes_out: Option<PathBuf>,
-    pub pass_spp: u32,
-}
-
 /// Default samples per pixel of a reference.
 const SPP: u32 = 256;
 
@@ -98,23 +89,29 @@ impl Plan {
         (settings.spp, settings.denoiser, settings.foveation) = (Samples::ONE, None, FoveationMode::None);
         (settings.render_scale, settings.reproject) = (1.0, false);
         let time_limit = settings.time_limit.and_then(|s| Duration::try_from_secs_f64(s).ok());
-        let passes = PassOptions { time_limit, passes_out: settings.passes_out.clone(), pass_spp: settings.pass_spp };
-        Self::new(flags.options().map_err(Failure::Input)?, spp.least, passes)
+        let (folder, pass_spp) = (settings.passes_out.clone(), settings.pass_spp);
+        let plan = Self::new(flags.options().map_err(Failure::Input)?, spp.least, pass_spp, time_limit)?;
+        Ok(Self { folder, ..plan })
     }
 
-    /// Plans a reference with `spp` samples per pixel. `options` may have any quality; only their bounces count.
+    /// Plans a reference with `spp` samples per pixel, `pass_spp` of them in each pass. `options` may have any quality;
+    /// only their bounces count.
     ///
     /// # Errors
     /// [`Failure::Input`] for options that a reference cannot have, and for devices that do not exist.
-    pub fn new(mut options: RenderOptions, spp: u32, passes: PassOptions) -> Result<Self, Failure> {
+    pub fn new(
+        mut options: RenderOptions,
+        spp: u32,
+        pass_spp: u32,
+        time_limit: Option<Duration>,
+    ) -> Result<Self, Failure> {
         let bounces = options.quality().bounces;
-        let quality = Quality { spp: passes.pass_spp.into(), bounces, filter: None, ..Quality::default() };
+        let quality = Quality { spp: pass_spp.into(), bounces, filter: None, ..Quality::default() };
         (options.envelope, options.gaze) = (quality.into(), None);
         let settings = &mut options.run.settings;
         (settings.reproject, settings.clamp) = (false, 0.0);
         let traversal = setup::traversal(&options)?;
-        let PassOptions { time_limit, passes_out, .. } = passes;
-        Ok(Self { options, spp, time_limit, folder: passes_out, traversal })
+        Ok(Self { options, spp, time_limit, folder: None, traversal })
     }
 
     pub fn spp(&self) -> u32 {

@@ -16,16 +16,14 @@ use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
 use super::faults::FaultLog;
-use super::interrupt;
-use super::metering;
 use super::options::{self, RenderFlags, RenderOptions};
 use super::output::{self, Also, FrameImages, SHEET, Sheet};
 use super::pictures::Pictures;
 use super::progress::Progress;
 use super::reference::{self, Plan};
-use super::settings;
 use super::setup::{self, Tracing};
 use super::tev::{self, Viewer};
+use super::{interrupt, metering, settings};
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -375,12 +373,8 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
         if let Some(right_eye) = report.frames.last().and_then(|frame| frame.right_eye.as_ref()) {
             say!("right eye{}: {right_eye}", if report.frames.len() > 1 { " of the last frame" } else { "" });
         }
-        if let Some(rectified) = &report.rectified {
-            say!("{rectified}");
-        }
+        report.rectified.iter().for_each(|rectified| say!("{rectified}"));
         say!("pictures, run.json and frames.csv: {}", options.out.display());
-        if let Some(trace) = &options.trace {
-            say!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());
-        }
+        options.say_trace();
     }
 }

@@ -25,14 +25,11 @@ use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
 use super::faults::refuse_faults;
-use super::interrupt;
 use super::options::{self, DEFAULT_FPS, RenderFlags, RenderOptions};
-use super::output;
 use super::page::{self, and_page};
 use super::progress::Progress;
-use super::settings;
 use super::setup::{self, Tracing};
-use super::simulate;
+use super::{interrupt, output, settings, simulate};
 use seen::Seen;
 
 #[derive(clap::Args, Debug)]

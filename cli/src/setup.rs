@@ -23,13 +23,11 @@ use diptych::schedule::Policy;
 use diptych::trace::frames::{FrameControl, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
-use super::console;
-use super::disturbances;
 use super::failure::Failure;
-use super::node;
 use super::options::{RenderOptions, RunOptions};
 use super::registry::registered;
 use super::scene_loading::{budget, load_from, tree_cache};
+use super::{console, disturbances, node};
 
 /// Prints the warnings of the scene's file, and notes on what was chosen for it.
 pub fn tell_remarks(scene: &Scene) {

@@ -23,12 +23,6 @@ use super::{interrupt, metering, setup};
 const FRAMES: u32 = 4;
 const SPP: u32 = 4;
 
-/// A picture and its caption.
-struct Shown {
-    picture: DisplayImage,
-    caption: Vec<String>,
-}
-
 /// Writes a contact sheet.
 pub fn write(args: &Args) -> Result<(), Failure> {
     interrupt::watch()?;
@@ -38,13 +32,12 @@ pub fn write(args: &Args) -> Result<(), Failure> {
         if interrupt::is_set() {
             break;
         }
-        let one = show(args, file, &mut gpus, &progress).unwrap_or_else(|failure| {
+        let (picture, caption) = show(args, file, &mut gpus, &progress).unwrap_or_else(|failure| {
             failed += 1;
             progress.warn(&format!("{file}: {}", failure.line()));
-            let caption = vec![name_of(file), "cannot be shown".to_owned()];
-            Shown { picture: DisplayImage::filled(args.size, [0; 3]), caption }
+            (DisplayImage::filled(args.size, [0; 3]), vec![name_of(file), "cannot be shown".to_owned()])
         });
-        shown.push(with_caption(&one.picture, &one.caption));
+        shown.push(with_caption(&picture, &caption));
         progress.step(name_of(file), &serde_json::Value::Null);
     }
     progress.finish();
@@ -66,8 +59,13 @@ pub fn write(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Renders a file. Takes the devices and puts them back, so that they keep their compiled pipelines.
-fn show(args: &Args, file: &str, gpus: &mut Option<Devices>, progress: &Progress) -> Result<Shown, Failure> {
+/// Renders a file and returns its picture and caption. Takes the devices and puts them back, so that they keep their compiled pipelines.
+fn show(
+    args: &Args,
+    file: &str,
+    gpus: &mut Option<Devices>,
+    progress: &Progress,
+) -> Result<(DisplayImage, Vec<String>), Failure> {
     let mut run = RunOptions::of(file.to_owned(), args.settings.clone());
     run.settings.size = args.size;
     let options = RenderOptions::new(run, Quality { spp: SPP.into(), ..Quality::default() });
@@ -88,7 +86,7 @@ fn show(args: &Args, file: &str, gpus: &mut Option<Devices>, progress: &Progress
     *gpus = Some(renderer.into_devices());
     let plural = |count: usize| if count == 1 { "" } else { "s" };
     let sizes = format!("{} triangle{}, {warnings} warning{}", grouped(count), plural(count), plural(warnings));
-    Ok(Shown { picture, caption: vec![name_of(file), sizes] })
+    Ok((picture, vec![name_of(file), sizes]))
 }
 
 fn name_of(file: &str) -> String {

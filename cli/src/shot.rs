@@ -11,8 +11,7 @@ use diptych::scene::shot::{SceneSource, Sky};
 
 use super::export_args::Args;
 use super::failure::Failure;
-use super::scene_loading;
-use super::setup;
+use super::{scene_loading, setup};
 
 /// Writes a shot file that the user may edit.
 pub fn write(args: &Args, file: &str) -> Result<(), Failure> {

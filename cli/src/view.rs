@@ -22,11 +22,10 @@ use anyhow::{Context, anyhow};
 use winit::event_loop::EventLoop;
 
 use super::failure::Failure;
-use super::interrupt;
-use super::metering;
 use super::play::Prepared;
 use super::progress::Progress;
 use super::setup::{self, Tracing};
+use super::{interrupt, metering};
 pub use args::Args;
 use renderer::Start;
 use shared::Shared;

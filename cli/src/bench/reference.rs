@@ -18,7 +18,7 @@ use super::journal::Journal;
 use crate::failure::Failure;
 use crate::options::{RenderOptions, RunOptions};
 use crate::output;
-use crate::reference::{PASS_SPP, PassOptions, Plan};
+use crate::reference::{PASS_SPP, Plan};
 use crate::setup::{self, Tracing};
 
 /// Seed of references, so that they share no random numbers with the images that are compared with them.
@@ -100,9 +100,8 @@ impl<'a> Wanted<'a> {
         let seed = if self.options.settings.seed == SEED { !SEED } else { SEED };
         let mut run = self.options.clone();
         (run.settings.seed, run.settings.sampler) = (seed, Sampler::default());
-        let passes = PassOptions { time_limit: Some(self.time_limit), passes_out: None, pass_spp: PASS_SPP };
         let quality = Quality { bounces: self.bounces, ..Quality::default() };
-        Plan::new(RenderOptions::new(run, quality), self.spp, passes)
+        Plan::new(RenderOptions::new(run, quality), self.spp, PASS_SPP, Some(self.time_limit))
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::report::study::{SequenceRow, sequence_table};
-use crate::report::text_table;
+use crate::report::{cell, text_table};
 use anyhow::{Context, anyhow, bail, ensure};
 use diptych::exec::Stereo;
 use diptych::image::exr::{self, Tags};
@@ -49,7 +49,7 @@ fn print(sequence: &Sequence<'_>, results: &Results) {
     say!("{}\n", sequence_table(&results.rows).text().trim_end());
     let values = results.rivalry.values().into_iter().chain([results.rivalry_flicker]);
     let of_eyes: Vec<_> = RIVALRY_MEASURES.into_iter().chain([RIVALRY_FLICKER]).zip(values).collect();
-    let row = of_eyes.iter().map(|(_, value)| value.map_or("-".to_owned(), |value| format!("{value:.6}"))).collect();
+    let row = of_eyes.iter().map(|(_, value)| cell(*value, 6)).collect();
     say!("{}\n", text_table(&of_eyes.iter().map(|((name, _), _)| *name).collect::<Vec<_>>(), &[row]).trim_end());
     let exposure = ("exposure_ev", source_note(sequence.exposure_source));
     let shown = MEASURES.into_iter().filter(|(name, _)| ["relmse", "psnr", "flip", "mean_ratio"].contains(name));

@@ -1,6 +1,7 @@
 //! Text output of `compare`, and its help.
 
-use crate::report::text_table;
+use crate::report::csv::Column;
+use crate::report::{Table, cell, percent, text_table};
 use diptych::metrics::MEASURES;
 use diptych::metrics::disparity::{FEATURE_MEASURES, FeatureDisparity};
 use diptych::metrics::kinds::KindError;
@@ -66,7 +67,7 @@ pub fn print(compared: &[(&str, &Findings)]) {
         }
         if let Some(kinds) = &findings.by_kind {
             say!("\nby kind of pixel{of}; part: fraction of the total FLIP of all pixels");
-            say!("{}", kind_table(kinds).trim_end());
+            say!("{}", Table::new(&KINDS, kinds).text().trim_end());
         }
         if let Some(rings) = &findings.rings {
             let (yfov_deg, [x, y]) = (rings.viewing.yfov_deg, rings.viewing.gaze);
@@ -116,21 +117,18 @@ fn line(name: &str, values: impl IntoIterator<Item = String>, meaning: &str) {
     say!("{}", format!("{name:<22}{values}   {meaning}").trim_end());
 }
 
-fn kind_table(kinds: &[KindError]) -> String {
-    let percent = |fraction: f64| format!("{:.1} %", 100.0 * fraction);
-    let row = |found: &KindError| {
-        let flip = number(found.flip, 6);
-        vec![found.kind.name().to_owned(), percent(found.pixels), flip, found.part.map_or("-".to_owned(), percent)]
-    };
-    let rows: Vec<Vec<String>> = kinds.iter().map(row).collect();
-    text_table(&["kind", "pixels", "flip", "part"], &rows)
-}
+/// Columns of the errors by kind of pixel.
+const KINDS: [Column<KindError>; 4] = [
+    ("kind", |found| found.kind.name().to_owned()),
+    ("pixels", |found| percent(found.pixels)),
+    ("flip", |found| number(found.flip, 6)),
+    ("part", |found| found.part.map_or("-".to_owned(), percent)),
+];
 
 fn ring_table(rings: &[Ring]) -> String {
     let row = |ring: &Ring| {
         let bounds = [ring.inner_deg, ring.outer_deg].map(|deg| format!("{deg:.2}"));
-        let errors = [ring.rmse, ring.relmse, ring.psnr, ring.ssim, ring.flip]
-            .map(|error| error.map_or("-".to_owned(), |error| format!("{error:.6}")));
+        let errors = [ring.rmse, ring.relmse, ring.psnr, ring.ssim, ring.flip].map(|error| cell(error, 6));
         bounds.into_iter().chain([ring.pixels.to_string()]).chain(errors).collect()
     };
     let rows: Vec<Vec<String>> = rings.iter().map(row).collect();

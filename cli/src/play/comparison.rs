@@ -17,10 +17,9 @@ use super::references::{Kept, References};
 use super::session::Session;
 use super::{Run, interrupt};
 use crate::failure::Failure;
-use crate::metering;
-use crate::output;
 use crate::progress::Progress;
 use crate::setup::{self, Tracing};
+use crate::{metering, output};
 
 /// Interval of the frames that are compared with references, and the maximum number of these frames.
 const INTERVAL: usize = 8;

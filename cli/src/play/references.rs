@@ -11,7 +11,7 @@ use diptych::scene::rig::Rig;
 use super::args::Args;
 use crate::failure::Failure;
 use crate::options::{RenderOptions, RunOptions};
-use crate::reference::{PASS_SPP, PassOptions, Plan};
+use crate::reference::{PASS_SPP, Plan};
 use crate::setup::{self, Tracing};
 
 /// Time limit of a reference without a number of samples.
@@ -42,8 +42,8 @@ impl References {
         run.settings.seed = !run.settings.seed;
         run.settings.slowdown.clear();
         let time_limit = spp.is_none().then_some(TIME_LIMIT);
-        let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
-        let plan = Plan::new(RenderOptions { run, frames: 1, ..options.clone() }, spp.unwrap_or(SPP_MAX), passes)?;
+        let render = RenderOptions { run, frames: 1, ..options.clone() };
+        let plan = Plan::new(render, spp.unwrap_or(SPP_MAX), PASS_SPP, time_limit)?;
         // The passes of the references stay out of the run's trace.
         let tracing = Tracing::start(&plan.options)?;
         let gpus = setup::open_devices(&plan.options, usize::from(args.options.virtual_devices))?;

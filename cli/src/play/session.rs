@@ -22,10 +22,9 @@ use super::prepared::Prepared;
 use super::status_lines::StatusLines;
 use crate::failure::Failure;
 use crate::faults::FaultLog;
-use crate::interrupt;
 use crate::progress::Progress;
-use crate::settings;
 use crate::setup::Tracing;
+use crate::{interrupt, settings};
 
 /// A session with its trace, its progress output and its fault messages.
 pub struct Session {
@@ -74,16 +73,12 @@ impl Session {
         let qualities = ladder.rungs().iter().map(|rung| options.run.settings.limit(&rung.quality)).collect();
         let mut inner = session::Session::with_qualities(renderer, ladder, qualities, options.budget_ms);
         inner.set_controller(render.settings.controller[0].start(inner.ladder(), options.budget_ms));
+        let (devices, rungs) = (inner.renderer.devices(), inner.ladder().rungs().len());
+        let live = StatusLines::new(options.budget_ms, devices, denoiser, rungs, prepared.frames);
         Ok(Self {
             fit,
             warm_up_s: begin.elapsed().as_secs_f64(),
-            live: StatusLines::new(
-                options.budget_ms,
-                inner.renderer.devices(),
-                denoiser,
-                inner.ladder().rungs().len(),
-                prepared.frames,
-            ),
+            live,
             // The session tightens the watchdog to the budget. Create it last, since calibration frames may take any
             // time.
             inner,
@@ -117,7 +112,12 @@ impl Session {
         index: u32,
     ) -> Result<(FrameRow, FrameReport), Failure> {
         let frame = self.inner.render(decided, rig, time_s, index)?;
-        Ok((self.take_in(&frame, decided, late_ms, rig, time_s), frame))
+        let (rung, budget_ms) = (decided.decision.rung, self.budget_ms());
+        let quality = self.quality(rung);
+        self.tracing.record(quality, Some(FrameControl { rung, budget_ms }), &frame);
+        let mut row = FrameRow::new(&frame, quality, rig, time_s);
+        row.control = Some(ControlRow::new(decided, self.budget(), frame.makespan_ms, late_ms));
+        Ok((row, frame))
     }
 
     /// Creates the record of the session's frames, whose files are in `folder`.
@@ -159,17 +159,6 @@ impl Session {
         };
         report.play = record.play.summary(&play);
         report
-    }
-
-    /// Records a frame in the trace and returns its row.
-    fn take_in(&mut self, frame: &FrameReport, decided: Decided, late_ms: f64, rig: &Rig, time_s: f64) -> FrameRow {
-        let (rung, budget_ms) = (decided.decision.rung, self.budget_ms());
-        let quality = self.quality(rung);
-        self.tracing.record(quality, Some(FrameControl { rung, budget_ms }), frame);
-        let mut row = FrameRow::new(frame, quality, rig, time_s);
-        // The caller knows the display.
-        row.control = Some(ControlRow::new(decided, self.budget(), frame.makespan_ms, late_ms));
-        row
     }
 
     /// Announces a frame on the terminal or as a JSON line. Call it after recording the frame's row.

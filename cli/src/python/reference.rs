@@ -13,7 +13,7 @@ use super::options::{Scope, given};
 use super::renderer::open_devices;
 use super::scene::Scene;
 use crate::failure::Failure;
-use crate::reference::{OVERRULED, PASS_SPP, PassOptions, Plan};
+use crate::reference::{OVERRULED, PASS_SPP, Plan};
 use crate::{output, setup};
 use diptych::accumulation::{Accumulation, Job, accumulate};
 use diptych::samples::Samples;
@@ -45,8 +45,7 @@ pub fn reference(
     let seconds = |limit| Duration::try_from_secs_f64(limit).ok().filter(|limit| !limit.is_zero());
     let wrong = || PyTypeError::new_err("time_limit: give a number of seconds above 0");
     let time_limit = time_limit.map(|limit| seconds(limit).ok_or_else(wrong)).transpose()?;
-    let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
-    let plan = Plan::new(options.render.clone(), spp, passes).map_err(exception)?;
+    let plan = Plan::new(options.render.clone(), spp, PASS_SPP, time_limit).map_err(exception)?;
     let devices = open_devices(py, &options).map_err(exception)?;
     let (stop, mut raised) = (AtomicBool::new(false), Ok(()));
     let accumulated = py.detach(|| -> Result<_, Failure> {
