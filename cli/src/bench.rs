@@ -10,7 +10,7 @@ pub mod reference;
 
 use std::path::PathBuf;
 
-use anyhow::{Context, anyhow};
+use anyhow::{Context, ensure};
 
 use crate::report::Table;
 use crate::report::bench::{
@@ -38,21 +38,24 @@ use journal::Journal;
 use page::Page;
 use reference::{Reference, Wanted};
 
-pub fn run(args: &Args) -> Result<(), Failure> {
+/// Checks constraints that clap cannot express.
+fn check(args: &Args) -> Result<(), anyhow::Error> {
+    let settings = &args.options.settings;
     let most = args.denoisers().into_iter().map(|d| d.map_or(0, Denoiser::most_iterations)).max().unwrap_or(0);
-    if let Some(n) = args.iterations.iter().find(|n| **n > most) {
-        return Err(Failure::Input(anyhow!("--iterations {n}: no denoiser of --denoiser takes more than {most}")));
+    for n in &args.iterations {
+        ensure!(*n <= most, "--iterations {n}: no denoiser of --denoiser takes more than {most}");
     }
+    let is_timed = args.reference.is_some() && settings.is_given("time_limit");
+    ensure!(!is_timed, SettingError::Conflict("--reference-images", "time_limit"));
+    ensure!(settings.peers.is_none() || args.report, "peers has no effect without --report");
+    args.options.check()
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    check(args).map_err(Failure::Input)?;
     let options = &args.options;
-    if args.reference.is_some() && options.settings.is_given("time_limit") {
-        return Err(Failure::Input(SettingError::Conflict("--reference-images", "time_limit").into()));
-    }
     let judged = args.judged()?;
-    options.check().map_err(Failure::Input)?;
     args.check_effects(args.settings().into_iter().chain(judged.iter().copied()))?;
-    if options.settings.peers.is_some() && !args.report {
-        return Err(Failure::Input(anyhow!("peers has no effect without --report")));
-    }
     let peers = options.settings.peers.as_deref().map(Peers::read).transpose().map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;

@@ -91,7 +91,7 @@ fn play(args: &Args) -> Result<(), Failure> {
     let options = &prepared.render;
     if let Some(replay) = replay {
         let settings = settings::in_force(options, loaded.exposure_ev(), &[]);
-        replay.check(&settings.options, session.ladder().rungs().len())?;
+        replay.check(&settings.options, session.ladder().rungs().len()).map_err(Failure::Input)?;
         session.set_controller(Box::new(replay));
     }
     if !options.quiet && !options.json {

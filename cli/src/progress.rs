@@ -75,8 +75,7 @@ impl Progress {
             bar.set_message(message);
             bar.tick();
         }
-        let done = self.lines.as_ref().map_or(0, |lines| lines.borrow().done);
-        self.line(done, message);
+        self.line(self.done(), message);
         if self.json {
             say!("{}", serde_json::json!({ "event": "phase", "phase": message }));
         }
@@ -84,12 +83,13 @@ impl Progress {
 
     /// Counts a finished step.
     pub fn step(&self, message: String, event: &serde_json::Value) {
-        if let Some(bar) = &self.bar {
-            bar.inc(1);
-        }
-        let done = self.lines.as_ref().map_or(0, |lines| lines.borrow().done + 1);
-        self.line(done, &message);
-        self.say(message, Some(event));
+        self.at(self.done() + 1, message, Some(event));
+    }
+
+    /// Returns the number of steps done so far, if they are shown.
+    fn done(&self) -> u64 {
+        let by_lines = self.lines.as_ref().map_or(0, |lines| lines.borrow().done);
+        self.bar.as_ref().map_or(by_lines, ProgressBar::position)
     }
 
     /// True if the bar is drawn on a terminal.
@@ -116,22 +116,16 @@ impl Progress {
             bar.set_position(position);
         }
         self.line(position, &message);
-        self.say(message, event);
+        self.draw(message);
+        if let Some(event) = event.filter(|_| self.json) {
+            say!("{event}");
+        }
     }
 
     fn line(&self, done: u64, message: &str) {
         let line = self.lines.as_ref().and_then(|lines| lines.borrow_mut().at(done, message, Instant::now()));
         if let Some(line) = line {
             log!("{line}");
-        }
-    }
-
-    fn say(&self, message: String, event: Option<&serde_json::Value>) {
-        if let Some(bar) = &self.bar {
-            bar.set_message(message);
-        }
-        if let Some(event) = event.filter(|_| self.json) {
-            say!("{event}");
         }
     }
 

@@ -2,6 +2,8 @@
 
 use std::time::Instant;
 
+use anyhow::ensure;
+
 use crate::report::frames::FrameLine;
 use crate::report::rectified::RectifiedFrame;
 use crate::report::run::{FrameRow, ReferenceRow, RunReport};
@@ -57,17 +59,15 @@ impl Args {
     }
 
     /// Checks constraints that clap cannot express.
-    fn check(&self) -> Result<(), Failure> {
+    fn check(&self) -> Result<(), anyhow::Error> {
         let settings = &self.flags.run.settings;
-        let needs =
-            ["time_limit", "pass_spp", "passes_out"].into_iter().find(|key| settings.is_given(key) && !self.reference);
-        if let Some(key) = needs {
-            return Err(Failure::Input(anyhow::anyhow!("{key} has no effect without --reference")));
+        for key in ["time_limit", "pass_spp", "passes_out"].into_iter().filter(|key| settings.is_given(key)) {
+            ensure!(self.reference, "{key} has no effect without --reference");
         }
-        match [Also::Sheet, Also::Tev].into_iter().find(|what| self.has(*what) && self.reference) {
-            Some(what) => Err(Failure::Input(anyhow::anyhow!("--reference cannot be combined with --also {what:?}"))),
-            None => Ok(()),
+        for what in [Also::Sheet, Also::Tev].into_iter().filter(|what| self.has(*what)) {
+            ensure!(!self.reference, "--reference cannot be combined with --also {what:?}");
         }
+        Ok(())
     }
 
     /// Returns the number of warm-up frames before the first saved frame.
@@ -93,7 +93,7 @@ struct Rows {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    args.check()?;
+    args.check().map_err(Failure::Input)?;
     let flags = &args.flags;
     let plan = args.reference.then(|| Plan::asked_for(flags)).transpose()?;
     let options = plan.as_ref().map_or_else(|| flags.options(), |plan| Ok(plan.options.clone()));

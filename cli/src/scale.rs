@@ -66,7 +66,7 @@ impl Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let policies = of_policies(&args.flags)?;
     let options = &RenderOptions { run: args.flags.run.clone(), ..policies[0].clone() };
-    args.simulation.check(options)?;
+    args.simulation.check(options).map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;

@@ -2,6 +2,8 @@
 
 use std::str::FromStr;
 
+use anyhow::ensure;
+
 use crate::report::simulation::SimulationRow;
 use diptych::frame::settings::Settings;
 use diptych::graph::FrameGraph;
@@ -59,17 +61,13 @@ impl Args {
     }
 
     /// Checks constraints that clap cannot express.
-    pub fn check(&self, options: &RenderOptions) -> Result<(), Failure> {
-        if self.is_wanted() && options.settings.frames_in_flight > 1 {
-            let what = "--simulate runs one frame at a time: leave frames_in_flight out";
-            return Err(Failure::Input(anyhow::anyhow!(what)));
-        }
-        let simulation =
-            ["speeds", "network_us", "network_gbps"].into_iter().find(|key| options.settings.is_given(key));
-        match simulation.filter(|_| !self.is_wanted()) {
-            Some(key) => Err(Failure::Input(anyhow::anyhow!("{key} has no effect without --simulate"))),
-            None => Ok(()),
-        }
+    pub fn check(&self, options: &RenderOptions) -> Result<(), anyhow::Error> {
+        let is_alone = !self.is_wanted() || options.settings.frames_in_flight <= 1;
+        ensure!(is_alone, "--simulate runs one frame at a time: leave frames_in_flight out");
+        let given = ["speeds", "network_us", "network_gbps"].into_iter().find(|key| options.settings.is_given(key));
+        let idle = given.filter(|_| !self.is_wanted());
+        ensure!(idle.is_none(), "{} has no effect without --simulate", idle.unwrap_or_default());
+        Ok(())
     }
 
     /// Predicts frames of `spec` on all requested counts. `model` has learned from such frames, and `measured` lists

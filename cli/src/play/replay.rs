@@ -84,20 +84,14 @@ impl Replay {
     /// Checks that the settings of the images are those of the earlier run, on a ladder with this number of rungs.
     ///
     /// # Errors
-    /// [`Failure::Input`] names the first setting that differs.
-    pub fn check(&self, settings: &Map<String, Value>, rungs: usize) -> Result<(), Failure> {
+    /// Names the first setting that differs.
+    pub fn check(&self, settings: &Map<String, Value>, rungs: usize) -> Result<(), Error> {
         for name in of_images() {
             let [then, now] = [&self.settings, settings].map(|of| of.get(name).unwrap_or(&Value::Null));
-            if then != now {
-                let what = anyhow::anyhow!("--replay: the run had {name}={then}, not {now}: give the same value");
-                return Err(Failure::Input(what));
-            }
+            ensure!(then == now, "--replay: the run had {name}={then}, not {now}: give the same value");
         }
         let most = self.rungs.iter().copied().max().unwrap_or(0);
-        if most >= rungs {
-            let what = anyhow::anyhow!("--replay: a frame is on rung {most}, but ladder.toml has {rungs} rungs to use");
-            return Err(Failure::Input(what));
-        }
+        ensure!(most < rungs, "--replay: a frame is on rung {most}, but ladder.toml has {rungs} rungs to use");
         Ok(())
     }
 }
