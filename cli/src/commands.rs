@@ -99,8 +99,8 @@ impl Command {
         })
     }
 
-    /// Prepares commands that render: checks that the command reads the settings given, and takes over those of the shot
-    /// that are left open.
+    /// Prepares commands that render: checks that the command reads the settings given, and takes over those of the
+    /// shot that are left open.
     fn prepare(&mut self) -> Result<(), Failure> {
         let Some((name, run)) = self.run_options() else { return Ok(()) };
         ranks::check_alone()?;

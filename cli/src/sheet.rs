@@ -59,7 +59,8 @@ pub fn write(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Renders a file and returns its picture and caption. Takes the devices and puts them back, so that they keep their compiled pipelines.
+/// Renders a file and returns its picture and caption. Takes the devices and puts them back, so that they keep their
+/// compiled pipelines.
 fn show(
     args: &Args,
     file: &str,

@@ -35,8 +35,8 @@ fn text(path: &Path) -> Result<String, Failure> {
         })
     });
     let row = json!({
-        "devices": devices.collect::<Vec<_>>(), "frames": frames.collect::<Vec<_>>(), "tasks": tasks.collect::<Vec<_>>(),
-        "summary": Summary::of(&trace),
+        "devices": devices.collect::<Vec<_>>(), "frames": frames.collect::<Vec<_>>(),
+        "tasks": tasks.collect::<Vec<_>>(), "summary": Summary::of(&trace),
     });
     Ok(row.to_string())
 }

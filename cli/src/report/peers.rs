@@ -81,9 +81,9 @@ impl Peers {
         let peers_ev = self.exposure_ev;
         ensure!(
             peers_ev == shot_ev,
-            "the peers' FLIP was measured at {peers_ev} EV, the shot's at {shot_ev} EV, so they cannot be compared: measure \
-             the peers at the shot's exposure and state it in their file (exposure_ev = {shot_ev}), or set the shot's \
-             exposure to theirs ([exposure] ev = {peers_ev})"
+            "the peers' FLIP was measured at {peers_ev} EV, the shot's at {shot_ev} EV, so they cannot be compared: \
+             measure the peers at the shot's exposure and state it in their file (exposure_ev = {shot_ev}), or set the \
+             shot's exposure to theirs ([exposure] ev = {peers_ev})"
         );
         Ok(self.peer)
     }
