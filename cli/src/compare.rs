@@ -31,7 +31,6 @@ use by_kind::{ByKind, Missing};
 use findings::{BothFindings, Findings, Rings, mean};
 use maps::Map;
 use rivalry::{NEEDS, Seen};
-use sequence::frames_in;
 use viewing::differences;
 
 #[derive(clap::Args)]
@@ -143,7 +142,7 @@ impl Comparison<'_> {
         match (reference.is_dir(), image.is_dir()) {
             (false, false) if [reference, image].into_iter().any(pictures::is_picture) => pictures::run(self),
             (false, false) => self.one(),
-            (true, true) if is_sequence(reference, image).map_err(Failure::Input)? => {
+            (true, true) if sequence::is_sequence(reference, image).map_err(Failure::Input)? => {
                 let options = self.by.names().into_iter().chain([("--maps", self.maps.is_some())]);
                 let what = "works on single frames: name two files, or folders without numbered frames";
                 match options.into_iter().find(|(_, is_given)| *is_given) {
@@ -234,15 +233,6 @@ impl Comparison<'_> {
 
 fn input(what: String) -> Failure {
     Failure::Input(anyhow!(what))
-}
-
-/// True if two folders are compared as sequences: both have at least two numbered frames, or neither has left.exr or
-/// right.exr.
-fn is_sequence(reference: &Path, image: &Path) -> Result<bool, anyhow::Error> {
-    let eyes = |folder: &Path| ["left.exr", "right.exr"].iter().any(|name| folder.join(name).is_file());
-    let numbered = [frames_in(reference)?, frames_in(image)?];
-    let is_one_of_eyes = [reference, image].into_iter().any(eyes);
-    Ok(numbered.iter().all(|frames| frames.len() > 1) || !is_one_of_eyes)
 }
 
 /// An image and its reference, with the results of their comparison.

@@ -37,6 +37,15 @@ struct Sequence<'a> {
     frames: BTreeSet<u32>,
 }
 
+/// True if two folders are compared as sequences: both have at least two numbered frames, or neither has left.exr or
+/// right.exr.
+pub fn is_sequence(reference: &Path, image: &Path) -> Result<bool, anyhow::Error> {
+    let eyes = |folder: &Path| ["left.exr", "right.exr"].iter().any(|name| folder.join(name).is_file());
+    let numbered = [frames_in(reference)?, frames_in(image)?];
+    let is_one_of_eyes = [reference, image].into_iter().any(eyes);
+    Ok(numbered.iter().all(|frames| frames.len() > 1) || !is_one_of_eyes)
+}
+
 /// Compares two sequences and prints the measures.
 pub fn run(comparison: &Comparison<'_>) -> Result<(), Failure> {
     let Comparison { args, image, .. } = comparison;
@@ -194,7 +203,7 @@ fn colour(folder: &Path, eye: &str, frame: u32) -> PathBuf {
 }
 
 /// Returns the frame numbers of the left eye's files.
-pub fn frames_in(folder: &Path) -> Result<BTreeSet<u32>, anyhow::Error> {
+fn frames_in(folder: &Path) -> Result<BTreeSet<u32>, anyhow::Error> {
     let cannot_read = || format!("cannot read the folder {}", folder.display());
     let mut frames = BTreeSet::new();
     for entry in std::fs::read_dir(folder).with_context(cannot_read)? {
